@@ -1,0 +1,61 @@
+# Needs Python 3.11 or newer, make and a package index. Everything is installed into .venv, again when pyproject.toml changes.
+#   make demo PYTHON=python3.12     another interpreter (before .venv exists)
+#   make bench BENCH_ARGS=--quick   arguments for the benchmarks
+
+PYTHON ?= python3
+JOBS ?= 2
+BENCH_ARGS ?=
+
+BIN := .venv/bin
+DEV := .venv/.installed-dev
+DOCS := .venv/.installed-docs
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+
+export NO_MKDOCS_2_WARNING := 1
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test check lint test-slow test-all docs bench clean
+
+help: ## list the targets
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 12
+
+demo: $(DEV) ## simulate and fit the example that ships with the package; the report is in demo-out/
+	$(BIN)/gtr demo -o demo-out
+	@find demo-out -name report.html | sort | sed 's|^|report: $(CURDIR)/|'
+
+test: $(DEV) ## the fast tests
+	$(BIN)/python -m pytest -n $(JOBS)
+
+check: lint test-all docs ## all that CI runs: linters, types, every test, docs
+
+lint: $(DEV) ## ruff and pyright
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/pyright --pythonpath $(BIN)/python
+
+test-all: $(DEV)
+	$(BIN)/python -m pytest -n $(JOBS) -m "slow or not slow"
+
+test-slow: $(DEV) ## only the slow tests
+	$(BIN)/python -m pytest -n $(JOBS) -m slow
+
+docs: $(DOCS) ## build the documentation into site/
+	$(BIN)/mkdocs build --strict
+
+bench: $(DEV) ## run the benchmarks
+	$(BIN)/python -m benchmarks $(BENCH_ARGS)
+
+clean: ## remove the environment and everything built
+	rm -rf .venv build dist site demo-out *.egg-info .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -not -path './.git/*' -prune -exec rm -rf {} +
+
+$(DEV): pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("gtr-jax needs Python 3.11 or newer: make PYTHON=/path/to/python3.11")'
+	@echo 'setting up .venv (once; again when pyproject.toml changes)'
+	@$(PYTHON) -m venv .venv
+	$(PIP) -e '.[dev]'
+	@touch $@
+
+$(DOCS): $(DEV)
+	$(PIP) -e '.[docs]'
+	@touch $@

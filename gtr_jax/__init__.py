@@ -1,0 +1,45 @@
+"""Simulator of tendon-driven continuum manipulators with friction and hysteresis, differentiable through JAX.
+
+Importing it switches JAX to 64-bit floats: friction memory and implicit gradients need them.
+"""
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+from .build import build_robot, load_robot  # noqa: E402
+from .config import RobotConfig, dump_config, load_config  # noqa: E402
+from .equilibrium import Equilibrium, equilibrium  # noqa: E402
+from .errors import InputError  # noqa: E402
+from .history import Simulation, simulate  # noqa: E402
+from .march import March  # noqa: E402
+from .parameters import Parameter, parameters_of  # noqa: E402
+from .phases import Switch, label_phases, release_switch  # noqa: E402
+from .recording import Recording, read_recording, write_recording  # noqa: E402
+from .robot import Backbone, Loads, Robot, Tendon  # noqa: E402
+
+__all__ = [
+    "Backbone",
+    "Equilibrium",
+    "InputError",
+    "Loads",
+    "March",
+    "Parameter",
+    "Recording",
+    "Robot",
+    "RobotConfig",
+    "Simulation",
+    "Switch",
+    "Tendon",
+    "build_robot",
+    "dump_config",
+    "equilibrium",
+    "label_phases",
+    "load_config",
+    "load_robot",
+    "parameters_of",
+    "read_recording",
+    "release_switch",
+    "simulate",
+    "write_recording",
+]

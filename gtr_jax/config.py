@@ -1,0 +1,338 @@
+"""The robot file: `robot.toml` read, checked and written.
+
+The classes below are the file's sections; after validation they hold SI floats (m, N, Pa, rad, kg/m^3). Unit
+strings, defaults, missing and unknown keys are theirs, what fits into what is in `config_checks`.
+
+`python -m gtr_jax.config` writes the JSON Schema, generated from the same classes, to docs/robot.schema.json.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    PrivateAttr,
+    StrictBool,
+    StrictStr,
+    Tag,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
+
+from gtr_jax.config_checks import check_keys, check_robot, one_line
+from gtr_jax.config_file import dotted, find_key, read_route, read_toml
+from gtr_jax.errors import InputError
+from gtr_jax.recording import write_whole
+from gtr_jax.units import Unit
+
+Length = Annotated[float, Unit("m")]
+Angle = Annotated[float, Unit("rad")]
+Curvature = Annotated[float, Unit("rad/m")]
+Modulus = Annotated[float, Unit("Pa")]
+Density = Annotated[float, Unit("kg/m^3")]
+Force = Annotated[float, Unit("N")]
+Moment = Annotated[float, Unit("N m")]
+Ratio = Annotated[float, Unit("dimensionless")]
+
+
+class Section(BaseModel):
+    """One table of the robot file; unknown keys are refused with the nearest valid name."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _keys(cls, data: Any, info: ValidationInfo) -> Any:
+        if isinstance(data, Mapping):
+            data = cls._resolved(dict(data), Path((info.context or {}).get("folder", ".")))
+        check_keys(cls, data)
+        return data
+
+    @classmethod
+    def _resolved(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
+        """The section with what it refers to in other files, relative to `folder`, put in place."""
+        return data
+
+
+class BoreConfig(Section):
+    """A cylinder missing from the backbone, concentric with it."""
+
+    from_: Length = Field(alias="from", examples=["0 mm"])
+    """Arc length [m] where the bore begins."""
+    to: Length = Field(examples=["20 mm"])
+    """Arc length [m] where the bore ends."""
+    diameter: Length = Field(examples=["14 mm"])
+    """Diameter [m] of the concentric bore."""
+
+
+def _pair(value: Any) -> Any:
+    return value if isinstance(value, list | tuple) else (value, value)
+
+
+def _shape(value: Any) -> str:
+    return "#pairs" if isinstance(value, list | tuple) else "#constant"
+
+
+class BackboneConfig(Section):
+    """The elastic body, or the sheath of fixed shape."""
+
+    length: Length = Field(examples=["250 mm"])
+    """Arc length [m] from base to tip."""
+    outer_radius: Annotated[
+        tuple[Length, Length], BeforeValidator(_pair, json_schema_input_type=Length | tuple[Length, Length])
+    ] = Field(examples=[["20 mm", "13 mm"]])
+    """Outer radius [m] at the base and at the tip, linear between; one value for both."""
+    bores: tuple[BoreConfig, ...] = ()
+    """Concentric bores, which do not overlap."""
+    youngs_modulus: Modulus = 0.0
+    """Young's modulus [Pa]; needed unless the backbone is rigid."""
+    density: Density = 0.0
+    """Density [kg/m^3]; needed with loads.gravity_angle."""
+    natural_curvature: Annotated[
+        Annotated[Curvature, Tag("#constant")]
+        | Annotated[tuple[tuple[Length, Curvature], ...], Tag("#pairs")],
+        Discriminator(_shape),
+    ] = 0.0
+    """Curvature [rad/m] of the unloaded backbone: a constant, or [s, curvature] pairs from base to tip."""
+    rigid: StrictBool = False
+    """Whether the backbone keeps its natural shape (a sheath), so that only friction acts."""
+
+
+class StraightSineStraight(Section):
+    """The paper's eq. (21): offset r1 up to w1, a half cosine, offset r2 from w2 on."""
+
+    kind: Literal["straight-sine-straight"]
+    r1: Length = Field(examples=["-10 mm"])
+    """Offset [m] at the base."""
+    r2: Length = Field(examples=["10 mm"])
+    """Offset [m] at the tip."""
+    w1: Length = Field(examples=["20 mm"])
+    """Arc length [m] where the channel leaves the first straight."""
+    w2: Length = Field(examples=["80 mm"])
+    """Arc length [m] where it joins the second straight."""
+
+
+class ConvergingSine(Section):
+    """The paper's eq. (19): a sine superposed on an offset that converges from base to tip."""
+
+    kind: Literal["converging-sine"]
+    R_max: Length = Field(examples=["15 mm"])
+    """Mean offset [m] at the base."""
+    r_min: Length = Field(examples=["7.5 mm"])
+    """Mean offset [m] at the tip."""
+    n_sine: Ratio = Field(examples=[10])
+    """Number of half waves along the backbone."""
+    sigma: Ratio = Field(examples=[0.1])
+    """Amplitude of the sine, relative to the mean offset."""
+
+
+class CrossingSine(Section):
+    """The paper's eq. (20): a sine that crosses the axis, its amplitude converging from base to tip."""
+
+    kind: Literal["crossing-sine"]
+    R_max: Length = Field(examples=["20 mm"])
+    """Amplitude [m] at the base."""
+    r_min: Length = Field(examples=["8 mm"])
+    """Amplitude [m] at the tip."""
+    n_sine: Ratio = Field(examples=[5])
+    """Number of half waves along the backbone."""
+
+
+class Parallel(Section):
+    """A channel at a constant offset."""
+
+    kind: Literal["parallel"]
+    offset: Length = Field(examples=["10 mm"])
+    """Offset [m]."""
+
+
+def _either_knots_or_file(schema: dict[str, Any]) -> None:
+    schema["required"] = ["kind"]
+    schema["oneOf"] = [{"required": ["knots"]}, {"required": ["file"]}]
+
+
+class TableRouting(Section):
+    """A channel given by knots, in the file itself or in a CSV file with the columns s_mm, R_mm."""
+
+    model_config = ConfigDict(json_schema_extra=_either_knots_or_file)
+
+    kind: Literal["table"]
+    knots: tuple[tuple[Length, Length], ...] = Field(examples=[[["0 mm", "10 mm"], ["250 mm", "8 mm"]]])
+    """Pairs [s, R] of arc length and offset [m], in increasing s, covering the backbone."""
+    file: StrictStr | None = None
+    """CSV file of the knots, relative to the robot file; None once it is read into `knots`."""
+
+    @classmethod
+    def _resolved(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
+        file = data.get("file")
+        if file is None:
+            return data
+        if "knots" in data:
+            raise InputError("has both 'knots' and 'file'; remove one of the two")
+        if not isinstance(file, str):
+            raise InputError(f"file: expected the name of a CSV file, found {file!r}")
+        return {**data, "file": None, "knots": read_route(folder / file)}
+
+
+ROUTINGS = {
+    "straight-sine-straight": StraightSineStraight,
+    "converging-sine": ConvergingSine,
+    "crossing-sine": CrossingSine,
+    "parallel": Parallel,
+    "table": TableRouting,
+}
+RoutingConfig = Annotated[
+    StraightSineStraight | ConvergingSine | CrossingSine | Parallel | TableRouting,
+    Field(discriminator="kind"),
+]
+
+
+class TendonConfig(Section):
+    """The tendon and its friction in the channel."""
+
+    friction_coefficient: Ratio = Field(examples=[0.36])
+    """Coulomb friction coefficient between tendon and channel."""
+    preload: Force = 0.0
+    """Tension [N] along the whole tendon before the history begins."""
+
+
+class LoadsConfig(Section):
+    """External loads on the backbone."""
+
+    gravity_angle: Angle | None = None
+    """Direction of gravity [rad] in the bending plane, from the base tangent; absent: no effect."""
+    tip_force: tuple[Force, Force] = (0.0, 0.0)
+    """Dead force [N] on the tip, along x (the base tangent) and y (to its left)."""
+    tip_moment: Moment = 0.0
+    """Moment [N m] on the tip, anticlockwise."""
+
+
+class RobotConfig(Section):
+    """A robot as its file describes it, in SI units."""
+
+    model_config = ConfigDict(title="robot.toml of gtr-jax")
+
+    schema_version: Literal[1] = Field(alias="schema", examples=[1])
+    """Version of the file format."""
+    name: StrictStr = "robot"
+    """Name in reports."""
+    backbone: BackboneConfig
+    routing: RoutingConfig
+    tendon: TendonConfig
+    loads: LoadsConfig = LoadsConfig()
+    uncertainty: dict[str, Ratio] = Field(default_factory=dict)
+    """Prior knowledge: one standard deviation, relative, per number of the robot ("youngs_modulus")."""
+    terms: tuple[dict[str, Any], ...] = Field(default=(), max_length=0)
+    """Physics beyond the paper; this version has no term yet."""
+    _source: str = PrivateAttr("robot")
+
+    @property
+    def source(self) -> str:
+        """The file this robot was read from, for messages."""
+        return self._source
+
+    def __eq__(self, other: object) -> bool:
+        """Equal if the numbers are, whichever file they came from."""
+        return isinstance(other, RobotConfig) and self.model_dump() == other.model_dump()
+
+    @classmethod
+    def _resolved(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
+        if data.get("terms"):
+            raise InputError("terms: this version has no physics terms; remove every [[terms]]")
+        return data
+
+    @model_validator(mode="after")
+    def _check(self) -> RobotConfig:
+        check_robot(self)
+        resolved: dict[str, float] = {}
+        for key, deviation in self.uncertainty.items():
+            path = find_key(key, self.numbers(), "uncertainty")
+            if deviation <= 0:
+                raise InputError(
+                    f"uncertainty.{key}: must be positive, is {deviation:g}; remove it if known exactly"
+                )
+            if path in resolved:
+                raise InputError(f"uncertainty.{key}: {path} stands twice; keep one")
+            resolved[path] = deviation
+        self.uncertainty.clear()  # the keys as written give way to the dotted ones
+        self.uncertainty.update(resolved)
+        return self
+
+    def numbers(self) -> dict[str, float]:
+        """Every number of the robot in SI, by dotted key such as "backbone.outer_radius.0"."""
+        data = self.model_dump(mode="json", by_alias=True, exclude={"schema_version", "uncertainty", "terms"})
+        return {key: value for key, value in dotted(data) if isinstance(value, float)}
+
+    def with_values(self, values: Mapping[str, Any]) -> RobotConfig:
+        """A copy with some values changed, checked like a file.
+
+        Args:
+            values: SI numbers or unit strings, by dotted key ("tendon.friction_coefficient",
+                "backbone.outer_radius.0") or by a bare key where it is the only one.
+
+        Raises InputError naming the key that is unknown or whose value does not fit.
+        """
+        data = self.model_dump(mode="json", by_alias=True)
+        keys = {key: value for key, value in dotted(data) if not key.startswith("uncertainty.")}
+        for key, value in values.items():
+            *parents, last = find_key(key, keys, self.source).split(".")
+            node: Any = data
+            for parent in parents:
+                node = node[int(parent) if isinstance(node, list) else parent]
+            node[int(last) if isinstance(node, list) else last] = value
+        return parse_config(data, source=self.source)
+
+
+def parse_config(
+    data: Mapping[str, Any], *, source: str = "robot", folder: str | os.PathLike[str] = "."
+) -> RobotConfig:
+    """Check the contents of a robot file. `source` names it in errors; `folder` is where its files lie.
+
+    Raises InputError naming source, key and remedy.
+    """
+    try:
+        config = RobotConfig.model_validate(data, context={"folder": folder})
+    except ValidationError as error:
+        raise InputError(f"{source}: {one_line(error, ROUTINGS)}") from None
+    config._source = source
+    return config
+
+
+def load_config(path: str | os.PathLike[str]) -> RobotConfig:
+    """Read a robot file. Raises InputError naming file, key and remedy."""
+    return parse_config(read_toml(path), source=str(path), folder=Path(path).parent)
+
+
+def dump_config(config: RobotConfig, path: str | os.PathLike[str]) -> None:
+    """Write a robot file with unit strings; it loads back to equal SI values. Written whole or not at all."""
+    import tomli_w
+
+    data = config.model_dump(by_alias=True, exclude_defaults=True, context={"unit_strings": True})
+    write_whole(path, tomli_w.dumps(data))
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON Schema of the robot file, with which editors complete and check it."""
+    schema = RobotConfig.model_json_schema(by_alias=True)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+
+def write_schema(path: str | os.PathLike[str]) -> None:
+    """Write the JSON Schema of the robot file."""
+    write_whole(path, json.dumps(json_schema(), indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    import sys
+
+    write_schema(sys.argv[1] if len(sys.argv) > 1 else "docs/robot.schema.json")

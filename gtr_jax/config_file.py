@@ -1,0 +1,60 @@
+"""The robot file as it lies on the disk: TOML and routing tables read, nested keys found by dotted names."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from gtr_jax.errors import InputError, did_you_mean, listed
+from gtr_jax.recording import read_table, read_text, split_unit
+
+
+def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Contents of a TOML file; InputError if it is absent, empty or not TOML."""
+    text, _ = read_text(path)
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as fault:
+        raise InputError(
+            f'{path}: not TOML: {fault}; write key = "value unit" under [section] lines'
+        ) from None
+
+
+def read_route(path: Path) -> tuple[tuple[float, float], ...]:
+    """Knots (s, R) [m] of a routing table; InputError naming file, row and column."""
+    table = read_table(path)
+    parted = [split_unit(header, "m") for header in table.header]
+    columns = []
+    for name in ("s", "R"):
+        found = [i for i, (header, _) in enumerate(parted) if header == name]
+        if len(found) != 1:
+            columns_found = listed(table.header)
+            raise InputError(
+                f"{path}: needs one column for {name}; columns found: {columns_found}; name them s_mm,R_mm"
+            )
+        unit = parted[found[0]][1]
+        columns.append(table.quantity(found[0], unit, "m", remedy="name the columns s_mm,R_mm").tolist())
+    return tuple(zip(*columns, strict=True))
+
+
+def dotted(node: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Every key of nested tables and lists with its dotted path."""
+    items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    for key, value in items:
+        below = f"{path}.{key}" if path else str(key)
+        yield below, value
+        yield from dotted(value, below)
+
+
+def find_key(key: str, known: Mapping[str, Any], where: str) -> str:
+    """The dotted key meant by a dotted or bare `key`; InputError if none or several are."""
+    found = [key] if key in known else [path for path in known if path.endswith(f".{key}")]
+    if not found:
+        parts = [path.split(".", 1)[-1] for path in known]
+        raise InputError(f"{where}: unknown key '{key}'; {did_you_mean(key, [*known, *parts])}")
+    if len(found) > 1:
+        raise InputError(f"{where}: '{key}' may be any of {listed(found)}; write one of them")
+    return found[0]

@@ -1,0 +1,159 @@
+"""One equilibrium of rod and tendon, and what is read off it."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jaxtyping import Array, Bool, Float, Int
+
+from . import channel
+from .linear_solver import CausalSolver
+from .march import March
+from .mesh import cumulative, shifted
+from .problem import Problem, Sections, State, offset_before, residual
+from .robot import Robot, sections
+
+MAX_STEPS = 40
+
+
+class Equilibrium(eqx.Module):
+    """Solution of one equilibrium, SI units; N nodes from base to tip, panel ends twice.
+
+    Attributes:
+        s: arc length of the nodes, (N,).
+        curvature, angle: of the midline, (N,).
+        tension: of the tendon, (N,).
+        external_moment: moment of the external loads, (N,).
+        x, y: midline, (N,).
+        wrap: total turning of the tendon since the base, (N,).
+        metric: nu = ds_c/ds of the channel, (N,).
+        R: channel offset, (N,).
+        tendon_length: length of the channel, ().
+        result: optimistix result; compare with `optimistix.RESULTS.successful`.
+        residual_norm: dimensionless, see `problem.residual_norm`; ().
+        iterations: marches taken, ().
+    """
+
+    s: Float[Array, " N"]
+    curvature: Float[Array, " N"]
+    angle: Float[Array, " N"]
+    tension: Float[Array, " N"]
+    external_moment: Float[Array, " N"]
+    x: Float[Array, " N"]
+    y: Float[Array, " N"]
+    wrap: Float[Array, " N"]
+    metric: Float[Array, " N"]
+    R: Float[Array, " N"]
+    tendon_length: Float[Array, ""]
+    result: optx.RESULTS
+    residual_norm: Float[Array, ""]
+    iterations: Int[Array, ""]
+
+    @property
+    def T_tip(self) -> Float[Array, ""]:
+        """Tension at the tip anchor [N]."""
+        return self.tension[-1]
+
+    @property
+    def tip_pose(self) -> Float[Array, "3"]:
+        """Midline tip: x [m], y [m], angle [rad]."""
+        return jnp.stack([self.x[-1], self.y[-1], self.angle[-1]])
+
+    @property
+    def converged(self) -> Bool[Array, ""]:
+        """True where the solver met its tolerance."""
+        return self.result == optx.RESULTS.successful
+
+
+def rest_state(s: Sections, tension: Float[Array, ""]) -> State:
+    """Start for the solver: the stress-free shape, with the moment the external load would have on a straight arm."""
+    phi = cumulative(s.mesh.weights, s.rest)
+    lever = jnp.sum(s.mesh.length * (s.force_y * jnp.cos(phi) - s.force_x * jnp.sin(phi)))
+    return State(
+        s.rest,
+        phi,
+        jnp.broadcast_to(tension, s.rest.shape),
+        jnp.broadcast_to(jnp.where(jnp.any(s.compliance > 0), lever, 0.0), s.rest.shape),
+    )
+
+
+def solve_problem(p: Problem, start: State, solver: optx.AbstractRootFinder) -> optx.Solution:
+    """Solve one problem from a start, with the implicit adjoint through the structured linear solver; never raises."""
+    return optx.root_find(
+        residual,
+        solver,
+        jax.lax.stop_gradient(start),
+        args=p,
+        adjoint=optx.ImplicitAdjoint(linear_solver=CausalSolver()),
+        max_steps=MAX_STEPS,
+        throw=False,
+    )
+
+
+def describe(p: Problem, sol: optx.Solution) -> Equilibrium:
+    """Everything an equilibrium offers, from the solved state."""
+    s, y = p.sections, sol.value
+    nu = channel.metric_factor(y.kappa, s.R)
+    wrap = channel.wrap_increment(
+        y.phi - shifted(y.phi), y.kappa, shifted(y.kappa), s.R, offset_before(s.R), s.mesh.length, s.mesh.joined
+    )
+    return Equilibrium(
+        s=s.mesh.s,
+        curvature=y.kappa,
+        angle=y.phi,
+        tension=y.tension,
+        external_moment=y.moment,
+        x=cumulative(s.mesh.weights, jnp.cos(y.phi)),
+        y=cumulative(s.mesh.weights, jnp.sin(y.phi)),
+        wrap=jnp.cumsum(wrap),
+        metric=nu,
+        R=s.R.value,
+        tendon_length=cumulative(s.mesh.weights, nu)[-1],
+        result=sol.result,
+        residual_norm=sol.stats["residual_norm"],
+        iterations=sol.stats["num_steps"],
+    )
+
+
+def problem_of(robot: Robot, s: Sections, T_base: Float[Array, ""], memory: Float[Array, " N"]) -> Problem:
+    """One load step of the robot as a problem; a base tension below zero counts as slack."""
+    return Problem(
+        sections=s,
+        mu=robot.tendon.friction_coefficient,
+        T_base=jnp.maximum(T_base, 0.0),
+        memory=memory,
+        tip_moment=robot.loads.tip_moment,
+        loaded=robot.loaded,
+    )
+
+
+@eqx.filter_jit
+def equilibrium(
+    robot: Robot,
+    T_base: Float[Array, ""] | float,
+    *,
+    memory: Float[Array, " N"] | None = None,
+    solver: optx.AbstractRootFinder = March(),  # noqa: B008
+) -> Equilibrium:
+    """Equilibrium of the robot under a base tension.
+
+    Without `memory` the tendon is pulled once from its preload (slack unless the robot says otherwise). Differentiable in every
+    number of the robot and in T_base, by the implicit function theorem; one-sided at stick fronts.
+
+    Args:
+        robot: from `load_robot`, or built in Python.
+        T_base: tension at the base [N], scalar.
+        memory: tension along the tendon before this load [N], (N,), as `Equilibrium.tension` of the step before.
+        solver: any optimistix root finder that takes a `Problem`; tolerances live there.
+
+    Returns:
+        The solution. It never raises on non-convergence: look at `result`, `converged` and `residual_norm`.
+    """
+    s = sections(robot)
+    T_base = jnp.asarray(T_base, dtype=s.rest.dtype)
+    before = jnp.broadcast_to(robot.tendon.preload, s.rest.shape) if memory is None else memory
+    p = problem_of(robot, s, T_base, before)
+    sol = solve_problem(p, rest_state(s, T_base), solver)
+    return describe(p, sol)

@@ -1,0 +1,35 @@
+"""The one error a user's input can raise."""
+
+import difflib
+from collections.abc import Iterable
+
+
+class InputError(ValueError):
+    """Bad input: what is wrong, where (file, row, column or key) and the remedy, in one line.
+
+    The command line prints ``error: <message>`` and exits with status 2. Line breaks in the message are
+    folded into spaces, so that whatever was quoted from a file cannot break the line.
+    """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(" ".join(message.split()))
+
+
+def nearest(name: str, known: Iterable[str]) -> str | None:
+    """The known name most like `name`, ignoring case, or None when none is alike."""
+    by_folded = {candidate.casefold(): candidate for candidate in known}
+    alike = difflib.get_close_matches(name.casefold(), by_folded, n=1, cutoff=0.5)
+    return by_folded[alike[0]] if alike else None
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Remedy for an unknown name: the nearest known one, or the list of them all."""
+    known = list(known)
+    match = nearest(name, known)
+    return f"did you mean '{match}'?" if match else f"known: {listed(known)}"
+
+
+def listed(names: Iterable[str], most: int = 12) -> str:
+    """Names separated by commas, cut after `most` of them."""
+    names = list(names)
+    return ", ".join(names[:most]) + (", …" if len(names) > most else "")

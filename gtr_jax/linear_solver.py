@@ -1,0 +1,161 @@
+"""The structured linear solver: one causal recursion instead of an N x N factorisation.
+
+Linearised, each node's curvature, angle, tension and external moment follow from its predecessors; only the external moment at
+the base is unknown, and a second recursion carries its effect to the tip, where it is closed. Cost O(N); exact.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.tree_util as jtu
+import lineax as lx
+from jaxtyping import Array, Float
+
+from . import channel, friction
+from .mesh import STENCIL, shifted
+from .problem import Problem, State, moment_slope, offset_before
+
+
+class Linearisation(eqx.Module):
+    """Partial derivatives of the node equations at a state, each (N,) unless said.
+
+    Attributes:
+        weights: quadrature weights (N, 4).
+        arm: compliance times moment arm; diagonal: d(moment balance)/d(kappa) at fixed tension and moment.
+        compliance: 1/EI.
+        by_before: dT_i/dT_(i-1); by_turn, by_kappa, by_kappa_before: dT_i/d(phi_i - phi_(i-1)), /d(kappa_i), /d(kappa_(i-1)).
+        load: d(M_ext')/d(phi).
+        loaded: as in Problem.
+    """
+
+    weights: Float[Array, "N 4"]
+    arm: Float[Array, " N"]
+    diagonal: Float[Array, " N"]
+    compliance: Float[Array, " N"]
+    by_before: Float[Array, " N"]
+    by_turn: Float[Array, " N"]
+    by_kappa: Float[Array, " N"]
+    by_kappa_before: Float[Array, " N"]
+    load: Float[Array, " N"]
+    loaded: bool = eqx.field(static=True)
+
+
+def _partials(fn, *args):
+    """Elementwise partial derivatives of fn(*args) with respect to each argument."""
+    zeros = [jnp.zeros_like(a) for a in args]
+    out = []
+    for i, a in enumerate(args):
+        tangents = [*zeros[:i], jnp.ones_like(a), *zeros[i + 1 :]]
+        out.append(jax.jvp(fn, args, tuple(tangents))[1])
+    return out
+
+
+def linearise(y: State, p: Problem) -> Linearisation:
+    """Partial derivatives of `problem.residual` at y; elementwise, so it costs a few residuals."""
+    s = p.sections
+    arm, arm_slope = jax.jvp(lambda k: channel.moment_arm(k, s.R), (y.kappa,), (jnp.ones_like(y.kappa),))
+    before = offset_before(s.R)
+
+    def wrap(turn, kappa, kappa_before):
+        return channel.wrap_increment(turn, kappa, kappa_before, s.R, before, s.mesh.length, s.mesh.joined)
+
+    geometry = (y.phi - shifted(y.phi), y.kappa, shifted(y.kappa))
+    theta_turn, theta_kappa, theta_before = _partials(wrap, *geometry)
+    by_before, by_wrap = _partials(
+        lambda T, w: friction.transmit(T, w, p.memory, p.mu), shifted(y.tension, 1, p.T_base), wrap(*geometry)
+    )
+    return Linearisation(
+        weights=s.mesh.weights,
+        arm=s.compliance * arm,
+        diagonal=1.0 - s.compliance * y.tension * arm_slope,
+        compliance=s.compliance,
+        by_before=by_before,
+        by_turn=by_wrap * theta_turn,
+        by_kappa=by_wrap * theta_kappa,
+        by_kappa_before=by_wrap * theta_before,
+        load=_partials(moment_slope, y.phi, s.force_x, s.force_y)[0] if p.loaded else jnp.zeros_like(y.phi),
+        loaded=p.loaded,
+    )
+
+
+def _recursion(a: Linearisation, r: State, moment_base) -> State:
+    """Forward recursion for a given change of the external moment at the base (ignored without external force)."""
+    w = a.weights
+
+    def node(carry, x):
+        kappas, loads, tension_before, phi_before, moment_before = carry
+        w_i, arm, diagonal, compliance, by_before, by_turn, by_k, by_kb, load, rk, rp, rt, rm = x
+        turn = rp + w_i[1] * kappas[0] + w_i[2] * kappas[1] + w_i[3] * kappas[2]
+        tension = rt + by_before * tension_before + by_turn * turn + by_kb * kappas[0]
+        tension_k = by_turn * w_i[0] + by_k
+        if a.loaded:
+            moment = rm + moment_before + w_i[1] * loads[0] + w_i[2] * loads[1] + w_i[3] * loads[2]
+            moment = moment + w_i[0] * load * (phi_before + turn)
+            moment_k = w_i[0] * load * w_i[0]
+        else:
+            moment, moment_k = rm, 0.0
+        kappa = (rk + arm * tension + compliance * moment) / (diagonal - arm * tension_k - compliance * moment_k)
+        phi = phi_before + turn + w_i[0] * kappa
+        out = State(kappa, phi, tension + tension_k * kappa, moment + moment_k * kappa)
+        carry = ((kappa, *kappas[:-1]), (load * phi, *loads[:-1]), out.tension, out.phi, out.moment)
+        return carry, out
+
+    zero = jnp.zeros_like(r.kappa[0])
+    start = ((zero,) * (STENCIL - 1), (zero,) * (STENCIL - 1), zero, zero, zero + moment_base)
+    rm = r.moment.at[0].set(0.0) if a.loaded else r.moment
+    rows = (w, a.arm, a.diagonal, a.compliance, a.by_before, a.by_turn, a.by_kappa, a.by_kappa_before, a.load)
+    return jax.lax.scan(node, start, (*rows, r.kappa, r.phi, r.tension, rm))[1]
+
+
+def solve_linearised(a: Linearisation, r: State) -> State:
+    """Solve J x = r for the Jacobian J of `problem.residual`."""
+    if not a.loaded:
+        return _recursion(a, r, 0.0)
+    particular = _recursion(a, r, 0.0)
+    homogeneous = _recursion(a, jtu.tree_map(jnp.zeros_like, r), 1.0)
+    moment_base = (r.moment[0] - particular.moment[-1]) / homogeneous.moment[-1]
+    return jtu.tree_map(lambda x, h: x + moment_base * h, particular, homogeneous)
+
+
+class CausalSolver(lx.AbstractLinearSolver):
+    """lineax solver for Jacobians of `problem.residual`: finds the Problem in the operator and uses its structure.
+
+    For `optimistix.ImplicitAdjoint(linear_solver=CausalSolver())` with `args=Problem`. Any other operator is refused.
+    """
+
+    def init(self, operator: lx.AbstractLinearOperator, options: dict[str, Any]):
+        del options
+        found = [
+            leaf
+            for leaf in jtu.tree_leaves(
+                getattr(operator, "args", None), is_leaf=lambda x: isinstance(x, Problem)
+            )
+            if isinstance(leaf, Problem)
+        ]
+        if len(found) != 1 or not isinstance(operator, lx.JacobianLinearOperator):
+            raise ValueError("CausalSolver solves Jacobians of gtr_jax.problem.residual only, with args=Problem")
+        return linearise(operator.x, found[0]), False
+
+    def compute(self, state, vector, options):
+        del options
+        a, transposed = state
+        if transposed:
+            like = jtu.tree_map(jnp.zeros_like, vector)
+            (value,) = jax.linear_transpose(lambda r: solve_linearised(a, r), like)(vector)
+        else:
+            value = solve_linearised(a, vector)
+        return value, lx.RESULTS.successful, {}
+
+    def transpose(self, state, options):
+        a, transposed = state
+        return (a, not transposed), options
+
+    def conj(self, state, options):
+        return state, options
+
+    def assume_full_rank(self) -> bool:
+        return True

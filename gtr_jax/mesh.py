@@ -1,0 +1,112 @@
+"""The mesh along the backbone: panels that end where the mechanics has a kink, nodes graded towards each panel's start.
+
+Everything the simulator integrates along s is integrated base to tip with variable-step Adams-Moulton weights of order
+four inside a panel (exact for cubics on the last four nodes, fewer at the panel's start, where the nodes are graded).
+A panel starts with a node of its own at the same s as the end of the panel before it, so that curvature may jump there.
+The causal (base-to-tip) stencil is what lets one march solve the equilibrium; `benchmarks/solver_study.py` measures it.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+STENCIL = 4
+GRADING = (0.06, 0.2, 0.5)
+
+
+@functools.lru_cache(maxsize=512)
+def panel_table(intervals: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes of the unit panel and the weights that integrate from each node's predecessor to it.
+
+    Args:
+        intervals: number of intervals, at least 1.
+
+    Returns:
+        positions (intervals+1,) in [0, 1]; lengths (intervals+1,), the first 0; weights (intervals+1, 4), where
+        row i gives the integral over [x_(i-1), x_i] as sum_j weights[i, j] f(x_(i-j)); the first row is 0.
+    """
+    sizes = np.ones(intervals)
+    if intervals > len(GRADING):
+        sizes[: len(GRADING)] = GRADING
+    x = np.concatenate([[0.0], np.cumsum(sizes)])
+    x /= x[-1]
+    lengths = np.concatenate([[0.0], np.diff(x)])
+    weights = np.zeros((intervals + 1, STENCIL))
+    for i in range(1, intervals + 1):
+        k = min(i + 1, STENCIL)
+        local = (x[i - np.arange(k)] - x[i]) / lengths[i]
+        moments = -((-1.0) ** np.arange(1, k + 1)) / np.arange(1, k + 1)
+        weights[i, :k] = np.linalg.solve(np.vander(local, k, increasing=True).T, moments) * lengths[i]
+    for a in (x, lengths, weights):
+        a.setflags(write=False)
+    return x, lengths, weights
+
+
+class Mesh(eqx.Module):
+    """Nodes along the backbone; the positions follow the panel ends, so they are differentiable in them.
+
+    Attributes:
+        s: arc length of the nodes [m], shape (N,); panel ends appear twice.
+        side: a point inside the node's panel [m], shape (N,): which side of a kink the node is on.
+        length: interval from the node before [m], shape (N,); 0 where a panel starts.
+        weights: Adams-Moulton weights [m], shape (N, 4); see `panel_table`.
+        joined: 1.0 where a node has a predecessor, 0.0 at the base, shape (N,).
+    """
+
+    s: Float[Array, " N"]
+    side: Float[Array, " N"]
+    length: Float[Array, " N"]
+    weights: Float[Array, "N 4"]
+    joined: Float[Array, " N"]
+
+
+def build_mesh(panel_ends: Float[Array, " panels+1"], intervals: tuple[int, ...]) -> Mesh:
+    """Lay the nodes of all panels.
+
+    Args:
+        panel_ends: increasing arc lengths [m] from 0 to L; equal neighbours make a panel of no length, which is harmless.
+        intervals: number of intervals of each panel (static).
+
+    Returns:
+        The mesh with N = sum(intervals) + number of panels nodes.
+    """
+    s, side, length, weights = [], [], [], []
+    for p, count in enumerate(intervals):
+        x, h, w = panel_table(count)
+        start, extent = panel_ends[p], panel_ends[p + 1] - panel_ends[p]
+        s.append(start + extent * x)
+        side.append(jnp.full(count + 1, 0.5) * (panel_ends[p] + panel_ends[p + 1]))
+        length.append(extent * h)
+        weights.append(extent * w)
+    joined = np.ones(sum(intervals) + len(intervals))
+    joined[0] = 0.0
+    return Mesh(
+        s=jnp.concatenate(s),
+        side=jnp.concatenate(side),
+        length=jnp.concatenate(length),
+        weights=jnp.concatenate(weights),
+        joined=jnp.asarray(joined),
+    )
+
+
+def shifted(values: Float[Array, " N"], by: int = 1, fill: float | Array = 0.0) -> Float[Array, " N"]:
+    """`values` moved `by` nodes towards the tip: entry i is values[i - by]; the first `by` entries are `fill`."""
+    return jnp.concatenate([jnp.broadcast_to(jnp.asarray(fill, values.dtype), (by,)), values[:-by]])
+
+
+def increments(weights: Float[Array, "N 4"], values: Float[Array, " N"]) -> Float[Array, " N"]:
+    """Integral of `values` over the interval that ends at each node, shape (N,)."""
+    total = weights[:, 0] * values
+    for j in range(1, STENCIL):
+        total = total + weights[:, j] * shifted(values, j)
+    return total
+
+
+def cumulative(weights: Float[Array, "N 4"], values: Float[Array, " N"]) -> Float[Array, " N"]:
+    """Integral of `values` from the base to each node, shape (N,)."""
+    return jnp.cumsum(increments(weights, values))

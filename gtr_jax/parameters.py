@@ -1,0 +1,135 @@
+"""Named parameters of a robot: where each lives, its unit, bounds and transform. Shared by calibration and design."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import operator
+from collections.abc import Mapping
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .errors import InputError
+from .robot import Robot
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """One named number of the robot.
+
+    Attributes:
+        name: the short name, e.g. "mu".
+        key: the key in the robot file, e.g. "tendon.friction_coefficient".
+        at: where it lives in `Robot`, e.g. "backbone.outer_radius.0".
+        unit: SI unit for people.
+        lower, upper: bounds in SI; None where open.
+        log: whether it is estimated on a logarithmic scale (positive parameters).
+        external: whether it is an external force, so that setting it makes the robot loaded.
+    """
+
+    name: str
+    key: str
+    unit: str
+    lower: float | None = None
+    upper: float | None = None
+    log: bool = False
+    external: bool = False
+    at: str = ""
+
+    def __post_init__(self):
+        if not self.at:
+            object.__setattr__(self, "at", self.key)
+
+
+_COMMON = (
+    Parameter("mu", "tendon.friction_coefficient", "", 0.0, None, log=True),
+    Parameter("preload", "tendon.preload", "N", 0.0, None),
+    Parameter("E", "backbone.youngs_modulus", "Pa", 0.0, None, log=True),
+    Parameter("length", "backbone.length", "m", 0.0, None, log=True),
+    Parameter("density", "backbone.density", "kg/m^3", 0.0, None, log=True),
+    Parameter("outer_radius_base", "backbone.outer_radius.0", "m", 0.0, None, log=True),
+    Parameter("outer_radius_tip", "backbone.outer_radius.1", "m", 0.0, None, log=True),
+    Parameter("gravity_angle", "loads.gravity_angle", "rad"),
+    Parameter("tip_force_x", "loads.tip_force.0", "N", external=True),
+    Parameter("tip_force_y", "loads.tip_force.1", "N", external=True),
+    Parameter("tip_moment", "loads.tip_moment", "N m"),
+)
+_ROUTING_UNITS = {"n_sine": "", "sigma": ""}
+
+
+def parameters_of(robot: Robot) -> dict[str, Parameter]:
+    """All parameters of this robot, by short name."""
+    found = {p.name: p for p in _COMMON}
+    if robot.backbone.rigid:
+        del found["E"]
+    for field in vars(robot.routing):
+        if field in ("knots_s", "knots_R", "basis"):
+            continue
+        name = field.rstrip("_")
+        found[name] = Parameter(name, f"routing.{name}", _ROUTING_UNITS.get(name, "m"), at=f"routing.{field}")
+    for k in range(getattr(robot.routing, "knots_R", jnp.zeros(0)).shape[0]):
+        found[f"knot_{k}"] = Parameter(f"knot_{k}", f"routing.knots.{k}.1", "m", at=f"routing.knots_R.{k}")
+    for k in range(robot.backbone.bore_start.shape[0]):
+        for field, word in (("bore_start", "from"), ("bore_end", "to"), ("bore_diameter", "diameter")):
+            name = f"bore_{k}_{word}"
+            key = f"backbone.bores.{k}.{word}"
+            found[name] = Parameter(name, key, "m", 0.0, None, at=f"backbone.{field}.{k}")
+    if robot.backbone.natural_curvature.shape[0] == 1:
+        name = "natural_curvature"
+        at = "backbone.natural_curvature.0"
+        found[name] = Parameter(name, "backbone.natural_curvature", "rad/m", at=at)
+    return found
+
+
+def parameter(robot: Robot, name: str) -> Parameter:
+    """Look a parameter up by short name or by its key in the robot file.
+
+    Raises:
+        InputError: no such parameter; names the nearest and lists all.
+    """
+    known = parameters_of(robot)
+    if name in known:
+        return known[name]
+    by_key = {p.key: p for p in known.values()}
+    if name in by_key:
+        return by_key[name]
+    if name in ("E", "backbone.youngs_modulus"):
+        raise InputError("parameter 'E': the backbone is rigid, so its stiffness has no effect; leave E out")
+    near = difflib.get_close_matches(name, [*known, *by_key], n=1)
+    hint = f"did you mean '{near[0]}'? " if near else ""
+    raise InputError(f"parameter '{name}' does not exist on this robot; {hint}known: {', '.join(known)}")
+
+
+def _locate(at: str):
+    parts = at.split(".")
+    index = int(parts.pop()) if parts[-1].isdigit() else None
+    return operator.attrgetter(".".join(parts)), index
+
+
+def value_of(robot: Robot, name: str) -> Float[Array, ""]:
+    """Value of a named parameter, SI, scalar."""
+    where, index = _locate(parameter(robot, name).at)
+    leaf = where(robot)
+    return leaf if index is None else leaf[index]
+
+
+def with_values(robot: Robot, values: Mapping[str, Float[Array, ""] | float]) -> Robot:
+    """The robot with named parameters replaced; traced values are welcome, nothing is checked against bounds.
+
+    Raises:
+        InputError: unknown name, or the modulus of a rigid sheath.
+    """
+    loaded = robot.loaded
+    for name, value in values.items():
+        entry = parameter(robot, name)
+        where, index = _locate(entry.at)
+        leaf = where(robot)
+        new = jnp.asarray(value, leaf.dtype)
+        new = new if index is None else leaf.at[index].set(new)
+        robot = eqx.tree_at(where, robot, new)
+        loaded = loaded or entry.external
+    if loaded != robot.loaded:
+        robot = dataclasses.replace(robot, loaded=loaded)
+    return robot

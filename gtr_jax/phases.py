@@ -1,0 +1,91 @@
+"""The phases of Liu & Alambeigi's Algorithm 1, read off any history, and the tension at which release begins at the tip."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Bool, Float
+
+from .equilibrium import problem_of, rest_state, solve_problem
+from .history import Simulation
+from .march import March
+from .robot import Robot, sections
+
+PULLING, TRANSITION, RELEASING, REST = "pulling", "transition", "releasing", "rest"
+ALL_RELEASED = 1e4
+
+
+def label_phases(run: Simulation) -> np.ndarray:
+    """Phase of every step: "pulling" and "releasing" where the whole tendon slips, "transition" where part of it is locked.
+
+    A step that changes nothing keeps the phase before it; before anything has slipped it is "rest". Where the tendon is
+    locked is `run.slip_front`: it slips on [0, slip_front] and is locked beyond.
+
+    Returns:
+        Array of str, (K,).
+    """
+    whole = np.asarray(run.slip_front) >= float(run.s[-1]) * (1 - 1e-12)
+    direction = np.asarray(run.slip_direction)
+    now = np.where(whole & (direction > 0), PULLING, np.where(whole & (direction < 0), RELEASING, TRANSITION))
+    labels, last = [], REST
+    for label, moves in zip(now, direction != 0, strict=True):
+        last = str(label) if moves else last
+        labels.append(last)
+    return np.asarray(labels)
+
+
+class Switch(NamedTuple):
+    """Where the transition after a pull ends, N.
+
+    Attributes:
+        T_base: T_base_switch, the base tension at which slip towards the tip reaches the tip, ().
+        T_tip: T_tip_max, the tip tension held through the transition, ().
+        converged: whether all solves met their tolerance, ().
+    """
+
+    T_base: Float[Array, ""]
+    T_tip: Float[Array, ""]
+    converged: Bool[Array, ""]
+
+
+@eqx.filter_jit
+def release_switch(robot: Robot, T_base_max: Float[Array, ""] | float) -> Switch:
+    """T_base_switch of Algorithm 1, solved for: the base tension whose fully releasing state has the tip tension of the pull.
+
+    Args:
+        robot: the robot; its tendon is pulled once from its preload to `T_base_max`, then released.
+        T_base_max: largest base tension [N].
+
+    Returns:
+        The switch; differentiable in the robot's numbers and in T_base_max.
+    """
+    solver = March()
+    s = sections(robot)
+    T_max = jnp.asarray(T_base_max, s.rest.dtype)
+    preload = jnp.broadcast_to(robot.tendon.preload, s.rest.shape)
+    pulled = solve_problem(problem_of(robot, s, T_max, preload), rest_state(s, T_max), solver)
+    T_tip = pulled.value.tension[-1]
+    high = jnp.full(s.rest.shape, ALL_RELEASED) * T_max
+
+    def excess(T_base, args):
+        robot, s, high, start, T_tip = args
+        released = solve_problem(problem_of(robot, s, T_base, high), start, solver)
+        ok = released.result == optx.RESULTS.successful
+        return released.value.tension[-1] - T_tip, ok
+
+    found = optx.root_find(
+        excess,
+        optx.Bisection(rtol=1e-13, atol=1e-13),
+        0.5 * T_max,
+        args=(robot, s, high, pulled.value, T_tip),
+        options={"lower": jnp.zeros_like(T_max), "upper": T_max * (1 + 1e-9) + 1e-12},
+        max_steps=100,
+        has_aux=True,
+        throw=False,
+    )
+    solved = (pulled.result == optx.RESULTS.successful) & (found.result == optx.RESULTS.successful) & found.aux
+    return Switch(found.value, T_tip, solved)

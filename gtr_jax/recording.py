@@ -1,0 +1,357 @@
+"""Recordings: CSV files of tendon tensions at the base and the tip, read and written in SI units.
+
+A header row, then rows in time order; the order of the rows is the load history. Every fault is reported
+with the row number that an editor shows.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from gtr_jax.errors import InputError, did_you_mean, listed, nearest
+from gtr_jax.units import convert
+
+SWAP_FACTOR = 1.3
+"""A tip tension peaking above this multiple of the base's suggests swapped columns or wrong units."""
+
+
+class Channel(NamedTuple):
+    """One quantity of a recording: its SI unit, the header it is written under, and other spellings."""
+
+    unit: str
+    header: str
+    spellings: frozenset[str]
+
+
+# Spellings are compared in lower case without spaces, dots, underscores and hyphens.
+CHANNELS = {
+    "time": Channel("s", "time_s", frozenset({"time", "t", "timestamp"})),
+    "T_base": Channel("N", "T_base_N", frozenset({"tbase", "basetension", "tensionbase", "tproximal"})),
+    "T_tip": Channel("N", "T_tip_N", frozenset({"ttip", "tiptension", "tensiontip", "tdistal"})),
+    "tip_x": Channel("m", "tip_x_m", frozenset({"tipx", "xtip"})),
+    "tip_y": Channel("m", "tip_y_m", frozenset({"tipy", "ytip"})),
+    "tip_angle": Channel("rad", "tip_angle_rad", frozenset({"tipangle", "angletip", "phitip"})),
+    "displacement": Channel("m", "displacement_m", frozenset({"displacement", "tendondisplacement"})),
+    "trial": Channel("dimensionless", "trial", frozenset({"trial"})),
+}
+# Units known as a header's ending, as in T_base_gf; in brackets, as in Tbase [gf], any unit is known.
+_HEADER_ENDINGS = {
+    "s": ("s", "ms", "us", "min"),
+    "N": ("N", "mN", "kN", "gf", "kgf", "lbf"),
+    "m": ("m", "mm", "cm", "um"),
+    "rad": ("rad", "mrad", "deg"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A recording in SI units: read-only float64 arrays, one value per row; None where not recorded.
+
+    T_base and T_tip [N], time [s], tip_x and tip_y [m], tip_angle [rad] against the base tangent,
+    displacement [m] of the tendon pulled out at the base, and the number of the trial.
+    """
+
+    T_base: np.ndarray
+    path: Path
+    sha256: str
+    T_tip: np.ndarray | None = None
+    time: np.ndarray | None = None
+    tip_x: np.ndarray | None = None
+    tip_y: np.ndarray | None = None
+    tip_angle: np.ndarray | None = None
+    displacement: np.ndarray | None = None
+    trial: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return len(self.T_base)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A CSV file as text: its header, its rows, and the row number an editor shows for each of them."""
+
+    path: Path
+    sha256: str
+    header: list[str]
+    rows: list[list[str]]
+    numbers: list[int]
+
+    def column(self, index: int) -> np.ndarray:
+        """Column `index` as float64; InputError naming row and column of a cell that is no number."""
+        cells = [row[index] for row in self.rows]
+        try:
+            values = np.array(cells, dtype=np.float64)
+        except ValueError:
+            values = np.array([_number(cell) for cell in cells])
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            i = bad[0]
+            what = f"found '{cells[i]}'" if cells[i].strip() else "found an empty cell"
+            raise InputError(
+                f"{self.path}: row {self.numbers[i]}, column '{self.header[index]}': "
+                f"expected a number, {what}; correct the cell or delete the row (decimals take a point)"
+            )
+        return values
+
+    def quantity(self, index: int, unit: str | None, si: str, *, remedy: str) -> np.ndarray:
+        """Column `index` converted from `unit` (None: it is SI already) to the SI unit `si`, read-only."""
+        values = self.column(index)
+        try:
+            values = values if unit in (None, si) else convert(values, unit, si)
+        except InputError as fault:
+            raise InputError(f"{self.path}: column '{self.header[index]}': {fault}; {remedy}") from None
+        values.setflags(write=False)
+        return values
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return float("nan")
+
+
+def read_text(path: str | os.PathLike[str]) -> tuple[str, str]:
+    """Text of a UTF-8 file and the SHA-256 of its bytes; InputError if it is absent, empty or not text."""
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; check the path") from None
+    except OSError as fault:
+        raise InputError(f"{path}: cannot be read ({fault.strerror}); name a readable file") from None
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = "\0"
+    if "\0" in text:
+        raise InputError(f"{path}: not a text file; save it as plain text in UTF-8")
+    if not text.strip():
+        raise InputError(f"{path}: the file is empty")
+    return text, hashlib.sha256(data).hexdigest()
+
+
+def write_whole(path: str | os.PathLike[str], text: str) -> None:
+    """Write a text file whole or not at all: into a temporary file beside it, which then takes its name."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        temporary.write_text(text, encoding="utf-8", newline="")
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def read_table(path: str | os.PathLike[str]) -> Table:
+    """A CSV file with a header row; cells parted by commas, semicolons or tabs; blank lines are skipped.
+
+    Raises InputError if it is no text file, empty, has a header only, or a row of another length.
+    """
+    path = Path(path)
+    text, sha256 = read_text(path)
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    first_line = text.lstrip().partition("\n")[0]
+    reader = csv.reader(io.StringIO(text), delimiter=max(",;\t", key=first_line.count))
+    header: list[str] = []
+    rows: list[list[str]] = []
+    numbers: list[int] = []
+    try:
+        for row in reader:
+            if not any(cell.strip() for cell in row):
+                continue
+            if not header:
+                header = [cell.strip() for cell in row]
+                continue
+            if len(row) != len(header):
+                raise InputError(
+                    f"{path}: row {reader.line_num} has {len(row)} cells and the header {len(header)}; "
+                    "complete or delete the row"
+                )
+            rows.append(row)
+            numbers.append(reader.line_num)
+    except csv.Error as fault:
+        raise InputError(f"{path}: row {reader.line_num}: not CSV ({fault}); export it again") from None
+    if not rows:
+        raise InputError(f"{path}: has a header but no rows; at least one row of numbers is needed")
+    return Table(path, sha256, header, rows, numbers)
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[\s._-]", "", name).lower()
+
+
+def split_unit(header: str, si: str) -> tuple[str, str | None]:
+    """Part a header into name and unit: "Tbase [gf]", "Tbase (gf)" or "T_base_gf"; None without a unit."""
+    bracketed = re.fullmatch(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]", header)
+    if bracketed:
+        return bracketed[1], bracketed[2].strip() or None
+    name, _, ending = header.replace(" ", "_").rpartition("_")
+    return (name, ending) if name and ending in _HEADER_ENDINGS.get(si, ()) else (header, None)
+
+
+def _mapped(table: Table, columns: str) -> dict[str, tuple[int, str | None]]:
+    """Column index and unit per quantity, from 'T_base=data_0[gf],T_tip=data_2[gf],time=Time[s]'."""
+    place = f"{table.path}: --columns"
+    chosen: dict[str, tuple[int, str | None]] = {}
+    for entry in re.split(r",(?=[^,=]*=)", columns):
+        name, equals, source = (part.strip() for part in entry.partition("="))
+        if not equals or not source:
+            raise InputError(
+                f"{place}: cannot read '{entry}'; write for example 'T_base=data_0[gf],time=Time[s]'"
+            )
+        quantity = next((q for q, c in CHANNELS.items() if _plain(name) in c.spellings), None)
+        if quantity is None:
+            raise InputError(f"{place}: unknown quantity '{name}'; {did_you_mean(name, CHANNELS)}")
+        if quantity in chosen:
+            raise InputError(f"{place}: {quantity} is mapped twice; keep one")
+        si = CHANNELS[quantity].unit
+        unit = None
+        if source not in table.header:
+            bracketed = re.fullmatch(r"(.*?)\s*\[([^\[\]]*)\]", source)
+            source, unit = (bracketed[1], bracketed[2].strip() or None) if bracketed else (source, None)
+        if source not in table.header:
+            remedy = did_you_mean(source, [name for name in table.header if name])
+            raise InputError(f"{place}: no column '{source}' for {quantity}; {remedy}")
+        if table.header.count(source) > 1:
+            raise InputError(f"{place}: column '{source}' stands twice in the header; rename one")
+        chosen[quantity] = (table.header.index(source), unit or split_unit(source, si)[1])
+    return chosen
+
+
+def _recognised(table: Table, quantity: str) -> tuple[int, str | None] | None:
+    """Column index and unit of a quantity from the headers themselves; None if no header names it."""
+    si, canonical, spellings = CHANNELS[quantity]
+    found: list[tuple[int, str | None]] = []
+    for index, header in enumerate(table.header):
+        name, unit = split_unit(header, si)
+        if _plain(name) in spellings and name != "T":  # a bare T may be a tension, a time, a temperature
+            found.append((index, unit))
+    exact = [entry for entry in found if table.header[entry[0]] == canonical]
+    found = exact or found
+    if len(found) > 1:
+        names = " and ".join(f"'{table.header[index]}'" for index, _ in found)
+        raise InputError(
+            f"{table.path}: {names} all name {quantity}; choose one with "
+            f"--columns '{quantity}={table.header[found[0][0]]}' or rename the others"
+        )
+    return found[0] if found else None
+
+
+def _missing(table: Table, quantity: str) -> InputError:
+    channel = CHANNELS[quantity]
+    names = [header for header in table.header if header]
+    near = nearest(quantity, names) or nearest(channel.header, names)
+    return InputError(
+        f"{table.path}: no column {channel.header}; columns found: {listed(names)}"
+        + (f" (nearest: '{near}')" if near else "")
+        + f"; rename one, or add --columns '{quantity}={near or 'NAME'}[{channel.unit}]'"
+    )
+
+
+def read_recording(
+    path: str | os.PathLike[str], columns: str | None = None, *, need_tip: bool = True
+) -> Recording:
+    """Read a recording (or a base-tension history) from a CSV file.
+
+    Args:
+        path: the file; its header names the quantities and their units (CHANNELS), SI where none is given.
+        columns: columns under other names, as 'T_base=data_0[gf],T_tip=data_2[gf],time=Time[s]'; the
+            quantities it leaves out are still looked for in the header. Columns of no use are ignored.
+        need_tip: whether a file without a tip tension is refused.
+
+    Raises InputError naming file, row, column and remedy: see `read_table`; missing or doubtful columns,
+    unknown units, cells that are no number, time going backwards, tensions of reversed sign, and a tip
+    tension that peaks more than SWAP_FACTOR above the base's. Small negative readings are noise and kept.
+    """
+    table = read_table(path)
+    chosen = _mapped(table, columns) if columns is not None else {}
+    taken = {index for index, _ in chosen.values()}
+    for quantity in CHANNELS.keys() - chosen.keys():
+        found = _recognised(table, quantity)
+        if found and found[0] not in taken:
+            chosen[quantity] = found
+    for quantity in ("T_base", "T_tip") if need_tip else ("T_base",):
+        if quantity not in chosen:
+            raise _missing(table, quantity)
+    data = {}
+    for quantity, channel in CHANNELS.items():
+        if quantity in chosen:
+            index, unit = chosen[quantity]
+            remedy = f"give its unit with --columns '{quantity}={table.header[index]}[{channel.unit}]'"
+            data[quantity] = table.quantity(index, unit, channel.unit, remedy=remedy)
+    _check_signals(table, data, {quantity: table.header[index] for quantity, (index, _) in chosen.items()})
+    return Recording(**data, path=table.path, sha256=table.sha256)
+
+
+def _check_signals(table: Table, data: Mapping[str, np.ndarray], headers: Mapping[str, str]) -> None:
+    """Refuse what no recording of a pulled tendon shows: backward time, pushing tendons, swapped cells."""
+    if "time" in data:
+        backwards = np.flatnonzero(np.diff(data["time"]) < 0)
+        if backwards.size:
+            i = backwards[0]
+            raise InputError(
+                f"{table.path}: row {table.numbers[i + 1]}, column '{headers['time']}': "
+                f"time goes backwards, from {data['time'][i]:.6g} s to {data['time'][i + 1]:.6g} s; "
+                "put the rows in time order, or give each trial its own file"
+            )
+    base_peak = float(np.max(data["T_base"]))
+    for quantity in ("T_base", "T_tip"):
+        if quantity not in data:
+            continue
+        row = int(np.argmin(data[quantity]))
+        lowest, highest = float(data[quantity][row]), float(np.max(data[quantity]))
+        # A tip cell that hardly sees tension may dwell below zero; a reversed one mirrors the pull.
+        if lowest < 0 and -lowest > max(highest, 0.1 * base_peak if quantity == "T_tip" else 0.0):
+            raise InputError(
+                f"{table.path}: row {table.numbers[row]}, column '{headers[quantity]}': {quantity} peaks at "
+                f"{lowest:.4g} N, but a tendon only pulls; reverse the sign of the column"
+            )
+    if "T_tip" in data:
+        row = int(np.argmax(data["T_tip"]))
+        tip_peak = float(data["T_tip"][row])
+        if tip_peak > SWAP_FACTOR * base_peak:
+            raise InputError(
+                f"{table.path}: row {table.numbers[row]}, column '{headers['T_tip']}': "
+                f"T_tip peaks at {tip_peak:.4g} N and T_base at {base_peak:.4g} N; "
+                "columns swapped or units mixed? check --columns 'T_base=NAME[unit],T_tip=NAME[unit]'"
+            )
+
+
+def write_recording(
+    path: str | os.PathLike[str], recording: Recording | Mapping[str, Iterable[float] | Sequence[str]]
+) -> None:
+    """Write a recording, or columns by name, as a CSV file that `read_recording` reads back exactly.
+
+    The quantities of CHANNELS (SI) come first, under their headers with units; further columns follow under
+    the names they are given, which should carry their unit. None is left out. The file is written whole or
+    not at all.
+
+    Raises ValueError if the columns differ in length.
+    """
+    if isinstance(recording, Recording):
+        given = {field.name: getattr(recording, field.name) for field in fields(recording)}
+        named = {quantity: given[quantity] for quantity in CHANNELS}
+    else:
+        named = {quantity: recording.get(quantity) for quantity in CHANNELS}
+        named |= {name: values for name, values in recording.items() if name not in CHANNELS}
+    columns = {
+        CHANNELS[name].header if name in CHANNELS else name: np.asarray(values).tolist()
+        for name, values in named.items()
+        if values is not None
+    }
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
+    write_whole(path, stream.getvalue())

@@ -1,0 +1,274 @@
+"""Recordings: headers, units, column mapping, and one line for everything that can be wrong in one."""
+
+import hashlib
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gtr_jax.errors import InputError
+from gtr_jax.recording import Recording, read_recording, write_recording
+
+SHARED = Path(__file__).parents[2] / "shared/data"
+GIRAFFE = SHARED / "giraffe/loadcell_measurements.csv"
+GIRAFFE_COLUMNS = "T_base=data_0[gf],T_tip=data_2[gf],time=Time[s]"
+
+GOOD = "time_s,T_base_N,T_tip_N\n0,0,0\n1,10,6\n2,20,12\n3,10,9\n"
+
+
+def write(folder, text, name="recording.csv"):
+    path = folder / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def fault(folder, text, columns=None, **options):
+    """The error message of a recording, which must be one line that begins with the file's name."""
+    path = write(folder, text)
+    with pytest.raises(InputError) as caught:
+        read_recording(path, columns, **options)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith(f"{path}: ")
+    return message.removeprefix(f"{path}: ")
+
+
+def test_canonical_headers(tmp_path):
+    path = write(
+        tmp_path,
+        "time_s,T_base_N,T_tip_N,tip_x_m,tip_y_m,tip_angle_rad,displacement_m,trial,note\n"
+        "0,0.5,-0.01,0.25,0,0,0,1,start\n2,10,6,0.2,0.1,0.5,0.003,2,\n",
+    )
+    recording = read_recording(path)
+    assert len(recording) == 2
+    np.testing.assert_array_equal(recording.T_tip, [-0.01, 6.0])
+    np.testing.assert_array_equal(recording.tip_angle, [0.0, 0.5])
+    np.testing.assert_array_equal(recording.displacement, [0.0, 0.003])
+    np.testing.assert_array_equal(recording.trial, [1.0, 2.0])
+    assert recording.T_base.dtype == np.float64 and not recording.T_base.flags.writeable
+    assert recording.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert recording.path == path
+
+
+@pytest.mark.parametrize(
+    ("header", "scale"),
+    [
+        ("t,Tbase,Ttip", (1, 1)),
+        ("Time [ms],Tbase [N],T_tip (N)", (1e-3, 1)),
+        ("time_ms,T_base_gf,T_tip_gf", (1e-3, 9.80665e-3)),
+        ("TIME,base tension [kgf],tip tension [kgf]", (1, 9.80665)),
+        ("t_s,T base mN,T-tip_mN", (1, 1e-3)),
+    ],
+)
+def test_common_spellings_and_units(tmp_path, header, scale):
+    recording = read_recording(write(tmp_path, f"{header}\n0,1,0.5\n1,2,1\n"))
+    assert recording.time is not None and recording.T_tip is not None
+    np.testing.assert_allclose(recording.time, np.array([0, 1]) * scale[0], rtol=1e-15)
+    np.testing.assert_allclose(recording.T_base, np.array([1, 2]) * scale[1], rtol=1e-15)
+    np.testing.assert_allclose(recording.T_tip, np.array([0.5, 1]) * scale[1], rtol=1e-15)
+
+
+def test_the_canonical_header_wins_over_a_spelling(tmp_path):
+    recording = read_recording(write(tmp_path, "T_base_N,Tbase [gf],T_tip_N\n2,900,1\n"))
+    np.testing.assert_array_equal(recording.T_base, [2.0])
+
+
+def test_mapped_columns(tmp_path):
+    text = ",Clock,layout.dim,data_0,data_2,force[raw]\n0,0,[],100,50,1\n1,500,[],200,80,2\n"
+    recording = read_recording(write(tmp_path, text), "T_base=data_0[gf], T_tip=data_2 [gf],time=Clock[ms]")
+    np.testing.assert_allclose(recording.T_base, [0.980665, 1.96133], rtol=1e-15)
+    np.testing.assert_array_equal(recording.time, [0.0, 0.5])
+    recording = read_recording(write(tmp_path, text), "Tbase=data_0,T_tip=force[raw][mN]")
+    np.testing.assert_array_equal(recording.T_base, [100.0, 200.0])
+    np.testing.assert_array_equal(recording.T_tip, [0.001, 0.002])
+    assert recording.time is None
+
+
+def test_what_the_mapping_leaves_out_is_found_in_the_header(tmp_path):
+    recording = read_recording(write(tmp_path, "time_s,T_base_N,cell3\n0,10,5\n"), "T_tip=cell3[N]")
+    np.testing.assert_array_equal(recording.time, [0.0])
+    np.testing.assert_array_equal(recording.T_base, [10.0])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        GOOD.replace(",", ";"),
+        GOOD.replace(",", "\t"),
+        GOOD.replace("\n", "\r\n"),
+        "\n" + GOOD + "\n\n",
+        "\ufeff" + GOOD,
+        GOOD.replace("time_s", '"time_s"'),
+    ],
+)
+def test_other_forms_of_csv(tmp_path, text):
+    np.testing.assert_array_equal(read_recording(write(tmp_path, text)).T_base, [0, 10, 20, 10])
+
+
+def test_a_history_needs_no_tip(tmp_path):
+    recording = read_recording(write(tmp_path, "T_base_N\n0\n10\n"), need_tip=False)
+    assert recording.T_tip is None and len(recording) == 2
+
+
+def test_noise_about_zero_is_kept(tmp_path):
+    text = "T_base_N,T_tip_N\n-0.02,-0.09\n30,0.05\n-0.01,-0.08\n"
+    np.testing.assert_array_equal(read_recording(write(tmp_path, text)).T_tip, [-0.09, 0.05, -0.08])
+
+
+FAULTS = {
+    "empty": ("", None, "the file is empty"),
+    "header only": (
+        "T_base_N,T_tip_N\n",
+        None,
+        "has a header but no rows; at least one row of numbers is needed",
+    ),
+    "binary": (b"PK\x03\x04\x00\xff", None, "not a text file; save it as plain text in UTF-8"),
+    "missing column": (
+        "time_s,T_base_N,T_tp_N\n0,1,1\n",
+        None,
+        "no column T_tip_N; columns found: time_s, T_base_N, T_tp_N (nearest: 'T_tp_N'); "
+        "rename one, or add --columns 'T_tip=T_tp_N[N]'",
+    ),
+    "missing base": (
+        "a,b\n1,1\n",
+        None,
+        "no column T_base_N; columns found: a, b; rename one, or add --columns",
+    ),
+    "unknown unit": (
+        "Tbase [Newtn],T_tip_N\n1,1\n",
+        None,
+        "column 'Tbase [Newtn]': unknown unit 'Newtn'; give its unit with --columns 'T_base=",
+    ),
+    "wrong unit": (
+        "Tbase [mm],T_tip_N\n1,1\n",
+        None,
+        "column 'Tbase [mm]': 'mm' is not a unit of a force; give",
+    ),
+    "mapped unknown unit": (
+        GOOD,
+        "T_tip=T_tip_N[gff]",
+        "column 'T_tip_N': unknown unit 'gff'; give its unit",
+    ),
+    "text in a cell": (
+        GOOD.replace("20,12", "20,n/a"),
+        None,
+        "row 4, column 'T_tip_N': expected a number, found 'n/a'; correct the cell or delete the row",
+    ),
+    "row numbers as in an editor": ("\n" + GOOD.replace("20,12", "\n20,x,1"), None, "row 5 has 2 cells"),
+    "nan": (GOOD.replace("1,10", "1,NaN"), None, "row 3, column 'T_base_N': expected a number, found 'NaN'"),
+    "infinity": (
+        GOOD.replace("1,10", "1,inf"),
+        None,
+        "row 3, column 'T_base_N': expected a number, found 'inf'",
+    ),
+    "empty cell": (
+        GOOD.replace("1,10", "1,"),
+        None,
+        "row 3, column 'T_base_N': expected a number, found an empty cell",
+    ),
+    "decimal comma": (
+        "T_base;T_tip\n1,5;1,2\n",
+        None,
+        "row 2, column 'T_base': expected a number, found '1,5'",
+    ),
+    "time backwards": (
+        GOOD.replace("2,20", "0.5,20"),
+        None,
+        "row 4, column 'time_s': time goes backwards, from 1 s to 0.5 s; put the rows in time order",
+    ),
+    "swapped": (
+        "T_base_N,T_tip_N\n0,0\n12,20\n",
+        None,
+        "row 3, column 'T_tip_N': T_tip peaks at 20 N and T_base at 12 N; columns swapped or units mixed?",
+    ),
+    "reversed sign": (
+        "T_base_N,T_tip_N\n0.1,0\n-20,-12\n",
+        None,
+        "row 3, column 'T_base_N': T_base peaks at -20 N, but a tendon only pulls; reverse the sign",
+    ),
+    "reversed tip": (
+        "T_base_N,T_tip_N\n0.1,0\n20,-12\n",
+        None,
+        "row 3, column 'T_tip_N': T_tip peaks at -12 N",
+    ),
+    "ragged": (
+        GOOD.replace("1,10,6", "1,10"),
+        None,
+        "row 3 has 2 cells and the header 3; complete or delete the row",
+    ),
+    "two columns": (
+        "Tbase,T_base,T_tip\n1,1,1\n",
+        None,
+        "'Tbase' and 'T_base' all name T_base; choose one with --columns 'T_base=Tbase'",
+    ),
+    "mapping without =": (
+        GOOD,
+        "T_base",
+        "--columns: cannot read 'T_base'; write for example 'T_base=data_0[gf]",
+    ),
+    "mapping unknown": (GOOD, "Tbse=T_base_N", "--columns: unknown quantity 'Tbse'; did you mean 'T_base'?"),
+    "mapping absent": (
+        GOOD,
+        "T_base=T_bas_N[gf]",
+        "--columns: no column 'T_bas_N' for T_base; did you mean 'T_base_N'?",
+    ),
+    "mapping twice": (GOOD, "T_base=T_base_N,T_base=T_tip_N", "--columns: T_base is mapped twice; keep one"),
+    "mapping doubled": (
+        "a,a\n1,1\n",
+        "T_base=a",
+        "--columns: column 'a' stands twice in the header; rename one",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_faults_take_one_line(tmp_path, name):
+    text, columns, says = FAULTS[name]
+    assert fault(tmp_path, text, columns).startswith(says)
+
+
+def test_absent_file(tmp_path):
+    with pytest.raises(InputError, match=re.escape(f"{tmp_path / 'x.csv'}: no such file; check the path")):
+        read_recording(tmp_path / "x.csv")
+
+
+def test_written_recordings_read_back_exactly(tmp_path):
+    rng = np.random.default_rng(0)
+    given = {
+        "T_tip": rng.random(5),
+        "T_base": 1 + rng.random(5),
+        "phase": ["pulling"] * 5,
+        "tip_x": rng.random(5),
+    }
+    write_recording(tmp_path / "run" / "simulation.csv", given)
+    first = (tmp_path / "run" / "simulation.csv").read_text().splitlines()[0]
+    assert first == "T_base_N,T_tip_N,tip_x_m,phase"
+    recording = read_recording(tmp_path / "run" / "simulation.csv")
+    for quantity in ("T_base", "T_tip", "tip_x"):
+        np.testing.assert_array_equal(getattr(recording, quantity), given[quantity])
+    write_recording(tmp_path / "again.csv", recording)
+    again = read_recording(tmp_path / "again.csv")
+    assert isinstance(again, Recording) and again.tip_y is None
+    np.testing.assert_array_equal(again.T_tip, recording.T_tip)
+
+
+def test_columns_of_unequal_length_are_not_written(tmp_path):
+    with pytest.raises(ValueError, match="shorter"):
+        write_recording(tmp_path / "a.csv", {"T_base": [1.0, 2.0], "T_tip": [1.0]})
+    assert not (tmp_path / "a.csv").exists()
+
+
+@pytest.mark.skipif(not GIRAFFE.exists(), reason="needs the shared data beside the repository")
+def test_the_giraffe_recording_reads_as_it_is():
+    recording = read_recording(GIRAFFE, GIRAFFE_COLUMNS)
+    assert len(recording) == 2254 and recording.T_tip is not None and recording.time is not None
+    assert recording.T_base.max() == pytest.approx(13.8833, abs=1e-4)
+    assert recording.T_tip.max() == pytest.approx(6.8089, abs=1e-4)
+    assert recording.time[-1] == pytest.approx(25.945, abs=1e-3)
+
+
+@pytest.mark.skipif(not SHARED.exists(), reason="needs the shared data beside the repository")
+def test_shared_recordings_read():
+    for path in sorted(SHARED.glob("*/*/recording.csv")):
+        assert len(read_recording(path)) > 10
