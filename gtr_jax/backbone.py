@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 
 class Backbone(eqx.Module):
@@ -36,24 +36,21 @@ class Backbone(eqx.Module):
         """Outer radius [m] at s."""
         return self.outer_radius[0] + (self.outer_radius[1] - self.outer_radius[0]) * s / self.length
 
-    def _bored(self, side: Float[Array, " N"]) -> Float[Array, "bores N"]:
-        inside = (self.bore_start[:, None] <= side) & (side < self.bore_end[:, None])
-        return jnp.where(inside, 0.5 * self.bore_diameter[:, None], 0.0)
+    def area(self, s: Float[Array, " N"], bored: Bool[Array, "bores N"]) -> Float[Array, " N"]:
+        """Cross-section area [m^2] at s; `bored` says which bores the node lies in."""
+        radii = jnp.where(bored, 0.5 * self.bore_diameter[:, None], 0.0)
+        return jnp.pi * (self.radius(s) ** 2 - jnp.sum(radii**2, axis=0))
 
-    def area(self, s: Float[Array, " N"], side: Float[Array, " N"]) -> Float[Array, " N"]:
-        """Cross-section area [m^2] at s, on the side of a kink where `side` lies."""
-        return jnp.pi * (self.radius(s) ** 2 - jnp.sum(self._bored(side) ** 2, axis=0))
+    def bending_stiffness(self, s: Float[Array, " N"], bored: Bool[Array, "bores N"]) -> Float[Array, " N"]:
+        """EI [N m^2] at s; `bored` says which bores the node lies in."""
+        radii = jnp.where(bored, 0.5 * self.bore_diameter[:, None], 0.0)
+        return self.youngs_modulus * jnp.pi / 4 * (self.radius(s) ** 4 - jnp.sum(radii**4, axis=0))
 
-    def bending_stiffness(self, s: Float[Array, " N"], side: Float[Array, " N"]) -> Float[Array, " N"]:
-        """EI [N m^2] at s, on the side of a kink where `side` lies."""
-        second_moment = jnp.pi / 4 * (self.radius(s) ** 4 - jnp.sum(self._bored(side) ** 4, axis=0))
-        return self.youngs_modulus * second_moment
-
-    def compliance(self, s: Float[Array, " N"], side: Float[Array, " N"]) -> Float[Array, " N"]:
+    def compliance(self, s: Float[Array, " N"], bored: Bool[Array, "bores N"]) -> Float[Array, " N"]:
         """1/EI [1/(N m^2)]; 0 for a rigid sheath."""
         if self.rigid:
             return jnp.zeros_like(s)
-        return 1.0 / self.bending_stiffness(s, side)
+        return 1.0 / self.bending_stiffness(s, bored)
 
     def curvature_at_rest(self, s: Float[Array, " N"]) -> Float[Array, " N"]:
         """Natural curvature kappa_0 [1/m] at s."""

@@ -13,11 +13,11 @@ from . import routing
 from .backbone import Backbone
 from .config import RobotConfig, load_config
 from .config_checks import check_channel
-from .robot import STANDARD_GRAVITY, Loads, Robot, Tendon, panel_ends
+from .robot import STANDARD_GRAVITY, Loads, Robot, Tendon, inner_kinks
 
-INTERVALS_ALONG = 80
-INTERVALS_PER_HALF_WAVE = 24
-FEWEST = 8
+INTERVALS_ALONG = 48
+INTERVALS_PER_HALF_WAVE = 20
+FEWEST = 6
 
 
 def _array(x) -> jnp.ndarray:
@@ -46,8 +46,8 @@ def choose_intervals(robot: Robot, resolution: float = 1.0) -> tuple[int, ...]:
         robot: the robot; its present `intervals` are ignored.
         resolution: factor on all counts.
     """
-    ends = np.asarray(panel_ends(robot))
     length = float(robot.backbone.length)
+    ends = np.concatenate([[0.0], np.sort(np.asarray(inner_kinks(robot))), [length]])
     counts = []
     for start, end in zip(ends[:-1], ends[1:], strict=True):
         if end - start <= 1e-12 * length:
@@ -108,7 +108,12 @@ def build_robot(config: RobotConfig, *, resolution: float = 1.0) -> Robot:
         bore_kinks=kinks,
         loaded=(has_gravity or bool(np.any(np.asarray(tip_force) != 0))) and not body.rigid,
     )
-    check_channel(config, lambda s: np.asarray(robot.routing.offset(jnp.asarray(s), jnp.asarray(s), _array(length)).value))
+
+    def offset(s: np.ndarray) -> np.ndarray:
+        passed = robot.routing.kinks()[:, None] <= s
+        return np.asarray(robot.routing.offset(_array(s), passed, _array(length)).value)
+
+    check_channel(config, offset)
     return dataclasses.replace(robot, intervals=choose_intervals(robot, resolution))
 
 

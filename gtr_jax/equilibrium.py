@@ -70,7 +70,7 @@ class Equilibrium(eqx.Module):
 def rest_state(s: Sections, tension: Float[Array, ""]) -> State:
     """Start for the solver: the stress-free shape, with the moment the external load would have on a straight arm."""
     phi = cumulative(s.mesh.weights, s.rest)
-    lever = jnp.sum(s.mesh.length * (s.force_y * jnp.cos(phi) - s.force_x * jnp.sin(phi)))
+    lever = jnp.sum(s.mesh.interval.length * (s.force_y * jnp.cos(phi) - s.force_x * jnp.sin(phi)))
     return State(
         s.rest,
         phi,
@@ -97,7 +97,7 @@ def describe(p: Problem, sol: optx.Solution) -> Equilibrium:
     s, y = p.sections, sol.value
     nu = channel.metric_factor(y.kappa, s.R)
     wrap = channel.wrap_increment(
-        y.phi - shifted(y.phi), y.kappa, shifted(y.kappa), s.R, offset_before(s.R), s.mesh.length, s.mesh.joined
+        y.phi - shifted(y.phi), y.kappa, shifted(y.kappa), s.R, offset_before(s.R), s.mesh.interval
     )
     return Equilibrium(
         s=s.mesh.s,

@@ -19,4 +19,6 @@ def transmit(tension_before, wrap, memory, mu):
         mu: friction coefficient [-].
     """
     grip = jnp.exp(mu * wrap)
-    return jnp.minimum(jnp.maximum(memory, tension_before / grip), tension_before * grip)
+    pulled, released = tension_before / grip, tension_before * grip
+    # Not min/max: where the band has no width, the branch taken must still follow the direction of slip.
+    return jnp.where(memory <= pulled, pulled, jnp.where(memory >= released, released, memory))

@@ -136,6 +136,6 @@ def simulate(
     steps = T_base.shape[0]
     fill = jnp.broadcast_to(T_base[-1], (padded_length(steps) - steps,))
     run = _run(robot, jnp.concatenate([T_base, fill]), solver)
-    return Simulation(**{
-        k: v if k == "s" else jtu.tree_map(lambda a: a[:steps], v) for k, v in vars(run).items()
-    })
+    return Simulation(
+        **{k: v if k == "s" else jtu.tree_map(lambda a: a[:steps], v) for k, v in vars(run).items()}
+    )

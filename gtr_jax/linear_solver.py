@@ -61,7 +61,7 @@ def linearise(y: State, p: Problem) -> Linearisation:
     before = offset_before(s.R)
 
     def wrap(turn, kappa, kappa_before):
-        return channel.wrap_increment(turn, kappa, kappa_before, s.R, before, s.mesh.length, s.mesh.joined)
+        return channel.wrap_increment(turn, kappa, kappa_before, s.R, before, s.mesh.interval)
 
     geometry = (y.phi - shifted(y.phi), y.kappa, shifted(y.kappa))
     theta_turn, theta_kappa, theta_before = _partials(wrap, *geometry)
@@ -98,7 +98,9 @@ def _recursion(a: Linearisation, r: State, moment_base) -> State:
             moment_k = w_i[0] * load * w_i[0]
         else:
             moment, moment_k = rm, 0.0
-        kappa = (rk + arm * tension + compliance * moment) / (diagonal - arm * tension_k - compliance * moment_k)
+        kappa = (rk + arm * tension + compliance * moment) / (
+            diagonal - arm * tension_k - compliance * moment_k
+        )
         phi = phi_before + turn + w_i[0] * kappa
         out = State(kappa, phi, tension + tension_k * kappa, moment + moment_k * kappa)
         carry = ((kappa, *kappas[:-1]), (load * phi, *loads[:-1]), out.tension, out.phi, out.moment)
@@ -111,12 +113,17 @@ def _recursion(a: Linearisation, r: State, moment_base) -> State:
     return jax.lax.scan(node, start, (*rows, r.kappa, r.phi, r.tension, rm))[1]
 
 
+def response_to_base_moment(a: Linearisation) -> State:
+    """Change of the state per external moment at the base [1/(N m)], all node equations but the tip's kept."""
+    return _recursion(a, State(*[jnp.zeros_like(a.arm)] * 4), 1.0)
+
+
 def solve_linearised(a: Linearisation, r: State) -> State:
     """Solve J x = r for the Jacobian J of `problem.residual`."""
     if not a.loaded:
         return _recursion(a, r, 0.0)
     particular = _recursion(a, r, 0.0)
-    homogeneous = _recursion(a, jtu.tree_map(jnp.zeros_like, r), 1.0)
+    homogeneous = response_to_base_moment(a)
     moment_base = (r.moment[0] - particular.moment[-1]) / homogeneous.moment[-1]
     return jtu.tree_map(lambda x, h: x + moment_base * h, particular, homogeneous)
 
@@ -137,7 +144,9 @@ class CausalSolver(lx.AbstractLinearSolver):
             if isinstance(leaf, Problem)
         ]
         if len(found) != 1 or not isinstance(operator, lx.JacobianLinearOperator):
-            raise ValueError("CausalSolver solves Jacobians of gtr_jax.problem.residual only, with args=Problem")
+            raise ValueError(
+                "CausalSolver solves Jacobians of gtr_jax.problem.residual only, with args=Problem"
+            )
         return linearise(operator.x, found[0]), False
 
     def compute(self, state, vector, options):

@@ -9,11 +9,12 @@ The causal (base-to-tip) stencil is what lets one march solve the equilibrium; `
 from __future__ import annotations
 
 import functools
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 STENCIL = 4
 GRADING = (0.06, 0.2, 0.5)
@@ -47,22 +48,32 @@ def panel_table(intervals: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return x, lengths, weights
 
 
+class Interval(NamedTuple):
+    """The interval between a node and its predecessor.
+
+    Attributes:
+        length: [m], shape (N,); 0 where a panel starts.
+        starts: whether the node starts a panel, shape (N,).
+        joined: 1.0 where there is a predecessor, 0.0 at the base, shape (N,).
+    """
+
+    length: Float[Array, " N"]
+    starts: Bool[Array, " N"]
+    joined: Float[Array, " N"]
+
+
 class Mesh(eqx.Module):
     """Nodes along the backbone; the positions follow the panel ends, so they are differentiable in them.
 
     Attributes:
         s: arc length of the nodes [m], shape (N,); panel ends appear twice.
-        side: a point inside the node's panel [m], shape (N,): which side of a kink the node is on.
-        length: interval from the node before [m], shape (N,); 0 where a panel starts.
         weights: Adams-Moulton weights [m], shape (N, 4); see `panel_table`.
-        joined: 1.0 where a node has a predecessor, 0.0 at the base, shape (N,).
+        interval: what lies between each node and its predecessor.
     """
 
     s: Float[Array, " N"]
-    side: Float[Array, " N"]
-    length: Float[Array, " N"]
     weights: Float[Array, "N 4"]
-    joined: Float[Array, " N"]
+    interval: Interval
 
 
 def build_mesh(panel_ends: Float[Array, " panels+1"], intervals: tuple[int, ...]) -> Mesh:
@@ -75,23 +86,23 @@ def build_mesh(panel_ends: Float[Array, " panels+1"], intervals: tuple[int, ...]
     Returns:
         The mesh with N = sum(intervals) + number of panels nodes.
     """
-    s, side, length, weights = [], [], [], []
+    s, length, weights = [], [], []
     for p, count in enumerate(intervals):
         x, h, w = panel_table(count)
         start, extent = panel_ends[p], panel_ends[p + 1] - panel_ends[p]
         s.append(start + extent * x)
-        side.append(jnp.full(count + 1, 0.5) * (panel_ends[p] + panel_ends[p + 1]))
         length.append(extent * h)
         weights.append(extent * w)
-    joined = np.ones(sum(intervals) + len(intervals))
+    starts = np.diff(panel_index(intervals), prepend=-1) > 0
+    joined = np.ones(len(starts))
     joined[0] = 0.0
-    return Mesh(
-        s=jnp.concatenate(s),
-        side=jnp.concatenate(side),
-        length=jnp.concatenate(length),
-        weights=jnp.concatenate(weights),
-        joined=jnp.asarray(joined),
-    )
+    interval = Interval(jnp.concatenate(length), jnp.asarray(starts), jnp.asarray(joined))
+    return Mesh(s=jnp.concatenate(s), weights=jnp.concatenate(weights), interval=interval)
+
+
+def panel_index(intervals: tuple[int, ...]) -> np.ndarray:
+    """Index of each node's panel, shape (N,)."""
+    return np.repeat(np.arange(len(intervals)), np.asarray(intervals, int) + 1)
 
 
 def shifted(values: Float[Array, " N"], by: int = 1, fill: float | Array = 0.0) -> Float[Array, " N"]:

@@ -87,5 +87,7 @@ def release_switch(robot: Robot, T_base_max: Float[Array, ""] | float) -> Switch
         has_aux=True,
         throw=False,
     )
-    solved = (pulled.result == optx.RESULTS.successful) & (found.result == optx.RESULTS.successful) & found.aux
+    solved = (
+        (pulled.result == optx.RESULTS.successful) & (found.result == optx.RESULTS.successful) & found.aux
+    )
     return Switch(found.value, T_tip, solved)

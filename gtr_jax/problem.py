@@ -83,9 +83,7 @@ def residual(y: State, p: Problem) -> State:
     s = p.sections
     bending = s.compliance * (y.tension * channel.moment_arm(y.kappa, s.R) + y.moment)
     turn = y.phi - shifted(y.phi)
-    wrap = channel.wrap_increment(
-        turn, y.kappa, shifted(y.kappa), s.R, offset_before(s.R), s.mesh.length, s.mesh.joined
-    )
+    wrap = channel.wrap_increment(turn, y.kappa, shifted(y.kappa), s.R, offset_before(s.R), s.mesh.interval)
     tension = friction.transmit(shifted(y.tension, 1, p.T_base), wrap, p.memory, p.mu)
     if p.loaded:
         step = increments(s.mesh.weights, moment_slope(y.phi, s.force_x, s.force_y))

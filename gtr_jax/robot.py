@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .backbone import Backbone
-from .mesh import Mesh, build_mesh
+from .mesh import Mesh, build_mesh, panel_index
 from .problem import Sections
 from .routing import Routing
 
@@ -70,41 +70,70 @@ class Robot(eqx.Module):
         return value_of(self, name)
 
 
-def panel_ends(robot: Robot) -> Float[Array, " ends"]:
-    """Arc lengths [m] of base, kinks of routing, bores and natural curvature, and tip; increasing."""
+class Layout(eqx.Module):
+    """Where the nodes lie with respect to what changes along the robot.
+
+    Attributes:
+        mesh: the nodes.
+        passed: which kinks of the routing lie before each node, (kinks, N).
+        bored: which bores each node lies in, (bores, N).
+    """
+
+    mesh: Mesh
+    passed: Bool[Array, "kinks N"]
+    bored: Bool[Array, "bores N"]
+
+
+def inner_kinks(robot: Robot) -> Float[Array, " kinks"]:
+    """Arc lengths [m] of the kinks of routing, bores and natural curvature, in this order, unsorted."""
     body = robot.backbone
     kinks = [robot.routing.kinks()]
     kinks += [getattr(body, field)[i][None] for field, i in robot.bore_kinks]
     if body.natural_curvature_s.shape[0] > 2:
         kinks.append(body.natural_curvature_s[1:-1])
-    inner = jnp.sort(jnp.clip(jnp.concatenate(kinks), 0.0, body.length))
-    return jnp.concatenate([jnp.zeros(1), inner, body.length[None]])
+    return jnp.clip(jnp.concatenate(kinks), 0.0, body.length)
 
 
-def mesh_of(robot: Robot) -> Mesh:
-    """The robot's mesh."""
-    return build_mesh(panel_ends(robot), robot.intervals)
+def lay_out(robot: Robot) -> Layout:
+    """Mesh and sides of the robot.
 
-
-def distal_weight(robot: Robot, mesh: Mesh) -> Float[Array, " N"]:
-    """Weight of the body distal to each node [N]; exact for linear tapers (Simpson on each interval)."""
+    A node's side of a kink is told by the order of the panels, not by comparing arc lengths, so that kinks that coincide (a
+    bore that ends where the wave starts) stay consistent, and so do derivatives as they move through each other.
+    """
     body = robot.backbone
-    start = mesh.s - mesh.length
-    ends = body.area(start, mesh.side) + body.area(mesh.s, mesh.side)
-    area = mesh.length / 6 * (ends + 4 * body.area(0.5 * (start + mesh.s), mesh.side))
-    volume = jnp.cumsum(area)
+    kinks = inner_kinks(robot)
+    order = jnp.argsort(kinks)
+    rank = jnp.argsort(order)
+    mesh = build_mesh(jnp.concatenate([jnp.zeros(1), kinks[order], body.length[None]]), robot.intervals)
+    behind = rank[:, None] < panel_index(robot.intervals)
+    count = robot.routing.kinks().shape[0]
+    where = {kink: behind[count + j] for j, kink in enumerate(robot.bore_kinks)}
+    begun_at_base, ended_at_tip = jnp.ones(mesh.s.shape, bool), jnp.zeros(mesh.s.shape, bool)
+    bored = [
+        where.get(("bore_start", i), begun_at_base) & ~where.get(("bore_end", i), ended_at_tip)
+        for i in range(body.bore_start.shape[0])
+    ]
+    return Layout(mesh, behind[:count], jnp.stack(bored) if bored else jnp.zeros((0, *mesh.s.shape), bool))
+
+
+def distal_weight(robot: Robot, at: Layout) -> Float[Array, " N"]:
+    """Weight of the body distal to each node [N]; exact for linear tapers (Simpson on each interval)."""
+    body, mesh = robot.backbone, at.mesh
+    start = mesh.s - mesh.interval.length
+    ends = body.area(start, at.bored) + body.area(mesh.s, at.bored)
+    volume = jnp.cumsum(mesh.interval.length / 6 * (ends + 4 * body.area(0.5 * (start + mesh.s), at.bored)))
     return robot.loads.gravity * body.density * (volume[-1] - volume)
 
 
 def sections(robot: Robot) -> Sections:
     """The robot evaluated at its nodes: all that the equilibrium needs."""
-    mesh = mesh_of(robot)
-    body, loads = robot.backbone, robot.loads
-    weight = distal_weight(robot, mesh)
+    at = lay_out(robot)
+    mesh, body, loads = at.mesh, robot.backbone, robot.loads
+    weight = distal_weight(robot, at)
     return Sections(
         mesh=mesh,
-        R=robot.routing.offset(mesh.s, mesh.side, body.length),
-        compliance=body.compliance(mesh.s, mesh.side),
+        R=robot.routing.offset(mesh.s, at.passed, body.length),
+        compliance=body.compliance(mesh.s, at.bored),
         rest=body.curvature_at_rest(mesh.s),
         force_x=loads.tip_force[0] + weight * jnp.cos(loads.gravity_angle),
         force_y=loads.tip_force[1] + weight * jnp.sin(loads.gravity_angle),

@@ -9,10 +9,9 @@ import abc
 from typing import NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 
 class Offset(NamedTuple):
@@ -24,20 +23,19 @@ class Offset(NamedTuple):
 
 
 class Routing(eqx.Module):
-    """A tendon channel: `offset(s, side, length)` gives R, R', R''; `kinks` where R'' jumps."""
+    """A tendon channel. Subclasses give `offset`, and `kinks` where R'' jumps."""
 
     @abc.abstractmethod
-    def value(self, s: Float[Array, ""], side: Float[Array, ""], length: Float[Array, ""]) -> Float[Array, ""]:
-        """R [m] at the scalar arc length s, on the side of a kink where `side` lies; smooth within a panel."""
+    def offset(
+        self, s: Float[Array, " N"], passed: Bool[Array, "kinks N"], length: Float[Array, ""]
+    ) -> Offset:
+        """R, R', R'' at the nodes.
 
-    def offset(self, s: Float[Array, " N"], side: Float[Array, " N"], length: Float[Array, ""]) -> Offset:
-        """R, R', R'' at the nodes; derivatives by forward differentiation of `value`."""
-
-        def at(s_, side_):
-            slope = jax.jacfwd(self.value)
-            return Offset(self.value(s_, side_, length), slope(s_, side_, length), jax.jacfwd(slope)(s_, side_, length))
-
-        return jax.vmap(at)(s, side)
+        Args:
+            s: arc length [m], (N,).
+            passed: which of `kinks` lie before the node, (kinks, N); tells the two nodes at a kink apart.
+            length: L [m].
+        """
 
     def kinks(self) -> Float[Array, " kinks"]:
         """Arc lengths [m] where R'' jumps: the mesh ends a panel there."""
@@ -49,12 +47,20 @@ class Routing(eqx.Module):
 
 
 class Parallel(Routing):
-    """Constant offset: R = offset_."""
+    """Constant offset R = offset_."""
 
     offset_: Float[Array, ""]
 
-    def value(self, s, side, length):
-        return self.offset_ + 0.0 * s
+    def offset(self, s, passed, length):
+        zero = jnp.zeros_like(s)
+        return Offset(zero + self.offset_, zero, zero)
+
+
+def _times_envelope(s, length, R_max, r_min, wave, slope, second) -> Offset:
+    """(R_max + (r_min - R_max) s/L) times a wave given with its derivatives."""
+    taper = (r_min - R_max) / length
+    envelope = R_max + taper * s
+    return Offset(envelope * wave, envelope * slope + taper * wave, envelope * second + 2 * taper * slope)
 
 
 class ConvergingSine(Routing):
@@ -65,9 +71,10 @@ class ConvergingSine(Routing):
     n_sine: Float[Array, ""]
     sigma: Float[Array, ""]
 
-    def value(self, s, side, length):
-        envelope = self.R_max + (self.r_min - self.R_max) * s / length
-        return envelope * (1.0 + self.sigma * jnp.sin(self.n_sine * jnp.pi * s / length))
+    def offset(self, s, passed, length):
+        k = self.n_sine * jnp.pi / length
+        sine, cosine = self.sigma * jnp.sin(k * s), self.sigma * jnp.cos(k * s)
+        return _times_envelope(s, length, self.R_max, self.r_min, 1.0 + sine, k * cosine, -k * k * sine)
 
     def half_waves(self, start, end, length):
         return float(self.n_sine) * (end - start) / length
@@ -80,9 +87,10 @@ class CrossingSine(Routing):
     r_min: Float[Array, ""]
     n_sine: Float[Array, ""]
 
-    def value(self, s, side, length):
-        envelope = self.R_max + (self.r_min - self.R_max) * s / length
-        return envelope * jnp.sin(self.n_sine * jnp.pi * s / length)
+    def offset(self, s, passed, length):
+        k = self.n_sine * jnp.pi / length
+        sine, cosine = jnp.sin(k * s), jnp.cos(k * s)
+        return _times_envelope(s, length, self.R_max, self.r_min, sine, k * cosine, -k * k * sine)
 
     def half_waves(self, start, end, length):
         return float(self.n_sine) * (end - start) / length
@@ -99,10 +107,17 @@ class StraightSineStraight(Routing):
     w1: Float[Array, ""]
     w2: Float[Array, ""]
 
-    def value(self, s, side, length):
-        phase = jnp.pi * (s - self.w1) / (self.w2 - self.w1)
-        wave = 0.5 * (self.r1 + self.r2) - 0.5 * (self.r2 - self.r1) * jnp.cos(phase)
-        return jnp.where(side < self.w1, self.r1, jnp.where(side < self.w2, wave, self.r2))
+    def offset(self, s, passed, length):
+        k = jnp.pi / (self.w2 - self.w1)
+        half = 0.5 * (self.r2 - self.r1)
+        cosine, sine = half * jnp.cos(k * (s - self.w1)), half * jnp.sin(k * (s - self.w1))
+        inside = passed[0] & ~passed[1]
+        ends = jnp.where(passed[1], self.r2, self.r1)
+        return Offset(
+            jnp.where(inside, 0.5 * (self.r1 + self.r2) - cosine, ends),
+            jnp.where(inside, k * sine, 0.0),
+            jnp.where(inside, k * k * cosine, 0.0),
+        )
 
     def kinks(self):
         return jnp.stack([self.w1, self.w2])
@@ -126,15 +141,12 @@ class Table(Routing):
     knots_R: Float[Array, " K"]
     basis: Float[Array, "4 K-1 K"]
 
-    def offset(self, s, side, length):
+    def offset(self, s, passed, length):
         c = self.basis @ self.knots_R
         piece = jnp.clip(jnp.searchsorted(self.knots_s, s, side="right") - 1, 0, self.knots_s.shape[0] - 2)
         x = s - self.knots_s[piece]
         c3, c2, c1, c0 = (c[j][piece] for j in range(4))
         return Offset(c0 + x * (c1 + x * (c2 + x * c3)), c1 + x * (2 * c2 + 3 * x * c3), 2 * c2 + 6 * x * c3)
-
-    def value(self, s, side, length):
-        return self.offset(s[None], side[None], length).value[0]
 
     def half_waves(self, start, end, length):
         knots = np.asarray(self.knots_s)
@@ -151,4 +163,6 @@ def table_routing(knots_s: np.ndarray, knots_R: np.ndarray) -> Table:
     from scipy.interpolate import CubicSpline
 
     basis = CubicSpline(np.asarray(knots_s, float), np.eye(len(knots_s))).c
-    return Table(jnp.asarray(knots_s, float), jnp.asarray(knots_R, float), jnp.asarray(basis))
+    padded = np.zeros((4, *basis.shape[1:]))
+    padded[4 - len(basis) :] = basis
+    return Table(jnp.asarray(knots_s, float), jnp.asarray(knots_R, float), jnp.asarray(padded))
