@@ -110,7 +110,7 @@ def build_robot(config: RobotConfig, *, resolution: float = 1.0) -> Robot:
     )
 
     def offset(s: np.ndarray) -> np.ndarray:
-        passed = robot.routing.kinks()[:, None] <= s
+        passed = robot.routing.kinks()[:, None] <= s[None, :]
         return np.asarray(robot.routing.offset(_array(s), passed, _array(length)).value)
 
     check_channel(config, offset)

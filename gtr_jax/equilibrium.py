@@ -11,15 +11,15 @@ from jaxtyping import Array, Bool, Float, Int
 from . import channel
 from .linear_solver import CausalSolver
 from .march import March
-from .mesh import cumulative, shifted
-from .problem import Problem, Sections, State, offset_before, residual
+from .mesh import cumulative
+from .problem import Problem, Sections, State, residual, tension_of
 from .robot import Robot, sections
 
-MAX_STEPS = 40
+MAX_STEPS = 256
 
 
 class Equilibrium(eqx.Module):
-    """Solution of one equilibrium, SI units; N nodes from base to tip, panel ends twice.
+    """Solution of one equilibrium, SI units; N nodes from base to tip, panel ends twice. May carry batch axes in front.
 
     Attributes:
         s: arc length of the nodes, (N,).
@@ -54,12 +54,12 @@ class Equilibrium(eqx.Module):
     @property
     def T_tip(self) -> Float[Array, ""]:
         """Tension at the tip anchor [N]."""
-        return self.tension[-1]
+        return self.tension[..., -1]
 
     @property
     def tip_pose(self) -> Float[Array, "3"]:
         """Midline tip: x [m], y [m], angle [rad]."""
-        return jnp.stack([self.x[-1], self.y[-1], self.angle[-1]])
+        return jnp.stack([self.x[..., -1], self.y[..., -1], self.angle[..., -1]], axis=-1)
 
     @property
     def converged(self) -> Bool[Array, ""]:
@@ -67,14 +67,14 @@ class Equilibrium(eqx.Module):
         return self.result == optx.RESULTS.successful
 
 
-def rest_state(s: Sections, tension: Float[Array, ""]) -> State:
+def rest_state(s: Sections) -> State:
     """Start for the solver: the stress-free shape, with the moment the external load would have on a straight arm."""
     phi = cumulative(s.mesh.weights, s.rest)
     lever = jnp.sum(s.mesh.interval.length * (s.force_y * jnp.cos(phi) - s.force_x * jnp.sin(phi)))
     return State(
         s.rest,
         phi,
-        jnp.broadcast_to(tension, s.rest.shape),
+        jnp.zeros_like(s.rest),
         jnp.broadcast_to(jnp.where(jnp.any(s.compliance > 0), lever, 0.0), s.rest.shape),
     )
 
@@ -96,18 +96,15 @@ def describe(p: Problem, sol: optx.Solution) -> Equilibrium:
     """Everything an equilibrium offers, from the solved state."""
     s, y = p.sections, sol.value
     nu = channel.metric_factor(y.kappa, s.R)
-    wrap = channel.wrap_increment(
-        y.phi - shifted(y.phi), y.kappa, shifted(y.kappa), s.R, offset_before(s.R), s.mesh.interval
-    )
     return Equilibrium(
         s=s.mesh.s,
         curvature=y.kappa,
         angle=y.phi,
-        tension=y.tension,
+        tension=tension_of(y, p),
         external_moment=y.moment,
         x=cumulative(s.mesh.weights, jnp.cos(y.phi)),
         y=cumulative(s.mesh.weights, jnp.sin(y.phi)),
-        wrap=jnp.cumsum(wrap),
+        wrap=y.wrap,
         metric=nu,
         R=s.R.value,
         tendon_length=cumulative(s.mesh.weights, nu)[-1],
@@ -155,5 +152,5 @@ def equilibrium(
     T_base = jnp.asarray(T_base, dtype=s.rest.dtype)
     before = jnp.broadcast_to(robot.tendon.preload, s.rest.shape) if memory is None else memory
     p = problem_of(robot, s, T_base, before)
-    sol = solve_problem(p, rest_state(s, T_base), solver)
+    sol = solve_problem(p, rest_state(s), solver)
     return describe(p, sol)

@@ -5,20 +5,21 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 
-def transmit(tension_before, wrap, memory, mu):
-    """Tension [N] at a node from the tension at the node before it: the capstan limits, else the tension it had.
+def tension(T_base, wrap, memory, mu):
+    """Tension [N] along the tendon: what it was, unless that lies outside what friction can hold against the base.
 
-    T_i = clip(memory_i, T_(i-1) exp(-mu dtheta), T_(i-1) exp(+mu dtheta)). Where `memory` lies below the band the tendon slips
-    towards the base (pulling, lambda = +1 in eq. 6), above it towards the tip (releasing, lambda = -1), inside it is locked.
-    For a sequence pull-transition-release this is Algorithm 1 of Liu & Alambeigi; re-pulls and inner loops follow without more.
+    T_k(s) = clip(T_(k-1)(s), T_base exp(-mu theta), T_base exp(+mu theta)). Where the memory lies below the band the
+    tendon slips towards the base (pulling, lambda = +1 in eq. 6), above it towards the tip (releasing,
+    lambda = -1), inside it is locked and keeps its tension. For a sequence pull-transition-release this is
+    Algorithm 1 of Liu & Alambeigi; re-pulls and inner loops follow without more.
 
     Args:
-        tension_before: T at the predecessor [N]; the base tension at the first node.
-        wrap: turning between the two nodes [rad], non-negative.
-        memory: tension at the node after the load step before this one [N].
+        T_base: tension at the base [N].
+        wrap: theta, total turning of the tendon since the base [rad], non-negative.
+        memory: tension there after the load step before this one [N].
         mu: friction coefficient [-].
     """
     grip = jnp.exp(mu * wrap)
-    pulled, released = tension_before / grip, tension_before * grip
-    # Not min/max: where the band has no width, the branch taken must still follow the direction of slip.
+    pulled, released = T_base / grip, T_base * grip
+    # Not clip: where the band has no width, derivatives must still follow the direction of slip.
     return jnp.where(memory <= pulled, pulled, jnp.where(memory >= released, released, memory))

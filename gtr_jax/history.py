@@ -78,7 +78,7 @@ def _run(robot: Robot, T_base: Float[Array, " K"], solver: optx.AbstractRootFind
     nodes = s.rest.shape
     zero = jnp.zeros((), s.rest.dtype)
     slack = problem_of(robot, s, zero, jnp.zeros(nodes))
-    settled = solve_problem(slack, rest_state(s, zero), solver)
+    settled = solve_problem(slack, rest_state(s), solver)
     nu_settled = channel.metric_factor(settled.value.kappa, s.R)
     scale = jnp.maximum(jnp.max(T_base), jnp.maximum(robot.tendon.preload, 1e-6))
 
@@ -104,7 +104,7 @@ def _run(robot: Robot, T_base: Float[Array, " K"], solver: optx.AbstractRootFind
             residual_norm=eq.residual_norm,
             iterations=eq.iterations,
         )
-        memory = jnp.where(ok, sol.value.tension, memory)
+        memory = jnp.where(ok, eq.tension, memory)
         start = jtu.tree_map(lambda new, old: jnp.where(ok, new, old), sol.value, start)
         return (memory, jax.lax.stop_gradient(start)), out
 

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from . import channel, friction
 from .mesh import STENCIL, shifted
-from .problem import Problem, State, moment_slope, offset_before
+from .problem import Problem, State, moment_slope, offset_before, tension_of
 
 
 class Linearisation(eqx.Module):
@@ -27,7 +27,8 @@ class Linearisation(eqx.Module):
         weights: quadrature weights (N, 4).
         arm: compliance times moment arm; diagonal: d(moment balance)/d(kappa) at fixed tension and moment.
         compliance: 1/EI.
-        by_before: dT_i/dT_(i-1); by_turn, by_kappa, by_kappa_before: dT_i/d(phi_i - phi_(i-1)), /d(kappa_i), /d(kappa_(i-1)).
+        by_wrap: dT_i/d(wrap_i).
+        by_turn, by_kappa, by_kappa_before: d(wrap increment)/d(phi_i - phi_(i-1)), /d(kappa_i), /d(kappa_(i-1)).
         load: d(M_ext')/d(phi).
         loaded: as in Problem.
     """
@@ -36,7 +37,7 @@ class Linearisation(eqx.Module):
     arm: Float[Array, " N"]
     diagonal: Float[Array, " N"]
     compliance: Float[Array, " N"]
-    by_before: Float[Array, " N"]
+    by_wrap: Float[Array, " N"]
     by_turn: Float[Array, " N"]
     by_kappa: Float[Array, " N"]
     by_kappa_before: Float[Array, " N"]
@@ -64,19 +65,17 @@ def linearise(y: State, p: Problem) -> Linearisation:
         return channel.wrap_increment(turn, kappa, kappa_before, s.R, before, s.mesh.interval)
 
     geometry = (y.phi - shifted(y.phi), y.kappa, shifted(y.kappa))
-    theta_turn, theta_kappa, theta_before = _partials(wrap, *geometry)
-    by_before, by_wrap = _partials(
-        lambda T, w: friction.transmit(T, w, p.memory, p.mu), shifted(y.tension, 1, p.T_base), wrap(*geometry)
-    )
+    by_turn, by_kappa, by_kappa_before = _partials(wrap, *geometry)
+    (by_wrap,) = _partials(lambda w: friction.tension(p.T_base, w, p.memory, p.mu), y.wrap)
     return Linearisation(
         weights=s.mesh.weights,
         arm=s.compliance * arm,
-        diagonal=1.0 - s.compliance * y.tension * arm_slope,
+        diagonal=1.0 - s.compliance * tension_of(y, p) * arm_slope,
         compliance=s.compliance,
-        by_before=by_before,
-        by_turn=by_wrap * theta_turn,
-        by_kappa=by_wrap * theta_kappa,
-        by_kappa_before=by_wrap * theta_before,
+        by_wrap=by_wrap,
+        by_turn=by_turn,
+        by_kappa=by_kappa,
+        by_kappa_before=by_kappa_before,
         load=_partials(moment_slope, y.phi, s.force_x, s.force_y)[0] if p.loaded else jnp.zeros_like(y.phi),
         loaded=p.loaded,
     )
@@ -87,30 +86,30 @@ def _recursion(a: Linearisation, r: State, moment_base) -> State:
     w = a.weights
 
     def node(carry, x):
-        kappas, loads, tension_before, phi_before, moment_before = carry
-        w_i, arm, diagonal, compliance, by_before, by_turn, by_k, by_kb, load, rk, rp, rt, rm = x
+        kappas, loads, wrap_before, phi_before, moment_before = carry
+        w_i, arm, diagonal, compliance, by_wrap, by_turn, by_k, by_kb, load, rk, rp, rw, rm = x
         turn = rp + w_i[1] * kappas[0] + w_i[2] * kappas[1] + w_i[3] * kappas[2]
-        tension = rt + by_before * tension_before + by_turn * turn + by_kb * kappas[0]
-        tension_k = by_turn * w_i[0] + by_k
+        wrap = rw + wrap_before + by_turn * turn + by_kb * kappas[0]
+        wrap_k = by_turn * w_i[0] + by_k
         if a.loaded:
             moment = rm + moment_before + w_i[1] * loads[0] + w_i[2] * loads[1] + w_i[3] * loads[2]
             moment = moment + w_i[0] * load * (phi_before + turn)
             moment_k = w_i[0] * load * w_i[0]
         else:
             moment, moment_k = rm, 0.0
-        kappa = (rk + arm * tension + compliance * moment) / (
-            diagonal - arm * tension_k - compliance * moment_k
-        )
+        rate = arm * by_wrap
+        kappa = rk + rate * wrap + compliance * moment
+        kappa = kappa / (diagonal - rate * wrap_k - compliance * moment_k)
         phi = phi_before + turn + w_i[0] * kappa
-        out = State(kappa, phi, tension + tension_k * kappa, moment + moment_k * kappa)
-        carry = ((kappa, *kappas[:-1]), (load * phi, *loads[:-1]), out.tension, out.phi, out.moment)
+        out = State(kappa, phi, wrap + wrap_k * kappa, moment + moment_k * kappa)
+        carry = ((kappa, *kappas[:-1]), (load * phi, *loads[:-1]), out.wrap, out.phi, out.moment)
         return carry, out
 
     zero = jnp.zeros_like(r.kappa[0])
     start = ((zero,) * (STENCIL - 1), (zero,) * (STENCIL - 1), zero, zero, zero + moment_base)
     rm = r.moment.at[0].set(0.0) if a.loaded else r.moment
-    rows = (w, a.arm, a.diagonal, a.compliance, a.by_before, a.by_turn, a.by_kappa, a.by_kappa_before, a.load)
-    return jax.lax.scan(node, start, (*rows, r.kappa, r.phi, r.tension, rm))[1]
+    rows = (w, a.arm, a.diagonal, a.compliance, a.by_wrap, a.by_turn, a.by_kappa, a.by_kappa_before, a.load)
+    return jax.lax.scan(node, start, (*rows, r.kappa, r.phi, r.wrap, rm))[1]
 
 
 def response_to_base_moment(a: Linearisation) -> State:

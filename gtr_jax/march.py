@@ -16,12 +16,12 @@ import jax
 import jax.numpy as jnp
 import jax.tree_util as jtu
 import optimistix as optx
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from . import channel, friction
 from .linear_solver import linearise, response_to_base_moment
 from .mesh import STENCIL
-from .problem import Problem, State, moment_slope, offset_before, residual_norm
+from .problem import Problem, State, largest, moment_slope, offset_before, residual, residual_norm
 
 FLATTEST = 0.3
 
@@ -54,14 +54,14 @@ def march(
     s = p.sections
 
     def node(carry, x):
-        kappas, slopes, phi_before, tension_before, moment_before = carry
+        kappas, slopes, phi_before, wrap_before, tension_before, moment_before = carry
         R, R_before, compliance, rest, fx, fy, w, between, memory, guess = x
         turn_known = w[1] * kappas[0] + w[2] * kappas[1] + w[3] * kappas[2]
 
         def balance(kappa):
             turn = turn_known + w[0] * kappa
-            wrap = channel.wrap_increment(turn, kappa, kappas[0], R, R_before, between)
-            tension = friction.transmit(tension_before, wrap, memory, p.mu)
+            wrap = wrap_before + channel.wrap_increment(turn, kappa, kappas[0], R, R_before, between)
+            tension = friction.tension(p.T_base, wrap, memory, p.mu)
             phi = phi_before + turn
             if p.loaded:
                 slope = moment_slope(phi, fx, fy)
@@ -70,7 +70,7 @@ def march(
             else:
                 moment, slope_history = moment_before, ()
             error = kappa - rest - compliance * (tension * channel.moment_arm(kappa, R) + moment)
-            return error, (phi, tension, moment, slope_history)
+            return error, (phi, wrap, tension, moment, slope_history)
 
         near = rest + compliance * (tension_before * channel.moment_arm(rest, R) + moment_before)
         near = rest + compliance * (tension_before * channel.moment_arm(near, R) + moment_before)
@@ -80,56 +80,117 @@ def march(
         error_second = balance(second)[0]
         rate = 1.0 - error_second / jnp.where(error_first == 0, 1.0, error_first)
         kappa = second - error_second / jnp.maximum(rate, FLATTEST)
-        error, (phi, tension, moment, slopes) = balance(kappa)
-        carry = (kappa, *kappas[:-1]), slopes, phi, tension, moment
-        return carry, Marched(State(kappa, phi, tension, moment), error)
+        error, (phi, wrap, tension, moment, slopes) = balance(kappa)
+        carry = (kappa, *kappas[:-1]), slopes, phi, wrap, tension, moment
+        return carry, Marched(State(kappa, phi, wrap, moment), error)
 
     zero = jnp.zeros_like(p.T_base)
     history = (zero,) * (STENCIL - 1)
-    start = (history, history if p.loaded else (), zero, p.T_base, zero + moment_base)
+    start = (history, history if p.loaded else (), zero, zero, p.T_base, zero + moment_base)
     rows = (s.R, offset_before(s.R), s.compliance, s.rest, s.force_x, s.force_y)
     rows = (*rows, s.mesh.weights, s.mesh.interval, p.memory, guess)
     return jax.lax.scan(node, start, rows)[1]
 
 
 class _MarchState(eqx.Module):
+    """Where the search stands.
+
+    Attributes:
+        error: residual norm at the present share of the load.
+        share, share_done: share of the external load being solved, and the largest one solved.
+        stride: next increase of the share.
+        tries: marches taken at this share.
+        done: curvature and base moment solved at `share_done`.
+    """
+
     error: Float[Array, ""]
-    taken: Bool[Array, ""]
+    share: Float[Array, ""]
+    share_done: Float[Array, ""]
+    stride: Float[Array, ""]
+    tries: Int[Array, ""]
+    done: tuple[Float[Array, " N"], Float[Array, ""]]
+
+
+def _with_share(p: Problem, share: Float[Array, ""]) -> Problem:
+    """The problem with its external forces and tip moment scaled."""
+    s = p.sections
+    return eqx.tree_at(
+        lambda q: (q.sections.force_x, q.sections.force_y, q.tip_moment),
+        p,
+        (s.force_x * share, s.force_y * share, p.tip_moment * share),
+    )
 
 
 class March(optx.AbstractRootFinder):
     """optimistix root finder by marching; `args` must be a `Problem`, `y` a `State`.
 
+    Without external force one or two marches solve it. With one, Newton's method shoots for the moment at the base, starting
+    from `y`; if that does not settle, the load is applied in shares, each started from the last one solved.
+
     Attributes:
         atol: largest `residual_norm` at which it stops; rtol is not used.
+        patience: marches at one share of the load before a smaller share is tried.
+        smallest_stride: share of the load below which it gives up (result `nonlinear_divergence`).
     """
 
     rtol: float = 0.0
     atol: float = 1e-9
     norm: Callable = optx.max_norm
+    patience: int = 8
+    smallest_stride: float = 1e-3
 
-    def init(self, fn, y, args: Problem, options: dict[str, Any], f_struct, aux_struct, tags):
-        del fn, y, options, f_struct, aux_struct, tags
-        return _MarchState(jnp.full_like(args.T_base, jnp.inf), jnp.asarray(False))
+    def init(self, fn, y: State, args: Problem, options: dict[str, Any], f_struct, aux_struct, tags):
+        del fn, options, f_struct, aux_struct, tags
+        one = jnp.ones_like(args.T_base)
+        return _MarchState(
+            error=one * jnp.inf,
+            share=one,
+            share_done=0.0 * one,
+            stride=0.5 * one,
+            tries=jnp.asarray(0),
+            done=(y.kappa, 0.0 * one),
+        )
 
-    def step(self, fn, y: State, args: Problem, options, state, tags):
+    def step(self, fn, y: State, args: Problem, options, state: _MarchState, tags):
         del options, tags
-        base = y.moment[0] if args.loaded else args.tip_moment
-        new, missing = march(args, base, y.kappa, state.taken)
-        error = jnp.max(jnp.abs(missing)) * args.sections.mesh.s[-1]
-        if args.loaded:
-            a = linearise(new, args)
-            by_moment = response_to_base_moment(a)
-            shot = (args.tip_moment - new.moment[-1]) / by_moment.moment[-1]
-            new = jtu.tree_map(lambda v, d: v + shot * d, new, by_moment)
-        f, aux = fn(new, args)
-        if args.loaded:
-            error = residual_norm(f, args)
-        return new, _MarchState(error, jnp.asarray(True)), aux
+        _, aux = fn(y, args)
+        if not args.loaded:
+            new, missing = march(args, args.tip_moment, y.kappa, state.tries > 0)
+            error = largest(missing) * args.sections.mesh.s[-1]
+            return new, eqx.tree_at(lambda s: (s.error, s.tries), state, (error, state.tries + 1)), aux
 
-    def terminate(self, fn, y, args, options, state, tags):
-        del fn, y, args, options, tags
-        broken = jnp.isnan(state.error)
+        p = _with_share(args, state.share)
+        new, _ = march(p, y.moment[0], y.kappa, state.tries > 0)
+        by_moment = response_to_base_moment(linearise(new, p))
+        shot = (p.tip_moment - new.moment[-1]) / by_moment.moment[-1]
+        new = jtu.tree_map(lambda v, d: v + shot * d, new, by_moment)
+        error = residual_norm(residual(new, p), p)
+
+        solved = error <= self.atol
+        onward = solved & (state.share < 1.0)
+        lost = ~solved & ((state.tries + 1 >= self.patience) | ~jnp.isfinite(error))
+        kappa_done = jnp.where(onward, new.kappa, state.done[0])
+        moment_done = jnp.where(onward, new.moment[0], state.done[1])
+        share_done = jnp.where(onward, state.share, state.share_done)
+        stride = jnp.where(onward, 1.5 * state.stride, jnp.where(lost, 0.5 * state.stride, state.stride))
+        share = jnp.where(onward | lost, jnp.minimum(share_done + stride, 1.0), state.share)
+        y = State(
+            kappa=jnp.where(lost, kappa_done, new.kappa),
+            phi=jnp.where(lost, y.phi, new.phi),
+            wrap=jnp.where(lost, y.wrap, new.wrap),
+            moment=jnp.where(lost, moment_done, new.moment),
+        )
+        tries = jnp.where(onward | lost, 0, state.tries + 1)
+        # An intermediate share solved is not the problem solved.
+        error = jnp.where(onward, jnp.inf, error)
+        return y, _MarchState(error, share, share_done, stride, tries, (kappa_done, moment_done)), aux
+
+    def terminate(self, fn, y, args, options, state: _MarchState, tags):
+        del fn, y, options, tags
+        if args.loaded:
+            broken = state.stride < self.smallest_stride
+        else:
+            broken = jnp.isnan(state.error)
         result = optx.RESULTS.where(broken, optx.RESULTS.nonlinear_divergence, optx.RESULTS.successful)
         return broken | (state.error <= self.atol), result
 

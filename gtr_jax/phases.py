@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float
 from .equilibrium import problem_of, rest_state, solve_problem
 from .history import Simulation
 from .march import March
+from .problem import tension_of
 from .robot import Robot, sections
 
 PULLING, TRANSITION, RELEASING, REST = "pulling", "transition", "releasing", "rest"
@@ -67,15 +68,17 @@ def release_switch(robot: Robot, T_base_max: Float[Array, ""] | float) -> Switch
     s = sections(robot)
     T_max = jnp.asarray(T_base_max, s.rest.dtype)
     preload = jnp.broadcast_to(robot.tendon.preload, s.rest.shape)
-    pulled = solve_problem(problem_of(robot, s, T_max, preload), rest_state(s, T_max), solver)
-    T_tip = pulled.value.tension[-1]
+    p = problem_of(robot, s, T_max, preload)
+    pulled = solve_problem(p, rest_state(s), solver)
+    T_tip = tension_of(pulled.value, p)[-1]
     high = jnp.full(s.rest.shape, ALL_RELEASED) * T_max
 
     def excess(T_base, args):
         robot, s, high, start, T_tip = args
-        released = solve_problem(problem_of(robot, s, T_base, high), start, solver)
+        p = problem_of(robot, s, T_base, high)
+        released = solve_problem(p, start, solver)
         ok = released.result == optx.RESULTS.successful
-        return released.value.tension[-1] - T_tip, ok
+        return tension_of(released.value, p)[-1] - T_tip, ok
 
     found = optx.root_find(
         excess,

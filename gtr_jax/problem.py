@@ -1,6 +1,6 @@
 """The equilibrium of rod and tendon as one residual, local in the nodes.
 
-Unknowns at each node: curvature, angle, tension, external moment. Each residual ties a node to its predecessors only, but
+Unknowns at each node: curvature, angle, wrap of the tendon, external moment; the tension follows from the wrap. Each residual ties a node to its predecessors only, but
 for one: the external moment is known at the tip and carried from the base. So the Jacobian is causal with one bordered column
 (the external moment at the base), and a linear solve is one forward recursion with two right-hand sides (`linear_solver.py`).
 """
@@ -36,11 +36,11 @@ class Sections(eqx.Module):
 
 
 class State(eqx.Module):
-    """Unknowns of the equilibrium, each of shape (N,), SI: curvature, midline angle, tendon tension, external moment."""
+    """Unknowns of the equilibrium, each (N,), SI: curvature, midline angle, wrap of the tendon, external moment."""
 
     kappa: Float[Array, " N"]
     phi: Float[Array, " N"]
-    tension: Float[Array, " N"]
+    wrap: Float[Array, " N"]
     moment: Float[Array, " N"]
 
 
@@ -74,17 +74,21 @@ def moment_slope(phi, force_x, force_y):
     return force_x * jnp.sin(phi) - force_y * jnp.cos(phi)
 
 
+def tension_of(y: State, p: Problem) -> Float[Array, " N"]:
+    """Tension along the tendon [N], (N,)."""
+    return friction.tension(p.T_base, y.wrap, p.memory, p.mu)
+
+
 def residual(y: State, p: Problem) -> State:
-    """Residual of the equilibrium; zero at the solution. Rows: moment balance, angle, friction law, external moment.
+    """Residual of the equilibrium; zero at the solution. Rows: moment balance, angle, wrap, external moment.
 
     The moment balance is the local identity EI (kappa - kappa_0) = T R (1 - R kappa)/nu + M_ext, divided by EI. Row 0 of the
     external moment is the boundary condition at the tip, M_ext(L) = tip moment.
     """
     s = p.sections
-    bending = s.compliance * (y.tension * channel.moment_arm(y.kappa, s.R) + y.moment)
+    bending = s.compliance * (tension_of(y, p) * channel.moment_arm(y.kappa, s.R) + y.moment)
     turn = y.phi - shifted(y.phi)
     wrap = channel.wrap_increment(turn, y.kappa, shifted(y.kappa), s.R, offset_before(s.R), s.mesh.interval)
-    tension = friction.transmit(shifted(y.tension, 1, p.T_base), wrap, p.memory, p.mu)
     if p.loaded:
         step = increments(s.mesh.weights, moment_slope(y.phi, s.force_x, s.force_y))
         moment = y.moment - shifted(y.moment) - step
@@ -94,22 +98,26 @@ def residual(y: State, p: Problem) -> State:
     return State(
         kappa=y.kappa - s.rest - bending,
         phi=turn - increments(s.mesh.weights, y.kappa),
-        tension=y.tension - tension,
+        wrap=y.wrap - shifted(y.wrap) - wrap,
         moment=moment,
     )
 
 
 def residual_norm(r: State, p: Problem) -> Float[Array, ""]:
-    """Largest residual, made dimensionless: radians for kappa L and phi, share of the largest tension, moment as kappa L.
+    """Largest residual, made dimensionless: radians for kappa L, phi and wrap; the moment as kappa L.
 
-    NaN stays NaN.
+    NaN if anything is not finite.
     """
     length = p.sections.mesh.s[-1]
-    force = jnp.maximum(jnp.maximum(p.T_base, jnp.max(p.memory)), 1e-6)
     terms = (
         r.kappa * length,
         r.phi,
-        r.tension / force,
+        r.wrap,
         r.moment * p.sections.compliance * length,
     )
-    return jnp.max(jnp.stack([jnp.max(jnp.abs(t)) for t in terms]))
+    return largest(jnp.concatenate(terms))
+
+
+def largest(values: Float[Array, " N"]) -> Float[Array, ""]:
+    """Largest magnitude; NaN if any is not finite (XLA's batched maximum on the CPU would drop it)."""
+    return jnp.where(jnp.all(jnp.isfinite(values)), jnp.max(jnp.abs(values)), jnp.nan)

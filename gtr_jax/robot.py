@@ -105,7 +105,7 @@ def lay_out(robot: Robot) -> Layout:
     order = jnp.argsort(kinks)
     rank = jnp.argsort(order)
     mesh = build_mesh(jnp.concatenate([jnp.zeros(1), kinks[order], body.length[None]]), robot.intervals)
-    behind = rank[:, None] < panel_index(robot.intervals)
+    behind = rank[:, None] < panel_index(robot.intervals)[None, :]
     count = robot.routing.kinks().shape[0]
     where = {kink: behind[count + j] for j, kink in enumerate(robot.bore_kinks)}
     begun_at_base, ended_at_tip = jnp.ones(mesh.s.shape, bool), jnp.zeros(mesh.s.shape, bool)

@@ -1,0 +1,23 @@
+"""Run `gtr` in the tests' own process."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from gtr_jax.cli import main
+
+
+class Outcome(NamedTuple):
+    """What a command left behind."""
+
+    status: int
+    out: str
+    err: str
+
+
+def run_gtr(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> Outcome:
+    """Run `gtr` with these arguments; what was printed before is dropped."""
+    capsys.readouterr()
+    status = main([str(a) for a in arguments])
+    return Outcome(status, *capsys.readouterr())

@@ -1,0 +1,53 @@
+"""Strict numerics for every test: float64, no silent promotion of dtype or rank."""
+
+import jax
+import pytest
+
+import gtr_jax  # noqa: F401  switches to 64-bit before anything is traced
+from gtr_jax.config import parse_config
+
+jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+
+@pytest.fixture
+def make_config():
+    """A valid robot file as a dictionary of SI numbers, changed by keyword per section, parsed."""
+
+    def make(routing=None, backbone=None, tendon=None, loads=None, **rest):
+        data = {
+            "schema": 1,
+            "name": "test",
+            "backbone": {
+                "length": 0.25,
+                "outer_radius": [0.02, 0.013],
+                "youngs_modulus": 1.06e6,
+                "density": 1070.0,
+                **(backbone or {}),
+            },
+            "routing": routing or {"kind": "parallel", "offset": 0.01},
+            "tendon": {"friction_coefficient": 0.3, **(tendon or {})},
+            "loads": loads or {},
+            **rest,
+        }
+        return parse_config(data)
+
+    return make
+
+
+@pytest.fixture
+def make_robot(make_config):
+    """The robot of `make_config`, at a mesh resolution."""
+
+    def make(resolution=1.0, **sections):
+        return gtr_jax.build_robot(make_config(**sections), resolution=resolution)
+
+    return make
+
+
+SINE = {"kind": "straight-sine-straight", "r1": -0.01, "r2": 0.01, "w1": 0.03, "w2": 0.1}
+WAVE = {"kind": "converging-sine", "R_max": 0.01, "r_min": 0.006, "n_sine": 6, "sigma": 0.3}
+CROSS = {"kind": "crossing-sine", "R_max": 0.012, "r_min": 0.008, "n_sine": 4}
+PARALLEL = {"kind": "parallel", "offset": 0.008}
+TABLE = {"kind": "table", "knots": [[0.0, 0.006], [0.08, 0.01], [0.16, -0.004], [0.25, 0.008]]}
+ROUTINGS = {"sine": SINE, "wave": WAVE, "cross": CROSS, "parallel": PARALLEL, "table": TABLE}

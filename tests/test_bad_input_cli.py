@@ -1,0 +1,149 @@
+"""Bad input at the command line: exit status 2, one line on stderr that says where and what to do, nothing written."""
+
+import pytest
+from command_line import run_gtr
+
+from gtr_jax.examples import RECORDED, RECORDING, SIMULATED
+
+ROBOT = SIMULATED.read_text()
+RIGID = ROBOT.replace("[routing]", "rigid = true\n\n[routing]")
+GOOD = "time_s,T_base_N,T_tip_N\n0,0,0\n1,10,6\n2,20,12\n3,10,9\n"
+
+
+@pytest.fixture(autouse=True)
+def no_cache(monkeypatch):
+    monkeypatch.setenv("GTR_JAX_CACHE", "off")
+
+
+@pytest.fixture
+def refused(tmp_path, monkeypatch, capsys):
+    """Run a command that must be refused; its message."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        outcome = run_gtr(capsys, *arguments, "-o", "out")
+        assert outcome.status == 2
+        assert outcome.out == ""
+        assert outcome.err.startswith("error: ")
+        assert outcome.err.count("\n") == 1 and outcome.err.endswith("\n")
+        assert not [p.name for p in tmp_path.iterdir() if p.name not in ("robot.toml", "rec.csv", "history.csv")]
+        return outcome.err.removeprefix("error: ").rstrip("\n")
+
+    return run
+
+
+RECORDINGS = {
+    "missing column": (
+        "time_s,T_base_N\n0,0\n",
+        None,
+        ["no column T_tip_N", "columns found: time_s, T_base_N", "--columns"],
+    ),
+    "unknown unit in the header": (GOOD.replace("T_tip_N", "T_tip [stone]"), None, ["'stone'", "--columns"]),
+    "unknown unit in the mapping": (GOOD, "T_base=T_base_N[blob]", ["'blob'"]),
+    "mapping to no column": (GOOD, "T_base=load_cell", ["load_cell"]),
+    "NaN in a cell": (GOOD.replace("2,20,12", "2,nan,12"), None, ["row 4", "T_base_N", "delete the row"]),
+    "text in a cell": (GOOD.replace("2,20,12", "2,20,broken"), None, ["row 4", "T_tip_N", "'broken'"]),
+    "time going backwards": (GOOD.replace("\n2,20", "\n0.5,20"), None, ["row 4", "time goes backwards", "order"]),
+    "tip above base": (GOOD.replace("2,20,12", "2,20,120"), None, ["row 4", "T_tip", "swapped", "--columns"]),
+    "sign reversed": (GOOD.replace("2,20,12", "2,-20,12"), None, ["row 4", "T_base", "sign"]),
+    "unequal rows": (GOOD.replace("2,20,12", "2,20"), None, ["row 4"]),
+    "empty file": ("", None, ["empty"]),
+    "header only": ("time_s,T_base_N,T_tip_N\n", None, ["rec.csv"]),
+    "not text": ("a\0b", None, ["not a text file"]),
+}
+
+
+@pytest.mark.parametrize("case", RECORDINGS)
+def test_recording(case, refused, tmp_path):
+    text, columns, says = RECORDINGS[case]
+    (tmp_path / "rec.csv").write_text(text)
+    mapping = ["--columns", columns] if columns else []
+    message = refused("fit", SIMULATED, "rec.csv", *mapping)
+    for words in ["rec.csv", *says] if "mapping" not in case else says:
+        assert words in message
+
+
+ROBOTS = {
+    "tendon outside the body": ('r2 = "10 mm"', 'r2 = "30 mm"', ["routing", "leaves the body at s =", "inside"]),
+    "bore wider than the body": ('diameter = "14 mm" },\n]', 'diameter = "34 mm" },\n]', ["bores", "34"]),
+    "w1 above w2": ('w1 = "20 mm"', 'w1 = "90 mm"', ["w1", "w2"]),
+    "negative modulus": ('"1.06 MPa"', '"-1.06 MPa"', ["youngs_modulus", "positive"]),
+    "negative friction": ("= 0.36", "= -0.36", ["friction_coefficient"]),
+    "unknown unit": ('"250 mm"', '"250 mmm"', ["backbone.length", "'mmm'", '"250 mm"']),
+    "unit of another kind": ('"250 mm"', '"250 N"', ["backbone.length", "not a unit of a length"]),
+    "unknown key": ("youngs_modulus", "youngs_moduls", ["'youngs_moduls'", "'youngs_modulus'"]),
+    "missing key": ('length = "250 mm"', "", ["'length'", "for example"]),
+    "a physics term": ("[tendon]", '[[terms]]\nkind = "presliding"\n\n[tendon]', ["terms", "no physics terms"]),
+    "empty file": (ROBOT, "", ["empty"]),
+    "not TOML": ("[backbone]", "backbone: {", ["not TOML"]),
+}
+
+
+@pytest.mark.parametrize("case", ROBOTS)
+def test_robot(case, refused, tmp_path):
+    old, new, says = ROBOTS[case]
+    assert old in ROBOT
+    (tmp_path / "robot.toml").write_text(ROBOT.replace(old, new))
+    message = refused("simulate", "robot.toml", "--pull", "45")
+    for words in ["robot.toml", *says]:
+        assert words in message
+
+
+OPTIONS = {
+    "no history": ([], "--pull"),
+    "pull and history": (["--pull", "45", "--history", "history.csv"], "--pull"),
+    "steps and history": (["--steps", "5", "--history", "history.csv"], "--steps"),
+    "columns without history": (["--pull", "45", "--columns", "T_base=x"], "--columns"),
+    "release above pull": (["--pull", "45", "--release", "46"], "--release"),
+    "pull nothing": (["--pull", "0"], "--pull"),
+    "release without pull": (["--release", "0"], "--pull"),
+    "no steps": (["--pull", "45", "--steps", "0"], "--steps"),
+    "half a step": (["--pull", "45", "--steps", "2.5"], "--steps"),
+    "tension in metres": (["--pull", "45 mm"], "--pull: 'mm' is not a unit of a force"),
+    "tension in words": (["--pull", "hard"], "--pull"),
+    "tension not finite": (["--pull", "nan"], "--pull"),
+    "resolution of nothing": (["--pull", "45", "--resolution", "0"], "--resolution"),
+    "unknown option": (["--pul", "45"], "--pul"),
+    "history that is not there": (["--history", "nowhere.csv"], "nowhere.csv: no such file"),
+    "history without base tension": (["--history", "history.csv"], "history.csv: no column T_base_N"),
+}
+
+
+@pytest.mark.parametrize("case", OPTIONS)
+def test_option(case, refused, tmp_path):
+    (tmp_path / "history.csv").write_text("time_s,x\n0,1\n")
+    options, says = OPTIONS[case]
+    assert says in refused("simulate", SIMULATED, *options)
+
+
+def test_robot_that_is_not_there(refused):
+    assert refused("simulate", "nowhere.toml", "--pull", "45").startswith("nowhere.toml: no such file")
+
+
+def test_robot_that_is_a_folder(refused, tmp_path):
+    assert "error" not in refused("simulate", tmp_path, "--pull", "45")
+
+
+def test_several_recordings(refused):
+    message = refused("fit", RECORDED, RECORDING, RECORDING)
+    assert "one recording" in message
+
+
+def test_unknown_parameter(refused):
+    message = refused("fit", RECORDED, RECORDING, "--free", "mu,EE")
+    assert "'EE'" in message and "E" in message
+
+
+def test_no_parameter(refused):
+    assert "--free" in refused("fit", RECORDED, RECORDING, "--free", ",")
+
+
+def test_modulus_of_a_rigid_sheath(refused, tmp_path):
+    (tmp_path / "robot.toml").write_text(RIGID)
+    assert "rigid" in refused("fit", "robot.toml", RECORDING, "--free", "mu,E")
+
+
+def test_no_output_folder(capsys):
+    outcome = run_gtr(capsys, "simulate", SIMULATED, "--pull", "45")
+    assert outcome.status == 2
+    assert outcome.err.startswith("error: ") and outcome.err.count("\n") == 1 and "-o" in outcome.err
