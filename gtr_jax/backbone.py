@@ -16,8 +16,8 @@ class Backbone(eqx.Module):
         bore_start, bore_end, bore_diameter: concentric bores [m], shape (bores,).
         youngs_modulus: E [Pa].
         density: mass density [kg/m^3].
-        natural_curvature_s, natural_curvature: knots of the stress-free curvature [m], [1/m], shape (knots,); linear
-            between knots, constant outside them. One knot is a constant curvature.
+        natural_curvature_s, natural_curvature: knots of the stress-free curvature [m], [1/m], shape (knots,);
+            linear between knots, constant outside them. One knot is a constant curvature.
         rigid: True for a sheath of fixed shape: the curvature is the natural one whatever the load.
     """
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from pathlib import Path
 
@@ -49,7 +50,7 @@ def choose_intervals(robot: Robot, resolution: float = 1.0) -> tuple[int, ...]:
     length = float(robot.backbone.length)
     ends = np.concatenate([[0.0], np.sort(np.asarray(inner_kinks(robot))), [length]])
     counts = []
-    for start, end in zip(ends[:-1], ends[1:], strict=True):
+    for start, end in itertools.pairwise(ends):
         if end - start <= 1e-12 * length:
             counts.append(1)
             continue

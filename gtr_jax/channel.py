@@ -1,7 +1,8 @@
 """Geometry of the tendon in its channel: tangent, metric factor, moment arm and wrap.
 
-The channel runs at p_c = p + R n, so p_c' = (1 - R kappa) t + R' n. With a = 1 - R kappa: metric factor nu = hypot(a, R'),
-tangent angle psi = phi + atan2(R', a), moment arm of the tension about the midline b = R a / nu.
+The channel runs at p_c = p + R n, so p_c' = (1 - R kappa) t + R' n. With a = 1 - R kappa: metric factor nu =
+hypot(a, R'), tangent angle psi = phi + atan2(R', a), moment arm of the tension about the midline b = R a /
+nu.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ def tangent_lead(kappa: Float[Array, " N"], R: Offset) -> Float[Array, " N"]:
 def moment_arm(kappa: Float[Array, " N"], R: Offset) -> Float[Array, " N"]:
     """Signed arm [m] of the tension at the cut about the midline: R (1 - R kappa) / nu.
 
-    The local moment identity: the anchor moment (15) and the distributed moment (16, with ds_c) sum to T times this arm.
+    The local moment identity: the anchor moment (15) and the distributed moment (16, with ds_c) sum to T
+    times this arm.
     """
     a = 1.0 - R.value * kappa
     return R.value * a / jnp.sqrt(a * a + R.slope**2)
@@ -45,11 +47,11 @@ def turning_rate(kappa, kappa_slope, R: Offset):
 def wrap_increment(angle_change, kappa, kappa_before, R: Offset, R_before: Offset, between: Interval):
     """Total turning of the tendon [rad] between a node and the one before it.
 
-    |psi_i - psi_(i-1)| is exact while psi is monotone between the nodes. Where psi' changes sign inside, the parabola through
-    the end slopes adds the turn there and back; the sum is continuously differentiable through that event.
-    Across a panel boundary it is the kink angle of the channel. Where nothing turns (a panel of no length between two kinks
-    that coincide, a bore's end where the channel runs straight) the sense is that which a turn would have as the kinks part,
-    so that derivatives hold there too.
+    |psi_i - psi_(i-1)| is exact while psi is monotone between the nodes. Where psi' changes sign inside, the
+    parabola through the end slopes adds the turn there and back; the sum is continuously differentiable
+    through that event. Across a panel boundary it is the kink angle of the channel. Where nothing turns (a
+    panel of no length between two kinks that coincide, a bore's end where the channel runs straight) the
+    sense is that which a turn would have as the kinks part, so that derivatives hold there too.
 
     Args:
         angle_change: phi_i - phi_(i-1) [rad].

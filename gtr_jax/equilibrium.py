@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from . import channel
 from .linear_solver import CausalSolver
 from .march import March
-from .mesh import cumulative
+from .mesh import cumulative, increments
 from .problem import Problem, Sections, State, residual, tension_of
 from .robot import Robot, sections
 
@@ -19,7 +19,8 @@ MAX_STEPS = 256
 
 
 class Equilibrium(eqx.Module):
-    """Solution of one equilibrium, SI units; N nodes from base to tip, panel ends twice. May carry batch axes in front.
+    """Solution of one equilibrium, SI units; N nodes from base to tip, panel ends twice. May carry batch axes
+    in front.
 
     Attributes:
         s: arc length of the nodes, (N,).
@@ -68,7 +69,9 @@ class Equilibrium(eqx.Module):
 
 
 def rest_state(s: Sections) -> State:
-    """Start for the solver: the stress-free shape, with the moment the external load would have on a straight arm."""
+    """Start for the solver: the stress-free shape, with the moment the external load would have on a straight
+    arm.
+    """
     phi = cumulative(s.mesh.weights, s.rest)
     lever = jnp.sum(s.mesh.interval.length * (s.force_y * jnp.cos(phi) - s.force_x * jnp.sin(phi)))
     return State(
@@ -80,7 +83,9 @@ def rest_state(s: Sections) -> State:
 
 
 def solve_problem(p: Problem, start: State, solver: optx.AbstractRootFinder) -> optx.Solution:
-    """Solve one problem from a start, with the implicit adjoint through the structured linear solver; never raises."""
+    """Solve one problem from a start, with the implicit adjoint through the structured linear solver; never
+    raises.
+    """
     return optx.root_find(
         residual,
         solver,
@@ -92,22 +97,26 @@ def solve_problem(p: Problem, start: State, solver: optx.AbstractRootFinder) -> 
     )
 
 
-def describe(p: Problem, sol: optx.Solution) -> Equilibrium:
+def tendon_length(s: Sections, y: State) -> Float[Array, ""]:
+    """Length of the channel from base to tip [m]."""
+    return jnp.sum(increments(s.mesh.weights, channel.metric_factor(y.kappa, s.R)))
+
+
+def describe(s: Sections, sol: optx.Solution, tension: Float[Array, " N"]) -> Equilibrium:
     """Everything an equilibrium offers, from the solved state."""
-    s, y = p.sections, sol.value
-    nu = channel.metric_factor(y.kappa, s.R)
+    y = sol.value
     return Equilibrium(
         s=s.mesh.s,
         curvature=y.kappa,
         angle=y.phi,
-        tension=tension_of(y, p),
+        tension=tension,
         external_moment=y.moment,
         x=cumulative(s.mesh.weights, jnp.cos(y.phi)),
         y=cumulative(s.mesh.weights, jnp.sin(y.phi)),
         wrap=y.wrap,
-        metric=nu,
+        metric=channel.metric_factor(y.kappa, s.R),
         R=s.R.value,
-        tendon_length=cumulative(s.mesh.weights, nu)[-1],
+        tendon_length=tendon_length(s, y),
         result=sol.result,
         residual_norm=sol.stats["residual_norm"],
         iterations=sol.stats["num_steps"],
@@ -136,13 +145,15 @@ def equilibrium(
 ) -> Equilibrium:
     """Equilibrium of the robot under a base tension.
 
-    Without `memory` the tendon is pulled once from its preload (slack unless the robot says otherwise). Differentiable in every
-    number of the robot and in T_base, by the implicit function theorem; one-sided at stick fronts.
+    Without `memory` the tendon is pulled once from its preload (slack unless the robot says otherwise).
+    Differentiable in every number of the robot and in T_base, by the implicit function theorem; one-sided at
+    stick fronts.
 
     Args:
         robot: from `load_robot`, or built in Python.
         T_base: tension at the base [N], scalar.
-        memory: tension along the tendon before this load [N], (N,), as `Equilibrium.tension` of the step before.
+        memory: tension along the tendon before this load [N], (N,), as `Equilibrium.tension` of the step
+            before.
         solver: any optimistix root finder that takes a `Problem`; tolerances live there.
 
     Returns:
@@ -153,4 +164,4 @@ def equilibrium(
     before = jnp.broadcast_to(robot.tendon.preload, s.rest.shape) if memory is None else memory
     p = problem_of(robot, s, T_base, before)
     sol = solve_problem(p, rest_state(s), solver)
-    return describe(p, sol)
+    return describe(s, sol, tension_of(sol.value, p))

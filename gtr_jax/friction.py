@@ -6,12 +6,14 @@ import jax.numpy as jnp
 
 
 def tension(T_base, wrap, memory, mu):
-    """Tension [N] along the tendon: what it was, unless that lies outside what friction can hold against the base.
+    """Tension [N] along the tendon: what it was, unless that lies outside what friction can hold against the
+    base.
 
-    T_k(s) = clip(T_(k-1)(s), T_base exp(-mu theta), T_base exp(+mu theta)). Where the memory lies below the band the
-    tendon slips towards the base (pulling, lambda = +1 in eq. 6), above it towards the tip (releasing,
-    lambda = -1), inside it is locked and keeps its tension. For a sequence pull-transition-release this is
-    Algorithm 1 of Liu & Alambeigi; re-pulls and inner loops follow without more.
+    T_k(s) = clip(T_(k-1)(s), T_base exp(-mu theta), T_base exp(+mu theta)). Where the memory lies below the
+    band the tendon slips towards the base (pulling, lambda = +1 in eq. 6), above it towards the tip
+    (releasing, lambda = -1), inside it is locked and keeps its tension. For a sequence
+    pull-transition-release this is Algorithm 1 of Liu & Alambeigi; re-pulls and inner loops follow without
+    more.
 
     Args:
         T_base: tension at the base [N].

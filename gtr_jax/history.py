@@ -7,12 +7,11 @@ import jax
 import jax.numpy as jnp
 import jax.tree_util as jtu
 import optimistix as optx
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from . import channel
-from .equilibrium import describe, problem_of, rest_state, solve_problem
+from .equilibrium import describe, problem_of, rest_state, solve_problem, tendon_length
 from .march import March
-from .mesh import cumulative
+from .problem import tension_of
 from .robot import Robot, sections
 
 
@@ -24,7 +23,8 @@ class Simulation(eqx.Module):
         T_tip: tension at the anchor, (K,).
         tip_pose: x, y, angle of the midline's tip, (K, 3).
         displacement: tendon drawn out at the base since the robot settled with a slack tendon, (K,).
-        slip_direction: +1 where the tendon at the base slips towards the base in the step, -1 towards the tip, 0 at rest, (K,).
+        slip_direction: +1 where the tendon at the base slips towards the base in the step, -1 towards the
+            tip, 0 at rest, (K,).
         slip_front: the tendon slips on [0, slip_front] and is locked beyond, (K,); L when all of it slips.
         s: nodes, (N,).
         tension, curvature, angle: along the robot, (K, N).
@@ -65,7 +65,7 @@ def _slip(s, tension, memory, scale):
 
 
 def padded_length(steps: int) -> int:
-    """Length to which a history is padded, so that a few compiled programs serve all: at most a quarter more."""
+    """Length a history is padded to, at most a quarter more, so that a few compiled programs serve all."""
     if steps <= 16:
         return 16
     unit = 2 ** ((steps - 1).bit_length() - 3)
@@ -79,50 +79,49 @@ def _run(robot: Robot, T_base: Float[Array, " K"], solver: optx.AbstractRootFind
     zero = jnp.zeros((), s.rest.dtype)
     slack = problem_of(robot, s, zero, jnp.zeros(nodes))
     settled = solve_problem(slack, rest_state(s), solver)
-    nu_settled = channel.metric_factor(settled.value.kappa, s.R)
     scale = jnp.maximum(jnp.max(T_base), jnp.maximum(robot.tendon.preload, 1e-6))
 
     def step(carry, T_now):
         memory, start = carry
         p = problem_of(robot, s, T_now, memory)
         sol = solve_problem(p, start, solver)
-        eq = describe(p, sol)
-        ok = eq.converged
-        direction, front = _slip(s.mesh.s, eq.tension, memory, scale)
-        out = Simulation(
-            T_base=T_now,
-            T_tip=eq.T_tip,
-            tip_pose=eq.tip_pose,
-            displacement=cumulative(s.mesh.weights, nu_settled - eq.metric)[-1],
-            slip_direction=direction,
-            slip_front=front,
-            s=s.mesh.s,
-            tension=eq.tension,
-            curvature=eq.curvature,
-            angle=eq.angle,
-            result=eq.result,
-            residual_norm=eq.residual_norm,
-            iterations=eq.iterations,
-        )
-        memory = jnp.where(ok, eq.tension, memory)
+        tension = tension_of(sol.value, p)
+        ok = sol.result == optx.RESULTS.successful
         start = jtu.tree_map(lambda new, old: jnp.where(ok, new, old), sol.value, start)
-        return (memory, jax.lax.stop_gradient(start)), out
+        return (jnp.where(ok, tension, memory), jax.lax.stop_gradient(start)), (sol, tension, memory)
 
     memory = jnp.broadcast_to(robot.tendon.preload, nodes)
-    out = jax.lax.scan(step, (memory, jax.lax.stop_gradient(settled.value)), T_base)[1]
-    return eqx.tree_at(lambda o: o.s, out, s.mesh.s)
+    _, (sol, tension, memory) = jax.lax.scan(step, (memory, jax.lax.stop_gradient(settled.value)), T_base)
+    # What is read off the states is computed for all steps at once, outside the loop.
+    eq = jax.vmap(lambda sol, tension: describe(s, sol, tension))(sol, tension)
+    direction, front = jax.vmap(lambda now, before: _slip(s.mesh.s, now, before, scale))(tension, memory)
+    return Simulation(
+        T_base=T_base,
+        T_tip=eq.T_tip,
+        tip_pose=eq.tip_pose,
+        displacement=tendon_length(s, settled.value) - eq.tendon_length,
+        slip_direction=direction,
+        slip_front=front,
+        s=s.mesh.s,
+        tension=eq.tension,
+        curvature=eq.curvature,
+        angle=eq.angle,
+        result=eq.result,
+        residual_norm=eq.residual_norm,
+        iterations=eq.iterations,
+    )
 
 
 def simulate(
     robot: Robot,
-    T_base: Float[Array, " K"],
+    T_base: Float[ArrayLike, " K"],
     *,
     solver: optx.AbstractRootFinder = March(),  # noqa: B008
 ) -> Simulation:
     """Run a robot through a load history; any sequence of pulls, releases, re-pulls and holds.
 
-    The tendon starts at its preload (slack unless the robot file says otherwise), the robot settled under its external loads.
-    Differentiable in every number of the robot and in T_base.
+    The tendon starts at its preload (slack unless the robot file says otherwise), the robot settled under its
+    external loads. Differentiable in every number of the robot and in T_base.
 
     Args:
         robot: from `load_robot`, or built in Python.
@@ -130,12 +129,13 @@ def simulate(
         solver: as for `equilibrium`.
 
     Returns:
-        One entry per step. A step that does not converge is flagged in `result` and leaves the tendon's memory as it was.
+        One entry per step. A step that does not converge is flagged in `result` and leaves the tendon's
+        memory as it was.
     """
-    T_base = jnp.asarray(T_base, dtype=float)
-    steps = T_base.shape[0]
-    fill = jnp.broadcast_to(T_base[-1], (padded_length(steps) - steps,))
-    run = _run(robot, jnp.concatenate([T_base, fill]), solver)
+    history = jnp.asarray(T_base, dtype=float)
+    steps = history.shape[0]
+    fill = jnp.broadcast_to(history[-1], (padded_length(steps) - steps,))
+    run = _run(robot, jnp.concatenate([history, fill]), solver)
     return Simulation(
         **{k: v if k == "s" else jtu.tree_map(lambda a: a[:steps], v) for k, v in vars(run).items()}
     )

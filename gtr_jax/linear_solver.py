@@ -1,7 +1,8 @@
 """The structured linear solver: one causal recursion instead of an N x N factorisation.
 
-Linearised, each node's curvature, angle, tension and external moment follow from its predecessors; only the external moment at
-the base is unknown, and a second recursion carries its effect to the tip, where it is closed. Cost O(N); exact.
+Linearised, each node's curvature, angle, tension and external moment follow from its predecessors; only the
+external moment at the base is unknown, and a second recursion carries its effect to the tip, where it is
+closed. Cost O(N); exact.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ class Linearisation(eqx.Module):
         arm: compliance times moment arm; diagonal: d(moment balance)/d(kappa) at fixed tension and moment.
         compliance: 1/EI.
         by_wrap: dT_i/d(wrap_i).
-        by_turn, by_kappa, by_kappa_before: d(wrap increment)/d(phi_i - phi_(i-1)), /d(kappa_i), /d(kappa_(i-1)).
+        by_turn, by_kappa, by_kappa_before: d(wrap increment)/d(phi_i - phi_(i-1)), /d(kappa_i),
+            /d(kappa_(i-1)).
         load: d(M_ext')/d(phi).
         loaded: as in Problem.
     """
@@ -82,7 +84,9 @@ def linearise(y: State, p: Problem) -> Linearisation:
 
 
 def _recursion(a: Linearisation, r: State, moment_base) -> State:
-    """Forward recursion for a given change of the external moment at the base (ignored without external force)."""
+    """Forward recursion for a given change of the external moment at the base (ignored without external
+    force).
+    """
     w = a.weights
 
     def node(carry, x):
@@ -113,7 +117,7 @@ def _recursion(a: Linearisation, r: State, moment_base) -> State:
 
 
 def response_to_base_moment(a: Linearisation) -> State:
-    """Change of the state per external moment at the base [1/(N m)], all node equations but the tip's kept."""
+    """Change of the state per external moment at the base [1/(N m)]; only the tip's equation fails."""
     return _recursion(a, State(*[jnp.zeros_like(a.arm)] * 4), 1.0)
 
 
@@ -128,9 +132,11 @@ def solve_linearised(a: Linearisation, r: State) -> State:
 
 
 class CausalSolver(lx.AbstractLinearSolver):
-    """lineax solver for Jacobians of `problem.residual`: finds the Problem in the operator and uses its structure.
+    """lineax solver for Jacobians of `problem.residual`: finds the Problem in the operator and uses its
+    structure.
 
-    For `optimistix.ImplicitAdjoint(linear_solver=CausalSolver())` with `args=Problem`. Any other operator is refused.
+    For `optimistix.ImplicitAdjoint(linear_solver=CausalSolver())` with `args=Problem`. Any other operator is
+    refused.
     """
 
     def init(self, operator: lx.AbstractLinearOperator, options: dict[str, Any]):

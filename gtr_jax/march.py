@@ -1,9 +1,10 @@
-"""The march: the equilibrium solver. From the base to the tip, one scalar equation per node; shooting for external forces.
+"""The march: the equilibrium solver, from the base to the tip, one scalar equation per node.
 
-Given the external moment at the base, every node's curvature is the root of one scalar equation in what lies between it and the
-base, so a single pass solves the nonlinear problem, whatever the tension loss, and needs no good start. With external forces
-the moment at the base is shot for: its tangent is carried along, the closing error at the tip updates it, and the pass repeats.
-Written as an optimistix root finder, so that results, step counts and implicit gradients are optimistix's.
+Given the external moment at the base, every node's curvature is the root of one scalar equation in what lies
+between it and the base, so a single pass solves the nonlinear problem, whatever the tension loss, and needs
+no good start. With external forces the moment at the base is shot for: the closing error at the tip, divided
+by its derivative along the linearised pass, updates it, and the pass repeats. Written as an optimistix root
+finder, so that results, step counts and implicit gradients are optimistix's.
 """
 
 from __future__ import annotations
@@ -38,9 +39,10 @@ def march(
 ) -> Marched:
     """One pass base to tip.
 
-    Each node's moment balance is one scalar equation in its curvature with a slope close to 1. It starts from the curvature the
-    node would have without friction since its predecessor (or from `guess`) and takes a fixed-point and a secant step.
-    Angle, tension and moment follow exactly from the curvature, so the error returned is the whole residual.
+    Each node's moment balance is one scalar equation in its curvature with a slope close to 1. It starts from
+    the curvature the node would have without friction since its predecessor (or from `guess`) and takes a
+    fixed-point and a secant step. Angle, tension and moment follow exactly from the curvature, so the error
+    returned is the whole residual.
 
     Args:
         p: the problem.
@@ -49,7 +51,8 @@ def march(
         use_guess: whether to start from it.
 
     Returns:
-        The state; without external force it is the solution, with it M_ext(L) still differs from the tip moment.
+        The state; without external force it is the solution, with it M_ext(L) still differs from the tip
+        moment.
     """
     s = p.sections
 
@@ -124,8 +127,9 @@ def _with_share(p: Problem, share: Float[Array, ""]) -> Problem:
 class March(optx.AbstractRootFinder):
     """optimistix root finder by marching; `args` must be a `Problem`, `y` a `State`.
 
-    Without external force one or two marches solve it. With one, Newton's method shoots for the moment at the base, starting
-    from `y`; if that does not settle, the load is applied in shares, each started from the last one solved.
+    Without external force one or two marches solve it. With one, Newton's method shoots for the moment at the
+    base, starting from `y`; if that does not settle, the load is applied in shares, each started from the
+    last one solved.
 
     Attributes:
         atol: largest `residual_norm` at which it stops; rtol is not used.

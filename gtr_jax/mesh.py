@@ -1,9 +1,11 @@
-"""The mesh along the backbone: panels that end where the mechanics has a kink, nodes graded towards each panel's start.
+"""The mesh along the backbone: panels that end where the mechanics has a kink, nodes graded towards each
+panel's start.
 
-Everything the simulator integrates along s is integrated base to tip with variable-step Adams-Moulton weights of order
-four inside a panel (exact for cubics on the last four nodes, fewer at the panel's start, where the nodes are graded).
-A panel starts with a node of its own at the same s as the end of the panel before it, so that curvature may jump there.
-The causal (base-to-tip) stencil is what lets one march solve the equilibrium; `benchmarks/solver_study.py` measures it.
+Everything the simulator integrates along s is integrated base to tip with variable-step Adams-Moulton weights
+of order four inside a panel (exact for cubics on the last four nodes, fewer at the panel's start, where the
+nodes are graded). A panel starts with a node of its own at the same s as the end of the panel before it, so
+that curvature may jump there. The causal (base-to-tip) stencil is what lets one march solve the equilibrium;
+`benchmarks/solver_study.py` measures it.
 """
 
 from __future__ import annotations
@@ -28,8 +30,9 @@ def panel_table(intervals: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         intervals: number of intervals, at least 1.
 
     Returns:
-        positions (intervals+1,) in [0, 1]; lengths (intervals+1,), the first 0; weights (intervals+1, 4), where
-        row i gives the integral over [x_(i-1), x_i] as sum_j weights[i, j] f(x_(i-j)); the first row is 0.
+        positions (intervals+1,) in [0, 1]; lengths (intervals+1,), the first 0; weights (intervals+1, 4),
+        where row i gives the integral over [x_(i-1), x_i] as sum_j weights[i, j] f(x_(i-j)); the first row is
+        0.
     """
     sizes = np.ones(intervals)
     if intervals > len(GRADING):
@@ -80,7 +83,8 @@ def build_mesh(panel_ends: Float[Array, " panels+1"], intervals: tuple[int, ...]
     """Lay the nodes of all panels.
 
     Args:
-        panel_ends: increasing arc lengths [m] from 0 to L; equal neighbours make a panel of no length, which is harmless.
+        panel_ends: increasing arc lengths [m] from 0 to L; equal neighbours make a panel of no length, which
+            is harmless.
         intervals: number of intervals of each panel (static).
 
     Returns:
@@ -106,7 +110,9 @@ def panel_index(intervals: tuple[int, ...]) -> np.ndarray:
 
 
 def shifted(values: Float[Array, " N"], by: int = 1, fill: float | Array = 0.0) -> Float[Array, " N"]:
-    """`values` moved `by` nodes towards the tip: entry i is values[i - by]; the first `by` entries are `fill`."""
+    """`values` moved `by` nodes towards the tip: entry i is values[i - by]; the first `by` entries are
+    `fill`.
+    """
     return jnp.concatenate([jnp.broadcast_to(jnp.asarray(fill, values.dtype), (by,)), values[:-by]])
 
 

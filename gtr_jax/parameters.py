@@ -1,4 +1,6 @@
-"""Named parameters of a robot: where each lives, its unit, bounds and transform. Shared by calibration and design."""
+"""Named parameters of a robot: where each lives, its unit, bounds and transform. Shared by calibration and
+design.
+"""
 
 from __future__ import annotations
 

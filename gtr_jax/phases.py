@@ -1,4 +1,6 @@
-"""The phases of Liu & Alambeigi's Algorithm 1, read off any history, and the tension at which release begins at the tip."""
+"""The phases of Liu & Alambeigi's Algorithm 1, read off any history, and the tension at which release begins
+at the tip.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +23,11 @@ ALL_RELEASED = 1e4
 
 
 def label_phases(run: Simulation) -> np.ndarray:
-    """Phase of every step: "pulling" and "releasing" where the whole tendon slips, "transition" where part of it is locked.
+    """Phase of every step: "pulling" and "releasing" where the whole tendon slips, "transition" where part of
+    it is locked.
 
-    A step that changes nothing keeps the phase before it; before anything has slipped it is "rest". Where the tendon is
-    locked is `run.slip_front`: it slips on [0, slip_front] and is locked beyond.
+    A step that changes nothing keeps the phase before it; before anything has slipped it is "rest". Where the
+    tendon is locked is `run.slip_front`: it slips on [0, slip_front] and is locked beyond.
 
     Returns:
         Array of str, (K,).
@@ -55,7 +58,8 @@ class Switch(NamedTuple):
 
 @eqx.filter_jit
 def release_switch(robot: Robot, T_base_max: Float[Array, ""] | float) -> Switch:
-    """T_base_switch of Algorithm 1, solved for: the base tension whose fully releasing state has the tip tension of the pull.
+    """T_base_switch of Algorithm 1, solved for: the base tension whose fully releasing state has the tip
+    tension of the pull.
 
     Args:
         robot: the robot; its tendon is pulled once from its preload to `T_base_max`, then released.

@@ -1,8 +1,10 @@
 """The equilibrium of rod and tendon as one residual, local in the nodes.
 
-Unknowns at each node: curvature, angle, wrap of the tendon, external moment; the tension follows from the wrap. Each residual ties a node to its predecessors only, but
-for one: the external moment is known at the tip and carried from the base. So the Jacobian is causal with one bordered column
-(the external moment at the base), and a linear solve is one forward recursion with two right-hand sides (`linear_solver.py`).
+Unknowns at each node: curvature, angle, wrap of the tendon, external moment; the tension follows from the
+    wrap. Each residual ties a node to its predecessors only, but
+for one: the external moment is known at the tip and carried from the base. So the Jacobian is causal with one
+    bordered column (the external moment at the base), and a linear solve is one forward recursion with two
+    right-hand sides (`linear_solver.py`).
 """
 
 from __future__ import annotations
@@ -24,7 +26,8 @@ class Sections(eqx.Module):
         R: channel offset and derivatives, each (N,).
         compliance: 1/EI [1/(N m^2)], (N,); 0 where rigid.
         rest: natural curvature [1/m], (N,).
-        force_x, force_y: external force distal to the node [N], (N,): tip force plus the weight of the distal part.
+        force_x, force_y: external force distal to the node [N], (N,): tip force plus the weight of the distal
+            part.
     """
 
     mesh: Mesh
@@ -36,7 +39,9 @@ class Sections(eqx.Module):
 
 
 class State(eqx.Module):
-    """Unknowns of the equilibrium, each (N,), SI: curvature, midline angle, wrap of the tendon, external moment."""
+    """Unknowns of the equilibrium, each (N,), SI: curvature, midline angle, wrap of the tendon, external
+    moment.
+    """
 
     kappa: Float[Array, " N"]
     phi: Float[Array, " N"]
@@ -53,7 +58,8 @@ class Problem(eqx.Module):
         T_base: tension at the base [N].
         memory: tension at the nodes after the previous load step [N], (N,).
         tip_moment: external moment at the tip [N m].
-        loaded: False (static) where no external force acts, so that the external moment is the tip moment everywhere.
+        loaded: False (static) where no external force acts, so that the external moment is the tip moment
+            everywhere.
     """
 
     sections: Sections
@@ -82,8 +88,8 @@ def tension_of(y: State, p: Problem) -> Float[Array, " N"]:
 def residual(y: State, p: Problem) -> State:
     """Residual of the equilibrium; zero at the solution. Rows: moment balance, angle, wrap, external moment.
 
-    The moment balance is the local identity EI (kappa - kappa_0) = T R (1 - R kappa)/nu + M_ext, divided by EI. Row 0 of the
-    external moment is the boundary condition at the tip, M_ext(L) = tip moment.
+    The moment balance is the local identity EI (kappa - kappa_0) = T R (1 - R kappa)/nu + M_ext, divided by
+    EI. Row 0 of the external moment is the boundary condition at the tip, M_ext(L) = tip moment.
     """
     s = p.sections
     bending = s.compliance * (tension_of(y, p) * channel.moment_arm(y.kappa, s.R) + y.moment)

@@ -1,4 +1,6 @@
-"""The robot: backbone, routing, tendon and loads, as one module whose numbers are traced and whose structure is static."""
+"""The robot: backbone, routing, tendon and loads, as one module whose numbers are traced and whose structure
+is static.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +60,9 @@ class Robot(eqx.Module):
     loaded: bool = eqx.field(static=True)
 
     def with_values(self, **values) -> Robot:
-        """The robot with named parameters replaced, e.g. `mu=0.3, E=1.2e6, r1=-0.01`; see `gtr_jax.parameters`."""
+        """The robot with named parameters replaced, e.g. `mu=0.3, E=1.2e6, r1=-0.01`; see
+        `gtr_jax.parameters`.
+        """
         from .parameters import with_values
 
         return with_values(self, values)
@@ -97,8 +101,9 @@ def inner_kinks(robot: Robot) -> Float[Array, " kinks"]:
 def lay_out(robot: Robot) -> Layout:
     """Mesh and sides of the robot.
 
-    A node's side of a kink is told by the order of the panels, not by comparing arc lengths, so that kinks that coincide (a
-    bore that ends where the wave starts) stay consistent, and so do derivatives as they move through each other.
+    A node's side of a kink is told by the order of the panels, not by comparing arc lengths, so that kinks
+    that coincide (a bore that ends where the wave starts) stay consistent, and so do derivatives as they move
+    through each other.
     """
     body = robot.backbone
     kinks = inner_kinks(robot)

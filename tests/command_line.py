@@ -20,4 +20,5 @@ def run_gtr(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> Outco
     """Run `gtr` with these arguments; what was printed before is dropped."""
     capsys.readouterr()
     status = main([str(a) for a in arguments])
-    return Outcome(status, *capsys.readouterr())
+    printed = capsys.readouterr()
+    return Outcome(status, printed.out, printed.err)

@@ -3,7 +3,7 @@
 import jax
 import pytest
 
-import gtr_jax  # noqa: F401  switches to 64-bit before anything is traced
+import gtr_jax
 from gtr_jax.config import parse_config
 
 jax.config.update("jax_numpy_rank_promotion", "raise")

@@ -1,4 +1,6 @@
-"""Systems with closed-form state and gradient: a new solver or routing gets its tests from these in a few lines."""
+"""Systems with closed-form state and gradient: a new solver or routing gets its tests from these in a few
+lines.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
 
@@ -35,7 +37,9 @@ def _second_moment(radius: float) -> float:
 
 
 def parallel(mu: float, T_base: float) -> System:
-    """Parallel tendon: T(s) = T_b/(1 + mu R T_b s/EI), phi = ln(1 + mu R T_b s/EI)/mu; mu -> 0 a circular arc."""
+    """Parallel tendon: T(s) = T_b/(1 + mu R T_b s/EI), phi = ln(1 + mu R T_b s/EI)/mu; mu -> 0 a circular
+    arc.
+    """
     length, radius, modulus, offset = 0.25, 0.01, 3e6, 0.006
 
     def exact(mu=mu, E=modulus, offset=offset):
@@ -50,11 +54,15 @@ def parallel(mu: float, T_base: float) -> System:
         "backbone": {"length": length, "outer_radius": [radius, radius], "youngs_modulus": modulus},
         "tendon": {"friction_coefficient": mu},
     }
-    return System(f"parallel-mu{mu}-T{T_base}", sections, T_base, exact, {"mu": mu, "E": modulus, "offset": offset})
+    return System(
+        f"parallel-mu{mu}-T{T_base}", sections, T_base, exact, {"mu": mu, "E": modulus, "offset": offset}
+    )
 
 
 def elastica(load: float) -> System:
-    """Cantilever with a dead tip force across the base tangent, no tendon force; load = P L^2/EI (elliptic integrals)."""
+    """Cantilever with a dead tip force across the base tangent, no tendon force; load = P L^2/EI (elliptic
+    integrals).
+    """
     length, radius, modulus = 0.4, 0.004, 2e7
     force = load * modulus * _second_moment(radius) / length**2
 
@@ -65,7 +73,7 @@ def elastica(load: float) -> System:
             m = (1 + math.sin(angle)) / 2
             return ellipk(m) - ellipkinc(math.asin(1 / math.sqrt(2 * m)), m) - math.sqrt(a)
 
-        angle = brentq(shot, 1e-9, math.pi / 2 - 1e-12, xtol=1e-15, rtol=1e-14)
+        angle = root_scalar(shot, bracket=(1e-9, math.pi / 2 - 1e-12), xtol=1e-15, rtol=1e-14).root
         m = (1 + math.sin(angle)) / 2
         swing = ellipe(m) - ellipeinc(math.asin(1 / math.sqrt(2 * m)), m)
         y = length * (1 - 2 * swing / math.sqrt(a))
@@ -91,7 +99,9 @@ SYSTEMS = (
 
 
 def exact_gradient(system: System, output: str, name: str) -> float:
-    """Derivative of the closed form by a central difference of high order (the closed form is smooth and exact)."""
+    """Derivative of the closed form by a central difference of high order (the closed form is smooth and
+    exact).
+    """
     x = system.at[name]
     h = 1e-3 * x
     points = np.array([1.0, 2.0, 3.0])

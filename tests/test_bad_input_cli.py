@@ -1,4 +1,4 @@
-"""Bad input at the command line: exit status 2, one line on stderr that says where and what to do, nothing written."""
+"""Bad input at the command line: exit 2, one line on stderr that says where and what to do, no output."""
 
 import pytest
 from command_line import run_gtr
@@ -26,7 +26,9 @@ def refused(tmp_path, monkeypatch, capsys):
         assert outcome.out == ""
         assert outcome.err.startswith("error: ")
         assert outcome.err.count("\n") == 1 and outcome.err.endswith("\n")
-        assert not [p.name for p in tmp_path.iterdir() if p.name not in ("robot.toml", "rec.csv", "history.csv")]
+        assert not [
+            p.name for p in tmp_path.iterdir() if p.name not in ("robot.toml", "rec.csv", "history.csv")
+        ]
         return outcome.err.removeprefix("error: ").rstrip("\n")
 
     return run
@@ -43,7 +45,11 @@ RECORDINGS = {
     "mapping to no column": (GOOD, "T_base=load_cell", ["load_cell"]),
     "NaN in a cell": (GOOD.replace("2,20,12", "2,nan,12"), None, ["row 4", "T_base_N", "delete the row"]),
     "text in a cell": (GOOD.replace("2,20,12", "2,20,broken"), None, ["row 4", "T_tip_N", "'broken'"]),
-    "time going backwards": (GOOD.replace("\n2,20", "\n0.5,20"), None, ["row 4", "time goes backwards", "order"]),
+    "time going backwards": (
+        GOOD.replace("\n2,20", "\n0.5,20"),
+        None,
+        ["row 4", "time goes backwards", "order"],
+    ),
     "tip above base": (GOOD.replace("2,20,12", "2,20,120"), None, ["row 4", "T_tip", "swapped", "--columns"]),
     "sign reversed": (GOOD.replace("2,20,12", "2,-20,12"), None, ["row 4", "T_base", "sign"]),
     "unequal rows": (GOOD.replace("2,20,12", "2,20"), None, ["row 4"]),
@@ -64,7 +70,11 @@ def test_recording(case, refused, tmp_path):
 
 
 ROBOTS = {
-    "tendon outside the body": ('r2 = "10 mm"', 'r2 = "30 mm"', ["routing", "leaves the body at s =", "inside"]),
+    "tendon outside the body": (
+        'r2 = "10 mm"',
+        'r2 = "30 mm"',
+        ["routing", "leaves the body at s =", "inside"],
+    ),
     "bore wider than the body": ('diameter = "14 mm" },\n]', 'diameter = "34 mm" },\n]', ["bores", "34"]),
     "w1 above w2": ('w1 = "20 mm"', 'w1 = "90 mm"', ["w1", "w2"]),
     "negative modulus": ('"1.06 MPa"', '"-1.06 MPa"', ["youngs_modulus", "positive"]),
@@ -73,7 +83,11 @@ ROBOTS = {
     "unit of another kind": ('"250 mm"', '"250 N"', ["backbone.length", "not a unit of a length"]),
     "unknown key": ("youngs_modulus", "youngs_moduls", ["'youngs_moduls'", "'youngs_modulus'"]),
     "missing key": ('length = "250 mm"', "", ["'length'", "for example"]),
-    "a physics term": ("[tendon]", '[[terms]]\nkind = "presliding"\n\n[tendon]', ["terms", "no physics terms"]),
+    "a physics term": (
+        "[tendon]",
+        '[[terms]]\nkind = "presliding"\n\n[tendon]',
+        ["terms", "no physics terms"],
+    ),
     "empty file": (ROBOT, "", ["empty"]),
     "not TOML": ("[backbone]", "backbone: {", ["not TOML"]),
 }

@@ -56,10 +56,10 @@ def test_order_is_at_least_two(output, make_robot):
     assert order >= 2, (order, errors)
 
 
-
-
 def test_published_tdcm_targets(make_robot):
-    """With the published T_base of 45 N: T_tip_max 22.0 / 23.9 N and T_base_switch 11.9 / 15.0 N (mu, E not published)."""
+    """With the published T_base of 45 N: T_tip_max 22.0 / 23.9 N and T_base_switch 11.9 / 15.0 N (mu, E not
+    published).
+    """
     for bores, w, mu, E, tip, switch in (
         ([(0.0, 0.02), (0.08, 0.25)], (0.02, 0.08), 0.36, 1.06e6, 22.0, 11.9),
         ([(0.0, 0.07), (0.155, 0.25)], (0.07, 0.155), 0.24, 0.50e6, 23.9, 15.0),
@@ -102,10 +102,12 @@ def test_rigid_sheath_is_a_play_operator(make_robot):
 
 
 def test_frictionless_shape_that_three_codes_agree_on(make_config):
-    """R = 10 mm, L = 0.4 m, E = 54 GPa, solid round r = 0.7 mm, T = 6 N: tip (0.119918, 0.289785) m, 2.3569 rad.
+    """R = 10 mm, L = 0.4 m, E = 54 GPa, solid round r = 0.7 mm, T = 6 N: tip (0.119918, 0.289785) m, 2.3569
+    rad.
 
-    The rod is thinner than the offset (discs carry the tendon), so the body is given as a wider rod of the same EI. The closed
-    form itself is (0.1199269, 0.2898054) m: the other codes' own discretisation is what the tolerance allows for.
+    The rod is thinner than the offset (discs carry the tendon), so the body is given as a wider rod of the
+    same EI. The closed form itself is (0.1199269, 0.2898054) m: the other codes' own discretisation is what
+    the tolerance allows for.
     """
     wide = 0.012
     E = 54e9 * (0.0007 / wide) ** 4

@@ -49,4 +49,6 @@ def test_locked_tendon_needs_less_friction_than_it_could_have():
     forces = channel_forces(eq)
     limit = float(robot.value("mu")) * forces.normal
     assert bool(jnp.all(jnp.abs(forces.friction) <= limit * (1 + 1e-3) + 1e-9))
-    assert float(forces.friction[0]) < 0 < float(forces.friction[-1])  # slips back at the base, holds at the tip
+    assert (
+        float(forces.friction[0]) < 0 < float(forces.friction[-1])
+    )  # slips back at the base, holds at the tip

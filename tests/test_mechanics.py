@@ -1,4 +1,6 @@
-"""What the mechanics demands of any routing and load: the moment identity, virtual work, symmetry, dissipation, loops."""
+"""What the mechanics demands of any routing and load: the moment identity, virtual work, symmetry,
+dissipation, loops.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -9,11 +11,15 @@ import gtr_jax as gtr
 from tests.conftest import CROSS, PARALLEL, ROUTINGS, SINE, TABLE, WAVE
 
 LOADS = {"gravity_angle": -1.2, "tip_force": [0.05, -0.08], "tip_moment": 0.002}
-BORES = {"bores": [{"from": 0.0, "to": 0.05, "diameter": 0.012}, {"from": 0.12, "to": 0.25, "diameter": 0.01}]}
+BORES = {
+    "bores": [{"from": 0.0, "to": 0.05, "diameter": 0.012}, {"from": 0.12, "to": 0.25, "diameter": 0.01}]
+}
 
 
 def literal_moment(robot, eq, metric: bool):
-    """Eqs. (15) and (16) of Liu & Alambeigi in numpy, from the solved shape; with the factor nu = ds_c/ds, or as printed."""
+    """Eqs. (15) and (16) of Liu & Alambeigi in numpy, from the solved shape; with the factor nu = ds_c/ds, or
+    as printed.
+    """
     s, kappa, phi, T = (np.asarray(a) for a in (eq.s, eq.curvature, eq.angle, eq.tension))
     keep = np.concatenate([[True], np.diff(s) > 0])
     s, kappa, phi, T = s[keep], kappa[keep], phi[keep], T[keep]
@@ -26,7 +32,7 @@ def literal_moment(robot, eq, metric: bool):
     psi = phi + np.arctan2(slope, lead)
     nu = np.hypot(slope, lead)
     tangent = np.stack([np.cos(psi), np.sin(psi)])
-    # Forces of the tendon on the body per channel length: normal T kappa_c, friction dT/ds_c along the channel.
+    # Forces of the tendon on the body per channel length: T kappa_c across, dT/ds_c along the channel.
     turn = np.gradient(psi, s, edge_order=2) / nu
     drop = np.gradient(T, s, edge_order=2) / nu
     force = T * turn * np.stack([-np.sin(psi), np.cos(psi)]) + drop * tangent
@@ -56,7 +62,9 @@ def test_local_moment_identity_is_the_papers_integrals_with_the_metric_factor(ro
 
 @pytest.mark.parametrize("routing", list(ROUTINGS.values()), ids=list(ROUTINGS))
 def test_virtual_work(routing, make_robot):
-    """For any virtual curvature: EI (kappa - kappa_0) dkappa = -T dnu + F dp_tip + weight dp + M_tip dphi_tip."""
+    """For any virtual curvature: EI (kappa - kappa_0) dkappa = -T dnu + F dp_tip + weight dp + M_tip
+    dphi_tip.
+    """
     robot = make_robot(2.0, routing=routing, loads=LOADS, backbone={**BORES, "natural_curvature": 1.5})
     eq = gtr.equilibrium(robot, 12.0)
     assert bool(eq.converged)
@@ -134,7 +142,9 @@ def test_an_inner_loop_dissipates_and_closes(make_robot):
 
 
 def test_algorithm_one_on_a_sequential_history(make_robot):
-    """Tip tension constant through the transition, which ends at the solved-for switch and not at a grid point."""
+    """Tip tension constant through the transition, which ends at the solved-for switch and not at a grid
+    point.
+    """
     robot = make_robot(routing=SINE, backbone=BORES)
     up, down = np.linspace(0, 45, 46), np.linspace(44.5, 0, 90)
     run = gtr.simulate(robot, np.concatenate([up, down]))
@@ -146,7 +156,9 @@ def test_algorithm_one_on_a_sequential_history(make_robot):
     np.testing.assert_allclose(run.T_tip[46:][~released], float(switch.T_tip), rtol=1e-9)
     fronts = np.asarray(run.slip_front)[46:][~released]
     assert np.all(np.diff(fronts) >= 0) and fronts[0] < 0.05, "the slipping stretch grows from the base"
-    before, after = (gtr.simulate(robot, jnp.stack([jnp.asarray(45.0), switch.T_base * f])) for f in (1.001, 0.999))
+    before, after = (
+        gtr.simulate(robot, jnp.stack([jnp.asarray(45.0), switch.T_base * f])) for f in (1.001, 0.999)
+    )
     assert float(before.T_tip[1]) == pytest.approx(float(switch.T_tip), rel=1e-9)
     assert float(after.T_tip[1]) < float(switch.T_tip) * (1 - 1e-4)
 
@@ -162,7 +174,9 @@ def test_a_repull_from_transition_keeps_the_far_tendon_locked(make_robot):
 def test_without_friction_the_tension_is_uniform_and_the_path_does_not_matter(make_robot):
     robot = make_robot(routing=WAVE, tendon={"friction_coefficient": 0.0})
     run = gtr.simulate(robot, np.array([0.0, 20.0, 5.0, 10.0]))
-    np.testing.assert_allclose(run.tension, jnp.broadcast_to(run.T_base[:, None], run.tension.shape), atol=1e-12)
+    np.testing.assert_allclose(
+        run.tension, jnp.broadcast_to(run.T_base[:, None], run.tension.shape), atol=1e-12
+    )
     straight = gtr.equilibrium(robot, 10.0)
     np.testing.assert_allclose(run.tip_pose[-1], straight.tip_pose, atol=1e-10)
 
@@ -191,7 +205,10 @@ def test_tip_moment_bends_a_uniform_rod_to_an_arc(make_robot):
 
 def test_gravity_direction_is_an_angle_from_the_base_tangent(make_robot):
     tips = [
-        gtr.equilibrium(make_robot(loads={"gravity_angle": a}), 0.0).tip_pose for a in (-np.pi / 2, np.pi / 2, 0.0)
+        gtr.equilibrium(make_robot(loads={"gravity_angle": a}), 0.0).tip_pose
+        for a in (-np.pi / 2, np.pi / 2, 0.0)
     ]
     assert float(tips[0][1]) < -1e-3 and float(tips[1][1]) == pytest.approx(-float(tips[0][1]), rel=1e-8)
-    assert float(tips[2][1]) == pytest.approx(0.0, abs=1e-9), "gravity along the robot stretches, bends nothing"
+    assert float(tips[2][1]) == pytest.approx(0.0, abs=1e-9), (
+        "gravity along the robot stretches, bends nothing"
+    )

@@ -1,4 +1,6 @@
-"""The independent simulator's noise-free runs (rigid links, time marching): every sample within its own discretisation error."""
+"""The independent simulator's noise-free runs (rigid links, time marching): every sample within its own
+discretisation error.
+"""
 
 import json
 from pathlib import Path

@@ -1,0 +1,67 @@
+"""The benchmarks run: candidates agree with the march, metrics come out, the gate tells worse from same."""
+
+import dataclasses
+import json
+import sys
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import gtr_jax as gtr
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # benchmarks is not installed
+from benchmarks import gate, measure, node_equation, solver_study, speed, systems
+from benchmarks.candidates import CANDIDATES
+
+RIVALS = [name for name in CANDIDATES if name != "march"]
+
+
+@pytest.mark.parametrize("system", [systems.TDCM_1, systems.TDCM_1_LOADED], ids=lambda s: s.name)
+@pytest.mark.parametrize("name", RIVALS)
+def test_candidates_find_the_march_s_solution(system, name):
+    robot = system.robot(0.5)
+    march = gtr.equilibrium(robot, system.T_base, solver=gtr.March(atol=1e-12))
+    rival = gtr.equilibrium(robot, system.T_base, solver=CANDIDATES[name])
+    assert bool(rival.converged)
+    assert float(rival.T_tip) == pytest.approx(float(march.T_tip), rel=1e-8)
+    np.testing.assert_allclose(rival.tip_pose, march.tip_pose, atol=1e-8)
+
+
+def test_the_pass_that_is_timed_is_the_march():
+    system = systems.TDCM_1
+    robot = system.robot()
+    problem = node_equation.first_pull(robot, jnp.asarray(system.T_base))
+    T_tip, left = node_equation.one_pass(problem, node_equation.RULES["fixed point, two secants"])
+    assert float(left) < 1e-12
+    exact = gtr.equilibrium(robot, system.T_base, solver=gtr.March(atol=1e-12)).T_tip
+    assert float(T_tip) == pytest.approx(float(exact), rel=1e-11)
+
+
+def test_mesh_rules_leave_the_package_as_it_was():
+    before = systems.TDCM_1.robot().intervals
+    with solver_study.mesh_rule(24, 10, 3, ()):
+        assert sum(systems.TDCM_1.robot().intervals) < sum(before)
+    assert systems.TDCM_1.robot().intervals == before
+
+
+def test_order_is_the_slope():
+    points = [{"resolution": r, "nodes": 50 * r, "T_tip_relative": 1e-4 * r**-4} for r in (0.5, 1.0, 2.0)]
+    assert solver_study.order(points) == pytest.approx(4.0)
+
+
+def test_metrics_and_gate(tmp_path):
+    metrics = list(speed.equilibrium(quick=True))
+    assert metrics and all(np.isfinite(m.value) and m.value > 0 for m in metrics)
+    path = tmp_path / "baseline.json"
+    gate.write_baseline(metrics, path)
+    assert gate.worse(metrics, path) == []
+    slower = [dataclasses.replace(m, gated=m.gated * (1.1 + m.tolerance)) for m in metrics if m.gated]
+    assert len(gate.worse(slower, path)) == len(slower) > 0
+
+
+def test_committed_baseline_names_its_machine_and_knows_the_metrics():
+    baseline = json.loads(gate.BASELINE.read_text())
+    assert baseline["machine"].keys() >= measure.machine().keys()
+    assert any(m["gated"] for m in baseline["metrics"].values())
