@@ -16,17 +16,17 @@ from .routing import Offset
 SMALLEST_TURN = 1e-14
 
 
-def metric_factor(kappa: Float[Array, " N"], R: Offset) -> Float[Array, " N"]:
+def metric_factor(kappa: Float[Array, "*nodes"], R: Offset) -> Float[Array, "*nodes"]:
     """nu = |p_c'| = ds_c/ds (eq. 3)."""
     return jnp.hypot(1.0 - R.value * kappa, R.slope)
 
 
-def tangent_lead(kappa: Float[Array, " N"], R: Offset) -> Float[Array, " N"]:
+def tangent_lead(kappa: Float[Array, "*nodes"], R: Offset) -> Float[Array, "*nodes"]:
     """psi - phi: angle from the midline tangent to the tendon tangent [rad]."""
     return jnp.arctan2(R.slope, 1.0 - R.value * kappa)
 
 
-def moment_arm(kappa: Float[Array, " N"], R: Offset) -> Float[Array, " N"]:
+def moment_arm(kappa: Float[Array, "*nodes"], R: Offset) -> Float[Array, "*nodes"]:
     """Signed arm [m] of the tension at the cut about the midline: R (1 - R kappa) / nu.
 
     The local moment identity: the anchor moment (15) and the distributed moment (16, with ds_c) sum to T

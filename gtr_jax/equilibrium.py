@@ -53,17 +53,17 @@ class Equilibrium(eqx.Module):
     iterations: Int[Array, ""]
 
     @property
-    def T_tip(self) -> Float[Array, ""]:
+    def T_tip(self) -> Float[Array, "*batch"]:
         """Tension at the tip anchor [N]."""
         return self.tension[..., -1]
 
     @property
-    def tip_pose(self) -> Float[Array, "3"]:
+    def tip_pose(self) -> Float[Array, "*batch 3"]:
         """Midline tip: x [m], y [m], angle [rad]."""
         return jnp.stack([self.x[..., -1], self.y[..., -1], self.angle[..., -1]], axis=-1)
 
     @property
-    def converged(self) -> Bool[Array, ""]:
+    def converged(self) -> Bool[Array, "*batch"]:
         """True where the solver met its tolerance."""
         return self.result == optx.RESULTS.successful
 

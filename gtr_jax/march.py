@@ -24,6 +24,7 @@ from .linear_solver import linearise, response_to_base_moment
 from .mesh import STENCIL
 from .problem import Problem, State, largest, moment_slope, offset_before, residual, residual_norm
 
+NEWTON_STEPS = 2
 FLATTEST = 0.3
 
 
@@ -40,8 +41,9 @@ def march(
     """One pass base to tip.
 
     Each node's moment balance is one scalar equation in its curvature with a slope close to 1. It starts from
-    the curvature the node would have without friction since its predecessor (or from `guess`) and takes a
-    fixed-point and a secant step. Angle, tension and moment follow exactly from the curvature, so the error
+    the curvature the node would have without friction since its predecessor (or from `guess`) and takes two
+    Newton steps, which leave rounding: cheaper rules often need a second pass
+    (`benchmarks/node_equation.py`). Angle, tension and moment follow exactly from the curvature, so the error
     returned is the whole residual.
 
     Args:
@@ -77,12 +79,10 @@ def march(
 
         near = rest + compliance * (tension_before * channel.moment_arm(rest, R) + moment_before)
         near = rest + compliance * (tension_before * channel.moment_arm(near, R) + moment_before)
-        first = jnp.where(use_guess, guess, near)
-        error_first = balance(first)[0]
-        second = first - error_first
-        error_second = balance(second)[0]
-        rate = 1.0 - error_second / jnp.where(error_first == 0, 1.0, error_first)
-        kappa = second - error_second / jnp.maximum(rate, FLATTEST)
+        kappa = jnp.where(use_guess, guess, near)
+        for _ in range(NEWTON_STEPS):
+            error, slope = jax.jvp(lambda k: balance(k)[0], (kappa,), (jnp.ones_like(kappa),))
+            kappa = kappa - error / jnp.maximum(slope, FLATTEST)
         error, (phi, wrap, tension, moment, slopes) = balance(kappa)
         carry = (kappa, *kappas[:-1]), slopes, phi, wrap, tension, moment
         return carry, Marched(State(kappa, phi, wrap, moment), error)

@@ -79,7 +79,7 @@ class Mesh(eqx.Module):
     interval: Interval
 
 
-def build_mesh(panel_ends: Float[Array, " panels+1"], intervals: tuple[int, ...]) -> Mesh:
+def build_mesh(panel_ends: Float[Array, " ends"], intervals: tuple[int, ...]) -> Mesh:
     """Lay the nodes of all panels.
 
     Args:

@@ -39,14 +39,14 @@ class Sections(eqx.Module):
 
 
 class State(eqx.Module):
-    """Unknowns of the equilibrium, each (N,), SI: curvature, midline angle, wrap of the tendon, external
+    """Unknowns of the equilibrium, each (N,) (a scalar inside the march), SI: curvature, midline angle, wrap of the tendon, external
     moment.
     """
 
-    kappa: Float[Array, " N"]
-    phi: Float[Array, " N"]
-    wrap: Float[Array, " N"]
-    moment: Float[Array, " N"]
+    kappa: Float[Array, "*nodes"]
+    phi: Float[Array, "*nodes"]
+    wrap: Float[Array, "*nodes"]
+    moment: Float[Array, "*nodes"]
 
 
 class Problem(eqx.Module):

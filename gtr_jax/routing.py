@@ -137,12 +137,12 @@ class Table(Routing):
     Attributes:
         knots_s: knot positions [m], shape (K,), increasing from 0 to L; fixed.
         knots_R: offsets at the knots [m], shape (K,); what may be fitted or optimised.
-        basis: spline coefficients per unit knot value, shape (4, K-1, K): the spline is linear in `knots_R`.
+        basis: spline coefficients per unit knot value, shape (4, pieces, K): the spline is linear in `knots_R`.
     """
 
     knots_s: Float[Array, " K"]
     knots_R: Float[Array, " K"]
-    basis: Float[Array, "4 K-1 K"]
+    basis: Float[Array, "4 pieces K"]
 
     def offset(self, s, passed, length):
         c = self.basis @ self.knots_R
