@@ -19,9 +19,8 @@ export NO_MKDOCS_2_WARNING := 1
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 12
 
-demo: $(DEV) ## simulate and fit the example that ships with the package; the report is in demo-out/
+demo: $(DEV) ## simulate and fit the examples that ship with the package; the reports are in demo-out/
 	$(BIN)/gtr demo -o demo-out
-	@find demo-out -name report.html | sort | sed 's|^|report: $(CURDIR)/|'
 
 test: $(DEV) ## the fast tests
 	$(BIN)/python -m pytest -n $(JOBS)

@@ -1,0 +1,290 @@
+"""From the point where a fit ended to what is reported of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from gtr_jax import InputError, RobotConfig
+
+from . import verdict as words
+from .coordinates import Coordinates, Prediction, is_log
+from .descent import Descent, Objective
+from .estimate import (
+    MOSTLY_PRIOR,
+    UNKNOWN,
+    Estimate,
+    Uncertainty,
+    correlation,
+    estimates,
+    transform,
+    uncertainty,
+)
+from .noise import Noise, correlation_time
+from .phase_fit import mu_by_phase
+from .result import FitResult
+from .task import Task
+
+NEGLIGIBLE_PRIOR = 0.01
+TRADE_OFF = 0.99
+ONE_SIDED_95 = 1.6449
+SMALL_MU = 0.05
+# A parameter that is zero in the robot file has no size to compare its error with: so many of its units.
+UNKNOWN_WITHOUT_SCALE = 10.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Answer:
+    """A point and what the residual there says of the errors.
+
+    Attributes:
+        at, problem, descent: coordinates, least squares problem, and where its descent ended.
+        prediction: the simulation there.
+        residual: simulated minus recorded [N], (K,).
+        phases: (K,).
+        noise: of the recorded tip tension.
+        rms: of the residual [N].
+        tau: samples per independent one.
+        spread: sqrt(tau) max(noise, rms) [N], the error that one sample counts with.
+    """
+
+    at: Coordinates
+    problem: Objective
+    descent: Descent
+    prediction: Prediction
+    residual: np.ndarray
+    phases: np.ndarray
+    noise: Noise
+    rms: float
+    tau: float
+    spread: float
+
+    def known(self, task: Task) -> Uncertainty:
+        """What data and priors say at this point; nothing of what ran to the end of its range."""
+        log = np.asarray(self.at.log)
+        unknown = np.where(log | (task.initial != 0), UNKNOWN, UNKNOWN_WITHOUT_SCALE)
+        unknown = np.where(self.descent.at_edge, 0.0, unknown)
+        return uncertainty(self.prediction.jacobian, self.spread, self.problem.precision, unknown)
+
+    def prior_matters(self, task: Task) -> bool:
+        """Whether a prior holds enough of what is known of its parameter to be weighed with care."""
+        precision, known = self.problem.precision, self.known(task)
+        return bool(np.any((precision > 0) & (~known.known | (known.prior_share > NEGLIGIBLE_PRIOR))))
+
+    @staticmethod
+    def of(task: Task, at: Coordinates, problem: Objective, descent: Descent) -> Answer:
+        """Judge the point where a descent ended."""
+        prediction = descent.prediction
+        assert prediction is not None  # the start was simulated before the descent began
+        residual = prediction.T_tip - task.T_tip
+        noise = task.noise(~prediction.slips)
+        squares = float(np.sum(residual**2))
+        level = np.sqrt(squares / max(len(residual) - len(task.chosen), 1))
+        tau = correlation_time(residual)
+        spread = max(noise.sd or 0.0, float(level), task.smallest_sigma) * np.sqrt(tau)
+        rms = float(np.sqrt(squares / len(residual)))
+        return Answer(
+            at, problem, descent, prediction, residual, prediction.phases, noise, rms, tau, float(spread)
+        )
+
+
+def _chi2(task: Task, prediction: Prediction, noise: Noise) -> float | None:
+    """Sum of squares per degree of freedom, in units of the noise: the tip's, and the base's as passed on."""
+    slope = np.where(
+        prediction.slips & (task.T_base > 0),
+        prediction.T_tip / np.where(task.T_base > 0, task.T_base, 1.0),
+        0.0,
+    )
+    expected = noise.passed_on(slope)
+    if expected is None:
+        return None
+    squares = float(np.sum(((prediction.T_tip - task.T_tip) / expected) ** 2))
+    return squares / max(len(slope) - len(task.chosen), 1)
+
+
+def _settings(task: Task, **more: Any) -> dict[str, Any]:
+    priors = {p.key: prior for p, prior in zip(task.chosen, task.priors, strict=True) if prior is not None}
+    return {
+        "free": task.names,
+        "samples": len(task.T_base),
+        "peak_T_tip_N": task.peak,
+        "priors_relative_sd": priors,
+        "noise_given_N": task.noise_N,
+        "max_steps": task.max_steps,
+        "optimiser": "optimistix.LevenbergMarquardt",
+        **more,
+    }
+
+
+def _fitted_config(task: Task, values: dict[str, float]) -> RobotConfig | None:
+    if task.config is None:
+        return None
+    try:
+        changed = {
+            p.key: values[p.name]
+            for p, v in zip(task.chosen, task.initial, strict=True)
+            if values[p.name] != v
+        }
+        return task.config.with_values(changed)
+    except InputError as fault:
+        task.warnings.append(f"The fitted values do not make a robot file: {fault}.")
+        return None
+
+
+def _largest_mu(task: Task, known: Uncertainty, values: np.ndarray) -> float:
+    """Upper limit (95 %) of mu where it is small, from the slope there; infinite if not fitted or unseen."""
+    if "mu" not in task.names:
+        return np.inf
+    i = task.names.index("mu")
+    return float(values[i] * (1 + ONE_SIDED_95 * known.alone[i]))
+
+
+def _notes(task: Task, known: Uncertainty, descent: Descent, values: np.ndarray) -> list[str]:
+    """What a reader must know of each estimate; also gathered as warnings."""
+    notes = []
+    for i, entry in enumerate(task.chosen):
+        note = ""
+        most = _largest_mu(task, known, values)
+        if not known.known[i] and entry.name == "mu" and most < SMALL_MU:
+            note = f"no friction is seen, mu is below {most:.2g} (95 %)"
+        elif descent.at_edge[i]:
+            note = "ran to the end of the range searched, so it has no interval"
+        elif not known.known[i]:
+            rest = "the prior's" if task.priors[i] is not None else "arbitrary"
+            note = f"not determined by the recording, the value is {rest}"
+        elif known.prior_share[i] > MOSTLY_PRIOR:
+            note = f"rests mostly on its prior ({100 * known.prior_share[i]:.0f} % of what is known)"
+        notes.append(note)
+        if note:
+            task.warnings.append(f"{entry.name}: {note}.")
+    return notes
+
+
+def ignorance(task: Task, answer: Answer) -> str:
+    """Why no parameter is determined; "" if one is. Friction too small to be seen is an answer."""
+    known, values = answer.known(task), np.asarray(answer.at.values(answer.descent.u))
+    if known.known.any():
+        return ""
+    if task.names == ["mu"] and _largest_mu(task, known, values) < SMALL_MU:
+        return ""
+    each = [n for n, a in zip(task.names, known.alone, strict=True) if a < UNKNOWN]
+    if len(each) > 1:
+        names = " and ".join(each)
+        return (
+            f"the recording determines {names} only in combination; fix one of them, "
+            "or state its uncertainty under [uncertainty] in the robot file"
+        )
+    return f"the recording does not determine {' or '.join(task.names)}"
+
+
+def _trade_offs(task: Task, known: Uncertainty) -> None:
+    """Warn of pairs that the recording hardly tells apart."""
+    rho = correlation(known.covariance)
+    for i, j in zip(*np.triu_indices(len(rho), 1), strict=True):
+        if abs(rho[i, j]) > TRADE_OFF:
+            a, b = task.names[i], task.names[j]
+            task.warnings.append(f"{a} and {b} trade off: their errors are correlated by {rho[i, j]:+.3f}.")
+
+
+def _failure(answer: Answer) -> str:
+    """Why there is no answer; "" if there is."""
+    if not answer.prediction.converged:
+        return f"{answer.prediction.failed} of {len(answer.residual)} load steps of the simulation did not converge"
+    if not answer.descent.converged:
+        return f"the optimiser did not finish ({answer.descent.result}); the values are where it stopped"
+    return ""
+
+
+def assemble(task: Task, answer: Answer, iterations: int) -> FitResult:
+    """The result of a fit that reached an end, good or bad."""
+    at, descent = answer.at, answer.descent
+    log, scale = np.asarray(at.log), np.asarray(at.scale)
+    known = answer.known(task)
+    values = np.asarray(at.values(descent.u))
+    found = estimates(
+        task.chosen, values, task.initial, log, scale, known, _notes(task, known, descent, values)
+    )
+    _trade_offs(task, known)
+    failure = _failure(answer)
+    alone: dict[str, Estimate] = {}
+    if failure:
+        found = [dataclasses.replace(e, sd=None, lower95=None, upper95=None) for e in found]
+    elif known.known[[name == "mu" for name in task.names]].any():
+        alone = mu_by_phase(task, at, answer.problem, descent, answer.phases, answer.noise.sd or 0.0)
+    chi2 = _chi2(task, answer.prediction, answer.noise)
+    table = words.by_phase(answer.residual, answer.phases)
+    disagreement = words.disagreement(alone)
+    if disagreement:
+        task.warnings.append(disagreement[0].upper() + disagreement[1:] + ": more apart than their errors.")
+    fitted = dict(zip(task.names, values.tolist(), strict=True))
+    return FitResult(
+        robot=task.robot.with_values(**fitted),
+        config=_fitted_config(task, fitted),
+        estimates=found,
+        rms_N=answer.rms,
+        noise_N=answer.noise.sd,
+        chi2_per_n=chi2,
+        residual=answer.residual,
+        T_tip=answer.prediction.T_tip,
+        phases=answer.phases,
+        by_phase=table,
+        converged=not failure,
+        result=descent.result,
+        iterations=iterations,
+        evaluations=task.evaluations,
+        correlation=correlation(known.covariance),
+        warnings=task.warnings,
+        verdict=words.verdict(
+            found,
+            rms=answer.rms,
+            peak=task.peak,
+            noise=answer.noise.sd,
+            chi2=chi2,
+            table=table,
+            disagreement=disagreement,
+            failure=failure,
+        ),
+        settings=_settings(
+            task,
+            noise_from=answer.noise.source,
+            noise_base_N=answer.noise.base,
+            samples_per_independent=answer.tau,
+            start={p.name: float(v) for p, v in zip(task.chosen, np.asarray(at.reference), strict=True)},
+        ),
+        mu_by_phase=alone,
+    )
+
+
+def unanswered(task: Task, prediction: Prediction | None, why: str) -> FitResult:
+    """The result of a fit that could not begin: the robot as it was, no intervals, and why."""
+    K, p = len(task.T_base), len(task.chosen)
+    T_tip = np.full(K, np.nan) if prediction is None else prediction.T_tip
+    phases = np.full(K, words.REST) if prediction is None else prediction.phases
+    residual = T_tip - task.T_tip
+    noise = task.noise()
+    task.warnings.append(why[0].upper() + why[1:] + ".")
+    return FitResult(
+        robot=task.robot,
+        config=task.config,
+        estimates=[
+            Estimate(e.name, e.key, v, None, None, None, v, e.unit, transform(is_log(e, v)), "not fitted")
+            for e, v in zip(task.chosen, task.initial.tolist(), strict=True)
+        ],
+        rms_N=float(np.sqrt(np.mean(residual**2))),
+        noise_N=noise.sd,
+        chi2_per_n=None if prediction is None else _chi2(task, prediction, noise),
+        residual=residual,
+        T_tip=T_tip,
+        phases=phases,
+        by_phase={} if prediction is None else words.by_phase(residual, phases),
+        converged=False,
+        result=why,
+        iterations=0,
+        evaluations=task.evaluations,
+        correlation=np.full((p, p), np.nan),
+        warnings=task.warnings,
+        verdict=f"No answer: {why}.",
+        settings=_settings(task, noise_from=noise.source),
+    )

@@ -1,0 +1,181 @@
+"""The free parameters as coordinates near zero, and the recording simulated in them with its derivatives.
+
+A positive parameter is value = reference exp(u), any other value = reference + scale u. Which parameters are
+free is data, not structure: one compiled program serves every choice of the same number of parameters.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
+
+from gtr_jax import InputError, Robot, Simulation, label_phases, parameters_of, simulate
+from gtr_jax.history import padded_length
+from gtr_jax.parameters import Parameter, parameter
+
+# One unit of a parameter that is neither positive nor has a value to be measured by.
+UNIT_SCALE = {"N": 1.0, "N m": 0.1, "m": 1e-3, "rad": 0.1, "rad/m": 1.0, "": 0.1}
+
+
+class Coordinates(eqx.Module):
+    """Where the p free parameters lie and how they are scaled.
+
+    Attributes:
+        index: places in the flattened robot, (p,).
+        reference: values at u = 0, SI, (p,).
+        scale: value per unit of u where not logarithmic, SI, (p,).
+        log: whether value = reference exp(u), (p,).
+    """
+
+    index: Int[Array, " p"]
+    reference: Float[Array, " p"]
+    scale: Float[Array, " p"]
+    log: Bool[Array, " p"]
+
+    def values(self, u: Float[ArrayLike, " p"]) -> Float[Array, " p"]:
+        """SI values at the coordinates u."""
+        u = jnp.asarray(u)
+        growth = jnp.exp(jnp.where(self.log, u, 0.0))
+        return jnp.where(self.log, self.reference * growth, self.reference + self.scale * u)
+
+    def at(self, values: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Coordinates of SI values (host side)."""
+        values, reference = np.asarray(values, float), np.asarray(self.reference)
+        log = np.asarray(self.log)
+        ratio = np.where(log, values / np.where(log, reference, 1.0), 1.0)
+        return np.where(log, np.log(ratio), (values - reference) / np.asarray(self.scale))
+
+
+def choose(robot: Robot, free: Sequence[str]) -> list[Parameter]:
+    """The parameters named, each once.
+
+    Raises:
+        InputError: none named, unknown name, a name twice, or the modulus of a rigid sheath.
+    """
+    if not free:
+        raise InputError(f"no parameter is free; name some of: {', '.join(parameters_of(robot))}")
+    chosen = [parameter(robot, name) for name in free]
+    for i, entry in enumerate(chosen):
+        if entry in chosen[:i]:
+            raise InputError(f"parameter '{entry.name}' is named twice; keep one")
+    return chosen
+
+
+def is_log(entry: Parameter, initial: float) -> bool:
+    """Whether a parameter is fitted on a logarithmic scale: declared so, or positive by its bounds."""
+    return entry.log or (entry.lower == 0.0 and initial > 0.0)
+
+
+def coordinates(robot: Robot, chosen: Sequence[Parameter], references: Mapping[str, float]) -> Coordinates:
+    """Coordinates of the chosen parameters about reference values (SI, by name).
+
+    Raises:
+        InputError: a positive parameter whose reference is zero has no logarithm.
+    """
+    flat, unravel = ravel_pytree(robot)
+    places = unravel(jnp.arange(flat.shape[0], dtype=flat.dtype))
+    log = [is_log(p, references[p.name]) for p in chosen]
+    for entry, positive in zip(chosen, log, strict=True):
+        if positive and references[entry.name] <= 0:
+            raise InputError(f"{entry.key}: its start value is 0; give a positive one to fit it")
+    reference = [references[p.name] for p in chosen]
+    scale = [abs(v) or UNIT_SCALE.get(p.unit, 1.0) for p, v in zip(chosen, reference, strict=True)]
+    return Coordinates(
+        jnp.asarray([int(places.value(p.name)) for p in chosen]),
+        jnp.asarray(reference, float),
+        jnp.asarray(scale, float),
+        jnp.asarray(log),
+    )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Prediction:
+    """A simulated recording of K samples and its derivatives.
+
+    Attributes:
+        T_tip: [N], (K,).
+        jacobian: dT_tip/du [N], (K, p).
+        failed: load steps that did not meet their tolerance.
+        run: the simulation, padded, without what lies between base and tip.
+    """
+
+    T_tip: np.ndarray
+    jacobian: np.ndarray
+    failed: int
+    run: Simulation
+
+    @property
+    def converged(self) -> bool:
+        """Whether every load step met its tolerance."""
+        return self.failed == 0
+
+    @property
+    def phases(self) -> np.ndarray:
+        """Phase of each sample, (K,)."""
+        return label_phases(self.run)[: len(self.T_tip)]
+
+    @property
+    def slips(self) -> np.ndarray:
+        """Whether slip reaches the tip at each sample, (K,)."""
+        whole = np.asarray(self.run.slip_front) >= float(self.run.s[-1]) * (1 - 1e-12)
+        return whole[: len(self.T_tip)]
+
+
+@eqx.filter_jit
+def _predict(robot: Robot, at: Coordinates, T_base: Float[Array, " P"], u: Float[Array, " p"]):
+    flat, unravel = ravel_pytree(robot)
+
+    def tip(u):
+        run = simulate(unravel(flat.at[at.index].set(at.values(u))), T_base)
+        none = jnp.zeros((*T_base.shape, 0))
+        lean = eqx.tree_at(lambda r: (r.tension, r.curvature, r.angle), run, (none, none, none))
+        return run.T_tip, lean
+
+    def along(direction):
+        T_tip, slope, run = jax.jvp(tip, (u,), (direction,), has_aux=True)
+        return T_tip, slope, run
+
+    return jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(u.shape[0]))
+
+
+class Predictor:
+    """Simulates one load history at any coordinates; counts how often.
+
+    One compiled program per robot structure, padded length and number of free parameters; forward mode,
+    because the parameters
+    are few: the derivatives come with the simulation at little more than its cost.
+
+    Args:
+        robot: robot whose other parameters stay.
+        at: coordinates of the free ones.
+        T_base: base tension [N], (K,).
+    """
+
+    def __init__(self, robot: Robot, at: Coordinates, T_base: np.ndarray):
+        self.robot, self.at, self.steps = robot, at, len(T_base)
+        self.count = 0
+        fill = np.full(padded_length(self.steps) - self.steps, T_base[-1])
+        self._T_base = jnp.asarray(np.concatenate([T_base, fill]))
+
+    def __call__(self, u: np.ndarray) -> Prediction | None:
+        """The recording at coordinates u, (p,); None where the simulator breaks down."""
+        self.count += 1
+        try:
+            T_tip, slope, run = jax.block_until_ready(
+                _predict(self.robot, self.at, self._T_base, jnp.asarray(u, float))
+            )
+        except RuntimeError as fault:  # a linear solve given NaN raises, from within the compiled program
+            if "non-finite" not in str(fault):
+                raise
+            return None
+        T_tip, slope = np.asarray(T_tip)[: self.steps], np.asarray(slope)[: self.steps]
+        if not (np.all(np.isfinite(T_tip)) and np.all(np.isfinite(slope))):
+            return None
+        return Prediction(T_tip, slope, int(np.sum(~np.asarray(run.converged)[: self.steps])), run)

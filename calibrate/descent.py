@@ -1,0 +1,209 @@
+"""Least squares by optimistix' Levenberg-Marquardt, stepped from the host.
+
+The residual and its Jacobian are computed once per step by the compiled simulator; the solver is given them
+as the linear model that it would have derived by itself. So the solver's own program is tiny, the simulator
+is compiled once for all uses, and a long fit can report its progress.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+
+from gtr_jax.history import padded_length
+
+from .coordinates import Prediction, Predictor
+
+# The variables are chosen so that their Hessian is WHITE^2 at the start: the solver's first damping, 1,
+# hardly shortens the step.
+WHITE = 10.0
+# Directions that the data see this much less than others stay damped.
+DIMMEST = 1e-10
+# Steps of ATOL WHITE = 0.02 standard errors end the descent. Much less is not met reliably: where samples
+# change from locked to slipping, slopes jump.
+ATOL, RTOL = 2e-3, 1e-5
+NEAR_THE_EDGE = 0.85
+FAR = 100.0
+# A descent that near the end of the range gains less than this share in so many steps has found that there is
+# no end.
+PATIENCE, GAIN = 6, 0.01
+
+
+@dataclasses.dataclass(frozen=True)
+class Objective:
+    """What is minimised: sum of ((T_tip - recorded) weight)^2 and of prior rows ((u - centre) precision)^2.
+
+    Attributes:
+        predict: the simulator.
+        recorded: T_tip [N], (K,).
+        weight: 1/sigma [1/N], (K,); 0 leaves a sample out.
+        centre: prior means of the coordinates, (p,).
+        precision: 1/sd of the priors, (p,); 0 without prior.
+        reach: largest |u|, (p,).
+    """
+
+    predict: Predictor
+    recorded: np.ndarray
+    weight: np.ndarray
+    centre: np.ndarray
+    precision: np.ndarray
+    reach: np.ndarray
+
+    def rows(self, u: np.ndarray, prediction: Prediction) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (K+p,) and their Jacobian (K+p, p) at u."""
+        data = (prediction.T_tip - self.recorded) * self.weight
+        prior = (u - self.centre) * self.precision
+        jacobian = prediction.jacobian * self.weight[:, None]
+        return np.concatenate([data, prior]), np.concatenate([jacobian, np.diag(self.precision)])
+
+    def cost(self, u: np.ndarray, prediction: Prediction | None) -> float:
+        """Sum of squares; infinite where the simulation failed."""
+        if prediction is None or not prediction.converged:
+            return np.inf
+        return float(np.sum(self.rows(u, prediction)[0] ** 2))
+
+
+@dataclasses.dataclass(frozen=True)
+class Descent:
+    """Where a descent ended.
+
+    Attributes:
+        u: coordinates, (p,).
+        prediction: the simulation there; None if no simulation succeeded.
+        converged: whether both steps and cost had become small.
+        result: in words.
+        iterations: steps taken, accepted or not.
+        at_edge: which coordinates ended at their reach, (p,).
+    """
+
+    u: np.ndarray
+    prediction: Prediction | None
+    converged: bool
+    result: str
+    iterations: int
+    at_edge: np.ndarray
+
+
+def _linear_model(y, args):
+    y0, value, jacobian = args
+    return value + jacobian @ (y - y0), None
+
+
+def _whitening(jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Matrices from y to u and back, with a Hessian in y of WHITE^2 along all that the data see."""
+    size = np.linalg.norm(jacobian, axis=0)
+    unit = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), 1.0)
+    values, vectors = np.linalg.eigh((jacobian * unit).T @ (jacobian * unit))
+    seen = np.sqrt(np.maximum(values, DIMMEST * max(float(values[-1]), DIMMEST)))
+    return unit[:, None] * vectors * (WHITE / seen), (vectors * (seen / WHITE)).T / unit
+
+
+_SOLVER = optx.LevenbergMarquardt(rtol=RTOL, atol=ATOL)
+_step = eqx.filter_jit(_SOLVER.step)
+_terminate = eqx.filter_jit(_SOLVER.terminate)
+
+
+@functools.cache
+def _before_first_step(rows: int, variables: int):
+    """State of the solver before its first step, whose place is still to be put in.
+
+    Kept, because a state carries the traced form of its Jacobian: a new one would compile the step anew.
+    """
+    y = jnp.zeros(variables)
+    model = (y, jnp.zeros(rows), jnp.zeros((rows, variables)))
+    shape = jax.ShapeDtypeStruct((rows,), y.dtype)
+    return _SOLVER.init(_linear_model, y, model, {}, shape, None, frozenset())
+
+
+def descend(
+    objective: Objective,
+    start: np.ndarray,
+    *,
+    active: np.ndarray | None = None,
+    known: Prediction | None = None,
+    max_steps: int = 60,
+    progress: Callable[[str], None] | None = None,
+) -> Descent:
+    """Minimise from a start.
+
+    Args:
+        objective: what is minimised.
+        start: coordinates, (p,).
+        active: which coordinates may move, (p,) bool; all unless given.
+        known: the simulation at the start, if it has been done.
+        max_steps: simulations after which it gives up.
+        progress: called with a line per step.
+
+    Returns:
+        The best point met. It never raises on failure: look at `converged`.
+    """
+    moving = np.flatnonzero(np.ones(len(start), bool) if active is None else active)
+    reach = objective.reach[moving]
+    first = objective.predict(start) if known is None else known
+    if first is None or not first.converged:
+        return Descent(
+            start, first, False, "the simulation fails at the start", 0, np.zeros(len(start), bool)
+        )
+    into_u, into_y = _whitening(objective.rows(start, first)[1][:, moving])
+    padding = padded_length(len(objective.recorded)) - len(objective.recorded)
+    failed = np.full(
+        len(objective.recorded) + len(start) + padding, 1e3 * (1 + np.sqrt(objective.cost(start, first)))
+    )
+
+    def position(y: np.ndarray) -> np.ndarray:
+        u = np.array(start)
+        u[moving] = reach * np.tanh(into_u @ y / reach)
+        return u
+
+    def evaluate(y: np.ndarray) -> tuple[Prediction | None, jax.Array, jax.Array]:
+        u = position(y)
+        prediction = first if np.allclose(u, start, rtol=0, atol=1e-13) else objective.predict(u)
+        if prediction is None or not prediction.converged:
+            return None, jnp.asarray(failed), jnp.zeros((len(failed), len(moving)))
+        value, jacobian = objective.rows(u, prediction)
+        far = np.clip(into_u @ y / reach, -FAR, FAR)
+        jacobian = (jacobian[:, moving] / np.cosh(far) ** 2) @ into_u
+        return (
+            prediction,
+            jnp.asarray(np.pad(value, (0, padding))),
+            jnp.asarray(np.pad(jacobian, ((0, padding), (0, 0)))),
+        )
+
+    begin = np.clip(start[moving] / reach, -NEAR_THE_EDGE, NEAR_THE_EDGE)
+    y = jnp.asarray(into_y @ (np.arctanh(begin) * reach))
+    state = eqx.tree_at(lambda s: s.y_eval, _before_first_step(len(failed), len(moving)), y)
+    at_edge = np.zeros(len(start), bool)
+    best, best_cost = (np.array(start), first), objective.cost(start, first)
+    done, result, steps, costs = False, optx.RESULTS.successful, 0, [best_cost]
+    while not done and steps < max_steps:
+        steps += 1
+        trial = np.asarray(state.y_eval)
+        prediction, value, jacobian = evaluate(trial)
+        cost = float(jnp.sum(value**2))
+        if prediction is not None and cost <= best_cost:
+            best, best_cost = (position(trial), prediction), cost
+        y, state, _ = _step(_linear_model, y, (state.y_eval, value, jacobian), {}, state, frozenset())
+        finished, result = _terminate(_linear_model, y, None, {}, state, frozenset())
+        done = bool(finished)
+        if progress is not None:
+            progress(f"fitting: step {steps}, sum of squares {best_cost:.6g}")
+        costs.append(best_cost)
+        at_edge[moving] = np.abs(best[0][moving]) > NEAR_THE_EDGE * reach
+        if at_edge.any() and steps > PATIENCE and costs[-PATIENCE - 1] - costs[-1] < GAIN * costs[-1]:
+            return Descent(*best, True, "ended at the end of the range searched", steps, at_edge)
+    converged = done and bool(result == optx.RESULTS.successful)
+    words = (
+        f"no convergence within {max_steps} steps"
+        if not done
+        else "converged"
+        if converged
+        else str(optx.RESULTS[result])
+    )
+    return Descent(*best, converged, words, steps, at_edge)

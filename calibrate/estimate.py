@@ -1,0 +1,150 @@
+"""Estimates with their uncertainty, and which parameters the recording does not know."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from gtr_jax.parameters import Parameter
+
+NORMAL_95 = 1.959963984540054
+# A relative standard deviation this large (a factor of e) from the data alone is no knowledge.
+UNKNOWN = 1.0
+# Above this share of the prior's precision, the estimate is said to rest on the prior.
+MOSTLY_PRIOR = 0.5
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimate:
+    """One fitted parameter, SI.
+
+    Attributes:
+        name, key: short name, and key in the robot file.
+        value: fitted value.
+        sd: standard deviation; None where the recording does not determine the parameter.
+        lower95, upper95: interval of 95 %, symmetric on the scale of `transform`; None with `sd`.
+        initial: value in the robot file.
+        unit: SI unit, "" if dimensionless.
+        transform: "log" or "linear", the scale it was estimated on.
+        note: what a reader must know of it, or "".
+    """
+
+    name: str
+    key: str
+    value: float
+    sd: float | None
+    lower95: float | None
+    upper95: float | None
+    initial: float
+    unit: str
+    transform: str
+    note: str = ""
+
+
+def transform(log: bool) -> str:
+    """Name of the scale a parameter is estimated on."""
+    return "log" if log else "linear"
+
+
+class Uncertainty(NamedTuple):
+    """What the data and the priors say about p coordinates.
+
+    Attributes:
+        covariance: of data and priors together, (p, p); rows of unknown coordinates are NaN.
+        known: which coordinates the data determine, (p,).
+        alone: standard deviation of each from the data alone if all others were known, (p,); inf where they
+            say nothing.
+        prior_share: share of the precision that is the prior's, (p,).
+    """
+
+    covariance: np.ndarray
+    known: np.ndarray
+    alone: np.ndarray
+    prior_share: np.ndarray
+
+
+def uncertainty(jacobian: np.ndarray, sd: float, precision: np.ndarray, unknown: np.ndarray) -> Uncertainty:
+    """Covariance of the coordinates from the Jacobian at the solution.
+
+    Args:
+        jacobian: dT_tip/du [N], (K, p).
+        sd: standard deviation of one effectively independent error, times sqrt(correlation time) [N].
+        precision: 1/sd of the priors, (p,); 0 without prior.
+        unknown: standard deviation of each coordinate from the data alone at which it counts as unknown,
+            (p,).
+
+    Returns:
+        A coordinate is unknown if the data alone, all other coordinates known, leave it a standard deviation
+        above `unknown`; or if data and priors together do so, the others being uncertain.
+    """
+    p = jacobian.shape[1]
+    data = jacobian.T @ jacobian / sd**2
+    with np.errstate(divide="ignore"):
+        alone = 1 / np.sqrt(np.diag(data))
+    known = alone < unknown
+    covariance = np.full((p, p), np.nan)
+    while known.any():
+        kept = np.flatnonzero(known)
+        information = data[np.ix_(kept, kept)] + np.diag(precision[kept] ** 2)
+        unit = 1 / np.sqrt(np.diag(information))
+        inverse = np.linalg.pinv(information * np.outer(unit, unit), rcond=1e-13, hermitian=True)
+        cov = inverse * np.outer(unit, unit)
+        # A singular direction has no inverse; pinv would call it certain.
+        values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
+        flat = (np.abs(vectors[:, values < 1e-12]) > 1e-3).any(axis=1)
+        bad = flat | (np.sqrt(np.diag(cov)) > unknown[kept])
+        if not bad.any():
+            covariance[np.ix_(kept, kept)] = cov
+            break
+        known[kept[bad]] = False
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(precision > 0, precision**2 * np.diag(covariance), 0.0)
+    return Uncertainty(covariance, known, alone, share)
+
+
+def correlation(covariance: np.ndarray) -> np.ndarray:
+    """Correlation matrix; NaN where a parameter is unknown."""
+    sd = np.sqrt(np.diag(covariance))
+    return covariance / np.outer(sd, sd)
+
+
+def estimates(
+    chosen: Sequence[Parameter],
+    values: np.ndarray,
+    initial: np.ndarray,
+    log: np.ndarray,
+    scale: np.ndarray,
+    found: Uncertainty,
+    notes: Sequence[str],
+) -> list[Estimate]:
+    """Estimates in SI from coordinates; see `Estimate`.
+
+    Args:
+        chosen: the free parameters, p of them.
+        values: fitted values, SI, (p,).
+        initial: values before, SI.
+        log: which are on a logarithmic scale, (p,).
+        scale: value per unit of coordinate of the others, (p,).
+        found: their uncertainty.
+        notes: one per parameter, may be empty.
+    """
+    out = []
+    for i, entry in enumerate(chosen):
+        value, sd, lower, upper = float(values[i]), None, None, None
+        if found.known[i]:
+            spread = float(np.sqrt(found.covariance[i, i]))
+            if log[i]:
+                sd = value * spread
+                lower, upper = value * np.exp(-NORMAL_95 * spread), value * np.exp(NORMAL_95 * spread)
+            else:
+                sd = float(scale[i]) * spread
+                lower, upper = value - NORMAL_95 * sd, value + NORMAL_95 * sd
+            lower, upper = float(lower), float(upper)
+        start, scaled = float(initial[i]), transform(log[i])
+        out.append(
+            Estimate(entry.name, entry.key, value, sd, lower, upper, start, entry.unit, scaled, notes[i])
+        )
+    return out

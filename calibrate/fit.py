@@ -1,0 +1,124 @@
+"""`fit`: a robot's parameters from a recording of base and tip tension."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from gtr_jax import InputError, Recording, Robot, RobotConfig
+
+from .answer import Answer, assemble, ignorance, unanswered
+from .coordinates import choose
+from .descent import descend
+from .result import FitResult
+from .start import search
+from .task import Task, robot_of, tensions
+
+DEFAULT_FREE = ("mu", "E")
+# Slopes of the tip tension below this share of the largest tension are rounding.
+NO_SLOPE = 1e-9
+
+
+def fit(
+    robot: RobotConfig | Robot,
+    recording: Recording,
+    *,
+    free: Sequence[str] | None = None,
+    noise_N: float | None = None,
+    max_steps: int = 60,
+    progress: Callable[[str], None] | None = None,
+) -> FitResult:
+    """Fit parameters of a robot to a recording by least squares in the tip tension.
+
+    Minimises sum ((T_tip simulated - recorded)/sigma)^2 and, for each free parameter under [uncertainty] in
+    the robot file, (its deviation/its standard deviation)^2, on the scale it is fitted on: logarithmic where
+    positive. The simulation runs through the whole recorded base tension, taken as exact; readings below zero
+    count as slack, and nothing is smoothed.
+
+    Standard errors. The covariance is (J'J/s^2 + P)^-1 at the solution, J = dT_tip/du by forward mode through
+    the solver, P the priors' precision. s^2 = tau max(noise, rms)^2: errors are taken as large as the
+    residual shows, be they noise or misfit, and tau = 1 + 2 sum of the residual's autocorrelations (Geyer's
+    initial positive sequence) is the number of samples per independent one, so that K samples count as K/tau.
+    Where the model misses physics this measures scatter, not bias: believe the verdict first. Slopes jump
+    where a sample changes from locked to slipping, so errors are those on one side of it. A
+    parameter that the data alone leave uncertain by a factor of e, or that ran to the end of the range
+    searched, gets no interval.
+
+    Args:
+        robot: from `gtr_jax.load_config`; or a `Robot`, whose parameters then have no priors.
+        recording: with T_base and T_tip, K >= 4 samples.
+        free: parameters to fit, by short name or key of the robot file; unless given, mu and E, or mu alone
+            for a rigid sheath.
+        noise_N: standard deviation of the recorded tip tension [N]; estimated from the recording unless
+            given.
+        max_steps: steps after which the optimiser gives up.
+        progress: called with a line of text at each stage.
+
+    Returns:
+        The answer. It does not raise where there is none: `converged` is False and `verdict` says why.
+
+    Raises:
+        InputError: unknown or unsuitable parameter, recording without tip tension or too short, noise not
+            positive.
+    """
+    if noise_N is not None and not (np.isfinite(noise_N) and noise_N > 0):
+        raise InputError(f"noise_N: must be a positive number of newtons, is {noise_N:g}")
+    T_base, T_tip = tensions(recording)
+    model, config = robot_of(robot)
+    warnings: list[str] = []
+    if free is None:
+        free = ("mu",) if model.backbone.rigid else DEFAULT_FREE
+        if model.backbone.rigid:
+            warnings.append("E is not fitted: the backbone is rigid, so its stiffness has no effect.")
+    chosen = choose(model, free)
+    model = model.with_values(**{p.name: model.value(p.name) for p in chosen})
+    silent = progress or (lambda _: None)
+    task = Task(model, config, chosen, T_base, T_tip, recording.trial, noise_N, max_steps, silent, warnings)
+    return _run(task)
+
+
+def _run(task: Task) -> FitResult:
+    sigma = max(task.noise().sd or 0.0, task.smallest_sigma)
+    found = search(task, sigma)
+    if found is None:
+        return unanswered(task, None, "the simulation fails at every start value tried")
+    at, start = found
+    problem = task.objective(at, np.arange(len(task.T_base)), sigma)
+    task.progress("fitting")
+    first = problem.predict(start)
+    if first is None:
+        return unanswered(task, None, "the simulation fails at the start values")
+    tension = max(task.peak, float(np.max(task.T_base)), 1e-3)
+    heard = np.max(np.abs(first.jacobian), axis=0) > NO_SLOPE * tension
+    if not heard.any():
+        names, still = " and ".join(task.names), np.ptp(first.T_tip) == 0
+        reason = "no slip reaches the tip" if still else "the tip tension does not depend on it"
+        return unanswered(task, first, f"the recording says nothing about {names}: {reason}")
+    rms = float(np.sqrt(np.mean((first.T_tip - task.T_tip) ** 2)))
+    problem = dataclasses.replace(problem, weight=np.full(len(task.T_base), 1 / max(sigma, rms)))
+    descent = descend(
+        problem, start, active=heard, known=first, max_steps=task.max_steps, progress=task.progress
+    )
+    iterations = descent.iterations
+    answer = Answer.of(task, at, problem, descent)
+    if descent.converged and answer.prior_matters(task):
+        # Priors and data are weighed by the errors that the data turn out to have.
+        problem = dataclasses.replace(problem, weight=np.full(len(task.T_base), 1 / answer.spread))
+        descent = descend(
+            problem,
+            descent.u,
+            active=heard,
+            known=descent.prediction,
+            max_steps=task.max_steps,
+            progress=task.progress,
+        )
+        iterations += descent.iterations
+        answer = Answer.of(task, at, problem, descent)
+    task.evaluations += problem.predict.count
+    unknown = ignorance(task, answer)
+    if unknown:
+        as_given = np.where(np.asarray(at.log), np.maximum(task.initial, 1e-9), task.initial)
+        return unanswered(task, problem.predict(at.at(as_given)), unknown)
+    return assemble(task, answer, iterations)

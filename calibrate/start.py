@@ -1,0 +1,85 @@
+"""Where to start: the cost scanned over friction, and stiffness, on a thinned recording.
+
+The tip tension is a play operator of the base tension: locked stretches have no slope, and friction that is
+much too high explains a recording by locking it. Descent alone ends there, so the start is searched for.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from .coordinates import Coordinates
+from .descent import descend
+from .task import Task
+
+# Factors below 2 between neighbours, from a smooth sheath to full lock.
+MU_GRID = tuple(float(mu) for mu in np.geomspace(0.01, 2.0, 10))
+E_FACTORS = (1.0, 0.4, 2.5)
+BLOCKS = 60
+ROUGH_STEPS = 25
+
+
+def thin(T_base: np.ndarray, blocks: int = BLOCKS) -> np.ndarray:
+    """Samples that carry the load history: of each of so many blocks the lowest and the highest base tension.
+
+    What a tendon with friction remembers are the extremes; nothing is averaged.
+
+    Args:
+        T_base: base tension [N], (K,).
+        blocks: number of blocks.
+
+    Returns:
+        Increasing indices, at most 2 per block, with the first and the last sample.
+    """
+    K = len(T_base)
+    if 2 * blocks >= K:
+        return np.arange(K)
+    edges = np.linspace(0, K, blocks + 1).astype(int)
+    kept = {0, K - 1}
+    for a, b in itertools.pairwise(edges):
+        kept |= {a + int(np.argmin(T_base[a:b])), a + int(np.argmax(T_base[a:b]))}
+    return np.asarray(sorted(kept))
+
+
+def candidates(task: Task) -> list[np.ndarray]:
+    """Values worth trying, SI: the robot file's, and a grid over mu and E where they have no prior."""
+    grids = []
+    for entry, value, prior in zip(task.chosen, task.initial.tolist(), task.priors, strict=True):
+        if entry.name == "mu" and prior is None:
+            grids.append([value, *MU_GRID] if value > 0 else list(MU_GRID))
+        elif entry.name == "E" and prior is None:
+            grids.append([value * factor for factor in E_FACTORS])
+        else:
+            grids.append([value])
+    return [np.asarray(values) for values in itertools.product(*grids)]
+
+
+def search(task: Task, sigma: float) -> tuple[Coordinates, np.ndarray] | None:
+    """Scan the candidates on the thinned recording and descend from the best of them.
+
+    Returns:
+        Coordinates about the best candidate and the point reached, (p,); None if the simulation fails at
+        every candidate.
+    """
+    samples = thin(task.T_base)
+    tried = candidates(task)
+    origin = np.zeros(len(task.chosen))
+    best, best_cost, best_at = None, np.inf, None
+    for i, values in enumerate(tried):
+        task.progress(f"searching for a start: {i + 1} of {len(tried)}")
+        at = task.coordinates(values)
+        problem = task.objective(at, samples, sigma)
+        cost = problem.cost(origin, problem.predict(origin))
+        task.evaluations += problem.predict.count
+        if cost < best_cost:
+            best, best_cost, best_at = problem, cost, at
+    if best is None or best_at is None:
+        return None
+    if len(samples) == len(task.T_base):
+        return best_at, origin
+    best.predict.count = 0
+    rough = descend(best, origin, max_steps=ROUGH_STEPS)
+    task.evaluations += best.predict.count
+    return best_at, np.where(rough.at_edge, origin, rough.u)

@@ -1,0 +1,119 @@
+"""The answer of a fit in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from gtr_jax.phases import PULLING, RELEASING, REST, TRANSITION
+
+from .estimate import Estimate
+
+# Above this sum of squares per sample the residual is more than noise; 1.5 is a residual 1.22 times the
+# noise.
+LACK_OF_FIT = 1.5
+# A residual below this share of the peak is called small even if the noise is smaller still.
+SMALL = 0.0025
+# Standard errors of a difference.
+DISAGREE = 3.0
+
+
+def number(value: float, sd: float | None) -> str:
+    """A value with its standard deviation, to two digits of the latter."""
+    if not math.isfinite(value):
+        return "unknown"
+    if sd is None or not math.isfinite(sd) or sd <= 0:
+        return f"{value:.4g}"
+    if max(abs(value), sd) >= 1e5 or sd < 1e-5:
+        power = math.floor(math.log10(max(abs(value), sd)))
+        digits = max(0, 1 - math.floor(math.log10(sd / 10**power)))
+        return f"({value / 10**power:.{digits}f} ± {sd / 10**power:.{digits}f})e{power}"
+    digits = max(0, 1 - math.floor(math.log10(sd)))
+    return f"{value:.{digits}f} ± {sd:.{digits}f}"
+
+
+def said(estimate: Estimate) -> str:
+    """A parameter, its value and unit."""
+    if estimate.sd is None and "no friction" in estimate.note:
+        return estimate.note
+    if estimate.sd is None:
+        return f"{estimate.name} is not determined"
+    return f"{estimate.name} = {number(estimate.value, estimate.sd)} {estimate.unit}".rstrip()
+
+
+def by_phase(residual: np.ndarray, phases: np.ndarray) -> dict[str, dict[str, float]]:
+    """Count, root mean square and mean of the residual [N] in each phase that occurs."""
+    table = {}
+    for phase in (PULLING, TRANSITION, RELEASING, REST):
+        r = residual[phases == phase]
+        if r.size:
+            table[phase] = {
+                "count": int(r.size),
+                "rms_N": float(np.sqrt(np.mean(r**2))),
+                "mean_N": float(np.mean(r)),
+            }
+    return table
+
+
+def disagreement(mu_by_phase: dict[str, Estimate]) -> str:
+    """One clause if the friction of pulling and of releasing differ by more than their errors, else ""."""
+    pull, release = mu_by_phase.get(PULLING), mu_by_phase.get(RELEASING)
+    if pull is None or release is None or pull.sd is None or release.sd is None:
+        return ""
+    if abs(pull.value - release.value) <= DISAGREE * math.hypot(pull.sd, release.sd):
+        return ""
+    return (
+        f"pulling alone would give mu = {number(pull.value, pull.sd)}, "
+        f"releasing alone mu = {number(release.value, release.sd)}"
+    )
+
+
+def verdict(
+    estimates: Sequence[Estimate],
+    *,
+    rms: float,
+    peak: float,
+    noise: float | None,
+    chi2: float | None,
+    table: dict[str, dict[str, float]],
+    disagreement: str,
+    failure: str,
+) -> str:
+    """One sentence: what was found, how far the model is from the recording, and where.
+
+    Args:
+        estimates: the fitted parameters.
+        rms: of the residual [N].
+        peak: largest recorded tip tension [N].
+        noise: of the recording [N], or None.
+        chi2: sum of squares per degree of freedom in units of the noise, or None.
+        table: from `by_phase`.
+        disagreement: from the function of that name.
+        failure: why there is no answer, or "".
+    """
+    if failure:
+        return f"No answer: {failure}."
+    found = ", ".join(said(e) for e in estimates)
+    off = f"{rms:.3g} N rms" + (f", {100 * rms / peak:.2g} % of the {peak:.3g} N peak" if peak > 0 else "")
+    where = "by phase " + ", ".join(
+        f"{k} {v['rms_N']:.2g} N (mean {v['mean_N']:+.2g})" for k, v in table.items()
+    )
+    if noise is None or chi2 is None:
+        clauses = [
+            f"{found}; the fitted model is {off}, from the recording, whose noise cannot be told",
+            where,
+        ]
+    elif chi2 <= LACK_OF_FIT:
+        clauses = [
+            f"{found}; the fitted model describes the recording to its noise: {off}, noise {noise:.2g} N"
+        ]
+    elif rms <= SMALL * peak:
+        clauses = [
+            f"{found}; the fitted model is close to the recording: off by {off}; noise explains {noise:.2g} N"
+        ]
+    else:
+        begin = f"{found}, but the fitted model does not describe the recording: it is off by {off}"
+        clauses = [begin, f"noise explains only {noise:.2g} N", where]
+    return "; ".join([*clauses, disagreement] if disagreement else clauses) + "."

@@ -1,0 +1,108 @@
+"""The command `gtr`: simulate, fit, demo.
+
+Answers go to stdout, progress and errors to stderr. Exit status: 0 answered, 1 answered but not converged,
+2 bad input (one line on stderr), 130 interrupted. What takes long to import is imported where a command runs.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+import warnings
+from collections.abc import Sequence
+from importlib.metadata import version
+from typing import Any
+
+import click
+
+from gtr_jax.errors import InputError
+
+from . import demo, fit, schema, simulate
+from .cache import failures_as_nan
+
+ANSWERED, NOT_CONVERGED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+class Interrupted(Exception):
+    """The user pressed Ctrl-C."""
+
+
+class Commands(click.Group):
+    """A group that leaves it to `main` to say that it was interrupted."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise Interrupted from None
+
+
+@click.group(
+    cls=Commands,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="Exit status: 0 answered, 1 not converged, 2 bad input, 130 interrupted.",
+)
+@click.version_option(version("gtr-jax"), prog_name="gtr", message="%(prog)s %(version)s")
+def cli() -> None:
+    """Simulate tendon-driven continuum manipulators with tendon friction, and fit them to recordings."""
+
+
+for _command in (simulate.simulate, fit.fit, demo.demo, schema.schema):
+    cli.add_command(_command)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; the entry point of `gtr`.
+
+    Args:
+        arguments: what follows `gtr`; those of the process unless given.
+
+    Returns:
+        The exit status.
+    """
+    _quieten()
+    with failures_as_nan(), warnings.catch_warnings():
+        if not sys.warnoptions:
+            warnings.simplefilter("ignore")
+        status = _run(list(sys.argv[1:] if arguments is None else arguments))
+    if status == INTERRUPTED and arguments is None:
+        # JAX may still be computing in threads of its own, which crash when the interpreter is taken down.
+        sys.stdout.flush()
+        os._exit(status)
+    return status
+
+
+def _run(arguments: list[str]) -> int:
+    try:
+        status = cli.main(arguments, prog_name="gtr", standalone_mode=False, obj=arguments)
+        sys.stdout.flush()
+        return status or ANSWERED
+    except click.exceptions.NoArgsIsHelpError as help_wanted:
+        help_wanted.show()
+        return BAD_INPUT
+    except click.UsageError as fault:
+        help_line = f"; see '{fault.ctx.command_path} --help'" if fault.ctx else ""
+        return _refuse(fault.format_message().rstrip(".") + help_line)
+    except click.ClickException as fault:
+        return _refuse(fault.format_message())
+    except InputError as fault:
+        return _refuse(str(fault))
+    except OSError as fault:
+        return _refuse(f"{fault.filename or 'output'}: {fault.strerror}; choose another place with -o")
+    except (Interrupted, KeyboardInterrupt, click.Abort):
+        click.echo("interrupted: nothing was written", err=True)
+        return INTERRUPTED
+
+
+def _refuse(message: str) -> int:
+    click.echo(f"error: {' '.join(message.split())}", err=True)
+    return BAD_INPUT
+
+
+def _quieten() -> None:
+    """Keep libraries' remarks (which accelerators JAX tried, that matplotlib looks for fonts) off stderr."""
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+    for name in ("jax", "jax._src.xla_bridge", "matplotlib"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)

@@ -1,0 +1,58 @@
+"""Options that several commands share, and quantities with units on the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from gtr_jax.errors import InputError
+from gtr_jax.units import to_si
+
+
+class Quantity(click.ParamType):
+    """A number in SI, or one with its unit: 45, "45 N", "4.6 kgf"."""
+
+    def __init__(self, unit: str, metavar: str) -> None:
+        self.unit = unit
+        self.name = metavar
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The value in SI; InputError naming the option."""
+        where = param.opts[0] if param else self.name
+        try:
+            value = float(value)
+        except ValueError:
+            pass
+        return to_si(value, self.unit, where)
+
+
+robot_argument = click.argument("robot", metavar="ROBOT.toml", type=click.Path(path_type=Path))
+output_option = click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="OUT",
+    type=click.Path(path_type=Path),
+    help="Run folder to write. An earlier run there is replaced, anything else is left alone and refused.",
+)
+columns_option = click.option(
+    "--columns",
+    metavar="MAP",
+    help="Columns under other names or in other units: 'T_base=data_0[gf],T_tip=data_2[gf],time=Time[s]'.",
+)
+resolution_option = click.option(
+    "--resolution",
+    type=float,
+    default=1.0,
+    show_default=True,
+    metavar="FACTOR",
+    help="Factor on the number of mesh intervals.",
+)
+
+
+def check_resolution(resolution: float) -> None:
+    """Refuse a mesh factor that cannot be computed with."""
+    if not 0.1 <= resolution <= 100:
+        raise InputError(f"--resolution: must lie between 0.1 and 100, is {resolution:g}; 1 is the default")

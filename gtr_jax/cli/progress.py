@@ -1,0 +1,68 @@
+"""What is going on, on stderr, for whatever takes longer than two seconds."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from typing import TextIO
+
+PATIENCE = 2.0  # seconds before the first word
+PAUSE, REPEAT = 2.0, 10.0  # seconds between plain lines: at least, and at most while a stage lasts
+
+
+class Progress:
+    """Says which stage a command is in: a spinner on a terminal, plain lines elsewhere.
+
+    A context manager; inside it, call it with the name of each stage. Until the first stage it is silent, so
+    that refused input gets one line; so is a quick command. Nothing stays on a terminal's screen.
+    """
+
+    def __init__(self, stream: TextIO | None = None, *, patience: float = PATIENCE) -> None:
+        self._stream = stream or sys.stderr
+        self._patience = patience
+        self._stage = ""
+        self._changed, self._over = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+        self._start = time.monotonic()
+
+    def __call__(self, stage: str) -> None:
+        self._stage = stage
+        self._changed.set()
+
+    def __enter__(self) -> Progress:
+        self._start = time.monotonic()
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._over.set()
+        self._changed.set()
+        self._thread.join()
+
+    def _line(self) -> str:
+        return f"{self._stage} ({time.monotonic() - self._start:.0f} s)"
+
+    def _watch(self) -> None:
+        self._over.wait(self._patience)
+        self._changed.wait()  # a first stage, or the end
+        if self._over.is_set():
+            return
+        if self._stream.isatty():
+            self._spin()
+        else:
+            self._lines()
+
+    def _spin(self) -> None:
+        from rich.console import Console
+
+        with Console(file=self._stream).status(self._line()) as status:
+            while not self._over.wait(0.2):
+                status.update(self._line())
+
+    def _lines(self) -> None:
+        while not self._over.is_set():
+            self._changed.clear()
+            print(self._line(), file=self._stream, flush=True)
+            self._over.wait(PAUSE)
+            self._changed.wait(REPEAT - PAUSE)

@@ -1,0 +1,160 @@
+"""The run folder: written whole or not at all, and never over somebody else's files."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import hashlib
+import json
+import math
+import os
+import platform
+import shlex
+import shutil
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import click
+
+from gtr_jax.errors import InputError, listed
+
+MARK = "run.json"
+PACKAGES = ("gtr-jax", "jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
+
+
+class RunFolder:
+    """Where a command writes its answer.
+
+    Made, and refused, before anything is computed; `write` then gives a temporary folder beside it, which
+    takes its place when everything is in it.
+
+    Args:
+        out: the folder the user named.
+        inputs: files the command reads, by role; their hashes are recorded.
+    """
+
+    def __init__(self, out: Path, inputs: Mapping[str, Path]) -> None:
+        self.path = out
+        self.record = {
+            "written_by": "gtr-jax",
+            "command": command_line(),
+            "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+            "inputs": {
+                role: {"path": str(path), "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+                for role, path in inputs.items()
+            },
+        }
+        self._began = time.monotonic()
+        self._target = out.resolve()
+        _refuse_unless_ours(out, self._target, inputs)
+
+    def settings(self) -> dict[str, Any]:
+        """What made the answer: command, versions, device, hashes of the inputs."""
+        return {**self.record, "versions": versions()}
+
+    @contextlib.contextmanager
+    def write(self) -> Iterator[Path]:
+        """A folder to write into; it becomes the run folder on leaving, or vanishes if that fails."""
+        target = self._target
+        target.parent.mkdir(parents=True, exist_ok=True)
+        part = target.with_name(f".{target.name}.{os.getpid()}.part")
+        old = target.with_name(f".{target.name}.{os.getpid()}.old")
+        part.mkdir()
+        try:
+            yield part
+            seconds = time.monotonic() - self._began
+            files = sorted(str(p.relative_to(part)) for p in part.rglob("*") if p.is_file())
+            write_json(
+                part / MARK, {**self.settings(), "seconds": round(seconds, 2), "files": [*files, MARK]}
+            )
+            _take_place(part, target, old)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
+
+
+def _take_place(part: Path, target: Path, old: Path) -> None:
+    try:
+        if target.exists():
+            target.rename(old)
+        part.rename(target)
+    except BaseException:
+        if old.exists() and not target.exists():
+            old.rename(target)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _refuse_unless_ours(out: Path, target: Path, inputs: Mapping[str, Path]) -> None:
+    if target.exists() and not target.is_dir():
+        raise InputError(f"-o {out}: is a file, not a folder; choose another name")
+    held = (
+        sorted(str(p.relative_to(target)) for p in target.rglob("*") if not p.is_dir())
+        if target.exists()
+        else []
+    )
+    if not held:
+        return
+    ours = _files_of(target / MARK)
+    foreign = [name for name in held if name not in ours]
+    if not ours:
+        raise InputError(
+            f"-o {out}: not a run folder of gtr ({listed(held, 3)} in it); choose a new or empty folder"
+        )
+    if foreign:
+        raise InputError(
+            f"-o {out}: holds files not written by gtr ({listed(foreign, 3)}); move them or use another"
+        )
+    for path in inputs.values():
+        if path.resolve().is_relative_to(target):
+            raise InputError(
+                f"-o {out}: holds the input {path}, which would be replaced; choose another folder"
+            )
+
+
+def _files_of(mark: Path) -> set[str]:
+    try:
+        record = json.loads(mark.read_text(encoding="utf-8"))
+        return set(record["files"]) if record["written_by"] == "gtr-jax" else set()
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
+
+
+def command_line() -> str:
+    """The command as the user may type it again."""
+    context = click.get_current_context(silent=True)
+    return shlex.join(["gtr", *(context.obj if context and context.obj else sys.argv[1:])])
+
+
+def versions() -> dict[str, str]:
+    """Versions of what computed the answer, and on what."""
+    import jax
+
+    return {
+        "python": platform.python_version(),
+        **{name: version(name) for name in PACKAGES},
+        "device": jax.devices()[0].device_kind,
+        "system": f"{platform.system()} {platform.machine()}",
+    }
+
+
+def write_json(path: Path, data: Any) -> None:
+    """Write JSON; a number that is not finite becomes null, which JSON can hold."""
+    path.write_text(
+        json.dumps(_plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
+    )
+
+
+def _plain(data: Any) -> Any:
+    if isinstance(data, Mapping):
+        return {str(key): _plain(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_plain(value) for value in data]
+    if hasattr(data, "tolist"):  # numpy and JAX
+        return _plain(data.tolist())
+    if isinstance(data, float) and not math.isfinite(data):
+        return None
+    return data

@@ -1,0 +1,163 @@
+"""`gtr simulate`: a robot through a load history."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+import numpy as np
+
+from gtr_jax.errors import InputError
+
+from .options import (
+    Quantity,
+    check_resolution,
+    columns_option,
+    output_option,
+    resolution_option,
+    robot_argument,
+)
+
+if TYPE_CHECKING:
+    from gtr_jax.config import RobotConfig
+    from gtr_jax.recording import Recording
+    from gtr_jax.report import SimulationAnswer
+
+STEPS = 40
+
+
+@click.command()
+@robot_argument
+@click.option("--pull", type=Quantity("N", "TENSION"), help="Pull the tendon's base to this tension [N].")
+@click.option("--release", type=Quantity("N", "TENSION"), help="Then release it to this one [N].")
+@click.option("--steps", type=int, metavar="N", help=f"Steps of each branch.  [default: {STEPS}]")
+@click.option(
+    "--history",
+    type=click.Path(path_type=Path),
+    metavar="H.csv",
+    help="Take the base tension from this file (column T_base_N) instead.",
+)
+@columns_option
+@resolution_option
+@output_option
+def simulate(
+    robot: Path,
+    pull: float | None,
+    release: float | None,
+    steps: int | None,
+    history: Path | None,
+    columns: str | None,
+    resolution: float,
+    output: Path,
+) -> int:
+    """Simulate ROBOT.toml through a history of the base tension.
+
+    Either --pull, and --release after it, or --history. Tensions take units ("45 N", "4.6 kgf"); a bare
+    number is in newtons.
+    """
+    from gtr_jax.config import load_config
+
+    from .cache import enable_cache
+    from .progress import Progress
+    from .run_folder import RunFolder
+
+    check_resolution(resolution)
+    config = load_config(robot)
+    given: Recording | None = None
+    if history is None:
+        if columns is not None:
+            raise InputError("--columns: has no effect without --history; leave it out")
+        T_base = pull_and_release(pull, release, steps, preload=config.tendon.preload)
+    else:
+        for name, value in (("--pull", pull), ("--release", release), ("--steps", steps)):
+            if value is not None:
+                raise InputError(f"{name}: has no effect with --history; leave one of the two out")
+        from gtr_jax.recording import read_recording
+
+        given = read_recording(history, columns, need_tip=False)
+        T_base = given.T_base
+    folder = RunFolder(output, {"robot": robot} | ({"history": history} if history else {}))
+    enable_cache()
+    with Progress() as progress:
+        answer = solve(config, T_base, resolution=resolution, progress=progress)
+        progress("drawing")
+        with folder.write() as part:
+            write_answer(part, answer, config, folder.settings(), time=given.time if given else None)
+    from gtr_jax.report.simulation import verdict
+
+    click.echo(verdict(answer))
+    click.echo(f"report: {output / 'report.html'}")
+    return 0 if answer.converged else 1
+
+
+def pull_and_release(
+    pull: float | None, release: float | None, steps: int | None, *, preload: float = 0.0
+) -> np.ndarray:
+    """Base tension [N] of a pull from the preload and, if asked for, a release, with `steps` steps each."""
+    if pull is None:
+        raise InputError(
+            "--pull: missing; give a tension, for example --pull 45 --release 0, or --history H.csv"
+        )
+    count = STEPS if steps is None else steps
+    if not 1 <= count <= 100_000:
+        raise InputError(f"--steps: must lie between 1 and 100000, is {count}; {STEPS} is the default")
+    if pull <= preload:
+        raise InputError(f"--pull: must be above the preload of {preload:g} N, is {pull:g} N; pull harder")
+    history = np.linspace(preload, pull, count + 1)
+    if release is None:
+        return history
+    if not 0 <= release < pull:
+        raise InputError(
+            f"--release: must lie between 0 N and the {pull:g} N of --pull, is {release:g} N; change one"
+        )
+    return np.concatenate([history, np.linspace(pull, release, count + 1)[1:]])
+
+
+def solve(config: RobotConfig, T_base: np.ndarray, *, resolution: float = 1.0, progress) -> SimulationAnswer:
+    """Build the robot and simulate."""
+    from gtr_jax.build import build_robot
+    from gtr_jax.report import answer_simulation
+
+    robot = build_robot(config, resolution=resolution)
+    progress("compiling and simulating")
+    return answer_simulation(robot, T_base)
+
+
+def write_answer(
+    folder: Path,
+    answer: SimulationAnswer,
+    config: RobotConfig,
+    settings: dict,
+    *,
+    time: np.ndarray | None = None,
+) -> None:
+    """Write all that a simulation leaves into a folder."""
+    from gtr_jax.config import dump_config
+    from gtr_jax.recording import write_recording
+    from gtr_jax.report import render, simulation_report
+    from gtr_jax.report.simulation import facts
+
+    from .run_folder import write_json
+
+    run = answer.run
+    dump_config(config, folder / "robot.toml")
+    columns = {
+        "time": time,
+        "T_base": run.T_base,
+        "T_tip": run.T_tip,
+        "tip_x": run.tip_pose[:, 0],
+        "tip_y": run.tip_pose[:, 1],
+        "tip_angle": run.tip_pose[:, 2],
+        "displacement": run.displacement,
+        "phase": answer.phases,
+    }
+    if not answer.converged:
+        columns["converged"] = np.asarray(run.converged).astype(int)
+    write_recording(folder / "simulation.csv", columns)
+    write_json(folder / "simulation.json", {**facts(answer), "settings": settings})
+    report = simulation_report(answer)
+    for figure in report.figures:
+        (folder / f"{figure.name}.png").write_bytes(figure.image)
+    page = render(report, settings, (folder / "robot.toml").read_text(encoding="utf-8"))
+    (folder / "report.html").write_text(page, encoding="utf-8")

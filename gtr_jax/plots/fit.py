@@ -1,0 +1,64 @@
+"""A fitted model beside its recording, and what is left between them."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from .style import INK, PALE, PHASE_COLOUR, figure, legend_above, phase_keys, styled
+
+
+def _by_phase(axes, x: np.ndarray, y: np.ndarray, phases: np.ndarray) -> None:
+    for phase, colour in PHASE_COLOUR.items():
+        here = phases == phase
+        if np.any(here):
+            axes.plot(x[here], y[here], linestyle="", marker="o", markersize=2.6, color=colour, alpha=0.6)
+
+
+@styled
+def plot_fit(T_base: np.ndarray, T_tip: np.ndarray, *, simulated: np.ndarray, phases: np.ndarray) -> Figure:
+    """Recorded tip against base tension, coloured by phase, with the fitted model's loop.
+
+    Args:
+        T_base, T_tip: as recorded [N], (K,).
+        simulated: the fitted model's tip tension [N], (K,).
+        phases: label of each sample, (K,).
+    """
+    fig, (axes,) = figure(3.9)
+    _by_phase(axes, T_base, T_tip, phases)
+    axes.plot(T_base, simulated, color=INK, linewidth=0.9)
+    axes.set_xlabel("tension at the base $T_{base}$ [N]")
+    axes.set_ylabel("tension at the tip $T_{tip}$ [N]")
+    keys = [*phase_keys(phases, marker="o"), Line2D([], [], color=INK, linewidth=0.9, label="fitted model")]
+    legend_above(fig, keys)
+    return fig
+
+
+@styled
+def plot_residual(
+    T_base: np.ndarray, residual: np.ndarray, *, phases: np.ndarray, noise: float | None
+) -> Figure:
+    """Residual against base tension and along the recording, coloured by phase, with the band of the noise.
+
+    Args:
+        T_base: as recorded [N], (K,).
+        residual: of the tip tension [N], (K,).
+        phases: label of each sample, (K,).
+        noise: one standard deviation of the tip cell's noise [N]; no band if None.
+    """
+    fig, rows = figure(5.6, 2, sharey=True)
+    for axes, x in zip(rows, (T_base, np.arange(1, len(T_base) + 1)), strict=True):
+        if noise:
+            axes.axhspan(-2 * noise, 2 * noise, color=PALE, linewidth=0, zorder=0)
+        axes.axhline(0, color=INK, linewidth=0.8)
+        _by_phase(axes, x, residual, phases)
+        axes.set_ylabel("simulated $-$ recorded $T_{tip}$ [N]")
+    rows[0].set_xlabel("tension at the base $T_{base}$ [N]")
+    rows[1].set_xlabel("sample")
+    keys: list = phase_keys(phases, marker="o")
+    if noise:
+        keys.append(Patch(color=PALE, label="noise, ±2 sd"))
+    legend_above(fig, keys)
+    return fig

@@ -1,0 +1,52 @@
+"""The loop: tension at the tip against tension at the base."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from .style import GREY, INK, figure, legend_above, line_by_phase, phase_keys, styled
+
+
+@styled
+def plot_loop(
+    T_base: np.ndarray,
+    T_tip: np.ndarray,
+    *,
+    phases: np.ndarray,
+    frictionless: np.ndarray,
+    switch: tuple[float, float] | None = None,
+) -> Figure:
+    """Tip against base tension, coloured by phase, with the frictionless model beside it.
+
+    Args:
+        T_base, T_tip: tensions [N], (K,).
+        phases: label of each step, (K,).
+        frictionless: tip tension of the model without friction [N], (K,).
+        switch: base and tip tension [N] where release reaches the tip; marked unless None.
+    """
+    fig, (axes,) = figure(3.9)
+    order = np.argsort(T_base)
+    axes.plot(T_base[order], frictionless[order], color=GREY, linestyle=(0, (4, 3)), linewidth=1.3)
+    line_by_phase(axes, T_base, T_tip, phases)
+    keys = [*phase_keys(phases[1:]), Line2D([], [], color=GREY, linestyle=(0, (4, 3)), label="no friction")]
+    if switch is not None:
+        axes.plot(*switch, marker="x", color=INK, markersize=9, markeredgewidth=2.2, linestyle="", zorder=5)
+        axes.annotate(
+            f"$T_{{base,switch}}$ = {switch[0]:.3g} N",
+            switch,
+            xytext=(-4, 10),
+            textcoords="offset points",
+            ha="left" if switch[0] < 0.5 * np.max(T_base) else "right",
+            va="bottom",
+            color=INK,
+            zorder=4,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.0},
+        )
+    axes.set_xlabel("tension at the base $T_{base}$ [N]")
+    axes.set_ylabel("tension at the tip $T_{tip}$ [N]")
+    axes.set_xlim(min(0.0, float(np.min(T_base))), None)
+    axes.set_ylim(min(0.0, float(np.min(T_tip))), None)
+    legend_above(fig, keys)
+    return fig

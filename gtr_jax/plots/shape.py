@@ -1,0 +1,147 @@
+"""The shape: midline, body and channel, and what the tendon presses on."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from scipy.interpolate import CubicSpline
+
+from gtr_jax.equilibrium import Equilibrium
+from gtr_jax.forces import ChannelForces
+
+from .style import BLUE, GREEN, GREY, INK, PURPLE, VERMILLION, figure, legend_above, number, styled
+
+FINER = 8  # points drawn per mesh interval
+RIBBON = 0.12  # height of the tallest force drawn at the channel, relative to the larger side of the body
+DRAWN_WIDTH, SHORTEST, TALLEST = 4.4, 1.3, 4.4  # of the plane [in]
+BELOW = 2.9  # what the forces along s and the labels take [in]
+
+
+class Posture(NamedTuple):
+    """One shape to draw: what to call it, and the equilibrium."""
+
+    name: str
+    state: Equilibrium
+
+
+class _Curve(NamedTuple):
+    """A shape at the M points it is drawn at; panel ends stay double.
+
+    s, panel: arc length [m] and index of the mesh panel, (M,). middle, channel, outline: points [mm], (M, 2),
+    the outline closed.
+    """
+
+    s: np.ndarray
+    panel: np.ndarray
+    middle: np.ndarray
+    channel: np.ndarray
+    outline: np.ndarray
+
+
+@styled
+def plot_shape(
+    postures: list[Posture], *, radius: np.ndarray, loaded: Equilibrium, forces: ChannelForces
+) -> Figure:
+    """Midline, outline and channel of each posture, and the forces along the channel of the loaded one.
+
+    The upper part draws the normal force to the side on which the tendon presses, and the friction to the
+    other; the lower part gives both in numbers.
+
+    Args:
+        postures: shapes to draw, in the order of the history.
+        radius: outer radius of the body at the nodes [m], (N,).
+        loaded: the equilibrium of the forces.
+        forces: forces between tendon and channel at `loaded`.
+    """
+    curves = [_curve(posture.state, radius) for posture in postures]
+    colours = [GREY, INK, PURPLE] if len(curves) > 1 else [INK]
+    width, height = np.ptp(np.concatenate([c.outline for c in curves]), axis=0)
+    tall = min(max(DRAWN_WIDTH * height / width, SHORTEST), TALLEST)
+    fig, (plane, along) = figure(tall + BELOW, 2, height_ratios=[tall, 1.4])
+    for curve, colour in zip(curves, colours, strict=False):
+        _draw_body(plane, curve, colour)
+    _draw_forces(plane, along, _curve(loaded, radius), forces, RIBBON * max(width, height))
+    plane.set_aspect("equal", adjustable="datalim")
+    plane.set_xlabel("x [mm]")
+    plane.set_ylabel("y [mm]")
+    along.set_xlabel("s along the backbone [mm]")
+    along.set_ylabel("force per length [N/m]")
+    along.set_xlim(0, 1e3 * float(loaded.s[-1]))
+    along.legend(loc="best")
+    keys: list[Artist] = [
+        Line2D([], [], color=c, label=p.name, linewidth=2) for p, c in zip(postures, colours, strict=False)
+    ]
+    legend_above(fig, [*keys, Line2D([], [], color=GREEN, label="tendon", linewidth=1.6)])
+    return fig
+
+
+def _curve(state: Equilibrium, radius: np.ndarray) -> _Curve:
+    """The shape between the nodes: splines of angle and offset within each panel, the angle integrated."""
+    s = np.asarray(state.s)
+    starts = np.flatnonzero(np.diff(s, prepend=-1.0, append=s[-1]) <= 0)
+    pieces = []
+    for p, nodes in enumerate(np.split(np.arange(len(s)), starts)):
+        if len(nodes) > 1:
+            at = np.interp(np.arange(0, len(nodes) - 1 + 1e-9, 1 / FINER), np.arange(len(nodes)), s[nodes])
+            angle, R = (CubicSpline(s[nodes], np.asarray(v)[nodes])(at) for v in (state.angle, state.R))
+            pieces.append((at, np.full(len(at), p), angle, R, np.interp(at, s[nodes], radius[nodes])))
+    at, panel, angle, R, half = (np.concatenate(column) for column in zip(*pieces, strict=True))
+    tangent, normal = (np.stack(_unit(a), axis=1) for a in (angle, angle + np.pi / 2))
+    steps = np.diff(at)[:, None] * 0.5 * (tangent[1:] + tangent[:-1])
+    middle = 1e3 * np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    left, right = (middle + side * 1e3 * half[:, None] * normal for side in (1, -1))
+    outline = np.concatenate([left, right[::-1], left[:1]])
+    return _Curve(at, panel, middle, middle + 1e3 * R[:, None] * normal, outline)
+
+
+def _unit(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return np.cos(angle), np.sin(angle)
+
+
+def _draw_body(axes: Axes, curve: _Curve, colour: str) -> None:
+    axes.fill(*curve.outline.T, facecolor=colour, alpha=0.07, edgecolor="none")
+    axes.plot(*curve.outline.T, color=colour, linewidth=0.9)
+    axes.plot(*curve.middle.T, color=colour, linewidth=0.9, linestyle=(0, (7, 2, 1, 2)))
+    axes.plot(*curve.channel.T, color=GREEN, linewidth=1.6, alpha=0.95 if colour == INK else 0.4)
+
+
+def _draw_forces(plane: Axes, along: Axes, curve: _Curve, forces: ChannelForces, tallest: float) -> None:
+    """Normal force to the side it presses on, friction to the other, at one scale; and both against s."""
+    edges = np.flatnonzero(np.asarray(forces.length) <= 0)
+    panels = [np.setdiff1d(p, edges) for p in np.split(np.arange(len(forces.s)), edges)]
+    highest = max(float(np.max(forces.normal)), 1e-12)
+    for values, sign, colour, dash, label in (
+        (np.asarray(forces.normal), 1.0, BLUE, "-", "normal force $f_n$"),
+        (np.asarray(forces.friction), -1.0, VERMILLION, "--", "friction $f_f$"),
+    ):
+        text: str | None = f"{label}, up to {number(float(np.max(np.abs(values))), 'N/m', 3)}"
+        for p, own in enumerate(panels):
+            here = curve.panel == p
+            if not np.any(here):
+                continue
+            force = _to_the_ends(curve.s[here], np.asarray(forces.s)[own], values[own])
+            along.plot(1e3 * curve.s[here], force, color=colour, linestyle=dash, label=text)
+            text = None  # once in the legend
+            at = curve.channel[here]
+            heading = np.unwrap(np.arctan2(np.gradient(at[:, 1]), np.gradient(at[:, 0])))
+            turning = np.sign(np.gradient(heading))  # the tendon presses to the side it turns to
+            across = np.stack(_unit(heading + np.pi / 2), axis=1)
+            tips = at + (sign * turning * tallest * np.abs(force) / highest)[:, None] * across
+            quads = np.stack([at[:-1], at[1:], tips[1:], tips[:-1]], axis=1)[turning[1:] == turning[:-1]]
+            plane.add_collection(PolyCollection(list(quads), facecolor=colour, alpha=0.4, edgecolor="none"))
+
+
+def _to_the_ends(s: np.ndarray, middles: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values at `s` from those at the middles of intervals, continued straight to the panel's ends."""
+    if len(middles) == 1:
+        return np.full(len(s), values[0])
+    slopes = [(values[i + 1] - values[i]) / (middles[i + 1] - middles[i]) for i in (0, -2)]
+    first = values[0] + slopes[0] * (s[0] - middles[0])
+    last = values[-1] + slopes[1] * (s[-1] - middles[-1])
+    return np.interp(s, [s[0], *middles, s[-1]], [first, *values, last])

@@ -1,0 +1,113 @@
+"""One look for all figures: legible in a text column, and to the colour-blind (Okabe and Ito's palette)."""
+
+from __future__ import annotations
+
+import functools
+import io
+from collections.abc import Callable, Sequence
+from typing import Any, ParamSpec
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+P = ParamSpec("P")
+
+BLUE, ORANGE, GREEN, VERMILLION, PURPLE = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7"
+INK, GREY, PALE = "#222222", "#777777", "#DDDDDD"
+PHASE_COLOUR = {"pulling": BLUE, "transition": ORANGE, "releasing": GREEN, "rest": GREY}
+
+WIDTH = 5.2  # inches; 85 mm in print leaves 6.5 pt letters
+DOTS = 200
+LOOK: Any = mpl.rcParamsDefault | {
+    "backend": "agg",
+    "font.size": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": GREY,
+    "axes.labelcolor": INK,
+    "axes.grid": True,
+    "grid.color": "#EEEEEE",
+    "axes.axisbelow": True,
+    "xtick.color": GREY,
+    "ytick.color": GREY,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "legend.frameon": False,
+    "legend.fontsize": 9,
+    "lines.solid_capstyle": "round",
+}
+
+
+def styled(plot: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Draw in this look, whatever the user's matplotlib settings."""
+
+    @functools.wraps(plot)
+    def in_style(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        with mpl.rc_context(LOOK):
+            return plot(*args, **kwargs)
+
+    return in_style
+
+
+def figure(height: float, rows: int = 1, **grid: Any) -> tuple[Figure, list[Axes]]:
+    """A figure of the standard width with `rows` axes above one another; `height` in inches."""
+    fig = Figure(figsize=(WIDTH, height), layout="constrained")
+    return fig, list(fig.subplots(rows, 1, squeeze=False, **grid)[:, 0])
+
+
+def png(fig: Figure) -> bytes:
+    """The figure as PNG, the same bytes for the same figure."""
+    stream = io.BytesIO()
+    with mpl.rc_context(LOOK):
+        fig.savefig(stream, format="png", dpi=DOTS, metadata={"Software": None})
+    return stream.getvalue()
+
+
+def legend_above(fig: Figure, handles: Sequence[Artist]) -> None:
+    """One row of legend entries above the axes."""
+    fig.legend(
+        handles=list(handles),
+        loc="outside upper center",
+        ncols=len(handles),
+        handlelength=1.4,
+        columnspacing=1.2,
+    )
+
+
+def line_by_phase(
+    axes: Axes, x: np.ndarray, y: np.ndarray, phases: np.ndarray, *, width: float = 2.2
+) -> None:
+    """A line whose segment into each point has the colour of that point's phase."""
+    points = np.stack([x, y], axis=1)
+    colours = [PHASE_COLOUR[phase] for phase in phases[1:]]
+    axes.add_collection(
+        LineCollection(np.stack([points[:-1], points[1:]], axis=1).tolist(), colors=colours, linewidths=width)
+    )
+    axes.autoscale_view()
+
+
+def phase_keys(phases: np.ndarray, *, marker: str = "") -> list[Line2D]:
+    """Legend entries for the phases that occur, in their order within a cycle."""
+    style: dict[str, Any] = (
+        {"marker": marker, "linestyle": "", "markersize": 5} if marker else {"linewidth": 2.2}
+    )
+    return [Line2D([], [], color=c, label=p, **style) for p, c in PHASE_COLOUR.items() if p in set(phases)]
+
+
+def number(value: float | None, unit: str = "", digits: int = 4) -> str:
+    """A number for people; a dash where there is none."""
+    if value is None or value != value:
+        return "–"
+    text = f"{value:.{digits}g}"
+    if "e+" in text and abs(value) < 1e6:
+        text = f"{float(text):.0f}"
+    if "e" in text:
+        mantissa, exponent = text.split("e")
+        power = str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+        text = f"{mantissa}·10{power}"
+    return f"{text} {unit}".strip().replace("-", "−")

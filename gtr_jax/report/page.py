@@ -1,0 +1,75 @@
+"""The page: verdict, figures, tables, settings, in one HTML file that loads nothing."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+FOLDER = Path(__file__).parent
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture with what it shows. `name` is its file name without ending."""
+
+    name: str
+    image: bytes
+    caption: str
+
+    @property
+    def source(self) -> str:
+        """The picture as a data address."""
+        return "data:image/png;base64," + base64.b64encode(self.image).decode()
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: a title, the column names (blank ones for none), and rows of text."""
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Report:
+    """All that a page says.
+
+    Attributes:
+        title: of the page.
+        verdict: one plain sentence; stands first.
+        warnings: what the reader must know before using the numbers.
+        figures, tables: in this order.
+    """
+
+    title: str
+    verdict: str
+    warnings: Sequence[str] = ()
+    figures: Sequence[Figure] = ()
+    tables: Sequence[Table] = field(default_factory=tuple)
+
+
+def render(report: Report, settings: Mapping[str, Any], robot_file: str) -> str:
+    """The page as HTML.
+
+    Args:
+        report: what it says.
+        settings: command, versions, device and hashes of the inputs, as in `run.json`.
+        robot_file: the resolved robot file.
+    """
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(FOLDER),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    template = environment.get_template("page.html.jinja")
+    style = (FOLDER / "page.css").read_text(encoding="utf-8")
+    return template.render(report=report, settings=settings, robot_file=robot_file, style=style)
