@@ -32,9 +32,8 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
 
     machine = measure.machine()
-    print(
-        f"{machine['processor']}, {machine['cores']} cores, jax {machine['versions']['jax']}, {machine['date']}"
-    )
+    versions = machine["versions"]
+    print(f"{machine['processor']}, {machine['cores']} cores, jax {versions['jax']}, {machine['date']}")
     print(f"{'what':<52} {'value':>9} {'unit':<10} {'target':>8} {'cold s':>8}")
     metrics = []
     for name, group in GROUPS.items():

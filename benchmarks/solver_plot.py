@@ -9,6 +9,7 @@ import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+from matplotlib.ticker import NullFormatter
 
 MARKS = {"march": "o", "structured Newton": "s", "Anderson": "^", "Picard": "v", "dense Newton": "D"}
 
@@ -98,6 +99,7 @@ def _loops(ax, study: dict[str, Any]) -> None:
             ms=4,
             label=name,
         )
+    ax.xaxis.set_minor_formatter(NullFormatter())
     ax.set_xlabel("nodes [-]")
     ax.set_ylabel("largest error of the tip tension [N]")
     ax.set_title("hysteresis loop", fontsize=10)
@@ -112,7 +114,7 @@ def _convergence(ax, study: dict[str, Any]) -> None:
         ax.bar([i + 0.16 * k for i in range(len(shares))], shares, width=0.15, label=solver)
     ax.set_xticks([i + 0.3 for i in range(len(systems))], list(systems), fontsize=7)
     ax.set_ylabel("share solved from a cold start [%]")
-    ax.set_ylim(0, 118)
+    ax.set_ylim(0, 135)
     ax.set_title("random friction, modulus, tension", fontsize=10)
     ax.legend(fontsize=7, ncols=3, loc="upper center")
     ax.grid(alpha=0.3, axis="y")

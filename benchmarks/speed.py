@@ -131,10 +131,19 @@ def gradient(quick: bool) -> Iterator[Metric]:
         forward = measure.timed(value, robot, T_base)
         both = measure.timed(_gradient, robot, T_base)
         yield _ratio(f"gradient.{system.name}", both, forward, 2.0)
-        lanes = systems.draws(system, 1000)["T_base"]
-        forward = measure.timed(jax.vmap(value, (None, 0)), robot, lanes)
-        both = measure.timed(jax.vmap(_gradient, (None, 0)), robot, lanes)
-        yield _ratio(f"gradient.{system.name}.batched", both, forward, 2.0)
+        lanes = systems.draws(system, 1000)
+        # Every lane a robot of its own in all its numbers, as in a sweep: nothing is shared between lanes.
+        robots = jax.vmap(lambda x, robot=robot: robot.with_values(mu=x["mu"], E=x["E"]))(lanes)
+        for name, arrange in (
+            ("vmap", jax.vmap),
+            (
+                "lax.map over 250",
+                lambda fn: lambda r, T: jax.lax.map(lambda x: fn(*x), (r, T), batch_size=250),
+            ),
+        ):
+            forward = measure.timed(arrange(value), robots, lanes["T_base"])
+            both = measure.timed(arrange(_gradient), robots, lanes["T_base"])
+            yield _ratio(f"gradient.{system.name}.{name}", both, forward, 2.0)
 
 
 def _ratio(name: str, both: measure.Timed, forward: measure.Timed, target: float | None) -> Metric:

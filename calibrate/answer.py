@@ -167,7 +167,8 @@ def ignorance(task: Task, answer: Answer) -> str:
     known, values = answer.known(task), np.asarray(answer.at.values(answer.descent.u))
     if known.known.any():
         return ""
-    if task.names == ["mu"] and _largest_mu(task, known, values) < SMALL_MU:
+    others_known = all(p is not None for n, p in zip(task.names, task.priors, strict=True) if n != "mu")
+    if others_known and _largest_mu(task, known, values) < SMALL_MU:
         return ""
     each = [n for n, a in zip(task.names, known.alone, strict=True) if a < UNKNOWN]
     if len(each) > 1:
@@ -191,7 +192,8 @@ def _trade_offs(task: Task, known: Uncertainty) -> None:
 def _failure(answer: Answer) -> str:
     """Why there is no answer; "" if there is."""
     if not answer.prediction.converged:
-        return f"{answer.prediction.failed} of {len(answer.residual)} load steps of the simulation did not converge"
+        steps = f"{answer.prediction.failed} of {len(answer.residual)} load steps"
+        return f"{steps} of the simulation did not converge"
     if not answer.descent.converged:
         return f"the optimiser did not finish ({answer.descent.result}); the values are where it stopped"
     return ""

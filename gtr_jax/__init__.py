@@ -1,11 +1,12 @@
 """Simulator of tendon-driven continuum manipulators with friction and hysteresis, differentiable through JAX.
 
-Importing it switches JAX to 64-bit floats: friction memory and implicit gradients need them.
+Importing it switches JAX to 64-bit floats, which friction memory and implicit gradients need, and lets XLA
+compile the march's loop whole (see `gtr_jax.runtime`): import it before computing anything with JAX.
 """
 
-import jax
+from .runtime import set_up
 
-jax.config.update("jax_enable_x64", True)
+set_up()
 
 from .build import build_robot, load_robot  # noqa: E402
 from .config import RobotConfig, dump_config, load_config  # noqa: E402

@@ -6,10 +6,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optimistix as optx
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from . import channel
-from .linear_solver import CausalSolver
+from .adjoint import CausalAdjoint
 from .march import March
 from .mesh import cumulative, increments
 from .problem import Problem, Sections, State, residual, tension_of
@@ -91,7 +91,7 @@ def solve_problem(p: Problem, start: State, solver: optx.AbstractRootFinder) -> 
         solver,
         jax.lax.stop_gradient(start),
         args=p,
-        adjoint=optx.ImplicitAdjoint(linear_solver=CausalSolver()),
+        adjoint=CausalAdjoint(),
         max_steps=MAX_STEPS,
         throw=False,
     )
@@ -136,9 +136,19 @@ def problem_of(robot: Robot, s: Sections, T_base: Float[Array, ""], memory: Floa
 
 
 @eqx.filter_jit
+def _solve(
+    robot: Robot, T_base: Float[Array, ""], memory: Float[Array, " N"] | None, solver: optx.AbstractRootFinder
+) -> Equilibrium:
+    s = sections(robot)
+    before = jnp.broadcast_to(robot.tendon.preload, s.rest.shape) if memory is None else memory
+    p = problem_of(robot, s, T_base, before)
+    sol = solve_problem(p, rest_state(s), solver)
+    return describe(s, sol, tension_of(sol.value, p))
+
+
 def equilibrium(
     robot: Robot,
-    T_base: Float[Array, ""] | float,
+    T_base: Float[ArrayLike, ""],
     *,
     memory: Float[Array, " N"] | None = None,
     solver: optx.AbstractRootFinder = March(),  # noqa: B008
@@ -159,9 +169,4 @@ def equilibrium(
     Returns:
         The solution. It never raises on non-convergence: look at `result`, `converged` and `residual_norm`.
     """
-    s = sections(robot)
-    T_base = jnp.asarray(T_base, dtype=s.rest.dtype)
-    before = jnp.broadcast_to(robot.tendon.preload, s.rest.shape) if memory is None else memory
-    p = problem_of(robot, s, T_base, before)
-    sol = solve_problem(p, rest_state(s), solver)
-    return describe(s, sol, tension_of(sol.value, p))
+    return _solve(robot, jnp.asarray(T_base, dtype=float), memory, solver)

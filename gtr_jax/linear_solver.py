@@ -7,13 +7,10 @@ closed. Cost O(N); exact.
 
 from __future__ import annotations
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import jax.tree_util as jtu
-import lineax as lx
 from jaxtyping import Array, Float
 
 from . import channel, friction
@@ -129,47 +126,3 @@ def solve_linearised(a: Linearisation, r: State) -> State:
     homogeneous = response_to_base_moment(a)
     moment_base = (r.moment[0] - particular.moment[-1]) / homogeneous.moment[-1]
     return jtu.tree_map(lambda x, h: x + moment_base * h, particular, homogeneous)
-
-
-class CausalSolver(lx.AbstractLinearSolver):
-    """lineax solver for Jacobians of `problem.residual`: finds the Problem in the operator and uses its
-    structure.
-
-    For `optimistix.ImplicitAdjoint(linear_solver=CausalSolver())` with `args=Problem`. Any other operator is
-    refused.
-    """
-
-    def init(self, operator: lx.AbstractLinearOperator, options: dict[str, Any]):
-        del options
-        found = [
-            leaf
-            for leaf in jtu.tree_leaves(
-                getattr(operator, "args", None), is_leaf=lambda x: isinstance(x, Problem)
-            )
-            if isinstance(leaf, Problem)
-        ]
-        if len(found) != 1 or not isinstance(operator, lx.JacobianLinearOperator):
-            raise ValueError(
-                "CausalSolver solves Jacobians of gtr_jax.problem.residual only, with args=Problem"
-            )
-        return linearise(operator.x, found[0]), False
-
-    def compute(self, state, vector, options):
-        del options
-        a, transposed = state
-        if transposed:
-            like = jtu.tree_map(jnp.zeros_like, vector)
-            (value,) = jax.linear_transpose(lambda r: solve_linearised(a, r), like)(vector)
-        else:
-            value = solve_linearised(a, vector)
-        return value, lx.RESULTS.successful, {}
-
-    def transpose(self, state, options):
-        a, transposed = state
-        return (a, not transposed), options
-
-    def conj(self, state, options):
-        return state, options
-
-    def assume_full_rank(self) -> bool:
-        return True

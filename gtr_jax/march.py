@@ -73,7 +73,7 @@ def march(
                 known = w[1] * slopes[0] + w[2] * slopes[1] + w[3] * slopes[2]
                 moment, slope_history = moment_before + known + w[0] * slope, (slope, *slopes[:-1])
             else:
-                moment, slope_history = moment_before, ()
+                moment, slope_history = moment_before, slopes
             error = kappa - rest - compliance * (tension * channel.moment_arm(kappa, R) + moment)
             return error, (phi, wrap, tension, moment, slope_history)
 
@@ -89,7 +89,8 @@ def march(
 
     zero = jnp.zeros_like(p.T_base)
     history = (zero,) * (STENCIL - 1)
-    start = (history, history if p.loaded else (), zero, zero, p.T_base, zero + moment_base)
+    slopes = history[: len(history) * p.loaded]
+    start = (history, slopes, zero, zero, p.T_base, zero + moment_base)
     rows = (s.R, offset_before(s.R), s.compliance, s.rest, s.force_x, s.force_y)
     rows = (*rows, s.mesh.weights, s.mesh.interval, p.memory, guess)
     return jax.lax.scan(node, start, rows)[1]

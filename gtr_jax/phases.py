@@ -10,7 +10,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .equilibrium import problem_of, rest_state, solve_problem
 from .history import Simulation
@@ -56,8 +56,7 @@ class Switch(NamedTuple):
     converged: Bool[Array, ""]
 
 
-@eqx.filter_jit
-def release_switch(robot: Robot, T_base_max: Float[Array, ""] | float) -> Switch:
+def release_switch(robot: Robot, T_base_max: Float[ArrayLike, ""]) -> Switch:
     """T_base_switch of Algorithm 1, solved for: the base tension whose fully releasing state has the tip
     tension of the pull.
 
@@ -68,9 +67,13 @@ def release_switch(robot: Robot, T_base_max: Float[Array, ""] | float) -> Switch
     Returns:
         The switch; differentiable in the robot's numbers and in T_base_max.
     """
+    return _switch(robot, jnp.asarray(T_base_max, dtype=float))
+
+
+@eqx.filter_jit
+def _switch(robot: Robot, T_max: Float[Array, ""]) -> Switch:
     solver = March()
     s = sections(robot)
-    T_max = jnp.asarray(T_base_max, s.rest.dtype)
     preload = jnp.broadcast_to(robot.tendon.preload, s.rest.shape)
     p = problem_of(robot, s, T_max, preload)
     pulled = solve_problem(p, rest_state(s), solver)
@@ -86,7 +89,7 @@ def release_switch(robot: Robot, T_base_max: Float[Array, ""] | float) -> Switch
 
     found = optx.root_find(
         excess,
-        optx.Bisection(rtol=1e-13, atol=1e-13),
+        optx.Bisection(rtol=1e-13, atol=1e-13, flip=False),
         0.5 * T_max,
         args=(robot, s, high, pulled.value, T_tip),
         options={"lower": jnp.zeros_like(T_max), "upper": T_max * (1 + 1e-9) + 1e-12},

@@ -39,7 +39,7 @@ class Sections(eqx.Module):
 
 
 class State(eqx.Module):
-    """Unknowns of the equilibrium, each (N,) (a scalar inside the march), SI: curvature, midline angle, wrap of the tendon, external
+    """Unknowns at the nodes, (N,), or at one: curvature, midline angle, wrap of the tendon, external
     moment.
     """
 

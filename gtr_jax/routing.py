@@ -137,7 +137,7 @@ class Table(Routing):
     Attributes:
         knots_s: knot positions [m], shape (K,), increasing from 0 to L; fixed.
         knots_R: offsets at the knots [m], shape (K,); what may be fitted or optimised.
-        basis: spline coefficients per unit knot value, shape (4, pieces, K): the spline is linear in `knots_R`.
+        basis: spline coefficients per unit knot value, (4, pieces, K): the spline is linear in `knots_R`.
     """
 
     knots_s: Float[Array, " K"]

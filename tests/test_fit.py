@@ -147,10 +147,11 @@ def test_noise_alone_is_not_fitted(make_config):
     assert "does not determine mu" in fit.verdict
 
 
-def test_no_friction_is_an_answer(make_config):
-    config = make_config(PARALLEL)
+@pytest.mark.parametrize("free", [("mu",), ("mu", "E")])
+def test_no_friction_is_an_answer(make_config, free):
+    config = make_config(PARALLEL, uncertainty={"youngs_modulus": 0.1})
     rec = simulated(gtr.build_robot(config).with_values(mu=0.0), LOOP)
-    fit = calibrate.fit(config, rec, free=("mu",))
+    fit = calibrate.fit(config, rec, free=free)
     assert fit.converged
     assert fit["mu"].sd is None
     assert "no friction is seen" in fit.verdict

@@ -48,7 +48,7 @@ def sweep(make_robot, name, loaded, count, seed):
     finite = np.isfinite(np.asarray(tension)).all(1) & np.isfinite(np.asarray(angle)).all(1)
     finite &= np.isfinite(np.asarray(x)).all(1)
     angles = np.abs(np.asarray(angle)).max(axis=1)
-    return np.asarray(converged), finite, angles, np.asarray(kept)
+    return np.array(converged), finite, angles, np.array(kept)
 
 
 @pytest.mark.parametrize("name", ["sine", "parallel"])
@@ -63,7 +63,7 @@ def test_cold_sweep_small(name, make_robot):
 def test_cold_sweep_of_a_thousand(name, loaded, make_robot):
     """Ten sweeps of 100: random robots and tensions up to 99 % loss and 3 rad, all from a cold start."""
     converged, finite, angle, kept = sweep(make_robot, name, loaded, 100, 1)
-    inside = (angle <= 3.0) & (kept >= 0.01)
+    inside = np.asarray((angle <= 3.0) & (kept >= 0.01))
     assert inside.sum() >= 50
     assert np.all(converged[inside])
     assert finite[converged].all(), "nothing that is not finite goes unflagged"
