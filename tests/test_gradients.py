@@ -103,3 +103,18 @@ def test_gradient_of_the_release_switch(make_robot):
     h = 1e-5
     difference = float(switch(0.3 + h) - switch(0.3 - h)) / (2 * h)
     assert float(jax.grad(switch)(0.3)) == pytest.approx(difference, rel=1e-6)
+
+
+@pytest.mark.parametrize("loads", [{}, LOADS], ids=["free", "loaded"])
+def test_programs_with_derivatives_can_be_cached(loads, make_robot):
+    """JAX does not keep programs that call back into Python in its compilation cache."""
+    robot = make_robot(routing=SINE, loads=loads)
+
+    def slopes(mu):
+        def tip(m):
+            changed = robot.with_values(mu=m)
+            return gtr.simulate(changed, jnp.linspace(0.0, 9.0, 16)).T_tip[-1]
+
+        return jax.jacfwd(tip)(mu), jax.grad(tip)(mu)
+
+    assert "callback" not in jax.jit(slopes).lower(jnp.asarray(0.3)).as_text()

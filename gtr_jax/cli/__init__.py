@@ -19,7 +19,6 @@ import click
 from gtr_jax.errors import InputError
 
 from . import demo, fit, schema, simulate
-from .cache import failures_as_nan
 
 ANSWERED, NOT_CONVERGED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -63,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit status.
     """
     _quieten()
-    with failures_as_nan(), warnings.catch_warnings():
+    with warnings.catch_warnings():
         if not sys.warnoptions:
             warnings.simplefilter("ignore")
         status = _run(list(sys.argv[1:] if arguments is None else arguments))

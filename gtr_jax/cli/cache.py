@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
-import importlib
 import os
-from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 VARIABLE = "GTR_JAX_CACHE"
 
@@ -28,21 +24,6 @@ def cache_folder() -> Path | None:
 
         root = user_cache_path("gtr-jax", appauthor=False)
     return root / f"jaxlib-{version('jaxlib')}"
-
-
-@contextlib.contextmanager
-def failures_as_nan() -> Iterator[None]:
-    """Let a linear solve that fails inside a derivative give NaN, which results flag, and not an exception.
-
-    Equinox raises it by calling back into Python, and JAX does not cache programs that call back: every fit
-    would compile anew. EQX_ON_ERROR=nan says the same, but must be set before equinox is first imported.
-    """
-    errors: Any = importlib.import_module("equinox._errors")
-    before, errors.EQX_ON_ERROR = errors.EQX_ON_ERROR, "nan"
-    try:
-        yield
-    finally:
-        errors.EQX_ON_ERROR = before
 
 
 def enable_cache() -> Path | None:
