@@ -18,7 +18,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from gtr_jax import InputError, Robot, Simulation, label_phases, parameters_of, simulate
 from gtr_jax.history import padded_length
-from gtr_jax.parameters import Parameter, parameter
+from gtr_jax.parameters import Parameter, parameter, places_of
 
 # One unit of a parameter that is neither positive nor has a value to be measured by.
 UNIT_SCALE = {"N": 1.0, "N m": 0.1, "m": 1e-3, "rad": 0.1, "rad/m": 1.0, "": 0.1}
@@ -79,8 +79,6 @@ def coordinates(robot: Robot, chosen: Sequence[Parameter], references: Mapping[s
     Raises:
         InputError: a positive parameter whose reference is zero has no logarithm.
     """
-    flat, unravel = ravel_pytree(robot)
-    places = unravel(jnp.arange(flat.shape[0], dtype=flat.dtype))
     log = [is_log(p, references[p.name]) for p in chosen]
     for entry, positive in zip(chosen, log, strict=True):
         if positive and references[entry.name] <= 0:
@@ -88,7 +86,7 @@ def coordinates(robot: Robot, chosen: Sequence[Parameter], references: Mapping[s
     reference = [references[p.name] for p in chosen]
     scale = [abs(v) or UNIT_SCALE.get(p.unit, 1.0) for p, v in zip(chosen, reference, strict=True)]
     return Coordinates(
-        jnp.asarray([int(places.value(p.name)) for p in chosen]),
+        places_of(robot, [p.name for p in chosen]),
         jnp.asarray(reference, float),
         jnp.asarray(scale, float),
         jnp.asarray(log),

@@ -13,7 +13,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from gtr_jax import InputError, Robot, equilibrium, parameters_of
-from gtr_jax.parameters import Parameter, parameter
+from gtr_jax.parameters import Parameter, parameter, places_of
 
 OUTPUTS = {"tip_x": "m", "tip_y": "m", "tip_angle": "rad", "T_tip": "N"}
 DESIGNED = ("routing.", "backbone.")
@@ -86,12 +86,10 @@ def _slopes(robot: Robot, T_base: Float[Array, ""], index: Int[Array, " p"]):
 
 
 def pose_sensitivity(robot: Robot, T_base: float, names: Sequence[str] | None = None) -> Sensitivities:
-    """Derivatives of the tip's pose and tension by numbers of the design, the tendon pulled once from its
-    preload.
+    """Derivatives of the tip's pose and tension by numbers of the design, on the first pull.
 
     Forward mode through the equilibrium by the implicit function theorem: the bent shape, the friction along
-        it and the tension
-    all answer. One compiled program per robot structure and number of parameters.
+    it and the tension all answer. One compiled program per robot structure and number of parameters.
 
     Args:
         robot: the design.
@@ -112,17 +110,15 @@ def pose_sensitivity(robot: Robot, T_base: float, names: Sequence[str] | None = 
     if not chosen:
         raise InputError("pose_sensitivity: no parameter is named; name some, or leave names out for all")
     robot = robot.with_values(**{p.name: robot.value(p.name) for p in chosen})
-    flat, unravel = ravel_pytree(robot)
-    places = unravel(jnp.arange(flat.shape[0], dtype=flat.dtype))
-    index = jnp.asarray([int(places.value(p.name)) for p in chosen])
-    value, slope, converged = _slopes(robot, jnp.asarray(T_base, flat.dtype), index)
+    index = places_of(robot, [p.name for p in chosen])
+    value, slope, converged = _slopes(robot, jnp.asarray(T_base, dtype=float), index)
     return Sensitivities(
         T_base=float(T_base),
         outputs=tuple(OUTPUTS),
         output_units=tuple(OUTPUTS.values()),
         values=np.asarray(value),
         parameters=tuple(chosen),
-        parameter_values=np.asarray(flat[index]),
+        parameter_values=np.asarray([robot.value(p.name) for p in chosen]),
         derivatives=np.asarray(slope),
         converged=bool(converged),
     )

@@ -7,11 +7,12 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import operator
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Float, Int
 
 from .errors import InputError
 from .robot import Robot
@@ -135,3 +136,13 @@ def with_values(robot: Robot, values: Mapping[str, Float[Array, ""] | float]) ->
     if loaded != robot.loaded:
         robot = dataclasses.replace(robot, loaded=loaded)
     return robot
+
+
+def places_of(robot: Robot, names: Sequence[str]) -> Int[Array, " p"]:
+    """Where named parameters lie in the robot flattened by `jax.flatten_util.ravel_pytree`, (p,).
+
+    With places instead of names, one compiled program serves every choice of as many parameters.
+    """
+    flat, unravel = ravel_pytree(robot)
+    places = unravel(jnp.arange(flat.shape[0], dtype=flat.dtype))
+    return jnp.asarray([int(value_of(places, name)) for name in names])
