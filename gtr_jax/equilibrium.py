@@ -128,7 +128,7 @@ def problem_of(robot: Robot, s: Sections, T_base: Float[Array, ""], memory: Floa
     return Problem(
         sections=s,
         mu=robot.tendon.friction_coefficient,
-        T_base=jnp.maximum(T_base, 0.0),
+        T_base=jnp.where(T_base < 0.0, 0.0, T_base),  # not maximum: its derivative at 0 is one half
         memory=memory,
         tip_moment=robot.loads.tip_moment,
         loaded=robot.loaded,
@@ -148,7 +148,7 @@ def _solve(
 
 def equilibrium(
     robot: Robot,
-    T_base: Float[ArrayLike, ""],
+    T_base: ArrayLike,
     *,
     memory: Float[Array, " N"] | None = None,
     solver: optx.AbstractRootFinder = March(),  # noqa: B008
@@ -168,5 +168,13 @@ def equilibrium(
 
     Returns:
         The solution. It never raises on non-convergence: look at `result`, `converged` and `residual_norm`.
+
+    Raises:
+        ValueError: T_base is not a scalar.
     """
-    return _solve(robot, jnp.asarray(T_base, dtype=float), memory, solver)
+    load = jnp.asarray(T_base, dtype=float)
+    if load.ndim != 0:
+        raise ValueError(
+            f"T_base: one base tension, not shape {load.shape}; jax.vmap over several, or simulate"
+        )
+    return _solve(robot, load, memory, solver)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -114,7 +116,7 @@ def _run(robot: Robot, T_base: Float[Array, " K"], solver: optx.AbstractRootFind
 
 def simulate(
     robot: Robot,
-    T_base: Float[ArrayLike, " K"],
+    T_base: ArrayLike | Sequence[float],
     *,
     solver: optx.AbstractRootFinder = March(),  # noqa: B008
 ) -> Simulation:
@@ -131,8 +133,13 @@ def simulate(
     Returns:
         One entry per step. A step that does not converge is flagged in `result` and leaves the tendon's
         memory as it was.
+
+    Raises:
+        ValueError: T_base is not a row of at least one tension.
     """
     history = jnp.asarray(T_base, dtype=float)
+    if history.ndim != 1 or history.size == 0:
+        raise ValueError(f"T_base: a history is one row of at least one tension, not shape {history.shape}")
     steps = history.shape[0]
     fill = jnp.broadcast_to(history[-1], (padded_length(steps) - steps,))
     run = _run(robot, jnp.concatenate([history, fill]), solver)

@@ -118,3 +118,9 @@ def test_programs_with_derivatives_can_be_cached(loads, make_robot):
         return jax.jacfwd(tip)(mu), jax.grad(tip)(mu)
 
     assert "callback" not in jax.jit(slopes).lower(jnp.asarray(0.3)).as_text()
+
+
+def test_derivative_at_slack_is_that_of_the_first_pull(make_robot):
+    robot = make_robot(routing=SINE)
+    slope = float(jax.grad(lambda T: gtr.equilibrium(robot, T).T_tip)(0.0))
+    assert slope == pytest.approx(float(gtr.equilibrium(robot, 1e-6).T_tip) / 1e-6, rel=1e-5)

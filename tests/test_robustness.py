@@ -138,3 +138,12 @@ def test_changing_a_value_does_not_recompile(make_robot):
     first = tip(robot)
     second = tip(robot.with_values(mu=0.5, E=2e6, w1=0.02))
     assert len(traces) == 1 and float(first) != float(second)
+
+
+def test_shapes_of_the_load_are_checked(make_robot):
+    robot = make_robot()
+    with pytest.raises(ValueError, match=r"one base tension, not shape \(3,\)"):
+        gtr.equilibrium(robot, jnp.ones(3))
+    for wrong in (5.0, np.zeros(0)):
+        with pytest.raises(ValueError, match="at least one tension"):
+            gtr.simulate(robot, wrong)
