@@ -251,7 +251,10 @@ def _recognised(table: Table, quantity: str) -> tuple[int, str | None] | None:
 def _missing(table: Table, quantity: str) -> InputError:
     channel = CHANNELS[quantity]
     names = [header for header in table.header if header]
-    near = nearest(quantity, names) or nearest(channel.header, names)
+    # A column that already is another quantity is no candidate for this one.
+    taken = {_plain(spelling) for q, c in CHANNELS.items() if q != quantity for spelling in c.spellings}
+    free = [name for name in names if _plain(split_unit(name, channel.unit)[0]) not in taken]
+    near = nearest(quantity, free) or nearest(channel.header, free)
     return InputError(
         f"{table.path}: no column {channel.header}; columns found: {listed(names)}"
         + (f" (nearest: '{near}')" if near else "")
