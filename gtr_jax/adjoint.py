@@ -37,6 +37,15 @@ def _solved(primal_fn, inputs):
     return jtu.tree_map(jnp.asarray, primal_fn(inputs))
 
 
+def split_tangents(tree, tangents):
+    """The leaves of a tree that have a tangent, and those that have none, each with None for the others."""
+
+    def chosen(keep):
+        return jtu.tree_map(lambda t, x: x if (t is None) != keep else None, tangents, tree, is_leaf=_is_none)
+
+    return chosen(True), chosen(False)
+
+
 def _is_none(x) -> bool:
     return x is None
 
@@ -47,8 +56,7 @@ def _solved_jvp(primals, tangents):
     primal_fn, inputs = primals
     root, rest = _solved(primal_fn, inputs)
     p, p_dot = inputs[ARGS], tangents[1][ARGS]
-    fixed = jtu.tree_map(lambda t, x: x if t is None else None, p_dot, p, is_leaf=_is_none)
-    moving = jtu.tree_map(lambda t, x: None if t is None else x, p_dot, p, is_leaf=_is_none)
+    moving, fixed = split_tangents(p, p_dot)
     change = jax.jvp(lambda m: residual(root, eqx.combine(m, fixed)), (moving,), (p_dot,))[1]
     root_dot: State = jtu.tree_map(jnp.negative, solve_linearised(linearise(root, p), change))
     return (root, rest), (root_dot, jax.custom_derivatives.zero_from_primal(rest, symbolic_zeros=True))

@@ -54,7 +54,7 @@ def choose_intervals(robot: Robot, resolution: float = 1.0) -> tuple[int, ...]:
         if end - start <= 1e-12 * length:
             counts.append(1)
             continue
-        waves = robot.routing.half_waves(float(start), float(end), length)
+        waves = max(t.routing.half_waves(float(start), float(end), length) for t in robot.tendons)
         wanted = max(INTERVALS_ALONG * (end - start) / length, INTERVALS_PER_HALF_WAVE * waves, FEWEST)
         counts.append(math.ceil(resolution * wanted - 1e-9))
     return tuple(counts)
@@ -96,13 +96,18 @@ def build_robot(config: RobotConfig, *, resolution: float = 1.0) -> Robot:
             natural_curvature=_array(knots[:, 1]),
             rigid=body.rigid,
         ),
-        routing=_routing(config.routing, length),
-        tendon=Tendon(_array(config.tendon.friction_coefficient), _array(config.tendon.preload)),
+        tendons=tuple(
+            Tendon(
+                _routing(routing, length), _array(tendon.friction_coefficient), _array(tendon.preload), name
+            )
+            for name, tendon, routing in config.strung
+        ),
         loads=Loads(
             gravity=_array(STANDARD_GRAVITY if has_gravity else 0.0),
             gravity_angle=_array(loads.gravity_angle if has_gravity else 0.0),
             tip_force=tip_force,
             tip_moment=_array(loads.tip_moment),
+            payload=_array(loads.payload),
         ),
         name=config.name,
         intervals=(),
@@ -110,11 +115,13 @@ def build_robot(config: RobotConfig, *, resolution: float = 1.0) -> Robot:
         loaded=(has_gravity or bool(np.any(np.asarray(tip_force) != 0))) and not body.rigid,
     )
 
-    def offset(s: np.ndarray) -> np.ndarray:
-        passed = robot.routing.kinks()[:, None] <= s[None, :]
-        return np.asarray(robot.routing.offset(_array(s), passed, _array(length)).value)
+    for tendon in robot.tendons:
 
-    check_channel(config, offset)
+        def offset(s: np.ndarray, routing=tendon.routing) -> np.ndarray:
+            passed = routing.kinks()[:, None] <= s[None, :]
+            return np.asarray(routing.offset(_array(s), passed, _array(length)).value)
+
+        check_channel(config, offset, tendon=tendon.name or None)
     return dataclasses.replace(robot, intervals=choose_intervals(robot, resolution))
 
 

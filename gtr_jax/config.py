@@ -29,8 +29,8 @@ from pydantic import (
     model_validator,
 )
 
-from gtr_jax.config_checks import check_keys, check_robot, one_line
-from gtr_jax.config_file import dotted, find_key, read_route, read_toml
+from gtr_jax.config_checks import check_keys, check_robot, check_strings, one_line
+from gtr_jax.config_file import dotted, find_key, place_of, read_route, read_toml
 from gtr_jax.errors import InputError
 from gtr_jax.recording import write_whole
 from gtr_jax.units import Unit
@@ -42,6 +42,7 @@ Modulus = Annotated[float, Unit("Pa")]
 Density = Annotated[float, Unit("kg/m^3")]
 Force = Annotated[float, Unit("N")]
 Moment = Annotated[float, Unit("N m")]
+Mass = Annotated[float, Unit("kg")]
 Ratio = Annotated[float, Unit("dimensionless")]
 
 
@@ -206,6 +207,15 @@ class TendonConfig(Section):
     """Tension [N] along the whole tendon before the history begins."""
 
 
+class OneOfSeveralTendons(TendonConfig):
+    """One tendon of several, with its channel."""
+
+    name: StrictStr = Field(examples=["left"])
+    """Name, with which its columns (T_base_N.left) and parameters (mu.left) end."""
+    routing: RoutingConfig
+    """Its channel."""
+
+
 class LoadsConfig(Section):
     """External loads on the backbone."""
 
@@ -215,20 +225,30 @@ class LoadsConfig(Section):
     """Dead force [N] on the tip, along x (the base tangent) and y (to its left)."""
     tip_moment: Moment = 0.0
     """Moment [N m] on the tip, anticlockwise."""
+    payload: Mass = 0.0
+    """Mass [kg] at the tip; weighs along gravity."""
+
+
+def _one_tendon_or_several(schema: dict[str, Any]) -> None:
+    schema["oneOf"] = [{"required": ["routing", "tendon"]}, {"required": ["tendons"]}]
 
 
 class RobotConfig(Section):
     """A robot as its file describes it, in SI units."""
 
-    model_config = ConfigDict(title="robot.toml of gtr-jax")
+    model_config = ConfigDict(title="robot.toml of gtr-jax", json_schema_extra=_one_tendon_or_several)
 
     schema_version: Literal[1] = Field(alias="schema", examples=[1])
     """Version of the file format."""
     name: StrictStr = "robot"
     """Name in reports."""
     backbone: BackboneConfig
-    routing: RoutingConfig
-    tendon: TendonConfig
+    routing: RoutingConfig | None = None
+    """The channel of a robot with one tendon."""
+    tendon: TendonConfig | None = None
+    """The tendon of a robot with one."""
+    tendons: tuple[OneOfSeveralTendons, ...] = ()
+    """The tendons of a robot with several, instead of routing and tendon."""
     loads: LoadsConfig = LoadsConfig()
     uncertainty: dict[str, Ratio] = Field(default_factory=dict)
     """Prior knowledge: one standard deviation, relative, per number of the robot ("youngs_modulus")."""
@@ -249,7 +269,20 @@ class RobotConfig(Section):
     def _resolved(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
         if data.get("terms"):
             raise InputError("terms: this version has no physics terms; remove every [[terms]]")
+        check_strings(data)
         return data
+
+    @property
+    def strung(self) -> tuple[tuple[str, TendonConfig, Any], ...]:
+        """Name (of an only one: ""), tendon and routing of every tendon, in the order of the file."""
+        if self.tendon is not None:
+            return (("", self.tendon, self.routing),)
+        return tuple((tendon.name, tendon, tendon.routing) for tendon in self.tendons)
+
+    @property
+    def tendon_names(self) -> tuple[str, ...]:
+        """Names of several tendons; empty for one."""
+        return tuple(tendon.name for tendon in self.tendons)
 
     @model_validator(mode="after")
     def _check(self) -> RobotConfig:
@@ -269,8 +302,12 @@ class RobotConfig(Section):
         return self
 
     def numbers(self) -> dict[str, float]:
-        """Every number of the robot in SI, by dotted key such as "backbone.outer_radius.0"."""
-        data = self.model_dump(mode="json", by_alias=True, exclude={"schema_version", "uncertainty", "terms"})
+        """Every number of the robot in SI, by dotted key such as "backbone.outer_radius.0" or
+        "tendons.left.friction_coefficient".
+        """
+        data = self.model_dump(
+            mode="json", by_alias=True, exclude_none=True, exclude={"schema_version", "uncertainty", "terms"}
+        )
         return {key: value for key, value in dotted(data) if isinstance(value, float)}
 
     def with_values(self, values: Mapping[str, Any]) -> RobotConfig:
@@ -278,18 +315,18 @@ class RobotConfig(Section):
 
         Args:
             values: SI numbers or unit strings, by dotted key ("tendon.friction_coefficient",
-                "backbone.outer_radius.0") or by a bare key where it is the only one.
+                "backbone.outer_radius.0", "tendons.left.preload") or by a bare key where it is the only one.
 
         Raises InputError naming the key that is unknown or whose value does not fit.
         """
-        data = self.model_dump(mode="json", by_alias=True)
+        data = self.model_dump(mode="json", by_alias=True, exclude_none=True)
         keys = {key: value for key, value in dotted(data) if not key.startswith("uncertainty.")}
         for key, value in values.items():
             *parents, last = find_key(key, keys, self.source).split(".")
             node: Any = data
             for parent in parents:
-                node = node[int(parent) if isinstance(node, list) else parent]
-            node[int(last) if isinstance(node, list) else last] = value
+                node = node[place_of(parent, node)]
+            node[place_of(last, node)] = value
         return parse_config(data, source=self.source)
 
 

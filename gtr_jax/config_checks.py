@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -49,7 +50,7 @@ def one_line(error: ValidationError, kinds: Mapping[str, object]) -> str:
     fault = faults[0]
     place = ""
     for i, part in enumerate(fault["loc"]):
-        tag = str(part).startswith("#") or (i == 1 and fault["loc"][0] == "routing" and part in kinds)
+        tag = str(part).startswith("#") or (i and fault["loc"][i - 1] == "routing" and part in kinds)
         if not tag:
             place += f"[{part}]" if isinstance(part, int) else f".{part}"
     context = fault.get("ctx", {})
@@ -70,13 +71,48 @@ def one_line(error: ValidationError, kinds: Mapping[str, object]) -> str:
     return f"{place.lstrip('.')}: {says}{more}" if place else says + more
 
 
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
+
+
+def check_strings(data: Mapping[str, Any]) -> None:
+    """Refuse a robot file that has neither one tendon nor several, or both."""
+    several = data.get("tendons")
+    if several is None or several == () or several == []:
+        for key in ("routing", "tendon"):
+            if data.get(key) is None:
+                raise InputError(f"missing key '{key}'; add for example [{key}]")
+        return
+    for key in ("routing", "tendon"):
+        if data.get(key) is not None:
+            raise InputError(
+                f"has both '{key}' and 'tendons'; write [tendon] and [routing], or only [[tendons]]"
+            )
+    if not isinstance(several, list | tuple):
+        raise InputError("tendons: expected one [[tendons]] table for each tendon")
+    if len(several) == 1:
+        raise InputError("tendons: there is only one; write [tendon] and [routing] for one tendon")
+    names = [tendon.get("name") for tendon in several if isinstance(tendon, Mapping)]
+    for i, name in enumerate(names):
+        if isinstance(name, str) and not _NAME.fullmatch(name):
+            raise InputError(
+                f"tendons[{i}].name: '{name}' cannot end a column's name; take letters, digits, _ and -, "
+                "and no digit first"
+            )
+        if name is not None and name in names[:i]:
+            raise InputError(f"tendons[{i}].name: '{name}' stands twice; give each tendon its own name")
+
+
 def check_robot(config: RobotConfig) -> None:
     """Refuse values that no robot can have; InputError naming the key and the remedy."""
     _check_backbone(config.backbone)
-    _check_routing(config)
-    friction, preload = config.tendon.friction_coefficient, config.tendon.preload
-    _require(friction >= 0, "tendon.friction_coefficient", f"cannot be negative, is {friction:g}")
-    _require(preload >= 0, "tendon.preload", f"cannot be negative, is {preload:g} N: a tendon only pulls")
+    for name, tendon, routing in config.strung:
+        table, channel = (f"tendons.{name}", f"tendons.{name}.routing") if name else ("tendon", "routing")
+        _check_routing(routing, config.backbone.length, channel)
+        friction, preload = tendon.friction_coefficient, tendon.preload
+        _require(friction >= 0, f"{table}.friction_coefficient", f"cannot be negative, is {friction:g}")
+        _require(
+            preload >= 0, f"{table}.preload", f"cannot be negative, is {preload:g} N: a tendon only pulls"
+        )
     _check_loads(config)
 
 
@@ -144,24 +180,23 @@ def _check_bores(backbone: BackboneConfig) -> None:
         )
 
 
-def _check_routing(config: RobotConfig) -> None:
-    routing, length = config.routing, config.backbone.length
+def _check_routing(routing: Any, length: float, table: str) -> None:
     if routing.kind == "straight-sine-straight":
         for key, w in (("w1", routing.w1), ("w2", routing.w2)):
             _require(
                 0 <= w <= length * (1 + _NEAR),
-                f"routing.{key}",
+                f"{table}.{key}",
                 f"{_mm(w)} lies outside the backbone; keep it within 0 mm and {_mm(length)}",
             )
         _require(
             routing.w1 < routing.w2,
-            "routing.w1",
+            f"{table}.w1",
             f"w1 = {_mm(routing.w1)} must be less than w2 = {_mm(routing.w2)}; swap or move them",
         )
     elif routing.kind == "converging-sine" or routing.kind == "crossing-sine":
-        _require(routing.n_sine > 0, "routing.n_sine", f"must be positive, is {routing.n_sine:g}")
+        _require(routing.n_sine > 0, f"{table}.n_sine", f"must be positive, is {routing.n_sine:g}")
     elif routing.kind == "table":
-        _check_knots("routing.knots", routing.knots, length)
+        _check_knots(f"{table}.knots", routing.knots, length)
 
 
 def _check_knots(key: str, knots: tuple[tuple[float, float], ...], length: float) -> None:
@@ -190,6 +225,12 @@ def _check_loads(config: RobotConfig) -> None:
         "backbone",
         "missing key 'density', which gravity_angle needs; add for example density = \"1070 kg/m^3\"",
     )
+    _require(loads.payload >= 0, "loads.payload", f"cannot be negative, is {loads.payload:g} kg")
+    _require(
+        loads.payload == 0 or loads.gravity_angle is not None,
+        "loads.payload",
+        'needs the direction of gravity to weigh; add for example gravity_angle = "-90 deg"',
+    )
     acting = {
         "gravity_angle": loads.gravity_angle is not None,
         "tip_force": any(loads.tip_force),
@@ -204,18 +245,25 @@ def _check_loads(config: RobotConfig) -> None:
 
 
 def check_channel(
-    config: RobotConfig, offset: Callable[[np.ndarray], np.ndarray], *, points: int = 2001
+    config: RobotConfig,
+    offset: Callable[[np.ndarray], np.ndarray],
+    *,
+    tendon: str | None = None,
+    points: int = 2001,
 ) -> None:
     """Refuse a tendon channel that leaves the body.
 
     Args:
         config: the robot.
         offset: the channel's offset R [m] from the backbone at each arc length s [m] of an array.
+        tendon: name of the tendon, if the robot has several.
         points: places along the backbone to look at, besides the knots or junctions of the routing.
 
     Raises InputError naming the file, the place s where the channel is farthest outside, and the remedy.
     """
-    length, routing = config.backbone.length, config.routing
+    length = config.backbone.length
+    routing = next(channel for name, _, channel in config.strung if name == (tendon or ""))
+    table = f"tendons.{tendon}.routing" if tendon else "routing"
     special: list[float] = []
     if routing.kind == "straight-sine-straight":
         special = [routing.w1, routing.w2]
@@ -225,11 +273,11 @@ def check_channel(
     reach = np.abs(np.asarray(offset(s), dtype=np.float64))
     radius = outer_radius_at(config.backbone, s)
     if not np.all(np.isfinite(reach)):
-        raise InputError(f"{config.source}: routing: the channel has no finite offset; check its values")
+        raise InputError(f"{config.source}: {table}: the channel has no finite offset; check its values")
     worst = int(np.argmax(reach - radius))
     if reach[worst] >= radius[worst]:
         raise InputError(
-            f"{config.source}: routing: the tendon leaves the body at s = {_mm(s[worst])}, where it runs "
+            f"{config.source}: {table}: the tendon leaves the body at s = {_mm(s[worst])}, where it runs "
             f"{_mm(reach[worst])} from the axis and the outer radius is {_mm(radius[worst])}; "
             "bring the channel inside or widen the body"
         )

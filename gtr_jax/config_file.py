@@ -41,12 +41,30 @@ def read_route(path: Path) -> tuple[tuple[float, float], ...]:
 
 
 def dotted(node: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Every key of nested tables and lists with its dotted path."""
-    items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    """Every key of nested tables and lists with its dotted path; a table in a list stands under its name, if
+    it has one, else under its number.
+    """
+    if isinstance(node, dict):
+        items = list(node.items())
+    else:
+        items = [
+            (_name_in_list(value, i), value) for i, value in enumerate(node if isinstance(node, list) else ())
+        ]
     for key, value in items:
         below = f"{path}.{key}" if path else str(key)
         yield below, value
         yield from dotted(value, below)
+
+
+def _name_in_list(value: Any, number: int) -> str:
+    return str(value.get("name", number)) if isinstance(value, dict) else str(number)
+
+
+def place_of(part: str, node: Any) -> str | int:
+    """Where in a table or a list the next part of a dotted path leads."""
+    if isinstance(node, dict):
+        return part
+    return [_name_in_list(value, i) for i, value in enumerate(node)].index(part)
 
 
 def find_key(key: str, known: Mapping[str, Any], where: str) -> str:

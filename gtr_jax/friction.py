@@ -6,8 +6,8 @@ import jax.numpy as jnp
 
 
 def tension(T_base, wrap, memory, mu):
-    """Tension [N] along the tendon: what it was, unless that lies outside what friction can hold against the
-    base.
+    """Tension [N] along a tendon of a robot that has no other: what it was, unless that lies outside what
+    friction can hold against the base.
 
     T_k(s) = clip(T_(k-1)(s), T_base exp(-mu theta), T_base exp(+mu theta)). Where the memory lies below the
     band the tendon slips towards the base (pulling, lambda = +1 in eq. 6), above it towards the tip
@@ -25,3 +25,16 @@ def tension(T_base, wrap, memory, mu):
     pulled, released = T_base / grip, T_base * grip
     # Not clip: where the band has no width, derivatives must still follow the direction of slip.
     return jnp.where(memory <= pulled, pulled, jnp.where(memory >= released, released, memory))
+
+
+def mobilised_tension(T_base, angle, mu):
+    """Tension [N] along a tendon whose friction is known: T = T_base exp(-mu angle).
+
+    Args:
+        T_base: tension at the base [N].
+        angle: integral of the mobilisation over the wrap since the base [rad]; the mobilisation is +1 where
+        the
+            tendon slips towards the base, -1 towards the tip, between where it is locked.
+        mu: friction coefficient [-].
+    """
+    return T_base * jnp.exp(-mu * angle)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -11,39 +12,45 @@ import jax.tree_util as jtu
 import optimistix as optx
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from .equilibrium import describe, problem_of, rest_state, solve_problem, tendon_length
+from .equilibrium import Equilibrium, at_preload, describe, load_step, metric_of, tendon_length
 from .march import March
-from .problem import tension_of
+from .mesh import cumulative
 from .robot import Robot, sections
+from .slip import Kept
 
 
 class Simulation(eqx.Module):
-    """A load history of K steps on N nodes, SI units.
+    """A load history of K steps on N nodes, SI units. What belongs to a tendon has a tendon axis where the
+    robot has several.
 
     Attributes:
-        T_base: as given, (K,).
-        T_tip: tension at the anchor, (K,).
+        T_base: as given, (K, *tendons).
+        T_tip: tension at the anchor, (K, *tendons).
         tip_pose: x, y, angle of the midline's tip, (K, 3).
-        displacement: tendon drawn out at the base since the robot settled with a slack tendon, (K,).
+        displacement: tendon drawn out at the base since the robot settled with slack tendons, (K, *tendons).
         slip_direction: +1 where the tendon at the base slips towards the base in the step, -1 towards the
-            tip, 0 at rest, (K,).
-        slip_front: the tendon slips on [0, slip_front] and is locked beyond, (K,); L when all of it slips.
+            tip, 0 at rest, (K, *tendons).
+        slip_front: the tendon slips on [0, slip_front] and is locked beyond, (K, *tendons); L when all of it
+            slips. Several tendons may make a tendon slip farther out again; this is the first front.
         s: nodes, (N,).
-        tension, curvature, angle: along the robot, (K, N).
+        tension: along the tendons, (K, *tendons, N).
+        curvature, angle: along the robot, (K, N).
+        mobilisation: of friction, (K, tendons, N), as `Equilibrium.mobilisation`; None for one tendon.
         result: optimistix result per step.
         residual_norm, iterations: per step, (K,).
     """
 
-    T_base: Float[Array, " K"]
-    T_tip: Float[Array, " K"]
+    T_base: Float[Array, "K *tendons"]
+    T_tip: Float[Array, "K *tendons"]
     tip_pose: Float[Array, "K 3"]
-    displacement: Float[Array, " K"]
-    slip_direction: Float[Array, " K"]
-    slip_front: Float[Array, " K"]
+    displacement: Float[Array, "K *tendons"]
+    slip_direction: Float[Array, "K *tendons"]
+    slip_front: Float[Array, "K *tendons"]
     s: Float[Array, " N"]
-    tension: Float[Array, "K N"]
+    tension: Float[Array, "K *tendons N"]
     curvature: Float[Array, "K N"]
     angle: Float[Array, "K N"]
+    mobilisation: Float[Array, "K tendons N"] | None
     result: optx.RESULTS
     residual_norm: Float[Array, " K"]
     iterations: Int[Array, " K"]
@@ -53,12 +60,18 @@ class Simulation(eqx.Module):
         """True for each step that met the tolerance."""
         return self.result == optx.RESULTS.successful
 
+    def of_tendon(self, index: int) -> Simulation:
+        """What this run is for one of several tendons: the same, without the tendon axis."""
+        own = ("T_base", "T_tip", "displacement", "slip_direction", "slip_front", "tension")
+        taken = {name: getattr(self, name)[:, index] for name in own}
+        return dataclasses.replace(self, **taken, mobilisation=None)
+
 
 SLIP_TOLERANCE = 1e-8
 
 
 def _slip(s, tension, memory, scale):
-    """Direction of slip at the base and arc length up to which it reaches."""
+    """Direction of slip of one tendon at the base and arc length up to which it reaches."""
     change = tension - memory
     sign = jnp.where(jnp.abs(change) > SLIP_TOLERANCE * scale, jnp.sign(change), 0.0)
     locked = sign != sign[0]
@@ -75,39 +88,38 @@ def padded_length(steps: int) -> int:
 
 
 @eqx.filter_jit
-def _run(robot: Robot, T_base: Float[Array, " K"], solver: optx.AbstractRootFinder) -> Simulation:
+def _run(robot: Robot, T_base: Float[Array, "K *tendons"], solver: optx.AbstractRootFinder) -> Simulation:
     s = sections(robot)
-    nodes = s.rest.shape
-    zero = jnp.zeros((), s.rest.dtype)
-    slack = problem_of(robot, s, zero, jnp.zeros(nodes))
-    settled = solve_problem(slack, rest_state(s), solver)
-    scale = jnp.maximum(jnp.max(T_base), jnp.maximum(robot.tendon.preload, 1e-6))
+    settled, kept = at_preload(robot, s, solver)
+    scale = jnp.maximum(jnp.max(T_base), jnp.maximum(jnp.max(kept.tension), 1e-6))
+    xi = jnp.zeros_like(kept.tension) if robot.tendon_names else None
 
     def step(carry, T_now):
-        memory, start = carry
-        p = problem_of(robot, s, T_now, memory)
-        sol = solve_problem(p, start, solver)
-        tension = tension_of(sol.value, p)
-        ok = sol.result == optx.RESULTS.successful
-        start = jtu.tree_map(lambda new, old: jnp.where(ok, new, old), sol.value, start)
-        return (jnp.where(ok, tension, memory), jax.lax.stop_gradient(start)), (sol, tension, memory)
+        kept, start, xi = carry
+        done = load_step(robot, s, T_now, kept, start, solver, xi)
+        memory = Kept(done.tension, metric_of(s, done.state), done.mobilisation)
+        now = (memory, *jax.lax.stop_gradient((done.state, done.xi)))
+        carry = jtu.tree_map(lambda new, old: jnp.where(done.converged, new, old), now, carry)
+        return carry, (done, kept.tension)
 
-    memory = jnp.broadcast_to(robot.tendon.preload, nodes)
-    _, (sol, tension, memory) = jax.lax.scan(step, (memory, jax.lax.stop_gradient(settled.value)), T_base)
+    start = (kept, *jax.lax.stop_gradient((settled, xi)))
+    _, (done, memory) = jax.lax.scan(step, start, T_base)
     # What is read off the states is computed for all steps at once, outside the loop.
-    eq = jax.vmap(lambda sol, tension: describe(s, sol, tension))(sol, tension)
-    direction, front = jax.vmap(lambda now, before: _slip(s.mesh.s, now, before, scale))(tension, memory)
+    eq = jax.vmap(lambda done: describe(s, done))(done)
+    slipping = jax.vmap(lambda now, before: _slip(s.mesh.s, now, before, scale))
+    direction, front = (slipping if memory.ndim == 2 else jax.vmap(slipping))(eq.tension, memory)
     return Simulation(
         T_base=T_base,
         T_tip=eq.T_tip,
         tip_pose=eq.tip_pose,
-        displacement=tendon_length(s, settled.value) - eq.tendon_length,
+        displacement=tendon_length(s, settled) - eq.tendon_length,
         slip_direction=direction,
         slip_front=front,
         s=s.mesh.s,
         tension=eq.tension,
         curvature=eq.curvature,
         angle=eq.angle,
+        mobilisation=eq.mobilisation,
         result=eq.result,
         residual_norm=eq.residual_norm,
         iterations=eq.iterations,
@@ -127,7 +139,8 @@ def simulate(
 
     Args:
         robot: from `load_robot`, or built in Python.
-        T_base: base tension at each step [N], (K,), K >= 1; negative values count as slack.
+        T_base: base tension at each step [N], (K,), K >= 1; with several tendons (K, tendons). Negative
+            values count as slack.
         solver: as for `equilibrium`.
 
     Returns:
@@ -135,14 +148,46 @@ def simulate(
         memory as it was.
 
     Raises:
-        ValueError: T_base is not a row of at least one tension.
+        ValueError: T_base is not a history of at least one step.
     """
-    history = jnp.asarray(T_base, dtype=float)
-    if history.ndim != 1 or history.size == 0:
+    history, names = jnp.asarray(T_base, dtype=float), robot.tendon_names
+    if names and history.shape[1:] != (len(names),):
+        raise ValueError(
+            f"T_base: a history of the tendons {', '.join(names)} has shape (steps, {len(names)}), "
+            f"not {history.shape}"
+        )
+    if history.size == 0 or (not names and history.ndim != 1):
         raise ValueError(f"T_base: a history is one row of at least one tension, not shape {history.shape}")
     steps = history.shape[0]
-    fill = jnp.broadcast_to(history[-1], (padded_length(steps) - steps,))
+    fill = jnp.broadcast_to(history[-1], (padded_length(steps) - steps, *history.shape[1:]))
     run = _run(robot, jnp.concatenate([history, fill]), solver)
     return Simulation(
         **{k: v if k == "s" else jtu.tree_map(lambda a: a[:steps], v) for k, v in vars(run).items()}
     )
+
+
+def equilibrium_at(robot: Robot, run: Simulation, step: int) -> Equilibrium:
+    """The equilibrium of one step of a simulation, with all that `Equilibrium` offers.
+
+    Args:
+        robot: as simulated.
+        run: its simulation.
+        step: counted from 0; negative ones from the end.
+    """
+    step = range(len(run.T_base))[step]
+    before = None
+    if step:
+        mobilisation = None if run.mobilisation is None else run.mobilisation[step - 1]
+        before = run.tension[step - 1], run.curvature[step - 1], mobilisation
+    return _equilibrium_after(robot, run.T_base[step], before)
+
+
+@eqx.filter_jit
+def _equilibrium_after(robot: Robot, T_base: Float[Array, "*tendons"], before) -> Equilibrium:
+    s, solver = sections(robot), March()
+    start, kept = at_preload(robot, s, solver)
+    if before is not None:
+        tension, kappa, mobilisation = before
+        start = dataclasses.replace(start, kappa=kappa, phi=cumulative(s.mesh.weights, kappa))
+        kept = Kept(tension, metric_of(s, start), mobilisation)
+    return describe(s, load_step(robot, s, T_base, kept, start, solver))

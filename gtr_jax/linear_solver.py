@@ -13,33 +13,42 @@ import jax.numpy as jnp
 import jax.tree_util as jtu
 from jaxtyping import Array, Float
 
-from . import channel, friction
+from . import channel
 from .mesh import STENCIL, shifted
-from .problem import Problem, State, moment_slope, offset_before, tension_of
+from .problem import (
+    Problem,
+    State,
+    at_tendons,
+    mobilised,
+    moment_slope,
+    offset_before,
+    over_tendons,
+    tension_at,
+    tension_of,
+)
 
 
 class Linearisation(eqx.Module):
-    """Partial derivatives of the node equations at a state, each (N,) unless said.
+    """Partial derivatives of the node equations at a state, each (N,), or (*tendons, N) where said.
 
     Attributes:
         weights: quadrature weights (N, 4).
-        arm: compliance times moment arm; diagonal: d(moment balance)/d(kappa) at fixed tension and moment.
+        diagonal: d(moment balance)/d(kappa) at fixed tension and moment.
         compliance: 1/EI.
-        by_wrap: dT_i/d(wrap_i).
+        rate: d(bending)/d(wrap_i), compliance times moment arm times dT_i/d(wrap_i), (*tendons, N).
         by_turn, by_kappa, by_kappa_before: d(wrap increment)/d(phi_i - phi_(i-1)), /d(kappa_i),
-            /d(kappa_(i-1)).
+            /d(kappa_(i-1)), (*tendons, N).
         load: d(M_ext')/d(phi).
         loaded: as in Problem.
     """
 
     weights: Float[Array, "N 4"]
-    arm: Float[Array, " N"]
     diagonal: Float[Array, " N"]
     compliance: Float[Array, " N"]
-    by_wrap: Float[Array, " N"]
-    by_turn: Float[Array, " N"]
-    by_kappa: Float[Array, " N"]
-    by_kappa_before: Float[Array, " N"]
+    rate: Float[Array, "*tendons N"]
+    by_turn: Float[Array, "*tendons N"]
+    by_kappa: Float[Array, "*tendons N"]
+    by_kappa_before: Float[Array, "*tendons N"]
     load: Float[Array, " N"]
     loaded: bool = eqx.field(static=True)
 
@@ -57,27 +66,34 @@ def _partials(fn, *args):
 def linearise(y: State, p: Problem) -> Linearisation:
     """Partial derivatives of `problem.residual` at y; elementwise, so it costs a few residuals."""
     s = p.sections
-    arm, arm_slope = jax.jvp(lambda k: channel.moment_arm(k, s.R), (y.kappa,), (jnp.ones_like(y.kappa),))
-    before = offset_before(s.R)
+    geometry = at_tendons((y.phi - shifted(y.phi), y.kappa, shifted(y.kappa)), s.R)
+    before, between = offset_before(s.R), at_tendons(s.mesh.interval, s.R)
 
     def wrap(turn, kappa, kappa_before):
-        return channel.wrap_increment(turn, kappa, kappa_before, s.R, before, s.mesh.interval)
+        turned = channel.wrap_increment(turn, kappa, kappa_before, s.R, before, between)
+        return mobilised(turned, p.mobilisation)
 
-    geometry = (y.phi - shifted(y.phi), y.kappa, shifted(y.kappa))
+    kappa = geometry[1]
+    arm, arm_slope = jax.jvp(lambda k: channel.moment_arm(k, s.R), (kappa,), (jnp.ones_like(kappa),))
     by_turn, by_kappa, by_kappa_before = _partials(wrap, *geometry)
-    (by_wrap,) = _partials(lambda w: friction.tension(p.T_base, w, p.memory, p.mu), y.wrap)
+    T_base, mu = p.T_base[..., None], p.mu[..., None]
+    (by_wrap,) = _partials(lambda w: tension_at(T_base, w, p.memory, mu), y.wrap)
     return Linearisation(
         weights=s.mesh.weights,
-        arm=s.compliance * arm,
-        diagonal=1.0 - s.compliance * tension_of(y, p) * arm_slope,
+        diagonal=1.0 - s.compliance * over_tendons(tension_of(y, p) * arm_slope, 1),
         compliance=s.compliance,
-        by_wrap=by_wrap,
+        rate=at_tendons(s.compliance, s.R) * arm * by_wrap,
         by_turn=by_turn,
         by_kappa=by_kappa,
         by_kappa_before=by_kappa_before,
         load=_partials(moment_slope, y.phi, s.force_x, s.force_y)[0] if p.loaded else jnp.zeros_like(y.phi),
         loaded=p.loaded,
     )
+
+
+def node_first(tree):
+    """Arrays (*tendons, N) as the rows of a scan along the nodes, (N, *tendons)."""
+    return jtu.tree_map(lambda v: jnp.moveaxis(v, -1, 0), tree)
 
 
 def _recursion(a: Linearisation, r: State, moment_base) -> State:
@@ -88,7 +104,7 @@ def _recursion(a: Linearisation, r: State, moment_base) -> State:
 
     def node(carry, x):
         kappas, loads, wrap_before, phi_before, moment_before = carry
-        w_i, arm, diagonal, compliance, by_wrap, by_turn, by_k, by_kb, load, rk, rp, rw, rm = x
+        w_i, diagonal, compliance, rate, by_turn, by_k, by_kb, load, rk, rp, rw, rm = x
         turn = rp + w_i[1] * kappas[0] + w_i[2] * kappas[1] + w_i[3] * kappas[2]
         wrap = rw + wrap_before + by_turn * turn + by_kb * kappas[0]
         wrap_k = by_turn * w_i[0] + by_k
@@ -98,24 +114,28 @@ def _recursion(a: Linearisation, r: State, moment_base) -> State:
             moment_k = w_i[0] * load * w_i[0]
         else:
             moment, moment_k = rm, 0.0
-        rate = arm * by_wrap
-        kappa = rk + rate * wrap + compliance * moment
-        kappa = kappa / (diagonal - rate * wrap_k - compliance * moment_k)
+        kappa = rk + over_tendons(rate * wrap, 0) + compliance * moment
+        kappa = kappa / (diagonal - over_tendons(rate * wrap_k, 0) - compliance * moment_k)
         phi = phi_before + turn + w_i[0] * kappa
         out = State(kappa, phi, wrap + wrap_k * kappa, moment + moment_k * kappa)
         carry = ((kappa, *kappas[:-1]), (load * phi, *loads[:-1]), out.wrap, out.phi, out.moment)
         return carry, out
 
     zero = jnp.zeros_like(r.kappa[0])
-    start = ((zero,) * (STENCIL - 1), (zero,) * (STENCIL - 1), zero, zero, zero + moment_base)
+    no_wrap = jnp.zeros_like(r.wrap[..., 0])
+    start = ((zero,) * (STENCIL - 1), (zero,) * (STENCIL - 1), no_wrap, zero, zero + moment_base)
     rm = r.moment.at[0].set(0.0) if a.loaded else r.moment
-    rows = (w, a.arm, a.diagonal, a.compliance, a.by_wrap, a.by_turn, a.by_kappa, a.by_kappa_before, a.load)
-    return jax.lax.scan(node, start, (*rows, r.kappa, r.phi, r.wrap, rm))[1]
+    per_tendon = (a.rate, a.by_turn, a.by_kappa, a.by_kappa_before)
+    rate, by_turn, by_kappa, by_kappa_before, rw = node_first((*per_tendon, r.wrap))
+    rows = (w, a.diagonal, a.compliance, rate, by_turn, by_kappa, by_kappa_before, a.load)
+    y = jax.lax.scan(node, start, (*rows, r.kappa, r.phi, rw, rm))[1]
+    return State(y.kappa, y.phi, jnp.moveaxis(y.wrap, 0, -1), y.moment)
 
 
 def response_to_base_moment(a: Linearisation) -> State:
     """Change of the state per external moment at the base [1/(N m)]; only the tip's equation fails."""
-    return _recursion(a, State(*[jnp.zeros_like(a.arm)] * 4), 1.0)
+    zero = jnp.zeros_like(a.diagonal)
+    return _recursion(a, State(zero, zero, jnp.zeros_like(a.rate), zero), 1.0)
 
 
 def solve_linearised(a: Linearisation, r: State) -> State:

@@ -19,10 +19,22 @@ import jax.tree_util as jtu
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
-from . import channel, friction
-from .linear_solver import linearise, response_to_base_moment
+from . import channel
+from .linear_solver import linearise, node_first, response_to_base_moment
 from .mesh import STENCIL
-from .problem import Problem, State, largest, moment_slope, offset_before, residual, residual_norm
+from .problem import (
+    Problem,
+    State,
+    at_tendons,
+    largest,
+    mobilised,
+    moment_slope,
+    offset_before,
+    over_tendons,
+    residual,
+    residual_norm,
+    tension_at,
+)
 
 NEWTON_STEPS = 2
 FLATTEST = 0.3
@@ -60,13 +72,15 @@ def march(
 
     def node(carry, x):
         kappas, slopes, phi_before, wrap_before, tension_before, moment_before = carry
-        R, R_before, compliance, rest, fx, fy, w, between, memory, guess = x
+        R, R_before, compliance, rest, fx, fy, w, between, memory, mobilisation, guess = x
         turn_known = w[1] * kappas[0] + w[2] * kappas[1] + w[3] * kappas[2]
 
         def balance(kappa):
             turn = turn_known + w[0] * kappa
-            wrap = wrap_before + channel.wrap_increment(turn, kappa, kappas[0], R, R_before, between)
-            tension = friction.tension(p.T_base, wrap, memory, p.mu)
+            midline = at_tendons((turn, kappa, kappas[0]), R)
+            turned = channel.wrap_increment(*midline, R, R_before, at_tendons(between, R))
+            wrap = wrap_before + mobilised(turned, mobilisation)
+            tension = tension_at(p.T_base, wrap, memory, p.mu)
             phi = phi_before + turn
             if p.loaded:
                 slope = moment_slope(phi, fx, fy)
@@ -74,11 +88,14 @@ def march(
                 moment, slope_history = moment_before + known + w[0] * slope, (slope, *slopes[:-1])
             else:
                 moment, slope_history = moment_before, slopes
-            error = kappa - rest - compliance * (tension * channel.moment_arm(kappa, R) + moment)
+            pulled = over_tendons(tension * channel.moment_arm(midline[1], R), 0)
+            error = kappa - rest - compliance * (pulled + moment)
             return error, (phi, wrap, tension, moment, slope_history)
 
-        near = rest + compliance * (tension_before * channel.moment_arm(rest, R) + moment_before)
-        near = rest + compliance * (tension_before * channel.moment_arm(near, R) + moment_before)
+        near = rest
+        for _ in range(2):
+            pulled = over_tendons(tension_before * channel.moment_arm(at_tendons(near, R), R), 0)
+            near = rest + compliance * (pulled + moment_before)
         kappa = jnp.where(use_guess, guess, near)
         for _ in range(NEWTON_STEPS):
             error, slope = jax.jvp(lambda k: balance(k)[0], (kappa,), (jnp.ones_like(kappa),))
@@ -87,13 +104,15 @@ def march(
         carry = (kappa, *kappas[:-1]), slopes, phi, wrap, tension, moment
         return carry, Marched(State(kappa, phi, wrap, moment), error)
 
-    zero = jnp.zeros_like(p.T_base)
+    zero = jnp.zeros_like(moment_base)
     history = (zero,) * (STENCIL - 1)
     slopes = history[: len(history) * p.loaded]
-    start = (history, slopes, zero, zero, p.T_base, zero + moment_base)
-    rows = (s.R, offset_before(s.R), s.compliance, s.rest, s.force_x, s.force_y)
-    rows = (*rows, s.mesh.weights, s.mesh.interval, p.memory, guess)
-    return jax.lax.scan(node, start, rows)[1]
+    start = (history, slopes, zero, jnp.zeros_like(p.T_base), p.T_base, moment_base)
+    R, R_before, *law = node_first((s.R, offset_before(s.R), p.memory, p.mobilisation))
+    rows = (R, R_before, s.compliance, s.rest, s.force_x, s.force_y)
+    rows = (*rows, s.mesh.weights, s.mesh.interval, *law, guess)
+    y, error = jax.lax.scan(node, start, rows)[1]
+    return Marched(State(y.kappa, y.phi, jnp.moveaxis(y.wrap, 0, -1), y.moment), error)
 
 
 class _MarchState(eqx.Module):
@@ -146,7 +165,7 @@ class March(optx.AbstractRootFinder):
 
     def init(self, fn, y: State, args: Problem, options: dict[str, Any], f_struct, aux_struct, tags):
         del fn, options, f_struct, aux_struct, tags
-        one = jnp.ones_like(args.T_base)
+        one = jnp.ones_like(args.tip_moment)
         return _MarchState(
             error=one * jnp.inf,
             share=one,

@@ -109,11 +109,14 @@ def panel_index(intervals: tuple[int, ...]) -> np.ndarray:
     return np.repeat(np.arange(len(intervals)), np.asarray(intervals, int) + 1)
 
 
-def shifted(values: Float[Array, " N"], by: int = 1, fill: float | Array = 0.0) -> Float[Array, " N"]:
+def shifted(
+    values: Float[Array, "*tendons N"], by: int = 1, fill: float | Array = 0.0
+) -> Float[Array, "*tendons N"]:
     """`values` moved `by` nodes towards the tip: entry i is values[i - by]; the first `by` entries are
     `fill`.
     """
-    return jnp.concatenate([jnp.broadcast_to(jnp.asarray(fill, values.dtype), (by,)), values[:-by]])
+    first = jnp.broadcast_to(jnp.asarray(fill, values.dtype), (*values.shape[:-1], by))
+    return jnp.concatenate([first, values[..., :-by]], axis=-1)
 
 
 def increments(weights: Float[Array, "N 4"], values: Float[Array, " N"]) -> Float[Array, " N"]:

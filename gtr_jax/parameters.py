@@ -6,8 +6,9 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import operator
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -23,8 +24,9 @@ class Parameter:
     """One named number of the robot.
 
     Attributes:
-        name: the short name, e.g. "mu".
-        key: the key in the robot file, e.g. "tendon.friction_coefficient".
+        name: the short name, e.g. "mu"; with several tendons "mu.left".
+        key: the key in the robot file, e.g. "tendon.friction_coefficient" or
+            "tendons.left.friction_coefficient".
         at: where it lives in `Robot`, e.g. "backbone.outer_radius.0".
         unit: SI unit for people.
         lower, upper: bounds in SI; None where open.
@@ -47,8 +49,6 @@ class Parameter:
 
 
 _COMMON = (
-    Parameter("mu", "tendon.friction_coefficient", "", 0.0, None, log=True),
-    Parameter("preload", "tendon.preload", "N", 0.0, None),
     Parameter("E", "backbone.youngs_modulus", "Pa", 0.0, None, log=True),
     Parameter("length", "backbone.length", "m", 0.0, None, log=True),
     Parameter("density", "backbone.density", "kg/m^3", 0.0, None, log=True),
@@ -58,22 +58,37 @@ _COMMON = (
     Parameter("tip_force_x", "loads.tip_force.0", "N", external=True),
     Parameter("tip_force_y", "loads.tip_force.1", "N", external=True),
     Parameter("tip_moment", "loads.tip_moment", "N m"),
+    Parameter("payload", "loads.payload", "kg", 0.0, None),
 )
 _ROUTING_UNITS = {"n_sine": "", "sigma": ""}
 
 
-def parameters_of(robot: Robot) -> dict[str, Parameter]:
-    """All parameters of this robot, by short name."""
-    found = {p.name: p for p in _COMMON}
-    if robot.backbone.rigid:
-        del found["E"]
-    for field in vars(robot.routing):
+def _of_tendon(robot: Robot, index: int) -> Iterator[Parameter]:
+    """The parameters of one tendon and its channel."""
+    tendon, several = robot.tendons[index], len(robot.tendons) > 1
+    ending = f".{tendon.name}" if several else ""
+    table = f"tendons.{tendon.name}" if several else "tendon"
+    channel = f"{table}.routing" if several else "routing"
+    at = f"tendons.{index}"
+    friction = f"{table}.friction_coefficient"
+    yield Parameter(f"mu{ending}", friction, "", 0.0, None, log=True, at=f"{at}.friction_coefficient")
+    yield Parameter(f"preload{ending}", f"{table}.preload", "N", 0.0, None, at=f"{at}.preload")
+    for field in vars(tendon.routing):
         if field in ("knots_s", "knots_R", "basis"):
             continue
         name = field.rstrip("_")
-        found[name] = Parameter(name, f"routing.{name}", _ROUTING_UNITS.get(name, "m"), at=f"routing.{field}")
-    for k in range(getattr(robot.routing, "knots_R", jnp.zeros(0)).shape[0]):
-        found[f"knot_{k}"] = Parameter(f"knot_{k}", f"routing.knots.{k}.1", "m", at=f"routing.knots_R.{k}")
+        unit = _ROUTING_UNITS.get(name, "m")
+        yield Parameter(f"{name}{ending}", f"{channel}.{name}", unit, at=f"{at}.routing.{field}")
+    for k in range(getattr(tendon.routing, "knots_R", jnp.zeros(0)).shape[0]):
+        yield Parameter(f"knot_{k}{ending}", f"{channel}.knots.{k}.1", "m", at=f"{at}.routing.knots_R.{k}")
+
+
+def parameters_of(robot: Robot) -> dict[str, Parameter]:
+    """All parameters of this robot, by short name."""
+    tendons = itertools.chain(*(_of_tendon(robot, i) for i in range(len(robot.tendons))))
+    found = {p.name: p for p in (*tendons, *_COMMON)}
+    if robot.backbone.rigid:
+        del found["E"]
     for k in range(robot.backbone.bore_start.shape[0]):
         for field, word in (("bore_start", "from"), ("bore_end", "to"), ("bore_diameter", "diameter")):
             name = f"bore_{k}_{word}"
@@ -105,10 +120,18 @@ def parameter(robot: Robot, name: str) -> Parameter:
     raise InputError(f"parameter '{name}' does not exist on this robot; {hint}known: {', '.join(known)}")
 
 
-def _locate(at: str):
+def _locate(at: str) -> tuple[Callable[[Robot], Array], int | None]:
+    """How to get at the array that holds a number, and the number's index in it, if it has one."""
     parts = at.split(".")
     index = int(parts.pop()) if parts[-1].isdigit() else None
-    return operator.attrgetter(".".join(parts)), index
+
+    def where(robot: Robot) -> Array:
+        node: Any = robot
+        for part in parts:
+            node = node[int(part)] if part.isdigit() else getattr(node, part)
+        return node
+
+    return where, index
 
 
 def value_of(robot: Robot, name: str) -> Float[Array, ""]:

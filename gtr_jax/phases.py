@@ -12,7 +12,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from .equilibrium import problem_of, rest_state, solve_problem
+from .equilibrium import preload_of, problem_of, rest_state, solve_problem
 from .history import Simulation
 from .march import March
 from .problem import tension_of
@@ -30,8 +30,10 @@ def label_phases(run: Simulation) -> np.ndarray:
     tendon is locked is `run.slip_front`: it slips on [0, slip_front] and is locked beyond.
 
     Returns:
-        Array of str, (K,).
+        Array of str, (K, *tendons).
     """
+    if run.T_base.ndim == 2:
+        return np.stack([label_phases(run.of_tendon(i)) for i in range(run.T_base.shape[1])], axis=1)
     whole = np.asarray(run.slip_front) >= float(run.s[-1]) * (1 - 1e-12)
     direction = np.asarray(run.slip_direction)
     now = np.where(whole & (direction > 0), PULLING, np.where(whole & (direction < 0), RELEASING, TRANSITION))
@@ -61,12 +63,17 @@ def release_switch(robot: Robot, T_base_max: Float[ArrayLike, ""]) -> Switch:
     tension of the pull.
 
     Args:
-        robot: the robot; its tendon is pulled once from its preload to `T_base_max`, then released.
+        robot: the robot, of one tendon; it is pulled once from its preload to `T_base_max`, then released.
         T_base_max: largest base tension [N].
 
     Returns:
         The switch; differentiable in the robot's numbers and in T_base_max.
+
+    Raises:
+        ValueError: the robot has several tendons, whose transitions depend on the paths of all.
     """
+    if robot.tendon_names:
+        raise ValueError("release_switch: only for robots of one tendon; simulate the history of all tendons")
     return _switch(robot, jnp.asarray(T_base_max, dtype=float))
 
 
@@ -74,8 +81,7 @@ def release_switch(robot: Robot, T_base_max: Float[ArrayLike, ""]) -> Switch:
 def _switch(robot: Robot, T_max: Float[Array, ""]) -> Switch:
     solver = March()
     s = sections(robot)
-    preload = jnp.broadcast_to(robot.tendon.preload, s.rest.shape)
-    p = problem_of(robot, s, T_max, preload)
+    p = problem_of(robot, s, T_max, preload_of(robot, s))
     pulled = solve_problem(p, rest_state(s), solver)
     T_tip = tension_of(pulled.value, p)[-1]
     high = jnp.full(s.rest.shape, ALL_RELEASED) * T_max

@@ -1,21 +1,28 @@
 """The equilibrium of rod and tendon as one residual, local in the nodes.
 
-Unknowns at each node: curvature, angle, wrap of the tendon, external moment; the tension follows from the
-    wrap. Each residual ties a node to its predecessors only, but
-for one: the external moment is known at the tip and carried from the base. So the Jacobian is causal with one
-    bordered column (the external moment at the base), and a linear solve is one forward recursion with two
-    right-hand sides (`linear_solver.py`).
+Unknowns at each node: curvature, angle, wrap of each tendon, external moment; the tension follows from the
+wrap. Each residual ties a node to its predecessors only, but for one: the external moment is known at the tip
+and carried from the base. So the Jacobian is causal with one bordered column (the external moment at the
+base), and a linear solve is one forward recursion with two right-hand sides (`linear_solver.py`).
+
+Tendons act on one another only through the curvature they share. What belongs to a tendon has a leading
+tendon axis where the robot has several, and none where it has one: shapes say `*tendons`.
 """
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import equinox as eqx
 import jax.numpy as jnp
+import jax.tree_util as jtu
 from jaxtyping import Array, Float
 
 from . import channel, friction
 from .mesh import Mesh, increments, shifted
 from .routing import Offset
+
+Tree = TypeVar("Tree")
 
 
 class Sections(eqx.Module):
@@ -23,7 +30,7 @@ class Sections(eqx.Module):
 
     Attributes:
         mesh: nodes and quadrature weights.
-        R: channel offset and derivatives, each (N,).
+        R: channel offset and derivatives, each (*tendons, N).
         compliance: 1/EI [1/(N m^2)], (N,); 0 where rigid.
         rest: natural curvature [1/m], (N,).
         force_x, force_y: external force distal to the node [N], (N,): tip force plus the weight of the distal
@@ -39,40 +46,56 @@ class Sections(eqx.Module):
 
 
 class State(eqx.Module):
-    """Unknowns at the nodes, (N,), or at one: curvature, midline angle, wrap of the tendon, external
+    """Unknowns at the nodes, (N,), or at one: curvature, midline angle, wrap of each tendon, external
     moment.
     """
 
     kappa: Float[Array, "*nodes"]
     phi: Float[Array, "*nodes"]
-    wrap: Float[Array, "*nodes"]
+    wrap: Float[Array, "*tendons_nodes"]
     moment: Float[Array, "*nodes"]
 
 
 class Problem(eqx.Module):
-    """One equilibrium: the robot at its nodes, the load, and the tension the tendon had before.
+    """One equilibrium: the robot at its nodes, the load, and the tension each tendon had before.
 
     Attributes:
         sections: the robot at the nodes.
-        mu: friction coefficient [-].
-        T_base: tension at the base [N].
-        memory: tension at the nodes after the previous load step [N], (N,).
+        mu: friction coefficient [-], (*tendons,).
+        T_base: tension at the base [N], (*tendons,).
+        memory: tension at the nodes after the previous load step [N], (*tendons, N). With it the wrap of the
+            state is the total turning, and the tension is held against it (`friction.tension`).
+        mobilisation: of friction between each node and the one before it, in [-1, 1], (*tendons, N), instead
+        of
+            `memory`. With it the wrap of the state is the turning weighted by it
+            (`friction.mobilised_tension`).
         tip_moment: external moment at the tip [N m].
         loaded: False (static) where no external force acts, so that the external moment is the tip moment
             everywhere.
     """
 
     sections: Sections
-    mu: Float[Array, ""]
-    T_base: Float[Array, ""]
-    memory: Float[Array, " N"]
+    mu: Float[Array, "*tendons"]
+    T_base: Float[Array, "*tendons"]
+    memory: Float[Array, "*tendons N"] | None
+    mobilisation: Float[Array, "*tendons N"] | None
     tip_moment: Float[Array, ""]
     loaded: bool = eqx.field(static=True)
 
 
 def offset_before(R: Offset) -> Offset:
     """Channel offset at each node's predecessor; the base stands for itself."""
-    return Offset(*(shifted(r, 1, r[0]) for r in R))
+    return Offset(*(shifted(r, 1, r[..., :1]) for r in R))
+
+
+def at_tendons(tree: Tree, R: Offset) -> Tree:
+    """What belongs to the midline, as every tendon sees it: with the shape of the offsets."""
+    return jtu.tree_map(lambda v: jnp.broadcast_to(v, R.value.shape), tree)
+
+
+def over_tendons(values: Float[Array, "*any"], axes: int) -> Float[Array, "*midline"]:
+    """Sum over the tendons of an array that has `axes` axes without them."""
+    return values if values.ndim == axes else jnp.sum(values, axis=0)
 
 
 def moment_slope(phi, force_x, force_y):
@@ -80,21 +103,36 @@ def moment_slope(phi, force_x, force_y):
     return force_x * jnp.sin(phi) - force_y * jnp.cos(phi)
 
 
-def tension_of(y: State, p: Problem) -> Float[Array, " N"]:
-    """Tension along the tendon [N], (N,)."""
-    return friction.tension(p.T_base, y.wrap, p.memory, p.mu)
+def tension_of(y: State, p: Problem) -> Float[Array, "*tendons N"]:
+    """Tension along the tendons [N], (*tendons, N)."""
+    return tension_at(p.T_base[..., None], y.wrap, p.memory, p.mu[..., None])
+
+
+def tension_at(T_base, wrap, memory, mu):
+    """Tension from the wrap of the state, by whichever law the problem follows."""
+    if memory is None:
+        return friction.mobilised_tension(T_base, wrap, mu)
+    return friction.tension(T_base, wrap, memory, mu)
+
+
+def mobilised(increment, mobilisation):
+    """Increment of the state's wrap from that of the turning."""
+    return increment if mobilisation is None else increment * mobilisation
 
 
 def residual(y: State, p: Problem) -> State:
     """Residual of the equilibrium; zero at the solution. Rows: moment balance, angle, wrap, external moment.
 
-    The moment balance is the local identity EI (kappa - kappa_0) = T R (1 - R kappa)/nu + M_ext, divided by
-    EI. Row 0 of the external moment is the boundary condition at the tip, M_ext(L) = tip moment.
+    The moment balance is the local identity EI (kappa - kappa_0) = sum T R (1 - R kappa)/nu + M_ext, divided
+    by EI. Row 0 of the external moment is the boundary condition at the tip, M_ext(L) = tip moment.
     """
     s = p.sections
-    bending = s.compliance * (tension_of(y, p) * channel.moment_arm(y.kappa, s.R) + y.moment)
     turn = y.phi - shifted(y.phi)
-    wrap = channel.wrap_increment(turn, y.kappa, shifted(y.kappa), s.R, offset_before(s.R), s.mesh.interval)
+    midline = (turn, y.kappa, shifted(y.kappa), s.mesh.interval)
+    turns, kappa, kappa_before, between = at_tendons(midline, s.R)
+    pulled = over_tendons(tension_of(y, p) * channel.moment_arm(kappa, s.R), 1)
+    bending = s.compliance * (pulled + y.moment)
+    wrap = channel.wrap_increment(turns, kappa, kappa_before, s.R, offset_before(s.R), between)
     if p.loaded:
         step = increments(s.mesh.weights, moment_slope(y.phi, s.force_x, s.force_y))
         moment = y.moment - shifted(y.moment) - step
@@ -104,7 +142,7 @@ def residual(y: State, p: Problem) -> State:
     return State(
         kappa=y.kappa - s.rest - bending,
         phi=turn - increments(s.mesh.weights, y.kappa),
-        wrap=y.wrap - shifted(y.wrap) - wrap,
+        wrap=y.wrap - shifted(y.wrap) - mobilised(wrap, p.mobilisation),
         moment=moment,
     )
 
@@ -118,7 +156,7 @@ def residual_norm(r: State, p: Problem) -> Float[Array, ""]:
     terms = (
         r.kappa * length,
         r.phi,
-        r.wrap,
+        r.wrap.ravel(),
         r.moment * p.sections.compliance * length,
     )
     return largest(jnp.concatenate(terms))

@@ -44,6 +44,7 @@ CHANNELS = {
     "displacement": Channel("m", "displacement_m", frozenset({"displacement", "tendondisplacement"})),
     "trial": Channel("dimensionless", "trial", frozenset({"trial"})),
 }
+PER_TENDON = ("T_base", "T_tip", "displacement")
 # Units known as a header's ending, as in T_base_gf; in brackets, as in Tbase [gf], any unit is known.
 _HEADER_ENDINGS = {
     "s": ("s", "ms", "us", "min"),
@@ -58,7 +59,8 @@ class Recording:
     """A recording in SI units: read-only float64 arrays, one value per row; None where not recorded.
 
     T_base and T_tip [N], time [s], tip_x and tip_y [m], tip_angle [rad] against the base tangent,
-    displacement [m] of the tendon pulled out at the base, and the number of the trial.
+    displacement [m] of the tendon pulled out at the base, and the number of the trial. Of several tendons,
+    named in `tendons`, T_base, T_tip and displacement are (rows, tendons).
     """
 
     T_base: np.ndarray
@@ -71,6 +73,7 @@ class Recording:
     tip_angle: np.ndarray | None = None
     displacement: np.ndarray | None = None
     trial: np.ndarray | None = None
+    tendons: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.T_base)
@@ -200,8 +203,18 @@ def split_unit(header: str, si: str) -> tuple[str, str | None]:
     return (name, ending) if name and ending in _HEADER_ENDINGS.get(si, ()) else (header, None)
 
 
-def _mapped(table: Table, columns: str) -> dict[str, tuple[int, str | None]]:
+def _wanted(tendons: Sequence[str]) -> dict[str, tuple[str, str]]:
+    """What may be read: the quantity and the tendon ("" for none) under each name, such as "T_base.left"."""
+    wanted = {}
+    for quantity in CHANNELS:
+        names = tendons if quantity in PER_TENDON and tendons else ("",)
+        wanted |= {f"{quantity}.{name}" if name else quantity: (quantity, name) for name in names}
+    return wanted
+
+
+def _mapped(table: Table, columns: str, tendons: Sequence[str]) -> dict[str, tuple[int, str | None]]:
     """Column index and unit per quantity, from 'T_base=data_0[gf],T_tip=data_2[gf],time=Time[s]'."""
+    wanted = _wanted(tendons)
     place = f"{table.path}: --columns"
     chosen: dict[str, tuple[int, str | None]] = {}
     for entry in re.split(r",(?=[^,=]*=)", columns):
@@ -210,12 +223,16 @@ def _mapped(table: Table, columns: str) -> dict[str, tuple[int, str | None]]:
             raise InputError(
                 f"{place}: cannot read '{entry}'; write for example 'T_base=data_0[gf],time=Time[s]'"
             )
-        quantity = next((q for q, c in CHANNELS.items() if _plain(name) in c.spellings), None)
-        if quantity is None:
-            raise InputError(f"{place}: unknown quantity '{name}'; {did_you_mean(name, CHANNELS)}")
+        plain, _, tendon = name.partition(".")
+        spelled = next(
+            (q for q, c in CHANNELS.items() if _plain(plain if tendons else name) in c.spellings), ""
+        )
+        quantity = f"{spelled}.{tendon}" if tendons and tendon else spelled
+        if quantity not in wanted:
+            raise InputError(f"{place}: unknown quantity '{name}'; {did_you_mean(name, wanted)}")
         if quantity in chosen:
             raise InputError(f"{place}: {quantity} is mapped twice; keep one")
-        si = CHANNELS[quantity].unit
+        si = CHANNELS[wanted[quantity][0]].unit
         unit = None
         if source not in table.header:
             bracketed = re.fullmatch(r"(.*?)\s*\[([^\[\]]*)\]", source)
@@ -229,12 +246,24 @@ def _mapped(table: Table, columns: str) -> dict[str, tuple[int, str | None]]:
     return chosen
 
 
-def _recognised(table: Table, quantity: str) -> tuple[int, str | None] | None:
+def _of_tendon(header: str, tendon: str) -> str | None:
+    """The header without the name of a tendon ("T_base_N" of "T_base_N.left"); None if it has another."""
+    if not tendon:
+        return header
+    found = re.fullmatch(rf"(.*?)\.{re.escape(tendon)}(\s*[\[(].*)?", header)
+    return f"{found[1]}{found[2] or ''}" if found else None
+
+
+def _recognised(table: Table, quantity: str, tendon: str) -> tuple[int, str | None] | None:
     """Column index and unit of a quantity from the headers themselves; None if no header names it."""
     si, canonical, spellings = CHANNELS[quantity]
+    canonical = f"{canonical}.{tendon}" if tendon else canonical
     found: list[tuple[int, str | None]] = []
     for index, header in enumerate(table.header):
-        name, unit = split_unit(header, si)
+        own = _of_tendon(header, tendon)
+        if own is None:
+            continue
+        name, unit = split_unit(own, si)
         if _plain(name) in spellings and name != "T":  # a bare T may be a tension, a time, a temperature
             found.append((index, unit))
     exact = [entry for entry in found if table.header[entry[0]] == canonical]
@@ -242,28 +271,47 @@ def _recognised(table: Table, quantity: str) -> tuple[int, str | None] | None:
     if len(found) > 1:
         names = " and ".join(f"'{table.header[index]}'" for index, _ in found)
         raise InputError(
-            f"{table.path}: {names} all name {quantity}; choose one with "
-            f"--columns '{quantity}={table.header[found[0][0]]}' or rename the others"
+            f"{table.path}: {names} all name {_dot(quantity, tendon)}; choose one with "
+            f"--columns '{_dot(quantity, tendon)}={table.header[found[0][0]]}' or rename the others"
         )
     return found[0] if found else None
 
 
-def _missing(table: Table, quantity: str) -> InputError:
+def _dot(name: str, tendon: str) -> str:
+    return f"{name}.{tendon}" if tendon else name
+
+
+def _missing(table: Table, quantity: str, tendon: str) -> InputError:
     channel = CHANNELS[quantity]
     names = [header for header in table.header if header]
+    if tendon and _recognised(table, quantity, "") is not None:
+        return InputError(
+            f"{table.path}: no column {channel.header}.{tendon}, but one for a robot of one tendon; this "
+            f"robot has several: end each tendon's columns with its name, {channel.header}.{tendon}"
+        )
+    ended = [header for header in names if re.match(rf"{re.escape(channel.header)}\.\w", header)]
+    if not tendon and ended:
+        return InputError(
+            f"{table.path}: no column {channel.header}, but {listed(ended)} of several tendons; the robot "
+            f"has one [tendon]: rename the column of that tendon to {channel.header}"
+        )
     # A column that already is another quantity is no candidate for this one.
     taken = {_plain(spelling) for q, c in CHANNELS.items() if q != quantity for spelling in c.spellings}
     free = [name for name in names if _plain(split_unit(name, channel.unit)[0]) not in taken]
     near = nearest(quantity, free) or nearest(channel.header, free)
     return InputError(
-        f"{table.path}: no column {channel.header}; columns found: {listed(names)}"
+        f"{table.path}: no column {_dot(channel.header, tendon)}; columns found: {listed(names)}"
         + (f" (nearest: '{near}')" if near else "")
-        + f"; rename one, or add --columns '{quantity}={near or 'NAME'}[{channel.unit}]'"
+        + f"; rename one, or add --columns '{_dot(quantity, tendon)}={near or 'NAME'}[{channel.unit}]'"
     )
 
 
 def read_recording(
-    path: str | os.PathLike[str], columns: str | None = None, *, need_tip: bool = True
+    path: str | os.PathLike[str],
+    columns: str | None = None,
+    *,
+    need_tip: bool = True,
+    tendons: Sequence[str] = (),
 ) -> Recording:
     """Read a recording (or a base-tension history) from a CSV file.
 
@@ -272,29 +320,53 @@ def read_recording(
         columns: columns under other names, as 'T_base=data_0[gf],T_tip=data_2[gf],time=Time[s]'; the
             quantities it leaves out are still looked for in the header. Columns of no use are ignored.
         need_tip: whether a file without a tip tension is refused.
+        tendons: names of the tendons, if the robot has several: then T_base, T_tip and displacement are looked
+            for as T_base_N.left and the like, for all of them or none, and are (rows, tendons).
 
     Raises InputError naming file, row, column and remedy: see `read_table`; missing or doubtful columns,
     unknown units, cells that are no number, time going backwards, tensions of reversed sign, and a tip
     tension that peaks more than SWAP_FACTOR above the base's. Small negative readings are noise and kept.
     """
     table = read_table(path)
-    chosen = _mapped(table, columns) if columns is not None else {}
+    chosen = _mapped(table, columns, tendons) if columns is not None else {}
     taken = {index for index, _ in chosen.values()}
-    for quantity in CHANNELS.keys() - chosen.keys():
-        found = _recognised(table, quantity)
+    wanted = _wanted(tendons)
+    for key, (quantity, tendon) in wanted.items():
+        found = None if key in chosen else _recognised(table, quantity, tendon)
         if found and found[0] not in taken:
-            chosen[quantity] = found
-    for quantity in ("T_base", "T_tip") if need_tip else ("T_base",):
-        if quantity not in chosen:
-            raise _missing(table, quantity)
+            chosen[key] = found
+    begun = {wanted[key][0] for key in chosen}
+    needed = {"T_base", "T_tip"} if need_tip else {"T_base"}
+    for key, (quantity, tendon) in wanted.items():
+        if key not in chosen and (quantity in needed or (tendon and quantity in begun)):
+            raise _missing(table, quantity, tendon)
     data = {}
-    for quantity, channel in CHANNELS.items():
-        if quantity in chosen:
-            index, unit = chosen[quantity]
-            remedy = f"give its unit with --columns '{quantity}={table.header[index]}[{channel.unit}]'"
-            data[quantity] = table.quantity(index, unit, channel.unit, remedy=remedy)
-    _check_signals(table, data, {quantity: table.header[index] for quantity, (index, _) in chosen.items()})
-    return Recording(**data, path=table.path, sha256=table.sha256)
+    for key, (quantity, _) in wanted.items():
+        if key in chosen:
+            index, unit = chosen[key]
+            si = CHANNELS[quantity].unit
+            remedy = f"give its unit with --columns '{key}={table.header[index]}[{si}]'"
+            data[key] = table.quantity(index, unit, si, remedy=remedy)
+    headers = {key: table.header[index] for key, (index, _) in chosen.items()}
+    for name in tendons or ("",):
+        own = [key for key, (_, tendon) in wanted.items() if key in data and tendon in ("", name)]
+        _check_signals(
+            table, {wanted[key][0]: data[key] for key in own}, {wanted[key][0]: headers[key] for key in own}
+        )
+    return Recording(
+        **_by_quantity(data, tendons), path=table.path, sha256=table.sha256, tendons=tuple(tendons)
+    )
+
+
+def _by_quantity(data: Mapping[str, np.ndarray], tendons: Sequence[str]) -> dict[str, np.ndarray]:
+    """Columns by quantity; those of several tendons side by side."""
+    out = {key: values for key, values in data.items() if "." not in key}
+    for quantity in PER_TENDON if tendons else ():
+        columns = [data[f"{quantity}.{name}"] for name in tendons if f"{quantity}.{name}" in data]
+        if columns:
+            out[quantity] = np.stack(columns, axis=1)
+            out[quantity].setflags(write=False)
+    return out
 
 
 def _check_signals(table: Table, data: Mapping[str, np.ndarray], headers: Mapping[str, str]) -> None:
@@ -332,27 +404,36 @@ def _check_signals(table: Table, data: Mapping[str, np.ndarray], headers: Mappin
 
 
 def write_recording(
-    path: str | os.PathLike[str], recording: Recording | Mapping[str, Iterable[float] | Sequence[str]]
+    path: str | os.PathLike[str],
+    recording: Recording | Mapping[str, Iterable[float] | Sequence[str]],
+    *,
+    tendons: Sequence[str] = (),
 ) -> None:
     """Write a recording, or columns by name, as a CSV file that `read_recording` reads back exactly.
 
     The quantities of CHANNELS (SI) come first, under their headers with units; further columns follow under
-    the names they are given, which should carry their unit. None is left out. The file is written whole or
-    not at all.
+    the names they are given, which should carry their unit. None is left out. A quantity of several tendons,
+    (rows, tendons), becomes a column for each of `tendons`, ending with its name. The file is written whole
+    or not at all.
 
     Raises ValueError if the columns differ in length.
     """
     if isinstance(recording, Recording):
         given = {field.name: getattr(recording, field.name) for field in fields(recording)}
         named = {quantity: given[quantity] for quantity in CHANNELS}
+        tendons = recording.tendons
     else:
         named = {quantity: recording.get(quantity) for quantity in CHANNELS}
         named |= {name: values for name, values in recording.items() if name not in CHANNELS}
-    columns = {
-        CHANNELS[name].header if name in CHANNELS else name: np.asarray(values).tolist()
-        for name, values in named.items()
-        if values is not None
-    }
+    columns = {}
+    for name, values in named.items():
+        if values is None:
+            continue
+        header, table = CHANNELS[name].header if name in CHANNELS else name, np.asarray(values)
+        if table.ndim == 1:
+            columns[header] = table.tolist()
+        else:
+            columns |= {f"{header}.{t}": own.tolist() for t, own in zip(tendons, table.T, strict=True)}
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(columns)

@@ -4,6 +4,8 @@ is static.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -11,16 +13,25 @@ from jaxtyping import Array, Bool, Float
 from .backbone import Backbone
 from .mesh import Mesh, build_mesh, panel_index
 from .problem import Sections
-from .routing import Routing
+from .routing import Offset, Routing
 
 STANDARD_GRAVITY = 9.80665
 
 
 class Tendon(eqx.Module):
-    """Friction coefficient [-] and the uniform tension before the first load [N]."""
+    """One tendon in its channel.
 
+    Attributes:
+        routing: the channel.
+        friction_coefficient: of tendon and channel [-].
+        preload: uniform tension before the first load [N].
+        name: tells several tendons apart (static); "" for the only one.
+    """
+
+    routing: Routing
     friction_coefficient: Float[Array, ""]
     preload: Float[Array, ""]
+    name: str = eqx.field(static=True, default="")
 
 
 class Loads(eqx.Module):
@@ -31,19 +42,21 @@ class Loads(eqx.Module):
         gravity_angle: its direction in the bending plane from the base tangent [rad].
         tip_force: [N], shape (2,), along and across the base tangent.
         tip_moment: [N m], positive to the left.
+        payload: mass at the tip [kg].
     """
 
     gravity: Float[Array, ""]
     gravity_angle: Float[Array, ""]
     tip_force: Float[Array, "2"]
     tip_moment: Float[Array, ""]
+    payload: Float[Array, ""]
 
 
 class Robot(eqx.Module):
     """A tendon-driven continuum manipulator, planar.
 
     Attributes:
-        backbone, routing, tendon, loads: physical parameters (traced).
+        backbone, tendons, loads: physical parameters (traced).
         name: for reports (static).
         intervals: mesh intervals per panel (static).
         bore_kinks: which bore starts and ends lie inside the body (static).
@@ -51,17 +64,39 @@ class Robot(eqx.Module):
     """
 
     backbone: Backbone
-    routing: Routing
-    tendon: Tendon
+    tendons: tuple[Tendon, ...]
     loads: Loads
     name: str = eqx.field(static=True)
     intervals: tuple[int, ...] = eqx.field(static=True)
     bore_kinks: tuple[tuple[str, int], ...] = eqx.field(static=True)
     loaded: bool = eqx.field(static=True)
 
+    @property
+    def tendon(self) -> Tendon:
+        """The tendon of a robot that has one; ValueError if it has several."""
+        if len(self.tendons) > 1:
+            raise ValueError(f"{self.name} has {len(self.tendons)} tendons; take one of robot.tendons")
+        return self.tendons[0]
+
+    @property
+    def routing(self) -> Routing:
+        """The channel of a robot that has one tendon; ValueError if it has several."""
+        return self.tendon.routing
+
+    @property
+    def tendon_names(self) -> tuple[str, ...]:
+        """Names of the tendons in the order of the tendon axis; empty for one tendon, which has no axis."""
+        return tuple(tendon.name for tendon in self.tendons) if len(self.tendons) > 1 else ()
+
+    def per_tendon(self, read: Callable[[Tendon], Array]) -> Array:
+        """What `read` takes of each tendon, along a leading tendon axis; without it for one tendon."""
+        if len(self.tendons) == 1:
+            return read(self.tendons[0])
+        return jnp.stack([read(tendon) for tendon in self.tendons])
+
     def with_values(self, **values) -> Robot:
-        """The robot with named parameters replaced, e.g. `mu=0.3, E=1.2e6, r1=-0.01`; see
-        `gtr_jax.parameters`.
+        """The robot with named parameters replaced, e.g. `mu=0.3, E=1.2e6, r1=-0.01`, or with several
+        tendons `**{"mu.left": 0.3}`; see `gtr_jax.parameters`.
         """
         from .parameters import with_values
 
@@ -79,19 +114,19 @@ class Layout(eqx.Module):
 
     Attributes:
         mesh: the nodes.
-        passed: which kinks of the routing lie before each node, (kinks, N).
+        passed: for each tendon, which kinks of its routing lie before each node, (kinks, N).
         bored: which bores each node lies in, (bores, N).
     """
 
     mesh: Mesh
-    passed: Bool[Array, "kinks N"]
+    passed: tuple[Bool[Array, "_ N"], ...]
     bored: Bool[Array, "bores N"]
 
 
 def inner_kinks(robot: Robot) -> Float[Array, " kinks"]:
-    """Arc lengths [m] of the kinks of routing, bores and natural curvature, in this order, unsorted."""
+    """Arc lengths [m] of the kinks of routings, bores and natural curvature, in this order, unsorted."""
     body = robot.backbone
-    kinks = [robot.routing.kinks()]
+    kinks = [tendon.routing.kinks() for tendon in robot.tendons]
     kinks += [getattr(body, field)[i][None] for field, i in robot.bore_kinks]
     if body.natural_curvature_s.shape[0] > 2:
         kinks.append(body.natural_curvature_s[1:-1])
@@ -111,14 +146,18 @@ def lay_out(robot: Robot) -> Layout:
     rank = jnp.argsort(order)
     mesh = build_mesh(jnp.concatenate([jnp.zeros(1), kinks[order], body.length[None]]), robot.intervals)
     behind = rank[:, None] < panel_index(robot.intervals)[None, :]
-    count = robot.routing.kinks().shape[0]
+    passed, count = [], 0
+    for tendon in robot.tendons:
+        own = tendon.routing.kinks().shape[0]
+        passed.append(behind[count : count + own])
+        count += own
     where = {kink: behind[count + j] for j, kink in enumerate(robot.bore_kinks)}
     begun_at_base, ended_at_tip = jnp.ones(mesh.s.shape, bool), jnp.zeros(mesh.s.shape, bool)
     bored = [
         where.get(("bore_start", i), begun_at_base) & ~where.get(("bore_end", i), ended_at_tip)
         for i in range(body.bore_start.shape[0])
     ]
-    return Layout(mesh, behind[:count], jnp.stack(bored) if bored else jnp.zeros((0, *mesh.s.shape), bool))
+    return Layout(mesh, tuple(passed), jnp.stack(bored) if bored else jnp.zeros((0, *mesh.s.shape), bool))
 
 
 def distal_weight(robot: Robot, at: Layout) -> Float[Array, " N"]:
@@ -134,10 +173,14 @@ def sections(robot: Robot) -> Sections:
     """The robot evaluated at its nodes: all that the equilibrium needs."""
     at = lay_out(robot)
     mesh, body, loads = at.mesh, robot.backbone, robot.loads
-    weight = distal_weight(robot, at)
+    weight = distal_weight(robot, at) + loads.gravity * loads.payload
+    channels = [
+        tendon.routing.offset(mesh.s, passed, body.length)
+        for tendon, passed in zip(robot.tendons, at.passed, strict=True)
+    ]
     return Sections(
         mesh=mesh,
-        R=robot.routing.offset(mesh.s, at.passed, body.length),
+        R=channels[0] if len(channels) == 1 else Offset(*map(jnp.stack, zip(*channels, strict=True))),
         compliance=body.compliance(mesh.s, at.bored),
         rest=body.curvature_at_rest(mesh.s),
         force_x=loads.tip_force[0] + weight * jnp.cos(loads.gravity_angle),

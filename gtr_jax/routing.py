@@ -17,11 +17,13 @@ from jaxtyping import Array, Bool, Float
 
 
 class Offset(NamedTuple):
-    """Channel offset R [m], slope R' [-] and second derivative R'' [1/m], each of shape (N,)."""
+    """Channel offset R [m], slope R' [-] and second derivative R'' [1/m], each (N,); with several tendons
+    (tendons, N).
+    """
 
-    value: Float[Array, " N"]
-    slope: Float[Array, " N"]
-    second: Float[Array, " N"]
+    value: Float[Array, "*tendons N"]
+    slope: Float[Array, "*tendons N"]
+    second: Float[Array, "*tendons N"]
 
 
 class Routing(eqx.Module):

@@ -41,6 +41,7 @@ DIMENSIONS = {
     "Pa": Dimension("a pressure", "MPa", "1.06 MPa"),
     "N m": Dimension("a moment", "N m", "0.1 N m"),
     "kg/m^3": Dimension("a density", "kg/m^3", "1070 kg/m^3"),
+    "kg": Dimension("a mass", "g", "20 g"),
     "rad/m": Dimension("a curvature", "rad/m", "11.7 rad/m"),
     "dimensionless": Dimension("a pure number", "dimensionless", "0.36"),
 }

@@ -465,7 +465,8 @@ def test_schema_in_the_docs_is_current():
 def test_schema_admits_numbers_and_unit_strings():
     schema = json_schema()
     assert schema["additionalProperties"] is False
-    assert set(schema["required"]) == {"schema", "backbone", "routing", "tendon"}
+    assert set(schema["required"]) == {"schema", "backbone"}
+    assert schema["oneOf"] == [{"required": ["routing", "tendon"]}, {"required": ["tendons"]}]
     backbone = schema["$defs"]["BackboneConfig"]
     number, text = backbone["properties"]["length"]["anyOf"]
     assert number["type"] == "number" and text["type"] == "string"

@@ -35,9 +35,9 @@ def test_derivatives_of_the_offset(name, make_robot):
     robot = make_robot(8.0, routing=ROUTINGS[name])
     at = lay_out(robot)
     length = robot.backbone.length
-    R = robot.routing.offset(at.mesh.s, at.passed, length)
+    R = robot.routing.offset(at.mesh.s, at.passed[0], length)
     h = 1e-6
-    up, down = (robot.routing.offset(at.mesh.s + d, at.passed, length) for d in (h, -h))
+    up, down = (robot.routing.offset(at.mesh.s + d, at.passed[0], length) for d in (h, -h))
     inner = slice(2, -2)
     np.testing.assert_allclose(((up.value - down.value) / (2 * h))[inner], R.slope[inner], atol=1e-6)
     np.testing.assert_allclose(((up.slope - down.slope) / (2 * h))[inner], R.second[inner], atol=2e-3)
