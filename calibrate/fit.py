@@ -65,8 +65,12 @@ def fit(
     """
     if noise_N is not None and not (np.isfinite(noise_N) and noise_N > 0):
         raise InputError(f"noise_N: must be a positive number of newtons, is {noise_N:g}")
-    T_base, T_tip = tensions(recording)
     model, config = robot_of(robot)
+    if model.tendon_names:
+        raise InputError(
+            f"fit: {model.name} has {len(model.tendons)} tendons; this version fits robots of one"
+        )
+    T_base, T_tip = tensions(recording)
     warnings: list[str] = []
     if free is None:
         free = ("mu",) if model.backbone.rigid else DEFAULT_FREE

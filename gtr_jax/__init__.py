@@ -12,7 +12,7 @@ from .build import build_robot, load_robot  # noqa: E402
 from .config import RobotConfig, dump_config, load_config  # noqa: E402
 from .equilibrium import Equilibrium, equilibrium  # noqa: E402
 from .errors import InputError  # noqa: E402
-from .history import Simulation, simulate  # noqa: E402
+from .history import Simulation, equilibrium_at, simulate  # noqa: E402
 from .march import March  # noqa: E402
 from .parameters import Parameter, parameters_of  # noqa: E402
 from .phases import Switch, label_phases, release_switch  # noqa: E402
@@ -35,6 +35,7 @@ __all__ = [
     "build_robot",
     "dump_config",
     "equilibrium",
+    "equilibrium_at",
     "label_phases",
     "load_config",
     "load_robot",

@@ -12,7 +12,7 @@ import jax.tree_util as jtu
 import optimistix as optx
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from .equilibrium import Equilibrium, at_preload, describe, load_step, metric_of, tendon_length
+from .equilibrium import Equilibrium, Loaded, at_preload, describe, load_step, metric_of, tendon_length
 from .march import March
 from .mesh import cumulative
 from .robot import Robot, sections
@@ -70,10 +70,19 @@ class Simulation(eqx.Module):
 SLIP_TOLERANCE = 1e-8
 
 
-def _slip(s, tension, memory, scale):
+def _slipping(done: Loaded, memory: Float[Array, "*tendons N"], scale: Float[Array, ""]):
+    """Direction of slip along the tendons, (*tendons, N): told by the change of tension of one tendon, by the
+    slip itself of several.
+    """
+    if done.xi is None:
+        change = done.tension - memory
+        return jnp.where(jnp.abs(change) > SLIP_TOLERANCE * scale, jnp.sign(change), 0.0)
+    slipped = jnp.concatenate([done.xi[..., 1:2], done.xi[..., 1:]], axis=-1)
+    return jnp.where(jnp.abs(slipped) > 1.0 + SLIP_TOLERANCE, jnp.sign(slipped), 0.0)
+
+
+def _front(s, sign):
     """Direction of slip of one tendon at the base and arc length up to which it reaches."""
-    change = tension - memory
-    sign = jnp.where(jnp.abs(change) > SLIP_TOLERANCE * scale, jnp.sign(change), 0.0)
     locked = sign != sign[0]
     front = jnp.where(jnp.any(locked), s[jnp.maximum(jnp.argmax(locked) - 1, 0)], s[-1])
     return sign[0], jnp.where(sign[0] == 0.0, 0.0, front)
@@ -106,13 +115,14 @@ def _run(robot: Robot, T_base: Float[Array, "K *tendons"], solver: optx.Abstract
     _, (done, memory) = jax.lax.scan(step, start, T_base)
     # What is read off the states is computed for all steps at once, outside the loop.
     eq = jax.vmap(lambda done: describe(s, done))(done)
-    slipping = jax.vmap(lambda now, before: _slip(s.mesh.s, now, before, scale))
-    direction, front = (slipping if memory.ndim == 2 else jax.vmap(slipping))(eq.tension, memory)
+    sign = jax.vmap(lambda done, before: _slipping(done, before, scale))(done, memory)
+    fronts = jax.vmap(lambda sign: _front(s.mesh.s, sign))
+    direction, front = (fronts if sign.ndim == 2 else jax.vmap(fronts))(sign)
     return Simulation(
         T_base=T_base,
         T_tip=eq.T_tip,
         tip_pose=eq.tip_pose,
-        displacement=tendon_length(s, settled) - eq.tendon_length,
+        displacement=tendon_length(s, settled)[None] - eq.tendon_length,
         slip_direction=direction,
         slip_front=front,
         s=s.mesh.s,

@@ -320,8 +320,8 @@ def read_recording(
         columns: columns under other names, as 'T_base=data_0[gf],T_tip=data_2[gf],time=Time[s]'; the
             quantities it leaves out are still looked for in the header. Columns of no use are ignored.
         need_tip: whether a file without a tip tension is refused.
-        tendons: names of the tendons, if the robot has several: then T_base, T_tip and displacement are looked
-            for as T_base_N.left and the like, for all of them or none, and are (rows, tendons).
+        tendons: names of the tendons, if the robot has several: then T_base, T_tip and displacement are
+            looked for as T_base_N.left and the like, for all of them or none, and are (rows, tendons).
 
     Raises InputError naming file, row, column and remedy: see `read_table`; missing or doubtful columns,
     unknown units, cells that are no number, time going backwards, tensions of reversed sign, and a tip
@@ -350,9 +350,8 @@ def read_recording(
     headers = {key: table.header[index] for key, (index, _) in chosen.items()}
     for name in tendons or ("",):
         own = [key for key, (_, tendon) in wanted.items() if key in data and tendon in ("", name)]
-        _check_signals(
-            table, {wanted[key][0]: data[key] for key in own}, {wanted[key][0]: headers[key] for key in own}
-        )
+        signals = {wanted[key][0]: data[key] for key in own}
+        _check_signals(table, signals, {wanted[key][0]: headers[key] for key in own}, alone=not tendons)
     return Recording(
         **_by_quantity(data, tendons), path=table.path, sha256=table.sha256, tendons=tuple(tendons)
     )
@@ -369,8 +368,12 @@ def _by_quantity(data: Mapping[str, np.ndarray], tendons: Sequence[str]) -> dict
     return out
 
 
-def _check_signals(table: Table, data: Mapping[str, np.ndarray], headers: Mapping[str, str]) -> None:
-    """Refuse what no recording of a pulled tendon shows: backward time, pushing tendons, swapped cells."""
+def _check_signals(
+    table: Table, data: Mapping[str, np.ndarray], headers: Mapping[str, str], *, alone: bool
+) -> None:
+    """Refuse what no recording of a pulled tendon shows: backward time, pushing tendons, and, unless others
+    may drag it, swapped cells.
+    """
     if "time" in data:
         backwards = np.flatnonzero(np.diff(data["time"]) < 0)
         if backwards.size:
@@ -392,7 +395,7 @@ def _check_signals(table: Table, data: Mapping[str, np.ndarray], headers: Mappin
                 f"{table.path}: row {table.numbers[row]}, column '{headers[quantity]}': {quantity} peaks at "
                 f"{lowest:.4g} N, but a tendon only pulls; reverse the sign of the column"
             )
-    if "T_tip" in data:
+    if alone and "T_tip" in data:
         row = int(np.argmax(data["T_tip"]))
         tip_peak = float(data["T_tip"][row])
         if tip_peak > SWAP_FACTOR * base_peak:

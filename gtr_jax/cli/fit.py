@@ -41,7 +41,7 @@ def fit(robot: Path, recordings: Sequence[Path], free: str | None, columns: str 
         raise InputError(f"{recordings[1]}: this version fits one recording; run gtr fit for each")
     config = load_config(robot)
     names = None if free is None else free_names(free)
-    recording = read_recording(recordings[0], columns)
+    recording = read_recording(recordings[0], columns, tendons=config.tendon_names)
     folder = RunFolder(output, {"robot": robot, "recording": recordings[0]})
     enable_cache()
     with Progress() as progress:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 import numpy as np
 
-from gtr_jax.errors import InputError
+from gtr_jax.errors import InputError, did_you_mean, listed
 
 from .options import (
     Quantity,
@@ -31,6 +31,9 @@ STEPS = 40
 @robot_argument
 @click.option("--pull", type=Quantity("N", "TENSION"), help="Pull the tendon's base to this tension [N].")
 @click.option("--release", type=Quantity("N", "TENSION"), help="Then release it to this one [N].")
+@click.option(
+    "--tendon", metavar="NAME", help="Of several tendons, pull this one; the others keep their preload."
+)
 @click.option("--steps", type=int, metavar="N", help=f"Steps of each branch.  [default: {STEPS}]")
 @click.option(
     "--history",
@@ -45,6 +48,7 @@ def simulate(
     robot: Path,
     pull: float | None,
     release: float | None,
+    tendon: str | None,
     steps: int | None,
     history: Path | None,
     columns: str | None,
@@ -54,7 +58,8 @@ def simulate(
     """Simulate ROBOT.toml through a history of the base tension.
 
     Either --pull, and --release after it, or --history. Tensions take units ("45 N", "4.6 kgf"); a bare
-    number is in newtons.
+    number is in newtons. Of several tendons, --tendon names the one to pull; a history has a column
+    T_base_N.NAME for each.
     """
     from gtr_jax.config import load_config
 
@@ -68,14 +73,15 @@ def simulate(
     if history is None:
         if columns is not None:
             raise InputError("--columns: has no effect without --history; leave it out")
-        T_base = pull_and_release(pull, release, steps, preload=config.tendon.preload)
+        T_base = pulls_of(config, tendon, pull, release, steps)
     else:
-        for name, value in (("--pull", pull), ("--release", release), ("--steps", steps)):
+        alone = {"--pull": pull, "--release": release, "--steps": steps, "--tendon": tendon}
+        for name, value in alone.items():
             if value is not None:
                 raise InputError(f"{name}: has no effect with --history; leave one of the two out")
         from gtr_jax.recording import read_recording
 
-        given = read_recording(history, columns, need_tip=False)
+        given = read_recording(history, columns, need_tip=False, tendons=config.tendon_names)
         T_base = given.T_base
     folder = RunFolder(output, {"robot": robot} | ({"history": history} if history else {}))
     enable_cache()
@@ -89,6 +95,26 @@ def simulate(
     click.echo(verdict(answer))
     click.echo(f"report: {output / 'report.html'}")
     return 0 if answer.converged else 1
+
+
+def pulls_of(
+    config: RobotConfig, tendon: str | None, pull: float | None, release: float | None, steps: int | None
+) -> np.ndarray:
+    """Base tension [N] of a pull and release of one tendon, the others at their preload, (K, *tendons)."""
+    names = config.tendon_names
+    if tendon is not None and tendon not in names:
+        remedy = did_you_mean(tendon, names) if names else "the robot has one tendon; leave --tendon out"
+        raise InputError(f"--tendon: no tendon '{tendon}'; {remedy}")
+    if names and tendon is None:
+        raise InputError(
+            f"--tendon: which of {listed(names)} to pull? name one, or give all with --history H.csv"
+        )
+    preloads = {name: own.preload for name, own, _ in config.strung}
+    pulled = pull_and_release(pull, release, steps, preload=preloads[tendon or ""])
+    if not names:
+        return pulled
+    held = (pulled if name == tendon else np.full_like(pulled, preloads[name]) for name in names)
+    return np.stack(list(held), axis=1)
 
 
 def pull_and_release(
@@ -154,7 +180,7 @@ def write_answer(
     }
     if not answer.converged:
         columns["converged"] = np.asarray(run.converged).astype(int)
-    write_recording(folder / "simulation.csv", columns)
+    write_recording(folder / "simulation.csv", columns, tendons=config.tendon_names)
     write_json(folder / "simulation.json", {**facts(answer), "settings": settings})
     report = simulation_report(answer)
     for figure in report.figures:

@@ -2,8 +2,19 @@
 
 from .fit import plot_fit, plot_residual
 from .loop import plot_loop
-from .shape import Posture, plot_shape
+from .shape import Posture, Pressed, plot_shape
 from .style import png
+from .tendons import plot_tendons
 from .tension import plot_tension
 
-__all__ = ["Posture", "plot_fit", "plot_loop", "plot_residual", "plot_shape", "plot_tension", "png"]
+__all__ = [
+    "Posture",
+    "Pressed",
+    "plot_fit",
+    "plot_loop",
+    "plot_residual",
+    "plot_shape",
+    "plot_tendons",
+    "plot_tension",
+    "png",
+]

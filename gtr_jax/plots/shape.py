@@ -15,11 +15,24 @@ from scipy.interpolate import CubicSpline
 from gtr_jax.equilibrium import Equilibrium
 from gtr_jax.forces import ChannelForces
 
-from .style import BLUE, GREEN, GREY, INK, PURPLE, VERMILLION, figure, legend_above, number, styled
+from .style import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PURPLE,
+    VERMILLION,
+    figure,
+    legend_above,
+    number,
+    styled,
+)
 
 FINER = 8  # points drawn per mesh interval
 RIBBON = 0.12  # height of the tallest force drawn at the channel, relative to the larger side of the body
 DRAWN_WIDTH, SHORTEST, TALLEST = 4.4, 1.3, 4.4  # of the plane [in]
+HUES = ((BLUE, VERMILLION), (PURPLE, ORANGE), (GREY, INK), (BLUE, INK))  # normal force, friction
 BELOW = 2.9  # what the forces along s and the labels take [in]
 
 
@@ -28,6 +41,14 @@ class Posture(NamedTuple):
 
     name: str
     state: Equilibrium
+
+
+class Pressed(NamedTuple):
+    """What one tendon does to its channel: its name ("" for an only one), the equilibrium and the forces."""
+
+    name: str
+    state: Equilibrium
+    forces: ChannelForces
 
 
 class _Curve(NamedTuple):
@@ -45,10 +66,8 @@ class _Curve(NamedTuple):
 
 
 @styled
-def plot_shape(
-    postures: list[Posture], *, radius: np.ndarray, loaded: Equilibrium, forces: ChannelForces
-) -> Figure:
-    """Midline, outline and channel of each posture, and the forces along the channel of the loaded one.
+def plot_shape(postures: list[Posture], *, radius: np.ndarray, pressed: list[Pressed]) -> Figure:
+    """Midline, outline and channels of each posture, and the forces along the channels of the loaded one.
 
     The upper part draws the normal force to the side on which the tendon presses, and the friction to the
     other; the lower part gives both in numbers.
@@ -56,24 +75,32 @@ def plot_shape(
     Args:
         postures: shapes to draw, in the order of the history.
         radius: outer radius of the body at the nodes [m], (N,).
-        loaded: the equilibrium of the forces.
-        forces: forces between tendon and channel at `loaded`.
+        pressed: the tendons, in the state whose forces are drawn.
     """
-    curves = [_curve(posture.state, radius) for posture in postures]
+    strung = [_curves(posture.state, radius) for posture in postures]
+    curves = [tendons[0] for tendons in strung]
     colours = [GREY, INK, PURPLE] if len(curves) > 1 else [INK]
     width, height = np.ptp(np.concatenate([c.outline for c in curves]), axis=0)
     tall = min(max(DRAWN_WIDTH * height / width, SHORTEST), TALLEST)
     fig, (plane, along) = figure(tall + BELOW, 2, height_ratios=[tall, 1.4])
-    for curve, colour in zip(curves, colours, strict=False):
-        _draw_body(plane, curve, colour)
-    _draw_forces(plane, along, _curve(loaded, radius), forces, RIBBON * max(width, height))
+    for tendons, colour in zip(strung, colours, strict=False):
+        _draw_body(plane, tendons[0], colour)
+        for curve in tendons:
+            plane.plot(*curve.channel.T, color=GREEN, linewidth=1.6, alpha=0.95 if colour == INK else 0.4)
+    highest = max(1e-12, *(float(np.max(tendon.forces.normal)) for tendon in pressed))
+    scale = RIBBON * max(width, height) / highest
+    for tendon, hues in zip(pressed, HUES, strict=False):
+        _draw_forces(plane, along, _curve(tendon.state, radius), tendon, scale, hues)
     plane.set_aspect("equal", adjustable="datalim")
     plane.set_xlabel("x [mm]")
     plane.set_ylabel("y [mm]")
     along.set_xlabel("s along the backbone [mm]")
     along.set_ylabel("force per length [N/m]")
-    along.set_xlim(0, 1e3 * float(loaded.s[-1]))
-    along.legend(loc="best")
+    along.set_xlim(0, 1e3 * float(pressed[0].state.s[-1]))
+    if len(pressed) > 1:
+        low, high = along.get_ylim()
+        along.set_ylim(low, high + 0.45 * (high - low))  # room for the legend
+    along.legend(loc="upper left" if len(pressed) > 1 else "best", ncols=len(pressed), fontsize=8)
     keys: list[Artist] = [
         Line2D([], [], color=c, label=p.name, linewidth=2) for p, c in zip(postures, colours, strict=False)
     ]
@@ -100,6 +127,13 @@ def _curve(state: Equilibrium, radius: np.ndarray) -> _Curve:
     return _Curve(at, panel, middle, middle + 1e3 * R[:, None] * normal, outline)
 
 
+def _curves(state: Equilibrium, radius: np.ndarray) -> list[_Curve]:
+    """The shape with each of its tendons."""
+    if np.ndim(state.R) == 1:
+        return [_curve(state, radius)]
+    return [_curve(state.of_tendon(i), radius) for i in range(len(state.R))]
+
+
 def _unit(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.cos(angle), np.sin(angle)
 
@@ -108,19 +142,24 @@ def _draw_body(axes: Axes, curve: _Curve, colour: str) -> None:
     axes.fill(*curve.outline.T, facecolor=colour, alpha=0.07, edgecolor="none")
     axes.plot(*curve.outline.T, color=colour, linewidth=0.9)
     axes.plot(*curve.middle.T, color=colour, linewidth=0.9, linestyle=(0, (7, 2, 1, 2)))
-    axes.plot(*curve.channel.T, color=GREEN, linewidth=1.6, alpha=0.95 if colour == INK else 0.4)
 
 
-def _draw_forces(plane: Axes, along: Axes, curve: _Curve, forces: ChannelForces, tallest: float) -> None:
-    """Normal force to the side it presses on, friction to the other, at one scale; and both against s."""
+def _draw_forces(
+    plane: Axes, along: Axes, curve: _Curve, tendon: Pressed, scale: float, hues: tuple[str, str]
+) -> None:
+    """Normal force to the side it presses on, friction to the other, at one scale [mm per N/m]; and both
+    against s.
+    """
+    forces = tendon.forces
     edges = np.flatnonzero(np.asarray(forces.length) <= 0)
     panels = [np.setdiff1d(p, edges) for p in np.split(np.arange(len(forces.s)), edges)]
-    highest = max(float(np.max(forces.normal)), 1e-12)
     for values, sign, colour, dash, label in (
-        (np.asarray(forces.normal), 1.0, BLUE, "-", "normal force $f_n$"),
-        (np.asarray(forces.friction), -1.0, VERMILLION, "--", "friction $f_f$"),
+        (np.asarray(forces.normal), 1.0, hues[0], "-", "normal force $f_n$"),
+        (np.asarray(forces.friction), -1.0, hues[1], "--", "friction $f_f$"),
     ):
-        text: str | None = f"{label}, up to {number(float(np.max(np.abs(values))), 'N/m', 3)}"
+        peak = float(values[np.argmax(np.abs(values))])
+        what = f"{tendon.name}: {label.split()[-1]}" if tendon.name else label
+        text: str | None = f"{what}, up to {number(peak, 'N/m', 3)}"
         for p, own in enumerate(panels):
             here = curve.panel == p
             if not np.any(here):
@@ -132,7 +171,7 @@ def _draw_forces(plane: Axes, along: Axes, curve: _Curve, forces: ChannelForces,
             heading = np.unwrap(np.arctan2(np.gradient(at[:, 1]), np.gradient(at[:, 0])))
             turning = np.sign(np.gradient(heading))  # the tendon presses to the side it turns to
             across = np.stack(_unit(heading + np.pi / 2), axis=1)
-            tips = at + (sign * turning * tallest * np.abs(force) / highest)[:, None] * across
+            tips = at + (sign * turning * scale * np.abs(force))[:, None] * across
             quads = np.stack([at[:-1], at[1:], tips[1:], tips[:-1]], axis=1)[turning[1:] == turning[:-1]]
             plane.add_collection(PolyCollection(list(quads), facecolor=colour, alpha=0.4, edgecolor="none"))
 

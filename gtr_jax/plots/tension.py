@@ -28,15 +28,20 @@ def stations(T_base: np.ndarray) -> list[int]:
 
 
 @styled
-def plot_tension(run: Simulation, phases: np.ndarray) -> Figure:
+def plot_tension(
+    run: Simulation, phases: np.ndarray, *, pulled: tuple[str, np.ndarray] | None = None
+) -> Figure:
     """Tension along the tendon at several steps; dotted where the tendon is locked.
 
     Args:
         run: the simulation.
         phases: label of each step, (K,).
+        pulled: name and base tension [N], (K,), of the tendon by which steps are chosen and called; this one
+            unless given.
     """
     fig, (axes,) = figure(3.9)
-    s, T_base = np.asarray(run.s), np.asarray(run.T_base)
+    name, T_base = pulled or ("", np.asarray(run.T_base))
+    s = np.asarray(run.s)
     chosen = stations(T_base)
     for k in chosen:
         tension, front = np.asarray(run.tension[k]), float(run.slip_front[k])
@@ -50,14 +55,14 @@ def plot_tension(run: Simulation, phases: np.ndarray) -> Figure:
     axes.set_ylim(0, 1.04 * max(float(np.max(run.tension)), 1e-9))
     axes.set_xlabel("s along the backbone [mm]")
     axes.set_ylabel("tension of the tendon [N]")
-    _name_ends(axes, [(k, float(run.tension[k, -1]), float(T_base[k]), str(phases[k])) for k in chosen])
+    _name_ends(axes, [(k, float(run.tension[k, -1]), float(T_base[k]), str(phases[k])) for k in chosen], name)
     keys = phase_keys(phases[chosen])
     keys.append(Line2D([], [], color=INK, linestyle=LOCKED, linewidth=2, label="locked"))
     legend_above(fig, keys)
     return fig
 
 
-def _name_ends(axes: Axes, ends: list[tuple[int, float, float, str]]) -> None:
+def _name_ends(axes: Axes, ends: list[tuple[int, float, float, str]], pulled: str) -> None:
     """The base tension of each line at its tip end, in the order of the history, apart from one another."""
     gap = 0.05 * axes.get_ylim()[1]
     height = -gap
@@ -75,4 +80,5 @@ def _name_ends(axes: Axes, ends: list[tuple[int, float, float, str]]) -> None:
             color=PHASE_COLOUR[phase],
             annotation_clip=False,
         )
-    axes.set_title("at $T_{base}$", loc="right", fontsize=8.5, color=INK, x=1.16, pad=2)
+    title = f"at $T_{{base}}$ of {pulled}" if pulled else "at $T_{base}$"
+    axes.set_title(title, loc="right", fontsize=8.5, color=INK, x=1.16, pad=2)

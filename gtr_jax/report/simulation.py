@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +13,8 @@ from jax import Array
 from gtr_jax import plots
 from gtr_jax.equilibrium import Equilibrium, equilibrium
 from gtr_jax.forces import channel_forces
-from gtr_jax.history import Simulation, simulate
+from gtr_jax.history import Simulation, equilibrium_at, simulate
+from gtr_jax.parameters import parameters_of
 from gtr_jax.phases import RELEASING, TRANSITION, Switch, label_phases, release_switch
 from gtr_jax.plots.style import number
 from gtr_jax.robot import Robot
@@ -28,27 +30,40 @@ class SimulationAnswer:
         robot, run: as simulated.
         frictionless: the same history without friction.
         phases: label of each step, (K,).
-        switch: where the transition after a pull to the largest base tension ends.
-        rest, loaded, last: equilibria with a slack tendon, at the largest base tension, and at the end.
+        switch: where the transition after a pull to the largest base tension ends; None of several tendons.
+        rest, loaded, last: equilibria with slack tendons, at the largest base tension, and at the end.
+        top: step of the largest base tension.
+        tendon: name of the tendon, if this is the part of one of several (`of_tendon`).
     """
 
     robot: Robot
     run: Simulation
     frictionless: Simulation
     phases: np.ndarray
-    switch: Switch
+    switch: Switch | None
     rest: Equilibrium
     loaded: Equilibrium
     last: Equilibrium
+    top: int
+    tendon: str = ""
 
     @property
-    def top(self) -> int:
-        """Step of the largest base tension."""
-        return int(jnp.argmax(self.run.T_base))
+    def several(self) -> bool:
+        """Whether it is the answer of several tendons together."""
+        return self.run.T_base.ndim == 2
+
+    def of_tendon(self, index: int) -> SimulationAnswer:
+        """The part of one of several tendons."""
+        parts = {name: getattr(self, name).of_tendon(index) for name in ("run", "frictionless")}
+        parts |= {name: getattr(self, name).of_tendon(index) for name in ("rest", "loaded", "last")}
+        name = self.robot.tendon_names[index]
+        return dataclasses.replace(self, **parts, phases=self.phases[:, index], tendon=name)
 
     @property
     def released(self) -> bool:
         """Whether the history goes back from its largest base tension as far as the switch."""
+        if self.switch is None:
+            return False
         return float(jnp.min(self.run.T_base[self.top :])) <= float(self.switch.T_base)
 
     @property
@@ -59,7 +74,8 @@ class SimulationAnswer:
     @property
     def converged(self) -> bool:
         """Whether everything reported converged."""
-        others = (self.switch.converged, self.rest.converged, self.loaded.converged, self.last.converged)
+        others = [self.rest.converged, self.loaded.converged, self.last.converged]
+        others += [self.switch.converged] if self.switch else []
         return not len(self.flagged) and all(bool(ok) for ok in others)
 
 
@@ -68,24 +84,23 @@ def answer_simulation(robot: Robot, T_base: np.ndarray) -> SimulationAnswer:
 
     Args:
         robot: from `load_robot`.
-        T_base: base tension at each step [N], (K,).
+        T_base: base tension at each step [N], (K, *tendons).
     """
-    run = simulate(robot, jnp.asarray(T_base))
-    preload = jnp.broadcast_to(robot.tendon.preload, run.s.shape)
-
-    def state_at(step: int) -> Equilibrium:
-        memory = run.tension[step - 1] if step else preload
-        return equilibrium(robot, run.T_base[step], memory=memory)
-
+    history = jnp.asarray(T_base)
+    run = simulate(robot, history)
+    pull = run.T_base if run.T_base.ndim == 1 else jnp.max(run.T_base, axis=1)
+    top = int(jnp.argmax(pull))
+    slippery = {p.name: 0.0 for p in parameters_of(robot).values() if p.name.partition(".")[0] == "mu"}
     return SimulationAnswer(
         robot=robot,
         run=run,
-        frictionless=simulate(robot.with_values(mu=0.0), jnp.asarray(T_base)),
+        frictionless=simulate(robot.with_values(**slippery), history),
         phases=label_phases(run),
-        switch=_switch(robot, jnp.max(run.T_base)),
-        rest=equilibrium(robot, jnp.zeros(()), memory=preload),
-        loaded=state_at(int(jnp.argmax(run.T_base))),
-        last=state_at(len(T_base) - 1),
+        switch=None if robot.tendon_names else _switch(robot, jnp.max(run.T_base)),
+        rest=equilibrium(robot, jnp.zeros_like(history[0])),
+        loaded=equilibrium_at(robot, run, top),
+        last=equilibrium_at(robot, run, -1),
+        top=top,
     )
 
 
@@ -104,27 +119,14 @@ def tension_loss(answer: SimulationAnswer) -> float | None:
 
 def facts(answer: SimulationAnswer) -> dict[str, Any]:
     """The answer as JSON: units in the keys, steps counted from 1 as the rows of `simulation.csv`."""
-    run, top = answer.run, answer.top
-    x, y, angle = run.tip_pose[top].tolist()
+    run = answer.run
+    own = _several_facts(answer) if answer.several else _tendon_facts(answer)
     return {
         "schema": 1,
         "robot": answer.robot.name,
         "verdict": verdict(answer),
         "steps": len(run.T_base),
-        "T_base_max_N": float(run.T_base[top]),
-        "T_tip_max_N": float(jnp.max(run.T_tip)),
-        "T_base_switch_N": float(answer.switch.T_base),
-        "tension_loss": tension_loss(answer),
-        "at_T_base_max": {
-            "step": top + 1,
-            "T_tip_N": float(run.T_tip[top]),
-            "tip_x_m": x,
-            "tip_y_m": y,
-            "tip_angle_rad": angle,
-            "displacement_m": float(run.displacement[top]),
-            "wrap_rad": float(answer.loaded.wrap[-1]),
-        },
-        "phases": {phase: _stretch(answer, phase) for phase in dict.fromkeys(answer.phases.tolist())},
+        **own,
         "convergence": {
             "converged": answer.converged,
             "flagged": len(answer.flagged),
@@ -135,6 +137,47 @@ def facts(answer: SimulationAnswer) -> dict[str, Any]:
         },
         "mesh": {"nodes": len(run.s), "intervals": list(answer.robot.intervals)},
     }
+
+
+def _pose_facts(answer: SimulationAnswer) -> dict[str, Any]:
+    x, y, angle = answer.run.tip_pose[answer.top].tolist()
+    return {"step": answer.top + 1, "tip_x_m": x, "tip_y_m": y, "tip_angle_rad": angle}
+
+
+def _tendon_facts(answer: SimulationAnswer) -> dict[str, Any]:
+    run, top = answer.run, answer.top
+    return {
+        "T_base_max_N": float(run.T_base[top]),
+        "T_tip_max_N": float(jnp.max(run.T_tip)),
+        **({"T_base_switch_N": float(answer.switch.T_base)} if answer.switch else {}),
+        "tension_loss": tension_loss(answer),
+        "at_T_base_max": {
+            **_pose_facts(answer),
+            "T_tip_N": float(run.T_tip[top]),
+            "displacement_m": float(run.displacement[top]),
+            "wrap_rad": float(answer.loaded.wrap[-1]),
+        },
+        "phases": {phase: _stretch(answer, phase) for phase in dict.fromkeys(answer.phases.tolist())},
+    }
+
+
+def _several_facts(answer: SimulationAnswer) -> dict[str, Any]:
+    tendons = {}
+    for part in _parts(answer):
+        run, top = part.run, part.top
+        tendons[part.tendon] = {
+            "T_base_N": float(run.T_base[top]),
+            "T_tip_N": float(run.T_tip[top]),
+            "displacement_m": float(run.displacement[top]),
+            "wrap_rad": float(part.loaded.wrap[-1]),
+            "phases": {phase: _stretch(part, phase) for phase in dict.fromkeys(part.phases.tolist())},
+        }
+    return {"at_T_base_max": {**_pose_facts(answer), "tendons": tendons}}
+
+
+def _parts(answer: SimulationAnswer) -> list[SimulationAnswer]:
+    """The answer by tendons; of one tendon, itself."""
+    return [answer.of_tendon(i) for i in range(len(answer.robot.tendons))] if answer.several else [answer]
 
 
 def _stretch(answer: SimulationAnswer, phase: str) -> dict[str, Any]:
@@ -158,8 +201,16 @@ def verdict(answer: SimulationAnswer) -> str:
                 f"the first being step {first}; do not use the results from there on."
             )
         return f"{name}: the history converged, but T_base_switch or a drawn shape did not; do not use those."
+    if answer.several:
+        ends = ", ".join(
+            f"{part.tendon} {number(float(part.run.T_base[top]), 'N', 3)} at the base and "
+            f"{number(float(part.run.T_tip[top]), 'N', 3)} at the tip"
+            for part in _parts(answer)
+        )
+        turned = number(float(np.degrees(run.tip_pose[top, 2])), "°", 3)
+        return f"{name}: at the largest base tension {ends}; the tip turns by {turned}."
     loss = tension_loss(answer)
-    if loss is None:
+    if loss is None or answer.switch is None:
         return f"{name}: the tendon stays slack, so nothing reaches the tip."
     text = (
         f"{name}: of {float(run.T_base[top]):.3g} N at the base, {float(run.T_tip[top]):.3g} N reach the tip "
@@ -184,52 +235,82 @@ def simulation_report(answer: SimulationAnswer) -> Report:
 
 
 def _figures(answer: SimulationAnswer) -> list[Figure]:
-    run, phases, robot = answer.run, answer.phases, answer.robot
-    switch = (float(answer.switch.T_base), float(answer.switch.T_tip)) if answer.released else None
+    drawn = _overview(answer) if answer.several else []
+    for part in _parts(answer):
+        drawn += [_loop(part)] if np.ptp(np.asarray(part.run.T_base)) > 0 else []
+    drawn.append(_shape(answer))
+    parts = _parts(answer)
+    most = max(parts, key=lambda part: np.ptp(np.asarray(part.run.T_base)))
+    pulled = (most.tendon, np.asarray(most.run.T_base))
+    return [*drawn, *(_along(part, pulled) for part in parts)]
+
+
+def _suffix(answer: SimulationAnswer) -> tuple[str, str]:
+    """What a tendon adds to a file's name, and to a caption."""
+    return (f"-{answer.tendon}", f"Tendon {answer.tendon}. ") if answer.tendon else ("", "")
+
+
+def _overview(answer: SimulationAnswer) -> list[Figure]:
+    run = answer.run
+    values = (np.asarray(v) for v in (run.T_base, run.T_tip, run.tip_pose[:, 2]))
+    picture = plots.plot_tendons(*values, answer.robot.tendon_names)
+    caption = "Tension of every tendon at the tip (full) and at the base (dashed), and the angle of the tip."
+    return [Figure("tendons", plots.png(picture), caption)]
+
+
+def _loop(answer: SimulationAnswer) -> Figure:
+    run = answer.run
+    at = answer.switch if answer.released else None
+    switch = (float(at.T_base), float(at.T_tip)) if at else None
     loop = plots.plot_loop(
         np.asarray(run.T_base),
         np.asarray(run.T_tip),
-        phases=phases,
+        phases=answer.phases,
         frictionless=np.asarray(answer.frictionless.T_tip),
         switch=switch,
     )
+    ending, who = _suffix(answer)
+    return Figure(
+        f"loop{ending}",
+        plots.png(loop),
+        f"{who}Tension at the tip against tension at the base, coloured by phase; dashed, without friction"
+        + ("; the cross marks where release reaches the tip." if switch else "."),
+    )
+
+
+def _along(answer: SimulationAnswer, pulled: tuple[str, np.ndarray]) -> Figure:
+    ending, who = _suffix(answer)
+    return Figure(
+        f"tension{ending}",
+        plots.png(plots.plot_tension(answer.run, answer.phases, pulled=pulled)),
+        f"{who}Tension along the tendon at several steps, numbered in the order of the history; dotted where "
+        "the tendon is locked.",
+    )
+
+
+def _shape(answer: SimulationAnswer) -> Figure:
+    run, robot = answer.run, answer.robot
     if robot.backbone.rigid:
         postures = [plots.Posture("sheath", answer.loaded)]
     else:
-        top, last = float(run.T_base[answer.top]), float(run.T_base[-1])
+        top, last = (float(jnp.max(run.T_base[step])) for step in (answer.top, -1))
         ended = answer.top != len(run.T_base) - 1
         apart = _differ(answer.rest, answer.last)
         rest = "at rest" if apart or not ended else "at rest, and at the end"
         postures = [plots.Posture(rest, answer.rest), plots.Posture(f"at {top:.3g} N", answer.loaded)]
         if ended and apart:
             postures.append(plots.Posture(f"at the end, {last:.3g} N", answer.last))
-    forces = channel_forces(answer.loaded)
-    shape = plots.plot_shape(
-        postures, radius=np.asarray(robot.backbone.radius(run.s)), loaded=answer.loaded, forces=forces
-    )
-    kinks = float(jnp.max(forces.kink_normal))
+    pressed = [plots.Pressed(p.tendon, p.loaded, channel_forces(p.loaded)) for p in _parts(answer)]
+    shape = plots.plot_shape(postures, radius=np.asarray(robot.backbone.radius(run.s)), pressed=pressed)
+    kinks = max(float(jnp.max(tendon.forces.kink_normal)) for tendon in pressed)
     at_kinks = f" Kinks of the channel carry up to {kinks:.2g} N besides." if kinks > 1e-9 else ""
-    return [
-        Figure(
-            "loop",
-            plots.png(loop),
-            "Tension at the tip against tension at the base, coloured by phase; dashed, without friction"
-            + ("; the cross marks where release reaches the tip." if switch else "."),
-        ),
-        Figure(
-            "shape",
-            plots.png(shape),
-            "Midline, body and tendon. At the largest base tension, along the tendon and below against s: "
-            "the normal force on the channel (blue, on the side it presses) and the friction (orange), per "
-            "length of tendon." + at_kinks,
-        ),
-        Figure(
-            "tension",
-            plots.png(plots.plot_tension(run, phases)),
-            "Tension along the tendon at several steps, numbered in the order of the history; dotted where "
-            "the tendon is locked.",
-        ),
-    ]
+    return Figure(
+        "shape",
+        plots.png(shape),
+        "Midline, body and tendon. At the largest base tension, along the tendon and below against s: "
+        "the normal force on the channel (on the side it presses) and the friction (on the other), per "
+        "length of tendon." + at_kinks,
+    )
 
 
 def _differ(a: Equilibrium, b: Equilibrium) -> bool:
@@ -239,7 +320,9 @@ def _differ(a: Equilibrium, b: Equilibrium) -> bool:
 
 def _tables(answer: SimulationAnswer) -> list[Table]:
     data = facts(answer)
-    top, convergence = data["at_T_base_max"], data["convergence"]
+    if answer.several:
+        return [*_several_tables(answer, data), _solver_table(data)]
+    top = data["at_T_base_max"]
     loss = data["tension_loss"]
     numbers = [
         ("largest tension at the base", number(data["T_base_max_N"], "N")),
@@ -255,17 +338,52 @@ def _tables(answer: SimulationAnswer) -> list[Table]:
         (phase, str(p["steps"]), _range(p["T_base_N"]), _range(p["T_tip_N"]))
         for phase, p in data["phases"].items()
     ]
+    return [
+        Table("At the largest base tension", ("", ""), numbers),
+        Table("Phases", ("phase", "steps", "base [N]", "tip [N]"), phases),
+        _solver_table(data),
+    ]
+
+
+def _several_tables(answer: SimulationAnswer, data: dict[str, Any]) -> list[Table]:
+    top = data["at_T_base_max"]
+    rows = [
+        (
+            name,
+            number(t["T_base_N"]),
+            number(t["T_tip_N"]),
+            number(t["wrap_rad"]),
+            number(1e3 * t["displacement_m"]),
+        )
+        for name, t in top["tendons"].items()
+    ]
+    pose = f"{number(1e3 * top['tip_x_m'])}, {number(1e3 * top['tip_y_m'])} mm"
+    angle = number(float(np.degrees(top["tip_angle_rad"])), "°")
+    phases = [
+        (name, phase, str(p["steps"]), _range(p["T_base_N"]), _range(p["T_tip_N"]))
+        for name, t in top["tendons"].items()
+        for phase, p in t["phases"].items()
+    ]
+    return [
+        Table(
+            "At the largest base tension",
+            ("tendon", "base [N]", "tip [N]", "wrap [rad]", "drawn out [mm]"),
+            rows,
+            f"Step {top['step']}; the tip lies at {pose} and points to {angle}.",
+        ),
+        Table("Phases", ("tendon", "phase", "steps", "base [N]", "tip [N]"), phases),
+    ]
+
+
+def _solver_table(data: dict[str, Any]) -> Table:
+    convergence = data["convergence"]
     solver = [
         ("steps", f"{data['steps']}, of which {convergence['flagged']} did not converge"),
         ("worst residual (relative)", number(convergence["worst_residual_norm"], digits=2)),
         ("iterations", f"{convergence['iterations']}, at most {convergence['most_iterations']} in a step"),
         ("mesh nodes", str(data["mesh"]["nodes"])),
     ]
-    return [
-        Table("At the largest base tension", ("", ""), numbers),
-        Table("Phases", ("phase", "steps", "base [N]", "tip [N]"), phases),
-        Table("Solver", ("", ""), solver),
-    ]
+    return Table("Solver", ("", ""), solver)
 
 
 def _range(ends: list[float]) -> str:

@@ -1,0 +1,40 @@
+"""What a study of the paper leaves: numbers, the paper beside ours, figures and tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from gtr_jax.report.page import Figure, Table
+
+
+@dataclass(frozen=True)
+class Statement:
+    """What the paper states, what ours gives, and whether they agree (None: nothing to test)."""
+
+    paper: str
+    ours: str
+    agrees: bool | None
+
+
+@dataclass(frozen=True)
+class Study:
+    """One part of the reproduction.
+
+    Attributes:
+        title: heading.
+        text: paragraphs before the evidence; every number in them is computed in this run.
+        statements: the paper beside ours.
+        figures, tables: in this order.
+        facts: every number behind them, SI with units in the keys, for `paper.json`.
+        robots: robot files worth keeping, as TOML text by file name.
+    """
+
+    title: str
+    text: Sequence[str]
+    statements: Sequence[Statement] = ()
+    figures: Sequence[Figure] = ()
+    tables: Sequence[Table] = ()
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    robots: Mapping[str, str] = field(default_factory=dict)

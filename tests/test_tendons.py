@@ -1,0 +1,209 @@
+"""Several tendons on one body: friction by slip against closed forms, the law of one, and symmetries."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import gtr_jax as gtr
+from tests.conftest import ROUTINGS
+
+MU, E, R, L = 0.3, 1.2e6, 0.01, 0.25
+STIFFNESS = E * np.pi / 4 * 0.014**4
+PULL = np.linspace(0.0, 20.0, 11)
+LOOP = np.concatenate([PULL, PULL[::-1][1:], PULL[1:8], PULL[6:2:-1]])
+
+
+def tendon(name, routing, mu=MU, preload=0.0):
+    return {"name": name, "routing": routing, "friction_coefficient": mu, "preload": preload}
+
+
+def parallel(offset):
+    return {"kind": "parallel", "offset": offset}
+
+
+def strung(*tendons, resolution=1.0, **rest):
+    data = {
+        "schema": 1,
+        "backbone": {"length": L, "outer_radius": 0.014, "youngs_modulus": E, "density": 1000.0},
+        "tendons": list(tendons),
+        **rest,
+    }
+    return gtr.build_robot(gtr.RobotConfig.model_validate(data), resolution=resolution)
+
+
+@pytest.fixture(scope="module")
+def pair():
+    return strung(tendon("left", parallel(R), preload=5.0), tendon("right", parallel(-R), preload=5.0))
+
+
+@pytest.fixture(scope="module")
+def pulled(pair):
+    history = np.stack([np.linspace(5.0, 20.0, 21), np.full(21, 5.0)], axis=1)
+    return gtr.simulate(pair, history)
+
+
+def test_antagonist_held_is_dragged_to_the_tip(pulled):
+    """Pulled by A, the other held at B: EI phi' = R (A e^(-mu phi) - B e^(mu phi)), in closed form."""
+    A, B = 20.0, 5.0
+    rate = MU * R / STIFFNESS * np.sqrt(A * B)
+    phi = np.log(np.sqrt(A / B) * np.tanh(rate * L + np.arctanh(np.sqrt(B / A)))) / MU
+    assert bool(jnp.all(pulled.converged))
+    assert float(pulled.tip_pose[-1, 2]) == pytest.approx(phi, rel=1e-7)
+    ends = [A * np.exp(-MU * phi), B * np.exp(MU * phi)]
+    assert np.asarray(pulled.T_tip[-1]) == pytest.approx(ends, rel=1e-7)
+    assert np.all(np.asarray(pulled.slip_direction[1:]) == [1, -1])
+    assert np.all(gtr.label_phases(pulled)[1:] == ["pulling", "releasing"])
+
+
+def test_displacements_are_what_the_body_turns(pulled):
+    """A parallel channel shortens by R phi: the pulled tendon comes out by it, the other goes in."""
+    turned = R * np.asarray(pulled.tip_pose[:, 2])
+    np.testing.assert_allclose(pulled.displacement, np.stack([turned, -turned], axis=1), atol=1e-9)
+
+
+def test_beside_a_slack_tendon_nothing_changes(make_robot):
+    """The law by slip and the law by tension against the base agree where both hold; what is left is the
+    presliding length, 2e-6 of the body's.
+    """
+    alone = make_robot(routing=parallel(R), backbone={"outer_radius": 0.014, "youngs_modulus": E})
+    both = strung(tendon("pulled", parallel(R)), tendon("slack", ROUTINGS["cross"]))
+    one = gtr.simulate(alone, LOOP)
+    two = gtr.simulate(both, np.stack([LOOP, 0 * LOOP], axis=1))
+    assert bool(jnp.all(two.converged))
+    assert np.max(np.abs(two.T_tip[:, 0] - one.T_tip)) < 1e-3 * 20.0
+    assert np.max(np.abs(two.tip_pose[:, 2] - one.tip_pose[:, 2])) < 1e-3
+    assert np.all(np.asarray(two.T_tip[:, 1]) == 0)
+
+
+def test_two_halves_are_one(make_robot):
+    alone = make_robot(routing=ROUTINGS["wave"], backbone={"outer_radius": 0.014, "youngs_modulus": E})
+    both = strung(tendon("a", ROUTINGS["wave"]), tendon("b", ROUTINGS["wave"]))
+    one = gtr.simulate(alone, LOOP)
+    two = gtr.simulate(both, np.stack([LOOP / 2, LOOP / 2], axis=1))
+    assert bool(jnp.all(two.converged))
+    assert np.max(np.abs(two.T_tip.sum(axis=1) - one.T_tip)) < 1e-3 * 20.0
+    np.testing.assert_allclose(two.T_tip[:, 0], two.T_tip[:, 1], rtol=0, atol=2e-3)
+
+
+def test_mirrored_pair(pair):
+    rng = np.random.default_rng(1)
+    history = np.cumsum(rng.uniform(-2, 2, (24, 2)), axis=0) + 8.0
+    there, back = gtr.simulate(pair, history), gtr.simulate(pair, history[:, ::-1])
+    assert bool(jnp.all(there.converged & back.converged))
+    np.testing.assert_allclose(there.T_tip, back.T_tip[:, ::-1], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(there.tip_pose[:, 2], -back.tip_pose[:, 2], rtol=0, atol=1e-9)
+
+
+def test_friction_only_dissipates(pair):
+    """Around a closed loop of both tensions the base does work on the robot, never the other way."""
+    t = np.linspace(0, 2 * np.pi, 49)
+    loop = np.stack([9 - 4 * np.cos(t), 9 - 4 * np.sin(t)], axis=1)
+    run = gtr.simulate(pair, np.concatenate([loop, loop]))
+    assert bool(jnp.all(run.converged))
+    once = slice(48, 97)
+    T, u = np.asarray(run.T_base[once]), np.asarray(run.displacement[once])
+    work = np.sum(0.5 * (T[1:] + T[:-1]) * np.diff(u, axis=0))
+    assert work > 1e-3, "J"
+    assert np.all(np.abs(run.mobilisation) <= 1)
+
+
+def test_tension_never_changes_faster_than_friction_allows(pair):
+    rng = np.random.default_rng(2)
+    history = np.abs(np.cumsum(rng.uniform(-3, 3, (24, 2)), axis=0)) + 1.0
+    run = gtr.simulate(pair, history)
+    eq = gtr.equilibrium_at(pair, run, 17)
+    np.testing.assert_allclose(eq.tension, run.tension[17], atol=1e-6)
+    drop = np.abs(np.diff(np.log(np.asarray(eq.tension)), axis=1))
+    assert np.all(drop <= MU * np.diff(np.asarray(eq.wrap), axis=1) * (1 + 1e-9) + 1e-12)
+
+
+def test_a_tendon_on_the_axis_and_a_rigid_sheath_still_slip():
+    """Their channels never change length: the tendon's own stretch, however small, tells the direction."""
+    sheath = {"length": L, "outer_radius": 0.014, "rigid": True, "natural_curvature": 4.0}
+    both = strung(tendon("axis", parallel(0.0)), tendon("side", parallel(R)), backbone=sheath)
+    run = gtr.simulate(both, np.stack([LOOP, LOOP], axis=1))
+    assert bool(jnp.all(run.converged))
+    loss = np.exp(-MU * 4.0 * L)
+    np.testing.assert_allclose(run.T_tip[10], 20.0 * loss, rtol=1e-6)
+    held = np.asarray(run.T_tip[11])
+    assert held == pytest.approx(20.0 * loss, rel=2e-2), "locked at the tip as release begins"
+    np.testing.assert_allclose(run.T_tip[18], 4.0 / loss, rtol=1e-6)
+
+
+def test_gradients_through_a_history():
+    robot = strung(
+        tendon("a", parallel(0.008), 0.3, 1.0),
+        tendon("b", parallel(-0.006), 0.2, 2.0),
+        loads={"tip_force": [0.02, -0.05]},
+    )
+    turns = np.arange(5.0)
+    t = np.linspace(0.0, 4.0, 17)
+    history = jnp.stack(
+        [
+            jnp.asarray(np.interp(t, turns, [1, 12, 3, 9, 5])),
+            jnp.asarray(np.interp(t, turns, [2, 2, 10, 4, 4])),
+        ],
+        axis=1,
+    )
+    names = ("mu.a", "mu.b", "offset.a", "E", "tip_force_y")
+    start = jnp.stack([robot.value(name) for name in names])
+
+    @jax.jit
+    def outputs(values):
+        own = dict(zip(names, values, strict=True))
+        run = gtr.simulate(robot.with_values(**own), history)
+        return jnp.concatenate([run.T_tip.ravel(), run.tip_pose[:, 2], run.displacement.ravel() / R])
+
+    slopes = jax.jit(jax.jacfwd(outputs))(start)
+    for i, name in enumerate(names):
+        step = 1e-5 * float(jnp.abs(start[i]))
+        above, below = outputs(start.at[i].add(step)), outputs(start.at[i].add(-step))
+        difference = np.asarray(above - below) / (2 * step)
+        error = np.abs(np.asarray(slopes[:, i]) - difference)
+        assert np.max(error) < 2e-5 * np.max(np.abs(difference)), name
+    weights = jnp.asarray(np.random.default_rng(0).normal(size=slopes.shape[0]))
+    backward = jax.jit(jax.grad(lambda values: outputs(values) @ weights))(start)
+    np.testing.assert_allclose(backward, weights @ slopes, rtol=1e-9)
+
+
+def test_shapes_and_names(pair):
+    assert pair.tendon_names == ("left", "right")
+    assert {"mu.left", "mu.right", "offset.left", "preload.right", "E"} <= set(gtr.parameters_of(pair))
+    assert float(pair.with_values(**{"mu.right": 0.1}).value("tendons.right.friction_coefficient")) == 0.1
+    with pytest.raises(ValueError, match="left, right"):
+        gtr.equilibrium(pair, 3.0)
+    with pytest.raises(ValueError, match=r"\(steps, 2\)"):
+        gtr.simulate(pair, PULL)
+    with pytest.raises(ValueError, match="one tendon"):
+        gtr.release_switch(pair, 3.0)
+    with pytest.raises(ValueError, match="2 tendons"):
+        _ = pair.routing
+    first = gtr.equilibrium(pair, [8.0, 5.0])
+    again = gtr.equilibrium(pair, [8.0, 6.0], memory=first)
+    run = gtr.simulate(pair, [[8.0, 5.0], [8.0, 6.0]])
+    np.testing.assert_allclose(again.tension, run.tension[1], atol=1e-6)
+    with pytest.raises(ValueError, match="give the equilibrium before"):
+        gtr.equilibrium(pair, [8.0, 6.0], memory=first.tension[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(6))
+def test_random_robots_and_histories_converge(seed):
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(2, 4))
+    kinds = list(ROUTINGS)
+    tendons = [
+        tendon(
+            f"t{i}", ROUTINGS[kinds[rng.integers(len(kinds))]], rng.uniform(0.05, 0.6), rng.choice([0, 1.0])
+        )
+        for i in range(count)
+    ]
+    loads = {"gravity_angle": rng.uniform(-3, 3), "tip_force": list(rng.uniform(-0.1, 0.1, 2))}
+    robot = strung(*tendons, loads=loads if seed % 2 else {})
+    knots = rng.uniform(0, 15, (9, count))
+    turns = np.arange(9.0)
+    history = np.stack([np.interp(np.linspace(0, 8, 49), turns, knots[:, i]) for i in range(count)], axis=1)
+    run = gtr.simulate(robot, history)
+    assert bool(jnp.all(run.converged)), np.flatnonzero(~np.asarray(run.converged))
+    assert bool(jnp.all(run.tension >= 0))
