@@ -15,8 +15,7 @@ from jaxtyping import Array, Float, Int
 from gtr_jax import InputError, Robot, equilibrium, parameters_of
 from gtr_jax.parameters import Parameter, parameter, places_of
 
-OUTPUTS = {"tip_x": "m", "tip_y": "m", "tip_angle": "rad", "T_tip": "N"}
-DESIGNED = ("routing.", "backbone.")
+POSE = {"tip_x": "m", "tip_y": "m", "tip_angle": "rad"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -24,17 +23,18 @@ class Sensitivities:
     """First derivatives of the tip's pose and tension at one base tension.
 
     Attributes:
-        T_base: base tension [N].
-        outputs: what is derived: tip_x, tip_y, tip_angle, T_tip.
+        T_base: base tension [N], (*tendons,).
+        outputs: the q quantities derived: tip_x, tip_y, tip_angle, and T_tip or, of several tendons,
+            T_tip.left and the like.
         output_units: SI unit of each.
-        values: each of them at the present design, SI, (4,).
+        values: each of them at the present design, SI, (q,).
         parameters: the p numbers derived by, with key and unit.
         parameter_values: their present values, SI, (p,).
-        derivatives: d output/d parameter, SI, (p, 4).
+        derivatives: d output/d parameter, SI, (p, q).
         converged: whether the equilibrium met its tolerance; if not, believe nothing here.
     """
 
-    T_base: float
+    T_base: np.ndarray
     outputs: tuple[str, ...]
     output_units: tuple[str, ...]
     values: np.ndarray
@@ -71,12 +71,12 @@ class Sensitivities:
 
 
 @eqx.filter_jit
-def _slopes(robot: Robot, T_base: Float[Array, ""], index: Int[Array, " p"]):
+def _slopes(robot: Robot, T_base: Float[Array, "*tendons"], index: Int[Array, " p"]):
     flat, unravel = ravel_pytree(robot)
 
     def tip(values):
         eq = equilibrium(unravel(flat.at[index].set(values)), T_base)
-        return jnp.concatenate([eq.tip_pose, eq.T_tip[None]]), eq.converged
+        return jnp.concatenate([eq.tip_pose, jnp.atleast_1d(eq.T_tip)]), eq.converged
 
     def along(direction):
         value, slope, converged = jax.jvp(tip, (flat[index],), (direction,), has_aux=True)
@@ -85,7 +85,9 @@ def _slopes(robot: Robot, T_base: Float[Array, ""], index: Int[Array, " p"]):
     return jax.vmap(along, out_axes=(None, 0, None))(jnp.eye(index.shape[0]))
 
 
-def pose_sensitivity(robot: Robot, T_base: float, names: Sequence[str] | None = None) -> Sensitivities:
+def pose_sensitivity(
+    robot: Robot, T_base: float | Sequence[float] | np.ndarray, names: Sequence[str] | None = None
+) -> Sensitivities:
     """Derivatives of the tip's pose and tension by numbers of the design, on the first pull.
 
     Forward mode through the equilibrium by the implicit function theorem: the bent shape, the friction along
@@ -93,7 +95,7 @@ def pose_sensitivity(robot: Robot, T_base: float, names: Sequence[str] | None = 
 
     Args:
         robot: the design.
-        T_base: base tension [N].
+        T_base: base tension [N]; with several tendons one each, pulled together.
         names: parameters, by short name or key of the robot file; every number of routing and backbone unless
             given.
 
@@ -104,18 +106,20 @@ def pose_sensitivity(robot: Robot, T_base: float, names: Sequence[str] | None = 
         InputError: unknown parameter, or the modulus of a rigid sheath.
     """
     if names is None:
-        chosen = [p for p in parameters_of(robot).values() if p.key.startswith(DESIGNED)]
+        designed = ("backbone", "routing")
+        chosen = [p for p in parameters_of(robot).values() if set(designed) & set(p.key.split("."))]
     else:
         chosen = [parameter(robot, name) for name in names]
     if not chosen:
         raise InputError("pose_sensitivity: no parameter is named; name some, or leave names out for all")
     robot = robot.with_values(**{p.name: robot.value(p.name) for p in chosen})
     index = places_of(robot, [p.name for p in chosen])
+    tensions = [f"T_tip.{name}" for name in robot.tendon_names] or ["T_tip"]
     value, slope, converged = _slopes(robot, jnp.asarray(T_base, dtype=float), index)
     return Sensitivities(
-        T_base=float(T_base),
-        outputs=tuple(OUTPUTS),
-        output_units=tuple(OUTPUTS.values()),
+        T_base=np.asarray(T_base, dtype=float),
+        outputs=(*POSE, *tensions),
+        output_units=(*POSE.values(), *["N"] * len(tensions)),
         values=np.asarray(value),
         parameters=tuple(chosen),
         parameter_values=np.asarray([robot.value(p.name) for p in chosen]),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax
@@ -31,6 +32,7 @@ class Equilibrium(eqx.Module):
         external_moment: moment of the external loads, (N,).
         x, y: midline, (N,).
         wrap: total turning of the tendon since the base, (*tendons, N).
+        tendon_angle: psi of the tendon's tangent from the x axis [rad], (*tendons, N).
         metric: nu = ds_c/ds of the channel, (*tendons, N).
         R: channel offset, (*tendons, N).
         tendon_length: length of the channel, (*tendons,).
@@ -49,6 +51,7 @@ class Equilibrium(eqx.Module):
     x: Float[Array, " N"]
     y: Float[Array, " N"]
     wrap: Float[Array, "*tendons N"]
+    tendon_angle: Float[Array, "*tendons N"]
     metric: Float[Array, "*tendons N"]
     R: Float[Array, "*tendons N"]
     tendon_length: Float[Array, "*tendons"]
@@ -74,7 +77,7 @@ class Equilibrium(eqx.Module):
 
     def of_tendon(self, index: int) -> Equilibrium:
         """What this solution is for one of several tendons: the same, without the tendon axis."""
-        own = ("tension", "wrap", "metric", "R", "tendon_length")
+        own = ("tension", "wrap", "tendon_angle", "metric", "R", "tendon_length")
         taken = {name: getattr(self, name)[index] for name in own}
         return dataclasses.replace(self, **taken, mobilisation=None)
 
@@ -208,6 +211,7 @@ def describe(s: Sections, loaded: Loaded) -> Equilibrium:
         x=cumulative(s.mesh.weights, jnp.cos(y.phi)),
         y=cumulative(s.mesh.weights, jnp.sin(y.phi)),
         wrap=loaded.wrap,
+        tendon_angle=at_tendons(y.phi, s.R) + channel.tangent_lead(at_tendons(y.kappa, s.R), s.R),
         metric=metric_of(s, y),
         R=s.R.value,
         tendon_length=tendon_length(s, y),
@@ -257,7 +261,7 @@ def _solve(
 
 def equilibrium(
     robot: Robot,
-    T_base: ArrayLike,
+    T_base: ArrayLike | Sequence[float],
     *,
     memory: Equilibrium | Float[Array, " N"] | None = None,
     solver: optx.AbstractRootFinder = March(),  # noqa: B008

@@ -138,7 +138,7 @@ def _run(robot: Robot, T_base: Float[Array, "K *tendons"], solver: optx.Abstract
 
 def simulate(
     robot: Robot,
-    T_base: ArrayLike | Sequence[float],
+    T_base: ArrayLike | Sequence[float] | Sequence[Sequence[float]],
     *,
     solver: optx.AbstractRootFinder = March(),  # noqa: B008
 ) -> Simulation:

@@ -46,7 +46,7 @@ from .problem import (
 PRESLIDING = 2e-6
 TOLERANCE, EXACT = 1e-3 * PRESLIDING, 1e-8 * PRESLIDING
 MAX_STEPS = 200
-STRETCH = 1e-5
+STRETCH = 1e-4
 SMALLEST = 1e-12
 LEFT = 1.0 + 1e-9
 ROUND, WHOLE, SHORT = 30, 18, 0.4  # now and then shorter steps, which break cycles
@@ -98,10 +98,8 @@ def slip(mesh: Mesh, change: Float[Array, "*tendons N"]) -> Float[Array, "*tendo
     Args:
         mesh: the nodes.
         change: what the channel has lost of its length, and the tendon gained, per length of the midline at
-        the
-            nodes, (*tendons, N). It counts for half of both intervals at a node:
-        with
-            any wider stencil a stretch without slip would leave `change` free to alternate.
+            the nodes, (*tendons, N). It counts for half of both intervals at a node: with any wider stencil
+            a stretch without slip would leave `change` free to alternate.
     """
     half = 0.5 * mesh.interval.length
     cells = half + jnp.concatenate([half[1:], jnp.zeros(1)])
@@ -143,7 +141,7 @@ def mismatch(xi: Float[Array, "*tendons N"], a: _Args) -> Float[Array, "*tendons
     now, then = (jnp.max(T, axis=-1, keepdims=True) for T in (tension, kept.tension))
     largest_tension = jnp.maximum(jnp.where(now > then, now, then), SMALLEST)
     stretch = STRETCH * (tension - kept.tension) / jnp.broadcast_to(largest_tension, tension.shape)
-    given = slip(s.mesh, kept.metric - metric + stretch) / s.mesh.s[-1]
+    given = slip(s.mesh, kept.metric - metric + stretch) / s.mesh.s[-1] + stretch[..., -1:]
     wanted = PRESLIDING * (z - kept.mobilisation) + (xi - z)
     free = at_tendons(s.mesh.interval.joined, s.R) == 0.0  # no interval before the base
     return jnp.where(free, xi, wanted - given)

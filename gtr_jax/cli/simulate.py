@@ -161,7 +161,7 @@ def write_answer(
     """Write all that a simulation leaves into a folder."""
     from gtr_jax.config import dump_config
     from gtr_jax.recording import write_recording
-    from gtr_jax.report import render, simulation_report
+    from gtr_jax.report import profile, render, simulation_report
     from gtr_jax.report.simulation import facts
 
     from .run_folder import write_json
@@ -181,6 +181,7 @@ def write_answer(
     if not answer.converged:
         columns["converged"] = np.asarray(run.converged).astype(int)
     write_recording(folder / "simulation.csv", columns, tendons=config.tendon_names)
+    write_recording(folder / "profile.csv", profile(answer.loaded), tendons=config.tendon_names)
     write_json(folder / "simulation.json", {**facts(answer), "settings": settings})
     report = simulation_report(answer)
     for figure in report.figures:

@@ -2,6 +2,7 @@
 
 from .fit import FitAnswer, fit_report
 from .page import Figure, Report, Table, render
+from .profile import profile
 from .simulation import SimulationAnswer, answer_simulation, simulation_report
 
 __all__ = [
@@ -12,6 +13,7 @@ __all__ = [
     "Table",
     "answer_simulation",
     "fit_report",
+    "profile",
     "render",
     "simulation_report",
 ]
