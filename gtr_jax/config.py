@@ -350,12 +350,18 @@ def load_config(path: str | os.PathLike[str]) -> RobotConfig:
     return parse_config(read_toml(path), source=str(path), folder=Path(path).parent)
 
 
-def dump_config(config: RobotConfig, path: str | os.PathLike[str]) -> None:
-    """Write a robot file with unit strings; it loads back to equal SI values. Written whole or not at all."""
+def config_text(config: RobotConfig) -> str:
+    """A robot file as TOML, with unit strings; it reads back to equal SI values."""
     import tomli_w
 
-    data = config.model_dump(by_alias=True, exclude_defaults=True, context={"unit_strings": True})
-    write_whole(path, tomli_w.dumps(data))
+    return tomli_w.dumps(
+        config.model_dump(by_alias=True, exclude_defaults=True, context={"unit_strings": True})
+    )
+
+
+def dump_config(config: RobotConfig, path: str | os.PathLike[str]) -> None:
+    """Write a robot file, whole or not at all; see `config_text`."""
+    write_whole(path, config_text(config))
 
 
 def json_schema() -> dict[str, Any]:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,7 +23,7 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from gtr_jax.build import build_robot
-from gtr_jax.config import RobotConfig, dump_config, load_config
+from gtr_jax.config import RobotConfig, config_text, load_config
 from gtr_jax.equilibrium import equilibrium, rest_state, tendon_length
 from gtr_jax.history import Simulation, simulate
 from gtr_jax.phases import ALL_RELEASED, PULLING, RELEASING, TRANSITION, label_phases, release_switch
@@ -335,14 +334,6 @@ def solved_config(name: str) -> RobotConfig:
     pair = family().pair(name)
     values = {"tendon.friction_coefficient": float(pair.mu), "backbone.youngs_modulus": float(pair.E)}
     return config_of(name).with_values(values)
-
-
-def as_toml(config: RobotConfig) -> str:
-    """A robot file's text."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "robot.toml"
-        dump_config(config, path)
-        return path.read_text(encoding="utf-8")
 
 
 @functools.cache
@@ -742,7 +733,7 @@ def study_manipulators(progress: Callable[[str], None]) -> Study:
                 "tension_loss": [loss for _, loss in equal],
             },
         },
-        robots={ROBOT_FILES[name]: as_toml(solved_config(name)) for name in NAMES},
+        robots={ROBOT_FILES[name]: config_text(solved_config(name)) for name in NAMES},
     )
 
 

@@ -51,7 +51,7 @@ class Pressed(NamedTuple):
     forces: ChannelForces
 
 
-class _Curve(NamedTuple):
+class Curve(NamedTuple):
     """A shape at the M points it is drawn at; panel ends stay double.
 
     s, panel: arc length [m] and index of the mesh panel, (M,). middle, channel, outline: points [mm], (M, 2),
@@ -77,20 +77,20 @@ def plot_shape(postures: list[Posture], *, radius: np.ndarray, pressed: list[Pre
         radius: outer radius of the body at the nodes [m], (N,).
         pressed: the tendons, in the state whose forces are drawn.
     """
-    strung = [_curves(posture.state, radius) for posture in postures]
+    strung = [_curves_of(posture.state, radius) for posture in postures]
     curves = [tendons[0] for tendons in strung]
     colours = [GREY, INK, PURPLE] if len(curves) > 1 else [INK]
     width, height = np.ptp(np.concatenate([c.outline for c in curves]), axis=0)
     tall = min(max(DRAWN_WIDTH * height / width, SHORTEST), TALLEST)
     fig, (plane, along) = figure(tall + BELOW, 2, height_ratios=[tall, 1.4])
     for tendons, colour in zip(strung, colours, strict=False):
-        _draw_body(plane, tendons[0], colour)
+        draw_body(plane, tendons[0], colour)
         for curve in tendons:
             plane.plot(*curve.channel.T, color=GREEN, linewidth=1.6, alpha=0.95 if colour == INK else 0.4)
     highest = max(1e-12, *(float(np.max(tendon.forces.normal)) for tendon in pressed))
     scale = RIBBON * max(width, height) / highest
     for tendon, hues in zip(pressed, HUES, strict=False):
-        _draw_forces(plane, along, _curve(tendon.state, radius), tendon, scale, hues)
+        _draw_forces(plane, along, curve_of(tendon.state, radius), tendon, scale, hues)
     plane.set_aspect("equal", adjustable="datalim")
     plane.set_xlabel("x [mm]")
     plane.set_ylabel("y [mm]")
@@ -108,8 +108,13 @@ def plot_shape(postures: list[Posture], *, radius: np.ndarray, pressed: list[Pre
     return fig
 
 
-def _curve(state: Equilibrium, radius: np.ndarray) -> _Curve:
-    """The shape between the nodes: splines of angle and offset within each panel, the angle integrated."""
+def curve_of(state: Equilibrium, radius: np.ndarray) -> Curve:
+    """The shape between the nodes: splines of angle and offset within each panel, the angle integrated.
+
+    Args:
+        state: of one tendon.
+        radius: outer radius of the body at the nodes [m], (N,).
+    """
     s = np.asarray(state.s)
     starts = np.flatnonzero(np.diff(s, prepend=-1.0, append=s[-1]) <= 0)
     pieces = []
@@ -124,35 +129,34 @@ def _curve(state: Equilibrium, radius: np.ndarray) -> _Curve:
     middle = 1e3 * np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
     left, right = (middle + side * 1e3 * half[:, None] * normal for side in (1, -1))
     outline = np.concatenate([left, right[::-1], left[:1]])
-    return _Curve(at, panel, middle, middle + 1e3 * R[:, None] * normal, outline)
+    return Curve(at, panel, middle, middle + 1e3 * R[:, None] * normal, outline)
 
 
-def _curves(state: Equilibrium, radius: np.ndarray) -> list[_Curve]:
+def _curves_of(state: Equilibrium, radius: np.ndarray) -> list[Curve]:
     """The shape with each of its tendons."""
     if np.ndim(state.R) == 1:
-        return [_curve(state, radius)]
-    return [_curve(state.of_tendon(i), radius) for i in range(len(state.R))]
+        return [curve_of(state, radius)]
+    return [curve_of(state.of_tendon(i), radius) for i in range(len(state.R))]
 
 
 def _unit(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.cos(angle), np.sin(angle)
 
 
-def _draw_body(axes: Axes, curve: _Curve, colour: str) -> None:
+def draw_body(axes: Axes, curve: Curve, colour: str) -> None:
+    """Outline and midline."""
     axes.fill(*curve.outline.T, facecolor=colour, alpha=0.07, edgecolor="none")
     axes.plot(*curve.outline.T, color=colour, linewidth=0.9)
     axes.plot(*curve.middle.T, color=colour, linewidth=0.9, linestyle=(0, (7, 2, 1, 2)))
 
 
 def _draw_forces(
-    plane: Axes, along: Axes, curve: _Curve, tendon: Pressed, scale: float, hues: tuple[str, str]
+    plane: Axes, along: Axes, curve: Curve, tendon: Pressed, scale: float, hues: tuple[str, str]
 ) -> None:
     """Normal force to the side it presses on, friction to the other, at one scale [mm per N/m]; and both
     against s.
     """
     forces = tendon.forces
-    edges = np.flatnonzero(np.asarray(forces.length) <= 0)
-    panels = [np.setdiff1d(p, edges) for p in np.split(np.arange(len(forces.s)), edges)]
     for values, sign, colour, dash, label in (
         (np.asarray(forces.normal), 1.0, hues[0], "-", "normal force $f_n$"),
         (np.asarray(forces.friction), -1.0, hues[1], "--", "friction $f_f$"),
@@ -160,20 +164,41 @@ def _draw_forces(
         peak = float(values[np.argmax(np.abs(values))])
         what = f"{tendon.name}: {label.split()[-1]}" if tendon.name else label
         text: str | None = f"{what}, up to {number(peak, 'N/m', 3)}"
-        for p, own in enumerate(panels):
-            here = curve.panel == p
-            if not np.any(here):
-                continue
-            force = _to_the_ends(curve.s[here], np.asarray(forces.s)[own], values[own])
-            along.plot(1e3 * curve.s[here], force, color=colour, linestyle=dash, label=text)
+        force = along_curve(curve, forces, values)
+        for here in _panels_of(curve):
+            along.plot(1e3 * curve.s[here], force[here], color=colour, linestyle=dash, label=text)
             text = None  # once in the legend
-            at = curve.channel[here]
-            heading = np.unwrap(np.arctan2(np.gradient(at[:, 1]), np.gradient(at[:, 0])))
-            turning = np.sign(np.gradient(heading))  # the tendon presses to the side it turns to
-            across = np.stack(_unit(heading + np.pi / 2), axis=1)
-            tips = at + (sign * turning * scale * np.abs(force))[:, None] * across
-            quads = np.stack([at[:-1], at[1:], tips[1:], tips[:-1]], axis=1)[turning[1:] == turning[:-1]]
-            plane.add_collection(PolyCollection(list(quads), facecolor=colour, alpha=0.4, edgecolor="none"))
+        draw_ribbon(plane, curve, sign * scale * np.abs(force), colour)
+
+
+def _panels_of(curve: Curve) -> list[np.ndarray]:
+    """Indices of the drawn points, panel by panel."""
+    return [np.flatnonzero(curve.panel == p) for p in np.unique(curve.panel)]
+
+
+def along_curve(curve: Curve, forces: ChannelForces, values: np.ndarray) -> np.ndarray:
+    """Values on the intervals between the nodes, (N-1,), at the points a curve is drawn at, (M,)."""
+    joints = np.flatnonzero(np.asarray(forces.length) <= 0)
+    panels = [np.setdiff1d(p, joints) for p in np.split(np.arange(len(forces.s)), joints)]
+    panels = [p for p in panels if len(p)]
+    out = np.empty(len(curve.s))
+    for own, here in zip(panels, _panels_of(curve), strict=True):
+        out[here] = _to_the_ends(curve.s[here], np.asarray(forces.s)[own], values[own])
+    return out
+
+
+def draw_ribbon(plane: Axes, curve: Curve, height: np.ndarray, colour: str) -> None:
+    """A band at the channel, to the side the tendon turns to, or to the other where `height` [mm], (M,), is
+    negative.
+    """
+    for here in _panels_of(curve):
+        at = curve.channel[here]
+        heading = np.unwrap(np.arctan2(np.gradient(at[:, 1]), np.gradient(at[:, 0])))
+        turning = np.sign(np.gradient(heading))  # the tendon presses to the side it turns to
+        across = np.stack(_unit(heading + np.pi / 2), axis=1)
+        tips = at + (turning * height[here])[:, None] * across
+        quads = np.stack([at[:-1], at[1:], tips[1:], tips[:-1]], axis=1)[turning[1:] == turning[:-1]]
+        plane.add_collection(PolyCollection(list(quads), facecolor=colour, alpha=0.4, edgecolor="none"))
 
 
 def _to_the_ends(s: np.ndarray, middles: np.ndarray, values: np.ndarray) -> np.ndarray:
