@@ -229,6 +229,9 @@ class LoadsConfig(Section):
     """Mass [kg] at the tip; weighs along gravity."""
 
 
+LEFT_OUT: Any = None  # where several tendons stand instead
+
+
 def _one_tendon_or_several(schema: dict[str, Any]) -> None:
     schema["oneOf"] = [{"required": ["routing", "tendon"]}, {"required": ["tendons"]}]
 
@@ -243,10 +246,10 @@ class RobotConfig(Section):
     name: StrictStr = "robot"
     """Name in reports."""
     backbone: BackboneConfig
-    routing: RoutingConfig | None = None
-    """The channel of a robot with one tendon."""
-    tendon: TendonConfig | None = None
-    """The tendon of a robot with one."""
+    routing: RoutingConfig = Field(default=LEFT_OUT)
+    """The channel of a robot with one tendon; of several each has its own."""
+    tendon: TendonConfig = Field(default=LEFT_OUT)
+    """The tendon of a robot with one; None where `tendons` has several."""
     tendons: tuple[OneOfSeveralTendons, ...] = ()
     """The tendons of a robot with several, instead of routing and tendon."""
     loads: LoadsConfig = LoadsConfig()
@@ -275,7 +278,7 @@ class RobotConfig(Section):
     @property
     def strung(self) -> tuple[tuple[str, TendonConfig, Any], ...]:
         """Name (of an only one: ""), tendon and routing of every tendon, in the order of the file."""
-        if self.tendon is not None:
+        if not self.tendons:
             return (("", self.tendon, self.routing),)
         return tuple((tendon.name, tendon, tendon.routing) for tendon in self.tendons)
 

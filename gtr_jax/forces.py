@@ -2,8 +2,8 @@
 
 The paper writes both as f = P F_tl T_base (eq. 14): the base tension, the share F_tl of it that friction has
 left on the way, and a factor P that projects tension onto the channel's normal or tangent. Here they are
-evaluated between the nodes, so that every newton lost along the tendon is accounted for, in any history: where
-friction is not exhausted the tangential factor is what it takes to hold the tendon.
+evaluated between the nodes, so that every newton lost along the tendon is accounted for, in any history:
+where friction is not exhausted the tangential factor is what it takes to hold the tendon.
 """
 
 from __future__ import annotations

@@ -74,7 +74,7 @@ class Robot(eqx.Module):
     @property
     def tendon(self) -> Tendon:
         """The tendon of a robot that has one; ValueError if it has several."""
-        if len(self.tendons) > 1:
+        if len(self.tendons) != 1:
             raise ValueError(f"{self.name} has {len(self.tendons)} tendons; take one of robot.tendons")
         return self.tendons[0]
 

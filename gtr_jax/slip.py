@@ -5,9 +5,9 @@ against the base (`friction.tension`). Beside others it may slide with its base 
 its channel along. What decides then is the slip. A tendon anchored at the tip slips towards the base, in a
 load step, by
 
-    u(s) = integral over [s, L] of (nu_before - nu) + STRETCH (T - T_before)/T_max
+    u(s) = integral over [s, L] of (nu_before - nu) + STRETCH (T - T_before)/T_max,
 
-and friction opposes it: ln T falls by mu z |psi'| per length, where the mobilisation z follows u until
+to which the anchor adds STRETCH L times the change of its own tension, and friction opposes it: ln T falls by mu z |psi'| per length, where the mobilisation z follows u until
 friction is exhausted:
 
     z = clip(z_before + u/(PRESLIDING L), -1, 1)
@@ -136,6 +136,7 @@ def mismatch(xi: Float[Array, "*tendons N"], a: _Args) -> Float[Array, "*tendons
     """Slip that the friction law wants less the slip that the body's shape gives, relative to its length."""
     y, p = _march(xi, a)
     s, z, kept = p.sections, mobilisation(xi), a.kept
+    assert kept.mobilisation is not None, "several tendons remember how far friction is mobilised"
     metric = channel.metric_factor(at_tendons(y.kappa, s.R), s.R)
     tension = tension_of(y, p)
     now, then = (jnp.max(T, axis=-1, keepdims=True) for T in (tension, kept.tension))
@@ -143,8 +144,8 @@ def mismatch(xi: Float[Array, "*tendons N"], a: _Args) -> Float[Array, "*tendons
     stretch = STRETCH * (tension - kept.tension) / jnp.broadcast_to(largest_tension, tension.shape)
     given = slip(s.mesh, kept.metric - metric + stretch) / s.mesh.s[-1] + stretch[..., -1:]
     wanted = PRESLIDING * (z - kept.mobilisation) + (xi - z)
-    free = at_tendons(s.mesh.interval.joined, s.R) == 0.0  # no interval before the base
-    return jnp.where(free, xi, wanted - given)
+    base = at_tendons(s.mesh.interval.joined, s.R) == 0.0  # no interval before it
+    return jnp.where(base, xi, wanted - given)
 
 
 def _jacobian(xi, a: _Args):

@@ -31,7 +31,7 @@ from gtr_jax.examples import RECORDED, RECORDING, SIMULATED
 
 SIMULATION_FILES = {
     *("loop.png", "shape.png", "tension.png", "report.html", "robot.toml", "run.json"),
-    *("simulation.csv", "simulation.json"),
+    *("profile.csv", "simulation.csv", "simulation.json"),
 }
 FIT_FILES = {
     *(

@@ -43,7 +43,7 @@ def test_one_template_is_the_robot_file():
 
 def test_the_papers_backward_way_finds_the_switch(robot):
     switch = gtr.release_switch(robot, 45.0)
-    backward, _ = manipulators._switch_backward(robot, float(switch.T_tip))
+    backward, _ = manipulators.switch_backward(robot, float(switch.T_tip))
     assert backward == pytest.approx(float(switch.T_base), abs=1e-8)
 
 

@@ -105,7 +105,7 @@ def test_friction_only_dissipates(pair):
     T, u = np.asarray(run.T_base[once]), np.asarray(run.displacement[once])
     work = np.sum(0.5 * (T[1:] + T[:-1]) * np.diff(u, axis=0))
     assert work > 1e-3, "J"
-    assert np.all(np.abs(run.mobilisation) <= 1)
+    assert np.all(np.abs(np.asarray(run.mobilisation)) <= 1)
 
 
 def test_tension_never_changes_faster_than_friction_allows(pair):

@@ -233,8 +233,7 @@ def _statements(free: dict[str, Any], weighed: dict[str, Any]) -> list[Statement
         Statement(
             "Not in the paper: a larger swing erases the smaller ones before it (wiping out).",
             "45 → 0 N at once and after three inner loops, 45 N in one pull and by a staircase: the same "
-            "within "
-            f"{each(*erased)}.",
+            f"within {each(*erased)}.",
             holds(*erased),
         ),
         Statement(
@@ -247,10 +246,9 @@ def _statements(free: dict[str, Any], weighed: dict[str, Any]) -> list[Statement
                 for name, d in shapes.items()
             )
             + f". {moving['low_N']:g} to {moving['high_N']:g} N, where the whole tendon slips and nothing "
-            "is remembered: "
-            f"{moving['displacement_mm']['shape_difference']:.0e} mm. With a weight, where the tendon is "
-            "locked the body "
-            "still bends when the rest of it moves, so the shape depends on what is locked there.",
+            f"is remembered: {moving['displacement_mm']['shape_difference']:.0e} mm. With a weight, where "
+            "the tendon is locked the body still bends when the rest of it moves, so the shape depends on "
+            "what is locked there.",
             all(d["shape_difference"] < SAME for d in shapes.values()),
         ),
         Statement(
@@ -314,26 +312,19 @@ def study_histories(progress: Callable[[str], None]) -> Study:
         f"{converged} of {steps} steps converged, with and without gravity. The whole tendon slips in "
         + ", ".join(f"{100 * share:.0f} % ({name})" for name, share in whole.items())
         + " of the steps; in the others a front runs from the base, and beyond it the tension is that of an "
-        "earlier "
-        "load.",
+        "earlier load.",
         "Without external load the classical facts hold to the last digit although the body deforms: at "
-        "every "
-        "section the curvature is fixed by the tension there, so what is locked keeps its shape, and "
+        "every section the curvature is fixed by the tension there, so what is locked keeps its shape, and "
         "what happens between base and front does not know of what lies beyond. With the body's weight the "
-        "whole "
-        "shape is coupled: return points still hold, congruency holds only nearly, and where the tension is "
-        "locked "
-        f"the tendon creeps in its channel, up to {weighed['creep_of_locked_stretches_mm']:.2f} mm in all "
-        "through the inner "
-        f"loops ({_mesh_creep(facts)} of it is the mesh's), of {weighed['largest_displacement_mm']:.1f} mm "
-        "drawn out. A law "
-        "that follows the slip itself would let the tension there change; this one, like the paper's, does "
-        "not.",
+        "whole shape is coupled: return points still hold, congruency holds only nearly, and where the "
+        "tension is locked the tendon creeps in its channel, up to "
+        f"{weighed['creep_of_locked_stretches_mm']:.2f} mm in all through the inner loops "
+        f"({_mesh_creep(facts)} of it is the mesh's), of {weighed['largest_displacement_mm']:.1f} mm drawn "
+        "out. A law that follows the slip itself would let the tension there change; this one, like the "
+        "paper's, does not.",
         f"Memory at the tip is worth newtons: at {facts['decaying_final_T_base_N']:g} N at the base there "
-        "are "
-        f"{facts['pulled_once_to_final_T_tip_N']:.1f} N at the tip after one pull and "
-        f"{facts['decaying_final_T_tip_N']:.1f} N "
-        "after decaying cycles.",
+        f"are {facts['pulled_once_to_final_T_tip_N']:.1f} N at the tip after one pull and "
+        f"{facts['decaying_final_T_tip_N']:.1f} N after decaying cycles.",
     ]
     figures = [
         Figure(
@@ -346,8 +337,7 @@ def study_histories(progress: Callable[[str], None]) -> Study:
                 f"memory-map-{key}",
                 png(draw.plot_map(story.run)),
                 f"{name.capitalize()}: tensions at base and tip, and what each part of the tendon does. "
-                "Fronts start at "
-                "the base and run until the next turn.",
+                "Fronts start at the base and run until the next turn.",
             )
             for key, name, story in (
                 ("inner", "inner loops", inner),
@@ -358,13 +348,13 @@ def study_histories(progress: Callable[[str], None]) -> Study:
             "memory-tension",
             png(draw.plot_tensions(decaying.run, decaying.at[1:])),
             "Tension along the tendon at the turns of the decaying cycles, as far as it has just slipped. "
-            "Dotted: what is "
-            "locked at the end; it keeps a kink for every swing that has not been wiped out.",
+            "Dotted: what is locked at the end; it keeps a kink for every swing that has not been wiped out.",
         ),
     ]
     return Study(
         title="Histories that are not sequential",
         text=text,
+        solved=(converged, steps),
         statements=_statements(facts, weighed),
         figures=figures,
         tables=[_work_table(facts)],

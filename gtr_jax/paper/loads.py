@@ -249,40 +249,35 @@ def study_loads(progress: Callable[[str], None]) -> Study:
     steps = sum(len(run.T_base) for run in runs.values())
     solved_steps = sum(int(jnp.sum(run.converged)) for run in runs.values())
     text = [
-        f"{facts['points_converged']} of {facts['points']} load cases and {solved_steps} of {steps} steps "
-        "of the loops "
-        "converged"
+        f"{facts['points_converged']} of {facts['points']} load cases and {solved_steps} of {steps} steps of "
+        "the loops converged"
         + (
             "."
             if facts["points_converged"] == facts["points"]
             else "; the others are flagged in the numbers and left out."
         ),
         f"Near zero, a force with the bend changes T_tip by {with_bend['dT_tip_per_N']:+.2f} N per newton "
-        "and one "
-        f"against it by {against['dT_tip_per_N']:+.2f} N: the first adds wrap, the second takes it away. At "
-        f"{with_bend['largest_force_N']:g} N they change it by "
-        f"{with_bend['T_tip_change_at_largest_N']:+.2f} and "
-        f"{against['T_tip_change_at_largest_N']:+.2f} N and turn the tip by "
-        f"{with_bend['tip_angle_change_at_largest_deg']:+.0f}° and "
+        f"and one against it by {against['dT_tip_per_N']:+.2f} N: the first adds wrap, the second takes it "
+        f"away. At {with_bend['largest_force_N']:g} N they change it by "
+        f"{with_bend['T_tip_change_at_largest_N']:+.2f} and {against['T_tip_change_at_largest_N']:+.2f} N "
+        f"and turn the tip by {with_bend['tip_angle_change_at_largest_deg']:+.0f}° and "
         f"{against['tip_angle_change_at_largest_deg']:+.0f}°. The loads stand before the pull; one that "
-        "comes on "
-        "later drags the tendon through its channel, which a law of tensions alone does not follow.",
+        "comes on later drags the tendon through its channel, which a law of tensions alone does not follow.",
         f"Turning the rig changes T_tip by {spread['T_tip']:.2f} N, T_base_switch by "
-        f"{spread['T_base_switch']:.2f} N and the tip "
-        f"angle by {np.degrees(spread['tip_angle']):.0f}°: most tension arrives with gravity at "
-        f"{np.degrees(ANGLES[best]):.0f}° from the base tangent ({gravity.T_tip[best]:.2f} N), least at "
-        f"{np.degrees(ANGLES[worst]):.0f}° ({gravity.T_tip[worst]:.2f} N); without gravity "
-        f"{unloaded.T_tip[0]:.2f} N.",
+        f"{spread['T_base_switch']:.2f} N and the tip angle by {np.degrees(spread['tip_angle']):.0f}°: most "
+        f"tension arrives with gravity at {np.degrees(ANGLES[best]):.0f}° from the base tangent "
+        f"({gravity.T_tip[best]:.2f} N), least at {np.degrees(ANGLES[worst]):.0f}° "
+        f"({gravity.T_tip[worst]:.2f} N); without gravity {unloaded.T_tip[0]:.2f} N.",
     ]
     return Study(
         title="External loads",
         text=text,
+        solved=(facts["points_converged"] + solved_steps, facts["points"] + steps),
         statements=[
             Statement(
                 "External loads change tension loss (the paper's reference [8]).",
                 f"Tip force: up to {largest:.2f} N of T_tip per newton near zero; weight: "
-                f"{spread['T_tip']:.2f} N between the best "
-                f"and the worst direction; 100 g at the tip: "
+                f"{spread['T_tip']:.2f} N between the best and the worst direction; 100 g at the tip: "
                 + ", ".join(
                     f"{p['dT_tip_per_100_g_N']:+.2f} N ({name})" for name, p in facts["payload"].items()
                 )
@@ -300,8 +295,7 @@ def study_loads(progress: Callable[[str], None]) -> Study:
                 "loads-gravity",
                 png(draw.plot_gravity(ANGLES, gravity, unloaded)),
                 f"TD-CM I at {T_MAX:g} N with its weight, turned through a circle. 0°: hanging; 90°: the "
-                "weight helps the "
-                "tendon; 180°: upright; 270°: the tendon lifts. Dashed: no gravity.",
+                "weight helps the tendon; 180°: upright; 270°: the tendon lifts. Dashed: no gravity.",
             ),
             Figure(
                 "loads-loops",

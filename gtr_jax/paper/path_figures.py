@@ -1,4 +1,4 @@
-"""Figures of the eight paths: shapes with the forces on the channel, tension, curvature and wrap along them."""
+"""Figures of the eight paths: shapes with forces on the channel; tension, curvature and wrap along them."""
 
 from __future__ import annotations
 

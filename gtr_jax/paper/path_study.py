@@ -23,12 +23,15 @@ from .paths import (
     Solved,
     State,
     config_of,
+    dimension,
     solved,
     states,
 )
 from .study import Statement, Study
 
 NEAR = 0.25  # of the crests' spacing: nearer to a crest than to where the wave crosses its mean
+
+SHARED = 0.02  # half of what all of paths 5 to 8 have before the wave [m]
 
 
 def facts_of(path: int, state: State) -> dict[str, Any]:
@@ -62,7 +65,7 @@ def crests(path: int, state: State) -> dict[str, Any]:
     """How far the local maxima of friction, and of the tendon's curvature, lie from the wave's crests and
     troughs, relative to the distance between these.
     """
-    waves = config_of(path).routing.n_sine
+    waves = dimension(path, "n_sine")
     length = float(state.pulled.s[-1])
     extremes = (np.arange(waves) + 0.5) * length / waves
     s = np.asarray(state.forces.s)
@@ -85,20 +88,19 @@ def crests(path: int, state: State) -> dict[str, Any]:
 
 def segment_facts(path: int, state: State) -> dict[str, Any]:
     """How much each part of a straight-sine-straight path bends, and where it loses tension."""
-    routing = config_of(path).routing
+    w1, w2 = dimension(path, "w1"), dimension(path, "w2")
     s, angle = np.asarray(state.pulled.s), np.asarray(state.pulled.angle)
-    at_w1, at_w2 = (float(np.interp(w, s, angle)) for w in (routing.w1, routing.w2))
-    shared = 0.5 * config_of(SEGMENTS[0]).routing.w1
+    at_w1, at_w2 = (float(np.interp(w, s, angle)) for w in (w1, w2))
     lost = -np.diff(np.log(np.asarray(state.pulled.tension)))
-    wave = (np.asarray(state.forces.s) > routing.w1) & (np.asarray(state.forces.s) < routing.w2)
+    wave = (np.asarray(state.forces.s) > w1) & (np.asarray(state.forces.s) < w2)
     rate = np.where(np.asarray(state.forces.length) > 0, np.asarray(state.forces.friction_projection), 0.0)
     return {
         "bend_before_wave_deg": float(np.degrees(at_w1)),
         "bend_after_wave_deg": float(np.degrees(angle[-1] - at_w2)),
-        "curvature_near_base_per_m": float(np.interp(shared, s, np.abs(np.asarray(state.pulled.curvature)))),
+        "curvature_near_base_per_m": float(np.interp(SHARED, s, np.abs(np.asarray(state.pulled.curvature)))),
         "loss_inside_wave_share": float(lost[wave].sum() / lost.sum()),
         "steepest_loss_at_mm": 1e3 * float(state.forces.s[int(rate.argmax())]),
-        "wave_mm": [1e3 * float(routing.w1), 1e3 * float(routing.w2)],
+        "wave_mm": [1e3 * w1, 1e3 * w2],
     }
 
 
@@ -125,8 +127,8 @@ def _statements(facts: dict[int, dict], crest: dict[int, dict], segment: dict[in
         Statement(
             "The loss rises with the amplitude σ of paths 1 to 3, from 41.5 N to 59.7 N of 60 N (69.2 % to "
             "99.5 %).",
-            f"{', '.join(f'{100 * v:.1f} %' for v in loss)}; paths 1 and 3 are fitted "
-            f"({lost[1]:.1f} and {lost[3]:.1f} N), path 2 is predicted.",
+            f"{', '.join(f'{100 * v:.1f} %' for v in loss)}; paths 1 and 3 are fitted ({lost[1]:.1f} and "
+            f"{lost[3]:.1f} N), path 2 is predicted.",
             _rising(loss) and all(abs(lost[p] - PUBLISHED_LOST[p]) < 0.05 for p in lost),
         ),
         Statement(
@@ -146,8 +148,8 @@ def _statements(facts: dict[int, dict], crest: dict[int, dict], segment: dict[in
                 for p, c in crest.items()
             )
             + f". But {crest[1]['crests_and_troughs'] - crest[1]['maxima_of_friction']} of the "
-            f"{crest[1]['crests_and_troughs']} crests and troughs of path 1 have none: with the smallest wave the "
-            "bend of the body outweighs the channel's there.",
+            f"{crest[1]['crests_and_troughs']} crests and troughs of path 1 have none: with the smallest "
+            "wave the bend of the body outweighs the channel's there.",
             all(c["of_them_near_a_crest"] == c["maxima_of_friction"] for c in crest.values()),
         ),
         Statement(
@@ -158,17 +160,16 @@ def _statements(facts: dict[int, dict], crest: dict[int, dict], segment: dict[in
         ),
         Statement(
             "Paths 5 to 8: as the wave moves towards the tip, the parts near the base deform more.",
-            "The part before the wave turns by "
-            f"{', '.join(f'{v:.0f}°' for v in before)}. But that is its length: over the first "
-            f"{1e3 * config_of(SEGMENTS[0]).routing.w1:.0f} mm, where all four have the same channel, the curvature "
-            f"is the same (half way {first[0]:.2f} 1/m, {max(first) / min(first) - 1:.0e} apart), for without "
-            "external load nothing there depends on what lies beyond.",
+            f"The part before the wave turns by {', '.join(f'{v:.0f}°' for v in before)}. But that is its "
+            f"length: over the first {2e3 * SHARED:.0f} mm, where all four have the same channel, the "
+            f"curvature is the same (half way {first[0]:.2f} 1/m, {max(first) / min(first) - 1:.0e} apart), "
+            "for without external load nothing there depends on what lies beyond.",
             _rising(before),
         ),
         Statement(
             "… and the parts near the tip bend less.",
-            f"The part after the wave turns by {', '.join(f'{v:.0f}°' for v in after)}; the tip as a whole by "
-            f"{of('tip_angle_deg', SEGMENTS, '{:.0f}°')}.",
+            f"The part after the wave turns by {', '.join(f'{v:.0f}°' for v in after)}; the tip as a whole "
+            f"by {of('tip_angle_deg', SEGMENTS, '{:.0f}°')}.",
             _rising([-v for v in after]),
         ),
         Statement(
@@ -177,8 +178,8 @@ def _statements(facts: dict[int, dict], crest: dict[int, dict], segment: dict[in
             + ", ".join(f"{segment[p]['steepest_loss_at_mm']:.0f}" for p in SEGMENTS)
             + " mm, in waves at "
             + ", ".join("{:.0f} to {:.0f}".format(*segment[p]["wave_mm"]) for p in SEGMENTS)
-            + f" mm, which hold {100 * min(inside):.0f} to {100 * max(inside):.0f} % of the loss (of ln T). The "
-            f"loss at the tip hardly changes: {', '.join(f'{100 * v:.1f} %' for v in final)}.",
+            + f" mm, which hold {100 * min(inside):.0f} to {100 * max(inside):.0f} % of the loss (of ln T). "
+            f"The loss at the tip hardly changes: {', '.join(f'{100 * v:.1f} %' for v in final)}.",
             all(
                 segment[p]["wave_mm"][0] <= segment[p]["steepest_loss_at_mm"] <= segment[p]["wave_mm"][1]
                 for p in SEGMENTS
@@ -231,16 +232,17 @@ def study_paths(progress: Callable[[str], None]) -> Study:
     material = found.material
     apart = max(float(np.ptp(np.log(values))) for values in (found.starts.mu, found.starts.E))
     text = [
-        f"E and μ of these figures are not published. The two losses that are, {100 * PUBLISHED_LOSS[1]:.1f} % on "
-        f"path 1 and {100 * PUBLISHED_LOSS[3]:.1f} % on path 3, determine them: μ = {material.mu:.3f}, E = "
-        f"{1e-6 * material.E:.3f} MPa. {int(found.starts.settled.sum())} of {len(found.starts.mu)} starts between "
-        f"μ 0.1 and 0.8, E 0.1 and 2 MPa end there ({apart:.0e} apart). The printed digits (±"
-        f"{100 * HALF_DIGIT:g} %) leave μ {_span(found.corners.mu)} and E {_span(1e-6 * found.corners.E)} MPa: path "
-        "3 fixes μ nearly alone, since a wave that steep turns the tendon whatever the body does, and path 1 "
-        "then fixes E. All else is predicted.",
-        "The channel's forces are drawn on the deformed shapes: the normal force to the side the tendon presses "
-        "on, friction to the other. Without friction (dashed) the same tensions would bend the cone much "
-        "farther.",
+        "E and μ of these figures are not published. The two losses that are, "
+        f"{100 * PUBLISHED_LOSS[1]:.1f} % on path 1 and {100 * PUBLISHED_LOSS[3]:.1f} % on path 3, "
+        f"determine them: μ = {material.mu:.3f}, E = {1e-6 * material.E:.3f} MPa. "
+        f"{int(found.starts.settled.sum())} of {len(found.starts.mu)} starts between μ 0.1 and 0.8, E 0.1 "
+        f"and 2 MPa end there ({apart:.0e} apart). The printed digits (±{100 * HALF_DIGIT:g} %) leave μ "
+        f"{_span(found.corners.mu)} and E {_span(1e-6 * found.corners.E)} MPa: path 3 fixes μ nearly alone, "
+        "since a wave that steep turns the tendon whatever the body does, and path 1 then fixes E. All else "
+        "is predicted.",
+        "The channel's forces are drawn on the deformed shapes: the normal force to the side the tendon "
+        "presses on, friction to the other. Without friction (dashed) the same tensions would bend the cone "
+        "much farther.",
     ]
     figures = []
     for name, paths, number_of in (("waves", WAVES, 2), ("segments", SEGMENTS, 3)):
@@ -250,7 +252,8 @@ def study_paths(progress: Callable[[str], None]) -> Study:
             Figure(
                 f"{name}-shapes",
                 png(draw.plot_shapes(own)),
-                f"As Fig. {number_of}(a): shapes at {base:.0f} N with f_n (blue) and f_f (red) along the channel.",
+                f"As Fig. {number_of}(a): shapes at {base:.0f} N with f_n (blue) and f_f (red) along the "
+                "channel.",
             ),
             Figure(
                 f"{name}-along",
@@ -261,6 +264,10 @@ def study_paths(progress: Callable[[str], None]) -> Study:
     return Study(
         title="The eight paths of Table I",
         text=text,
+        solved=(
+            sum(f["converged"] for f in facts.values()) + int(found.starts.settled.sum()),
+            len(facts) + len(found.starts.mu),
+        ),
         statements=_statements(facts, crest, segment),
         figures=figures,
         tables=[_table(facts)],

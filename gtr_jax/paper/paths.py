@@ -28,7 +28,7 @@ WAVES = (1, 2, 3, 4)  # Fig. 2
 SEGMENTS = (5, 6, 7, 8)  # Fig. 3: straight, sine, straight
 PATHS = WAVES + SEGMENTS
 SAME_STRUCTURE = ((1, 2, 3), (4,), SEGMENTS)  # one compiled program each
-T_BASE = dict.fromkeys(WAVES, 60.0) | dict.fromkeys(SEGMENTS, 40.0)
+T_BASE: dict[int, float] = {path: 60.0 if path in WAVES else 40.0 for path in PATHS}  # N
 PUBLISHED_LOSS = {1: 0.692, 3: 0.995}  # at 60 N
 PUBLISHED_LOST = {1: 41.5, 3: 59.7}  # the same in newtons
 HALF_DIGIT = 0.0005
@@ -40,6 +40,11 @@ STARTS = tuple((mu, E) for mu in (0.1, 0.3, 0.8) for E in (0.1e6, 0.5e6, 2e6))
 def config_of(path: int) -> RobotConfig:
     """The robot file of a path."""
     return load_config(PAPER / f"path-{path}.toml")
+
+
+def dimension(path: int, name: str) -> float:
+    """A number of a path's routing: n_sine, or w1 or w2 [m]."""
+    return config_of(path).numbers()[f"routing.{name}"]
 
 
 @functools.cache
@@ -89,7 +94,8 @@ def fit_material(
         solver = optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10)
         found = optx.least_squares(missed, solver, jnp.log(start), args=aims, max_steps=80, throw=False)
         error = jnp.max(jnp.abs(missed(found.value, aims)))
-        return Material(*jnp.exp(found.value), error, error < 1e-8)
+        mu, E = jnp.exp(found.value)
+        return Material(mu, E, error, error < 1e-8)
 
     return jax.vmap(one)(losses, starts)
 

@@ -1,10 +1,11 @@
 """Eq. (16) as printed: its integral over s of forces per length of tendon lacks the factor nu = ds_c/ds.
 
-The paper's equilibrium (18) takes the bending moment at s from the anchor (15) and from the channel's distributed
-forces beyond s (16). Those, f_n and f_f of (12) and (13), are forces per length of tendon ds_c; (16) integrates
-them over ds. With the factor the two moments collapse to the tension at the cut times its arm, which is what
-the simulator solves; without it the equilibrium is another one. Here (12), (13), (15), (16) and (18) are solved
-as they stand, with the force on each interval times nu^-q: q = 0 is right, q = 1 is printed.
+The paper's equilibrium (18) takes the bending moment at s from the anchor (15) and from the channel's
+distributed forces beyond s (16). Those, f_n and f_f of (12) and (13), are forces per length of tendon ds_c;
+(16) integrates them over ds. With the factor the two moments collapse to the tension at the cut times its
+arm, which is what the simulator solves; without it the equilibrium is another one. Here (12), (13), (15),
+(16) and (18) are solved as they stand, with the force on each interval times nu^-q: q = 0 is right, q = 1 is
+printed.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from gtr_jax.mesh import cumulative, shifted
 from gtr_jax.problem import Sections, offset_before
 from gtr_jax.robot import Robot, sections
 
-from .paths import PATHS, T_BASE, states
+from .paths import T_BASE, states
 
 SOLVER = optx.Newton(rtol=1e-10, atol=1e-10)
 STAGES = (0.0, 0.25, 0.5, 0.75, 1.0)  # q, from the right moment to the printed one
@@ -115,10 +116,12 @@ def solve_literal(robot: Robot, T_base: Float[Array, ""], start: Float[Array, " 
 
 
 class Error(NamedTuple):
-    """What the missing factor does to one path: tip moved [m] and turned [rad], tip tension more by [N];
-    largest change of curvature, relative to the largest curvature; smallest and largest nu; whether all was solved; tip of
-    the right and of the printed equilibrium. `discretised` is what the literal form with the factor is off the
-    identity: tip position [m].
+    """What the missing factor does to one path.
+
+    moved [m], turned [rad]: of the tip. tension: more at the tip [N]. curvature: largest change, relative to
+    the largest curvature. metric: smallest and largest nu. settled: whether all was solved. right, printed:
+    tip x [m], y [m], angle [rad] of both equilibria. discretised: how far the tip of the literal form with
+    the factor is off that of the identity [m].
     """
 
     moved: float

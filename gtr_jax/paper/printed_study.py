@@ -60,28 +60,29 @@ def study_printed(progress: Callable[[str], None]) -> Study:
         p: 100 * (1 - (float(s.pulled.T_tip) + found[p].tension) / T_BASE[p]) for p, s in states().items()
     }
     text = [
-        "The distributed forces (12) and (13) are forces per length of tendon, ds_c (the paper's appendix says "
-        "so). Eq. (16) integrates them over ds, and so lacks the factor ν = ds_c/ds. With the factor, anchor (15) "
-        "and distributed moment (16) collapse to T R (1 − Rκ)/ν, tension times arm at the cut: no integral is "
-        "left, and this is what the simulator solves. Both literal forms are solved here with (18), "
-        f"{settled} of {len(found)} paths to the solver's tolerance.",
+        "The distributed forces (12) and (13) are forces per length of tendon, ds_c (the paper's appendix "
+        "says so). Eq. (16) integrates them over ds, and so lacks the factor ν = ds_c/ds. With the factor, "
+        "anchor (15) and distributed moment (16) collapse to T R (1 − Rκ)/ν, tension times arm at the cut: "
+        "no integral is left, and this is what the simulator solves. Both literal forms are solved here "
+        f"with (18), {settled} of {len(found)} paths to the solver's tolerance.",
         f"The factor is not small. As printed the tip lies {1e3 * moved[least]:.0f} mm (path {least}) to "
-        f"{1e3 * moved[most]:.0f} mm (path {most}, {100 * moved[most] / length:.0f} % of L) from where it should "
-        "be, although ν itself is within "
-        f"{100 * max(max(abs(v - 1) for v in e.metric) for e in found.values()):.0f} % of 1: anchor and distributed "
-        "moment are each about T times the distance to the tip, and nearly cancel to T times R. An error of a few "
-        "per cent in one of them is of the order of the sum. The loss is less touched: path 1 would lose "
-        f"{lost[1]:.1f} % and path 3 {lost[3]:.1f} %. Whether the paper's figures were computed as printed cannot "
-        "be told from it.",
+        f"{1e3 * moved[most]:.0f} mm (path {most}, {100 * moved[most] / length:.0f} % of L) from where it "
+        "should be, although ν itself is within "
+        f"{100 * max(max(abs(v - 1) for v in e.metric) for e in found.values()):.0f} % of 1: anchor and "
+        "distributed moment are each about T times the distance to the tip, and nearly cancel to T times R. "
+        "An error of a few per cent in one of them is of the order of the sum. The loss is less touched: "
+        f"path 1 would lose {lost[1]:.1f} % and path 3 {lost[3]:.1f} %. Whether the paper's figures were "
+        "computed as printed cannot be told from it.",
     ]
     return Study(
         title="Eq. (16) as printed",
         text=text,
+        solved=(settled, len(found)),
         statements=[
             Statement(
                 "(15) plus (16) give the moment of the tendon on the body.",
-                f"With the factor ν they do: the tip agrees with the local identity within {1e3 * off:.2f} mm, "
-                "shrinking with the mesh. As printed they do not: tips "
+                f"With the factor ν they do: the tip agrees with the local identity within {1e3 * off:.2f} "
+                "mm, shrinking with the mesh. As printed they do not: tips "
                 + ", ".join(f"{1e3 * v:.0f}" for v in moved.values())
                 + " mm apart (paths 1 to 8).",
                 False,

@@ -28,11 +28,13 @@ class Study:
         statements: the paper beside ours.
         figures, tables: in this order.
         facts: every number behind them, SI with units in the keys, for `paper.json`.
+        solved: how many of the equilibria, load steps and fits behind it converged, and of how many.
         robots: robot files worth keeping, as TOML text by file name.
     """
 
     title: str
     text: Sequence[str]
+    solved: tuple[int, int]
     statements: Sequence[Statement] = ()
     figures: Sequence[Figure] = ()
     tables: Sequence[Table] = ()

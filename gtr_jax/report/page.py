@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 FOLDER = Path(__file__).parent
+STYLE = (FOLDER / "page.css").read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True)
@@ -71,5 +72,4 @@ def render(report: Report, settings: Mapping[str, Any], robot_file: str) -> str:
         lstrip_blocks=True,
     )
     template = environment.get_template("page.html.jinja")
-    style = (FOLDER / "page.css").read_text(encoding="utf-8")
-    return template.render(report=report, settings=settings, robot_file=robot_file, style=style)
+    return template.render(report=report, settings=settings, robot_file=robot_file, style=STYLE)

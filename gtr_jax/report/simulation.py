@@ -252,8 +252,8 @@ def _suffix(answer: SimulationAnswer) -> tuple[str, str]:
 
 def _overview(answer: SimulationAnswer) -> list[Figure]:
     run = answer.run
-    values = (np.asarray(v) for v in (run.T_base, run.T_tip, run.tip_pose[:, 2]))
-    picture = plots.plot_tendons(*values, answer.robot.tendon_names)
+    T_base, T_tip, angle = (np.asarray(v) for v in (run.T_base, run.T_tip, run.tip_pose[:, 2]))
+    picture = plots.plot_tendons(T_base, T_tip, angle, answer.robot.tendon_names)
     caption = "Tension of every tendon at the tip (full) and at the base (dashed), and the angle of the tip."
     return [Figure("tendons", plots.png(picture), caption)]
 

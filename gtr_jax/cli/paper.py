@@ -1,0 +1,47 @@
+"""`gtr paper`: the paper reproduced."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from .options import output_option
+
+FIGURES = "paper"
+
+
+@click.command()
+@output_option
+def paper(output: Path) -> int:
+    """Reproduce Liu & Alambeigi (RA-L 2022): its figures, its numbers, and what it leaves open.
+
+    Writes report.html, paper.md with its pictures (the page of the docs), paper.json with every number, and the
+    robot files. Takes a few minutes.
+    """
+    from gtr_jax.paper import pages, studies
+
+    from .cache import enable_cache
+    from .progress import Progress
+    from .run_folder import RunFolder, write_json
+
+    folder = RunFolder(output, {})
+    enable_cache()
+    with Progress() as progress:
+        parts = studies(progress)
+        progress("writing")
+        with folder.write() as part:
+            settings = folder.settings()
+            for name in (FIGURES, "robots"):
+                (part / name).mkdir()
+            for study in parts:
+                for figure in study.figures:
+                    (part / FIGURES / f"{figure.name}.png").write_bytes(figure.image)
+                for name, text in study.robots.items():
+                    (part / "robots" / name).write_text(text, encoding="utf-8")
+            (part / "paper.md").write_text(pages.markdown(parts, FIGURES), encoding="utf-8")
+            (part / "report.html").write_text(pages.html(parts, settings), encoding="utf-8")
+            write_json(part / "paper.json", {**pages.facts(parts), "settings": settings})
+    click.echo(pages.verdict(parts))
+    click.echo(f"report: {output / 'report.html'}")
+    return 0 if pages.converged(parts) else 1
