@@ -14,13 +14,19 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 export NO_MKDOCS_2_WARNING := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check lint test-slow test-all docs bench clean
+.PHONY: help demo test paper check lint test-slow test-all docs bench clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 12
 
 demo: $(DEV) ## simulate and fit the examples that ship with the package; the reports are in demo-out/
 	$(BIN)/gtr demo -o demo-out
+
+paper: $(DEV) ## reproduce the paper into paper-out/, and write its page of the docs again
+	$(BIN)/gtr paper -o paper-out
+	mkdir -p docs/paper
+	cp paper-out/paper.md docs/
+	cp paper-out/paper/*.png docs/paper/
 
 test: $(DEV) ## the fast tests
 	$(BIN)/python -m pytest -n $(JOBS)
@@ -45,7 +51,7 @@ bench: $(DEV) ## run the benchmarks
 	$(BIN)/python -m benchmarks $(BENCH_ARGS)
 
 clean: ## remove the environment and everything built
-	rm -rf .venv build dist site demo-out *.egg-info .pytest_cache .ruff_cache
+	rm -rf .venv build dist site demo-out paper-out *.egg-info .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -not -path './.git/*' -prune -exec rm -rf {} +
 
 $(DEV): pyproject.toml

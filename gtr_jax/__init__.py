@@ -12,6 +12,7 @@ from .build import build_robot, load_robot  # noqa: E402
 from .config import RobotConfig, dump_config, load_config  # noqa: E402
 from .equilibrium import Equilibrium, equilibrium  # noqa: E402
 from .errors import InputError  # noqa: E402
+from .forces import ChannelForces, channel_forces  # noqa: E402
 from .history import Simulation, equilibrium_at, simulate  # noqa: E402
 from .march import March  # noqa: E402
 from .parameters import Parameter, parameters_of  # noqa: E402
@@ -21,6 +22,7 @@ from .robot import Backbone, Loads, Robot, Tendon  # noqa: E402
 
 __all__ = [
     "Backbone",
+    "ChannelForces",
     "Equilibrium",
     "InputError",
     "Loads",
@@ -33,6 +35,7 @@ __all__ = [
     "Switch",
     "Tendon",
     "build_robot",
+    "channel_forces",
     "dump_config",
     "equilibrium",
     "equilibrium_at",

@@ -12,7 +12,7 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
     BaseModel,
@@ -229,9 +229,6 @@ class LoadsConfig(Section):
     """Mass [kg] at the tip; weighs along gravity."""
 
 
-LEFT_OUT: Any = None  # where several tendons stand instead
-
-
 def _one_tendon_or_several(schema: dict[str, Any]) -> None:
     schema["oneOf"] = [{"required": ["routing", "tendon"]}, {"required": ["tendons"]}]
 
@@ -246,10 +243,14 @@ class RobotConfig(Section):
     name: StrictStr = "robot"
     """Name in reports."""
     backbone: BackboneConfig
-    routing: RoutingConfig = Field(default=LEFT_OUT)
-    """The channel of a robot with one tendon; of several each has its own."""
-    tendon: TendonConfig = Field(default=LEFT_OUT)
-    """The tendon of a robot with one; None where `tendons` has several."""
+    if TYPE_CHECKING:  # so that whoever knows that a robot has one tendon need not say so again
+        routing: RoutingConfig
+        tendon: TendonConfig
+    else:
+        routing: RoutingConfig | None = None
+        """The channel of a robot with one tendon; of several each has its own."""
+        tendon: TendonConfig | None = None
+        """The tendon of a robot with one; None where `tendons` has several."""
     tendons: tuple[OneOfSeveralTendons, ...] = ()
     """The tendons of a robot with several, instead of routing and tendon."""
     loads: LoadsConfig = LoadsConfig()

@@ -7,8 +7,8 @@ load step, by
 
     u(s) = integral over [s, L] of (nu_before - nu) + STRETCH (T - T_before)/T_max,
 
-to which the anchor adds STRETCH L times the change of its own tension, and friction opposes it: ln T falls by mu z |psi'| per length, where the mobilisation z follows u until
-friction is exhausted:
+to which the anchor adds as much of its own tension over L. Friction opposes it: ln T falls by mu z |psi'| per
+length, where the mobilisation z follows u until friction is exhausted:
 
     z = clip(z_before + u/(PRESLIDING L), -1, 1)
 
@@ -45,10 +45,11 @@ from .problem import (
 
 PRESLIDING = 2e-6
 TOLERANCE, EXACT = 1e-3 * PRESLIDING, 1e-8 * PRESLIDING
-MAX_STEPS = 200
+MAX_STEPS = 64
 STRETCH = 1e-4
 SMALLEST = 1e-12
 LEFT = 1.0 + 1e-9
+MOST_PARTS = 64
 ROUND, WHOLE, SHORT = 30, 18, 0.4  # now and then shorter steps, which break cycles
 
 
@@ -162,9 +163,8 @@ def _kept_near(new, old):
     return jnp.where(jnp.abs(old) <= 1.0, leaving, slipping)
 
 
-@eqx.filter_custom_jvp
-def _solve(inputs) -> Grip:
-    xi, a = inputs
+def _newton(xi, a: _Args) -> Grip:
+    """Newton's method from `xi`."""
 
     def unfinished(carry):
         _, error, before, steps = carry
@@ -182,6 +182,35 @@ def _solve(inputs) -> Grip:
     start = (xi, error, jnp.full_like(error, jnp.inf), jnp.asarray(0))
     xi, error, _, steps = jax.lax.while_loop(unfinished, newton, start)
     return Grip(xi, error, steps)
+
+
+@eqx.filter_custom_jvp
+def _solve(inputs) -> Grip:
+    """Newton's method; where it fails, again through ever more base tensions in between."""
+    xi, a = inputs
+    before, after = a.kept.tension[..., 0], a.problem.T_base
+
+    def by_way_of(parts):
+        def closer(i, grip):
+            share = (i + 1.0) / parts
+            between = jnp.where(i + 1 == parts, after, before + share * (after - before))
+            done = _newton(
+                grip.xi, dataclasses.replace(a, problem=dataclasses.replace(a.problem, T_base=between))
+            )
+            return done._replace(steps=done.steps + grip.steps)
+
+        return closer
+
+    def unsolved(carry):
+        grip, parts = carry
+        return ~grip.converged & (parts <= MOST_PARTS)
+
+    def again(carry):
+        grip, parts = carry
+        fresh = grip._replace(xi=xi)
+        return jax.lax.fori_loop(0, parts, by_way_of(parts), fresh), parts * 4
+
+    return jax.lax.while_loop(unsolved, again, (_newton(xi, a), jnp.asarray(4)))[0]
 
 
 @_solve.def_jvp

@@ -16,8 +16,8 @@ FIGURES = "paper"
 def paper(output: Path) -> int:
     """Reproduce Liu & Alambeigi (RA-L 2022): its figures, its numbers, and what it leaves open.
 
-    Writes report.html, paper.md with its pictures (the page of the docs), paper.json with every number, and the
-    robot files. Takes a few minutes.
+    Writes report.html, paper.md with its pictures (the page of the docs), paper.json with every number, and
+    the robot files. Takes a minute or two.
     """
     from gtr_jax.paper import pages, studies
 

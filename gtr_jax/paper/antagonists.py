@@ -1,13 +1,12 @@
 """Two tendons that bend one body either way: what the antagonist's tension does to friction (reference [18]).
 
 One tendon is pulled and released while the other's base is held at a constant tension. The held tendon slides
-all the same: the bending body drags its channel along, so friction raises its tension towards the tip while the
-pulled one's falls. For parallel channels and no external load both are known in closed form during the pull,
-with c = integral of ds/(EI):
+all the same: the bending body drags its channel along, so friction raises its tension towards the tip while
+the pulled one's falls. For mirrored parallel channels, one friction coefficient and no external load both are
+known in closed form during the pull, with c = integral of ds/(EI) and base tensions A > B:
 
-    dphi/dc = R (A e^(-mu phi) - B e^(mu phi)),  e^(mu phi) = sqrt(A/B) tanh(mu R sqrt(AB) c + artanh sqrt(B/A)),
-
-where the sheath is straight at phi = 0; A and B are the base tensions.
+    dphi/dc = R (A e^(-mu phi) - B e^(mu phi)),
+    e^(mu phi) = sqrt(A/B) tanh(mu R sqrt(AB) c + artanh sqrt(B/A)).
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from gtr_jax.report.page import Figure, Table
 from gtr_jax.robot import Robot, sections
 
 from . import antagonist_figures as draw
-from .study import Statement, Study
+from .study import Statement, Study, beyond
 
 FILE = PAPER / "antagonists.toml"
 HELD = (0.5, 2.0, 5.0, 8.0)  # N
@@ -151,16 +150,15 @@ def _statements(
             f"{each('loss_of_pulled', '{:.1f} %', 100)}: less, because the body bends less.",
             bool(np.ptp(total) > 0.05 * max(total)) and bool(np.all(np.diff(losses) < 0)),
         ),
-        Statement(
-            "Not in the paper: a tendon whose base is held slides too, dragged by the body, and is tightest "
-            "at the tip.",
+        beyond(
+            "A tendon whose base is held slides too, dragged by the body, and is tightest at the tip.",
             f"Its tip tension is above its base tension by {each('rise_of_held', '{:.0f} %', 100)}; it "
             "slips towards the tip while the other is pulled and towards the base while it is released. "
             f"Both tip tensions and the tip angle agree with the closed form within {worst:.0e}.",
             worst < 1e-5 and all(f["slip_direction_in_pull"] == [1.0, -1.0] for f in facts),
         ),
-        Statement(
-            "Not in the paper: on release both tendons pass through the transition together, and the angle "
+        beyond(
+            "On release both tendons pass through the transition together, and the angle "
             "has a loop that closes.",
             "Mirrored parallel channels lengthen by what the other shortens, so both turn over at the same "
             f"points: transition in {each('steps_in_transition', '{}')} of {STEPS} steps (pulled, held). "
@@ -183,8 +181,8 @@ def _statements(
             "falls with it.",
             all(abs(f["T_tip_change_in_transition_N"]) < 1e-3 * PULL for f in facts),
         ),
-        Statement(
-            "Not in the paper: pulled together, antagonists neither bend the body nor lose tension.",
+        beyond(
+            "Pulled together, antagonists neither bend the body nor lose tension.",
             f"Both to {PULL:g} N: the tip turns by {together['tip_angle_deg']:.0e}° and "
             f"{together['T_tip_N'][0]:.3f} and {together['T_tip_N'][1]:.3f} N arrive. (One alone would lose "
             f"{100 * alone['loss']:.1f} %.)",

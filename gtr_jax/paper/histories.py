@@ -25,7 +25,7 @@ from gtr_jax.robot import Robot, sections
 
 from . import memory_figures as draw
 from .manipulators import case_of, family, robot_of, solved_robot, template
-from .study import Statement, Study
+from .study import Statement, Study, beyond
 
 STEP = 0.25  # N
 LONGEST = 2048  # steps: all histories run padded to one length, in one compiled program
@@ -218,26 +218,26 @@ def _statements(free: dict[str, Any], weighed: dict[str, Any]) -> list[Statement
     outer = {name: f["work"]["outer_cycle"] for name, f in both.items()}
     apart = {name: abs(w["put_in_J"] / w["friction_J"] - 1) for name, w in outer.items()}
     return [
-        Statement(
-            "Not in the paper: an inner loop closes (return-point memory).",
+        beyond(
+            "An inner loop closes (return-point memory).",
             "20 → 35 → 20 N and 6 → 30 → 6 N: the tension anywhere along the tendon is back within "
             f"{each(*closed)}.",
             holds(*closed),
         ),
-        Statement(
-            "Not in the paper: the outer loop is rejoined where it was left.",
+        beyond(
+            "The outer loop is rejoined where it was left.",
             "Back at 45 N after 20, 25 and 6 N, the tension is that of the first pull within "
             f"{each(*rejoined)}.",
             holds(*rejoined),
         ),
-        Statement(
-            "Not in the paper: a larger swing erases the smaller ones before it (wiping out).",
+        beyond(
+            "A larger swing erases the smaller ones before it (wiping out).",
             "45 → 0 N at once and after three inner loops, 45 N in one pull and by a staircase: the same "
             f"within {each(*erased)}.",
             holds(*erased),
         ),
-        Statement(
-            "Not in the paper: inner loops between the same base tensions have the same shape (congruency).",
+        beyond(
+            "Inner loops between the same base tensions have the same shape (congruency).",
             f"{locked['low_N']:g} to {locked['high_N']:g} N after a first pull and after 45 N, tip locked: "
             "displacement "
             + "; ".join(
@@ -251,8 +251,8 @@ def _statements(free: dict[str, Any], weighed: dict[str, Any]) -> list[Statement
             "what is locked there.",
             all(d["shape_difference"] < SAME for d in shapes.values()),
         ),
-        Statement(
-            "Not in the paper: the work lost in a cycle is friction's.",
+        beyond(
+            "The work lost in a cycle is friction's.",
             "0 → 45 → 0 N: "
             + "; ".join(
                 f"{name}, {1e3 * w['put_in_J']:.2f} mJ put in, {1e3 * w['friction_J']:.2f} mJ by friction "

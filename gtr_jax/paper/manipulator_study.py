@@ -375,7 +375,7 @@ def study_manipulators(progress: Callable[[str], None]) -> Study:
                     every=round(5.0 / FINE_STEP),
                 )
             ),
-            "Loops of TD-CM I and II at |r| = 10 mm. Rings: the paper's 5 N readings. ×: T_base,switch.",
+            "Loops of TD-CM I and II at |r| = 10 mm. Rings: at the paper's steps of 5 N. ×: T_base,switch.",
         ),
     ]
     return Study(

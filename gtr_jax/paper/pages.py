@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,21 +12,23 @@ from gtr_jax.report.page import STYLE
 from .study import Study
 
 FOLDER = Path(__file__).parent
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+")
 TITLE = "Liu & Alambeigi (RA-L 2022), reproduced"
 PAPER = (
-    "Y. Liu, F. Alambeigi: friction along generically routed tendons of continuum manipulators with planar "
-    "deformation. IEEE Robotics and Automation Letters, 2022."
+    'Y. Liu and F. Alambeigi, "Impact of Generic Tendon Routing on Tension Loss of Tendon-Driven Continuum '
+    'Manipulators with Planar Deformation", IEEE Robotics and Automation Letters 7(2), 3624–3631, 2022.'
 )
 
 
 def verdict(parts: Sequence[Study]) -> str:
     """The outcome in one sentence."""
-    found = [statement.agrees for part in parts for statement in part.statements]
+    every = [statement for part in parts for statement in part.statements]
+    paper, ours = ([s.agrees for s in every if s.beyond is own] for own in (False, True))
     solved, wanted = (sum(part.solved[i] for part in parts) for i in (0, 1))
     return (
-        f"Of {len(found)} statements {found.count(True)} hold, {found.count(False)} do not, and "
-        f"{found.count(None)} cannot be tested; {solved} of {wanted} equilibria, load steps and fits "
-        "converged."
+        f"Of {len(paper)} statements of the paper {paper.count(True)} hold, {paper.count(False)} do not, and "
+        f"{paper.count(None)} cannot be tested; of {len(ours)} beyond it {ours.count(True)} hold. {solved} "
+        f"of {wanted} equilibria, load steps and fits converged."
     )
 
 
@@ -67,11 +70,16 @@ def markdown(parts: Sequence[Study], figures: str) -> str:
     return _render("page.md.jinja", parts, figures=figures)
 
 
+def _typeset(text: str) -> str:
+    """Minus signs and powers of ten as print has them."""
+    text = re.sub(r"\b0e\+00\b", "0", text)
+    text = re.sub(r"(?<=\d)e([+-]?)0*(\d+)\b", lambda m: "·10" + (m[1] + m[2]).translate(RAISED), text)
+    return re.sub(r"(?<![\w.\-])-(?=\d)", "−", text)
+
+
 def _cell(text: str) -> str:
     """Text in a Markdown table or paragraph: what Markdown or HTML would read as markup is kept from it."""
-    for mark in "\\|_*<`":
-        text = text.replace(mark, f"\\{mark}")
-    return text
+    return re.sub(r"([\\|_*<`\[\]])", r"\\\1", _typeset(text))
 
 
 def _render(template: str, parts: Sequence[Study], **given: Any) -> str:
@@ -85,7 +93,7 @@ def _render(template: str, parts: Sequence[Study], **given: Any) -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters["cell"] = _cell
+    environment.filters |= {"cell": _cell, "typeset": _typeset}
     return environment.get_template(template).render(
         title=TITLE,
         paper=PAPER,

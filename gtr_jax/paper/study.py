@@ -11,11 +11,19 @@ from gtr_jax.report.page import Figure, Table
 
 @dataclass(frozen=True)
 class Statement:
-    """What the paper states, what ours gives, and whether they agree (None: nothing to test)."""
+    """A claim, what the simulator gives, and whether they agree (None: nothing to test). The claim is the
+    paper's, or goes beyond it.
+    """
 
-    paper: str
+    claim: str
     ours: str
     agrees: bool | None
+    beyond: bool = False
+
+
+def beyond(claim: str, ours: str, agrees: bool) -> Statement:
+    """A claim that the paper does not make."""
+    return Statement(claim, ours, agrees, beyond=True)
 
 
 @dataclass(frozen=True)
