@@ -177,6 +177,23 @@ def history(quick: bool) -> Iterator[Metric]:
     yield _ratio("history.gradient", measure.timed(jax.value_and_grad(squares), x, T_base), forward, None)
 
 
+def tendons(quick: bool) -> Iterator[Metric]:
+    """1,000 samples of an antagonistic pair, one pulled and released beside the other, which is held; and of
+    one of the two alone.
+    """
+    system = systems.ANTAGONISTS
+    pulled = _history(system)
+    pair = measure.timed(
+        gtr.simulate, system.robot(), jnp.stack([pulled, jnp.full_like(pulled, 1.0)], axis=1), jit=False
+    )
+    alone = measure.timed(gtr.simulate, systems.ONE_OF_THEM.robot(), pulled, jit=False)
+    yield _time(
+        f"tendons.{system.name}", pair, "s", note=f"{_nodes(system.robot())} nodes, {SAMPLES} samples"
+    )
+    ratio = _ratio("tendons.pair against one", pair, alone, None)
+    yield dataclasses.replace(ratio, unit="x one tendon")
+
+
 _LOOPS = """
 import os
 os.environ["XLA_FLAGS"] = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold={threshold}"
@@ -211,5 +228,6 @@ GROUPS: dict[str, Callable[[bool], Iterator[Metric]]] = {
     "batch": batch,
     "gradient": gradient,
     "history": history,
+    "tendons": tendons,
     "loops": loops,
 }

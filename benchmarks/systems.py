@@ -48,6 +48,27 @@ _TDCM_1 = {
 _CONE = {"length": "400 mm", "outer_radius": ["30 mm", "15 mm"], "youngs_modulus": "1.0 MPa"}
 _LOADS = {"gravity_angle": "-90 deg", "tip_force": ["0 N", "-0.2 N"]}
 
+_SOFT_ARM = {"length": "200 mm", "outer_radius": ["12 mm", "9 mm"], "youngs_modulus": "1.2 MPa"}
+_LEFT = {"kind": "parallel", "offset": "8 mm"}
+_PULLED = {"friction_coefficient": 0.3, "preload": "1 N"}
+ANTAGONISTS = System(
+    "antagonists",
+    {
+        "schema": 1,
+        "name": "antagonists",
+        "backbone": _SOFT_ARM,
+        "tendons": [
+            {"name": "left", "routing": _LEFT, **_PULLED},
+            {"name": "right", "routing": {"kind": "parallel", "offset": "-8 mm"}, **_PULLED},
+        ],
+    },
+    15.0,
+)
+ONE_OF_THEM = System(
+    "one of the antagonists",
+    {"schema": 1, "name": "left", "backbone": _SOFT_ARM, "routing": _LEFT, "tendon": _PULLED},
+    15.0,
+)
 PARALLEL = System(
     "parallel",
     {

@@ -207,10 +207,10 @@ def _solve(inputs) -> Grip:
 
     def again(carry):
         grip, parts = carry
-        fresh = grip._replace(xi=xi)
-        return jax.lax.fori_loop(0, parts, by_way_of(parts), fresh), parts * 4
+        return jax.lax.fori_loop(0, parts, by_way_of(parts), grip._replace(xi=xi)), parts * 4
 
-    return jax.lax.while_loop(unsolved, again, (_newton(xi, a), jnp.asarray(4)))[0]
+    untried = Grip(xi, jnp.asarray(jnp.inf), jnp.asarray(0))
+    return jax.lax.while_loop(unsolved, again, (untried, jnp.asarray(1)))[0]
 
 
 @_solve.def_jvp
