@@ -68,8 +68,8 @@ def fit(
     model, config = robot_of(robot)
     if model.tendon_names:
         raise InputError(
-            f"fit: {model.name} has {len(model.tendons)} tendons; this version fits one tendon; take the others "
-            "out of the robot file"
+            f"fit: {model.name} has {len(model.tendons)} tendons; this version fits one tendon; "
+            "take the others out of the robot file"
         )
     T_base, T_tip = tensions(recording)
     warnings: list[str] = []
