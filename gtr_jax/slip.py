@@ -5,18 +5,19 @@ against the base (`friction.tension`). Beside others it may slide with its base 
 its channel along. What decides then is the slip. A tendon anchored at the tip slips towards the base, in a
 load step, by
 
-    u(s) = integral over [s, L] of (nu_before - nu) + STRETCH (T - T_before)/T_max,
+    u(s) = integral over [s, L] of (nu_before - nu) + STRETCH (T - T_before)/T_unit,
 
 to which the anchor adds as much of its own tension over L. Friction opposes it: ln T falls by mu z |psi'| per
 length, where the mobilisation z follows u until friction is exhausted:
 
     z = clip(z_before + u/(PRESLIDING L), -1, 1)
 
-Coulomb's law is the limit PRESLIDING, STRETCH -> 0. Both are too small to be seen, and needed: two tendons
-locked at one place would leave their shares of the moment open, and a channel that never changes length
-(straight through the axis, a rigid sheath) would never slip. Written with one unknown xi per interval (z =
-clip(xi), u = PRESLIDING L (z - z_before) + L (xi - z)), Newton's method needs neither smoothing nor a list of
-what sticks. Each evaluation marches once; the Jacobian is dense.
+Coulomb's law on a tendon that does not stretch is the limit PRESLIDING, STRETCH -> 0, and not unique: two
+tendons locked at one place may share the moment in any proportion, and a channel that never changes length
+(straight through the axis, a rigid sheath) would never slip. T_unit bends the robot by about one radian.
+Written with one unknown xi per interval (z = clip(xi), u = PRESLIDING L (z - z_before) + L (xi - z)), Newton's
+method needs neither smoothing nor a list of what sticks.
+Each evaluation marches once; the Jacobian is dense.
 """
 
 from __future__ import annotations
@@ -32,9 +33,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from . import channel
 from .adjoint import CausalAdjoint, split_tangents
-from .mesh import Mesh, shifted
+from .mesh import Mesh, increments, shifted
 from .problem import (
     Problem,
+    Sections,
     State,
     at_tendons,
     largest,
@@ -47,7 +49,7 @@ PRESLIDING = 2e-6
 TOLERANCE, EXACT = 1e-3 * PRESLIDING, 1e-8 * PRESLIDING
 MAX_STEPS = 64
 STRETCH = 1e-4
-SMALLEST = 1e-12
+SMALLEST_ARM = 1e-3  # of the length
 LEFT = 1.0 + 1e-9
 MOST_PARTS = 64
 ROUND, WHOLE, SHORT = 30, 18, 0.4  # now and then shorter steps, which break cycles
@@ -133,6 +135,14 @@ def _march(xi, a: _Args) -> tuple[State, Problem]:
     return sol.value, p
 
 
+def unit_tension(s: Sections) -> Float[Array, ""]:
+    """The tension that, without friction, bends the robot by about one radian [N]; 1 N for a rigid sheath."""
+    compliance = jnp.sum(increments(s.mesh.weights, s.compliance))
+    arm = jnp.max(jnp.abs(s.R.value))
+    turn = compliance * jnp.where(arm > SMALLEST_ARM * s.mesh.s[-1], arm, SMALLEST_ARM * s.mesh.s[-1])
+    return jnp.where(turn > 0, 1.0 / jnp.where(turn > 0, turn, 1.0), 1.0)
+
+
 def mismatch(xi: Float[Array, "*tendons N"], a: _Args) -> Float[Array, "*tendons N"]:
     """Slip that the friction law wants less the slip that the body's shape gives, relative to its length."""
     y, p = _march(xi, a)
@@ -140,9 +150,7 @@ def mismatch(xi: Float[Array, "*tendons N"], a: _Args) -> Float[Array, "*tendons
     assert kept.mobilisation is not None, "several tendons remember how far friction is mobilised"
     metric = channel.metric_factor(at_tendons(y.kappa, s.R), s.R)
     tension = tension_of(y, p)
-    now, then = (jnp.max(T, axis=-1, keepdims=True) for T in (tension, kept.tension))
-    largest_tension = jnp.maximum(jnp.where(now > then, now, then), SMALLEST)
-    stretch = STRETCH * (tension - kept.tension) / jnp.broadcast_to(largest_tension, tension.shape)
+    stretch = STRETCH * (tension - kept.tension) / unit_tension(s)
     given = slip(s.mesh, kept.metric - metric + stretch) / s.mesh.s[-1] + stretch[..., -1:]
     wanted = PRESLIDING * (z - kept.mobilisation) + (xi - z)
     base = at_tendons(s.mesh.interval.joined, s.R) == 0.0  # no interval before it

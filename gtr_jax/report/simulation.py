@@ -162,7 +162,7 @@ def _tendon_facts(answer: SimulationAnswer) -> dict[str, Any]:
 
 
 def _several_facts(answer: SimulationAnswer) -> dict[str, Any]:
-    tendons = {}
+    tendons, phases = {}, {}
     for part in _parts(answer):
         run, top = part.run, part.top
         tendons[part.tendon] = {
@@ -170,9 +170,9 @@ def _several_facts(answer: SimulationAnswer) -> dict[str, Any]:
             "T_tip_N": float(run.T_tip[top]),
             "displacement_m": float(run.displacement[top]),
             "wrap_rad": float(part.loaded.wrap[-1]),
-            "phases": {phase: _stretch(part, phase) for phase in dict.fromkeys(part.phases.tolist())},
         }
-    return {"at_T_base_max": {**_pose_facts(answer), "tendons": tendons}}
+        phases[part.tendon] = {name: _stretch(part, name) for name in dict.fromkeys(part.phases.tolist())}
+    return {"at_T_base_max": {**_pose_facts(answer), "tendons": tendons}, "phases": phases}
 
 
 def _parts(answer: SimulationAnswer) -> list[SimulationAnswer]:
