@@ -212,7 +212,7 @@ class OneOfSeveralTendons(TendonConfig):
 
     name: StrictStr = Field(examples=["left"])
     """Name, with which its columns (T_base_N.left) and parameters (mu.left) end."""
-    routing: RoutingConfig
+    routing: RoutingConfig = Field(examples=[{"kind": "parallel", "offset": "8 mm"}])
     """Its channel."""
 
 

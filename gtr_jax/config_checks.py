@@ -40,8 +40,15 @@ def check_keys(section: type[BaseModel], data: Any) -> None:
             raise InputError(f"unknown key '{key}'; {did_you_mean(str(key), keys)}")
     for key, field in keys.items():
         if field.is_required() and key not in data:
-            example = f"{key} = {json.dumps(field.examples[0])}" if field.examples else f"[{key}]"
+            example = f"{key} = {_toml(field.examples[0])}" if field.examples else f"[{key}]"
             raise InputError(f"missing key '{key}'; add for example {example}")
+
+
+def _toml(value: Any) -> str:
+    """A value as a robot file writes it."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + " }"
+    return json.dumps(value)
 
 
 def one_line(error: ValidationError, kinds: Mapping[str, object]) -> str:

@@ -270,9 +270,11 @@ def _recognised(table: Table, quantity: str, tendon: str) -> tuple[int, str | No
     found = exact or found
     if len(found) > 1:
         names = " and ".join(f"'{table.header[index]}'" for index, _ in found)
+        first = table.header[found[0][0]]
+        alike = any(table.header[index] == first for index, _ in found[1:])
+        remedy = f"choose one with --columns '{_dot(quantity, tendon)}={first}' or rename the others"
         raise InputError(
-            f"{table.path}: {names} all name {_dot(quantity, tendon)}; choose one with "
-            f"--columns '{_dot(quantity, tendon)}={table.header[found[0][0]]}' or rename the others"
+            f"{table.path}: {names} all name {_dot(quantity, tendon)}; {'rename one' if alike else remedy}"
         )
     return found[0] if found else None
 
@@ -281,7 +283,7 @@ def _dot(name: str, tendon: str) -> str:
     return f"{name}.{tendon}" if tendon else name
 
 
-def _missing(table: Table, quantity: str, tendon: str) -> InputError:
+def _missing(table: Table, quantity: str, tendon: str, tendons: Sequence[str]) -> InputError:
     channel = CHANNELS[quantity]
     names = [header for header in table.header if header]
     if tendon and _recognised(table, quantity, "") is not None:
@@ -297,8 +299,14 @@ def _missing(table: Table, quantity: str, tendon: str) -> InputError:
         )
     # A column that already is another quantity is no candidate for this one.
     taken = {_plain(spelling) for q, c in CHANNELS.items() if q != quantity for spelling in c.spellings}
-    free = [name for name in names if _plain(split_unit(name, channel.unit)[0]) not in taken]
-    near = nearest(quantity, free) or nearest(channel.header, free)
+    others = [other for other in tendons if other != tendon]
+    free = [
+        name
+        for name in names
+        if _plain(split_unit(name, channel.unit)[0]) not in taken
+        and not any(_of_tendon(name, other) for other in others)
+    ]
+    near = nearest(_dot(quantity, tendon), free) or nearest(_dot(channel.header, tendon), free)
     return InputError(
         f"{table.path}: no column {_dot(channel.header, tendon)}; columns found: {listed(names)}"
         + (f" (nearest: '{near}')" if near else "")
@@ -339,7 +347,7 @@ def read_recording(
     needed = {"T_base", "T_tip"} if need_tip else {"T_base"}
     for key, (quantity, tendon) in wanted.items():
         if key not in chosen and (quantity in needed or (tendon and quantity in begun)):
-            raise _missing(table, quantity, tendon)
+            raise _missing(table, quantity, tendon, tendons)
     data = {}
     for key, (quantity, _) in wanted.items():
         if key in chosen:

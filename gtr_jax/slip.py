@@ -15,8 +15,8 @@ length, where the mobilisation z follows u until friction is exhausted:
 Coulomb's law on a tendon that does not stretch is the limit PRESLIDING, STRETCH -> 0, and not unique: two
 tendons locked at one place may share the moment in any proportion, and a channel that never changes length
 (straight through the axis, a rigid sheath) would never slip. T_unit bends the robot by about one radian.
-Written with one unknown xi per interval (z = clip(xi), u = PRESLIDING L (z - z_before) + L (xi - z)), Newton's
-method needs neither smoothing nor a list of what sticks.
+Written with one unknown xi per interval (z = clip(xi), u = PRESLIDING L (z - z_before) + L (xi - z)),
+Newton's method needs neither smoothing nor a list of what sticks.
 Each evaluation marches once; the Jacobian is dense.
 """
 

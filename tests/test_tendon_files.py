@@ -55,10 +55,15 @@ def test_it_is_written_and_read_back(tmp_path):
         ('name = "right"\n', "", "name"),
         (LEFT, f"[tendon]\nfriction_coefficient = 0.3\n\n{LEFT}", "has both 'tendon' and 'tendons'"),
         ('"-8 mm"', '"-13 mm"', "tendons.right"),
+        (
+            'routing = { kind = "parallel", offset = "8 mm" }\n',
+            "",
+            'add for example routing = { kind = "parallel"',
+        ),
         ("friction_coefficient", "friction", "did you mean 'friction_coefficient'?"),
         ("friction_coefficient = 0.3", "friction_coefficient = -0.3", "cannot be negative"),
     ],
-    ids=["twice", "digit", "nameless", "both", "outside", "unknown", "negative"],
+    ids=["twice", "digit", "nameless", "both", "outside", "unrouted", "unknown", "negative"],
 )
 def test_what_is_refused(tmp_path, old, new, says):
     text = PAIR.read_text(encoding="utf-8")
@@ -92,6 +97,12 @@ def test_recording_of_two_tendons(tmp_path):
         tendons=("left", "right"),
     )
     np.testing.assert_allclose(mapped.T_base, recording.T_base[:, ::-1])
+    path.write_text("T_base_N.left,T_base_N.rigth\n0,0\n1,1\n")
+    with pytest.raises(gtr.InputError, match=r"T_base\.right=T_base_N\.rigth\[N\]"):
+        gtr.read_recording(path, need_tip=False, tendons=("left", "right"))
+    path.write_text("T_base_N.left,T_base_N.left\n0,0\n1,1\n")
+    with pytest.raises(gtr.InputError, match="rename one"):
+        gtr.read_recording(path, need_tip=False, tendons=("left", "right"))
     path.write_text("T_base_N.left\n0\n1\n")
     with pytest.raises(gtr.InputError, match=r"T_base_N\.right"):
         gtr.read_recording(path, need_tip=False, tendons=("left", "right"))

@@ -10,7 +10,7 @@ import click
 
 from gtr_jax.errors import InputError
 
-from .options import columns_option, output_option, robot_argument
+from .options import Quantity, columns_option, output_option, robot_argument
 
 if TYPE_CHECKING:
     from gtr_jax.config import RobotConfig
@@ -26,9 +26,27 @@ if TYPE_CHECKING:
     metavar="NAMES",
     help="Parameters to fit, by short name or key in the robot file.  [default: mu,E; mu alone if rigid]",
 )
+@click.option(
+    "--noise",
+    type=Quantity("N", "SD"),
+    help="Standard deviation of the recorded tip tension.  [default: estimated from the recording]",
+)
+@click.option(
+    "--noise-base",
+    type=Quantity("N", "SD"),
+    help="The same of the base tension; 0 takes it as exact.  [default: estimated from the recording]",
+)
 @columns_option
 @output_option
-def fit(robot: Path, recordings: Sequence[Path], free: str | None, columns: str | None, output: Path) -> int:
+def fit(
+    robot: Path,
+    recordings: Sequence[Path],
+    free: str | None,
+    noise: float | None,
+    noise_base: float | None,
+    columns: str | None,
+    output: Path,
+) -> int:
     """Fit ROBOT.toml to a recording of base and tip tension, starting from the values in the file."""
     from gtr_jax.config import load_config
     from gtr_jax.recording import read_recording
@@ -45,7 +63,7 @@ def fit(robot: Path, recordings: Sequence[Path], free: str | None, columns: str 
     folder = RunFolder(output, {"robot": robot, "recording": recordings[0]})
     enable_cache()
     with Progress() as progress:
-        result = solve(config, recording, names, progress=progress)
+        result = solve(config, recording, names, noise=noise, noise_base=noise_base, progress=progress)
         progress("drawing")
         with folder.write() as part:
             write_answer(part, result, recording, config, folder.settings())
@@ -64,12 +82,23 @@ def free_names(free: str) -> tuple[str, ...]:
 
 
 def solve(
-    config: RobotConfig, recording: Recording, free: tuple[str, ...] | None, *, progress: Any
+    config: RobotConfig,
+    recording: Recording,
+    free: tuple[str, ...] | None,
+    *,
+    noise: float | None = None,
+    noise_base: float | None = None,
+    progress: Any,
 ) -> FitAnswer:
     """Fit, reporting progress."""
     import calibrate
 
-    return calibrate.fit(config, recording, free=free, progress=progress)
+    for name, value in (("--noise", noise), ("--noise-base", noise_base)):
+        if value is not None and (value < 0 or (value == 0 and name == "--noise")):
+            raise InputError(f"{name}: a standard deviation is positive, this is {value:g} N")
+    return calibrate.fit(
+        config, recording, free=free, noise_N=noise, noise_base_N=noise_base, progress=progress
+    )
 
 
 def summary(result: FitAnswer) -> list[str]:
@@ -103,6 +132,7 @@ def write_answer(
         "T_base": recording.T_base,
         "T_tip": recording.T_tip,
         "trial": recording.trial,
+        "T_base_fitted_N": result.T_base,
         "T_tip_fitted_N": result.T_tip,
         "residual_N": result.residual,
         "phase": result.phases,

@@ -91,6 +91,9 @@ def _take_place(part: Path, target: Path, old: Path) -> None:
 def _refuse_unless_ours(out: Path, target: Path, inputs: Mapping[str, Path]) -> None:
     if target.exists() and not target.is_dir():
         raise InputError(f"-o {out}: is a file, not a folder; choose another name")
+    standing = next(parent for parent in target.parents if parent.exists())
+    if not standing.is_dir():
+        raise InputError(f"-o {out}: {standing} is a file, not a folder; choose another name")
     held = (
         sorted(str(p.relative_to(target)) for p in target.rglob("*") if not p.is_dir())
         if target.exists()

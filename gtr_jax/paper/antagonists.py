@@ -142,8 +142,8 @@ def _statements(
         return ", ".join(text.format(f[key] if scale == 1 else scale * f[key]) for f in facts)
 
     return [
-        Statement(
-            "Antagonistic tension influences the friction along the tendons (title of reference [18]).",
+        beyond(
+            "Antagonistic tension influences the friction along the tendons (the subject of reference [18]).",
             f"Held at {helds} N, the antagonist takes {each('friction_on_held_N', '{:+.2f}')} N of friction "
             f"and the pulled tendon {each('friction_on_pulled_N', '{:.2f}')} N; the tip turns by "
             f"{each('tip_angle_deg', '{:.0f}°')}. The pulled tendon loses "
@@ -158,8 +158,8 @@ def _statements(
             worst < 1e-5 and all(f["slip_direction_in_pull"] == [1.0, -1.0] for f in facts),
         ),
         beyond(
-            "On release both tendons pass through the transition together, and the angle "
-            "has a loop that closes.",
+            "On release both tendons pass through the transition together, and the angle has a loop that "
+            "closes.",
             "Mirrored parallel channels lengthen by what the other shortens, so both turn over at the same "
             f"points: transition in {each('steps_in_transition', '{}')} of {STEPS} steps (pulled, held). "
             f"Half way up the tip turns by {each('tip_angle_half_way_pulling_deg', '{:.0f}°')}, half way "
@@ -174,11 +174,10 @@ def _statements(
         ),
         beyond(
             "Beside an antagonist T_tip does not stay at its maximum in the transition, as it does alone.",
-            "The pulled tendon's changes by "
-            f"{each('T_tip_change_in_transition_N', '{:+.2f}')} N while its far part is locked. There the "
-            "body keeps its shape, so the difference of the tensions stays; but the held tendon, dragged to "
-            "its limit of friction, must follow when it is let go nearer to the base, and the pulled one "
-            "falls with it.",
+            f"The pulled tendon's changes by {each('T_tip_change_in_transition_N', '{:+.2f}')} N while its "
+            "far part is locked. There the body keeps its shape, so the difference of the tensions stays; "
+            "but the held tendon, dragged to its limit of friction, must follow when it is let go nearer to "
+            "the base, and the pulled one falls with it.",
             all(f["T_tip_change_in_transition_N"] < -0.01 * PULL for f in facts),
         ),
         beyond(

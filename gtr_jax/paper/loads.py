@@ -25,7 +25,7 @@ from gtr_jax.robot import STANDARD_GRAVITY, Robot
 
 from . import manipulator_figures as draw
 from .manipulators import GRAVITIES, T_MAX, solved_robot
-from .study import Statement, Study
+from .study import Study, beyond
 
 FORCES = np.linspace(0.0, 1.0, 21)
 # Unit vectors in the frame of the base; the tendon bends the body to the left (+y).
@@ -274,8 +274,8 @@ def study_loads(progress: Callable[[str], None]) -> Study:
         text=text,
         solved=(facts["points_converged"] + solved_steps, facts["points"] + steps),
         statements=[
-            Statement(
-                "External loads change tension loss (the paper's reference [8]).",
+            beyond(
+                "External loads change tension loss (the subject of reference [8]).",
                 f"Tip force: up to {largest:.2f} N of T_tip per newton near zero; weight: "
                 f"{spread['T_tip']:.2f} N between the best and the worst direction; 100 g at the tip: "
                 + ", ".join(

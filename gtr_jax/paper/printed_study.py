@@ -32,7 +32,15 @@ def _table(found: dict[int, Error]) -> Table:
     return Table(
         "Eq. (16) with and without the factor ν",
         [
-            *("path", "ν", "tip with ν [mm]", "tip as printed [mm]", "apart [mm]", "tip turned", "T_tip [N]"),
+            *(
+                "path",
+                "ν",
+                "tip with ν [mm]",
+                "tip as printed [mm]",
+                "apart [mm]",
+                "tip turned",
+                "ΔT_tip [N]",
+            ),
             "with ν, off the identity [mm]",
         ],
         rows,
@@ -64,7 +72,8 @@ def study_printed(progress: Callable[[str], None]) -> Study:
         "says so). Eq. (16) integrates them over ds, and so lacks the factor ν = ds_c/ds. With the factor, "
         "anchor (15) and distributed moment (16) collapse to T R (1 − Rκ)/ν, tension times arm at the cut: "
         "no integral is left, and this is what the simulator solves. Both literal forms are solved here "
-        f"with (18), {settled} of {len(found)} paths to the solver's tolerance.",
+        "with (18), the tension under the integral taken at ξ, as (12) and (13) have it, and not at s: "
+        f"{settled} of {len(found)} paths to the solver's tolerance.",
         f"The factor is not small. As printed the tip lies {1e3 * moved[least]:.0f} mm (path {least}) to "
         f"{1e3 * moved[most]:.0f} mm (path {most}, {100 * moved[most] / length:.0f} % of L) from where it "
         "should be, although ν itself is within "

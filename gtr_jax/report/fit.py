@@ -51,6 +51,10 @@ class FitAnswer(Protocol):
     @property
     def noise_N(self) -> float | None: ...
     @property
+    def noise_base_N(self) -> float: ...
+    @property
+    def T_base(self) -> np.ndarray: ...
+    @property
     def chi2_per_n(self) -> float | None: ...
     @property
     def residual(self) -> np.ndarray: ...
@@ -136,9 +140,11 @@ def _tables(fit: FitAnswer) -> list[Table]:
         )
         for e in fit.estimates
     ]
+    base_noise = number(fit.noise_base_N, "N", 3) if fit.noise_base_N else "none: taken as exact"
     distance = [
         ("residual, root mean square", number(fit.rms_N, "N", 3)),
         ("noise of the tip cell, one sd", number(fit.noise_N, "N", 3)),
+        ("noise of the base cell, one sd", base_noise),
         ("chi² per sample", number(fit.chi2_per_n, digits=3)),
     ]
     phases = [

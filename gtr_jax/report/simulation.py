@@ -361,8 +361,8 @@ def _several_tables(answer: SimulationAnswer, data: dict[str, Any]) -> list[Tabl
     angle = number(float(np.degrees(top["tip_angle_rad"])), "°")
     phases = [
         (name, phase, str(p["steps"]), _range(p["T_base_N"]), _range(p["T_tip_N"]))
-        for name, t in top["tendons"].items()
-        for phase, p in t["phases"].items()
+        for name, own in data["phases"].items()
+        for phase, p in own.items()
     ]
     return [
         Table(
