@@ -26,8 +26,9 @@ from .noise import Noise, correlation_time
 from .phase_fit import mu_by_phase
 from .result import FitResult
 from .task import Task
+from .weighing import Weighing
 
-NEGLIGIBLE_PRIOR = 0.01
+LEVELLING = 12
 TRADE_OFF = 0.99
 ONE_SIDED_95 = 1.6449
 SMALL_MU = 0.05
@@ -45,9 +46,10 @@ class Answer:
         residual: simulated minus recorded [N], (K,).
         phases: (K,).
         noise: of the recorded tip tension.
+        weigh: residuals weighed with the tip's noise as large as they show.
+        chi2_per_n: sum of squares per degree of freedom, in units of the noise; None if that cannot be told.
         rms: of the residual [N].
         tau: samples per independent one.
-        spread: sqrt(tau) max(noise, rms) [N], the error that one sample counts with.
     """
 
     at: Coordinates
@@ -57,21 +59,18 @@ class Answer:
     residual: np.ndarray
     phases: np.ndarray
     noise: Noise
+    weigh: Weighing
+    chi2_per_n: float | None
     rms: float
     tau: float
-    spread: float
 
     def known(self, task: Task) -> Uncertainty:
         """What data and priors say at this point; nothing of what ran to the end of its range."""
         log = np.asarray(self.at.log)
         unknown = np.where(log | (task.initial != 0), UNKNOWN, UNKNOWN_WITHOUT_SCALE)
         unknown = np.where(self.descent.at_edge, 0.0, unknown)
-        return uncertainty(self.prediction.jacobian, self.spread, self.problem.precision, unknown)
-
-    def prior_matters(self, task: Task) -> bool:
-        """Whether a prior holds enough of what is known of its parameter to be weighed with care."""
-        precision, known = self.problem.precision, self.known(task)
-        return bool(np.any((precision > 0) & (~known.known | (known.prior_share > NEGLIGIBLE_PRIOR))))
+        jacobian = self.weigh(self.prediction.jacobian)
+        return uncertainty(jacobian, float(np.sqrt(self.tau)), self.problem.precision, unknown)
 
     @staticmethod
     def of(task: Task, at: Coordinates, problem: Objective, descent: Descent) -> Answer:
@@ -79,36 +78,39 @@ class Answer:
         prediction = descent.prediction
         assert prediction is not None  # the start was simulated before the descent began
         residual = prediction.T_tip - task.T_tip
-        noise = task.noise(~prediction.slips)
-        squares = float(np.sum(residual**2))
-        level = np.sqrt(squares / max(len(residual) - len(task.chosen), 1))
-        tau = correlation_time(residual)
-        spread = max(noise.sd or 0.0, float(level), task.smallest_sigma) * np.sqrt(tau)
-        rms = float(np.sqrt(squares / len(residual)))
+        noise = task.noise(prediction)
+        weigh, chi2 = _weighed(task, prediction, noise)
+        tau = correlation_time(weigh(residual)[: len(residual)])
+        rms = float(np.sqrt(np.mean(residual**2)))
         return Answer(
-            at, problem, descent, prediction, residual, prediction.phases, noise, rms, tau, float(spread)
+            at, problem, descent, prediction, residual, prediction.phases, noise, weigh, chi2, rms, tau
         )
 
 
-def _chi2(task: Task, prediction: Prediction, noise: Noise) -> float | None:
-    """Sum of squares per degree of freedom, in units of the noise: the tip's, and the base's as passed on."""
-    slope = np.where(
-        prediction.slips & (task.T_base > 0),
-        prediction.T_tip / np.where(task.T_base > 0, task.T_base, 1.0),
-        0.0,
-    )
-    expected = noise.passed_on(slope)
-    if expected is None:
-        return None
-    squares = float(np.sum(((prediction.T_tip - task.T_tip) / expected) ** 2))
-    return squares / max(len(slope) - len(task.chosen), 1)
+def _weighed(task: Task, prediction: Prediction, noise: Noise) -> tuple[Weighing, float | None]:
+    """The weighing that the residual asks for, with the tip's noise or, where that does not explain it, with
+    as much as does; and the sum of squares per degree of freedom in units of the noise.
+    """
+    base, residual = task.T_base, prediction.T_tip - task.T_tip
+    degrees = max(len(residual) - len(task.chosen), 1)
+    sd = max(noise.sd or 0.0, task.smallest_sigma)
+    weigh = Weighing.of(base, prediction, sd, base.believed)
+    chi2 = float(np.sum(weigh(residual) ** 2)) / degrees
+    found = chi2 if noise.sd else None
+    for _ in range(LEVELLING):
+        if chi2 <= 1.0:
+            break
+        sd *= np.sqrt(chi2)
+        weigh = Weighing.of(base, prediction, sd, base.believed)
+        chi2 = float(np.sum(weigh(residual) ** 2)) / degrees
+    return weigh, found
 
 
 def _settings(task: Task, **more: Any) -> dict[str, Any]:
     priors = {p.key: prior for p, prior in zip(task.chosen, task.priors, strict=True) if prior is not None}
     return {
         "free": task.names,
-        "samples": len(task.T_base),
+        "samples": len(task.T_tip),
         "peak_T_tip_N": task.peak,
         "priors_relative_sd": priors,
         "noise_given_N": task.noise_N,
@@ -214,8 +216,8 @@ def assemble(task: Task, answer: Answer, iterations: int) -> FitResult:
     if failure:
         found = [dataclasses.replace(e, sd=None, lower95=None, upper95=None) for e in found]
     elif known.known[[name == "mu" for name in task.names]].any():
-        alone = mu_by_phase(task, at, answer.problem, descent, answer.phases, answer.noise.sd or 0.0)
-    chi2 = _chi2(task, answer.prediction, answer.noise)
+        alone = mu_by_phase(task, at, answer.problem, descent, answer.phases)
+    chi2 = answer.chi2_per_n
     table = words.by_phase(answer.residual, answer.phases)
     disagreement = words.disagreement(alone)
     if disagreement:
@@ -227,8 +229,10 @@ def assemble(task: Task, answer: Answer, iterations: int) -> FitResult:
         estimates=found,
         rms_N=answer.rms,
         noise_N=answer.noise.sd,
+        noise_base_N=task.T_base.sd,
         chi2_per_n=chi2,
         residual=answer.residual,
+        T_base=task.T_base.T_base,
         T_tip=answer.prediction.T_tip,
         phases=answer.phases,
         by_phase=table,
@@ -244,6 +248,7 @@ def assemble(task: Task, answer: Answer, iterations: int) -> FitResult:
             peak=task.peak,
             noise=answer.noise.sd,
             chi2=chi2,
+            degrees=(max(len(answer.residual) - len(task.chosen), 1) / answer.tau, answer.noise.degrees),
             table=table,
             disagreement=disagreement,
             failure=failure,
@@ -251,7 +256,8 @@ def assemble(task: Task, answer: Answer, iterations: int) -> FitResult:
         settings=_settings(
             task,
             noise_from=answer.noise.source,
-            noise_base_N=answer.noise.base,
+            knots_of_base=len(task.T_base.knots),
+            samples_per_independent_base=task.T_base.tau,
             samples_per_independent=answer.tau,
             start={p.name: float(v) for p, v in zip(task.chosen, np.asarray(at.reference), strict=True)},
         ),
@@ -261,7 +267,7 @@ def assemble(task: Task, answer: Answer, iterations: int) -> FitResult:
 
 def unanswered(task: Task, prediction: Prediction | None, why: str) -> FitResult:
     """The result of a fit that could not begin: the robot as it was, no intervals, and why."""
-    K, p = len(task.T_base), len(task.chosen)
+    K, p = len(task.T_tip), len(task.chosen)
     T_tip = np.full(K, np.nan) if prediction is None else prediction.T_tip
     phases = np.full(K, words.REST) if prediction is None else prediction.phases
     residual = T_tip - task.T_tip
@@ -276,8 +282,10 @@ def unanswered(task: Task, prediction: Prediction | None, why: str) -> FitResult
         ],
         rms_N=float(np.sqrt(np.mean(residual**2))),
         noise_N=noise.sd,
-        chi2_per_n=None if prediction is None else _chi2(task, prediction, noise),
+        noise_base_N=task.T_base.sd,
+        chi2_per_n=None if prediction is None else _weighed(task, prediction, noise)[1],
         residual=residual,
+        T_base=task.T_base.T_base,
         T_tip=T_tip,
         phases=phases,
         by_phase={} if prediction is None else words.by_phase(residual, phases),

@@ -100,12 +100,15 @@ class Prediction:
     Attributes:
         T_tip: [N], (K,).
         jacobian: dT_tip/du [N], (K, p).
+        slope: change of T_tip if the base tension were higher by one newton throughout, (K,): while friction
+            holds the tip, that at the sample where it slipped last.
         failed: load steps that did not meet their tolerance.
         run: the simulation, padded, without what lies between base and tip.
     """
 
     T_tip: np.ndarray
     jacobian: np.ndarray
+    slope: np.ndarray
     failed: int
     run: Simulation
 
@@ -130,17 +133,18 @@ class Prediction:
 def _predict(robot: Robot, at: Coordinates, T_base: Float[Array, " P"], u: Float[Array, " p"]):
     flat, unravel = ravel_pytree(robot)
 
-    def tip(u):
+    def tip(u, T_base):
         run = simulate(unravel(flat.at[at.index].set(at.values(u))), T_base)
         none = jnp.zeros((*T_base.shape, 0))
         lean = eqx.tree_at(lambda r: (r.tension, r.curvature, r.angle), run, (none, none, none))
         return run.T_tip, lean
 
     def along(direction):
-        T_tip, slope, run = jax.jvp(tip, (u,), (direction,), has_aux=True)
+        raised = jnp.broadcast_to(direction[-1], T_base.shape)
+        T_tip, slope, run = jax.jvp(tip, (u, T_base), (direction[:-1], raised), has_aux=True)
         return T_tip, slope, run
 
-    return jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(u.shape[0]))
+    return jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(u.shape[0] + 1))
 
 
 class Predictor:
@@ -176,4 +180,6 @@ class Predictor:
         T_tip, slope = np.asarray(T_tip)[: self.steps], np.asarray(slope)[: self.steps]
         if not (np.all(np.isfinite(T_tip)) and np.all(np.isfinite(slope))):
             return None
-        return Prediction(T_tip, slope, int(np.sum(~np.asarray(run.converged)[: self.steps])), run)
+        return Prediction(
+            T_tip, slope[:, :-1], slope[:, -1], int(np.sum(~np.asarray(run.converged)[: self.steps])), run
+        )

@@ -20,6 +20,7 @@ import optimistix as optx
 from gtr_jax.history import padded_length
 
 from .coordinates import Prediction, Predictor
+from .weighing import Weighing
 
 # The variables are chosen so that their Hessian is WHITE^2 at the start: the solver's first damping, 1,
 # hardly shortens the step.
@@ -38,12 +39,13 @@ PATIENCE, GAIN = 6, 0.01
 
 @dataclasses.dataclass(frozen=True)
 class Objective:
-    """What is minimised: sum of ((T_tip - recorded) weight)^2 and of prior rows ((u - centre) precision)^2.
+    """What is minimised: sum of squares of the weighed T_tip - recorded, and of prior rows ((u - centre)
+    precision)^2.
 
     Attributes:
         predict: the simulator.
         recorded: T_tip [N], (K,).
-        weight: 1/sigma [1/N], (K,); 0 leaves a sample out.
+        weigh: how the residual is weighed.
         centre: prior means of the coordinates, (p,).
         precision: 1/sd of the priors, (p,); 0 without prior.
         reach: largest |u|, (p,).
@@ -51,16 +53,16 @@ class Objective:
 
     predict: Predictor
     recorded: np.ndarray
-    weight: np.ndarray
+    weigh: Weighing
     centre: np.ndarray
     precision: np.ndarray
     reach: np.ndarray
 
     def rows(self, u: np.ndarray, prediction: Prediction) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (K+p,) and their Jacobian (K+p, p) at u."""
-        data = (prediction.T_tip - self.recorded) * self.weight
+        """Residuals (2K+p,) and their Jacobian (2K+p, p) at u."""
+        data = self.weigh(prediction.T_tip - self.recorded)
         prior = (u - self.centre) * self.precision
-        jacobian = prediction.jacobian * self.weight[:, None]
+        jacobian = self.weigh(prediction.jacobian)
         return np.concatenate([data, prior]), np.concatenate([jacobian, np.diag(self.precision)])
 
     def cost(self, u: np.ndarray, prediction: Prediction | None) -> float:
@@ -152,9 +154,9 @@ def descend(
             start, first, False, "the simulation fails at the start", 0, np.zeros(len(start), bool)
         )
     into_u, into_y = _whitening(objective.rows(start, first)[1][:, moving])
-    padding = padded_length(len(objective.recorded)) - len(objective.recorded)
+    padding = 2 * (padded_length(len(objective.recorded)) - len(objective.recorded))
     failed = np.full(
-        len(objective.recorded) + len(start) + padding, 1e3 * (1 + np.sqrt(objective.cost(start, first)))
+        2 * len(objective.recorded) + len(start) + padding, 1e3 * (1 + np.sqrt(objective.cost(start, first)))
     )
 
     def position(y: np.ndarray) -> np.ndarray:

@@ -9,16 +9,19 @@ import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig
 
+from . import base_tension
 from .answer import Answer, assemble, ignorance, unanswered
 from .coordinates import choose
 from .descent import descend
 from .result import FitResult
 from .start import search
 from .task import Task, robot_of, tensions
+from .weighing import Weighing
 
 DEFAULT_FREE = ("mu", "E")
 # Slopes of the tip tension below this share of the largest tension are rounding.
 NO_SLOPE = 1e-9
+REWEIGHINGS = 3
 
 
 def fit(
@@ -27,24 +30,26 @@ def fit(
     *,
     free: Sequence[str] | None = None,
     noise_N: float | None = None,
+    noise_base_N: float | None = None,
     max_steps: int = 60,
     progress: Callable[[str], None] | None = None,
 ) -> FitResult:
     """Fit parameters of a robot to a recording by least squares in the tip tension.
 
-    Minimises sum ((T_tip simulated - recorded)/sigma)^2 and, for each free parameter under [uncertainty] in
-    the robot file, (its deviation/its standard deviation)^2, on the scale it is fitted on: logarithmic where
-    positive. The simulation runs through the whole recorded base tension, taken as exact; readings below zero
-    count as slack, and nothing is smoothed.
+    The true base tension is an unknown like the parameters: straight between as few knots as the noise of the
+    recorded one allows (`base_tension.py`), because tendons with friction remember extremes, so that noise
+    taken for tension biases friction. Minimised is the sum of squares of what is left at the tip and at the
+    base, each in units of its noise (`weighing.py`), and of (deviation/standard deviation) of each free
+    parameter under [uncertainty] in the robot file, on the scale it is fitted on: logarithmic where positive.
+    Base tensions below zero count as slack.
 
-    Standard errors. The covariance is (J'J/s^2 + P)^-1 at the solution, J = dT_tip/du by forward mode through
-    the solver, P the priors' precision. s^2 = tau max(noise, rms)^2: errors are taken as large as the
-    residual shows, be they noise or misfit, and tau = 1 + 2 sum of the residual's autocorrelations (Geyer's
-    initial positive sequence) is the number of samples per independent one, so that K samples count as K/tau.
-    Where the model misses physics this measures scatter, not bias: believe the verdict first. Slopes jump
-    where a sample changes from locked to slipping, so errors are those on one side of it. A
-    parameter that the data alone leave uncertain by a factor of e, or that ran to the end of the range
-    searched, gets no interval.
+    Standard errors. The covariance is (J'J/tau + P)^-1 at the solution, J the weighed dT_tip/du by forward
+    mode through the solver, P the priors' precision. The tip's noise is taken as large as the residual
+    shows, be it noise or misfit, and tau = 1 + 2 sum of the residual's autocorrelations (Geyer's initial
+    positive sequence) is the number of samples per independent one, so that K samples count as K/tau. Where
+    the model misses physics this measures scatter, not bias: believe the verdict first. Slopes jump where a
+    sample changes from locked to slipping, so errors are those on one side of it. A parameter that the data
+    alone leave uncertain by a factor of e, or that ran to the end of the range searched, gets no interval.
 
     Args:
         robot: from `gtr_jax.load_config`; or a `Robot`, whose parameters then have no priors.
@@ -53,6 +58,7 @@ def fit(
             for a rigid sheath.
         noise_N: standard deviation of the recorded tip tension [N]; estimated from the recording unless
             given.
+        noise_base_N: that of the recorded base tension [N]; 0 takes it as exact.
         max_steps: steps after which the optimiser gives up.
         progress: called with a line of text at each stage.
 
@@ -65,6 +71,8 @@ def fit(
     """
     if noise_N is not None and not (np.isfinite(noise_N) and noise_N > 0):
         raise InputError(f"noise_N: must be a positive number of newtons, is {noise_N:g}")
+    if noise_base_N is not None and not (np.isfinite(noise_base_N) and noise_base_N >= 0):
+        raise InputError(f"noise_base_N: must be a number of newtons, not below 0, is {noise_base_N:g}")
     model, config = robot_of(robot)
     if model.tendon_names:
         raise InputError(
@@ -80,7 +88,8 @@ def fit(
     chosen = choose(model, free)
     model = model.with_values(**{p.name: model.value(p.name) for p in chosen})
     silent = progress or (lambda _: None)
-    task = Task(model, config, chosen, T_base, T_tip, recording.trial, noise_N, max_steps, silent, warnings)
+    base = base_tension.estimate(T_base, recording.time, noise_base_N)
+    task = Task(model, config, chosen, base, T_tip, recording.trial, noise_N, max_steps, silent, warnings)
     return _run(task)
 
 
@@ -90,37 +99,31 @@ def _run(task: Task) -> FitResult:
     if found is None:
         return unanswered(task, None, "the simulation fails at every start value tried")
     at, start = found
-    problem = task.objective(at, np.arange(len(task.T_base)), sigma)
+    problem = task.objective(at, np.arange(len(task.T_tip)), sigma)
     task.progress("fitting")
     first = problem.predict(start)
     if first is None:
         return unanswered(task, None, "the simulation fails at the start values")
-    tension = max(task.peak, float(np.max(task.T_base)), 1e-3)
+    tension = max(task.peak, float(np.max(task.T_base.T_base)), 1e-3)
     heard = np.max(np.abs(first.jacobian), axis=0) > NO_SLOPE * tension
     if not heard.any():
         names, still = " and ".join(task.names), np.ptp(first.T_tip) == 0
         reason = "no slip reaches the tip" if still else "the tip tension does not depend on it"
         return unanswered(task, first, f"the recording says nothing about {names}: {reason}")
     rms = float(np.sqrt(np.mean((first.T_tip - task.T_tip) ** 2)))
-    problem = dataclasses.replace(problem, weight=np.full(len(task.T_base), 1 / max(sigma, rms)))
-    descent = descend(
-        problem, start, active=heard, known=first, max_steps=task.max_steps, progress=task.progress
-    )
-    iterations = descent.iterations
-    answer = Answer.of(task, at, problem, descent)
-    if descent.converged and answer.prior_matters(task):
-        # Priors and data are weighed by the errors that the data turn out to have.
-        problem = dataclasses.replace(problem, weight=np.full(len(task.T_base), 1 / answer.spread))
+    weigh = Weighing.of(task.T_base, first, max(sigma, rms), task.T_base.believed)
+    start, known, iterations = start, first, 0
+    for _ in range(REWEIGHINGS):
+        problem = dataclasses.replace(problem, weigh=weigh)
         descent = descend(
-            problem,
-            descent.u,
-            active=heard,
-            known=descent.prediction,
-            max_steps=task.max_steps,
-            progress=task.progress,
+            problem, start, active=heard, known=known, max_steps=task.max_steps, progress=task.progress
         )
         iterations += descent.iterations
         answer = Answer.of(task, at, problem, descent)
+        if not descent.converged:
+            break
+        # Tip, base and priors are weighed by the errors that the data turn out to have.
+        start, known, weigh = descent.u, descent.prediction, answer.weigh
     task.evaluations += problem.predict.count
     unknown = ignorance(task, answer)
     if unknown:

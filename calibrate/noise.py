@@ -12,29 +12,23 @@ FEWEST_DEGREES = 12
 # Locked stretches that scatter this much more than neighbours differ are not straight: friction creep, not
 # noise.
 CREEP = 2.0
+CORRELATIONS = np.linspace(0.0, 0.95, 20)
+# Share of the variance that is the tip cell's own at least.
+LEAST_OWN = 0.1
 
 
 class Noise(NamedTuple):
-    """How noisy a recording is.
+    """How noisy the recorded tip tension is.
 
     Attributes:
-        sd: standard deviation of the recorded tip tension [N]; None if it cannot be told.
+        sd: its standard deviation [N]; None if it cannot be told.
         source: where it was seen.
-        base: standard deviation of the recorded base tension [N] that `sd` does not contain; 0 if it does.
+        degrees: effective degrees of freedom of the estimate; infinite if it was given.
     """
 
     sd: float | None
     source: str
-    base: float = 0.0
-
-    def passed_on(self, slope: np.ndarray) -> np.ndarray | None:
-        """Standard deviation expected of each residual [N], (K,): that of the tip, and that of the base as
-        the model passes it on.
-
-        Args:
-            slope: dT_tip/dT_base within the step, (K,); 0 where the tip is locked.
-        """
-        return None if not self.sd else np.sqrt(self.sd**2 + (slope * self.base) ** 2)
+    degrees: float = np.inf
 
 
 def resolution(x: np.ndarray) -> float:
@@ -56,34 +50,50 @@ def from_differences(x: np.ndarray) -> float | None:
     return max(sd, resolution(x) / np.sqrt(12.0))
 
 
-def from_locked(x: np.ndarray, locked: np.ndarray) -> tuple[float, int] | None:
+def from_locked(x: np.ndarray, locked: np.ndarray) -> tuple[float, float] | None:
     """Noise from stretches in which the tip is held by friction: scatter about each stretch's own straight
-    line.
+    line, by restricted maximum likelihood with errors that hang together from sample to sample (AR(1)).
 
     Args:
         x: recorded tip tension [N], (K,).
         locked: where the model says that the tip tension does not change, (K,) bool.
 
     Returns:
-        Standard deviation and degrees of freedom; None without a stretch long enough.
+        Standard deviation and effective degrees of freedom; None without a stretch long enough.
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[0], locked.astype(int), [0]])))
-    squares, degrees = 0.0, 0
-    for a, b in zip(edges[::2], edges[1::2], strict=True):
-        a, b = a + 1, b - 1  # the ends touch slip
-        if b - a < SHORTEST_LOCK:
-            continue
-        t = np.arange(b - a)
-        squares += float(np.sum((x[a:b] - np.polyval(np.polyfit(t, x[a:b], 1), t)) ** 2))
-        degrees += b - a - 2
-    return (float(np.sqrt(squares / degrees)), degrees) if degrees else None
+    ends = [(a + 1, b - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]  # the ends touch slip
+    stretches = [x[a:b] for a, b in ends if b - a >= SHORTEST_LOCK]
+    if not stretches:
+        return None
+    degrees = sum(len(y) - 2 for y in stretches)
+    best, likeliest, at = 0.0, -np.inf, 0.0
+    for rho in CORRELATIONS:
+        squares, determinants = 0.0, 0.0
+        for y in stretches:
+            t = np.linspace(-1, 1, len(y))
+            white = _whitened(np.stack([y, np.ones(len(y)), t], axis=1), rho)
+            q, r = np.linalg.qr(white[:, 1:])
+            squares += float(np.sum((white[:, 0] - q @ (q.T @ white[:, 0])) ** 2))
+            determinants += (len(y) - 1) * np.log1p(-(rho**2)) + 2 * np.sum(np.log(np.abs(np.diag(r))))
+        if squares == 0:
+            return 0.0, degrees
+        likelihood = -degrees * np.log(squares) - determinants
+        if likelihood > likeliest:
+            best, likeliest, at = squares, likelihood, rho
+    return float(np.sqrt(best / degrees)), degrees * (1 - at**2) / (1 + at**2)
+
+
+def _whitened(rows: np.ndarray, rho: float) -> np.ndarray:
+    """Columns of AR(1) errors of unit variance, (n, c), made independent, of unit variance."""
+    return np.concatenate([rows[:1], (rows[1:] - rho * rows[:-1]) / np.sqrt(1 - rho**2)])
 
 
 def from_repeats(T_base: np.ndarray, T_tip: np.ndarray, trial: np.ndarray | None) -> tuple[float, int] | None:
     """Noise from trials that repeat one load history: scatter of T_tip between them, sample by sample.
 
     The first trial is left out where there are three or more: it starts from another state. Contains what
-        noise in T_base does.
+    noise in T_base does.
     """
     if trial is None:
         return None
@@ -100,25 +110,40 @@ def from_repeats(T_base: np.ndarray, T_tip: np.ndarray, trial: np.ndarray | None
 
 
 def estimate(
-    T_base: np.ndarray, T_tip: np.ndarray, trial: np.ndarray | None, locked: np.ndarray | None
+    T_base: np.ndarray,
+    T_tip: np.ndarray,
+    trial: np.ndarray | None,
+    locked: np.ndarray | None,
+    passed_on: float = 0.0,
 ) -> Noise:
-    """The best estimate the recording offers: repeats, else locked stretches, else differences of neighbours.
+    """The best estimate the recording offers: repeats and locked stretches, else differences of neighbours.
 
     Args:
         T_base, T_tip: as recorded [N], (K,).
         trial: number of the trial, (K,); None if there is one.
         locked: where the fitted model holds the tip, (K,) bool; None before a fit.
+        passed_on: variance that noise in the base tension adds where the tip slips, on average [N^2].
     """
-    near, base = from_differences(T_tip), from_differences(T_base) or 0.0
+    floor = resolution(T_tip) / np.sqrt(12.0)
+
+    def alone(sd: float) -> float:
+        return max(float(np.sqrt(max(sd**2 - passed_on, LEAST_OWN * sd**2))), floor)
+
+    near = from_differences(T_tip)
+    found: dict[str, tuple[float, float]] = {}
     repeats = from_repeats(T_base, T_tip, trial)
-    if repeats is not None and repeats[1] >= FEWEST_DEGREES:
-        return Noise(max(repeats[0], resolution(T_tip) / np.sqrt(12.0)), "repeated trials")
+    if repeats is not None:
+        found["repeated trials"] = alone(repeats[0]), repeats[1]
     held = None if locked is None else from_locked(T_tip, locked)
-    if held is not None and held[1] >= FEWEST_DEGREES and (near is None or held[0] <= CREEP * near):
-        return Noise(
-            max(held[0], resolution(T_tip) / np.sqrt(12.0)), "stretches in which friction holds the tip", base
-        )
-    return Noise(near, "differences of neighbouring samples" if near is not None else "too few samples", base)
+    if held is not None and (near is None or held[0] <= CREEP * near):
+        found["stretches in which friction holds the tip"] = max(held[0], floor), held[1]
+    degrees = sum(d for _, d in found.values())
+    if degrees >= FEWEST_DEGREES:
+        sd = float(np.sqrt(sum(d * sd**2 for sd, d in found.values()) / degrees))
+        return Noise(sd, ", ".join(found), degrees)
+    if near is None:
+        return Noise(None, "too few samples")
+    return Noise(alone(near), "differences of neighbouring samples", len(T_tip) / 3)
 
 
 def correlation_time(residual: np.ndarray) -> float:

@@ -18,7 +18,7 @@ FEWEST = 8
 
 
 def mu_by_phase(
-    task: Task, at: Coordinates, problem: Objective, fitted: Descent, phases: np.ndarray, noise: float
+    task: Task, at: Coordinates, problem: Objective, fitted: Descent, phases: np.ndarray
 ) -> dict[str, Estimate]:
     """mu from pulling alone and from releasing alone; other parameters and the phases stay as fitted.
 
@@ -28,7 +28,6 @@ def mu_by_phase(
         problem: its least squares problem on all samples.
         fitted: where it ended.
         phases: of the fitted model, (K,).
-        noise: standard deviation of T_tip [N]; 0 if unknown.
 
     Returns:
         Estimates by phase; a phase that is short, or knows nothing of mu, is left out.
@@ -42,19 +41,17 @@ def mu_by_phase(
         if inside.sum() < FEWEST:
             continue
         task.progress(f"fitting {phase} alone")
-        part = dataclasses.replace(
-            problem, weight=np.where(inside, problem.weight, 0.0), precision=np.zeros(len(active))
-        )
+        part = dataclasses.replace(problem, weigh=problem.weigh.only(inside), precision=np.zeros(len(active)))
         before = problem.predict.count
         alone = descend(part, fitted.u, active=active, known=fitted.prediction, max_steps=12)
         task.evaluations += problem.predict.count - before
         if alone.prediction is None or alone.at_edge.any():
             continue
-        residual = (alone.prediction.T_tip - task.T_tip)[inside]
-        rms = float(np.sqrt(np.sum(residual**2) / (len(residual) - 1)))
-        spread = max(noise, rms, task.smallest_sigma) * np.sqrt(correlation_time(residual))
-        slope = alone.prediction.jacobian[inside][:, active]
-        known = uncertainty(slope, spread, np.zeros(1), np.full(1, UNKNOWN))
+        weighed = part.weigh(alone.prediction.T_tip - task.T_tip)
+        tip = weighed[: len(inside)][inside]
+        spread = max(1.0, float(np.sum(weighed**2)) / (len(tip) - 1)) * correlation_time(tip)
+        slope = part.weigh(alone.prediction.jacobian)[:, active]
+        known = uncertainty(slope, np.sqrt(spread), np.zeros(1), np.full(1, UNKNOWN))
         if known.known.all():
             i = int(np.flatnonzero(active)[0])
             value = np.asarray(at.values(alone.u))[active]

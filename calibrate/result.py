@@ -37,8 +37,10 @@ class FitResult:
         rms_N: root mean square of the residual [N].
         noise_N: standard deviation of the recorded tip tension [N], given or estimated; None if it cannot be
             told.
+        noise_base_N: standard deviation of the recorded base tension [N]; 0 if it is taken as exact.
         chi2_per_n: sum of squared residuals in units of the noise per degree of freedom; None without noise.
         residual: simulated minus recorded tip tension [N], (K,).
+        T_base: estimate of the true base tension, which is simulated with [N], (K,).
         T_tip: simulated [N], (K,).
         phases: "pulling", "transition", "releasing" or "rest", (K,).
         by_phase: per phase its "count", "rms_N" and "mean_N" of the residual.
@@ -59,8 +61,10 @@ class FitResult:
     estimates: list[Estimate]
     rms_N: float
     noise_N: float | None
+    noise_base_N: float
     chi2_per_n: float | None
     residual: np.ndarray
+    T_base: np.ndarray
     T_tip: np.ndarray
     phases: np.ndarray
     by_phase: dict[str, dict[str, float]]
@@ -97,6 +101,7 @@ class FitResult:
                     "samples": len(self.residual),
                     "rms_N": self.rms_N,
                     "noise_N": self.noise_N,
+                    "noise_base_N": self.noise_base_N,
                     "chi2_per_n": self.chi2_per_n,
                 },
                 "by_phase": self.by_phase,

@@ -63,7 +63,7 @@ def search(task: Task, sigma: float) -> tuple[Coordinates, np.ndarray] | None:
         Coordinates about the best candidate and the point reached, (p,); None if the simulation fails at
         every candidate.
     """
-    samples = thin(task.T_base)
+    samples = thin(task.T_base.T_base)
     tried = candidates(task)
     origin = np.zeros(len(task.chosen))
     best, best_cost, best_at = None, np.inf, None
@@ -77,7 +77,7 @@ def search(task: Task, sigma: float) -> tuple[Coordinates, np.ndarray] | None:
             best, best_cost, best_at = problem, cost, at
     if best is None or best_at is None:
         return None
-    if len(samples) == len(task.T_base):
+    if len(samples) == len(task.T_tip):
         return best_at, origin
     best.predict.count = 0
     rough = descend(best, origin, max_steps=ROUGH_STEPS)

@@ -11,8 +11,10 @@ from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot
 from gtr_jax.parameters import Parameter
 
 from . import noise
-from .coordinates import Coordinates, Predictor, coordinates
+from .base_tension import BaseTension, exact
+from .coordinates import Coordinates, Prediction, Predictor, coordinates
 from .descent import Objective
+from .weighing import Weighing
 
 LARGEST_FACTOR = 30.0
 LARGEST_SHIFT = 2.0
@@ -29,7 +31,8 @@ class Task:
         chosen: the p free parameters.
         initial: their values, SI.
         priors: their relative standard deviations, None where nothing is known.
-        T_base, T_tip: as recorded [N], (K,).
+        T_base: estimate of the true base tension, and what the recorded one says of it.
+        T_tip: as recorded [N], (K,).
         trial: number of the trial, (K,), or None.
         noise_N: standard deviation of T_tip [N] if given.
         max_steps: of the optimiser.
@@ -41,7 +44,7 @@ class Task:
     robot: Robot
     config: RobotConfig | None
     chosen: list[Parameter]
-    T_base: np.ndarray
+    T_base: BaseTension
     T_tip: np.ndarray
     trial: np.ndarray | None
     noise_N: float | None
@@ -77,14 +80,18 @@ class Task:
     def smallest_sigma(self) -> float:
         """Error [N] below which the recording is not resolved, whatever its noise."""
         return SMALLEST_SIGMA * max(
-            float(np.max(np.abs(self.T_base))), float(np.max(np.abs(self.T_tip))), 1e-3
+            float(np.max(np.abs(self.T_base.T_base))), float(np.max(np.abs(self.T_tip))), 1e-3
         )
 
-    def noise(self, locked: np.ndarray | None = None) -> noise.Noise:
-        """The noise given, or estimated; better so once the locked stretches are known."""
+    def noise(self, fitted: Prediction | None = None) -> noise.Noise:
+        """The noise given, or estimated; better so once a fitted model tells which stretches are locked."""
         if self.noise_N is not None:
-            return noise.Noise(self.noise_N, "given", noise.from_differences(self.T_base) or 0.0)
-        return noise.estimate(self.T_base, self.T_tip, self.trial, locked)
+            return noise.Noise(self.noise_N, "given")
+        base = self.T_base
+        if fitted is None:
+            return noise.estimate(base.T_base, self.T_tip, self.trial, None)
+        passed_on = float(np.mean(np.where(fitted.slips, fitted.slope, 0.0) ** 2)) * base.sd**2
+        return noise.estimate(base.T_base, self.T_tip, self.trial, ~fitted.slips, passed_on)
 
     def coordinates(self, values: np.ndarray) -> Coordinates:
         """Coordinates with their origin at some values (SI, (p,))."""
@@ -92,14 +99,15 @@ class Task:
 
     def objective(self, at: Coordinates, samples: np.ndarray, sigma: float) -> Objective:
         """Least squares on some of the samples, all with the same error sigma [N], and on the priors."""
+        T_base = self.T_base.T_base[samples]
         log, scale = np.asarray(at.log), np.asarray(at.scale)
         has = np.asarray([p is not None for p in self.priors])
         relative = np.asarray([p or 1.0 for p in self.priors])
         spread = np.where(log, relative, relative * np.abs(self.initial) / scale)
         return Objective(
-            predict=Predictor(self.robot, at, self.T_base[samples]),
+            predict=Predictor(self.robot, at, T_base),
             recorded=self.T_tip[samples],
-            weight=np.full(len(samples), 1 / sigma),
+            weigh=Weighing.plain(exact(T_base), sigma),
             centre=np.where(has, at.at(np.where(has, self.initial, np.asarray(at.reference))), 0.0),
             precision=np.where(has, 1 / np.where(has, spread, 1.0), 0.0),
             reach=np.where(log, np.log(LARGEST_FACTOR), LARGEST_SHIFT),

@@ -6,14 +6,15 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.stats import f
 
 from gtr_jax.phases import PULLING, RELEASING, REST, TRANSITION
 
 from .estimate import Estimate
 
-# Above this sum of squares per sample the residual is more than noise; 1.5 is a residual 1.22 times the
-# noise.
-LACK_OF_FIT = 1.5
+# Above this sum of squares per sample the residual is more than noise, 1.22 times the noise; or above what
+# chance gives in 1 of 100 recordings, where the noise is not well known.
+LACK_OF_FIT, CHANCE = 1.5, 0.01
 # A residual below this share of the peak is called small even if the noise is smaller still.
 SMALL = 0.0025
 # Standard errors of a difference.
@@ -70,6 +71,13 @@ def disagreement(mu_by_phase: dict[str, Estimate]) -> str:
     )
 
 
+def _by_chance(degrees: float, noise_degrees: float) -> float:
+    """What a sum of squares per degree of freedom exceeds by chance in CHANCE of all recordings."""
+    if not math.isfinite(degrees):
+        return 1.0
+    return float(f.isf(CHANCE, degrees, min(noise_degrees, 1e6)))
+
+
 def verdict(
     estimates: Sequence[Estimate],
     *,
@@ -77,6 +85,7 @@ def verdict(
     peak: float,
     noise: float | None,
     chi2: float | None,
+    degrees: tuple[float, float] = (np.inf, np.inf),
     table: dict[str, dict[str, float]],
     disagreement: str,
     failure: str,
@@ -89,6 +98,7 @@ def verdict(
         peak: largest recorded tip tension [N].
         noise: of the recording [N], or None.
         chi2: sum of squares per degree of freedom in units of the noise, or None.
+        degrees: degrees of freedom of that sum, and of the noise.
         table: from `by_phase`.
         disagreement: from the function of that name.
         failure: why there is no answer, or "".
@@ -105,7 +115,7 @@ def verdict(
             f"{found}; the fitted model is {off}, from the recording, whose noise cannot be told",
             where,
         ]
-    elif chi2 <= LACK_OF_FIT:
+    elif chi2 <= max(LACK_OF_FIT, _by_chance(*degrees)):
         clauses = [
             f"{found}; the fitted model describes the recording to its noise: {off}, noise {noise:.2g} N"
         ]

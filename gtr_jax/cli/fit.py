@@ -138,7 +138,8 @@ def write_answer(
         "phase": result.phases,
     }
     write_recording(folder / "fit.csv", {name: v for name, v in columns.items() if v is not None})
-    write_json(folder / "fit.json", {**result.to_json(), "settings": settings})
+    data = result.to_json()
+    write_json(folder / "fit.json", {**data, "settings": {**data["settings"], **settings}})
     report = fit_report(result, recording, config.name)
     for figure in report.figures:
         (folder / f"{figure.name}.png").write_bytes(figure.image)

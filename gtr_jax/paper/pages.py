@@ -26,10 +26,11 @@ def verdict(parts: Sequence[Study]) -> str:
     every = [statement for part in parts for statement in part.statements]
     paper, ours = ([s.agrees for s in every if s.beyond is own] for own in (False, True))
     solved, wanted = (sum(part.solved[i] for part in parts) for i in (0, 1))
+    no = paper.count(False)
     return (
-        f"Of {len(paper)} statements of the paper {paper.count(True)} hold, {paper.count(False)} do not, and "
-        f"{paper.count(None)} cannot be tested; of {len(ours)} beyond it {ours.count(True)} hold. {solved} "
-        f"of {wanted} solutions that the numbers rest on converged."
+        f"Of {len(paper)} statements of the paper {paper.count(True)} hold, {no} "
+        f"{'does' if no == 1 else 'do'} not, and {paper.count(None)} cannot be tested; of {len(ours)} beyond it "
+        f"{ours.count(True)} hold. {solved} of {wanted} solutions that the numbers rest on converged."
     )
 
 

@@ -1,0 +1,183 @@
+"""The base tension as an unknown: straight runs, their knots, and what noise in it passes on to the tip."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import calibrate
+import gtr_jax as gtr
+from benchmarks.coverage import Case, noisy, outcome, recorded
+from calibrate.base_tension import BaseTension, estimate, exact, straighten, turning_points
+from calibrate.coordinates import Predictor, choose, coordinates
+from calibrate.weighing import Weighing
+
+HOLDS = np.concatenate(
+    [
+        np.linspace(0, 45, 250, endpoint=False),
+        np.full(100, 45.0),
+        np.linspace(45, 5, 250, endpoint=False),
+        np.full(50, 5.0),
+        np.linspace(5, 30, 200, endpoint=False),
+        np.linspace(30, 0, 200),
+    ]
+)
+CORNERS = (250, 350, 600, 650, 850)
+
+
+def with_noise(T, sd, seed):
+    return T + np.random.default_rng(seed).normal(0.0, sd, len(T))
+
+
+@pytest.mark.parametrize("sd", [0.02, 0.1, 0.3])
+def test_ramps_and_holds_are_found(sd):
+    errors, peaks = [], []
+    for seed in range(10):
+        fit = straighten(with_noise(HOLDS, sd, seed), sd)
+        assert fit.misfit / fit.degrees == pytest.approx(1.0, abs=0.15)
+        assert len(fit.knots) <= 11
+        near = np.min(np.abs(fit.knots[:, None] - np.asarray(CORNERS)), axis=0)
+        assert np.all(near <= 2 + 30 * sd), "every corner has its knot"
+        errors.append(np.sqrt(np.mean((fit.T_base - HOLDS) ** 2)))
+        peaks.append(fit.T_base.max() - 45.0)
+    assert np.mean(errors) < 0.3 * sd
+    assert abs(np.mean(peaks)) < 0.4 * sd, "the highest of a hundred readings lies 2.5 sd above the hold"
+
+
+def test_nothing_is_smoothed_that_is_not_straight():
+    """A coarse staircase of uneven steps far above the noise keeps its readings."""
+    T = np.cumsum(np.random.default_rng(2).uniform(1, 6, 12))
+    T = np.concatenate([T, T[-2::-1] - 0.7])
+    fit = straighten(with_noise(T, 0.02, 3), 0.02)
+    assert np.max(np.abs(fit.T_base - T)) < 0.1
+    jumps = np.random.default_rng(0).uniform(0, 40, 60)
+    assert estimate(jumps).sd == 0.0
+    np.testing.assert_array_equal(estimate(jumps).T_base, jumps)
+
+
+def test_turning_points_ignore_noise():
+    T = np.array([0, 1, 2, 1.9, 3, 4, 3.95, 4.05, 2, 1, 1.1, 0, 2, 5], float)
+    assert turning_points(T, 0.5).tolist() == [0, 7, 11, 13]
+    assert turning_points(T, 0.05).tolist() == [0, 2, 3, 7, 9, 10, 11, 13]
+    assert turning_points(np.full(5, 2.0), 0.1).tolist() == [0, 4]
+    assert turning_points(np.array([1.0, 2.0]), 0.1).tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("sd", [0.03, 0.1])
+def test_its_noise_is_told(sd):
+    found = [estimate(with_noise(HOLDS, sd, seed)) for seed in range(8)]
+    assert np.mean([f.sd for f in found]) == pytest.approx(sd, rel=0.05)
+    assert estimate(HOLDS, sd=0.0).sd == 0.0
+    assert estimate(with_noise(HOLDS, sd, 0), sd=sd).sd == sd
+
+
+def test_noise_that_hangs_together_counts_for_less():
+    e = np.random.default_rng(1).normal(size=len(HOLDS))
+    for k in range(1, len(e)):
+        e[k] += 0.6 * e[k - 1]
+    fit = estimate(HOLDS + 0.05 * e)
+    assert fit.tau > 1.5
+    assert fit.believed > 1.2 * fit.sd
+
+
+def test_straight_in_time_not_in_samples():
+    time = np.cumsum(np.random.default_rng(4).uniform(0.1, 2.0, 300))
+    T = 0.2 * time
+    fit = straighten(with_noise(T, 0.05, 5), 0.05, time)
+    assert len(fit.knots) == 2
+    assert np.max(np.abs(fit.T_base - T)) < 0.03
+
+
+@pytest.mark.parametrize("K", [2, 3, 4])
+def test_few_samples(K):
+    T = np.arange(float(K))
+    for fit in (straighten(T, 0.1), exact(T), estimate(T)):
+        np.testing.assert_allclose(fit.T_base, T, atol=1e-12)
+        np.testing.assert_allclose(fit.at_samples(fit.T_base[fit.knots]), T, atol=1e-12)
+
+
+def dense(fit: BaseTension) -> np.ndarray:
+    return fit.at_samples(np.eye(len(fit.knots)))
+
+
+def test_the_sums_are_those_of_the_matrices():
+    fit = straighten(with_noise(HOLDS, 0.1, 0), 0.1)
+    B, rng = dense(fit), np.random.default_rng(0)
+    rows, samples = rng.normal(size=(40, 3)), rng.integers(0, len(HOLDS), 40)
+    np.testing.assert_allclose(fit.to_knots(rows, samples), B[samples].T @ rows, atol=1e-12)
+    weight = rng.uniform(1, 2, 40)
+    full = B[samples].T @ (weight[:, None] * B[samples])
+    bands = fit.information(weight, samples)
+    np.testing.assert_allclose(bands[1], np.diag(full), atol=1e-12)
+    np.testing.assert_allclose(bands[0, 1:], np.diag(full, 1), atol=1e-12)
+
+
+def test_weighed_squares_are_those_of_the_full_covariance():
+    """|W r|^2 = r' C^-1 r with C = sd_tip^2 + G B (B'B)^-1 B' G' sd_base^2."""
+    rng = np.random.default_rng(0)
+    fit = straighten(with_noise(HOLDS, 0.1, 0), 0.1)
+    K = len(HOLDS)
+    slips = (np.arange(K) < 260) | ((np.arange(K) > 500) & (np.arange(K) < 640))
+    last = np.maximum.accumulate(np.where(slips, np.arange(K), 0))
+    slope = rng.uniform(0.3, 0.6, K)[last]
+    weigh = Weighing(fit, slope, last, np.full(K, 1 / 0.05), 0.1)
+    B = dense(fit)
+    passed = slope[:, None] * B[last]
+    C = 0.05**2 * np.eye(K) + 0.1**2 * passed @ np.linalg.solve(B.T @ B, passed.T)
+    r = rng.normal(size=(K, 2))
+    weighed = weigh(r)
+    np.testing.assert_allclose(weighed.T @ weighed, r.T @ np.linalg.solve(C, r), rtol=1e-8)
+    assert weigh(r[:, 0]).shape == (2 * K,)
+    half = weigh.only(np.arange(K) < 300)
+    np.testing.assert_allclose(
+        np.sum(half(r[:, 0]) ** 2), r[:300, 0] @ np.linalg.solve(C[:300, :300], r[:300, 0]), rtol=1e-8
+    )
+    np.testing.assert_allclose(Weighing.plain(exact(HOLDS), 0.05)(r[:, 0])[:K], r[:, 0] / 0.05)
+
+
+def test_slope_is_that_of_the_base_tension_last_followed(make_robot):
+    robot = make_robot()
+    at = coordinates(robot, choose(robot, ("mu",)), {"mu": float(robot.value("mu"))})
+    T_base = np.concatenate([np.linspace(0, 40, 21), np.linspace(40, 2, 20)[1:]])
+    found = Predictor(robot, at, T_base)(np.zeros(1))
+    assert found is not None
+    last = np.maximum.accumulate(np.where(found.slips, np.arange(len(T_base)), 0))
+    for k in (10, 25, 38):
+        up, down = (np.array(T_base) for _ in range(2))
+        up[last[k]] += 1e-4
+        down[last[k]] -= 1e-4
+        tips = [float(gtr.simulate(robot, T).T_tip[k]) for T in (up, down)]
+        assert found.slope[k] == pytest.approx((tips[0] - tips[1]) / 2e-4, rel=1e-5)
+
+
+def test_noise_in_the_base_is_not_taken_for_friction():
+    case = Case("coulomb", 0.1, 0.05)
+    config, run = recorded(case)
+    fit = calibrate.fit(config, noisy(case, run, 0))
+    assert fit.noise_base_N == pytest.approx(0.1, rel=0.15)
+    assert fit["mu"].value == pytest.approx(0.3, rel=0.01)
+    assert fit.chi2_per_n == pytest.approx(1.0, abs=0.2)
+    assert np.sqrt(np.mean((fit.T_base - run.T_base) ** 2)) < 0.05
+    trusting = calibrate.fit(config, noisy(case, run, 0), noise_base_N=0.0)
+    assert trusting.noise_base_N == 0.0
+    np.testing.assert_array_equal(trusting.T_base, noisy(case, run, 0).T_base)
+    assert trusting.chi2_per_n is not None and trusting.chi2_per_n > 2
+
+
+@pytest.mark.parametrize("value", [-1.0, np.nan])
+def test_bad_noise_of_the_base(make_config, value):
+    recording = dataclasses.replace(recorded(Case("coulomb", 0.1, 0.05))[1])
+    with pytest.raises(gtr.InputError, match="noise_base_N"):
+        calibrate.fit(make_config(), recording, noise_base_N=value)
+
+
+@pytest.mark.slow
+def test_unbiased_and_covered_at_a_hundred_draws():
+    """The independent simulator's run, noise of 0.1 N at the base and 0.05 N at the tip."""
+    found = outcome(Case("coulomb", 0.1, 0.05), 100)
+    assert abs(found.bias) < 0.01
+    assert 0.90 <= found.coverage <= 0.985
+    assert found.standard_error == pytest.approx(found.scatter, rel=0.25)
+    assert found.chi2 == pytest.approx(1.0, abs=0.1)
+    trusting = outcome(Case("coulomb", 0.1, 0.05), 30, trust_base=True)
+    assert trusting.coverage < 0.85 and abs(trusting.bias) > 3 * abs(found.bias)
