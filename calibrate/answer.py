@@ -256,6 +256,7 @@ def assemble(task: Task, answer: Answer, iterations: int) -> FitResult:
         settings=_settings(
             task,
             noise_from=answer.noise.source,
+            samples_simulated=answer.problem.predict.steps,
             knots_of_base=len(task.T_base.knots),
             samples_per_independent_base=task.T_base.tau,
             samples_per_independent=answer.tau,

@@ -18,9 +18,9 @@ from .noise import FEWEST_DEGREES, correlation_time, from_differences, resolutio
 
 # A reversal smaller than so many standard deviations is noise.
 HYSTERESIS = 5.0
-# A bend must lower the sum of squares, in variances, by more than this; the best of a run's places does so by
-# chance in fewer than 1 of 100 runs.
-BEND = 14.0
+# A bend must lower the sum of squares, in variances, by more than this, and by 2 ln(K/1000) more in
+# recordings longer than 1000 samples: the best place of a run does so by chance in fewer than 1 of 100 runs.
+BEND, SHORT = 14.0, 1000
 ROUNDS, REFINEMENTS = 40, 4
 # Noise above this share of the range is no noise of a load cell, but readings that jump about.
 LARGEST_NOISE = 0.02
@@ -81,6 +81,17 @@ class BaseTension:
         np.add.at(out, run, (1 - share) * values)
         np.add.at(out, run + 1, share * values)
         return out
+
+    def nodes(self, spacing: float) -> np.ndarray:
+        """Samples that carry the history: all knots, and between them as many as keep the base tension from
+        changing by more than `spacing` [N] from one to the next, (J,), increasing.
+        """
+        values = self.T_base[self.knots]
+        chosen = [self.knots]
+        for a, b, change in zip(self.knots[:-1], self.knots[1:], np.abs(np.diff(values)), strict=True):
+            count = min(int(np.ceil(change / spacing)), b - a)
+            chosen.append(np.round(np.linspace(a, b, count + 1)).astype(int))
+        return np.unique(np.concatenate(chosen))
 
     def information(self, weight: np.ndarray, samples: np.ndarray | None = None) -> np.ndarray:
         """Sum of weighted outer products of the shares: a symmetric tridiagonal matrix of the knots, its
@@ -161,11 +172,10 @@ def _removable(fit: BaseTension, values: np.ndarray) -> np.ndarray:
     inverse = cho_solve_banded((cholesky_banded(bands), False), np.eye(M))
     t = fit.t[fit.knots]
     share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])
-    weights = np.zeros((M - 2, M))
-    rows = np.arange(M - 2)
-    weights[rows, rows], weights[rows, rows + 1], weights[rows, rows + 2] = share - 1, 1.0, -share
-    bend = weights @ values
-    variance = np.einsum("ij,jk,ik->i", weights, inverse, weights, optimize=True)
+    weights = np.stack([share - 1, np.ones(M - 2), -share])
+    at = np.arange(M - 2) + np.arange(3)[:, None]
+    bend = np.sum(weights * values[at], axis=0)
+    variance = np.einsum("am,bm,abm->m", weights, weights, inverse[at[:, None], at[None]])
     return np.concatenate([[np.inf], bend**2 / variance, [np.inf]])
 
 
@@ -192,6 +202,10 @@ def straighten(T: np.ndarray, sd: float, time: np.ndarray | None = None) -> Base
     return _straight_runs(t, T, knots, sd)
 
 
+def _threshold(K: int) -> float:
+    return BEND + 2.0 * max(0.0, float(np.log(K / SHORT)))
+
+
 def _with_bends(t: np.ndarray, T: np.ndarray, knots: np.ndarray, sd: float) -> np.ndarray:
     settled: set[tuple[int, int]] = set()
     for _ in range(ROUNDS):
@@ -201,7 +215,7 @@ def _with_bends(t: np.ndarray, T: np.ndarray, knots: np.ndarray, sd: float) -> n
             if b - a < 2 or (a, b) in settled:
                 continue
             at, gain = _best_bend(t[a : b + 1], residual[a : b + 1])
-            if gain > BEND:
+            if gain > _threshold(len(T)):
                 more.append(a + at)
             else:
                 settled.add((a, b))
@@ -227,7 +241,9 @@ def _without_needless(t: np.ndarray, T: np.ndarray, knots: np.ndarray, sd: float
     for _ in range(ROUNDS):
         fit = _straight_runs(t, T, knots, sd)
         loss = _removable(fit, fit.T_base[knots])
-        least = (loss < BEND) & (loss <= np.minimum(np.roll(loss, 1), np.roll(loss, -1)))  # no two neighbours
+        least = (loss < _threshold(len(T))) & (
+            loss <= np.minimum(np.roll(loss, 1), np.roll(loss, -1))
+        )  # no two neighbours
         if not least.any():
             return knots
         knots = knots[~least]

@@ -104,6 +104,7 @@ class Prediction:
             holds the tip, that at the sample where it slipped last.
         failed: load steps that did not meet their tolerance.
         run: the simulation, padded, without what lies between base and tip.
+        step: the simulation's step at or after each sample, (K,).
     """
 
     T_tip: np.ndarray
@@ -111,6 +112,7 @@ class Prediction:
     slope: np.ndarray
     failed: int
     run: Simulation
+    step: np.ndarray
 
     @property
     def converged(self) -> bool:
@@ -120,13 +122,13 @@ class Prediction:
     @property
     def phases(self) -> np.ndarray:
         """Phase of each sample, (K,)."""
-        return label_phases(self.run)[: len(self.T_tip)]
+        return label_phases(self.run)[self.step]
 
     @property
     def slips(self) -> np.ndarray:
         """Whether slip reaches the tip at each sample, (K,)."""
         whole = np.asarray(self.run.slip_front) >= float(self.run.s[-1]) * (1 - 1e-12)
-        return whole[: len(self.T_tip)]
+        return whole[self.step]
 
 
 @eqx.filter_jit
@@ -158,13 +160,29 @@ class Predictor:
         robot: robot whose other parameters stay.
         at: coordinates of the free ones.
         T_base: base tension [N], (K,).
+        nodes: samples that are simulated, (J,), increasing from the first to the last; all unless given. What
+            lies between two is interpolated along T_base, which must not turn there.
     """
 
-    def __init__(self, robot: Robot, at: Coordinates, T_base: np.ndarray):
-        self.robot, self.at, self.steps = robot, at, len(T_base)
+    def __init__(self, robot: Robot, at: Coordinates, T_base: np.ndarray, nodes: np.ndarray | None = None):
+        self.robot, self.at, self.samples = robot, at, len(T_base)
         self.count = 0
+        nodes = np.arange(self.samples) if nodes is None else nodes
+        self.steps = len(nodes)
         fill = np.full(padded_length(self.steps) - self.steps, T_base[-1])
-        self._T_base = jnp.asarray(np.concatenate([T_base, fill]))
+        self._T_base = jnp.asarray(np.concatenate([T_base[nodes], fill]))
+        self._next = np.searchsorted(nodes, np.arange(self.samples))
+        self._before = np.maximum(self._next - (nodes[self._next] != np.arange(self.samples)), 0)
+        low, high = T_base[nodes[self._before]], T_base[nodes[self._next]]
+        rise = np.where(high == low, 1.0, high - low)
+        self._share = np.where(high == low, 1.0, (T_base - low) / rise)
+
+    def _at_samples(self, values: np.ndarray) -> np.ndarray:
+        """From the nodes, (J, ...), to the samples, (K, ...)."""
+        if self.steps == self.samples:
+            return values
+        share = self._share.reshape(-1, *[1] * (values.ndim - 1))
+        return (1 - share) * values[self._before] + share * values[self._next]
 
     def __call__(self, u: np.ndarray) -> Prediction | None:
         """The recording at coordinates u, (p,); None where the simulator breaks down."""
@@ -177,9 +195,8 @@ class Predictor:
             if "non-finite" not in str(fault):
                 raise
             return None
-        T_tip, slope = np.asarray(T_tip)[: self.steps], np.asarray(slope)[: self.steps]
+        T_tip, slope = (self._at_samples(np.asarray(v)[: self.steps]) for v in (T_tip, slope))
         if not (np.all(np.isfinite(T_tip)) and np.all(np.isfinite(slope))):
             return None
-        return Prediction(
-            T_tip, slope[:, :-1], slope[:, -1], int(np.sum(~np.asarray(run.converged)[: self.steps])), run
-        )
+        failed = int(np.sum(~np.asarray(run.converged)[: self.steps]))
+        return Prediction(T_tip, slope[:, :-1], slope[:, -1], failed, run, self._next)

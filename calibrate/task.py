@@ -19,6 +19,8 @@ from .weighing import Weighing
 LARGEST_FACTOR = 30.0
 LARGEST_SHIFT = 2.0
 SMALLEST_SIGMA = 1e-6
+# Recordings longer than this are simulated at about as many samples, or at steps of this share of the range.
+LONG, FINEST = 2000, 1 / 400
 
 
 @dataclasses.dataclass
@@ -93,6 +95,14 @@ class Task:
         passed_on = float(np.mean(np.where(fitted.slips, fitted.slope, 0.0) ** 2)) * base.sd**2
         return noise.estimate(base.T_base, self.T_tip, self.trial, ~fitted.slips, passed_on)
 
+    def nodes(self) -> np.ndarray | None:
+        """Samples to simulate; None for all of them, as in a recording that is not long."""
+        K = len(self.T_tip)
+        if K <= LONG or self.T_base.sd == 0:
+            return None
+        travel = float(np.sum(np.abs(np.diff(self.T_base.T_base[self.T_base.knots]))))
+        return self.T_base.nodes(max(travel / LONG, FINEST * float(np.ptp(self.T_base.T_base)), 1e-9))
+
     def coordinates(self, values: np.ndarray) -> Coordinates:
         """Coordinates with their origin at some values (SI, (p,))."""
         return coordinates(self.robot, self.chosen, dict(zip(self.names, values.tolist(), strict=True)))
@@ -100,12 +110,13 @@ class Task:
     def objective(self, at: Coordinates, samples: np.ndarray, sigma: float) -> Objective:
         """Least squares on some of the samples, all with the same error sigma [N], and on the priors."""
         T_base = self.T_base.T_base[samples]
+        whole = len(samples) == len(self.T_tip)
         log, scale = np.asarray(at.log), np.asarray(at.scale)
         has = np.asarray([p is not None for p in self.priors])
         relative = np.asarray([p or 1.0 for p in self.priors])
         spread = np.where(log, relative, relative * np.abs(self.initial) / scale)
         return Objective(
-            predict=Predictor(self.robot, at, T_base),
+            predict=Predictor(self.robot, at, T_base, self.nodes() if whole else None),
             recorded=self.T_tip[samples],
             weigh=Weighing.plain(exact(T_base), sigma),
             centre=np.where(has, at.at(np.where(has, self.initial, np.asarray(at.reference))), 0.0),

@@ -84,6 +84,8 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 def check_strings(data: Mapping[str, Any]) -> None:
     """Refuse a robot file that has neither one tendon nor several, or both."""
     several = data.get("tendons")
+    if several == [] and data.get("tendon") is None:
+        raise InputError("tendons: is empty; write one [[tendons]] table for each tendon, two at least")
     if several is None or several == () or several == []:
         for key in ("routing", "tendon"):
             if data.get(key) is None:

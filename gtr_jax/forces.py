@@ -35,8 +35,8 @@ class ChannelForces(eqx.Module):
         normal: f_n = T kappa_c, per length of tendon [N/m], (M,).
         friction: f_f = -dT/ds_c, per length of tendon [N/m], (M,), with the sign of `friction_projection`.
         length: length of tendon in the interval [m], (M,); 0 between the two nodes of a panel boundary.
-        kink_normal: force at a kink of the channel [N], (M,); 0 but on intervals of no length, which have no
-            density.
+        kink_normal, kink_friction: force at a kink of the channel, and what friction takes away there [N],
+            (M,); 0 but on intervals of no length, which have no density.
     """
 
     s: Float[Array, " M"]
@@ -49,6 +49,7 @@ class ChannelForces(eqx.Module):
     friction: Float[Array, " M"]
     length: Float[Array, " M"]
     kink_normal: Float[Array, " M"]
+    kink_friction: Float[Array, " M"]
 
 
 def _ratio(above, below):
@@ -87,4 +88,5 @@ def channel_forces(eq: Equilibrium) -> ChannelForces:
         friction=friction,
         length=length,
         kink_normal=jnp.where(length > 0, 0.0, tension * jnp.diff(eq.wrap)),
+        kink_friction=jnp.where(length > 0, 0.0, -jnp.diff(eq.tension)),
     )

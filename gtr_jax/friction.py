@@ -33,8 +33,7 @@ def mobilised_tension(T_base, angle, mu):
     Args:
         T_base: tension at the base [N].
         angle: integral of the mobilisation over the wrap since the base [rad]; the mobilisation is +1 where
-        the
-            tendon slips towards the base, -1 towards the tip, between where it is locked.
+            the tendon slips towards the base, -1 towards the tip, between where it is locked.
         mu: friction coefficient [-].
     """
     return T_base * jnp.exp(-mu * angle)

@@ -66,8 +66,7 @@ class Problem(eqx.Module):
         memory: tension at the nodes after the previous load step [N], (*tendons, N). With it the wrap of the
             state is the total turning, and the tension is held against it (`friction.tension`).
         mobilisation: of friction between each node and the one before it, in [-1, 1], (*tendons, N), instead
-        of
-            `memory`. With it the wrap of the state is the turning weighted by it
+            of `memory`. With it the wrap of the state is the turning weighted by it
             (`friction.mobilised_tension`).
         tip_moment: external moment at the tip [N m].
         loaded: False (static) where no external force acts, so that the external moment is the tip moment

@@ -242,7 +242,13 @@ def _mapped(table: Table, columns: str, tendons: Sequence[str]) -> dict[str, tup
             raise InputError(f"{place}: no column '{source}' for {quantity}; {remedy}")
         if table.header.count(source) > 1:
             raise InputError(f"{place}: column '{source}' stands twice in the header; rename one")
-        chosen[quantity] = (table.header.index(source), unit or split_unit(source, si)[1])
+        index = table.header.index(source)
+        other = next((q for q, (i, _) in chosen.items() if i == index), None)
+        if other is not None:
+            raise InputError(
+                f"{place}: column '{source}' is both {other} and {quantity}; take another for one"
+            )
+        chosen[quantity] = (index, unit or split_unit(source, si)[1])
     return chosen
 
 

@@ -260,10 +260,23 @@ def test_fit_leaves_a_whole_run_folder(fitted):
     config = gtr.load_config(fitted / "fitted.toml")
     assert config.tendon.friction_coefficient == estimate["value"]
     assert gtr.load_config(fitted / "robot.toml") == gtr.load_config(RECORDED)
+    assert data["settings"]["free"] == ["mu"] and "command" in data["settings"]
     rows = list(csv.DictReader((fitted / "fit.csv").read_text().splitlines()))
     assert len(rows) == 120
+    base = [float(row["T_base_fitted_N"]) - float(row["T_base_N"]) for row in rows]
+    assert np.std(base) < 3 * data["fit"]["noise_base_N"] + 1e-9
     left = [float(row["T_tip_fitted_N"]) - float(row["T_tip_N"]) for row in rows]
     np.testing.assert_allclose([float(row["residual_N"]) for row in rows], left, atol=1e-12)
+
+
+def test_noise_may_be_given(run, tmp_path):
+    given = ("--free", "mu", "--noise", "0.05 N", "--noise-base", "0")
+    assert run("fit", RECORDED, RECORDING, *given, "-o", "out").status == 0
+    data = load(tmp_path / "out/fit.json")
+    assert (data["fit"]["noise_N"], data["fit"]["noise_base_N"]) == (0.05, 0.0)
+    for name, value in (("--noise", "0"), ("--noise-base", "-1"), ("--noise", "3 mm")):
+        outcome = run("fit", RECORDED, RECORDING, name, value, "-o", "other")
+        assert outcome.status == 2 and name in outcome.err and len(outcome.err.splitlines()) == 1
 
 
 def test_fit_that_does_not_converge_is_said_and_written(run, tmp_path, monkeypatch):

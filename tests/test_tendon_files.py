@@ -97,6 +97,13 @@ def test_recording_of_two_tendons(tmp_path):
         tendons=("left", "right"),
     )
     np.testing.assert_allclose(mapped.T_base, recording.T_base[:, ::-1])
+    with pytest.raises(gtr.InputError, match=r"both T_base\.left and T_base\.right"):
+        gtr.read_recording(
+            path,
+            "T_base.left=T_base_gf.left[gf],T_base.right=T_base_gf.left[gf]",
+            need_tip=False,
+            tendons=("left", "right"),
+        )
     path.write_text("T_base_N.left,T_base_N.rigth\n0,0\n1,1\n")
     with pytest.raises(gtr.InputError, match=r"T_base\.right=T_base_N\.rigth\[N\]"):
         gtr.read_recording(path, need_tip=False, tendons=("left", "right"))

@@ -207,3 +207,24 @@ def test_random_robots_and_histories_converge(seed):
     run = gtr.simulate(robot, history)
     assert bool(jnp.all(run.converged)), np.flatnonzero(~np.asarray(run.converged))
     assert bool(jnp.all(run.tension >= 0))
+
+
+def test_small_cycles_settle_within_what_friction_can_hold():
+    """Both partly locked, the tensions of a pair are not unique: what remains is bounded, and does not depend
+    on the number of steps.
+    """
+    robot = strung(tendon("pulled", parallel(0.008)), tendon("held", parallel(-0.005), 0.2, 3.2))
+    ends = []
+    for steps in (4, 8):
+        ramp = np.linspace(0, 10, 2 * steps + 1)[1:]
+        cycle = np.concatenate([np.linspace(10, 8, steps + 1)[1:], np.linspace(8, 10, steps + 1)[1:]])
+        left = np.concatenate([ramp, np.tile(cycle, 8)])
+        run = gtr.simulate(robot, np.stack([left, np.full_like(left, 3.2)], axis=1))
+        assert bool(jnp.all(run.converged))
+        after = np.asarray(run.T_tip)[len(ramp) - 1 :: len(cycle), 1]
+        assert np.all(np.diff(after) < 0.005), "it settles, never climbs"
+        wrap = float(gtr.equilibrium_at(robot, run, -1).wrap[1, -1])
+        assert np.all(np.abs(np.log(after / 3.2)) <= 0.2 * wrap * (1 + 1e-6))
+        assert np.abs(np.diff(after))[-1] < 0.25 * np.abs(np.diff(after))[0]
+        ends.append(after[-1])
+    assert ends[0] == pytest.approx(ends[1], rel=0.01)

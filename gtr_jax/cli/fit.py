@@ -47,7 +47,9 @@ def fit(
     columns: str | None,
     output: Path,
 ) -> int:
-    """Fit ROBOT.toml to a recording of base and tip tension, starting from the values in the file."""
+    """Fit ROBOT.toml, which has one tendon, to a recording of base and tip tension, starting from the values
+    in the file.
+    """
     from gtr_jax.config import load_config
     from gtr_jax.recording import read_recording
 

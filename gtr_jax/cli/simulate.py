@@ -39,7 +39,8 @@ STEPS = 40
     "--history",
     type=click.Path(path_type=Path),
     metavar="H.csv",
-    help="Take the base tension from this file (column T_base_N) instead.",
+    help="Take the base tension from this file (column T_base_N, or T_base_N.NAME for each of several "
+    "tendons) instead.",
 )
 @columns_option
 @resolution_option

@@ -41,7 +41,7 @@ from .manipulators import (
     switch_backward,
     template,
 )
-from .study import Statement, Study
+from .study import FITTED, Statement, Study
 
 
 def _mm(metres: float) -> str:
@@ -228,7 +228,7 @@ def _statements(solved: Family, loops: dict[str, dict], equal: list[tuple[float,
             each(lambda f: f"{f['T_base_switch_release_switch_N']:.2f} N")
             + f", met by some μ and E at every |r| from {_mm(OFFSETS[0])} to {_mm(OFFSETS[-1])}, with and "
             "without gravity.",
-            met and all(bool(np.all(p.converged)) for p in solved.pairs.values()),
+            FITTED if met and all(bool(np.all(p.converged)) for p in solved.pairs.values()) else False,
         ),
         Statement(
             "Algorithm 1 captures three phases, in the order pulling, transition, releasing.",
@@ -266,7 +266,7 @@ def _statements(solved: Family, loops: dict[str, dict], equal: list[tuple[float,
         Statement(
             "I loses more tension than II; the loss is about 50 %.",
             each(lambda f: f"{100 * f['tension_loss_at_45_N']:.1f} %") + ".",
-            one["tension_loss_at_45_N"] > two["tension_loss_at_45_N"] > 0.4,
+            FITTED if one["tension_loss_at_45_N"] > two["tension_loss_at_45_N"] > 0.4 else False,
         ),
         Statement(
             "I and II deform differently under the same base tension.",

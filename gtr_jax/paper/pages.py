@@ -9,7 +9,7 @@ from typing import Any
 
 from gtr_jax.report.page import STYLE
 
-from .study import Study
+from .study import FITTED, Study
 
 FOLDER = Path(__file__).parent
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+")
@@ -26,11 +26,10 @@ def verdict(parts: Sequence[Study]) -> str:
     every = [statement for part in parts for statement in part.statements]
     paper, ours = ([s.agrees for s in every if s.beyond is own] for own in (False, True))
     solved, wanted = (sum(part.solved[i] for part in parts) for i in (0, 1))
-    no = paper.count(False)
     return (
-        f"Of {len(paper)} statements of the paper {paper.count(True)} hold, {no} "
-        f"{'does' if no == 1 else 'do'} not, and {paper.count(None)} cannot be tested; of {len(ours)} beyond it "
-        f"{ours.count(True)} hold. {solved} of {wanted} solutions that the numbers rest on converged."
+        f"Statements of the paper: {paper.count(True)} hold, {paper.count(FITTED)} were fitted to, "
+        f"{paper.count(False)} wrong, {paper.count(None)} not tested here. Beyond it: {ours.count(True)} of "
+        f"{len(ours)} hold. {solved} of {wanted} solutions that the numbers rest on converged."
     )
 
 
@@ -101,6 +100,6 @@ def _render(template: str, parts: Sequence[Study], **given: Any) -> str:
         paper=PAPER,
         verdict=verdict(parts),
         parts=parts,
-        answer={True: "yes", False: "no", None: "–"},
+        answer={True: "yes", False: "no", FITTED: FITTED, None: "–"},
         **given,
     )

@@ -27,7 +27,7 @@ from .paths import (
     solved,
     states,
 )
-from .study import Statement, Study
+from .study import FITTED, Statement, Study
 
 NEAR = 0.25  # of the crests' spacing: nearer to a crest than to where the wave crosses its mean
 
@@ -125,11 +125,14 @@ def _statements(facts: dict[int, dict], crest: dict[int, dict], segment: dict[in
     inside = [segment[p]["loss_inside_wave_share"] for p in SEGMENTS]
     return [
         Statement(
-            "The loss rises with the amplitude σ of paths 1 to 3, from 41.5 N to 59.7 N of 60 N (69.2 % to "
-            "99.5 %).",
-            f"{', '.join(f'{100 * v:.1f} %' for v in loss)}; paths 1 and 3 are fitted ({lost[1]:.1f} and "
-            f"{lost[3]:.1f} N), path 2 is predicted.",
-            _rising(loss) and all(abs(lost[p] - PUBLISHED_LOST[p]) < 0.05 for p in lost),
+            "Path 1 loses 41.5 N and path 3 59.7 N of 60 N (69.2 % and 99.5 %).",
+            f"{lost[1]:.1f} and {lost[3]:.1f} N; μ and E are chosen so.",
+            FITTED if all(abs(lost[p] - PUBLISHED_LOST[p]) < 0.05 for p in lost) else False,
+        ),
+        Statement(
+            "The loss rises with the amplitude σ of paths 1 to 3.",
+            f"{', '.join(f'{100 * v:.1f} %' for v in loss)}; path 2 is predicted.",
+            _rising(loss),
         ),
         Statement(
             "A larger σ bends the body less, because friction is larger.",

@@ -8,16 +8,18 @@ from typing import Any
 
 from gtr_jax.report.page import Figure, Table
 
+FITTED = "fitted"
+
 
 @dataclass(frozen=True)
 class Statement:
-    """A claim, what the simulator gives, and whether they agree (None: nothing to test). The claim is the
-    paper's, or goes beyond it.
+    """A claim, what the simulator gives, and whether they agree: FITTED where parameters were chosen so that
+    they do, None where nothing is tested. The claim is the paper's, or goes beyond it.
     """
 
     claim: str
     ours: str
-    agrees: bool | None
+    agrees: bool | str | None
     beyond: bool = False
 
 

@@ -55,4 +55,5 @@ def profile(state: Equilibrium) -> Mapping[str, np.ndarray]:
         "normal_force_N_per_m": of_forces("normal"),
         "friction_N_per_m": of_forces("friction"),
         "kink_force_N": of_forces("kink_normal"),
+        "kink_friction_N": of_forces("kink_friction"),
     }
