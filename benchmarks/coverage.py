@@ -42,6 +42,7 @@ CASES = (
     Case("coulomb", 0.1, 0.05, 0.4),
     Case("coulomb", 0.02, 0.05),
     Case("coulomb", 0.1, 0.05, denser=4),
+    Case("coulomb", 0.1, 0.05, denser=60),
     Case("coulomb-crossing", 0.1, 0.05),
     Case("coulomb-cone-wave", 0.1, 0.05),
     Case("coulomb-gravity", 0.1, 0.05),

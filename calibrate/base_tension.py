@@ -195,7 +195,7 @@ def straighten(T: np.ndarray, sd: float, time: np.ndarray | None = None) -> Base
     knots = _with_bends(t, T, turning_points(T, HYSTERESIS * sd), sd)
     for _ in range(REFINEMENTS):
         before = knots
-        knots = _without_needless(t, T, _moved(t, T, knots), sd)
+        knots = _without_needless(t, T, _merged(t, T, _moved(t, T, knots), sd), sd)
         knots = _with_bends(t, T, knots, sd)
         if np.array_equal(knots, before):
             break
@@ -233,6 +233,32 @@ def _moved(t: np.ndarray, T: np.ndarray, knots: np.ndarray) -> np.ndarray:
             a, b = int(knots[m - 1]), int(knots[m + 1])
             knots[m] = a + _best_bend(t[a : b + 1], T[a : b + 1])[0]
     return knots
+
+
+def _left(t: np.ndarray, T: np.ndarray, bends: list[int]) -> float:
+    """Sum of squares that a line with bends at some samples leaves of a run."""
+    columns = [np.ones(len(t)), t - t[0], *(np.maximum(t - t[k], 0.0) for k in bends)]
+    scaled = np.stack([c / max(np.linalg.norm(c), 1e-300) for c in columns], axis=1)
+    q, _ = np.linalg.qr(scaled)
+    return float(np.sum((T - q @ (q.T @ T)) ** 2))
+
+
+def _merged(t: np.ndarray, T: np.ndarray, knots: np.ndarray, sd: float) -> np.ndarray:
+    """Two neighbouring knots made one where one, put where it is best, does as well: a corner missed by a
+    sample is otherwise held by a second knot beside it.
+    """
+    found = knots.tolist()
+    m = 1
+    while m + 2 < len(found):
+        a, b = found[m - 1], found[m + 2]
+        times, values = t[a : b + 1], T[a : b + 1]
+        at = _best_bend(times, values)[0]
+        two = _left(times, values, [found[m] - a, found[m + 1] - a])
+        if _left(times, values, [at]) - two < _threshold(len(T)) * sd**2:
+            found[m : m + 2] = [a + at]
+        else:
+            m += 1
+    return np.asarray(found)
 
 
 def _without_needless(t: np.ndarray, T: np.ndarray, knots: np.ndarray, sd: float) -> np.ndarray:
