@@ -44,6 +44,24 @@ class Estimate:
     note: str = ""
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Profile:
+    """Profile likelihood of one parameter, SI, at n values.
+
+    Attributes:
+        values: of the parameter, increasing, (n,).
+        rise: of the sum of squares, in variances, over its least, the other parameters fitted anew, (n,).
+        parabola: the same if it were the parabola of the standard error, (n,).
+        lower95, upper95: where the rise passes 3.84; None where it does not within four standard errors.
+    """
+
+    values: np.ndarray
+    rise: np.ndarray
+    parabola: np.ndarray
+    lower95: float | None
+    upper95: float | None
+
+
 def transform(log: bool) -> str:
     """Name of the scale a parameter is estimated on."""
     return "log" if log else "linear"

@@ -13,6 +13,7 @@ from . import base_tension
 from .answer import Answer, assemble, ignorance, unanswered
 from .coordinates import choose
 from .descent import descend
+from .profiles import profiles
 from .result import FitResult
 from .start import search
 from .task import Task, robot_of, tensions
@@ -32,6 +33,7 @@ def fit(
     noise_N: float | None = None,
     noise_base_N: float | None = None,
     max_steps: int = 60,
+    profiled: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> FitResult:
     """Fit parameters of a robot to a recording by least squares in the tip tension.
@@ -60,6 +62,7 @@ def fit(
             given.
         noise_base_N: that of the recorded base tension [N]; 0 takes it as exact.
         max_steps: steps after which the optimiser gives up.
+        profiled: whether profile likelihoods are taken too, some dozen simulations per parameter.
         progress: called with a line of text at each stage.
 
     Returns:
@@ -89,7 +92,19 @@ def fit(
     model = model.with_values(**{p.name: model.value(p.name) for p in chosen})
     silent = progress or (lambda _: None)
     base = base_tension.estimate(T_base, recording.time, noise_base_N)
-    task = Task(model, config, chosen, base, T_tip, recording.trial, noise_N, max_steps, silent, warnings)
+    task = Task(
+        model,
+        config,
+        chosen,
+        base,
+        T_tip,
+        recording.trial,
+        noise_N,
+        max_steps,
+        silent,
+        warnings,
+        profiled=profiled,
+    )
     return _run(task)
 
 
@@ -124,9 +139,16 @@ def _run(task: Task) -> FitResult:
             break
         # Tip, base and priors are weighed by the errors that the data turn out to have.
         start, known, weigh = descent.u, descent.prediction, answer.weigh
-    task.evaluations += problem.predict.count
+    counted = problem.predict.count
+    task.evaluations += counted
     unknown = ignorance(task, answer)
     if unknown:
         as_given = np.where(np.asarray(at.log), np.maximum(task.initial, 1e-9), task.initial)
         return unanswered(task, problem.predict(at.at(as_given)), unknown)
-    return assemble(task, answer, iterations)
+    result = assemble(task, answer, iterations)
+    if not (result.converged and task.profiled):
+        return result
+    found = profiles(task, answer)
+    return dataclasses.replace(
+        result, profiles=found, evaluations=result.evaluations + problem.predict.count - counted
+    )

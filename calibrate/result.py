@@ -9,7 +9,7 @@ import numpy as np
 
 from gtr_jax import Robot, RobotConfig
 
-from .estimate import Estimate
+from .estimate import Estimate, Profile
 
 
 def _plain(x: Any) -> Any:
@@ -54,6 +54,7 @@ class FitResult:
         settings: what was asked and what was chosen, plain values.
         mu_by_phase: mu estimated from the samples of one phase alone, the other parameters at their fitted
             values; empty if mu is not free or a phase is too short.
+        profiles: profile likelihood of each parameter that the recording determines, by name.
     """
 
     robot: Robot
@@ -77,6 +78,7 @@ class FitResult:
     verdict: str
     settings: dict[str, Any]
     mu_by_phase: dict[str, Estimate] = dataclasses.field(default_factory=dict)
+    profiles: dict[str, Profile] = dataclasses.field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Estimate:
         """The estimate of a parameter, by name."""
@@ -106,6 +108,7 @@ class FitResult:
                 },
                 "by_phase": self.by_phase,
                 "mu_by_phase": {phase: entry(e) for phase, e in self.mu_by_phase.items()},
+                "profiles": {name: dataclasses.asdict(p) for name, p in self.profiles.items()},
                 "warnings": self.warnings,
                 "iterations": self.iterations,
                 "evaluations": self.evaluations,

@@ -41,6 +41,7 @@ class Task:
         progress: called with a line at each stage.
         warnings: sentences gathered on the way.
         evaluations: simulated recordings so far.
+        profiled: whether profile likelihoods are wanted.
     """
 
     robot: Robot
@@ -54,6 +55,7 @@ class Task:
     progress: Callable[[str], None]
     warnings: list[str]
     evaluations: int = 0
+    profiled: bool = False
     initial: np.ndarray = dataclasses.field(init=False)
     priors: list[float | None] = dataclasses.field(init=False)
 

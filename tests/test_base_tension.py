@@ -181,3 +181,30 @@ def test_unbiased_and_covered_at_a_hundred_draws():
     assert found.chi2 == pytest.approx(1.0, abs=0.1)
     trusting = outcome(Case("coulomb", 0.1, 0.05), 30, trust_base=True)
     assert trusting.coverage < 0.85 and abs(trusting.bias) > 3 * abs(found.bias)
+
+
+def test_profiles_are_parabolas_where_the_fit_is_regular_and_hold_the_interval():
+    case = Case("coulomb", 0.1, 0.05)
+    config, run = recorded(case)
+    fit = calibrate.fit(config, noisy(case, run, 0), profiled=True)
+    assert set(fit.profiles) == {"mu", "E"}
+    for name, profile in fit.profiles.items():
+        estimate = fit[name]
+        assert estimate.sd is not None and profile.lower95 is not None and profile.upper95 is not None
+        ends = [estimate.lower95, estimate.upper95]
+        assert [profile.lower95, profile.upper95] == pytest.approx(ends, abs=0.25 * estimate.sd)
+        np.testing.assert_allclose(profile.rise, profile.parabola, atol=0.5)
+        assert np.min(profile.rise) > -0.05, "nothing fits better than the fit"
+        assert np.all(np.diff(profile.values) > 0)
+    plain = fit.to_json()["profiles"]["mu"]
+    assert set(plain) == {"values", "rise", "parabola", "lower95", "upper95"}
+
+
+def test_profile_of_a_trade_off_is_wider_than_one_parameter_alone():
+    """mu alone is known far better than mu beside E; the profile says so too."""
+    case = Case("coulomb", 0.05, 0.05)
+    config, run = recorded(case)
+    both = calibrate.fit(config, noisy(case, run, 2), profiled=True).profiles["mu"]
+    alone = calibrate.fit(config, noisy(case, run, 2), free=("mu",), profiled=True).profiles["mu"]
+    assert both.lower95 and both.upper95 and alone.lower95 and alone.upper95
+    assert both.upper95 - both.lower95 > 1.5 * (alone.upper95 - alone.lower95)

@@ -39,6 +39,7 @@ FIT_FILES = {
         "fit.json",
         "fit.png",
         "fitted.toml",
+        "profiles.png",
         "report.html",
         "residual.png",
         "robot.toml",
@@ -227,7 +228,7 @@ def test_report_loads_nothing(kind, request):
     page = (request.getfixturevalue(kind) / "report.html").read_text(encoding="utf-8")
     assert "://" not in page and "<script" not in page and "<link" not in page
     sources = re.findall(r'(?:src|href)="([^"]*)"', page)
-    assert len(sources) == (3 if kind == "simulated" else 2)
+    assert len(sources) == 3
     assert all(source.startswith("data:image/png;base64,") for source in sources)
     assert "default-src 'none'" in page and 'name="viewport"' in page
 

@@ -99,7 +99,13 @@ def solve(
         if value is not None and (value < 0 or (value == 0 and name == "--noise")):
             raise InputError(f"{name}: a standard deviation is positive, this is {value:g} N")
     return calibrate.fit(
-        config, recording, free=free, noise_N=noise, noise_base_N=noise_base, progress=progress
+        config,
+        recording,
+        free=free,
+        noise_N=noise,
+        noise_base_N=noise_base,
+        profiled=True,
+        progress=progress,
     )
 
 

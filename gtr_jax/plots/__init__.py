@@ -1,6 +1,6 @@
 """Figures of simulations and fits, as matplotlib figures; nothing is shown or written here."""
 
-from .fit import plot_fit, plot_residual
+from .fit import plot_fit, plot_profiles, plot_residual
 from .loop import plot_loop
 from .shape import Posture, Pressed, plot_shape
 from .style import png
@@ -12,6 +12,7 @@ __all__ = [
     "Pressed",
     "plot_fit",
     "plot_loop",
+    "plot_profiles",
     "plot_residual",
     "plot_shape",
     "plot_tendons",

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from .style import INK, PALE, PHASE_COLOUR, figure, legend_above, phase_keys, styled
+from .style import BLUE, GREY, INK, PALE, PHASE_COLOUR, VERMILLION, figure, legend_above, phase_keys, styled
 
 
 def _by_phase(axes, x: np.ndarray, y: np.ndarray, phases: np.ndarray) -> None:
@@ -18,21 +20,65 @@ def _by_phase(axes, x: np.ndarray, y: np.ndarray, phases: np.ndarray) -> None:
 
 
 @styled
-def plot_fit(T_base: np.ndarray, T_tip: np.ndarray, *, simulated: np.ndarray, phases: np.ndarray) -> Figure:
+def plot_fit(
+    T_base: np.ndarray,
+    T_tip: np.ndarray,
+    *,
+    simulated: tuple[np.ndarray, np.ndarray],
+    phases: np.ndarray,
+) -> Figure:
     """Recorded tip against base tension, coloured by phase, with the fitted model's loop.
 
     Args:
         T_base, T_tip: as recorded [N], (K,).
-        simulated: the fitted model's tip tension [N], (K,).
+        simulated: base and tip tension of the fitted model [N], (K,) each.
         phases: label of each sample, (K,).
     """
     fig, (axes,) = figure(3.9)
     _by_phase(axes, T_base, T_tip, phases)
-    axes.plot(T_base, simulated, color=INK, linewidth=0.9)
+    axes.plot(*simulated, color=INK, linewidth=0.9)
     axes.set_xlabel("tension at the base $T_{base}$ [N]")
     axes.set_ylabel("tension at the tip $T_{tip}$ [N]")
     keys = [*phase_keys(phases, marker="o"), Line2D([], [], color=INK, linewidth=0.9, label="fitted model")]
     legend_above(fig, keys)
+    return fig
+
+
+LEVEL_95 = 3.84
+
+
+@styled
+def plot_profiles(profiles: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Figure:
+    """How much worse the best fit becomes as one parameter is held away from its estimate.
+
+    Args:
+        profiles: by the parameter's label, with unit: its values, the rise of the sum of squares, and the
+            rise of a parabola of the standard error, (n,) each.
+    """
+    fig, rows = figure(1.2 + 1.9 * len(profiles), len(profiles))
+    for axes, (label, (values, rise, parabola)) in zip(rows, profiles.items(), strict=True):
+        side = np.sign(np.arange(len(values)) - np.argmin(parabola))
+        fine = np.linspace(values[0], values[-1], 201)
+        for heights, style in (
+            (parabola, {"color": GREY, "linestyle": (0, (4, 2))}),
+            (rise, {"color": BLUE}),
+        ):
+            root = side * np.sqrt(np.maximum(heights, 0.0))  # nearly straight in the values
+            axes.plot(fine, np.interp(fine, values, root) ** 2, linewidth=1.6, **style)
+        axes.plot(values, rise, color=BLUE, linestyle="", marker="o", markersize=4)
+        axes.locator_params(axis="x", nbins=5)
+        axes.axhline(LEVEL_95, color=VERMILLION, linewidth=1.0)
+        axes.set_ylim(0, None)
+        axes.set_xlabel(label)
+        axes.set_ylabel("Δχ²")
+    legend_above(
+        fig,
+        [
+            Line2D([], [], color=BLUE, linewidth=1.8, marker="o", markersize=4, label="profile"),
+            Line2D([], [], color=GREY, linestyle=(0, (4, 2)), label="standard error"),
+            Line2D([], [], color=VERMILLION, label="95 %"),
+        ],
+    )
     return fig
 
 

@@ -55,6 +55,8 @@ class FitAnswer(Protocol):
     @property
     def T_base(self) -> np.ndarray: ...
     @property
+    def profiles(self) -> Mapping[str, Any]: ...
+    @property
     def chi2_per_n(self) -> float | None: ...
     @property
     def residual(self) -> np.ndarray: ...
@@ -100,7 +102,8 @@ def _figures(fit: FitAnswer, recording: Recording) -> list[Figure]:
     if recording.T_tip is None:
         raise ValueError("a recording without T_tip cannot have been fitted")
     phases = np.asarray(fit.phases)
-    loop = plots.plot_fit(recording.T_base, recording.T_tip, simulated=np.asarray(fit.T_tip), phases=phases)
+    model = np.asarray(fit.T_base), np.asarray(fit.T_tip)
+    loop = plots.plot_fit(recording.T_base, recording.T_tip, simulated=model, phases=phases)
     residual = plots.plot_residual(
         recording.T_base, np.asarray(fit.residual), phases=phases, noise=fit.noise_N
     )
@@ -117,15 +120,40 @@ def _figures(fit: FitAnswer, recording: Recording) -> list[Figure]:
             f"Simulated minus recorded tip tension, against base tension and along the recording{band}. "
             "A pattern means that the model lacks something.",
         ),
+        *_profile_figure(fit),
     ]
+
+
+def _profile_figure(fit: FitAnswer) -> list[Figure]:
+    if not fit.profiles:
+        return []
+    curves = {}
+    for e in fit.estimates:
+        if e.name in fit.profiles:
+            p = fit.profiles[e.name]
+            display, factor = _display(e.unit)
+            label = f"{e.name} [{display}]" if display else e.name
+            curves[label] = (np.asarray(p.values) / factor, np.asarray(p.rise), np.asarray(p.parabola))
+    return [
+        Figure(
+            "profiles",
+            plots.png(plots.plot_profiles(curves)),
+            "Rise of the sum of squares as one parameter is held and the others are fitted anew. Where it "
+            "leaves the parabola of the standard error, believe the profile.",
+        )
+    ]
+
+
+def _display(unit: str) -> tuple[str, float]:
+    """The unit people write an SI quantity in, and its size in SI."""
+    display = DIMENSIONS[unit].display if unit in DIMENSIONS and unit != "dimensionless" else ""
+    return (display, convert(1.0, display, unit)) if display else (unit, 1.0)
 
 
 def quantity(value: float | None, unit: str, digits: int = 4) -> str:
     """An SI quantity in the unit people write it in."""
-    display = DIMENSIONS[unit].display if unit in DIMENSIONS and unit != "dimensionless" else ""
-    if value is None or not display:
-        return number(value, unit, digits)
-    return number(value / convert(1.0, display, unit), display, digits)
+    display, factor = _display(unit)
+    return number(None if value is None else value / factor, display, digits)
 
 
 def _tables(fit: FitAnswer) -> list[Table]:

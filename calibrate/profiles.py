@@ -1,0 +1,117 @@
+"""Profile likelihoods: how much worse the best fit becomes as one parameter is held away from its estimate.
+
+Where the sum of squares is a parabola, its interval is that of the standard error; where it is not, because
+a stretch of the recording changes from locked to slipping or because two parameters trade off along a curve,
+the profile shows it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from .answer import Answer
+from .descent import Objective, descend
+from .estimate import Profile
+from .task import Task
+
+# Chi-squared of one parameter that 95 % of recordings stay below.
+LEVEL_95 = 3.841458820694124
+FIRST, FARTHEST, POINTS, CLOSE = 1.0, 4.0, 6, 0.05
+MAX_STEPS = 12
+
+
+def profiles(task: Task, answer: Answer) -> dict[str, Profile]:
+    """Profiles of the parameters that the recording determines, by name; of one free parameter too."""
+    known = answer.known(task)
+    problem = dataclasses.replace(answer.problem, weigh=answer.weigh)
+    found = {}
+    for i, name in enumerate(task.names):
+        if known.known[i]:
+            task.progress(f"profile of {name}")
+            sd = float(np.sqrt(known.covariance[i, i]))
+            found[name] = _profile(task, answer, problem, i, sd)
+    return found
+
+
+def _profile(task: Task, answer: Answer, problem: Objective, i: int, sd: float) -> Profile:
+    best, prediction = answer.descent.u, answer.descent.prediction
+    lowest = _cost(problem, best, prediction, answer.tau)
+    free = _others(answer, i)
+    points, ends = {0.0: 0.0}, []
+    for side in (-1.0, 1.0):
+        start, offset, crossing = best, side * FIRST, None
+        inside, outside = (0.0, 0.0), None
+        for _ in range(POINTS):
+            u = start.copy()
+            u[i] = best[i] + offset * sd
+            if free.any():
+                held = descend(problem, u, active=free, max_steps=MAX_STEPS)
+                u, at = held.u, held.prediction
+            else:
+                at = problem.predict(u)
+            if at is None or not at.converged:
+                break
+            rise = _cost(problem, u, at, answer.tau) - lowest
+            points[offset] = rise
+            start = u
+            if rise > LEVEL_95:
+                outside = (offset, rise)
+            else:
+                inside = (offset, rise)
+            if abs(rise - LEVEL_95) < CLOSE:
+                break
+            if outside is None and abs(offset) >= FARTHEST:
+                break
+            offset = _next(inside, outside, side)
+        if outside is not None:
+            crossing = _crossing(inside, outside)
+        elif LEVEL_95 - inside[1] < CLOSE:
+            crossing = inside[0]
+        ends.append(crossing)
+    offsets = np.asarray(sorted(points))
+    log, reference = bool(np.asarray(answer.at.log)[i]), float(np.asarray(answer.at.reference)[i])
+    scale = float(np.asarray(answer.at.scale)[i])
+
+    def value(offset: float) -> float:
+        u = best[i] + offset * sd
+        return reference * float(np.exp(u)) if log else reference + scale * u
+
+    return Profile(
+        values=np.asarray([value(o) for o in offsets]),
+        rise=np.asarray([points[o] for o in offsets]),
+        parabola=offsets**2,
+        lower95=None if ends[0] is None else value(ends[0]),
+        upper95=None if ends[1] is None else value(ends[1]),
+    )
+
+
+def _others(answer: Answer, i: int) -> np.ndarray:
+    """Which coordinates adapt while coordinate i is held, (p,): all but it and those at their end."""
+    free = ~answer.descent.at_edge
+    free[i] = False
+    return free
+
+
+def _cost(problem: Objective, u: np.ndarray, prediction, tau: float) -> float:
+    """Sum of squares with the data's counted by independent samples."""
+    rows = problem.rows(u, prediction)[0]
+    data = 2 * len(problem.recorded)
+    return float(np.sum(rows[:data] ** 2)) / tau + float(np.sum(rows[data:] ** 2))
+
+
+def _crossing(inside: tuple[float, float], outside: tuple[float, float]) -> float:
+    """Offset at which the square root of the rise, nearly straight, crosses the level."""
+    (a, low), (b, high) = inside, outside
+    low, high, level = np.sqrt(max(low, 0.0)), np.sqrt(high), np.sqrt(LEVEL_95)
+    return float(a + (b - a) * (level - low) / (high - low))
+
+
+def _next(inside: tuple[float, float], outside: tuple[float, float] | None, side: float) -> float:
+    """Where to look next: outwards until the level is passed, then where a straight root would cross it."""
+    if outside is not None:
+        return _crossing(inside, outside)
+    root = np.sqrt(max(inside[1], 1e-3)) / max(abs(inside[0]), 1e-3)
+    guess = 1.05 * np.sqrt(LEVEL_95) / root
+    return side * float(np.clip(guess, abs(inside[0]) + 0.3, FARTHEST))
