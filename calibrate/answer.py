@@ -22,6 +22,7 @@ from .estimate import (
     transform,
     uncertainty,
 )
+from .identifiability import remedy
 from .noise import Noise, correlation_time
 from .phase_fit import mu_by_phase
 from .result import FitResult
@@ -175,20 +176,37 @@ def ignorance(task: Task, answer: Answer) -> str:
     each = [n for n, a in zip(task.names, known.alone, strict=True) if a < UNKNOWN]
     if len(each) > 1:
         names = " and ".join(each)
+        way = _remedy(task, answer, [task.names.index(n) for n in each])
         return (
-            f"the recording determines {names} only in combination; fix one of them, "
-            "or state its uncertainty under [uncertainty] in the robot file"
+            f"the recording determines {names} only in combination; fix one of them, or state its "
+            "uncertainty under [uncertainty] in the robot file" + (f"; or measure more: {way}" if way else "")
         )
     return f"the recording does not determine {' or '.join(task.names)}"
 
 
-def _trade_offs(task: Task, known: Uncertainty) -> None:
-    """Warn of pairs that the recording hardly tells apart."""
-    rho = correlation(known.covariance)
+def _remedy(task: Task, answer: Answer, among: list[int]) -> str:
+    """The measurement that would tell parameters apart, in a sentence, or ""."""
+    jacobian = answer.weigh(answer.prediction.jacobian)
+    information = jacobian.T @ jacobian / answer.tau + np.diag(answer.problem.precision**2)
+    sd = float(np.sqrt(answer.tau) / np.max(answer.weigh.weight))
+    return remedy(task, answer.at, answer.descent.u, information, sd, among)
+
+
+def _trade_offs(task: Task, answer: Answer, known: Uncertainty) -> None:
+    """Warn of pairs that the recording hardly tells apart, with what would."""
+    rho, log = correlation(known.covariance), np.asarray(answer.at.log)
     for i, j in zip(*np.triu_indices(len(rho), 1), strict=True):
         if abs(rho[i, j]) > TRADE_OFF:
             a, b = task.names[i], task.names[j]
-            task.warnings.append(f"{a} and {b} trade off: their errors are correlated by {rho[i, j]:+.3f}.")
+            along = known.covariance[i, j] / known.covariance[i, i]
+            sense = "up" if along > 0 else "down"
+            little = f": {a} up by 1 % and {b} {sense} by {abs(along):.2g} % changes little"
+            way = _remedy(task, answer, [int(i), int(j)])
+            task.warnings.append(
+                f"{a} and {b} trade off (correlation {rho[i, j]:+.3f})"
+                + (little if log[i] and log[j] else "")
+                + (f"; {way}." if way else ".")
+            )
 
 
 def _failure(answer: Answer) -> str:
@@ -210,7 +228,7 @@ def assemble(task: Task, answer: Answer, iterations: int) -> FitResult:
     found = estimates(
         task.chosen, values, task.initial, log, scale, known, _notes(task, known, descent, values)
     )
-    _trade_offs(task, known)
+    _trade_offs(task, answer, known)
     failure = _failure(answer)
     alone: dict[str, Estimate] = {}
     if failure:

@@ -117,6 +117,7 @@ def test_without_prior_only_the_ratio_is_known(make_config):
     unknown = calibrate.fit(make_config(PARALLEL), rec)
     assert not unknown.converged
     assert "mu and E only in combination" in unknown.verdict
+    assert "angle of the tip" in unknown.verdict and "would tell them apart" in unknown.verdict
     assert all(e.sd is None and e.lower95 is None and e.value == e.initial for e in unknown.estimates)
     known = calibrate.fit(make_config(PARALLEL, uncertainty={"youngs_modulus": 0.1}), rec)
     assert known.converged

@@ -1,0 +1,101 @@
+"""What a recording leaves open, and which further measurement would settle it.
+
+Where two parameters trade off, the covariance of the estimates has a long axis. Measurements that cost a
+laboratory little are simulated with the fitted robot, their Fisher information is added to the recording's,
+and the one that shortens the axis most is named with what it would bring.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+
+from gtr_jax import simulate
+from gtr_jax.history import padded_length
+
+from .coordinates import Coordinates
+from .start import thin
+from .task import Task
+
+STEPS = 40
+HIGHER = 1.5  # times the largest base tension
+ANGLE_SD = np.radians(1.0)
+# Shortest gain worth telling: the largest standard error falls below this share.
+WORTHWHILE = 0.7
+
+
+@eqx.filter_jit
+def _jacobians(robot, at: Coordinates, T_base, u):
+    flat, unravel = ravel_pytree(robot)
+
+    def tip(u):
+        run = simulate(unravel(flat.at[at.index].set(at.values(u))), T_base)
+        return run.T_tip, run.tip_pose[:, 2]
+
+    return jax.jacfwd(tip)(u)
+
+
+def _padded(T_base: np.ndarray) -> jnp.ndarray:
+    fill = np.full(padded_length(len(T_base)) - len(T_base), T_base[-1])
+    return jnp.asarray(np.concatenate([T_base, fill]))
+
+
+def _measurements(task: Task, at: Coordinates, u: np.ndarray, sd: float) -> Iterator[tuple[str, np.ndarray]]:
+    """Each measurement in words, with its Fisher information in the coordinates, (p, p)."""
+
+    def information(T_base, which, error):
+        rows = np.asarray(_jacobians(task.robot, at, _padded(T_base), jnp.asarray(u))[which])[: len(T_base)]
+        return rows.T @ rows / error**2
+
+    history = task.T_base.T_base
+    history = history[thin(history, STEPS)]
+    yield "the angle of the tip, recorded to 1° beside the tensions,", information(history, 1, ANGLE_SD)
+    peak = HIGHER * float(np.max(history))
+    loop = np.concatenate([np.linspace(0.0, peak, STEPS), np.linspace(peak, 0.0, STEPS)[1:]])
+    yield f"a pull to {peak:.3g} N and back", information(loop, 0, sd)
+
+
+def remedy(
+    task: Task, at: Coordinates, u: np.ndarray, information: np.ndarray, sd: float, among: list[int]
+) -> str:
+    """The measurement that would tell some of the parameters apart, in a sentence; "" if none here would.
+
+    Args:
+        task, at: the fit and its coordinates.
+        u: where it ended, (p,).
+        information: the Fisher information of recording and priors, (p, p).
+        sd: of the tip tension [N], as it counts.
+        among: the parameters in question.
+    """
+    before = _errors(information)
+    best, words = WORTHWHILE, ""
+    for name, more in _measurements(task, at, u, sd):
+        after = _errors(information + more)
+        if not np.all(np.isfinite(after[among])):
+            continue
+        gain = float(np.max(after[among] / np.minimum(before[among], 1e3)))
+        if gain < best:
+            best = gain
+            each = ", ".join(
+                f"{task.names[i]} to {100 * after[i]:.2g} %" if bool(np.asarray(at.log)[i]) else task.names[i]
+                for i in among
+            )
+            words = f"{name} would tell them apart ({each})"
+    return words
+
+
+def _errors(information: np.ndarray) -> np.ndarray:
+    """Standard errors, (p,); infinite along directions that nothing is known of."""
+    size = np.sqrt(np.diag(information))
+    if np.any(size == 0):
+        return np.where(size == 0, np.inf, np.nan)
+    values, vectors = np.linalg.eigh(information / np.outer(size, size))
+    with np.errstate(divide="ignore"):
+        inverse = np.where(values > 1e-12, 1 / np.maximum(values, 1e-300), np.inf)
+    spread = np.where(vectors**2 > 1e-12, vectors**2 * inverse, 0.0).sum(axis=1)
+    return np.sqrt(spread) / size
