@@ -59,12 +59,10 @@ def plot_profiles(profiles: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarra
     for axes, (label, (values, rise, parabola)) in zip(rows, profiles.items(), strict=True):
         side = np.sign(np.arange(len(values)) - np.argmin(parabola))
         fine = np.linspace(values[0], values[-1], 201)
-        for heights, style in (
-            (parabola, {"color": GREY, "linestyle": (0, (4, 2))}),
-            (rise, {"color": BLUE}),
-        ):
+        for heights, colour, dash in ((parabola, GREY, (0, (4, 2))), (rise, BLUE, "-")):
             root = side * np.sqrt(np.maximum(heights, 0.0))  # nearly straight in the values
-            axes.plot(fine, np.interp(fine, values, root) ** 2, linewidth=1.6, **style)
+            height = np.interp(fine, values, root) ** 2
+            axes.plot(fine, height, linewidth=1.6, color=colour, linestyle=dash)
         axes.plot(values, rise, color=BLUE, linestyle="", marker="o", markersize=4)
         axes.locator_params(axis="x", nbins=5)
         axes.axhline(LEVEL_95, color=VERMILLION, linewidth=1.0)
