@@ -31,6 +31,8 @@ from .weighing import Weighing
 
 LEVELLING = 12
 TRADE_OFF = 0.99
+# Standard deviations of a prior.
+DRIFTED = 2.5
 ONE_SIDED_95 = 1.6449
 SMALL_MU = 0.05
 # A parameter that is zero in the robot file has no size to compare its error with: so many of its units.
@@ -144,9 +146,12 @@ def _largest_mu(task: Task, known: Uncertainty, values: np.ndarray) -> float:
     return float(values[i] * (1 + ONE_SIDED_95 * known.alone[i]))
 
 
-def _notes(task: Task, known: Uncertainty, descent: Descent, values: np.ndarray) -> list[str]:
+def _notes(
+    task: Task, known: Uncertainty, problem: Objective, descent: Descent, values: np.ndarray
+) -> list[str]:
     """What a reader must know of each estimate; also gathered as warnings."""
     notes = []
+    drift = (descent.u - problem.centre) * problem.precision
     for i, entry in enumerate(task.chosen):
         note = ""
         most = _largest_mu(task, known, values)
@@ -159,6 +164,11 @@ def _notes(task: Task, known: Uncertainty, descent: Descent, values: np.ndarray)
             note = f"not determined by the recording, the value is {rest}"
         elif known.prior_share[i] > MOSTLY_PRIOR:
             note = f"rests mostly on its prior ({100 * known.prior_share[i]:.0f} % of what is known)"
+        elif abs(drift[i]) > DRIFTED:
+            note = (
+                f"lies {abs(drift[i]):.1f} standard deviations of its prior from the robot file's value: "
+                "either that is wrong, or the model lacks something that this makes up for"
+            )
         notes.append(note)
         if note:
             task.warnings.append(f"{entry.name}: {note}.")
@@ -226,7 +236,13 @@ def assemble(task: Task, answer: Answer, iterations: int) -> FitResult:
     known = answer.known(task)
     values = np.asarray(at.values(descent.u))
     found = estimates(
-        task.chosen, values, task.initial, log, scale, known, _notes(task, known, descent, values)
+        task.chosen,
+        values,
+        task.initial,
+        log,
+        scale,
+        known,
+        _notes(task, known, answer.problem, descent, values),
     )
     _trade_offs(task, answer, known)
     failure = _failure(answer)

@@ -23,6 +23,8 @@ DEFAULT_FREE = ("mu", "E")
 # Slopes of the tip tension below this share of the largest tension are rounding.
 NO_SLOPE = 1e-9
 REWEIGHINGS = 3
+# A noise given that is so many times the one seen deserves a warning.
+TOO_LARGE = 3.0
 
 
 def fit(
@@ -90,6 +92,13 @@ def fit(
             warnings.append("E is not fitted: the backbone is rigid, so its stiffness has no effect.")
     chosen = choose(model, free)
     model = model.with_values(**{p.name: model.value(p.name) for p in chosen})
+    if noise_base_N:
+        seen = base_tension.estimate(T_base, recording.time).sd
+        if 0 < TOO_LARGE * seen < noise_base_N:
+            warnings.append(
+                f"The noise given for the base tension, {noise_base_N:.3g} N, is far above the {seen:.2g} N "
+                "that the recording shows: real changes smaller than it may be taken for noise."
+            )
     silent = progress or (lambda _: None)
     base = base_tension.estimate(T_base, recording.time, noise_base_N)
     task = Task(

@@ -164,6 +164,13 @@ def test_noise_in_the_base_is_not_taken_for_friction():
     assert trusting.chi2_per_n is not None and trusting.chi2_per_n > 2
 
 
+def test_a_noise_far_above_the_recordings_is_warned_of():
+    case = Case("coulomb", 0.05, 0.05)
+    config, run = recorded(case)
+    fit = calibrate.fit(config, noisy(case, run, 0), free=("mu",), noise_base_N=2.0)
+    assert any("far above the 0.05" in text for text in fit.warnings)
+
+
 @pytest.mark.parametrize("value", [-1.0, np.nan])
 def test_bad_noise_of_the_base(make_config, value):
     recording = dataclasses.replace(recorded(Case("coulomb", 0.1, 0.05))[1])

@@ -12,7 +12,7 @@ import gtr_jax as gtr
 from calibrate import noise
 from calibrate.coordinates import Predictor, choose, coordinates
 from calibrate.start import thin
-from tests.conftest import PARALLEL
+from tests.conftest import PARALLEL, SINE
 
 DATA = Path(__file__).parent / "data"
 GIRAFFE = Path(__file__).parents[2] / "shared/data/giraffe"
@@ -109,6 +109,15 @@ def test_result_is_complete_and_plain(make_config, tmp_path):
     assert low is not None and high is not None and low < 0.25 < high
     assert fit.correlation.shape == (2, 2)
     assert lines
+
+
+def test_drift_from_a_prior_is_said(make_config):
+    """The recording says E is half of what the robot file is sure of."""
+    config = make_config(SINE, uncertainty={"youngs_modulus": 0.05})
+    rec = simulated(gtr.build_robot(config).with_values(E=0.53e6), LOOP, sd=0.005)
+    fit = calibrate.fit(config, rec, free=("E",))
+    assert "standard deviations of its prior" in fit["E"].note
+    assert any(text.startswith("E: lies") for text in fit.warnings)
 
 
 def test_without_prior_only_the_ratio_is_known(make_config):
