@@ -137,17 +137,26 @@ def _run(task: Task) -> FitResult:
     rms = float(np.sqrt(np.mean((first.T_tip - task.T_tip) ** 2)))
     weigh = Weighing.of(task.T_base, first, max(sigma, rms), task.T_base.believed)
     start, known, iterations = start, first, 0
-    for _ in range(REWEIGHINGS):
+    for k in range(REWEIGHINGS):
         problem = dataclasses.replace(problem, weigh=weigh)
+        # Priors wait until it is known how well the model can fit: else one that is wrong passes for noise.
+        unbiased = dataclasses.replace(problem, precision=np.zeros_like(problem.precision))
         descent = descend(
-            problem, start, active=heard, known=known, max_steps=task.max_steps, progress=task.progress
+            problem if k else unbiased,
+            start,
+            active=heard,
+            known=known,
+            max_steps=task.max_steps,
+            progress=task.progress,
         )
         iterations += descent.iterations
         answer = Answer.of(task, at, problem, descent)
-        if not descent.converged:
-            break
         # Tip, base and priors are weighed by the errors that the data turn out to have.
-        start, known, weigh = descent.u, descent.prediction, answer.weigh
+        weigh = answer.weigh
+        if descent.converged:
+            start, known = descent.u, descent.prediction
+        elif k:
+            break
     counted = problem.predict.count
     task.evaluations += counted
     unknown = ignorance(task, answer)
