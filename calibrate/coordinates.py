@@ -1,4 +1,4 @@
-"""The free parameters as coordinates near zero, and the recording simulated in them with its derivatives.
+"""The free parameters as coordinates near zero, and recordings simulated in them with their derivatives.
 
 A positive parameter is value = reference exp(u), any other value = reference + scale u. Which parameters are
 free is data, not structure: one compiled program serves every choice of the same number of parameters.
@@ -7,7 +7,7 @@ free is data, not structure: one compiled program serves every choice of the sam
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax
@@ -16,9 +16,13 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from gtr_jax import InputError, Robot, Simulation, label_phases, parameters_of, simulate
+from gtr_jax import InputError, Robot, Simulation, label_phases, simulate
 from gtr_jax.history import padded_length
-from gtr_jax.parameters import Parameter, parameter, places_of
+from gtr_jax.parameters import Parameter, places_of
+
+# What instruments may show, in the order of predictions; names are those of `gtr_jax.Recording`.
+CHANNELS = ("T_tip", "tip_x", "tip_y", "tip_angle", "displacement")
+CHANNEL_UNITS = ("N", "m", "m", "rad", "m")
 
 # One unit of a parameter that is neither positive nor has a value to be measured by.
 UNIT_SCALE = {"N": 1.0, "N m": 0.1, "m": 1e-3, "rad": 0.1, "rad/m": 1.0, "": 0.1}
@@ -28,7 +32,7 @@ class Coordinates(eqx.Module):
     """Where the p free parameters lie and how they are scaled.
 
     Attributes:
-        index: places in the flattened robot, (p,).
+        index: places in the flattened robot, (p,); the one after its last for a parameter it does not have.
         reference: values at u = 0, SI, (p,).
         scale: value per unit of u where not logarithmic, SI, (p,).
         log: whether value = reference exp(u), (p,).
@@ -53,40 +57,39 @@ class Coordinates(eqx.Module):
         return np.where(log, np.log(ratio), (values - reference) / np.asarray(self.scale))
 
 
-def choose(robot: Robot, free: Sequence[str]) -> list[Parameter]:
-    """The parameters named, each once.
-
-    Raises:
-        InputError: none named, unknown name, a name twice, or the modulus of a rigid sheath.
-    """
-    if not free:
-        raise InputError(f"no parameter is free; name some of: {', '.join(parameters_of(robot))}")
-    chosen = [parameter(robot, name) for name in free]
-    for i, entry in enumerate(chosen):
-        if entry in chosen[:i]:
-            raise InputError(f"parameter '{entry.name}' is named twice; keep one")
-    return chosen
-
-
 def is_log(entry: Parameter, initial: float) -> bool:
     """Whether a parameter is fitted on a logarithmic scale: declared so, or positive by its bounds."""
     return entry.log or (entry.lower == 0.0 and initial > 0.0)
 
 
-def coordinates(robot: Robot, chosen: Sequence[Parameter], references: Mapping[str, float]) -> Coordinates:
-    """Coordinates of the chosen parameters about reference values (SI, by name).
+def coordinates(
+    robot: Robot,
+    chosen: Sequence[Parameter],
+    reference: Sequence[float] | np.ndarray,
+    has: Sequence[bool] | None = None,
+) -> Coordinates:
+    """Coordinates of parameters about reference values.
+
+    Args:
+        robot: whose parameters they are.
+        chosen: the parameters, p of them.
+        reference: values, SI, (p,).
+        has: which of them are parameters of this robot, (p,); all unless given.
 
     Raises:
         InputError: a positive parameter whose reference is zero has no logarithm.
     """
-    log = [is_log(p, references[p.name]) for p in chosen]
-    for entry, positive in zip(chosen, log, strict=True):
-        if positive and references[entry.name] <= 0:
+    reference = [float(v) for v in reference]
+    log = [is_log(p, v) for p, v in zip(chosen, reference, strict=True)]
+    for entry, positive, value in zip(chosen, log, reference, strict=True):
+        if positive and value <= 0:
             raise InputError(f"{entry.key}: its start value is 0; give a positive one to fit it")
-    reference = [references[p.name] for p in chosen]
     scale = [abs(v) or UNIT_SCALE.get(p.unit, 1.0) for p, v in zip(chosen, reference, strict=True)]
+    own = np.ones(len(chosen), bool) if has is None else np.asarray(has, bool)
+    index = np.full(len(chosen), ravel_pytree(robot)[0].shape[0])
+    index[own] = np.asarray(places_of(robot, [p.name for p, mine in zip(chosen, own, strict=True) if mine]))
     return Coordinates(
-        places_of(robot, [p.name for p in chosen]),
+        jnp.asarray(index),
         jnp.asarray(reference, float),
         jnp.asarray(scale, float),
         jnp.asarray(log),
@@ -95,24 +98,29 @@ def coordinates(robot: Robot, chosen: Sequence[Parameter], references: Mapping[s
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Prediction:
-    """A simulated recording of K samples and its derivatives.
+    """A simulated recording of K samples and its derivatives, in the order of CHANNELS.
 
     Attributes:
-        T_tip: [N], (K,).
-        jacobian: dT_tip/du [N], (K, p).
-        slope: change of T_tip if the base tension were higher by one newton throughout, (K,): while friction
-            holds the tip, that at the sample where it slipped last.
+        values: what the instruments would show, SI, (C, K).
+        jacobian: their derivatives by u, (C, K, p).
+        slope: their change if the base tension were higher by one newton throughout, (C, K): of T_tip, while
+            friction holds the tip, that at the sample where it slipped last.
         failed: load steps that did not meet their tolerance.
         run: the simulation, padded, without what lies between base and tip.
         step: the simulation's step at or after each sample, (K,).
     """
 
-    T_tip: np.ndarray
+    values: np.ndarray
     jacobian: np.ndarray
     slope: np.ndarray
     failed: int
     run: Simulation
     step: np.ndarray
+
+    @property
+    def T_tip(self) -> np.ndarray:
+        """Tip tension [N], (K,)."""
+        return self.values[0]
 
     @property
     def converged(self) -> bool:
@@ -135,26 +143,25 @@ class Prediction:
 def _predict(robot: Robot, at: Coordinates, T_base: Float[Array, " P"], u: Float[Array, " p"]):
     flat, unravel = ravel_pytree(robot)
 
-    def tip(u, T_base):
-        run = simulate(unravel(flat.at[at.index].set(at.values(u))), T_base)
+    def shown(u, T_base):
+        values = jnp.append(flat, 0.0).at[at.index].set(at.values(u))[:-1]
+        run = simulate(unravel(values), T_base)
         none = jnp.zeros((*T_base.shape, 0))
         lean = eqx.tree_at(lambda r: (r.tension, r.curvature, r.angle), run, (none, none, none))
-        return run.T_tip, lean
+        return jnp.stack([run.T_tip, *run.tip_pose.T, run.displacement]), lean
 
     def along(direction):
         raised = jnp.broadcast_to(direction[-1], T_base.shape)
-        T_tip, slope, run = jax.jvp(tip, (u, T_base), (direction[:-1], raised), has_aux=True)
-        return T_tip, slope, run
+        return jax.jvp(shown, (u, T_base), (direction[:-1], raised), has_aux=True)
 
     return jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(u.shape[0] + 1))
 
 
 class Predictor:
-    """Simulates one load history at any coordinates; counts how often.
+    """Simulates one load history at any coordinates.
 
     One compiled program per robot structure, padded length and number of free parameters; forward mode,
-    because the parameters
-    are few: the derivatives come with the simulation at little more than its cost.
+    because the parameters are few: the derivatives come with the simulation at little more than its cost.
 
     Args:
         robot: robot whose other parameters stay.
@@ -166,7 +173,6 @@ class Predictor:
 
     def __init__(self, robot: Robot, at: Coordinates, T_base: np.ndarray, nodes: np.ndarray | None = None):
         self.robot, self.at, self.samples = robot, at, len(T_base)
-        self.count = 0
         nodes = np.arange(self.samples) if nodes is None else nodes
         self.steps = len(nodes)
         fill = np.full(padded_length(self.steps) - self.steps, T_base[-1])
@@ -178,25 +184,43 @@ class Predictor:
         self._share = np.where(high == low, 1.0, (T_base - low) / rise)
 
     def _at_samples(self, values: np.ndarray) -> np.ndarray:
-        """From the nodes, (J, ...), to the samples, (K, ...)."""
+        """From the nodes, (C, J, ...), to the samples, (C, K, ...)."""
         if self.steps == self.samples:
             return values
-        share = self._share.reshape(-1, *[1] * (values.ndim - 1))
-        return (1 - share) * values[self._before] + share * values[self._next]
+        share = self._share.reshape(-1, *[1] * (values.ndim - 2))
+        return (1 - share) * values[:, self._before] + share * values[:, self._next]
 
     def __call__(self, u: np.ndarray) -> Prediction | None:
         """The recording at coordinates u, (p,); None where the simulator breaks down."""
-        self.count += 1
         try:
-            T_tip, slope, run = jax.block_until_ready(
+            values, slopes, run = jax.block_until_ready(
                 _predict(self.robot, self.at, self._T_base, jnp.asarray(u, float))
             )
         except RuntimeError as fault:  # a linear solve given NaN raises, from within the compiled program
             if "non-finite" not in str(fault):
                 raise
             return None
-        T_tip, slope = (self._at_samples(np.asarray(v)[: self.steps]) for v in (T_tip, slope))
-        if not (np.all(np.isfinite(T_tip)) and np.all(np.isfinite(slope))):
+        values, slopes = (self._at_samples(np.asarray(v)[:, : self.steps]) for v in (values, slopes))
+        if not (np.all(np.isfinite(values)) and np.all(np.isfinite(slopes))):
             return None
         failed = int(np.sum(~np.asarray(run.converged)[: self.steps]))
-        return Prediction(T_tip, slope[:, :-1], slope[:, -1], failed, run, self._next)
+        return Prediction(values, slopes[..., :-1], slopes[..., -1], failed, run, self._next)
+
+
+class Predictors:
+    """Simulates several load histories, each of its robot, at the same coordinates; counts how often."""
+
+    def __init__(self, parts: Sequence[Predictor]):
+        self.parts = tuple(parts)
+        self.count = 0
+
+    def __call__(self, u: np.ndarray) -> tuple[Prediction, ...] | None:
+        """One prediction each; None where the simulator breaks down."""
+        self.count += 1
+        found = []
+        for part in self.parts:
+            prediction = part(u)
+            if prediction is None:
+                return None
+            found.append(prediction)
+        return tuple(found)

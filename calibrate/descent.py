@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable
+from typing import TYPE_CHECKING, TypeGuard
 
 import equinox as eqx
 import jax
@@ -17,10 +18,11 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
-from gtr_jax.history import padded_length
-
-from .coordinates import Prediction, Predictor
+from .coordinates import Prediction, Predictors
 from .weighing import Weighing
+
+if TYPE_CHECKING:
+    from .task import Part
 
 # The variables are chosen so that their Hessian is WHITE^2 at the start: the solver's first damping, 1,
 # hardly shortens the step.
@@ -39,37 +41,59 @@ PATIENCE, GAIN = 6, 0.01
 
 @dataclasses.dataclass(frozen=True)
 class Objective:
-    """What is minimised: sum of squares of the weighed T_tip - recorded, and of prior rows ((u - centre)
-    precision)^2.
+    """What is minimised: sum of squares of weighed residuals, and of prior rows ((u - centre) precision)^2.
 
     Attributes:
-        predict: the simulator.
-        recorded: T_tip [N], (K,).
-        weigh: how the residual is weighed.
+        predict: simulates the recordings.
+        parts: the recordings.
+        weighs: how the residuals of each are weighed.
         centre: prior means of the coordinates, (p,).
         precision: 1/sd of the priors, (p,); 0 without prior.
         reach: largest |u|, (p,).
     """
 
-    predict: Predictor
-    recorded: np.ndarray
-    weigh: Weighing
+    predict: Predictors
+    parts: tuple[Part, ...]
+    weighs: tuple[Weighing, ...]
     centre: np.ndarray
     precision: np.ndarray
     reach: np.ndarray
 
-    def rows(self, u: np.ndarray, prediction: Prediction) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (2K+p,) and their Jacobian (2K+p, p) at u."""
-        data = self.weigh(prediction.T_tip - self.recorded)
-        prior = (u - self.centre) * self.precision
-        jacobian = self.weigh(prediction.jacobian)
-        return np.concatenate([data, prior]), np.concatenate([jacobian, np.diag(self.precision)])
+    def residuals(self, predictions: tuple[Prediction, ...]) -> np.ndarray:
+        """Weighed residuals of all recordings, (D,)."""
+        return np.concatenate(
+            [
+                weigh(part.residual(prediction))
+                for part, weigh, prediction in zip(self.parts, self.weighs, predictions, strict=True)
+            ]
+        )
 
-    def cost(self, u: np.ndarray, prediction: Prediction | None) -> float:
-        """Sum of squares; infinite where the simulation failed."""
-        if prediction is None or not prediction.converged:
+    def jacobian(self, predictions: tuple[Prediction, ...]) -> np.ndarray:
+        """Their derivatives by the coordinates, (D, p)."""
+        return np.concatenate(
+            [
+                weigh(prediction.jacobian[part.where])
+                for part, weigh, prediction in zip(self.parts, self.weighs, predictions, strict=True)
+            ]
+        )
+
+    def rows(self, u: np.ndarray, predictions: tuple[Prediction, ...]) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals of data and priors, (D+p,), and their Jacobian, (D+p, p), at u."""
+        prior = (u - self.centre) * self.precision
+        data, slopes = self.residuals(predictions), self.jacobian(predictions)
+        return np.concatenate([data, prior]), np.concatenate([slopes, np.diag(self.precision)])
+
+    def cost(self, u: np.ndarray, predictions: tuple[Prediction, ...] | None) -> float:
+        """Sum of squares; infinite where a simulation failed."""
+        if not all_converged(predictions):
             return np.inf
-        return float(np.sum(self.rows(u, prediction)[0] ** 2))
+        prior = (u - self.centre) * self.precision
+        return float(np.sum(self.residuals(predictions) ** 2) + np.sum(prior**2))
+
+
+def all_converged(predictions: tuple[Prediction, ...] | None) -> TypeGuard[tuple[Prediction, ...]]:
+    """Whether every load step of every recording met its tolerance."""
+    return predictions is not None and all(p.converged for p in predictions)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,7 +102,7 @@ class Descent:
 
     Attributes:
         u: coordinates, (p,).
-        prediction: the simulation there; None if no simulation succeeded.
+        predictions: the simulations there; None if none succeeded.
         converged: whether both steps and cost had become small.
         result: in words.
         iterations: steps taken, accepted or not.
@@ -86,7 +110,7 @@ class Descent:
     """
 
     u: np.ndarray
-    prediction: Prediction | None
+    predictions: tuple[Prediction, ...] | None
     converged: bool
     result: str
     iterations: int
@@ -105,6 +129,15 @@ def _whitening(jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     values, vectors = np.linalg.eigh((jacobian * unit).T @ (jacobian * unit))
     seen = np.sqrt(np.maximum(values, DIMMEST * max(float(values[-1]), DIMMEST)))
     return unit[:, None] * vectors * (WHITE / seen), (vectors * (seen / WHITE)).T / unit
+
+
+def _compressed(value: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """As many rows as columns and one more, with the same sums of squares and products: the solver needs no
+    other, and its program then depends on the number of parameters alone.
+    """
+    triangle = np.linalg.qr(np.concatenate([jacobian, value[:, None]], axis=1), mode="r")
+    triangle = np.pad(triangle, ((0, jacobian.shape[1] + 1 - len(triangle)), (0, 0)))
+    return triangle[:, -1], triangle[:, :-1]
 
 
 _SOLVER = optx.LevenbergMarquardt(rtol=RTOL, atol=ATOL)
@@ -129,7 +162,7 @@ def descend(
     start: np.ndarray,
     *,
     active: np.ndarray | None = None,
-    known: Prediction | None = None,
+    known: tuple[Prediction, ...] | None = None,
     max_steps: int = 60,
     progress: Callable[[str], None] | None = None,
 ) -> Descent:
@@ -139,7 +172,7 @@ def descend(
         objective: what is minimised.
         start: coordinates, (p,).
         active: which coordinates may move, (p,) bool; all unless given.
-        known: the simulation at the start, if it has been done.
+        known: the simulations at the start, if they have been done.
         max_steps: simulations after which it gives up.
         progress: called with a line per step.
 
@@ -149,34 +182,26 @@ def descend(
     moving = np.flatnonzero(np.ones(len(start), bool) if active is None else active)
     reach = objective.reach[moving]
     first = objective.predict(start) if known is None else known
-    if first is None or not first.converged:
+    if not all_converged(first):
         return Descent(
             start, first, False, "the simulation fails at the start", 0, np.zeros(len(start), bool)
         )
     into_u, into_y = _whitening(objective.rows(start, first)[1][:, moving])
-    padding = 2 * (padded_length(len(objective.recorded)) - len(objective.recorded))
-    failed = np.full(
-        2 * len(objective.recorded) + len(start) + padding, 1e3 * (1 + np.sqrt(objective.cost(start, first)))
-    )
+    failed = np.full(len(moving) + 1, 1e3 * (1 + np.sqrt(objective.cost(start, first))))
 
     def position(y: np.ndarray) -> np.ndarray:
         u = np.array(start)
         u[moving] = reach * np.tanh(into_u @ y / reach)
         return u
 
-    def evaluate(y: np.ndarray) -> tuple[Prediction | None, jax.Array, jax.Array]:
+    def evaluate(y: np.ndarray) -> tuple[tuple[Prediction, ...] | None, np.ndarray, np.ndarray]:
         u = position(y)
-        prediction = first if np.allclose(u, start, rtol=0, atol=1e-13) else objective.predict(u)
-        if prediction is None or not prediction.converged:
-            return None, jnp.asarray(failed), jnp.zeros((len(failed), len(moving)))
-        value, jacobian = objective.rows(u, prediction)
+        found = first if np.allclose(u, start, rtol=0, atol=1e-13) else objective.predict(u)
+        if not all_converged(found):
+            return None, failed, np.zeros((len(failed), len(moving)))
+        value, jacobian = objective.rows(u, found)
         far = np.clip(into_u @ y / reach, -FAR, FAR)
-        jacobian = (jacobian[:, moving] / np.cosh(far) ** 2) @ into_u
-        return (
-            prediction,
-            jnp.asarray(np.pad(value, (0, padding))),
-            jnp.asarray(np.pad(jacobian, ((0, padding), (0, 0)))),
-        )
+        return found, *_compressed(value, (jacobian[:, moving] / np.cosh(far) ** 2) @ into_u)
 
     begin = np.clip(start[moving] / reach, -NEAR_THE_EDGE, NEAR_THE_EDGE)
     y = jnp.asarray(into_y @ (np.arctanh(begin) * reach))
@@ -187,11 +212,12 @@ def descend(
     while not done and steps < max_steps:
         steps += 1
         trial = np.asarray(state.y_eval)
-        prediction, value, jacobian = evaluate(trial)
-        cost = float(jnp.sum(value**2))
-        if prediction is not None and cost <= best_cost:
-            best, best_cost = (position(trial), prediction), cost
-        y, state, _ = _step(_linear_model, y, (state.y_eval, value, jacobian), {}, state, frozenset())
+        predictions, value, jacobian = evaluate(trial)
+        cost = float(np.sum(value**2))
+        if predictions is not None and cost <= best_cost:
+            best, best_cost = (position(trial), predictions), cost
+        model = (state.y_eval, jnp.asarray(value), jnp.asarray(jacobian))
+        y, state, _ = _step(_linear_model, y, model, {}, state, frozenset())
         finished, result = _terminate(_linear_model, y, None, {}, state, frozenset())
         done = bool(finished)
         if progress is not None:

@@ -1,4 +1,4 @@
-"""`fit`: a robot's parameters from a recording of base and tip tension."""
+"""`fit`: parameters of robots from recordings of base and tip tension."""
 
 from __future__ import annotations
 
@@ -7,38 +7,42 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from gtr_jax import InputError, Recording, Robot, RobotConfig
+from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot
 
 from . import base_tension
-from .answer import Answer, assemble, ignorance, unanswered
-from .coordinates import choose
+from .answer import Answer
+from .assemble import assemble, ignorance, unanswered
 from .descent import descend
+from .free import distinct, free_of
 from .profiles import profiles
 from .result import FitResult
 from .start import search
-from .task import Task, robot_of, tensions
+from .task import Part, Task, recorded
 from .weighing import Weighing
 
 DEFAULT_FREE = ("mu", "E")
 # Slopes of the tip tension below this share of the largest tension are rounding.
 NO_SLOPE = 1e-9
-REWEIGHINGS = 3
+REWEIGHINGS, ROBUST_REWEIGHINGS = 3, 8
 # A noise given that is so many times the one seen deserves a warning.
 TOO_LARGE = 3.0
 
 
 def fit(
-    robot: RobotConfig | Robot,
-    recording: Recording,
+    robot: RobotConfig | Robot | Sequence[RobotConfig | Robot],
+    recording: Recording | Sequence[Recording],
     *,
     free: Sequence[str] | None = None,
+    per_recording: Sequence[str] = (),
+    per_robot: Sequence[str] = (),
     noise_N: float | None = None,
     noise_base_N: float | None = None,
+    robust: bool = False,
     max_steps: int = 60,
     profiled: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> FitResult:
-    """Fit parameters of a robot to a recording by least squares in the tip tension.
+    """Fit parameters of a robot, or of several, to recordings by least squares.
 
     The true base tension is an unknown like the parameters: straight between as few knots as the noise of the
     recorded one allows (`base_tension.py`), because tendons with friction remember extremes, so that noise
@@ -47,22 +51,31 @@ def fit(
     parameter under [uncertainty] in the robot file, on the scale it is fitted on: logarithmic where positive.
     Base tensions below zero count as slack.
 
-    Standard errors. The covariance is (J'J/tau + P)^-1 at the solution, J the weighed dT_tip/du by forward
-    mode through the solver, P the priors' precision. The tip's noise is taken as large as the residual
-    shows, be it noise or misfit, and tau = 1 + 2 sum of the residual's autocorrelations (Geyer's initial
-    positive sequence) is the number of samples per independent one, so that K samples count as K/tau. Where
-    the model misses physics this measures scatter, not bias: believe the verdict first. Slopes jump where a
-    sample changes from locked to slipping, so errors are those on one side of it. A parameter that the data
-    alone leave uncertain by a factor of e, or that ran to the end of the range searched, gets no interval.
+    The tip's position and angle and the tendon's displacement are fitted to where a recording has them, with
+    errors as large as their residuals show; the zero of the displacement is taken as unknown.
+
+    Several recordings share every parameter that is not named in `per_recording` or `per_robot`.
+
+    Standard errors. The covariance is (J'J + P)^-1 at the solution, J the weighed derivatives by forward
+    mode through the solver, P the priors' precision. The errors are taken as large as the residual shows, be
+    it noise or misfit, and K samples count as K/tau, where tau = 1 + 2 sum of the residual's autocorrelations
+    (Geyer's initial positive sequence) is the number of samples per independent one. Where the model misses
+    physics this measures scatter, not bias: believe the verdict first. Slopes jump where a sample changes
+    from locked to slipping, so errors are those on one side of it. A parameter that the data alone leave
+    uncertain by a factor of e, or that ran to the end of the range searched, gets no interval.
 
     Args:
-        robot: from `gtr_jax.load_config`; or a `Robot`, whose parameters then have no priors.
-        recording: with T_base and T_tip, K >= 4 samples.
+        robot: from `gtr_jax.load_config`; or a `Robot`, whose parameters then have no priors. One for all
+            recordings, or one for each, the same object where it is the same robot.
+        recording: with T_base and T_tip, K >= 4 samples; or several.
         free: parameters to fit, by short name or key of the robot file; unless given, mu and E, or mu alone
             for a rigid sheath.
-        noise_N: standard deviation of the recorded tip tension [N]; estimated from the recording unless
+        per_recording, per_robot: parameters of which each recording, or each robot, has its own.
+        noise_N: standard deviation of the recorded tip tensions [N]; estimated from each recording unless
             given.
-        noise_base_N: that of the recorded base tension [N]; 0 takes it as exact.
+        noise_base_N: that of the recorded base tensions [N]; 0 takes them as exact.
+        robust: whether samples far off count less (Huber's estimator), and lone spikes of the base tension
+            not at all.
         max_steps: steps after which the optimiser gives up.
         profiled: whether profile likelihoods are taken too, some dozen simulations per parameter.
         progress: called with a line of text at each stage.
@@ -72,26 +85,69 @@ def fit(
 
     Raises:
         InputError: unknown or unsuitable parameter, recording without tip tension or too short, noise not
-            positive.
+            positive, robots that disagree about a shared parameter.
     """
     if noise_N is not None and not (np.isfinite(noise_N) and noise_N > 0):
         raise InputError(f"noise_N: must be a positive number of newtons, is {noise_N:g}")
     if noise_base_N is not None and not (np.isfinite(noise_base_N) and noise_base_N >= 0):
         raise InputError(f"noise_base_N: must be a number of newtons, not below 0, is {noise_base_N:g}")
-    model, config = robot_of(robot)
-    if model.tendon_names:
+    recordings = [recording] if isinstance(recording, Recording) else list(recording)
+    given = [robot] * len(recordings) if isinstance(robot, RobotConfig | Robot) else list(robot)
+    if not recordings or len(given) != len(recordings):
         raise InputError(
-            f"fit: {model.name} has {len(model.tendons)} tendons; this version fits one tendon; "
-            "take the others out of the robot file"
+            f"fit: {len(given)} robots for {len(recordings)} recordings; give one, or one for each"
         )
-    T_base, T_tip = tensions(recording)
     warnings: list[str] = []
+    unique = list({id(r): r for r in given}.values())
+    of = [next(i for i, r in enumerate(unique) if r is wanted) for wanted in given]
+    configs = [r if isinstance(r, RobotConfig) else None for r in unique]
+    models = [r if isinstance(r, Robot) else build_robot(r) for r in unique]
+    for model in models:
+        if model.tendon_names:
+            raise InputError(
+                f"fit: {model.name} has {len(model.tendons)} tendons; this version fits one tendon; "
+                "take the others out of the robot file"
+            )
     if free is None:
-        free = ("mu",) if model.backbone.rigid else DEFAULT_FREE
-        if model.backbone.rigid:
+        rigid = all(model.backbone.rigid for model in models)
+        free = ("mu",) if rigid else DEFAULT_FREE
+        if rigid:
             warnings.append("E is not fitted: the backbone is rigid, so its stiffness has no effect.")
-    chosen = choose(model, free)
-    model = model.with_values(**{p.name: model.value(p.name) for p in chosen})
+    names = distinct([r.path.stem for r in recordings])
+    robot_names = distinct([m.name if c is None else c.name for m, c in zip(models, configs, strict=True)])
+    wanted = free_of(
+        models, configs, of, names, robot_names, free, per_recording=per_recording, per_robot=per_robot
+    )
+    # Setting a tip force makes a robot a loaded one: once, before anything is compiled.
+    prepared = [
+        models[r].with_values(**{f.entry.name: models[r].value(f.entry.name) for f in wanted if k in f.parts})
+        for k, r in enumerate(of)
+    ]
+    parts = [
+        _part(name, model, configs[r], rec, noise_N, noise_base_N, robust, warnings)
+        for name, model, r, rec in zip(names, prepared, of, recordings, strict=True)
+    ]
+    silent = progress or (lambda _: None)
+    return _run(Task(tuple(parts), wanted, max_steps, silent, warnings, profiled=profiled, robust=robust))
+
+
+def _part(
+    name: str,
+    robot: Robot,
+    config: RobotConfig | None,
+    recording: Recording,
+    noise_N: float | None,
+    noise_base_N: float | None,
+    robust: bool,
+    warnings: list[str],
+) -> Part:
+    """A recording made ready, its base tension estimated."""
+    T_base, channels, values = recorded(recording)
+    if robust:
+        T_base, spikes = base_tension.without_spikes(T_base)
+        if spikes:
+            warnings.append(f"{spikes} lone spikes of the base tension in {recording.path} are left out.")
+    base = base_tension.estimate(T_base, recording.time, noise_base_N)
     if noise_base_N:
         seen = base_tension.estimate(T_base, recording.time).sd
         if 0 < TOO_LARGE * seen < noise_base_N:
@@ -99,46 +155,39 @@ def fit(
                 f"The noise given for the base tension, {noise_base_N:.3g} N, is far above the {seen:.2g} N "
                 "that the recording shows: real changes smaller than it may be taken for noise."
             )
-    silent = progress or (lambda _: None)
-    base = base_tension.estimate(T_base, recording.time, noise_base_N)
-    task = Task(
-        model,
-        config,
-        chosen,
-        base,
-        T_tip,
-        recording.trial,
-        noise_N,
-        max_steps,
-        silent,
-        warnings,
-        profiled=profiled,
-    )
-    return _run(task)
+    return Part(name, robot, config, base, channels, values, recording.trial, noise_N)
 
 
 def _run(task: Task) -> FitResult:
-    sigma = max(task.noise().sd or 0.0, task.smallest_sigma)
-    found = search(task, sigma)
+    found = search(task)
     if found is None:
         return unanswered(task, None, "the simulation fails at every start value tried")
     at, start = found
-    problem = task.objective(at, np.arange(len(task.T_tip)), sigma)
+    problem = task.objective(at)
     task.progress("fitting")
     first = problem.predict(start)
     if first is None:
         return unanswered(task, None, "the simulation fails at the start values")
-    tension = max(task.peak, float(np.max(task.T_base.T_base)), 1e-3)
-    heard = np.max(np.abs(first.jacobian), axis=0) > NO_SLOPE * tension
+    slopes = np.max([np.max(np.abs(p.jacobian[0]), axis=0) for p in first], axis=0)
+    heard = slopes > NO_SLOPE * task.stiff
+    for part, prediction in zip(task.parts, first, strict=True):
+        for c, at_channel in enumerate(part.where):
+            if c:
+                most = np.max(np.abs(prediction.jacobian[at_channel]), axis=0)
+                heard |= most > NO_SLOPE * max(float(np.ptp(part.recorded[c])), 1e-6)
     if not heard.any():
-        names, still = " and ".join(task.names), np.ptp(first.T_tip) == 0
+        names, still = " and ".join(task.names), all(np.ptp(p.T_tip) == 0 for p in first)
         reason = "no slip reaches the tip" if still else "the tip tension does not depend on it"
-        return unanswered(task, first, f"the recording says nothing about {names}: {reason}")
-    rms = float(np.sqrt(np.mean((first.T_tip - task.T_tip) ** 2)))
-    weigh = Weighing.of(task.T_base, first, max(sigma, rms), task.T_base.believed)
-    start, known, iterations = start, first, 0
-    for k in range(REWEIGHINGS):
-        problem = dataclasses.replace(problem, weigh=weigh)
+        which = "recording says" if len(task.parts) == 1 else "recordings say"
+        return unanswered(task, first, f"the {which} nothing about {names}: {reason}")
+    weighs = []
+    for part, prediction in zip(task.parts, first, strict=True):
+        rms = np.sqrt(np.mean(part.residual(prediction) ** 2, axis=1))
+        sd = np.maximum(part.least(part.noise().sd), rms)
+        weighs.append(Weighing.of(part.T_base, prediction, part.channels, sd, part.T_base.believed))
+    problem = dataclasses.replace(problem, weighs=tuple(weighs))
+    known, iterations, answer = first, 0, None
+    for k in range(ROBUST_REWEIGHINGS if task.robust else REWEIGHINGS):
         # Priors wait until it is known how well the model can fit: else one that is wrong passes for noise.
         unbiased = dataclasses.replace(problem, precision=np.zeros_like(problem.precision))
         descent = descend(
@@ -150,23 +199,24 @@ def _run(task: Task) -> FitResult:
             progress=task.progress,
         )
         iterations += descent.iterations
-        answer = Answer.of(task, at, problem, descent)
         # Tip, base and priors are weighed by the errors that the data turn out to have.
-        weigh = answer.weigh
+        answer = Answer.of(task, at, problem, descent)
+        problem = answer.problem
         if descent.converged:
-            start, known = descent.u, descent.prediction
+            start, known = descent.u, answer.predictions
         elif k:
             break
-    counted = problem.predict.count
-    task.evaluations += counted
+    assert answer is not None
+    task.evaluations += problem.predict.count
+    problem.predict.count = 0
     unknown = ignorance(task, answer)
     if unknown:
-        as_given = np.where(np.asarray(at.log), np.maximum(task.initial, 1e-9), task.initial)
-        return unanswered(task, problem.predict(at.at(as_given)), unknown)
+        as_given = np.where(np.asarray(at[0].log), np.maximum(task.initial, 1e-9), task.initial)
+        return unanswered(task, problem.predict(at[0].at(as_given)), unknown)
     result = assemble(task, answer, iterations)
     if not (result.converged and task.profiled):
         return result
-    found = profiles(task, answer)
+    found_profiles = profiles(task, answer)
     return dataclasses.replace(
-        result, profiles=found, evaluations=result.evaluations + problem.predict.count - counted
+        result, profiles=found_profiles, evaluations=result.evaluations + problem.predict.count
     )

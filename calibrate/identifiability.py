@@ -7,7 +7,8 @@ and the one that shortens the axis most is named with what it would bring.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Iterator, Sequence
 
 import equinox as eqx
 import jax
@@ -20,7 +21,7 @@ from gtr_jax.history import padded_length
 
 from .coordinates import Coordinates
 from .start import thin
-from .task import Task
+from .task import Part, Task
 
 STEPS = 40
 HIGHER = 1.5  # times the largest base tension
@@ -34,7 +35,8 @@ def _jacobians(robot, at: Coordinates, T_base, u):
     flat, unravel = ravel_pytree(robot)
 
     def tip(u):
-        run = simulate(unravel(flat.at[at.index].set(at.values(u))), T_base)
+        values = jnp.append(flat, 0.0).at[at.index].set(at.values(u))[:-1]
+        run = simulate(unravel(values), T_base)
         return run.T_tip, run.tip_pose[:, 2]
 
     return jax.jacfwd(tip)(u)
@@ -45,36 +47,54 @@ def _padded(T_base: np.ndarray) -> jnp.ndarray:
     return jnp.asarray(np.concatenate([T_base, fill]))
 
 
-def _measurements(task: Task, at: Coordinates, u: np.ndarray, sd: float) -> Iterator[tuple[str, np.ndarray]]:
+def _measurements(
+    part: Part, at: Coordinates, u: np.ndarray, sd: float, of: str
+) -> Iterator[tuple[str, np.ndarray]]:
     """Each measurement in words, with its Fisher information in the coordinates, (p, p)."""
 
     def information(T_base, which, error):
-        rows = np.asarray(_jacobians(task.robot, at, _padded(T_base), jnp.asarray(u))[which])[: len(T_base)]
+        rows = np.asarray(_jacobians(part.robot, at, _padded(T_base), jnp.asarray(u))[which])[: len(T_base)]
         return rows.T @ rows / error**2
 
-    history = task.T_base.T_base
+    history = part.T_base.T_base
     history = history[thin(history, STEPS)]
-    yield "the angle of the tip, recorded to 1° beside the tensions,", information(history, 1, ANGLE_SD)
+    if "tip_angle" not in part.channels:
+        yield (
+            f"the angle of the tip{of}, recorded to 1° beside the tensions,",
+            information(history, 1, ANGLE_SD),
+        )
     peak = HIGHER * float(np.max(history))
     loop = np.concatenate([np.linspace(0.0, peak, STEPS), np.linspace(peak, 0.0, STEPS)[1:]])
-    yield f"a pull to {peak:.3g} N and back", information(loop, 0, sd)
+    yield f"a pull{of} to {peak:.3g} N and back", information(loop, 0, sd)
 
 
 def remedy(
-    task: Task, at: Coordinates, u: np.ndarray, information: np.ndarray, sd: float, among: list[int]
+    task: Task,
+    at: Sequence[Coordinates],
+    u: np.ndarray,
+    information: np.ndarray,
+    sd: Sequence[float],
+    among: list[int],
 ) -> str:
     """The measurement that would tell some of the parameters apart, in a sentence; "" if none here would.
 
     Args:
-        task, at: the fit and its coordinates.
+        task, at: the fit and the coordinates of its recordings.
         u: where it ended, (p,).
-        information: the Fisher information of recording and priors, (p, p).
-        sd: of the tip tension [N], as it counts.
+        information: the Fisher information of recordings and priors, (p, p).
+        sd: of each recording's tip tension [N], as it counts.
         among: the parameters in question.
     """
     before = _errors(information)
     best, words = WORTHWHILE, ""
-    for name, more in _measurements(task, at, u, sd):
+    several = len(task.parts) > 1
+    offers = itertools.chain(
+        *(
+            _measurements(part, a, u, error, f" of {part.name}" if several else "")
+            for part, a, error in zip(task.parts, at, sd, strict=True)
+        )
+    )
+    for name, more in offers:
         after = _errors(information + more)
         if not np.all(np.isfinite(after[among])):
             continue
@@ -82,7 +102,9 @@ def remedy(
         if gain < best:
             best = gain
             each = ", ".join(
-                f"{task.names[i]} to {100 * after[i]:.2g} %" if bool(np.asarray(at.log)[i]) else task.names[i]
+                f"{task.names[i]} to {100 * after[i]:.2g} %"
+                if bool(np.asarray(at[0].log)[i])
+                else task.names[i]
                 for i in among
             )
             words = f"{name} would tell them apart ({each})"

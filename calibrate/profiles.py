@@ -7,12 +7,10 @@ the profile shows it.
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
 from .answer import Answer
-from .descent import Objective, descend
+from .descent import descend
 from .estimate import Profile
 from .task import Task
 
@@ -24,20 +22,21 @@ MAX_STEPS = 12
 
 def profiles(task: Task, answer: Answer) -> dict[str, Profile]:
     """Profiles of the parameters that the recording determines, by name; of one free parameter too."""
-    known = answer.known(task)
-    problem = dataclasses.replace(answer.problem, weigh=answer.weigh)
-    found = {}
+    known, found = answer.known(task), {}
     for i, name in enumerate(task.names):
         if known.known[i]:
             task.progress(f"profile of {name}")
-            sd = float(np.sqrt(known.covariance[i, i]))
-            found[name] = _profile(task, answer, problem, i, sd)
+            try:
+                found[name] = _profile(answer, i, float(np.sqrt(known.covariance[i, i])))
+            except KeyboardInterrupt:
+                task.warnings.append(f"Interrupted at the profile of {name}: the fit is whole without it.")
+                break
     return found
 
 
-def _profile(task: Task, answer: Answer, problem: Objective, i: int, sd: float) -> Profile:
-    best, prediction = answer.descent.u, answer.descent.prediction
-    lowest = _cost(problem, best, prediction, answer.tau)
+def _profile(answer: Answer, i: int, sd: float) -> Profile:
+    best, problem = answer.descent.u, answer.problem
+    lowest = problem.cost(best, answer.predictions)
     free = _others(answer, i)
     points, ends = {0.0: 0.0}, []
     for side in (-1.0, 1.0):
@@ -48,12 +47,12 @@ def _profile(task: Task, answer: Answer, problem: Objective, i: int, sd: float) 
             u[i] = best[i] + offset * sd
             if free.any():
                 held = descend(problem, u, active=free, max_steps=MAX_STEPS)
-                u, at = held.u, held.prediction
+                u, at = held.u, held.predictions
             else:
                 at = problem.predict(u)
-            if at is None or not at.converged:
+            rise = problem.cost(u, at) - lowest
+            if not np.isfinite(rise):
                 break
-            rise = _cost(problem, u, at, answer.tau) - lowest
             points[offset] = rise
             start = u
             if rise > LEVEL_95:
@@ -71,8 +70,9 @@ def _profile(task: Task, answer: Answer, problem: Objective, i: int, sd: float) 
             crossing = inside[0]
         ends.append(crossing)
     offsets = np.asarray(sorted(points))
-    log, reference = bool(np.asarray(answer.at.log)[i]), float(np.asarray(answer.at.reference)[i])
-    scale = float(np.asarray(answer.at.scale)[i])
+    at = answer.at[0]
+    log, reference = bool(np.asarray(at.log)[i]), float(np.asarray(at.reference)[i])
+    scale = float(np.asarray(at.scale)[i])
 
     def value(offset: float) -> float:
         u = best[i] + offset * sd
@@ -92,13 +92,6 @@ def _others(answer: Answer, i: int) -> np.ndarray:
     free = ~answer.descent.at_edge
     free[i] = False
     return free
-
-
-def _cost(problem: Objective, u: np.ndarray, prediction, tau: float) -> float:
-    """Sum of squares with the data's counted by independent samples."""
-    rows = problem.rows(u, prediction)[0]
-    data = 2 * len(problem.recorded)
-    return float(np.sum(rows[:data] ** 2)) / tau + float(np.sum(rows[data:] ** 2))
 
 
 def _crossing(inside: tuple[float, float], outside: tuple[float, float]) -> float:

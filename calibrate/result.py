@@ -26,49 +26,105 @@ def _plain(x: Any) -> Any:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class FitResult:
-    """A robot fitted to a recording of K samples.
+class Channel:
+    """One recorded quantity of K samples beside the fitted model, SI.
 
     Attributes:
-        robot: the fitted robot.
-        config: the fitted robot file; None when a `Robot` was given, or when the file would refuse the fitted
-            values.
-        estimates: one per free parameter.
-        rms_N: root mean square of the residual [N].
-        noise_N: standard deviation of the recorded tip tension [N], given or estimated; None if it cannot be
-            told.
-        noise_base_N: standard deviation of the recorded base tension [N]; 0 if it is taken as exact.
-        chi2_per_n: sum of squared residuals in units of the noise per degree of freedom; None without noise.
-        residual: simulated minus recorded tip tension [N], (K,).
+        unit: SI unit.
+        simulated: (K,).
+        residual: simulated minus recorded, (K,); of a displacement less the zero of its instrument, which is
+            unknown.
+        sd: error that it was given, one standard deviation; None where nothing was fitted.
+    """
+
+    unit: str
+    simulated: np.ndarray
+    residual: np.ndarray
+    sd: float | None
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the residual."""
+        return float(np.sqrt(np.mean(self.residual**2)))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FittedRecording:
+    """One recording of K samples beside the fitted model.
+
+    Attributes:
+        name: of the recording.
+        robot: the robot fitted to it.
+        config: its file; None when a `Robot` was given, or when the file would refuse the fitted values.
+        channels: what was fitted to, T_tip first.
         T_base: estimate of the true base tension, which is simulated with [N], (K,).
-        T_tip: simulated [N], (K,).
+        band: standard error of the simulated T_tip that the parameters' uncertainty makes [N], (K,).
         phases: "pulling", "transition", "releasing" or "rest", (K,).
         by_phase: per phase its "count", "rms_N" and "mean_N" of the residual.
+        noise_N: standard deviation of the recorded tip tension [N], given or estimated; None if it cannot be
+            told.
+        noise_from: where it was seen.
+        noise_base_N: standard deviation of the recorded base tension [N]; 0 if it is taken as exact.
+        chi2_per_n: sum of squared residuals of the tensions in units of the noise per degree of freedom; None
+            without noise.
+        outliers: samples that a robust fit counts less than half.
+        settings: what was chosen for it, plain values.
+    """
+
+    name: str
+    robot: Robot
+    config: RobotConfig | None
+    channels: dict[str, Channel]
+    T_base: np.ndarray
+    band: np.ndarray
+    phases: np.ndarray
+    by_phase: dict[str, dict[str, float]]
+    noise_N: float | None
+    noise_from: str
+    noise_base_N: float
+    chi2_per_n: float | None
+    outliers: int
+    settings: dict[str, Any]
+
+    @property
+    def T_tip(self) -> np.ndarray:
+        """Simulated [N], (K,)."""
+        return self.channels["T_tip"].simulated
+
+    @property
+    def residual(self) -> np.ndarray:
+        """Simulated minus recorded tip tension [N], (K,)."""
+        return self.channels["T_tip"].residual
+
+    @property
+    def rms_N(self) -> float:
+        """Root mean square of the residual [N]."""
+        return self.channels["T_tip"].rms
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FitResult:
+    """Robots fitted to one recording or several, K samples in all.
+
+    Attributes:
+        recordings: each recording beside its fitted robot.
+        estimates: one per free number.
         converged: whether there is an answer: the optimiser and every load step converged, and something was
             to be fitted.
         result: how the optimiser ended, in words.
-        iterations, evaluations: steps of the optimiser, and recordings simulated in all.
+        iterations, evaluations: steps of the optimiser, and times that all recordings were simulated.
         correlation: between the estimates, (p, p); NaN where one is unknown.
         warnings: what a reader must know, a sentence each.
         verdict: the answer in one sentence.
         settings: what was asked and what was chosen, plain values.
         mu_by_phase: mu estimated from the samples of one phase alone, the other parameters at their fitted
             values; empty if mu is not free or a phase is too short.
-        profiles: profile likelihood of each parameter that the recording determines, by name.
+        by_recording: parameters that recordings share, estimated from each alone, likewise.
+        profiles: profile likelihood of each number that the recordings determine, by name.
     """
 
-    robot: Robot
-    config: RobotConfig | None
+    recordings: tuple[FittedRecording, ...]
     estimates: list[Estimate]
-    rms_N: float
-    noise_N: float | None
-    noise_base_N: float
-    chi2_per_n: float | None
-    residual: np.ndarray
-    T_base: np.ndarray
-    T_tip: np.ndarray
-    phases: np.ndarray
-    by_phase: dict[str, dict[str, float]]
     converged: bool
     result: str
     iterations: int
@@ -78,12 +134,76 @@ class FitResult:
     verdict: str
     settings: dict[str, Any]
     mu_by_phase: dict[str, Estimate] = dataclasses.field(default_factory=dict)
+    by_recording: dict[str, dict[str, Estimate]] = dataclasses.field(default_factory=dict)
     profiles: dict[str, Profile] = dataclasses.field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Estimate:
         """The estimate of a parameter, by name."""
-        found = {e.name: e for e in self.estimates} | {e.key: e for e in self.estimates}
+        found = {e.name: e for e in self.estimates} | {e.key: e for e in self.estimates if "@" not in e.name}
         return found[name]
+
+    def _only(self) -> FittedRecording:
+        if len(self.recordings) != 1:
+            raise ValueError(f"{len(self.recordings)} recordings were fitted; take one of fit.recordings")
+        return self.recordings[0]
+
+    @property
+    def robot(self) -> Robot:
+        """The fitted robot; ValueError if there are several recordings."""
+        return self._only().robot
+
+    @property
+    def config(self) -> RobotConfig | None:
+        """The fitted robot file; ValueError if there are several recordings."""
+        return self._only().config
+
+    @property
+    def T_base(self) -> np.ndarray:
+        """Estimate of the true base tension, one recording after the other [N], (K,)."""
+        return np.concatenate([r.T_base for r in self.recordings])
+
+    @property
+    def T_tip(self) -> np.ndarray:
+        """Simulated [N], (K,)."""
+        return np.concatenate([r.T_tip for r in self.recordings])
+
+    @property
+    def residual(self) -> np.ndarray:
+        """Simulated minus recorded tip tension [N], (K,)."""
+        return np.concatenate([r.residual for r in self.recordings])
+
+    @property
+    def phases(self) -> np.ndarray:
+        """Phase of each sample, (K,)."""
+        return np.concatenate([r.phases for r in self.recordings])
+
+    @property
+    def by_phase(self) -> dict[str, dict[str, float]]:
+        """Of one recording; ValueError if there are several."""
+        return self._only().by_phase
+
+    @property
+    def noise_N(self) -> float | None:
+        """Standard deviation of the recorded tip tension [N]; ValueError if there are several recordings."""
+        return self._only().noise_N
+
+    @property
+    def noise_base_N(self) -> float:
+        """That of the base tension [N]; ValueError if there are several recordings."""
+        return self._only().noise_base_N
+
+    @property
+    def rms_N(self) -> float:
+        """Root mean square of the residual of all recordings [N]."""
+        return float(np.sqrt(np.mean(self.residual**2)))
+
+    @property
+    def chi2_per_n(self) -> float | None:
+        """Sum of squared residuals in units of the noise per degree of freedom, of all recordings."""
+        each = [(r.chi2_per_n, len(r.T_base)) for r in self.recordings]
+        if any(chi2 is None for chi2, _ in each):
+            return None
+        return float(sum(chi2 * n for chi2, n in each if chi2 is not None) / sum(n for _, n in each))
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for a JSON file: units in the keys, SI; null for what is not known."""
@@ -92,6 +212,22 @@ class FitResult:
             fields = dataclasses.asdict(e)
             return {k: v for k, v in fields.items() if k != "name"}
 
+        def recording(r: FittedRecording) -> dict[str, Any]:
+            channels = {name: {"unit": c.unit, "rms": c.rms, "sd": c.sd} for name, c in r.channels.items()}
+            return {
+                "name": r.name,
+                "samples": len(r.T_base),
+                "rms_N": r.rms_N,
+                "noise_N": r.noise_N,
+                "noise_from": r.noise_from,
+                "noise_base_N": r.noise_base_N,
+                "chi2_per_n": r.chi2_per_n,
+                "outliers": r.outliers,
+                "channels": channels,
+                "by_phase": r.by_phase,
+                **r.settings,
+            }
+
         return _plain(
             {
                 "verdict": self.verdict,
@@ -99,15 +235,13 @@ class FitResult:
                 "result": self.result,
                 "parameters": {e.name: entry(e) for e in self.estimates},
                 "correlation": {"names": [e.name for e in self.estimates], "matrix": self.correlation},
-                "fit": {
-                    "samples": len(self.residual),
-                    "rms_N": self.rms_N,
-                    "noise_N": self.noise_N,
-                    "noise_base_N": self.noise_base_N,
-                    "chi2_per_n": self.chi2_per_n,
-                },
-                "by_phase": self.by_phase,
+                "fit": {"samples": len(self.residual), "rms_N": self.rms_N, "chi2_per_n": self.chi2_per_n},
+                "recordings": [recording(r) for r in self.recordings],
                 "mu_by_phase": {phase: entry(e) for phase, e in self.mu_by_phase.items()},
+                "by_recording": {
+                    name: {which: entry(e) for which, e in each.items()}
+                    for name, each in self.by_recording.items()
+                },
                 "profiles": {name: dataclasses.asdict(p) for name, p in self.profiles.items()},
                 "warnings": self.warnings,
                 "iterations": self.iterations,

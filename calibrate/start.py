@@ -44,40 +44,50 @@ def thin(T_base: np.ndarray, blocks: int = BLOCKS) -> np.ndarray:
 
 
 def candidates(task: Task) -> list[np.ndarray]:
-    """Values worth trying, SI: the robot file's, and a grid over mu and E where they have no prior."""
-    grids = []
-    for entry, value, prior in zip(task.chosen, task.initial.tolist(), task.priors, strict=True):
-        if entry.name == "mu" and prior is None:
-            grids.append([value, *MU_GRID] if value > 0 else list(MU_GRID))
-        elif entry.name == "E" and prior is None:
-            grids.append([value * factor for factor in E_FACTORS])
-        else:
-            grids.append([value])
-    return [np.asarray(values) for values in itertools.product(*grids)]
+    """Values worth trying, SI: the robot file's, and a grid over mu and E where they have no prior. Where
+    several recordings have their own, all are moved alike.
+    """
+    values = task.initial
+    searched = {
+        name: [i for i, f in enumerate(task.free) if f.entry.name == name and task.priors[i] is None]
+        for name in ("mu", "E")
+    }
+    tried = []
+    for mu, factor in itertools.product(
+        [None, *MU_GRID] if searched["mu"] else [None], E_FACTORS if searched["E"] else (1.0,)
+    ):
+        guess = np.array(values)
+        guess[searched["E"]] *= factor
+        if mu is not None:
+            guess[searched["mu"]] = mu
+        if np.all(guess[searched["mu"]] > 0):
+            tried.append(guess)
+    return tried
 
 
-def search(task: Task, sigma: float) -> tuple[Coordinates, np.ndarray] | None:
-    """Scan the candidates on the thinned recording and descend from the best of them.
+def search(task: Task) -> tuple[tuple[Coordinates, ...], np.ndarray] | None:
+    """Scan the candidates on the thinned recordings and descend from the best of them.
 
     Returns:
-        Coordinates about the best candidate and the point reached, (p,); None if the simulation fails at
-        every candidate.
+        Coordinates of each recording about the best candidate and the point reached, (p,); None if the
+        simulation fails at every candidate.
     """
-    samples = thin(task.T_base.T_base)
+    samples = [thin(part.T_base.T_base) for part in task.parts]
+    thinned = [part.only(kept) for part, kept in zip(task.parts, samples, strict=True)]
     tried = candidates(task)
-    origin = np.zeros(len(task.chosen))
+    origin = np.zeros(len(task.free))
     best, best_cost, best_at = None, np.inf, None
     for i, values in enumerate(tried):
         task.progress(f"searching for a start: {i + 1} of {len(tried)}")
         at = task.coordinates(values)
-        problem = task.objective(at, samples, sigma)
+        problem = task.objective(at, thinned)
         cost = problem.cost(origin, problem.predict(origin))
         task.evaluations += problem.predict.count
         if cost < best_cost:
             best, best_cost, best_at = problem, cost, at
     if best is None or best_at is None:
         return None
-    if len(samples) == len(task.T_tip):
+    if sum(map(len, samples)) == task.samples:
         return best_at, origin
     best.predict.count = 0
     rough = descend(best, origin, max_steps=ROUGH_STEPS)

@@ -1,26 +1,117 @@
-"""What is fitted to what: the robot, its free parameters and their priors, and the recorded tensions."""
+"""What is fitted to what: robots, their free parameters and priors, and recordings."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot
+from gtr_jax import InputError, Recording, Robot, RobotConfig
 from gtr_jax.parameters import Parameter
 
 from . import noise
 from .base_tension import BaseTension, exact
-from .coordinates import Coordinates, Prediction, Predictor, coordinates
+from .coordinates import CHANNELS, Coordinates, Prediction, Predictor, Predictors, coordinates
 from .descent import Objective
+from .free import Free
 from .weighing import Weighing
 
 LARGEST_FACTOR = 30.0
 LARGEST_SHIFT = 2.0
-SMALLEST_SIGMA = 1e-6
+SMALLEST_SIGMA, ROUGH = 1e-6, 0.02
 # Recordings longer than this are simulated at about as many samples, or at steps of this share of the range.
 LONG, FINEST = 2000, 1 / 400
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Part:
+    """One recording of K samples as it is fitted.
+
+    Attributes:
+        name: of the recording.
+        robot: with the values it starts from.
+        config: its file, or None.
+        T_base: estimate of the true base tension, and what the recorded one says of it.
+        channels: names of what is fitted to, T_tip first.
+        recorded: the same, SI, (C, K).
+        trial: number of the trial, (K,), or None.
+        noise_N: standard deviation of T_tip [N] if given.
+    """
+
+    name: str
+    robot: Robot
+    config: RobotConfig | None
+    T_base: BaseTension
+    channels: tuple[str, ...]
+    recorded: np.ndarray
+    trial: np.ndarray | None
+    noise_N: float | None
+
+    @property
+    def T_tip(self) -> np.ndarray:
+        """As recorded [N], (K,)."""
+        return self.recorded[0]
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return self.recorded.shape[1]
+
+    @property
+    def smallest(self) -> np.ndarray:
+        """Error below which each channel is not resolved, whatever its noise, (C,)."""
+        tension = max(float(np.max(np.abs(self.T_base.T_base))), float(np.max(np.abs(self.T_tip))), 1e-3)
+        size = [tension, *np.ptp(self.recorded[1:], axis=1)]
+        return SMALLEST_SIGMA * np.maximum(size, 1e-6)
+
+    def noise(self, fitted: Prediction | None = None) -> noise.Noise:
+        """The tip's noise given, or estimated; better so once a fitted model tells which stretches are
+        locked.
+        """
+        if self.noise_N is not None:
+            return noise.Noise(self.noise_N, "given")
+        base = self.T_base
+        if fitted is None:
+            return noise.estimate(base.T_base, self.T_tip, self.trial, None)
+        passed_on = float(np.mean(np.where(fitted.slips, fitted.slope[0], 0.0) ** 2)) * base.sd**2
+        return noise.estimate(base.T_base, self.T_tip, self.trial, ~fitted.slips, passed_on)
+
+    def least(self, tip: float | None) -> np.ndarray:
+        """Smallest standard deviation that each channel's errors may be given, (C,): of the tip tension its
+        noise, of the others what neighbouring samples differ by.
+        """
+        others = [noise.from_differences(row) or 0.0 for row in self.recorded[1:]]
+        return np.maximum([tip or 0.0, *others], self.smallest)
+
+    def rough(self) -> np.ndarray:
+        """Errors to look for a start with, (C,): the tip's noise, and of the others a share of their range,
+        because a wrong stiffness puts them far off.
+        """
+        sd = self.least(self.noise().sd)
+        return np.maximum(sd, [0.0, *(ROUGH * np.ptp(self.recorded[1:], axis=1))])
+
+    def residual(self, prediction: Prediction) -> np.ndarray:
+        """Simulated minus recorded, (C, K)."""
+        return prediction.values[self.where] - self.recorded
+
+    @property
+    def where(self) -> list[int]:
+        """Places of the channels among those of a prediction."""
+        return [CHANNELS.index(name) for name in self.channels]
+
+    def nodes(self) -> np.ndarray | None:
+        """Samples to simulate; None for all of them, as in a recording that is not long."""
+        if self.samples <= LONG or self.T_base.sd == 0:
+            return None
+        travel = float(np.sum(np.abs(np.diff(self.T_base.T_base[self.T_base.knots]))))
+        return self.T_base.nodes(max(travel / LONG, FINEST * float(np.ptp(self.T_base.T_base)), 1e-9))
+
+    def only(self, samples: np.ndarray) -> Part:
+        """Some of the samples, with the base tension taken as estimated."""
+        base = exact(self.T_base.T_base[samples])
+        trial = None if self.trial is None else self.trial[samples]
+        return dataclasses.replace(self, T_base=base, recorded=self.recorded[:, samples], trial=trial)
 
 
 @dataclasses.dataclass
@@ -28,107 +119,102 @@ class Task:
     """One fit under way.
 
     Attributes:
-        robot: with the values it starts from.
-        config: its file, or None.
-        chosen: the p free parameters.
-        initial: their values, SI.
-        priors: their relative standard deviations, None where nothing is known.
-        T_base: estimate of the true base tension, and what the recorded one says of it.
-        T_tip: as recorded [N], (K,).
-        trial: number of the trial, (K,), or None.
-        noise_N: standard deviation of T_tip [N] if given.
+        parts: the recordings.
+        free: the p free numbers.
         max_steps: of the optimiser.
         progress: called with a line at each stage.
         warnings: sentences gathered on the way.
-        evaluations: simulated recordings so far.
+        evaluations: times that all recordings were simulated.
         profiled: whether profile likelihoods are wanted.
+        robust: whether outliers are to count less.
     """
 
-    robot: Robot
-    config: RobotConfig | None
-    chosen: list[Parameter]
-    T_base: BaseTension
-    T_tip: np.ndarray
-    trial: np.ndarray | None
-    noise_N: float | None
+    parts: tuple[Part, ...]
+    free: list[Free]
     max_steps: int
     progress: Callable[[str], None]
     warnings: list[str]
     evaluations: int = 0
     profiled: bool = False
+    robust: bool = False
     initial: np.ndarray = dataclasses.field(init=False)
     priors: list[float | None] = dataclasses.field(init=False)
 
     def __post_init__(self):
-        self.initial = np.asarray([float(self.robot.value(p.name)) for p in self.chosen])
-        known = self.config.uncertainty if self.config is not None else {}
-        self.priors = [known.get(p.key) for p in self.chosen]
-        for i, (entry, value) in enumerate(zip(self.chosen, self.initial, strict=True)):
-            if value == 0 and self.priors[i] is not None:
-                self.warnings.append(
-                    f"The uncertainty of {entry.name} is relative and its value 0: not used."
-                )
+        self.initial = np.asarray([f.initial for f in self.free])
+        self.priors = [f.prior for f in self.free]
+        for i, f in enumerate(self.free):
+            if f.initial == 0 and f.prior is not None:
+                self.warnings.append(f"The uncertainty of {f.name} is relative and its value 0: not used.")
                 self.priors[i] = None
 
     @property
     def names(self) -> list[str]:
-        """Short names of the free parameters."""
-        return [p.name for p in self.chosen]
+        """Names of the free numbers."""
+        return [f.name for f in self.free]
+
+    @property
+    def chosen(self) -> list[Parameter]:
+        """The parameters they are."""
+        return [f.entry for f in self.free]
+
+    @property
+    def samples(self) -> int:
+        """Samples of all recordings."""
+        return sum(part.samples for part in self.parts)
 
     @property
     def peak(self) -> float:
         """Largest recorded tip tension [N]."""
-        return float(np.max(self.T_tip))
+        return max(float(np.max(part.T_tip)) for part in self.parts)
 
     @property
-    def smallest_sigma(self) -> float:
-        """Error [N] below which the recording is not resolved, whatever its noise."""
-        return SMALLEST_SIGMA * max(
-            float(np.max(np.abs(self.T_base.T_base))), float(np.max(np.abs(self.T_tip))), 1e-3
+    def stiff(self) -> float:
+        """Largest tension [N]."""
+        return max(self.peak, *(float(np.max(part.T_base.T_base)) for part in self.parts), 1e-3)
+
+    def friction(self) -> list[int]:
+        """Which of the free numbers are friction coefficients."""
+        return [i for i, f in enumerate(self.free) if f.entry.name == "mu"]
+
+    def coordinates(self, values: np.ndarray) -> tuple[Coordinates, ...]:
+        """Coordinates of each recording with their origin at some values (SI, (p,))."""
+        return tuple(
+            coordinates(part.robot, self.chosen, values, [k in f.parts for f in self.free])
+            for k, part in enumerate(self.parts)
         )
 
-    def noise(self, fitted: Prediction | None = None) -> noise.Noise:
-        """The noise given, or estimated; better so once a fitted model tells which stretches are locked."""
-        if self.noise_N is not None:
-            return noise.Noise(self.noise_N, "given")
-        base = self.T_base
-        if fitted is None:
-            return noise.estimate(base.T_base, self.T_tip, self.trial, None)
-        passed_on = float(np.mean(np.where(fitted.slips, fitted.slope, 0.0) ** 2)) * base.sd**2
-        return noise.estimate(base.T_base, self.T_tip, self.trial, ~fitted.slips, passed_on)
+    def values_of(self, part: int, values: np.ndarray) -> dict[str, float]:
+        """What the free numbers are to one recording's robot, SI, by short name."""
+        return {f.entry.name: float(v) for f, v in zip(self.free, values, strict=True) if part in f.parts}
 
-    def nodes(self) -> np.ndarray | None:
-        """Samples to simulate; None for all of them, as in a recording that is not long."""
-        K = len(self.T_tip)
-        if K <= LONG or self.T_base.sd == 0:
-            return None
-        travel = float(np.sum(np.abs(np.diff(self.T_base.T_base[self.T_base.knots]))))
-        return self.T_base.nodes(max(travel / LONG, FINEST * float(np.ptp(self.T_base.T_base)), 1e-9))
+    def objective(self, at: Sequence[Coordinates], parts: Sequence[Part] | None = None) -> Objective:
+        """Least squares on recordings, all their samples with the same error, and on the priors.
 
-    def coordinates(self, values: np.ndarray) -> Coordinates:
-        """Coordinates with their origin at some values (SI, (p,))."""
-        return coordinates(self.robot, self.chosen, dict(zip(self.names, values.tolist(), strict=True)))
-
-    def objective(self, at: Coordinates, samples: np.ndarray, sigma: float) -> Objective:
-        """Least squares on some of the samples, all with the same error sigma [N], and on the priors."""
-        T_base = self.T_base.T_base[samples]
-        whole = len(samples) == len(self.T_tip)
-        log, scale = np.asarray(at.log), np.asarray(at.scale)
+        Args:
+            at: coordinates of each recording.
+            parts: the recordings; those of the task unless given.
+        """
+        parts = self.parts if parts is None else parts
+        log, scale = np.asarray(at[0].log), np.asarray(at[0].scale)
         has = np.asarray([p is not None for p in self.priors])
         relative = np.asarray([p or 1.0 for p in self.priors])
         spread = np.where(log, relative, relative * np.abs(self.initial) / scale)
+        start = at[0].at(np.where(has, self.initial, np.asarray(at[0].reference)))
         return Objective(
-            predict=Predictor(self.robot, at, T_base, self.nodes() if whole else None),
-            recorded=self.T_tip[samples],
-            weigh=Weighing.plain(exact(T_base), sigma),
-            centre=np.where(has, at.at(np.where(has, self.initial, np.asarray(at.reference))), 0.0),
+            predict=Predictors(
+                [Predictor(p.robot, a, p.T_base.T_base, p.nodes()) for p, a in zip(parts, at, strict=True)]
+            ),
+            parts=tuple(parts),
+            weighs=tuple(Weighing.plain(exact(p.T_base.T_base), p.channels, p.rough()) for p in parts),
+            centre=np.where(has, start, 0.0),
             precision=np.where(has, 1 / np.where(has, spread, 1.0), 0.0),
             reach=np.where(log, np.log(LARGEST_FACTOR), LARGEST_SHIFT),
         )
 
 
-def tensions(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
-    """Base and tip tension of a recording that can be fitted to.
+def recorded(recording: Recording) -> tuple[np.ndarray, tuple[str, ...], np.ndarray]:
+    """Base tension, names of the channels that can be fitted to, and the channels, (C, K).
 
     Raises:
         InputError: no tip tension, columns that do not match, fewer than four samples, numbers that are not
@@ -137,18 +223,16 @@ def tensions(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
     where = recording.path
     if recording.T_tip is None:
         raise InputError(f"{where}: no tip tension to fit to; map it with --columns 'T_tip=NAME[N]'")
-    T_base, T_tip = np.asarray(recording.T_base, float), np.asarray(recording.T_tip, float)
-    if T_base.shape != T_tip.shape or T_base.ndim != 1:
-        raise InputError(
-            f"{where}: T_base and T_tip have {T_base.shape} and {T_tip.shape} samples; make them equal"
-        )
+    T_base = np.asarray(recording.T_base, float)
+    names = tuple(name for name in CHANNELS if getattr(recording, name) is not None)
+    channels = [np.asarray(getattr(recording, name), float) for name in names]
+    for name, values in zip(names, channels, strict=True):
+        if T_base.shape != values.shape or T_base.ndim != 1:
+            raise InputError(
+                f"{where}: T_base and {name} have {T_base.shape} and {values.shape} samples; make them equal"
+            )
+        if not (np.all(np.isfinite(T_base)) and np.all(np.isfinite(values))):
+            raise InputError(f"{where}: T_base or {name} is not finite in places; delete these samples")
     if len(T_base) < 4:
         raise InputError(f"{where}: {len(T_base)} samples are too few to fit to; give 4 or more")
-    if not (np.all(np.isfinite(T_base)) and np.all(np.isfinite(T_tip))):
-        raise InputError(f"{where}: T_base or T_tip is not finite in places; delete these samples")
-    return T_base, T_tip
-
-
-def robot_of(robot: RobotConfig | Robot) -> tuple[Robot, RobotConfig | None]:
-    """The traced robot, and its file if one was given."""
-    return (robot, None) if isinstance(robot, Robot) else (build_robot(robot), robot)
+    return T_base, names, np.stack(channels)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import f
@@ -78,52 +79,128 @@ def _by_chance(degrees: float, noise_degrees: float) -> float:
     return float(f.isf(CHANCE, degrees, min(noise_degrees, 1e6)))
 
 
-def verdict(
-    estimates: Sequence[Estimate],
-    *,
-    rms: float,
-    peak: float,
-    noise: float | None,
-    chi2: float | None,
-    degrees: tuple[float, float] = (np.inf, np.inf),
-    table: dict[str, dict[str, float]],
-    disagreement: str,
-    failure: str,
-) -> str:
-    """One sentence: what was found, how far the model is from the recording, and where.
+class Distance(NamedTuple):
+    """How far the fitted model is from one recording.
 
-    Args:
-        estimates: the fitted parameters.
+    Attributes:
+        name: of the recording.
         rms: of the residual [N].
         peak: largest recorded tip tension [N].
         noise: of the recording [N], or None.
         chi2: sum of squares per degree of freedom in units of the noise, or None.
         degrees: degrees of freedom of that sum, and of the noise.
         table: from `by_phase`.
-        disagreement: from the function of that name.
+        others: name, rms, noise and unit of the other channels that the model does not describe.
+    """
+
+    name: str
+    rms: float
+    peak: float
+    noise: float | None
+    chi2: float | None
+    degrees: tuple[float, float]
+    table: dict[str, dict[str, float]]
+    others: list[tuple[str, float, float, str]]
+
+    @property
+    def off(self) -> str:
+        """In words."""
+        share = f", {100 * self.rms / self.peak:.2g} % of the {self.peak:.3g} N peak" if self.peak > 0 else ""
+        return f"{self.rms:.3g} N rms{share}"
+
+    @property
+    def where(self) -> str:
+        """By phase, in words."""
+        return "by phase " + ", ".join(
+            f"{k} {v['rms_N']:.2g} N (mean {v['mean_N']:+.2g})" for k, v in self.table.items()
+        )
+
+    @property
+    def described(self) -> bool:
+        """Whether the residual is no more than noise."""
+        if self.chi2 is None:
+            return False
+        return self.chi2 <= max(LACK_OF_FIT, _by_chance(*self.degrees))
+
+    def clauses(self) -> list[str]:
+        """What the model is to this recording; the first clause begins a sentence or follows "but"."""
+        if self.noise is None or self.chi2 is None:
+            said = [
+                f"the fitted model is {self.off}, from the recording, whose noise cannot be told",
+                self.where,
+            ]
+        elif self.described:
+            said = [
+                f"the fitted model describes the recording to its noise: {self.off}, noise {self.noise:.2g} N"
+            ]
+        elif self.rms <= SMALL * self.peak:
+            said = [
+                f"the fitted model is close to the recording: off by {self.off}; "
+                f"noise explains {self.noise:.2g} N"
+            ]
+        else:
+            begin = f"the fitted model does not describe the recording: it is off by {self.off}"
+            said = [begin, f"noise explains only {self.noise:.2g} N", self.where]
+        return [*said, *(_other(*o) for o in self.others)]
+
+    @property
+    def bad(self) -> bool:
+        """Whether the model falls short of the recording."""
+        return (
+            self.noise is not None
+            and self.chi2 is not None
+            and not (self.described or self.rms <= SMALL * self.peak)
+        )
+
+
+CHANNEL_WORDS = {
+    "tip_x": "the tip's x",
+    "tip_y": "the tip's y",
+    "tip_angle": "the tip's angle",
+    "displacement": "the tendon's displacement",
+}
+
+
+def _other(name: str, rms: float, noise: float, unit: str) -> str:
+    factor, shown = {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "°")}[unit]
+    return (
+        f"{CHANNEL_WORDS[name]} is off by {factor * rms:.2g} {shown} rms, "
+        f"neighbouring samples by {factor * noise:.2g} {shown}"
+    )
+
+
+def apart(name: str, alone: dict[str, Estimate]) -> str:
+    """A parameter's value from each recording alone, as a clause."""
+    return f"{name}: " + ", ".join(f"{number(e.value, e.sd)} from {which}" for which, e in alone.items())
+
+
+def verdict(
+    estimates: Sequence[Estimate], distances: Sequence[Distance], *, disagreement: str, failure: str
+) -> str:
+    """One sentence: what was found, how far the model is from the recordings, and where.
+
+    Args:
+        estimates: the fitted parameters.
+        distances: of each recording.
+        disagreement: of phases or recordings, or "".
         failure: why there is no answer, or "".
     """
     if failure:
         return f"No answer: {failure}."
     found = ", ".join(said(e) for e in estimates)
-    off = f"{rms:.3g} N rms" + (f", {100 * rms / peak:.2g} % of the {peak:.3g} N peak" if peak > 0 else "")
-    where = "by phase " + ", ".join(
-        f"{k} {v['rms_N']:.2g} N (mean {v['mean_N']:+.2g})" for k, v in table.items()
-    )
-    if noise is None or chi2 is None:
-        clauses = [
-            f"{found}; the fitted model is {off}, from the recording, whose noise cannot be told",
-            where,
-        ]
-    elif chi2 <= max(LACK_OF_FIT, _by_chance(*degrees)):
-        clauses = [
-            f"{found}; the fitted model describes the recording to its noise: {off}, noise {noise:.2g} N"
-        ]
-    elif rms <= SMALL * peak:
-        clauses = [
-            f"{found}; the fitted model is close to the recording: off by {off}; noise explains {noise:.2g} N"
-        ]
+    if len(distances) == 1:
+        only = distances[0]
+        clauses = [f"{found}{', but' if only.bad else ';'} {only.clauses()[0]}", *only.clauses()[1:]]
     else:
-        begin = f"{found}, but the fitted model does not describe the recording: it is off by {off}"
-        clauses = [begin, f"noise explains only {noise:.2g} N", where]
+        good = [d for d in distances if d.described and not d.others]
+        if len(good) == len(distances):
+            clauses = [f"{found}; the fitted model describes all {len(distances)} recordings to their noise"]
+        else:
+            share = f"{len(good)} of {len(distances)} recordings"
+            clauses = [f"{found}, but the fitted model describes {share} to their noise"]
+            clauses += [
+                f"{d.name}: {'; '.join(d.clauses()).replace('the recording', 'it')}"
+                for d in distances
+                if d not in good
+            ]
     return "; ".join([*clauses, disagreement] if disagreement else clauses) + "."

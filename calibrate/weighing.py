@@ -1,4 +1,4 @@
-"""Residuals weighed with the noise of both cells: the base tension's passes on to the tip wherever it slips.
+"""Residuals weighed with the noise of the cells: the base tension's passes on to the tip wherever it slips.
 
 While the whole tendon slips, T_tip follows the base tension of that moment with the slope g = dT_tip/dT_base;
 while friction holds the tip, T_tip stays that of the sample at which it slipped last. So the simulated T_tip
@@ -9,7 +9,8 @@ are known from the recording with a tridiagonal information matrix. Minimising o
 
 is linear in the residual r and costs as much as a tridiagonal solve. The errors that a plateau has in common
 with the peak before it are thus counted once, and a plateau says of friction what it should: nothing, beyond
-what the peak says.
+what the peak says. The tip's pose and the tendon's displacement, which follow the base tension of their own
+sample, come into the sum likewise.
 """
 
 from __future__ import annotations
@@ -20,61 +21,103 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from .base_tension import BaseTension
-from .coordinates import Prediction
+from .coordinates import CHANNELS, Prediction
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Weighing:
-    """Turns residuals of K samples into 2K that are independent and of unit variance, as far as noise goes.
+    """Turns residuals of one recording, C channels of K samples, into (C+1) K rows that are independent and
+    of unit variance as far as noise goes: those of the channels and then of the base tension.
 
     Attributes:
         base: the base tension and its knots.
-        slope: dT_tip/dT_base, the latter that of sample `last`, (K,).
-        last: sample at which the tip slipped last, (K,).
-        weight: 1/sd of the recorded tip tension [1/N], (K,); 0 leaves a sample out.
+        slope: change of each channel per change of the base tension at sample `last`, (C, K).
+        last: sample whose base tension a value depends on, (C, K).
+        weight: 1/sd, in 1/(unit of the channel), (C, K); 0 leaves a sample out.
+        floating: channels whose zero is unknown, so that a constant off is nothing, (C,).
         sd_base: standard deviation of the recorded base tension [N], to be believed; 0: it is exact.
+        tau: samples per independent one, of each channel, (C,).
     """
 
     base: BaseTension
     slope: np.ndarray
     last: np.ndarray
     weight: np.ndarray
+    floating: np.ndarray
     sd_base: float
+    tau: np.ndarray
 
     @staticmethod
-    def plain(base: BaseTension, sd_tip: float) -> Weighing:
-        """All alike, the base tension taken as it is."""
-        K = len(base.T_base)
-        return Weighing(base, np.zeros(K), np.arange(K), np.full(K, 1 / sd_tip), 0.0)
+    def plain(base: BaseTension, channels: tuple[str, ...], sd: np.ndarray) -> Weighing:
+        """All samples of a channel alike, the base tension taken as it is."""
+        C, K = len(channels), len(base.T_base)
+        return Weighing(
+            base=base,
+            slope=np.zeros((C, K)),
+            last=np.broadcast_to(np.arange(K), (C, K)),
+            weight=np.broadcast_to(1 / np.asarray(sd, float)[:, None], (C, K)),
+            floating=np.asarray([name == "displacement" for name in channels]),
+            sd_base=0.0,
+            tau=np.ones(C),
+        )
 
     @staticmethod
-    def of(base: BaseTension, prediction: Prediction, sd_tip: float, sd_base: float) -> Weighing:
+    def of(
+        base: BaseTension, prediction: Prediction, channels: tuple[str, ...], sd: np.ndarray, sd_base: float
+    ) -> Weighing:
         """With the slopes of a simulation."""
         K = len(base.T_base)
-        last = np.maximum.accumulate(np.where(prediction.slips, np.arange(K), 0))
-        return Weighing(base, prediction.slope, last, np.full(K, 1 / sd_tip), sd_base)
+        plain = Weighing.plain(base, channels, sd)
+        slipped = np.maximum.accumulate(np.where(prediction.slips, np.arange(K), 0))
+        last = [slipped if name == "T_tip" else np.arange(K) for name in channels]
+        slope = prediction.slope[[CHANNELS.index(name) for name in channels]]
+        return dataclasses.replace(plain, slope=slope, last=np.stack(last), sd_base=sd_base)
 
     def only(self, inside: np.ndarray) -> Weighing:
-        """The same with the other samples left out."""
+        """The same with the other samples, (K,) bool, left out."""
         return dataclasses.replace(self, weight=np.where(inside, self.weight, 0.0))
 
+    def trusted(self, share: np.ndarray) -> Weighing:
+        """The same with each residual, (C, K), counted by a share of its weight."""
+        return dataclasses.replace(self, weight=self.weight * share)
+
     def shift(self, rows: np.ndarray) -> np.ndarray:
-        """By how much the base tension is best corrected for residuals, (K, ...) [N], (K, ...)."""
+        """By how much the base tension is best corrected for residuals, (C, K, ...), in (K, ...) [N]."""
+        K = len(self.base.T_base)
         if self.sd_base <= 0:
-            return np.zeros_like(rows)
+            return np.zeros((K, *rows.shape[2:]))
         passed = self.slope * self.weight**2
-        information = self.base.information(np.full(len(self.slope), self.sd_base**-2))
-        information = information + self.base.information(passed * self.slope, self.last)
-        pulled = self.base.to_knots(-self._along(passed, rows) * rows, self.last)
+        information = self.base.information(np.full(K, self.sd_base**-2))
+        pulled = np.zeros((len(self.base.knots), *rows.shape[2:]))
+        for along, last, row, slope in zip(passed, self.last, rows, self.slope, strict=True):
+            information = information + self.base.information(along * slope, last)
+            pulled = pulled + self.base.to_knots(-_along(along, row) * row, last)
         return self.base.at_samples(cho_solve_banded((cholesky_banded(information), False), pulled))
 
-    def __call__(self, rows: np.ndarray) -> np.ndarray:
-        """Residuals, or columns of a Jacobian, (K, ...) [N], weighed: (2K, ...), tip and then base."""
-        shift = self.shift(rows)
-        tip = rows + self._along(self.slope, rows) * shift[self.last]
-        base = shift / self.sd_base if self.sd_base > 0 else shift
-        return np.concatenate([self._along(self.weight, rows) * tip, base])
+    def _centred(self, rows: np.ndarray) -> np.ndarray:
+        """Without the constant of the channels whose zero is unknown."""
+        if not self.floating.any():
+            return rows
+        share = np.where(self.floating[:, None], self.weight**2, 0.0)
+        total = np.sum(share, axis=1)
+        share = share / np.where(total > 0, total, 1.0)[:, None]
+        return rows - np.sum(_along(share, rows) * rows, axis=1, keepdims=True)
 
-    @staticmethod
-    def _along(factor: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        return factor.reshape(-1, *[1] * (rows.ndim - 1))
+    def split(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals, or columns of a Jacobian, (C, K, ...), weighed: those of the channels, (C, K, ...), and
+        those of the base tension, (K, ...).
+        """
+        rows = self._centred(rows)
+        shift = self.shift(rows)
+        moved = rows + _along(self.slope, rows) * shift[self.last]
+        return _along(self.weight, rows) * moved, shift / self.sd_base if self.sd_base > 0 else shift
+
+    def __call__(self, rows: np.ndarray) -> np.ndarray:
+        """Both in one, (C K + K, ...), counted by independent samples."""
+        channels, base = self.split(rows)
+        counted = channels / np.sqrt(self.tau).reshape(-1, *[1] * (rows.ndim - 1))
+        return np.concatenate([counted.reshape(-1, *rows.shape[2:]), base / np.sqrt(self.tau[0])])
+
+
+def _along(factor: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    return factor.reshape(*factor.shape, *[1] * (rows.ndim - factor.ndim))

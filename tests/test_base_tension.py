@@ -9,7 +9,8 @@ import calibrate
 import gtr_jax as gtr
 from benchmarks.coverage import Case, noisy, outcome, recorded
 from calibrate.base_tension import BaseTension, estimate, exact, straighten, turning_points
-from calibrate.coordinates import Predictor, choose, coordinates
+from calibrate.coordinates import Predictor, coordinates
+from calibrate.free import choose
 from calibrate.weighing import Weighing
 
 HOLDS = np.concatenate(
@@ -120,24 +121,28 @@ def test_weighed_squares_are_those_of_the_full_covariance():
     slips = (np.arange(K) < 260) | ((np.arange(K) > 500) & (np.arange(K) < 640))
     last = np.maximum.accumulate(np.where(slips, np.arange(K), 0))
     slope = rng.uniform(0.3, 0.6, K)[last]
-    weigh = Weighing(fit, slope, last, np.full(K, 1 / 0.05), 0.1)
+    weigh = dataclasses.replace(
+        Weighing.plain(fit, ("T_tip",), np.array([0.05])), slope=slope[None], last=last[None], sd_base=0.1
+    )
     B = dense(fit)
     passed = slope[:, None] * B[last]
     C = 0.05**2 * np.eye(K) + 0.1**2 * passed @ np.linalg.solve(B.T @ B, passed.T)
     r = rng.normal(size=(K, 2))
-    weighed = weigh(r)
+    weighed = weigh(r[None])
     np.testing.assert_allclose(weighed.T @ weighed, r.T @ np.linalg.solve(C, r), rtol=1e-8)
-    assert weigh(r[:, 0]).shape == (2 * K,)
+    assert weigh(r[None, :, 0]).shape == (2 * K,)
     half = weigh.only(np.arange(K) < 300)
     np.testing.assert_allclose(
-        np.sum(half(r[:, 0]) ** 2), r[:300, 0] @ np.linalg.solve(C[:300, :300], r[:300, 0]), rtol=1e-8
+        np.sum(half(r[None, :, 0]) ** 2), r[:300, 0] @ np.linalg.solve(C[:300, :300], r[:300, 0]), rtol=1e-8
     )
-    np.testing.assert_allclose(Weighing.plain(exact(HOLDS), 0.05)(r[:, 0])[:K], r[:, 0] / 0.05)
+    np.testing.assert_allclose(
+        Weighing.plain(exact(HOLDS), ("T_tip",), np.array([0.05]))(r[None, :, 0])[:K], r[:, 0] / 0.05
+    )
 
 
 def test_slope_is_that_of_the_base_tension_last_followed(make_robot):
     robot = make_robot()
-    at = coordinates(robot, choose(robot, ("mu",)), {"mu": float(robot.value("mu"))})
+    at = coordinates(robot, choose(robot, ("mu",)), [robot.value("mu")])
     T_base = np.concatenate([np.linspace(0, 40, 21), np.linspace(40, 2, 20)[1:]])
     found = Predictor(robot, at, T_base)(np.zeros(1))
     assert found is not None
@@ -147,7 +152,7 @@ def test_slope_is_that_of_the_base_tension_last_followed(make_robot):
         up[last[k]] += 1e-4
         down[last[k]] -= 1e-4
         tips = [float(gtr.simulate(robot, T).T_tip[k]) for T in (up, down)]
-        assert found.slope[k] == pytest.approx((tips[0] - tips[1]) / 2e-4, rel=1e-5)
+        assert found.slope[0, k] == pytest.approx((tips[0] - tips[1]) / 2e-4, rel=1e-5)
 
 
 def test_noise_in_the_base_is_not_taken_for_friction():

@@ -10,7 +10,8 @@ import pytest
 import calibrate
 import gtr_jax as gtr
 from calibrate import noise
-from calibrate.coordinates import Predictor, choose, coordinates
+from calibrate.coordinates import Predictor, coordinates
+from calibrate.free import choose
 from calibrate.start import thin
 from tests.conftest import PARALLEL, SINE
 
@@ -237,7 +238,7 @@ def test_real_recording():
 def test_derivatives_of_the_prediction(make_config):
     robot = gtr.build_robot(make_config(PARALLEL))
     chosen = choose(robot, ("mu", "offset"))
-    at = coordinates(robot, chosen, {p.name: float(robot.value(p.name)) for p in chosen})
+    at = coordinates(robot, chosen, [robot.value(p.name) for p in chosen])
     predict = Predictor(robot, at, LOOP)
     u, h = np.asarray([0.02, -0.01]), 1e-5
     exact = predict(u)
@@ -245,7 +246,7 @@ def test_derivatives_of_the_prediction(make_config):
     for i, step in enumerate(h * np.eye(2)):
         up, down = predict(u + step), predict(u - step)
         assert up is not None and down is not None
-        assert exact.jacobian[:, i] == pytest.approx((up.T_tip - down.T_tip) / (2 * h), abs=1e-6)
+        assert exact.jacobian[..., i] == pytest.approx((up.values - down.values) / (2 * h), abs=1e-6)
     assert predict.count == 5
     assert at.at(np.asarray(at.values(u))) == pytest.approx(u)
 

@@ -9,7 +9,8 @@ import calibrate
 import gtr_jax as gtr
 from benchmarks.coverage import Case, noisy, recorded
 from calibrate.base_tension import estimate, exact
-from calibrate.coordinates import Predictor, choose, coordinates
+from calibrate.coordinates import Predictor, coordinates
+from calibrate.free import choose
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +28,7 @@ def test_nodes_carry_the_history(long):
     base = estimate(run.T_base, run.time, sd=0.01)
     nodes = base.nodes(0.2)
     assert set(base.knots) <= set(nodes.tolist()) and len(nodes) < len(run.T_base) / 10
-    at = coordinates(robot, choose(robot, ("mu",)), {"mu": float(robot.value("mu"))})
+    at = coordinates(robot, choose(robot, ("mu",)), [robot.value("mu")])
     whole = Predictor(robot, at, base.T_base)(np.zeros(1))
     coarse = Predictor(robot, at, base.T_base, nodes)(np.zeros(1))
     assert whole is not None and coarse is not None
@@ -38,13 +39,13 @@ def test_nodes_carry_the_history(long):
     assert np.mean(moving) > 0.8
     assert np.mean((coarse.phases == whole.phases)[moving]) > 0.99
     assert np.mean((coarse.slips == whole.slips)[moving]) > 0.99
-    slopes = np.sum(coarse.jacobian * whole.jacobian) / np.sum(whole.jacobian**2)
+    slopes = np.sum(coarse.jacobian[0] * whole.jacobian[0]) / np.sum(whole.jacobian[0] ** 2)
     assert slopes == pytest.approx(1.0, abs=2e-3), "it jumps at a switch, between two nodes"
 
 
 def test_all_samples_as_nodes_change_nothing(make_robot):
     robot = make_robot()
-    at = coordinates(robot, choose(robot, ("mu",)), {"mu": float(robot.value("mu"))})
+    at = coordinates(robot, choose(robot, ("mu",)), [robot.value("mu")])
     T_base = np.concatenate([np.linspace(0, 30, 16), np.linspace(30, 5, 16)])
     plain, noded = (Predictor(robot, at, T_base, nodes)(np.zeros(1)) for nodes in (None, np.arange(32)))
     assert plain is not None and noded is not None

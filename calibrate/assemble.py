@@ -1,0 +1,321 @@
+"""From the point where a fit ended to what is reported of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from gtr_jax import InputError, RobotConfig
+
+from . import verdict as words
+from .alone import by_recording, mu_by_phase, scattered
+from .answer import Answer, Judged
+from .coordinates import CHANNEL_UNITS, CHANNELS, Prediction, is_log
+from .descent import all_converged
+from .estimate import MOSTLY_PRIOR, UNKNOWN, Estimate, Uncertainty, correlation, estimates, transform
+from .identifiability import remedy
+from .result import Channel, FitResult, FittedRecording
+from .task import Task
+
+TRADE_OFF = 0.99
+# Standard deviations of a prior.
+DRIFTED = 2.5
+ONE_SIDED_95 = 1.6449
+SMALL_MU = 0.05
+
+
+def _settings(task: Task, **more: Any) -> dict[str, Any]:
+    priors = {f.name: prior for f, prior in zip(task.free, task.priors, strict=True) if prior is not None}
+    return {
+        "free": task.names,
+        "samples": task.samples,
+        "peak_T_tip_N": task.peak,
+        "priors_relative_sd": priors,
+        "robust": task.robust,
+        "max_steps": task.max_steps,
+        "optimiser": "optimistix.LevenbergMarquardt",
+        **more,
+    }
+
+
+def _fitted_config(task: Task, k: int, values: np.ndarray) -> RobotConfig | None:
+    """The robot file of recording k with the fitted values."""
+    config = task.parts[k].config
+    if config is None:
+        return None
+    changed = {
+        f.entry.key: float(value)
+        for f, value in zip(task.free, values, strict=True)
+        if k in f.parts and value != f.initial
+    }
+    try:
+        return config.with_values(changed)
+    except InputError as fault:
+        task.warnings.append(f"The fitted values do not make a robot file: {fault}.")
+        return None
+
+
+def _largest_mu(task: Task, known: Uncertainty, values: np.ndarray) -> float:
+    """Upper limit (95 %) of mu where it is small, from the slope there; infinite if not fitted or unseen."""
+    limits = [float(values[i] * (1 + ONE_SIDED_95 * known.alone[i])) for i in task.friction()]
+    return max(limits, default=np.inf)
+
+
+def _notes(task: Task, known: Uncertainty, answer: Answer, values: np.ndarray) -> list[str]:
+    """What a reader must know of each estimate; also gathered as warnings."""
+    notes, problem, descent = [], answer.problem, answer.descent
+    drift = (descent.u - problem.centre) * problem.precision
+    for i, free in enumerate(task.free):
+        note = ""
+        most = _largest_mu(task, known, values)
+        if not known.known[i] and free.entry.name == "mu" and most < SMALL_MU:
+            note = f"no friction is seen, mu is below {most:.2g} (95 %)"
+        elif descent.at_edge[i]:
+            note = "ran to the end of the range searched, so it has no interval"
+        elif not known.known[i]:
+            rest = "the prior's" if task.priors[i] is not None else "arbitrary"
+            note = f"not determined by the recording, the value is {rest}"
+        elif known.prior_share[i] > MOSTLY_PRIOR:
+            note = f"rests mostly on its prior ({100 * known.prior_share[i]:.0f} % of what is known)"
+        elif abs(drift[i]) > DRIFTED:
+            note = (
+                f"lies {abs(drift[i]):.1f} standard deviations of its prior from the robot file's value: "
+                "either that is wrong, or the model lacks something that this makes up for"
+            )
+        notes.append(note)
+        if note:
+            task.warnings.append(f"{free.name}: {note}.")
+    return notes
+
+
+def ignorance(task: Task, answer: Answer) -> str:
+    """Why no parameter is determined; "" if one is. Friction too small to be seen is an answer."""
+    known, values = answer.known(task), np.asarray(answer.at[0].values(answer.descent.u))
+    if known.known.any():
+        return ""
+    others_known = all(p is not None for i, p in enumerate(task.priors) if i not in task.friction())
+    if others_known and _largest_mu(task, known, values) < SMALL_MU:
+        return ""
+    each = [n for n, a in zip(task.names, known.alone, strict=True) if a < UNKNOWN]
+    if len(each) > 1:
+        names = " and ".join(each)
+        way = _remedy(task, answer, [task.names.index(n) for n in each])
+        return (
+            f"the recording determines {names} only in combination; fix one of them, or state its "
+            "uncertainty under [uncertainty] in the robot file" + (f"; or measure more: {way}" if way else "")
+        )
+    return f"the recording does not determine {' or '.join(task.names)}"
+
+
+def _remedy(task: Task, answer: Answer, among: list[int]) -> str:
+    """The measurement that would tell parameters apart, in a sentence, or ""."""
+    jacobian = answer.problem.jacobian(answer.predictions)
+    information = jacobian.T @ jacobian + np.diag(answer.problem.precision**2)
+    sd = [float(np.sqrt(j.weigh.tau[0]) * j.sd[0]) for j in answer.judged]
+    return remedy(task, answer.at, answer.descent.u, information, sd, among)
+
+
+def _trade_offs(task: Task, answer: Answer, known: Uncertainty) -> None:
+    """Warn of pairs that the recording hardly tells apart, with what would."""
+    rho, log = correlation(known.covariance), np.asarray(answer.at[0].log)
+    for i, j in zip(*np.triu_indices(len(rho), 1), strict=True):
+        if abs(rho[i, j]) > TRADE_OFF:
+            a, b = task.names[i], task.names[j]
+            along = known.covariance[i, j] / known.covariance[i, i]
+            sense = "up" if along > 0 else "down"
+            little = f": {a} up by 1 % and {b} {sense} by {abs(along):.2g} % changes little"
+            way = _remedy(task, answer, [int(i), int(j)])
+            task.warnings.append(
+                f"{a} and {b} trade off (correlation {rho[i, j]:+.3f})"
+                + (little if log[i] and log[j] else "")
+                + (f"; {way}." if way else ".")
+            )
+
+
+def _failure(answer: Answer) -> str:
+    """Why there is no answer; "" if there is."""
+    if not all_converged(answer.predictions):
+        failed, steps = (
+            sum(p.failed for p in answer.predictions),
+            sum(p.steps for p in answer.problem.predict.parts),
+        )
+        return f"{failed} of {steps} load steps of the simulation did not converge"
+    if not answer.descent.converged:
+        return f"the optimiser did not finish ({answer.descent.result}); the values are where it stopped"
+    return ""
+
+
+def _fitted(
+    task: Task, k: int, prediction: Prediction | None, answer: Answer | None, values: np.ndarray, covariance
+) -> FittedRecording:
+    """Recording k beside the model; as it was where there is no answer."""
+    part = task.parts[k]
+    judged = None if answer is None else answer.judged[k]
+    missing = np.full((len(CHANNELS), part.samples), np.nan)
+    shown = missing if prediction is None else prediction.values
+    phases = np.full(part.samples, words.REST) if prediction is None else prediction.phases
+    channels = {}
+    for c, (name, at) in enumerate(zip(part.channels, part.where, strict=True)):
+        off = shown[at] - part.recorded[c]
+        simulated = shown[at]
+        if name == "displacement":
+            simulated, off = simulated - off.mean(), off - off.mean()
+        sd = None if judged is None else float(judged.sd[c])
+        channels[name] = Channel(CHANNEL_UNITS[at], simulated, off, sd)
+    band = np.zeros(part.samples)
+    if prediction is not None and covariance is not None:
+        known = np.isfinite(np.diag(covariance))
+        slopes = prediction.jacobian[0][:, known]
+        band = np.sqrt(np.einsum("kp,pq,kq->k", slopes, covariance[np.ix_(known, known)], slopes))
+    noise = part.noise() if judged is None else judged.noise
+    return FittedRecording(
+        name=part.name,
+        robot=part.robot.with_values(**task.values_of(k, values)),
+        config=part.config if answer is None else _fitted_config(task, k, values),
+        channels=channels,
+        T_base=part.T_base.T_base,
+        band=band,
+        phases=phases,
+        by_phase={} if prediction is None else words.by_phase(channels["T_tip"].residual, phases),
+        noise_N=noise.sd,
+        noise_from=noise.source,
+        noise_base_N=part.T_base.sd,
+        chi2_per_n=None if judged is None else judged.chi2_per_n,
+        outliers=0 if judged is None else judged.outliers,
+        settings={}
+        if answer is None or judged is None
+        else {
+            "samples_simulated": answer.problem.predict.parts[k].steps,
+            "knots_of_base": len(part.T_base.knots),
+            "samples_per_independent_base": part.T_base.tau,
+            "samples_per_independent": float(judged.weigh.tau[0]),
+        },
+    )
+
+
+def assemble(task: Task, answer: Answer, iterations: int) -> FitResult:
+    """The result of a fit that reached an end, good or bad."""
+    at, descent = answer.at[0], answer.descent
+    log, scale = np.asarray(at.log), np.asarray(at.scale)
+    known = answer.known(task)
+    values = np.asarray(at.values(descent.u))
+    notes = _notes(task, known, answer, values)
+    named = [dataclasses.replace(f.entry, name=f.name) for f in task.free]
+    found = estimates(named, values, task.initial, log, scale, known, notes)
+    _trade_offs(task, answer, known)
+    failure = _failure(answer)
+    phases: dict[str, Estimate] = {}
+    each: dict[str, dict[str, Estimate]] = {}
+    if failure:
+        found = [dataclasses.replace(e, sd=None, lower95=None, upper95=None, detectable=None) for e in found]
+    else:
+        if known.known[task.friction()].any():
+            phases = mu_by_phase(task, answer)
+        each = by_recording(task, answer)
+    disagreement = words.disagreement(phases)
+    if disagreement:
+        task.warnings.append(disagreement[0].upper() + disagreement[1:] + ": more apart than their errors.")
+    apart = [words.apart(name, alone) for name, alone in each.items() if scattered(alone)]
+    task.warnings.extend(
+        f"The recordings disagree about {clause}; find out what differs between them, or fit it to each with "
+        f"--per-recording {clause.split(':')[0]}."
+        for clause in apart
+    )
+    recordings = tuple(
+        _fitted(task, k, prediction, answer, values, known.covariance)
+        for k, prediction in enumerate(answer.predictions)
+    )
+    for r in recordings:
+        if r.outliers:
+            task.warnings.append(
+                f"{r.outliers} of {len(r.T_base)} samples"
+                + (f" of {r.name}" if len(recordings) > 1 else "")
+                + " lie far off and count less than half."
+            )
+    return FitResult(
+        recordings=recordings,
+        estimates=found,
+        converged=not failure,
+        result=descent.result,
+        iterations=iterations,
+        evaluations=task.evaluations,
+        correlation=correlation(known.covariance),
+        warnings=task.warnings,
+        verdict=words.verdict(
+            found,
+            [_distance(task, answer, r) for r in zip(recordings, answer.judged, strict=True)],
+            disagreement="; ".join(
+                [disagreement] * bool(disagreement)
+                + [f"the recordings disagree about {clause}" for clause in apart]
+            ),
+            failure=failure,
+        ),
+        settings=_settings(
+            task,
+            samples_simulated=sum(p.steps for p in answer.problem.predict.parts),
+            start=dict(zip(task.names, np.asarray(at.reference).tolist(), strict=True)),
+        ),
+        mu_by_phase=phases,
+        by_recording=each,
+    )
+
+
+def _distance(task: Task, answer: Answer, of: tuple[FittedRecording, Judged]) -> words.Distance:
+    fitted, judged = of
+    used = len(task.free) * len(fitted.T_base) / task.samples
+    degrees = max(len(fitted.T_base) - used, 1) / float(judged.weigh.tau[0])
+    part = next(p for p in task.parts if p.name == fitted.name)
+    others = []
+    for c, name in enumerate(part.channels):
+        if c and fitted.channels[name].rms > words.SMALL * float(np.ptp(part.recorded[c])):
+            others.append(
+                (name, fitted.channels[name].rms, float(judged.least[c]), CHANNEL_UNITS[part.where[c]])
+            )
+    return words.Distance(
+        name=fitted.name,
+        rms=fitted.rms_N,
+        peak=float(np.max(part.T_tip)),
+        noise=fitted.noise_N,
+        chi2=fitted.chi2_per_n,
+        degrees=(degrees, judged.noise.degrees),
+        table=fitted.by_phase,
+        others=[o for o in others if o[1] ** 2 > words.LACK_OF_FIT * o[2] ** 2],
+    )
+
+
+def unanswered(task: Task, predictions: tuple[Prediction, ...] | None, why: str) -> FitResult:
+    """The result of a fit that could not begin: the robots as they were, no intervals, and why."""
+    p = len(task.free)
+    task.warnings.append(why[0].upper() + why[1:] + ".")
+    recordings = tuple(
+        _fitted(task, k, None if predictions is None else predictions[k], None, task.initial, None)
+        for k in range(len(task.parts))
+    )
+    return FitResult(
+        recordings=recordings,
+        estimates=[
+            Estimate(
+                f.name,
+                f.entry.key,
+                v,
+                None,
+                None,
+                None,
+                v,
+                f.entry.unit,
+                transform(is_log(f.entry, v)),
+                "not fitted",
+            )
+            for f, v in zip(task.free, task.initial.tolist(), strict=True)
+        ],
+        converged=False,
+        result=why,
+        iterations=0,
+        evaluations=task.evaluations,
+        correlation=np.full((p, p), np.nan),
+        warnings=task.warnings,
+        verdict=f"No answer: {why}.",
+        settings=_settings(task),
+    )

@@ -1,0 +1,145 @@
+"""Which numbers are free, and which recordings each of them belongs to."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+from gtr_jax import InputError, Robot, RobotConfig, parameters_of
+from gtr_jax.parameters import Parameter, parameter
+
+# Values in two robot files that differ by less, relative, are one.
+SAME = 1e-9
+
+
+@dataclasses.dataclass(frozen=True)
+class Free:
+    """One free number.
+
+    Attributes:
+        entry: the robots' parameter.
+        name: its name in answers: the parameter's, and where each recording or robot has its own, after an @
+            the name of that.
+        parts: recordings it belongs to, by number.
+        initial: its value in the robot file, SI.
+        prior: relative standard deviation of what the robot file knows of it; None where nothing.
+    """
+
+    entry: Parameter
+    name: str
+    parts: tuple[int, ...]
+    initial: float
+    prior: float | None
+
+
+def choose(robot: Robot, free: Sequence[str]) -> list[Parameter]:
+    """The parameters of a robot that are named, each once.
+
+    Raises:
+        InputError: none named, unknown name, a name twice, or the modulus of a rigid sheath.
+    """
+    if not free:
+        raise InputError(f"no parameter is free; name some of: {', '.join(parameters_of(robot))}")
+    chosen = [parameter(robot, name) for name in free]
+    for i, entry in enumerate(chosen):
+        if entry in chosen[:i]:
+            raise InputError(f"parameter '{entry.name}' is named twice; keep one")
+    return chosen
+
+
+def _has(robot: Robot, name: str) -> bool:
+    known = parameters_of(robot)
+    return name in known or any(p.key == name for p in known.values())
+
+
+def _prior(config: RobotConfig | None, entry: Parameter) -> float | None:
+    return None if config is None else config.uncertainty.get(entry.key)
+
+
+def free_of(
+    robots: Sequence[Robot],
+    configs: Sequence[RobotConfig | None],
+    robot_of_part: Sequence[int],
+    part_names: Sequence[str],
+    robot_names: Sequence[str],
+    free: Sequence[str],
+    per_recording: Sequence[str] = (),
+    per_robot: Sequence[str] = (),
+) -> list[Free]:
+    """The free numbers of one or more recordings of one or more robots.
+
+    A parameter is shared by all recordings of the robots that have it, unless each recording or each robot is
+    to have its own.
+
+    Args:
+        robots, configs: the robots, and their files if given.
+        robot_of_part: robot of each recording.
+        part_names, robot_names: distinct names of the recordings and robots.
+        free: parameters, by short name or key.
+        per_recording, per_robot: which of them are fitted anew in each; they need not stand in `free`.
+
+    Raises:
+        InputError: no robot has the parameter, one is named twice, or it is shared and the robots' files
+            disagree about it.
+    """
+    scopes = [(name, "") for name in free if name not in {*per_recording, *per_robot}]
+    scopes += [(name, "recording") for name in per_recording] + [(name, "robot") for name in per_robot]
+    scopes.sort(key=lambda s: list(free).index(s[0]) if s[0] in free else len(free))
+    if not scopes:
+        choose(robots[0], ())
+    found: list[Free] = []
+    seen: set[str] = set()
+    for name, scope in scopes:
+        owners = [r for r, robot in enumerate(robots) if _has(robot, name)]
+        if not owners:
+            parameter(robots[0], name)  # refuses, and says which there are
+        entry = parameter(robots[owners[0]], name)
+        if entry.name in seen:
+            raise InputError(f"parameter '{entry.name}' is named twice; keep one")
+        seen.add(entry.name)
+        parts = [k for k, r in enumerate(robot_of_part) if r in owners]
+        groups: dict[str, list[int]] = {}
+        for k in parts:
+            if scope == "recording" and len(robot_of_part) > 1:
+                ending = f"@{part_names[k]}"
+            elif scope == "robot" and len(robots) > 1:
+                ending = f"@{robot_names[robot_of_part[k]]}"
+            else:
+                ending = ""
+            groups.setdefault(ending, []).append(k)
+        for ending, members in groups.items():
+            of = sorted({robot_of_part[k] for k in members})
+            values = [float(robots[r].value(entry.name)) for r in of]
+            priors = [_prior(configs[r], entry) for r in of]
+            _agree(entry, [robot_names[r] for r in of], values, priors)
+            found.append(Free(entry, entry.name + ending, tuple(members), values[0], priors[0]))
+    return found
+
+
+def _agree(entry: Parameter, names: list[str], values: list[float], priors: list[float | None]) -> None:
+    """Refuse a shared parameter about which robot files disagree."""
+    for what, said in (("is", values), ("has the uncertainty", priors)):
+        first = said[0]
+        for name, other in zip(names, said, strict=True):
+            same = first == other
+            if isinstance(first, float) and isinstance(other, float):
+                same = abs(first - other) <= SAME * max(abs(first), abs(other))
+            if not same:
+                words = [f"{v:.6g}" if isinstance(v, float) else "none" for v in (first, other)]
+                raise InputError(
+                    f"{entry.name} is shared, but {what} {words[0]} in {names[0]} and {words[1]} in {name}; "
+                    "make them equal, or let each have its own with --per-robot "
+                    f"{entry.name} (per_robot=)"
+                )
+
+
+def distinct(names: Sequence[str]) -> list[str]:
+    """The names, told apart by a number where several are the same."""
+    out: list[str] = []
+    for name in names:
+        count, new = 1, name
+        while new in out:
+            count += 1
+            new = f"{name}-{count}"
+        out.append(new)
+    return out
