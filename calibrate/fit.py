@@ -35,6 +35,7 @@ def fit(
     free: Sequence[str] | None = None,
     per_recording: Sequence[str] = (),
     per_robot: Sequence[str] = (),
+    channels: Sequence[str] | None = None,
     noise_N: float | None = None,
     noise_base_N: float | None = None,
     robust: bool = False,
@@ -71,6 +72,8 @@ def fit(
         free: parameters to fit, by short name or key of the robot file; unless given, mu and E, or mu alone
             for a rigid sheath.
         per_recording, per_robot: parameters of which each recording, or each robot, has its own.
+        channels: what is fitted to beside T_tip: some of tip_x, tip_y, tip_angle, displacement; unless given,
+            all that a recording has.
         noise_N: standard deviation of the recorded tip tensions [N]; estimated from each recording unless
             given.
         noise_base_N: that of the recorded base tensions [N]; 0 takes them as exact.
@@ -124,7 +127,7 @@ def fit(
         for k, r in enumerate(of)
     ]
     parts = [
-        _part(name, model, configs[r], rec, noise_N, noise_base_N, robust, warnings)
+        _part(name, model, configs[r], rec, channels, noise_N, noise_base_N, robust, warnings)
         for name, model, r, rec in zip(names, prepared, of, recordings, strict=True)
     ]
     silent = progress or (lambda _: None)
@@ -136,13 +139,17 @@ def _part(
     robot: Robot,
     config: RobotConfig | None,
     recording: Recording,
+    wanted: Sequence[str] | None,
     noise_N: float | None,
     noise_base_N: float | None,
     robust: bool,
     warnings: list[str],
 ) -> Part:
     """A recording made ready, its base tension estimated."""
-    T_base, channels, values = recorded(recording)
+    T_base, channels, values = recorded(recording, wanted)
+    if robot.backbone.rigid and len(channels) > 1:
+        warnings.append(f"{name}: only T_tip is fitted to, because the backbone is rigid.")
+        channels, values = channels[:1], values[:1]
     if robust:
         T_base, spikes = base_tension.without_spikes(T_base)
         if spikes:

@@ -213,18 +213,33 @@ class Task:
         )
 
 
-def recorded(recording: Recording) -> tuple[np.ndarray, tuple[str, ...], np.ndarray]:
-    """Base tension, names of the channels that can be fitted to, and the channels, (C, K).
+def recorded(
+    recording: Recording, wanted: Sequence[str] | None = None
+) -> tuple[np.ndarray, tuple[str, ...], np.ndarray]:
+    """Base tension, names of the channels that are fitted to, and the channels, (C, K).
+
+    Args:
+        recording: the recording.
+        wanted: channels beside the tip tension; all that the recording has unless given.
 
     Raises:
         InputError: no tip tension, columns that do not match, fewer than four samples, numbers that are not
-            finite.
+            finite, a channel that is wanted and not there.
     """
     where = recording.path
     if recording.T_tip is None:
         raise InputError(f"{where}: no tip tension to fit to; map it with --columns 'T_tip=NAME[N]'")
     T_base = np.asarray(recording.T_base, float)
-    names = tuple(name for name in CHANNELS if getattr(recording, name) is not None)
+    for name in wanted or ():
+        if name not in CHANNELS:
+            raise InputError(f"channel '{name}' is none of {', '.join(CHANNELS)}")
+        if getattr(recording, name) is None:
+            raise InputError(f"{where}: has no {name} to fit to; leave it out of the channels")
+    names = tuple(
+        name
+        for name in CHANNELS
+        if getattr(recording, name) is not None and (wanted is None or name in ("T_tip", *wanted))
+    )
     channels = [np.asarray(getattr(recording, name), float) for name in names]
     for name, values in zip(names, channels, strict=True):
         if T_base.shape != values.shape or T_base.ndim != 1:

@@ -142,7 +142,7 @@ def test_weighed_squares_are_those_of_the_full_covariance():
 
 def test_slope_is_that_of_the_base_tension_last_followed(make_robot):
     robot = make_robot()
-    at = coordinates(robot, choose(robot, ("mu",)), [robot.value("mu")])
+    at = coordinates(robot, choose(robot, ("mu",)), [float(robot.value("mu"))])
     T_base = np.concatenate([np.linspace(0, 40, 21), np.linspace(40, 2, 20)[1:]])
     found = Predictor(robot, at, T_base)(np.zeros(1))
     assert found is not None

@@ -238,7 +238,7 @@ def test_real_recording():
 def test_derivatives_of_the_prediction(make_config):
     robot = gtr.build_robot(make_config(PARALLEL))
     chosen = choose(robot, ("mu", "offset"))
-    at = coordinates(robot, chosen, [robot.value(p.name) for p in chosen])
+    at = coordinates(robot, chosen, [float(robot.value(p.name)) for p in chosen])
     predict = Predictor(robot, at, LOOP)
     u, h = np.asarray([0.02, -0.01]), 1e-5
     exact = predict(u)
@@ -247,7 +247,6 @@ def test_derivatives_of_the_prediction(make_config):
         up, down = predict(u + step), predict(u - step)
         assert up is not None and down is not None
         assert exact.jacobian[..., i] == pytest.approx((up.values - down.values) / (2 * h), abs=1e-6)
-    assert predict.count == 5
     assert at.at(np.asarray(at.values(u))) == pytest.approx(u)
 
 

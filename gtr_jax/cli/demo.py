@@ -36,14 +36,14 @@ def demo(output: Path) -> int:
     enable_cache()
     with Progress() as progress:
         simulated = solve_simulation(config, history, progress=progress)
-        fitted = solve_fit(recorded, recording, ("mu", "E"), progress=progress)
+        fitted = solve_fit([recorded], [recording], free=("mu", "E"), progress=progress)
         progress("drawing")
         with folder.write() as part:
             settings = folder.settings()
             for name in ("simulate", "fit"):
                 (part / name).mkdir()
             write_simulation(part / "simulate", simulated, config, settings)
-            write_fit(part / "fit", fitted, recording, recorded, settings)
+            write_fit(part / "fit", fitted, [recording], [recorded], settings)
     from gtr_jax.report.simulation import verdict
 
     click.echo(verdict(simulated))

@@ -1,16 +1,16 @@
-"""`gtr fit`: parameters from a recording."""
+"""`gtr fit`: parameters from recordings."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
 from gtr_jax.errors import InputError
 
-from .options import Quantity, columns_option, output_option, robot_argument
+from .options import Quantity, columns_option, output_option
 
 if TYPE_CHECKING:
     from gtr_jax.config import RobotConfig
@@ -18,13 +18,34 @@ if TYPE_CHECKING:
     from gtr_jax.report import FitAnswer
 
 
+class Inputs(NamedTuple):
+    """What is fitted to what: the robot files, the recordings, and the robot of each recording by number."""
+
+    robots: list[Path]
+    recordings: list[Path]
+    of: list[int]
+
+
 @click.command()
-@robot_argument
-@click.argument("recordings", nargs=-1, required=True, metavar="REC.csv", type=click.Path(path_type=Path))
+@click.argument(
+    "files", nargs=-1, required=True, metavar="ROBOT.toml REC.csv ...", type=click.Path(path_type=Path)
+)
 @click.option(
     "--free",
     metavar="NAMES",
     help="Parameters to fit, by short name or key in the robot file.  [default: mu,E; mu alone if rigid]",
+)
+@click.option(
+    "--per-recording",
+    metavar="NAMES",
+    help="Parameters of which each recording has its own; all others are shared.",
+)
+@click.option("--per-robot", metavar="NAMES", help="Parameters of which each robot has its own.")
+@click.option(
+    "--channels",
+    metavar="NAMES",
+    help="What to fit to beside T_tip: some of tip_x, tip_y, tip_angle, displacement; '' for nothing.  "
+    "[default: all that a recording has]",
 )
 @click.option(
     "--noise",
@@ -36,19 +57,27 @@ if TYPE_CHECKING:
     type=Quantity("N", "SD"),
     help="The same of the base tension; 0 takes it as exact.  [default: estimated from the recording]",
 )
+@click.option(
+    "--robust",
+    is_flag=True,
+    help="Let samples far off count less, and lone spikes of the base tension not at all.",
+)
 @columns_option
 @output_option
 def fit(
-    robot: Path,
-    recordings: Sequence[Path],
+    files: Sequence[Path],
     free: str | None,
+    per_recording: str | None,
+    per_robot: str | None,
+    channels: str | None,
     noise: float | None,
     noise_base: float | None,
+    robust: bool,
     columns: str | None,
     output: Path,
 ) -> int:
-    """Fit ROBOT.toml, which has one tendon, to a recording of base and tip tension, starting from the values
-    in the file.
+    """Fit a robot, which has one tendon, to recordings of base and tip tension, starting from the values in
+    its file. Several recordings share the parameters; each belongs to the ROBOT.toml before it.
     """
     from gtr_jax.config import load_config
     from gtr_jax.recording import read_recording
@@ -57,40 +86,83 @@ def fit(
     from .progress import Progress
     from .run_folder import RunFolder
 
-    if len(recordings) > 1:
-        raise InputError(f"{recordings[1]}: this version fits one recording; run gtr fit for each")
-    config = load_config(robot)
-    names = None if free is None else free_names(free)
-    recording = read_recording(recordings[0], columns, tendons=config.tendon_names)
-    folder = RunFolder(output, {"robot": robot, "recording": recordings[0]})
+    given = inputs(files)
+    configs = [load_config(path) for path in given.robots]
+    of = [configs[r] for r in given.of]
+    recordings = [
+        read_recording(path, columns, tendons=config.tendon_names)
+        for path, config in zip(given.recordings, of, strict=True)
+    ]
+    options = {
+        "free": None if free is None else _names(free, "--free"),
+        "per_recording": () if per_recording is None else _names(per_recording, "--per-recording"),
+        "per_robot": () if per_robot is None else _names(per_robot, "--per-robot"),
+        "channels": None if channels is None else tuple(_split(channels)),
+        "robust": robust,
+    }
+    paths = {f"robot {i + 1}": path for i, path in enumerate(given.robots)}
+    paths |= {f"recording {i + 1}": path for i, path in enumerate(given.recordings)}
+    folder = RunFolder(output, paths)
     enable_cache()
     with Progress() as progress:
-        result = solve(config, recording, names, noise=noise, noise_base=noise_base, progress=progress)
+        result = solve(of, recordings, noise=noise, noise_base=noise_base, progress=progress, **options)
         progress("drawing")
         with folder.write() as part:
-            write_answer(part, result, recording, config, folder.settings())
+            write_answer(part, result, recordings, of, folder.settings())
     for line in summary(result):
         click.echo(line)
     click.echo(f"report: {output / 'report.html'}")
     return 0 if result.converged else 1
 
 
-def free_names(free: str) -> tuple[str, ...]:
-    """The parameters to fit, from the names with commas between."""
-    names = tuple(name.strip() for name in free.split(",") if name.strip())
-    if not names:
-        raise InputError("--free: names no parameter; give for example --free mu,E")
-    return names
+def inputs(files: Sequence[Path]) -> Inputs:
+    """Sort robot files from recordings.
+
+    Raises:
+        InputError: a recording before any robot, a robot without a recording, a recording that stands twice.
+    """
+    robots: list[Path] = []
+    recordings: list[Path] = []
+    of: list[int] = []
+    for path in files:
+        if path.suffix.lower() == ".toml":
+            if robots and len(robots) - 1 not in of:
+                raise InputError(f"{robots[-1]}: no recording follows this robot; add one, or leave it out")
+            robots.append(path)
+        elif not robots:
+            raise InputError(
+                f"{path}: a recording needs the robot it was made with; give ROBOT.toml before it"
+            )
+        elif path.resolve() in [other.resolve() for other in recordings]:
+            raise InputError(f"{path}: given twice; a recording counts once")
+        else:
+            recordings.append(path)
+            of.append(len(robots) - 1)
+    if len(robots) - 1 not in of:
+        raise InputError(f"{robots[-1]}: no recording follows this robot; give REC.csv after it")
+    return Inputs(robots, recordings, of)
+
+
+def _split(names: str) -> list[str]:
+    return [name.strip() for name in names.split(",") if name.strip()]
+
+
+def _names(names: str, option: str) -> tuple[str, ...]:
+    """Parameters, from their names with commas between."""
+    found = tuple(_split(names))
+    if not found:
+        raise InputError(f"{option}: names no parameter; give for example {option} mu")
+    return found
 
 
 def solve(
-    config: RobotConfig,
-    recording: Recording,
-    free: tuple[str, ...] | None,
+    robots: Sequence[RobotConfig],
+    recordings: Sequence[Recording],
     *,
     noise: float | None = None,
     noise_base: float | None = None,
     progress: Any,
+    **options: Any,
 ) -> FitAnswer:
     """Fit, reporting progress."""
     import calibrate
@@ -99,13 +171,13 @@ def solve(
         if value is not None and (value < 0 or (value == 0 and name == "--noise")):
             raise InputError(f"{name}: a standard deviation is positive, this is {value:g} N")
     return calibrate.fit(
-        config,
-        recording,
-        free=free,
+        robots,
+        recordings,
         noise_N=noise,
         noise_base_N=noise_base,
         profiled=True,
         progress=progress,
+        **options,
     )
 
 
@@ -123,33 +195,51 @@ def summary(result: FitAnswer) -> list[str]:
 
 
 def write_answer(
-    folder: Path, result: FitAnswer, recording: Recording, config: RobotConfig, settings: dict[str, Any]
+    folder: Path,
+    result: FitAnswer,
+    recordings: Sequence[Recording],
+    configs: Sequence[RobotConfig],
+    settings: dict[str, Any],
 ) -> None:
-    """Write all that a fit leaves into a folder."""
-    from gtr_jax.config import dump_config
+    """Write all that a fit leaves into a folder: of one recording fit.csv, of several fit-NAME.csv of each;
+    robot.toml and fitted.toml likewise, unless all are the same.
+    """
+    from gtr_jax.config import config_text, dump_config
     from gtr_jax.recording import write_recording
     from gtr_jax.report import fit_report, render
 
     from .run_folder import write_json
 
-    dump_config(config, folder / "robot.toml")
-    if result.config is not None:
-        dump_config(result.config, folder / "fitted.toml")
-    columns = {
-        "time": recording.time,
-        "T_base": recording.T_base,
-        "T_tip": recording.T_tip,
-        "trial": recording.trial,
-        "T_base_fitted_N": result.T_base,
-        "T_tip_fitted_N": result.T_tip,
-        "residual_N": result.residual,
-        "phase": result.phases,
-    }
-    write_recording(folder / "fit.csv", {name: v for name, v in columns.items() if v is not None})
+    names = [r.name for r in result.recordings]
+    for stem, robots in (("robot", list(configs)), ("fitted", [r.config for r in result.recordings])):
+        same = all(robot == robots[0] for robot in robots)
+        for name, robot in zip(["" if same else f"-{n}" for n in names], robots, strict=True):
+            if robot is not None:
+                dump_config(robot, folder / f"{stem}{name}.toml")
+    for recording, fitted in zip(recordings, result.recordings, strict=True):
+        columns = {
+            "time": recording.time,
+            "T_base": recording.T_base,
+            "T_tip": recording.T_tip,
+            "tip_x": recording.tip_x,
+            "tip_y": recording.tip_y,
+            "tip_angle": recording.tip_angle,
+            "displacement": recording.displacement,
+            "trial": recording.trial,
+            "T_base_fitted_N": fitted.T_base,
+        }
+        for name, channel in fitted.channels.items():
+            columns[f"{name}_fitted_{channel.unit}"] = channel.simulated
+        columns |= {"residual_N": fitted.residual, "phase": fitted.phases}
+        ending = f"-{fitted.name}" if len(recordings) > 1 else ""
+        write_recording(
+            folder / f"fit{ending}.csv", {name: v for name, v in columns.items() if v is not None}
+        )
     data = result.to_json()
     write_json(folder / "fit.json", {**data, "settings": {**data["settings"], **settings}})
-    report = fit_report(result, recording, config.name)
+    report = fit_report(result, recordings, " and ".join(dict.fromkeys(c.name for c in configs)))
     for figure in report.figures:
         (folder / f"{figure.name}.png").write_bytes(figure.image)
-    page = render(report, settings, (folder / "robot.toml").read_text(encoding="utf-8"))
+    files = dict.fromkeys(config_text(config) for config in configs)
+    page = render(report, settings, "\n".join(files))
     (folder / "report.html").write_text(page, encoding="utf-8")

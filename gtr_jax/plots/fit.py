@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
@@ -26,6 +27,7 @@ def plot_fit(
     *,
     simulated: tuple[np.ndarray, np.ndarray],
     phases: np.ndarray,
+    band: np.ndarray | None = None,
 ) -> Figure:
     """Recorded tip against base tension, coloured by phase, with the fitted model's loop.
 
@@ -33,12 +35,54 @@ def plot_fit(
         T_base, T_tip: as recorded [N], (K,).
         simulated: base and tip tension of the fitted model [N], (K,) each.
         phases: label of each sample, (K,).
+        band: half width of the band drawn about the loop [N], (K,).
     """
     fig, (axes,) = figure(3.9)
+    if band is not None and np.any(band > 0):
+        x, y = simulated
+        pieces = [0, *(np.flatnonzero(np.diff(np.sign(np.diff(x))) != 0) + 1).tolist(), len(x) - 1]
+        for a, b in itertools.pairwise(pieces):
+            part = slice(a, b + 1)
+            low, high = y[part] - band[part], y[part] + band[part]
+            axes.fill_between(x[part], low, high, color=PALE, linewidth=0, zorder=0)
     _by_phase(axes, T_base, T_tip, phases)
     axes.plot(*simulated, color=INK, linewidth=0.9)
     axes.set_xlabel("tension at the base $T_{base}$ [N]")
     axes.set_ylabel("tension at the tip $T_{tip}$ [N]")
+    keys = [*phase_keys(phases, marker="o"), Line2D([], [], color=INK, linewidth=0.9, label="fitted model")]
+    legend_above(fig, keys)
+    return fig
+
+
+CHANNEL_LABELS = {
+    "tip_x": ("tip $x$", "mm", 1e3),
+    "tip_y": ("tip $y$", "mm", 1e3),
+    "tip_angle": ("tip angle", "°", np.degrees(1.0)),
+    "displacement": ("tendon displacement", "mm", 1e3),
+}
+
+
+@styled
+def plot_channels(
+    T_base: np.ndarray,
+    channels: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    *,
+    phases: np.ndarray,
+) -> Figure:
+    """What was recorded beside the tensions, with the fitted model.
+
+    Args:
+        T_base: as recorded [N], (K,).
+        channels: by name of the recording's column: recorded and simulated, SI, (K,) each.
+        phases: label of each sample, (K,).
+    """
+    fig, rows = figure(1.0 + 2.2 * len(channels), len(channels), sharex=True)
+    for axes, (name, (recorded, simulated)) in zip(rows, channels.items(), strict=True):
+        label, unit, factor = CHANNEL_LABELS[name]
+        _by_phase(axes, T_base, factor * recorded, phases)
+        axes.plot(T_base, factor * simulated, color=INK, linewidth=0.9)
+        axes.set_ylabel(f"{label} [{unit}]")
+    rows[-1].set_xlabel("tension at the base $T_{base}$ [N]")
     keys = [*phase_keys(phases, marker="o"), Line2D([], [], color=INK, linewidth=0.9, label="fitted model")]
     legend_above(fig, keys)
     return fig

@@ -37,15 +37,46 @@ class EstimateLike(Protocol):
     def unit(self) -> str: ...
     @property
     def note(self) -> str: ...
+    @property
+    def detectable(self) -> float | None: ...
 
 
-class FitAnswer(Protocol):
-    """A fit; see `calibrate.FitResult`."""
+class ChannelLike(Protocol):
+    """One recorded quantity beside the fitted model; see `calibrate.result.Channel`."""
 
+    @property
+    def unit(self) -> str: ...
+    @property
+    def simulated(self) -> np.ndarray: ...
+    @property
+    def residual(self) -> np.ndarray: ...
+    @property
+    def sd(self) -> float | None: ...
+    @property
+    def rms(self) -> float: ...
+
+
+class RecordingLike(Protocol):
+    """One recording beside the fitted model; see `calibrate.result.FittedRecording`."""
+
+    @property
+    def name(self) -> str: ...
     @property
     def config(self) -> RobotConfig | None: ...
     @property
-    def estimates(self) -> Sequence[EstimateLike]: ...
+    def channels(self) -> Mapping[str, ChannelLike]: ...
+    @property
+    def T_base(self) -> np.ndarray: ...
+    @property
+    def T_tip(self) -> np.ndarray: ...
+    @property
+    def residual(self) -> np.ndarray: ...
+    @property
+    def band(self) -> np.ndarray: ...
+    @property
+    def phases(self) -> np.ndarray: ...
+    @property
+    def by_phase(self) -> Mapping[str, Mapping[str, Any]]: ...
     @property
     def rms_N(self) -> float: ...
     @property
@@ -53,19 +84,26 @@ class FitAnswer(Protocol):
     @property
     def noise_base_N(self) -> float: ...
     @property
-    def T_base(self) -> np.ndarray: ...
-    @property
-    def profiles(self) -> Mapping[str, Any]: ...
-    @property
     def chi2_per_n(self) -> float | None: ...
     @property
-    def residual(self) -> np.ndarray: ...
+    def outliers(self) -> int: ...
+
+
+class FitAnswer(Protocol):
+    """A fit; see `calibrate.FitResult`."""
+
     @property
-    def T_tip(self) -> np.ndarray: ...
+    def recordings(self) -> Sequence[RecordingLike]: ...
     @property
-    def phases(self) -> np.ndarray: ...
+    def estimates(self) -> Sequence[EstimateLike]: ...
     @property
-    def by_phase(self) -> Mapping[str, Mapping[str, Any]]: ...
+    def correlation(self) -> np.ndarray: ...
+    @property
+    def by_recording(self) -> Mapping[str, Mapping[str, EstimateLike]]: ...
+    @property
+    def mu_by_phase(self) -> Mapping[str, EstimateLike]: ...
+    @property
+    def profiles(self) -> Mapping[str, Any]: ...
     @property
     def converged(self) -> bool: ...
     @property
@@ -81,47 +119,74 @@ class FitAnswer(Protocol):
     def to_json(self) -> dict[str, Any]: ...
 
 
-def fit_report(fit: FitAnswer, recording: Recording, name: str) -> Report:
+def fit_report(fit: FitAnswer, recordings: Sequence[Recording], name: str) -> Report:
     """Verdict, figures and tables of a fit.
 
     Args:
         fit: from `calibrate.fit`.
-        recording: what was fitted.
+        recordings: what was fitted.
         name: of the robot.
     """
+    figures = [
+        figure
+        for fitted, recording in zip(fit.recordings, recordings, strict=True)
+        for figure in _figures(fitted, recording, several=len(recordings) > 1)
+    ]
     return Report(
         title=f"{name}: fit",
         verdict=fit.verdict,
         warnings=fit.warnings,
-        figures=_figures(fit, recording),
+        figures=[*figures, *_profile_figure(fit)],
         tables=_tables(fit),
     )
 
 
-def _figures(fit: FitAnswer, recording: Recording) -> list[Figure]:
+def _figures(fitted: RecordingLike, recording: Recording, *, several: bool) -> list[Figure]:
     if recording.T_tip is None:
         raise ValueError("a recording without T_tip cannot have been fitted")
-    phases = np.asarray(fit.phases)
-    model = np.asarray(fit.T_base), np.asarray(fit.T_tip)
-    loop = plots.plot_fit(recording.T_base, recording.T_tip, simulated=model, phases=phases)
-    residual = plots.plot_residual(
-        recording.T_base, np.asarray(fit.residual), phases=phases, noise=fit.noise_N
+    ending, whose = (f"-{fitted.name}", f"{fitted.name}: ") if several else ("", "")
+    phases = np.asarray(fitted.phases)
+    model = np.asarray(fitted.T_base), np.asarray(fitted.T_tip)
+    loop = plots.plot_fit(
+        recording.T_base, recording.T_tip, simulated=model, phases=phases, band=_band(fitted)
     )
-    band = "; the grey band is two standard deviations of the noise" if fit.noise_N else ""
-    return [
+    residual = plots.plot_residual(
+        recording.T_base, np.asarray(fitted.residual), phases=phases, noise=fitted.noise_N
+    )
+    band = "; the grey band is two standard deviations of the noise" if fitted.noise_N else ""
+    figures = [
         Figure(
-            "fit",
+            f"fit{ending}",
             plots.png(loop),
-            "The recording, coloured by the fitted model's phase, and the model's loop.",
+            f"{whose}The recording, coloured by the fitted model's phase, and the model's loop; 95 in 100 "
+            "samples lie within the grey band if the model is right.",
         ),
         Figure(
-            "residual",
+            f"residual{ending}",
             plots.png(residual),
-            f"Simulated minus recorded tip tension, against base tension and along the recording{band}. "
-            "A pattern means that the model lacks something.",
+            f"{whose}Simulated minus recorded tip tension, against base tension and along it{band}."
+            " A pattern means that the model lacks something.",
         ),
-        *_profile_figure(fit),
     ]
+    others = {
+        name: (np.asarray(getattr(recording, name)), np.asarray(channel.simulated))
+        for name, channel in fitted.channels.items()
+        if name != "T_tip"
+    }
+    if others:
+        figures.append(
+            Figure(
+                f"channels{ending}",
+                plots.png(plots.plot_channels(recording.T_base, others, phases=phases)),
+                f"{whose}What else was recorded, and the fitted model.",
+            )
+        )
+    return figures
+
+
+def _band(fitted: RecordingLike) -> np.ndarray:
+    """Half width of the band that holds 95 % of samples: noise and the parameters' uncertainty, (K,) [N]."""
+    return 1.96 * np.hypot(np.asarray(fitted.band), fitted.noise_N or 0.0)
 
 
 def _profile_figure(fit: FitAnswer) -> list[Figure]:
@@ -163,30 +228,88 @@ def _tables(fit: FitAnswer) -> list[Table]:
             quantity(e.value, e.unit),
             quantity(e.sd, e.unit, 2),
             f"{quantity(e.lower95, e.unit)} … {quantity(e.upper95, e.unit)}",
+            quantity(e.detectable, e.unit, 2),
             quantity(e.initial, e.unit),
             e.note,
         )
         for e in fit.estimates
     ]
-    base_noise = number(fit.noise_base_N, "N", 3) if fit.noise_base_N else "none: taken as exact"
-    distance = [
-        ("residual, root mean square", number(fit.rms_N, "N", 3)),
-        ("noise of the tip cell, one sd", number(fit.noise_N, "N", 3)),
-        ("noise of the base cell, one sd", base_noise),
-        ("chi² per sample", number(fit.chi2_per_n, digits=3)),
+    columns = (
+        *("parameter", "fitted", "standard error", "95 % interval", "smallest change seen", "before", "note"),
+    )
+    note = (
+        "Intervals are those of the model as it stands. The smallest change seen is found significant at 5 % "
+        "in 95 of 100 recordings like these."
+    )
+    tables = [
+        Table("Estimates", columns, estimates, note=note),
+        *_agreement(fit),
+        *_correlations(fit),
+        *_distances(fit.recordings),
     ]
+    several = len(fit.recordings) > 1
     phases = [
-        (phase, str(p["count"]), number(p["rms_N"], digits=3), number(p["mean_N"], digits=3))
-        for phase, p in fit.by_phase.items()
+        (
+            *([r.name] if several else []),
+            phase,
+            str(p["count"]),
+            number(p["rms_N"], digits=3),
+            number(p["mean_N"], digits=3),
+        )
+        for r in fit.recordings
+        for phase, p in r.by_phase.items()
     ]
+    heads = (*(["recording"] if several else []), "phase", "samples", "rms [N]", "mean [N]")
     solver = [
         ("result", fit.result if fit.converged else f"not converged: {fit.result}"),
         ("iterations, evaluations", f"{fit.iterations}, {fit.evaluations}"),
     ]
-    columns = ("parameter", "fitted", "standard error", "95 % interval", "before", "note")
-    return [
-        Table("Estimates", columns, estimates, note="Intervals are those of the model as it stands."),
-        Table("Distance from the recording", ("", ""), distance),
-        Table("By phase", ("phase", "samples", "rms [N]", "mean [N]"), phases),
-        Table("Solver", ("", ""), solver),
+    return [*tables, Table("By phase", heads, phases), Table("Solver", ("", ""), solver)]
+
+
+def _agreement(fit: FitAnswer) -> list[Table]:
+    """Parameters from part of the samples alone."""
+    rows = [
+        (e.name, part, quantity(e.value, e.unit), quantity(e.sd, e.unit, 2))
+        for part, e in [
+            *((f"{phase} alone", e) for phase, e in fit.mu_by_phase.items()),
+            *((f"{which} alone", e) for each in fit.by_recording.values() for which, e in each.items()),
+        ]
     ]
+    columns = ("parameter", "from", "fitted", "standard error")
+    return (
+        [Table("Do the parts agree?", columns, rows, note="All other parameters as fitted.")] if rows else []
+    )
+
+
+def _correlations(fit: FitAnswer) -> list[Table]:
+    names = [e.name for e in fit.estimates]
+    if len(names) < 2:
+        return []
+    rows = [
+        (name, *(number(float(rho), digits=3) for rho in row))
+        for name, row in zip(names, np.asarray(fit.correlation), strict=True)
+    ]
+    return [Table("Correlations of the estimates", ("", *names), rows)]
+
+
+def _distances(recordings: Sequence[RecordingLike]) -> list[Table]:
+    tables = []
+    for r in recordings:
+        base_noise = number(r.noise_base_N, "N", 3) if r.noise_base_N else "none: taken as exact"
+        rows = [
+            ("residual, root mean square", number(r.rms_N, "N", 3)),
+            ("noise of the tip cell, one sd", number(r.noise_N, "N", 3)),
+            ("noise of the base cell, one sd", base_noise),
+            ("chi² per sample", number(r.chi2_per_n, digits=3)),
+        ]
+        if r.outliers:
+            rows.append(("samples that count less than half", str(r.outliers)))
+        rows += [
+            (f"{name}, root mean square", quantity(channel.rms, channel.unit, 3))
+            for name, channel in r.channels.items()
+            if name != "T_tip"
+        ]
+        of = f" {r.name}" if len(recordings) > 1 else " the recording"
+        tables.append(Table(f"Distance from{of}", ("", ""), rows))
+    return tables
