@@ -83,6 +83,11 @@ class Answer:
         unknown = np.where(self.descent.at_edge, 0.0, unknown)
         return uncertainty(self.problem.jacobian(self.predictions), 1.0, self.problem.precision, unknown)
 
+    def information(self) -> np.ndarray:
+        """Fisher information of data and priors in the coordinates, (p, p)."""
+        jacobian = self.problem.jacobian(self.predictions)
+        return jacobian.T @ jacobian + np.diag(self.problem.precision**2)
+
     def with_judgement(self, task: Task) -> Answer:
         """The same, weighed anew."""
         judged = tuple(

@@ -15,7 +15,7 @@ from .answer import Answer, Judged
 from .coordinates import CHANNEL_UNITS, CHANNELS, Prediction, is_log
 from .descent import all_converged
 from .estimate import MOSTLY_PRIOR, UNKNOWN, Estimate, Uncertainty, correlation, estimates, transform
-from .identifiability import remedy
+from .identifiability import MINOR, axes, remedy
 from .result import Channel, FitResult, FittedRecording
 from .task import Task
 
@@ -111,10 +111,21 @@ def ignorance(task: Task, answer: Answer) -> str:
 
 def _remedy(task: Task, answer: Answer, among: list[int]) -> str:
     """The measurement that would tell parameters apart, in a sentence, or ""."""
-    jacobian = answer.problem.jacobian(answer.predictions)
-    information = jacobian.T @ jacobian + np.diag(answer.problem.precision**2)
     sd = [float(np.sqrt(j.weigh.tau[0]) * j.sd[0]) for j in answer.judged]
-    return remedy(task, answer.at, answer.descent.u, information, sd, among)
+    return remedy(task, answer.at, answer.descent.u, answer.information(), sd, among)
+
+
+def _unknown_axes(task: Task, answer: Answer, known: Uncertainty) -> None:
+    """Warn of combinations of parameters that nothing is known of, and say which measurement would help."""
+    for axis in axes(answer.information()):
+        large = np.abs(axis.direction) > MINOR * np.max(np.abs(axis.direction))
+        if axis.sd > UNKNOWN and large.sum() > 1 and not known.known[large].any():
+            among = np.flatnonzero(large).tolist()
+            way = _remedy(task, answer, among)
+            task.warnings.append(
+                f"Nothing tells these changes from none: {axis.words(task.names)}"
+                + (f"; {way}." if way else ".")
+            )
 
 
 def _trade_offs(task: Task, answer: Answer, known: Uncertainty) -> None:
@@ -204,6 +215,7 @@ def assemble(task: Task, answer: Answer, iterations: int) -> FitResult:
     notes = _notes(task, known, answer, values)
     named = [dataclasses.replace(f.entry, name=f.name) for f in task.free]
     found = estimates(named, values, task.initial, log, scale, known, notes)
+    _unknown_axes(task, answer, known)
     _trade_offs(task, answer, known)
     failure = _failure(answer)
     phases: dict[str, Estimate] = {}
@@ -259,6 +271,7 @@ def assemble(task: Task, answer: Answer, iterations: int) -> FitResult:
         ),
         mu_by_phase=phases,
         by_recording=each,
+        axes=axes(answer.information()),
     )
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from gtr_jax import InputError, Robot, Simulation, label_phases, simulate
+from gtr_jax import InputError, Robot, Simulation, label_phases, reading, simulate, true_base
 from gtr_jax.history import padded_length
 from gtr_jax.parameters import Parameter, places_of
 
@@ -145,10 +145,11 @@ def _predict(robot: Robot, at: Coordinates, T_base: Float[Array, " P"], u: Float
 
     def shown(u, T_base):
         values = jnp.append(flat, 0.0).at[at.index].set(at.values(u))[:-1]
-        run = simulate(unravel(values), T_base)
+        robot = unravel(values)
+        run = simulate(robot, true_base(robot, T_base))
         none = jnp.zeros((*T_base.shape, 0))
         lean = eqx.tree_at(lambda r: (r.tension, r.curvature, r.angle), run, (none, none, none))
-        return jnp.stack([run.T_tip, *run.tip_pose.T, run.displacement]), lean
+        return jnp.stack([reading(robot, run).T_tip, *run.tip_pose.T, run.displacement]), lean
 
     def along(direction):
         raised = jnp.broadcast_to(direction[-1], T_base.shape)
@@ -166,7 +167,7 @@ class Predictor:
     Args:
         robot: robot whose other parameters stay.
         at: coordinates of the free ones.
-        T_base: base tension [N], (K,).
+        T_base: base tension as its cell shows it [N], (K,).
         nodes: samples that are simulated, (J,), increasing from the first to the last; all unless given. What
             lies between two is interpolated along T_base, which must not turn there.
     """

@@ -37,6 +37,8 @@ FAR = 100.0
 # A descent that near the end of the range gains less than this share in so many steps has found that there is
 # no end.
 PATIENCE, GAIN = 6, 0.01
+# One that gains less than this in as many steps, in variances, walks along a valley without slope.
+NO_GAIN = 0.01
 
 
 @dataclasses.dataclass(frozen=True)
@@ -226,6 +228,8 @@ def descend(
         at_edge[moving] = np.abs(best[0][moving]) > NEAR_THE_EDGE * reach
         if at_edge.any() and steps > PATIENCE and costs[-PATIENCE - 1] - costs[-1] < GAIN * costs[-1]:
             return Descent(*best, True, "ended at the end of the range searched", steps, at_edge)
+        if steps > PATIENCE and costs[-PATIENCE - 1] - costs[-1] < NO_GAIN:
+            return Descent(*best, True, "converged: no further gain", steps, at_edge)
     converged = done and bool(result == optx.RESULTS.successful)
     words = (
         f"no convergence within {max_steps} steps"

@@ -15,6 +15,9 @@ NORMAL_95 = 1.959963984540054
 DETECTED = NORMAL_95 + 1.6448536269514722
 # A relative standard deviation this large (a factor of e) from the data alone is no knowledge.
 UNKNOWN = 1.0
+# Eigenvalues of the scaled information below this are none; and what has a larger part in their directions is
+# unknown.
+FLAT, INVOLVED = 1e-12, 1e-3
 # Above this share of the prior's precision, the estimate is said to rest on the prior.
 MOSTLY_PRIOR = 0.5
 
@@ -107,22 +110,22 @@ def uncertainty(jacobian: np.ndarray, sd: float, precision: np.ndarray, unknown:
     data = jacobian.T @ jacobian / sd**2
     with np.errstate(divide="ignore"):
         alone = 1 / np.sqrt(np.diag(data))
-    known = alone < unknown
+    information = data + np.diag(precision**2)
+    heard = np.flatnonzero(np.diag(information) > 0)
+    known = np.zeros(p, bool)
     covariance = np.full((p, p), np.nan)
-    while known.any():
-        kept = np.flatnonzero(known)
-        information = data[np.ix_(kept, kept)] + np.diag(precision[kept] ** 2)
-        unit = 1 / np.sqrt(np.diag(information))
-        inverse = np.linalg.pinv(information * np.outer(unit, unit), rcond=1e-13, hermitian=True)
+    if heard.size:
+        unit = 1 / np.sqrt(np.diag(information)[heard])
+        values, vectors = np.linalg.eigh(information[np.ix_(heard, heard)] * np.outer(unit, unit))
+        flat = values < FLAT
+        inverse = (vectors[:, ~flat] / values[~flat]) @ vectors[:, ~flat].T
         cov = inverse * np.outer(unit, unit)
-        # A singular direction has no inverse; pinv would call it certain.
-        values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
-        flat = (np.abs(vectors[:, values < 1e-12]) > 1e-3).any(axis=1)
-        bad = flat | (np.sqrt(np.diag(cov)) > unknown[kept])
-        if not bad.any():
-            covariance[np.ix_(kept, kept)] = cov
-            break
-        known[kept[bad]] = False
+        # What takes part in a flat direction has no variance; what is unknown still blurs the others.
+        lost = (np.abs(vectors[:, flat]) > INVOLVED).any(axis=1)
+        sure = ~lost & (np.sqrt(np.diag(cov)) <= unknown[heard]) & (alone[heard] < unknown[heard])
+        known[heard] = sure
+        kept = heard[sure]
+        covariance[np.ix_(kept, kept)] = cov[np.ix_(sure, sure)]
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(precision > 0, precision**2 * np.diag(covariance), 0.0)
     return Uncertainty(covariance, known, alone, share)

@@ -7,6 +7,7 @@ and the one that shortens the axis most is named with what it would bring.
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
 
@@ -24,10 +25,46 @@ from .start import thin
 from .task import Part, Task
 
 STEPS = 40
+# Eigenvalues below this share of the largest are rounding.
+FLAT = 1e-13
 HIGHER = 1.5  # times the largest base tension
 ANGLE_SD = np.radians(1.0)
+# Components below this share of the largest are left out of words.
+MINOR = 0.1
 # Shortest gain worth telling: the largest standard error falls below this share.
 WORTHWHILE = 0.7
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Axis:
+    """A combination of the free numbers that data and priors know independently of the others.
+
+    Attributes:
+        direction: in coordinates, of unit length, (p,).
+        sd: standard deviation along it, relative; infinite where nothing is known.
+    """
+
+    direction: np.ndarray
+    sd: float
+
+    def words(self, names: Sequence[str]) -> str:
+        """The combination, scaled to a change of 1 % of its largest part."""
+        part = self.direction / self.direction[np.argmax(np.abs(self.direction))]
+        return ", ".join(
+            f"{names[i]} {'up' if part[i] > 0 else 'down'} by {abs(part[i]):.2g} %"
+            for i in np.argsort(-np.abs(part))
+            if abs(part[i]) >= MINOR
+        )
+
+
+def axes(information: np.ndarray) -> list[Axis]:
+    """Principal axes of the Fisher information in coordinates, (p, p), least known first."""
+    values, vectors = np.linalg.eigh(information)
+    floor = FLAT * max(float(values[-1]), 1e-300)
+    return [
+        Axis(v, float(1 / np.sqrt(value)) if value > floor else np.inf)
+        for value, v in zip(values, vectors.T, strict=True)
+    ]
 
 
 @eqx.filter_jit

@@ -10,6 +10,7 @@ import numpy as np
 from gtr_jax import Robot, RobotConfig
 
 from .estimate import Estimate, Profile
+from .identifiability import Axis
 
 
 def _plain(x: Any) -> Any:
@@ -120,6 +121,7 @@ class FitResult:
         mu_by_phase: mu estimated from the samples of one phase alone, the other parameters at their fitted
             values; empty if mu is not free or a phase is too short.
         by_recording: parameters that recordings share, estimated from each alone, likewise.
+        axes: combinations of the estimates that are known independently, the least known first.
         profiles: profile likelihood of each number that the recordings determine, by name.
     """
 
@@ -135,6 +137,7 @@ class FitResult:
     settings: dict[str, Any]
     mu_by_phase: dict[str, Estimate] = dataclasses.field(default_factory=dict)
     by_recording: dict[str, dict[str, Estimate]] = dataclasses.field(default_factory=dict)
+    axes: list[Axis] = dataclasses.field(default_factory=list)
     profiles: dict[str, Profile] = dataclasses.field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Estimate:
@@ -235,6 +238,10 @@ class FitResult:
                 "result": self.result,
                 "parameters": {e.name: entry(e) for e in self.estimates},
                 "correlation": {"names": [e.name for e in self.estimates], "matrix": self.correlation},
+                "axes": [
+                    {"relative_sd": axis.sd, "says": axis.words([e.name for e in self.estimates])}
+                    for axis in self.axes
+                ],
                 "fit": {"samples": len(self.residual), "rms_N": self.rms_N, "chi2_per_n": self.chi2_per_n},
                 "recordings": [recording(r) for r in self.recordings],
                 "mu_by_phase": {phase: entry(e) for phase, e in self.mu_by_phase.items()},

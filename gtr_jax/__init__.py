@@ -19,6 +19,7 @@ from .parameters import Parameter, parameters_of  # noqa: E402
 from .phases import Switch, label_phases, release_switch  # noqa: E402
 from .recording import Recording, read_recording, write_recording  # noqa: E402
 from .robot import Backbone, Loads, Robot, Tendon  # noqa: E402
+from .sensing import Reading, reading, true_base  # noqa: E402
 
 __all__ = [
     "Backbone",
@@ -28,6 +29,7 @@ __all__ = [
     "Loads",
     "March",
     "Parameter",
+    "Reading",
     "Recording",
     "Robot",
     "RobotConfig",
@@ -44,7 +46,9 @@ __all__ = [
     "load_robot",
     "parameters_of",
     "read_recording",
+    "reading",
     "release_switch",
     "simulate",
+    "true_base",
     "write_recording",
 ]

@@ -109,6 +109,7 @@ def build_robot(config: RobotConfig, *, resolution: float = 1.0) -> Robot:
             tip_moment=_array(loads.tip_moment),
             payload=_array(loads.payload),
         ),
+        terms={kind: {name: _array(v) for name, v in p.items()} for kind, p in config.term_values.items()},
         name=config.name,
         intervals=(),
         bore_kinks=kinks,

@@ -8,7 +8,9 @@ strings, defaults, missing and unknown keys are theirs, what fits into what is i
 
 from __future__ import annotations
 
+import functools
 import json
+import operator
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -26,14 +28,16 @@ from pydantic import (
     Tag,
     ValidationError,
     ValidationInfo,
+    create_model,
     model_validator,
 )
 
-from gtr_jax.config_checks import check_keys, check_robot, check_strings, one_line
+from gtr_jax.config_checks import check_keys, check_robot, check_strings, check_terms, one_line
 from gtr_jax.config_file import dotted, find_key, place_of, read_route, read_toml
 from gtr_jax.errors import InputError
 from gtr_jax.recording import write_whole
-from gtr_jax.units import Unit
+from gtr_jax.terms import REGISTRY, Term, null_values
+from gtr_jax.units import Unit, quantity_text
 
 Length = Annotated[float, Unit("m")]
 Angle = Annotated[float, Unit("rad")]
@@ -229,6 +233,34 @@ class LoadsConfig(Section):
     """Mass [kg] at the tip; weighs along gravity."""
 
 
+class TermSection(Section):
+    """One physics term; see `gtr_jax.terms`."""
+
+    kind: str
+
+
+def _term_section(term: Term) -> type[TermSection]:
+    """The table [[terms]] of one kind of term."""
+    name = "".join(part.capitalize() for part in term.id.split("-"))
+    quantities: dict[str, Any] = {
+        q.name: (
+            Annotated[float, Unit(q.unit)],
+            Field(examples=[quantity_text(q.typical, q.unit)], description=q.says),
+        )
+        for q in term.quantities
+    }
+    kind: Any = (Literal[term.id], Field(description=term.says))
+    return create_model(name, __base__=TermSection, __doc__=term.says, kind=kind, **quantities)
+
+
+if TYPE_CHECKING:
+    TermConfig = TermSection
+else:
+    TermConfig = Annotated[
+        functools.reduce(operator.or_, map(_term_section, REGISTRY.values())), Field(discriminator="kind")
+    ]
+
+
 def _one_tendon_or_several(schema: dict[str, Any]) -> None:
     schema["oneOf"] = [{"required": ["routing", "tendon"]}, {"required": ["tendons"]}]
 
@@ -256,8 +288,8 @@ class RobotConfig(Section):
     loads: LoadsConfig = LoadsConfig()
     uncertainty: dict[str, Ratio] = Field(default_factory=dict)
     """Prior knowledge: one standard deviation, relative, per number of the robot ("youngs_modulus")."""
-    terms: tuple[dict[str, Any], ...] = Field(default=(), max_length=0)
-    """Physics beyond the paper; this version has no term yet."""
+    terms: tuple[TermConfig, ...] = ()
+    """Physics beyond the paper, each term once."""
     _source: str = PrivateAttr("robot")
 
     @property
@@ -271,8 +303,7 @@ class RobotConfig(Section):
 
     @classmethod
     def _resolved(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
-        if data.get("terms"):
-            raise InputError("terms: this version has no physics terms; remove every [[terms]]")
+        check_terms(data, REGISTRY)
         check_strings(data)
         return data
 
@@ -305,12 +336,20 @@ class RobotConfig(Section):
         self.uncertainty.update(resolved)
         return self
 
+    @property
+    def term_values(self) -> dict[str, dict[str, float]]:
+        """The numbers of all terms, those of absent ones at their null values, by term and name, SI."""
+        values = null_values()
+        for term in self.terms:
+            values[term.kind] |= {name: getattr(term, name) for name in values[term.kind]}
+        return values
+
     def numbers(self) -> dict[str, float]:
-        """Every number of the robot in SI, by dotted key such as "backbone.outer_radius.0" or
-        "tendons.left.friction_coefficient".
+        """Every number of the robot in SI, by dotted key such as "backbone.outer_radius.0",
+        "tendons.left.friction_coefficient" or "terms.tip-gain.gain" of a term that the file has.
         """
         data = self.model_dump(
-            mode="json", by_alias=True, exclude_none=True, exclude={"schema_version", "uncertainty", "terms"}
+            mode="json", by_alias=True, exclude_none=True, exclude={"schema_version", "uncertainty"}
         )
         return {key: value for key, value in dotted(data) if isinstance(value, float)}
 
@@ -319,11 +358,16 @@ class RobotConfig(Section):
 
         Args:
             values: SI numbers or unit strings, by dotted key ("tendon.friction_coefficient",
-                "backbone.outer_radius.0", "tendons.left.preload") or by a bare key where it is the only one.
+                "backbone.outer_radius.0", "tendons.left.preload", "terms.tip-gain.gain") or by a bare key
+                where it is the only one. A term that is not there is added.
 
         Raises InputError naming the key that is unknown or whose value does not fit.
         """
         data = self.model_dump(mode="json", by_alias=True, exclude_none=True)
+        there = {term["kind"] for term in data.get("terms", ())}
+        for kind, null in null_values().items():
+            if kind not in there and any(key.startswith(f"terms.{kind}.") for key in values):
+                data.setdefault("terms", []).append({"kind": kind, **null})
         keys = {key: value for key, value in dotted(data) if not key.startswith("uncertainty.")}
         for key, value in values.items():
             *parents, last = find_key(key, keys, self.source).split(".")

@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from gtr_jax.errors import InputError, did_you_mean
+from gtr_jax.terms import REGISTRY, Term
 
 if TYPE_CHECKING:
     from gtr_jax.config import BackboneConfig, RobotConfig
@@ -57,7 +58,9 @@ def one_line(error: ValidationError, kinds: Mapping[str, object]) -> str:
     fault = faults[0]
     place = ""
     for i, part in enumerate(fault["loc"]):
-        tag = str(part).startswith("#") or (i and fault["loc"][i - 1] == "routing" and part in kinds)
+        before = fault["loc"][i - 1] if i else None
+        tag = str(part).startswith("#") or (before == "routing" and part in kinds)
+        tag = tag or (fault["loc"][0] == "terms" and isinstance(before, int) and part in REGISTRY)
         if not tag:
             place += f"[{part}]" if isinstance(part, int) else f".{part}"
     context = fault.get("ctx", {})
@@ -111,9 +114,37 @@ def check_strings(data: Mapping[str, Any]) -> None:
             raise InputError(f"tendons[{i}].name: '{name}' stands twice; give each tendon its own name")
 
 
+def check_terms(data: Mapping[str, Any], known: Mapping[str, Term]) -> None:
+    """Refuse terms that are no tables, have no kind or an unknown one, or stand twice."""
+    terms = data.get("terms", ())
+    if not isinstance(terms, list | tuple):
+        raise InputError("terms: expected one [[terms]] table for each term")
+    seen = set()
+    for i, term in enumerate(terms):
+        kind = term.get("kind") if isinstance(term, Mapping) else getattr(term, "kind", None)
+        if kind is None:
+            raise InputError(f"terms[{i}]: missing key 'kind'; one of {', '.join(known)}")
+        if kind not in known:
+            raise InputError(f"terms[{i}].kind: unknown kind '{kind}'; {did_you_mean(str(kind), known)}")
+        if kind in seen:
+            raise InputError(f"terms[{i}].kind: '{kind}' stands twice; keep one")
+        seen.add(kind)
+
+
+def _check_terms(config: RobotConfig, known: Mapping[str, Term]) -> None:
+    for term in config.terms:
+        for q in known[term.kind].quantities:
+            value = getattr(term, q.name)
+            low = q.lower is not None and (value < q.lower or (q.log and value == q.lower))
+            if low or (q.upper is not None and value > q.upper):
+                bounds = f"above {q.lower:g}" if low else f"at most {q.upper:g}"
+                raise InputError(f"terms.{term.kind}.{q.name}: must be {bounds}, is {value:g}; correct it")
+
+
 def check_robot(config: RobotConfig) -> None:
     """Refuse values that no robot can have; InputError naming the key and the remedy."""
     _check_backbone(config.backbone)
+    _check_terms(config, REGISTRY)
     for name, tendon, routing in config.strung:
         table, channel = (f"tendons.{name}", f"tendons.{name}.routing") if name else ("tendon", "routing")
         _check_routing(routing, config.backbone.length, channel)

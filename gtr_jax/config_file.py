@@ -41,8 +41,8 @@ def read_route(path: Path) -> tuple[tuple[float, float], ...]:
 
 
 def dotted(node: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Every key of nested tables and lists with its dotted path; a table in a list stands under its name, if
-    it has one, else under its number.
+    """Every key of nested tables and lists with its dotted path; a table in a list stands under its name or
+    its kind, if it has one, else under its number.
     """
     if isinstance(node, dict):
         items = list(node.items())
@@ -57,7 +57,7 @@ def dotted(node: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _name_in_list(value: Any, number: int) -> str:
-    return str(value.get("name", number)) if isinstance(value, dict) else str(number)
+    return str(value.get("name", value.get("kind", number))) if isinstance(value, dict) else str(number)
 
 
 def place_of(part: str, node: Any) -> str | int:

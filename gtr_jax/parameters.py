@@ -17,6 +17,7 @@ from jaxtyping import Array, Float, Int
 
 from .errors import InputError
 from .robot import Robot
+from .terms import REGISTRY
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,6 +95,12 @@ def parameters_of(robot: Robot) -> dict[str, Parameter]:
             name = f"bore_{k}_{word}"
             key = f"backbone.bores.{k}.{word}"
             found[name] = Parameter(name, key, "m", 0.0, None, at=f"backbone.{field}.{k}")
+    for kind, values in robot.terms.items():
+        for q in REGISTRY[kind].quantities:
+            if q.name in values:
+                key, unit = f"terms.{kind}.{q.name}", "" if q.unit == "dimensionless" else q.unit
+                name = f"{kind}.{q.name}"
+                found[name] = Parameter(name, key, unit, q.lower, q.upper, log=q.log)
     if robot.backbone.natural_curvature.shape[0] == 1:
         name = "natural_curvature"
         at = "backbone.natural_curvature.0"
@@ -128,7 +135,10 @@ def _locate(at: str) -> tuple[Callable[[Robot], Array], int | None]:
     def where(robot: Robot) -> Array:
         node: Any = robot
         for part in parts:
-            node = node[int(part)] if part.isdigit() else getattr(node, part)
+            if isinstance(node, dict):
+                node = node[part]
+            else:
+                node = node[int(part)] if part.isdigit() else getattr(node, part)
         return node
 
     return where, index

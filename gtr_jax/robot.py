@@ -57,6 +57,7 @@ class Robot(eqx.Module):
 
     Attributes:
         backbone, tendons, loads: physical parameters (traced).
+        terms: numbers of every physics term, by term and name; at their null values none does anything.
         name: for reports (static).
         intervals: mesh intervals per panel (static).
         bore_kinks: which bore starts and ends lie inside the body (static).
@@ -66,6 +67,7 @@ class Robot(eqx.Module):
     backbone: Backbone
     tendons: tuple[Tendon, ...]
     loads: Loads
+    terms: dict[str, dict[str, Float[Array, ""]]]
     name: str = eqx.field(static=True)
     intervals: tuple[int, ...] = eqx.field(static=True)
     bore_kinks: tuple[tuple[str, int], ...] = eqx.field(static=True)

@@ -86,7 +86,7 @@ ROBOTS = {
     "a physics term": (
         "[tendon]",
         '[[terms]]\nkind = "presliding"\n\n[tendon]',
-        ["terms", "no physics terms"],
+        ["terms[0].kind", "unknown kind 'presliding'"],
     ),
     "empty file": (ROBOT, "", ["empty"]),
     "not TOML": ("[backbone]", "backbone: {", ["not TOML"]),
@@ -138,9 +138,21 @@ def test_robot_that_is_a_folder(refused, tmp_path):
     assert "error" not in refused("simulate", tmp_path, "--pull", "45")
 
 
-def test_several_recordings(refused):
-    message = refused("fit", RECORDED, RECORDING, RECORDING)
-    assert "one recording" in message
+def test_files_of_a_fit_in_the_wrong_order(refused):
+    assert "given twice" in refused("fit", RECORDED, RECORDING, RECORDING)
+    assert "needs the robot" in refused("fit", RECORDING, RECORDED)
+    assert "no recording follows" in refused("fit", RECORDED)
+    assert "no recording follows" in refused("fit", RECORDED, SIMULATED, RECORDING)
+
+
+def test_robots_that_disagree_about_what_they_share(refused, tmp_path):
+    (tmp_path / "other.csv").write_text(RECORDING.read_text())
+    message = refused("fit", RECORDED, RECORDING, SIMULATED, "other.csv", "--free", "E")
+    assert "E is shared" in message and "--per-robot E" in message
+
+
+def test_unknown_channel(refused):
+    assert "'angle' is none of" in refused("fit", RECORDED, RECORDING, "--channels", "angle")
 
 
 def test_unknown_parameter(refused):

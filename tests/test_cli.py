@@ -265,7 +265,7 @@ def test_fit_leaves_a_whole_run_folder(fitted):
     rows = list(csv.DictReader((fitted / "fit.csv").read_text().splitlines()))
     assert len(rows) == 120
     base = [float(row["T_base_fitted_N"]) - float(row["T_base_N"]) for row in rows]
-    assert np.std(base) < 3 * data["fit"]["noise_base_N"] + 1e-9
+    assert np.std(base) < 3 * data["recordings"][0]["noise_base_N"] + 1e-9
     left = [float(row["T_tip_fitted_N"]) - float(row["T_tip_N"]) for row in rows]
     np.testing.assert_allclose([float(row["residual_N"]) for row in rows], left, atol=1e-12)
 
@@ -274,7 +274,8 @@ def test_noise_may_be_given(run, tmp_path):
     given = ("--free", "mu", "--noise", "0.05 N", "--noise-base", "0")
     assert run("fit", RECORDED, RECORDING, *given, "-o", "out").status == 0
     data = load(tmp_path / "out/fit.json")
-    assert (data["fit"]["noise_N"], data["fit"]["noise_base_N"]) == (0.05, 0.0)
+    only = data["recordings"][0]
+    assert (only["noise_N"], only["noise_base_N"]) == (0.05, 0.0)
     for name, value in (("--noise", "0"), ("--noise-base", "-1"), ("--noise", "3 mm")):
         outcome = run("fit", RECORDED, RECORDING, name, value, "-o", "other")
         assert outcome.status == 2 and name in outcome.err and len(outcome.err.splitlines()) == 1

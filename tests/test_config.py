@@ -341,8 +341,28 @@ FAULTS = {
         "uncertainty.backbone.youngs_modulus: backbone.youngs_modulus stands twice; keep one",
     ),
     "a term": (
-        ("[uncertainty]", '[[terms]]\nkind = "presliding"\n[uncertainty]'),
-        "terms: this version has no physics terms; remove every [[terms]]",
+        ("[uncertainty]", '[[terms]]\nkind = "tip-gian"\n[uncertainty]'),
+        "terms[0].kind: unknown kind 'tip-gian'; did you mean 'tip-gain'?",
+    ),
+    "a term twice": (
+        ("[uncertainty]", 2 * '[[terms]]\nkind = "tip-gain"\ngain = 1.02\n' + "[uncertainty]"),
+        "terms[1].kind: 'tip-gain' stands twice; keep one",
+    ),
+    "a term without its number": (
+        ("[uncertainty]", '[[terms]]\nkind = "tip-gain"\n[uncertainty]'),
+        "missing key 'gain'; add for example gain = 1.03",
+    ),
+    "a term's unit": (
+        ("[uncertainty]", '[[terms]]\nkind = "tip-offset"\nforce = "3 mm"\n[uncertainty]'),
+        "terms[0].force: 'mm' is not a unit of a force",
+    ),
+    "a term's bounds": (
+        ("[uncertainty]", '[[terms]]\nkind = "tip-gain"\ngain = 0\n[uncertainty]'),
+        "terms.tip-gain.gain: must be above 0, is 0; correct it",
+    ),
+    "a term without kind": (
+        ("[uncertainty]", "[[terms]]\ngain = 1.02\n[uncertainty]"),
+        "terms[0]: missing key 'kind'; one of base-gain",
     ),
     "section is a number": (("[loads]", "[x]\n"), "unknown key 'x'"),
     "not TOML": (("[loads]", "[loads"), "not TOML: "),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -183,15 +184,33 @@ def solve(
 
 def summary(result: FitAnswer) -> list[str]:
     """The estimates, then the verdict, as lines for the terminal."""
-    from gtr_jax.report.fit import quantity
+    from gtr_jax.report.fit import digits_of, quantity
 
     lines = []
     for e in result.estimates:
-        line = f"{e.name} = {quantity(e.value, e.unit)}"
+        digits = digits_of(e)
+        line = f"{e.name} = {quantity(e.value, e.unit, digits)}"
         if e.lower95 is not None:
-            line += f", 95 % interval {quantity(e.lower95, e.unit)} to {quantity(e.upper95, e.unit)}"
+            low, high = (quantity(v, e.unit, digits) for v in (e.lower95, e.upper95))
+            line += f", 95 % interval {low} to {high}"
         lines.append(line + (f" ({e.note})" if e.note else ""))
     return [*lines, *(f"warning: {text}" for text in result.warnings), result.verdict]
+
+
+def _named(robots: Sequence[RobotConfig | None], recordings: Sequence[str]) -> dict[str, RobotConfig]:
+    """The different robots, by what their files' names end with: nothing for the only one, their own names,
+    or where these are the same those of the recordings.
+    """
+    different: list[RobotConfig] = []
+    for robot in robots:
+        if robot is not None and robot not in different:
+            different.append(robot)
+    if len(different) < 2:
+        return dict(zip([""], different, strict=False))
+    names = ["-" + re.sub(r"[^\w.-]+", "-", robot.name).strip("-") for robot in different]
+    if len(set(names)) == len(names):
+        return dict(zip(names, different, strict=True))
+    return {f"-{name}": robot for name, robot in zip(recordings, robots, strict=True) if robot is not None}
 
 
 def write_answer(
@@ -202,7 +221,7 @@ def write_answer(
     settings: dict[str, Any],
 ) -> None:
     """Write all that a fit leaves into a folder: of one recording fit.csv, of several fit-NAME.csv of each;
-    robot.toml and fitted.toml likewise, unless all are the same.
+    robot.toml and fitted.toml likewise where there are several robots.
     """
     from gtr_jax.config import config_text, dump_config
     from gtr_jax.recording import write_recording
@@ -210,12 +229,9 @@ def write_answer(
 
     from .run_folder import write_json
 
-    names = [r.name for r in result.recordings]
-    for stem, robots in (("robot", list(configs)), ("fitted", [r.config for r in result.recordings])):
-        same = all(robot == robots[0] for robot in robots)
-        for name, robot in zip(["" if same else f"-{n}" for n in names], robots, strict=True):
-            if robot is not None:
-                dump_config(robot, folder / f"{stem}{name}.toml")
+    for stem, robots in (("robot", configs), ("fitted", [r.config for r in result.recordings])):
+        for ending, robot in _named(robots, [r.name for r in result.recordings]).items():
+            dump_config(robot, folder / f"{stem}{ending}.toml")
     for recording, fitted in zip(recordings, result.recordings, strict=True):
         columns = {
             "time": recording.time,

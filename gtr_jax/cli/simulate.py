@@ -164,15 +164,16 @@ def write_answer(
     from gtr_jax.recording import write_recording
     from gtr_jax.report import profile, render, simulation_report
     from gtr_jax.report.simulation import facts
+    from gtr_jax.sensing import reading
 
     from .run_folder import write_json
 
-    run = answer.run
+    run, shown = answer.run, reading(answer.robot, answer.run)
     dump_config(config, folder / "robot.toml")
     columns = {
         "time": time,
-        "T_base": run.T_base,
-        "T_tip": run.T_tip,
+        "T_base": shown.T_base,
+        "T_tip": shown.T_tip,
         "tip_x": run.tip_pose[:, 0],
         "tip_y": run.tip_pose[:, 1],
         "tip_angle": run.tip_pose[:, 2],

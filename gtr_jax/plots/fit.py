@@ -65,6 +65,7 @@ CHANNEL_LABELS = {
 @styled
 def plot_channels(
     T_base: np.ndarray,
+    simulated_at: np.ndarray,
     channels: Mapping[str, tuple[np.ndarray, np.ndarray]],
     *,
     phases: np.ndarray,
@@ -73,6 +74,7 @@ def plot_channels(
 
     Args:
         T_base: as recorded [N], (K,).
+        simulated_at: base tension of the fitted model [N], (K,).
         channels: by name of the recording's column: recorded and simulated, SI, (K,) each.
         phases: label of each sample, (K,).
     """
@@ -80,7 +82,7 @@ def plot_channels(
     for axes, (name, (recorded, simulated)) in zip(rows, channels.items(), strict=True):
         label, unit, factor = CHANNEL_LABELS[name]
         _by_phase(axes, T_base, factor * recorded, phases)
-        axes.plot(T_base, factor * simulated, color=INK, linewidth=0.9)
+        axes.plot(simulated_at, factor * simulated, color=INK, linewidth=0.9)
         axes.set_ylabel(f"{label} [{unit}]")
     rows[-1].set_xlabel("tension at the base $T_{base}$ [N]")
     keys = [*phase_keys(phases, marker="o"), Line2D([], [], color=INK, linewidth=0.9, label="fitted model")]
@@ -109,6 +111,7 @@ def plot_profiles(profiles: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarra
             axes.plot(fine, height, linewidth=1.6, color=colour, linestyle=dash)
         axes.plot(values, rise, color=BLUE, linestyle="", marker="o", markersize=4)
         axes.locator_params(axis="x", nbins=5)
+        axes.ticklabel_format(axis="x", useOffset=False)
         axes.axhline(LEVEL_95, color=VERMILLION, linewidth=1.0)
         axes.set_ylim(0, None)
         axes.set_xlabel(label)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
@@ -99,6 +100,8 @@ class FitAnswer(Protocol):
     @property
     def correlation(self) -> np.ndarray: ...
     @property
+    def axes(self) -> Sequence[Any]: ...
+    @property
     def by_recording(self) -> Mapping[str, Mapping[str, EstimateLike]]: ...
     @property
     def mu_by_phase(self) -> Mapping[str, EstimateLike]: ...
@@ -177,7 +180,7 @@ def _figures(fitted: RecordingLike, recording: Recording, *, several: bool) -> l
         figures.append(
             Figure(
                 f"channels{ending}",
-                plots.png(plots.plot_channels(recording.T_base, others, phases=phases)),
+                plots.png(plots.plot_channels(recording.T_base, model[0], others, phases=phases)),
                 f"{whose}What else was recorded, and the fitted model.",
             )
         )
@@ -221,13 +224,20 @@ def quantity(value: float | None, unit: str, digits: int = 4) -> str:
     return number(None if value is None else value / factor, display, digits)
 
 
+def digits_of(e: EstimateLike) -> int:
+    """Digits of a value of which two are within its standard error; at least four."""
+    if not e.sd or not e.value:
+        return 4
+    return max(4, 2 + math.floor(math.log10(abs(e.value))) - math.floor(math.log10(e.sd)))
+
+
 def _tables(fit: FitAnswer) -> list[Table]:
     estimates = [
         (
             e.name,
-            quantity(e.value, e.unit),
+            quantity(e.value, e.unit, digits_of(e)),
             quantity(e.sd, e.unit, 2),
-            f"{quantity(e.lower95, e.unit)} … {quantity(e.upper95, e.unit)}",
+            f"{quantity(e.lower95, e.unit, digits_of(e))} … {quantity(e.upper95, e.unit, digits_of(e))}",
             quantity(e.detectable, e.unit, 2),
             quantity(e.initial, e.unit),
             e.note,
@@ -290,7 +300,16 @@ def _correlations(fit: FitAnswer) -> list[Table]:
         (name, *(number(float(rho), digits=3) for rho in row))
         for name, row in zip(names, np.asarray(fit.correlation), strict=True)
     ]
-    return [Table("Correlations of the estimates", ("", *names), rows)]
+    known = [(axis.words(names), f"{number(100 * axis.sd, digits=2)} %") for axis in fit.axes]
+    return [
+        Table("Correlations of the estimates", ("", *names), rows),
+        Table(
+            "What is known independently",
+            ("change", "standard error"),
+            known,
+            note="Combinations of the parameters, the least known first.",
+        ),
+    ]
 
 
 def _distances(recordings: Sequence[RecordingLike]) -> list[Table]:

@@ -1,0 +1,13 @@
+"""The tip's load cell shows a constant more."""
+
+from .term import Quantity, Term
+
+TERM = Term(
+    id="tip-offset",
+    says="The load cell at the tip shows a constant more than the true tension.",
+    law="T_tip shown = T_tip + force",
+    seen="ln(T_tip/T_base) is off by 1/T, most at low tension; a slack tendon does not read zero.",
+    told_apart="Read the cell with the tendon slack.",
+    quantities=(Quantity("force", "N", 0.0, 0.3, "Shown less true tension."),),
+    tip=lambda p, T: T + p["force"],
+)
