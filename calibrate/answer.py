@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +18,7 @@ LEVELLING = 12
 # Huber's estimator: 95 % as efficient as least squares for normal errors; and what their squares, cut off
 # there, are on average.
 HUBER, HUBER_SQUARES = 1.345, 0.7102
-LEAST_STEP = 0.25
+LEAST_STEP, HALF = 0.25, 0.5
 # A parameter that is zero in the robot file has no size to compare its error with: so many of its units.
 UNKNOWN_WITHOUT_SCALE = 10.0
 
@@ -35,7 +36,7 @@ class Judged:
         chi2_per_n: sum of squares per degree of freedom, in units of the noise; None if that cannot be told.
         sd: error that each channel is given, (C,).
         least: error of each channel that its neighbouring samples, or its noise, show, (C,).
-        outliers: samples that count less than half, of a robust fit.
+        kept: samples that count at least half, (K,); all but in a robust fit.
     """
 
     residual: np.ndarray
@@ -46,12 +47,12 @@ class Judged:
     chi2_per_n: float | None
     sd: np.ndarray
     least: np.ndarray
-    outliers: int
+    kept: np.ndarray
 
     @property
     def rms(self) -> float:
-        """Of the tip tension [N]."""
-        return float(np.sqrt(np.mean(self.residual[0] ** 2)))
+        """Of the tip tension [N], where it counts."""
+        return float(np.sqrt(np.mean(self.residual[0][self.kept] ** 2)))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -104,42 +105,66 @@ class Answer:
 
 
 def _judged(task: Task, part: Part, prediction: Prediction) -> Judged:
+    residual, noise = part.residual(prediction), part.noise(prediction)
+    found = _levelled(task, part, prediction, noise.sd)
+    kept = np.all(found.share >= HALF, axis=0)
+    if not kept.all():
+        noise = part.noise(prediction, kept)
+        found = _levelled(task, part, prediction, noise.sd)
+        kept = np.all(found.share >= HALF, axis=0)
+    tau = np.asarray([correlation_time(row) for row in found.weigh.split(residual)[0]])
+    return Judged(
+        residual=residual,
+        phases=prediction.phases,
+        noise=noise,
+        weigh=dataclasses.replace(found.weigh, tau=tau),
+        by_noise=found.by_noise,
+        chi2_per_n=found.chi2 if noise.sd else None,
+        sd=found.sd,
+        least=part.least(noise.sd),
+        kept=kept,
+    )
+
+
+class _Levelled(NamedTuple):
+    """Weighings by errors as large as they show, and by the noise; sum of squares of the tensions in units of
+    the noise; errors, (C,); and the share of its weight that each residual counts with, (C, K).
+    """
+
+    weigh: Weighing
+    by_noise: Weighing
+    chi2: float
+    sd: np.ndarray
+    share: np.ndarray
+
+
+def _levelled(task: Task, part: Part, prediction: Prediction, noise: float | None) -> _Levelled:
     """The weighing that the residual asks for, with the noise of each channel or, where that does not explain
     it, with as much as does.
     """
-    base, residual, noise = part.T_base, part.residual(prediction), part.noise(prediction)
-    least = part.least(noise.sd)
-    used = len(task.free) * part.samples / task.samples
+    residual, least = part.residual(prediction), part.least(noise)
     degrees = np.full(len(least), float(part.samples))
-    degrees[0] = max(part.samples - used, 1.0)
+    degrees[0] = max(part.samples - len(task.free) * part.samples / task.samples, 1.0)
     share = np.ones_like(residual)
 
     def weighed(sd: np.ndarray) -> tuple[Weighing, np.ndarray]:
-        weigh = Weighing.of(base, prediction, part.channels, sd, base.believed)
+        weigh = Weighing.of(part.T_base, prediction, part.channels, sd, part.T_base.believed)
         return weigh, _chi2(task, weigh, residual, share, degrees)
 
     weigh, chi2 = weighed(least)
-    by_noise = weigh
-    first = float(chi2[0]) if noise.sd else None
-    sd = least
+    by_noise, sd = weigh, least
     for _ in range(LEVELLING):
         if task.robust:
             share = _trust(weigh.trusted(np.sqrt(share)).split(residual)[0], share)
+            sd = np.maximum(sd * np.sqrt(np.maximum(chi2, LEAST_STEP)), least)
         elif np.all(chi2 <= 1.0):
             break
-        sd = (
-            np.maximum(sd * np.sqrt(np.maximum(chi2, LEAST_STEP)), least)
-            if task.robust
-            else (sd * np.sqrt(np.maximum(chi2, 1.0)))
-        )
+        else:
+            sd = sd * np.sqrt(np.maximum(chi2, 1.0))
         weigh, chi2 = weighed(sd)
-    weigh = weigh.trusted(np.sqrt(share))
-    rows = weigh.split(residual)[0]
-    tau = np.asarray([correlation_time(row) for row in rows])
-    outliers = int(np.sum(np.any(share < 0.5, axis=0)))
-    weigh = dataclasses.replace(weigh, tau=tau)
-    by_noise = by_noise.trusted(np.sqrt(share))
-    return Judged(residual, prediction.phases, noise, weigh, by_noise, first, sd, least, outliers)
+    root = np.sqrt(share)
+    in_noise = float(_chi2(task, by_noise, residual, share, degrees)[0])
+    return _Levelled(weigh.trusted(root), by_noise.trusted(root), in_noise, sd, share)
 
 
 def _trust(rows: np.ndarray, share: np.ndarray) -> np.ndarray:

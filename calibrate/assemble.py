@@ -194,7 +194,7 @@ def _fitted(
         noise_from=noise.source,
         noise_base_N=part.T_base.sd,
         chi2_per_n=None if judged is None else judged.chi2_per_n,
-        outliers=0 if judged is None else judged.outliers,
+        outliers=0 if judged is None else int(np.sum(~judged.kept)),
         settings={}
         if answer is None or judged is None
         else {
@@ -288,7 +288,8 @@ def _distance(task: Task, answer: Answer, of: tuple[FittedRecording, Judged]) ->
             )
     return words.Distance(
         name=fitted.name,
-        rms=fitted.rms_N,
+        rms=judged.rms,
+        outliers=fitted.outliers,
         peak=float(np.max(part.T_tip)),
         noise=fitted.noise_N,
         chi2=fitted.chi2_per_n,

@@ -65,9 +65,9 @@ class Part:
         size = [tension, *np.ptp(self.recorded[1:], axis=1)]
         return SMALLEST_SIGMA * np.maximum(size, 1e-6)
 
-    def noise(self, fitted: Prediction | None = None) -> noise.Noise:
+    def noise(self, fitted: Prediction | None = None, kept: np.ndarray | None = None) -> noise.Noise:
         """The tip's noise given, or estimated; better so once a fitted model tells which stretches are
-        locked.
+        locked, and without the samples that are not kept, (K,) bool.
         """
         if self.noise_N is not None:
             return noise.Noise(self.noise_N, "given")
@@ -75,7 +75,8 @@ class Part:
         if fitted is None:
             return noise.estimate(base.T_base, self.T_tip, self.trial, None)
         passed_on = float(np.mean(np.where(fitted.slips, fitted.slope[0], 0.0) ** 2)) * base.sd**2
-        return noise.estimate(base.T_base, self.T_tip, self.trial, ~fitted.slips, passed_on)
+        T_tip = self.T_tip if kept is None else np.where(kept, self.T_tip, fitted.T_tip)
+        return noise.estimate(base.T_base, T_tip, self.trial, ~fitted.slips, passed_on)
 
     def least(self, tip: float | None) -> np.ndarray:
         """Smallest standard deviation that each channel's errors may be given, (C,): of the tip tension its

@@ -84,7 +84,8 @@ class Distance(NamedTuple):
 
     Attributes:
         name: of the recording.
-        rms: of the residual [N].
+        rms: of the residual, outliers left out [N].
+        outliers: how many these are.
         peak: largest recorded tip tension [N].
         noise: of the recording [N], or None.
         chi2: sum of squares per degree of freedom in units of the noise, or None.
@@ -95,6 +96,7 @@ class Distance(NamedTuple):
 
     name: str
     rms: float
+    outliers: int
     peak: float
     noise: float | None
     chi2: float | None
@@ -106,7 +108,8 @@ class Distance(NamedTuple):
     def off(self) -> str:
         """In words."""
         share = f", {100 * self.rms / self.peak:.2g} % of the {self.peak:.3g} N peak" if self.peak > 0 else ""
-        return f"{self.rms:.3g} N rms{share}"
+        but = f" without {self.outliers} outliers" if self.outliers else ""
+        return f"{self.rms:.3g} N rms{share}{but}"
 
     @property
     def where(self) -> str:
