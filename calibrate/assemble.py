@@ -16,7 +16,9 @@ from .coordinates import CHANNEL_UNITS, CHANNELS, Prediction, is_log
 from .descent import all_converged
 from .estimate import MOSTLY_PRIOR, UNKNOWN, Estimate, Uncertainty, correlation, estimates, transform
 from .identifiability import MINOR, axes, remedy
+from .noise import MAD_TO_SD
 from .result import Channel, FitResult, FittedRecording
+from .start import Start
 from .task import Task
 
 TRADE_OFF = 0.99
@@ -24,6 +26,8 @@ TRADE_OFF = 0.99
 DRIFTED = 2.5
 ONE_SIDED_95 = 1.6449
 SMALL_MU = 0.05
+# Residuals beyond so many standard deviations of the bulk are outliers, if they are at most such a share.
+FAR_OFF, FEW = 7.0, 0.1
 
 
 def _settings(task: Task, **more: Any) -> dict[str, Any]:
@@ -206,7 +210,7 @@ def _fitted(
     )
 
 
-def assemble(task: Task, answer: Answer, iterations: int) -> FitResult:
+def assemble(task: Task, answer: Answer, iterations: int, start: Start) -> FitResult:
     """The result of a fit that reached an end, good or bad."""
     at, descent = answer.at[0], answer.descent
     log, scale = np.asarray(at.log), np.asarray(at.scale)
@@ -239,12 +243,15 @@ def assemble(task: Task, answer: Answer, iterations: int) -> FitResult:
         _fitted(task, k, prediction, answer, values, known.covariance)
         for k, prediction in enumerate(answer.predictions)
     )
-    for r in recordings:
+    for r, judged in zip(recordings, answer.judged, strict=True):
+        few = f"samples{f' of {r.name}' if len(recordings) > 1 else ''} lie far off"
         if r.outliers:
+            task.warnings.append(f"{r.outliers} of {len(r.T_base)} {few} and count less than half.")
+        lone = _outliers(judged)
+        if lone and not task.robust:
             task.warnings.append(
-                f"{r.outliers} of {len(r.T_base)} samples"
-                + (f" of {r.name}" if len(recordings) > 1 else "")
-                + " lie far off and count less than half."
+                f"{lone} of {len(r.T_base)} {few} while the others do not: a robust fit (--robust) lets them "
+                "count less."
             )
     return FitResult(
         recordings=recordings,
@@ -267,12 +274,22 @@ def assemble(task: Task, answer: Answer, iterations: int) -> FitResult:
         settings=_settings(
             task,
             samples_simulated=sum(p.steps for p in answer.problem.predict.parts),
-            start=dict(zip(task.names, np.asarray(at.reference).tolist(), strict=True)),
+            start=dict(zip(task.names, np.asarray(at.values(start.u)).tolist(), strict=True)),
+            starts_tried=start.tried,
+            starts_that_agree=start.agreed,
         ),
         mu_by_phase=phases,
         by_recording=each,
         axes=axes(answer.information()),
     )
+
+
+def _outliers(judged: Judged) -> int:
+    """Samples far off where most are not; 0 where the model misses more than a few."""
+    off = np.abs(judged.residual[0] - np.median(judged.residual[0]))
+    scale = MAD_TO_SD * float(np.median(off))
+    far = int(np.sum(off > FAR_OFF * scale))
+    return far if scale > 0 and far <= FEW * len(off) else 0
 
 
 def _distance(task: Task, answer: Answer, of: tuple[FittedRecording, Judged]) -> words.Distance:

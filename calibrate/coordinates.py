@@ -184,6 +184,19 @@ class Predictor:
         rise = np.where(high == low, 1.0, high - low)
         self._share = np.where(high == low, 1.0, (T_base - low) / rise)
 
+    @property
+    def history(self) -> Float[Array, " J"]:
+        """Base tension at the steps simulated [N], padded, (J,)."""
+        return self._T_base
+
+    @property
+    def interpolation(self) -> tuple[Int[Array, " K"], Int[Array, " K"], Float[Array, " K"]]:
+        """Steps before and after each sample, and its share of the way between them."""
+        if self.steps == self.samples:
+            at = jnp.arange(self.samples)
+            return at, at, jnp.ones(self.samples)
+        return jnp.asarray(self._before), jnp.asarray(self._next), jnp.asarray(self._share)
+
     def _at_samples(self, values: np.ndarray) -> np.ndarray:
         """From the nodes, (C, J, ...), to the samples, (C, K, ...)."""
         if self.steps == self.samples:

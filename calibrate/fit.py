@@ -14,6 +14,7 @@ from .answer import Answer
 from .assemble import assemble, ignorance, unanswered
 from .descent import descend
 from .free import distinct, free_of
+from .posterior import require_sampler, sample
 from .profiles import profiles
 from .result import FitResult
 from .start import search
@@ -41,6 +42,7 @@ def fit(
     robust: bool = False,
     max_steps: int = 60,
     profiled: bool = False,
+    sampled: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> FitResult:
     """Fit parameters of a robot, or of several, to recordings by least squares.
@@ -81,6 +83,7 @@ def fit(
             not at all.
         max_steps: steps after which the optimiser gives up.
         profiled: whether profile likelihoods are taken too, some dozen simulations per parameter.
+        sampled: whether the posterior is sampled too, by NUTS; minutes. Needs the extra gtr-jax[posterior].
         progress: called with a line of text at each stage.
 
     Returns:
@@ -90,6 +93,8 @@ def fit(
         InputError: unknown or unsuitable parameter, recording without tip tension or too short, noise not
             positive, robots that disagree about a shared parameter.
     """
+    if sampled:
+        require_sampler()
     if noise_N is not None and not (np.isfinite(noise_N) and noise_N > 0):
         raise InputError(f"noise_N: must be a positive number of newtons, is {noise_N:g}")
     if noise_base_N is not None and not (np.isfinite(noise_base_N) and noise_base_N >= 0):
@@ -131,7 +136,9 @@ def fit(
         for name, model, r, rec in zip(names, prepared, of, recordings, strict=True)
     ]
     silent = progress or (lambda _: None)
-    return _run(Task(tuple(parts), wanted, max_steps, silent, warnings, profiled=profiled, robust=robust))
+    task = Task(tuple(parts), wanted, max_steps, silent, warnings)
+    task.profiled, task.sampled, task.robust = profiled, sampled, robust
+    return _run(task)
 
 
 def _part(
@@ -169,7 +176,7 @@ def _run(task: Task) -> FitResult:
     found = search(task)
     if found is None:
         return unanswered(task, None, "the simulation fails at every start value tried")
-    at, start = found
+    at, start = found.at, found.u
     problem = task.objective(at)
     task.progress("fitting")
     first = problem.predict(start)
@@ -220,10 +227,32 @@ def _run(task: Task) -> FitResult:
     if unknown:
         as_given = np.where(np.asarray(at[0].log), np.maximum(task.initial, 1e-9), task.initial)
         return unanswered(task, problem.predict(at[0].at(as_given)), unknown)
-    result = assemble(task, answer, iterations)
-    if not (result.converged and task.profiled):
+    result = assemble(task, answer, iterations, found)
+    if not result.converged:
+        return result
+    if task.sampled:
+        result = _sampled(task, answer, result)
+    if not task.profiled:
         return result
     found_profiles = profiles(task, answer)
     return dataclasses.replace(
         result, profiles=found_profiles, evaluations=result.evaluations + problem.predict.count
     )
+
+
+def _sampled(task: Task, answer: Answer, result: FitResult) -> FitResult:
+    """The result with draws from its posterior."""
+    task.progress("sampling the posterior")
+    try:
+        found = sample(task, answer)
+    except KeyboardInterrupt:
+        task.warnings.append("Interrupted while sampling the posterior: the fit is whole without it.")
+        return result
+    if found is None:
+        task.warnings.append("The posterior is not sampled: the recordings do not determine every parameter.")
+    elif not found.converged:
+        task.warnings.append(
+            f"The chains of the posterior do not agree (R-hat up to {np.max(found.rhat):.3f}, "
+            f"{found.divergences} divergences): do not use its intervals."
+        )
+    return dataclasses.replace(result, posterior=found)

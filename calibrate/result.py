@@ -11,6 +11,7 @@ from gtr_jax import Robot, RobotConfig
 
 from .estimate import Estimate, Profile
 from .identifiability import Axis
+from .posterior_draws import Posterior
 
 
 def _plain(x: Any) -> Any:
@@ -24,6 +25,19 @@ def _plain(x: Any) -> Any:
     if isinstance(x, float | np.floating):
         return float(x) if np.isfinite(x) else None
     return x.item() if isinstance(x, np.generic) else x
+
+
+def _posterior(found: Posterior) -> dict[str, Any]:
+    chains, draws, _ = found.draws.shape
+    rows = zip(found.names, found.sd, found.lower95, found.upper95, found.effective, found.rhat, strict=True)
+    names = ("sd", "lower95", "upper95", "effective_draws", "rhat")
+    return {
+        "chains": chains,
+        "draws_per_chain": draws,
+        "divergences": found.divergences,
+        "converged": found.converged,
+        "parameters": {name: dict(zip(names, row, strict=True)) for name, *row in rows},
+    }
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -123,6 +137,7 @@ class FitResult:
         by_recording: parameters that recordings share, estimated from each alone, likewise.
         axes: combinations of the estimates that are known independently, the least known first.
         profiles: profile likelihood of each number that the recordings determine, by name.
+        posterior: draws from the posterior, if asked for.
     """
 
     recordings: tuple[FittedRecording, ...]
@@ -139,6 +154,7 @@ class FitResult:
     by_recording: dict[str, dict[str, Estimate]] = dataclasses.field(default_factory=dict)
     axes: list[Axis] = dataclasses.field(default_factory=list)
     profiles: dict[str, Profile] = dataclasses.field(default_factory=dict)
+    posterior: Posterior | None = None
 
     def __getitem__(self, name: str) -> Estimate:
         """The estimate of a parameter, by name."""
@@ -250,6 +266,7 @@ class FitResult:
                     for name, each in self.by_recording.items()
                 },
                 "profiles": {name: dataclasses.asdict(p) for name, p in self.profiles.items()},
+                "posterior": None if self.posterior is None else _posterior(self.posterior),
                 "warnings": self.warnings,
                 "iterations": self.iterations,
                 "evaluations": self.evaluations,

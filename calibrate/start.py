@@ -7,6 +7,7 @@ much too high explains a recording by locking it. Descent alone ends there, so t
 from __future__ import annotations
 
 import itertools
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from .task import Task
 MU_GRID = tuple(float(mu) for mu in np.geomspace(0.01, 2.0, 10))
 E_FACTORS = (1.0, 0.4, 2.5)
 BLOCKS = 60
+STARTS = 3
+# Ends whose sums of squares differ by less than this, in variances or relative, are one.
+LEVEL = 0.01
 ROUGH_STEPS = 25
 
 
@@ -65,31 +69,52 @@ def candidates(task: Task) -> list[np.ndarray]:
     return tried
 
 
-def search(task: Task) -> tuple[tuple[Coordinates, ...], np.ndarray] | None:
-    """Scan the candidates on the thinned recordings and descend from the best of them.
+class Start(NamedTuple):
+    """Where the fit begins.
+
+    Attributes:
+        at: coordinates of each recording.
+        u: the point, (p,).
+        tried: starts from which a descent was tried.
+        agreed: how many of them ended where the best did, or as low.
+    """
+
+    at: tuple[Coordinates, ...]
+    u: np.ndarray
+    tried: int
+    agreed: int
+
+
+def search(task: Task) -> Start | None:
+    """Scan the candidates on the thinned recordings and descend from the best few of them.
 
     Returns:
-        Coordinates of each recording about the best candidate and the point reached, (p,); None if the
-        simulation fails at every candidate.
+        The best end; None if the simulation fails at every candidate.
     """
     samples = [thin(part.T_base.T_base) for part in task.parts]
     thinned = [part.only(kept) for part, kept in zip(task.parts, samples, strict=True)]
     tried = candidates(task)
     origin = np.zeros(len(task.free))
-    best, best_cost, best_at = None, np.inf, None
+    scanned = []
     for i, values in enumerate(tried):
         task.progress(f"searching for a start: {i + 1} of {len(tried)}")
         at = task.coordinates(values)
         problem = task.objective(at, thinned)
         cost = problem.cost(origin, problem.predict(origin))
         task.evaluations += problem.predict.count
-        if cost < best_cost:
-            best, best_cost, best_at = problem, cost, at
-    if best is None or best_at is None:
+        problem.predict.count = 0
+        if np.isfinite(cost):
+            scanned.append((cost, problem, at))
+    scanned.sort(key=lambda entry: entry[0])
+    ends = []
+    for i, (_, problem, at) in enumerate(scanned[:STARTS]):
+        task.progress(f"descending from start {i + 1}")
+        rough = descend(problem, origin, max_steps=ROUGH_STEPS)
+        task.evaluations += problem.predict.count
+        u = np.where(rough.at_edge, origin, rough.u)
+        ends.append((problem.cost(rough.u, rough.predictions), at, u))
+    if not ends:
         return None
-    if sum(map(len, samples)) == task.samples:
-        return best_at, origin
-    best.predict.count = 0
-    rough = descend(best, origin, max_steps=ROUGH_STEPS)
-    task.evaluations += best.predict.count
-    return best_at, np.where(rough.at_edge, origin, rough.u)
+    best = min(ends, key=lambda end: end[0])
+    agreed = sum(cost <= best[0] + max(LEVEL, LEVEL * best[0]) for cost, _, _ in ends)
+    return Start(best[1], best[2], len(ends), agreed)

@@ -127,6 +127,7 @@ class Task:
         warnings: sentences gathered on the way.
         evaluations: times that all recordings were simulated.
         profiled: whether profile likelihoods are wanted.
+        sampled: whether the posterior is wanted.
         robust: whether outliers are to count less.
     """
 
@@ -137,6 +138,7 @@ class Task:
     warnings: list[str]
     evaluations: int = 0
     profiled: bool = False
+    sampled: bool = False
     robust: bool = False
     initial: np.ndarray = dataclasses.field(init=False)
     priors: list[float | None] = dataclasses.field(init=False)

@@ -350,7 +350,7 @@ FAULTS = {
     ),
     "a term without its number": (
         ("[uncertainty]", '[[terms]]\nkind = "tip-gain"\n[uncertainty]'),
-        "missing key 'gain'; add for example gain = 1.03",
+        "terms[0]: missing key 'gain'; add for example gain = 1.03",
     ),
     "a term's unit": (
         ("[uncertainty]", '[[terms]]\nkind = "tip-offset"\nforce = "3 mm"\n[uncertainty]'),

@@ -63,6 +63,11 @@ class Inputs(NamedTuple):
     is_flag=True,
     help="Let samples far off count less, and lone spikes of the base tension not at all.",
 )
+@click.option(
+    "--posterior",
+    is_flag=True,
+    help="Sample the posterior by NUTS too: minutes; needs pip install 'gtr-jax[posterior]'.",
+)
 @columns_option
 @output_option
 def fit(
@@ -74,6 +79,7 @@ def fit(
     noise: float | None,
     noise_base: float | None,
     robust: bool,
+    posterior: bool,
     columns: str | None,
     output: Path,
 ) -> int:
@@ -100,6 +106,7 @@ def fit(
         "per_robot": () if per_robot is None else _names(per_robot, "--per-robot"),
         "channels": None if channels is None else tuple(_split(channels)),
         "robust": robust,
+        "sampled": posterior,
     }
     paths = {f"robot {i + 1}": path for i, path in enumerate(given.robots)}
     paths |= {f"recording {i + 1}": path for i, path in enumerate(given.recordings)}

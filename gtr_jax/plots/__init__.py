@@ -1,6 +1,6 @@
 """Figures of simulations and fits, as matplotlib figures; nothing is shown or written here."""
 
-from .fit import plot_channels, plot_fit, plot_profiles, plot_residual
+from .fit import plot_channels, plot_draws, plot_fit, plot_profiles, plot_residual
 from .loop import plot_loop
 from .shape import Posture, Pressed, plot_shape
 from .style import png
@@ -11,6 +11,7 @@ __all__ = [
     "Posture",
     "Pressed",
     "plot_channels",
+    "plot_draws",
     "plot_fit",
     "plot_loop",
     "plot_profiles",

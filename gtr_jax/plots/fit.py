@@ -10,7 +10,19 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from .style import BLUE, GREY, INK, PALE, PHASE_COLOUR, VERMILLION, figure, legend_above, phase_keys, styled
+from .style import (
+    BLUE,
+    GREY,
+    INK,
+    PALE,
+    PHASE_COLOUR,
+    VERMILLION,
+    WIDTH,
+    figure,
+    legend_above,
+    phase_keys,
+    styled,
+)
 
 
 def _by_phase(axes, x: np.ndarray, y: np.ndarray, phases: np.ndarray) -> None:
@@ -124,6 +136,41 @@ def plot_profiles(profiles: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarra
             Line2D([], [], color=VERMILLION, label="95 %"),
         ],
     )
+    return fig
+
+
+@styled
+def plot_draws(draws: Mapping[str, np.ndarray]) -> Figure:
+    """Draws of parameters: how often each value, and each two against one another.
+
+    Args:
+        draws: by the parameter's label, with unit, (n,) each.
+    """
+    labels, count = list(draws), len(draws)
+    fig = Figure(figsize=(WIDTH, WIDTH * min(1.0, 0.35 + 0.22 * count)), layout="constrained")
+    grid = fig.subplots(count, count, squeeze=False, sharex="col")
+    for i, row in enumerate(labels):
+        for j, column in enumerate(labels):
+            axes = grid[i, j]
+            if j > i:
+                axes.set_visible(False)
+                continue
+            if i == j:
+                axes.hist(draws[column], bins=30, color=BLUE)
+                axes.set_yticks([])
+            else:
+                axes.plot(
+                    draws[column], draws[row], linestyle="", marker=".", markersize=2, color=BLUE, alpha=0.4
+                )
+                axes.locator_params(axis="y", nbins=3)
+                axes.ticklabel_format(axis="y", useOffset=False)
+            axes.locator_params(axis="x", nbins=3)
+            axes.ticklabel_format(axis="x", useOffset=False)
+            axes.tick_params(labelsize=8)
+            if i == count - 1:
+                axes.set_xlabel(column)
+            if j == 0 and i:
+                axes.set_ylabel(row)
     return fig
 
 

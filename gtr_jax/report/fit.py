@@ -108,6 +108,8 @@ class FitAnswer(Protocol):
     @property
     def profiles(self) -> Mapping[str, Any]: ...
     @property
+    def posterior(self) -> Any: ...
+    @property
     def converged(self) -> bool: ...
     @property
     def result(self) -> str: ...
@@ -139,7 +141,7 @@ def fit_report(fit: FitAnswer, recordings: Sequence[Recording], name: str) -> Re
         title=f"{name}: fit",
         verdict=fit.verdict,
         warnings=fit.warnings,
-        figures=[*figures, *_profile_figure(fit)],
+        figures=[*figures, *_profile_figure(fit), *_posterior_figure(fit)],
         tables=_tables(fit),
     )
 
@@ -212,6 +214,43 @@ def _profile_figure(fit: FitAnswer) -> list[Figure]:
     ]
 
 
+def _posterior_figure(fit: FitAnswer) -> list[Figure]:
+    if fit.posterior is None:
+        return []
+    draws = np.asarray(fit.posterior.draws)
+    draws = draws.reshape(-1, draws.shape[-1])
+    columns = {}
+    for e, values in zip(fit.estimates, draws.T, strict=True):
+        display, factor = _display(e.unit)
+        columns[f"{e.name} [{display}]" if display else e.name] = values / factor
+    return [
+        Figure(
+            "posterior", plots.png(plots.plot_draws(columns)), "Draws from the posterior, and their shares."
+        )
+    ]
+
+
+def _posterior_table(fit: FitAnswer) -> list[Table]:
+    if fit.posterior is None:
+        return []
+    p = fit.posterior
+    rows = [
+        (
+            e.name,
+            quantity(float(p.sd[i]), e.unit, 2),
+            f"{quantity(float(p.lower95[i]), e.unit, digits_of(e))} … "
+            f"{quantity(float(p.upper95[i]), e.unit, digits_of(e))}",
+            f"{p.effective[i]:.0f}",
+            f"{p.rhat[i]:.3f}",
+        )
+        for i, e in enumerate(fit.estimates)
+    ]
+    chains, draws, _ = p.draws.shape
+    note = f"{chains} chains of {draws} draws, {p.divergences} divergences; chains agree below R-hat 1.01."
+    columns = ("parameter", "standard deviation", "95 % interval", "effective draws", "R-hat")
+    return [Table("Posterior, by NUTS", columns, rows, note=note)]
+
+
 def _display(unit: str) -> tuple[str, float]:
     """The unit people write an SI quantity in, and its size in SI."""
     display = DIMENSIONS[unit].display if unit in DIMENSIONS and unit != "dimensionless" else ""
@@ -253,6 +292,7 @@ def _tables(fit: FitAnswer) -> list[Table]:
     )
     tables = [
         Table("Estimates", columns, estimates, note=note),
+        *_posterior_table(fit),
         *_agreement(fit),
         *_correlations(fit),
         *_distances(fit.recordings),

@@ -1,0 +1,217 @@
+"""The posterior sampled by NUTS: what the errors leave of the parameters where no parabola describes it.
+
+Errors are those of the fit (`answer.py`), priors those of the robot file; beyond the range searched there is
+none. The sampler, NumPyro's, is an extra: `pip install 'gtr-jax[posterior]'`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Bool, Float, Int
+
+from gtr_jax import InputError, Robot, reading, simulate, true_base
+
+from .answer import Answer
+from .coordinates import Coordinates, Predictor
+from .posterior_draws import Posterior
+from .task import Part, Task
+from .weighing import Weighing
+
+CHAINS, WARM_UP, DRAWS = 4, 150, 250
+DEEPEST = 6
+
+
+class _Weigher(eqx.Module):
+    """`Weighing` for the compiled program: sum of squares of weighed residuals."""
+
+    slope: Float[Array, "C K"]
+    last: Int[Array, "C K"]
+    weight: Float[Array, "C K"]
+    tau: Float[Array, " C"]
+    floating: Bool[Array, " C"]
+    run: Int[Array, " K"]
+    share: Float[Array, " K"]
+    bands: Float[Array, "2 M"]
+    sd_base: Float[Array, ""]
+    exact: bool = eqx.field(static=True)
+
+    @staticmethod
+    def of(weigh: Weighing) -> _Weigher:
+        base, exact = weigh.base, bool(weigh.sd_base <= 0)
+        bands = np.zeros((2, len(base.knots)))
+        if not exact:
+            bands = base.information(np.full(len(base.T_base), weigh.sd_base**-2))
+            for passed, last in zip(weigh.slope**2 * weigh.weight**2, weigh.last, strict=True):
+                bands = bands + base.information(passed, last)
+        return _Weigher(
+            slope=jnp.asarray(weigh.slope),
+            last=jnp.asarray(weigh.last),
+            weight=jnp.asarray(weigh.weight),
+            tau=jnp.asarray(weigh.tau),
+            floating=jnp.asarray(weigh.floating),
+            run=jnp.asarray(base.run),
+            share=jnp.asarray(base.share),
+            bands=jnp.asarray(bands),
+            sd_base=jnp.asarray(float(weigh.sd_base)),
+            exact=exact,
+        )
+
+    def __call__(self, rows: Float[Array, "C K"]) -> Float[Array, ""]:
+        squared = self.weight**2
+        floats = jnp.where(self.floating[:, None], squared, 0.0)
+        total = jnp.sum(floats, axis=1, keepdims=True)
+        rows = rows - jnp.sum(floats * rows, axis=1, keepdims=True) / jnp.where(total > 0, total, 1.0)
+        shift = jnp.zeros(rows.shape[1])
+        if not self.exact:
+            pulled = -(self.slope * squared * rows)
+            run, share = self.run[self.last], self.share[self.last]
+            knots = jnp.zeros(self.bands.shape[1])
+            knots = knots.at[run].add((1 - share) * pulled).at[run + 1].add(share * pulled)
+            over = self.bands[0]
+            under = jnp.append(over[1:], 0.0)
+            values = jax.lax.linalg.tridiagonal_solve(over, self.bands[1], under, knots[:, None])[:, 0]
+            shift = (1 - self.share) * values[self.run] + self.share * values[self.run + 1]
+        moved = self.weight * (rows + self.slope * shift[self.last]) / jnp.sqrt(self.tau)[:, None]
+        base = jnp.sum(shift**2) / jnp.where(self.exact, 1.0, self.sd_base**2 * self.tau[0])
+        return jnp.sum(moved**2) + base
+
+
+class _Target(eqx.Module):
+    """One recording in the compiled program."""
+
+    robot: Robot
+    at: Coordinates
+    T_base: Float[Array, " J"]
+    before: Int[Array, " K"]
+    after: Int[Array, " K"]
+    share: Float[Array, " K"]
+    recorded: Float[Array, "C K"]
+    weigher: _Weigher
+    channels: tuple[int, ...] = eqx.field(static=True)
+
+    @staticmethod
+    def of(part: Part, at: Coordinates, predict: Predictor, weigh: Weighing) -> _Target:
+        before, after, share = predict.interpolation
+        recorded = jnp.asarray(part.recorded)
+        places = tuple(part.where)
+        return _Target(
+            part.robot, at, predict.history, before, after, share, recorded, _Weigher.of(weigh), places
+        )
+
+    def squares(self, u: Float[Array, " p"]) -> Float[Array, ""]:
+        """Sum of squares at u; infinite where a load step does not converge."""
+        flat, unravel = ravel_pytree(self.robot)
+        robot = unravel(jnp.append(flat, 0.0).at[self.at.index].set(self.at.values(u))[:-1])
+        run = simulate(robot, true_base(robot, self.T_base))
+        shown = jnp.stack([reading(robot, run).T_tip, *run.tip_pose.T, run.displacement])
+        shown = shown[jnp.asarray(self.channels)]
+        values = (1 - self.share) * shown[:, self.before] + self.share * shown[:, self.after]
+        ok = jnp.all(run.converged)
+        return jnp.where(ok, self.weigher(jnp.where(ok, values, self.recorded) - self.recorded), jnp.inf)
+
+
+def potential_of(task: Task, answer: Answer) -> Callable[[Float[Array, " p"]], Float[Array, ""]]:
+    """Minus the logarithm of the posterior density at coordinates u, (p,), but for a constant.
+
+    Derivatives are taken forward, because the parameters are few.
+    """
+    targets = [
+        _Target.of(part, at, predict, judged.weigh)
+        for part, at, predict, judged in zip(
+            task.parts, answer.at, answer.problem.predict.parts, answer.judged, strict=True
+        )
+    ]
+    centre, precision, reach = (
+        jnp.asarray(a) for a in (answer.problem.centre, answer.problem.precision, answer.problem.reach)
+    )
+
+    def half_squares(u):
+        total = jnp.sum(((u - centre) * precision) ** 2) + sum(target.squares(u) for target in targets)
+        inside = jnp.all(jnp.abs(u) < reach)
+        return jnp.where(inside & jnp.isfinite(total), 0.5 * total, jnp.inf)
+
+    @jax.custom_vjp
+    def potential(u):
+        return half_squares(u)
+
+    def forward(u):
+        value, pushed = jax.vmap(lambda v: jax.jvp(half_squares, (u,), (v,)))(jnp.eye(u.shape[0]))
+        return value[0], jnp.where(jnp.isfinite(pushed), pushed, 0.0)
+
+    def backward(slopes, g):
+        return (g * slopes,)
+
+    potential.defvjp(forward, backward)
+    return potential
+
+
+def require_sampler() -> None:
+    """Refuse if the sampler is not installed.
+
+    Raises:
+        InputError: it is not.
+    """
+    try:
+        import numpyro  # noqa: F401
+    except ImportError:
+        raise InputError(
+            "the posterior needs NumPyro, which is not installed; pip install 'gtr-jax[posterior]'"
+        ) from None
+
+
+def sample(
+    task: Task, answer: Answer, *, chains: int = CHAINS, draws: int = DRAWS, seed: int = 0
+) -> Posterior | None:
+    """Sample the posterior by NUTS from where the fit ended, in coordinates in which the fit's covariance is
+    the identity.
+
+    Returns:
+        The draws; None if the recordings do not determine every free number.
+    """
+    from numpyro.diagnostics import summary
+    from numpyro.infer import MCMC, NUTS
+
+    known = answer.known(task)
+    if not known.known.all():
+        return None
+    best, root = jnp.asarray(answer.descent.u), jnp.asarray(np.linalg.cholesky(known.covariance))
+    potential = potential_of(task, answer)
+    kernel = NUTS(
+        potential_fn=lambda y: potential(best + root @ y),
+        adapt_mass_matrix=False,
+        max_tree_depth=DEEPEST,
+        target_accept_prob=0.8,
+    )
+    mcmc = MCMC(
+        kernel,
+        num_warmup=WARM_UP,
+        num_samples=draws,
+        num_chains=chains,
+        chain_method="vectorized",
+        progress_bar=False,
+    )
+    rng = np.random.default_rng(seed)
+    start = jnp.asarray(0.5 * rng.normal(size=(chains, len(best))))
+    mcmc.run(jax.random.key(seed), init_params=start, extra_fields=("diverging",))
+    y = mcmc.get_samples(group_by_chain=True)
+    told = summary({"y": np.asarray(y)}, prob=0.95)["y"]
+    u = np.asarray(best) + np.asarray(y) @ np.asarray(root).T
+    values = np.asarray(jax.vmap(jax.vmap(answer.at[0].values))(jnp.asarray(u)))
+    flat = values.reshape(-1, values.shape[-1])
+    lower, upper = np.quantile(flat, [0.025, 0.975], axis=0)
+    return Posterior(
+        names=tuple(task.names),
+        draws=values,
+        lower95=lower,
+        upper95=upper,
+        sd=flat.std(axis=0, ddof=1),
+        effective=np.asarray(told["n_eff"]),
+        rhat=np.asarray(told["r_hat"]),
+        divergences=int(np.sum(np.asarray(mcmc.get_extra_fields()["diverging"]))),
+    )
