@@ -36,7 +36,7 @@ def _settings(task: Task, **more: Any) -> dict[str, Any]:
         "free": task.names,
         "samples": task.samples,
         "peak_T_tip_N": task.peak,
-        "priors_relative_sd": priors,
+        "priors_sd": priors,
         "robust": task.robust,
         "max_steps": task.max_steps,
         "optimiser": "optimistix.LevenbergMarquardt",

@@ -22,7 +22,7 @@ class Free:
             the name of that.
         parts: recordings it belongs to, by number.
         initial: its value in the robot file, SI.
-        prior: relative standard deviation of what the robot file knows of it; None where nothing.
+        prior: standard deviation of what the robot file knows of it, SI; None where nothing.
     """
 
     entry: Parameter
@@ -53,7 +53,7 @@ def _has(robot: Robot, name: str) -> bool:
 
 
 def _prior(config: RobotConfig | None, entry: Parameter) -> float | None:
-    return None if config is None else config.uncertainty.get(entry.key)
+    return None if config is None else config.deviation(entry.key)
 
 
 def free_of(

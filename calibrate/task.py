@@ -146,10 +146,13 @@ class Task:
     def __post_init__(self):
         self.initial = np.asarray([f.initial for f in self.free])
         self.priors = [f.prior for f in self.free]
-        for i, f in enumerate(self.free):
-            if f.initial == 0 and f.prior is not None:
-                self.warnings.append(f"The uncertainty of {f.name} is relative and its value 0: not used.")
-                self.priors[i] = None
+        for f in self.free:
+            config = self.parts[f.parts[0]].config
+            if f.prior is None and config is not None and f.entry.key in config.uncertainty:
+                self.warnings.append(
+                    f"The uncertainty of {f.name} is a share of its value, which is 0, and not used: give it "
+                    f"with its unit{f', {f.entry.unit}' if f.entry.unit else ''}."
+                )
 
     @property
     def names(self) -> list[str]:
@@ -201,8 +204,8 @@ class Task:
         parts = self.parts if parts is None else parts
         log, scale = np.asarray(at[0].log), np.asarray(at[0].scale)
         has = np.asarray([p is not None for p in self.priors])
-        relative = np.asarray([p or 1.0 for p in self.priors])
-        spread = np.where(log, relative, relative * np.abs(self.initial) / scale)
+        sd = np.asarray([p or 1.0 for p in self.priors])
+        spread = sd / np.where(log, np.where(self.initial > 0, self.initial, 1.0), scale)
         start = at[0].at(np.where(has, self.initial, np.asarray(at[0].reference)))
         return Objective(
             predict=Predictors(

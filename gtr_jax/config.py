@@ -12,6 +12,7 @@ import functools
 import json
 import operator
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -37,7 +38,7 @@ from gtr_jax.config_file import dotted, find_key, place_of, read_route, read_tom
 from gtr_jax.errors import InputError
 from gtr_jax.recording import write_whole
 from gtr_jax.terms import REGISTRY, Term, null_values
-from gtr_jax.units import Unit, quantity_text
+from gtr_jax.units import DIMENSIONS, Unit, parse_quantity, quantity_text, to_si
 
 Length = Annotated[float, Unit("m")]
 Angle = Annotated[float, Unit("rad")]
@@ -48,6 +49,19 @@ Force = Annotated[float, Unit("N")]
 Moment = Annotated[float, Unit("N m")]
 Mass = Annotated[float, Unit("kg")]
 Ratio = Annotated[float, Unit("dimensionless")]
+
+
+_SHARES = re.compile(r".*[\d.]\s*(|%|percent|dimensionless)\s*")
+
+
+def _deviation(value: Any) -> Any:
+    """A share as a number; a string with another unit as it is, until it is known of what."""
+    if isinstance(value, str) and not _SHARES.fullmatch(value):
+        return value.strip()
+    return parse_quantity(value, "dimensionless")
+
+
+Deviation = Annotated[float | str, BeforeValidator(_deviation)]
 
 
 class Section(BaseModel):
@@ -286,8 +300,9 @@ class RobotConfig(Section):
     tendons: tuple[OneOfSeveralTendons, ...] = ()
     """The tendons of a robot with several, instead of routing and tendon."""
     loads: LoadsConfig = LoadsConfig()
-    uncertainty: dict[str, Ratio] = Field(default_factory=dict)
-    """Prior knowledge: one standard deviation, relative, per number of the robot ("youngs_modulus")."""
+    uncertainty: dict[str, Deviation] = Field(default_factory=dict)
+    """Prior knowledge of numbers of the robot ("youngs_modulus"): one standard deviation, relative or with a
+    unit."""
     terms: tuple[TermConfig, ...] = ()
     """Physics beyond the paper, each term once."""
     _source: str = PrivateAttr("robot")
@@ -322,12 +337,15 @@ class RobotConfig(Section):
     @model_validator(mode="after")
     def _check(self) -> RobotConfig:
         check_robot(self)
-        resolved: dict[str, float] = {}
+        resolved: dict[str, float | str] = {}
         for key, deviation in self.uncertainty.items():
             path = find_key(key, self.numbers(), "uncertainty")
-            if deviation <= 0:
+            size = deviation
+            if isinstance(size, str):
+                size = to_si(size, self._unit_of(path), f"uncertainty.{key}")
+            if size <= 0:
                 raise InputError(
-                    f"uncertainty.{key}: must be positive, is {deviation:g}; remove it if known exactly"
+                    f"uncertainty.{key}: must be positive, is {deviation}; remove it if known exactly"
                 )
             if path in resolved:
                 raise InputError(f"uncertainty.{key}: {path} stands twice; keep one")
@@ -335,6 +353,22 @@ class RobotConfig(Section):
         self.uncertainty.clear()  # the keys as written give way to the dotted ones
         self.uncertainty.update(resolved)
         return self
+
+    def _unit_of(self, key: str) -> str:
+        """SI unit of a number of the robot, by dotted key."""
+        data = self.model_dump(by_alias=True, exclude_none=True, context={"unit_strings": True})
+        text = next(value for path, value in dotted(data) if path == key)
+        shown = text.split(" ", 1)[1] if isinstance(text, str) else "dimensionless"
+        return next(si for si, d in DIMENSIONS.items() if shown in (d.display, si))
+
+    def deviation(self, key: str) -> float | None:
+        """What [uncertainty] says of a number, by dotted key: one standard deviation in SI; None if it says
+        nothing, or gives a share of zero.
+        """
+        said = self.uncertainty.get(key)
+        if isinstance(said, str):
+            return parse_quantity(said, self._unit_of(key))
+        return None if said is None else abs(said * self.numbers()[key]) or None
 
     @property
     def term_values(self) -> dict[str, dict[str, float]]:

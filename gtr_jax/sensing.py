@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from jaxtyping import Array, Float
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
 
 from .history import Simulation
 from .robot import Robot
@@ -28,8 +29,9 @@ def reading(robot: Robot, run: Simulation) -> Reading:
     return Reading(T_base, T_tip)
 
 
-def true_base(robot: Robot, shown: Float[Array, "K *tendons"]) -> Float[Array, "K *tendons"]:
+def true_base(robot: Robot, shown: Float[ArrayLike, "K *tendons"]) -> Float[Array, "K *tendons"]:
     """The base tension [N] behind what its cell shows, (K, *tendons): the inverse of `reading`."""
+    shown = jnp.asarray(shown, dtype=float)
     for term in reversed(REGISTRY.values()):
         shown = shown if term.true_base is None else term.true_base(robot.terms[term.id], shown)
     return shown

@@ -335,6 +335,10 @@ FAULTS = {
         ('youngs_modulus = "10 %"', "youngs_moduls = 0.1"),
         "uncertainty: unknown key 'youngs_moduls'; did you mean 'youngs_modulus'?",
     ),
+    "uncertain unit": (
+        ('youngs_modulus = "10 %"', 'youngs_modulus = "5 deg"'),
+        "uncertainty.youngs_modulus: 'deg' is not a unit of a pressure",
+    ),
     "uncertain zero": (('"10 %"', "0.0"), "uncertainty.youngs_modulus: must be positive"),
     "uncertain twice": (
         ('"10 %"', '0.1\n"backbone.youngs_modulus" = 0.2'),

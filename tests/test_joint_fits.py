@@ -1,0 +1,237 @@
+"""Several recordings and robots in one fit, other channels than tension, outliers, cells, and what is told of
+them.
+"""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import calibrate
+import gtr_jax as gtr
+from benchmarks.coverage import RUNS
+from calibrate import base_tension
+from calibrate.estimate import uncertainty
+from calibrate.identifiability import axes
+
+PULLED = np.concatenate([np.linspace(0, 40, 41), np.linspace(40, 5, 36)[1:], np.linspace(5, 25, 11)[1:]])
+POSE = ("tip_x", "tip_y", "tip_angle", "displacement")
+NOISE = {"T_tip": 0.05, "tip_x": 2e-4, "tip_y": 2e-4, "tip_angle": np.radians(0.3), "displacement": 5e-5}
+
+
+def recorded(config, seed, *, pose=False, name="rec", history=PULLED, **changes):
+    """What the robot, with some values changed, would record, with noise on all but the base tension."""
+    robot = gtr.build_robot(config).with_values(**changes)
+    run = gtr.simulate(robot, gtr.true_base(robot, np.asarray(history)))
+    rng = np.random.default_rng(seed)
+    clean = {"T_tip": gtr.reading(robot, run).T_tip}
+    if pose:
+        clean |= dict(zip(POSE, [*run.tip_pose.T, run.displacement], strict=True))
+    noisy = {key: np.asarray(v) + rng.normal(0, NOISE[key], len(history)) for key, v in clean.items()}
+    shown = {key: noisy.get(key) for key in ("T_tip", *POSE)}
+    return gtr.Recording(
+        history,
+        Path(f"{name}.csv"),
+        "",
+        T_tip=shown["T_tip"],
+        tip_x=shown["tip_x"],
+        tip_y=shown["tip_y"],
+        tip_angle=shown["tip_angle"],
+        displacement=shown["displacement"],
+    )
+
+
+@pytest.fixture(scope="module")
+def tdcm():
+    return gtr.load_config(RUNS / "coulomb/robot.toml")
+
+
+@pytest.fixture(scope="module")
+def pair(tdcm):
+    return [recorded(tdcm, seed, name=name) for seed, name in ((1, "first"), (2, "second"))]
+
+
+def fitted(config, recording, **options):
+    fit = calibrate.fit(config, recording, noise_base_N=0.0, **options)
+    assert fit.converged
+    return fit
+
+
+def error(fit, name):
+    sd = fit[name].sd
+    assert sd is not None
+    return sd
+
+
+def holds(fit, name, truth, most=np.inf):
+    assert error(fit, name) < most
+    assert fit[name].value == pytest.approx(truth, abs=4 * error(fit, name))
+
+
+def test_two_recordings_know_more_than_one(tdcm, pair):
+    both, one = fitted(tdcm, pair), fitted(tdcm, pair[0])
+    holds(both, "mu", 0.3)
+    assert error(both, "mu") < 0.85 * error(one, "mu")
+    assert [r.name for r in both.recordings] == ["first", "second"]
+    assert len(both.residual) == 2 * len(PULLED) and both.chi2_per_n == pytest.approx(1.0, abs=0.3)
+    assert "all 2 recordings" in both.verdict and not both.warnings
+    assert set(both.by_recording["mu"]) == {"first", "second"}
+    for r in both.recordings:
+        np.testing.assert_allclose(r.T_tip, gtr.simulate(r.robot, PULLED).T_tip, atol=1e-9)
+    with pytest.raises(ValueError, match=r"take one of fit\.recordings"):
+        _ = both.config
+
+
+def test_a_parameter_per_recording(tdcm, pair):
+    slippery = recorded(tdcm, 3, name="oiled", mu=0.2)
+    fit = fitted(tdcm, [*pair, slippery], per_recording=("mu",), free=("mu", "E"))
+    assert [e.name for e in fit.estimates] == ["mu@first", "mu@second", "mu@oiled", "E"]
+    for name, truth in (("mu@first", 0.3), ("mu@oiled", 0.2)):
+        holds(fit, name, truth)
+    configs = [r.config for r in fit.recordings]
+    assert all(c is not None for c in configs)
+    found = [c.tendon.friction_coefficient for c in configs if c is not None]
+    assert found == [fit[f"mu@{r.name}"].value for r in fit.recordings]
+    assert len({c.backbone.youngs_modulus for c in configs if c is not None}) == 1
+
+
+def test_recordings_that_disagree_are_named(tdcm, pair):
+    slippery = recorded(tdcm, 3, name="oiled", mu=0.25)
+    fit = fitted(tdcm, [pair[0], slippery])
+    assert "the recordings disagree about mu" in fit.verdict and "from oiled" in fit.verdict
+    assert any("--per-recording mu" in text for text in fit.warnings)
+    each = fit.by_recording["mu"]
+    assert each["oiled"].value < each["first"].value
+
+
+def test_two_robots_of_one_material(tdcm, pair):
+    wave = gtr.load_config(RUNS / "coulomb-cone-wave/robot.toml")
+    with pytest.raises(gtr.InputError, match=r"E is shared, but is 1.5e\+06 in tdcm-1 and 600000 in"):
+        calibrate.fit([tdcm, wave], [pair[0], pair[1]])
+    other = recorded(wave, 4, name="wave", history=np.concatenate([PULLED, [1.0]]))
+    fit = fitted([tdcm, wave], [pair[0], other], per_robot=("E",), free=("mu", "E"))
+    assert [e.name for e in fit.estimates] == ["mu", "E@tdcm-1", "E@cone-wave"]
+    holds(fit, "mu", 0.3)
+    holds(fit, "E@cone-wave", 6e5)
+
+
+def test_pose_and_displacement_tell_what_tensions_cannot(tdcm):
+    free = ("mu", "E", "r1", "r2")
+    tensions = fitted(tdcm, recorded(tdcm, 5), free=free)
+    assert tensions["r1"].sd is None
+    assert any("Nothing tells these changes from none: r1 up" in text for text in tensions.warnings)
+    rec = recorded(tdcm, 5, pose=True)
+    fit = fitted(tdcm, rec, free=free)
+    for name, truth in (("mu", 0.3), ("E", 1.5e6), ("r1", -0.009), ("r2", 0.009)):
+        holds(fit, name, truth, 0.02 * abs(truth))
+    for name, channel in fit.recordings[0].channels.items():
+        assert channel.rms == pytest.approx(NOISE[name], rel=0.3)
+    moved = dataclasses.replace(rec, displacement=np.asarray(rec.displacement) + 5e-3)
+    same = fitted(tdcm, moved, free=free)
+    assert same["mu"].value == pytest.approx(fit["mu"].value, rel=1e-4), "its zero is unknown"
+    alone = fitted(tdcm, rec, channels=("tip_angle",))
+    assert list(alone.recordings[0].channels) == ["T_tip", "tip_angle"]
+
+
+def test_a_pose_the_model_does_not_describe_is_said(tdcm):
+    rec = recorded(tdcm, 5, pose=True)
+    bent = dataclasses.replace(rec, tip_angle=1.2 * np.asarray(rec.tip_angle))
+    fit = fitted(tdcm, bent, free=("mu",), channels=("tip_angle",))
+    assert "the tip's angle is off by" in fit.verdict
+
+
+@pytest.mark.parametrize(
+    ("name", "truth"),
+    [
+        ("tip-gain.gain", 1.03),
+        ("tip-offset.force", 0.3),
+        ("base-gain.gain", 0.97),
+        ("base-offset.force", -0.3),
+    ],
+)
+def test_cells_that_are_off(tdcm, name, truth):
+    rec = recorded(tdcm, 6, pose=True, **{name: truth})
+    fit = fitted(tdcm, rec, free=("mu", "E", name))
+    holds(fit, name, truth, 0.03)
+    holds(fit, "mu", 0.3)
+    assert fit.config is not None and fit.config.terms[0].kind == name.split(".")[0]
+
+
+def test_knots_of_a_table_and_bores_may_be_free(make_config):
+    table = {"kind": "table", "knots": [[0.0, 0.01], [0.1, 0.006], [0.25, 0.01]]}
+    config = make_config(table)
+    rec = recorded(config, 7, pose=True, knot_1=0.008)
+    fit = fitted(config, rec, free=("mu", "knot_1"))
+    holds(fit, "knot_1", 0.008)
+    assert fit.config is not None and fit.config.numbers()["routing.knots.1.1"] == fit["knot_1"].value
+
+
+def test_the_depth_of_a_bore(tdcm):
+    rec = recorded(tdcm, 8, pose=True, bore_0_to=0.03)
+    fit = fitted(tdcm, rec, free=("mu", "bore_0_to"))
+    holds(fit, "bore_0_to", 0.03)
+
+
+def test_outliers_count_less_in_a_robust_fit(tdcm):
+    rng = np.random.default_rng(0)
+    off, rec = rng.choice(len(PULLED), 5, replace=False), recorded(tdcm, 9)
+    T_tip = np.array(rec.T_tip)
+    T_tip[off] += 4.0
+    bad = dataclasses.replace(rec, T_tip=T_tip)
+    plain, robust = fitted(tdcm, bad, free=("mu",)), fitted(tdcm, bad, free=("mu",), robust=True)
+    assert any("a robust fit (--robust)" in text for text in plain.warnings)
+    assert abs(robust["mu"].value - 0.3) < 0.5 * abs(plain["mu"].value - 0.3)
+    holds(robust, "mu", 0.3)
+    assert 5 <= robust.recordings[0].outliers <= 9 and "outliers" in robust.verdict
+    assert robust.noise_N == pytest.approx(0.05, rel=0.5)
+    sound, calm = fitted(tdcm, rec), fitted(tdcm, rec, robust=True)
+    assert calm["mu"].value == pytest.approx(sound["mu"].value, abs=error(sound, "mu"))
+
+
+def test_lone_spikes_of_the_base_are_left_out():
+    T = PULLED + np.random.default_rng(1).normal(0, 0.02, len(PULLED))
+    spiked = np.array(T)
+    spiked[[12, 55]] += [6.0, -5.0]
+    clean, count = base_tension.without_spikes(spiked)
+    assert count == 2
+    np.testing.assert_allclose(clean, T, atol=0.1)
+    assert base_tension.without_spikes(PULLED)[1] == 0, "turning points are no spikes"
+    assert base_tension.without_spikes(np.repeat(np.arange(10.0), 3))[1] == 0, "nor are steps"
+
+
+def test_what_is_unknown_blurs_the_rest():
+    """Three parameters of which two are known only in combination: the third keeps its marginal error."""
+    J = np.asarray([[1.0, 1.0, 0.3], [0.0, 1e-3, 0.3], [0.0, 0.0, 1.0]])
+    found = uncertainty(J, 0.1, np.zeros(3), np.full(3, 1.0))
+    full = np.linalg.inv(J.T @ J / 0.01)
+    assert found.known.tolist() == [False, False, True]
+    assert found.covariance[2, 2] == pytest.approx(full[2, 2])
+
+
+def test_axes_are_those_of_the_information():
+    information = np.diag([1e4, 4.0, 0.0])
+    least, middle, most = axes(information)
+    assert (least.sd, middle.sd, most.sd) == (np.inf, 0.5, 0.01)
+    assert middle.words(["mu", "E", "r1"]) == "E up by 1 %"
+
+
+def test_a_prior_with_its_unit(tdcm):
+    data = tdcm.model_dump(mode="json", by_alias=True, exclude_none=True)
+    known = gtr.config.parse_config(data | {"uncertainty": {"routing.r1": "0.1 mm"}})
+    fit = fitted(known, recorded(tdcm, 5), free=("mu", "E", "r1"))
+    assert fit.settings["priors_sd"] == {"r1": pytest.approx(1e-4)}
+    assert error(fit, "r1") <= 1.01e-4
+
+
+@pytest.mark.slow
+def test_the_posterior_agrees_with_the_errors(tdcm, pair):
+    fit = fitted(tdcm, pair[0], sampled=True, profiled=True)
+    posterior = fit.posterior
+    assert posterior is not None and posterior.converged and np.all(posterior.effective > 200)
+    for i, e in enumerate(fit.estimates):
+        sd = error(fit, e.name)
+        assert posterior.sd[i] == pytest.approx(sd, rel=0.2)
+        assert posterior.lower95[i] == pytest.approx(e.lower95, abs=0.5 * sd)
+        assert posterior.upper95[i] == pytest.approx(e.upper95, abs=0.5 * sd)
+    assert fit.to_json()["posterior"]["parameters"]["mu"]["effective_draws"] > 200
