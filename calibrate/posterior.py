@@ -111,7 +111,8 @@ class _Target(eqx.Module):
         run = simulate(robot, true_base(robot, self.T_base))
         shown = jnp.stack([reading(robot, run).T_tip, *run.tip_pose.T, run.displacement])
         shown = shown[jnp.asarray(self.channels)]
-        values = (1 - self.share) * shown[:, self.before] + self.share * shown[:, self.after]
+        share = self.share[None]
+        values = (1 - share) * shown[:, self.before] + share * shown[:, self.after]
         ok = jnp.all(run.converged)
         return jnp.where(ok, self.weigher(jnp.where(ok, values, self.recorded) - self.recorded), jnp.inf)
 
@@ -198,7 +199,9 @@ def sample(
     )
     rng = np.random.default_rng(seed)
     start = jnp.asarray(0.5 * rng.normal(size=(chains, len(best))))
-    mcmc.run(jax.random.key(seed), init_params=start, extra_fields=("diverging",))
+    # NumPyro relies on JAX's ordinary promotion, whatever is set.
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        mcmc.run(jax.random.key(seed), init_params=start, extra_fields=("diverging",))
     y = mcmc.get_samples(group_by_chain=True)
     told = summary({"y": np.asarray(y)}, prob=0.95)["y"]
     u = np.asarray(best) + np.asarray(y) @ np.asarray(root).T

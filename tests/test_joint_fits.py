@@ -3,8 +3,11 @@ them.
 """
 
 import dataclasses
+import sys
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -14,6 +17,7 @@ from benchmarks.coverage import RUNS
 from calibrate import base_tension
 from calibrate.estimate import uncertainty
 from calibrate.identifiability import axes
+from calibrate.posterior import potential_of
 
 PULLED = np.concatenate([np.linspace(0, 40, 41), np.linspace(40, 5, 36)[1:], np.linspace(5, 25, 11)[1:]])
 POSE = ("tip_x", "tip_y", "tip_angle", "displacement")
@@ -222,6 +226,30 @@ def test_a_prior_with_its_unit(tdcm):
     fit = fitted(known, recorded(tdcm, 5), free=("mu", "E", "r1"))
     assert fit.settings["priors_sd"] == {"r1": pytest.approx(1e-4)}
     assert error(fit, "r1") <= 1.01e-4
+
+
+def test_the_sampler_sees_the_sum_of_squares_that_is_minimised(tdcm, monkeypatch):
+    """With a noisy base tension, a displacement of unknown zero, a prior and interpolation between steps."""
+    history = np.repeat(PULLED, 30)
+    rec = recorded(tdcm, 11, pose=True, history=history)
+    rng = np.random.default_rng(3)
+    noisy = dataclasses.replace(rec, T_base=history + rng.normal(0, 0.05, len(history)))
+    seen = []
+    module = sys.modules["calibrate.fit"]  # calibrate.fit is the function
+    monkeypatch.setattr(module, "sample", lambda task, answer: seen.append((task, answer)))
+    fit = calibrate.fit(tdcm, noisy, free=("mu", "E"), sampled=True)
+    assert "does not determine" not in fit.verdict
+    task, answer = seen[0]
+    assert answer.problem.predict.parts[0].steps < len(history) and answer.problem.weighs[0].sd_base > 0
+    potential = potential_of(task, answer)
+    for shift in ([0.0, 0.0], [0.003, -0.01]):
+        u = answer.descent.u + np.asarray(shift)
+        predictions = answer.problem.predict(u)
+        value, slope = jax.value_and_grad(potential)(jnp.asarray(u))
+        assert float(value) == pytest.approx(0.5 * answer.problem.cost(u, predictions), rel=1e-8)
+        rows, jacobian = answer.problem.rows(u, predictions)
+        np.testing.assert_allclose(slope, jacobian.T @ rows, rtol=1e-6, atol=1e-3)
+    assert np.isinf(float(potential(jnp.asarray([9.0, 0.0])))), "beyond the range searched"
 
 
 @pytest.mark.slow
