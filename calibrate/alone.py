@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2
@@ -36,33 +37,47 @@ def mu_by_phase(task: Task, answer: Answer) -> dict[str, Estimate]:
         if sum(map(np.sum, inside)) < FEWEST:
             continue
         task.progress(f"fitting {phase} alone")
-        estimate = _alone(task, answer, task.friction()[0], inside)
-        if estimate is not None:
-            found[phase] = estimate
+        alone = _alone(task, answer, task.friction()[0], inside)
+        if alone is not None:
+            found[phase] = alone.estimate
     return found
 
 
-def by_recording(task: Task, answer: Answer) -> dict[str, dict[str, Estimate]]:
-    """Each parameter that recordings share, from each of them alone, the others as fitted: by parameter, then
-    recording; those left out that know nothing of it.
+class Apart(NamedTuple):
+    """What recordings alone say of the parameters that they share, the others as fitted.
+
+    Attributes:
+        estimates: by parameter, then recording; those left out that know nothing of it.
+        blamed: the parameter about which they disagree, if they do: of those that they give different values,
+            the one whose values describe them best; "" if they agree.
     """
-    known, found = answer.known(task), {}
+
+    estimates: dict[str, dict[str, Estimate]]
+    blamed: str
+
+
+def by_recording(task: Task, answer: Answer) -> Apart:
+    """Each parameter that recordings share, from each of them alone."""
+    known, found, left = answer.known(task), {}, {}
     for i, free in enumerate(task.free):
         if len(free.parts) < 2 or not known.known[i]:
             continue
         task.progress(f"{free.name} from each recording alone")
-        each = {}
+        each, squares = {}, 0.0
         for k in free.parts:
             inside = [np.full(part.samples, j == k) for j, part in enumerate(task.parts)]
-            estimate = _alone(task, answer, i, inside)
-            if estimate is not None:
-                each[task.parts[k].name] = estimate
+            alone = _alone(task, answer, i, inside)
+            if alone is not None:
+                each[task.parts[k].name] = alone.estimate
+                squares += alone.squares
         if len(each) > 1:
             found[free.name] = each
-    return found
+            if _scattered(each):
+                left[free.name] = squares
+    return Apart(found, min(left, key=left.__getitem__, default=""))
 
 
-def scattered(each: dict[str, Estimate]) -> bool:
+def _scattered(each: dict[str, Estimate]) -> bool:
     """Whether values of one parameter lie farther apart than their errors allow."""
     values = np.asarray([e.value for e in each.values()])
     sd = np.asarray([e.sd for e in each.values()], float)
@@ -70,7 +85,12 @@ def scattered(each: dict[str, Estimate]) -> bool:
     return float(np.sum(((values - mean) / sd) ** 2)) > float(chi2.isf(CHANCE, len(values) - 1))
 
 
-def _alone(task: Task, answer: Answer, i: int, inside: list[np.ndarray]) -> Estimate | None:
+class _Alone(NamedTuple):
+    estimate: Estimate
+    squares: float
+
+
+def _alone(task: Task, answer: Answer, i: int, inside: list[np.ndarray]) -> _Alone | None:
     """Free number i from some of the samples, of each recording; None where they know nothing of it."""
     active = np.arange(len(task.free)) == i
     weighs = tuple(j.by_noise.only(kept) for j, kept in zip(answer.judged, inside, strict=True))
@@ -99,7 +119,7 @@ def _alone(task: Task, answer: Answer, i: int, inside: list[np.ndarray]) -> Esti
         return None
     at = answer.at[0]
     free = task.free[i]
-    return estimates(
+    found_there = estimates(
         [dataclasses.replace(free.entry, name=free.name)],
         np.asarray(at.values(found.u))[active],
         task.initial[active],
@@ -108,3 +128,4 @@ def _alone(task: Task, answer: Answer, i: int, inside: list[np.ndarray]) -> Esti
         known,
         [""],
     )[0]
+    return _Alone(found_there, squares)

@@ -10,7 +10,7 @@ import numpy as np
 from gtr_jax import InputError, RobotConfig
 
 from . import verdict as words
-from .alone import by_recording, mu_by_phase, scattered
+from .alone import Apart, by_recording, mu_by_phase
 from .answer import Answer, Judged
 from .coordinates import CHANNEL_UNITS, CHANNELS, Prediction, is_log
 from .descent import all_converged
@@ -223,22 +223,23 @@ def assemble(task: Task, answer: Answer, iterations: int, start: Start) -> FitRe
     _trade_offs(task, answer, known)
     failure = _failure(answer)
     phases: dict[str, Estimate] = {}
-    each: dict[str, dict[str, Estimate]] = {}
+    apart = Apart({}, "")
     if failure:
         found = [dataclasses.replace(e, sd=None, lower95=None, upper95=None, detectable=None) for e in found]
     else:
         if known.known[task.friction()].any():
             phases = mu_by_phase(task, answer)
-        each = by_recording(task, answer)
+        apart = by_recording(task, answer)
     disagreement = words.disagreement(phases)
     if disagreement:
         task.warnings.append(disagreement[0].upper() + disagreement[1:] + ": more apart than their errors.")
-    apart = [words.apart(name, alone) for name, alone in each.items() if scattered(alone)]
-    task.warnings.extend(
-        f"The recordings disagree about {clause}; find out what differs between them, or fit it to each with "
-        f"--per-recording {clause.split(':')[0]}."
-        for clause in apart
-    )
+    clauses = [disagreement] if disagreement else []
+    if apart.blamed:
+        clauses.append(f"the recordings disagree: {words.apart(apart.blamed, apart.estimates[apart.blamed])}")
+        task.warnings.append(
+            f"The recordings disagree, most likely about {apart.blamed}: find out what differs between them, "
+            f"or fit it to each with --per-recording {apart.blamed}."
+        )
     recordings = tuple(
         _fitted(task, k, prediction, answer, values, known.covariance)
         for k, prediction in enumerate(answer.predictions)
@@ -265,10 +266,7 @@ def assemble(task: Task, answer: Answer, iterations: int, start: Start) -> FitRe
         verdict=words.verdict(
             found,
             [_distance(task, answer, r) for r in zip(recordings, answer.judged, strict=True)],
-            disagreement="; ".join(
-                [disagreement] * bool(disagreement)
-                + [f"the recordings disagree about {clause}" for clause in apart]
-            ),
+            disagreement="; ".join(clauses),
             failure=failure,
         ),
         settings=_settings(
@@ -279,7 +277,7 @@ def assemble(task: Task, answer: Answer, iterations: int, start: Start) -> FitRe
             starts_that_agree=start.agreed,
         ),
         mu_by_phase=phases,
-        by_recording=each,
+        by_recording=apart.estimates,
         axes=axes(answer.information()),
     )
 

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.stats import f
 
 from gtr_jax.phases import PULLING, RELEASING, REST, TRANSITION
+from gtr_jax.units import DIMENSIONS, convert
 
 from .estimate import Estimate
 
@@ -42,7 +43,16 @@ def said(estimate: Estimate) -> str:
         return estimate.note
     if estimate.sd is None:
         return f"{estimate.name} is not determined"
-    return f"{estimate.name} = {number(estimate.value, estimate.sd)} {estimate.unit}".rstrip()
+    return f"{estimate.name} = {quantity(estimate)}"
+
+
+def quantity(estimate: Estimate) -> str:
+    """An estimate with its standard deviation, in the unit people write it in."""
+    unit = estimate.unit
+    display = DIMENSIONS[unit].display if unit in DIMENSIONS else unit
+    size = convert(1.0, display, unit) if unit in DIMENSIONS else 1.0
+    sd = None if estimate.sd is None else estimate.sd / size
+    return f"{number(estimate.value / size, sd)} {display}".rstrip()
 
 
 def by_phase(residual: np.ndarray, phases: np.ndarray) -> dict[str, dict[str, float]]:
@@ -174,7 +184,7 @@ def _other(name: str, rms: float, noise: float, unit: str) -> str:
 
 def apart(name: str, alone: dict[str, Estimate]) -> str:
     """A parameter's value from each recording alone, as a clause."""
-    return f"{name}: " + ", ".join(f"{number(e.value, e.sd)} from {which}" for which, e in alone.items())
+    return f"{name}: " + ", ".join(f"{quantity(e)} from {which}" for which, e in alone.items())
 
 
 def verdict(

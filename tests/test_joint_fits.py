@@ -103,7 +103,7 @@ def test_a_parameter_per_recording(tdcm, pair):
 def test_recordings_that_disagree_are_named(tdcm, pair):
     slippery = recorded(tdcm, 3, name="oiled", mu=0.25)
     fit = fitted(tdcm, [pair[0], slippery])
-    assert "the recordings disagree about mu" in fit.verdict and "from oiled" in fit.verdict
+    assert "the recordings disagree: mu: " in fit.verdict and "from oiled" in fit.verdict
     assert any("--per-recording mu" in text for text in fit.warnings)
     each = fit.by_recording["mu"]
     assert each["oiled"].value < each["first"].value

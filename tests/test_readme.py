@@ -1,15 +1,19 @@
 """What README and quick start tell the reader to type is typed, in the order in which it stands there."""
 
 import re
+import runpy
 import shlex
 import shutil
+import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from command_line import run_gtr
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "docs/quickstart.md"]
+TUTORIAL = ROOT / "docs/tutorial.md"
 # Shown with files that only the reader has.
 ILLUSTRATIVE = ("rig.csv",)
 HISTORY = "T_base_N\n0\n15\n30\n20\n"
@@ -41,6 +45,45 @@ def test_page(page, tmp_path, monkeypatch, capsys):
                 assert outcome.status == 0, f"{line}: {outcome.err}"
                 ran += 1
     assert ran >= 3
+
+
+def said(line: str) -> tuple[str, list[float]]:
+    """A line of an answer, its words and its numbers apart."""
+    number = re.compile(r"[-−]?\d+(?:\.\d+)?")
+    return number.sub("#", line), [float(n.replace("−", "-")) for n in number.findall(line)]
+
+
+@pytest.mark.slow
+def test_tutorial_shows_what_the_commands_print(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(ROOT / "examples", "examples")
+    printed: list[str] = []
+    compared = 0
+    for language, text in blocks(TUTORIAL):
+        if language == "":
+            outcome = run_gtr(capsys, *shlex.split(text)[1:])
+            assert outcome.status == 0
+            printed = outcome.out.splitlines()
+        elif language == "text":
+            for line in text.splitlines():
+                words, numbers = said(line)
+                same = [numbers_of for found, numbers_of in map(said, printed) if found == words]
+                assert same, f"not printed: {line}"
+                assert any(n == pytest.approx(numbers, rel=0.02, abs=1e-3) for n in same), line
+                compared += 1
+        elif language == "python":
+            exec(compile(text, "tutorial", "exec"), {"__name__": "__main__"})
+    assert compared > 20
+
+
+@pytest.mark.slow
+def test_tutorial_recordings_are_those_of_its_script(tmp_path, monkeypatch):
+    folder = ROOT / "examples/rig"
+    monkeypatch.setattr(sys, "argv", ["record.py", str(tmp_path)])
+    runpy.run_path(str(folder / "record.py"), run_name="__main__")
+    for name in ("monday.csv", "tuesday.csv", "oiled.csv"):
+        made, kept = (np.loadtxt(d / name, delimiter=",", skiprows=1) for d in (tmp_path, folder))
+        np.testing.assert_allclose(made, kept, atol=0.011)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
