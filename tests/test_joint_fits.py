@@ -263,3 +263,18 @@ def test_the_posterior_agrees_with_the_errors(tdcm, pair):
         assert posterior.lower95[i] == pytest.approx(e.lower95, abs=0.5 * sd)
         assert posterior.upper95[i] == pytest.approx(e.upper95, abs=0.5 * sd)
     assert fit.to_json()["posterior"]["parameters"]["mu"]["effective_draws"] > 200
+
+
+def test_an_interrupted_profile_loses_no_fit(tdcm, monkeypatch):
+    module, count = sys.modules["calibrate.profiles"], iter(range(100))
+
+    def interrupted(answer, i, sd):
+        if next(count):
+            raise KeyboardInterrupt
+        return whole(answer, i, sd)
+
+    whole = module._profile
+    monkeypatch.setattr(module, "_profile", interrupted)
+    fit = fitted(tdcm, recorded(tdcm, 5), free=("mu", "E"), profiled=True)
+    assert list(fit.profiles) == ["mu"] and error(fit, "E") > 0
+    assert any("Interrupted at the profile of E" in text for text in fit.warnings)
