@@ -10,6 +10,8 @@ smoothed across a knot; a coarse staircase whose readings do not lie on straight
 from __future__ import annotations
 
 import dataclasses
+import itertools
+from collections.abc import Callable
 
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
@@ -22,8 +24,18 @@ HYSTERESIS = 5.0
 # recordings longer than 1000 samples: the best place of a run does so by chance in fewer than 1 of 100 runs.
 BEND, SHORT = 14.0, 1000
 ROUNDS, REFINEMENTS = 40, 4
-# Noise above this share of the range is no noise of a load cell, but readings that jump about.
-LARGEST_NOISE = 0.02
+# Noise above this share of the range may be readings that jump about, if nothing is known of the tip; and is
+# in any case.
+LARGEST_NOISE, LARGEST_UNLIKE_TIP = 0.02, 0.2
+# Shares of the first guess that are tried for the noise: steps of the tension make it too large.
+SHARES = (1.0, 0.5, 0.25)
+# Correlation of what is left with the tip's own remainder, at least: the tip does not follow noise. And how
+# many steps of the tip, of so many standard deviations, tell.
+ALIKE, STEP, FEWEST_STEPS = 0.2, 4.0, 8
+BLOCK = 400
+# Standard errors by which a sum of squares is too large, unless its errors hang together over fewer samples
+# than this: load cells have filters, straight lines through a curve leave arcs.
+FAR_MORE, SHORT_MEMORY = 4.0, 5.0
 PASSES, SETTLED = 4, 0.05
 # A lone spike is so many standard deviations off all that its neighbours say, and so many times as far as
 # they differ among each other.
@@ -106,6 +118,9 @@ class BaseTension:
         np.add.at(bands[1], run + 1, weight * share**2)
         np.add.at(bands[0], run + 1, weight * share * (1 - share))
         return bands
+
+
+Search = Callable[[np.ndarray, float, np.ndarray | None], BaseTension]
 
 
 def turning_points(T: np.ndarray, hysteresis: float) -> np.ndarray:
@@ -193,23 +208,42 @@ def straighten(T: np.ndarray, sd: float, time: np.ndarray | None = None) -> Base
         sd: its standard deviation [N], positive.
         time: of the samples [s], (K,); equal steps unless given and increasing.
     """
-    steps = np.arange(len(T), dtype=float)
-    t = steps if time is None or np.any(np.diff(time) <= 0) else np.asarray(time, float)
-    knots = _with_bends(t, T, turning_points(T, HYSTERESIS * sd), sd)
+    t, threshold = _clock(T, time), _threshold(len(T))
+    knots = _with_bends(t, T, turning_points(T, HYSTERESIS * sd), sd, threshold)
     for _ in range(REFINEMENTS):
         before = knots
-        knots = _without_needless(t, T, _merged(t, T, _moved(t, T, knots), sd), sd)
-        knots = _with_bends(t, T, knots, sd)
+        knots = _merged(t, T, _moved(t, T, knots), sd, threshold)
+        knots = _with_bends(t, T, _without_needless(t, T, knots, sd, threshold), sd, threshold)
         if np.array_equal(knots, before):
             break
     return _straight_runs(t, T, knots, sd)
+
+
+def _clock(T: np.ndarray, time: np.ndarray | None) -> np.ndarray:
+    """Time of the samples; their number where they have none that increases."""
+    numbers = np.arange(len(T), dtype=float)
+    return numbers if time is None or np.any(np.diff(time) <= 0) else np.asarray(time, float)
 
 
 def _threshold(K: int) -> float:
     return BEND + 2.0 * max(0.0, float(np.log(K / SHORT)))
 
 
-def _with_bends(t: np.ndarray, T: np.ndarray, knots: np.ndarray, sd: float) -> np.ndarray:
+def _from_all(T: np.ndarray, sd: float, time: np.ndarray | None = None) -> BaseTension:
+    """The same found the other way round: every sample a knot, and needless ones taken out. Slower, but it
+    sees a staircase, in which no single bend helps.
+    """
+    t, threshold, K = _clock(T, time), _threshold(len(T)), len(T)
+    edges = np.unique(np.linspace(0, K - 1, max(2, 1 + -(-K // BLOCK))).astype(int))
+    kept = [
+        a + _without_needless(t[a : b + 1], T[a : b + 1], np.arange(b - a + 1), sd, threshold)
+        for a, b in itertools.pairwise(edges.tolist())
+    ]
+    knots = _without_needless(t, T, np.unique(np.concatenate(kept)), sd, threshold)
+    return _straight_runs(t, T, knots, sd)
+
+
+def _with_bends(t: np.ndarray, T: np.ndarray, knots: np.ndarray, sd: float, threshold: float) -> np.ndarray:
     settled: set[tuple[int, int]] = set()
     for _ in range(ROUNDS):
         residual = (T - _straight_runs(t, T, knots, sd).T_base) / sd
@@ -218,7 +252,7 @@ def _with_bends(t: np.ndarray, T: np.ndarray, knots: np.ndarray, sd: float) -> n
             if b - a < 2 or (a, b) in settled:
                 continue
             at, gain = _best_bend(t[a : b + 1], residual[a : b + 1])
-            if gain > _threshold(len(T)):
+            if gain > threshold:
                 more.append(a + at)
             else:
                 settled.add((a, b))
@@ -246,7 +280,7 @@ def _left(t: np.ndarray, T: np.ndarray, bends: list[int]) -> float:
     return float(np.sum((T - q @ (q.T @ T)) ** 2))
 
 
-def _merged(t: np.ndarray, T: np.ndarray, knots: np.ndarray, sd: float) -> np.ndarray:
+def _merged(t: np.ndarray, T: np.ndarray, knots: np.ndarray, sd: float, threshold: float) -> np.ndarray:
     """Two neighbouring knots made one where one, put where it is best, does as well: a corner missed by a
     sample is otherwise held by a second knot beside it.
     """
@@ -257,20 +291,22 @@ def _merged(t: np.ndarray, T: np.ndarray, knots: np.ndarray, sd: float) -> np.nd
         times, values = t[a : b + 1], T[a : b + 1]
         at = _best_bend(times, values)[0]
         two = _left(times, values, [found[m] - a, found[m + 1] - a])
-        if _left(times, values, [at]) - two < _threshold(len(T)) * sd**2:
+        if _left(times, values, [at]) - two < threshold * sd**2:
             found[m : m + 2] = [a + at]
         else:
             m += 1
     return np.asarray(found)
 
 
-def _without_needless(t: np.ndarray, T: np.ndarray, knots: np.ndarray, sd: float) -> np.ndarray:
+def _without_needless(
+    t: np.ndarray, T: np.ndarray, knots: np.ndarray, sd: float, threshold: float
+) -> np.ndarray:
     if len(knots) > MOST_PRUNED:
         return knots
     for _ in range(ROUNDS):
         fit = _straight_runs(t, T, knots, sd)
         loss = _removable(fit, fit.T_base[knots])
-        least = (loss < _threshold(len(T))) & (
+        least = (loss < threshold) & (
             loss <= np.minimum(np.roll(loss, 1), np.roll(loss, -1))
         )  # no two neighbours
         if not least.any():
@@ -310,32 +346,78 @@ def exact(T: np.ndarray) -> BaseTension:
     )
 
 
-def estimate(T: np.ndarray, time: np.ndarray | None = None, sd: float | None = None) -> BaseTension:
+def estimate(
+    T: np.ndarray,
+    time: np.ndarray | None = None,
+    sd: float | None = None,
+    tip: np.ndarray | None = None,
+) -> BaseTension:
     """The true base tension behind a recorded one.
+
+    What straight runs leave must be noise: no larger than `sd` unless its errors hang together over a few
+    samples, and nothing that the tip follows. Where it is not, more bends are set and a smaller noise is
+    tried; where nothing helps, the readings are taken as exact.
 
     Args:
         T: recorded base tension [N], (K,), K >= 2.
         time: of the samples [s], (K,), or None.
         sd: its standard deviation [N]; 0 takes it as exact; unless given it is estimated, first from
-            differences of neighbours, then from what the straight runs leave. Where readings jump about so
-            that noise cannot be told from them, they are taken as exact.
+            differences of neighbours, then from what the straight runs leave.
+        tip: recorded tip tension [N], (K,), which tells noise from changes of the tension.
     """
-    if sd == 0:
+    first = sd if sd is not None else from_differences(T) or 0.0
+    largest = LARGEST_NOISE if tip is None else LARGEST_UNLIKE_TIP
+    if first == 0 or (sd is None and first > largest * np.ptp(T)):
         return exact(T)
-    if sd is not None:
-        return _with_correlation(straighten(T, sd, time), T)
-    floor = resolution(T) / np.sqrt(12.0)
-    found = from_differences(T) or 0.0
+    shares = (1.0,) if sd is not None else SHARES
+    for share, search in itertools.product(shares, (straighten, _from_all)):
+        fit = search(T, share * first, time)
+        if fit.degrees >= FEWEST_DEGREES and not _only_noise(fit, T, tip):
+            continue
+        if sd is None and fit.degrees >= FEWEST_DEGREES:
+            fit = _refined(fit, T, time, search)
+        return _with_correlation(fit, T)
+    return exact(T) if sd is None else _with_correlation(fit, T)
+
+
+def _refined(fit: BaseTension, T: np.ndarray, time: np.ndarray | None, search: Search) -> BaseTension:
+    """The fit with the noise that it leaves itself."""
+    floor, found = resolution(T) / np.sqrt(12.0), fit.sd
     for _ in range(PASSES):
-        if not 0 < found <= LARGEST_NOISE * np.ptp(T):
-            return exact(T)
-        fit = straighten(T, found, time)
-        if fit.degrees < FEWEST_DEGREES:
-            return _with_correlation(fit, T)
-        before, found = found, max(found * np.sqrt(fit.misfit / fit.degrees), floor)
-        if abs(found / before - 1) < SETTLED:
+        before, found = found, max(fit.sd * np.sqrt(fit.misfit / fit.degrees), floor)
+        if found == 0 or abs(found / before - 1) < SETTLED:
             break
-    return _with_correlation(dataclasses.replace(fit, sd=found, misfit=fit.misfit * (before / found) ** 2), T)
+        again = search(T, found, time)
+        if again.degrees < FEWEST_DEGREES:
+            break
+        fit = again
+    scale = (fit.sd / found) ** 2 if found > 0 else 1.0
+    return dataclasses.replace(fit, sd=found, misfit=fit.misfit * scale)
+
+
+def _only_noise(fit: BaseTension, T: np.ndarray, tip: np.ndarray | None) -> bool:
+    """Whether what straight runs leave of a base tension is noise."""
+    left = T - fit.T_base
+    if tip is not None and _followed(fit, left, tip):
+        return False
+    ratio = fit.misfit / fit.degrees
+    return ratio < 1 + FAR_MORE * np.sqrt(2 / fit.degrees) or correlation_time(left) < SHORT_MEMORY
+
+
+def _followed(fit: BaseTension, left: np.ndarray, tip: np.ndarray) -> bool:
+    """Whether the tip follows what straight runs leave of the base tension, in all steps or in large ones."""
+    steps = np.diff(tip - _straight_runs(fit.t, tip, fit.knots, 1.0).T_base)
+    large = np.abs(steps) > STEP * np.sqrt(2.0) * max(from_differences(tip) or 0.0, 1e-12)
+    if _alike(np.diff(left), steps):
+        return True
+    return int(large.sum()) >= FEWEST_STEPS and _alike(np.diff(left)[large], steps[large])
+
+
+def _alike(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether two series go together by more than chance."""
+    a, b = a - a.mean(), b - b.mean()
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return size > 0 and float(a @ b) > max(ALIKE, min(0.9, 4 / np.sqrt(len(a)))) * size
 
 
 def _with_correlation(fit: BaseTension, T: np.ndarray) -> BaseTension:

@@ -161,9 +161,9 @@ def _part(
         T_base, spikes = base_tension.without_spikes(T_base)
         if spikes:
             warnings.append(f"{spikes} lone spikes of the base tension in {recording.path} are left out.")
-    base = base_tension.estimate(T_base, recording.time, noise_base_N)
+    base = base_tension.estimate(T_base, recording.time, noise_base_N, values[0])
     if noise_base_N:
-        seen = base_tension.estimate(T_base, recording.time).sd
+        seen = base_tension.estimate(T_base, recording.time, tip=values[0]).sd
         if 0 < TOO_LARGE * seen < noise_base_N:
             warnings.append(
                 f"The noise given for the base tension, {noise_base_N:.3g} N, is far above the {seen:.2g} N "

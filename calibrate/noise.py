@@ -8,13 +8,11 @@ import numpy as np
 
 MAD_TO_SD = 1.4826
 SHORTEST_LOCK = 6
-FEWEST_DEGREES = 12
+FEWEST_DEGREES, FEWEST_SAMPLES = 12, 16
 # Locked stretches that scatter this much more than neighbours differ are not straight: friction creep, not
 # noise.
 CREEP = 2.0
 CORRELATIONS = np.linspace(0.0, 0.95, 20)
-# Share of the variance that is the tip cell's own at least.
-LEAST_OWN = 0.1
 
 
 class Noise(NamedTuple):
@@ -43,7 +41,7 @@ def from_differences(x: np.ndarray) -> float | None:
     Third differences cancel a smooth signal up to quadratic. Noise correlated between neighbours is
     underestimated, and a coarsely sampled loop is mistaken for noise.
     """
-    if len(x) < 8:
+    if len(x) < FEWEST_SAMPLES:
         return None
     third = np.convolve(x, [1, -3, 3, -1], "valid") / np.sqrt(20.0)
     sd = MAD_TO_SD * float(np.median(np.abs(third)))
@@ -92,8 +90,7 @@ def _whitened(rows: np.ndarray, rho: float) -> np.ndarray:
 def from_repeats(T_base: np.ndarray, T_tip: np.ndarray, trial: np.ndarray | None) -> tuple[float, int] | None:
     """Noise from trials that repeat one load history: scatter of T_tip between them, sample by sample.
 
-    The first trial is left out where there are three or more: it starts from another state. Contains what
-    noise in T_base does.
+    The first trial is left out where there are three or more: it starts from another state.
     """
     if trial is None:
         return None
@@ -114,26 +111,22 @@ def estimate(
     T_tip: np.ndarray,
     trial: np.ndarray | None,
     locked: np.ndarray | None,
-    passed_on: float = 0.0,
 ) -> Noise:
     """The best estimate the recording offers: repeats and locked stretches, else differences of neighbours.
+
+    Noise of the base cell is in none of them: the tip follows the true tension.
 
     Args:
         T_base, T_tip: as recorded [N], (K,).
         trial: number of the trial, (K,); None if there is one.
         locked: where the fitted model holds the tip, (K,) bool; None before a fit.
-        passed_on: variance that noise in the base tension adds where the tip slips, on average [N^2].
     """
     floor = resolution(T_tip) / np.sqrt(12.0)
-
-    def alone(sd: float) -> float:
-        return max(float(np.sqrt(max(sd**2 - passed_on, LEAST_OWN * sd**2))), floor)
-
     near = from_differences(T_tip)
     found: dict[str, tuple[float, float]] = {}
     repeats = from_repeats(T_base, T_tip, trial)
     if repeats is not None:
-        found["repeated trials"] = alone(repeats[0]), repeats[1]
+        found["repeated trials"] = max(repeats[0], floor), repeats[1]
     held = None if locked is None else from_locked(T_tip, locked)
     if held is not None and (near is None or held[0] <= CREEP * near):
         found["stretches in which friction holds the tip"] = max(held[0], floor), held[1]
@@ -143,7 +136,7 @@ def estimate(
         return Noise(sd, ", ".join(found), degrees)
     if near is None:
         return Noise(None, "too few samples")
-    return Noise(alone(near), "differences of neighbouring samples", len(T_tip) / 3)
+    return Noise(near, "differences of neighbouring samples", len(T_tip) / 3)
 
 
 def correlation_time(residual: np.ndarray) -> float:

@@ -74,9 +74,8 @@ class Part:
         base = self.T_base
         if fitted is None:
             return noise.estimate(base.T_base, self.T_tip, self.trial, None)
-        passed_on = float(np.mean(np.where(fitted.slips, fitted.slope[0], 0.0) ** 2)) * base.sd**2
         T_tip = self.T_tip if kept is None else np.where(kept, self.T_tip, fitted.T_tip)
-        return noise.estimate(base.T_base, T_tip, self.trial, ~fitted.slips, passed_on)
+        return noise.estimate(base.T_base, T_tip, self.trial, ~fitted.slips)
 
     def least(self, tip: float | None) -> np.ndarray:
         """Smallest standard deviation that each channel's errors may be given, (C,): of the tip tension its

@@ -356,7 +356,7 @@ class RobotConfig(Section):
 
     def _unit_of(self, key: str) -> str:
         """SI unit of a number of the robot, by dotted key."""
-        data = self.model_dump(by_alias=True, exclude_none=True, context={"unit_strings": True})
+        data = self.model_dump(mode="json", by_alias=True, exclude_none=True, context={"unit_strings": True})
         text = next(value for path, value in dotted(data) if path == key)
         shown = text.split(" ", 1)[1] if isinstance(text, str) else "dimensionless"
         return next(si for si, d in DIMENSIONS.items() if shown in (d.display, si))
