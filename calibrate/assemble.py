@@ -203,7 +203,7 @@ def _fitted(
         if answer is None or judged is None
         else {
             "samples_simulated": answer.problem.predict.parts[k].steps,
-            "knots_of_base": len(part.T_base.knots),
+            "knots_of_base": part.T_base.size,
             "samples_per_independent_base": part.T_base.tau,
             "samples_per_independent": float(judged.weigh.tau[0]),
         },

@@ -1,10 +1,13 @@
-"""The true base tension behind a noisy one: straight runs between knots, as few as the noise allows.
+"""The true base tension behind a noisy one: straight runs, or smooth curves, with as few knots as the noise
+allows.
 
 A tendon with friction remembers extremes, so noise in the base tension does not average out: taken as exact,
 every noisy peak ratchets the simulated tip tension up, and friction with it. The true base tension is
-therefore an unknown of the fit. Actuators ramp and hold: between knots it is straight in time, and a knot is
-set wherever the recording contradicts that beyond its noise, first of all at every turning point. Nothing is
-smoothed across a knot; a coarse staircase whose readings do not lie on straight runs keeps every reading.
+therefore an unknown of the fit. Actuators ramp, hold and swing: between corners it is straight in time, or
+a cubic spline where it bends on and on in one sense. A knot is set wherever the recording contradicts that
+beyond its noise, first of all at every turning point; nothing is smoothed across a corner. What is left must
+not be followed by the tip, which follows true changes and no noise: else steps are looked for, and where
+nothing helps the readings are taken as they are.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ import itertools
 from collections.abc import Callable
 
 import numpy as np
+from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from .noise import FEWEST_DEGREES, correlation_time, from_differences, resolution
@@ -33,9 +37,13 @@ SHARES = (1.0, 0.5, 0.25)
 # many steps of the tip, of so many standard deviations, tell.
 ALIKE, STEP, FEWEST_STEPS = 0.2, 4.0, 8
 BLOCK = 400
-# Standard errors by which a sum of squares is too large, unless its errors hang together over fewer samples
-# than this: load cells have filters, straight lines through a curve leave arcs.
-FAR_MORE, SHORT_MEMORY = 4.0, 5.0
+# Knots below which nothing is smoothed; a bend this many times its neighbours' is a corner; and what a smooth
+# knot must be worth, in variances, and how many samples it takes.
+FEWEST_SMOOTH, SUDDEN, WORTH, ROOM = 8, 4.0, 6.0, 2
+DENSITIES = (1.0, 0.8, 0.65, 0.5, 0.4, 0.3, 0.2)
+# Standard errors by which a sum of squares is too large, the first guess of the variance having a relative
+# variance of GUESSED per sample; unless it is that of a filtered noise: so many times what that has.
+FAR_MORE, GUESSED, MORE_THAN_FILTERED = 4.0, 8.0, 1.5
 PASSES, SETTLED = 4, 0.05
 # A lone spike is so many standard deviations off all that its neighbours say, and so many times as far as
 # they differ among each other.
@@ -51,8 +59,10 @@ class BaseTension:
         t: time of the samples, in any unit, (K,).
         T_base: estimate of the true base tension [N], (K,).
         knots: samples at which it may bend, increasing, first 0 and last K-1, (M,).
-        run: index of the knot before each sample, (K,), at most M-2.
-        share: how far on the way to the next knot each sample lies, (K,), in [0, 1].
+        corner: knots at which the slope may jump, (M,); between others the curve is a smooth cubic.
+        near: the four numbers that each sample depends on, (K, 4); of straight runs the values at the knots.
+        weights: how much it depends on them, (K, 4).
+        size: how many numbers there are, M.
         sd: standard deviation of the recorded base tension [N].
         misfit: sum of squares of what the recording is off, in units of `sd`.
         tau: samples per independent one of what it is off.
@@ -61,8 +71,10 @@ class BaseTension:
     t: np.ndarray
     T_base: np.ndarray
     knots: np.ndarray
-    run: np.ndarray
-    share: np.ndarray
+    corner: np.ndarray
+    near: np.ndarray
+    weights: np.ndarray
+    size: int
     sd: float
     misfit: float
     tau: float = 1.0
@@ -75,12 +87,12 @@ class BaseTension:
     @property
     def degrees(self) -> int:
         """Degrees of freedom of `misfit`."""
-        return len(self.T_base) - len(self.knots)
+        return len(self.T_base) - self.size
 
     def at_samples(self, values: np.ndarray) -> np.ndarray:
         """From values at the knots, (M, ...), to the samples, (K, ...)."""
-        share = self.share.reshape(-1, *[1] * (np.ndim(values) - 1))
-        return (1 - share) * values[self.run] + share * values[self.run + 1]
+        weights = self.weights.reshape(*self.weights.shape, *[1] * (np.ndim(values) - 1))
+        return np.sum(weights * values[self.near], axis=1)
 
     def to_knots(self, values: np.ndarray, samples: np.ndarray | None = None) -> np.ndarray:
         """The transpose of `at_samples`: sums of values at samples, (S, ...), weighted by their shares, (M,
@@ -90,33 +102,30 @@ class BaseTension:
             values: at the samples.
             samples: which they are, (S,); all unless given. One may stand several times.
         """
-        run, share = (a if samples is None else a[samples] for a in (self.run, self.share))
-        share = share.reshape(-1, *[1] * (np.ndim(values) - 1))
-        out = np.zeros((len(self.knots), *values.shape[1:]))
-        np.add.at(out, run, (1 - share) * values)
-        np.add.at(out, run + 1, share * values)
+        near, weights = (a if samples is None else a[samples] for a in (self.near, self.weights))
+        out = np.zeros((self.size, *values.shape[1:]))
+        for knot, weight in zip(near.T, weights.T, strict=True):
+            np.add.at(out, knot, weight.reshape(-1, *[1] * (values.ndim - 1)) * values)
         return out
 
     def nodes(self, spacing: float) -> np.ndarray:
-        """Samples that carry the history: all knots, and between them as many as keep the base tension from
-        changing by more than `spacing` [N] from one to the next, (J,), increasing.
+        """Samples that carry the history: all knots and turning points, and between them as many as keep the
+        base tension from changing by more than about `spacing` [N] from one to the next, (J,), increasing.
         """
-        values = self.T_base[self.knots]
-        chosen = [self.knots]
-        for a, b, change in zip(self.knots[:-1], self.knots[1:], np.abs(np.diff(values)), strict=True):
-            count = min(int(np.ceil(change / spacing)), b - a)
-            chosen.append(np.round(np.linspace(a, b, count + 1)).astype(int))
-        return np.unique(np.concatenate(chosen))
+        steps = np.diff(self.T_base)
+        turns = 1 + np.flatnonzero(steps[1:] * steps[:-1] < 0)
+        travel = np.floor(np.concatenate([[0.0], np.cumsum(np.abs(steps))]) / spacing)
+        return np.unique(np.concatenate([self.knots, turns, 1 + np.flatnonzero(np.diff(travel) > 0)]))
 
     def information(self, weight: np.ndarray, samples: np.ndarray | None = None) -> np.ndarray:
-        """Sum of weighted outer products of the shares: a symmetric tridiagonal matrix of the knots, its
-        upper band over its diagonal, (2, M).
+        """Sum of weighted outer products of the shares: a symmetric banded matrix of the knots, its diagonal
+        the last row, its upper bands above, (4, M).
         """
-        run, share = (a if samples is None else a[samples] for a in (self.run, self.share))
-        bands = np.zeros((2, len(self.knots)))
-        np.add.at(bands[1], run, weight * (1 - share) ** 2)
-        np.add.at(bands[1], run + 1, weight * share**2)
-        np.add.at(bands[0], run + 1, weight * share * (1 - share))
+        near, weights = (a if samples is None else a[samples] for a in (self.near, self.weights))
+        bands = np.zeros((4, self.size))
+        for c in range(4):
+            for d in range(c, 4):
+                np.add.at(bands[3 - (d - c)], near[:, d], weight * weights[:, c] * weights[:, d])
         return bands
 
 
@@ -147,15 +156,78 @@ def turning_points(T: np.ndarray, hysteresis: float) -> np.ndarray:
     return np.unique([*turns, len(T) - 1])
 
 
-def _straight_runs(t: np.ndarray, T: np.ndarray, knots: np.ndarray, sd: float) -> BaseTension:
-    """Least squares with given knots."""
-    run = np.clip(np.searchsorted(knots, np.arange(len(T)), side="right") - 1, 0, len(knots) - 2)
-    start, end = t[knots[run]], t[knots[run + 1]]
-    fit = BaseTension(t, T, knots, run, (t - start) / (end - start), sd, 0.0)
+def _runs(
+    t: np.ndarray, T: np.ndarray, knots: np.ndarray, corner: np.ndarray | None, sd: float
+) -> BaseTension:
+    """Least squares with given knots; all are corners unless it is said which."""
+    corner = np.ones(len(knots), bool) if corner is None else corner
+    near, weights, size = _shares(t, knots, corner)
+    fit = BaseTension(t, T, knots, corner, near, weights, size, sd, 0.0)
     bands = fit.information(np.ones(len(T)))
     values = cho_solve_banded((cholesky_banded(bands), False), fit.to_knots(T))
     smooth = fit.at_samples(values)
     return dataclasses.replace(fit, T_base=smooth, misfit=float(np.sum(((T - smooth) / sd) ** 2)))
+
+
+def _shares(t: np.ndarray, knots: np.ndarray, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """The numbers that the curve depends on: which four of them each sample does, how much, (K, 4) each, and
+    how many there are. They are the values at the corners, and between two of these, where there are other
+    knots, the coefficients of a cubic spline; straight where there are none.
+    """
+    ends = np.flatnonzero(corner)
+    inner = np.diff(ends) - 1
+    sizes = np.where(inner > 0, inner + 3, 1)  # numbers of each piece but for the last, which the next has
+    first = np.concatenate([[0], np.cumsum(sizes)])
+    at, stops = np.arange(len(t)), knots[ends]
+    piece = np.clip(np.searchsorted(stops, at, side="right") - 1, 0, len(inner) - 1)
+    start, end = t[stops[piece]], t[stops[piece + 1]]
+    share = (t - start) / (end - start)
+    near = first[piece][:, None] + np.arange(4)
+    weights = np.stack([1 - share, share, np.zeros_like(share), np.zeros_like(share)], axis=1)
+    for j in np.flatnonzero(inner > 0):
+        inside = piece == j
+        x = t[knots[ends[j] : ends[j + 1] + 1]]
+        design = BSpline.design_matrix(t[inside], np.pad(x, 3, mode="edge"), 3)
+        near[inside] = first[j] + design.indices.reshape(-1, 4)
+        weights[inside] = design.data.reshape(-1, 4)
+    size = int(first[-1]) + 1
+    return np.minimum(near, size - 1), weights, size
+
+
+def _smoothed(fit: BaseTension, T: np.ndarray) -> BaseTension:
+    """The same with smooth knots where the base tension bends on and on in one sense, as a sinusoid does,
+    and with fewer of them; the fit as it is where that is no better for the knots it takes.
+    """
+    if len(fit.knots) < FEWEST_SMOOTH:
+        return fit
+    slopes = np.diff(fit.T_base[fit.knots]) / np.diff(fit.t[fit.knots])
+    bend = np.concatenate([[0.0], np.diff(slopes), [0.0]])
+    beside = np.stack([np.roll(bend, 1), np.roll(bend, -1)])
+    like = (beside * bend > 0) & (np.abs(bend) < SUDDEN * np.abs(beside))
+    corner = np.logical_not(like.any(axis=0))
+    corner[[0, -1]] = True
+    best, least = fit, fit.misfit + WORTH * fit.size
+    for share in DENSITIES:
+        found = _runs(fit.t, T, *_resampled(fit.knots, corner, share), fit.sd)
+        if found.misfit + WORTH * found.size < least:
+            best, least = found, found.misfit + WORTH * found.size
+    return best
+
+
+def _resampled(knots: np.ndarray, corner: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
+    """Knots of which a share is left between each two corners, evenly, and which of them are corners. A
+    stretch with too few samples stays as it is, straight.
+    """
+    stops = np.flatnonzero(corner)
+    chosen, corners = [knots[stops]], [knots[stops]]
+    for a, b in itertools.pairwise(stops.tolist()):
+        count = max(1, round(share * (b - a)))
+        if b - a > 1 and knots[b] - knots[a] >= ROOM * (count + 2):
+            chosen.append(np.round(np.linspace(knots[a], knots[b], count + 1)).astype(int))
+        else:
+            corners.append(knots[a : b + 1])
+    found = np.unique(np.concatenate([*chosen, *corners]))
+    return found, np.isin(found, np.concatenate(corners))
 
 
 def _best_bend(t: np.ndarray, T: np.ndarray) -> tuple[int, float]:
@@ -216,7 +288,7 @@ def straighten(T: np.ndarray, sd: float, time: np.ndarray | None = None) -> Base
         knots = _with_bends(t, T, _without_needless(t, T, knots, sd, threshold), sd, threshold)
         if np.array_equal(knots, before):
             break
-    return _straight_runs(t, T, knots, sd)
+    return _smoothed(_runs(t, T, knots, None, sd), T)
 
 
 def _clock(T: np.ndarray, time: np.ndarray | None) -> np.ndarray:
@@ -240,13 +312,13 @@ def _from_all(T: np.ndarray, sd: float, time: np.ndarray | None = None) -> BaseT
         for a, b in itertools.pairwise(edges.tolist())
     ]
     knots = _without_needless(t, T, np.unique(np.concatenate(kept)), sd, threshold)
-    return _straight_runs(t, T, knots, sd)
+    return _runs(t, T, knots, None, sd)
 
 
 def _with_bends(t: np.ndarray, T: np.ndarray, knots: np.ndarray, sd: float, threshold: float) -> np.ndarray:
     settled: set[tuple[int, int]] = set()
     for _ in range(ROUNDS):
-        residual = (T - _straight_runs(t, T, knots, sd).T_base) / sd
+        residual = (T - _runs(t, T, knots, None, sd).T_base) / sd
         more = []
         for a, b in zip(knots[:-1].tolist(), knots[1:].tolist(), strict=True):
             if b - a < 2 or (a, b) in settled:
@@ -304,7 +376,7 @@ def _without_needless(
     if len(knots) > MOST_PRUNED:
         return knots
     for _ in range(ROUNDS):
-        fit = _straight_runs(t, T, knots, sd)
+        fit = _runs(t, T, knots, None, sd)
         loss = _removable(fit, fit.T_base[knots])
         least = (loss < threshold) & (
             loss <= np.minimum(np.roll(loss, 1), np.roll(loss, -1))
@@ -340,10 +412,9 @@ def without_spikes(T: np.ndarray) -> tuple[np.ndarray, int]:
 def exact(T: np.ndarray) -> BaseTension:
     """The base tension taken as recorded."""
     K = len(T)
-    at = np.arange(K)
-    return BaseTension(
-        at.astype(float), T, at, np.minimum(at, K - 2), np.where(at == K - 1, 1.0, 0.0), 0.0, 0.0
-    )
+    at, near = np.arange(K), np.minimum(np.arange(K)[:, None] + np.arange(4), K - 1)
+    weights = np.broadcast_to(np.asarray([1.0, 0.0, 0.0, 0.0]), (K, 4))
+    return BaseTension(at.astype(float), T, at, np.ones(K, bool), near, weights, K, 0.0, 0.0)
 
 
 def estimate(
@@ -401,12 +472,17 @@ def _only_noise(fit: BaseTension, T: np.ndarray, tip: np.ndarray | None) -> bool
     if tip is not None and _followed(fit, left, tip):
         return False
     ratio = fit.misfit / fit.degrees
-    return ratio < 1 + FAR_MORE * np.sqrt(2 / fit.degrees) or correlation_time(left) < SHORT_MEMORY
+    # How much third differences underestimate a noise that is filtered (AR(1)) and so has this memory.
+    tau = correlation_time(left)
+    rho = (tau - 1) / (tau + 1)
+    filtered = 20 / (20 - 30 * rho + 12 * rho**2 - 2 * rho**3)
+    uncertain = np.sqrt(2 / fit.degrees + GUESSED / len(T))
+    return ratio < max(1 + FAR_MORE * uncertain, MORE_THAN_FILTERED * filtered)
 
 
 def _followed(fit: BaseTension, left: np.ndarray, tip: np.ndarray) -> bool:
     """Whether the tip follows what straight runs leave of the base tension, in all steps or in large ones."""
-    steps = np.diff(tip - _straight_runs(fit.t, tip, fit.knots, 1.0).T_base)
+    steps = np.diff(tip - _runs(fit.t, tip, fit.knots, fit.corner, 1.0).T_base)
     large = np.abs(steps) > STEP * np.sqrt(2.0) * max(from_differences(tip) or 0.0, 1e-12)
     if _alike(np.diff(left), steps):
         return True

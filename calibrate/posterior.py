@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
+from scipy.linalg import cho_solve_banded
 
 from gtr_jax import InputError, Robot, reading, simulate, true_base
 
@@ -24,6 +25,7 @@ from .task import Part, Task
 from .weighing import Weighing
 
 CHAINS, WARM_UP, DRAWS = 4, 150, 250
+MOST_KNOTS = 2000
 DEEPEST = 6
 
 
@@ -35,29 +37,32 @@ class _Weigher(eqx.Module):
     weight: Float[Array, "C K"]
     tau: Float[Array, " C"]
     floating: Bool[Array, " C"]
-    run: Int[Array, " K"]
-    share: Float[Array, " K"]
-    bands: Float[Array, "2 M"]
+    near: Int[Array, "K 4"]
+    shares: Float[Array, "K 4"]
+    inverse: Float[Array, "M M"]
     sd_base: Float[Array, ""]
     exact: bool = eqx.field(static=True)
 
     @staticmethod
     def of(weigh: Weighing) -> _Weigher:
         base, exact = weigh.base, bool(weigh.sd_base <= 0)
-        bands = np.zeros((2, len(base.knots)))
+        inverse = np.zeros((0, 0))
         if not exact:
-            bands = base.information(np.full(len(base.T_base), weigh.sd_base**-2))
-            for passed, last in zip(weigh.slope**2 * weigh.weight**2, weigh.last, strict=True):
-                bands = bands + base.information(passed, last)
+            if base.size > MOST_KNOTS:
+                raise InputError(
+                    f"the base tension has {base.size} knots, too many for the posterior; "
+                    "take it as exact (--noise-base 0, noise_base_N=0)"
+                )
+            inverse = cho_solve_banded((weigh.information(), False), np.eye(base.size))
         return _Weigher(
             slope=jnp.asarray(weigh.slope),
             last=jnp.asarray(weigh.last),
             weight=jnp.asarray(weigh.weight),
             tau=jnp.asarray(weigh.tau),
             floating=jnp.asarray(weigh.floating),
-            run=jnp.asarray(base.run),
-            share=jnp.asarray(base.share),
-            bands=jnp.asarray(bands),
+            near=jnp.asarray(base.near),
+            shares=jnp.asarray(base.weights),
+            inverse=jnp.asarray(inverse),
             sd_base=jnp.asarray(float(weigh.sd_base)),
             exact=exact,
         )
@@ -70,13 +75,9 @@ class _Weigher(eqx.Module):
         shift = jnp.zeros(rows.shape[1])
         if not self.exact:
             pulled = -(self.slope * squared * rows)
-            run, share = self.run[self.last], self.share[self.last]
-            knots = jnp.zeros(self.bands.shape[1])
-            knots = knots.at[run].add((1 - share) * pulled).at[run + 1].add(share * pulled)
-            over = self.bands[0]
-            under = jnp.append(over[1:], 0.0)
-            values = jax.lax.linalg.tridiagonal_solve(over, self.bands[1], under, knots[:, None])[:, 0]
-            shift = (1 - self.share) * values[self.run] + self.share * values[self.run + 1]
+            near, shares = self.near[self.last], self.shares[self.last]
+            knots = jnp.zeros(self.inverse.shape[0]).at[near].add(shares * pulled[..., None])
+            shift = jnp.sum(self.shares * (self.inverse @ knots)[self.near], axis=1)
         moved = self.weight * (rows + self.slope * shift[self.last]) / jnp.sqrt(self.tau)[:, None]
         base = jnp.sum(shift**2) / jnp.where(self.exact, 1.0, self.sd_base**2 * self.tau[0])
         return jnp.sum(moved**2) + base

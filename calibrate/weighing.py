@@ -2,12 +2,12 @@
 
 While the whole tendon slips, T_tip follows the base tension of that moment with the slope g = dT_tip/dT_base;
 while friction holds the tip, T_tip stays that of the sample at which it slipped last. So the simulated T_tip
-of a sample depends on one true base tension, and through it on two knots (`base_tension.py`), whose values v
-are known from the recording with a tridiagonal information matrix. Minimising over v,
+of a sample depends on one true base tension, and through it on a few knots (`base_tension.py`), whose values
+v are known from the recording with a banded information matrix. Minimising over v,
 
     min_dv |r + G B dv|^2/sd_tip^2 + |B dv|^2/sd_base^2,
 
-is linear in the residual r and costs as much as a tridiagonal solve. The errors that a plateau has in common
+is linear in the residual r and costs as much as a banded solve. The errors that a plateau has in common
 with the peak before it are thus counted once, and a plateau says of friction what it should: nothing, beyond
 what the peak says. The tip's pose and the tendon's displacement, which follow the base tension of their own
 sample, come into the sum likewise.
@@ -86,13 +86,17 @@ class Weighing:
         K = len(self.base.T_base)
         if self.sd_base <= 0:
             return np.zeros((K, *rows.shape[2:]))
-        passed = self.slope * self.weight**2
-        information = self.base.information(np.full(K, self.sd_base**-2))
-        pulled = np.zeros((len(self.base.knots), *rows.shape[2:]))
-        for along, last, row, slope in zip(passed, self.last, rows, self.slope, strict=True):
-            information = information + self.base.information(along * slope, last)
+        pulled = np.zeros((self.base.size, *rows.shape[2:]))
+        for along, last, row in zip(self.slope * self.weight**2, self.last, rows, strict=True):
             pulled = pulled + self.base.to_knots(-_along(along, row) * row, last)
-        return self.base.at_samples(cho_solve_banded((cholesky_banded(information), False), pulled))
+        return self.base.at_samples(cho_solve_banded((self.information(), False), pulled))
+
+    def information(self) -> np.ndarray:
+        """Cholesky factor of what both cells say of the knots, banded, as `BaseTension.information`."""
+        found = self.base.information(np.full(len(self.base.T_base), self.sd_base**-2))
+        for passed, last in zip(self.slope**2 * self.weight**2, self.last, strict=True):
+            found = found + self.base.information(passed, last)
+        return cholesky_banded(found)
 
     def _centred(self, rows: np.ndarray) -> np.ndarray:
         """Without the constant of the channels whose zero is unknown."""
