@@ -36,7 +36,8 @@ def _settings(task: Task, **more: Any) -> dict[str, Any]:
         "free": task.names,
         "samples": task.samples,
         "peak_T_tip_N": task.peak,
-        "priors_sd": priors,
+        "priors_sd_SI": priors,
+        "recordings_of": {f.name: [task.parts[k].name for k in f.parts] for f in task.free},
         "robust": task.robust,
         "max_steps": task.max_steps,
         "optimiser": "optimistix.LevenbergMarquardt",
@@ -44,8 +45,8 @@ def _settings(task: Task, **more: Any) -> dict[str, Any]:
     }
 
 
-def _fitted_config(task: Task, k: int, values: np.ndarray) -> RobotConfig | None:
-    """The robot file of recording k with the fitted values."""
+def _fitted_config(task: Task, k: int, values: np.ndarray, determined: np.ndarray) -> RobotConfig | None:
+    """The robot file of recording k with the fitted values, and without the priors of those determined."""
     config = task.parts[k].config
     if config is None:
         return None
@@ -55,7 +56,10 @@ def _fitted_config(task: Task, k: int, values: np.ndarray) -> RobotConfig | None
         if k in f.parts and value != f.initial
     }
     try:
-        return config.with_values(changed)
+        # The prior has gone into the estimate: a fit that starts from it must not count it again.
+        return config.with_values(changed).without_deviations(
+            f.entry.key for f, known in zip(task.free, determined, strict=True) if known and k in f.parts
+        )
     except InputError as fault:
         task.warnings.append(f"The fitted values do not make a robot file: {fault}.")
         return None
@@ -119,6 +123,17 @@ def _remedy(task: Task, answer: Answer, among: list[int]) -> str:
     return remedy(task, answer.at, answer.descent.u, answer.information(), sd, among)
 
 
+def _steps(task: Task, answer: Answer) -> list[str]:
+    """What a hundredth of a coordinate is of each free number."""
+    at = answer.at[0]
+    relative = np.asarray(at.log) | (np.asarray(at.reference) != 0)
+    scales = np.asarray(at.scale).tolist()
+    return [
+        "%" if share else f"% of {scale:g} {f.entry.unit}".rstrip()
+        for f, share, scale in zip(task.free, relative, scales, strict=True)
+    ]
+
+
 def _unknown_axes(task: Task, answer: Answer, known: Uncertainty) -> None:
     """Warn of combinations of parameters that nothing is known of, and say which measurement would help."""
     for axis in axes(answer.information()):
@@ -127,7 +142,7 @@ def _unknown_axes(task: Task, answer: Answer, known: Uncertainty) -> None:
             among = np.flatnonzero(large).tolist()
             way = _remedy(task, answer, among)
             task.warnings.append(
-                f"Nothing tells these changes from none: {axis.words(task.names)}"
+                f"Nothing tells these changes from none: {axis.words(task.names, _steps(task, answer))}"
                 + (f"; {way}." if way else ".")
             )
 
@@ -163,7 +178,12 @@ def _failure(answer: Answer) -> str:
 
 
 def _fitted(
-    task: Task, k: int, prediction: Prediction | None, answer: Answer | None, values: np.ndarray, covariance
+    task: Task,
+    k: int,
+    prediction: Prediction | None,
+    answer: Answer | None,
+    values: np.ndarray,
+    covariance: np.ndarray | None,
 ) -> FittedRecording:
     """Recording k beside the model; as it was where there is no answer."""
     part = task.parts[k]
@@ -188,7 +208,9 @@ def _fitted(
     return FittedRecording(
         name=part.name,
         robot=part.robot.with_values(**task.values_of(k, values)),
-        config=part.config if answer is None else _fitted_config(task, k, values),
+        config=part.config
+        if covariance is None
+        else _fitted_config(task, k, values, np.isfinite(np.diag(covariance))),
         channels=channels,
         T_base=part.T_base.T_base,
         band=band,
@@ -199,9 +221,11 @@ def _fitted(
         noise_base_N=part.T_base.sd,
         chi2_per_n=None if judged is None else judged.chi2_per_n,
         outliers=0 if judged is None else int(np.sum(~judged.kept)),
-        settings={}
+        settings={"robot": part.robot.name, "path": part.path}
         if answer is None or judged is None
         else {
+            "robot": part.robot.name,
+            "path": part.path,
             "samples_simulated": answer.problem.predict.parts[k].steps,
             "knots_of_base": part.T_base.size,
             "samples_per_independent_base": part.T_base.tau,
@@ -278,7 +302,7 @@ def assemble(task: Task, answer: Answer, iterations: int, start: Start) -> FitRe
         ),
         mu_by_phase=phases,
         by_recording=apart.estimates,
-        axes=axes(answer.information()),
+        axes=[(axis.words(task.names, _steps(task, answer)), axis.sd) for axis in axes(answer.information())],
     )
 
 

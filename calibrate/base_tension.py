@@ -409,6 +409,11 @@ def without_spikes(T: np.ndarray) -> tuple[np.ndarray, int]:
     return clean, len(lone)
 
 
+def is_noisy(T: np.ndarray) -> bool:
+    """Whether neighbouring readings differ by more than the resolution explains."""
+    return (from_differences(T) or 0.0) > 2 * resolution(T) / np.sqrt(12.0)
+
+
 def exact(T: np.ndarray) -> BaseTension:
     """The base tension taken as recorded."""
     K = len(T)

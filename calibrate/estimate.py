@@ -96,8 +96,8 @@ def uncertainty(jacobian: np.ndarray, sd: float, precision: np.ndarray, unknown:
     """Covariance of the coordinates from the Jacobian at the solution.
 
     Args:
-        jacobian: dT_tip/du [N], (K, p).
-        sd: standard deviation of one effectively independent error, times sqrt(correlation time) [N].
+        jacobian: derivatives of the weighed residuals by the coordinates, (D, p).
+        sd: standard deviation of a weighed residual; 1 where weighed by errors as large as they show.
         precision: 1/sd of the priors, (p,); 0 without prior.
         unknown: standard deviation of each coordinate from the data alone at which it counts as unknown,
             (p,).

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -12,13 +13,14 @@ from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot
 from . import base_tension
 from .answer import Answer
 from .assemble import assemble, ignorance, unanswered
+from .coordinates import CHANNELS
 from .descent import descend
 from .free import distinct, free_of
 from .posterior import require_sampler, sample
 from .profiles import profiles
 from .result import FitResult
 from .start import search
-from .task import Part, Task, recorded
+from .task import Part, Task, fitted_to, recorded
 from .weighing import Weighing
 
 DEFAULT_FREE = ("mu", "E")
@@ -74,8 +76,8 @@ def fit(
         free: parameters to fit, by short name or key of the robot file; unless given, mu and E, or mu alone
             for a rigid sheath.
         per_recording, per_robot: parameters of which each recording, or each robot, has its own.
-        channels: what is fitted to beside T_tip: some of tip_x, tip_y, tip_angle, displacement; unless given,
-            all that a recording has.
+        channels: what is fitted to beside T_tip, where a recording has it: some of tip_x, tip_y, tip_angle,
+            displacement; all unless given.
         noise_N: standard deviation of the recorded tip tensions [N]; estimated from each recording unless
             given.
         noise_base_N: that of the recorded base tensions [N]; 0 takes them as exact.
@@ -99,6 +101,7 @@ def fit(
         raise InputError(f"noise_N: must be a positive number of newtons, is {noise_N:g}")
     if noise_base_N is not None and not (np.isfinite(noise_base_N) and noise_base_N >= 0):
         raise InputError(f"noise_base_N: must be a number of newtons, not below 0, is {noise_base_N:g}")
+    free, per_recording, per_robot, channels = map(_listed, (free, per_recording, per_robot, channels))
     recordings = [recording] if isinstance(recording, Recording) else list(recording)
     given = [robot] * len(recordings) if isinstance(robot, RobotConfig | Robot) else list(robot)
     if not recordings or len(given) != len(recordings):
@@ -121,6 +124,12 @@ def fit(
         free = ("mu",) if rigid else DEFAULT_FREE
         if rigid:
             warnings.append("E is not fitted: the backbone is rigid, so its stiffness has no effect.")
+    have = {name for r in recordings for name in CHANNELS if getattr(r, name) is not None}
+    for name in channels or ():
+        if name not in CHANNELS:
+            raise InputError(f"channel '{name}' is none of {', '.join(CHANNELS)}")
+        if name not in have:
+            raise InputError(f"channel '{name}': no recording has it; leave it out")
     names = distinct([r.path.stem for r in recordings])
     robot_names = distinct([m.name if c is None else c.name for m, c in zip(models, configs, strict=True)])
     wanted = free_of(
@@ -136,9 +145,22 @@ def fit(
         for name, model, r, rec in zip(names, prepared, of, recordings, strict=True)
     ]
     silent = progress or (lambda _: None)
-    task = Task(tuple(parts), wanted, max_steps, silent, warnings)
-    task.profiled, task.sampled, task.robust = profiled, sampled, robust
+    task = Task(
+        tuple(parts),
+        wanted,
+        max_steps,
+        silent,
+        warnings,
+        profiled=profiled,
+        sampled=sampled,
+        robust=robust,
+    )
     return _run(task)
+
+
+def _listed(names: Sequence[str] | str | None) -> Any:
+    """Names from one string with commas between, or as they are."""
+    return tuple(n.strip() for n in names.split(",") if n.strip()) if isinstance(names, str) else names
 
 
 def _part(
@@ -153,15 +175,19 @@ def _part(
     warnings: list[str],
 ) -> Part:
     """A recording made ready, its base tension estimated."""
-    T_base, channels, values = recorded(recording, wanted)
-    if robot.backbone.rigid and len(channels) > 1:
-        warnings.append(f"{name}: only T_tip is fitted to, because the backbone is rigid.")
-        channels, values = channels[:1], values[:1]
+    T_base, given = recorded(recording)
+    kept = fitted_to(given, wanted, robot, str(recording.path), warnings)
+    channels, values = tuple(kept), np.stack(list(kept.values()))
     if robust:
         T_base, spikes = base_tension.without_spikes(T_base)
         if spikes:
             warnings.append(f"{spikes} lone spikes of the base tension in {recording.path} are left out.")
     base = base_tension.estimate(T_base, recording.time, noise_base_N, values[0])
+    if noise_base_N is None and base.sd == 0 and base_tension.is_noisy(T_base):
+        warnings.append(
+            f"{recording.path}: the base tension jumps about so that noise cannot be told from changes: it "
+            "is taken as exact, which biases friction if it is noisy; give its noise with --noise-base."
+        )
     if noise_base_N:
         seen = base_tension.estimate(T_base, recording.time, tip=values[0]).sd
         if 0 < TOO_LARGE * seen < noise_base_N:
@@ -169,7 +195,7 @@ def _part(
                 f"The noise given for the base tension, {noise_base_N:.3g} N, is far above the {seen:.2g} N "
                 "that the recording shows: real changes smaller than it may be taken for noise."
             )
-    return Part(name, robot, config, base, channels, values, recording.trial, noise_N)
+    return Part(name, str(recording.path), robot, config, base, channels, values, recording.trial, noise_N)
 
 
 def _run(task: Task) -> FitResult:

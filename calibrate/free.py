@@ -52,6 +52,12 @@ def _has(robot: Robot, name: str) -> bool:
     return name in known or any(p.key == name for p in known.values())
 
 
+def _short(robots: Sequence[Robot], name: str) -> str:
+    """The short name of a parameter that some robot has; InputError if none has it."""
+    owner = next((robot for robot in robots if _has(robot, name)), robots[0])
+    return parameter(owner, name).name
+
+
 def _prior(config: RobotConfig | None, entry: Parameter) -> float | None:
     return None if config is None else config.deviation(entry.key)
 
@@ -82,21 +88,21 @@ def free_of(
         InputError: no robot has the parameter, one is named twice, or it is shared and the robots' files
             disagree about it.
     """
-    scopes = [(name, "") for name in free if name not in {*per_recording, *per_robot}]
-    scopes += [(name, "recording") for name in per_recording] + [(name, "robot") for name in per_robot]
-    scopes.sort(key=lambda s: list(free).index(s[0]) if s[0] in free else len(free))
+    scopes: dict[str, str] = {}
+    for scope, names in (("", free), ("recording", per_recording), ("robot", per_robot)):
+        for name in names:
+            short = _short(robots, name)
+            if scope and scopes.get(short):
+                raise InputError(f"parameter '{short}' is named in two of the scopes; keep one")
+            if short in scopes and not (scope and short in map(lambda n: _short(robots, n), free)):
+                raise InputError(f"parameter '{short}' is named twice; keep one")
+            scopes[short] = scope
     if not scopes:
         choose(robots[0], ())
     found: list[Free] = []
-    seen: set[str] = set()
-    for name, scope in scopes:
+    for name, scope in scopes.items():
         owners = [r for r, robot in enumerate(robots) if _has(robot, name)]
-        if not owners:
-            parameter(robots[0], name)  # refuses, and says which there are
         entry = parameter(robots[owners[0]], name)
-        if entry.name in seen:
-            raise InputError(f"parameter '{entry.name}' is named twice; keep one")
-        seen.add(entry.name)
         parts = [k for k, r in enumerate(robot_of_part) if r in owners]
         groups: dict[str, list[int]] = {}
         for k in parts:
@@ -111,9 +117,13 @@ def free_of(
             of = sorted({robot_of_part[k] for k in members})
             values = [float(robots[r].value(entry.name)) for r in of]
             priors = [_prior(configs[r], entry) for r in of]
-            _agree(entry, [robot_names[r] for r in of], values, priors)
+            _agree(entry, [_file(configs[r], robot_names[r]) for r in of], values, priors)
             found.append(Free(entry, entry.name + ending, tuple(members), values[0], priors[0]))
     return found
+
+
+def _file(config: RobotConfig | None, name: str) -> str:
+    return name if config is None else config.source
 
 
 def _agree(entry: Parameter, names: list[str], values: list[float], priors: list[float | None]) -> None:
@@ -125,7 +135,9 @@ def _agree(entry: Parameter, names: list[str], values: list[float], priors: list
             if isinstance(first, float) and isinstance(other, float):
                 same = abs(first - other) <= SAME * max(abs(first), abs(other))
             if not same:
-                words = [f"{v:.6g}" if isinstance(v, float) else "none" for v in (first, other)]
+                words = [
+                    f"{v:.6g} {entry.unit}".rstrip() if v is not None else "none" for v in (first, other)
+                ]
                 raise InputError(
                     f"{entry.name} is shared, but {what} {words[0]} in {names[0]} and {words[1]} in {name}; "
                     "make them equal, or let each have its own with --per-robot "

@@ -21,12 +21,11 @@ from gtr_jax import simulate
 from gtr_jax.history import padded_length
 
 from .coordinates import Coordinates
+from .estimate import FLAT
 from .start import thin
 from .task import Part, Task
 
 STEPS = 40
-# Eigenvalues below this share of the largest are rounding.
-FLAT = 1e-13
 HIGHER = 1.5  # times the largest base tension
 ANGLE_SD = np.radians(1.0)
 # Components below this share of the largest are left out of words.
@@ -41,17 +40,18 @@ class Axis:
 
     Attributes:
         direction: in coordinates, of unit length, (p,).
-        sd: standard deviation along it, relative; infinite where nothing is known.
+        sd: standard deviation along it, in coordinates: relative, where a number has a size; infinite where
+            nothing is known.
     """
 
     direction: np.ndarray
     sd: float
 
-    def words(self, names: Sequence[str]) -> str:
-        """The combination, scaled to a change of 1 % of its largest part."""
+    def words(self, names: Sequence[str], steps: Sequence[str]) -> str:
+        """The combination, scaled to a change of 1 % of its largest part; `steps` say of what."""
         part = self.direction / self.direction[np.argmax(np.abs(self.direction))]
         return ", ".join(
-            f"{names[i]} {'up' if part[i] > 0 else 'down'} by {abs(part[i]):.2g} %"
+            f"{names[i]} {'up' if part[i] > 0 else 'down'} by {abs(part[i]):.2g} {steps[i]}"
             for i in np.argsort(-np.abs(part))
             if abs(part[i]) >= MINOR
         )
@@ -155,6 +155,6 @@ def _errors(information: np.ndarray) -> np.ndarray:
         return np.where(size == 0, np.inf, np.nan)
     values, vectors = np.linalg.eigh(information / np.outer(size, size))
     with np.errstate(divide="ignore"):
-        inverse = np.where(values > 1e-12, 1 / np.maximum(values, 1e-300), np.inf)
+        inverse = np.where(values > FLAT, 1 / np.maximum(values, 1e-300), np.inf)
     spread = np.where(vectors**2 > 1e-12, vectors**2 * inverse, 0.0).sum(axis=1)
     return np.sqrt(spread) / size

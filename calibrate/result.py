@@ -10,7 +10,6 @@ import numpy as np
 from gtr_jax import Robot, RobotConfig
 
 from .estimate import Estimate, Profile
-from .identifiability import Axis
 from .posterior_draws import Posterior
 
 
@@ -72,7 +71,8 @@ class FittedRecording:
         robot: the robot fitted to it.
         config: its file; None when a `Robot` was given, or when the file would refuse the fitted values.
         channels: what was fitted to, T_tip first.
-        T_base: estimate of the true base tension, which is simulated with [N], (K,).
+        T_base: base tension without noise [N], (K,), as its cell shows it: a gain or offset of the cell is
+            taken off for the simulation.
         band: standard error of the simulated T_tip that the parameters' uncertainty makes [N], (K,).
         phases: "pulling", "transition", "releasing" or "rest", (K,).
         by_phase: per phase its "count", "rms_N" and "mean_N" of the residual.
@@ -135,7 +135,8 @@ class FitResult:
         mu_by_phase: mu estimated from the samples of one phase alone, the other parameters at their fitted
             values; empty if mu is not free or a phase is too short.
         by_recording: parameters that recordings share, estimated from each alone, likewise.
-        axes: combinations of the estimates that are known independently, the least known first.
+        axes: combinations of the estimates that are known independently, in words, with their relative
+            standard deviation, the least known first.
         profiles: profile likelihood of each number that the recordings determine, by name.
         posterior: draws from the posterior, if asked for.
     """
@@ -152,7 +153,7 @@ class FitResult:
     settings: dict[str, Any]
     mu_by_phase: dict[str, Estimate] = dataclasses.field(default_factory=dict)
     by_recording: dict[str, dict[str, Estimate]] = dataclasses.field(default_factory=dict)
-    axes: list[Axis] = dataclasses.field(default_factory=list)
+    axes: list[tuple[str, float]] = dataclasses.field(default_factory=list)
     profiles: dict[str, Profile] = dataclasses.field(default_factory=dict)
     posterior: Posterior | None = None
 
@@ -178,7 +179,7 @@ class FitResult:
 
     @property
     def T_base(self) -> np.ndarray:
-        """Estimate of the true base tension, one recording after the other [N], (K,)."""
+        """Base tension without noise, one recording after the other [N], (K,)."""
         return np.concatenate([r.T_base for r in self.recordings])
 
     @property
@@ -254,10 +255,7 @@ class FitResult:
                 "result": self.result,
                 "parameters": {e.name: entry(e) for e in self.estimates},
                 "correlation": {"names": [e.name for e in self.estimates], "matrix": self.correlation},
-                "axes": [
-                    {"relative_sd": axis.sd, "says": axis.words([e.name for e in self.estimates])}
-                    for axis in self.axes
-                ],
+                "axes": [{"says": says, "relative_sd": sd} for says, sd in self.axes],
                 "fit": {"samples": len(self.residual), "rms_N": self.rms_N, "chi2_per_n": self.chi2_per_n},
                 "recordings": [recording(r) for r in self.recordings],
                 "mu_by_phase": {phase: entry(e) for phase, e in self.mu_by_phase.items()},

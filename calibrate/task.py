@@ -22,6 +22,8 @@ LARGEST_SHIFT = 2.0
 SMALLEST_SIGMA, ROUGH = 1e-6, 0.02
 # Recordings longer than this are simulated at about as many samples, or at steps of this share of the range.
 LONG, FINEST = 2000, 1 / 400
+# A tip angle beyond so many turns, or a tip farther away than so many lengths, is in another unit.
+MOST_TURNS, MOST_LENGTHS = 2.0, 2.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -29,7 +31,7 @@ class Part:
     """One recording of K samples as it is fitted.
 
     Attributes:
-        name: of the recording.
+        name, path: of the recording.
         robot: with the values it starts from.
         config: its file, or None.
         T_base: estimate of the true base tension, and what the recorded one says of it.
@@ -40,6 +42,7 @@ class Part:
     """
 
     name: str
+    path: str
     robot: Robot
     config: RobotConfig | None
     T_base: BaseTension
@@ -194,7 +197,7 @@ class Task:
         return {f.entry.name: float(v) for f, v in zip(self.free, values, strict=True) if part in f.parts}
 
     def objective(self, at: Sequence[Coordinates], parts: Sequence[Part] | None = None) -> Objective:
-        """Least squares on recordings, all their samples with the same error, and on the priors.
+        """Least squares on recordings, each of their channels with one error, and on the priors.
 
         Args:
             at: coordinates of each recording.
@@ -218,35 +221,21 @@ class Task:
         )
 
 
-def recorded(
-    recording: Recording, wanted: Sequence[str] | None = None
-) -> tuple[np.ndarray, tuple[str, ...], np.ndarray]:
-    """Base tension, names of the channels that are fitted to, and the channels, (C, K).
-
-    Args:
-        recording: the recording.
-        wanted: channels beside the tip tension; all that the recording has unless given.
+def recorded(recording: Recording) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Base tension, and the channels that can be fitted to by name, T_tip first, (K,) each.
 
     Raises:
         InputError: no tip tension, columns that do not match, fewer than four samples, numbers that are not
-            finite, a channel that is wanted and not there.
+            finite.
     """
     where = recording.path
     if recording.T_tip is None:
         raise InputError(f"{where}: no tip tension to fit to; map it with --columns 'T_tip=NAME[N]'")
     T_base = np.asarray(recording.T_base, float)
-    for name in wanted or ():
-        if name not in CHANNELS:
-            raise InputError(f"channel '{name}' is none of {', '.join(CHANNELS)}")
-        if getattr(recording, name) is None:
-            raise InputError(f"{where}: has no {name} to fit to; leave it out of the channels")
-    names = tuple(
-        name
-        for name in CHANNELS
-        if getattr(recording, name) is not None and (wanted is None or name in ("T_tip", *wanted))
-    )
-    channels = [np.asarray(getattr(recording, name), float) for name in names]
-    for name, values in zip(names, channels, strict=True):
+    names = [name for name in CHANNELS if getattr(recording, name) is not None]
+    channels = {name: np.asarray(getattr(recording, name), float) for name in names}
+    further = {} if recording.time is None else {"time": np.asarray(recording.time, float)}
+    for name, values in (channels | further).items():
         if T_base.shape != values.shape or T_base.ndim != 1:
             raise InputError(
                 f"{where}: T_base and {name} have {T_base.shape} and {values.shape} samples; make them equal"
@@ -255,4 +244,44 @@ def recorded(
             raise InputError(f"{where}: T_base or {name} is not finite in places; delete these samples")
     if len(T_base) < 4:
         raise InputError(f"{where}: {len(T_base)} samples are too few to fit to; give 4 or more")
-    return T_base, names, np.stack(channels)
+    return T_base, channels
+
+
+def fitted_to(
+    channels: dict[str, np.ndarray],
+    wanted: Sequence[str] | None,
+    robot: Robot,
+    where: str,
+    warnings: list[str],
+) -> dict[str, np.ndarray]:
+    """The channels that one recording is fitted to.
+
+    Args:
+        channels: those that it has, T_tip first.
+        wanted: those beside T_tip that are wanted; all unless given.
+        robot: what was recorded.
+        where: the recording, for messages.
+        warnings: takes a sentence for each channel that is left out for a fault.
+
+    Raises:
+        InputError: a position or an angle that no such robot can have.
+    """
+    length, kept = float(robot.backbone.length), {"T_tip": channels["T_tip"]}
+    for name, values in channels.items():
+        if name == "T_tip" or (wanted is not None and name not in wanted):
+            continue
+        most = MOST_TURNS * 2 * np.pi if name == "tip_angle" else MOST_LENGTHS * length
+        size = float(np.ptp(values) if name == "displacement" else np.max(np.abs(values)))
+        if size > most:
+            unit, other = ("rad", "deg") if name == "tip_angle" else ("m", "mm")
+            raise InputError(
+                f"{where}: {name} reaches {size:.3g} {unit}, more than such a robot can; if it is in "
+                f"{other}, call the column {name}_{other}"
+            )
+        if np.ptp(values) == 0:
+            warnings.append(f"{where}: {name} never changes and is not fitted to.")
+        elif robot.backbone.rigid:
+            warnings.append(f"{where}: {name} is not fitted to, because the backbone is rigid.")
+        else:
+            kept[name] = values
+    return kept

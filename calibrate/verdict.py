@@ -52,7 +52,7 @@ def quantity(estimate: Estimate) -> str:
     display = DIMENSIONS[unit].display if unit in DIMENSIONS else unit
     size = convert(1.0, display, unit) if unit in DIMENSIONS else 1.0
     sd = None if estimate.sd is None else estimate.sd / size
-    return f"{number(estimate.value / size, sd)} {display}".rstrip()
+    return f"{number(estimate.value / size, sd)} {display}".rstrip().replace("-", "−")
 
 
 def by_phase(residual: np.ndarray, phases: np.ndarray) -> dict[str, dict[str, float]]:
@@ -142,6 +142,11 @@ class Distance(NamedTuple):
                 f"the fitted model is {self.off}, from the recording, whose noise cannot be told",
                 self.where,
             ]
+        elif self.described and self.others:
+            said = [
+                "the fitted model describes only the tensions of the recording to their noise: "
+                f"{self.off}, noise {self.noise:.2g} N"
+            ]
         elif self.described:
             said = [
                 f"the fitted model describes the recording to its noise: {self.off}, noise {self.noise:.2g} N"
@@ -159,11 +164,10 @@ class Distance(NamedTuple):
     @property
     def bad(self) -> bool:
         """Whether the model falls short of the recording."""
-        return (
-            self.noise is not None
-            and self.chi2 is not None
-            and not (self.described or self.rms <= SMALL * self.peak)
-        )
+        if self.others:
+            return True
+        known = self.noise is not None and self.chi2 is not None
+        return known and not (self.described or self.rms <= SMALL * self.peak)
 
 
 CHANNEL_WORDS = {

@@ -13,7 +13,7 @@ import json
 import operator
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -61,6 +61,8 @@ def _deviation(value: Any) -> Any:
     return parse_quantity(value, "dimensionless")
 
 
+# Names by which people call the two numbers that are fitted most.
+_SHORT = {"mu": "friction_coefficient", "E": "youngs_modulus"}
 Deviation = Annotated[float | str, BeforeValidator(_deviation)]
 
 
@@ -339,7 +341,7 @@ class RobotConfig(Section):
         check_robot(self)
         resolved: dict[str, float | str] = {}
         for key, deviation in self.uncertainty.items():
-            path = find_key(key, self.numbers(), "uncertainty")
+            path = find_key(_SHORT.get(key, key), self.numbers(), "uncertainty")
             size = deviation
             if isinstance(size, str):
                 size = to_si(size, self._unit_of(path), f"uncertainty.{key}")
@@ -360,6 +362,11 @@ class RobotConfig(Section):
         text = next(value for path, value in dotted(data) if path == key)
         shown = text.split(" ", 1)[1] if isinstance(text, str) else "dimensionless"
         return next(si for si, d in DIMENSIONS.items() if shown in (d.display, si))
+
+    def without_deviations(self, keys: Iterable[str]) -> RobotConfig:
+        """A copy in which [uncertainty] says nothing of some numbers, by dotted key."""
+        left = {key: said for key, said in self.uncertainty.items() if key not in set(keys)}
+        return self.model_copy(update={"uncertainty": left})
 
     def deviation(self, key: str) -> float | None:
         """What [uncertainty] says of a number, by dotted key: one standard deviation in SI; None if it says

@@ -146,8 +146,8 @@ def test_files_of_a_fit_in_the_wrong_order(refused):
 
 
 def test_robots_that_disagree_about_what_they_share(refused, tmp_path):
-    (tmp_path / "other.csv").write_text(RECORDING.read_text())
-    message = refused("fit", RECORDED, RECORDING, SIMULATED, "other.csv", "--free", "E")
+    (tmp_path / "rec.csv").write_text(RECORDING.read_text())
+    message = refused("fit", RECORDED, RECORDING, SIMULATED, "rec.csv", "--free", "E")
     assert "E is shared" in message and "--per-robot E" in message
 
 

@@ -1,6 +1,7 @@
 """The base tension as an unknown: straight runs, their knots, and what noise in it passes on to the tip."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -221,3 +222,64 @@ def test_profile_of_a_trade_off_is_wider_than_one_parameter_alone():
     alone = calibrate.fit(config, noisy(case, run, 2), free=("mu",), profiled=True).profiles["mu"]
     assert both.lower95 and both.upper95 and alone.lower95 and alone.upper95
     assert both.upper95 - both.lower95 > 1.5 * (alone.upper95 - alone.lower95)
+
+
+def swing(period, count, high=40.0):
+    return 0.5 * high * (1 - np.cos(2 * np.pi * np.arange(count) / period))
+
+
+STAIR = np.concatenate([np.repeat(np.arange(0, 41, 2.5), 10), np.repeat(np.arange(40, -1, -2.5), 10)])
+SMALL = 4.0 - np.abs(4.0 - np.linspace(0, 16, 401) % 8)
+HISTORIES = {"swing": swing(100, 350), "slow swing": swing(300, 1050), "stair": STAIR, "small": SMALL}
+
+
+@pytest.mark.parametrize("name", HISTORIES)
+def test_noise_is_told_from_the_tension_of_any_rig(name):
+    """0.1 N of noise on both a ramp and what is none: found, and friction with it."""
+    config, _ = recorded(Case("coulomb", 0.1, 0.05))
+    T_base = HISTORIES[name]
+    T_tip = np.asarray(gtr.simulate(gtr.build_robot(config), T_base).T_tip)
+    far, chi2 = [], []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        noisy_base, noisy_tip = (T + rng.normal(0, sd, len(T)) for T, sd in ((T_base, 0.1), (T_tip, 0.05)))
+        run = gtr.Recording(np.round(noisy_base, 2), Path("r.csv"), "", T_tip=np.round(noisy_tip, 2))
+        fit = calibrate.fit(config, run, free=("mu",))
+        assert fit.noise_base_N == pytest.approx(0.1, rel=0.25)
+        assert fit.noise_N == pytest.approx(0.05, rel=0.25)
+        assert fit["mu"].sd is not None and "to its noise" in fit.verdict
+        far.append((fit["mu"].value - 0.3) / fit["mu"].sd)
+        chi2.append(fit.chi2_per_n)
+    assert abs(np.mean(far)) < 1.5 and np.max(np.abs(far)) < 3.5
+    assert np.mean(chi2) == pytest.approx(1.0, abs=0.25)
+
+
+def test_a_swing_takes_few_numbers():
+    T = with_noise(swing(300, 1050), 0.1, 0)
+    fit = estimate(T)
+    assert fit.size < 45 and not fit.corner.all()
+    assert np.sqrt(np.mean((fit.T_base - swing(300, 1050)) ** 2)) < 0.03
+    nodes = fit.nodes(0.2)
+    turns = 1 + np.flatnonzero(np.diff(fit.T_base)[1:] * np.diff(fit.T_base)[:-1] < 0)
+    assert set(turns.tolist()) <= set(nodes.tolist()), "between nodes the tension does not turn"
+
+
+def test_noise_of_the_base_cell_is_not_taken_from_the_tips():
+    config, _ = recorded(Case("coulomb", 0.1, 0.05))
+    ramp = np.linspace(0, 40, 300)
+    T_tip = with_noise(np.asarray(gtr.simulate(gtr.build_robot(config), ramp).T_tip), 0.05, 1)
+    run = gtr.Recording(with_noise(ramp, 0.1, 2), Path("r.csv"), "", T_tip=T_tip)
+    fit = calibrate.fit(config, run, free=("mu",))
+    assert fit.noise_N == pytest.approx(0.05, rel=0.2)
+    assert fit.chi2_per_n == pytest.approx(1.0, abs=0.3)
+
+
+def test_readings_that_jump_about_are_taken_as_exact_and_it_is_said():
+    config, _ = recorded(Case("coulomb", 0.1, 0.05))
+    rng = np.random.default_rng(3)
+    T_base = rng.uniform(5, 40, 120)
+    T_tip = with_noise(np.asarray(gtr.simulate(gtr.build_robot(config), T_base).T_tip), 0.05, 1)
+    fit = calibrate.fit(config, gtr.Recording(T_base, Path("r.csv"), "", T_tip=T_tip), free=("mu",))
+    assert fit.noise_base_N == 0.0
+    assert any("taken as exact" in text for text in fit.warnings)
+    np.testing.assert_array_equal(fit.T_base, T_base)

@@ -506,3 +506,22 @@ def test_shared_robots_load_and_dump(tmp_path):
         robot = load_config(path)
         dump_config(robot, tmp_path / "robot.toml")
         assert load_config(tmp_path / "robot.toml") == robot
+
+
+def test_deviations_with_units_of_any_number(tmp_path):
+    text = ROBOT.replace(
+        'youngs_modulus = "10 %"',
+        '"backbone.outer_radius.1" = "0.1 mm"\n"loads.tip_force.1" = "0.02 N"\nE = "5 %"\nmu = 0.1\n'
+        '"tip-offset.force" = "0.1 N"\ngravity_angle = "5 deg"\n[[terms]]\nkind = "tip-offset"\nforce = 0',
+    )
+    (tmp_path / "robot.toml").write_text(text)
+    config = load_config(tmp_path / "robot.toml")
+    assert config.deviation("backbone.outer_radius.1") == pytest.approx(1e-4)
+    assert config.deviation("loads.tip_force.1") == pytest.approx(0.02)
+    assert config.deviation("terms.tip-offset.force") == pytest.approx(0.1)
+    assert config.deviation("loads.gravity_angle") == pytest.approx(np.radians(5))
+    assert config.deviation("backbone.youngs_modulus") == pytest.approx(0.05 * config.backbone.youngs_modulus)
+    assert config.deviation("tendon.friction_coefficient") == pytest.approx(0.036)
+    dump_config(config, tmp_path / "again.toml")
+    assert load_config(tmp_path / "again.toml") == config
+    assert not config.without_deviations(config.uncertainty).uncertainty

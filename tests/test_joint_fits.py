@@ -111,7 +111,9 @@ def test_recordings_that_disagree_are_named(tdcm, pair):
 
 def test_two_robots_of_one_material(tdcm, pair):
     wave = gtr.load_config(RUNS / "coulomb-cone-wave/robot.toml")
-    with pytest.raises(gtr.InputError, match=r"E is shared, but is 1.5e\+06 in tdcm-1 and 600000 in"):
+    with pytest.raises(
+        gtr.InputError, match=r"E is shared, but is 1.5e\+06 Pa in .*coulomb.robot.toml and 600000 Pa in"
+    ):
         calibrate.fit([tdcm, wave], [pair[0], pair[1]])
     other = recorded(wave, 4, name="wave", history=np.concatenate([PULLED, [1.0]]))
     fit = fitted([tdcm, wave], [pair[0], other], per_robot=("E",), free=("mu", "E"))
@@ -217,14 +219,14 @@ def test_axes_are_those_of_the_information():
     information = np.diag([1e4, 4.0, 0.0])
     least, middle, most = axes(information)
     assert (least.sd, middle.sd, most.sd) == (np.inf, 0.5, 0.01)
-    assert middle.words(["mu", "E", "r1"]) == "E up by 1 %"
+    assert middle.words(["mu", "E", "r1"], ["%"] * 3) == "E up by 1 %"
 
 
 def test_a_prior_with_its_unit(tdcm):
     data = tdcm.model_dump(mode="json", by_alias=True, exclude_none=True)
     known = gtr.config.parse_config(data | {"uncertainty": {"routing.r1": "0.1 mm"}})
     fit = fitted(known, recorded(tdcm, 5), free=("mu", "E", "r1"))
-    assert fit.settings["priors_sd"] == {"r1": pytest.approx(1e-4)}
+    assert fit.settings["priors_sd_SI"] == {"r1": pytest.approx(1e-4)}
     assert error(fit, "r1") <= 1.01e-4
 
 
@@ -278,3 +280,57 @@ def test_an_interrupted_profile_loses_no_fit(tdcm, monkeypatch):
     fit = fitted(tdcm, recorded(tdcm, 5), free=("mu", "E"), profiled=True)
     assert list(fit.profiles) == ["mu"] and error(fit, "E") > 0
     assert any("Interrupted at the profile of E" in text for text in fit.warnings)
+
+
+def test_a_dead_channel_is_left_out(tdcm):
+    rec = dataclasses.replace(recorded(tdcm, 5), tip_angle=np.full(len(PULLED), 0.2))
+    fit = fitted(tdcm, rec, free=("mu",))
+    holds(fit, "mu", 0.3)
+    assert any("tip_angle never changes" in text for text in fit.warnings)
+
+
+def test_channels_in_another_unit_are_refused(tdcm):
+    rec = recorded(tdcm, 5, pose=True)
+    for name, size, words in (("tip_angle", 57.3, "deg"), ("displacement", 1e3, "mm"), ("tip_x", 1e3, "mm")):
+        wrong = dataclasses.replace(rec, **{name: size * np.asarray(getattr(rec, name))})
+        with pytest.raises(gtr.InputError, match=f"{name} reaches .* call the column {name}_{words}"):
+            calibrate.fit(tdcm, wrong, free=("mu",))
+
+
+def test_channels_are_taken_where_they_are(tdcm, pair):
+    posed = recorded(tdcm, 5, pose=True, name="posed")
+    fit = fitted(tdcm, [pair[0], posed], channels="tip_angle")
+    assert [list(r.channels) for r in fit.recordings] == [["T_tip"], ["T_tip", "tip_angle"]]
+    with pytest.raises(gtr.InputError, match="channel 'tip_x': no recording has it"):
+        calibrate.fit(tdcm, pair, channels=("tip_x",))
+
+
+def test_names_by_key_and_in_one_string(tdcm, pair):
+    fit = fitted(tdcm, pair, free="mu, E", per_recording="tendon.friction_coefficient")
+    assert [e.name for e in fit.estimates] == ["mu@first", "mu@second", "E"]
+    with pytest.raises(gtr.InputError, match="'mu' is named twice"):
+        calibrate.fit(tdcm, pair, free=("mu", "mu"))
+    with pytest.raises(gtr.InputError, match="'mu' is named in two"):
+        calibrate.fit(tdcm, pair, per_recording=("mu",), per_robot=("mu",))
+
+
+def test_times_that_are_no_numbers_are_refused(tdcm):
+    rec = dataclasses.replace(recorded(tdcm, 5), time=np.full(len(PULLED), np.nan))
+    with pytest.raises(gtr.InputError, match="time is not finite"):
+        calibrate.fit(tdcm, rec)
+
+
+def test_a_fitted_robot_does_not_bring_its_prior_along(tdcm, pair):
+    fit = fitted(tdcm, pair[0])
+    assert "backbone.youngs_modulus" in tdcm.uncertainty
+    assert fit.config is not None and not fit.config.uncertainty
+
+
+def test_what_came_from_where_is_in_the_json(tdcm, pair):
+    data = fitted(tdcm, pair, free=("mu", "base-offset.force"), per_recording=("mu",)).to_json()
+    assert [(r["name"], r["robot"], r["path"]) for r in data["recordings"]] == [
+        ("first", "tdcm-1", "first.csv"),
+        ("second", "tdcm-1", "second.csv"),
+    ]
+    assert data["settings"]["recordings_of"]["mu@second"] == ["second"]
+    assert any("base-offset.force up by 1 % of 1 N" in axis["says"] for axis in data["axes"])

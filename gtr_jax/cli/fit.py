@@ -45,8 +45,8 @@ class Inputs(NamedTuple):
 @click.option(
     "--channels",
     metavar="NAMES",
-    help="What to fit to beside T_tip: some of tip_x, tip_y, tip_angle, displacement; '' for nothing.  "
-    "[default: all that a recording has]",
+    help="What to fit to beside T_tip, where a recording has it: some of tip_x, tip_y, tip_angle, "
+    "displacement; '' for nothing.  [default: all]",
 )
 @click.option(
     "--noise",
@@ -177,7 +177,8 @@ def solve(
 
     for name, value in (("--noise", noise), ("--noise-base", noise_base)):
         if value is not None and (value < 0 or (value == 0 and name == "--noise")):
-            raise InputError(f"{name}: a standard deviation is positive, this is {value:g} N")
+            least = "positive" if name == "--noise" else "positive, or 0 for an exact one"
+            raise InputError(f"{name}: a standard deviation is {least}; this is {value:g} N")
     return calibrate.fit(
         robots,
         recordings,

@@ -100,7 +100,7 @@ class FitAnswer(Protocol):
     @property
     def correlation(self) -> np.ndarray: ...
     @property
-    def axes(self) -> Sequence[Any]: ...
+    def axes(self) -> Sequence[tuple[str, float]]: ...
     @property
     def by_recording(self) -> Mapping[str, Mapping[str, EstimateLike]]: ...
     @property
@@ -340,7 +340,7 @@ def _correlations(fit: FitAnswer) -> list[Table]:
         (name, *(number(float(rho), digits=3) for rho in row))
         for name, row in zip(names, np.asarray(fit.correlation), strict=True)
     ]
-    known = [(axis.words(names), f"{number(100 * axis.sd, digits=2)} %") for axis in fit.axes]
+    known = [(says, f"{number(100 * sd, digits=2)} %") for says, sd in fit.axes]
     return [
         Table("Correlations of the estimates", ("", *names), rows),
         Table(
