@@ -81,7 +81,7 @@ class Answer:
         """What data and priors say at this point; nothing of what ran to the end of its range."""
         log = np.asarray(self.at[0].log)
         unknown = np.where(log | (task.initial != 0), UNKNOWN, UNKNOWN_WITHOUT_SCALE)
-        unknown = np.where(self.descent.at_edge, 0.0, unknown)
+        unknown = np.where(self.descent.at_edge | self.at[0].stopped(self.descent.u), 0.0, unknown)
         return uncertainty(self.problem.jacobian(self.predictions), 1.0, self.problem.precision, unknown)
 
     def information(self) -> np.ndarray:

@@ -74,7 +74,7 @@ def _largest_mu(task: Task, known: Uncertainty, values: np.ndarray) -> float:
 def _notes(task: Task, known: Uncertainty, answer: Answer, values: np.ndarray) -> list[str]:
     """What a reader must know of each estimate; also gathered as warnings."""
     notes, problem, descent = [], answer.problem, answer.descent
-    drift = (descent.u - problem.centre) * problem.precision
+    drift, stopped = (descent.u - problem.centre) * problem.precision, answer.at[0].stopped(descent.u)
     for i, free in enumerate(task.free):
         note = ""
         most = _largest_mu(task, known, values)
@@ -82,6 +82,8 @@ def _notes(task: Task, known: Uncertainty, answer: Answer, values: np.ndarray) -
             note = f"no friction is seen, mu is below {most:.2g} (95 %)"
         elif descent.at_edge[i]:
             note = "ran to the end of the range searched, so it has no interval"
+        elif stopped[i]:
+            note = "lies at its bound: the recording asks for no more, so it has no interval"
         elif not known.known[i]:
             rest = "the prior's" if task.priors[i] is not None else "arbitrary"
             note = f"not determined by the recording, the value is {rest}"

@@ -36,18 +36,30 @@ class Coordinates(eqx.Module):
         reference: values at u = 0, SI, (p,).
         scale: value per unit of u where not logarithmic, SI, (p,).
         log: whether value = reference exp(u), (p,).
+        lower, upper: bounds of the others, at which values stop, SI, (p,); infinite where open.
     """
 
     index: Int[Array, " p"]
     reference: Float[Array, " p"]
     scale: Float[Array, " p"]
     log: Bool[Array, " p"]
+    lower: Float[Array, " p"]
+    upper: Float[Array, " p"]
 
     def values(self, u: Float[ArrayLike, " p"]) -> Float[Array, " p"]:
         """SI values at the coordinates u."""
         u = jnp.asarray(u)
         growth = jnp.exp(jnp.where(self.log, u, 0.0))
-        return jnp.where(self.log, self.reference * growth, self.reference + self.scale * u)
+        shifted = self.reference + self.scale * u
+        bounded = jnp.where(shifted < self.lower, self.lower, shifted)
+        bounded = jnp.where(bounded > self.upper, self.upper, bounded)
+        return jnp.where(self.log, self.reference * growth, bounded)
+
+    def stopped(self, u: np.ndarray) -> np.ndarray:
+        """Which values lie at their bounds, (p,) bool (host side)."""
+        shifted = np.asarray(self.reference) + np.asarray(self.scale) * u
+        outside = (shifted <= np.asarray(self.lower)) | (shifted >= np.asarray(self.upper))
+        return ~np.asarray(self.log) & outside
 
     def at(self, values: Sequence[float] | np.ndarray) -> np.ndarray:
         """Coordinates of SI values (host side)."""
@@ -93,6 +105,8 @@ def coordinates(
         jnp.asarray(reference, float),
         jnp.asarray(scale, float),
         jnp.asarray(log),
+        jnp.asarray([-np.inf if p.lower is None else p.lower for p in chosen]),
+        jnp.asarray([np.inf if p.upper is None else p.upper for p in chosen]),
     )
 
 

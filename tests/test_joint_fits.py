@@ -334,3 +334,14 @@ def test_what_came_from_where_is_in_the_json(tdcm, pair):
     ]
     assert data["settings"]["recordings_of"]["mu@second"] == ["second"]
     assert any("base-offset.force up by 1 % of 1 N" in axis["says"] for axis in data["axes"])
+
+
+def test_a_value_stops_at_its_bound(tdcm):
+    """A tip that is held up asks for less than no payload: it gets none, and that is said."""
+    data = tdcm.model_dump(mode="json", by_alias=True, exclude_none=True)
+    hung = gtr.config.parse_config(data | {"loads": {"gravity_angle": "-90 deg"}})
+    fit = fitted(hung, recorded(hung, 12, pose=True, payload=0.05), free=("mu", "payload"))
+    holds(fit, "payload", 0.05, 0.01)
+    held = fitted(hung, recorded(hung, 12, pose=True, tip_force_y=0.5), free=("mu", "payload"))
+    assert held["payload"].value == 0.0 and held["payload"].sd is None
+    assert "lies at its bound" in held["payload"].note

@@ -88,6 +88,8 @@ class RecordingLike(Protocol):
     def chi2_per_n(self) -> float | None: ...
     @property
     def outliers(self) -> int: ...
+    @property
+    def settings(self) -> Mapping[str, Any]: ...
 
 
 class FitAnswer(Protocol):
@@ -362,6 +364,9 @@ def _distances(recordings: Sequence[RecordingLike]) -> list[Table]:
             ("noise of the base cell, one sd", base_noise),
             ("chi² per sample", number(r.chi2_per_n, digits=3)),
         ]
+        steps = r.settings.get("samples_simulated", len(r.T_base))
+        if steps < len(r.T_base):
+            rows.append(("samples compared, simulated", f"{len(r.T_base)}, {steps}"))
         if r.outliers:
             rows.append(("samples that count less than half", str(r.outliers)))
         rows += [
