@@ -211,7 +211,8 @@ def verdict(
     else:
         good = [d for d in distances if d.described and not d.others]
         if len(good) == len(distances):
-            clauses = [f"{found}; the fitted model describes all {len(distances)} recordings to their noise"]
+            every = "both" if len(distances) == 2 else f"all {len(distances)}"
+            clauses = [f"{found}; the fitted model describes {every} recordings to their noise"]
         else:
             share = f"{len(good)} of {len(distances)} recordings"
             clauses = [f"{found}, but the fitted model describes {share} to their noise"]
