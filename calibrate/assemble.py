@@ -273,7 +273,11 @@ def assemble(task: Task, answer: Answer, iterations: int, start: Start) -> FitRe
     for r, judged in zip(recordings, answer.judged, strict=True):
         few = f"samples{f' of {r.name}' if len(recordings) > 1 else ''} lie far off"
         if r.outliers:
-            task.warnings.append(f"{r.outliers} of {len(r.T_base)} {few} and count less than half.")
+            many = r.outliers > FEW * len(r.T_base)
+            task.warnings.append(
+                f"{r.outliers} of {len(r.T_base)} {few} and count less than half"
+                + (": too many to be outliers, the model lacks something." if many else ".")
+            )
         lone = _outliers(judged)
         if lone and not task.robust:
             task.warnings.append(

@@ -31,6 +31,8 @@ ROUNDS, REFINEMENTS = 40, 4
 # Noise above this share of the range may be readings that jump about, if nothing is known of the tip; and is
 # in any case.
 LARGEST_NOISE, LARGEST_UNLIKE_TIP = 0.02, 0.2
+# Noise below this share of the range does little to friction.
+MATTERS = 0.001
 # Shares of the first guess that are tried for the noise: steps of the tension make it too large.
 SHARES = (1.0, 0.5, 0.25)
 # Correlation of what is left with the tip's own remainder, at least: the tip does not follow noise. And how
@@ -410,8 +412,8 @@ def without_spikes(T: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def is_noisy(T: np.ndarray) -> bool:
-    """Whether neighbouring readings differ by more than the resolution explains."""
-    return (from_differences(T) or 0.0) > 2 * resolution(T) / np.sqrt(12.0)
+    """Whether neighbouring readings differ by more than the resolution explains, and enough to matter."""
+    return (from_differences(T) or 0.0) > max(2 * resolution(T) / np.sqrt(12.0), MATTERS * np.ptp(T))
 
 
 def exact(T: np.ndarray) -> BaseTension:
