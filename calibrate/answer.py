@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -74,34 +75,33 @@ class Answer:
     @property
     def predictions(self) -> tuple[Prediction, ...]:
         """The simulations there."""
-        assert self.descent.predictions is not None  # the start was simulated before the descent began
+        assert self.descent.predictions is not None  # `of` has seen to it
         return self.descent.predictions
+
+    @functools.cached_property
+    def jacobian(self) -> np.ndarray:
+        """Derivatives of the weighed residuals there, (D, p)."""
+        return self.problem.jacobian(self.predictions)
 
     def known(self, task: Task) -> Uncertainty:
         """What data and priors say at this point; nothing of what ran to the end of its range."""
         log = np.asarray(self.at[0].log)
         unknown = np.where(log | (task.initial != 0), UNKNOWN, UNKNOWN_WITHOUT_SCALE)
         unknown = np.where(self.descent.at_edge | self.at[0].stopped(self.descent.u), 0.0, unknown)
-        return uncertainty(self.problem.jacobian(self.predictions), 1.0, self.problem.precision, unknown)
+        return uncertainty(self.jacobian, 1.0, self.problem.precision, unknown)
 
     def information(self) -> np.ndarray:
         """Fisher information of data and priors in the coordinates, (p, p)."""
-        jacobian = self.problem.jacobian(self.predictions)
-        return jacobian.T @ jacobian + np.diag(self.problem.precision**2)
-
-    def with_judgement(self, task: Task) -> Answer:
-        """The same, weighed anew."""
-        judged = tuple(
-            _judged(task, part, prediction)
-            for part, prediction in zip(task.parts, self.predictions, strict=True)
-        )
-        problem = dataclasses.replace(self.problem, weighs=tuple(j.weigh for j in judged))
-        return dataclasses.replace(self, judged=judged, problem=problem)
+        return self.jacobian.T @ self.jacobian + np.diag(self.problem.precision**2)
 
     @staticmethod
     def of(task: Task, at: tuple[Coordinates, ...], problem: Objective, descent: Descent) -> Answer:
         """Judge the point where a descent ended."""
-        return Answer(at, problem, descent, ()).with_judgement(task)
+        assert descent.predictions is not None  # the start was simulated before the descent began
+        judged = tuple(map(functools.partial(_judged, task), task.parts, descent.predictions))
+        return Answer(
+            at, dataclasses.replace(problem, weighs=tuple(j.weigh for j in judged)), descent, judged
+        )
 
 
 def _judged(task: Task, part: Part, prediction: Prediction) -> Judged:

@@ -206,7 +206,14 @@ def _fitted(
         known = np.isfinite(np.diag(covariance))
         slopes = prediction.jacobian[0][:, known]
         band = np.sqrt(np.einsum("kp,pq,kq->k", slopes, covariance[np.ix_(known, known)], slopes))
-    noise = part.noise() if judged is None else judged.noise
+    noise, chosen = part.noise() if judged is None else judged.noise, {}
+    if answer is not None and judged is not None:
+        chosen = {
+            "samples_simulated": answer.problem.predict.parts[k].steps,
+            "knots_of_base": part.T_base.size,
+            "samples_per_independent_base": part.T_base.tau,
+            "samples_per_independent": float(judged.weigh.tau[0]),
+        }
     return FittedRecording(
         name=part.name,
         robot=part.robot.with_values(**task.values_of(k, values)),
@@ -223,16 +230,7 @@ def _fitted(
         noise_base_N=part.T_base.sd,
         chi2_per_n=None if judged is None else judged.chi2_per_n,
         outliers=0 if judged is None else int(np.sum(~judged.kept)),
-        settings={"robot": part.robot.name, "path": part.path}
-        if answer is None or judged is None
-        else {
-            "robot": part.robot.name,
-            "path": part.path,
-            "samples_simulated": answer.problem.predict.parts[k].steps,
-            "knots_of_base": part.T_base.size,
-            "samples_per_independent_base": part.T_base.tau,
-            "samples_per_independent": float(judged.weigh.tau[0]),
-        },
+        settings={"robot": part.robot.name, "path": part.path, **chosen},
     )
 
 

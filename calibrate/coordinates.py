@@ -55,6 +55,11 @@ class Coordinates(eqx.Module):
         bounded = jnp.where(bounded > self.upper, self.upper, bounded)
         return jnp.where(self.log, self.reference * growth, bounded)
 
+    def robot_at(self, robot: Robot, u: Float[ArrayLike, " p"]) -> Robot:
+        """The robot with its free parameters at the coordinates u."""
+        flat, unravel = ravel_pytree(robot)
+        return unravel(jnp.append(flat, 0.0).at[self.index].set(self.values(u))[:-1])
+
     def stopped(self, u: np.ndarray) -> np.ndarray:
         """Which values lie at their bounds, (p,) bool (host side)."""
         shifted = np.asarray(self.reference) + np.asarray(self.scale) * u
@@ -153,21 +158,33 @@ class Prediction:
         return whole[self.step]
 
 
+def shown(robot: Robot, T_base: Float[Array, " P"]) -> tuple[Float[Array, "C P"], Simulation]:
+    """What the instruments show of a load history, SI, in the order of CHANNELS, and the simulation.
+
+    Args:
+        robot: the robot.
+        T_base: base tension as its cell shows it [N], (P,).
+    """
+    run = simulate(robot, true_base(robot, T_base))
+    return jnp.stack([reading(robot, run).T_tip, *run.tip_pose.T, run.displacement]), run
+
+
+def padded(T_base: np.ndarray) -> Float[Array, " P"]:
+    """A load history held at its end until it has one of the few lengths that are compiled, (P,)."""
+    fill = np.full(padded_length(len(T_base)) - len(T_base), T_base[-1])
+    return jnp.asarray(np.concatenate([T_base, fill]))
+
+
 @eqx.filter_jit
 def _predict(robot: Robot, at: Coordinates, T_base: Float[Array, " P"], u: Float[Array, " p"]):
-    flat, unravel = ravel_pytree(robot)
-
-    def shown(u, T_base):
-        values = jnp.append(flat, 0.0).at[at.index].set(at.values(u))[:-1]
-        robot = unravel(values)
-        run = simulate(robot, true_base(robot, T_base))
+    def at_coordinates(u, T_base):
+        values, run = shown(at.robot_at(robot, u), T_base)
         none = jnp.zeros((*T_base.shape, 0))
-        lean = eqx.tree_at(lambda r: (r.tension, r.curvature, r.angle), run, (none, none, none))
-        return jnp.stack([reading(robot, run).T_tip, *run.tip_pose.T, run.displacement]), lean
+        return values, eqx.tree_at(lambda r: (r.tension, r.curvature, r.angle), run, (none, none, none))
 
     def along(direction):
         raised = jnp.broadcast_to(direction[-1], T_base.shape)
-        return jax.jvp(shown, (u, T_base), (direction[:-1], raised), has_aux=True)
+        return jax.jvp(at_coordinates, (u, T_base), (direction[:-1], raised), has_aux=True)
 
     return jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(u.shape[0] + 1))
 
@@ -184,14 +201,17 @@ class Predictor:
         T_base: base tension as its cell shows it [N], (K,).
         nodes: samples that are simulated, (J,), increasing from the first to the last; all unless given. What
             lies between two is interpolated along T_base, which must not turn there.
+
+    Attributes:
+        samples, steps: how many there are to predict, K, and to simulate, J.
+        history: base tension at the steps [N], padded.
     """
 
     def __init__(self, robot: Robot, at: Coordinates, T_base: np.ndarray, nodes: np.ndarray | None = None):
         self.robot, self.at, self.samples = robot, at, len(T_base)
         nodes = np.arange(self.samples) if nodes is None else nodes
         self.steps = len(nodes)
-        fill = np.full(padded_length(self.steps) - self.steps, T_base[-1])
-        self._T_base = jnp.asarray(np.concatenate([T_base[nodes], fill]))
+        self.history = padded(T_base[nodes])
         self._next = np.searchsorted(nodes, np.arange(self.samples))
         self._before = np.maximum(self._next - (nodes[self._next] != np.arange(self.samples)), 0)
         low, high = T_base[nodes[self._before]], T_base[nodes[self._next]]
@@ -199,16 +219,8 @@ class Predictor:
         self._share = np.where(high == low, 1.0, (T_base - low) / rise)
 
     @property
-    def history(self) -> Float[Array, " J"]:
-        """Base tension at the steps simulated [N], padded, (J,)."""
-        return self._T_base
-
-    @property
     def interpolation(self) -> tuple[Int[Array, " K"], Int[Array, " K"], Float[Array, " K"]]:
         """Steps before and after each sample, and its share of the way between them."""
-        if self.steps == self.samples:
-            at = jnp.arange(self.samples)
-            return at, at, jnp.ones(self.samples)
         return jnp.asarray(self._before), jnp.asarray(self._next), jnp.asarray(self._share)
 
     def _at_samples(self, values: np.ndarray) -> np.ndarray:
@@ -222,7 +234,7 @@ class Predictor:
         """The recording at coordinates u, (p,); None where the simulator breaks down."""
         try:
             values, slopes, run = jax.block_until_ready(
-                _predict(self.robot, self.at, self._T_base, jnp.asarray(u, float))
+                _predict(self.robot, self.at, self.history, jnp.asarray(u, float))
             )
         except RuntimeError as fault:  # a linear solve given NaN raises, from within the compiled program
             if "non-finite" not in str(fault):

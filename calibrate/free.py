@@ -32,21 +32,6 @@ class Free:
     prior: float | None
 
 
-def choose(robot: Robot, free: Sequence[str]) -> list[Parameter]:
-    """The parameters of a robot that are named, each once.
-
-    Raises:
-        InputError: none named, unknown name, a name twice, or the modulus of a rigid sheath.
-    """
-    if not free:
-        raise InputError(f"no parameter is free; name some of: {', '.join(parameters_of(robot))}")
-    chosen = [parameter(robot, name) for name in free]
-    for i, entry in enumerate(chosen):
-        if entry in chosen[:i]:
-            raise InputError(f"parameter '{entry.name}' is named twice; keep one")
-    return chosen
-
-
 def _has(robot: Robot, name: str) -> bool:
     known = parameters_of(robot)
     return name in known or any(p.key == name for p in known.values())
@@ -89,16 +74,17 @@ def free_of(
             disagree about it.
     """
     scopes: dict[str, str] = {}
-    for scope, names in (("", free), ("recording", per_recording), ("robot", per_robot)):
-        for name in names:
-            short = _short(robots, name)
-            if scope and scopes.get(short):
+    for short in (_short(robots, name) for name in free):
+        if short in scopes:
+            raise InputError(f"parameter '{short}' is named twice; keep one")
+        scopes[short] = ""
+    for scope, names in (("recording", per_recording), ("robot", per_robot)):
+        for short in (_short(robots, name) for name in names):
+            if scopes.get(short):
                 raise InputError(f"parameter '{short}' is named in two of the scopes; keep one")
-            if short in scopes and not (scope and short in map(lambda n: _short(robots, n), free)):
-                raise InputError(f"parameter '{short}' is named twice; keep one")
             scopes[short] = scope
     if not scopes:
-        choose(robots[0], ())
+        raise InputError(f"no parameter is free; name some of: {', '.join(parameters_of(robots[0]))}")
     found: list[Free] = []
     for name, scope in scopes.items():
         owners = [r for r, robot in enumerate(robots) if _has(robot, name)]

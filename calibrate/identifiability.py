@@ -15,12 +15,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 
 from gtr_jax import simulate
-from gtr_jax.history import padded_length
 
-from .coordinates import Coordinates
+from .coordinates import Coordinates, padded
 from .estimate import FLAT
 from .start import thin
 from .task import Part, Task
@@ -69,19 +67,11 @@ def axes(information: np.ndarray) -> list[Axis]:
 
 @eqx.filter_jit
 def _jacobians(robot, at: Coordinates, T_base, u):
-    flat, unravel = ravel_pytree(robot)
-
     def tip(u):
-        values = jnp.append(flat, 0.0).at[at.index].set(at.values(u))[:-1]
-        run = simulate(unravel(values), T_base)
+        run = simulate(at.robot_at(robot, u), T_base)
         return run.T_tip, run.tip_pose[:, 2]
 
     return jax.jacfwd(tip)(u)
-
-
-def _padded(T_base: np.ndarray) -> jnp.ndarray:
-    fill = np.full(padded_length(len(T_base)) - len(T_base), T_base[-1])
-    return jnp.asarray(np.concatenate([T_base, fill]))
 
 
 def _measurements(
@@ -90,7 +80,7 @@ def _measurements(
     """Each measurement in words, with its Fisher information in the coordinates, (p, p)."""
 
     def information(T_base, which, error):
-        rows = np.asarray(_jacobians(part.robot, at, _padded(T_base), jnp.asarray(u))[which])[: len(T_base)]
+        rows = np.asarray(_jacobians(part.robot, at, padded(T_base), jnp.asarray(u))[which])[: len(T_base)]
         return rows.T @ rows / error**2
 
     history = part.T_base.T_base

@@ -12,14 +12,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 from scipy.linalg import cho_solve_banded
 
-from gtr_jax import InputError, Robot, reading, simulate, true_base
+from gtr_jax import InputError, Robot
 
 from .answer import Answer
-from .coordinates import Coordinates, Predictor
+from .coordinates import Coordinates, Predictor, shown
 from .posterior_draws import Posterior
 from .task import Part, Task
 from .weighing import Weighing
@@ -53,7 +52,7 @@ class _Weigher(eqx.Module):
                     f"the base tension has {base.size} knots, too many for the posterior; "
                     "take it as exact (--noise-base 0, noise_base_N=0)"
                 )
-            inverse = cho_solve_banded((weigh.information(), False), np.eye(base.size))
+            inverse = cho_solve_banded((weigh.factor, False), np.eye(base.size))
         return _Weigher(
             slope=jnp.asarray(weigh.slope),
             last=jnp.asarray(weigh.last),
@@ -107,13 +106,9 @@ class _Target(eqx.Module):
 
     def squares(self, u: Float[Array, " p"]) -> Float[Array, ""]:
         """Sum of squares at u; infinite where a load step does not converge."""
-        flat, unravel = ravel_pytree(self.robot)
-        robot = unravel(jnp.append(flat, 0.0).at[self.at.index].set(self.at.values(u))[:-1])
-        run = simulate(robot, true_base(robot, self.T_base))
-        shown = jnp.stack([reading(robot, run).T_tip, *run.tip_pose.T, run.displacement])
-        shown = shown[jnp.asarray(self.channels)]
-        share = self.share[None]
-        values = (1 - share) * shown[:, self.before] + share * shown[:, self.after]
+        steps, run = shown(self.at.robot_at(self.robot, u), self.T_base)
+        steps, share = steps[jnp.asarray(self.channels)], self.share[None]
+        values = (1 - share) * steps[:, self.before] + share * steps[:, self.after]
         ok = jnp.all(run.converged)
         return jnp.where(ok, self.weigher(jnp.where(ok, values, self.recorded) - self.recorded), jnp.inf)
 

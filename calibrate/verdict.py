@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import f
 
 from gtr_jax.phases import PULLING, RELEASING, REST, TRANSITION
-from gtr_jax.units import DIMENSIONS, convert
+from gtr_jax.units import display_of
 
 from .estimate import Estimate
 
@@ -48,9 +48,7 @@ def said(estimate: Estimate) -> str:
 
 def quantity(estimate: Estimate) -> str:
     """An estimate with its standard deviation, in the unit people write it in."""
-    unit = estimate.unit
-    display = DIMENSIONS[unit].display if unit in DIMENSIONS else unit
-    size = convert(1.0, display, unit) if unit in DIMENSIONS else 1.0
+    display, size = display_of(estimate.unit)
     sd = None if estimate.sd is None else estimate.sd / size
     return f"{number(estimate.value / size, sd)} {display}".rstrip().replace("-", "−")
 

@@ -16,6 +16,7 @@ sample, come into the sum likewise.
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
@@ -89,9 +90,10 @@ class Weighing:
         pulled = np.zeros((self.base.size, *rows.shape[2:]))
         for along, last, row in zip(self.slope * self.weight**2, self.last, rows, strict=True):
             pulled = pulled + self.base.to_knots(-_along(along, row) * row, last)
-        return self.base.at_samples(cho_solve_banded((self.information(), False), pulled))
+        return self.base.at_samples(cho_solve_banded((self.factor, False), pulled))
 
-    def information(self) -> np.ndarray:
+    @functools.cached_property
+    def factor(self) -> np.ndarray:
         """Cholesky factor of what both cells say of the knots, banded, as `BaseTension.information`."""
         found = self.base.information(np.full(len(self.base.T_base), self.sd_base**-2))
         for passed, last in zip(self.slope**2 * self.weight**2, self.last, strict=True):

@@ -83,6 +83,16 @@ def convert(value: Number, unit: str, si: str) -> Number:
     return value * factor
 
 
+def display_of(unit: str) -> tuple[str, float]:
+    """The unit people write an SI quantity in, and its size in SI; the unit itself if it is none of
+    DIMENSIONS, as "" is.
+    """
+    if unit not in DIMENSIONS:
+        return unit, 1.0
+    display = DIMENSIONS[unit].display
+    return display, convert(1.0, display, unit)
+
+
 def parse_quantity(value: object, si: str) -> float:
     """One quantity in the SI unit `si`: a string with its unit, or a bare number taken as SI.
 

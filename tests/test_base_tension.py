@@ -11,8 +11,8 @@ import gtr_jax as gtr
 from benchmarks.coverage import Case, noisy, outcome, recorded
 from calibrate.base_tension import BaseTension, estimate, exact, straighten, turning_points
 from calibrate.coordinates import Predictor, coordinates
-from calibrate.free import choose
 from calibrate.weighing import Weighing
+from gtr_jax.parameters import parameter
 
 HOLDS = np.concatenate(
     [
@@ -144,7 +144,7 @@ def test_weighed_squares_are_those_of_the_full_covariance():
 
 def test_slope_is_that_of_the_base_tension_last_followed(make_robot):
     robot = make_robot()
-    at = coordinates(robot, choose(robot, ("mu",)), [float(robot.value("mu"))])
+    at = coordinates(robot, [parameter(robot, "mu")], [float(robot.value("mu"))])
     T_base = np.concatenate([np.linspace(0, 40, 21), np.linspace(40, 2, 20)[1:]])
     found = Predictor(robot, at, T_base)(np.zeros(1))
     assert found is not None

@@ -11,8 +11,8 @@ import calibrate
 import gtr_jax as gtr
 from calibrate import noise
 from calibrate.coordinates import Predictor, coordinates
-from calibrate.free import choose
 from calibrate.start import thin
+from gtr_jax.parameters import parameter
 from tests.conftest import PARALLEL, SINE
 
 DATA = Path(__file__).parent / "data"
@@ -237,7 +237,7 @@ def test_real_recording():
 
 def test_derivatives_of_the_prediction(make_config):
     robot = gtr.build_robot(make_config(PARALLEL))
-    chosen = choose(robot, ("mu", "offset"))
+    chosen = [parameter(robot, "mu"), parameter(robot, "offset")]
     at = coordinates(robot, chosen, [float(robot.value(p.name)) for p in chosen])
     predict = Predictor(robot, at, LOOP)
     u, h = np.asarray([0.02, -0.01]), 1e-5

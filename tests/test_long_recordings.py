@@ -10,7 +10,7 @@ import gtr_jax as gtr
 from benchmarks.coverage import Case, noisy, recorded
 from calibrate.base_tension import estimate, exact
 from calibrate.coordinates import Predictor, coordinates
-from calibrate.free import choose
+from gtr_jax.parameters import parameter
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def test_nodes_carry_the_history(long):
     base = estimate(run.T_base, run.time, sd=0.01)
     nodes = base.nodes(0.2)
     assert set(base.knots) <= set(nodes.tolist()) and len(nodes) < len(run.T_base) / 10
-    at = coordinates(robot, choose(robot, ("mu",)), [float(robot.value("mu"))])
+    at = coordinates(robot, [parameter(robot, "mu")], [float(robot.value("mu"))])
     whole = Predictor(robot, at, base.T_base)(np.zeros(1))
     coarse = Predictor(robot, at, base.T_base, nodes)(np.zeros(1))
     assert whole is not None and coarse is not None
@@ -46,7 +46,7 @@ def test_nodes_carry_the_history(long):
 
 def test_all_samples_as_nodes_change_nothing(make_robot):
     robot = make_robot()
-    at = coordinates(robot, choose(robot, ("mu",)), [float(robot.value("mu"))])
+    at = coordinates(robot, [parameter(robot, "mu")], [float(robot.value("mu"))])
     T_base = np.concatenate([np.linspace(0, 30, 16), np.linspace(30, 5, 16)])
     plain, noded = (Predictor(robot, at, T_base, nodes)(np.zeros(1)) for nodes in (None, np.arange(32)))
     assert plain is not None and noded is not None

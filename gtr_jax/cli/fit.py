@@ -101,10 +101,10 @@ def fit(
         for path, config in zip(given.recordings, of, strict=True)
     ]
     options = {
-        "free": None if free is None else _names(free, "--free"),
-        "per_recording": () if per_recording is None else _names(per_recording, "--per-recording"),
-        "per_robot": () if per_robot is None else _names(per_robot, "--per-robot"),
-        "channels": None if channels is None else tuple(_split(channels)),
+        "free": None if free is None else _some(free, "--free"),
+        "per_recording": () if per_recording is None else _some(per_recording, "--per-recording"),
+        "per_robot": () if per_robot is None else _some(per_robot, "--per-robot"),
+        "channels": channels,
         "robust": robust,
         "sampled": posterior,
     }
@@ -151,16 +151,11 @@ def inputs(files: Sequence[Path]) -> Inputs:
     return Inputs(robots, recordings, of)
 
 
-def _split(names: str) -> list[str]:
-    return [name.strip() for name in names.split(",") if name.strip()]
-
-
-def _names(names: str, option: str) -> tuple[str, ...]:
-    """Parameters, from their names with commas between."""
-    found = tuple(_split(names))
-    if not found:
+def _some(names: str, option: str) -> str:
+    """Names with commas between, of which there must be one; `calibrate.fit` takes them apart."""
+    if not names.replace(",", " ").strip():
         raise InputError(f"{option}: names no parameter; give for example {option} mu")
-    return found
+    return names
 
 
 def solve(

@@ -12,7 +12,7 @@ from gtr_jax import plots
 from gtr_jax.config import RobotConfig
 from gtr_jax.plots.style import number
 from gtr_jax.recording import Recording
-from gtr_jax.units import DIMENSIONS, convert
+from gtr_jax.units import display_of
 
 from .page import Figure, Report, Table
 
@@ -203,7 +203,7 @@ def _profile_figure(fit: FitAnswer) -> list[Figure]:
     for e in fit.estimates:
         if e.name in fit.profiles:
             p = fit.profiles[e.name]
-            display, factor = _display(e.unit)
+            display, factor = display_of(e.unit)
             label = f"{e.name} [{display}]" if display else e.name
             curves[label] = (np.asarray(p.values) / factor, np.asarray(p.rise), np.asarray(p.parabola))
     return [
@@ -223,7 +223,7 @@ def _posterior_figure(fit: FitAnswer) -> list[Figure]:
     draws = draws.reshape(-1, draws.shape[-1])
     columns = {}
     for e, values in zip(fit.estimates, draws.T, strict=True):
-        display, factor = _display(e.unit)
+        display, factor = display_of(e.unit)
         columns[f"{e.name} [{display}]" if display else e.name] = values / factor
     return [
         Figure(
@@ -253,15 +253,9 @@ def _posterior_table(fit: FitAnswer) -> list[Table]:
     return [Table("Posterior, by NUTS", columns, rows, note=note)]
 
 
-def _display(unit: str) -> tuple[str, float]:
-    """The unit people write an SI quantity in, and its size in SI."""
-    display = DIMENSIONS[unit].display if unit in DIMENSIONS and unit != "dimensionless" else ""
-    return (display, convert(1.0, display, unit)) if display else (unit, 1.0)
-
-
 def quantity(value: float | None, unit: str, digits: int = 4) -> str:
     """An SI quantity in the unit people write it in."""
-    display, factor = _display(unit)
+    display, factor = display_of(unit)
     return number(None if value is None else value / factor, display, digits)
 
 
