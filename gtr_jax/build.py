@@ -105,6 +105,7 @@ def build_robot(config: RobotConfig, *, resolution: float = 1.0) -> Robot:
         loads=Loads(
             gravity=_array(STANDARD_GRAVITY if has_gravity else 0.0),
             gravity_angle=_array(loads.gravity_angle if has_gravity else 0.0),
+            more_gravity=jnp.zeros(2),
             tip_force=tip_force,
             tip_moment=_array(loads.tip_moment),
             payload=_array(loads.payload),

@@ -258,10 +258,15 @@ class TermSection(Section):
 def _term_section(term: Term) -> type[TermSection]:
     """The table [[terms]] of one kind of term."""
     name = "".join(part.capitalize() for part in term.id.split("-"))
+    needed = term.sizes if len(term.sizes) == 1 else ()
     quantities: dict[str, Any] = {
         q.name: (
             Annotated[float, Unit(q.unit)],
-            Field(examples=[quantity_text(q.typical, q.unit)], description=q.says),
+            Field(
+                **({} if q in needed else {"default": float(q.null)}),
+                examples=[quantity_text(float(q.typical), q.unit)],
+                description=q.says,
+            ),
         )
         for q in term.quantities
     }

@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import jax.tree_util as jtu
 import optimistix as optx
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from . import channel, slip
-from .adjoint import CausalAdjoint
+from .adjoint import CausalAdjoint, split_tangents
+from .linear_solver import node_first
 from .march import March
-from .mesh import cumulative, increments
+from .mesh import cumulative, increments, shifted
 from .problem import Problem, Sections, State, at_tendons, residual, tension_of
 from .robot import Robot, sections
+from .slip_march import Case, Load, Memory, Solved, slip_step, untouched
+from .terms import any_on
 
 MAX_STEPS = 256
+FOREVER = 1e15  # s, in which everything that creeps has crept
 
 
 class Equilibrium(eqx.Module):
@@ -29,6 +34,8 @@ class Equilibrium(eqx.Module):
         s: arc length of the nodes, (N,).
         curvature, angle: of the midline, (N,).
         tension: of the tendon, (*tendons, N).
+        T_tip: tension at the tip's anchor, (*tendons,); what grips there may hold some of it back.
+        slip: of the tendon towards the base, since the robot settled with slack tendons, (*tendons, N).
         external_moment: moment of the external loads, (N,).
         x, y: midline, (N,).
         wrap: total turning of the tendon since the base, (*tendons, N).
@@ -41,12 +48,15 @@ class Equilibrium(eqx.Module):
         result: optimistix result; compare with `optimistix.RESULTS.successful`.
         residual_norm: dimensionless, see `problem.residual_norm`; ().
         iterations: marches taken, ().
+        memory: what physics terms remember, for the next equilibrium; None if read off a simulation.
     """
 
     s: Float[Array, " N"]
     curvature: Float[Array, " N"]
     angle: Float[Array, " N"]
     tension: Float[Array, "*tendons N"]
+    T_tip: Float[Array, "*tendons"]
+    slip: Float[Array, "*tendons N"]
     external_moment: Float[Array, " N"]
     x: Float[Array, " N"]
     y: Float[Array, " N"]
@@ -59,11 +69,7 @@ class Equilibrium(eqx.Module):
     result: optx.RESULTS
     residual_norm: Float[Array, ""]
     iterations: Int[Array, ""]
-
-    @property
-    def T_tip(self) -> Float[Array, "*batch_tendons"]:
-        """Tension at the tip anchor [N], (*tendons,)."""
-        return self.tension[..., -1]
+    memory: Memory | None = None
 
     @property
     def tip_pose(self) -> Float[Array, "*batch 3"]:
@@ -77,9 +83,9 @@ class Equilibrium(eqx.Module):
 
     def of_tendon(self, index: int) -> Equilibrium:
         """What this solution is for one of several tendons: the same, without the tendon axis."""
-        own = ("tension", "wrap", "tendon_angle", "metric", "R", "tendon_length")
+        own = ("tension", "T_tip", "slip", "wrap", "tendon_angle", "metric", "R", "tendon_length")
         taken = {name: getattr(self, name)[index] for name in own}
-        return dataclasses.replace(self, **taken, mobilisation=None)
+        return dataclasses.replace(self, **taken, mobilisation=None, memory=None)
 
 
 def rest_state(s: Sections) -> State:
@@ -126,23 +132,31 @@ def tendon_length(s: Sections, y: State) -> Float[Array, "*tendons"]:
     return length(metric) if metric.ndim == 1 else jax.vmap(length)(metric)
 
 
+def slip_of(s: Sections, settled: State, y: State) -> Float[Array, "*tendons N"]:
+    """Slip of the tendons towards the base since the robot settled [m], if they do not stretch."""
+
+    def beyond(shortened):
+        drawn = cumulative(s.mesh.weights, shortened)
+        return drawn[-1] - drawn
+
+    shortened = metric_of(s, settled) - metric_of(s, y)
+    return beyond(shortened) if shortened.ndim == 1 else jax.vmap(beyond)(shortened)
+
+
 class Loaded(eqx.Module):
-    """A load step solved: the state, the tension, and how far the solvers came. `xi` is the unknown of the
-    friction law by slip (`slip.py`), None for one tendon.
+    """A load step solved: the state, the tendons, and how far the solver came; attributes as those of
+    `Equilibrium`.
     """
 
     state: State
     tension: Float[Array, "*tendons N"]
+    T_tip: Float[Array, "*tendons"]
+    slip: Float[Array, "*tendons N"]
     wrap: Float[Array, "*tendons N"]
+    mobilisation: Float[Array, "tendons N"] | None
     result: optx.RESULTS
     residual_norm: Float[Array, ""]
     iterations: Int[Array, ""]
-    xi: Float[Array, "*tendons N"] | None = None
-
-    @property
-    def mobilisation(self) -> Float[Array, "*tendons N"] | None:
-        """Mobilisation of friction, (*tendons, N); None for one tendon."""
-        return None if self.xi is None else slip.mobilisation(self.xi)
 
     @property
     def converged(self) -> Bool[Array, ""]:
@@ -156,38 +170,53 @@ def load_step(
     T_base: Float[Array, "*tendons"],
     kept: slip.Kept,
     start: State,
+    settled: State,
     solver: optx.AbstractRootFinder,
     xi: Float[Array, "*tendons N"] | None = None,
-) -> Loaded:
-    """Solve one load step: by tension against the base for one tendon, by slip for several.
+) -> tuple[Loaded, Float[Array, "*tendons N"] | None]:
+    """Solve one load step of the base model: by tension against the base for one tendon, by slip for several.
 
     Args:
         robot, s: the robot, and it at its nodes.
         T_base: base tension [N], (*tendons,).
         kept: what the tendons remember of the step before.
         start: state to start from.
+        settled: state with slack tendons, from which slip counts.
         solver: see `equilibrium`.
         xi: for several tendons, unknown of the friction law to start from; zero if None.
+
+    Returns:
+        The step, and that unknown; None for one tendon.
     """
     if not robot.tendon_names:
         p = problem_of(robot, s, T_base, kept.tension)
         sol = solve_problem(p, start, solver)
-        norm, count = sol.stats["residual_norm"], sol.stats["num_steps"]
-        return Loaded(sol.value, tension_of(sol.value, p), sol.value.wrap, sol.result, norm, count)
-    p = problem_of(robot, s, T_base, None)
-    first = jnp.zeros_like(kept.tension) if xi is None else xi
-    grip = slip.hold(p, kept, start, first, solver, MAX_STEPS)
-    p = dataclasses.replace(p, mobilisation=slip.mobilisation(grip.xi))
-    sol = solve_problem(p, start, solver)
-    held = optx.RESULTS.where(grip.converged, sol.result, optx.RESULTS.nonlinear_max_steps_reached)
-    norm = jnp.maximum(sol.stats["residual_norm"], grip.error)
-    wrap = jnp.cumsum(slip.turning(sol.value, p), axis=-1)
-    return Loaded(sol.value, tension_of(sol.value, p), wrap, held, norm, grip.steps, grip.xi)
+        norm, count, held, wrap = (
+            sol.stats["residual_norm"],
+            sol.stats["num_steps"],
+            sol.result,
+            sol.value.wrap,
+        )
+        gripped = None
+    else:
+        p = problem_of(robot, s, T_base, None)
+        first = jnp.zeros_like(kept.tension) if xi is None else xi
+        grip = slip.hold(p, kept, start, first, solver, MAX_STEPS)
+        p = dataclasses.replace(p, mobilisation=slip.mobilisation(grip.xi))
+        sol = solve_problem(p, start, solver)
+        held = optx.RESULTS.where(grip.converged, sol.result, optx.RESULTS.nonlinear_max_steps_reached)
+        norm, count = jnp.maximum(sol.stats["residual_norm"], grip.error), grip.steps
+        wrap, gripped = jnp.cumsum(slip.turning(sol.value, p), axis=-1), grip.xi
+    tension = tension_of(sol.value, p)
+    mobilised = None if gripped is None else slip.mobilisation(gripped)
+    slipped = slip_of(s, settled, sol.value)
+    done = Loaded(sol.value, tension, tension[..., -1], slipped, wrap, mobilised, held, norm, count)
+    return done, gripped
 
 
 def at_preload(robot: Robot, s: Sections, solver: optx.AbstractRootFinder) -> tuple[State, slip.Kept]:
-    """The robot before its first load: settled with its tendons slack, then strung to their preloads without
-    friction.
+    """The base model before its first load: settled with its tendons slack, then strung to their preloads
+    without friction.
     """
     slack = jnp.zeros_like(preload_of(robot, s))
     p = problem_of(robot, s, slack[..., 0], slack)
@@ -199,7 +228,101 @@ def at_preload(robot: Robot, s: Sections, solver: optx.AbstractRootFinder) -> tu
     return settled, slip.Kept(preload_of(robot, s), metric_of(s, strung), slack)
 
 
-def describe(s: Sections, loaded: Loaded) -> Equilibrium:
+def terms_act(robot: Robot) -> Bool[Array, ""]:
+    """Whether any physics term is on that is not of the load cells."""
+    return any_on(robot.terms, lambda term: not term.of_cells)
+
+
+def steps_by_slip(
+    robot: Robot,
+    s: Sections,
+    loads: Load,
+    solver: optx.AbstractRootFinder,
+    before: Callable[[State, Memory], Memory] | None = None,
+) -> tuple[Loaded, Memory, Memory]:
+    """Solve load steps with physics terms, one after another.
+
+    The robot first settles with slack tendons: a step like any other, so that one program does both.
+
+    Args:
+        robot, s: the robot, and it at its nodes.
+        loads: K of them.
+        solver: see `equilibrium`; its tolerance is used.
+        before: what is remembered at the first load, from the settled state and what a robot remembers that
+            was never pulled; that unless given.
+
+    Returns:
+        The steps, what is remembered before each, and what after, all with a leading axis K. A step that does
+        not converge leaves the memory as it was.
+    """
+    preload = preload_of(robot, s)
+    slack, one = jnp.zeros_like(preload), jnp.ones_like(robot.loads.tip_moment)
+    p = dataclasses.replace(problem_of(robot, s, slack[..., 0], slack), loaded=not robot.backbone.rigid)
+    start = jax.lax.stop_gradient(solve_problem(p, rest_state(s), solver).value)
+    # What bends the body has bent it from its natural shape; only the search starts from `start`.
+    memory = dataclasses.replace(untouched(s, start, slack), kappa=s.rest)
+    nothing = Load(slack[..., 0], FOREVER * one, 0 * one, 0 * one)
+    case = Case(
+        sections=s,
+        mu=robot.per_tendon(lambda tendon: tendon.friction_coefficient),
+        preload=slack[..., 0],
+        tip_moment=robot.loads.tip_moment,
+        terms=robot.terms,
+        metric=node_first(jnp.ones_like(preload)),
+        load=nothing,
+        memory=memory,
+        against=one,
+    )
+    atol = getattr(solver, "atol", 1e-9)
+
+    def step(carry, at):
+        memory, metric, preloaded = carry
+        load, first = at
+        now = dataclasses.replace(case, metric=metric, preload=preloaded)
+        done = slip_step(now, load, memory, atol)
+        met = done.error <= atol
+        settled = dataclasses.replace(
+            untouched(s, done.state, preload),
+            bent=done.memory.bent,
+            unknowns=done.memory.unknowns.at[: preload[..., 0].size].set(0.0),
+        )
+        strung = settled if before is None else before(done.state, settled)
+        after = _where(first, strung, _where(met, done.memory, memory))
+        metric = _where(first, node_first(metric_of(s, done.state)), metric)
+        preloaded = _where(first, preload[..., 0], preloaded)
+        return (after, metric, preloaded), (_loaded(done, met), memory, after)
+
+    loads = jtu.tree_map(lambda a, b: jnp.concatenate([a[None], b]), nothing, loads)
+    first = jnp.arange(loads.time.shape[0]) == 0
+    steps = jax.lax.scan(step, (memory, case.metric, case.preload), (loads, first))[1]
+    return jtu.tree_map(lambda a: a[1:], steps)
+
+
+def _where(holds: Bool[Array, ""], this, that):
+    return jtu.tree_map(lambda a, b: jnp.where(holds, a, b), this, that)
+
+
+def _loaded(done: Solved, met: Bool[Array, ""]) -> Loaded:
+    """A step with physics terms, the nodes last."""
+
+    def nodes_last(values):
+        return jnp.moveaxis(values, 0, -1)
+
+    wrap = nodes_last(jnp.cumsum(done.state.wrap, axis=0))
+    return Loaded(
+        state=dataclasses.replace(done.state, wrap=wrap),
+        tension=nodes_last(done.memory.tension),
+        T_tip=done.memory.T_tip,
+        slip=nodes_last(done.memory.slip),
+        wrap=wrap,
+        mobilisation=nodes_last(done.memory.mobilised) if done.memory.T_tip.ndim else None,
+        result=optx.RESULTS.where(met, optx.RESULTS.successful, optx.RESULTS.nonlinear_max_steps_reached),
+        residual_norm=done.error,
+        iterations=done.marches,
+    )
+
+
+def describe(s: Sections, loaded: Loaded, memory: Memory | None = None) -> Equilibrium:
     """Everything an equilibrium offers, from the solved state."""
     y = loaded.state
     return Equilibrium(
@@ -207,6 +330,8 @@ def describe(s: Sections, loaded: Loaded) -> Equilibrium:
         curvature=y.kappa,
         angle=y.phi,
         tension=loaded.tension,
+        T_tip=loaded.T_tip,
+        slip=loaded.slip,
         external_moment=y.moment,
         x=cumulative(s.mesh.weights, jnp.cos(y.phi)),
         y=cumulative(s.mesh.weights, jnp.sin(y.phi)),
@@ -219,6 +344,7 @@ def describe(s: Sections, loaded: Loaded) -> Equilibrium:
         result=loaded.result,
         residual_norm=loaded.residual_norm,
         iterations=loaded.iterations,
+        memory=memory,
     )
 
 
@@ -246,17 +372,78 @@ def preload_of(robot: Robot, s: Sections) -> Float[Array, "*tendons N"]:
     return jnp.broadcast_to(robot.per_tendon(lambda tendon: tendon.preload)[..., None], s.R.value.shape)
 
 
+def with_terms(plain, by_slip, robot: Robot, *rest):
+    """plain(robot, *rest) while no physics term acts, else by_slip(robot, *rest); in one program.
+
+    Derivatives by numbers of the terms are those of `by_slip`, which at the null values is the same function.
+    """
+    return _either((plain, by_slip), (robot, *rest))
+
+
+@eqx.filter_custom_jvp
+def _either(choices, inputs):
+    plain, by_slip = choices
+    return jax.lax.cond(terms_act(inputs[0]), by_slip, plain, *inputs)
+
+
+@_either.def_jvp
+def _either_jvp(primals, tangents):
+    (plain, by_slip), inputs = primals
+    inputs_dot = tangents[1]
+    moving, fixed = split_tangents(inputs, inputs_dot)
+    by_terms = jtu.tree_leaves(inputs_dot[0].terms)
+
+    def chosen(moving):
+        robot, *rest = eqx.combine(moving, fixed)
+        if by_terms:
+            return by_slip(robot, *rest)
+        return jax.lax.cond(terms_act(robot), by_slip, plain, robot, *rest)
+
+    return eqx.filter_jvp(chosen, (moving,), (inputs_dot,))
+
+
 @eqx.filter_jit
 def _solve(
     robot: Robot,
     T_base: Float[Array, "*tendons"],
-    kept: slip.Kept | None,
+    before: Equilibrium | Float[Array, " N"] | None,
     solver: optx.AbstractRootFinder,
 ) -> Equilibrium:
-    s = sections(robot)
-    if kept is None:
-        kept = at_preload(robot, s, solver)[1]
-    return describe(s, load_step(robot, s, T_base, kept, rest_state(s), solver))
+    def plain(robot, T_base, before):
+        s = sections(robot)
+        settled, kept = at_preload(robot, s, solver)
+        if isinstance(before, Equilibrium):
+            kept = slip.Kept(before.tension, before.metric, before.mobilisation)
+        elif before is not None:
+            kept = slip.Kept(before, kept.metric, None)
+        done, _ = load_step(robot, s, T_base, kept, rest_state(s), settled, solver)
+        memory = dataclasses.replace(
+            untouched(s, done.state, done.tension),
+            slip=node_first(done.slip),
+            middle=node_first(0.5 * (done.slip + shifted(done.slip, 1, done.slip[..., :1]))),
+            T_base=T_base,
+        )
+        return describe(s, done, memory)
+
+    def by_slip(robot, T_base, before):
+        s = sections(robot)
+
+        def remembered(settled, never_pulled):
+            if isinstance(before, Equilibrium) and before.memory is not None:
+                return before.memory
+            if before is None:
+                return never_pulled
+            tension = before.tension if isinstance(before, Equilibrium) else before
+            kept = untouched(s, settled, tension)
+            return dataclasses.replace(kept, bent=never_pulled.bent, unknowns=never_pulled.unknowns)
+
+        forever = jnp.full((1,), FOREVER)
+        load = Load(T_base[None], forever, 0 * forever, 0 * forever)
+        steps = steps_by_slip(robot, s, load, solver, remembered)
+        done, _, memory = jtu.tree_map(lambda a: a[0], steps)
+        return describe(s, done, memory)
+
+    return with_terms(plain, by_slip, robot, T_base, before)
 
 
 def equilibrium(
@@ -267,6 +454,8 @@ def equilibrium(
     solver: optx.AbstractRootFinder = March(),  # noqa: B008
 ) -> Equilibrium:
     """Equilibrium of the robot under a base tension.
+
+    Physics terms act as they do once everything has come to rest: nothing moves, what creeps has crept.
 
     Without `memory` the tendon is pulled once from its preload (slack unless the robot says otherwise);
     several tendons are pulled together, in one step.
@@ -294,12 +483,8 @@ def equilibrium(
         raise ValueError(
             f"T_base: one base tension, not shape {load.shape}; jax.vmap over several, or simulate"
         )
-    if memory is None:
-        return _solve(robot, load, None, solver)
-    if isinstance(memory, Equilibrium):
-        return _solve(robot, load, slip.Kept(memory.tension, memory.metric, memory.mobilisation), solver)
-    if names:
+    if names and memory is not None and not isinstance(memory, Equilibrium):
         raise ValueError(
             "memory: several tendons remember more than their tension; give the equilibrium before"
         )
-    return _solve(robot, load, slip.Kept(memory, jnp.zeros_like(memory), None), solver)
+    return _solve(robot, load, memory, solver)

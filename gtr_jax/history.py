@@ -12,11 +12,26 @@ import jax.tree_util as jtu
 import optimistix as optx
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from .equilibrium import Equilibrium, Loaded, at_preload, describe, load_step, metric_of, tendon_length
+from .channel import wrap_increment
+from .equilibrium import (
+    Equilibrium,
+    Loaded,
+    at_preload,
+    describe,
+    load_step,
+    metric_of,
+    steps_by_slip,
+    with_terms,
+)
 from .march import March
-from .mesh import cumulative
+from .mesh import shifted
+from .problem import State, at_tendons, offset_before
 from .robot import Robot, sections
 from .slip import Kept
+from .slip_march import Load, Memory
+from .terms import REGISTRY, is_on
+
+SHORTEST = 1e-9  # s, between samples that share their time
 
 
 class Simulation(eqx.Module):
@@ -25,6 +40,7 @@ class Simulation(eqx.Module):
 
     Attributes:
         T_base: as given, (K, *tendons).
+        time: since the first step [s], (K,); without given times one second per step.
         T_tip: tension at the anchor, (K, *tendons).
         tip_pose: x, y, angle of the midline's tip, (K, 3).
         displacement: tendon drawn out at the base since the robot settled with slack tendons, (K, *tendons).
@@ -34,13 +50,16 @@ class Simulation(eqx.Module):
             slips. Several tendons may make a tendon slip farther out again; this is the first front.
         s: nodes, (N,).
         tension: along the tendons, (K, *tendons, N).
+        slip: of the tendons towards the base, since the robot settled with slack tendons, (K, *tendons, N).
         curvature, angle: along the robot, (K, N).
+        external_moment: of the external loads, along the robot, (K, N).
         mobilisation: of friction, (K, tendons, N), as `Equilibrium.mobilisation`; None for one tendon.
         result: optimistix result per step.
         residual_norm, iterations: per step, (K,).
     """
 
     T_base: Float[Array, "K *tendons"]
+    time: Float[Array, " K"]
     T_tip: Float[Array, "K *tendons"]
     tip_pose: Float[Array, "K 3"]
     displacement: Float[Array, "K *tendons"]
@@ -48,8 +67,10 @@ class Simulation(eqx.Module):
     slip_front: Float[Array, "K *tendons"]
     s: Float[Array, " N"]
     tension: Float[Array, "K *tendons N"]
+    slip: Float[Array, "K *tendons N"]
     curvature: Float[Array, "K N"]
     angle: Float[Array, "K N"]
+    external_moment: Float[Array, "K N"]
     mobilisation: Float[Array, "K tendons N"] | None
     result: optx.RESULTS
     residual_norm: Float[Array, " K"]
@@ -60,25 +81,46 @@ class Simulation(eqx.Module):
         """True for each step that met the tolerance."""
         return self.result == optx.RESULTS.successful
 
+    @property
+    def slip_speed(self) -> Float[Array, "K *tendons N"]:
+        """Speed of the slip towards the base in each step [m/s], (K, *tendons, N); at the first nothing."""
+        dt = jnp.diff(self.time, prepend=self.time[:1])
+        rate = 1.0 / jnp.where(dt > 0, dt, jnp.inf)
+        change = jnp.diff(self.slip, axis=0, prepend=self.slip[:1])
+        return change * rate.reshape(-1, *[1] * (change.ndim - 1))
+
     def of_tendon(self, index: int) -> Simulation:
         """What this run is for one of several tendons: the same, without the tendon axis."""
-        own = ("T_base", "T_tip", "displacement", "slip_direction", "slip_front", "tension")
+        own = ("T_base", "T_tip", "displacement", "slip_direction", "slip_front", "tension", "slip")
         taken = {name: getattr(self, name)[:, index] for name in own}
         return dataclasses.replace(self, **taken, mobilisation=None)
 
 
 SLIP_TOLERANCE = 1e-8
+MOBILISED = 0.95  # share of its friction at which a tendon with presliding counts as slipping
 
 
-def _slipping(done: Loaded, memory: Float[Array, "*tendons N"], scale: Float[Array, ""]):
+def _moves(
+    done: Loaded,
+    before: Float[Array, "*tendons N"],
+    scale: Float[Array, ""],
+    xi: Float[Array, "*tendons N"] | None,
+):
     """Direction of slip along the tendons, (*tendons, N): told by the change of tension of one tendon, by the
     slip itself of several.
     """
-    if done.xi is None:
-        change = done.tension - memory
+    if xi is None:
+        change = done.tension - before
         return jnp.where(jnp.abs(change) > SLIP_TOLERANCE * scale, jnp.sign(change), 0.0)
-    slipped = jnp.concatenate([done.xi[..., 1:2], done.xi[..., 1:]], axis=-1)
+    slipped = jnp.concatenate([xi[..., 1:2], xi[..., 1:]], axis=-1)
     return jnp.where(jnp.abs(slipped) > 1.0 + SLIP_TOLERANCE, jnp.sign(slipped), 0.0)
+
+
+def _moves_by_slip(memory: Memory, before: Memory, length: Float[Array, ""]):
+    """Direction of slip along the tendons, (*tendons, N), of a step with physics terms."""
+    slipped = memory.slip - before.slip
+    way = jnp.where(jnp.abs(slipped) > SLIP_TOLERANCE * length, jnp.sign(slipped), 0.0)
+    return jnp.moveaxis(jnp.where(memory.mobilised * way > MOBILISED, way, 0.0), 0, -1)
 
 
 def _front(s, sign):
@@ -96,39 +138,63 @@ def padded_length(steps: int) -> int:
     return -(-steps // unit) * unit
 
 
-@eqx.filter_jit
-def _run(robot: Robot, T_base: Float[Array, "K *tendons"], solver: optx.AbstractRootFinder) -> Simulation:
+def _where(met: Bool[Array, ""], now, before):
+    return jtu.tree_map(lambda new, old: jnp.where(met, new, old), now, before)
+
+
+def _plain(robot: Robot, loads: Load, solver: optx.AbstractRootFinder):
+    """The steps of the base model, and the direction of slip along the tendons in each."""
     s = sections(robot)
     settled, kept = at_preload(robot, s, solver)
-    scale = jnp.maximum(jnp.max(T_base), jnp.maximum(jnp.max(kept.tension), 1e-6))
+    scale = jnp.maximum(jnp.max(loads.T_base), jnp.maximum(jnp.max(kept.tension), 1e-6))
     xi = jnp.zeros_like(kept.tension) if robot.tendon_names else None
 
-    def step(carry, T_now):
+    def step(carry, T_base):
         kept, start, xi = carry
-        done = load_step(robot, s, T_now, kept, start, solver, xi)
+        done, gripped = load_step(robot, s, T_base, kept, start, settled, solver, xi)
         memory = Kept(done.tension, metric_of(s, done.state), done.mobilisation)
-        now = (memory, *jax.lax.stop_gradient((done.state, done.xi)))
-        carry = jtu.tree_map(lambda new, old: jnp.where(done.converged, new, old), now, carry)
-        return carry, (done, kept.tension)
+        now = (memory, *jax.lax.stop_gradient((done.state, gripped)))
+        return _where(done.converged, now, carry), (done, kept.tension, gripped)
 
     start = (kept, *jax.lax.stop_gradient((settled, xi)))
-    _, (done, memory) = jax.lax.scan(step, start, T_base)
+    done, before, gripped = jax.lax.scan(step, start, loads.T_base)[1]
+    return done, jax.vmap(lambda *at: _moves(*at[:2], scale, *at[2:]))(done, before, gripped)
+
+
+def _by_slip(robot: Robot, loads: Load, solver: optx.AbstractRootFinder):
+    """The same with physics terms."""
+    s = sections(robot)
+    done, before, after = steps_by_slip(robot, s, loads, solver)
+    return done, jax.vmap(lambda now, before: _moves_by_slip(now, before, s.mesh.s[-1]))(after, before)
+
+
+@eqx.filter_jit
+def _run(robot: Robot, loads: Load, solver: optx.AbstractRootFinder) -> Simulation:
+    done, moves = with_terms(
+        lambda robot, loads: _plain(robot, loads, solver),
+        lambda robot, loads: _by_slip(robot, loads, solver),
+        robot,
+        loads,
+    )
     # What is read off the states is computed for all steps at once, outside the loop.
+    s = sections(robot)
     eq = jax.vmap(lambda done: describe(s, done))(done)
-    sign = jax.vmap(lambda done, before: _slipping(done, before, scale))(done, memory)
     fronts = jax.vmap(lambda sign: _front(s.mesh.s, sign))
-    direction, front = (fronts if sign.ndim == 2 else jax.vmap(fronts))(sign)
+    direction, front = (fronts if moves.ndim == 2 else jax.vmap(fronts))(moves)
     return Simulation(
-        T_base=T_base,
+        T_base=loads.T_base,
+        time=loads.time,
         T_tip=eq.T_tip,
         tip_pose=eq.tip_pose,
-        displacement=tendon_length(s, settled)[None] - eq.tendon_length,
+        displacement=eq.slip[..., 0],
         slip_direction=direction,
         slip_front=front,
         s=s.mesh.s,
         tension=eq.tension,
+        slip=eq.slip,
         curvature=eq.curvature,
         angle=eq.angle,
+        external_moment=eq.external_moment,
         mobilisation=eq.mobilisation,
         result=eq.result,
         residual_norm=eq.residual_norm,
@@ -136,10 +202,32 @@ def _run(robot: Robot, T_base: Float[Array, "K *tendons"], solver: optx.Abstract
     )
 
 
+def loads_of(
+    T_base: Float[Array, "K *tendons"], time: Float[Array, " K"], cycle: Float[Array, " K"] | None
+) -> Load:
+    """A load history, its steps of time and its cycles."""
+    first = jnp.where(time.shape[0] > 1, time[1:2] - time[:1], 1.0) if time.shape[0] > 1 else jnp.ones(1)
+    dt = jnp.concatenate([first, jnp.diff(time)])
+    dt = jnp.where(dt > 0, dt, SHORTEST)
+    return Load(T_base, dt, time - time[0], cycles(T_base) if cycle is None else cycle)
+
+
+def cycles(T_base: Float[Array, "K *tendons"]) -> Float[Array, " K"]:
+    """Pulls and releases done at each step of a history, half a cycle each, (K,): the way that the base
+    tension has gone, in units of twice its range. Of several tendons, that of the one that has gone farthest.
+    """
+    gone = jnp.cumsum(jnp.abs(jnp.diff(T_base, axis=0, prepend=T_base[:1])), axis=0)
+    span = jnp.max(T_base, axis=0) - jnp.min(T_base, axis=0)
+    done = gone / jnp.where(span > 0, 2 * span, 1.0)
+    return done if done.ndim == 1 else jnp.max(done, axis=1)
+
+
 def simulate(
     robot: Robot,
     T_base: ArrayLike | Sequence[float] | Sequence[Sequence[float]],
     *,
+    time: ArrayLike | Sequence[float] | None = None,
+    cycle: ArrayLike | Sequence[float] | None = None,
     solver: optx.AbstractRootFinder = March(),  # noqa: B008
 ) -> Simulation:
     """Run a robot through a load history; any sequence of pulls, releases, re-pulls and holds.
@@ -151,6 +239,8 @@ def simulate(
         robot: from `load_robot`, or built in Python.
         T_base: base tension at each step [N], (K,), K >= 1; with several tendons (K, tendons). Negative
             values count as slack.
+        time: of each step [s], (K,), increasing; needed where a physics term depends on it.
+        cycle: pulls and releases done at each step, (K,), for wear; counted from T_base unless given.
         solver: as for `equilibrium`.
 
     Returns:
@@ -158,7 +248,8 @@ def simulate(
         memory as it was.
 
     Raises:
-        ValueError: T_base is not a history of at least one step.
+        ValueError: T_base is not a history of at least one step, time or cycle not of its length, or there is
+            no time for a term that needs it.
     """
     history, names = jnp.asarray(T_base, dtype=float), robot.tendon_names
     if names and history.shape[1:] != (len(names),):
@@ -169,13 +260,36 @@ def simulate(
     if history.size == 0 or (not names and history.ndim != 1):
         raise ValueError(f"T_base: a history is one row of at least one tension, not shape {history.shape}")
     steps = history.shape[0]
-    fill = jnp.broadcast_to(history[-1], (padded_length(steps) - steps, *history.shape[1:]))
-    run = _run(robot, jnp.concatenate([history, fill]), solver)
+    if time is None:
+        _refuse_timed(robot)
+    clock = jnp.arange(steps, dtype=float) if time is None else jnp.asarray(time, dtype=float)
+    given = {"time": clock} | ({} if cycle is None else {"cycle": jnp.asarray(cycle, dtype=float)})
+    for name, values in given.items():
+        if values.shape != (steps,):
+            raise ValueError(f"{name}: one value for each of the {steps} steps, not shape {values.shape}")
+    loads = loads_of(history, clock, given.get("cycle"))
+    missing = padded_length(steps) - steps
+
+    def padded(values):
+        return jnp.concatenate([values, jnp.broadcast_to(values[-1], (missing, *values.shape[1:]))])
+
+    run = _run(robot, jtu.tree_map(padded, loads), solver)
     return Simulation(
         **{k: v if k == "s" else jtu.tree_map(lambda a: a[:steps], v) for k, v in vars(run).items()}
     )
 
 
+def _refuse_timed(robot: Robot) -> None:
+    """ValueError if a term acts that needs times; nothing is said of values that are being traced."""
+    for term in REGISTRY.values():
+        values = robot.terms[term.id]
+        if not term.timed or any(isinstance(values[q.name], jax.core.Tracer) for q in term.sizes):
+            continue
+        if bool(is_on(term, values)):
+            raise ValueError(f"time: {term.id} depends on it; give the time of each step")
+
+
+@eqx.filter_jit
 def equilibrium_at(robot: Robot, run: Simulation, step: int) -> Equilibrium:
     """The equilibrium of one step of a simulation, with all that `Equilibrium` offers.
 
@@ -184,20 +298,26 @@ def equilibrium_at(robot: Robot, run: Simulation, step: int) -> Equilibrium:
         run: its simulation.
         step: counted from 0; negative ones from the end.
     """
-    step = range(len(run.T_base))[step]
-    before = None
-    if step:
-        mobilisation = None if run.mobilisation is None else run.mobilisation[step - 1]
-        before = run.tension[step - 1], run.curvature[step - 1], mobilisation
-    return _equilibrium_after(robot, run.T_base[step], before)
-
-
-@eqx.filter_jit
-def _equilibrium_after(robot: Robot, T_base: Float[Array, "*tendons"], before) -> Equilibrium:
-    s, solver = sections(robot), March()
-    start, kept = at_preload(robot, s, solver)
-    if before is not None:
-        tension, kappa, mobilisation = before
-        start = dataclasses.replace(start, kappa=kappa, phi=cumulative(s.mesh.weights, kappa))
-        kept = Kept(tension, metric_of(s, start), mobilisation)
-    return describe(s, load_step(robot, s, T_base, kept, start, solver))
+    s = sections(robot)
+    at = {
+        name: getattr(run, name)[step]
+        for name in ("curvature", "angle", "external_moment", "tension", "T_tip", "slip", "mobilisation")
+        if getattr(run, name) is not None
+    }
+    shape = at_tendons((at["angle"] - shifted(at["angle"]), at["curvature"], shifted(at["curvature"])), s.R)
+    turned = wrap_increment(*shape, s.R, offset_before(s.R), at_tendons(s.mesh.interval, s.R))
+    wrap = jnp.cumsum(turned, axis=-1)
+    return describe(
+        s,
+        Loaded(
+            state=State(at["curvature"], at["angle"], wrap, at["external_moment"]),
+            tension=at["tension"],
+            T_tip=at["T_tip"],
+            slip=at["slip"],
+            wrap=wrap,
+            mobilisation=at.get("mobilisation"),
+            result=jtu.tree_map(lambda a: a[step], run.result),
+            residual_norm=run.residual_norm[step],
+            iterations=run.iterations[step],
+        ),
+    )

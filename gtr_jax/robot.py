@@ -14,6 +14,7 @@ from .backbone import Backbone
 from .mesh import Mesh, build_mesh, panel_index
 from .problem import Sections
 from .routing import Offset, Routing
+from .terms import REGISTRY
 
 STANDARD_GRAVITY = 9.80665
 
@@ -40,6 +41,7 @@ class Loads(eqx.Module):
     Attributes:
         gravity: acceleration [m/s^2]; 0 without gravity.
         gravity_angle: its direction in the bending plane from the base tangent [rad].
+        more_gravity: acceleration added to it [m/s^2], shape (2,), along and across the base tangent.
         tip_force: [N], shape (2,), along and across the base tangent.
         tip_moment: [N m], positive to the left.
         payload: mass at the tip [kg].
@@ -47,6 +49,7 @@ class Loads(eqx.Module):
 
     gravity: Float[Array, ""]
     gravity_angle: Float[Array, ""]
+    more_gravity: Float[Array, "2"]
     tip_force: Float[Array, "2"]
     tip_moment: Float[Array, ""]
     payload: Float[Array, ""]
@@ -162,20 +165,30 @@ def lay_out(robot: Robot) -> Layout:
     return Layout(mesh, tuple(passed), jnp.stack(bored) if bored else jnp.zeros((0, *mesh.s.shape), bool))
 
 
-def distal_weight(robot: Robot, at: Layout) -> Float[Array, " N"]:
-    """Weight of the body distal to each node [N]; exact for linear tapers (Simpson on each interval)."""
+def distal_mass(robot: Robot, at: Layout) -> Float[Array, " N"]:
+    """Mass of the body distal to each node [kg]; exact for linear tapers (Simpson on each interval)."""
     body, mesh = robot.backbone, at.mesh
     start = mesh.s - mesh.interval.length
     ends = body.area(start, at.bored) + body.area(mesh.s, at.bored)
     volume = jnp.cumsum(mesh.interval.length / 6 * (ends + 4 * body.area(0.5 * (start + mesh.s), at.bored)))
-    return robot.loads.gravity * body.density * (volume[-1] - volume)
+    return body.density * (volume[-1] - volume)
+
+
+def loads_of(robot: Robot) -> Loads:
+    """The external loads, those of physics terms included."""
+    loads = robot.loads
+    for term in REGISTRY.values():
+        loads = loads if term.loads is None else term.loads(robot.terms[term.id], loads)
+    return loads
 
 
 def sections(robot: Robot) -> Sections:
     """The robot evaluated at its nodes: all that the equilibrium needs."""
     at = lay_out(robot)
-    mesh, body, loads = at.mesh, robot.backbone, robot.loads
-    weight = distal_weight(robot, at) + loads.gravity * loads.payload
+    mesh, body, loads = at.mesh, robot.backbone, loads_of(robot)
+    mass = distal_mass(robot, at) + loads.payload
+    gravity = loads.gravity * jnp.stack([jnp.cos(loads.gravity_angle), jnp.sin(loads.gravity_angle)])
+    gravity = gravity + loads.more_gravity
     channels = [
         tendon.routing.offset(mesh.s, passed, body.length)
         for tendon, passed in zip(robot.tendons, at.passed, strict=True)
@@ -185,6 +198,6 @@ def sections(robot: Robot) -> Sections:
         R=channels[0] if len(channels) == 1 else Offset(*map(jnp.stack, zip(*channels, strict=True))),
         compliance=body.compliance(mesh.s, at.bored),
         rest=body.curvature_at_rest(mesh.s),
-        force_x=loads.tip_force[0] + weight * jnp.cos(loads.gravity_angle),
-        force_y=loads.tip_force[1] + weight * jnp.sin(loads.gravity_angle),
+        force_x=loads.tip_force[0] + mass * gravity[0],
+        force_y=loads.tip_force[1] + mass * gravity[1],
     )

@@ -10,6 +10,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .history import Simulation
 from .robot import Robot
 from .terms import REGISTRY
+from .terms.term import Clock
 
 
 class Reading(NamedTuple):
@@ -21,17 +22,29 @@ class Reading(NamedTuple):
 
 def reading(robot: Robot, run: Simulation) -> Reading:
     """What the robot's load cells show of a simulation; the true tensions where no term says otherwise."""
-    T_base, T_tip = run.T_base, run.T_tip
+    T_base, T_tip, at = run.T_base, run.T_tip, Clock(run.time, run.T_base)
     for term in REGISTRY.values():
         values = robot.terms[term.id]
-        T_base = T_base if term.base is None else term.base(values, T_base)
-        T_tip = T_tip if term.tip is None else term.tip(values, T_tip)
+        T_base = T_base if term.base is None else term.base(values, T_base, at)
+        T_tip = T_tip if term.tip is None else term.tip(values, T_tip, at)
     return Reading(T_base, T_tip)
 
 
-def true_base(robot: Robot, shown: Float[ArrayLike, "K *tendons"]) -> Float[Array, "K *tendons"]:
-    """The base tension [N] behind what its cell shows, (K, *tendons): the inverse of `reading`."""
+def true_base(
+    robot: Robot, shown: Float[ArrayLike, "K *tendons"], time: Float[ArrayLike, " K"] | None = None
+) -> Float[Array, "K *tendons"]:
+    """The base tension [N] behind what its cell shows, (K, *tendons): the inverse of `reading`.
+
+    What the cell cuts off or rounds is lost: saturation and quantisation are taken as shown.
+
+    Args:
+        robot: the robot.
+        shown: what the cell shows [N], (K, *tendons).
+        time: of the samples [s], (K,); one second each unless given.
+    """
     shown = jnp.asarray(shown, dtype=float)
+    clock = jnp.arange(shown.shape[0], dtype=float) if time is None else jnp.asarray(time, dtype=float)
     for term in reversed(REGISTRY.values()):
-        shown = shown if term.true_base is None else term.true_base(robot.terms[term.id], shown)
+        if term.true_base is not None:
+            shown = term.true_base(robot.terms[term.id], shown, Clock(clock - clock[0], shown))
     return shown

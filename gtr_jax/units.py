@@ -43,6 +43,15 @@ DIMENSIONS = {
     "kg/m^3": Dimension("a density", "kg/m^3", "1070 kg/m^3"),
     "kg": Dimension("a mass", "g", "20 g"),
     "rad/m": Dimension("a curvature", "rad/m", "11.7 rad/m"),
+    "m/s": Dimension("a speed", "mm/s", "2 mm/s"),
+    "s/m": Dimension("a coefficient per speed", "s/m", "20 s/m"),
+    "m/s^2": Dimension("an acceleration", "m/s^2", "9.8 m/s^2"),
+    "N/m": Dimension("a force per length", "N/m", "2 N/m"),
+    "m/N": Dimension("a displacement per force", "mm/N", "0.01 mm/N"),
+    "1/N": Dimension("a strain per force", "1/N", "5e-5 1/N"),
+    "N/s": Dimension("a force per time", "N/s", "0.002 N/s"),
+    "1/s": Dimension("a rate", "1/s", "2e-4 1/s"),
+    "m^2": Dimension("an area", "m^2", "0.01 m^2"),
     "dimensionless": Dimension("a pure number", "dimensionless", "0.36"),
 }
 

@@ -6,7 +6,7 @@ import pytest
 
 import gtr_jax as gtr
 from gtr_jax.mesh import build_mesh, cumulative, panel_table
-from gtr_jax.robot import distal_weight, lay_out
+from gtr_jax.robot import distal_mass, lay_out
 from tests.conftest import ROUTINGS, SINE, TABLE
 
 
@@ -78,7 +78,7 @@ def test_weight_of_a_bored_cone(make_robot):
     )
     cone = np.pi * 0.25 / 3 * (0.02**2 + 0.02 * 0.013 + 0.013**2)
     expected = (cone - np.pi * 0.006**2 * 0.07) * 1070 * 9.80665
-    assert float(distal_weight(robot, lay_out(robot))[0]) == pytest.approx(expected, rel=1e-12)
+    assert float(distal_mass(robot, lay_out(robot))[0]) == pytest.approx(expected, rel=1e-12)
 
 
 def test_coincident_and_touching_kinks_make_no_spurious_turn(make_robot):

@@ -70,12 +70,12 @@ def test_virtual_work(routing, make_robot):
     assert bool(eq.converged)
     from gtr_jax.channel import metric_factor
     from gtr_jax.mesh import cumulative
-    from gtr_jax.robot import distal_weight, lay_out, sections
+    from gtr_jax.robot import distal_mass, lay_out, sections
 
     s = sections(robot)
     at = lay_out(robot)
     w = s.mesh.weights
-    weight = distal_weight(robot, at)
+    weight = distal_mass(robot, at)
     g = robot.loads.gravity_angle
 
     def work(kappa):

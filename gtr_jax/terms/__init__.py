@@ -1,17 +1,91 @@
 """Physics beyond the paper, a term in each file. A new term is its file and one line here."""
 
-from . import base_gain, base_offset, tip_gain, tip_offset
-from .term import Quantity, Term
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from . import (
+    adhesion,
+    base_gain,
+    base_offset,
+    body_hysteresis,
+    cell_hysteresis,
+    clearance,
+    contact,
+    crosstalk,
+    friction_asymmetry,
+    friction_drift,
+    gravity_error,
+    local_friction,
+    low_pass,
+    presliding,
+    pressure_dependent_friction,
+    quantisation,
+    saturation,
+    stiffening,
+    stribeck_friction,
+    tendon_stretch,
+    time_skew,
+    tip_gain,
+    tip_load,
+    tip_offset,
+    viscoelastic_body,
+    viscous_friction,
+    wear,
+    zero_drift,
+)
+from .term import Quantity, Term, Values
 
 # Terms of the load cells act in this order, from the true tension to what is shown.
 REGISTRY: dict[str, Term] = {
-    module.TERM.id: module.TERM for module in (base_gain, base_offset, tip_gain, tip_offset)
+    module.TERM.id: module.TERM
+    for module in (
+        presliding,
+        viscous_friction,
+        stribeck_friction,
+        pressure_dependent_friction,
+        adhesion,
+        friction_asymmetry,
+        wear,
+        friction_drift,
+        local_friction,
+        clearance,
+        stiffening,
+        viscoelastic_body,
+        body_hysteresis,
+        tendon_stretch,
+        tip_load,
+        gravity_error,
+        contact,
+        cell_hysteresis,
+        tip_gain,
+        base_gain,
+        crosstalk,
+        tip_offset,
+        base_offset,
+        zero_drift,
+        low_pass,
+        time_skew,
+        saturation,
+        quantisation,
+    )
 }
 
 
 def null_values() -> dict[str, dict[str, float]]:
     """The numbers of all terms at which none does anything, by term and name, SI."""
-    return {term.id: {q.name: q.null for q in term.quantities} for term in REGISTRY.values()}
+    return {term.id: {q.name: float(q.null) for q in term.quantities} for term in REGISTRY.values()}
 
 
-__all__ = ["REGISTRY", "Quantity", "Term", "null_values"]
+def is_on(term: Term, values: Values) -> Bool[Array, ""]:
+    """Whether any of the numbers that say how strong a term is differs from its null."""
+    return jnp.any(jnp.stack([values[q.name] != q.null for q in term.sizes]))
+
+
+def any_on(terms: dict[str, dict[str, Float[Array, ""]]], which) -> Bool[Array, ""]:
+    """Whether any term is on of those that `which` picks."""
+    return jnp.any(jnp.stack([is_on(term, terms[term.id]) for term in REGISTRY.values() if which(term)]))
+
+
+__all__ = ["REGISTRY", "Quantity", "Term", "any_on", "is_on", "null_values"]

@@ -8,7 +8,7 @@ TERM = Term(
     law="T_base shown = T_base + force",
     seen="ln(T_tip/T_base) is off by 1/T, most at low tension; a slack tendon does not read zero.",
     told_apart="Read the cell with the tendon slack.",
-    quantities=(Quantity("force", "N", 0.0, 0.3, "Shown less true tension."),),
-    base=lambda p, T: T + p["force"],
-    true_base=lambda p, shown: shown - p["force"],
+    quantities=(Quantity("force", "N", 0.0, 0.3, "Shown less true tension.", (-2.0, 2.0)),),
+    base=lambda p, T, at: T + p["force"],
+    true_base=lambda p, shown, at: shown - p["force"],
 )

@@ -1,14 +1,18 @@
-"""What a physics term is: an effect that the base model leaves out, dormant at its null value."""
+"""What a physics term is: an effect that the base model leaves out, dormant at its null value.
+
+A term says at which places it changes the equations: its hooks, below. Every hook takes the term's numbers
+first, works on arrays of any shape, and at the null values leaves everything as it is.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 from jaxtyping import Array, Float
 
 Values = Mapping[str, Float[Array, ""]]
-Cell = Callable[[Values, Float[Array, " K"]], Float[Array, " K"]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -18,11 +22,14 @@ class Quantity:
     Attributes:
         name: its key in the robot file.
         unit: SI unit, "dimensionless" if it has none.
-        null: value at which the term does nothing.
+        null: value at which the term does nothing; of a number that is no size (see `size`), its default.
         typical: a value that people meet.
         says: what it is, for people.
+        usual: range in which nine of ten values lie that people meet; the prior of a diagnosis.
         lower, upper: bounds in SI; None where open.
         log: whether it is estimated on a logarithmic scale.
+        size: whether it says how strong the effect is; the others say how it looks, and have no effect while
+            all sizes are null.
     """
 
     name: str
@@ -30,9 +37,61 @@ class Quantity:
     null: float
     typical: float
     says: str
+    usual: tuple[float, float]
     lower: float | None = None
     upper: float | None = None
     log: bool = False
+    size: bool = True
+
+
+class Channel(NamedTuple):
+    """What friction at an interval of the channel may depend on, before the load step is known.
+
+    Attributes:
+        start, end: arc length [m].
+        speed: of the slip in the load step before [m/s], non-negative.
+        sense: +1 for slip towards the base, -1 towards the tip.
+        time: [s] since the first sample.
+        cycle: pulls and releases done since then; a pull or a release counts half.
+    """
+
+    start: Float[Array, "..."]
+    end: Float[Array, "..."]
+    speed: Float[Array, "..."]
+    sense: float
+    time: Float[Array, ""]
+    cycle: Float[Array, ""]
+
+
+class Bent(NamedTuple):
+    """What a bending law may depend on at a section, besides its curvature.
+
+    Attributes:
+        rest: natural curvature [1/m].
+        before: curvature after the load step before [1/m].
+        kept: what the law remembers, (remembers, ...).
+        dt: time since the step before [s].
+    """
+
+    rest: Float[Array, "..."]
+    before: Float[Array, "..."]
+    kept: Float[Array, "remembers ..."]
+    dt: Float[Array, ""]
+
+
+class Clock(NamedTuple):
+    """What a load cell may depend on besides the tension it measures.
+
+    Attributes:
+        time: of the samples [s], (K,).
+        T_base: true base tension [N], (K, *tendons).
+    """
+
+    time: Float[Array, " K"]
+    T_base: Float[Array, "K *tendons"]
+
+
+Cell = Callable[[Values, Float[Array, "K *tendons"], Clock], Float[Array, "K *tendons"]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,7 +105,28 @@ class Term:
         seen: what it looks like in a recording.
         told_apart: which experiment tells it from its rivals.
         quantities: its numbers.
-        tip, base: what the cell at the tip, or the base, shows for true tensions; None if not touched.
+        source: where the law comes from.
+        timed: whether it needs the time of the samples.
+        creeps: whether the body or friction goes on changing where the tendon is locked, so that friction
+            must be held against the neighbouring section instead of against the base.
+        friction: factor on the friction coefficient of an interval, from a `Channel`.
+        by_pressure: factor on it from the line pressure [N/m].
+        by_speed: addition to it from the signed speed of the slip towards the base [m/s].
+        drag: force per length that opposes slip, whatever the tension [N/m].
+        wrap: share of the turning that counts, from the tension [N].
+        mobilise: how far friction is mobilised after a slip [m], and its memory, from the slip and the
+            memory (elements, ...).
+        elements: how many numbers `mobilise` remembers.
+        base_grip, tip_grip: mu times angle lumped ahead of the channel and at the anchor.
+        bend: addition to the elastic bending moment over EI [1/m], and what it remembers, from the curvature
+            and a `Bent`.
+        remembers: how many numbers `bend` remembers.
+        strain: of the tendon, from its tension [N].
+        anchor: how far the anchor gives way [m], from the tension there [N].
+        loads: the external loads, from those of the robot.
+        stop: force of a stop on the tip [N] against `stop_angle`, from the tip's place along it [m].
+        stop_angle: direction [rad] from the base tangent in which the stop is run into.
+        tip, base: what the cell at the tip, or the base, shows for true tensions.
         true_base: the true base tensions for what its cell shows; the inverse of `base`.
     """
 
@@ -56,6 +136,40 @@ class Term:
     seen: str
     told_apart: str
     quantities: tuple[Quantity, ...]
+    source: str = ""
+    timed: bool = False
+    creeps: bool = False
+    friction: Callable[[Values, Channel], Array] | None = None
+    by_pressure: Callable[[Values, Array], Array] | None = None
+    by_speed: Callable[[Values, Array], Array] | None = None
+    drag: Callable[[Values], Array] | None = None
+    wrap: Callable[[Values, Array], Array] | None = None
+    mobilise: Callable[[Values, Array, Array], tuple[Array, Array]] | None = None
+    elements: int = 0
+    base_grip: Callable[[Values], Array] | None = None
+    tip_grip: Callable[[Values], Array] | None = None
+    bend: Callable[[Values, Array, Bent], tuple[Array, Array]] | None = None
+    remembers: int = 0
+    strain: Callable[[Values, Array], Array] | None = None
+    anchor: Callable[[Values, Array], Array] | None = None
+    loads: Callable[[Values, Any], Any] | None = None
+    stop: Callable[[Values, Array], Array] | None = None
+    stop_angle: Callable[[Values], Array] | None = None
     tip: Cell | None = None
     base: Cell | None = None
     true_base: Cell | None = None
+
+    @property
+    def of_cells(self) -> bool:
+        """Whether it concerns the load cells only, not what they measure."""
+        return bool(self.tip or self.base)
+
+    @property
+    def sizes(self) -> tuple[Quantity, ...]:
+        """The numbers that say how strong it is."""
+        return tuple(q for q in self.quantities if q.size)
+
+
+def along(time: Float[Array, " K"], values: Float[Array, "K *tendons"]) -> Float[Array, "K *one"]:
+    """Times of the samples, so shaped that they go with values of one tendon or of several."""
+    return time.reshape(-1, *[1] * (values.ndim - 1))

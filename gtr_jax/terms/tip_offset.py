@@ -8,6 +8,6 @@ TERM = Term(
     law="T_tip shown = T_tip + force",
     seen="ln(T_tip/T_base) is off by 1/T, most at low tension; a slack tendon does not read zero.",
     told_apart="Read the cell with the tendon slack.",
-    quantities=(Quantity("force", "N", 0.0, 0.3, "Shown less true tension."),),
-    tip=lambda p, T: T + p["force"],
+    quantities=(Quantity("force", "N", 0.0, 0.3, "Shown less true tension.", (-2.0, 2.0)),),
+    tip=lambda p, T, at: T + p["force"],
 )

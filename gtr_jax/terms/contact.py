@@ -1,0 +1,45 @@
+"""The tip runs into something."""
+
+import math
+
+import jax.numpy as jnp
+
+from .term import Quantity, Term
+
+
+def stop(p, place):
+    """Force of the stop [N], against its direction."""
+    depth = place - p["distance"]
+    return p["stiffness"] * jnp.where(depth > 0, depth, 0.0)
+
+
+TERM = Term(
+    id="contact",
+    says="The tip runs into a stop at one place of its way.",
+    law="force stiffness·depth against angle, once the tip is beyond distance in that direction",
+    seen="A kink at one tension: beyond it the tip hardly moves, and less tension is lost.",
+    told_apart="Look; or record the pose.",
+    quantities=(
+        Quantity("stiffness", "N/m", 0.0, 200.0, "Force per depth.", (10.0, 1e4), 0.0),
+        Quantity(
+            "distance",
+            "m",
+            0.0,
+            0.02,
+            "Place of the stop along angle, from the base.",
+            (-0.2, 0.2),
+            size=False,
+        ),
+        Quantity(
+            "angle",
+            "rad",
+            math.pi / 2,
+            math.pi / 2,
+            "Direction, from the base tangent, in which the tip runs into it.",
+            (-math.pi, math.pi),
+            size=False,
+        ),
+    ),
+    stop=stop,
+    stop_angle=lambda p: p["angle"],
+)

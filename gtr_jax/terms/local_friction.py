@@ -1,0 +1,45 @@
+"""Friction that the model spreads over the channel sits in one place."""
+
+import jax.numpy as jnp
+
+from .term import Quantity, Term
+
+
+def friction(p, at):
+    """Factor on the friction coefficient of an interval, by how much of it lies in the stretch."""
+    first = jnp.where(at.start > p["start"], at.start, p["start"])
+    last = jnp.where(at.end < p["end"], at.end, p["end"])
+    length = at.end - at.start
+    share = jnp.where(last > first, last - first, 0.0) / jnp.where(length > 0, length, 1.0)
+    within = (at.start >= p["start"]) & (at.end <= p["end"])
+    return 1 + (p["factor"] - 1) * jnp.where(length > 0, share, jnp.where(within, 1.0, 0.0))
+
+
+TERM = Term(
+    id="local-friction",
+    says="There is extra friction in one place: a pulley or entry at the base, the anchor, or a rough stretch.",
+    law="T multiplied by exp(∓base) ahead of the channel, by exp(∓tip) at the anchor; "
+    "μ·factor from start to end",
+    seen="Hidden in the tensions, which it changes as more friction would; the shape bends as if pulled less "
+    "(base) or more (tip) than the tensions say.",
+    told_apart="Record the tip's pose, or the tendon's displacement.",
+    quantities=(
+        Quantity("base", "dimensionless", 0.0, 0.1, "μ times angle ahead of the channel.", (0.02, 0.4), 0.0),
+        Quantity("tip", "dimensionless", 0.0, 0.1, "μ times angle at the anchor.", (0.02, 0.4), 0.0),
+        Quantity(
+            "factor",
+            "dimensionless",
+            1.0,
+            2.0,
+            "Friction coefficient from start to end over that elsewhere.",
+            (0.3, 4.0),
+            0.0,
+            log=True,
+        ),
+        Quantity("start", "m", 0.0, 0.06, "Where the stretch begins.", (0.0, 0.3), 0.0, size=False),
+        Quantity("end", "m", 0.0, 0.1, "Where it ends.", (0.0, 0.3), 0.0, size=False),
+    ),
+    friction=friction,
+    base_grip=lambda p: p["base"],
+    tip_grip=lambda p: p["tip"],
+)

@@ -1,0 +1,47 @@
+"""Friction builds up over a slip: Dahl's law, or elements that slip one after another."""
+
+import jax.numpy as jnp
+
+from .term import Quantity, Term
+
+# Break-away slips of the elements, in units of the length; equal shares of friction.
+BREAK_AWAY = (0.35, 0.8, 1.5, 2.8)
+
+
+def mobilise(p, slip, was):
+    """Mobilisation after a slip, exact for a slip of any size, and the memory: Dahl's z, then elements."""
+    length = jnp.where(p["length"] > 0, p["length"], 1.0)
+    sense = jnp.where(slip >= 0, 1.0, -1.0)
+    dahl = sense - (sense - was[0]) * jnp.exp(-sense * slip / length)
+    moved = [z + slip / (length * x) for z, x in zip(was[1:], BREAK_AWAY, strict=True)]
+    moved = [jnp.where(z >= 1.0, 1.0, jnp.where(z <= -1.0, -1.0, z)) for z in moved]
+    z = (1 - p["elements"]) * dahl + p["elements"] * sum(moved) / len(moved)
+    return z, jnp.stack([dahl, *moved])
+
+
+TERM = Term(
+    id="presliding",
+    says="Friction builds up over the first stretch of slip after each reversal, not at once.",
+    law="friction μ z; Dahl: dz/du = (1 − z sgn u̇)/length; or elements clip(z_j + du/x_j, ±1), "
+    "x_j = length·(0.35, 0.8, 1.5, 2.8), and z their mean",
+    seen="Every reversal is rounded and the plateau of the transition slopes, at any rate alike.",
+    told_apart="Small inner loops: narrow ellipses here, flat lines under Coulomb friction. "
+    "Repeat at another rate (viscous effects), with cells swapped (cell-hysteresis).",
+    source="Dahl 1968; Maxwell-slip elements: Iwan 1966",
+    quantities=(
+        Quantity("length", "m", 0.0, 6e-4, "Slip over which friction builds up.", (5e-5, 3e-3), 0.0),
+        Quantity(
+            "elements",
+            "dimensionless",
+            0.0,
+            0.0,
+            "Share of friction that elements carry which slip one after another; the rest follows Dahl's law.",
+            (0.0, 1.0),
+            0.0,
+            1.0,
+            size=False,
+        ),
+    ),
+    mobilise=mobilise,
+    elements=1 + len(BREAK_AWAY),
+)
