@@ -17,8 +17,9 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from gtr_jax import InputError, Robot, Simulation, label_phases, reading, simulate, true_base
+from gtr_jax.equilibrium import known_to_act
 from gtr_jax.history import padded_length
-from gtr_jax.parameters import Parameter, places_of
+from gtr_jax.parameters import Parameter, places_of, term_of
 
 # What instruments may show, in the order of predictions; names are those of `gtr_jax.Recording`.
 CHANNELS = ("T_tip", "tip_x", "tip_y", "tip_angle", "displacement")
@@ -37,6 +38,7 @@ class Coordinates(eqx.Module):
         scale: value per unit of u where not logarithmic, SI, (p,).
         log: whether value = reference exp(u), (p,).
         lower, upper: bounds of the others, at which values stop, SI, (p,); infinite where open.
+        of_terms: whether any is a number of a physics term that is not of the load cells.
     """
 
     index: Int[Array, " p"]
@@ -45,6 +47,7 @@ class Coordinates(eqx.Module):
     log: Bool[Array, " p"]
     lower: Float[Array, " p"]
     upper: Float[Array, " p"]
+    of_terms: bool = eqx.field(static=True)
 
     def values(self, u: Float[ArrayLike, " p"]) -> Float[Array, " p"]:
         """SI values at the coordinates u."""
@@ -112,6 +115,7 @@ def coordinates(
         jnp.asarray(log),
         jnp.asarray([-np.inf if p.lower is None else p.lower for p in chosen]),
         jnp.asarray([np.inf if p.upper is None else p.upper for p in chosen]),
+        of_terms=any(term is not None and not term.of_cells for term in map(term_of, chosen)),
     )
 
 
@@ -158,29 +162,49 @@ class Prediction:
         return whole[self.step]
 
 
-def shown(robot: Robot, T_base: Float[Array, " P"]) -> tuple[Float[Array, "C P"], Simulation]:
-    """What the instruments show of a load history, SI, in the order of CHANNELS, and the simulation.
+class History(eqx.Module):
+    """A load history, held at its end until it has one of the few lengths that are compiled, P.
 
-    Args:
-        robot: the robot.
+    Attributes:
         T_base: base tension as its cell shows it [N], (P,).
+        time: [s], (P,).
+        with_terms: whether to simulate with the physics terms (static).
     """
-    run = simulate(robot, true_base(robot, T_base))
+
+    T_base: Float[Array, " P"]
+    time: Float[Array, " P"]
+    with_terms: bool = eqx.field(static=True)
+
+
+def shown(robot: Robot, history: History) -> tuple[Float[Array, "C P"], Simulation]:
+    """What the instruments show of a load history, SI, in the order of CHANNELS, and the simulation."""
+    T_base = true_base(robot, history.T_base, history.time)
+    run = simulate(robot, T_base, time=history.time, with_terms=history.with_terms)
     return jnp.stack([reading(robot, run).T_tip, *run.tip_pose.T, run.displacement]), run
 
 
-def padded(T_base: np.ndarray) -> Float[Array, " P"]:
-    """A load history held at its end until it has one of the few lengths that are compiled, (P,)."""
-    fill = np.full(padded_length(len(T_base)) - len(T_base), T_base[-1])
-    return jnp.asarray(np.concatenate([T_base, fill]))
+def history_of(robot: Robot, at: Coordinates, T_base: np.ndarray, time: np.ndarray | None) -> History:
+    """A load history of K samples for a robot with free parameters; a second each without their times."""
+    clock = np.arange(len(T_base), dtype=float) if time is None else np.asarray(time, float)
+    missing = padded_length(len(T_base)) - len(T_base)
+    last = clock[-1] - clock[-2] if len(clock) > 1 else 1.0
+    return History(
+        jnp.asarray(np.concatenate([T_base, np.full(missing, T_base[-1])])),
+        jnp.asarray(np.concatenate([clock, clock[-1] + last * np.arange(1, missing + 1)])),
+        with_terms=bool(at.of_terms or known_to_act(robot)),
+    )
 
 
 @eqx.filter_jit
-def _predict(robot: Robot, at: Coordinates, T_base: Float[Array, " P"], u: Float[Array, " p"]):
+def _predict(robot: Robot, at: Coordinates, history: History, u: Float[Array, " p"]):
+    T_base = history.T_base
+
     def at_coordinates(u, T_base):
-        values, run = shown(at.robot_at(robot, u), T_base)
+        values, run = shown(at.robot_at(robot, u), dataclasses.replace(history, T_base=T_base))
         none = jnp.zeros((*T_base.shape, 0))
-        return values, eqx.tree_at(lambda r: (r.tension, r.curvature, r.angle), run, (none, none, none))
+        return values, eqx.tree_at(
+            lambda r: (r.tension, r.slip, r.curvature, r.angle, r.external_moment), run, (none,) * 5
+        )
 
     def along(direction):
         raised = jnp.broadcast_to(direction[-1], T_base.shape)
@@ -199,24 +223,36 @@ class Predictor:
         robot: robot whose other parameters stay.
         at: coordinates of the free ones.
         T_base: base tension as its cell shows it [N], (K,).
+        time: of the samples [s], (K,); a second each unless given.
         nodes: samples that are simulated, (J,), increasing from the first to the last; all unless given. What
-            lies between two is interpolated along T_base, which must not turn there.
+            lies between two is interpolated along T_base, which must not turn there, and in a hold along time.
 
     Attributes:
         samples, steps: how many there are to predict, K, and to simulate, J.
-        history: base tension at the steps [N], padded.
+        history: at the steps, padded.
     """
 
-    def __init__(self, robot: Robot, at: Coordinates, T_base: np.ndarray, nodes: np.ndarray | None = None):
+    def __init__(
+        self,
+        robot: Robot,
+        at: Coordinates,
+        T_base: np.ndarray,
+        time: np.ndarray | None = None,
+        nodes: np.ndarray | None = None,
+    ):
         self.robot, self.at, self.samples = robot, at, len(T_base)
         nodes = np.arange(self.samples) if nodes is None else nodes
         self.steps = len(nodes)
-        self.history = padded(T_base[nodes])
+        self.history = history_of(robot, at, T_base[nodes], None if time is None else time[nodes])
         self._next = np.searchsorted(nodes, np.arange(self.samples))
         self._before = np.maximum(self._next - (nodes[self._next] != np.arange(self.samples)), 0)
         low, high = T_base[nodes[self._before]], T_base[nodes[self._next]]
         rise = np.where(high == low, 1.0, high - low)
-        self._share = np.where(high == low, 1.0, (T_base - low) / rise)
+        # In a hold only what takes time goes on.
+        clock = np.arange(self.samples) if time is None else time
+        first, last = clock[nodes[self._before]], clock[nodes[self._next]]
+        held = np.where(last > first, (clock - first) / np.where(last > first, last - first, 1.0), 1.0)
+        self._share = np.where(high == low, held, (T_base - low) / rise)
 
     @property
     def interpolation(self) -> tuple[Int[Array, " K"], Int[Array, " K"], Float[Array, " K"]]:

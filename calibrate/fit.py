@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot
+from gtr_jax.parameters import term_of
+from gtr_jax.terms import REGISTRY, known_on
 
 from . import base_tension
 from .answer import Answer
 from .assemble import assemble, ignorance, unanswered
 from .coordinates import CHANNELS
 from .descent import descend
-from .free import distinct, free_of
+from .free import Free, distinct, free_of
 from .posterior import require_sampler, sample
 from .profiles import profiles
 from .result import FitResult
@@ -140,6 +142,8 @@ def fit(
         models[r].with_values(**{f.entry.name: models[r].value(f.entry.name) for f in wanted if k in f.parts})
         for k, r in enumerate(of)
     ]
+    for model, recording in zip(prepared, recordings, strict=True):
+        _check_times(model, recording, wanted)
     parts = [
         _part(name, model, configs[r], rec, channels, noise_N, noise_base_N, robust, warnings)
         for name, model, r, rec in zip(names, prepared, of, recordings, strict=True)
@@ -161,6 +165,19 @@ def fit(
 def _listed(names: Sequence[str] | str | None) -> Any:
     """Names from one string with commas between, or as they are."""
     return tuple(n.strip() for n in names.split(",") if n.strip()) if isinstance(names, str) else names
+
+
+def _check_times(robot: Robot, recording: Recording, wanted: Sequence[Free]) -> None:
+    """InputError if the recording has no times and a term acts, or is free, that needs them."""
+    if recording.time is not None:
+        return
+    free = {term.id for f in wanted if (term := term_of(f.entry)) is not None}
+    for term in REGISTRY.values():
+        if term.timed and (term.id in free or known_on(term, robot.terms[term.id])):
+            raise InputError(
+                f"{recording.path}: has no column time_s, which {term.id} needs; add the times, or leave "
+                f"{term.id} out"
+            )
 
 
 def _part(
@@ -195,7 +212,8 @@ def _part(
                 f"The noise given for the base tension, {noise_base_N:.3g} N, is far above the {seen:.2g} N "
                 "that the recording shows: real changes smaller than it may be taken for noise."
             )
-    return Part(name, str(recording.path), robot, config, base, channels, values, recording.trial, noise_N)
+    path, time, trial = str(recording.path), recording.time, recording.trial
+    return Part(name, path, robot, config, base, channels, values, time, trial, noise_N)
 
 
 def _run(task: Task) -> FitResult:

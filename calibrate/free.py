@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 
 from gtr_jax import InputError, Robot, RobotConfig, parameters_of
-from gtr_jax.parameters import Parameter, parameter
+from gtr_jax.parameters import Parameter, parameter, term_of
 
 # Values in two robot files that differ by less, relative, are one.
 SAME = 1e-9
@@ -104,8 +104,18 @@ def free_of(
             values = [float(robots[r].value(entry.name)) for r in of]
             priors = [_prior(configs[r], entry) for r in of]
             _agree(entry, [_file(configs[r], robot_names[r]) for r in of], values, priors)
-            found.append(Free(entry, entry.name + ending, tuple(members), values[0], priors[0]))
+            found.append(
+                Free(entry, entry.name + ending, tuple(members), _start(entry, values[0]), priors[0])
+            )
     return found
+
+
+def _start(entry: Parameter, value: float) -> float:
+    """Where a fit starts: the value, but a typical one for the size of a physics term that is absent."""
+    term = term_of(entry)
+    if term is None or value != 0.0 or entry.lower != 0.0:
+        return value
+    return next(q.typical for q in term.quantities if entry.name == f"{term.id}.{q.name}")
 
 
 def _file(config: RobotConfig | None, name: str) -> str:

@@ -16,9 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax import simulate
-
-from .coordinates import Coordinates, padded
+from .coordinates import Coordinates, History, history_of, shown
 from .estimate import FLAT
 from .start import thin
 from .task import Part, Task
@@ -66,9 +64,9 @@ def axes(information: np.ndarray) -> list[Axis]:
 
 
 @eqx.filter_jit
-def _jacobians(robot, at: Coordinates, T_base, u):
+def _jacobians(robot, at: Coordinates, history: History, u):
     def tip(u):
-        run = simulate(at.robot_at(robot, u), T_base)
+        _, run = shown(at.robot_at(robot, u), history)
         return run.T_tip, run.tip_pose[:, 2]
 
     return jax.jacfwd(tip)(u)
@@ -79,20 +77,21 @@ def _measurements(
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Each measurement in words, with its Fisher information in the coordinates, (p, p)."""
 
-    def information(T_base, which, error):
-        rows = np.asarray(_jacobians(part.robot, at, padded(T_base), jnp.asarray(u))[which])[: len(T_base)]
+    def information(T_base, time, which, error):
+        steps = history_of(part.robot, at, T_base, time)
+        rows = np.asarray(_jacobians(part.robot, at, steps, jnp.asarray(u))[which])[: len(T_base)]
         return rows.T @ rows / error**2
 
-    history = part.T_base.T_base
-    history = history[thin(history, STEPS)]
+    few = thin(part.T_base.T_base, STEPS)
+    history, time = part.T_base.T_base[few], None if part.time is None else part.time[few]
     if "tip_angle" not in part.channels:
         yield (
             f"the angle of the tip{of}, recorded to 1° beside the tensions,",
-            information(history, 1, ANGLE_SD),
+            information(history, time, 1, ANGLE_SD),
         )
     peak = HIGHER * float(np.max(history))
     loop = np.concatenate([np.linspace(0.0, peak, STEPS), np.linspace(peak, 0.0, STEPS)[1:]])
-    yield f"a pull{of} to {peak:.3g} N and back", information(loop, 0, sd)
+    yield f"a pull{of} to {peak:.3g} N and back", information(loop, None, 0, sd)
 
 
 def remedy(

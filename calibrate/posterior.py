@@ -18,7 +18,7 @@ from scipy.linalg import cho_solve_banded
 from gtr_jax import InputError, Robot
 
 from .answer import Answer
-from .coordinates import Coordinates, Predictor, shown
+from .coordinates import Coordinates, History, Predictor, shown
 from .posterior_draws import Posterior
 from .task import Part, Task
 from .weighing import Weighing
@@ -87,7 +87,7 @@ class _Target(eqx.Module):
 
     robot: Robot
     at: Coordinates
-    T_base: Float[Array, " J"]
+    history: History
     before: Int[Array, " K"]
     after: Int[Array, " K"]
     share: Float[Array, " K"]
@@ -106,7 +106,7 @@ class _Target(eqx.Module):
 
     def squares(self, u: Float[Array, " p"]) -> Float[Array, ""]:
         """Sum of squares at u; infinite where a load step does not converge."""
-        steps, run = shown(self.at.robot_at(self.robot, u), self.T_base)
+        steps, run = shown(self.at.robot_at(self.robot, u), self.history)
         steps, share = steps[jnp.asarray(self.channels)], self.share[None]
         values = (1 - share) * steps[:, self.before] + share * steps[:, self.after]
         ok = jnp.all(run.converged)

@@ -37,6 +37,7 @@ class Part:
         T_base: estimate of the true base tension, and what the recorded one says of it.
         channels: names of what is fitted to, T_tip first.
         recorded: the same, SI, (C, K).
+        time: of the samples [s], (K,), or None.
         trial: number of the trial, (K,), or None.
         noise_N: standard deviation of T_tip [N] if given.
     """
@@ -48,6 +49,7 @@ class Part:
     T_base: BaseTension
     channels: tuple[str, ...]
     recorded: np.ndarray
+    time: np.ndarray | None
     trial: np.ndarray | None
     noise_N: float | None
 
@@ -113,8 +115,10 @@ class Part:
     def only(self, samples: np.ndarray) -> Part:
         """Some of the samples, with the base tension taken as estimated."""
         base = exact(self.T_base.T_base[samples])
-        trial = None if self.trial is None else self.trial[samples]
-        return dataclasses.replace(self, T_base=base, recorded=self.recorded[:, samples], trial=trial)
+        time, trial = (None if v is None else v[samples] for v in (self.time, self.trial))
+        return dataclasses.replace(
+            self, T_base=base, recorded=self.recorded[:, samples], time=time, trial=trial
+        )
 
 
 @dataclasses.dataclass
@@ -211,7 +215,10 @@ class Task:
         start = at[0].at(np.where(has, self.initial, np.asarray(at[0].reference)))
         return Objective(
             predict=Predictors(
-                [Predictor(p.robot, a, p.T_base.T_base, p.nodes()) for p, a in zip(parts, at, strict=True)]
+                [
+                    Predictor(p.robot, a, p.T_base.T_base, p.time, p.nodes())
+                    for p, a in zip(parts, at, strict=True)
+                ]
             ),
             parts=tuple(parts),
             weighs=tuple(Weighing.plain(exact(p.T_base.T_base), p.channels, p.rough()) for p in parts),

@@ -20,7 +20,7 @@ from .mesh import cumulative, increments, shifted
 from .problem import Problem, Sections, State, at_tendons, residual, tension_of
 from .robot import Robot, sections
 from .slip_march import Case, Load, Memory, Solved, slip_step, untouched
-from .terms import any_on
+from .terms import REGISTRY, any_on, known_on
 
 MAX_STEPS = 256
 FOREVER = 1e15  # s, in which everything that creeps has crept
@@ -372,12 +372,19 @@ def preload_of(robot: Robot, s: Sections) -> Float[Array, "*tendons N"]:
     return jnp.broadcast_to(robot.per_tendon(lambda tendon: tendon.preload)[..., None], s.R.value.shape)
 
 
-def with_terms(plain, by_slip, robot: Robot, *rest):
-    """plain(robot, *rest) while no physics term acts, else by_slip(robot, *rest); in one program.
+def either(plain, by_slip, with_terms: bool | None, robot: Robot, *rest):
+    """plain(robot, *rest) while no physics term acts, else by_slip(robot, *rest).
 
-    Derivatives by numbers of the terms are those of `by_slip`, which at the null values is the same function.
+    Args:
+        plain, by_slip: the base model, and the one with physics terms.
+        with_terms: True or False for one of the two; None for one program that has both and decides when it
+            runs. Its derivatives by numbers of the terms are those of `by_slip`, which at the null values is
+            the same function.
+        robot, rest: their arguments.
     """
-    return _either((plain, by_slip), (robot, *rest))
+    if with_terms is None:
+        return _either((plain, by_slip), (robot, *rest))
+    return by_slip(robot, *rest) if with_terms else plain(robot, *rest)
 
 
 @eqx.filter_custom_jvp
@@ -402,12 +409,19 @@ def _either_jvp(primals, tangents):
     return eqx.filter_jvp(chosen, (moving,), (inputs_dot,))
 
 
+def known_to_act(robot: Robot) -> bool | None:
+    """Whether any physics term acts that is not of the load cells; None if that is being traced."""
+    acting = [known_on(term, robot.terms[term.id]) for term in REGISTRY.values() if not term.of_cells]
+    return None if None in acting else any(acting)
+
+
 @eqx.filter_jit
 def _solve(
     robot: Robot,
     T_base: Float[Array, "*tendons"],
     before: Equilibrium | Float[Array, " N"] | None,
     solver: optx.AbstractRootFinder,
+    with_terms: bool | None,
 ) -> Equilibrium:
     def plain(robot, T_base, before):
         s = sections(robot)
@@ -443,7 +457,7 @@ def _solve(
         done, _, memory = jtu.tree_map(lambda a: a[0], steps)
         return describe(s, done, memory)
 
-    return with_terms(plain, by_slip, robot, T_base, before)
+    return either(plain, by_slip, with_terms, robot, T_base, before)
 
 
 def equilibrium(
@@ -451,6 +465,7 @@ def equilibrium(
     T_base: ArrayLike | Sequence[float],
     *,
     memory: Equilibrium | Float[Array, " N"] | None = None,
+    with_terms: bool | None = None,
     solver: optx.AbstractRootFinder = March(),  # noqa: B008
 ) -> Equilibrium:
     """Equilibrium of the robot under a base tension.
@@ -466,6 +481,7 @@ def equilibrium(
         robot: from `load_robot`, or built in Python.
         T_base: tension at the base [N], scalar; with several tendons one each, (tendons,).
         memory: the equilibrium before this load; for one tendon its tension [N], (N,), will do.
+        with_terms: as for `simulate`.
         solver: any optimistix root finder that takes a `Problem`; tolerances live there.
 
     Returns:
@@ -487,4 +503,4 @@ def equilibrium(
         raise ValueError(
             "memory: several tendons remember more than their tension; give the equilibrium before"
         )
-    return _solve(robot, load, memory, solver)
+    return _solve(robot, load, memory, solver, known_to_act(robot) if with_terms is None else with_terms)

@@ -18,10 +18,11 @@ from .equilibrium import (
     Loaded,
     at_preload,
     describe,
+    either,
+    known_to_act,
     load_step,
     metric_of,
     steps_by_slip,
-    with_terms,
 )
 from .march import March
 from .mesh import shifted
@@ -29,7 +30,7 @@ from .problem import State, at_tendons, offset_before
 from .robot import Robot, sections
 from .slip import Kept
 from .slip_march import Load, Memory
-from .terms import REGISTRY, is_on
+from .terms import REGISTRY, known_on
 
 SHORTEST = 1e-9  # s, between samples that share their time
 
@@ -169,10 +170,11 @@ def _by_slip(robot: Robot, loads: Load, solver: optx.AbstractRootFinder):
 
 
 @eqx.filter_jit
-def _run(robot: Robot, loads: Load, solver: optx.AbstractRootFinder) -> Simulation:
-    done, moves = with_terms(
+def _run(robot: Robot, loads: Load, solver: optx.AbstractRootFinder, with_terms: bool | None) -> Simulation:
+    done, moves = either(
         lambda robot, loads: _plain(robot, loads, solver),
         lambda robot, loads: _by_slip(robot, loads, solver),
+        with_terms,
         robot,
         loads,
     )
@@ -217,7 +219,7 @@ def cycles(T_base: Float[Array, "K *tendons"]) -> Float[Array, " K"]:
     tension has gone, in units of twice its range. Of several tendons, that of the one that has gone farthest.
     """
     gone = jnp.cumsum(jnp.abs(jnp.diff(T_base, axis=0, prepend=T_base[:1])), axis=0)
-    span = jnp.max(T_base, axis=0) - jnp.min(T_base, axis=0)
+    span = jnp.max(T_base, axis=0, keepdims=True) - jnp.min(T_base, axis=0, keepdims=True)
     done = gone / jnp.where(span > 0, 2 * span, 1.0)
     return done if done.ndim == 1 else jnp.max(done, axis=1)
 
@@ -228,6 +230,7 @@ def simulate(
     *,
     time: ArrayLike | Sequence[float] | None = None,
     cycle: ArrayLike | Sequence[float] | None = None,
+    with_terms: bool | None = None,
     solver: optx.AbstractRootFinder = March(),  # noqa: B008
 ) -> Simulation:
     """Run a robot through a load history; any sequence of pulls, releases, re-pulls and holds.
@@ -241,6 +244,9 @@ def simulate(
             values count as slack.
         time: of each step [s], (K,), increasing; needed where a physics term depends on it.
         cycle: pulls and releases done at each step, (K,), for wear; counted from T_base unless given.
+        with_terms: True solves with the physics terms though none may act, False without those that are not
+            of the load cells. Unless given: with them if any acts; under a transformation that traces them,
+            a program that has both and decides when it runs.
         solver: as for `equilibrium`.
 
     Returns:
@@ -273,7 +279,8 @@ def simulate(
     def padded(values):
         return jnp.concatenate([values, jnp.broadcast_to(values[-1], (missing, *values.shape[1:]))])
 
-    run = _run(robot, jtu.tree_map(padded, loads), solver)
+    acting = known_to_act(robot) if with_terms is None else with_terms
+    run = _run(robot, jtu.tree_map(padded, loads), solver, acting)
     return Simulation(
         **{k: v if k == "s" else jtu.tree_map(lambda a: a[:steps], v) for k, v in vars(run).items()}
     )
@@ -282,10 +289,7 @@ def simulate(
 def _refuse_timed(robot: Robot) -> None:
     """ValueError if a term acts that needs times; nothing is said of values that are being traced."""
     for term in REGISTRY.values():
-        values = robot.terms[term.id]
-        if not term.timed or any(isinstance(values[q.name], jax.core.Tracer) for q in term.sizes):
-            continue
-        if bool(is_on(term, values)):
+        if term.timed and known_on(term, robot.terms[term.id]):
             raise ValueError(f"time: {term.id} depends on it; give the time of each step")
 
 

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float, Int
 
 from .errors import InputError
 from .robot import Robot
-from .terms import REGISTRY
+from .terms import REGISTRY, Term
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,6 +106,11 @@ def parameters_of(robot: Robot) -> dict[str, Parameter]:
         at = "backbone.natural_curvature.0"
         found[name] = Parameter(name, "backbone.natural_curvature", "rad/m", at=at)
     return found
+
+
+def term_of(entry: Parameter) -> Term | None:
+    """The physics term whose number a parameter is; None if it is of none."""
+    return REGISTRY.get(entry.name.partition(".")[0])
 
 
 def parameter(robot: Robot, name: str) -> Parameter:

@@ -12,7 +12,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from .equilibrium import preload_of, problem_of, rest_state, solve_problem
+from .equilibrium import known_to_act, preload_of, problem_of, rest_state, solve_problem
 from .history import Simulation
 from .march import March
 from .problem import tension_of
@@ -70,8 +70,11 @@ def release_switch(robot: Robot, T_base_max: Float[ArrayLike, ""]) -> Switch:
         The switch; differentiable in the robot's numbers and in T_base_max.
 
     Raises:
-        ValueError: the robot has several tendons, whose transitions depend on the paths of all.
+        ValueError: the robot has several tendons, whose transitions depend on the paths of all, or a physics
+            term acts: both ask for the whole history.
     """
+    if known_to_act(robot):
+        raise ValueError("release_switch: only without physics terms; simulate the history")
     if robot.tendon_names:
         raise ValueError("release_switch: only for robots of one tendon; simulate the history of all tendons")
     return _switch(robot, jnp.asarray(T_base_max, dtype=float))

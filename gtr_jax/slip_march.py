@@ -40,7 +40,7 @@ from .mesh import STENCIL, Interval
 from .problem import Sections, State, at_tendons, largest, moment_slope, offset_before, over_tendons
 from .routing import Offset
 from .terms import REGISTRY, any_on
-from .terms.term import Bent, Channel, Values
+from .terms.term import STILL, Bent, Channel, Values
 
 NEWTON_AT_NODE = 3
 FLATTEST = 0.3
@@ -48,7 +48,8 @@ FLOOR = 1e-4
 HIGHEST = 10.0
 MAX_MARCHES = 60
 SHORTEST = 2.0**-12
-MOST_PARTS = 64
+REACH = 4e-3  # of the length: by how much the displacement is searched at a time
+MOST_PARTS = 16
 ELEMENTS = sum(term.elements for term in REGISTRY.values())
 BENDING = {term.id: term for term in REGISTRY.values() if term.bend}
 
@@ -134,7 +135,7 @@ class Case(eqx.Module):
 class Closing(NamedTuple):
     """What is unknown at the base, and what must vanish at the tip, in the same order: displacement of every
     tendon [m] and its anchor's slip; external moment at the base and error of that at the tip [N m]; force of
-    the stop and its error [N].
+    the stop (`_pressing`) and its error [N].
     """
 
     slip: Float[Array, "*tendons"]
@@ -144,6 +145,14 @@ class Closing(NamedTuple):
     def flat(self) -> Float[Array, " n"]:
         """As one vector."""
         return jnp.concatenate([self.slip.ravel(), self.moment[None], self.stop[None]])
+
+
+def _pressing(stop: Float[Array, ""]) -> Float[Array, ""]:
+    """Force of the stop [N] from its unknown: that where positive. Where negative, the unknown is the
+    distance from the stop, in such units that what is left at the tip falls evenly through zero: Newton's
+    method would otherwise hop between touching and not.
+    """
+    return jnp.where(stop > 0, stop, 0.0)
 
 
 def _closing(flat: Float[Array, " n"], like: Float[Array, "*tendons"]) -> Closing:
@@ -257,7 +266,8 @@ class _NodeEquations(eqx.Module):
         mu = mu * jnp.where(there, _product(terms, "by_pressure", pressure), 1.0)
         # The coefficient depends on how fast the slip is, whichever way: |v| has two branches, though, and the
         # one where slip opposes the friction that holds it has to be approached from the other.
-        fast = jnp.where(speed * sense >= 0, speed, -self.case.against * speed)
+        fast = jnp.where(speed * sense >= -STILL, speed, -self.case.against * speed)
+        fast = jnp.where(self.modes.by_slip, speed, fast)
         lost = jnp.exp(-(sense * mu + _sum(terms, "by_speed", fast)) * wrap)
         left = tension * lost - sense * _sum(terms, "drag") * length
         left = jnp.where(left > 0, left, 0.0)
@@ -278,7 +288,9 @@ class _NodeEquations(eqx.Module):
         trapezoid = at_tendons(0.5 * row.interval.length * (kappa + carry.kappas[0]), row.R)
         compact = channel.wrap_increment(trapezoid, *midline[1:], row.R, row.R_before, between)
         local = self.modes.by_slip | self.modes.neighbour
-        gripped = jnp.where(self.modes.neighbour & ~self.modes.by_slip, compact + row.stencil, wrap)
+        # From slack the first pull may be long: nothing was laid down that a stencil could shake loose.
+        lags = self.modes.neighbour & ~self.modes.by_slip & (row.tension > 0)
+        gripped = jnp.where(lags, compact + row.stencil, wrap)
         # Slip first as if the tendon did not stretch here; its strain follows its tension below.
         shortened = row.metric - channel.metric_factor(midline[1], row.R)
         known = carry.slip - w[1] * carry.drawn[0] - w[2] * carry.drawn[1] - w[3] * carry.drawn[2]
@@ -375,7 +387,8 @@ def _prepared(case: Case, x: Closing) -> tuple[_NodeEquations, _Carry, _Row]:
     def grip(sense):
         start = (mesh.s - mesh.interval.length).reshape(over)
         at = Channel(start, mesh.s.reshape(over), jnp.abs(memory.speed), sense, load.time, load.cycle)
-        return jnp.broadcast_to(case.mu * _product(terms, "friction", at), R.value.shape)
+        factor = jnp.broadcast_to(_product(terms, "friction", at), R.value.shape)
+        return jnp.broadcast_to(case.mu, R.value.shape) * factor
 
     row = _Row(
         R=R,
@@ -418,7 +431,7 @@ def _prepared(case: Case, x: Closing) -> tuple[_NodeEquations, _Carry, _Row]:
     # While the slip is guessed too low, a speed may raise the tension without end.
     known = jnp.maximum(jnp.max(load.T_base), jnp.max(memory.tension))
     highest = jax.lax.stop_gradient(HIGHEST * known)
-    equations = _NodeEquations(case, x.stop, angle, _Modes(by_slip, neighbour), presliding, highest)
+    equations = _NodeEquations(case, _pressing(x.stop), angle, _Modes(by_slip, neighbour), presliding, highest)
     return equations, carry, row
 
 
@@ -431,10 +444,13 @@ def _closed(case: Case, x: Closing, end: _Carry, modes: _Modes) -> tuple[Closing
     high = jnp.where(local, end.tension, end.released) / grip
     T_tip = _clip(case.memory.T_tip, low, high)
     _, stop = _stop(terms)
+    pushed, stiffness = jax.jvp(stop, (end.place,), (jnp.ones_like(end.place),))
+    length = case.sections.mesh.s[-1]
+    eased = 1.0 + stiffness * jnp.max(case.sections.compliance) * length**3 / 3
     left = Closing(
         end.slip - _sum(terms, "anchor", T_tip) + _sum(terms, "anchor", case.preload),
         end.moment - case.tip_moment,
-        x.stop - stop(end.place),
+        (_pressing(x.stop) + eased * (x.stop - _pressing(x.stop)) - pushed) / eased,
     )
     return left, T_tip
 
@@ -443,7 +459,6 @@ class _Marched(NamedTuple):
     left: Float[Array, " n"]
     by_unknowns: Float[Array, "n n"]
     kappa: Float[Array, " N"]
-    slope: Float[Array, " N"]
     error: Float[Array, ""]
 
 
@@ -475,6 +490,7 @@ def _march(case: Case, flat: Float[Array, " n"], guess: Float[Array, " N"], use_
             arm = channel.moment_arm(at_tendons(near, row.R), row.R)
             near = row.rest + row.compliance * (over_tendons(carry.tension * arm, 0) + carry.moment)
         kappa = jnp.where(use_guess, guess, near)
+
         def improved(_, kappa):
             error, slope = jax.jvp(lambda k: equations(carry, row, k)[0], (kappa,), (jnp.ones_like(kappa),))
             return kappa - error / jnp.where(slope > FLATTEST, slope, FLATTEST)
@@ -495,9 +511,9 @@ def _march(case: Case, flat: Float[Array, " n"], guess: Float[Array, " N"], use_
             return jtu.tree_map(lambda d, k: d - error_dot / slope * k, new_dot, by_kappa)
 
         new_dot = jax.vmap(along)(carry_dot, stop_dot)
-        return (new, new_dot), (kappa, slope, error)
+        return (new, new_dot), (kappa, error)
 
-    (end, end_dot), (kappa, slope, error) = jax.lax.scan(node, (carry, carry_dot), (rows, guess))
+    (end, end_dot), (kappa, error) = jax.lax.scan(node, (carry, carry_dot), (rows, guess))
 
     def closed(flat, end):
         return _closed(case, _closing(flat, like), end, equations.modes)[0].flat()
@@ -506,23 +522,26 @@ def _march(case: Case, flat: Float[Array, " n"], guess: Float[Array, " N"], use_
     by_unknowns = jax.vmap(lambda d, e: jax.jvp(closed, (flat, end), (d, e))[1], out_axes=1)(
         directions, end_dot
     )
-    return _Marched(left, by_unknowns, kappa, slope, largest(error) * case.sections.mesh.s[-1])
+    return _Marched(left, by_unknowns, kappa, largest(error) * case.sections.mesh.s[-1])
 
 
-def _described(case: Case, flat: Float[Array, " n"], kappa: Float[Array, " N"], slope: Float[Array, " N"]):
+def _described(case: Case, flat: Float[Array, " n"], kappa: Float[Array, " N"]):
     """What is left at the tip and what a march leaves, differentiable in all: each node's curvature follows
     what lies before it by one step of Newton's method from `kappa`, which is its root.
+
+    The slope of that step is taken here, not from the march: where nothing slips the laws have a kink, and
+    rounding may have put the march on the other side of it.
     """
     x = _closing(flat, case.mu)
     equations, carry, rows = _prepared(case, x)
 
     def node(carry, at):
-        row, kappa, slope = at
-        error = equations(carry, row, kappa)[0]
-        _, new, out = equations(carry, row, kappa - error / slope)
+        row, kappa = at
+        error, slope = jax.jvp(lambda k: equations(carry, row, k)[0], (kappa,), (jnp.ones_like(kappa),))
+        _, new, out = equations(carry, row, kappa - error / jax.lax.stop_gradient(slope))
         return new, out
 
-    end, nodes = jax.lax.scan(node, carry, (rows, kappa, slope))
+    end, nodes = jax.lax.scan(node, carry, (rows, kappa))
     left, T_tip = _closed(case, x, end, equations.modes)
     memory = Memory(
         tension=nodes.tension,
@@ -559,16 +578,19 @@ class Solved(NamedTuple):
 
 
 class _Search(NamedTuple):
-    """Where Newton's method stands: the last point accepted, the step from it, its length and share."""
+    """Where the search stands: the next point to try; the displacements at the base known to be too small and
+    too large; the last point that Newton's method accepted, its step from there, the length and share of it.
+    """
 
+    trial: Float[Array, " n"]
+    low: Float[Array, ""]
+    high: Float[Array, ""]
     point: Float[Array, " n"]
     step: Float[Array, " n"]
     inverse: Float[Array, "n n"]
     level: Float[Array, ""]
     share: Float[Array, ""]
-    trial: Float[Array, " n"]
     kappa: Float[Array, " N"]
-    slope: Float[Array, " N"]
     error: Float[Array, ""]
     marches: Int[Array, ""]
 
@@ -582,51 +604,95 @@ def _scales(case: Case) -> Float[Array, " n"]:
     return Closing(jnp.broadcast_to(length, case.mu.shape), moment, moment / length).flat()
 
 
-def _newton(case: Case, start: Float[Array, " n"], kappa: Float[Array, " N"], atol: float) -> _Search:
-    """Newton's method, damped so that every step brings the next one closer (Deuflhard's natural
-    monotonicity test).
+def _bracketed(at: _Search, left: Float[Array, " n"], inverse, by_unknowns) -> _Search:
+    """The next point for one tendon: Newton's, with the displacement kept between those known to be too small
+    and too large. What is left of the slip rises with it, but so unevenly, where friction builds up over a
+    short slip, that Newton's method alone would not find the root.
     """
+    u = at.trial[0]
+    low = jnp.where(left[0] < 0, jnp.maximum(at.low, u), at.low)
+    high = jnp.where(left[0] > 0, jnp.minimum(at.high, u), at.high)
+    # Moments and forces found meanwhile may have moved the root out of the bracket.
+    lost = high - low < 1e-15
+    low, high = jnp.where(lost, -jnp.inf, low), jnp.where(lost, jnp.inf, high)
+    step = -inverse @ left
+    new = u + step[0]
+    both = jnp.isfinite(low) & jnp.isfinite(high)
+    farther = jnp.where(left[0] < 0, u + REACH, u - REACH)
+    within = jnp.where(both, 0.5 * (low + high), farther)
+    known = both | (jnp.abs(step[0]) > REACH) | ~jnp.isfinite(new)
+    cut = known & ~((new > low) & (new < high))
+    new = jnp.where(cut, within, new)
+    # With the displacement cut short, the others do what they can.
+    others = -jnp.linalg.solve(by_unknowns[1:, 1:], left[1:] + by_unknowns[1:, 0] * (new - u))
+    step = jnp.where(cut, jnp.concatenate([(new - u)[None], others]), step)
+    return at._replace(trial=at.trial + step, low=low, high=high)
+
+
+def _damped(at: _Search, left: Float[Array, " n"], inverse, by_unknowns) -> _Search:
+    """The next point for several tendons: Newton's, so far that every step brings the next one closer
+    (Deuflhard's natural monotonicity test).
+    """
+    del by_unknowns
+    good = largest(at.inverse @ left) <= (1.0 - 0.25 * at.share) * at.level
+    step = -inverse @ left
+    share = jnp.where(good, jnp.minimum(1.0, 2.0 * at.share), 0.5 * at.share)
+    share = jnp.where(at.marches == 0, 1.0, share)
+    point, step = jnp.where(good, at.trial, at.point), jnp.where(good, step, at.step)
+    return at._replace(
+        trial=point + share * step,
+        point=point,
+        step=step,
+        inverse=jnp.where(good, inverse, at.inverse),
+        level=jnp.where(good, largest(step), at.level),
+        share=share,
+    )
+
+
+def _newton(case: Case, start: Float[Array, " n"], kappa: Float[Array, " N"], atol: float) -> _Search:
+    """Newton's method in the scaled unknowns, held on its way; it ends with `trial` at the last point tried."""
     scales = _scales(case)
+    next_point = _damped if case.mu.ndim else _bracketed
 
     def unfinished(at: _Search):
         return (at.error > atol) & (at.marches < MAX_MARCHES) & (at.share > SHORTEST)
 
     def improved(at: _Search):
-        m = _march(case, at.trial, at.kappa, at.marches > 0)
-        error = jnp.maximum(largest(m.left / scales), m.error)
+        m = _march(case, at.trial * scales, at.kappa, at.marches > 0)
+        left = m.left / scales
+        error = jnp.maximum(largest(left), m.error)
+        by_unknowns = m.by_unknowns / scales[:, None] * scales[None, :]
+        on = next_point(at, left, jnp.linalg.inv(by_unknowns), by_unknowns)
         error = jnp.where(jnp.isnan(error), jnp.inf, error)
-        level = largest(at.inverse @ (m.left / scales))
-        good = (error <= atol) | (level <= (1.0 - 0.25 * at.share) * at.level)
-        inverse = jnp.linalg.inv(m.by_unknowns / scales[:, None] * scales[None, :])
-        step = -inverse @ (m.left / scales)
-        share = jnp.where(good, jnp.minimum(1.0, 2.0 * at.share), 0.5 * at.share)
-        share = jnp.where(at.marches == 0, 1.0, share)
-        point = jnp.where(good, at.trial, at.point)
-        step = jnp.where(good, step, at.step)
-        done = error <= atol
-        return _Search(
-            point=point,
-            step=step,
-            inverse=jnp.where(good, inverse, at.inverse),
-            level=jnp.where(good, largest(step), at.level),
-            share=jnp.where(done, 1.0, share),
-            trial=jnp.where(done, point, point + share * step * scales),
+        return on._replace(
+            trial=jnp.where(error <= atol, at.trial, on.trial),
             kappa=jnp.where(jnp.isfinite(m.kappa), m.kappa, at.kappa),
-            slope=m.slope,
             error=error,
             marches=at.marches + 1,
         )
 
-    n, one = start.shape[0], jnp.ones_like(case.tip_moment)
-    zero = jnp.zeros_like(start)
-    nothing = (jnp.eye(n), one * jnp.inf, one, start, kappa, jnp.ones_like(kappa), one * jnp.inf)
-    return jax.lax.while_loop(unfinished, improved, _Search(start, zero, *nothing, jnp.asarray(0)))
+    first = start / scales
+    one = jnp.ones_like(case.tip_moment)
+    begin = _Search(
+        trial=first,
+        low=-jnp.inf * one,
+        high=jnp.inf * one,
+        point=first,
+        step=jnp.zeros_like(first),
+        inverse=jnp.eye(first.shape[0]),
+        level=jnp.inf * one,
+        share=one,
+        kappa=kappa,
+        error=jnp.inf * one,
+        marches=jnp.asarray(0),
+    )
+    done = jax.lax.while_loop(unfinished, improved, begin)
+    return done._replace(trial=done.trial * scales)
 
 
 class _Found(NamedTuple):
     unknowns: Float[Array, " n"]
     kappa: Float[Array, " N"]
-    slope: Float[Array, " N"]
     error: Float[Array, ""]
     marches: Int[Array, ""]
 
@@ -646,7 +712,7 @@ def _search(case: Case, atol: float) -> _Found:
             now = eqx.tree_at(lambda c: c.load.T_base, case, between)
             now = eqx.tree_at(lambda c: c.against, now, jnp.clip((i + 1.0 - parts) / parts, 0.0, 1.0))
             at = _newton(now, found.unknowns, found.kappa, atol)
-            return _Found(at.point, at.kappa, at.slope, at.error, at.marches + found.marches)
+            return _Found(at.trial, at.kappa, at.error, at.marches + found.marches)
 
         return closer
 
@@ -661,7 +727,7 @@ def _search(case: Case, atol: float) -> _Found:
 
     kappa = case.memory.kappa
     one = jnp.ones_like(case.tip_moment)
-    untried = _Found(case.memory.unknowns, kappa, jnp.ones_like(kappa), one * jnp.inf, jnp.asarray(0))
+    untried = _Found(case.memory.unknowns, kappa, one * jnp.inf, jnp.asarray(0))
     return jax.lax.while_loop(unsolved, again, (untried, jnp.asarray(1)))[0]
 
 
@@ -669,7 +735,7 @@ def _search(case: Case, atol: float) -> _Found:
 def _solve(inputs) -> Solved:
     case, atol = inputs
     found = _search(case, atol)
-    memory, state = _described(case, found.unknowns, found.kappa, found.slope)[1]
+    memory, state = _described(case, found.unknowns, found.kappa)[1]
     return Solved(memory, state, found.error, found.marches)
 
 
@@ -682,7 +748,7 @@ def _solve_jvp(primals, tangents):
     moving, fixed = split_tangents(case, case_dot)
 
     def at(moving, flat):
-        return _described(eqx.combine(moving, fixed), flat, found.kappa, found.slope)
+        return _described(eqx.combine(moving, fixed), flat, found.kappa)
 
     zero = jnp.zeros_like(found.unknowns)
     (_, out), (left_dot, out_dot) = jax.jvp(at, (moving, found.unknowns), (case_dot, zero))

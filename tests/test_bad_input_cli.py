@@ -85,8 +85,8 @@ ROBOTS = {
     "missing key": ('length = "250 mm"', "", ["'length'", "for example"]),
     "a physics term": (
         "[tendon]",
-        '[[terms]]\nkind = "presliding"\n\n[tendon]',
-        ["terms[0].kind", "unknown kind 'presliding'"],
+        '[[terms]]\nkind = "presiding"\n\n[tendon]',
+        ["terms[0].kind", "unknown kind 'presiding'"],
     ),
     "empty file": (ROBOT, "", ["empty"]),
     "not TOML": ("[backbone]", "backbone: {", ["not TOML"]),

@@ -366,7 +366,7 @@ FAULTS = {
     ),
     "a term without kind": (
         ("[uncertainty]", "[[terms]]\ngain = 1.02\n[uncertainty]"),
-        "terms[0]: missing key 'kind'; one of base-gain",
+        "terms[0]: missing key 'kind'; one of presliding",
     ),
     "section is a number": (("[loads]", "[x]\n"), "unknown key 'x'"),
     "not TOML": (("[loads]", "[loads"), "not TOML: "),

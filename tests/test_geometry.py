@@ -70,14 +70,14 @@ def test_table_is_the_not_a_knot_spline(make_robot):
         np.testing.assert_allclose(got, spline(s, order), atol=1e-12 * 1e3**order)
 
 
-def test_weight_of_a_bored_cone(make_robot):
+def test_mass_of_a_bored_cone(make_robot):
     robot = make_robot(
         routing=SINE,
         backbone={"bores": [{"from": 0.0, "to": 0.07, "diameter": 0.012}]},
         loads={"gravity_angle": 0.0},
     )
     cone = np.pi * 0.25 / 3 * (0.02**2 + 0.02 * 0.013 + 0.013**2)
-    expected = (cone - np.pi * 0.006**2 * 0.07) * 1070 * 9.80665
+    expected = (cone - np.pi * 0.006**2 * 0.07) * 1070
     assert float(distal_mass(robot, lay_out(robot))[0]) == pytest.approx(expected, rel=1e-12)
 
 

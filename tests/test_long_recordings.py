@@ -30,7 +30,7 @@ def test_nodes_carry_the_history(long):
     assert set(base.knots) <= set(nodes.tolist()) and len(nodes) < len(run.T_base) / 10
     at = coordinates(robot, [parameter(robot, "mu")], [float(robot.value("mu"))])
     whole = Predictor(robot, at, base.T_base)(np.zeros(1))
-    coarse = Predictor(robot, at, base.T_base, nodes)(np.zeros(1))
+    coarse = Predictor(robot, at, base.T_base, nodes=nodes)(np.zeros(1))
     assert whole is not None and coarse is not None
     off = coarse.T_tip - whole.T_tip
     assert np.sqrt(np.mean(off**2)) < 2e-3, "N, a fraction of any cell's noise"
@@ -48,7 +48,7 @@ def test_all_samples_as_nodes_change_nothing(make_robot):
     robot = make_robot()
     at = coordinates(robot, [parameter(robot, "mu")], [float(robot.value("mu"))])
     T_base = np.concatenate([np.linspace(0, 30, 16), np.linspace(30, 5, 16)])
-    plain, noded = (Predictor(robot, at, T_base, nodes)(np.zeros(1)) for nodes in (None, np.arange(32)))
+    plain, noded = (Predictor(robot, at, T_base, nodes=nodes)(np.zeros(1)) for nodes in (None, np.arange(32)))
     assert plain is not None and noded is not None
     np.testing.assert_array_equal(plain.T_tip, noded.T_tip)
     assert exact(T_base).nodes(1.0).tolist() == list(range(32))

@@ -75,7 +75,7 @@ def test_virtual_work(routing, make_robot):
     s = sections(robot)
     at = lay_out(robot)
     w = s.mesh.weights
-    weight = distal_mass(robot, at)
+    weight = distal_mass(robot, at) * robot.loads.gravity
     g = robot.loads.gravity_angle
 
     def work(kappa):

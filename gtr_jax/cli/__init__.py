@@ -1,4 +1,4 @@
-"""The command `gtr`: simulate, fit, demo, paper.
+"""The command `gtr`: simulate, fit, demo, paper, terms, schema.
 
 Answers go to stdout, progress and errors to stderr. Exit status: 0 answered, 1 answered but not converged,
 2 bad input (one line on stderr), 130 interrupted. What takes long to import is imported where a command runs.
@@ -18,7 +18,7 @@ import click
 
 from gtr_jax.errors import InputError
 
-from . import demo, fit, paper, schema, simulate
+from . import demo, fit, paper, schema, simulate, terms
 
 ANSWERED, NOT_CONVERGED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -48,7 +48,7 @@ def cli() -> None:
     """Simulate tendon-driven continuum manipulators with tendon friction, and fit them to recordings."""
 
 
-for _command in (simulate.simulate, fit.fit, demo.demo, paper.paper, schema.schema):
+for _command in (simulate.simulate, fit.fit, demo.demo, paper.paper, terms.terms, schema.schema):
     cli.add_command(_command)
 
 

@@ -36,6 +36,11 @@ STEPS = 40
 )
 @click.option("--steps", type=int, metavar="N", help=f"Steps of each branch.  [default: {STEPS}]")
 @click.option(
+    "--dt",
+    type=Quantity("s", "TIME"),
+    help="Time of each step [s], for physics terms that depend on it; a history has a column time_s.",
+)
+@click.option(
     "--history",
     type=click.Path(path_type=Path),
     metavar="H.csv",
@@ -51,6 +56,7 @@ def simulate(
     release: float | None,
     tendon: str | None,
     steps: int | None,
+    dt: float | None,
     history: Path | None,
     columns: str | None,
     resolution: float,
@@ -75,22 +81,26 @@ def simulate(
         if columns is not None:
             raise InputError("--columns: has no effect without --history; leave it out")
         T_base = pulls_of(config, tendon, pull, release, steps)
+        if dt is not None and dt <= 0:
+            raise InputError(f"--dt: must be positive, is {dt:g} s; 0.1 s for example")
+        time = None if dt is None else dt * np.arange(len(T_base))
     else:
-        alone = {"--pull": pull, "--release": release, "--steps": steps, "--tendon": tendon}
+        alone = {"--pull": pull, "--release": release, "--steps": steps, "--dt": dt, "--tendon": tendon}
         for name, value in alone.items():
             if value is not None:
                 raise InputError(f"{name}: has no effect with --history; leave one of the two out")
         from gtr_jax.recording import read_recording
 
         given = read_recording(history, columns, need_tip=False, tendons=config.tendon_names)
-        T_base = given.T_base
+        T_base, time = given.T_base, given.time
+    check_times(config, time)
     folder = RunFolder(output, {"robot": robot} | ({"history": history} if history else {}))
     enable_cache()
     with Progress() as progress:
-        answer = solve(config, T_base, resolution=resolution, progress=progress)
+        answer = solve(config, T_base, time, resolution=resolution, progress=progress)
         progress("drawing")
         with folder.write() as part:
-            write_answer(part, answer, config, folder.settings(), time=given.time if given else None)
+            write_answer(part, answer, config, folder.settings(), time=time)
     from gtr_jax.report.simulation import verdict
 
     click.echo(verdict(answer))
@@ -141,14 +151,33 @@ def pull_and_release(
     return np.concatenate([history, np.linspace(pull, release, count + 1)[1:]])
 
 
-def solve(config: RobotConfig, T_base: np.ndarray, *, resolution: float = 1.0, progress) -> SimulationAnswer:
+def check_times(config: RobotConfig, time: np.ndarray | None) -> None:
+    """InputError if a physics term acts that needs the time of the steps, and there is none."""
+    from gtr_jax.terms import REGISTRY
+
+    for term in REGISTRY.values():
+        values = config.term_values[term.id]
+        if time is None and term.timed and any(values[q.name] != q.null for q in term.sizes):
+            raise InputError(
+                f"{config.source}: {term.id} depends on time; give it with --dt, or a history with a column time_s"
+            )
+
+
+def solve(
+    config: RobotConfig,
+    T_base: np.ndarray,
+    time: np.ndarray | None = None,
+    *,
+    resolution: float = 1.0,
+    progress,
+) -> SimulationAnswer:
     """Build the robot and simulate."""
     from gtr_jax.build import build_robot
     from gtr_jax.report import answer_simulation
 
     robot = build_robot(config, resolution=resolution)
     progress("compiling and simulating")
-    return answer_simulation(robot, T_base)
+    return answer_simulation(robot, T_base, time)
 
 
 def write_answer(

@@ -60,11 +60,11 @@ def figure(height: float, rows: int = 1, **grid: Any) -> tuple[Figure, list[Axes
     return fig, list(fig.subplots(rows, 1, squeeze=False, **grid)[:, 0])
 
 
-def png(fig: Figure) -> bytes:
-    """The figure as PNG, the same bytes for the same figure."""
+def png(fig: Figure, dots: int = DOTS) -> bytes:
+    """The figure as PNG, the same bytes for the same figure, with so many dots per inch."""
     stream = io.BytesIO()
     with mpl.rc_context(LOOK):
-        fig.savefig(stream, format="png", dpi=DOTS, metadata={"Software": None})
+        fig.savefig(stream, format="png", dpi=dots, metadata={"Software": None})
     return stream.getvalue()
 
 

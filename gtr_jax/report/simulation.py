@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 
 from gtr_jax import plots
-from gtr_jax.equilibrium import Equilibrium, equilibrium
+from gtr_jax.equilibrium import Equilibrium, equilibrium, known_to_act
 from gtr_jax.forces import channel_forces
 from gtr_jax.history import Simulation, equilibrium_at, simulate
 from gtr_jax.parameters import parameters_of
@@ -30,7 +30,8 @@ class SimulationAnswer:
         robot, run: as simulated.
         frictionless: the same history without friction.
         phases: label of each step, (K,).
-        switch: where the transition after a pull to the largest base tension ends; None of several tendons.
+        switch: where the transition after a pull to the largest base tension ends; None of several tendons,
+            and with physics terms.
         rest, loaded, last: equilibria with slack tendons, at the largest base tension, and at the end.
         top: step of the largest base tension.
         tendon: name of the tendon, if this is the part of one of several (`of_tendon`).
@@ -79,24 +80,27 @@ class SimulationAnswer:
         return not len(self.flagged) and all(bool(ok) for ok in others)
 
 
-def answer_simulation(robot: Robot, T_base: np.ndarray) -> SimulationAnswer:
+def answer_simulation(
+    robot: Robot, T_base: np.ndarray, time: np.ndarray | None = None, cycle: np.ndarray | None = None
+) -> SimulationAnswer:
     """Simulate a history and all that is shown beside it.
 
     Args:
         robot: from `load_robot`.
         T_base: base tension at each step [N], (K, *tendons).
+        time, cycle: as for `simulate`, (K,).
     """
     history = jnp.asarray(T_base)
-    run = simulate(robot, history)
+    run = simulate(robot, history, time=time, cycle=cycle)
     pull = run.T_base if run.T_base.ndim == 1 else jnp.max(run.T_base, axis=1)
     top = int(jnp.argmax(pull))
     slippery = {p.name: 0.0 for p in parameters_of(robot).values() if p.name.partition(".")[0] == "mu"}
     return SimulationAnswer(
         robot=robot,
         run=run,
-        frictionless=simulate(robot.with_values(**slippery), history),
+        frictionless=simulate(robot.with_values(**slippery), history, time=time, cycle=cycle),
         phases=label_phases(run),
-        switch=None if robot.tendon_names else _switch(robot, jnp.max(run.T_base)),
+        switch=None if robot.tendon_names or known_to_act(robot) else _switch(robot, jnp.max(run.T_base)),
         rest=equilibrium(robot, jnp.zeros_like(history[0])),
         loaded=equilibrium_at(robot, run, top),
         last=equilibrium_at(robot, run, -1),
@@ -328,7 +332,11 @@ def _tables(answer: SimulationAnswer) -> list[Table]:
         ("largest tension at the base", number(data["T_base_max_N"], "N")),
         ("tension at the tip there", number(top["T_tip_N"], "N")),
         ("lost on the way", number(None if loss is None else 100 * loss, "%")),
-        ("base tension where release reaches the tip (T_base_switch)", number(data["T_base_switch_N"], "N")),
+        *(
+            [("base tension where release reaches the tip (T_base_switch)", number(switch, "N"))]
+            if (switch := data.get("T_base_switch_N")) is not None
+            else []
+        ),
         ("wrap there", number(top["wrap_rad"], "rad")),
         ("tip there: x, y", f"{number(1e3 * top['tip_x_m'])}, {number(1e3 * top['tip_y_m'])} mm"),
         ("tip there: angle", number(float(np.degrees(top["tip_angle_rad"])), "°")),

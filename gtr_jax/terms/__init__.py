@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from . import (
@@ -83,9 +85,16 @@ def is_on(term: Term, values: Values) -> Bool[Array, ""]:
     return jnp.any(jnp.stack([values[q.name] != q.null for q in term.sizes]))
 
 
+def known_on(term: Term, values: Values) -> bool | None:
+    """The same on the host; None if any of these numbers is being traced."""
+    if any(isinstance(values[q.name], jax.core.Tracer) for q in term.sizes):
+        return None
+    return any(bool(np.any(np.asarray(values[q.name]) != q.null)) for q in term.sizes)
+
+
 def any_on(terms: dict[str, dict[str, Float[Array, ""]]], which) -> Bool[Array, ""]:
     """Whether any term is on of those that `which` picks."""
     return jnp.any(jnp.stack([is_on(term, terms[term.id]) for term in REGISTRY.values() if which(term)]))
 
 
-__all__ = ["REGISTRY", "Quantity", "Term", "any_on", "is_on", "null_values"]
+__all__ = ["REGISTRY", "Quantity", "Term", "any_on", "is_on", "known_on", "null_values"]

@@ -2,13 +2,13 @@
 
 import jax.numpy as jnp
 
-from .term import Quantity, Term
+from .term import STILL, Quantity, Term
 
 
 def bend(p, kappa, at):
     """Moment of a Dahl element over EI, exact for a step of any size."""
     change = kappa - at.before
-    sense = jnp.where(change >= 0, 1.0, -1.0)
+    sense = jnp.where(change >= -STILL, 1.0, -1.0)
     z = sense - (sense - at.kept[0]) * jnp.exp(-sense * change / p["curvature"])
     return p["ratio"] * p["curvature"] * z, z[None]
 

@@ -2,15 +2,12 @@
 
 import math
 
-import jax.numpy as jnp
-
 from .term import Quantity, Term
 
 
 def stop(p, place):
-    """Force of the stop [N], against its direction."""
-    depth = place - p["distance"]
-    return p["stiffness"] * jnp.where(depth > 0, depth, 0.0)
+    """Force of the stop [N], against its direction; negative where the tip is away from it."""
+    return p["stiffness"] * (place - p["distance"])
 
 
 TERM = Term(

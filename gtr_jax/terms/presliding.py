@@ -2,19 +2,20 @@
 
 import jax.numpy as jnp
 
-from .term import Quantity, Term
+from .term import STILL, Quantity, Term
 
 # Break-away slips of the elements, in units of the length; equal shares of friction.
 BREAK_AWAY = (0.35, 0.8, 1.5, 2.8)
+FULL = 1 - 1e-9
 
 
 def mobilise(p, slip, was):
     """Mobilisation after a slip, exact for a slip of any size, and the memory: Dahl's z, then elements."""
     length = jnp.where(p["length"] > 0, p["length"], 1.0)
-    sense = jnp.where(slip >= 0, 1.0, -1.0)
+    sense = jnp.where(slip >= -STILL, 1.0, -1.0)
     dahl = sense - (sense - was[0]) * jnp.exp(-sense * slip / length)
     moved = [z + slip / (length * x) for z, x in zip(was[1:], BREAK_AWAY, strict=True)]
-    moved = [jnp.where(z >= 1.0, 1.0, jnp.where(z <= -1.0, -1.0, z)) for z in moved]
+    moved = [jnp.where(z >= FULL, 1.0, jnp.where(z <= -FULL, -1.0, z)) for z in moved]
     z = (1 - p["elements"]) * dahl + p["elements"] * sum(moved) / len(moved)
     return z, jnp.stack([dahl, *moved])
 

@@ -14,6 +14,10 @@ from jaxtyping import Array, Float
 
 Values = Mapping[str, Float[Array, ""]]
 
+# What rounding leaves of a slip [m], a speed [m/s] or a curvature [1/m] while nothing moves. Laws that have
+# another derivative in each direction count it as forward, so that all programs take the same.
+STILL = 1e-13
+
 
 @dataclasses.dataclass(frozen=True)
 class Quantity:
@@ -124,7 +128,8 @@ class Term:
         strain: of the tendon, from its tension [N].
         anchor: how far the anchor gives way [m], from the tension there [N].
         loads: the external loads, from those of the robot.
-        stop: force of a stop on the tip [N] against `stop_angle`, from the tip's place along it [m].
+        stop: force of a stop on the tip [N] against `stop_angle`, from the tip's place along it [m], affine;
+            none acts where that is negative.
         stop_angle: direction [rad] from the base tangent in which the stop is run into.
         tip, base: what the cell at the tip, or the base, shows for true tensions.
         true_base: the true base tensions for what its cell shows; the inverse of `base`.

@@ -1,0 +1,57 @@
+"""What a physics term does to a loop."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from .style import BLUE, GREY, PALE, VERMILLION, legend_above, png, styled
+
+if TYPE_CHECKING:
+    from gtr_jax.report.terms import Loops
+    from gtr_jax.terms import Term
+
+
+@styled
+def plot_term(term: Term, loops: Loops, fast: float) -> Figure:
+    """Tip tension and tip angle against the base tension, with and without a term; of a tendon that stretches
+    its displacement instead of the angle.
+
+    Args:
+        term: the term.
+        loops: a history with and without it.
+        fast: time at which the fast loop begins [s].
+    """
+    fig = Figure(figsize=(7.6, 3.5), layout="constrained")
+    axes = fig.subplots(1, 2)
+    slow = loops.time <= fast
+    both = (slow, np.append(~slow[1:], True))
+    right, scale, label = loops.angle, 180 / np.pi, "angle of the tip [°]"
+    if term.strain is not None:
+        right, scale, label = loops.displacement, 1e3, "tendon drawn out at the base [mm]"
+    for ax, (without, with_it) in zip(axes, (loops.T_tip, tuple(scale * a for a in right)), strict=True):
+        for part in both:
+            ax.plot(loops.true_base[part], without[part], color=GREY, linewidth=2.6, alpha=0.45)
+        for part, colour in zip(both, (BLUE, VERMILLION), strict=True):
+            ax.plot(loops.T_base[part], with_it[part], color=colour, linewidth=1.3)
+        ax.axhline(0.0, color=PALE, linewidth=0.8, zorder=0)
+        ax.set_xlabel("tension shown at the base [N]")
+    axes[0].set_ylabel("tension shown at the tip [N]")
+    axes[1].set_ylabel(label)
+    keys = [
+        Line2D([], [], color=BLUE, label=f"with {term.id}, slow loop"),
+        Line2D([], [], color=VERMILLION, label="fast loop"),
+        Line2D([], [], color=GREY, linewidth=2.6, alpha=0.45, label="without"),
+    ]
+    legend_above(fig, keys)
+    return fig
+
+
+def term_figure(term: Term, loops: Loops) -> bytes:
+    """The same as PNG."""
+    from gtr_jax.report.terms import FAST
+
+    return png(plot_term(term, loops, FAST), dots=110)

@@ -1,0 +1,400 @@
+"""Physics terms: dormant at null, one program, the independent simulator, limits, composition."""
+
+import json
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import gtr_jax as gtr
+from benchmarks.terms import compared
+from gtr_jax.report.terms import page, told
+from gtr_jax.terms import REGISTRY, null_values
+from tests.conftest import SINE
+
+REFERENCE = Path(__file__).parent / "data" / "reference"
+DOCS = Path(__file__).parents[1] / "docs" / "terms"
+MECHANICAL = [term for term in REGISTRY.values() if not term.of_cells]
+LOADS = {"gravity_angle": -1.2, "tip_force": [0.0, -0.05]}
+
+
+def way(*corners, steps=12):
+    """A load history through corners."""
+    parts = [np.linspace(a, b, steps + 1)[1:] for a, b in zip(corners[:-1], corners[1:], strict=True)]
+    return np.concatenate([[corners[0]], *parts])
+
+
+LOOP = way(0, 24, 9, 18, 18, 2, 20)
+CLOCK = 0.7 * np.arange(len(LOOP))
+
+
+def typical(term, **changes):
+    """A term's typical numbers, by name of the parameter."""
+    return {f"{term.id}.{q.name}": float(q.typical) for q in term.quantities} | changes
+
+
+@pytest.fixture
+def robot(make_robot):
+    return make_robot(routing=SINE)
+
+
+@pytest.mark.parametrize("loads", [{}, LOADS], ids=["free", "loaded"])
+def test_null_is_the_base_model(make_robot, loads):
+    robot = make_robot(routing=SINE, loads=loads)
+    plain = gtr.simulate(robot, LOOP, with_terms=False)
+    null = gtr.simulate(robot, LOOP, with_terms=True, solver=gtr.March(atol=1e-12))
+    for name in ("T_tip", "tip_pose", "tension", "curvature", "displacement", "slip"):
+        np.testing.assert_allclose(getattr(null, name), getattr(plain, name), atol=1e-8, err_msg=name)
+
+
+def test_switching_terms_compiles_nothing(robot):
+    run = jax.jit(lambda robot: gtr.simulate(robot, LOOP, time=CLOCK).T_tip)
+    tips = [run(robot)]
+    for term in MECHANICAL:
+        tips.append(run(robot.with_values(**typical(term))))
+    assert run._cache_size() == 1
+    tips.append(gtr.simulate(robot, LOOP).T_tip)
+    np.testing.assert_allclose(tips[-1], tips[0], rtol=1e-12)
+    changed = [float(np.max(np.abs(tip - tips[0]))) for tip in tips[1:-1]]
+    silent = {"gravity-error", "tendon-stretch", "contact"}  # no weight, no data in tensions, not touched
+    for term, change in zip(MECHANICAL, changed, strict=True):
+        assert change > 1e-4 or term.id in silent, (term.id, change)
+
+
+@pytest.mark.parametrize("folder", sorted(REFERENCE.iterdir()), ids=lambda p: p.name)
+def test_the_independent_simulator(folder):
+    # Friction that depends on the speed needs a finer mesh: 97 mN at the default one.
+    c = compared(folder, 2.0 if folder.name == "viscous-friction" else 1.0)
+    assert c.converged
+    missed = np.mean(c.tension > c.allowed)
+    assert missed <= (0.05 if folder.name == "stribeck-friction" else 0.0), c.tension.max()
+    assert c.angle.max() <= c.allowed_angle
+
+
+def tips(robot, values, history=LOOP, time=CLOCK, atol=1e-12):
+    run = gtr.simulate(robot.with_values(**values), history, time=time, solver=gtr.March(atol=atol))
+    assert bool(run.converged.all())
+    return np.asarray(run.T_tip)
+
+
+def test_presliding_over_no_length_is_coulomb(robot):
+    coulomb, off = tips(robot, {}), []
+    for length in (8e-4, 2e-4, 5e-5, 2e-5):
+        found = tips(robot, {"presliding.length": length}, atol=1e-9)
+        off.append(np.sqrt(np.mean((found - coulomb) ** 2)))
+    assert all(b < 0.6 * a for a, b in zip(off[:-1], off[1:], strict=True)) and off[-1] < 0.06, off
+
+
+@pytest.mark.parametrize("elements", [0.0, 1.0])
+def test_presliding_is_exact_for_steps_of_any_size(robot, elements):
+    values = {"presliding.length": 1e-3, "presliding.elements": elements}
+    ends = [tips(robot, values, way(0, 24, steps=n), None)[-1] for n in (2, 12, 96)]
+    np.testing.assert_allclose(ends, ends[-1], rtol=1e-8)
+
+
+@pytest.mark.parametrize("elements", [0.0, 1.0])
+def test_sharp_reversals_with_short_presliding_converge(robot, elements):
+    history = np.array([0, 24, 3, 23, 4, 22, 22, 0.5, 24, 0, 24, 23.9, 24, 1, 12, 11, 13, 0])
+    reach = float(np.ptp(gtr.simulate(robot, history).displacement))
+    for share in (0.01, 0.03, 0.1, 0.5):
+        run = gtr.simulate(
+            robot.with_values(**{"presliding.length": share * reach, "presliding.elements": elements}),
+            history,
+        )
+        assert bool(run.converged.all()), share
+        assert float(run.T_tip.min()) >= 0.0
+
+
+def test_what_does_not_converge_is_flagged(robot):
+    run = gtr.simulate(robot.with_values(**{"presliding.length": 1e-7}), way(0, 24, 3, steps=3))
+    assert not bool(run.converged.all())
+    assert np.all(np.asarray(run.residual_norm)[~np.asarray(run.converged)] > 1e-9)
+
+
+def test_viscoelastic_limits(robot):
+    def angle(values, time):
+        run = gtr.simulate(robot.with_values(**values), LOOP, time=time)
+        assert bool(run.converged.all())
+        return np.asarray(run.tip_pose[:, 2])
+
+    branch = {"viscoelastic-body.ratio": 0.3}
+    soft = angle({}, CLOCK)
+    np.testing.assert_allclose(angle(branch | {"viscoelastic-body.time": 1e-7}, CLOCK), soft, atol=1e-4)
+    stiff = angle({"E": 1.3 * robot.value("E")}, CLOCK)
+    np.testing.assert_allclose(angle(branch | {"viscoelastic-body.time": 1e9}, CLOCK), stiff, atol=1e-4)
+    # All at rest: the branch has relaxed.
+    eq = gtr.equilibrium(robot.with_values(**branch), 20.0)
+    np.testing.assert_allclose(eq.tip_pose, gtr.equilibrium(robot, 20.0).tip_pose, atol=1e-7)
+
+
+def test_creep_relaxes_as_the_branch_says(make_robot):
+    """Without friction a held base tension leaves kappa to creep: kappa = (1 - g/(1 + g) e^(-t/t')) T R/EI."""
+    robot = make_robot(
+        routing={"kind": "parallel", "offset": 0.006},
+        backbone={"outer_radius": [0.01, 0.01], "youngs_modulus": 3e6},
+        tendon={"friction_coefficient": 0.0},
+    )
+    g, tau = 0.25, 3.0
+    time = np.concatenate([[0.0, 1e-6], np.linspace(0.0, 20.0, 200)[1:] + 1e-6])
+    T_base = np.concatenate([[0.0], np.full(200, 2.0)])
+    values = {"viscoelastic-body.ratio": g, "viscoelastic-body.time": tau}
+    run = gtr.simulate(robot.with_values(**values), T_base, time=time)
+    kappa = np.asarray(run.curvature[:, -1])
+    relaxed = gtr.equilibrium(robot, 2.0).curvature[-1]
+    # The arm is R(1 - R kappa)/nu = R where the channel is parallel: bending is linear.
+    exact = float(relaxed) * (1 - g / (1 + g) * np.exp(-time[1:] / (tau * (1 + g))))
+    np.testing.assert_allclose(kappa[1:], exact, rtol=2e-3)
+
+
+def test_adhesion_never_pulls_the_tendon_below_nothing(robot):
+    run = gtr.simulate(robot.with_values(**{"adhesion.drag": 8.0}), way(0, 0.5, 0, 6, 0, 0.2))
+    assert bool(run.converged.all())
+    assert float(run.tension.min()) == 0.0
+
+
+def test_a_stop_that_is_not_touched_changes_nothing(robot):
+    free = gtr.simulate(robot, LOOP, time=CLOCK)
+    reach = float(jnp.max(free.tip_pose[:, 1]))
+    stop = {"contact.stiffness": 1e4, "contact.distance": reach + 1e-3}
+    np.testing.assert_allclose(tips(robot, stop), free.T_tip, atol=1e-9)
+    stop["contact.distance"] = 0.5 * reach
+    run = gtr.simulate(robot.with_values(**stop), LOOP, time=CLOCK)
+    assert bool(run.converged.all())
+    assert 0.5 * reach < float(jnp.max(run.tip_pose[:, 1])) < 0.6 * reach
+
+
+def test_stretch_is_what_a_spring_gives(make_robot):
+    """A rigid sheath: the tendon is drawn out by the integral of T/EA, and by what its anchor gives way."""
+    robot = make_robot(
+        backbone={"rigid": True, "natural_curvature": 5.0, "youngs_modulus": 0.0},
+        routing={"kind": "parallel", "offset": 0.0},
+    )
+    values = {"tendon-stretch.compliance": 1e-4, "tendon-stretch.anchor": 1e-5}
+    run = gtr.simulate(robot.with_values(**values), [0.0, 10.0])
+    length, mu = float(robot.backbone.length), float(robot.value("mu"))
+    wrap = 5.0 * length
+    stretch = 1e-4 * 10 * length * (1 - np.exp(-mu * wrap)) / (mu * wrap)
+    assert float(run.displacement[-1]) == pytest.approx(stretch + 1e-5 * float(run.T_tip[-1]), rel=1e-5)
+    assert float(run.T_tip[-1]) == pytest.approx(10 * np.exp(-mu * wrap), rel=1e-9)
+
+
+def test_slip_and_its_speed(robot):
+    run = gtr.simulate(robot, LOOP, time=CLOCK)
+    np.testing.assert_allclose(run.slip[:, 0], run.displacement, atol=1e-15)
+    np.testing.assert_allclose(run.slip[:, -1], 0.0, atol=1e-12)
+    moved = np.diff(np.asarray(run.slip[:, 0])) / np.diff(CLOCK)
+    np.testing.assert_allclose(run.slip_speed[1:, 0], moved, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["free", "loaded", "two tendons"])
+def test_any_three_terms_together(make_robot, kind):
+    rng = np.random.default_rng(11)
+    if kind == "two tendons":
+        robot = gtr.load_robot(Path(__file__).parents[1] / "examples" / "antagonists.toml")
+        history = np.stack([way(0, 9, 3, 8, 1), way(2, 2, 5, 1, 4)], axis=1)
+    else:
+        robot = make_robot(routing=SINE, loads=LOADS if kind == "loaded" else {})
+        history = way(0, 24, 9, 18, 2)
+    clock = 0.7 * np.arange(len(history))
+    run = jax.jit(lambda robot: gtr.simulate(robot, history, time=clock, with_terms=True))
+    failed = []
+    for _ in range(25):
+        chosen = rng.choice(len(MECHANICAL), 3, replace=False)
+        values = {}
+        for i in chosen:
+            values |= typical(MECHANICAL[i])
+        done = run(robot.with_values(**values))
+        assert float(jnp.min(done.tension)) >= 0.0
+        if not bool(done.converged.all()):
+            failed.append([MECHANICAL[i].id for i in chosen])
+    assert not failed, failed
+
+
+def test_terms_are_documented():
+    index = (DOCS / "index.md").read_text(encoding="utf-8")
+    for term in REGISTRY.values():
+        assert f"({term.id}.md)" in index
+        assert (DOCS / f"{term.id}.md").read_text(encoding="utf-8") == page(term, heading=1)
+        assert (DOCS / f"{term.id}.png").exists()
+        assert term.says.endswith(".") and term.law and term.seen and term.told_apart
+        for q in term.quantities:
+            assert q.usual[0] < q.usual[1] and (q.name in told(term))
+
+
+def test_files_hold_any_term(make_robot, tmp_path):
+    text = (Path(__file__).parents[1] / "examples" / "tdcm-1.toml").read_text()
+    for term in REGISTRY.values():
+        table = told(term).split("in a robot file:\n\n")[1]
+        file = tmp_path / f"{term.id}.toml"
+        file.write_text(text + "\n" + table + "\n")
+        config = gtr.load_config(file)
+        written = tmp_path / "written.toml"
+        gtr.dump_config(config, written)
+        assert gtr.load_config(written) == config
+        robot = gtr.load_robot(file)
+        for q in term.quantities:
+            assert float(robot.value(f"{term.id}.{q.name}")) == pytest.approx(float(q.typical))
+    assert json.loads(json.dumps(null_values()))["presliding"]["length"] == 0.0
+
+
+def test_times_are_asked_for(robot):
+    creeping = robot.with_values(**{"viscous-friction.coefficient": 10.0})
+    with pytest.raises(ValueError, match="viscous-friction depends on it; give the time"):
+        gtr.simulate(creeping, LOOP)
+    with pytest.raises(ValueError, match="time: one value for each of the"):
+        gtr.simulate(creeping, LOOP, time=CLOCK[:-1])
+    with pytest.raises(ValueError, match="without physics terms"):
+        gtr.release_switch(creeping, 20.0)
+
+
+SHORT = way(0, 24, 9, 18, 18, 2, steps=7)
+TICKS = 0.7 * np.arange(len(SHORT))
+BASE_CELL = ("base-gain.gain", "base-offset.force")
+
+
+@pytest.fixture
+def mixture(robot):
+    """A fixed mixture of what is shown along a history, and its gradient by every number of every term."""
+    mix = np.random.default_rng(3).normal(size=(len(SHORT), 5)) * np.array([1.0, 30.0, 30.0, 5.0, 300.0])
+
+    def total(values):
+        case = robot.with_values(**values)
+        run = gtr.simulate(case, SHORT, time=TICKS, with_terms=True, solver=gtr.March(atol=1e-12))
+        shown = gtr.reading(case, run)
+        columns = [shown.T_tip[:, None], run.tip_pose, run.displacement[:, None]]
+        return jnp.sum(jnp.asarray(mix) * jnp.concatenate(columns, axis=1)), jnp.all(run.converged)
+
+    return jax.jit(total), jax.jit(jax.value_and_grad(total, has_aux=True))
+
+
+def difference(total, values, name, scale, one_sided, step=2e-6):
+    """Of the mixture by one number, of second order in the step or better."""
+
+    def at(h):
+        value, converged = total(values | {name: values[name] + h * scale})
+        assert bool(converged), name
+        return float(value)
+
+    if one_sided:
+        return (-3 * at(0) + 4 * at(step) - at(2 * step)) / (2 * step * scale)
+    near, far = ((at(k * step) - at(-k * step)) / (2 * k * step * scale) for k in (1, 2))
+    return (4 * near - far) / 3
+
+
+# No derivative at null: presliding acts as the root of its length, a delay moves samples across corners.
+KINKED = {"presliding.length", "time-skew.delay"}
+# What creeps holds friction against the neighbouring node: switching it on jumps by some 0.2 mN.
+JUMPS = {"viscous-friction.coefficient", "stribeck-friction.ratio", "viscoelastic-body.ratio"}
+
+
+def numbers(robot):
+    """All numbers of terms that change what is shown, at null, with the size of a change."""
+    of = {
+        f"{t.id}.{q.name}": q for t in REGISTRY.values() if t.true_base is None or t.tip for q in t.quantities
+    }
+    values = {name: float(q.null) for name, q in of.items()}
+    scales = {name: abs(float(q.typical)) or 0.1 for name, q in of.items()}
+    bounded = {n: q.lower is not None and float(q.null) <= q.lower for n, q in of.items()}
+    for name in ("mu", "E", "r1"):
+        values[name] = float(robot.value(name))
+        scales[name], bounded[name] = abs(values[name]), False
+    return values, scales, bounded
+
+
+def test_gradients_at_null(robot, mixture):
+    total, with_gradient = mixture
+    values, scales, bounded = numbers(robot)
+    (_, converged), gradient = with_gradient(values)
+    assert bool(converged)
+    for name, slope in gradient.items():
+        if name in KINKED:
+            continue
+        step, tolerance = (1e-2, 0.05) if name in JUMPS else (1e-5, 2e-4)
+        exact = difference(total, values, name, scales[name], bounded[name], step)
+        assert float(slope) * scales[name] == pytest.approx(exact * scales[name], rel=tolerance, abs=2e-4), (
+            name
+        )
+
+
+@pytest.mark.parametrize("term", MECHANICAL, ids=lambda t: t.id)
+def test_gradients_at_typical_values(robot, mixture, term):
+    total, with_gradient = mixture
+    values, scales, bounded = numbers(robot)
+    values |= typical(term)
+    if term.id == "contact":
+        values["contact.distance"] = 0.015
+    (_, converged), gradient = with_gradient(values)
+    assert bool(converged)
+    own = [f"{term.id}.{q.name}" for q in term.quantities]
+    for name in [*own, "mu", "E", "r1", "adhesion.drag"]:
+        one_sided = bounded[name] and values[name] == 0.0
+        exact = difference(total, values, name, scales[name], one_sided, 1e-5)
+        assert float(gradient[name]) * scales[name] == pytest.approx(
+            exact * scales[name], rel=2e-4, abs=2e-4
+        ), name
+
+
+def cells(robot, values, time=CLOCK, run=None):
+    case = robot.with_values(**values)
+    return gtr.reading(case, run or gtr.simulate(case, LOOP, time=time))
+
+
+BASE = [t for t in REGISTRY.values() if t.true_base]
+
+
+@pytest.mark.parametrize("chosen", [[t] for t in BASE] + [BASE], ids=lambda c: "+".join(t.id for t in c))
+def test_the_base_cell_is_read_backwards(robot, chosen):
+    values = {}
+    for term in chosen:
+        values |= {name: v for name, v in typical(term).items() if not name.endswith(".tip")}
+    case = robot.with_values(**values)
+    shown = gtr.reading(case, gtr.simulate(case, LOOP, time=CLOCK)).T_base
+    assert float(np.max(np.abs(shown - LOOP))) > 1e-3
+    np.testing.assert_allclose(gtr.true_base(case, shown, CLOCK), LOOP, atol=1e-9)
+
+
+def test_what_the_tips_cell_shows(robot):
+    run = gtr.simulate(robot, LOOP, time=CLOCK)
+    T = np.asarray(run.T_tip)
+
+    def shown(**values):
+        named = {k.replace("__", ".").replace("_", "-"): v for k, v in values.items()}
+        return np.asarray(cells(robot, named, run=run).T_tip)
+
+    np.testing.assert_allclose(shown(tip_gain__gain=1.1, tip_offset__force=0.2), 1.1 * T + 0.2)
+    np.testing.assert_allclose(shown(crosstalk__share=0.1), T + 0.1 * LOOP)
+    np.testing.assert_allclose(shown(zero_drift__tip=0.01), T + 0.01 * CLOCK)
+    np.testing.assert_allclose(shown(saturation__tip=8.0), np.minimum(T, 8.0))
+    np.testing.assert_allclose(shown(quantisation__tip=0.5), 0.5 * np.round(T / 0.5))
+    np.testing.assert_allclose(shown(time_skew__delay=0.7)[1:], T[:-1], atol=1e-12)
+    held = T - shown(cell_hysteresis__tip=0.3, cell_hysteresis__width=1.0)
+    assert np.max(np.abs(held)) == pytest.approx(0.3) and held[5] > 0 > held[-14]
+    # A ramp: y = r (t - tau) + r tau e^(-t/tau).
+    lag, slope = 1.3, (T[1] - T[0]) / 0.7
+    np.testing.assert_allclose(
+        shown(low_pass__tip=lag)[1], slope * (0.7 - lag + lag * np.exp(-0.7 / lag)), rtol=1e-12
+    )
+    # In their order: gain before offset, both before saturation, the last of all quantisation.
+    all_of = shown(tip_gain__gain=1.1, tip_offset__force=0.2, saturation__tip=8.1, quantisation__tip=0.5)
+    np.testing.assert_allclose(all_of, 0.5 * np.round(np.minimum(1.1 * T + 0.2, 8.1) / 0.5))
+
+
+def test_gradients_of_cells_in_action(robot, mixture):
+    total, with_gradient = mixture
+    values, scales, _ = numbers(robot)
+    for term in REGISTRY.values():
+        if term.tip and term.id not in ("saturation", "quantisation"):
+            values |= {name: v for name, v in typical(term).items() if not name.endswith(".base")}
+    values["time-skew.delay"] = 0.31
+    (_, converged), gradient = with_gradient(values)
+    assert bool(converged)
+    for name in values:
+        kind = name.partition(".")[0]
+        if kind in REGISTRY and REGISTRY[kind].tip and kind not in ("saturation", "quantisation"):
+            if not name.endswith(".base"):
+                exact = difference(total, values, name, scales[name], False, 1e-5)
+                assert float(gradient[name]) * scales[name] == pytest.approx(
+                    exact * scales[name], rel=2e-4, abs=2e-4
+                ), name
