@@ -750,12 +750,12 @@ def _solve_jvp(primals, tangents):
     def at(moving, flat):
         return _described(eqx.combine(moving, fixed), flat, found.kappa)
 
-    zero = jnp.zeros_like(found.unknowns)
-    (_, out), (left_dot, out_dot) = jax.jvp(at, (moving, found.unknowns), (case_dot, zero))
-    still = jtu.tree_map(jnp.zeros_like, moving)
-    by_unknowns, out_by = jax.vmap(
-        lambda d: jax.jvp(at, (moving, found.unknowns), (still, d))[1], out_axes=-1
-    )(jnp.eye(zero.shape[0]))
+    # One linearisation for all directions: where nothing slips the laws have a kink, and two of them might
+    # be of different sides.
+    (_, out), linear = jax.linearize(at, moving, found.unknowns)
+    zero, still = jnp.zeros_like(found.unknowns), jtu.tree_map(jnp.zeros_like, moving)
+    left_dot, out_dot = linear(case_dot, zero)
+    by_unknowns, out_by = jax.vmap(lambda d: linear(still, d), out_axes=-1)(jnp.eye(zero.shape[0]))
     scales = _scales(case)
     scaled = by_unknowns / scales[:, None] * scales[None, :]
     flat_dot = -jnp.linalg.solve(scaled, left_dot / scales) * scales

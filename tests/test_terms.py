@@ -254,9 +254,10 @@ TICKS = 0.7 * np.arange(len(SHORT))
 BASE_CELL = ("base-gain.gain", "base-offset.force")
 
 
-@pytest.fixture
-def mixture(robot):
-    """A fixed mixture of what is shown along a history, and its gradient by every number of every term."""
+@pytest.fixture(scope="module")
+def mixture():
+    """A robot, a fixed mixture of what is shown along a history, and its gradient by every number of every term."""
+    robot = gtr.load_robot(Path(__file__).parents[1] / "examples" / "tdcm-1.toml")
     mix = np.random.default_rng(3).normal(size=(len(SHORT), 5)) * np.array([1.0, 30.0, 30.0, 5.0, 300.0])
 
     def total(values):
@@ -266,7 +267,7 @@ def mixture(robot):
         columns = [shown.T_tip[:, None], run.tip_pose, run.displacement[:, None]]
         return jnp.sum(jnp.asarray(mix) * jnp.concatenate(columns, axis=1)), jnp.all(run.converged)
 
-    return jax.jit(total), jax.jit(jax.value_and_grad(total, has_aux=True))
+    return robot, jax.jit(total), jax.jit(jax.value_and_grad(total, has_aux=True))
 
 
 def difference(total, values, name, scale, one_sided, step=2e-6):
@@ -303,8 +304,8 @@ def numbers(robot):
     return values, scales, bounded
 
 
-def test_gradients_at_null(robot, mixture):
-    total, with_gradient = mixture
+def test_gradients_at_null(mixture):
+    robot, total, with_gradient = mixture
     values, scales, bounded = numbers(robot)
     (_, converged), gradient = with_gradient(values)
     assert bool(converged)
@@ -319,8 +320,8 @@ def test_gradients_at_null(robot, mixture):
 
 
 @pytest.mark.parametrize("term", MECHANICAL, ids=lambda t: t.id)
-def test_gradients_at_typical_values(robot, mixture, term):
-    total, with_gradient = mixture
+def test_gradients_at_typical_values(mixture, term):
+    robot, total, with_gradient = mixture
     values, scales, bounded = numbers(robot)
     values |= typical(term)
     if term.id == "contact":
@@ -381,8 +382,8 @@ def test_what_the_tips_cell_shows(robot):
     np.testing.assert_allclose(all_of, 0.5 * np.round(np.minimum(1.1 * T + 0.2, 8.1) / 0.5))
 
 
-def test_gradients_of_cells_in_action(robot, mixture):
-    total, with_gradient = mixture
+def test_gradients_of_cells_in_action(mixture):
+    robot, total, with_gradient = mixture
     values, scales, _ = numbers(robot)
     for term in REGISTRY.values():
         if term.tip and term.id not in ("saturation", "quantisation"):
