@@ -1,5 +1,5 @@
-"""`python -m benchmarks.terms [--reference DIR]`: the physics terms against an independent simulator, and what
-they cost.
+"""`python -m benchmarks.terms [--reference DIR]`: the physics terms against an independent simulator, and
+what they cost.
 
 The runs in DIR (one folder per term; those of the tests unless given) come from a chain of rigid links with a
 polyline tendon, marched in time. Each is simulated with its own parameters set, at the default mesh and at
@@ -20,6 +20,7 @@ import jax
 import numpy as np
 
 import gtr_jax as gtr
+from gtr_jax.examples import SIMULATED
 from gtr_jax.report.terms import history
 from gtr_jax.terms import REGISTRY
 
@@ -122,7 +123,7 @@ def cost_rows() -> list[str]:
     """The table of times."""
     clock, T_base = history()
     at = np.linspace(0.0, clock[-1], 1000)
-    T_base, robot = np.interp(at, clock, T_base), gtr.load_robot(gtr.examples.SIMULATED)
+    T_base, robot = np.interp(at, clock, T_base), gtr.load_robot(SIMULATED)
     cold, plain = _seconds(lambda: gtr.simulate(robot, T_base, time=at, with_terms=False))
     both = jax.jit(lambda robot: gtr.simulate(robot, T_base, time=at))
     rows = [f"| without the terms | {cold:.1f} | {1e3 * plain:.1f} | 1 |"]

@@ -225,7 +225,7 @@ class Predictor:
         T_base: base tension as its cell shows it [N], (K,).
         time: of the samples [s], (K,); a second each unless given.
         nodes: samples that are simulated, (J,), increasing from the first to the last; all unless given. What
-            lies between two is interpolated along T_base, which must not turn there, and in a hold along time.
+            lies between two is interpolated along T_base, which must not turn there; in a hold along time.
 
     Attributes:
         samples, steps: how many there are to predict, K, and to simulate, J.

@@ -263,7 +263,7 @@ def _term_section(term: Term) -> type[TermSection]:
         q.name: (
             Annotated[float, Unit(q.unit)],
             Field(
-                **({} if q in needed else {"default": float(q.null)}),
+                ... if q in needed else float(q.null),
                 examples=[quantity_text(float(q.typical), q.unit)],
                 description=q.says,
             ),

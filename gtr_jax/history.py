@@ -159,7 +159,8 @@ def _plain(robot: Robot, loads: Load, solver: optx.AbstractRootFinder):
 
     start = (kept, *jax.lax.stop_gradient((settled, xi)))
     done, before, gripped = jax.lax.scan(step, start, loads.T_base)[1]
-    return done, jax.vmap(lambda *at: _moves(*at[:2], scale, *at[2:]))(done, before, gripped)
+    moves = jax.vmap(lambda done, before, xi: _moves(done, before, scale, xi))(done, before, gripped)
+    return done, moves
 
 
 def _by_slip(robot: Robot, loads: Load, solver: optx.AbstractRootFinder):

@@ -25,6 +25,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import operator
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import equinox as eqx
@@ -174,7 +175,7 @@ def _sum(terms, name: str, *args):
     return functools.reduce(operator.add, [hook(terms[kind], *args) for kind, hook in hooked(name)])
 
 
-def _stop(terms: dict[str, Values]):
+def _stop(terms: Mapping[str, Values]):
     """The one term that is a stop."""
     ((kind, stop),) = hooked("stop")
     ((_, angle),) = hooked("stop_angle")
@@ -264,8 +265,8 @@ class _NodeEquations(eqx.Module):
         pressure = tension * wrap / jnp.where(there, length, 1.0)
         mu = jnp.where(sense >= 0, row.pulling, row.releasing)
         mu = mu * jnp.where(there, _product(terms, "by_pressure", pressure), 1.0)
-        # The coefficient depends on how fast the slip is, whichever way: |v| has two branches, though, and the
-        # one where slip opposes the friction that holds it has to be approached from the other.
+        # The coefficient depends on how fast the slip is, whichever way. Of the two branches of |v| the one
+        # where slip opposes the friction that holds it has to be approached from the other.
         fast = jnp.where(speed * sense >= -STILL, speed, -self.case.against * speed)
         fast = jnp.where(self.modes.by_slip, speed, fast)
         lost = jnp.exp(-(sense * mu + _sum(terms, "by_speed", fast)) * wrap)
@@ -431,7 +432,8 @@ def _prepared(case: Case, x: Closing) -> tuple[_NodeEquations, _Carry, _Row]:
     # While the slip is guessed too low, a speed may raise the tension without end.
     known = jnp.maximum(jnp.max(load.T_base), jnp.max(memory.tension))
     highest = jax.lax.stop_gradient(HIGHEST * known)
-    equations = _NodeEquations(case, _pressing(x.stop), angle, _Modes(by_slip, neighbour), presliding, highest)
+    modes = _Modes(by_slip, neighbour)
+    equations = _NodeEquations(case, _pressing(x.stop), angle, modes, presliding, highest)
     return equations, carry, row
 
 
@@ -650,7 +652,7 @@ def _damped(at: _Search, left: Float[Array, " n"], inverse, by_unknowns) -> _Sea
 
 
 def _newton(case: Case, start: Float[Array, " n"], kappa: Float[Array, " N"], atol: float) -> _Search:
-    """Newton's method in the scaled unknowns, held on its way; it ends with `trial` at the last point tried."""
+    """Newton's method in the scaled unknowns, held on its way; `trial` ends at the last point tried."""
     scales = _scales(case)
     next_point = _damped if case.mu.ndim else _bracketed
 
@@ -760,9 +762,11 @@ def _solve_jvp(primals, tangents):
     scaled = by_unknowns / scales[:, None] * scales[None, :]
     flat_dot = -jnp.linalg.solve(scaled, left_dot / scales) * scales
     out_dot = jtu.tree_map(lambda d, by: d + by @ flat_dot, out_dot, out_by)
-    solved = Solved(*out, found.error, found.marches)
+    memory, state = out
+    solved = Solved(memory, state, found.error, found.marches)
     zeros = jax.custom_derivatives.zero_from_primal(solved, symbolic_zeros=True)
-    return solved, Solved(*out_dot, *zeros[2:])
+    memory_dot, state_dot = out_dot
+    return solved, zeros._replace(memory=memory_dot, state=state_dot)
 
 
 def slip_step(case: Case, load: Load, memory: Memory, atol: float) -> Solved:

@@ -1,5 +1,6 @@
 """Physics terms: dormant at null, one program, the independent simulator, limits, composition."""
 
+import itertools
 import json
 from pathlib import Path
 
@@ -22,7 +23,7 @@ LOADS = {"gravity_angle": -1.2, "tip_force": [0.0, -0.05]}
 
 def way(*corners, steps=12):
     """A load history through corners."""
-    parts = [np.linspace(a, b, steps + 1)[1:] for a, b in zip(corners[:-1], corners[1:], strict=True)]
+    parts = [np.linspace(a, b, steps + 1)[1:] for a, b in itertools.pairwise(corners)]
     return np.concatenate([[corners[0]], *parts])
 
 
@@ -54,7 +55,7 @@ def test_switching_terms_compiles_nothing(robot):
     tips = [run(robot)]
     for term in MECHANICAL:
         tips.append(run(robot.with_values(**typical(term))))
-    assert run._cache_size() == 1
+    assert run._cache_size() == 1  # pyright: ignore[reportAttributeAccessIssue]
     tips.append(gtr.simulate(robot, LOOP).T_tip)
     np.testing.assert_allclose(tips[-1], tips[0], rtol=1e-12)
     changed = [float(np.max(np.abs(tip - tips[0]))) for tip in tips[1:-1]]
@@ -84,13 +85,13 @@ def test_presliding_over_no_length_is_coulomb(robot):
     for length in (8e-4, 2e-4, 5e-5, 2e-5):
         found = tips(robot, {"presliding.length": length}, atol=1e-9)
         off.append(np.sqrt(np.mean((found - coulomb) ** 2)))
-    assert all(b < 0.6 * a for a, b in zip(off[:-1], off[1:], strict=True)) and off[-1] < 0.06, off
+    assert all(b < 0.6 * a for a, b in itertools.pairwise(off)) and off[-1] < 0.06, off
 
 
 @pytest.mark.parametrize("elements", [0.0, 1.0])
 def test_presliding_is_exact_for_steps_of_any_size(robot, elements):
     values = {"presliding.length": 1e-3, "presliding.elements": elements}
-    ends = [tips(robot, values, way(0, 24, steps=n), None)[-1] for n in (2, 12, 96)]
+    ends = [tips(robot, values, way(0, 24, steps=n), np.arange(n + 1.0))[-1] for n in (2, 12, 96)]
     np.testing.assert_allclose(ends, ends[-1], rtol=1e-8)
 
 
@@ -130,7 +131,7 @@ def test_viscoelastic_limits(robot):
 
 
 def test_creep_relaxes_as_the_branch_says(make_robot):
-    """Without friction a held base tension leaves kappa to creep: kappa = (1 - g/(1 + g) e^(-t/t')) T R/EI."""
+    """Without friction, base tension held: kappa = (1 - g/(1 + g) exp(-t/(tau (1 + g)))) T R/EI."""
     robot = make_robot(
         routing={"kind": "parallel", "offset": 0.006},
         backbone={"outer_radius": [0.01, 0.01], "youngs_modulus": 3e6},
@@ -256,7 +257,7 @@ BASE_CELL = ("base-gain.gain", "base-offset.force")
 
 @pytest.fixture(scope="module")
 def mixture():
-    """A robot, a fixed mixture of what is shown along a history, and its gradient by every number of every term."""
+    """A robot, a fixed mixture of what is shown along a history, and its gradient by all terms' numbers."""
     robot = gtr.load_robot(Path(__file__).parents[1] / "examples" / "tdcm-1.toml")
     mix = np.random.default_rng(3).normal(size=(len(SHORT), 5)) * np.array([1.0, 30.0, 30.0, 5.0, 300.0])
 

@@ -159,7 +159,8 @@ def check_times(config: RobotConfig, time: np.ndarray | None) -> None:
         values = config.term_values[term.id]
         if time is None and term.timed and any(values[q.name] != q.null for q in term.sizes):
             raise InputError(
-                f"{config.source}: {term.id} depends on time; give it with --dt, or a history with a column time_s"
+                f"{config.source}: {term.id} depends on time; give it with --dt, or a history with a "
+                "column time_s"
             )
 
 

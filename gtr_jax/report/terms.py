@@ -165,8 +165,8 @@ def loops_of(term: Term) -> Loops:
 def page(term: Term, *, heading: int = 2) -> str:
     """A term's page of the docs, in Markdown; its picture is beside it."""
     rows = [
-        f"| `{q.name}` | {q.says} | {value_text(float(q.null), q.unit)} | {value_text(float(q.typical), q.unit)} "
-        f"| {_range(q)} |"
+        f"| `{q.name}` | {q.says} | {value_text(float(q.null), q.unit)} "
+        f"| {value_text(float(q.typical), q.unit)} | {_range(q)} |"
         for q in term.quantities
     ]
     source = f"\n\n**Source.** {term.source}." if term.source else ""
@@ -190,12 +190,12 @@ def write_pages(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     index = [
         "# Physics terms\n",
-        "Effects beyond friction in a fully constrained channel. Each is dormant until a `[[terms]]` table of the robot",
-        "file gives it numbers; any of its numbers can be fitted (`gtr fit --free mu,presliding.length`). `gtr terms`",
-        "lists them at the command line. These pages are written from the terms' own files by",
+        "Effects beyond friction in a fully constrained channel. Each is dormant until a `[[terms]]` table",
+        "of the robot file gives it numbers; any of them can be fitted (`--free mu,presliding.length`).",
+        "`gtr terms` lists them at the command line. These pages are written from the terms' own files by",
         "`python -m gtr_jax.report.terms`.\n",
-        "The pictures show TD-CM I through one history: a loop at 1 N/s with a hold and an inner loop, then one at",
-        "4 N/s; without the term in grey.\n",
+        "The pictures show TD-CM I through one history: a loop at 1 N/s with a hold and an inner loop, then",
+        "one at 4 N/s; without the term in grey.\n",
     ]
     for group, belongs in GROUPS.items():
         index += [f"\n## {group}\n", "| term | what it is | law |", "|---|---|---|"]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
 from . import (
@@ -87,7 +87,7 @@ def is_on(term: Term, values: Values) -> Bool[Array, ""]:
 
 def known_on(term: Term, values: Values) -> bool | None:
     """The same on the host; None if any of these numbers is being traced."""
-    if any(isinstance(values[q.name], jax.core.Tracer) for q in term.sizes):
+    if any(isinstance(values[q.name], Tracer) for q in term.sizes):
         return None
     return any(bool(np.any(np.asarray(values[q.name]) != q.null)) for q in term.sizes)
 

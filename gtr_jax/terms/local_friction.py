@@ -17,7 +17,7 @@ def friction(p, at):
 
 TERM = Term(
     id="local-friction",
-    says="There is extra friction in one place: a pulley or entry at the base, the anchor, or a rough stretch.",
+    says="Friction is higher in one place: a pulley or entry at the base, the anchor, or a rough stretch.",
     law="T multiplied by exp(∓base) ahead of the channel, by exp(∓tip) at the anchor; "
     "μ·factor from start to end",
     seen="Hidden in the tensions, which it changes as more friction would; the shape bends as if pulled less "

@@ -36,7 +36,7 @@ TERM = Term(
             "dimensionless",
             0.0,
             0.0,
-            "Share of friction that elements carry which slip one after another; the rest follows Dahl's law.",
+            "Share of friction carried by elements that slip one after another; the rest is Dahl's.",
             (0.0, 1.0),
             0.0,
             1.0,
