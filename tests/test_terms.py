@@ -285,8 +285,9 @@ def difference(total, values, name, scale, one_sided, step=2e-6):
     return (4 * near - far) / 3
 
 
-# No derivative at null: presliding acts as the root of its length, a delay moves samples across corners.
-KINKED = {"presliding.length", "time-skew.delay"}
+# No derivative at null: presliding acts as the root of its length, a delay moves samples across corners, and
+# a stop without stiffness is not known to be touched.
+KINKED = {"presliding.length", "time-skew.delay", "contact.stiffness"}
 # What creeps holds friction against the neighbouring node: switching it on jumps by some 0.2 mN.
 JUMPS = {"viscous-friction.coefficient", "stribeck-friction.ratio", "viscoelastic-body.ratio"}
 
@@ -315,7 +316,7 @@ def test_gradients_at_null(mixture):
             continue
         step, tolerance = (1e-2, 0.05) if name in JUMPS else (1e-5, 2e-4)
         exact = difference(total, values, name, scales[name], bounded[name], step)
-        assert float(slope) * scales[name] == pytest.approx(exact * scales[name], rel=tolerance, abs=2e-4), (
+        assert float(slope) * scales[name] == pytest.approx(exact * scales[name], rel=tolerance, abs=5e-4), (
             name
         )
 
@@ -334,7 +335,7 @@ def test_gradients_at_typical_values(mixture, term):
         one_sided = bounded[name] and values[name] == 0.0
         exact = difference(total, values, name, scales[name], one_sided, 1e-5)
         assert float(gradient[name]) * scales[name] == pytest.approx(
-            exact * scales[name], rel=2e-4, abs=2e-4
+            exact * scales[name], rel=2e-4, abs=5e-4
         ), name
 
 
@@ -398,5 +399,5 @@ def test_gradients_of_cells_in_action(mixture):
             if not name.endswith(".base"):
                 exact = difference(total, values, name, scales[name], False, 1e-5)
                 assert float(gradient[name]) * scales[name] == pytest.approx(
-                    exact * scales[name], rel=2e-4, abs=2e-4
+                    exact * scales[name], rel=2e-4, abs=5e-4
                 ), name
