@@ -98,7 +98,7 @@ class Simulation(eqx.Module):
 
 
 SLIP_TOLERANCE = 1e-8
-MOBILISED = 0.95  # share of its friction at which a tendon with presliding counts as slipping
+MOBILISED = 0.9  # share of its friction at which a tendon with presliding counts as slipping
 
 
 def _moves(
@@ -117,11 +117,25 @@ def _moves(
     return jnp.where(jnp.abs(slipped) > 1.0 + SLIP_TOLERANCE, jnp.sign(slipped), 0.0)
 
 
-def _moves_by_slip(memory: Memory, before: Memory, length: Float[Array, ""]):
-    """Direction of slip along the tendons, (*tendons, N), of a step with physics terms."""
-    slipped = memory.slip - before.slip
+def _moves_by_slip(
+    memory: Memory, before: Memory, wrap: Float[Array, "*tendons N"], length: Float[Array, ""]
+):
+    """Direction of slip along the tendons, (*tendons, N), of a step with physics terms.
+
+    A tendon slips where nearly all its friction is mobilised, and at the base once it moves there. It slips
+    as a whole if all its friction nearly is: next to its anchor, where it hardly moves, presliding never gets
+    far.
+    """
+    slipped = jnp.moveaxis(memory.slip - before.slip, 0, -1)
     way = jnp.where(jnp.abs(slipped) > SLIP_TOLERANCE * length, jnp.sign(slipped), 0.0)
-    return jnp.moveaxis(jnp.where(memory.mobilised * way > MOBILISED, way, 0.0), 0, -1)
+    mobilised = jnp.moveaxis(memory.mobilised, 0, -1)
+    turning = jnp.diff(wrap, axis=-1, prepend=jnp.zeros_like(wrap[..., :1]))
+    whole = jnp.where(wrap[..., -1] > 0, wrap[..., -1], 1.0)
+    share = jnp.sum(mobilised * turning, axis=-1, keepdims=True) / whole[..., None]
+    at_base = way[..., :1]
+    all_of = (share * at_base > MOBILISED) & (at_base != 0.0)
+    slips = (mobilised * way > MOBILISED).at[..., 0].set(True)
+    return jnp.where(all_of, at_base, jnp.where(slips, way, 0.0))
 
 
 def _front(s, sign):
@@ -167,7 +181,11 @@ def _by_slip(robot: Robot, loads: Load, solver: optx.AbstractRootFinder):
     """The same with physics terms."""
     s = sections(robot)
     done, before, after = steps_by_slip(robot, s, loads, solver)
-    return done, jax.vmap(lambda now, before: _moves_by_slip(now, before, s.mesh.s[-1]))(after, before)
+
+    def moves(now, before, wrap):
+        return _moves_by_slip(now, before, wrap, s.mesh.s[-1])
+
+    return done, jax.vmap(moves)(after, before, done.wrap)
 
 
 @eqx.filter_jit

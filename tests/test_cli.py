@@ -202,8 +202,8 @@ def test_rigid_sheath(run, tmp_path, make_config):
 def test_steps_that_do_not_converge_are_said_and_written(run, tmp_path, monkeypatch):
     from gtr_jax.report import simulation
 
-    def broken(robot, T_base):
-        run = gtr.simulate(robot, T_base)
+    def broken(robot, T_base, **clock):
+        run = gtr.simulate(robot, T_base, **clock)
         late = jnp.arange(len(run.T_base)) > 10
         pick = jax.vmap(optx.RESULTS.where, in_axes=(0, None, 0))
         result = pick(late, optx.RESULTS.nonlinear_max_steps_reached, run.result)

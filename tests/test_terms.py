@@ -240,6 +240,17 @@ def test_files_hold_any_term(make_robot, tmp_path):
     assert json.loads(json.dumps(null_values()))["presliding"]["length"] == 0.0
 
 
+def test_a_simulation_is_told_with_terms(robot):
+    from gtr_jax.report.simulation import answer_simulation, verdict
+
+    loop = way(0, 24, 2, steps=30)
+    answer = answer_simulation(robot.with_values(**{"presliding.length": 4e-4}), loop)
+    assert answer.converged and "N reach the tip (" in verdict(answer)
+    # Presliding takes its slip, then the phases are those of Coulomb friction.
+    phases = answer.phases.tolist()
+    assert phases[25] == "pulling" and phases[32] == "transition" and phases[-1] == "releasing"
+
+
 def test_times_are_asked_for(robot):
     creeping = robot.with_values(**{"viscous-friction.coefficient": 10.0})
     with pytest.raises(ValueError, match="viscous-friction depends on it; give the time"):
@@ -285,11 +296,12 @@ def difference(total, values, name, scale, one_sided, step=2e-6):
     return (4 * near - far) / 3
 
 
-# No derivative at null: presliding acts as the root of its length, a delay moves samples across corners, and
-# a stop without stiffness is not known to be touched.
-KINKED = {"presliding.length", "time-skew.delay", "contact.stiffness"}
-# What creeps holds friction against the neighbouring node: switching it on jumps by some 0.2 mN.
-JUMPS = {"viscous-friction.coefficient", "stribeck-friction.ratio", "viscoelastic-body.ratio"}
+# No derivative at null: presliding acts as the root of its length, a delay moves samples across corners, a
+# stop without stiffness is not known to be touched, and limits and rounding have steps.
+KINKED = {"presliding.length", "time-skew.delay", "contact.stiffness", "saturation.tip", "quantisation.tip"}
+# What creeps: a stretch that stops loses what its speed gave it, however little that is. The base model cannot,
+# so the slope is asked for just beyond null.
+CREEPING = {"viscous-friction.coefficient", "stribeck-friction.ratio", "viscoelastic-body.ratio"}
 
 
 def numbers(robot):
@@ -312,13 +324,22 @@ def test_gradients_at_null(mixture):
     (_, converged), gradient = with_gradient(values)
     assert bool(converged)
     for name, slope in gradient.items():
-        if name in KINKED:
-            continue
-        step, tolerance = (1e-2, 0.05) if name in JUMPS else (1e-5, 2e-4)
-        exact = difference(total, values, name, scales[name], bounded[name], step)
-        assert float(slope) * scales[name] == pytest.approx(exact * scales[name], rel=tolerance, abs=5e-4), (
-            name
-        )
+        if name not in KINKED | CREEPING:
+            exact = difference(total, values, name, scales[name], bounded[name], 1e-5)
+            assert float(slope) * scales[name] == pytest.approx(exact * scales[name], rel=2e-4, abs=5e-4), (
+                name
+            )
+
+
+@pytest.mark.parametrize("name", sorted(CREEPING))
+def test_gradients_just_beyond_null(mixture, name):
+    robot, total, with_gradient = mixture
+    values, scales, _ = numbers(robot)
+    values |= {name: 0.01 * scales[name]}
+    (_, converged), gradient = with_gradient(values)
+    assert bool(converged)
+    exact = difference(total, values, name, scales[name], False, 2e-3)
+    assert float(gradient[name]) * scales[name] == pytest.approx(exact * scales[name], rel=0.02, abs=5e-4)
 
 
 @pytest.mark.parametrize("term", MECHANICAL, ids=lambda t: t.id)

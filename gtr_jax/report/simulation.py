@@ -214,13 +214,13 @@ def verdict(answer: SimulationAnswer) -> str:
         turned = number(float(np.degrees(run.tip_pose[top, 2])), "°", 3)
         return f"{name}: at the largest base tension {ends}; the tip turns by {turned}."
     loss = tension_loss(answer)
-    if loss is None or answer.switch is None:
+    if loss is None:
         return f"{name}: the tendon stays slack, so nothing reaches the tip."
     text = (
         f"{name}: of {float(run.T_base[top]):.3g} N at the base, {float(run.T_tip[top]):.3g} N reach the tip "
         f"({100 * loss:.3g} % lost)"
     )
-    if not {TRANSITION, RELEASING} & set(answer.phases[top:].tolist()):
+    if answer.switch is None or not {TRANSITION, RELEASING} & set(answer.phases[top:].tolist()):
         return text + "."
     switch = f"{float(answer.switch.T_base):.3g} N"
     if answer.released:

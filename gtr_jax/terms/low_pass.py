@@ -19,7 +19,9 @@ def filtered(time, T, clock):
         slow = steps > 1e-3
         share = jnp.where(slow, (1 - fading) / jnp.where(slow, steps, 1.0), 1 - steps / 2 + steps**2 / 6)
         y = now - (now - before) * share + (y - before) * fading
-        y = jnp.where((time > 0) & (dt > 0), y, now)
+        # Without a lag, of first order in it: there it has a derivative.
+        plain = now - time * (now - before) / jnp.where(dt > 0, dt, jnp.inf)
+        y = jnp.where((time > 0) & (dt > 0), y, plain)
         return (now, y), y
 
     return jnp.concatenate([T[:1], jax.lax.scan(step, (T[0], T[0]), (T[1:], dt))[1]])
@@ -39,7 +41,8 @@ def unfiltered(time, shown, clock):
         known = before * share + (y_before - before) * fading
         kept = 1 - share
         now = (y - known) / jnp.where(kept > 0, kept, 1.0)
-        now = jnp.where((time > 0) & (dt > 0) & (kept > 0), now, y)
+        plain = y + time * (y - before) / jnp.where(dt > 0, dt, jnp.inf)
+        now = jnp.where((time > 0) & (dt > 0) & (kept > 0), now, plain)
         return (now, y), now
 
     return jnp.concatenate([shown[:1], jax.lax.scan(step, (shown[0], shown[0]), (shown[1:], dt))[1]])
