@@ -16,6 +16,7 @@ from pydantic import BaseModel, ValidationError
 
 from gtr_jax.errors import InputError, did_you_mean
 from gtr_jax.terms import REGISTRY, Term
+from gtr_jax.terms.term import NO_SLIP
 
 if TYPE_CHECKING:
     from gtr_jax.config import BackboneConfig, RobotConfig
@@ -124,7 +125,7 @@ def check_terms(data: Mapping[str, Any], known: Mapping[str, Term]) -> None:
         kind = term.get("kind") if isinstance(term, Mapping) else getattr(term, "kind", None)
         if kind is None:
             raise InputError(f"terms[{i}]: missing key 'kind'; one of {', '.join(known)}")
-        if kind not in known:
+        if not isinstance(kind, str) or kind not in known:
             raise InputError(f"terms[{i}].kind: unknown kind '{kind}'; {did_you_mean(str(kind), known)}")
         if kind in seen:
             raise InputError(f"terms[{i}].kind: '{kind}' stands twice; keep one")
@@ -132,12 +133,33 @@ def check_terms(data: Mapping[str, Any], known: Mapping[str, Term]) -> None:
 
 
 def _check_terms(config: RobotConfig, known: Mapping[str, Term]) -> None:
+    kinds, rigid = {term.kind for term in config.terms}, config.backbone.rigid
     for term in config.terms:
-        for q in known[term.kind].quantities:
+        law, key = known[term.kind], f"terms.{term.kind}"
+        bends = law.bend or law.loads or law.stop
+        _require(not (rigid and bends), key, "has no effect on a backbone with rigid = true; remove it")
+        moved = not rigid or "tendon-stretch" in kinds
+        _require(law.mobilise is None or moved, key, NO_SLIP)
+        _require(
+            not (rigid and config.tendons and not law.of_cells), key, "is for one tendon where rigid = true"
+        )
+        _require(
+            any(getattr(term, q.name) != q.null for q in law.sizes) or len(law.sizes) == 1,
+            key,
+            f"has no effect; give one of {', '.join(q.name for q in law.sizes)}",
+        )
+        wrong = (
+            law.fault({q.name: getattr(term, q.name) for q in law.quantities}, config.backbone.length)
+            if law.fault
+            else ""
+        )
+        _require(not wrong, key, wrong)
+        for q in law.quantities:
             value = getattr(term, q.name)
             low = q.lower is not None and (value < q.lower or (q.log and value == q.lower))
             if low or (q.upper is not None and value > q.upper):
-                bounds = f"above {q.lower:g}" if low else f"at most {q.upper:g}"
+                least = "above" if q.log else "at least"
+                bounds = f"{least} {q.lower:g}" if low else f"at most {q.upper:g}"
                 raise InputError(f"terms.{term.kind}.{q.name}: must be {bounds}, is {value:g}; correct it")
 
 

@@ -242,7 +242,8 @@ def steps_by_slip(
 ) -> tuple[Loaded, Memory, Memory]:
     """Solve load steps with physics terms, one after another.
 
-    The robot first settles with slack tendons: a step like any other, so that one program does both.
+    The robot first settles with slack tendons, which are then strung to their preloads without friction:
+    steps like any other, so that one program does all.
 
     Args:
         robot, s: the robot, and it at its nodes.
@@ -256,6 +257,7 @@ def steps_by_slip(
         not converge leaves the memory as it was.
     """
     preload = preload_of(robot, s)
+    strung_to = preload[..., 0]
     slack, one = jnp.zeros_like(preload), jnp.ones_like(robot.loads.tip_moment)
     p = dataclasses.replace(problem_of(robot, s, slack[..., 0], slack), loaded=not robot.backbone.rigid)
     start = jax.lax.stop_gradient(solve_problem(p, rest_state(s), solver).value)
@@ -277,25 +279,49 @@ def steps_by_slip(
 
     def step(carry, at):
         memory, metric, preloaded = carry
-        load, first = at
-        now = dataclasses.replace(case, metric=metric, preload=preloaded)
-        done = slip_step(now, load, memory, atol)
-        met = done.error <= atol
-        settled = dataclasses.replace(
-            untouched(s, done.state, preload),
-            bent=done.memory.bent,
-            unknowns=done.memory.unknowns.at[: preload[..., 0].size].set(0.0),
+        load, (settling, stringing) = at
+        now = dataclasses.replace(
+            case,
+            metric=metric,
+            preload=preloaded,
+            mu=jnp.where(stringing, 0.0, case.mu),
+            terms=_where(stringing, _without_friction(robot.terms), robot.terms),
         )
-        strung = settled if before is None else before(done.state, settled)
-        after = _where(first, strung, _where(met, done.memory, memory))
-        metric = _where(first, node_first(metric_of(s, done.state)), metric)
-        preloaded = _where(first, preload[..., 0], preloaded)
+        done = slip_step(now, load, memory, atol)
+        met = (done.error <= atol) & jnp.all(jnp.isfinite(load.T_base)) & jnp.isfinite(load.dt + load.time)
+        settled = dataclasses.replace(
+            untouched(s, done.state, slack),
+            bent=done.memory.bent,
+            unknowns=done.memory.unknowns.at[: strung_to.size].set(0.0),
+        )
+        strung = dataclasses.replace(
+            done.memory, **{name: 0 * getattr(memory, name) for name in ("speed", "mobilised", "elements")}
+        )
+        strung = strung if before is None else before(done.state, strung)
+        after = _where(settling, settled, _where(met, _where(stringing, strung, done.memory), memory))
+        metric = _where(settling, node_first(metric_of(s, done.state)), metric)
+        preloaded = _where(settling, strung_to, preloaded)
         return (after, metric, preloaded), (_loaded(done, met), memory, after)
 
-    loads = jtu.tree_map(lambda a, b: jnp.concatenate([a[None], b]), nothing, loads)
-    first = jnp.arange(loads.time.shape[0]) == 0
-    steps = jax.lax.scan(step, (memory, case.metric, case.preload), (loads, first))[1]
-    return jtu.tree_map(lambda a: a[1:], steps)
+    first = jtu.tree_map(
+        lambda a, b: jnp.stack([a, b]), nothing, dataclasses.replace(nothing, T_base=strung_to)
+    )
+    loads = jtu.tree_map(lambda a, b: jnp.concatenate([a, b]), first, loads)
+    at = jnp.arange(loads.time.shape[0])
+    steps = jax.lax.scan(step, (memory, case.metric, case.preload), (loads, (at == 0, at == 1)))[1]
+    return jtu.tree_map(lambda a: a[2:], steps)
+
+
+def _without_friction(terms: dict[str, dict[str, Array]]) -> dict[str, dict[str, Array]]:
+    """The numbers of the terms, those that are friction at null."""
+    hooks = ("drag", "base_grip", "tip_grip", "by_speed")
+
+    def values(term):
+        if all(getattr(term, hook) is None for hook in hooks):
+            return terms[term.id]
+        return {q.name: jnp.full_like(terms[term.id][q.name], q.null) for q in term.quantities}
+
+    return {term.id: values(term) for term in REGISTRY.values()}
 
 
 def _where(holds: Bool[Array, ""], this, that):
@@ -449,7 +475,8 @@ def _solve(
                 return never_pulled
             tension = before.tension if isinstance(before, Equilibrium) else before
             kept = untouched(s, settled, tension)
-            return dataclasses.replace(kept, bent=never_pulled.bent, unknowns=never_pulled.unknowns)
+            same = ("slip", "middle", "bent", "unknowns")
+            return dataclasses.replace(kept, **{name: getattr(never_pulled, name) for name in same})
 
         forever = jnp.full((1,), FOREVER)
         load = Load(T_base[None], forever, 0 * forever, 0 * forever)

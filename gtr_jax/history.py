@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import jax.tree_util as jtu
 import optimistix as optx
+from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .channel import wrap_increment
@@ -31,6 +32,7 @@ from .robot import Robot, sections
 from .slip import Kept
 from .slip_march import Load, Memory
 from .terms import REGISTRY, known_on
+from .terms.term import NO_SLIP
 
 SHORTEST = 1e-9  # s, between samples that share their time
 
@@ -118,7 +120,7 @@ def _moves(
 
 
 def _moves_by_slip(
-    memory: Memory, before: Memory, wrap: Float[Array, "*tendons N"], length: Float[Array, ""]
+    memory: Memory, before: Memory, wrap: Float[Array, "*tendons N"], length: Float[Array, ""], rigid: bool
 ):
     """Direction of slip along the tendons, (*tendons, N), of a step with physics terms.
 
@@ -127,7 +129,12 @@ def _moves_by_slip(
     far.
     """
     slipped = jnp.moveaxis(memory.slip - before.slip, 0, -1)
+    if rigid:  # nothing slips, but for a stretch
+        slipped = jnp.moveaxis(memory.tension - before.tension, 0, -1)
+        length = jnp.max(jnp.abs(memory.tension)) + 1e-6
     way = jnp.where(jnp.abs(slipped) > SLIP_TOLERANCE * length, jnp.sign(slipped), 0.0)
+    if rigid:
+        return way
     mobilised = jnp.moveaxis(memory.mobilised, 0, -1)
     turning = jnp.diff(wrap, axis=-1, prepend=jnp.zeros_like(wrap[..., :1]))
     whole = jnp.where(wrap[..., -1] > 0, wrap[..., -1], 1.0)
@@ -183,7 +190,7 @@ def _by_slip(robot: Robot, loads: Load, solver: optx.AbstractRootFinder):
     done, before, after = steps_by_slip(robot, s, loads, solver)
 
     def moves(now, before, wrap):
-        return _moves_by_slip(now, before, wrap, s.mesh.s[-1])
+        return _moves_by_slip(now, before, wrap, s.mesh.s[-1], robot.backbone.rigid)
 
     return done, jax.vmap(moves)(after, before, done.wrap)
 
@@ -237,8 +244,12 @@ def cycles(T_base: Float[Array, "K *tendons"]) -> Float[Array, " K"]:
     """Pulls and releases done at each step of a history, half a cycle each, (K,): the way that the base
     tension has gone, in units of twice its range. Of several tendons, that of the one that has gone farthest.
     """
-    gone = jnp.cumsum(jnp.abs(jnp.diff(T_base, axis=0, prepend=T_base[:1])), axis=0)
-    span = jnp.max(T_base, axis=0, keepdims=True) - jnp.min(T_base, axis=0, keepdims=True)
+    known = jnp.isfinite(T_base)
+    change = jnp.abs(jnp.diff(T_base, axis=0, prepend=T_base[:1]))
+    gone = jnp.cumsum(jnp.where(jnp.isfinite(change), change, 0.0), axis=0)
+    most, least = (jnp.max, jnp.inf), (jnp.min, -jnp.inf)
+    top, bottom = (f(jnp.where(known, T_base, -far), axis=0, keepdims=True) for f, far in (most, least))
+    span = top - bottom
     done = gone / jnp.where(span > 0, 2 * span, 1.0)
     return done if done.ndim == 1 else jnp.max(done, axis=1)
 
@@ -274,7 +285,8 @@ def simulate(
 
     Raises:
         ValueError: T_base is not a history of at least one step, time or cycle not of its length, or there is
-            no time for a term that needs it.
+            no time for a term that needs it; time that goes back; presliding in a rigid sheath with a tendon
+            that does not stretch, which never slips.
     """
     history, names = jnp.asarray(T_base, dtype=float), robot.tendon_names
     if names and history.shape[1:] != (len(names),):
@@ -292,6 +304,10 @@ def simulate(
     for name, values in given.items():
         if values.shape != (steps,):
             raise ValueError(f"{name}: one value for each of the {steps} steps, not shape {values.shape}")
+    if not isinstance(clock, Tracer) and bool(jnp.any(jnp.diff(clock) < 0)):
+        at = int(jnp.argmax(jnp.diff(clock) < 0)) + 1
+        raise ValueError(f"time: goes back at step {at + 1}; put the steps in the order of time")
+    _refuse_unable(robot)
     loads = loads_of(history, clock, given.get("cycle"))
     missing = padded_length(steps) - steps
 
@@ -303,6 +319,19 @@ def simulate(
     return Simulation(
         **{k: v if k == "s" else jtu.tree_map(lambda a: a[:steps], v) for k, v in vars(run).items()}
     )
+
+
+def _refuse_unable(robot: Robot) -> None:
+    """ValueError if friction is to build up over a slip that cannot be."""
+    if not robot.backbone.rigid:
+        return
+    stretch = REGISTRY["tendon-stretch"]
+    if known_on(stretch, robot.terms[stretch.id]) is False:
+        for term in REGISTRY.values():
+            if term.mobilise is not None and known_on(term, robot.terms[term.id]):
+                raise ValueError(f"{term.id}: {NO_SLIP}")
+    if robot.tendon_names and known_to_act(robot):
+        raise ValueError("physics terms: a rigid sheath of several tendons takes those of the cells only")
 
 
 def _refuse_timed(robot: Robot) -> None:

@@ -9,7 +9,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .history import Simulation
 from .robot import Robot
-from .terms import REGISTRY
+from .terms import REGISTRY, known_on
 from .terms.term import Clock
 
 
@@ -40,9 +40,15 @@ def true_base(
     Args:
         robot: the robot.
         shown: what the cell shows [N], (K, *tendons).
-        time: of the samples [s], (K,); one second each unless given.
+        time: of the samples [s], (K,); needed where a term depends on it.
+
+    Raises:
+        ValueError: no time for a term that needs it.
     """
     shown = jnp.asarray(shown, dtype=float)
+    for term in REGISTRY.values():
+        if time is None and term.timed and term.true_base and known_on(term, robot.terms[term.id]):
+            raise ValueError(f"time: {term.id} depends on it; give the time of each sample")
     clock = jnp.arange(shown.shape[0], dtype=float) if time is None else jnp.asarray(time, dtype=float)
     for term in reversed(REGISTRY.values()):
         if term.true_base is not None:

@@ -389,6 +389,7 @@ def _prepared(case: Case, x: Closing) -> tuple[_NodeEquations, _Carry, _Row]:
         start = (mesh.s - mesh.interval.length).reshape(over)
         at = Channel(start, mesh.s.reshape(over), jnp.abs(memory.speed), sense, load.time, load.cycle)
         factor = jnp.broadcast_to(_product(terms, "friction", at), R.value.shape)
+        factor = jnp.where(factor > 0, factor, 0.0)  # friction that wears or drifts away is gone
         return jnp.broadcast_to(case.mu, R.value.shape) * factor
 
     row = _Row(

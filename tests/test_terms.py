@@ -251,6 +251,58 @@ def test_a_simulation_is_told_with_terms(robot):
     assert phases[25] == "pulling" and phases[32] == "transition" and phases[-1] == "releasing"
 
 
+def test_preload_strings_without_friction(make_robot):
+    robot = make_robot(routing=SINE, tendon={"friction_coefficient": 0.3, "preload": 5.0})
+    for values in ({"presliding.length": 6e-4}, {"adhesion.drag": 1e-9}, {"local-friction.base": 1e-9}):
+        case = robot.with_values(**values)
+        assert float(gtr.simulate(case, [5.0, 6.0]).T_tip[0]) == pytest.approx(5.0, abs=1e-6)
+        assert float(gtr.equilibrium(case, 5.0).T_tip) == pytest.approx(5.0, abs=1e-6)
+    plain, null = (gtr.simulate(robot, LOOP + 5.0, with_terms=w) for w in (False, True))
+    np.testing.assert_allclose(null.displacement, plain.displacement, atol=1e-9)
+
+
+def test_friction_never_pushes(robot):
+    run = gtr.simulate(robot.with_values(**{"friction-drift.rate": -0.01}), LOOP, time=1e3 * CLOCK)
+    late = np.arange(len(LOOP)) > 1
+    np.testing.assert_allclose(run.T_tip[late], LOOP[late], rtol=1e-9)
+
+
+def test_a_tension_that_is_no_number_is_flagged(robot):
+    T_base = np.array(LOOP)
+    T_base[20] = np.nan
+    run = gtr.simulate(robot.with_values(**{"stiffening.coefficient": 0.01}), T_base)
+    assert np.flatnonzero(~np.asarray(run.converged)).tolist() == [20]
+    assert float(run.T_tip[21]) > 1.0
+
+
+def test_terms_that_cannot_act_are_refused(make_robot):
+    sheath = {"rigid": True, "natural_curvature": 4.0}
+    for terms, says in (
+        ([{"kind": "presliding", "length": 6e-4}], "add the term tendon-stretch"),
+        ([{"kind": "stiffening", "coefficient": 0.01}], "no effect on a backbone with rigid"),
+    ):
+        with pytest.raises(gtr.InputError, match=says):
+            make_robot(routing=SINE, backbone=sheath, terms=terms)
+    for term, says in (
+        ({"kind": "local-friction", "factor": 4.0}, "must bound a stretch"),
+        ({"kind": "saturation"}, "give one of tip, base"),
+        ({"kind": "cell-hysteresis", "tip": 3.0}, "width must exceed"),
+        ({"kind": ["wear"]}, "unknown kind"),
+        ({"kind": "presliding", "length": -1.0}, "at least 0"),
+    ):
+        with pytest.raises(gtr.InputError, match=says):
+            make_robot(routing=SINE, terms=[term])
+    rigid = make_robot(routing=SINE, backbone=sheath)
+    with pytest.raises(ValueError, match="add the term tendon-stretch"):
+        gtr.simulate(rigid.with_values(**{"presliding.length": 6e-4}), LOOP)
+    run = gtr.simulate(rigid.with_values(**{"adhesion.drag": 1.0}), LOOP)
+    assert set(gtr.label_phases(run).tolist()) >= {"pulling", "releasing"}
+    with pytest.raises(ValueError, match="goes back at step 3"):
+        gtr.simulate(rigid, [1.0, 2.0, 3.0], time=[0.0, 1.0, 0.5])
+    with pytest.raises(ValueError, match="zero-drift depends on it"):
+        gtr.true_base(rigid.with_values(**{"zero-drift.base": 0.1}), [1.0, 2.0])
+
+
 def test_times_are_asked_for(robot):
     creeping = robot.with_values(**{"viscous-friction.coefficient": 10.0})
     with pytest.raises(ValueError, match="viscous-friction depends on it; give the time"):

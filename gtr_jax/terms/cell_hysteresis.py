@@ -34,6 +34,11 @@ def leading(force, width, shown):
     return jax.lax.scan(step, (jnp.zeros_like(shown[0]), shown[0]), shown)[1]
 
 
+def fault(values, length):
+    """Why no cell does this."""
+    return "" if max(values["tip"], values["base"]) < values["width"] else "width must exceed the forces"
+
+
 TERM = Term(
     id="cell-hysteresis",
     says="A load cell lags behind the tension by a force after each reversal, at any rate.",
@@ -56,6 +61,7 @@ TERM = Term(
             size=False,
         ),
     ),
+    fault=fault,
     tip=lambda p, T, at: lagging(p["tip"], p["width"], T),
     base=lambda p, T, at: lagging(p["base"], p["width"], T),
     true_base=lambda p, shown, at: leading(p["base"], p["width"], shown),

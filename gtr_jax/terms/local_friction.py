@@ -15,6 +15,15 @@ def friction(p, at):
     return 1 + (p["factor"] - 1) * jnp.where(length > 0, share, jnp.where(within, 1.0, 0.0))
 
 
+def fault(values, length):
+    """Why the stretch is none."""
+    if values["factor"] == 1:
+        return ""
+    if not 0 <= values["start"] < values["end"]:
+        return "start and end must bound a stretch, start below end"
+    return "" if values["start"] < length else f"start must lie on the body, below {1e3 * length:g} mm"
+
+
 TERM = Term(
     id="local-friction",
     says="Friction is higher in one place: a pulley or entry at the base, the anchor, or a rough stretch.",
@@ -40,6 +49,7 @@ TERM = Term(
         Quantity("end", "m", 0.0, 0.1, "Where it ends.", (0.0, 0.3), 0.0, size=False),
     ),
     friction=friction,
+    fault=fault,
     base_grip=lambda p: p["base"],
     tip_grip=lambda p: p["tip"],
 )

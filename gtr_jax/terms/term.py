@@ -17,6 +17,7 @@ Values = Mapping[str, Float[Array, ""]]
 # What rounding leaves of a slip [m], a speed [m/s] or a curvature [1/m] while nothing moves. Laws that have
 # another derivative in each direction count it as forward, so that all programs take the same.
 STILL = 1e-13
+NO_SLIP = "no tendon slips in a rigid sheath unless it stretches; add the term tendon-stretch"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,6 +132,7 @@ class Term:
         stop: force of a stop on the tip [N] against `stop_angle`, from the tip's place along it [m], affine;
             none acts where that is negative.
         stop_angle: direction [rad] from the base tangent in which the stop is run into.
+        fault: what is wrong with its numbers (by name, SI) on a body of some length [m], or "".
         tip, base: what the cell at the tip, or the base, shows for true tensions.
         true_base: the true base tensions for what its cell shows; the inverse of `base`.
     """
@@ -160,6 +162,7 @@ class Term:
     loads: Callable[[Values, Any], Any] | None = None
     stop: Callable[[Values, Array], Array] | None = None
     stop_angle: Callable[[Values], Array] | None = None
+    fault: Callable[[Mapping[str, float], float], str] | None = None
     tip: Cell | None = None
     base: Cell | None = None
     true_base: Cell | None = None

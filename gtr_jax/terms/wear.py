@@ -5,8 +5,9 @@ from .term import Quantity, Term
 TERM = Term(
     id="wear",
     says="Friction changes with every pull and release: running in, or wear.",
-    law="μ (1 + rate·cycle), cycle the pulls and releases done so far (half a cycle each)",
-    seen="The loop drifts from cycle to cycle, not in between.",
+    law="μ (1 + rate·cycle), never below 0; "
+    "cycle: the way T_base has gone, over twice its range in the recording",
+    seen="The loop drifts from cycle to cycle, not in holds.",
     told_apart="Repeat one loop many times, and once more after a rest, in which friction-drift goes on.",
     quantities=(
         Quantity(
