@@ -18,7 +18,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from gtr_jax import InputError, Robot, Simulation, label_phases, reading, simulate, true_base
 from gtr_jax.equilibrium import known_to_act
-from gtr_jax.history import padded_length
+from gtr_jax.history import cycles, padded_length
 from gtr_jax.parameters import Parameter, places_of, term_of
 
 # What instruments may show, in the order of predictions; names are those of `gtr_jax.Recording`.
@@ -168,31 +168,51 @@ class History(eqx.Module):
     Attributes:
         T_base: base tension as its cell shows it [N], (P,).
         time: [s], (P,).
+        cycle: pulls and releases done, (P,); see `gtr_jax.simulate`.
         with_terms: whether to simulate with the physics terms (static).
     """
 
     T_base: Float[Array, " P"]
     time: Float[Array, " P"]
+    cycle: Float[Array, " P"]
     with_terms: bool = eqx.field(static=True)
 
 
 def shown(robot: Robot, history: History) -> tuple[Float[Array, "C P"], Simulation]:
     """What the instruments show of a load history, SI, in the order of CHANNELS, and the simulation."""
     T_base = true_base(robot, history.T_base, history.time)
-    run = simulate(robot, T_base, time=history.time, with_terms=history.with_terms)
+    run = simulate(robot, T_base, time=history.time, cycle=history.cycle, with_terms=history.with_terms)
     return jnp.stack([reading(robot, run).T_tip, *run.tip_pose.T, run.displacement]), run
 
 
-def history_of(robot: Robot, at: Coordinates, T_base: np.ndarray, time: np.ndarray | None) -> History:
-    """A load history of K samples for a robot with free parameters; a second each without their times."""
+def padded_history(
+    T_base: np.ndarray, time: np.ndarray | None, trial: np.ndarray | None, *, with_terms: bool
+) -> History:
+    """A load history of K samples; a second each without their times. Trials count as cycles where there is
+    more than one.
+    """
     clock = np.arange(len(T_base), dtype=float) if time is None else np.asarray(time, float)
     missing = padded_length(len(T_base)) - len(T_base)
     last = clock[-1] - clock[-2] if len(clock) > 1 else 1.0
+    several = trial is not None and len(np.unique(trial)) > 1
+    done = np.unique(trial, return_inverse=True)[1] if several else np.asarray(cycles(jnp.asarray(T_base)))
     return History(
         jnp.asarray(np.concatenate([T_base, np.full(missing, T_base[-1])])),
         jnp.asarray(np.concatenate([clock, clock[-1] + last * np.arange(1, missing + 1)])),
-        with_terms=bool(at.of_terms or known_to_act(robot)),
+        jnp.asarray(np.concatenate([done, np.full(missing, done[-1])]), float),
+        with_terms=with_terms,
     )
+
+
+def history_of(
+    robot: Robot,
+    at: Coordinates,
+    T_base: np.ndarray,
+    time: np.ndarray | None,
+    trial: np.ndarray | None = None,
+) -> History:
+    """A load history of K samples for a robot with free parameters."""
+    return padded_history(T_base, time, trial, with_terms=bool(at.of_terms or known_to_act(robot)))
 
 
 @eqx.filter_jit
@@ -224,6 +244,7 @@ class Predictor:
         at: coordinates of the free ones.
         T_base: base tension as its cell shows it [N], (K,).
         time: of the samples [s], (K,); a second each unless given.
+        trial: number of the trial, (K,), or None.
         nodes: samples that are simulated, (J,), increasing from the first to the last; all unless given. What
             lies between two is interpolated along T_base, which must not turn there; in a hold along time.
 
@@ -239,11 +260,13 @@ class Predictor:
         T_base: np.ndarray,
         time: np.ndarray | None = None,
         nodes: np.ndarray | None = None,
+        trial: np.ndarray | None = None,
     ):
         self.robot, self.at, self.samples = robot, at, len(T_base)
         nodes = np.arange(self.samples) if nodes is None else nodes
         self.steps = len(nodes)
-        self.history = history_of(robot, at, T_base[nodes], None if time is None else time[nodes])
+        clock, number = (None if v is None else v[nodes] for v in (time, trial))
+        self.history = history_of(robot, at, T_base[nodes], clock, number)
         self._next = np.searchsorted(nodes, np.arange(self.samples))
         self._before = np.maximum(self._next - (nodes[self._next] != np.arange(self.samples)), 0)
         low, high = T_base[nodes[self._before]], T_base[nodes[self._next]]

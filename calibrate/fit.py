@@ -145,7 +145,7 @@ def fit(
     for model, recording in zip(prepared, recordings, strict=True):
         _check_times(model, recording, wanted)
     parts = [
-        _part(name, model, configs[r], rec, channels, noise_N, noise_base_N, robust, warnings)
+        part_of(name, model, configs[r], rec, channels, noise_N, noise_base_N, robust, warnings)
         for name, model, r, rec in zip(names, prepared, of, recordings, strict=True)
     ]
     silent = progress or (lambda _: None)
@@ -180,7 +180,7 @@ def _check_times(robot: Robot, recording: Recording, wanted: Sequence[Free]) -> 
             )
 
 
-def _part(
+def part_of(
     name: str,
     robot: Robot,
     config: RobotConfig | None,

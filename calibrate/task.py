@@ -216,7 +216,7 @@ class Task:
         return Objective(
             predict=Predictors(
                 [
-                    Predictor(p.robot, a, p.T_base.T_base, p.time, p.nodes())
+                    Predictor(p.robot, a, p.T_base.T_base, p.time, p.nodes(), p.trial)
                     for p, a in zip(parts, at, strict=True)
                 ]
             ),

@@ -1,0 +1,273 @@
+"""All recordings on the bench: residuals made white, and hypotheses refitted to them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..base_tension import exact
+from ..coordinates import CHANNELS
+from ..noise import MAD_TO_SD, resolution
+from ..weighing import Weighing
+from .hypotheses import Hypothesis, Number, together
+from .rig import Rig, Seen
+
+# Steps of differences, in coordinates, and of the descent.
+STEP, LARGEST_STEP = 0.02, 1.5
+MOST_ITERATIONS, TRIES, SETTLED = 14, 6, 0.05
+# A simulation that fails counts as this many variances per sample.
+FAILED = 1e3
+
+
+@dataclasses.dataclass(frozen=True)
+class Noise:
+    """Noise of one channel as an AR(1) process: standard deviation, and correlation between neighbours."""
+
+    sd: float
+    rho: float
+
+
+def noise_of(residual: np.ndarray, least: float) -> Noise:
+    """Noise from the differences of a residual between samples one and two apart.
+
+    A misfit varies slowly from sample to sample and hardly enters; medians leave out where it jumps.
+    """
+    near, far = (np.median(np.abs(residual[k:] - residual[:-k])) * MAD_TO_SD for k in (1, 2))
+    if near <= 0 or len(residual) < 16:
+        return Noise(max(float(near) / np.sqrt(2), least), 0.0)
+    rho = float(np.clip((far / near) ** 2 - 1, 0.0, 0.8)) if len(residual) >= 120 else 0.0
+    return Noise(max(float(near) / np.sqrt(2 * (1 - rho)), least), rho)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Fitted:
+    """A set of hypotheses refitted.
+
+    Attributes:
+        names: of the hypotheses; none for the base model.
+        numbers: free ones, mu and E first.
+        x: their coordinates.
+        values: the same and the fixed ones, SI, by name.
+        rows: white residuals at the solution.
+        jacobian: of the rows by x.
+        chi2: sum of squares of the rows.
+        prior: sum of squares of the coordinates under their priors.
+        seen: the simulations.
+        failed: steps that did not converge.
+    """
+
+    names: tuple[str, ...]
+    numbers: tuple[Number, ...]
+    x: np.ndarray
+    values: Mapping[str, float]
+    rows: np.ndarray
+    jacobian: np.ndarray
+    chi2: float
+    prior: float
+    seen: tuple[Seen, ...]
+    failed: int
+
+    @property
+    def cost(self) -> float:
+        """What is minimised."""
+        return self.chi2 + self.prior
+
+    def evidence(self, scale: float = 1.0) -> float:
+        """Log of the probability of the data, up to what all hypotheses share, by Laplace's approximation.
+
+        Args:
+            scale: variance of the white rows, above 1 where every hypothesis misses something.
+        """
+        information = self.jacobian.T @ self.jacobian / scale + np.eye(len(self.x))
+        # Half a normal distribution, of a size that cannot be negative, is twice as dense.
+        halves = sum(n.size and not n.log and n.bounds[0] > -0.5 for n in self.numbers)
+        volume, logdet = halves * np.log(2.0), np.linalg.slogdet(information)[1]
+        return float(-0.5 * (self.chi2 / scale + self.prior) - 0.5 * logdet + volume)
+
+    def sd(self, scale: float = 1.0) -> np.ndarray:
+        """Standard deviations of the coordinates."""
+        information = self.jacobian.T @ self.jacobian / scale + np.eye(len(self.x))
+        return np.sqrt(np.diag(np.linalg.inv(information)))
+
+
+class Bench:
+    """Recordings with their residuals made white.
+
+    Args:
+        rigs: the recordings.
+        base: numbers fitted whatever the hypothesis.
+    """
+
+    def __init__(self, rigs: Sequence[Rig], base: tuple[Number, ...]):
+        self.rigs, self.base = tuple(rigs), base
+        self.noise: list[list[Noise]] = []
+        self.weighs: list[Weighing] = []
+        self.correction = [np.zeros((len(CHANNELS), r.part.samples)) for r in self.rigs]
+        self.evaluations = 0
+
+    def simulate(self, values: Mapping[str, float]) -> tuple[Seen, ...] | None:
+        """All recordings with some numbers changed; None where one breaks down."""
+        self.evaluations += 1
+        found = []
+        for rig in self.rigs:
+            seen = rig(values)
+            if seen is None:
+                return None
+            found.append(seen)
+        return tuple(found)
+
+    def residuals(self, seen: Sequence[Seen]) -> list[np.ndarray]:
+        """Simulated minus recorded of each recording, (C, K)."""
+        return [
+            (s.values + more)[rig.part.where] - rig.part.recorded
+            for rig, s, more in zip(self.rigs, seen, self.correction, strict=True)
+        ]
+
+    def weigh(self, values: Mapping[str, float], seen: Sequence[Seen]) -> None:
+        """Take noise, and how it passes from the base to the tip, from a fit."""
+        self.noise, self.weighs = [], []
+        for rig, s, residual in zip(self.rigs, seen, self.residuals(seen), strict=True):
+            part, K = rig.part, rig.part.samples
+            least = np.maximum(part.smallest, [resolution(row) / np.sqrt(12) for row in part.recorded])
+            noise = [noise_of(row, low) for row, low in zip(residual, least, strict=True)]
+            if part.noise_N is not None:
+                noise[0] = Noise(part.noise_N, noise[0].rho)
+            sd = np.asarray([n.sd for n in noise])
+            base = part.T_base
+            plain = Weighing.plain(exact(base.T_base) if base.sd == 0 else base, part.channels, sd)
+            step = 1e-3 * max(float(np.ptp(base.T_base)), 1e-3)
+            raised = rig(values, step)
+            if base.sd > 0 and raised is not None:
+                slipped = np.maximum.accumulate(np.where(s.slips, np.arange(K), 0))
+                last = [slipped if name == "T_tip" else np.arange(K) for name in part.channels]
+                slope = ((raised.values - s.values) / step)[part.where]
+                slope = np.where(
+                    np.abs(slope) < 50 * np.median(np.abs(slope), axis=1, keepdims=True) + 1e-12, slope, 0.0
+                )
+                plain = dataclasses.replace(plain, slope=slope, last=np.stack(last), sd_base=base.believed)
+            self.noise.append(noise)
+            self.weighs.append(plain)
+
+    def rows(self, seen: Sequence[Seen]) -> np.ndarray:
+        """White residuals of all recordings in one, (n,)."""
+        found = []
+        for weigh, noise, residual in zip(self.weighs, self.noise, self.residuals(seen), strict=True):
+            channels, base = weigh.split(residual)
+            for row, n in zip(channels, noise, strict=True):
+                found.append(np.concatenate([row[:1], (row[1:] - n.rho * row[:-1]) / np.sqrt(1 - n.rho**2)]))
+            found.append(base)
+        return np.concatenate(found)
+
+    def at(self, numbers: Sequence[Number], x: np.ndarray, fixed: Mapping[str, float]):
+        """Values, simulations and rows at coordinates; the rows None where the simulation breaks down."""
+        values = {n.name: n.value(v) for n, v in zip(numbers, x, strict=True)} | dict(fixed)
+        seen = self.simulate(values)
+        if seen is None:
+            return values, None, None
+        return values, seen, self.rows(seen)
+
+    def slopes(self, numbers: Sequence[Number], x: np.ndarray, rows: np.ndarray, fixed) -> np.ndarray:
+        """Derivatives of the rows by differences, over steps that cross the kinks of friction."""
+        columns = []
+        for i, n in enumerate(numbers):
+            step = STEP if x[i] + STEP <= n.bounds[1] else -STEP
+            moved = np.array(x)
+            moved[i] += step
+            there = self.at(numbers, moved, fixed)[2]
+            columns.append(np.zeros_like(rows) if there is None else (there - rows) / step)
+        return np.stack(columns, axis=1)
+
+    def refit(
+        self,
+        hypotheses: Sequence[Hypothesis],
+        start: np.ndarray,
+        *,
+        jacobian: np.ndarray | None = None,
+        counts: np.ndarray | None = None,
+        most: int = MOST_ITERATIONS,
+        exact: bool = True,
+    ) -> Fitted | None:
+        """Refit the base numbers and those of some hypotheses from a start: Levenberg-Marquardt, its Jacobian
+        by differences, kept up to date by Broyden's formula while that serves.
+
+        Args:
+            hypotheses: those that act.
+            start: coordinates, base numbers first.
+            jacobian: at the start, if known.
+            counts: rows that count, (n,) bool; all unless given.
+            most: iterations.
+            exact: whether the Jacobian is taken anew at the end.
+        """
+        own, fixed = together(hypotheses)
+        numbers = (*self.base, *own)
+        low, high = (np.asarray([n.bounds[k] for n in numbers]) for k in (0, 1))
+        x = np.clip(start, low, high)
+        values, seen, rows = self.at(numbers, x, fixed)
+        if rows is None or seen is None:
+            return None
+        keep = np.ones(len(rows), bool) if counts is None else counts
+
+        def cost(rows, x, seen):
+            return float(np.sum(rows[keep] ** 2) + np.sum(x**2) + FAILED * sum(s.failed for s in seen))
+
+        best, damping, fresh = cost(rows, x, seen), 1e-3, False
+        for _ in range(most):
+            if jacobian is None:
+                jacobian, fresh = self.slopes(numbers, x, rows, fixed), True
+            J, r = jacobian[keep], rows[keep]
+            gradient, hessian = J.T @ r + x, J.T @ J + np.eye(len(x))
+            free = ~(((x <= low) & (gradient > 0)) | ((x >= high) & (gradient < 0)))
+            if not free.any():
+                break
+            A = hessian[np.ix_(free, free)]
+            gained, promised = 0.0, 0.0
+            for _ in range(TRIES):
+                step = np.zeros(len(x))
+                step[free] = -np.linalg.solve(A + damping * np.diag(np.diag(A)), gradient[free])
+                trial = np.clip(x + np.clip(step, -LARGEST_STEP, LARGEST_STEP), low, high)
+                moved = trial - x
+                promised = float(-2 * gradient @ moved - moved @ hessian @ moved)
+                if promised < SETTLED:
+                    break
+                there = self.at(numbers, trial, fixed)
+                new = np.inf if there[2] is None else cost(there[2], trial, there[1])
+                if new < best:
+                    gained, best = best - new, new
+                    change = there[2] - rows - jacobian @ moved
+                    jacobian = jacobian + np.outer(change, moved) / max(float(moved @ moved), 1e-300)
+                    x, (values, seen, rows) = trial, there
+                    damping = max(damping / 10, 1e-6)
+                    break
+                damping = min(damping * 10, 1e6)
+                if not fresh:
+                    break
+            if gained < 0.25 * promised or gained < SETTLED:
+                if fresh and gained < SETTLED:
+                    break
+                jacobian = None
+            fresh = False
+        if jacobian is None or (exact and not fresh):
+            jacobian = self.slopes(numbers, x, rows, fixed)
+        return Fitted(
+            tuple(h.name for h in hypotheses),
+            numbers,
+            x,
+            values,
+            rows,
+            jacobian,
+            float(np.sum(rows[keep] ** 2)),
+            float(np.sum(x**2)),
+            tuple(seen),
+            sum(s.failed for s in seen),
+        )
+
+    def mean_square(self, fitted: Fitted) -> float:
+        """Of the white residuals of the channels, per degree of freedom."""
+        start, total, count = 0, 0.0, 0
+        for rig in self.rigs:
+            C, K = len(rig.part.channels), rig.part.samples
+            total, count = total + float(np.sum(fitted.rows[start : start + C * K] ** 2)), count + C * K
+            start += (C + 1) * K
+        return total / max(count - len(fitted.x), 1)

@@ -1,0 +1,259 @@
+"""`diagnose`: which physics a robot's model leaves out, told from recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot, simulate
+
+from ..fit import part_of
+from ..free import distinct
+from ..task import Part
+from .bench import Bench, Fitted
+from .decide import Decision, decide
+from .experiment import Experiment, propose
+from .heldout import held_out
+from .hypotheses import base_numbers, catalogue
+from .locate import cycles_of, locate, mu_by_stratum, phases_of, ratio_of_branches
+from .result import BAD_DATA, Diagnosis, Loop, Rival
+from .rig import Rig, resolution_of, some_samples
+from .sanity import faults
+from .search import SHORTLIST, STARTS_EACH, WORTH, Models, Screened, base_fit, combine, refit_best, screen
+
+# Samples of each recording on which hypotheses are tried, and on which the best are refitted.
+FEW, MANY = 260, 1200
+# Models that are refitted to all samples.
+FINAL = 5
+
+
+def diagnose(
+    robot: RobotConfig | Robot,
+    recording: Recording | Sequence[Recording],
+    *,
+    channels: Sequence[str] | None = None,
+    noise_N: float | None = None,
+    noise_base_N: float | None = None,
+    experiment: bool | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Diagnosis:
+    """Tell which physics a model leaves out of recordings.
+
+    The base model (mu and, unless the backbone is rigid, E) is fitted; every term of the catalogue is tried
+    beside it at finite sizes; the most promising are refitted with mu and E, alone and up to three together;
+    what is more probable than nothing by its evidence (Laplace's approximation, with a prior for every number
+    and for how many effects there are) is named, or the set of rivals that the data do not tell apart, or,
+    where structure is left that no term explains, nothing. What is named is refitted to part of the samples
+    and judged on the rest.
+
+    Args:
+        robot: from `gtr_jax.load_config`; or a `Robot`, whose mu and E then have no priors.
+        recording: with T_base and T_tip, 20 samples or more; or several of the same robot.
+        channels: what is compared beside T_tip, where a recording has it: some of tip_x, tip_y, tip_angle,
+            displacement; all unless given.
+        noise_N, noise_base_N: standard deviations of the recorded tensions [N]; estimated unless given.
+        experiment: whether to propose the experiment that separates the rivals; only where there are some,
+            unless given.
+        progress: called with a line of text at each stage.
+
+    Returns:
+        The diagnosis. Data that cannot be diagnosed give the verdict "bad-data", and why.
+
+    Raises:
+        InputError: a recording without tip tension or too short, a robot of several tendons.
+    """
+    say = progress or (lambda _: None)
+    recordings = [recording] if isinstance(recording, Recording) else list(recording)
+    if not recordings:
+        raise InputError("diagnose: no recording is given")
+    config = robot if isinstance(robot, RobotConfig) else None
+    fine = build_robot(robot) if isinstance(robot, RobotConfig) else robot
+    if fine.tendon_names:
+        raise InputError(
+            f"diagnose: {fine.name} has {len(fine.tendons)} tendons; this version diagnoses one tendon; take "
+            "the others out of the robot file"
+        )
+    warnings: list[str] = []
+    names = distinct([r.path.stem for r in recordings])
+    parts = [
+        part_of(name, fine, config, r, channels, noise_N, noise_base_N, False, warnings)
+        for name, r in zip(names, recordings, strict=True)
+    ]
+    found = [fault for part in parts for fault in faults(part)]
+    if found:
+        return Diagnosis.without_answer(BAD_DATA, found, parts, warnings, config)
+    coarse = build_robot(config, resolution=resolution_of(fine)) if config else fine
+    deviations = _deviations(config)
+    full = [part if part.samples <= MANY else part.only(some_samples(part, MANY)) for part in parts]
+    kept = [some_samples(part, FEW) for part in full]
+    small = [p if len(k) == p.samples else p.only(k) for p, k in zip(full, kept, strict=True)]
+    bench = Bench([Rig(p, coarse) for p in small], base_numbers(fine, deviations))
+    say("fitting mu and E" if len(bench.base) > 1 else "fitting mu")
+    base = base_fit(bench)
+    if base is None:
+        return Diagnosis.without_answer(
+            BAD_DATA, ["the simulation fails at every start value tried"], parts, warnings, config
+        )
+    run = _fine(fine, base, full[0])
+    _correct(bench, fine, base)
+    base = base_fit(bench, base.x)
+    if base is None:
+        return Diagnosis.without_answer(BAD_DATA, ["the simulation fails"], parts, warnings, config)
+    hypotheses = catalogue(
+        fine,
+        timed=all(p.time is not None for p in parts),
+        largest_tip=max(float(np.max(p.T_tip)) for p in parts),
+        travel=np.asarray([run[2].min(), run[2].max()]),
+        bend=_bend(fine, base, full[0]),
+    )
+    models = Models(bench, hypotheses)
+    models.add([base])
+    say(f"trying {len(hypotheses)} hypotheses")
+    screened = screen(bench, base, hypotheses)
+    short = [s for s in screened if s.gain > WORTH][:SHORTLIST]
+    if short:
+        say(f"refitting the {len(short)} most promising")
+        models.add(refit_best(bench, base, (), short, STARTS_EACH))
+        models.reweigh()
+        combine(models, say)
+        models.reweigh()
+    if any(len(k) < p.samples for k, p in zip(kept, full, strict=True)):
+        say("refitting the best to all samples")
+        models = _on_all(models, [Rig(p, coarse) for p in full], fine)
+    decision = decide(models)
+    say("refitting to part of the samples")
+    return _answer(
+        decision, models, screened, parts, full, config, fine, warnings, experiment=experiment, say=say
+    )
+
+
+def _deviations(config: RobotConfig | None) -> dict[str, float]:
+    if config is None:
+        return {}
+    given = config.uncertainty
+    short = {"backbone.youngs_modulus": "E", "tendon.friction_coefficient": "mu"}
+    return {short[key]: float(np.log1p(v)) for key, v in given.items() if key in short}
+
+
+def _fine(fine: Robot, fitted: Fitted, part: Part) -> np.ndarray:
+    """The base model on the robot's own mesh, in the order of CHANNELS, (C, K)."""
+    own = {name: fitted.values[name] for name in ("mu", "E") if name in fitted.values}
+    run = simulate(fine.with_values(**own), part.T_base.T_base, with_terms=False)
+    return np.stack([np.asarray(run.T_tip), *np.asarray(run.tip_pose).T, np.asarray(run.displacement)])
+
+
+def _bend(fine: Robot, fitted: Fitted, part: Part) -> float:
+    own = {name: fitted.values[name] for name in ("mu", "E") if name in fitted.values}
+    top = np.asarray([0.0, float(part.T_base.T_base.max())])
+    run = simulate(fine.with_values(**own), top, with_terms=False)
+    return float(np.max(np.abs(run.curvature[-1] - run.curvature[0])))
+
+
+def _correct(bench: Bench, fine: Robot, fitted: Fitted) -> None:
+    """Add what the coarse mesh of the bench differs by from the robot's own."""
+    for k, (rig, seen) in enumerate(zip(bench.rigs, fitted.seen, strict=True)):
+        bench.correction[k] = _fine(fine, fitted, rig.part) - seen.values
+
+
+def _on_all(models: Models, rigs: list[Rig], fine: Robot) -> Models:
+    """The most probable models, and the base model, refitted to all samples."""
+    bench = Bench(rigs, models.bench.base)
+    ranked = models.ranked()
+    top = ranked[0]
+    seen = bench.simulate(models.base.values)
+    if seen is None:
+        return models
+    for k, (rig, s) in enumerate(zip(rigs, seen, strict=True)):
+        bench.correction[k] = _fine(fine, models.base, rig.part) - s.values
+    again = bench.simulate(top.values)
+    if again is None:
+        return models
+    bench.weigh(top.values, again)
+    wanted = [models.base, *[f for f in ranked if f.names][:FINAL]]
+    whole = Models(bench, list(models.of.values()))
+
+    def refit(f):
+        return bench.refit(whole.hypotheses(f.names), f.x, most=5)
+
+    from .search import in_parallel
+
+    whole.add([f for f in in_parallel(refit, wanted) if f is not None])
+    if () not in whole.fits:
+        return models
+    return whole
+
+
+def _answer(
+    decision: Decision,
+    models: Models,
+    screened: Sequence[Screened],
+    parts: Sequence[Part],
+    full: Sequence[Part],
+    config: RobotConfig | None,
+    fine: Robot,
+    warnings: list[str],
+    *,
+    experiment: bool | None,
+    say: Callable[[str], None],
+) -> Diagnosis:
+    bench, base, chosen = models.bench, models.base, decision.chosen
+    compared = [base] if not chosen.names else [base, chosen]
+    scores = held_out(bench, [(models.hypotheses(f.names), f) for f in compared])
+    wanted = decision.verdict == "ambiguous" if experiment is None else experiment
+    proposal: Experiment | None = None
+    if wanted and chosen.names:
+        say("looking for the experiment that would decide")
+        proposal = propose(models, decision, bench.rigs[0])
+    loops = []
+    for k, part in enumerate(full):
+        before, after = ((f.seen[k].values + bench.correction[k])[part.where] for f in (base, chosen))
+        phases = phases_of(bench, base, k)
+        T = part.T_base.T_base
+        loops.append(
+            Loop(
+                part.name,
+                part.channels,
+                part.time,
+                T,
+                part.recorded,
+                before,
+                after,
+                phases,
+                cycles_of(T),
+                [ratio_of_branches(T, tip, phases) for tip in (part.T_tip, before[0], after[0])],
+                float(bench.noise[k][0].sd),
+                float(part.T_base.sd),
+            )
+        )
+    probability = decision.probability
+    rivals = [
+        Rival(
+            f.names,
+            probability[f.names],
+            float(np.sqrt(max(base.chi2 - f.chi2, 0.0))),
+            bench.mean_square(f),
+            dict(f.values),
+            f.failed,
+        )
+        for f in models.ranked()
+    ]
+    return Diagnosis.of(
+        decision,
+        models,
+        screened,
+        where=locate(bench, base),
+        rest=locate(bench, chosen),
+        strata=mu_by_stratum(bench, base),
+        held=scores,
+        loops=loops,
+        rivals=rivals,
+        experiment=proposal,
+        parts=parts,
+        config=config,
+        fine=fine,
+        warnings=warnings,
+    )
+
+
+__all__ = ["diagnose"]

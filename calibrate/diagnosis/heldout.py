@@ -1,0 +1,83 @@
+"""Refits to part of a recording, judged on the rest: whole cycles, or whole regimes of a single one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .bench import Bench, Fitted
+from .hypotheses import Hypothesis
+from .locate import cycles_of
+from .search import in_parallel
+
+FOLDS = 4
+
+
+def folds(bench: Bench) -> list[tuple[str, list[np.ndarray]]]:
+    """What is held out in turn: a name, and which samples of each recording, (K,) bool each.
+
+    Cycles where a recording has three or more, whole recordings where there are three or more, else stretches
+    of the load history: low and high pull, early and late release.
+    """
+    rigs = bench.rigs
+    if len(rigs) >= 3:
+        return [(rig.part.name, [np.full(r.part.samples, r is rig) for r in rigs]) for rig in rigs[:FOLDS]]
+    cycles = [cycles_of(rig.part.T_base.T_base) for rig in rigs]
+    most = max(int(c[-1]) for c in cycles)
+    if most >= 3:
+        groups = np.array_split(np.arange(1, most + 1), min(FOLDS, most))
+        names = [f"cycle {g[0]}" if len(g) == 1 else f"cycles {g[0]} to {g[-1]}" for g in groups]
+        return [(n, [np.isin(c, g) for c in cycles]) for n, g in zip(names, groups, strict=True)]
+    shares = [np.floor(FOLDS * np.arange(r.part.samples) / r.part.samples).astype(int) for r in rigs]
+    return [(f"stretch {f + 1} of {FOLDS}", [s == f for s in shares]) for f in range(FOLDS)]
+
+
+def _counted(bench: Bench, held: Sequence[np.ndarray]) -> np.ndarray:
+    """Rows of the samples that are not held out."""
+    found = []
+    for rig, out in zip(bench.rigs, held, strict=True):
+        found.append(np.tile(~out, len(rig.part.channels) + 1))
+    return np.concatenate(found)
+
+
+def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]) -> list[dict[str, float]]:
+    """Score of each model on what it was not fitted to.
+
+    Args:
+        bench: the recordings.
+        models: hypotheses, and their fit to everything.
+
+    Returns:
+        For each model: "rms_N" of the tip tension, and "chi2_per_n" of all channels, over all folds, and the
+        number of folds in which the first was the lowest of all models, "best_in".
+    """
+    parts = folds(bench)
+    jobs = [(m, f) for m in range(len(models)) for f in range(len(parts))]
+
+    def one(job):
+        m, f = job
+        hypotheses, fitted = models[m]
+        keep = _counted(bench, parts[f][1])
+        again = bench.refit(hypotheses, fitted.x, jacobian=fitted.jacobian, counts=keep, most=6, exact=False)
+        again = fitted if again is None else again
+        squares, n, chi, rows, start = 0.0, 0, 0.0, 0, 0
+        for rig, residual, out in zip(bench.rigs, bench.residuals(again.seen), parts[f][1], strict=True):
+            squares, n = squares + float(np.sum(residual[0][out] ** 2)), n + int(out.sum())
+            C, K = len(rig.part.channels), rig.part.samples
+            z = again.rows[start : start + C * K].reshape(C, K)[:, out]
+            chi, rows, start = chi + float(np.sum(z**2)), rows + z.size, start + (C + 1) * K
+        return squares, n, chi, rows
+
+    found = np.asarray(in_parallel(one, jobs)).reshape(len(models), len(parts), 4)
+    rms = np.sqrt(found[..., 0] / np.maximum(found[..., 1], 1))
+    best = np.argmin(rms, axis=0)
+    return [
+        {
+            "rms_N": float(np.sqrt(np.sum(f[:, 0]) / max(np.sum(f[:, 1]), 1))),
+            "chi2_per_n": float(np.sum(f[:, 2]) / max(np.sum(f[:, 3]), 1)),
+            "folds": len(parts),
+            "best_in": int(np.sum(best == m)),
+        }
+        for m, f in enumerate(found)
+    ]

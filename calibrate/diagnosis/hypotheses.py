@@ -1,0 +1,227 @@
+"""What may be missing: each physics term as a hypothesis with a few free numbers and a prior for each."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from gtr_jax import Robot
+from gtr_jax.terms import REGISTRY, Term
+from gtr_jax.terms.term import Quantity
+
+# Standard deviations to each end of a range that holds nine of ten values.
+NINE_OF_TEN = 1.645
+# Prior standard deviation of ln mu, and of ln E where the robot file states none.
+ANY_MU, ANY_E = 1.5, 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Number:
+    """A free number: value = centre exp(sd x) or centre + sd x, with x ~ N(0, 1) before anything is seen.
+
+    Attributes:
+        name: of the parameter, as `gtr_jax.parameters_of` lists it.
+        unit: SI.
+        centre, sd: see above; of a size, the centre is its null.
+        log: which of the two.
+        lower, upper: bounds of the value.
+        size: whether it says how strong an effect is.
+    """
+
+    name: str
+    unit: str
+    centre: float
+    sd: float
+    log: bool
+    lower: float = -np.inf
+    upper: float = np.inf
+    size: bool = False
+
+    def value(self, x: float) -> float:
+        """The value at a coordinate, within its bounds."""
+        value = self.centre * np.exp(self.sd * x) if self.log else self.centre + self.sd * x
+        return float(np.clip(value, self.lower, self.upper))
+
+    def at(self, value: float) -> float:
+        """The coordinate of a value."""
+        return float(np.log(value / self.centre) if self.log else value - self.centre) / self.sd
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Range of the coordinate; logarithmic ones reach no further than 8."""
+        if self.log:
+            low = self.at(self.lower) if self.lower > 0 else -8.0
+            return max(low, -8.0), min(self.at(self.upper) if np.isfinite(self.upper) else 8.0, 8.0)
+        return self.at(self.lower), self.at(self.upper)
+
+
+@dataclasses.dataclass(frozen=True)
+class Hypothesis:
+    """An effect that may be missing.
+
+    Attributes:
+        name: the term's id, with the number that tells variants apart after a dot: "low-pass.base".
+        kind: the term's id.
+        numbers: what is free, sizes first.
+        starts: values to start from, one mapping each.
+        fixed: numbers that are set and stay.
+    """
+
+    name: str
+    kind: str
+    numbers: tuple[Number, ...]
+    starts: tuple[Mapping[str, float], ...]
+    fixed: Mapping[str, float] = dataclasses.field(default_factory=dict)
+
+    @property
+    def term(self) -> Term:
+        """The physics term it is of."""
+        return REGISTRY[self.kind]
+
+
+# Terms that are several hypotheses: the numbers of each that are free.
+VARIANTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
+    "local-friction": {"base": ("base",), "tip": ("tip",), "stretch": ("factor", "start", "end")},
+    "tendon-stretch": {"": ("compliance",)},
+    "cell-hysteresis": {"tip": ("tip", "width"), "base": ("base", "width")},
+    "zero-drift": {"tip": ("tip",), "base": ("base",)},
+    "low-pass": {"tip": ("tip",), "base": ("base",)},
+    "saturation": {"tip": ("tip",), "base": ("base",)},
+    # The reference goes with mu; the direction of a stop is that of the bend, one way or the other.
+    "pressure-dependent-friction": {"": ("exponent",)},
+    "contact": {"": ("stiffness", "distance")},
+}
+# Of no effect on anything that varies, or read off the samples themselves.
+NEVER = {"quantisation"}
+# Sizes to try, in standard deviations of the prior.
+SIZES = (0.15, 0.6, 1.5)
+
+
+def number_of(term: Term, q: Quantity) -> Number:
+    """A term's number as a free one."""
+    name, low, high = f"{term.id}.{q.name}", *q.usual
+    lower, upper = (-np.inf if q.lower is None else q.lower), (np.inf if q.upper is None else q.upper)
+    if q.size and q.log:
+        far = max(abs(np.log(low / q.null)), abs(np.log(high / q.null)))
+        return Number(name, q.unit, q.null, far / NINE_OF_TEN, True, lower, upper, True)
+    if q.size:
+        far = max(abs(low - q.null), abs(high - q.null))
+        return Number(name, q.unit, q.null, far / NINE_OF_TEN, False, lower, upper, True)
+    if q.log:
+        sd = 0.5 * np.log(high / low) / NINE_OF_TEN
+        return Number(name, q.unit, float(np.sqrt(low * high)), sd, True, lower, upper)
+    return Number(name, q.unit, 0.5 * (low + high), 0.5 * (high - low) / NINE_OF_TEN, False, lower, upper)
+
+
+def catalogue(
+    robot: Robot, *, timed: bool, largest_tip: float, travel: np.ndarray, bend: float
+) -> list[Hypothesis]:
+    """The hypotheses that can act on a robot.
+
+    Args:
+        robot: the robot.
+        timed: whether the recordings have times.
+        largest_tip: largest recorded tip tension [N].
+        travel: where the tip goes across the base tangent, smallest and largest y [m], (2,).
+        bend: largest change of curvature [1/m].
+    """
+    rigid, found = robot.backbone.rigid, []
+    for term in REGISTRY.values():
+        if term.id in NEVER or (term.timed and not timed):
+            continue
+        if rigid and (term.bend or term.loads or term.stop):
+            continue
+        if term.id == "gravity-error" and not robot.loaded:
+            continue
+        plain = {"": tuple(q.name for q in term.quantities)}
+        for variant, names in VARIANTS.get(term.id, plain).items():
+            name = f"{term.id}.{variant}" if variant else term.id
+            free = tuple(number_of(term, q) for wanted in names for q in term.quantities if q.name == wanted)
+            found.append(_started(name, term, free, robot, largest_tip, travel, bend))
+    return found
+
+
+def _started(
+    name: str,
+    term: Term,
+    free: tuple[Number, ...],
+    robot: Robot,
+    largest: float,
+    travel: np.ndarray,
+    bend: float,
+) -> Hypothesis:
+    length = float(robot.backbone.length)
+    fixed: dict[str, float] = {}
+    if name == "local-friction.stretch":
+        span = 0.5 * length / NINE_OF_TEN
+        factor, start, end = free
+        start = dataclasses.replace(start, centre=0.35 * length, sd=0.6 * span, upper=0.97 * length)
+        end = dataclasses.replace(end, centre=0.65 * length, sd=0.6 * span, lower=0.03 * length, upper=length)
+        free = (factor, start, end)
+        thirds = [(0.1, 0.35), (0.35, 0.65), (0.65, 0.9)]
+        starts = [
+            {factor.name: f, start.name: a * length, end.name: b * length}
+            for f in (2.2, 0.5)
+            for a, b in thirds
+        ]
+        return Hypothesis(name, term.id, free, tuple(starts))
+    if term.id == "saturation":
+        own = dataclasses.replace(free[0], centre=largest, sd=0.15, log=True, lower=1e-3)
+        shares = (0.97, 0.9, 0.75)
+        return Hypothesis(name, term.id, (own,), tuple({own.name: s * largest} for s in shares))
+    if term.id == "contact":
+        stiffness, distance = free
+        stiffness = dataclasses.replace(stiffness, centre=200.0, sd=1.5, log=True, lower=1.0)
+        low, high = (float(v) for v in travel)
+        way = 1.0 if high >= -low else -1.0
+        reach = max(high, -low, 1e-3)
+        distance = dataclasses.replace(distance, centre=0.5 * reach, sd=0.4 * reach)
+        fixed = {"contact.angle": way * np.pi / 2}
+        starts = [
+            {stiffness.name: k, distance.name: d * reach} for d in (0.3, 0.6, 0.85) for k in (100.0, 600.0)
+        ]
+        return Hypothesis(name, term.id, (stiffness, distance), tuple(starts), fixed)
+    if term.id == "presliding" and robot.backbone.rigid:
+        fixed = {"tendon-stretch.compliance": 5e-5}
+    if term.id in ("tip-load", "gravity-error"):
+        x, y = free
+        directions = [(0, 1), (0, -1), (1, 0), (-1, 0)]
+        starts = [{x.name: s * x.sd * a, y.name: s * y.sd * b} for s in (0.1, 0.5) for a, b in directions]
+        return Hypothesis(name, term.id, free, tuple(starts), fixed)
+    if term.id == "stiffening":
+        # Sized by what it does at the largest bend; much below 0 the body would buckle.
+        soft = -0.25 / max(bend, 1e-6) ** 2
+        free = (dataclasses.replace(free[0], sd=0.4 / max(bend, 1e-6) ** 2, lower=soft),)
+    first, shapes = free[0], free[1:]
+    signs = [s for s in (1.0, -1.0) if first.bounds[0] < s * SIZES[0] < first.bounds[1]]
+    ends = [[n.value(-0.9), n.value(0.9)] for n in shapes]
+    starts = [
+        {first.name: first.value(sign * size)} | dict(zip([n.name for n in shapes], shape, strict=True))
+        for sign in signs
+        for size in SIZES
+        for shape in itertools.product(*ends)
+    ]
+    return Hypothesis(name, term.id, free, tuple(starts), fixed)
+
+
+def base_numbers(robot: Robot, deviations: Mapping[str, float]) -> tuple[Number, ...]:
+    """What is fitted whatever the hypothesis: mu and, unless the backbone is rigid, E.
+
+    Args:
+        robot: with the values of its file.
+        deviations: relative standard deviations of the file, by name of the parameter.
+    """
+    mu = max(float(robot.value("mu")), 0.02)
+    found = [Number("mu", "", mu, deviations.get("mu", ANY_MU), True)]
+    if not robot.backbone.rigid:
+        found.append(Number("E", "Pa", float(robot.value("E")), deviations.get("E", ANY_E), True))
+    return tuple(found)
+
+
+def together(hypotheses: Sequence[Hypothesis]) -> tuple[tuple[Number, ...], dict[str, float]]:
+    """Free and fixed numbers of several hypotheses."""
+    fixed = {name: value for h in hypotheses for name, value in h.fixed.items()}
+    return tuple(n for h in hypotheses for n in h.numbers), fixed

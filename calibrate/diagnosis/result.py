@@ -1,0 +1,347 @@
+"""A diagnosis: the verdict, what carries it, and the robot with the physics that was missing."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from gtr_jax import InputError, Robot, RobotConfig
+from gtr_jax.parameters import parameters_of
+from gtr_jax.terms import REGISTRY
+
+from ..task import Part
+from .bench import Fitted
+from .decide import ADEQUATE, AMBIGUOUS, MISSING, UNEXPLAINED, Decision
+from .experiment import Experiment
+from .locate import Where
+from .search import Models, Screened
+
+BAD_DATA = "bad-data"
+Names = tuple[str, ...]
+
+
+def kinds(names: Sequence[str]) -> list[str]:
+    """The terms that hypotheses are of."""
+    return list(dict.fromkeys(name.partition(".")[0] for name in names))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Loop:
+    """One recording of K samples beside the base model and the one that is shown.
+
+    Attributes:
+        name: of the recording.
+        channels: T_tip first.
+        time: [s], (K,), or None.
+        T_base: true base tension as estimated [N], (K,).
+        recorded, before, after: SI, (C, K).
+        phases: of the base model, (K,).
+        cycles: number of the cycle, from 1, (K,).
+        branches: base tension, D and S of the recording, before and after; see `locate.ratio_of_branches`.
+        noise_N, noise_base_N: of the cells.
+    """
+
+    name: str
+    channels: tuple[str, ...]
+    time: np.ndarray | None
+    T_base: np.ndarray
+    recorded: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    phases: np.ndarray
+    cycles: np.ndarray
+    branches: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+    noise_N: float
+    noise_base_N: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Rival:
+    """A model that was refitted.
+
+    Attributes:
+        names: of its hypotheses.
+        probability: among the models refitted.
+        delta: root of the drop of the sum of squares from the base model.
+        chi2_per_n: mean square of the white residuals.
+        values: SI, by name.
+        failed: load steps that did not converge.
+    """
+
+    names: Names
+    probability: float
+    delta: float
+    chi2_per_n: float
+    values: Mapping[str, float]
+    failed: int
+
+
+@dataclasses.dataclass(frozen=True)
+class Change:
+    """A number before and after: SI; None where it is not in that model.
+
+    Attributes:
+        name, unit: of it.
+        before, after: values.
+        sd: standard deviation of the latter.
+    """
+
+    name: str
+    unit: str
+    before: float | None
+    after: float | None
+    sd: float | None
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What is missing from a robot's model.
+
+    Attributes:
+        verdict: "adequate", "missing-physics", "ambiguous", "unexplained" or "bad-data".
+        says: the same in one or two sentences.
+        named: terms that are missing: kinds, as robot files write them.
+        confusion_set: sets of terms that the recordings do not tell apart, the most probable first.
+        probability: of each model; "" for the base model.
+        where: where the base model and the recordings differ, most of the misfit first.
+        rest: the same of the model that is shown.
+        parameters: numbers before and after.
+        rms_N, held_out: residual of T_tip before and after; see `heldout.held_out`.
+        noise_N: of the tip's cell.
+        left, base_left: structure left by the model shown, and by the base model: size in standard deviations
+            of the noise, and significance.
+        rivals: models refitted, the most probable first.
+        strata: friction coefficient from parts of the samples: label, value, standard error.
+        smallest_detectable: smallest size of each effect that these recordings would have shown, SI.
+        experiment: what to measure next, or None.
+        loops: for pictures.
+        config: the robot file with what was found, or None.
+        converged: whether every load step of the model shown met its tolerance.
+        warnings: what the reader must know.
+        settings: how it was done.
+    """
+
+    verdict: str
+    says: str
+    named: list[str]
+    confusion_set: list[list[str]]
+    probability: dict[str, float]
+    where: list[Where]
+    rest: list[Where]
+    parameters: list[Change]
+    rms_N: tuple[float, float]
+    held_out: list[dict[str, float]]
+    noise_N: float
+    left: tuple[float, float]
+    base_left: tuple[float, float]
+    rivals: list[Rival]
+    strata: list[tuple[str, float, float]]
+    smallest_detectable: dict[str, float]
+    experiment: Experiment | None
+    loops: list[Loop]
+    config: RobotConfig | None
+    converged: bool
+    warnings: list[str]
+    settings: dict[str, Any]
+
+    @staticmethod
+    def without_answer(
+        verdict: str,
+        faults: list[str],
+        parts: Sequence[Part],
+        warnings: list[str],
+        config: RobotConfig | None,
+    ) -> Diagnosis:
+        """A diagnosis of data that cannot be diagnosed."""
+        nothing = (float("nan"), float("nan"))
+        return Diagnosis(
+            verdict,
+            "These recordings cannot be diagnosed: " + "; ".join(faults) + ".",
+            *([], [], {}, [], [], []),
+            nothing,
+            [],
+            float("nan"),
+            nothing,
+            nothing,
+            *([], [], {}, None, []),
+            config,
+            True,
+            warnings,
+            {"samples": sum(p.samples for p in parts)},
+        )
+
+    @staticmethod
+    def of(
+        decision: Decision,
+        models: Models,
+        screened: Sequence[Screened],
+        *,
+        where: list[Where],
+        rest: list[Where],
+        strata: list[tuple[str, float, float]],
+        held: list[dict[str, float]],
+        loops: list[Loop],
+        rivals: list[Rival],
+        experiment: Experiment | None,
+        parts: Sequence[Part],
+        config: RobotConfig | None,
+        fine: Robot,
+        warnings: list[str],
+    ) -> Diagnosis:
+        """Gather a diagnosis."""
+        base, chosen = models.base, decision.chosen
+        off = [
+            np.concatenate([v[0] - loop.recorded[0] for loop in loops for v in (getattr(loop, which),)])
+            for which in ("before", "after")
+        ]
+        rms = (float(np.sqrt(np.mean(off[0] ** 2))), float(np.sqrt(np.mean(off[1] ** 2))))
+        found = decision.verdict in (MISSING, AMBIGUOUS)
+        named = kinds(chosen.names) if found else []
+        confusion = list(map(list, dict.fromkeys(tuple(kinds(names)) for names in decision.confusion)))
+        parameters = _changes(base, chosen, models.scale) if found else _changes(base, base, models.scale)
+        noise = float(np.mean([loop.noise_N for loop in loops]))
+        diagnosis = Diagnosis(
+            decision.verdict,
+            "",
+            named if decision.verdict == MISSING else [],
+            confusion if decision.verdict == AMBIGUOUS else ([named] if named else []),
+            {" + ".join(names): p for names, p in decision.probability.items()},
+            where,
+            rest,
+            parameters,
+            rms,
+            held,
+            noise,
+            decision.left,
+            decision.base_left,
+            rivals,
+            strata,
+            {s.hypothesis.numbers[0].name: float(s.smallest) for s in screened if np.isfinite(s.smallest)},
+            experiment,
+            loops,
+            _diagnosed(config, chosen if found else base, fine, warnings),
+            chosen.failed == 0,
+            warnings,
+            {
+                "samples": sum(p.samples for p in parts),
+                "samples_simulated": sum(r.part.samples for r in models.bench.rigs),
+                "mesh_intervals": sum(models.bench.rigs[0].robot.intervals),
+                "hypotheses": sorted(models.of),
+                "free_of_the_base_model": [n.name for n in models.bench.base],
+                "variance_scale": models.scale,
+            },
+        )
+        return dataclasses.replace(diagnosis, says=sentence(diagnosis, chosen.names))
+
+    def to_json(self) -> dict[str, Any]:
+        """What `diagnosis.json` holds."""
+        held = self.held_out
+        fit: dict[str, Any] = {
+            "rms_N": {"before": self.rms_N[0], "after": self.rms_N[1]},
+            "noise_N": self.noise_N,
+            "structure_left": {
+                "before": {"noise_sd": self.base_left[0], "z": self.base_left[1]},
+                "after": {"noise_sd": self.left[0], "z": self.left[1]},
+            },
+        }
+        if held:
+            fit["held_out_rms_N"] = {"before": held[0]["rms_N"], "after": held[-1]["rms_N"]}
+            fit["held_out_chi2_per_n"] = {"before": held[0]["chi2_per_n"], "after": held[-1]["chi2_per_n"]}
+            fit["held_out_folds"] = {"number": held[0]["folds"], "better_after": held[-1]["best_in"]}
+        parameters = {
+            c.name: {"before": c.before, "after": c.after, "sd": c.sd}
+            if c.before is not None
+            else {"value": c.after, "sd": c.sd, "unit": c.unit}
+            for c in self.parameters
+        }
+        proposal = None
+        if self.experiment is not None:
+            e = self.experiment
+            proposal = {
+                "says": e.says,
+                "separates": [" + ".join(names) for names in e.separates],
+                "expected_probability": e.expected_probability,
+                "record": list(e.record),
+                "menu_standard_errors": dict(e.menu),
+            }
+        return {
+            "verdict": self.verdict,
+            "says": self.says,
+            "named": self.named,
+            "confusion_set": self.confusion_set,
+            "probability": self.probability,
+            "where": [dataclasses.asdict(w) for w in self.where],
+            "where_after": [dataclasses.asdict(w) for w in self.rest],
+            "parameters": parameters,
+            "fit": fit,
+            "rivals": [dataclasses.asdict(r) for r in self.rivals],
+            "friction_by_part": [{"part": p, "mu": v, "sd": sd} for p, v, sd in self.strata],
+            "next_experiment": proposal,
+            "smallest_detectable": self.smallest_detectable,
+            "converged": self.converged,
+            "warnings": self.warnings,
+            "settings": self.settings,
+        }
+
+
+def _changes(base: Fitted, chosen: Fitted, scale: float) -> list[Change]:
+    before = {n.name: base.values[n.name] for n in base.numbers}
+    found = []
+    for n, x, sd in zip(chosen.numbers, chosen.x, chosen.sd(scale), strict=True):
+        value = n.value(x)
+        found.append(
+            Change(n.name, n.unit, before.get(n.name), value, float(abs(value if n.log else 1.0) * n.sd * sd))
+        )
+    return found
+
+
+def _diagnosed(
+    config: RobotConfig | None, fitted: Fitted, fine: Robot, warnings: list[str]
+) -> RobotConfig | None:
+    """The robot file with the numbers of a fit."""
+    if config is None:
+        return None
+    known = parameters_of(fine)
+    try:
+        return config.with_values({known[name].key: value for name, value in fitted.values.items()})
+    except (InputError, KeyError) as fault:
+        warnings.append(f"What was found does not make a robot file: {fault}.")
+        return None
+
+
+def sentence(d: Diagnosis, chosen: Names) -> str:
+    """The verdict in words that its numbers carry."""
+    held = d.held_out
+    better = ""
+    if len(held) > 1:
+        better = (
+            f" On samples the fit has not seen, the residual goes from {held[0]['rms_N']:.2g} to "
+            f"{held[1]['rms_N']:.2g} N (noise {d.noise_N:.2g} N)."
+        )
+    if d.verdict == ADEQUATE:
+        return (
+            f"Nothing is missing that these recordings could show: the residual of {d.rms_N[0]:.2g} N is the "
+            f"noise of {d.noise_N:.2g} N."
+        )
+    if d.verdict == UNEXPLAINED:
+        at = f" Most of it: {d.where[0].says}." if d.where else ""
+        nearest = (
+            f" The nearest, {' + '.join(chosen)}, leaves {d.left[0]:.2g} standard deviations of the noise."
+            if chosen
+            else ""
+        )
+        return (
+            f"Something is missing that no term of the catalogue explains: the fit is off by {d.rms_N[0]:.2g} N "
+            f"where the noise is {d.noise_N:.2g} N.{at}{nearest}"
+        )
+    mu = next((c for c in d.parameters if c.name == "mu"), None)
+    moved = f" Friction goes from {mu.before:.3g} to {mu.after:.3g}." if mu and mu.before and mu.after else ""
+    if d.verdict == AMBIGUOUS:
+        sets = " or ".join(" with ".join(s) for s in d.confusion_set)
+        return f"Missing is {sets}: these recordings do not tell which.{better}{moved}"
+    effects = "; ".join(REGISTRY[kind].says.rstrip(".") for kind in d.named)
+    share = next((p for name, p in d.probability.items() if kinds(name.split(" + ")) == d.named), 0.0)
+    return f"Missing: {' and '.join(d.named)} (probability {share:.2f}). {effects}.{better}{moved}"

@@ -1,0 +1,124 @@
+"""A recording that is simulated again and again, small and fast enough to try every hypothesis on it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Float, Int
+
+from gtr_jax import Robot
+from gtr_jax.parameters import places_of
+
+from ..coordinates import History, padded_history, shown
+from ..task import Part
+
+# Numbers that may differ from the robot's own in one simulation.
+PLACES = 24
+# Intervals of the mesh that hypotheses are tried on, and least share of the robot's own.
+INTERVALS, COARSEST = 32, 0.35
+# Samples kept behind each bend of the base tension: there friction that depends on the speed changes fast.
+AFTER = (1, 2, 3, 5, 8, 12, 18)
+
+
+@eqx.filter_jit
+def _shown(robot: Robot, places: Int[Array, " P"], values: Float[Array, " P"], history: History):
+    flat, unravel = ravel_pytree(robot)
+    changed = unravel(jnp.append(flat, 0.0).at[places].set(values)[:-1])
+    seen, run = shown(changed, history)
+    return seen, run.converged, run.slip_front, run.slip_direction
+
+
+def resolution_of(robot: Robot) -> float:
+    """Mesh resolution to search with, of a robot meshed finely."""
+    return float(np.clip(INTERVALS / sum(robot.intervals), COARSEST, 1.0))
+
+
+def some_samples(part: Part, most: int) -> np.ndarray:
+    """About so many samples that carry a recording, increasing from first to last: the bends of its base
+    tension, some behind each, and others between, evenly in tension and in time.
+    """
+    base, K = part.T_base, part.samples
+    if most >= K:
+        return np.arange(K)
+    turns = 1 + np.flatnonzero(np.diff(np.sign(np.diff(base.T_base))) != 0) if base.sd == 0 else base.knots
+    turns = turns if len(turns) < most // 4 else turns[:: max(1, 4 * len(turns) // most)]
+    behind = (turns[:, None] + np.asarray((0, *AFTER))).ravel()
+    travel = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(base.T_base)))])
+    share = 0.5 * travel / max(travel[-1], 1e-300) + 0.5 * np.arange(K) / K
+    left = max(most - len(np.unique(behind[behind < K])), most // 2)
+    even = np.searchsorted(share, np.linspace(0, share[-1], left))
+    return np.unique(np.concatenate([[0, K - 1], behind[behind < K], np.minimum(even, K - 1)]))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Seen:
+    """What a simulation shows of a recording of K samples.
+
+    Attributes:
+        values: SI, in the order of `coordinates.CHANNELS`, (C, K).
+        failed: steps that did not converge.
+        slips: whether slip reaches the tip, (K,).
+        direction: of the slip at the base, (K,).
+    """
+
+    values: np.ndarray
+    failed: int
+    slips: np.ndarray
+    direction: np.ndarray
+
+
+class Rig:
+    """One recording, and the robot it is of, coarsely meshed.
+
+    One compiled program per robot structure and padded length serves every hypothesis.
+
+    Args:
+        part: the recording.
+        robot: the robot to simulate it with.
+    """
+
+    def __init__(self, part: Part, robot: Robot):
+        self.part, self.robot = part, robot
+        names = robot_names(robot)
+        places = np.asarray(places_of(robot, names))
+        self._places = dict(zip(names, places.tolist(), strict=True))
+        self._none = int(ravel_pytree(robot)[0].shape[0])
+
+    def __call__(self, values: Mapping[str, float], more_base: float = 0.0) -> Seen | None:
+        """The recording with some numbers of the robot changed; None where the simulation breaks down.
+
+        Args:
+            values: SI, by name of the parameter; at most PLACES.
+            more_base: by how much the base tension is higher throughout [N].
+        """
+        part = self.part
+        history = padded_history(part.T_base.T_base + more_base, part.time, part.trial, with_terms=True)
+        places, numbers = np.full(PLACES, self._none), np.zeros(PLACES)
+        for i, (name, value) in enumerate(values.items()):
+            places[i], numbers[i] = self._places[name], value
+        try:
+            seen, converged, front, direction = jax.block_until_ready(
+                _shown(self.robot, jnp.asarray(places), jnp.asarray(numbers), history)
+            )
+        except RuntimeError as fault:  # a linear solve given NaN raises, from within the compiled program
+            if "non-finite" not in str(fault):
+                raise
+            return None
+        K = part.samples
+        shown = np.asarray(seen)[:, :K]
+        if not np.all(np.isfinite(shown)):
+            return None
+        whole = np.asarray(front)[:K] >= float(self.robot.backbone.length) * (1 - 1e-12)
+        return Seen(shown, int(np.sum(~np.asarray(converged)[:K])), whole, np.asarray(direction)[:K])
+
+
+def robot_names(robot: Robot) -> list[str]:
+    """Names of all numbers of a robot that a hypothesis may change."""
+    terms = [f"{kind}.{name}" for kind, values in robot.terms.items() for name in values]
+    return ["mu", *([] if robot.backbone.rigid else ["E"]), *terms]

@@ -1,0 +1,237 @@
+"""From the base model to what may be missing: screen, refit, combine."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .bench import Bench, Fitted
+from .hypotheses import Hypothesis
+
+THREADS = 2
+MU_STARTS = (0.03, 0.08, 0.15, 0.25, 0.4, 0.65)
+# Hypotheses refitted, starts of each, and those added to one that is known.
+SHORTLIST, STARTS_EACH, SECOND = 10, 2, 4
+# A drop of the sum of squares that is worth a refit.
+WORTH = 6.0
+# Prior probability of no, one, two and three missing effects.
+HOW_MANY = (0.5, 0.35, 0.12, 0.03)
+# Models this much less likely than the best, in log, are not refitted once the noise is known better.
+HOPELESS = 40.0
+
+
+def in_parallel(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
+    """work(item) for all items, in order, on both cores: compiled programs release the interpreter."""
+    with ThreadPoolExecutor(THREADS) as pool:
+        return list(pool.map(work, items))
+
+
+def base_fit(bench: Bench, start: np.ndarray | None = None) -> Fitted | None:
+    """The base model fitted: noise and fit in turn, from the best of several starts unless one is given."""
+    numbers = bench.base
+    if start is None:
+        others = [0.0] * (len(numbers) - 1)
+        starts = [np.zeros(len(numbers)), *(np.asarray([numbers[0].at(mu), *others]) for mu in MU_STARTS)]
+
+        def rough(start):
+            seen = bench.simulate({n.name: n.value(v) for n, v in zip(numbers, start, strict=True)})
+            if seen is None:
+                return np.inf
+            return float(np.sum([np.sum(r[0] ** 2) for r in bench.residuals(seen)]))
+
+        costs = in_parallel(rough, starts)
+        if not np.isfinite(min(costs)):
+            return None
+        start = starts[int(np.argmin(costs))]
+    seen = bench.simulate({n.name: n.value(v) for n, v in zip(numbers, start, strict=True)})
+    fitted = None
+    for _ in range(3):
+        if seen is None:
+            return None
+        bench.weigh({n.name: n.value(v) for n, v in zip(numbers, start, strict=True)}, seen)
+        fitted = bench.refit((), start)
+        if fitted is None:
+            return None
+        start, seen = fitted.x, fitted.seen
+    return fitted
+
+
+class Screened(NamedTuple):
+    """A hypothesis before it is refitted.
+
+    Attributes:
+        hypothesis: what may be missing.
+        gain: drop of the sum of squares that its best start promises once the numbers fitted follow.
+        starts: coordinates to refit from, best first.
+        smallest: size of its first number that would change the white residuals by `SEEN` in all once the
+            others follow; infinite where it changes nothing.
+    """
+
+    hypothesis: Hypothesis
+    gain: float
+    starts: list[np.ndarray]
+    smallest: float
+
+
+SEEN = 4.5
+
+
+def screen(bench: Bench, fitted: Fitted, hypotheses: Sequence[Hypothesis]) -> list[Screened]:
+    """Try hypotheses beside a fit at finite sizes, the numbers fitted following linearly; best first."""
+    q, _ = np.linalg.qr(np.concatenate([fitted.jacobian, np.eye(len(fitted.x))]))
+
+    def projected(rows, x):
+        both = np.concatenate([rows, x])
+        return both - q @ (q.T @ both)
+
+    left = projected(fitted.rows, fitted.x)
+    cost, still = fitted.cost, np.zeros(len(fitted.x))
+
+    def one(item):
+        h, start = item
+        x = np.asarray([n.at(start[n.name]) for n in h.numbers])
+        seen = bench.simulate(dict(fitted.values) | dict(start) | dict(h.fixed))
+        if seen is None or sum(s.failed for s in seen) > fitted.failed:
+            return -np.inf, x, 1.0, 0.0
+        moved = projected(bench.rows(seen) - fitted.rows, still)
+        power = float(moved @ moved)
+        # As large as tried, or as its slope asks for, within a factor.
+        share = float(np.clip(-(left @ moved) / power, 0.2, 2.0)) if power > 0 else 1.0
+        best, share = min((float(np.sum((left + s * moved) ** 2)), s) for s in (1.0, share))
+        return cost - best, x, share, power
+
+    items = [(h, s) for h in hypotheses for s in h.starts]
+    found, screened = in_parallel(one, items), []
+    for h in hypotheses:
+        mine = sorted((f for (own, _), f in zip(items, found, strict=True) if own is h), key=lambda f: -f[0])
+        starts = []
+        for _, x, share, _ in mine:
+            sizes = np.asarray([n.size and not n.log for n in h.numbers])
+            starts.append(np.where(sizes, share * x, x))
+        first = h.numbers[0]
+        least = [
+            abs(first.value(x[0] * SEEN / np.sqrt(p)) - first.centre)
+            for _, x, _, p in mine
+            if p > 0 and first.size
+        ]
+        screened.append(Screened(h, float(mine[0][0]), starts, min(least, default=np.inf)))
+    return sorted(screened, key=lambda s: -s.gain)
+
+
+def refit_best(
+    bench: Bench, fitted: Fitted, known: Sequence[Hypothesis], screened: Sequence[Screened], starts: int
+) -> list[Fitted]:
+    """Refit each hypothesis beside those known, from its best starts; the better end of each."""
+    items = [(s.hypothesis, start) for s in screened for start in s.starts[:starts]]
+
+    def one(item):
+        h, start = item
+        return bench.refit((*known, h), np.concatenate([fitted.x, start]), exact=False)
+
+    found, best = in_parallel(one, items), []
+    for s in screened:
+        mine = [f for (h, _), f in zip(items, found, strict=True) if h is s.hypothesis and f is not None]
+        if mine:
+            best.append(min(mine, key=lambda f: f.cost + 1e3 * f.failed))
+    return best
+
+
+class Models:
+    """All models refitted so far, and how probable they are.
+
+    Args:
+        bench: the recordings.
+        hypotheses: the catalogue.
+    """
+
+    def __init__(self, bench: Bench, hypotheses: Sequence[Hypothesis]):
+        self.bench = bench
+        self.of = {h.name: h for h in hypotheses}
+        self.fits: dict[tuple[str, ...], Fitted] = {}
+
+    def add(self, fits: Sequence[Fitted]) -> None:
+        """Keep fits; of two of the same model the better."""
+        for f in fits:
+            key = tuple(sorted(f.names))
+            if key not in self.fits or f.cost < self.fits[key].cost:
+                self.fits[key] = f
+
+    @property
+    def base(self) -> Fitted:
+        """The fit without any hypothesis."""
+        return self.fits[()]
+
+    @property
+    def scale(self) -> float:
+        """Variance of the white residuals of the best fit, at least 1."""
+        return max(1.0, min(self.bench.mean_square(f) for f in self.fits.values()))
+
+    def log_posterior(self, fitted: Fitted) -> float:
+        """Log of the posterior probability, up to a constant."""
+        n, k = len(self.of), len(fitted.names)
+        ways = float(np.prod([(n - i) / (i + 1) for i in range(k)]))
+        return fitted.evidence(self.scale) + float(np.log(HOW_MANY[k] / ways))
+
+    def ranked(self) -> list[Fitted]:
+        """The models, the most probable first."""
+        return sorted(self.fits.values(), key=lambda f: (-self.log_posterior(f), f.names))
+
+    def probabilities(self) -> dict[tuple[str, ...], float]:
+        """Probability of each model among those refitted, the most probable first."""
+        ranked = self.ranked()
+        logs = np.asarray([self.log_posterior(f) for f in ranked])
+        share = np.exp(logs - logs.max())
+        return {f.names: float(p) for f, p in zip(ranked, share / share.sum(), strict=True)}
+
+    def hypotheses(self, names: Sequence[str]) -> list[Hypothesis]:
+        """Of a model."""
+        return [self.of[name] for name in names]
+
+    def reweigh(self) -> None:
+        """Take the noise anew from the best model, and refit those that matter."""
+        ranked = self.ranked()
+        top = ranked[0]
+        self.bench.weigh(top.values, top.seen)
+        kept = [
+            f for f in ranked if not f.names or self.log_posterior(f) > self.log_posterior(top) - HOPELESS
+        ]
+
+        def again(f):
+            return self.bench.refit(self.hypotheses(f.names), f.x, most=5)
+
+        self.fits = {}
+        self.add([f for f in in_parallel(again, kept) if f is not None])
+
+
+def combine(models: Models, progress: Callable[[str], None]) -> None:
+    """Add second and third effects to the best models while that makes them more probable, and take out what
+    is no longer needed.
+    """
+    for depth in (1, 2):
+        best = [f for f in models.ranked() if len(f.names) == depth]
+        if not best or (depth == 2 and models.ranked()[0].names != best[0].names):
+            return
+        heads = best[: 2 if depth == 1 else 1]
+        for head in heads:
+            if models.log_posterior(head) < models.log_posterior(best[0]) - 12:
+                continue
+            progress(f"adding to {' + '.join(head.names)}")
+            others = [h for h in models.of.values() if h.name not in head.names]
+            wanted = [s for s in screen(models.bench, head, others) if s.gain > WORTH][:SECOND]
+            known = models.hypotheses(head.names)
+            models.add(refit_best(models.bench, head, known, wanted, 1))
+        # What a pair leaves of either: both orders are tried by themselves; here the single left out of three.
+        ranked = models.ranked()[0]
+        if len(ranked.names) == 3:
+            for pair in itertools.combinations(ranked.names, 2):
+                if tuple(sorted(pair)) in models.fits:
+                    continue
+                hypotheses = models.hypotheses(pair)
+                names = {n.name for h in hypotheses for n in h.numbers} | {n.name for n in models.bench.base}
+                x = np.asarray([v for n, v in zip(ranked.numbers, ranked.x, strict=True) if n.name in names])
+                again = models.bench.refit(hypotheses, x, exact=False)
+                models.add([again] if again is not None else [])
