@@ -1,8 +1,19 @@
-"""Recordings in, fitted parameters out, how certain they are, and how well the model describes them."""
+"""Recordings in; out come fitted parameters, how certain they are, and which physics the model leaves out."""
 
+from .diagnosis import Diagnosis, diagnose
 from .estimate import Estimate, Profile
 from .fit import fit
 from .posterior_draws import Posterior
 from .result import Channel, FitResult, FittedRecording
 
-__all__ = ["Channel", "Estimate", "FitResult", "FittedRecording", "Posterior", "Profile", "fit"]
+__all__ = [
+    "Channel",
+    "Diagnosis",
+    "Estimate",
+    "FitResult",
+    "FittedRecording",
+    "Posterior",
+    "Profile",
+    "diagnose",
+    "fit",
+]

@@ -104,26 +104,42 @@ class Bench:
         self.rigs, self.base = tuple(rigs), base
         self.noise: list[list[Noise]] = []
         self.weighs: list[Weighing] = []
-        self.correction = [np.zeros((len(CHANNELS), r.part.samples)) for r in self.rigs]
+        # What a fine mesh shows more than the coarse one, of each recording, by the effects that act.
+        self.corrections: dict[tuple[str, ...], list[np.ndarray]] = {
+            (): [np.zeros((len(CHANNELS), r.part.samples)) for r in self.rigs]
+        }
         self.evaluations = 0
 
-    def simulate(self, values: Mapping[str, float]) -> tuple[Seen, ...] | None:
-        """All recordings with some numbers changed; None where one breaks down."""
+    def simulate(
+        self, values: Mapping[str, float], names: Sequence[str] = (), *, coarse: bool = False
+    ) -> tuple[Seen, ...] | None:
+        """All recordings with some numbers changed; None where one breaks down.
+
+        Args:
+            values: SI, by name.
+            names: of the hypotheses that act, for the correction to a fine mesh.
+            coarse: whether to leave that out.
+        """
         self.evaluations += 1
         found = []
-        for rig in self.rigs:
+        for rig, more in zip(self.rigs, self.correction(names), strict=True):
             seen = rig(values)
             if seen is None:
                 return None
-            found.append(seen)
+            found.append(seen if coarse else dataclasses.replace(seen, values=seen.values + more))
         return tuple(found)
+
+    def correction(self, names: Sequence[str]) -> list[np.ndarray]:
+        """What a fine mesh shows more where some hypotheses act: as computed, or the sum of each one's."""
+        key, plain = tuple(sorted(names)), self.corrections[()]
+        if key in self.corrections:
+            return self.corrections[key]
+        of = [self.corrections[(name,)] for name in key if (name,) in self.corrections]
+        return [p + sum((c[k] - p for c in of), np.zeros_like(p)) for k, p in enumerate(plain)]
 
     def residuals(self, seen: Sequence[Seen]) -> list[np.ndarray]:
         """Simulated minus recorded of each recording, (C, K)."""
-        return [
-            (s.values + more)[rig.part.where] - rig.part.recorded
-            for rig, s, more in zip(self.rigs, seen, self.correction, strict=True)
-        ]
+        return [s.values[rig.part.where] - rig.part.recorded for rig, s in zip(self.rigs, seen, strict=True)]
 
     def weigh(self, values: Mapping[str, float], seen: Sequence[Seen]) -> None:
         """Take noise, and how it passes from the base to the tip, from a fit."""
@@ -138,11 +154,11 @@ class Bench:
             base = part.T_base
             plain = Weighing.plain(exact(base.T_base) if base.sd == 0 else base, part.channels, sd)
             step = 1e-3 * max(float(np.ptp(base.T_base)), 1e-3)
-            raised = rig(values, step)
-            if base.sd > 0 and raised is not None:
+            plainly, raised = rig(values), rig(values, step)
+            if base.sd > 0 and raised is not None and plainly is not None:
                 slipped = np.maximum.accumulate(np.where(s.slips, np.arange(K), 0))
                 last = [slipped if name == "T_tip" else np.arange(K) for name in part.channels]
-                slope = ((raised.values - s.values) / step)[part.where]
+                slope = ((raised.values - plainly.values) / step)[part.where]
                 slope = np.where(
                     np.abs(slope) < 50 * np.median(np.abs(slope), axis=1, keepdims=True) + 1e-12, slope, 0.0
                 )
@@ -160,22 +176,24 @@ class Bench:
             found.append(base)
         return np.concatenate(found)
 
-    def at(self, numbers: Sequence[Number], x: np.ndarray, fixed: Mapping[str, float]):
+    def at(self, numbers: Sequence[Number], x: np.ndarray, fixed: Mapping[str, float], names=()):
         """Values, simulations and rows at coordinates; the rows None where the simulation breaks down."""
         values = {n.name: n.value(v) for n, v in zip(numbers, x, strict=True)} | dict(fixed)
-        seen = self.simulate(values)
+        seen = self.simulate(values, names)
         if seen is None:
             return values, None, None
         return values, seen, self.rows(seen)
 
-    def slopes(self, numbers: Sequence[Number], x: np.ndarray, rows: np.ndarray, fixed) -> np.ndarray:
+    def slopes(
+        self, numbers: Sequence[Number], x: np.ndarray, rows: np.ndarray, fixed, names=()
+    ) -> np.ndarray:
         """Derivatives of the rows by differences, over steps that cross the kinks of friction."""
         columns = []
         for i, n in enumerate(numbers):
             step = STEP if x[i] + STEP <= n.bounds[1] else -STEP
             moved = np.array(x)
             moved[i] += step
-            there = self.at(numbers, moved, fixed)[2]
+            there = self.at(numbers, moved, fixed, names)[2]
             columns.append(np.zeros_like(rows) if there is None else (there - rows) / step)
         return np.stack(columns, axis=1)
 
@@ -201,10 +219,10 @@ class Bench:
             exact: whether the Jacobian is taken anew at the end.
         """
         own, fixed = together(hypotheses)
-        numbers = (*self.base, *own)
+        numbers, names = (*self.base, *own), tuple(h.name for h in hypotheses)
         low, high = (np.asarray([n.bounds[k] for n in numbers]) for k in (0, 1))
         x = np.clip(start, low, high)
-        values, seen, rows = self.at(numbers, x, fixed)
+        values, seen, rows = self.at(numbers, x, fixed, names)
         if rows is None or seen is None:
             return None
         keep = np.ones(len(rows), bool) if counts is None else counts
@@ -215,7 +233,7 @@ class Bench:
         best, damping, fresh = cost(rows, x, seen), 1e-3, False
         for _ in range(most):
             if jacobian is None:
-                jacobian, fresh = self.slopes(numbers, x, rows, fixed), True
+                jacobian, fresh = self.slopes(numbers, x, rows, fixed, names), True
             J, r = jacobian[keep], rows[keep]
             gradient, hessian = J.T @ r + x, J.T @ J + np.eye(len(x))
             free = ~(((x <= low) & (gradient > 0)) | ((x >= high) & (gradient < 0)))
@@ -231,7 +249,7 @@ class Bench:
                 promised = float(-2 * gradient @ moved - moved @ hessian @ moved)
                 if promised < SETTLED:
                     break
-                there = self.at(numbers, trial, fixed)
+                there = self.at(numbers, trial, fixed, names)
                 new = np.inf if there[2] is None else cost(there[2], trial, there[1])
                 if new < best:
                     gained, best = best - new, new
@@ -249,9 +267,9 @@ class Bench:
                 jacobian = None
             fresh = False
         if jacobian is None or (exact and not fresh):
-            jacobian = self.slopes(numbers, x, rows, fixed)
+            jacobian = self.slopes(numbers, x, rows, fixed, names)
         return Fitted(
-            tuple(h.name for h in hypotheses),
+            names,
             numbers,
             x,
             values,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -20,12 +20,25 @@ from .locate import cycles_of, locate, mu_by_stratum, phases_of, ratio_of_branch
 from .result import BAD_DATA, Diagnosis, Loop, Rival
 from .rig import Rig, resolution_of, some_samples
 from .sanity import faults
-from .search import SHORTLIST, STARTS_EACH, WORTH, Models, Screened, base_fit, combine, refit_best, screen
+from .search import (
+    SHORTLIST,
+    STARTS_EACH,
+    WORTH,
+    Models,
+    Screened,
+    base_fit,
+    combine,
+    in_parallel,
+    refit_best,
+    screen,
+)
 
 # Samples of each recording on which hypotheses are tried, and on which the best are refitted.
 FEW, MANY = 260, 1200
 # Models that are refitted to all samples.
-FINAL = 5
+FINAL, REFINED = 4, 3
+# Resolution of the mesh that they are corrected to.
+FINEST = 1.5
 
 
 def diagnose(
@@ -84,6 +97,7 @@ def diagnose(
     if found:
         return Diagnosis.without_answer(BAD_DATA, found, parts, warnings, config)
     coarse = build_robot(config, resolution=resolution_of(fine)) if config else fine
+    finest = build_robot(config, resolution=FINEST) if config else fine
     deviations = _deviations(config)
     full = [part if part.samples <= MANY else part.only(some_samples(part, MANY)) for part in parts]
     kept = [some_samples(part, FEW) for part in full]
@@ -115,12 +129,14 @@ def diagnose(
     if short:
         say(f"refitting the {len(short)} most promising")
         models.add(refit_best(bench, base, (), short, STARTS_EACH))
+        # What the coarse mesh, and the fewer samples, leave out of an effect would pass for a second one.
+        top = [f for f in models.ranked() if f.names][:REFINED]
+        _refine(bench, models, {f.names: f for f in top}, [Rig(p, finest) for p in full], kept)
         models.reweigh()
         combine(models, say)
-        models.reweigh()
-    if any(len(k) < p.samples for k, p in zip(kept, full, strict=True)):
-        say("refitting the best to all samples")
-        models = _on_all(models, [Rig(p, coarse) for p in full], fine)
+    if len(models.fits) > 1:
+        say("refitting the best to all samples, on a fine mesh")
+        models = _on_all(models, [Rig(p, coarse) for p in full], [Rig(p, finest) for p in full])
     decision = decide(models)
     say("refitting to part of the samples")
     return _answer(
@@ -153,35 +169,70 @@ def _bend(fine: Robot, fitted: Fitted, part: Part) -> float:
 def _correct(bench: Bench, fine: Robot, fitted: Fitted) -> None:
     """Add what the coarse mesh of the bench differs by from the robot's own."""
     for k, (rig, seen) in enumerate(zip(bench.rigs, fitted.seen, strict=True)):
-        bench.correction[k] = _fine(fine, fitted, rig.part) - seen.values
+        bench.corrections[()][k] = _fine(fine, fitted, rig.part) - seen.values
 
 
-def _on_all(models: Models, rigs: list[Rig], fine: Robot) -> Models:
+def _refine(
+    bench: Bench,
+    models: Models,
+    wanted: Mapping[tuple[str, ...], Fitted],
+    fine: Sequence[Rig],
+    kept: Sequence[np.ndarray] | None = None,
+) -> None:
+    """Correct a bench for what its mesh and samples leave out of some models.
+
+    Args:
+        bench: to correct.
+        models: of which they are.
+        wanted: by names of hypotheses, a fit that has the values of these.
+        fine: all samples, on a fine mesh.
+        kept: those of them on the bench; all unless given.
+    """
+
+    def correction(item):
+        names, f = item
+        hypotheses = models.hypotheses(names)
+        numbers = [*bench.base, *(n for h in hypotheses for n in h.numbers)]
+        values = {n.name: n.value(v) for n, v in zip(numbers, models.coordinates(names, f), strict=True)} | {
+            name: v for h in hypotheses for name, v in h.fixed.items()
+        }
+        found = []
+        for k, (rough, exact) in enumerate(zip(bench.rigs, fine, strict=True)):
+            here, there = rough(values), exact(values)
+            if here is None or there is None:
+                return None
+            found.append((there.values if kept is None else there.values[:, kept[k]]) - here.values)
+        return found
+
+    for names, more in zip(wanted, in_parallel(correction, list(wanted.items())), strict=True):
+        if more is not None:
+            bench.corrections[tuple(sorted(names))] = more
+
+
+def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models:
     """The most probable models, and the base model, refitted to all samples."""
     bench = Bench(rigs, models.bench.base)
+    whole = Models(bench, list(models.of.values()))
     ranked = models.ranked()
+    wanted = {(): models.base}
+    for f in [f for f in ranked if f.names][:FINAL]:
+        wanted[f.names] = f
+        # What fewer samples need two effects for may need one on all of them.
+        for name in f.names:
+            wanted[(name,)] = models.fits.get((name,), f)
+    _refine(bench, whole, wanted, fine)
     top = ranked[0]
-    seen = bench.simulate(models.base.values)
+    seen = bench.simulate(top.values, top.names)
     if seen is None:
         return models
-    for k, (rig, s) in enumerate(zip(rigs, seen, strict=True)):
-        bench.correction[k] = _fine(fine, models.base, rig.part) - s.values
-    again = bench.simulate(top.values)
-    if again is None:
-        return models
-    bench.weigh(top.values, again)
-    wanted = [models.base, *[f for f in ranked if f.names][:FINAL]]
-    whole = Models(bench, list(models.of.values()))
+    bench.weigh(top.values, seen)
 
-    def refit(f):
-        return bench.refit(whole.hypotheses(f.names), f.x, most=5)
+    def refit(item):
+        names, f = item
+        return bench.refit(whole.hypotheses(names), whole.coordinates(names, f), most=4)
 
-    from .search import in_parallel
-
-    whole.add([f for f in in_parallel(refit, wanted) if f is not None])
-    if () not in whole.fits:
-        return models
-    return whole
+    whole.add([f for f in in_parallel(refit, list(wanted.items())) if f is not None])
+    return whole if () in whole.fits else models
 
 
 def _answer(
@@ -207,7 +258,7 @@ def _answer(
         proposal = propose(models, decision, bench.rigs[0])
     loops = []
     for k, part in enumerate(full):
-        before, after = ((f.seen[k].values + bench.correction[k])[part.where] for f in (base, chosen))
+        before, after = (f.seen[k].values[part.where] for f in (base, chosen))
         phases = phases_of(bench, base, k)
         T = part.T_base.T_base
         loops.append(

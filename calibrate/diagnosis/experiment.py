@@ -44,7 +44,7 @@ class Experiment:
 
 
 def menu(largest: float, samples: int, duration: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Load histories a rig could follow, all of as many samples: time [s] and base tension [N] by what they are.
+    """Load histories that a rig could follow: time [s] and base tension [N], by what they are.
 
     Args:
         largest: base tension not to exceed [N].

@@ -77,9 +77,16 @@ class Hypothesis:
     fixed: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     @property
-    def term(self) -> Term:
-        """The physics term it is of."""
-        return REGISTRY[self.kind]
+    def few(self) -> tuple[Mapping[str, float], ...]:
+        """Some of the starts: those of a middling size where there are many."""
+        if len(self.starts) <= 2:
+            return self.starts
+        by_size = sorted({s[self.numbers[0].name] for s in self.starts}, key=abs)
+        middle = abs(by_size[len(by_size) // 2])
+        found = [s for s in self.starts if np.isclose(abs(s[self.numbers[0].name]), middle)]
+        return (
+            tuple(found[:2]) if len({s[self.numbers[0].name] for s in found}) < 2 else (found[0], found[-1])
+        )
 
 
 # Terms that are several hypotheses: the numbers of each that are free.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 
@@ -75,7 +76,7 @@ def _strata(T: np.ndarray, phases: np.ndarray, cycle: np.ndarray):
     edges = np.linspace(float(T.min()), float(T.max()) + 1e-9, 5)
     for phase in PHASES:
         inside = phases == phase
-        for low, high in zip(edges[:-1], edges[1:], strict=True):
+        for low, high in itertools.pairwise(edges):
             yield phase, None, inside & (T >= low) & (T < high)
     if cycle[-1] > 1:
         for phase in ("pulling", "releasing"):
@@ -170,8 +171,8 @@ def misfit(bench: Bench, fitted: Fitted) -> tuple[float, float]:
 
 
 def ratio_of_branches(T_base: np.ndarray, T_tip: np.ndarray, phases: np.ndarray, bins: int = 14):
-    """D and S at matched base tension: half the difference, and half the sum, of ln(T_tip/T_base) releasing and
-    pulling. The first points to friction, the second to gains, offsets and asymmetry.
+    """D and S at matched base tension: half the difference, and half the sum, of ln(T_tip/T_base) on release
+    and pull. The first points to friction, the second to gains, offsets and asymmetry.
 
     Returns:
         Base tension [N], D and S, (n,) each, of the bins in which both branches have samples.
@@ -180,7 +181,7 @@ def ratio_of_branches(T_base: np.ndarray, T_tip: np.ndarray, phases: np.ndarray,
     good = high & (T_tip > 0)
     edges = np.linspace(float(T_base.min()), float(T_base.max()) + 1e-9, bins + 1)
     at, D, S = [], [], []
-    for low, top in zip(edges[:-1], edges[1:], strict=True):
+    for low, top in itertools.pairwise(edges):
         inside = good & (T_base >= low) & (T_base < top)
         rho = {p: np.log(T_tip[inside & (phases == p)] / T_base[inside & (phases == p)]) for p in PHASES}
         if len(rho["pulling"]) and len(rho["releasing"]):
@@ -192,7 +193,7 @@ def ratio_of_branches(T_base: np.ndarray, T_tip: np.ndarray, phases: np.ndarray,
 
 
 def mu_by_stratum(bench: Bench, fitted: Fitted) -> list[tuple[str, float, float]]:
-    """Friction coefficient from parts of the samples alone, the rest as fitted: label, value, standard error."""
+    """Friction coefficient from parts of the samples, the rest as fitted: label, value, standard error."""
     column, found, start = fitted.jacobian[:, 0], [], 0
     number = fitted.numbers[0]
     for k, rig in enumerate(bench.rigs):

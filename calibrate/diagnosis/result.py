@@ -334,8 +334,8 @@ def sentence(d: Diagnosis, chosen: Names) -> str:
             else ""
         )
         return (
-            f"Something is missing that no term of the catalogue explains: the fit is off by {d.rms_N[0]:.2g} N "
-            f"where the noise is {d.noise_N:.2g} N.{at}{nearest}"
+            f"Something is missing that no term of the catalogue explains: the fit is off by "
+            f"{d.rms_N[0]:.2g} N where the noise is {d.noise_N:.2g} N.{at}{nearest}"
         )
     mu = next((c for c in d.parameters if c.name == "mu"), None)
     moved = f" Friction goes from {mu.before:.3g} to {mu.after:.3g}." if mu and mu.before and mu.after else ""

@@ -27,8 +27,8 @@ def faults(part: Part) -> list[str]:
     pulled = float(np.median(tip[rising] / T[rising])) if rising.sum() > 3 else ratio
     if ratio > SWAPPED and pulled > SWAPPED:
         found.append(
-            f"{where}: the tip reads {ratio:.3g} times the base even while pulling, which friction cannot do; "
-            "swap the columns, or check units and gains"
+            f"{where}: the tip reads {ratio:.3g} times the base even while pulling, which friction cannot "
+            "do; swap the columns, or check units and gains"
         )
     if pulled < 0:
         found.append(f"{where}: the tip tension has the other sign; change it")
@@ -37,11 +37,13 @@ def faults(part: Part) -> list[str]:
     follows = float(np.corrcoef(T, tip)[0, 1])
     if follows < 0.2:
         found.append(
-            f"{where}: the tip hardly follows the base (correlation {follows:.2f}); are the columns those of one run?"
+            f"{where}: the tip hardly follows the base (correlation {follows:.2f}); are the columns those of "
+            "one run?"
         )
     held = np.isclose(tip, tip.max(), atol=1e-12).mean()
     if held > STUCK:
         found.append(
-            f"{where}: the tip cell shows its largest value in {100 * held:.0f} % of samples; it is stuck or overloaded"
+            f"{where}: the tip cell shows its largest value in {100 * held:.0f} % of samples; it is stuck, or "
+            "overloaded"
         )
     return found

@@ -9,15 +9,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .bench import Bench, Fitted
+from .bench import MOST_ITERATIONS, Bench, Fitted
 from .hypotheses import Hypothesis
 
 THREADS = 2
 MU_STARTS = (0.03, 0.08, 0.15, 0.25, 0.4, 0.65)
 # Hypotheses refitted, starts of each, and those added to one that is known.
-SHORTLIST, STARTS_EACH, SECOND = 10, 2, 4
+SHORTLIST, STARTS_EACH, SECOND = 10, 2, 3
 # A drop of the sum of squares that is worth a refit.
-WORTH = 6.0
+WORTH, SECOND_WORTH = 6.0, 9.0
 # Prior probability of no, one, two and three missing effects.
 HOW_MANY = (0.5, 0.35, 0.12, 0.03)
 # Models this much less likely than the best, in log, are not refitted once the noise is known better.
@@ -80,8 +80,17 @@ class Screened(NamedTuple):
 SEEN = 4.5
 
 
-def screen(bench: Bench, fitted: Fitted, hypotheses: Sequence[Hypothesis]) -> list[Screened]:
-    """Try hypotheses beside a fit at finite sizes, the numbers fitted following linearly; best first."""
+def screen(
+    bench: Bench, fitted: Fitted, hypotheses: Sequence[Hypothesis], *, thorough: bool = True
+) -> list[Screened]:
+    """Try hypotheses beside a fit at finite sizes, the numbers fitted following linearly; best first.
+
+    Args:
+        bench: the recordings.
+        fitted: the model that they are added to.
+        hypotheses: what to add.
+        thorough: whether all starts are tried, or few.
+    """
     q, _ = np.linalg.qr(np.concatenate([fitted.jacobian, np.eye(len(fitted.x))]))
 
     def projected(rows, x):
@@ -94,7 +103,7 @@ def screen(bench: Bench, fitted: Fitted, hypotheses: Sequence[Hypothesis]) -> li
     def one(item):
         h, start = item
         x = np.asarray([n.at(start[n.name]) for n in h.numbers])
-        seen = bench.simulate(dict(fitted.values) | dict(start) | dict(h.fixed))
+        seen = bench.simulate(dict(fitted.values) | dict(start) | dict(h.fixed), fitted.names)
         if seen is None or sum(s.failed for s in seen) > fitted.failed:
             return -np.inf, x, 1.0, 0.0
         moved = projected(bench.rows(seen) - fitted.rows, still)
@@ -104,7 +113,7 @@ def screen(bench: Bench, fitted: Fitted, hypotheses: Sequence[Hypothesis]) -> li
         best, share = min((float(np.sum((left + s * moved) ** 2)), s) for s in (1.0, share))
         return cost - best, x, share, power
 
-    items = [(h, s) for h in hypotheses for s in h.starts]
+    items = [(h, s) for h in hypotheses for s in (h.starts if thorough else h.few)]
     found, screened = in_parallel(one, items), []
     for h in hypotheses:
         mine = sorted((f for (own, _), f in zip(items, found, strict=True) if own is h), key=lambda f: -f[0])
@@ -123,14 +132,19 @@ def screen(bench: Bench, fitted: Fitted, hypotheses: Sequence[Hypothesis]) -> li
 
 
 def refit_best(
-    bench: Bench, fitted: Fitted, known: Sequence[Hypothesis], screened: Sequence[Screened], starts: int
+    bench: Bench,
+    fitted: Fitted,
+    known: Sequence[Hypothesis],
+    screened: Sequence[Screened],
+    starts: int,
+    most: int = MOST_ITERATIONS,
 ) -> list[Fitted]:
     """Refit each hypothesis beside those known, from its best starts; the better end of each."""
     items = [(s.hypothesis, start) for s in screened for start in s.starts[:starts]]
 
     def one(item):
         h, start = item
-        return bench.refit((*known, h), np.concatenate([fitted.x, start]), exact=False)
+        return bench.refit((*known, h), np.concatenate([fitted.x, start]), exact=False, most=most)
 
     found, best = in_parallel(one, items), []
     for s in screened:
@@ -191,6 +205,12 @@ class Models:
         """Of a model."""
         return [self.of[name] for name in names]
 
+    def coordinates(self, names: Sequence[str], fitted: Fitted) -> np.ndarray:
+        """Coordinates of a model from a fit of one with the same effects and more."""
+        known = {n.name: v for n, v in zip(fitted.numbers, fitted.x, strict=True)}
+        numbers = [n for h in self.hypotheses(names) for n in h.numbers]
+        return np.asarray([known[n.name] for n in (*self.bench.base, *numbers)])
+
     def reweigh(self) -> None:
         """Take the noise anew from the best model, and refit those that matter."""
         ranked = self.ranked()
@@ -221,17 +241,16 @@ def combine(models: Models, progress: Callable[[str], None]) -> None:
                 continue
             progress(f"adding to {' + '.join(head.names)}")
             others = [h for h in models.of.values() if h.name not in head.names]
-            wanted = [s for s in screen(models.bench, head, others) if s.gain > WORTH][:SECOND]
+            wanted = [s for s in screen(models.bench, head, others, thorough=False) if s.gain > SECOND_WORTH][
+                :SECOND
+            ]
             known = models.hypotheses(head.names)
-            models.add(refit_best(models.bench, head, known, wanted, 1))
-        # What a pair leaves of either: both orders are tried by themselves; here the single left out of three.
+            models.add(refit_best(models.bench, head, known, wanted, 1, 6))
         ranked = models.ranked()[0]
         if len(ranked.names) == 3:
             for pair in itertools.combinations(ranked.names, 2):
                 if tuple(sorted(pair)) in models.fits:
                     continue
-                hypotheses = models.hypotheses(pair)
-                names = {n.name for h in hypotheses for n in h.numbers} | {n.name for n in models.bench.base}
-                x = np.asarray([v for n, v in zip(ranked.numbers, ranked.x, strict=True) if n.name in names])
-                again = models.bench.refit(hypotheses, x, exact=False)
+                start = models.coordinates(pair, ranked)
+                again = models.bench.refit(models.hypotheses(pair), start, exact=False)
                 models.add([again] if again is not None else [])

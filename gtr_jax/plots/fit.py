@@ -25,7 +25,8 @@ from .style import (
 )
 
 
-def _by_phase(axes, x: np.ndarray, y: np.ndarray, phases: np.ndarray) -> None:
+def by_phase(axes, x: np.ndarray, y: np.ndarray, phases: np.ndarray) -> None:
+    """Samples as dots in the colours of their phases, on matplotlib axes."""
     for phase, colour in PHASE_COLOUR.items():
         here = phases == phase
         if np.any(here):
@@ -57,7 +58,7 @@ def plot_fit(
             part = slice(a, b + 1)
             low, high = y[part] - band[part], y[part] + band[part]
             axes.fill_between(x[part], low, high, color=PALE, linewidth=0, zorder=0)
-    _by_phase(axes, T_base, T_tip, phases)
+    by_phase(axes, T_base, T_tip, phases)
     axes.plot(*simulated, color=INK, linewidth=0.9)
     axes.set_xlabel("tension at the base $T_{base}$ [N]")
     axes.set_ylabel("tension at the tip $T_{tip}$ [N]")
@@ -93,7 +94,7 @@ def plot_channels(
     fig, rows = figure(1.0 + 2.2 * len(channels), len(channels), sharex=True)
     for axes, (name, (recorded, simulated)) in zip(rows, channels.items(), strict=True):
         label, unit, factor = CHANNEL_LABELS[name]
-        _by_phase(axes, T_base, factor * recorded, phases)
+        by_phase(axes, T_base, factor * recorded, phases)
         axes.plot(simulated_at, factor * simulated, color=INK, linewidth=0.9)
         axes.set_ylabel(f"{label} [{unit}]")
     rows[-1].set_xlabel("tension at the base $T_{base}$ [N]")
@@ -191,7 +192,7 @@ def plot_residual(
         if noise:
             axes.axhspan(-2 * noise, 2 * noise, color=PALE, linewidth=0, zorder=0)
         axes.axhline(0, color=INK, linewidth=0.8)
-        _by_phase(axes, x, residual, phases)
+        by_phase(axes, x, residual, phases)
         axes.set_ylabel("simulated $-$ recorded $T_{tip}$ [N]")
     rows[0].set_xlabel("tension at the base $T_{base}$ [N]")
     rows[1].set_xlabel("sample")

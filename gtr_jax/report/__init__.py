@@ -1,5 +1,6 @@
 """What a command answers: the facts as JSON, the verdict as a sentence, and one self-contained HTML page."""
 
+from .diagnosis import diagnosis_report
 from .fit import FitAnswer, fit_report
 from .page import Figure, Report, Table, render
 from .profile import profile
@@ -12,6 +13,7 @@ __all__ = [
     "SimulationAnswer",
     "Table",
     "answer_simulation",
+    "diagnosis_report",
     "fit_report",
     "profile",
     "render",

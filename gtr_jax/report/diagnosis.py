@@ -1,0 +1,168 @@
+"""A diagnosis in words, tables and pictures. `calibrate.diagnose`, which is not imported here, returns it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gtr_jax import plots
+from gtr_jax.plots.style import number
+from gtr_jax.terms import REGISTRY
+
+from .fit import quantity
+from .page import Figure, Report, Table
+
+SHOWN = 8
+HEADLINES = {
+    "adequate": "Adequate",
+    "missing-physics": "Missing physics",
+    "ambiguous": "Missing physics, but which?",
+    "unexplained": "Unexplained",
+    "bad-data": "Bad data",
+}
+
+
+def diagnosis_report(answer: Any, name: str) -> Report:
+    """Verdict, figures and tables of a diagnosis.
+
+    Args:
+        answer: from `calibrate.diagnose`.
+        name: of the robot.
+    """
+    next_step = [] if answer.experiment is None else [f"Measure next: {answer.experiment.says}"]
+    return Report(
+        title=f"{name}: diagnosis",
+        verdict=f"{HEADLINES[answer.verdict]}. {answer.says}",
+        warnings=[*next_step, *answer.warnings],
+        figures=_figures(answer),
+        tables=_tables(answer),
+    )
+
+
+def _found(answer: Any) -> bool:
+    return answer.verdict in ("missing-physics", "ambiguous")
+
+
+def _figures(answer: Any) -> list[Figure]:
+    figures = []
+    for loop in answer.loops:
+        several = len(answer.loops) > 1
+        ending, whose = (f"-{loop.name}", f"{loop.name}: ") if several else ("", "")
+        recorded, before = np.asarray(loop.recorded[0]), np.asarray(loop.before[0])
+        after = np.asarray(loop.after[0]) if _found(answer) else None
+        figures.append(
+            Figure(
+                f"loop{ending}",
+                plots.png(plots.plot_before_after(loop.T_base, recorded, before, after)),
+                f"{whose}The recording and the model, refitted to it"
+                + (" without and with what was missing." if after is not None else "."),
+            )
+        )
+        left = None if after is None else after - recorded
+        drawn = plots.plot_residual_map(
+            loop.T_base, before - recorded, left, phases=np.asarray(loop.phases), noise=loop.noise_N
+        )
+        figures.append(
+            Figure(
+                f"residual{ending}",
+                plots.png(drawn),
+                f"{whose}Where they differ; the grey band is two standard deviations of the noise.",
+            )
+        )
+        branches = loop.branches if after is not None else loop.branches[:2]
+        if all(len(at) > 1 for at, _, _ in branches):
+            figures.append(
+                Figure(
+                    f"branches{ending}",
+                    plots.png(plots.plot_branches(branches)),
+                    f"{whose}Release against pull at the same base tension: half the difference of "
+                    "ln(T_tip/T_base) is friction, half the sum what friction cannot do.",
+                )
+            )
+    top = answer.rivals[:SHOWN]
+    if len(top) > 1:
+        names = [" + ".join(r.names) or "nothing missing" for r in top]
+        chart = plots.plot_rivals(
+            names, np.asarray([r.probability for r in top]), np.asarray([r.delta for r in top])
+        )
+        figures.append(
+            Figure("rivals", plots.png(chart), "What else it could be: models refitted with mu and E.")
+        )
+    if answer.experiment is not None:
+        drawn = plots.plot_history(answer.experiment.time, answer.experiment.T_base)
+        figures.append(Figure("next-experiment", plots.png(drawn), answer.experiment.says))
+    return figures
+
+
+def _tables(answer: Any) -> list[Table]:
+    tables = []
+    if answer.where:
+        rows = [(w.says, number(w.z, digits=3), f"{100 * w.share:.0f} %") for w in answer.where]
+        tables.append(
+            Table(
+                "Where",
+                ("part of the recording", "mean, standard errors", "share of the misfit"),
+                rows,
+                note="Of the best fit without anything missing. Refitting mu and E spreads a misfit over the "
+                "whole loop: look at what is missing before you believe a place.",
+            )
+        )
+    if answer.parameters:
+        rows = [
+            (
+                c.name,
+                quantity(c.before, c.unit),
+                quantity(c.after, c.unit),
+                quantity(c.sd, c.unit, 2),
+            )
+            for c in answer.parameters
+        ]
+        tables.append(Table("Numbers", ("", "before", "after", "standard deviation"), rows))
+    if len(answer.held_out) > 1:
+        before, after = answer.held_out
+        rows = [
+            ("residual of T_tip on what was fitted, rms", *(number(v, "N", 3) for v in answer.rms_N)),
+            ("on what was held out, rms", *(number(h["rms_N"], "N", 3) for h in answer.held_out)),
+            ("chi² per sample, held out", *(number(h["chi2_per_n"], digits=3) for h in answer.held_out)),
+            ("noise of the tip's cell, one sd", *(number(answer.noise_N, "N", 3),) * 2),
+        ]
+        note = (
+            f"Held out in turn: {after['folds']:.0f} parts (cycles, recordings, or stretches of one loop); "
+            f"better with what was missing in {after['best_in']:.0f}, without in {before['best_in']:.0f}."
+        )
+        tables.append(Table("On data the fit has not seen", ("", "without", "with"), rows, note=note))
+    if answer.rivals:
+        rows = [
+            (
+                " + ".join(r.names) or "nothing missing",
+                f"{r.probability:.3g}",
+                number(r.delta, digits=3),
+                number(r.chi2_per_n, digits=3),
+                f"{r.failed} steps" if r.failed else "",
+            )
+            for r in answer.rivals[: 2 * SHOWN]
+        ]
+        heads = ("model", "probability", "better by [standard errors]", "chi² per sample", "not converged")
+        tables.append(Table("Rivals", heads, rows))
+        kinds = dict.fromkeys(name.partition(".")[0] for r in answer.rivals[:4] for name in r.names)
+        told = [(kind, REGISTRY[kind].says, REGISTRY[kind].told_apart) for kind in kinds]
+        if told:
+            tables.append(Table("How to tell them apart", ("term", "what it is", "experiment"), told))
+    if answer.strata:
+        rows = [(part, number(v), number(sd, digits=2)) for part, v, sd in answer.strata]
+        tables.append(Table("Friction from parts of the recording", ("part", "mu", "standard error"), rows))
+    if answer.experiment is not None:
+        rows = [(what, number(v, digits=3)) for what, v in answer.experiment.menu]
+        tables.append(Table("What to measure next", ("experiment", "tells apart by [standard errors]"), rows))
+    if answer.smallest_detectable:
+        units = {f"{t.id}.{q.name}": q.unit for t in REGISTRY.values() for q in t.quantities}
+        rows = [
+            (name, quantity(v, "" if units[name] == "dimensionless" else units[name], 2))
+            for name, v in sorted(answer.smallest_detectable.items())
+        ]
+        note = (
+            "Changes from null that move the recordings by 4.5 standard errors once mu and E have followed."
+        )
+        tables.append(Table("Smallest effects that would have been seen", ("", "size"), rows, note=note))
+    return tables
