@@ -194,8 +194,9 @@ def padded_history(
     clock = np.arange(len(T_base), dtype=float) if time is None else np.asarray(time, float)
     missing = padded_length(len(T_base)) - len(T_base)
     last = clock[-1] - clock[-2] if len(clock) > 1 else 1.0
-    several = trial is not None and len(np.unique(trial)) > 1
-    done = np.unique(trial, return_inverse=True)[1] if several else np.asarray(cycles(jnp.asarray(T_base)))
+    done = np.zeros(0) if trial is None else np.unique(trial, return_inverse=True)[1]
+    if not np.any(done):
+        done = np.asarray(cycles(jnp.asarray(T_base)))
     return History(
         jnp.asarray(np.concatenate([T_base, np.full(missing, T_base[-1])])),
         jnp.asarray(np.concatenate([clock, clock[-1] + last * np.arange(1, missing + 1)])),

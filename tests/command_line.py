@@ -16,6 +16,12 @@ class Outcome(NamedTuple):
     err: str
 
 
+# A recording by another simulator with noise, made with mu = 0.2611 and E = 1.335 MPa, and its robot.
+RECORDED, RECORDING = (
+    Path(__file__).parent / "data" / "recorded" / name for name in ("robot.toml", "recording.csv")
+)
+
+
 def run_gtr(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> Outcome:
     """Run `gtr` with these arguments; what was printed before is dropped."""
     capsys.readouterr()

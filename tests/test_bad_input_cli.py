@@ -1,9 +1,9 @@
 """Bad input at the command line: exit 2, one line on stderr that says where and what to do, no output."""
 
 import pytest
-from command_line import run_gtr
+from command_line import RECORDED, RECORDING, run_gtr
 
-from gtr_jax.examples import RECORDED, RECORDING, SIMULATED
+from gtr_jax.examples import SIMULATED
 
 ROBOT = SIMULATED.read_text()
 RIGID = ROBOT.replace("[routing]", "rigid = true\n\n[routing]")

@@ -20,14 +20,14 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 import pytest
-from command_line import run_gtr
+from command_line import RECORDED, RECORDING, run_gtr
 from jax.experimental.compilation_cache import compilation_cache
 
 import gtr_jax as gtr
 from gtr_jax.cli.cache import cache_folder, enable_cache
 from gtr_jax.cli.progress import Progress
 from gtr_jax.config import json_schema
-from gtr_jax.examples import RECORDED, RECORDING, SIMULATED
+from gtr_jax.examples import SIMULATED
 
 SIMULATION_FILES = {
     *("loop.png", "shape.png", "tension.png", "report.html", "robot.toml", "run.json"),
@@ -299,16 +299,22 @@ def test_fit_that_does_not_converge_is_said_and_written(run, tmp_path, monkeypat
     assert not load(tmp_path / "out/fit.json")["converged"]
 
 
-def test_demo_finds_what_the_recording_was_made_with(run, tmp_path):
+@pytest.mark.slow
+def test_demo_finds_what_a_good_fit_conceals(run, tmp_path):
     outcome = run("demo", "-o", "demo-out")
     assert outcome.status == 0
     reports = re.findall(r"^report: (.*)$", outcome.out, flags=re.MULTILINE)
-    assert reports == ["demo-out/simulate/report.html", "demo-out/fit/report.html"]
+    assert reports == [f"demo-out/{name}/report.html" for name in ("simulate", "fit", "diagnose")]
     assert all((tmp_path / report).is_file() for report in reports)
-    found = load(tmp_path / "demo-out/fit/fit.json")["parameters"]
-    for name, truth in (("mu", 0.26113), ("E", 1.33529e6)):
-        assert abs(found[name]["value"] - truth) < 3 * found[name]["sd"]
-        assert abs(found[name]["value"] - truth) < 0.03 * truth
+    fitted = load(tmp_path / "demo-out/fit/fit.json")
+    assert "to its noise" in fitted["verdict"]
+    mu = fitted["parameters"]["mu"]
+    assert abs(mu["value"] - 0.3) > 10 * mu["sd"]
+    found = load(tmp_path / "demo-out/diagnose/diagnosis.json")
+    assert found["verdict"] == "missing-physics" and found["named"] == ["local-friction"]
+    mu, pulley = (found["parameters"][name] for name in ("mu", "local-friction.base"))
+    assert abs(mu["after"] - 0.3) < max(3 * mu["sd"], 0.003)
+    assert abs(pulley["value"] - 0.1) < max(3 * pulley["sd"], 0.003)
 
 
 # --- the run folder ---------------------------------------------------------------------------------------

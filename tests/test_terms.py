@@ -300,7 +300,7 @@ def test_terms_that_cannot_act_are_refused(make_robot):
     with pytest.raises(ValueError, match="goes back at step 3"):
         gtr.simulate(rigid, [1.0, 2.0, 3.0], time=[0.0, 1.0, 0.5])
     with pytest.raises(ValueError, match="zero-drift depends on it"):
-        gtr.true_base(rigid.with_values(**{"zero-drift.base": 0.1}), [1.0, 2.0])
+        gtr.true_base(rigid.with_values(**{"zero-drift.base": 0.1}), np.array([1.0, 2.0]))
 
 
 def test_times_are_asked_for(robot):

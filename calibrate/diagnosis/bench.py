@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,6 +40,27 @@ def noise_of(residual: np.ndarray, least: float) -> Noise:
         return Noise(max(float(near) / np.sqrt(2), least), 0.0)
     rho = float(np.clip((far / near) ** 2 - 1, 0.0, 0.8)) if len(residual) >= 120 else 0.0
     return Noise(max(float(near) / np.sqrt(2 * (1 - rho)), least), rho)
+
+
+class Model(NamedTuple):
+    """What acts: names of hypotheses, the free numbers, mu and E first, and those that are set."""
+
+    names: tuple[str, ...]
+    numbers: tuple[Number, ...]
+    fixed: Mapping[str, float]
+
+
+class Point(NamedTuple):
+    """A model at coordinates: values by name [SI], simulations, and white residuals (n,)."""
+
+    values: Mapping[str, float]
+    seen: tuple[Seen, ...]
+    rows: np.ndarray
+
+    @property
+    def failed(self) -> int:
+        """Load steps that did not converge."""
+        return sum(s.failed for s in self.seen)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -166,6 +188,17 @@ class Bench:
             self.noise.append(noise)
             self.weighs.append(plain)
 
+    def expected_rms(self) -> float:
+        """What the residual of T_tip should be if nothing but noise is left in it [N]."""
+        total, count = 0.0, 0
+        for rig, noise, weigh in zip(self.rigs, self.noise, self.weighs, strict=True):
+            passed = (weigh.slope[0] * weigh.sd_base) ** 2 if weigh.sd_base > 0 else 0.0
+            # Of the base cell's noise only what its straight runs leave stays.
+            passed = passed * rig.part.T_base.size / rig.part.samples
+            total += rig.part.samples * noise[0].sd ** 2 + float(np.sum(passed))
+            count += rig.part.samples
+        return float(np.sqrt(total / count))
+
     def rows(self, seen: Sequence[Seen]) -> np.ndarray:
         """White residuals of all recordings in one, (n,)."""
         found = []
@@ -176,25 +209,21 @@ class Bench:
             found.append(base)
         return np.concatenate(found)
 
-    def at(self, numbers: Sequence[Number], x: np.ndarray, fixed: Mapping[str, float], names=()):
-        """Values, simulations and rows at coordinates; the rows None where the simulation breaks down."""
-        values = {n.name: n.value(v) for n, v in zip(numbers, x, strict=True)} | dict(fixed)
-        seen = self.simulate(values, names)
-        if seen is None:
-            return values, None, None
-        return values, seen, self.rows(seen)
+    def at(self, model: Model, x: np.ndarray) -> Point | None:
+        """A model at coordinates; None where the simulation breaks down."""
+        values = {n.name: n.value(v) for n, v in zip(model.numbers, x, strict=True)} | dict(model.fixed)
+        seen = self.simulate(values, model.names)
+        return None if seen is None else Point(values, seen, self.rows(seen))
 
-    def slopes(
-        self, numbers: Sequence[Number], x: np.ndarray, rows: np.ndarray, fixed, names=()
-    ) -> np.ndarray:
+    def slopes(self, model: Model, x: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Derivatives of the rows by differences, over steps that cross the kinks of friction."""
         columns = []
-        for i, n in enumerate(numbers):
+        for i, n in enumerate(model.numbers):
             step = STEP if x[i] + STEP <= n.bounds[1] else -STEP
             moved = np.array(x)
             moved[i] += step
-            there = self.at(numbers, moved, fixed, names)[2]
-            columns.append(np.zeros_like(rows) if there is None else (there - rows) / step)
+            there = self.at(model, moved)
+            columns.append(np.zeros_like(rows) if there is None else (there.rows - rows) / step)
         return np.stack(columns, axis=1)
 
     def refit(
@@ -219,22 +248,23 @@ class Bench:
             exact: whether the Jacobian is taken anew at the end.
         """
         own, fixed = together(hypotheses)
-        numbers, names = (*self.base, *own), tuple(h.name for h in hypotheses)
+        numbers = (*self.base, *own)
+        model = Model(tuple(h.name for h in hypotheses), numbers, fixed)
         low, high = (np.asarray([n.bounds[k] for n in numbers]) for k in (0, 1))
         x = np.clip(start, low, high)
-        values, seen, rows = self.at(numbers, x, fixed, names)
-        if rows is None or seen is None:
+        here = self.at(model, x)
+        if here is None:
             return None
-        keep = np.ones(len(rows), bool) if counts is None else counts
+        keep = np.ones(len(here.rows), bool) if counts is None else counts
 
-        def cost(rows, x, seen):
-            return float(np.sum(rows[keep] ** 2) + np.sum(x**2) + FAILED * sum(s.failed for s in seen))
+        def cost(point: Point, x: np.ndarray) -> float:
+            return float(np.sum(point.rows[keep] ** 2) + np.sum(x**2) + FAILED * point.failed)
 
-        best, damping, fresh = cost(rows, x, seen), 1e-3, False
+        best, damping, fresh = cost(here, x), 1e-3, False
         for _ in range(most):
             if jacobian is None:
-                jacobian, fresh = self.slopes(numbers, x, rows, fixed, names), True
-            J, r = jacobian[keep], rows[keep]
+                jacobian, fresh = self.slopes(model, x, here.rows), True
+            J, r = jacobian[keep], here.rows[keep]
             gradient, hessian = J.T @ r + x, J.T @ J + np.eye(len(x))
             free = ~(((x <= low) & (gradient > 0)) | ((x >= high) & (gradient < 0)))
             if not free.any():
@@ -244,18 +274,19 @@ class Bench:
             for _ in range(TRIES):
                 step = np.zeros(len(x))
                 step[free] = -np.linalg.solve(A + damping * np.diag(np.diag(A)), gradient[free])
-                trial = np.clip(x + np.clip(step, -LARGEST_STEP, LARGEST_STEP), low, high)
+                shorter = min(1.0, LARGEST_STEP / max(float(np.max(np.abs(step))), 1e-300))
+                trial = np.clip(x + shorter * step, low, high)
                 moved = trial - x
                 promised = float(-2 * gradient @ moved - moved @ hessian @ moved)
                 if promised < SETTLED:
                     break
-                there = self.at(numbers, trial, fixed, names)
-                new = np.inf if there[2] is None else cost(there[2], trial, there[1])
-                if new < best:
+                there = self.at(model, trial)
+                new = np.inf if there is None else cost(there, trial)
+                if there is not None and new < best:
                     gained, best = best - new, new
-                    change = there[2] - rows - jacobian @ moved
+                    change = there.rows - here.rows - jacobian @ moved
                     jacobian = jacobian + np.outer(change, moved) / max(float(moved @ moved), 1e-300)
-                    x, (values, seen, rows) = trial, there
+                    x, here = trial, there
                     damping = max(damping / 10, 1e-6)
                     break
                 damping = min(damping * 10, 1e6)
@@ -267,18 +298,18 @@ class Bench:
                 jacobian = None
             fresh = False
         if jacobian is None or (exact and not fresh):
-            jacobian = self.slopes(numbers, x, rows, fixed, names)
+            jacobian = self.slopes(model, x, here.rows)
         return Fitted(
-            names,
+            model.names,
             numbers,
             x,
-            values,
-            rows,
+            here.values,
+            here.rows,
             jacobian,
-            float(np.sum(rows[keep] ** 2)),
+            float(np.sum(here.rows[keep] ** 2)),
             float(np.sum(x**2)),
-            tuple(seen),
-            sum(s.failed for s in seen),
+            here.seen,
+            here.failed,
         )
 
     def mean_square(self, fitted: Fitted) -> float:

@@ -128,15 +128,14 @@ def diagnose(
     short = [s for s in screened if s.gain > WORTH][:SHORTLIST]
     if short:
         say(f"refitting the {len(short)} most promising")
-        models.add(refit_best(bench, base, (), short, STARTS_EACH))
+        models.add(refit_best(bench, (), short, STARTS_EACH))
         # What the coarse mesh, and the fewer samples, leave out of an effect would pass for a second one.
         top = [f for f in models.ranked() if f.names][:REFINED]
         _refine(bench, models, {f.names: f for f in top}, [Rig(p, finest) for p in full], kept)
         models.reweigh()
         combine(models, say)
-    if len(models.fits) > 1:
-        say("refitting the best to all samples, on a fine mesh")
-        models = _on_all(models, [Rig(p, coarse) for p in full], [Rig(p, finest) for p in full])
+    say("refitting the best to all samples, on a fine mesh")
+    models = _on_all(models, [Rig(p, coarse) for p in full], [Rig(p, finest) for p in full])
     decision = decide(models)
     say("refitting to part of the samples")
     return _answer(
@@ -214,7 +213,7 @@ def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models:
     bench = Bench(rigs, models.bench.base)
     whole = Models(bench, list(models.of.values()))
     ranked = models.ranked()
-    wanted = {(): models.base}
+    wanted: dict[tuple[str, ...], Fitted] = {(): models.base}
     for f in [f for f in ranked if f.names][:FINAL]:
         wanted[f.names] = f
         # What fewer samples need two effects for may need one on all of them.

@@ -165,7 +165,8 @@ def propose(models: Models, decision: Decision, rig: Rig) -> Experiment | None:
         says,
         [f.names for f in rivals],
         float(expected),
-        *history,
+        history[0],
+        history[1],
         channels,
         [(f"{n}{' with pose' if e else ''}", float(v)) for v, e, n, _, _ in scored],
     )

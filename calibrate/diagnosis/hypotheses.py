@@ -104,7 +104,7 @@ VARIANTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
 # Of no effect on anything that varies, or read off the samples themselves.
 NEVER = {"quantisation"}
 # Sizes to try, in standard deviations of the prior.
-SIZES = (0.15, 0.6, 1.5)
+SIZES = (0.3, 1.0)
 
 
 def number_of(term: Term, q: Quantity) -> Number:
@@ -168,11 +168,11 @@ def _started(
         start = dataclasses.replace(start, centre=0.35 * length, sd=0.6 * span, upper=0.97 * length)
         end = dataclasses.replace(end, centre=0.65 * length, sd=0.6 * span, lower=0.03 * length, upper=length)
         free = (factor, start, end)
-        thirds = [(0.1, 0.35), (0.35, 0.65), (0.65, 0.9)]
+        windows = [(0.02, 0.2), (0.2, 0.4), (0.4, 0.6), (0.6, 0.8), (0.8, 0.98), (0.25, 0.6), (0.5, 0.9)]
         starts = [
             {factor.name: f, start.name: a * length, end.name: b * length}
-            for f in (2.2, 0.5)
-            for a, b in thirds
+            for f in (2.5, 0.45)
+            for a, b in windows
         ]
         return Hypothesis(name, term.id, free, tuple(starts))
     if term.id == "saturation":

@@ -110,7 +110,7 @@ class Diagnosis:
         rest: the same of the model that is shown.
         parameters: numbers before and after.
         rms_N, held_out: residual of T_tip before and after; see `heldout.held_out`.
-        noise_N: of the tip's cell.
+        noise_N: of T_tip, the base cell's carried on to it; what a residual should be.
         left, base_left: structure left by the model shown, and by the base model: size in standard deviations
             of the noise, and significance.
         rivals: models refitted, the most probable first.
@@ -202,7 +202,7 @@ class Diagnosis:
         named = kinds(chosen.names) if found else []
         confusion = list(map(list, dict.fromkeys(tuple(kinds(names)) for names in decision.confusion)))
         parameters = _changes(base, chosen, models.scale) if found else _changes(base, base, models.scale)
-        noise = float(np.mean([loop.noise_N for loop in loops]))
+        noise = models.bench.expected_rms()
         diagnosis = Diagnosis(
             decision.verdict,
             "",
@@ -328,11 +328,12 @@ def sentence(d: Diagnosis, chosen: Names) -> str:
         )
     if d.verdict == UNEXPLAINED:
         at = f" Most of it: {d.where[0].says}." if d.where else ""
-        nearest = (
-            f" The nearest, {' + '.join(chosen)}, leaves {d.left[0]:.2g} standard deviations of the noise."
-            if chosen
-            else ""
-        )
+        nearest = ""
+        if chosen:
+            nearest = (
+                f" The nearest, {' with '.join(chosen)}, leaves structure of {d.left[0]:.2g} standard "
+                f"deviations of the noise.{better}"
+            )
         return (
             f"Something is missing that no term of the catalogue explains: the fit is off by "
             f"{d.rms_N[0]:.2g} N where the noise is {d.noise_N:.2g} N.{at}{nearest}"
@@ -343,5 +344,13 @@ def sentence(d: Diagnosis, chosen: Names) -> str:
         sets = " or ".join(" with ".join(s) for s in d.confusion_set)
         return f"Missing is {sets}: these recordings do not tell which.{better}{moved}"
     effects = "; ".join(REGISTRY[kind].says.rstrip(".") for kind in d.named)
-    share = next((p for name, p in d.probability.items() if kinds(name.split(" + ")) == d.named), 0.0)
-    return f"Missing: {' and '.join(d.named)} (probability {share:.2f}). {effects}.{better}{moved}"
+    share = sum(p for name, p in d.probability.items() if set(chosen) <= set(name.split(" + ")))
+    sizes = ", ".join(
+        f"{c.name} = {c.after:.3g} ± {c.sd:.1g}{f' {c.unit}' if c.unit != 'dimensionless' else ''}"
+        for c in d.parameters
+        if c.before is None
+    )
+    return (
+        f"Missing: {' and '.join(d.named)} (probability {min(share, 0.999):.3g}). {effects}: {sizes}."
+        f"{better}{moved}"
+    )

@@ -43,7 +43,7 @@ def faults(part: Part) -> list[str]:
     held = np.isclose(tip, tip.max(), atol=1e-12).mean()
     if held > STUCK:
         found.append(
-            f"{where}: the tip cell shows its largest value in {100 * held:.0f} % of samples; it is stuck, or "
-            "overloaded"
+            f"{where}: the tip cell shows its largest value in {100 * held:.0f} % of samples; it is stuck, "
+            "or overloaded"
         )
     return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
@@ -14,8 +14,10 @@ from .hypotheses import Hypothesis
 
 THREADS = 2
 MU_STARTS = (0.03, 0.08, 0.15, 0.25, 0.4, 0.65)
-# Hypotheses refitted, starts of each, and those added to one that is known.
-SHORTLIST, STARTS_EACH, SECOND = 10, 2, 3
+# Hypotheses refitted, and those added to one that is known.
+SHORTLIST, SECOND = 10, 3
+# Starts by how many numbers a hypothesis has: shapes have optima of their own.
+STARTS_EACH, ONE_EACH = {1: 1, 2: 2, 3: 5}, {1: 1, 2: 1, 3: 2}
 # A drop of the sum of squares that is worth a refit.
 WORTH, SECOND_WORTH = 6.0, 9.0
 # Prior probability of no, one, two and three missing effects.
@@ -33,6 +35,7 @@ def in_parallel(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
 def base_fit(bench: Bench, start: np.ndarray | None = None) -> Fitted | None:
     """The base model fitted: noise and fit in turn, from the best of several starts unless one is given."""
     numbers = bench.base
+    at = np.zeros(len(numbers)) if start is None else start
     if start is None:
         others = [0.0] * (len(numbers) - 1)
         starts = [np.zeros(len(numbers)), *(np.asarray([numbers[0].at(mu), *others]) for mu in MU_STARTS)]
@@ -46,17 +49,17 @@ def base_fit(bench: Bench, start: np.ndarray | None = None) -> Fitted | None:
         costs = in_parallel(rough, starts)
         if not np.isfinite(min(costs)):
             return None
-        start = starts[int(np.argmin(costs))]
-    seen = bench.simulate({n.name: n.value(v) for n, v in zip(numbers, start, strict=True)})
+        at = starts[int(np.argmin(costs))]
+    seen = bench.simulate({n.name: n.value(v) for n, v in zip(numbers, at, strict=True)})
     fitted = None
     for _ in range(3):
         if seen is None:
             return None
-        bench.weigh({n.name: n.value(v) for n, v in zip(numbers, start, strict=True)}, seen)
-        fitted = bench.refit((), start)
+        bench.weigh({n.name: n.value(v) for n, v in zip(numbers, at, strict=True)}, seen)
+        fitted = bench.refit((), at)
         if fitted is None:
             return None
-        start, seen = fitted.x, fitted.seen
+        at, seen = fitted.x, fitted.seen
     return fitted
 
 
@@ -65,8 +68,8 @@ class Screened(NamedTuple):
 
     Attributes:
         hypothesis: what may be missing.
-        gain: drop of the sum of squares that its best start promises once the numbers fitted follow.
-        starts: coordinates to refit from, best first.
+        gain: drop of the sum of squares at its best start, the numbers fitted having followed once.
+        starts: coordinates to refit from, those of the numbers fitted first; best first.
         smallest: size of its first number that would change the white residuals by `SEEN` in all once the
             others follow; infinite where it changes nothing.
     """
@@ -77,13 +80,15 @@ class Screened(NamedTuple):
     smallest: float
 
 
-SEEN = 4.5
+# Standard errors that count as seen, and how far the numbers fitted may follow at once.
+SEEN, FAR = 4.5, 1.5
 
 
 def screen(
     bench: Bench, fitted: Fitted, hypotheses: Sequence[Hypothesis], *, thorough: bool = True
 ) -> list[Screened]:
-    """Try hypotheses beside a fit at finite sizes, the numbers fitted following linearly; best first.
+    """Try hypotheses beside a fit at finite sizes, twice each: as they are, and once the numbers fitted have
+    followed; best first.
 
     Args:
         bench: the recordings.
@@ -91,60 +96,74 @@ def screen(
         hypotheses: what to add.
         thorough: whether all starts are tried, or few.
     """
-    q, _ = np.linalg.qr(np.concatenate([fitted.jacobian, np.eye(len(fitted.x))]))
+    J = np.concatenate([fitted.jacobian, np.eye(len(fitted.x))])
+    q, upper = np.linalg.qr(J)
+    r0, still = np.concatenate([fitted.rows, fitted.x]), np.zeros(len(fitted.x))
+    left = r0 - q @ (q.T @ r0)
+    low, high = (np.asarray([n.bounds[k] for n in fitted.numbers]) for k in (0, 1))
 
-    def projected(rows, x):
-        both = np.concatenate([rows, x])
-        return both - q @ (q.T @ both)
-
-    left = projected(fitted.rows, fitted.x)
-    cost, still = fitted.cost, np.zeros(len(fitted.x))
+    def simulated(numbers, x, fixed):
+        values = dict(fitted.values) | {n.name: n.value(v) for n, v in zip(numbers, x, strict=True)} | fixed
+        seen = bench.simulate(values, fitted.names)
+        if seen is None or sum(s.failed for s in seen) > fitted.failed:
+            return None
+        return bench.rows(seen)
 
     def one(item):
         h, start = item
-        x = np.asarray([n.at(start[n.name]) for n in h.numbers])
-        seen = bench.simulate(dict(fitted.values) | dict(start) | dict(h.fixed), fitted.names)
-        if seen is None or sum(s.failed for s in seen) > fitted.failed:
-            return -np.inf, x, 1.0, 0.0
-        moved = projected(bench.rows(seen) - fitted.rows, still)
-        power = float(moved @ moved)
-        # As large as tried, or as its slope asks for, within a factor.
-        share = float(np.clip(-(left @ moved) / power, 0.2, 2.0)) if power > 0 else 1.0
-        best, share = min((float(np.sum((left + s * moved) ** 2)), s) for s in (1.0, share))
-        return cost - best, x, share, power
+        x, fixed = np.asarray([n.at(start[n.name]) for n in h.numbers]), dict(h.fixed)
+        rows = simulated(h.numbers, x, fixed)
+        if rows is None:
+            return -np.inf, np.concatenate([fitted.x, x]), 0.0
+        moved = np.concatenate([rows - fitted.rows, still])
+        across = moved - q @ (q.T @ moved)
+        power = float(across @ across)
+        # As large as tried, or as its slope asks for, within a factor; the numbers fitted follow.
+        wanted = float(np.clip(-(left @ across) / power, 0.2, 2.0)) if power > 0 else 1.0
+        share = min((float(np.sum((left + s * across) ** 2)), s) for s in (1.0, wanted))[1]
+        sizes = np.asarray([n.size and not n.log for n in h.numbers])
+        own = np.where(sizes, share * x, x)
+        share = share if sizes.any() else 1.0
+        follow = np.linalg.solve(upper, -(q.T @ (r0 + share * moved)))
+        both = np.concatenate([np.clip(fitted.x + np.clip(follow, -FAR, FAR), low, high), own])
+        rows = simulated((*fitted.numbers, *h.numbers), both, fixed)
+        if rows is None:
+            return -np.inf, both, power
+        return fitted.cost - float(np.sum(rows**2) + np.sum(both[: len(fitted.x)] ** 2)), both, power
 
     items = [(h, s) for h in hypotheses for s in (h.starts if thorough else h.few)]
     found, screened = in_parallel(one, items), []
     for h in hypotheses:
-        mine = sorted((f for (own, _), f in zip(items, found, strict=True) if own is h), key=lambda f: -f[0])
-        starts = []
-        for _, x, share, _ in mine:
-            sizes = np.asarray([n.size and not n.log for n in h.numbers])
-            starts.append(np.where(sizes, share * x, x))
+        mine = [(f, s) for (own, s), f in zip(items, found, strict=True) if own is h]
         first = h.numbers[0]
         least = [
-            abs(first.value(x[0] * SEEN / np.sqrt(p)) - first.centre)
-            for _, x, _, p in mine
-            if p > 0 and first.size
+            abs(first.value(first.at(s[first.name]) * SEEN / np.sqrt(f[2])) - first.centre)
+            for f, s in mine
+            if f[2] > 0 and first.size
         ]
-        screened.append(Screened(h, float(mine[0][0]), starts, min(least, default=np.inf)))
+        ranked = sorted((f for f, _ in mine), key=lambda f: -f[0])
+        starts = [x for _, x, _ in ranked]
+        screened.append(Screened(h, float(ranked[0][0]), starts, min(least, default=np.inf)))
     return sorted(screened, key=lambda s: -s.gain)
 
 
 def refit_best(
     bench: Bench,
-    fitted: Fitted,
     known: Sequence[Hypothesis],
     screened: Sequence[Screened],
-    starts: int,
+    starts: Mapping[int, int],
     most: int = MOST_ITERATIONS,
 ) -> list[Fitted]:
-    """Refit each hypothesis beside those known, from its best starts; the better end of each."""
-    items = [(s.hypothesis, start) for s in screened for start in s.starts[:starts]]
+    """Refit each hypothesis beside those known, from its best start, or several where it has a shape; the
+    better end of each.
+    """
+    items = [
+        (s.hypothesis, start) for s in screened for start in s.starts[: starts[len(s.hypothesis.numbers)]]
+    ]
 
     def one(item):
         h, start = item
-        return bench.refit((*known, h), np.concatenate([fitted.x, start]), exact=False, most=most)
+        return bench.refit((*known, h), start, exact=False, most=most)
 
     found, best = in_parallel(one, items), []
     for s in screened:
@@ -245,7 +264,7 @@ def combine(models: Models, progress: Callable[[str], None]) -> None:
                 :SECOND
             ]
             known = models.hypotheses(head.names)
-            models.add(refit_best(models.bench, head, known, wanted, 1, 6))
+            models.add(refit_best(models.bench, known, wanted, ONE_EACH, 6))
         ranked = models.ranked()[0]
         if len(ranked.names) == 3:
             for pair in itertools.combinations(ranked.names, 2):

@@ -1,4 +1,4 @@
-"""`gtr demo`: a simulation and a fit of what ships with the package."""
+"""`gtr demo`: a simulation, and a recording with a concealed effect, fitted and diagnosed."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from pathlib import Path
 
 import click
 
+from .diagnose import solve as solve_diagnosis
+from .diagnose import summary as diagnosis_summary
+from .diagnose import write_answer as write_diagnosis
 from .fit import solve as solve_fit
 from .fit import summary as fit_summary
 from .fit import write_answer as write_fit
@@ -20,36 +23,48 @@ PULL = 45.0
 @click.command()
 @output_option
 def demo(output: Path) -> int:
-    """Simulate a manipulator through a full loop, and fit one to a recording; both ship with the package."""
+    """Simulate a manipulator through a full loop; fit friction and modulus to the tensions of a recording,
+    which a missing effect makes wrong though the fit looks good; and diagnose it. All ship with the package.
+    """
     from gtr_jax.config import load_config
-    from gtr_jax.examples import MADE_WITH, RECORDED, RECORDING, SIMULATED
+    from gtr_jax.examples import CONCEALED, CONCEALED_ROBOT, MADE_WITH, SIMULATED
     from gtr_jax.recording import read_recording
+    from gtr_jax.report.simulation import verdict
 
     from .cache import enable_cache
     from .progress import Progress
     from .run_folder import RunFolder
 
-    config, recorded, recording = load_config(SIMULATED), load_config(RECORDED), read_recording(RECORDING)
+    config, robot, recording = (
+        load_config(SIMULATED),
+        load_config(CONCEALED_ROBOT),
+        read_recording(CONCEALED),
+    )
     history = pull_and_release(PULL, 0.0, None)
-    inputs = {"simulated robot": SIMULATED, "recorded robot": RECORDED, "recording": RECORDING}
+    inputs = {"simulated robot": SIMULATED, "recorded robot": CONCEALED_ROBOT, "recording": CONCEALED}
     folder = RunFolder(output, inputs)
     enable_cache()
     with Progress() as progress:
         simulated = solve_simulation(config, history, progress=progress)
-        fitted = solve_fit([recorded], [recording], free=("mu", "E"), progress=progress)
+        fitted = solve_fit([robot], [recording], free=("mu", "E"), channels=(), progress=progress)
+        diagnosed = solve_diagnosis(robot, [recording], progress=progress)
         progress("drawing")
         with folder.write() as part:
             settings = folder.settings()
-            for name in ("simulate", "fit"):
+            for name in ("simulate", "fit", "diagnose"):
                 (part / name).mkdir()
             write_simulation(part / "simulate", simulated, config, settings)
-            write_fit(part / "fit", fitted, [recording], [recorded], settings)
-    from gtr_jax.report.simulation import verdict
-
+            write_fit(part / "fit", fitted, [recording], [robot], settings)
+            write_diagnosis(part / "diagnose", diagnosed, robot, settings)
     click.echo(verdict(simulated))
     click.echo(f"report: {output / 'simulate/report.html'}")
+    click.echo("The tensions of a recording, fitted with friction and modulus alone:")
     for line in fit_summary(fitted):
         click.echo(line)
-    click.echo(f"The recording is another simulator's, with noise, made with {MADE_WITH}.")
     click.echo(f"report: {output / 'fit/report.html'}")
-    return 0 if simulated.converged and fitted.converged else 1
+    click.echo("All of it, diagnosed:")
+    for line in diagnosis_summary(diagnosed):
+        click.echo(line)
+    click.echo(f"The recording is another simulator's, with noise, made with {MADE_WITH}.")
+    click.echo(f"report: {output / 'diagnose/report.html'}")
+    return 0 if simulated.converged and fitted.converged and diagnosed.converged else 1

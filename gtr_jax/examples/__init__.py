@@ -1,15 +1,17 @@
 """The files behind `gtr demo` and `gtr paper`, shipped with the package.
 
-`tdcm-1.toml` is the manipulator it simulates. `recording.csv` is what it fits, starting from `recorded.toml`.
-An independent simulator (rigid links, tendon through guides, noise) made the recording with μ = 0.2611 and
-E = 1.335 MPa; the robot file says 0.30 and 1.5 MPa. `paper/` holds the robots of Liu & Alambeigi (RA-L 2022).
+`tdcm-1.toml` is the manipulator that the demo simulates. `concealed.csv` is what it diagnoses, starting from
+`concealed.toml`: every second sample of a run of an independent simulator (rigid links, tendon through
+guides) with noise added at all instruments. It was made with μ = 0.300, E = 1.5 MPa and a pulley at the base
+that takes μ·angle = 0.1; the robot file says 0.35, 1.6 MPa and no pulley. `paper/` holds the robots of Liu &
+Alambeigi (RA-L 2022).
 """
 
 from pathlib import Path
 
 FOLDER = Path(__file__).parent
 SIMULATED = FOLDER / "tdcm-1.toml"
-RECORDED = FOLDER / "recorded.toml"
-MADE_WITH = "mu = 0.2611 and E = 1.335 MPa"
-RECORDING = FOLDER / "recording.csv"
+CONCEALED_ROBOT = FOLDER / "concealed.toml"
+CONCEALED = FOLDER / "concealed.csv"
+MADE_WITH = "mu = 0.300, E = 1.5 MPa and local-friction base = 0.1"
 PAPER = FOLDER / "paper"

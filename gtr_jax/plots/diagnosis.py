@@ -11,16 +11,19 @@ from matplotlib.lines import Line2D
 from .fit import by_phase
 from .style import BLUE, GREY, INK, PALE, VERMILLION, WIDTH, figure, legend_above, phase_keys, styled
 
+FOUND = "with what was missing"
+
 
 @styled
 def plot_before_after(
-    T_base: np.ndarray, recorded: np.ndarray, before: np.ndarray, after: np.ndarray | None
+    T_base: np.ndarray, recorded: np.ndarray, before: np.ndarray, after: np.ndarray | None, label: str = FOUND
 ) -> Figure:
     """The loop: recorded, and the model refitted without and with what was missing.
 
     Args:
         T_base: base tension [N], (K,).
         recorded, before, after: tip tension [N], (K,); `after` None where nothing was found.
+        label: what the model after has.
     """
     fig, (axes,) = figure(3.9)
     axes.plot(T_base, recorded, linestyle="", marker="o", markersize=2.4, color=GREY, alpha=0.55)
@@ -31,7 +34,7 @@ def plot_before_after(
     ]
     if after is not None:
         axes.plot(T_base, after, color=BLUE, linewidth=1.2)
-        keys.append(Line2D([], [], color=BLUE, label="with what was missing"))
+        keys.append(Line2D([], [], color=BLUE, label=label))
     axes.set_xlabel("tension at the base $T_{base}$ [N]")
     axes.set_ylabel("tension at the tip $T_{tip}$ [N]")
     legend_above(fig, keys)
@@ -46,6 +49,7 @@ def plot_residual_map(
     *,
     phases: np.ndarray,
     noise: float,
+    label: str = FOUND,
 ) -> Figure:
     """Simulated minus recorded tip tension against base tension, before and after, on one scale.
 
@@ -54,31 +58,35 @@ def plot_residual_map(
         before, after: residuals [N], (K,).
         phases: label of each sample, (K,).
         noise: standard deviation of the tip's cell [N].
+        label: what the model after has.
     """
-    panels = [("without", before)] + ([] if after is None else [("with what was missing", after)])
+    panels = [("without", before)] + ([] if after is None else [(label, after)])
     fig, rows = figure(0.9 + 2.2 * len(panels), len(panels), sharex=True, sharey=True)
-    for axes, (label, residual) in zip(rows, panels, strict=True):
+    for axes, (which, residual) in zip(rows, panels, strict=True):
         axes.axhspan(-2 * noise, 2 * noise, color=PALE, linewidth=0, zorder=0)
         by_phase(axes, T_base, residual, phases)
         axes.set_ylabel("simulated − recorded [N]")
-        axes.set_title(f"best fit {label}" if after is not None else "best fit", loc="left", fontsize=9)
+        axes.set_title(f"best fit {which}" if after is not None else "best fit", loc="left", fontsize=9)
     rows[-1].set_xlabel("tension at the base $T_{base}$ [N]")
     legend_above(fig, phase_keys(phases, marker="o"))
     return fig
 
 
 @styled
-def plot_branches(branches: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Figure:
+def plot_branches(
+    branches: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], label: str = FOUND
+) -> Figure:
     """Half the difference D and half the sum S of ln(T_tip/T_base) on release and pull, at matched tension.
 
     Args:
         branches: base tension [N], D and S, (n,) each: of the recording, the model before, and after.
+        label: what the model after has.
     """
     fig, rows = figure(4.2, 2, sharex=True)
     styles = [
         ({"marker": "o", "linestyle": "", "markersize": 4, "color": GREY}, "recorded"),
         ({"color": VERMILLION, "linewidth": 1.2}, "best fit without"),
-        ({"color": BLUE, "linewidth": 1.2}, "with what was missing"),
+        ({"color": BLUE, "linewidth": 1.2}, label),
     ]
     for (at, D, S), (style, _) in zip(branches, styles, strict=False):
         rows[0].plot(at, D, **style)
@@ -86,7 +94,7 @@ def plot_branches(branches: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]])
     rows[0].set_ylabel("D: friction [–]")
     rows[1].set_ylabel("S: gains, offsets [–]")
     rows[1].set_xlabel("tension at the base $T_{base}$ [N]")
-    legend_above(fig, [Line2D([], [], label=label, **style) for style, label in styles[: len(branches)]])
+    legend_above(fig, [Line2D([], [], label=what, **style) for style, what in styles[: len(branches)]])
     return fig
 
 

@@ -14,13 +14,6 @@ from .fit import quantity
 from .page import Figure, Report, Table
 
 SHOWN = 8
-HEADLINES = {
-    "adequate": "Adequate",
-    "missing-physics": "Missing physics",
-    "ambiguous": "Missing physics, but which?",
-    "unexplained": "Unexplained",
-    "bad-data": "Bad data",
-}
 
 
 def diagnosis_report(answer: Any, name: str) -> Report:
@@ -33,7 +26,7 @@ def diagnosis_report(answer: Any, name: str) -> Report:
     next_step = [] if answer.experiment is None else [f"Measure next: {answer.experiment.says}"]
     return Report(
         title=f"{name}: diagnosis",
-        verdict=f"{HEADLINES[answer.verdict]}. {answer.says}",
+        verdict=answer.says,
         warnings=[*next_step, *answer.warnings],
         figures=_figures(answer),
         tables=_tables(answer),
@@ -41,10 +34,12 @@ def diagnosis_report(answer: Any, name: str) -> Report:
 
 
 def _found(answer: Any) -> bool:
-    return answer.verdict in ("missing-physics", "ambiguous")
+    """Whether a model with something missing is shown; where the verdict is "unexplained", the nearest."""
+    return len(answer.held_out) > 1
 
 
 def _figures(answer: Any) -> list[Figure]:
+    label = "with the nearest term" if answer.verdict == "unexplained" else "with what was missing"
     figures = []
     for loop in answer.loops:
         several = len(answer.loops) > 1
@@ -54,14 +49,19 @@ def _figures(answer: Any) -> list[Figure]:
         figures.append(
             Figure(
                 f"loop{ending}",
-                plots.png(plots.plot_before_after(loop.T_base, recorded, before, after)),
+                plots.png(plots.plot_before_after(loop.T_base, recorded, before, after, label)),
                 f"{whose}The recording and the model, refitted to it"
-                + (" without and with what was missing." if after is not None else "."),
+                + (f" without and {label}." if after is not None else "."),
             )
         )
         left = None if after is None else after - recorded
         drawn = plots.plot_residual_map(
-            loop.T_base, before - recorded, left, phases=np.asarray(loop.phases), noise=loop.noise_N
+            loop.T_base,
+            before - recorded,
+            left,
+            phases=np.asarray(loop.phases),
+            noise=loop.noise_N,
+            label=label,
         )
         figures.append(
             Figure(
@@ -75,7 +75,7 @@ def _figures(answer: Any) -> list[Figure]:
             figures.append(
                 Figure(
                     f"branches{ending}",
-                    plots.png(plots.plot_branches(branches)),
+                    plots.png(plots.plot_branches(branches, label)),
                     f"{whose}Release against pull at the same base tension: half the difference of "
                     "ln(T_tip/T_base) is friction, half the sum what friction cannot do.",
                 )
@@ -125,11 +125,11 @@ def _tables(answer: Any) -> list[Table]:
             ("residual of T_tip on what was fitted, rms", *(number(v, "N", 3) for v in answer.rms_N)),
             ("on what was held out, rms", *(number(h["rms_N"], "N", 3) for h in answer.held_out)),
             ("chi² per sample, held out", *(number(h["chi2_per_n"], digits=3) for h in answer.held_out)),
-            ("noise of the tip's cell, one sd", *(number(answer.noise_N, "N", 3),) * 2),
+            ("noise, as it should be left, rms", *(number(answer.noise_N, "N", 3),) * 2),
         ]
         note = (
             f"Held out in turn: {after['folds']:.0f} parts (cycles, recordings, or stretches of one loop); "
-            f"better with what was missing in {after['best_in']:.0f}, without in {before['best_in']:.0f}."
+            f"better with in {after['best_in']:.0f}, without in {before['best_in']:.0f}."
         )
         tables.append(Table("On data the fit has not seen", ("", "without", "with"), rows, note=note))
     if answer.rivals:

@@ -1,0 +1,150 @@
+"""The diagnosis: noise, coordinates, evidence, what it names in labelled recordings, and what it writes."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import run_gtr
+
+import calibrate
+import gtr_jax as gtr
+from calibrate.diagnosis.bench import noise_of
+from calibrate.diagnosis.experiment import menu
+from calibrate.diagnosis.hypotheses import Number, catalogue, number_of
+from calibrate.diagnosis.locate import cycles_of, ratio_of_branches
+from gtr_jax.terms import REGISTRY
+
+LABELLED = Path(__file__).parent / "data" / "labelled"
+
+
+def case(number):
+    folder = LABELLED / f"case-{number:03d}"
+    recording = gtr.read_recording(folder / "recording.csv")
+    return gtr.load_config(folder / "robot.toml"), recording, json.loads((folder / "truth.json").read_text())
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.4])
+def test_noise_is_told_from_a_misfit(rho):
+    rng, n = np.random.default_rng(1), 4000
+    noise = np.zeros(n)
+    for k in range(1, n):
+        noise[k] = rho * noise[k - 1] + rng.normal() * np.sqrt(1 - rho**2)
+    found = noise_of(0.05 * noise + 2.0 * np.sin(np.arange(n) / 200), 1e-6)
+    assert found.sd == pytest.approx(0.05, rel=0.06) and found.rho == pytest.approx(rho, abs=0.06)
+
+
+def test_coordinates_of_a_number():
+    for n in (
+        Number("a", "m", 0.0, 2.0, False, 0.0),
+        Number("b", "", 1.0, 0.1, True, 0.0),
+        number_of(REGISTRY["presliding"], REGISTRY["presliding"].quantities[0]),
+    ):
+        for x in (0.3, 1.2):
+            assert n.at(n.value(x)) == pytest.approx(x)
+    assert Number("a", "m", 0.0, 2.0, False, 0.0).value(-1.0) == 0.0
+    assert Number("b", "", 1.0, 0.1, True, 0.0).bounds == (-8.0, 8.0)
+
+
+def test_every_term_is_a_hypothesis_unless_it_cannot_act(make_robot):
+    def kinds(robot, timed=True):
+        given = {"largest_tip": 10.0, "travel": np.array([0.0, 0.1]), "bend": 5.0}
+        return {h.kind for h in catalogue(robot, timed=timed, **given)}
+
+    assert set(REGISTRY) - kinds(make_robot()) == {"gravity-error", "quantisation"}
+    assert "viscous-friction" not in kinds(make_robot(), timed=False)
+    for h in catalogue(make_robot(), timed=True, largest_tip=10.0, travel=np.array([0.0, 0.1]), bend=5.0):
+        for start in h.starts:
+            assert set(start) == {n.name for n in h.numbers}
+            for n in h.numbers:
+                low, high = n.bounds
+                assert low <= n.at(start[n.name]) <= high, (h.name, n.name)
+        assert 1 <= len(h.few) <= 2 and all(start in h.starts for start in h.few)
+
+
+def test_cycles_and_branches():
+    T = np.concatenate([np.linspace(0, 10, 11), np.linspace(10, 1, 10)[1:], np.linspace(1, 9, 9)[1:]])
+    assert cycles_of(T).tolist() == [1] * 19 + [2] * 9
+    phases = np.where(np.gradient(T) > 0, "pulling", "releasing")
+    mu = 0.4
+    tip = T * np.exp(np.where(phases == "pulling", -mu, mu))
+    _, D, S = ratio_of_branches(T, tip, phases)
+    np.testing.assert_allclose(D, mu)
+    np.testing.assert_allclose(S, 0.0, atol=1e-12)
+
+
+def test_the_menu_is_driveable():
+    for name, (time, T) in menu(20.0, 80, 15.0).items():
+        assert len(time) == len(T) == 80 and np.all(np.diff(time) > 0), name
+        assert T.min() >= 0 and T.max() <= 20.0 + 1e-9
+
+
+def test_a_sound_recording_is_adequate():
+    config, recording, _ = case(11)
+    found = calibrate.diagnose(config, recording)
+    assert found.verdict == "adequate" and found.named == [] and found.converged
+    assert found.probability[""] > 0.9
+    assert found.rms_N[0] == pytest.approx(found.noise_N, rel=0.15)
+    assert found.smallest_detectable["presliding.length"] < 5e-4
+
+
+@pytest.fixture(scope="module")
+def asymmetry(tmp_path_factory):
+    """Case 5 diagnosed at the command line."""
+    out = tmp_path_factory.mktemp("diagnosed") / "out"
+    folder = LABELLED / "case-005"
+    return folder, out
+
+
+def test_the_command_names_an_effect(asymmetry, capsys, monkeypatch):
+    folder, out = asymmetry
+    monkeypatch.setenv("GTR_JAX_CACHE", "off")
+    outcome = run_gtr(
+        capsys, "diagnose", folder / "robot.toml", folder / "recording.csv", "--next", "-o", out
+    )
+    assert outcome.status == 0 and outcome.out.startswith("missing-physics: Missing: friction-asymmetry")
+    data = json.loads((out / "diagnosis.json").read_text())
+    truth = json.loads((folder / "truth.json").read_text())
+    assert data["named"] == ["friction-asymmetry"] and data["converged"]
+    ratio = data["parameters"]["friction-asymmetry.ratio"]
+    assert abs(ratio["value"] - truth["parameters"]["asym"]) < 3 * ratio["sd"]
+    mu = data["parameters"]["mu"]
+    assert abs(mu["after"] - truth["mu"]) < 3 * mu["sd"] < abs(mu["before"] - truth["mu"]) * 3
+    held = data["fit"]["held_out_rms_N"]
+    assert held["after"] < 0.5 * held["before"] and held["after"] < 1.3 * data["fit"]["noise_N"]
+    assert data["where"] and data["where"][0]["excess_rms"] > 0.05
+    # What it found is a robot file for every other command, and the experiment a history.
+    robot = gtr.load_robot(out / "diagnosed.toml")
+    assert float(robot.value("friction-asymmetry.ratio")) == pytest.approx(ratio["value"])
+    history = gtr.read_recording(out / "next-experiment.csv")
+    assert len(history.T_base) > 20 and history.T_base.max() <= 1.01 * 45
+    page = (out / "report.html").read_text()
+    assert "friction-asymmetry" in page and "http" not in page.split("<body")[1].split("settings")[0][:2000]
+    for name in ("loop.png", "residual.png", "rivals.png", "next-experiment.png", "diagnosis.csv"):
+        assert (out / name).exists(), name
+
+
+@pytest.mark.slow
+def test_presliding_is_named():
+    config, recording, truth = case(0)
+    found = calibrate.diagnose(config, recording)
+    assert found.verdict == "missing-physics" and found.named == ["presliding"]
+    length = next(c for c in found.parameters if c.name == "presliding.length")
+    assert length.after == pytest.approx(truth["parameters"]["x0"], rel=0.1)
+
+
+def test_data_that_cannot_be_diagnosed():
+    config, recording, _ = case(11)
+    T_base, T_tip = np.asarray(recording.T_base), np.asarray(recording.T_tip)
+
+    def verdict(**columns):
+        given = {"T_base": T_base, "T_tip": T_tip, **columns}
+        return calibrate.diagnose(config, gtr.Recording(path=Path("r.csv"), sha256="", **given))
+
+    swapped = verdict(T_base=T_tip, T_tip=T_base)
+    assert swapped.verdict == "bad-data" and "swap the columns" in swapped.says
+    assert "never changes" in verdict(T_tip=np.full_like(T_tip, 3.0)).says
+    assert "too few" in verdict(T_base=T_base[:12], T_tip=T_tip[:12]).says
+    two = gtr.load_config(Path(__file__).parents[1] / "examples" / "antagonists.toml")
+    with pytest.raises(gtr.InputError, match="diagnoses one tendon"):
+        calibrate.diagnose(two, recording)
