@@ -406,7 +406,7 @@ def test_control_c(tmp_path):
 def test_version_and_help(run):
     outcome = run("--version")
     assert outcome.status == 0 and re.fullmatch(r"gtr \d+\.\d+\.\d+\n", outcome.out)
-    for command in ([], ["simulate"], ["fit"], ["demo"], ["schema"]):
+    for command in ([], ["simulate"], ["fit"], ["diagnose"], ["terms"], ["demo"], ["schema"]):
         outcome = run(*command, "--help")
         assert outcome.status == 0 and outcome.out.startswith("Usage: gtr") and outcome.err == ""
 

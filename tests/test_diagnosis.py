@@ -31,7 +31,7 @@ def test_noise_is_told_from_a_misfit(rho):
     for k in range(1, n):
         noise[k] = rho * noise[k - 1] + rng.normal() * np.sqrt(1 - rho**2)
     found = noise_of(0.05 * noise + 2.0 * np.sin(np.arange(n) / 200), 1e-6)
-    assert found.sd == pytest.approx(0.05, rel=0.06) and found.rho == pytest.approx(rho, abs=0.06)
+    assert found.sd == pytest.approx(0.05, rel=0.1) and found.rho == pytest.approx(rho, abs=0.06)
 
 
 def test_coordinates_of_a_number():
@@ -116,7 +116,7 @@ def test_the_command_names_an_effect(asymmetry, capsys, monkeypatch):
     # What it found is a robot file for every other command, and the experiment a history.
     robot = gtr.load_robot(out / "diagnosed.toml")
     assert float(robot.value("friction-asymmetry.ratio")) == pytest.approx(ratio["value"])
-    history = gtr.read_recording(out / "next-experiment.csv")
+    history = gtr.read_recording(out / "next-experiment.csv", need_tip=False)
     assert len(history.T_base) > 20 and history.T_base.max() <= 1.01 * 45
     page = (out / "report.html").read_text()
     assert "friction-asymmetry" in page and "http" not in page.split("<body")[1].split("settings")[0][:2000]

@@ -20,6 +20,8 @@ STEP, LARGEST_STEP = 0.02, 1.5
 MOST_ITERATIONS, TRIES, SETTLED = 14, 6, 0.05
 # A simulation that fails counts as this many variances per sample.
 FAILED = 1e3
+# Error that simulations keep once corrected to a fine mesh, as a share of a channel's range.
+DISCRETE = 1e-4
 
 
 @dataclasses.dataclass(frozen=True)
@@ -172,6 +174,11 @@ class Bench:
             noise = [noise_of(row, low) for row, low in zip(residual, least, strict=True)]
             if part.noise_N is not None:
                 noise[0] = Noise(part.noise_N, noise[0].rho)
+            # What is left of discretisation counts as noise.
+            size = [float(np.max(np.abs(part.T_base.T_base))), *np.ptp(part.recorded[1:], axis=1)]
+            noise = [
+                Noise(float(np.hypot(n.sd, DISCRETE * s)), n.rho) for n, s in zip(noise, size, strict=True)
+            ]
             sd = np.asarray([n.sd for n in noise])
             base = part.T_base
             plain = Weighing.plain(exact(base.T_base) if base.sd == 0 else base, part.channels, sd)

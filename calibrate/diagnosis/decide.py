@@ -17,7 +17,7 @@ ALONE, TOGETHER = 0.8, 0.97
 # Models whose predictions differ by less than this many standard errors are one to these data.
 ALIKE = 2.5
 # Structure left: significance, size in standard deviations of the noise, and share of the base model's.
-LEFT_Z, LEFT_SIZE, LEFT_SHARE = 6.0, 0.35, 0.3
+LEFT_Z, LEFT_SIZE, LEFT_SHARE = 6.0, 0.35, 0.12
 # Below this probability of anything missing nothing is claimed.
 CLAIMED = 0.9
 
@@ -56,9 +56,9 @@ def decide(models: Models) -> Decision:
     base_left, left = misfit(models.bench, base), misfit(models.bench, best)
     nothing = probability[()]
     if not best.names or 1 - nothing < CLAIMED:
-        verdict = UNEXPLAINED if _structured(base_left) else ADEQUATE
+        verdict = UNEXPLAINED if structured(base_left) else ADEQUATE
         return Decision(verdict, base, [], probability, base_left, base_left)
-    if _structured(left) and left[0] > LEFT_SHARE * base_left[0]:
+    if structured(left) and left[0] > LEFT_SHARE * base_left[0]:
         return Decision(UNEXPLAINED, best, [], probability, left, base_left)
     confusion, total = [], 0.0
     for f in ranked:
@@ -75,5 +75,6 @@ def decide(models: Models) -> Decision:
     return Decision(MISSING if alone else AMBIGUOUS, best, confusion, probability, left, base_left)
 
 
-def _structured(left: tuple[float, float]) -> bool:
+def structured(left: tuple[float, float]) -> bool:
+    """Whether what is left, by size and significance, is more than noise."""
     return left[1] > LEFT_Z and left[0] > LEFT_SIZE

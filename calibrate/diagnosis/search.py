@@ -11,6 +11,7 @@ import numpy as np
 
 from .bench import MOST_ITERATIONS, Bench, Fitted
 from .hypotheses import Hypothesis
+from .locate import misfit
 
 THREADS = 2
 MU_STARTS = (0.03, 0.08, 0.15, 0.25, 0.4, 0.65)
@@ -24,6 +25,9 @@ WORTH, SECOND_WORTH = 6.0, 9.0
 HOW_MANY = (0.5, 0.35, 0.12, 0.03)
 # Models this much less likely than the best, in log, are not refitted once the noise is known better.
 HOPELESS = 40.0
+# Single effects to which others are added: those as close to the best in log, or so many of them where even
+# the best leaves structure of this significance.
+CLOSE, HEADS, ASTRAY = 12.0, 5, 4.0
 
 
 def in_parallel(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
@@ -82,6 +86,8 @@ class Screened(NamedTuple):
 
 # Standard errors that count as seen, and how far the numbers fitted may follow at once.
 SEEN, FAR = 4.5, 1.5
+# Share of the drop that a slope promises which is counted on.
+PROMISED = 0.3
 
 
 def screen(
@@ -126,10 +132,15 @@ def screen(
         share = share if sizes.any() else 1.0
         follow = np.linalg.solve(upper, -(q.T @ (r0 + share * moved)))
         both = np.concatenate([np.clip(fitted.x + np.clip(follow, -FAR, FAR), low, high), own])
-        rows = simulated((*fitted.numbers, *h.numbers), both, fixed)
-        if rows is None:
-            return -np.inf, both, power
-        return fitted.cost - float(np.sum(rows**2) + np.sum(both[: len(fitted.x)] ** 2)), both, power
+        followed = simulated((*fitted.numbers, *h.numbers), both, fixed)
+        gain = fitted.cost - float(np.sum(rows**2) + np.sum(fitted.x**2))
+        reached = -np.inf
+        if followed is not None:
+            reached = fitted.cost - float(np.sum(followed**2) + np.sum(both[: len(fitted.x)] ** 2))
+        # Far from the fit a slope promises too much, but not nothing.
+        promised = PROMISED * (fitted.cost - float(np.sum((left + share * across) ** 2)))
+        start = both if reached >= gain else np.concatenate([fitted.x, x])
+        return max(gain, reached, promised), start, power
 
     items = [(h, s) for h in hypotheses for s in (h.starts if thorough else h.few)]
     found, screened = in_parallel(one, items), []
@@ -238,6 +249,7 @@ class Models:
         kept = [
             f for f in ranked if not f.names or self.log_posterior(f) > self.log_posterior(top) - HOPELESS
         ]
+        kept += [f for f in ranked if len(f.names) == 1 and f not in kept][: max(0, HEADS + 1 - len(kept))]
 
         def again(f):
             return self.bench.refit(self.hypotheses(f.names), f.x, most=5)
@@ -246,30 +258,47 @@ class Models:
         self.add([f for f in in_parallel(again, kept) if f is not None])
 
 
+def add_to(models: Models, head: Fitted, progress: Callable[[str], None]) -> None:
+    """Refit the most promising further effects beside those of a model."""
+    progress(f"adding to {' + '.join(head.names)}")
+    others = [h for h in models.of.values() if h.name not in head.names]
+    screened = screen(models.bench, head, others, thorough=False)
+    wanted = [s for s in screened if s.gain > SECOND_WORTH][:SECOND]
+    models.add(refit_best(models.bench, models.hypotheses(head.names), wanted, ONE_EACH, 6))
+
+
 def combine(models: Models, progress: Callable[[str], None]) -> None:
     """Add second and third effects to the best models while that makes them more probable, and take out what
     is no longer needed.
     """
-    for depth in (1, 2):
-        best = [f for f in models.ranked() if len(f.names) == depth]
-        if not best or (depth == 2 and models.ranked()[0].names != best[0].names):
-            return
-        heads = best[: 2 if depth == 1 else 1]
-        for head in heads:
-            if models.log_posterior(head) < models.log_posterior(best[0]) - 12:
-                continue
-            progress(f"adding to {' + '.join(head.names)}")
-            others = [h for h in models.of.values() if h.name not in head.names]
-            wanted = [s for s in screen(models.bench, head, others, thorough=False) if s.gain > SECOND_WORTH][
-                :SECOND
-            ]
-            known = models.hypotheses(head.names)
-            models.add(refit_best(models.bench, known, wanted, ONE_EACH, 6))
-        ranked = models.ranked()[0]
-        if len(ranked.names) == 3:
-            for pair in itertools.combinations(ranked.names, 2):
-                if tuple(sorted(pair)) in models.fits:
-                    continue
-                start = models.coordinates(pair, ranked)
-                again = models.bench.refit(models.hypotheses(pair), start, exact=False)
-                models.add([again] if again is not None else [])
+    singles = [f for f in models.ranked() if len(f.names) == 1]
+    if not singles:
+        return
+    # What two effects do may be done half by a third: where one is not enough, more than the best are tried.
+    size, significance = misfit(models.bench, singles[0])
+    astray = significance > ASTRAY and size > 0.2
+    least = models.log_posterior(singles[0]) - CLOSE
+    heads = singles[:HEADS] if astray else [f for f in singles[:2] if models.log_posterior(f) > least]
+    for head in heads:
+        add_to(models, head, progress)
+    best = models.ranked()[0]
+    if len(best.names) == 2:
+        add_to(models, best, progress)
+    best, tried = models.ranked()[0], {f.names for f in heads}
+    if len(best.names) < 2:
+        return
+    for name in best.names:
+        if (name,) in tried:
+            continue
+        alone = models.fits.get((name,))
+        if alone is None:
+            alone = models.bench.refit(
+                models.hypotheses((name,)), models.coordinates((name,), best), exact=True
+            )
+        if alone is not None:
+            models.add([alone])
+            add_to(models, alone, progress)
+    for pair in itertools.combinations(best.names, 2):
+        if tuple(sorted(pair)) not in models.fits:
+            again = models.bench.refit(models.hypotheses(pair), models.coordinates(pair, best), exact=False)
+            models.add([] if again is None else [again])
