@@ -53,6 +53,9 @@ def test_every_term_is_a_hypothesis_unless_it_cannot_act(make_robot):
 
     assert set(REGISTRY) - kinds(make_robot()) == {"gravity-error", "quantisation"}
     assert "viscous-friction" not in kinds(make_robot(), timed=False)
+    assert "adhesion" not in kinds(make_robot(terms=[{"kind": "adhesion", "drag": 1.0}]))
+    sheath = {"rigid": True, "natural_curvature": 4.0}
+    assert not kinds(make_robot(backbone=sheath)) & {"stiffening", "contact", "tip-load"}
     for h in catalogue(make_robot(), timed=True, largest_tip=10.0, travel=np.array([0.0, 0.1]), bend=5.0):
         for start in h.starts:
             assert set(start) == {n.name for n in h.numbers}

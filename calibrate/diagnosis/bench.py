@@ -20,6 +20,8 @@ STEP, LARGEST_STEP = 0.02, 1.5
 MOST_ITERATIONS, TRIES, SETTLED = 14, 6, 0.05
 # A simulation that fails counts as this many variances per sample.
 FAILED = 1e3
+# Differences beyond so many standard deviations are jumps.
+TRIMMED = 3.5
 # Error that simulations keep once corrected to a fine mesh, as a share of a channel's range.
 DISCRETE = 1e-4
 
@@ -32,12 +34,19 @@ class Noise:
     rho: float
 
 
+def _spread(x: np.ndarray) -> float:
+    """Standard deviation without what lies far off."""
+    rough = MAD_TO_SD * float(np.median(np.abs(x)))
+    inside = np.abs(x) < TRIMMED * rough
+    return float(np.sqrt(np.mean(x[inside] ** 2))) if inside.any() else rough
+
+
 def noise_of(residual: np.ndarray, least: float) -> Noise:
     """Noise from the differences of a residual between samples one and two apart.
 
-    A misfit varies slowly from sample to sample and hardly enters; medians leave out where it jumps.
+    A misfit varies slowly from sample to sample and hardly enters; where it jumps is left out.
     """
-    near, far = (np.median(np.abs(residual[k:] - residual[:-k])) * MAD_TO_SD for k in (1, 2))
+    near, far = (_spread(residual[k:] - residual[:-k]) for k in (1, 2))
     if near <= 0 or len(residual) < 16:
         return Noise(max(float(near) / np.sqrt(2), least), 0.0)
     rho = float(np.clip((far / near) ** 2 - 1, 0.0, 0.8)) if len(residual) >= 120 else 0.0

@@ -8,6 +8,7 @@ import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot, simulate
 
+from ..coordinates import CHANNELS
 from ..fit import part_of
 from ..free import distinct
 from ..task import Part
@@ -109,16 +110,17 @@ def diagnose(
         return Diagnosis.without_answer(
             BAD_DATA, ["the simulation fails at every start value tried"], parts, warnings, config
         )
-    run = _fine(fine, base, full[0])
-    _correct(bench, fine, base)
+    models, exact = Models(bench, ()), [Rig(p, finest) for p in full]
+    _refine(bench, models, {(): base}, exact, kept)
     base = base_fit(bench, base.x)
     if base is None:
         return Diagnosis.without_answer(BAD_DATA, ["the simulation fails"], parts, warnings, config)
+    tip_y = np.concatenate([seen.values[CHANNELS.index("tip_y")] for seen in base.seen])
     hypotheses = catalogue(
         fine,
         timed=all(p.time is not None for p in parts),
         largest_tip=max(float(np.max(p.T_tip)) for p in parts),
-        travel=np.asarray([run[2].min(), run[2].max()]),
+        travel=np.asarray([tip_y.min(), tip_y.max()]),
         bend=_bend(fine, base, full[0]),
     )
     models = Models(bench, hypotheses)
@@ -131,15 +133,17 @@ def diagnose(
         models.add(refit_best(bench, (), short, STARTS_EACH))
         # What the coarse mesh, and the fewer samples, leave out of an effect would pass for a second one.
         top = [f for f in models.ranked() if f.names][:REFINED]
-        _refine(bench, models, {f.names: f for f in top}, [Rig(p, finest) for p in full], kept)
+        _refine(bench, models, {f.names: f for f in top}, exact, kept)
         models.reweigh()
         combine(models, say)
     say("refitting the best to all samples, on a fine mesh")
-    models = _on_all(models, [Rig(p, coarse) for p in full], [Rig(p, finest) for p in full])
-    decision = decide(models)
+    whole = _on_all(models, [Rig(p, coarse) for p in full], exact)
+    if whole is None:
+        return Diagnosis.without_answer(BAD_DATA, ["the simulation fails"], parts, warnings, config)
+    decision = decide(whole)
     say("refitting to part of the samples")
     return _answer(
-        decision, models, screened, parts, full, config, fine, warnings, experiment=experiment, say=say
+        decision, whole, screened, parts, full, config, fine, warnings, experiment=experiment, say=say
     )
 
 
@@ -151,24 +155,11 @@ def _deviations(config: RobotConfig | None) -> dict[str, float]:
     return {short[key]: float(np.log1p(v)) for key, v in given.items() if key in short}
 
 
-def _fine(fine: Robot, fitted: Fitted, part: Part) -> np.ndarray:
-    """The base model on the robot's own mesh, in the order of CHANNELS, (C, K)."""
-    own = {name: fitted.values[name] for name in ("mu", "E") if name in fitted.values}
-    run = simulate(fine.with_values(**own), part.T_base.T_base, with_terms=False)
-    return np.stack([np.asarray(run.T_tip), *np.asarray(run.tip_pose).T, np.asarray(run.displacement)])
-
-
 def _bend(fine: Robot, fitted: Fitted, part: Part) -> float:
     own = {name: fitted.values[name] for name in ("mu", "E") if name in fitted.values}
     top = np.asarray([0.0, float(part.T_base.T_base.max())])
     run = simulate(fine.with_values(**own), top, with_terms=False)
     return float(np.max(np.abs(run.curvature[-1] - run.curvature[0])))
-
-
-def _correct(bench: Bench, fine: Robot, fitted: Fitted) -> None:
-    """Add what the coarse mesh of the bench differs by from the robot's own."""
-    for k, (rig, seen) in enumerate(zip(bench.rigs, fitted.seen, strict=True)):
-        bench.corrections[()][k] = _fine(fine, fitted, rig.part) - seen.values
 
 
 def _refine(
@@ -208,8 +199,8 @@ def _refine(
             bench.corrections[tuple(sorted(names))] = more
 
 
-def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models:
-    """The most probable models, and the base model, refitted to all samples."""
+def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models | None:
+    """The most probable models, and the base model, refitted to all samples; None if that fails."""
     bench = Bench(rigs, models.bench.base)
     whole = Models(bench, list(models.of.values()))
     ranked = models.ranked()
@@ -223,7 +214,7 @@ def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models:
     top = ranked[0]
     seen = bench.simulate(top.values, top.names)
     if seen is None:
-        return models
+        return None
     bench.weigh(top.values, seen)
 
     def refit(item):
@@ -231,7 +222,7 @@ def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models:
         return bench.refit(whole.hypotheses(names), whole.coordinates(names, f), most=4)
 
     whole.add([f for f in in_parallel(refit, list(wanted.items())) if f is not None])
-    return whole if () in whole.fits else models
+    return whole if () in whole.fits else None
 
 
 def _answer(

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from gtr_jax import Robot
-from gtr_jax.terms import REGISTRY, Term
+from gtr_jax.terms import REGISTRY, Term, known_on
 from gtr_jax.terms.term import Quantity
 
 # Standard deviations to each end of a range that holds nine of ten values.
@@ -126,7 +126,7 @@ def number_of(term: Term, q: Quantity) -> Number:
 def catalogue(
     robot: Robot, *, timed: bool, largest_tip: float, travel: np.ndarray, bend: float
 ) -> list[Hypothesis]:
-    """The hypotheses that can act on a robot.
+    """The hypotheses that can act on a robot, but for those that its file has.
 
     Args:
         robot: the robot.
@@ -137,7 +137,7 @@ def catalogue(
     """
     rigid, found = robot.backbone.rigid, []
     for term in REGISTRY.values():
-        if term.id in NEVER or (term.timed and not timed):
+        if term.id in NEVER or (term.timed and not timed) or known_on(term, robot.terms[term.id]):
             continue
         if rigid and (term.bend or term.loads or term.stop):
             continue
