@@ -12,7 +12,6 @@ from ..coordinates import CHANNEL_UNITS, CHANNELS
 from .bench import Bench, Fitted
 
 PHASES = ("pulling", "transition", "releasing")
-WHERE_LOCKED = 0.02  # share of the tension range by which a cycle must turn
 FEWEST, SEEN = 4, 3.5
 MOST = 6
 
