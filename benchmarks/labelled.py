@@ -33,7 +33,7 @@ def row(folder: Path) -> tuple[bool, str]:
     began = time.perf_counter()
     found = calibrate.diagnose(robot, recording, experiment=False)
     took = time.perf_counter() - began
-    effects = {ELSEWHERE.get(name, name) for name in truth["effects"]}
+    effects = {str(ELSEWHERE.get(name, name)) for name in truth["effects"]}
     sets = [set(s) for s in found.confusion_set]
     if not effects:
         right = found.verdict == "adequate"

@@ -1,0 +1,1 @@
+"""Recordings of an independent machine, and what the diagnosis says of them."""
