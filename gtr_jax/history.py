@@ -9,6 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import jax.tree_util as jtu
+import numpy as np
 import optimistix as optx
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
@@ -304,8 +305,9 @@ def simulate(
     for name, values in given.items():
         if values.shape != (steps,):
             raise ValueError(f"{name}: one value for each of the {steps} steps, not shape {values.shape}")
-    if not isinstance(clock, Tracer) and bool(jnp.any(jnp.diff(clock) < 0)):
-        at = int(jnp.argmax(jnp.diff(clock) < 0)) + 1
+    back = np.zeros(0) if isinstance(clock, Tracer) else np.diff(np.asarray(clock)) < 0
+    if np.any(back):
+        at = int(np.argmax(back)) + 1
         raise ValueError(f"time: goes back at step {at + 1}; put the steps in the order of time")
     _refuse_unable(robot)
     loads = loads_of(history, clock, given.get("cycle"))
