@@ -4,7 +4,8 @@ The arm is a chain of rigid links with springs at the joints. The tendon is an e
 straight between guides on the links; its natural length flows from segment to segment through the guides,
 where friction holds the tensions apart by the turning of the thread. All is marched in time by implicit
 steps: tensions T of the segments and flows v through the guides, both unknown, in one banded system. Friction
-is Coulomb's, regularised: its sign is tanh(v/V), so that even a locked guide creeps a little.
+is Coulomb's, regularised: its sign is tanh(v/V), so that even a locked guide creeps a little. `Laws` says what
+acts beyond that; forces on the body are found by repeating a step until they fit the shape.
 """
 
 from __future__ import annotations
@@ -21,6 +22,78 @@ MOST, SMALL = 40, 1e-8
 CREEP = 1e-9
 
 
+# Repeats of a step until the forces on the body fit its shape, and change of a bend [rad] that is small enough.
+REPEATS, FITS = 60, 1e-9
+LEAST = 1e-9
+
+
+@dataclasses.dataclass(frozen=True)
+class Guides:
+    """What friction at the guides may depend on, (n + 1,) each but the first four.
+
+    Attributes:
+        time: since the start [s].
+        cycle: way of the base tension over twice its range.
+        drawn: thread drawn out at the base [m].
+        dt: time step [s].
+        place: arc length [m].
+        flow: of the thread towards the base [m/s].
+        sense: of the flow, -1 to 1.
+        tension: on the base side [N].
+        pressure: per length of channel [N/m].
+        rested: time since the thread last slipped there [s].
+        speed: of the thread in the step before [m/s].
+    """
+
+    time: float
+    cycle: float
+    drawn: float
+    dt: float
+    place: np.ndarray
+    flow: np.ndarray
+    sense: np.ndarray
+    tension: np.ndarray
+    pressure: np.ndarray
+    rested: np.ndarray
+    speed: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Shape:
+    """The body bent: its joints [m], (n, 2), directions of the links [rad], (n,), and its tip [m], (2,)."""
+
+    joints: np.ndarray
+    directions: np.ndarray
+    tip: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Laws:
+    """What acts beyond Coulomb friction and linear springs.
+
+    Attributes:
+        friction: factor on the coefficient, one each.
+        drag: along the channel, whatever the tension [N/m].
+        entry, exit: coefficient times turning ahead of the channel and at the anchor.
+        wrap: factor on the turning under a tension [N].
+        give: slips [m] after which friction elements, equal shares of it, give way.
+        spring: curvature [1/m] that the springs of the joints feel beyond their own, and what they remember:
+            from the curvature, what was remembered, and the time step.
+        remembers: how many numbers that is per joint.
+        forces: on the body: from the shape, forces [N] at places [m], (m, 2) each, and the links they hang on.
+    """
+
+    friction: Callable[[Guides], np.ndarray | float] | None = None
+    drag: float = 0.0
+    entry: float = 0.0
+    exit: float = 0.0
+    wrap: Callable[[np.ndarray], np.ndarray] | None = None
+    give: tuple[float, ...] = ()
+    spring: Callable[[np.ndarray, np.ndarray, float], tuple[np.ndarray, np.ndarray]] | None = None
+    remembers: int = 0
+    forces: Callable[[Shape], tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
+
+
 @dataclasses.dataclass(frozen=True)
 class Arm:
     """What is built.
@@ -34,6 +107,7 @@ class Arm:
         friction: coefficient [-].
         links: how many; edges of bores and channel should fall between them.
         stiffness: of the thread, force per strain [N].
+        laws: what acts beyond.
     """
 
     length: float
@@ -44,6 +118,7 @@ class Arm:
     friction: float
     links: int = 200
     stiffness: float = 3e5
+    laws: Laws = Laws()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,8 +149,9 @@ class Chain:
         around = np.clip(joint[:, None] + h * np.linspace(-0.5, 0.5, 5), 0, arm.length)
         second = np.pi / 4 * (arm.outer(around) ** 4 - arm.bore(around) ** 4)
         compliance = np.mean(1 / (arm.modulus * second), axis=1) * h
-        compliance[[0, -1]] *= 0.5, 1.5  # half a link to the clamp, and half of one beyond the last joint
-        self.compliance = compliance
+        share = np.ones(n)
+        share[[0, -1]] = 0.5, 1.5  # half a link to the clamp, and half of one beyond the last joint
+        self.compliance, self.width = compliance * share, h * share
         self.R = arm.offset((np.arange(n) + 0.5) * h)
         self.ends = arm.offset(np.asarray([0.0, arm.length]))
         rise = arm.offset(np.asarray([1e-6]))[0] - self.ends[0]
@@ -96,19 +172,42 @@ class Chain:
         lever = (y * dx - x * dy) / length
         return length, angle, angle - bend, lever
 
-    def bent(self, T: np.ndarray, bend: np.ndarray) -> np.ndarray:
-        """Bend of each joint under the tensions of the segments that cross them, by Newton's method."""
+    def bent(self, T: np.ndarray, bend: np.ndarray, outer: np.ndarray, extra) -> np.ndarray:
+        """Bend of each joint under the tensions of the segments that cross them and outer moments, by
+        Newton's method; extra gives the curvature that its spring feels beyond its own.
+        """
+        pull, step = self.compliance * T, 1e-7
+        given = self.compliance * outer
+
+        def wrong(bend):
+            more = 0.0 if extra is None else self.width * extra(bend / self.width)
+            return bend + more - pull * self.segments(bend)[3] - given
+
         for _ in range(30):
-            error = bend - self.compliance * T * self.segments(bend)[3]
-            step = 1e-7
-            slope = 1 - self.compliance * T * (
-                self.segments(bend + step)[3] - self.segments(bend - step)[3]
-            ) / (2 * step)
-            change = error / slope
-            bend = bend - change
+            error = wrong(bend)
+            change = error * 2 * step / (wrong(bend + step) - wrong(bend - step))
+            bend = bend - np.clip(change, -0.1, 0.1)
             if np.max(np.abs(change)) < 1e-13:
                 break
         return bend
+
+    def shape(self, bend: np.ndarray) -> Shape:
+        """Where the joints and the tip are."""
+        directions = np.cumsum(bend)
+        ahead = np.full(self.n, self.h)
+        ends = np.cumsum(ahead[:, None] * np.stack([np.cos(directions), np.sin(directions)], axis=1), axis=0)
+        return Shape(np.concatenate([np.zeros((1, 2)), ends[:-1]]), directions, ends[-1])
+
+    def moments(self, bend: np.ndarray, forces) -> np.ndarray:
+        """Moment about each joint of forces that hang on links beyond it."""
+        shape = self.shape(bend)
+        force, place, link = forces(shape)
+        turn = np.zeros(self.n)
+        carried = np.zeros((self.n, 2))
+        np.add.at(turn, link, place[:, 0] * force[:, 1] - place[:, 1] * force[:, 0])
+        np.add.at(carried, link, force)
+        turn, carried = (np.cumsum(x[::-1], axis=0)[::-1] for x in (turn, carried))
+        return turn - shape.joints[:, 0] * carried[:, 1] + shape.joints[:, 1] * carried[:, 0]
 
 
 class March:
@@ -120,62 +219,149 @@ class March:
         bend: of the joints [rad].
         kept: natural length of thread in each segment [m].
         drawn: thread drawn out at the base [m].
+        time: since the start [s].
+        way: that the base tension has gone [N].
     """
 
-    def __init__(self, arm: Arm):
-        self.arm, self.chain = arm, Chain(arm)
+    def __init__(self, arm: Arm, span: float):
+        self.arm, self.chain, self.span = arm, Chain(arm), span
         n = self.chain.n
         self.T, self.flow, self.bend = np.full(n + 1, 1e-6), np.zeros(n + 1), np.zeros(n)
         rise, ahead = self.chain.ends[1] - self.chain.R[-1], 0.5 * self.chain.h
         self.last, self.last_angle = np.hypot(ahead, rise), np.arctan2(rise, ahead)
-        self.bend, self.kept, _ = self.natural(self.T, self.bend)
-        self.drawn = 0.0
+        self.place = np.append((np.arange(n) + 0.5) * self.chain.h, arm.length) - 0.5 * self.chain.h
+        self.outer, self.memory = np.zeros(n), np.zeros((arm.laws.remembers, n))
+        self.elements = np.zeros((len(arm.laws.give), n + 1))
+        self.rested, self.flow_before = np.zeros(n + 1), np.zeros(n + 1)
+        self.time = self.way = self.drawn = 0.0
+        self.base = 1e-6
+        for _ in range(REPEATS if arm.laws.forces else 1):
+            before = self.bend
+            self.bend, self.kept, _ = self.natural(self.T, self.bend, np.inf)
+            if arm.laws.forces is None:
+                break
+            self.outer = self.chain.moments(self.bend, arm.laws.forces)
+            if np.max(np.abs(self.bend - before)) < FITS:
+                break
+        self._remember(np.inf)
 
-    def natural(self, T: np.ndarray, bend: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def natural(self, T: np.ndarray, bend: np.ndarray, dt: float):
         """Bend under tensions, natural length that each segment then holds, and its slope with them."""
-        chain, K = self.chain, self.arm.stiffness
-        bend = chain.bent(T[:-1], bend)
+        chain, K, spring = self.chain, self.arm.stiffness, self.arm.laws.spring
+        extra = None if spring is None else lambda kappa: spring(kappa, self.memory, dt)[0]
+        bend = chain.bent(T[:-1], bend, self.outer, extra)
         step = 1e-5 * np.maximum(T[:-1], 1e-2)
-        above = chain.bent(T[:-1] + step, bend)
+        above = chain.bent(T[:-1] + step, bend, self.outer, extra)
         here = np.append(chain.segments(bend)[0], self.last)
         there = np.append(chain.segments(above)[0], self.last)
         step = np.append(step, 1e-5)
         held = here / (1 + T / K)
         return bend, held, (there / (1 + (T + step) / K) - held) / step
 
+    def _remember(self, dt: float) -> None:
+        spring = self.arm.laws.spring
+        if spring is not None:
+            self.memory = spring(self.bend / self.chain.width, self.memory, dt)[1]
+
     def step(self, dt: float, base: float, halvings: int = 8) -> float:
         """Go on by dt to a base tension, in parts where that is too much at once; the error left [N]."""
-        found = self._newton(dt, base)
+        forces, outer = self.arm.laws.forces, self.outer
+        found = self._newton(dt, base, self.T, self.flow, self.bend)
+        if forces is not None:
+            moved, before = np.inf, None
+            for _ in range(REPEATS):
+                wanted = self.chain.moments(found[3], forces)
+                change = wanted - self.outer
+                # A stop pushes back: the share of the change that is taken follows how the last one answered.
+                share = 1.0
+                if before is not None:
+                    past, was = before
+                    grown = change - was
+                    share = float(
+                        np.clip(-(was @ grown) / max(float(grown @ grown), 1e-300), 0.02, 1.5) * past
+                    )
+                    share = float(np.clip(share, 0.02, 1.5))
+                before = (share, change)
+                self.outer = self.outer + share * change
+                again = self._newton(dt, base, *found[1:4])
+                moved, found = float(np.max(np.abs(again[3] - found[3]))), again
+                if moved < FITS:
+                    break
+            if moved > 1e3 * FITS:
+                found = (np.inf, *found[1:])
         if found[0] > SMALL * max(base, 1.0) and halvings:
+            self.outer = outer
             middle = 0.5 * (base + self.base)
             first = self.step(0.5 * dt, middle, halvings - 1)
             return max(first, self.step(0.5 * dt, base, halvings - 1))
         error, self.T, self.flow, self.bend, self.kept = found
+        self.flow_before = self.flow
+        self.elements = self._mobilised(self.flow, dt)
+        slipping = np.abs(self.flow) * dt > 1e-7
+        self.rested = np.where(slipping, 0.0, self.rested + dt)
         self.drawn += dt * self.flow[0]
+        self.way += abs(base - self.base)
+        self.time += dt
         self.base = base
+        self._remember(dt)
         return error
 
-    base = 1e-6
+    def _mobilised(self, flow: np.ndarray, dt: float) -> np.ndarray:
+        give = np.asarray(self.arm.laws.give)[:, None]
+        return np.clip(self.elements + dt * flow / give, -1.0, 1.0) if len(give) else self.elements
 
-    def _newton(self, dt: float, base: float):
-        T, flow, bend, error = self.T, self.flow, self.bend, np.inf
+    def _passed(self, front, flow, turning, dt):
+        """Tension behind each guide, of that ahead of it."""
+        laws, chain = self.arm.laws, self.chain
+        z = self._mobilised(flow, dt)
+        # A guide whose elements have all given way still creeps, so that the flow is known.
+        sense = np.tanh(flow / CREEP) if not len(z) else 0.999 * z.mean(axis=0) + 0.001 * np.tanh(flow / 1e-6)
+        turning = turning if laws.wrap is None else turning * laws.wrap(front)
+        grip = self.arm.friction * turning
+        if laws.friction is not None:
+            pressure = front * turning / chain.h
+            cycle = self.way / (2 * self.span)
+            now = Guides(
+                self.time + dt,
+                cycle,
+                self.drawn,
+                dt,
+                self.place,
+                flow,
+                sense,
+                front,
+                pressure,
+                self.rested,
+                np.abs(self.flow_before),
+            )
+            grip = grip * laws.friction(now)
+        grip = np.concatenate([[grip[0] + laws.entry], grip[1:-1], [grip[-1] + laws.exit]])
+        return np.maximum(front * np.exp(-grip * sense) - laws.drag * chain.h * sense, LEAST)
+
+    def _newton(self, dt: float, base: float, T: np.ndarray, flow: np.ndarray, bend: np.ndarray):
+        error = np.inf
         for _ in range(MOST):
-            bend, held, slope = self.natural(T, bend)
+            bend, held, slope = self.natural(T, bend, dt)
             _, angle, behind, _ = self.chain.segments(bend)
             ahead = np.append(angle[1:], self.last_angle)
             turning = np.abs(np.concatenate([[angle[0] - self.chain.inlet], ahead - behind]))
-            grip = self.arm.friction * turning
-            sign = np.tanh(flow / CREEP)
             front = np.concatenate([[base], T[:-1]])
-            passed = front * np.exp(-grip * sign)
+            passed = self._passed(front, flow, turning, dt)
+            small = 1e-3 * CREEP + 1e-6 * np.abs(flow)
+            by_flow = (
+                self._passed(front, flow + small, turning, dt)
+                - self._passed(front, flow - small, turning, dt)
+            ) / (2 * small)
+            small = 1e-6 * front + 1e-12
+            by_front = (self._passed(front + small, flow, turning, dt) - passed) / small
             out = np.append(flow[1:], 0.0)
             wrong = np.stack([T - passed, (held - self.kept) - dt * (out - flow)], axis=1)
             # Unknown in turn: the flow through a guide, and the tension behind it.
             bands = np.zeros((5, 2 * len(T)))
             at = 2 * np.arange(len(T))
-            bands[2, at] = passed * grip * (1 - sign**2) / CREEP
+            bands[2, at] = -np.minimum(by_flow, -1e-12)
             bands[1, at + 1] = 1.0
-            bands[3, at[1:] - 1] = -np.exp(-grip[1:] * sign[1:])
+            bands[3, at[1:] - 1] = -by_front[1:]
             bands[2, at + 1] = slope
             bands[3, at] = dt
             bands[1, at[1:]] = -dt
@@ -185,32 +371,35 @@ class March:
             # A flow that would turn stops first, where friction has a slope.
             moved = flow + share * move
             turns = (flow * moved < 0) & (np.abs(flow) > 2 * CREEP)
-            flow, T = np.where(turns, 0.0, moved), np.maximum(T + share * pull, 1e-9)
+            flow, T = np.where(turns, 0.0, moved), np.maximum(T + share * pull, LEAST)
             error = float(np.max(np.abs(pull)))
             if not turns.any() and error < SMALL * max(base, 1.0):
                 break
-        bend, held, _ = self.natural(T, bend)
+        bend, held, _ = self.natural(T, bend, dt)
         return error, T, flow, bend, held
 
 
-def march(arm: Arm, time: np.ndarray, T_base: np.ndarray) -> Shown:
-    """Run a history of the base tension [N] over time [s], (K,) each."""
-    machine, rows = March(arm), []
+def march(arm: Arm, time: np.ndarray, T_base: np.ndarray, parts: int = 1) -> Shown:
+    """Run a history of the base tension [N] over time [s], (K,) each; every step in so many parts."""
+    machine, rows = March(arm, max(float(np.ptp(T_base)), 1e-6)), []
     steps = np.diff(time, prepend=time[0] - (time[1] - time[0]))
     for dt, base in zip(steps.tolist(), np.maximum(T_base, 1e-6).tolist(), strict=True):
-        error = machine.step(dt, base)
-        phi, h = np.cumsum(machine.bend), machine.chain.h
-        tip = h * np.sum(np.cos(phi)), h * np.sum(np.sin(phi)), phi[-1]
-        rows.append((machine.T[-1], *tip, machine.drawn, error))
+        start = machine.base
+        ways = start + (base - start) * np.arange(1, parts + 1) / parts
+        error = max(machine.step(dt / parts, way) for way in ways.tolist())
+        shape = machine.chain.shape(machine.bend)
+        rows.append((machine.T[-1], *shape.tip, shape.directions[-1], machine.drawn, error))
     table = np.asarray(rows)
     return Shown(T_base, table[:, 0], table[:, 1:4], table[:, 4], float(table[:, 5].max()))
 
 
-def run(arm: Arm, time: np.ndarray, T_base: np.ndarray) -> Shown:
+def run(arm: Arm, time: np.ndarray, T_base: np.ndarray, parts: int = 1) -> Shown:
     """The same of infinitely many links, extrapolated from as many as the arm has and twice as many: the
     chain's error falls as one over their number.
     """
-    few, many = (march(dataclasses.replace(arm, links=n), time, T_base) for n in (arm.links, 2 * arm.links))
+    few, many = (
+        march(dataclasses.replace(arm, links=n), time, T_base, parts) for n in (arm.links, 2 * arm.links)
+    )
     return Shown(
         T_base,
         2 * many.T_tip - few.T_tip,

@@ -53,6 +53,43 @@ def noise_of(residual: np.ndarray, least: float) -> Noise:
     return Noise(max(float(near) / np.sqrt(2 * (1 - rho)), least), rho)
 
 
+class Dimension(NamedTuple):
+    """A number of the robot file that is uncertain: name, unit, value and standard deviation, SI."""
+
+    name: str
+    unit: str
+    value: float
+    sd: float
+
+
+class Follow(NamedTuple):
+    """How the recordings answer to the uncertain dimensions, each moved by its standard deviation.
+
+    Attributes:
+        change: of the channels of each recording, (C, K, D) each.
+        left, sizes, right: of the white rows, (n, D), by singular values: (n, m), (m,), (m, D).
+    """
+
+    change: list[np.ndarray]
+    left: np.ndarray
+    sizes: np.ndarray
+    right: np.ndarray
+
+    def freed(self, rows: np.ndarray) -> np.ndarray:
+        """Rows of unit variance once the dimensions are allowed to follow."""
+        return rows - self.left @ ((1 - 1 / np.sqrt(1 + self.sizes**2)) * (self.left.T @ rows))
+
+    @property
+    def sd(self) -> np.ndarray:
+        """What is left of their standard deviations, as shares, (D,)."""
+        known = self.sizes**2 / (1 + self.sizes**2)
+        return np.sqrt(1 - (self.right.T**2) @ known)
+
+    def moved(self, freed: np.ndarray) -> np.ndarray:
+        """By how many standard deviations they then do, (D,)."""
+        return -self.right.T @ (self.sizes / np.sqrt(1 + self.sizes**2) * (self.left.T @ freed))
+
+
 class Model(NamedTuple):
     """What acts: names of hypotheses, the free numbers, mu and E first, and those that are set."""
 
@@ -87,8 +124,9 @@ class Fitted:
         jacobian: of the rows by x.
         chi2: sum of squares of the rows.
         prior: sum of squares of the coordinates under their priors.
-        seen: the simulations.
+        seen: the simulations, the uncertain dimensions moved as fits best.
         failed: steps that did not converge.
+        dimensions: their values [SI], by name.
     """
 
     names: tuple[str, ...]
@@ -101,6 +139,7 @@ class Fitted:
     prior: float
     seen: tuple[Seen, ...]
     failed: int
+    dimensions: Mapping[str, float]
 
     @property
     def cost(self) -> float:
@@ -131,10 +170,12 @@ class Bench:
     Args:
         rigs: the recordings.
         base: numbers fitted whatever the hypothesis.
+        dimensions: numbers that follow a little, to first order.
     """
 
-    def __init__(self, rigs: Sequence[Rig], base: tuple[Number, ...]):
-        self.rigs, self.base = tuple(rigs), base
+    def __init__(self, rigs: Sequence[Rig], base: tuple[Number, ...], dimensions: Sequence[Dimension] = ()):
+        self.rigs, self.base, self.dimensions = tuple(rigs), base, tuple(dimensions)
+        self.follow: Follow | None = None
         self.noise: list[list[Noise]] = []
         self.weighs: list[Weighing] = []
         # What a fine mesh shows more than the coarse one, of each recording, by the effects that act.
@@ -203,6 +244,30 @@ class Bench:
                 plain = dataclasses.replace(plain, slope=slope, last=np.stack(last), sd_base=base.believed)
             self.noise.append(noise)
             self.weighs.append(plain)
+        self.follow = self._followed(values)
+
+    def _followed(self, values: Mapping[str, float]) -> Follow | None:
+        """How the dimensions change what is simulated at some values; None where there are none."""
+
+        def change(rig: Rig, d: Dimension, here: Seen | None) -> np.ndarray:
+            there = rig(dict(values) | {d.name: d.value + d.sd})
+            shape = rig.part.recorded.shape
+            return (
+                np.zeros(shape)
+                if here is None or there is None
+                else (there.values - here.values)[rig.part.where]
+            )
+
+        if not self.dimensions:
+            return None
+        by_rig = []
+        for rig in self.rigs:
+            here = rig(values)
+            by_rig.append(np.stack([change(rig, d, here) for d in self.dimensions], axis=-1))
+        white = np.stack(
+            [self._white([c[..., k] for c in by_rig]) for k in range(len(self.dimensions))], axis=1
+        )
+        return Follow(by_rig, *np.linalg.svd(white, full_matrices=False))
 
     def expected_rms(self) -> float:
         """What the residual of T_tip should be if nothing but noise is left in it [N]."""
@@ -216,9 +281,13 @@ class Bench:
         return float(np.sqrt(total / count))
 
     def rows(self, seen: Sequence[Seen]) -> np.ndarray:
-        """White residuals of all recordings in one, (n,)."""
+        """White residuals of all recordings in one, the uncertain dimensions free to follow, (n,)."""
+        rows = self._white(self.residuals(seen))
+        return rows if self.follow is None else self.follow.freed(rows)
+
+    def _white(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
         found = []
-        for weigh, noise, residual in zip(self.weighs, self.noise, self.residuals(seen), strict=True):
+        for weigh, noise, residual in zip(self.weighs, self.noise, residuals, strict=True):
             channels, base = weigh.split(residual)
             for row, n in zip(channels, noise, strict=True):
                 found.append(np.concatenate([row[:1], (row[1:] - n.rho * row[:-1]) / np.sqrt(1 - n.rho**2)]))
@@ -315,6 +384,16 @@ class Bench:
             fresh = False
         if jacobian is None or (exact and not fresh):
             jacobian = self.slopes(model, x, here.rows)
+        seen, dimensions = here.seen, {}
+        if self.follow is not None:
+            moved = self.follow.moved(here.rows)
+            seen = tuple(
+                s.plus(rig.part.where, c @ moved)
+                for s, rig, c in zip(seen, self.rigs, self.follow.change, strict=True)
+            )
+            dimensions = {
+                d.name: d.value + d.sd * float(m) for d, m in zip(self.dimensions, moved, strict=True)
+            }
         return Fitted(
             model.names,
             numbers,
@@ -324,8 +403,9 @@ class Bench:
             jacobian,
             float(np.sum(here.rows[keep] ** 2)),
             float(np.sum(x**2)),
-            here.seen,
+            seen,
             here.failed,
+            dimensions,
         )
 
     def mean_square(self, fitted: Fitted) -> float:

@@ -7,12 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot, simulate
+from gtr_jax.parameters import parameters_of
 
 from ..coordinates import CHANNELS
 from ..fit import part_of
 from ..free import distinct
 from ..task import Part
-from .bench import Bench, Fitted
+from .bench import Bench, Dimension, Fitted
 from .decide import Decision, decide
 from .experiment import Experiment, propose
 from .heldout import held_out
@@ -103,14 +104,16 @@ def diagnose(
     full = [part if part.samples <= MANY else part.only(some_samples(part, MANY)) for part in parts]
     kept = [some_samples(part, FEW) for part in full]
     small = [p if len(k) == p.samples else p.only(k) for p, k in zip(full, kept, strict=True)]
-    bench = Bench([Rig(p, coarse) for p in small], base_numbers(fine, deviations))
+    dimensions = _dimensions(config, fine)
+    free = [d.name for d in dimensions]
+    bench = Bench([Rig(p, coarse, free) for p in small], base_numbers(fine, deviations), dimensions)
     say("fitting mu and E" if len(bench.base) > 1 else "fitting mu")
     base = base_fit(bench)
     if base is None:
         return Diagnosis.without_answer(
             BAD_DATA, ["the simulation fails at every start value tried"], parts, warnings, config
         )
-    models, exact = Models(bench, ()), [Rig(p, finest) for p in full]
+    models, exact = Models(bench, ()), [Rig(p, finest, free) for p in full]
     _refine(bench, models, {(): base}, exact, kept)
     base = base_fit(bench, base.x)
     if base is None:
@@ -137,7 +140,7 @@ def diagnose(
         models.reweigh()
         combine(models, say)
     say("refitting the best to all samples, on a fine mesh")
-    whole = _on_all(models, [Rig(p, coarse) for p in full], exact)
+    whole = _on_all(models, [Rig(p, coarse, free) for p in full], exact)
     if whole is None:
         return Diagnosis.without_answer(BAD_DATA, ["the simulation fails"], parts, warnings, config)
     decision = decide(whole)
@@ -153,6 +156,18 @@ def _deviations(config: RobotConfig | None) -> dict[str, float]:
     given = config.uncertainty
     short = {"backbone.youngs_modulus": "E", "tendon.friction_coefficient": "mu"}
     return {short[key]: float(np.log1p(v)) for key, v in given.items() if key in short}
+
+
+def _dimensions(config: RobotConfig | None, robot: Robot) -> list[Dimension]:
+    """What else the robot file says is uncertain, and acts."""
+    if config is None:
+        return []
+    found = []
+    for entry in parameters_of(robot).values():
+        sd = config.deviation(entry.key) if entry.name not in ("mu", "E") else None
+        if sd and not (entry.external and not robot.loaded):
+            found.append(Dimension(entry.name, entry.unit, float(robot.value(entry.name)), sd))
+    return found
 
 
 def _bend(fine: Robot, fitted: Fitted, part: Part) -> float:
@@ -201,7 +216,7 @@ def _refine(
 
 def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models | None:
     """The most probable models, and the base model, refitted to all samples; None if that fails."""
-    bench = Bench(rigs, models.bench.base)
+    bench = Bench(rigs, models.bench.base, models.bench.dimensions)
     whole = Models(bench, list(models.of.values()))
     ranked = models.ranked()
     wanted: dict[tuple[str, ...], Fitted] = {(): models.base}

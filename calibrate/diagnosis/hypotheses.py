@@ -199,9 +199,11 @@ def _started(
         starts = [{x.name: s * x.sd * a, y.name: s * y.sd * b} for s in (0.1, 0.5) for a, b in directions]
         return Hypothesis(name, term.id, free, tuple(starts), fixed)
     if term.id == "stiffening":
-        # Sized by what it does at the largest bend; much below 0 the body would buckle.
-        soft = -0.25 / max(bend, 1e-6) ** 2
-        free = (dataclasses.replace(free[0], sd=0.4 / max(bend, 1e-6) ** 2, lower=soft),)
+        # Sized by what it does at the largest bend. Softer than -4/27 of that the moment has a maximum below
+        # what is asked of it, and the body would buckle.
+        far = max(bend, 1e-6) ** -2
+        own = dataclasses.replace(free[0], sd=0.4 * far, lower=-0.13 * far)
+        return Hypothesis(name, term.id, (own,), tuple({own.name: c * far} for c in (0.12, 0.4, -0.05, -0.11)))
     first, shapes = free[0], free[1:]
     signs = [s for s in (1.0, -1.0) if first.bounds[0] < s * SIZES[0] < first.bounds[1]]
     ends = [[n.value(-0.9), n.value(0.9)] for n in shapes]

@@ -13,7 +13,7 @@ from gtr_jax.parameters import parameters_of
 from gtr_jax.terms import REGISTRY
 
 from ..task import Part
-from .bench import Fitted
+from .bench import Bench, Fitted
 from .decide import ADEQUATE, AMBIGUOUS, MISSING, UNEXPLAINED, Decision
 from .experiment import Experiment
 from .locate import Where
@@ -201,7 +201,7 @@ class Diagnosis:
         found = decision.verdict in (MISSING, AMBIGUOUS)
         named = kinds(chosen.names) if found else []
         confusion = list(map(list, dict.fromkeys(tuple(kinds(names)) for names in decision.confusion)))
-        parameters = _changes(base, chosen, models.scale) if found else _changes(base, base, models.scale)
+        parameters = _changes(models.bench, base, chosen if found else base, models.scale)
         noise = models.bench.expected_rms()
         diagnosis = Diagnosis(
             decision.verdict,
@@ -287,7 +287,7 @@ class Diagnosis:
         }
 
 
-def _changes(base: Fitted, chosen: Fitted, scale: float) -> list[Change]:
+def _changes(bench: Bench, base: Fitted, chosen: Fitted, scale: float) -> list[Change]:
     before = {n.name: base.values[n.name] for n in base.numbers}
     found = []
     for n, x, sd in zip(chosen.numbers, chosen.x, chosen.sd(scale), strict=True):
@@ -295,6 +295,9 @@ def _changes(base: Fitted, chosen: Fitted, scale: float) -> list[Change]:
         found.append(
             Change(n.name, n.unit, before.get(n.name), value, float(abs(value if n.log else 1.0) * n.sd * sd))
         )
+    for d, sd in zip(bench.dimensions, bench.follow.sd if bench.follow else (), strict=True):
+        was, now = base.dimensions[d.name], chosen.dimensions[d.name]
+        found.append(Change(d.name, d.unit, was, now, d.sd * float(sd)))
     return found
 
 
@@ -306,7 +309,8 @@ def _diagnosed(
         return None
     known = parameters_of(fine)
     try:
-        return config.with_values({known[name].key: value for name, value in fitted.values.items()})
+        values = dict(fitted.values) | dict(fitted.dimensions)
+        return config.with_values({known[name].key: value for name, value in values.items()})
     except (InputError, KeyError) as fault:
         warnings.append(f"What was found does not make a robot file: {fault}.")
         return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import equinox as eqx
 import jax
@@ -72,6 +72,12 @@ class Seen:
     slips: np.ndarray
     direction: np.ndarray
 
+    def plus(self, channels: list[int], more: np.ndarray) -> Seen:
+        """The same with some channels higher by (channels, K)."""
+        values = np.array(self.values)
+        values[channels] += more
+        return dataclasses.replace(self, values=values)
+
 
 class Rig:
     """One recording, and the robot it is of, coarsely meshed.
@@ -81,11 +87,12 @@ class Rig:
     Args:
         part: the recording.
         robot: the robot to simulate it with.
+        more: names of further numbers that may change, beside mu, E and those of the terms.
     """
 
-    def __init__(self, part: Part, robot: Robot):
+    def __init__(self, part: Part, robot: Robot, more: Iterable[str] = ()):
         self.part, self.robot = part, robot
-        names = robot_names(robot)
+        names = [*robot_names(robot), *more]
         places = np.asarray(places_of(robot, names))
         self._places = dict(zip(names, places.tolist(), strict=True))
         self._none = int(ravel_pytree(robot)[0].shape[0])

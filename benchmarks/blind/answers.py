@@ -1,0 +1,92 @@
+"""What the diagnosis answers to the cases of the blind benchmark. It sees robot file and recording, no key."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import multiprocessing
+import os
+import sys
+import time
+import traceback
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+import calibrate
+import gtr_jax as gtr
+from calibrate.diagnosis import search
+from gtr_jax.cli.cache import enable_cache
+
+# Packages whose source decides the answers.
+TOOL = (Path(calibrate.__file__).parent, Path(gtr.__file__).parent)
+
+
+def tool() -> str:
+    """Hash of the source that answers."""
+    whole = hashlib.sha256()
+    for root in TOOL:
+        for path in sorted(root.rglob("*.py")):
+            whole.update(path.relative_to(root.parent).as_posix().encode() + b"\0" + path.read_bytes())
+    return whole.hexdigest()[:16]
+
+
+def answer(folder: Path) -> dict[str, Any]:
+    """The diagnosis of a case, and what it took [s]."""
+    robot = gtr.load_config(folder / "robot.toml")
+    recording = gtr.read_recording(folder / "recording.csv")
+    began = time.perf_counter()
+    found = calibrate.diagnose(robot, recording, experiment=False)
+    took = time.perf_counter() - began
+    return {
+        "verdict": found.verdict,
+        "sets": [sorted(s) for s in found.confusion_set],
+        "models": [
+            {"terms": sorted({n.partition(".")[0] for n in r.names}), "names": list(r.names)}
+            | {"probability": r.probability, "chi2_per_n": r.chi2_per_n, "delta": r.delta}
+            for r in found.rivals
+        ],
+        "parameters": {c.name: [c.before, c.after, c.sd] for c in found.parameters},
+        "left": found.left,
+        "base_left": found.base_left,
+        "rms_N": found.rms_N,
+        "noise_N": found.noise_N,
+        "held_out": found.held_out,
+        "where": [w.says for w in found.where[:1]],
+        "samples": len(recording),
+        "seconds": took,
+    }
+
+
+def _alone() -> None:
+    """One thread for each process."""
+    enable_cache()
+    search.THREADS = 1
+
+
+def _one(job: tuple[Path, Path, str]) -> str:
+    folder, target, source = job
+    try:
+        found = answer(folder)
+    except Exception:  # the next case may go well; this one counts as failed
+        found = {"verdict": "crashed", "says": traceback.format_exc()}
+    found["tool"] = source
+    part = target.with_suffix(".part")
+    part.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    os.replace(part, target)
+    return f"{folder.name} {found['verdict']} {found.get('seconds', 0):.0f} s"
+
+
+def run(folder: Path, processes: int) -> None:
+    """Answer the cases that have no answer yet; those answered by other source are answered again."""
+    source, target = tool(), folder / "answers"
+    target.mkdir(exist_ok=True)
+    jobs = []
+    for case in sorted((folder / "cases").iterdir()):
+        done = target / f"{case.name}.json"
+        if not done.exists() or json.loads(done.read_text(encoding="utf-8"))["tool"] != source:
+            jobs.append((case, done, source))
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(processes, mp_context=context, initializer=_alone) as pool:
+        for k, done in enumerate(as_completed([pool.submit(_one, job) for job in jobs]), start=1):
+            print(f"{k} of {len(jobs)}: {done.result()}", file=sys.stderr, flush=True)

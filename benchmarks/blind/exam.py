@@ -1,0 +1,67 @@
+"""Drawing the cases of the blind benchmark and sealing their keys; reading them again is the scorer's alone."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numpy as np
+
+from . import cases
+
+# Draws of a case before it is given up.
+DRAWS = 20
+SEAL = "seal.json"
+
+
+def _one(job: tuple[int, int, str, tuple[str, ...], Path]) -> tuple[str, str]:
+    """Make a case; its id and the hash of its key."""
+    seed, number, kind, hidden, folder = job
+    for draw in range(DRAWS):
+        rng = np.random.default_rng([seed, number, draw])
+        name = hashlib.sha256(rng.bytes(16)).hexdigest()[:12]
+        if (folder / "keys" / f"{name}.json").exists():
+            break
+        case = cases.make(kind, hidden, rng)
+        if case is not None:
+            cases.write(case, folder / "cases" / name, folder / "keys" / f"{name}.json")
+            break
+    else:
+        raise RuntimeError(f"case {number} of seed {seed}: the machine fails at every draw ({kind} {hidden})")
+    return name, digest(folder / "keys" / f"{name}.json")
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def make(folder: Path, seed: int, count: int, processes: int) -> None:
+    """Draw cases and seal their keys; those already there are kept."""
+    drawn = cases.kinds(np.random.default_rng([seed]), count)
+    jobs = [(seed, k, kind, hidden, folder) for k, (kind, hidden) in enumerate(drawn)]
+    with ProcessPoolExecutor(processes) as pool:
+        sealed = dict(pool.map(_one, jobs))
+    text = json.dumps({"seed": seed, "keys": dict(sorted(sealed.items()))}, indent=1)
+    (folder / SEAL).write_text(text + "\n", encoding="utf-8")
+
+
+def keys(folder: Path) -> dict[str, dict]:
+    """The keys by case, for the scorer; refused where one was changed since it was sealed."""
+    sealed = json.loads((folder / SEAL).read_text(encoding="utf-8"))["keys"]
+    found = {}
+    for name, expected in sealed.items():
+        path = folder / "keys" / f"{name}.json"
+        if digest(path) != expected:
+            raise SystemExit(f"{path}: was changed since it was sealed; draw the cases again")
+        found[name] = json.loads(path.read_text(encoding="utf-8"))
+    return found
+
+
+def clear(folder: Path) -> None:
+    """Take away cases, keys and answers."""
+    for part in ("cases", "keys", "answers"):
+        shutil.rmtree(folder / part, ignore_errors=True)
