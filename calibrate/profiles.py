@@ -71,12 +71,11 @@ def _profile(answer: Answer, i: int, sd: float) -> Profile:
         ends.append(crossing)
     offsets = np.asarray(sorted(points))
     at = answer.at[0]
-    log, reference = bool(np.asarray(at.log)[i]), float(np.asarray(at.reference)[i])
-    scale = float(np.asarray(at.scale)[i])
 
     def value(offset: float) -> float:
-        u = best[i] + offset * sd
-        return reference * float(np.exp(u)) if log else reference + scale * u
+        u = best.copy()
+        u[i] += offset * sd
+        return float(at.values(u)[i])
 
     return Profile(
         values=np.asarray([value(o) for o in offsets]),

@@ -8,22 +8,10 @@ from typing import Any
 import numpy as np
 
 from gtr_jax import Robot, RobotConfig
+from gtr_jax.plain import plain
 
 from .estimate import Estimate, Profile
 from .posterior_draws import Posterior
-
-
-def _plain(x: Any) -> Any:
-    """JSON has no NaN: null stands for what is not known."""
-    if isinstance(x, np.ndarray):
-        return _plain(x.tolist())
-    if isinstance(x, dict):
-        return {str(k): _plain(v) for k, v in x.items()}
-    if isinstance(x, list | tuple):
-        return [_plain(v) for v in x]
-    if isinstance(x, float | np.floating):
-        return float(x) if np.isfinite(x) else None
-    return x.item() if isinstance(x, np.generic) else x
 
 
 def _posterior(found: Posterior) -> dict[str, Any]:
@@ -248,7 +236,7 @@ class FitResult:
                 **r.settings,
             }
 
-        return _plain(
+        return plain(
             {
                 "verdict": self.verdict,
                 "converged": self.converged,

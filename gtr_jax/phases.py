@@ -35,9 +35,22 @@ def label_phases(run: Simulation) -> np.ndarray:
     if run.T_base.ndim == 2:
         return np.stack([label_phases(run.of_tendon(i)) for i in range(run.T_base.shape[1])], axis=1)
     whole = np.asarray(run.slip_front) >= float(run.s[-1]) * (1 - 1e-12)
-    direction = np.asarray(run.slip_direction)
+    return phases_of_slip(whole, np.asarray(run.slip_direction))
+
+
+def phases_of_slip(whole: np.ndarray, direction: np.ndarray, first: str = REST) -> np.ndarray:
+    """The same from what slips.
+
+    Args:
+        whole: whether slip reaches the tip, (K,).
+        direction: of the slip at the base, 1 towards it, -1 towards the tip, 0 where nothing changes, (K,).
+        first: phase before anything has slipped.
+
+    Returns:
+        Array of str, (K,).
+    """
     now = np.where(whole & (direction > 0), PULLING, np.where(whole & (direction < 0), RELEASING, TRANSITION))
-    labels, last = [], REST
+    labels, last = [], first
     for label, moves in zip(now, direction != 0, strict=True):
         last = str(label) if moves else last
         labels.append(last)

@@ -40,6 +40,8 @@ from .linear_solver import node_first
 from .mesh import STENCIL, Interval
 from .problem import Sections, State, at_tendons, largest, moment_slope, offset_before, over_tendons
 from .routing import Offset
+from .small_matrices import inverse as inverse_of
+from .small_matrices import times
 from .terms import REGISTRY, any_on
 from .terms.term import STILL, Bent, Channel, Values
 
@@ -618,7 +620,7 @@ def _bracketed(at: _Search, left: Float[Array, " n"], inverse, by_unknowns) -> _
     # Moments and forces found meanwhile may have moved the root out of the bracket.
     lost = high - low < 1e-15
     low, high = jnp.where(lost, -jnp.inf, low), jnp.where(lost, jnp.inf, high)
-    step = -inverse @ left
+    step = -times(inverse, left)
     new = u + step[0]
     both = jnp.isfinite(low) & jnp.isfinite(high)
     farther = jnp.where(left[0] < 0, u + REACH, u - REACH)
@@ -627,7 +629,7 @@ def _bracketed(at: _Search, left: Float[Array, " n"], inverse, by_unknowns) -> _
     cut = known & ~((new > low) & (new < high))
     new = jnp.where(cut, within, new)
     # With the displacement cut short, the others do what they can.
-    others = -jnp.linalg.solve(by_unknowns[1:, 1:], left[1:] + by_unknowns[1:, 0] * (new - u))
+    others = -times(inverse_of(by_unknowns[1:, 1:]), left[1:] + by_unknowns[1:, 0] * (new - u))
     step = jnp.where(cut, jnp.concatenate([(new - u)[None], others]), step)
     return at._replace(trial=at.trial + step, low=low, high=high)
 
@@ -637,8 +639,8 @@ def _damped(at: _Search, left: Float[Array, " n"], inverse, by_unknowns) -> _Sea
     (Deuflhard's natural monotonicity test).
     """
     del by_unknowns
-    good = largest(at.inverse @ left) <= (1.0 - 0.25 * at.share) * at.level
-    step = -inverse @ left
+    good = largest(times(at.inverse, left)) <= (1.0 - 0.25 * at.share) * at.level
+    step = -times(inverse, left)
     share = jnp.where(good, jnp.minimum(1.0, 2.0 * at.share), 0.5 * at.share)
     share = jnp.where(at.marches == 0, 1.0, share)
     point, step = jnp.where(good, at.trial, at.point), jnp.where(good, step, at.step)
@@ -665,7 +667,7 @@ def _newton(case: Case, start: Float[Array, " n"], kappa: Float[Array, " N"], at
         left = m.left / scales
         error = jnp.maximum(largest(left), m.error)
         by_unknowns = m.by_unknowns / scales[:, None] * scales[None, :]
-        on = next_point(at, left, jnp.linalg.inv(by_unknowns), by_unknowns)
+        on = next_point(at, left, inverse_of(by_unknowns), by_unknowns)
         error = jnp.where(jnp.isnan(error), jnp.inf, error)
         return on._replace(
             trial=jnp.where(error <= atol, at.trial, on.trial),
@@ -761,7 +763,7 @@ def _solve_jvp(primals, tangents):
     by_unknowns, out_by = jax.vmap(lambda d: linear(still, d), out_axes=-1)(jnp.eye(zero.shape[0]))
     scales = _scales(case)
     scaled = by_unknowns / scales[:, None] * scales[None, :]
-    flat_dot = -jnp.linalg.solve(scaled, left_dot / scales) * scales
+    flat_dot = -times(inverse_of(scaled), left_dot / scales) * scales
     out_dot = jtu.tree_map(lambda d, by: d + by @ flat_dot, out_dot, out_by)
     memory, state = out
     solved = Solved(memory, state, found.error, found.marches)

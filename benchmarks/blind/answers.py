@@ -16,7 +16,10 @@ from typing import Any
 import calibrate
 import gtr_jax as gtr
 from calibrate.diagnosis import search
+from calibrate.diagnosis.diagnose import prepare
 from gtr_jax.cli.cache import enable_cache
+
+from . import baselines
 
 # Packages whose source decides the answers.
 TOOL = (Path(calibrate.__file__).parent, Path(gtr.__file__).parent)
@@ -38,6 +41,7 @@ def answer(folder: Path) -> dict[str, Any]:
     began = time.perf_counter()
     found = calibrate.diagnose(robot, recording, experiment=False)
     took = time.perf_counter() - began
+    ready = prepare(robot, recording)
     return {
         "verdict": found.verdict,
         "sets": [sorted(s) for s in found.confusion_set],
@@ -55,6 +59,7 @@ def answer(folder: Path) -> dict[str, Any]:
         "where": [w.says for w in found.where[:1]],
         "samples": len(recording),
         "seconds": took,
+        "baselines": {} if isinstance(ready, calibrate.Diagnosis) else baselines.of(ready),
     }
 
 

@@ -12,7 +12,7 @@ from ..base_tension import exact
 from ..coordinates import CHANNELS
 from ..noise import MAD_TO_SD, resolution
 from ..weighing import Weighing
-from .hypotheses import Hypothesis, Number, together
+from .hypotheses import Hypothesis, Number
 from .rig import Rig, Seen
 
 # Steps of differences, in coordinates, and of the descent.
@@ -97,6 +97,17 @@ class Model(NamedTuple):
     numbers: tuple[Number, ...]
     fixed: Mapping[str, float]
 
+    def values(self, x: np.ndarray) -> dict[str, float]:
+        """Values at coordinates, SI, by name."""
+        return {n.name: n.value(v) for n, v in zip(self.numbers, x, strict=True)} | dict(self.fixed)
+
+
+def model_of(base: tuple[Number, ...], hypotheses: Sequence[Hypothesis]) -> Model:
+    """The base numbers, and those of some hypotheses."""
+    fixed = {name: value for h in hypotheses for name, value in h.fixed.items()}
+    numbers = (*base, *(n for h in hypotheses for n in h.numbers))
+    return Model(tuple(h.name for h in hypotheses), numbers, fixed)
+
 
 class Point(NamedTuple):
     """A model at coordinates: values by name [SI], simulations, and white residuals (n,)."""
@@ -152,7 +163,7 @@ class Fitted:
         Args:
             scale: variance of the white rows, above 1 where every hypothesis misses something.
         """
-        information = self.jacobian.T @ self.jacobian / scale + np.eye(len(self.x))
+        information = self.information(scale)
         # Half a normal distribution, of a size that cannot be negative, is twice as dense.
         halves = sum(n.size and not n.log and n.bounds[0] > -0.5 for n in self.numbers)
         volume, logdet = halves * np.log(2.0), np.linalg.slogdet(information)[1]
@@ -160,8 +171,11 @@ class Fitted:
 
     def sd(self, scale: float = 1.0) -> np.ndarray:
         """Standard deviations of the coordinates."""
-        information = self.jacobian.T @ self.jacobian / scale + np.eye(len(self.x))
-        return np.sqrt(np.diag(np.linalg.inv(information)))
+        return np.sqrt(np.diag(np.linalg.inv(self.information(scale))))
+
+    def information(self, scale: float = 1.0) -> np.ndarray:
+        """Of data and priors about the coordinates."""
+        return self.jacobian.T @ self.jacobian / scale + np.eye(len(self.x))
 
 
 class Bench:
@@ -182,25 +196,20 @@ class Bench:
         self.corrections: dict[tuple[str, ...], list[np.ndarray]] = {
             (): [np.zeros((len(CHANNELS), r.part.samples)) for r in self.rigs]
         }
-        self.evaluations = 0
 
-    def simulate(
-        self, values: Mapping[str, float], names: Sequence[str] = (), *, coarse: bool = False
-    ) -> tuple[Seen, ...] | None:
+    def simulate(self, values: Mapping[str, float], names: Sequence[str] = ()) -> tuple[Seen, ...] | None:
         """All recordings with some numbers changed; None where one breaks down.
 
         Args:
             values: SI, by name.
             names: of the hypotheses that act, for the correction to a fine mesh.
-            coarse: whether to leave that out.
         """
-        self.evaluations += 1
         found = []
         for rig, more in zip(self.rigs, self.correction(names), strict=True):
             seen = rig(values)
             if seen is None:
                 return None
-            found.append(seen if coarse else dataclasses.replace(seen, values=seen.values + more))
+            found.append(dataclasses.replace(seen, values=seen.values + more))
         return tuple(found)
 
     def correction(self, names: Sequence[str]) -> list[np.ndarray]:
@@ -244,10 +253,10 @@ class Bench:
                 plain = dataclasses.replace(plain, slope=slope, last=np.stack(last), sd_base=base.believed)
             self.noise.append(noise)
             self.weighs.append(plain)
-        self.follow = self._followed(values)
+        self.answer_of_dimensions(values)
 
-    def _followed(self, values: Mapping[str, float]) -> Follow | None:
-        """How the dimensions change what is simulated at some values; None where there are none."""
+    def answer_of_dimensions(self, values: Mapping[str, float]) -> None:
+        """Find how the dimensions change what is simulated at some values."""
 
         def change(rig: Rig, d: Dimension, here: Seen | None) -> np.ndarray:
             there = rig(dict(values) | {d.name: d.value + d.sd})
@@ -259,7 +268,7 @@ class Bench:
             )
 
         if not self.dimensions:
-            return None
+            return
         by_rig = []
         for rig in self.rigs:
             here = rig(values)
@@ -267,7 +276,7 @@ class Bench:
         white = np.stack(
             [self._white([c[..., k] for c in by_rig]) for k in range(len(self.dimensions))], axis=1
         )
-        return Follow(by_rig, *np.linalg.svd(white, full_matrices=False))
+        self.follow = Follow(by_rig, *np.linalg.svd(white, full_matrices=False))
 
     def expected_rms(self) -> float:
         """What the residual of T_tip should be if nothing but noise is left in it [N]."""
@@ -296,14 +305,21 @@ class Bench:
 
     def at(self, model: Model, x: np.ndarray) -> Point | None:
         """A model at coordinates; None where the simulation breaks down."""
-        values = {n.name: n.value(v) for n, v in zip(model.numbers, x, strict=True)} | dict(model.fixed)
+        values = model.values(x)
         seen = self.simulate(values, model.names)
         return None if seen is None else Point(values, seen, self.rows(seen))
 
-    def slopes(self, model: Model, x: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Derivatives of the rows by differences, over steps that cross the kinks of friction."""
+    def slopes(
+        self, model: Model, x: np.ndarray, rows: np.ndarray, known: Mapping[int, np.ndarray] | None = None
+    ) -> np.ndarray:
+        """Derivatives of the rows by differences, over steps that cross the kinks of friction; but for those
+        known, by place.
+        """
         columns = []
         for i, n in enumerate(model.numbers):
+            if known is not None and i in known:
+                columns.append(known[i])
+                continue
             step = STEP if x[i] + STEP <= n.bounds[1] else -STEP
             moved = np.array(x)
             moved[i] += step
@@ -317,6 +333,7 @@ class Bench:
         start: np.ndarray,
         *,
         jacobian: np.ndarray | None = None,
+        known: Mapping[int, np.ndarray] | None = None,
         counts: np.ndarray | None = None,
         most: int = MOST_ITERATIONS,
         exact: bool = True,
@@ -328,13 +345,13 @@ class Bench:
             hypotheses: those that act.
             start: coordinates, base numbers first.
             jacobian: at the start, if known.
+            known: some of its columns, roughly.
             counts: rows that count, (n,) bool; all unless given.
             most: iterations.
             exact: whether the Jacobian is taken anew at the end.
         """
-        own, fixed = together(hypotheses)
-        numbers = (*self.base, *own)
-        model = Model(tuple(h.name for h in hypotheses), numbers, fixed)
+        model = model_of(self.base, hypotheses)
+        numbers = model.numbers
         low, high = (np.asarray([n.bounds[k] for n in numbers]) for k in (0, 1))
         x = np.clip(start, low, high)
         here = self.at(model, x)
@@ -348,7 +365,8 @@ class Bench:
         best, damping, fresh = cost(here, x), 1e-3, False
         for _ in range(most):
             if jacobian is None:
-                jacobian, fresh = self.slopes(model, x, here.rows), True
+                jacobian, fresh = self.slopes(model, x, here.rows, known), known is None
+                known = None
             J, r = jacobian[keep], here.rows[keep]
             gradient, hessian = J.T @ r + x, J.T @ J + np.eye(len(x))
             free = ~(((x <= low) & (gradient > 0)) | ((x >= high) & (gradient < 0)))
@@ -408,11 +426,19 @@ class Bench:
             dimensions,
         )
 
-    def mean_square(self, fitted: Fitted) -> float:
-        """Of the white residuals of the channels, per degree of freedom."""
-        start, total, count = 0, 0.0, 0
+    def by_channel(self, rows: np.ndarray) -> list[np.ndarray]:
+        """White rows, (n, ...), by recording and channel, (C, K, ...) each, without those of the base
+        tension.
+        """
+        found, start = [], 0
         for rig in self.rigs:
             C, K = len(rig.part.channels), rig.part.samples
-            total, count = total + float(np.sum(fitted.rows[start : start + C * K] ** 2)), count + C * K
+            found.append(rows[start : start + C * K].reshape(C, K, *rows.shape[1:]))
             start += (C + 1) * K
+        return found
+
+    def mean_square(self, fitted: Fitted) -> float:
+        """Of the white residuals of the channels, per degree of freedom."""
+        blocks = self.by_channel(fitted.rows)
+        total, count = sum(float(np.sum(z**2)) for z in blocks), sum(z.size for z in blocks)
         return total / max(count - len(fitted.x), 1)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -13,12 +15,13 @@ from ..coordinates import CHANNELS
 from ..fit import part_of
 from ..free import distinct
 from ..task import Part
-from .bench import Bench, Dimension, Fitted
+from .bench import Bench, Dimension, Fitted, model_of
 from .decide import Decision, decide
 from .experiment import Experiment, propose
 from .heldout import held_out
-from .hypotheses import base_numbers, catalogue
+from .hypotheses import Hypothesis, base_numbers, catalogue
 from .locate import cycles_of, locate, mu_by_stratum, phases_of, ratio_of_branches
+from .memory import Memory
 from .result import BAD_DATA, Diagnosis, Loop, Rival
 from .rig import Rig, resolution_of, some_samples
 from .sanity import faults
@@ -36,11 +39,40 @@ from .search import (
 )
 
 # Samples of each recording on which hypotheses are tried, and on which the best are refitted.
-FEW, MANY = 260, 1200
+FEW, MANY = 140, 1200
 # Models that are refitted to all samples.
 FINAL, REFINED = 4, 3
 # Resolution of the mesh that they are corrected to.
 FINEST = 1.5
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Prepared:
+    """What the search starts from.
+
+    Attributes:
+        config: the robot file, or None.
+        fine: the robot on its own mesh.
+        parts, full: the recordings, and those samples of them that are used.
+        kept: those of them on the bench.
+        warnings: what the reader must know.
+        bench: few samples on a coarse mesh.
+        rough, exact: all samples on the coarse mesh, and on a fine one.
+        base: fit of the base model.
+        hypotheses: what may be missing.
+    """
+
+    config: RobotConfig | None
+    fine: Robot
+    parts: list[Part]
+    full: list[Part]
+    kept: list[np.ndarray]
+    warnings: list[str]
+    bench: Bench
+    rough: list[Rig]
+    exact: list[Rig]
+    base: Fitted
+    hypotheses: list[Hypothesis]
 
 
 def diagnose(
@@ -51,6 +83,7 @@ def diagnose(
     noise_N: float | None = None,
     noise_base_N: float | None = None,
     experiment: bool | None = None,
+    steps: Path | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
     """Tell which physics a model leaves out of recordings.
@@ -70,6 +103,8 @@ def diagnose(
         noise_N, noise_base_N: standard deviations of the recorded tensions [N]; estimated unless given.
         experiment: whether to propose the experiment that separates the rivals; only where there are some,
             unless given.
+        steps: file that keeps what is done, so that the same call goes on from there if it is interrupted;
+            it is taken away at the end.
         progress: called with a line of text at each stage.
 
     Returns:
@@ -79,6 +114,61 @@ def diagnose(
         InputError: a recording without tip tension or too short, a robot of several tendons.
     """
     say = progress or (lambda _: None)
+    memory = None if steps is None else Memory(steps)
+    if memory is not None and len(memory):
+        say(f"going on from {len(memory)} simulations done before")
+    try:
+        ready = prepare(robot, recording, channels, noise_N, noise_base_N, say, memory)
+        found = ready if isinstance(ready, Diagnosis) else _search(ready, experiment, say)
+    except BaseException:
+        if memory is not None:
+            memory.close()
+        raise
+    if memory is not None:
+        memory.forget()
+    return found
+
+
+def _search(ready: Prepared, experiment: bool | None, say: Callable[[str], None]) -> Diagnosis:
+    bench, base, hypotheses = ready.bench, ready.base, ready.hypotheses
+    models = Models(bench, hypotheses)
+    models.add([base])
+    say(f"trying {len(hypotheses)} hypotheses")
+    screened = screen(bench, base, hypotheses)
+    short = [s for s in screened if s.gain > WORTH][:SHORTLIST]
+    if short:
+        say(f"refitting the {len(short)} most promising")
+        models.add(refit_best(bench, (), short, STARTS_EACH))
+        # What the coarse mesh, and the fewer samples, leave out of an effect would pass for a second one.
+        top = [f for f in models.ranked() if f.names][:REFINED]
+        _refine(bench, models, {f.names: f for f in top}, ready.exact, ready.kept)
+        models.reweigh()
+        combine(models, say)
+    say("refitting the best to all samples, on a fine mesh")
+    whole = _on_all(models, ready.rough, ready.exact)
+    if whole is None:
+        return Diagnosis.without_answer(
+            BAD_DATA, ["the simulation fails"], ready.parts, ready.warnings, ready.config
+        )
+    decision = decide(whole)
+    say("refitting to part of the samples")
+    return _answer(ready, decision, whole, screened, experiment=experiment, say=say)
+
+
+def prepare(
+    robot: RobotConfig | Robot,
+    recording: Recording | Sequence[Recording],
+    channels: Sequence[str] | None = None,
+    noise_N: float | None = None,
+    noise_base_N: float | None = None,
+    say: Callable[[str], None] = lambda _: None,
+    memory: Memory | None = None,
+) -> Prepared | Diagnosis:
+    """Read the recordings, fit the base model, and list what may be missing; arguments as of `diagnose`.
+
+    Returns:
+        What the search starts from; a diagnosis where the data do not allow one.
+    """
     recordings = [recording] if isinstance(recording, Recording) else list(recording)
     if not recordings:
         raise InputError("diagnose: no recording is given")
@@ -100,20 +190,20 @@ def diagnose(
         return Diagnosis.without_answer(BAD_DATA, found, parts, warnings, config)
     coarse = build_robot(config, resolution=resolution_of(fine)) if config else fine
     finest = build_robot(config, resolution=FINEST) if config else fine
-    deviations = _deviations(config)
+    deviations = deviations_of(config)
     full = [part if part.samples <= MANY else part.only(some_samples(part, MANY)) for part in parts]
     kept = [some_samples(part, FEW) for part in full]
     small = [p if len(k) == p.samples else p.only(k) for p, k in zip(full, kept, strict=True)]
-    dimensions = _dimensions(config, fine)
+    dimensions = dimensions_of(config, fine)
     free = [d.name for d in dimensions]
-    bench = Bench([Rig(p, coarse, free) for p in small], base_numbers(fine, deviations), dimensions)
+    bench = Bench([Rig(p, coarse, free, memory) for p in small], base_numbers(fine, deviations), dimensions)
     say("fitting mu and E" if len(bench.base) > 1 else "fitting mu")
     base = base_fit(bench)
     if base is None:
         return Diagnosis.without_answer(
             BAD_DATA, ["the simulation fails at every start value tried"], parts, warnings, config
         )
-    models, exact = Models(bench, ()), [Rig(p, finest, free) for p in full]
+    models, exact = Models(bench, ()), [Rig(p, finest, free, memory) for p in full]
     _refine(bench, models, {(): base}, exact, kept)
     base = base_fit(bench, base.x)
     if base is None:
@@ -126,39 +216,34 @@ def diagnose(
         travel=np.asarray([tip_y.min(), tip_y.max()]),
         bend=_bend(fine, base, full[0]),
     )
-    models = Models(bench, hypotheses)
-    models.add([base])
-    say(f"trying {len(hypotheses)} hypotheses")
-    screened = screen(bench, base, hypotheses)
-    short = [s for s in screened if s.gain > WORTH][:SHORTLIST]
-    if short:
-        say(f"refitting the {len(short)} most promising")
-        models.add(refit_best(bench, (), short, STARTS_EACH))
-        # What the coarse mesh, and the fewer samples, leave out of an effect would pass for a second one.
-        top = [f for f in models.ranked() if f.names][:REFINED]
-        _refine(bench, models, {f.names: f for f in top}, exact, kept)
-        models.reweigh()
-        combine(models, say)
-    say("refitting the best to all samples, on a fine mesh")
-    whole = _on_all(models, [Rig(p, coarse, free) for p in full], exact)
-    if whole is None:
-        return Diagnosis.without_answer(BAD_DATA, ["the simulation fails"], parts, warnings, config)
-    decision = decide(whole)
-    say("refitting to part of the samples")
-    return _answer(
-        decision, whole, screened, parts, full, config, fine, warnings, experiment=experiment, say=say
+    return Prepared(
+        config,
+        fine,
+        parts,
+        full,
+        kept,
+        warnings,
+        bench,
+        [Rig(p, coarse, free, memory) for p in full],
+        exact,
+        base,
+        hypotheses,
     )
 
 
-def _deviations(config: RobotConfig | None) -> dict[str, float]:
+def deviations_of(config: RobotConfig | None) -> dict[str, float]:
+    """Standard deviations of ln mu and ln E that the robot file states."""
     if config is None:
         return {}
-    given = config.uncertainty
-    short = {"backbone.youngs_modulus": "E", "tendon.friction_coefficient": "mu"}
-    return {short[key]: float(np.log1p(v)) for key, v in given.items() if key in short}
+    found, values = {}, config.numbers()
+    for name, key in (("mu", "tendon.friction_coefficient"), ("E", "backbone.youngs_modulus")):
+        sd = config.deviation(key)
+        if sd:
+            found[name] = float(np.log1p(sd / abs(values[key])))
+    return found
 
 
-def _dimensions(config: RobotConfig | None, robot: Robot) -> list[Dimension]:
+def dimensions_of(config: RobotConfig | None, robot: Robot) -> list[Dimension]:
     """What else the robot file says is uncertain, and acts."""
     if config is None:
         return []
@@ -196,11 +281,7 @@ def _refine(
 
     def correction(item):
         names, f = item
-        hypotheses = models.hypotheses(names)
-        numbers = [*bench.base, *(n for h in hypotheses for n in h.numbers)]
-        values = {n.name: n.value(v) for n, v in zip(numbers, models.coordinates(names, f), strict=True)} | {
-            name: v for h in hypotheses for name, v in h.fixed.items()
-        }
+        values = model_of(bench.base, models.hypotheses(names)).values(models.coordinates(names, f))
         found = []
         for k, (rough, exact) in enumerate(zip(bench.rigs, fine, strict=True)):
             here, there = rough(values), exact(values)
@@ -241,14 +322,10 @@ def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models | None:
 
 
 def _answer(
+    ready: Prepared,
     decision: Decision,
     models: Models,
     screened: Sequence[Screened],
-    parts: Sequence[Part],
-    full: Sequence[Part],
-    config: RobotConfig | None,
-    fine: Robot,
-    warnings: list[str],
     *,
     experiment: bool | None,
     say: Callable[[str], None],
@@ -262,7 +339,7 @@ def _answer(
         say("looking for the experiment that would decide")
         proposal = propose(models, decision, bench.rigs[0])
     loops = []
-    for k, part in enumerate(full):
+    for k, part in enumerate(ready.full):
         before, after = (f.seen[k].values[part.where] for f in (base, chosen))
         phases = phases_of(bench, base, k)
         T = part.T_base.T_base
@@ -305,11 +382,8 @@ def _answer(
         loops=loops,
         rivals=rivals,
         experiment=proposal,
-        parts=parts,
-        config=config,
-        fine=fine,
-        warnings=warnings,
+        parts=ready.parts,
+        config=ready.config,
+        fine=ready.fine,
+        warnings=ready.warnings,
     )
-
-
-__all__ = ["diagnose"]

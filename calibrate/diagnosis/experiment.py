@@ -88,7 +88,6 @@ def propose(models: Models, decision: Decision, rig: Rig) -> Experiment | None:
     if len(rivals) < 2:
         ranked = [f for f in models.ranked() if f.names != decision.chosen.names]
         rivals = [decision.chosen, *ranked[:1]]
-    rivals = [f for f in rivals if f is not None]
     if len(rivals) < 2:
         return None
     part = rig.part
@@ -104,7 +103,7 @@ def propose(models: Models, decision: Decision, rig: Rig) -> Experiment | None:
     def trial(values: Mapping[str, float], history) -> np.ndarray | None:
         time, load = history
         other = dataclasses.replace(part, T_base=exact(load), time=time, trial=None)
-        seen = Rig(other, rig.robot)(values)
+        seen = Rig(other, rig.robot, memory=rig.memory)(values)
         return None if seen is None else seen.values
 
     def slopes(f: Fitted, history):
@@ -137,9 +136,7 @@ def propose(models: Models, decision: Decision, rig: Rig) -> Experiment | None:
                         continue
                     off = ((by[name, a][0] - by[name, b][0])[rows] * weight).ravel()
                     J = (by[name, b][1][rows] * weight[..., None]).reshape(off.size, -1)
-                    known = rivals[b].jacobian
-                    information = known.T @ known + np.eye(J.shape[1])
-                    A = J.T @ J + information
+                    A = J.T @ J + rivals[b].information()
                     # What a refit of the rival makes up for, given what it already knows.
                     follow = np.linalg.solve(A, J.T @ off)
                     rest = float(off @ off - follow @ (J.T @ off))

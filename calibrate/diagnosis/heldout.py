@@ -61,12 +61,11 @@ def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]
         keep = _counted(bench, parts[f][1])
         again = bench.refit(hypotheses, fitted.x, jacobian=fitted.jacobian, counts=keep, most=6, exact=False)
         again = fitted if again is None else again
-        squares, n, chi, rows, start = 0.0, 0, 0.0, 0, 0
-        for rig, residual, out in zip(bench.rigs, bench.residuals(again.seen), parts[f][1], strict=True):
+        squares, n, chi, rows = 0.0, 0, 0.0, 0
+        white = bench.by_channel(again.rows)
+        for z, residual, out in zip(white, bench.residuals(again.seen), parts[f][1], strict=True):
             squares, n = squares + float(np.sum(residual[0][out] ** 2)), n + int(out.sum())
-            C, K = len(rig.part.channels), rig.part.samples
-            z = again.rows[start : start + C * K].reshape(C, K)[:, out]
-            chi, rows, start = chi + float(np.sum(z**2)), rows + z.size, start + (C + 1) * K
+            chi, rows = chi + float(np.sum(z[:, out] ** 2)), rows + z[:, out].size
         return squares, n, chi, rows
 
     found = np.asarray(in_parallel(one, jobs)).reshape(len(models), len(parts), 4)

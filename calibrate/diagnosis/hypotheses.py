@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -176,12 +176,12 @@ def _started(
         ]
         return Hypothesis(name, term.id, free, tuple(starts))
     if term.id == "saturation":
-        own = dataclasses.replace(free[0], centre=largest, sd=0.15, log=True, lower=1e-3)
+        own = dataclasses.replace(free[0], centre=largest, sd=0.15, log=True, lower=1e-3, size=False)
         shares = (0.97, 0.9, 0.75)
         return Hypothesis(name, term.id, (own,), tuple({own.name: s * largest} for s in shares))
     if term.id == "contact":
         stiffness, distance = free
-        stiffness = dataclasses.replace(stiffness, centre=200.0, sd=1.5, log=True, lower=1.0)
+        stiffness = dataclasses.replace(stiffness, centre=200.0, sd=1.5, log=True, lower=1.0, size=False)
         low, high = (float(v) for v in travel)
         way = 1.0 if high >= -low else -1.0
         reach = max(high, -low, 1e-3)
@@ -203,7 +203,9 @@ def _started(
         # what is asked of it, and the body would buckle.
         far = max(bend, 1e-6) ** -2
         own = dataclasses.replace(free[0], sd=0.4 * far, lower=-0.13 * far)
-        return Hypothesis(name, term.id, (own,), tuple({own.name: c * far} for c in (0.12, 0.4, -0.05, -0.11)))
+        return Hypothesis(
+            name, term.id, (own,), tuple({own.name: c * far} for c in (0.12, 0.4, -0.05, -0.11))
+        )
     first, shapes = free[0], free[1:]
     signs = [s for s in (1.0, -1.0) if first.bounds[0] < s * SIZES[0] < first.bounds[1]]
     ends = [[n.value(-0.9), n.value(0.9)] for n in shapes]
@@ -228,9 +230,3 @@ def base_numbers(robot: Robot, deviations: Mapping[str, float]) -> tuple[Number,
     if not robot.backbone.rigid:
         found.append(Number("E", "Pa", float(robot.value("E")), deviations.get("E", ANY_E), True))
     return tuple(found)
-
-
-def together(hypotheses: Sequence[Hypothesis]) -> tuple[tuple[Number, ...], dict[str, float]]:
-    """Free and fixed numbers of several hypotheses."""
-    fixed = {name: value for h in hypotheses for name, value in h.fixed.items()}
-    return tuple(n for h in hypotheses for n in h.numbers), fixed

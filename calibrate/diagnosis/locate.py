@@ -7,11 +7,13 @@ import itertools
 
 import numpy as np
 
+from gtr_jax.phases import PULLING, RELEASING, TRANSITION, phases_of_slip
+
 from ..base_tension import turning_points
 from ..coordinates import CHANNEL_UNITS, CHANNELS
 from .bench import Bench, Fitted
 
-PHASES = ("pulling", "transition", "releasing")
+PHASES = (PULLING, TRANSITION, RELEASING)
 FEWEST, SEEN = 4, 3.5
 MOST = 6
 
@@ -48,16 +50,8 @@ class Where:
 
 def phases_of(bench: Bench, fitted: Fitted, k: int) -> np.ndarray:
     """Phase of each sample of recording k under a fit, (K,) of str."""
-    seen, last, labels = fitted.seen[k], "pulling", []
-    for slips, direction in zip(seen.slips, seen.direction, strict=True):
-        if slips and direction > 0:
-            last = "pulling"
-        elif slips and direction < 0:
-            last = "releasing"
-        elif direction != 0:
-            last = "transition"
-        labels.append(last)
-    return np.asarray(labels)
+    seen = fitted.seen[k]
+    return phases_of_slip(seen.slips, seen.direction, first=PULLING)
 
 
 def cycles_of(T_base: np.ndarray) -> np.ndarray:
@@ -153,17 +147,14 @@ def misfit(bench: Bench, fitted: Fitted) -> tuple[float, float]:
 
     Significance is that of sums over neighbouring samples, whose noise is independent once white.
     """
-    start, energy, count, blocks, squares = 0, 0.0, 0, 0, 0.0
-    for rig in bench.rigs:
-        C, K = len(rig.part.channels), rig.part.samples
+    energy, count, blocks, squares = 0.0, 0, 0, 0.0
+    for z in bench.by_channel(fitted.rows):
+        C, K = z.shape
         length = int(np.clip(K // 12, 3, 10))
-        for c in range(C):
-            z = fitted.rows[start + c * K : start + (c + 1) * K]
-            energy, count = energy + float(np.sum(z**2)), count + K
-            n = K // length
-            sums = z[: n * length].reshape(n, length).sum(axis=1) / np.sqrt(length)
-            blocks, squares = blocks + n, squares + float(np.sum(sums**2))
-        start += (C + 1) * K
+        n = K // length
+        sums = z[:, : n * length].reshape(C, n, length).sum(axis=2) / np.sqrt(length)
+        energy, count = energy + float(np.sum(z**2)), count + z.size
+        blocks, squares = blocks + sums.size, squares + float(np.sum(sums**2))
     free = len(fitted.x)
     excess = np.sqrt(max(energy / max(count - free, 1) - 1, 0.0))
     return float(excess), float((squares - blocks + min(free, blocks // 2)) / np.sqrt(2 * blocks))
@@ -193,13 +184,12 @@ def ratio_of_branches(T_base: np.ndarray, T_tip: np.ndarray, phases: np.ndarray,
 
 def mu_by_stratum(bench: Bench, fitted: Fitted) -> list[tuple[str, float, float]]:
     """Friction coefficient from parts of the samples, the rest as fitted: label, value, standard error."""
-    column, found, start = fitted.jacobian[:, 0], [], 0
-    number = fitted.numbers[0]
+    found, number = [], fitted.numbers[0]
+    white, columns = bench.by_channel(fitted.rows), bench.by_channel(fitted.jacobian[:, 0])
     for k, rig in enumerate(bench.rigs):
-        C, K = len(rig.part.channels), rig.part.samples
         T = rig.part.T_base.T_base
         phases, cycle = phases_of(bench, fitted, k), cycles_of(T)
-        z, j = fitted.rows[start : start + K], column[start : start + K]
+        z, j = white[k][0], columns[k][0]
         half = 0.5 * (float(T.max()) + float(T.min()))
         parts = {p: phases == p for p in ("pulling", "releasing")}
         parts |= {"below half the tension": T < half, "above half the tension": T >= half}
@@ -211,5 +201,4 @@ def mu_by_stratum(bench: Bench, fitted: Fitted) -> list[tuple[str, float, float]
                 continue
             x = fitted.x[0] - float(j[inside] @ z[inside]) / power
             found.append((label, number.value(x), number.value(fitted.x[0]) * number.sd / np.sqrt(power)))
-        start += (C + 1) * K
     return found

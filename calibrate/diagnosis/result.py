@@ -10,6 +10,7 @@ import numpy as np
 
 from gtr_jax import InputError, Robot, RobotConfig
 from gtr_jax.parameters import parameters_of
+from gtr_jax.plain import plain
 from gtr_jax.terms import REGISTRY
 
 from ..task import Part
@@ -267,7 +268,7 @@ class Diagnosis:
                 "record": list(e.record),
                 "menu_standard_errors": dict(e.menu),
             }
-        return {
+        answer = {
             "verdict": self.verdict,
             "says": self.says,
             "named": self.named,
@@ -285,6 +286,7 @@ class Diagnosis:
             "warnings": self.warnings,
             "settings": self.settings,
         }
+        return plain(answer)
 
 
 def _changes(bench: Bench, base: Fitted, chosen: Fitted, scale: float) -> list[Change]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -9,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .bench import MOST_ITERATIONS, Bench, Fitted
+from .bench import MOST_ITERATIONS, Bench, Fitted, Model, model_of
 from .hypotheses import Hypothesis
 from .locate import misfit
 
@@ -23,6 +24,9 @@ STARTS_EACH, ONE_EACH = {1: 1, 2: 2, 3: 5}, {1: 1, 2: 1, 3: 2}
 WORTH, SECOND_WORTH = 6.0, 9.0
 # Prior probability of no, one, two and three missing effects.
 HOW_MANY = (0.5, 0.35, 0.12, 0.03)
+# Iterations of a refit from each start; those whose sum of squares is still this share above the best's, and
+# `HOPELESS` above it, do not go on.
+BEGIN, BEHIND = 4, 0.5
 # Models this much less likely than the best, in log, are not refitted once the noise is known better.
 HOPELESS = 40.0
 # Single effects to which others are added: those as close to the best in log, or so many of them where even
@@ -38,14 +42,15 @@ def in_parallel(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
 
 def base_fit(bench: Bench, start: np.ndarray | None = None) -> Fitted | None:
     """The base model fitted: noise and fit in turn, from the best of several starts unless one is given."""
-    numbers = bench.base
+    model = model_of(bench.base, ())
+    numbers = model.numbers
     at = np.zeros(len(numbers)) if start is None else start
     if start is None:
         others = [0.0] * (len(numbers) - 1)
         starts = [np.zeros(len(numbers)), *(np.asarray([numbers[0].at(mu), *others]) for mu in MU_STARTS)]
 
         def rough(start):
-            seen = bench.simulate({n.name: n.value(v) for n, v in zip(numbers, start, strict=True)})
+            seen = bench.simulate(model.values(start))
             if seen is None:
                 return np.inf
             return float(np.sum([np.sum(r[0] ** 2) for r in bench.residuals(seen)]))
@@ -54,12 +59,12 @@ def base_fit(bench: Bench, start: np.ndarray | None = None) -> Fitted | None:
         if not np.isfinite(min(costs)):
             return None
         at = starts[int(np.argmin(costs))]
-    seen = bench.simulate({n.name: n.value(v) for n, v in zip(numbers, at, strict=True)})
+    seen = bench.simulate(model.values(at))
     fitted = None
     for _ in range(3):
         if seen is None:
             return None
-        bench.weigh({n.name: n.value(v) for n, v in zip(numbers, at, strict=True)}, seen)
+        bench.weigh(model.values(at), seen)
         fitted = bench.refit((), at)
         if fitted is None:
             return None
@@ -67,33 +72,58 @@ def base_fit(bench: Bench, start: np.ndarray | None = None) -> Fitted | None:
     return fitted
 
 
+class Start(NamedTuple):
+    """Where to refit a hypothesis from.
+
+    Attributes:
+        x: coordinates, those of the numbers fitted so far first.
+        known: columns of the Jacobian there, roughly, by place.
+    """
+
+    x: np.ndarray
+    known: dict[int, np.ndarray]
+
+
 class Screened(NamedTuple):
     """A hypothesis before it is refitted.
 
     Attributes:
         hypothesis: what may be missing.
-        gain: drop of the sum of squares at its best start, the numbers fitted having followed once.
-        starts: coordinates to refit from, those of the numbers fitted first; best first.
+        gain: drop of the sum of squares at its best start.
+        starts: to refit from, best first.
         smallest: size of its first number that would change the white residuals by `SEEN` in all once the
             others follow; infinite where it changes nothing.
     """
 
     hypothesis: Hypothesis
     gain: float
-    starts: list[np.ndarray]
+    starts: list[Start]
     smallest: float
+
+
+@dataclasses.dataclass
+class _Tried:
+    """A start of a hypothesis: coordinates, drop of the sum of squares, and power of what it changes beside
+    the numbers fitted.
+    """
+
+    hypothesis: Hypothesis
+    named: Mapping[str, float]
+    start: Start
+    gain: float = -np.inf
+    power: float = 0.0
 
 
 # Standard errors that count as seen, and how far the numbers fitted may follow at once.
 SEEN, FAR = 4.5, 1.5
-# Share of the drop that a slope promises which is counted on.
-PROMISED = 0.3
+# Share of the drop that a slope promises which is counted on; how many starts are tried a second time.
+PROMISED, AGAIN = 0.3, 24
 
 
 def screen(
     bench: Bench, fitted: Fitted, hypotheses: Sequence[Hypothesis], *, thorough: bool = True
 ) -> list[Screened]:
-    """Try hypotheses beside a fit at finite sizes, twice each: as they are, and once the numbers fitted have
+    """Try hypotheses beside a fit at finite sizes; the most promising again once the numbers fitted have
     followed; best first.
 
     Args:
@@ -105,56 +135,70 @@ def screen(
     J = np.concatenate([fitted.jacobian, np.eye(len(fitted.x))])
     q, upper = np.linalg.qr(J)
     r0, still = np.concatenate([fitted.rows, fitted.x]), np.zeros(len(fitted.x))
-    left = r0 - q @ (q.T @ r0)
+    left, n = r0 - q @ (q.T @ r0), len(fitted.x)
     low, high = (np.asarray([n.bounds[k] for n in fitted.numbers]) for k in (0, 1))
+    columns = {i: fitted.jacobian[:, i] for i in range(n)}
 
     def simulated(numbers, x, fixed):
-        values = dict(fitted.values) | {n.name: n.value(v) for n, v in zip(numbers, x, strict=True)} | fixed
+        values = dict(fitted.values) | Model((), numbers, fixed).values(x)
         seen = bench.simulate(values, fitted.names)
         if seen is None or sum(s.failed for s in seen) > fitted.failed:
             return None
         return bench.rows(seen)
 
-    def one(item):
-        h, start = item
-        x, fixed = np.asarray([n.at(start[n.name]) for n in h.numbers]), dict(h.fixed)
-        rows = simulated(h.numbers, x, fixed)
+    def cost(rows, x):
+        return float(np.sum(rows**2) + np.sum(x**2))
+
+    def first_try(tried: _Tried) -> _Tried:
+        h = tried.hypothesis
+        x = tried.start.x[n:]
+        rows = simulated(h.numbers, x, h.fixed)
         if rows is None:
-            return -np.inf, np.concatenate([fitted.x, x]), 0.0
+            return tried
         moved = np.concatenate([rows - fitted.rows, still])
         across = moved - q @ (q.T @ moved)
         power = float(across @ across)
         # As large as tried, or as its slope asks for, within a factor; the numbers fitted follow.
         wanted = float(np.clip(-(left @ across) / power, 0.2, 2.0)) if power > 0 else 1.0
         share = min((float(np.sum((left + s * across) ** 2)), s) for s in (1.0, wanted))[1]
-        sizes = np.asarray([n.size and not n.log for n in h.numbers])
+        sizes = np.asarray([number.size and not number.log for number in h.numbers])
         own = np.where(sizes, share * x, x)
         share = share if sizes.any() else 1.0
         follow = np.linalg.solve(upper, -(q.T @ (r0 + share * moved)))
         both = np.concatenate([np.clip(fitted.x + np.clip(follow, -FAR, FAR), low, high), own])
-        followed = simulated((*fitted.numbers, *h.numbers), both, fixed)
-        gain = fitted.cost - float(np.sum(rows**2) + np.sum(fitted.x**2))
-        reached = -np.inf
-        if followed is not None:
-            reached = fitted.cost - float(np.sum(followed**2) + np.sum(both[: len(fitted.x)] ** 2))
         # Far from the fit a slope promises too much, but not nothing.
         promised = PROMISED * (fitted.cost - float(np.sum((left + share * across) ** 2)))
-        start = both if reached >= gain else np.concatenate([fitted.x, x])
-        return max(gain, reached, promised), start, power
+        known = dict(columns)
+        if h.numbers[0].size and x[0] != 0:
+            known[n] = (rows - fitted.rows) / x[0]
+        tried.gain, tried.power = max(fitted.cost - cost(rows, fitted.x), promised), power
+        tried.start = Start(both, known)
+        return tried
 
-    items = [(h, s) for h in hypotheses for s in (h.starts if thorough else h.few)]
-    found, screened = in_parallel(one, items), []
+    def second_try(tried: _Tried) -> None:
+        h, both = tried.hypothesis, tried.start.x
+        followed = simulated((*fitted.numbers, *h.numbers), both, h.fixed)
+        if followed is not None:
+            tried.gain = max(tried.gain, fitted.cost - cost(followed, both[:n]))
+
+    all_tried = [
+        _Tried(h, s, Start(np.concatenate([fitted.x, [m.at(s[m.name]) for m in h.numbers]]), {}))
+        for h in hypotheses
+        for s in (h.starts if thorough else h.few)
+    ]
+    found = in_parallel(first_try, all_tried)
+    in_parallel(second_try, sorted(found, key=lambda t: -t.gain)[: AGAIN if thorough else AGAIN // 2])
+    screened = []
     for h in hypotheses:
-        mine = [(f, s) for (own, s), f in zip(items, found, strict=True) if own is h]
-        first = h.numbers[0]
+        mine, first = [t for t in found if t.hypothesis is h], h.numbers[0]
         least = [
-            abs(first.value(first.at(s[first.name]) * SEEN / np.sqrt(f[2])) - first.centre)
-            for f, s in mine
-            if f[2] > 0 and first.size
+            abs(first.value(first.at(t.named[first.name]) * SEEN / np.sqrt(t.power)) - first.centre)
+            for t in mine
+            if t.power > 0 and first.size
         ]
-        ranked = sorted((f for f, _ in mine), key=lambda f: -f[0])
-        starts = [x for _, x, _ in ranked]
-        screened.append(Screened(h, float(ranked[0][0]), starts, min(least, default=np.inf)))
+        ranked = sorted(mine, key=lambda t: -t.gain)
+        starts = [t.start for t in ranked]
+        screened.append(Screened(h, float(ranked[0].gain), starts, min(least, default=np.inf)))
     return sorted(screened, key=lambda s: -s.gain)
 
 
@@ -165,23 +209,33 @@ def refit_best(
     starts: Mapping[int, int],
     most: int = MOST_ITERATIONS,
 ) -> list[Fitted]:
-    """Refit each hypothesis beside those known, from its best start, or several where it has a shape; the
-    better end of each.
+    """Refit each hypothesis beside those known, from its best start, or several where it has a shape: a few
+    iterations from each, and the rest from the best of them unless it is hopeless.
     """
     items = [
         (s.hypothesis, start) for s in screened for start in s.starts[: starts[len(s.hypothesis.numbers)]]
     ]
 
-    def one(item):
+    def begin(item):
         h, start = item
-        return bench.refit((*known, h), start, exact=False, most=most)
+        return bench.refit((*known, h), start.x, known=start.known, exact=False, most=BEGIN)
 
-    found, best = in_parallel(one, items), []
+    def go_on(item):
+        h, f = item
+        return bench.refit((*known, h), f.x, jacobian=f.jacobian, exact=False, most=most - BEGIN)
+
+    def cost(f: Fitted) -> float:
+        return f.cost + 1e3 * f.failed
+
+    begun, best = in_parallel(begin, items), []
     for s in screened:
-        mine = [f for (h, _), f in zip(items, found, strict=True) if h is s.hypothesis and f is not None]
+        mine = [f for (h, _), f in zip(items, begun, strict=True) if h is s.hypothesis and f is not None]
         if mine:
-            best.append(min(mine, key=lambda f: f.cost + 1e3 * f.failed))
-    return best
+            best.append((s.hypothesis, min(mine, key=cost)))
+    least = min((cost(f) for _, f in best), default=0.0)
+    promising = [cost(f) < least + max(HOPELESS, BEHIND * (least + 1)) for _, f in best]
+    ended = iter(in_parallel(go_on, [b for b, p in zip(best, promising, strict=True) if p]))
+    return [(next(ended) or f) if p else f for (_, f), p in zip(best, promising, strict=True)]
 
 
 class Models:
@@ -238,8 +292,8 @@ class Models:
     def coordinates(self, names: Sequence[str], fitted: Fitted) -> np.ndarray:
         """Coordinates of a model from a fit of one with the same effects and more."""
         known = {n.name: v for n, v in zip(fitted.numbers, fitted.x, strict=True)}
-        numbers = [n for h in self.hypotheses(names) for n in h.numbers]
-        return np.asarray([known[n.name] for n in (*self.bench.base, *numbers)])
+        numbers = model_of(self.bench.base, self.hypotheses(names)).numbers
+        return np.asarray([known[n.name] for n in numbers])
 
     def reweigh(self) -> None:
         """Take the noise anew from the best model, and refit those that matter."""

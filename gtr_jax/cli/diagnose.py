@@ -11,32 +11,25 @@ import click
 from gtr_jax.errors import InputError
 
 from .fit import inputs
-from .options import Quantity, columns_option, output_option
+from .options import (
+    channels_option,
+    check_noise,
+    columns_option,
+    files_argument,
+    noise_base_option,
+    noise_option,
+    output_option,
+)
 
 if TYPE_CHECKING:
     from gtr_jax.config import RobotConfig
 
 
 @click.command()
-@click.argument(
-    "files", nargs=-1, required=True, metavar="ROBOT.toml REC.csv ...", type=click.Path(path_type=Path)
-)
-@click.option(
-    "--channels",
-    metavar="NAMES",
-    help="What to compare beside T_tip, where a recording has it: some of tip_x, tip_y, tip_angle, "
-    "displacement; '' for nothing.  [default: all]",
-)
-@click.option(
-    "--noise",
-    type=Quantity("N", "SD"),
-    help="Standard deviation of the recorded tip tension.  [default: estimated from the recording]",
-)
-@click.option(
-    "--noise-base",
-    type=Quantity("N", "SD"),
-    help="The same of the base tension; 0 takes it as exact.  [default: estimated from the recording]",
-)
+@files_argument
+@channels_option
+@noise_option
+@noise_base_option
 @click.option(
     "--next",
     "experiment",
@@ -82,6 +75,7 @@ def diagnose(
             noise=noise,
             noise_base=noise_base,
             experiment=experiment,
+            steps=folder.steps,
             progress=progress,
         )
         progress("drawing")
@@ -93,21 +87,22 @@ def diagnose(
     return 0 if answer.converged else 1
 
 
-def solve(config: RobotConfig, recordings: Sequence[Any], *, progress: Any, **options: Any) -> Any:
+def solve(
+    config: RobotConfig,
+    recordings: Sequence[Any],
+    *,
+    noise: float | None = None,
+    noise_base: float | None = None,
+    progress: Any,
+    **options: Any,
+) -> Any:
     """Diagnose, reporting progress."""
     import calibrate
 
-    for name in ("noise", "noise_base"):
-        value = options.pop(name, None)
-        if value is not None and (value < 0 or (value == 0 and name == "noise")):
-            raise InputError(
-                f"--{name.replace('_', '-')}: a standard deviation is positive; this is {value:g} N"
-            )
-        options[f"{name}_N"] = value
-    channels = options.pop("channels", None)
-    if channels is not None:
-        channels = tuple(name.strip() for name in channels.split(",") if name.strip())
-    return calibrate.diagnose(config, recordings, channels=channels, progress=progress, **options)
+    check_noise(noise, noise_base)
+    return calibrate.diagnose(
+        config, recordings, noise_N=noise, noise_base_N=noise_base, progress=progress, **options
+    )
 
 
 def summary(answer: Any) -> list[str]:
@@ -123,9 +118,9 @@ def write_answer(folder: Path, answer: Any, config: RobotConfig, settings: dict[
     """Write all that a diagnosis leaves into a folder."""
     from gtr_jax.config import config_text, dump_config
     from gtr_jax.recording import write_recording
-    from gtr_jax.report import diagnosis_report, render
+    from gtr_jax.report import diagnosis_report
 
-    from .run_folder import write_json
+    from .run_folder import write_json, write_report
 
     dump_config(config, folder / "robot.toml")
     if answer.config is not None:
@@ -143,7 +138,4 @@ def write_answer(folder: Path, answer: Any, config: RobotConfig, settings: dict[
     data = answer.to_json()
     write_json(folder / "diagnosis.json", {**data, "settings": {**data["settings"], **settings}})
     report = diagnosis_report(answer, config.name)
-    for figure in report.figures:
-        (folder / f"{figure.name}.png").write_bytes(figure.image)
-    page = render(report, settings, config_text(answer.config or config))
-    (folder / "report.html").write_text(page, encoding="utf-8")
+    write_report(folder, report, settings, config_text(answer.config or config))

@@ -11,7 +11,15 @@ import click
 
 from gtr_jax.errors import InputError
 
-from .options import Quantity, columns_option, output_option
+from .options import (
+    channels_option,
+    check_noise,
+    columns_option,
+    files_argument,
+    noise_base_option,
+    noise_option,
+    output_option,
+)
 
 if TYPE_CHECKING:
     from gtr_jax.config import RobotConfig
@@ -28,9 +36,7 @@ class Inputs(NamedTuple):
 
 
 @click.command()
-@click.argument(
-    "files", nargs=-1, required=True, metavar="ROBOT.toml REC.csv ...", type=click.Path(path_type=Path)
-)
+@files_argument
 @click.option(
     "--free",
     metavar="NAMES",
@@ -42,22 +48,9 @@ class Inputs(NamedTuple):
     help="Parameters of which each recording has its own; all others are shared.",
 )
 @click.option("--per-robot", metavar="NAMES", help="Parameters of which each robot has its own.")
-@click.option(
-    "--channels",
-    metavar="NAMES",
-    help="What to fit to beside T_tip, where a recording has it: some of tip_x, tip_y, tip_angle, "
-    "displacement; '' for nothing.  [default: all]",
-)
-@click.option(
-    "--noise",
-    type=Quantity("N", "SD"),
-    help="Standard deviation of the recorded tip tension.  [default: estimated from the recording]",
-)
-@click.option(
-    "--noise-base",
-    type=Quantity("N", "SD"),
-    help="The same of the base tension; 0 takes it as exact.  [default: estimated from the recording]",
-)
+@channels_option
+@noise_option
+@noise_base_option
 @click.option(
     "--robust",
     is_flag=True,
@@ -170,10 +163,7 @@ def solve(
     """Fit, reporting progress."""
     import calibrate
 
-    for name, value in (("--noise", noise), ("--noise-base", noise_base)):
-        if value is not None and (value < 0 or (value == 0 and name == "--noise")):
-            least = "positive" if name == "--noise" else "positive, or 0 for an exact one"
-            raise InputError(f"{name}: a standard deviation is {least}; this is {value:g} N")
+    check_noise(noise, noise_base)
     return calibrate.fit(
         robots,
         recordings,
@@ -228,9 +218,9 @@ def write_answer(
     """
     from gtr_jax.config import config_text, dump_config
     from gtr_jax.recording import write_recording
-    from gtr_jax.report import fit_report, render
+    from gtr_jax.report import fit_report
 
-    from .run_folder import write_json
+    from .run_folder import write_json, write_report
 
     for stem, robots in (("robot", configs), ("fitted", [r.config for r in result.recordings])):
         for ending, robot in _named(robots, [r.name for r in result.recordings]).items():
@@ -257,8 +247,5 @@ def write_answer(
     data = result.to_json()
     write_json(folder / "fit.json", {**data, "settings": {**data["settings"], **settings}})
     report = fit_report(result, recordings, " and ".join(dict.fromkeys(c.name for c in configs)))
-    for figure in report.figures:
-        (folder / f"{figure.name}.png").write_bytes(figure.image)
     files = dict.fromkeys(config_text(config) for config in configs)
-    page = render(report, settings, "\n".join(files))
-    (folder / "report.html").write_text(page, encoding="utf-8")
+    write_report(folder, report, settings, "\n".join(files))

@@ -42,6 +42,25 @@ columns_option = click.option(
     metavar="MAP",
     help="Columns under other names or in other units: 'T_base=data_0[gf],T_tip=data_2[gf],time=Time[s]'.",
 )
+files_argument = click.argument(
+    "files", nargs=-1, required=True, metavar="ROBOT.toml REC.csv ...", type=click.Path(path_type=Path)
+)
+channels_option = click.option(
+    "--channels",
+    metavar="NAMES",
+    help="What to compare beside T_tip, where a recording has it: some of tip_x, tip_y, tip_angle, "
+    "displacement; '' for nothing.  [default: all]",
+)
+noise_option = click.option(
+    "--noise",
+    type=Quantity("N", "SD"),
+    help="Standard deviation of the recorded tip tension.  [default: estimated from the recording]",
+)
+noise_base_option = click.option(
+    "--noise-base",
+    type=Quantity("N", "SD"),
+    help="The same of the base tension; 0 takes it as exact.  [default: estimated from the recording]",
+)
 resolution_option = click.option(
     "--resolution",
     type=float,
@@ -50,6 +69,14 @@ resolution_option = click.option(
     metavar="FACTOR",
     help="Factor on the number of mesh intervals.",
 )
+
+
+def check_noise(noise: float | None, noise_base: float | None) -> None:
+    """Refuse standard deviations that are none."""
+    for name, value in (("--noise", noise), ("--noise-base", noise_base)):
+        if value is not None and (value < 0 or (value == 0 and name == "--noise")):
+            least = "positive" if name == "--noise" else "positive, or 0 for an exact one"
+            raise InputError(f"{name}: a standard deviation is {least}; this is {value:g} N")
 
 
 def check_resolution(resolution: float) -> None:

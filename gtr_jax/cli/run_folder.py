@@ -6,7 +6,6 @@ import contextlib
 import datetime
 import hashlib
 import json
-import math
 import os
 import platform
 import shlex
@@ -16,11 +15,15 @@ import time
 from collections.abc import Iterator, Mapping
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from gtr_jax.errors import InputError, listed
+from gtr_jax.plain import plain
+
+if TYPE_CHECKING:
+    from gtr_jax.report import Report
 
 MARK = "run.json"
 PACKAGES = ("gtr-jax", "jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
@@ -55,6 +58,11 @@ class RunFolder:
     def settings(self) -> dict[str, Any]:
         """What made the answer: command, versions, device, hashes of the inputs."""
         return {**self.record, "versions": versions()}
+
+    @property
+    def steps(self) -> Path:
+        """File beside the folder for what a long run has done, should it be interrupted."""
+        return self._target.with_name(f".{self._target.name}.steps")
 
     @contextlib.contextmanager
     def write(self) -> Iterator[Path]:
@@ -147,17 +155,14 @@ def versions() -> dict[str, str]:
 def write_json(path: Path, data: Any) -> None:
     """Write JSON; a number that is not finite becomes null, which JSON can hold."""
     path.write_text(
-        json.dumps(_plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
+        json.dumps(plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
     )
 
 
-def _plain(data: Any) -> Any:
-    if isinstance(data, Mapping):
-        return {str(key): _plain(value) for key, value in data.items()}
-    if isinstance(data, list | tuple):
-        return [_plain(value) for value in data]
-    if hasattr(data, "tolist"):  # numpy and JAX
-        return _plain(data.tolist())
-    if isinstance(data, float) and not math.isfinite(data):
-        return None
-    return data
+def write_report(folder: Path, report: Report, settings: Mapping[str, Any], robot: str) -> None:
+    """Write a report's pictures and its page, which shows the text of the robot file."""
+    from gtr_jax.report import render
+
+    for figure in report.figures:
+        (folder / f"{figure.name}.png").write_bytes(figure.image)
+    (folder / "report.html").write_text(render(report, settings, robot), encoding="utf-8")

@@ -192,11 +192,11 @@ def write_answer(
     """Write all that a simulation leaves into a folder."""
     from gtr_jax.config import dump_config
     from gtr_jax.recording import write_recording
-    from gtr_jax.report import profile, render, simulation_report
+    from gtr_jax.report import profile, simulation_report
     from gtr_jax.report.simulation import facts
     from gtr_jax.sensing import reading
 
-    from .run_folder import write_json
+    from .run_folder import write_json, write_report
 
     run, shown = answer.run, reading(answer.robot, answer.run)
     dump_config(config, folder / "robot.toml")
@@ -216,7 +216,4 @@ def write_answer(
     write_recording(folder / "profile.csv", profile(answer.loaded), tendons=config.tendon_names)
     write_json(folder / "simulation.json", {**facts(answer), "settings": settings})
     report = simulation_report(answer)
-    for figure in report.figures:
-        (folder / f"{figure.name}.png").write_bytes(figure.image)
-    page = render(report, settings, (folder / "robot.toml").read_text(encoding="utf-8"))
-    (folder / "report.html").write_text(page, encoding="utf-8")
+    write_report(folder, report, settings, (folder / "robot.toml").read_text(encoding="utf-8"))
