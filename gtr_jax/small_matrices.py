@@ -20,12 +20,12 @@ def inverse(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
         column = jnp.where(rows >= k, jnp.abs(both[:, k]), -1.0)
         chosen = rows == jnp.argmax(column)
         pivot = jnp.sum(jnp.where(chosen[:, None], both, 0.0), axis=0)
-        both = jnp.where(chosen[:, None], both[k], both)
+        both = jnp.where(chosen[:, None], both[None, k], both)
         pivot = pivot / pivot[k]
-        both = jnp.where((rows == k)[:, None], pivot, both - both[:, k][:, None] * pivot)
+        both = jnp.where((rows == k)[:, None], pivot[None, :], both - both[:, k, None] * pivot[None, :])
     return both[:, n:]
 
 
 def times(matrix: Float[Array, "n m"], vector: Float[Array, " m"]) -> Float[Array, " n"]:
     """Matrix times vector."""
-    return jnp.sum(matrix * vector, axis=1)
+    return jnp.sum(matrix * vector[None, :], axis=1)

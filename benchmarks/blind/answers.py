@@ -1,4 +1,4 @@
-"""What the diagnosis answers to the cases of the blind benchmark. It sees robot file and recording, no key."""
+"""What the diagnosis answers to the cases of the blind benchmark. It sees no key."""
 
 from __future__ import annotations
 
@@ -47,7 +47,12 @@ def answer(folder: Path) -> dict[str, Any]:
         "sets": [sorted(s) for s in found.confusion_set],
         "models": [
             {"terms": sorted({n.partition(".")[0] for n in r.names}), "names": list(r.names)}
-            | {"probability": r.probability, "chi2_per_n": r.chi2_per_n, "delta": r.delta}
+            | {
+                "probability": r.probability,
+                "chi2_per_n": r.chi2_per_n,
+                "delta": r.delta,
+                "log": r.log_posterior,
+            }
             for r in found.rivals
         ],
         "parameters": {c.name: [c.before, c.after, c.sd] for c in found.parameters},
@@ -69,10 +74,28 @@ def _alone() -> None:
     search.THREADS = 1
 
 
-def _one(job: tuple[Path, Path, str]) -> str:
-    folder, target, source = job
+def only_features(folder: Path) -> dict[str, Any]:
+    """What the baselines make of a case."""
+    ready = prepare(gtr.load_config(folder / "robot.toml"), gtr.read_recording(folder / "recording.csv"))
+    if isinstance(ready, calibrate.Diagnosis):
+        return {"verdict": ready.verdict, "baselines": {}}
+    return {"verdict": "", "baselines": {"features": baselines.features(ready)}}
+
+
+def features(folder: Path) -> dict[str, list[float]]:
+    """Features of the cases that have any, by name."""
+    found = {}
+    for path in sorted((folder / "answers").glob("*.json")):
+        known = json.loads(path.read_text(encoding="utf-8")).get("baselines", {})
+        if known:
+            found[path.stem] = known["features"]
+    return found
+
+
+def _one(job: tuple[Path, Path, str, bool]) -> str:
+    folder, target, source, features_only = job
     try:
-        found = answer(folder)
+        found = only_features(folder) if features_only else answer(folder)
     except Exception:  # the next case may go well; this one counts as failed
         found = {"verdict": "crashed", "says": traceback.format_exc()}
     found["tool"] = source
@@ -82,7 +105,7 @@ def _one(job: tuple[Path, Path, str]) -> str:
     return f"{folder.name} {found['verdict']} {found.get('seconds', 0):.0f} s"
 
 
-def run(folder: Path, processes: int) -> None:
+def run(folder: Path, processes: int, *, features_only: bool = False) -> None:
     """Answer the cases that have no answer yet; those answered by other source are answered again."""
     source, target = tool(), folder / "answers"
     target.mkdir(exist_ok=True)
@@ -90,7 +113,7 @@ def run(folder: Path, processes: int) -> None:
     for case in sorted((folder / "cases").iterdir()):
         done = target / f"{case.name}.json"
         if not done.exists() or json.loads(done.read_text(encoding="utf-8"))["tool"] != source:
-            jobs.append((case, done, source))
+            jobs.append((case, done, source, features_only))
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(processes, mp_context=context, initializer=_alone) as pool:
         for k, done in enumerate(as_completed([pool.submit(_one, job) for job in jobs]), start=1):

@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -41,10 +42,8 @@ def score_test(ready: Prepared) -> dict[str, Any]:
     for h in ready.hypotheses:
         first = h.numbers[0]
         small = first.value(SMALL if first.bounds[1] > 0 else -SMALL)
-        for start in h.few:
-            changed = _change(ready, h.numbers, dict(start) | {first.name: small}, h.fixed)
-            if changed is None:
-                continue
+        changed = _change(ready, h.numbers, dict(h.few[0]) | {first.name: small}, h.fixed)
+        if changed is not None:
             slope = np.concatenate([changed, np.zeros(len(base.x))])
             across = slope - q @ (q.T @ slope)
             power = float(across @ across)
@@ -82,7 +81,7 @@ def features(ready: Prepared) -> list[float]:
     rows = [white[k] if k < len(white) else np.zeros(white.shape[1]) for k in range(5)]
     z = rows[0]
     for phase in PHASES:
-        for low, high in zip(edges[:-1], edges[1:], strict=True):
+        for low, high in itertools.pairwise(edges):
             inside = (phases == phase) & (T >= low) & (T < high)
             n = max(int(inside.sum()), 1)
             found.append(float(np.sum(z[inside]) / np.sqrt(n)))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ SHARES = {"sound": 0.27, "single": 0.43, "pair": 0.10, "triple": 0.03, "outside"
 PROTOCOLS = ("staircase", "rich", "random")
 # Of the file: relative standard deviations of E and of every dimension of the channel.
 E_OFF, DIMENSION_OFF = 0.10, 0.01
-LINKS = 110
+OFF = ("r1", "r2", "offset", "R_max", "r_min")
 # Noise of pose and displacement [m, rad].
 POSE_M, POSE_RAD, DRAWN_M = 2e-4, 2e-3, 2e-5
 NASTY = ("plain", "noisy base", "heavy tails", "bad repeat", "grows with tension", "coarse")
@@ -29,7 +30,9 @@ NASTY = ("plain", "noisy base", "heavy tails", "bad repeat", "grows with tension
 
 @dataclasses.dataclass(frozen=True)
 class Build:
-    """A kind of robot: dimensions [mm], Young's modulus [Pa], largest base tension [N]."""
+    """A kind of robot: dimensions [mm], Young's modulus [Pa], largest base tension [N], and links of the
+    machine, so many that bores and waves begin and end between two.
+    """
 
     name: str
     length: float
@@ -38,6 +41,7 @@ class Build:
     routing: dict[str, float]
     E: float
     largest: float
+    links: int
 
 
 BUILDS = (
@@ -49,6 +53,7 @@ BUILDS = (
         {"r1": -9, "r2": 9, "w1": 20, "w2": 80},
         1.5e6,
         45,
+        100,
     ),
     Build(
         "two-bends",
@@ -58,10 +63,11 @@ BUILDS = (
         {"r1": -9, "r2": 9, "w1": 70, "w2": 155},
         1.5e6,
         45,
+        100,
     ),
-    Build("cone-wave", 400, (30, 15), (), {"r1": -14, "r2": 14, "w1": 200, "w2": 260}, 0.7e6, 40),
-    Build("cone-cross", 400, (30, 15), (), {"R_max": 20, "r_min": 8, "n_sine": 5}, 0.45e6, 35),
-    Build("catheter", 120, (3, 3), ((0, 120, 3),), {"offset": 2}, 40e6, 12),
+    Build("cone-wave", 400, (30, 15), (), {"r1": -14, "r2": 14, "w1": 200, "w2": 260}, 0.7e6, 40, 160),
+    Build("cone-cross", 400, (30, 15), (), {"R_max": 20, "r_min": 8, "n_sine": 5}, 0.45e6, 35, 100),
+    Build("catheter", 120, (3, 3), ((0, 120, 3),), {"offset": 2}, 40e6, 12, 60),
 )
 
 
@@ -72,7 +78,8 @@ def built(build: Build, rng: np.random.Generator, mu: float) -> tuple[Arm, dict[
         return float(1 + DIMENSION_OFF * rng.normal())
 
     L = build.length * 1e-3
-    routing = {k: v * (1.0 if k == "n_sine" else off()) for k, v in build.routing.items()}
+    # Where the wave begins and ends falls between links, which the machine needs to be accurate.
+    routing = {k: v * (off() if k in OFF else 1.0) for k, v in build.routing.items()}
     at_base, at_tip = (1e-3 * r * off() for r in build.outer)
     E = build.E * float(np.exp(E_OFF * rng.normal()))
 
@@ -94,7 +101,7 @@ def built(build: Build, rng: np.random.Generator, mu: float) -> tuple[Arm, dict[
             found = np.where((s >= 1e-3 * start) & (s < 1e-3 * end), 0.5e-3 * diameter, found)
         return found
 
-    arm = Arm(L, lambda s: at_base + (at_tip - at_base) * s / L, bore, E, offset, mu, LINKS)
+    arm = Arm(L, lambda s: at_base + (at_tip - at_base) * s / L, bore, E, offset, mu, build.links)
     return arm, {"E": E}
 
 
@@ -125,7 +132,7 @@ def protocol(name: str, largest: float, rng: np.random.Generator):
     peak, low = float(rng.uniform(0.9, 1.0)), float(rng.uniform(0.05, 0.15))
     for k, (scale, dt) in enumerate(((1.0, 0.8), (1.0, 0.2), (0.6, 0.8)), start=1):
         corners = [low, peak, peak, 0.55, 0.8, 0.3, low] if k == 1 else [low, peak, peak, 0.45, 0.7, low]
-        for a, b in zip(corners[:-1], corners[1:], strict=True):
+        for a, b in itertools.pairwise(corners):
             n = 5 if a == b else max(4, round(26 * abs(b - a)))
             for j in range(n):
                 T.append(scale * (a + (b - a) * j / n))
@@ -232,7 +239,7 @@ def make(kind: str, hidden: tuple[str, ...], rng: np.random.Generator) -> Case |
         scene.hidden = own_hidden | {f"{effect}.{k}": v for k, v in scene.hidden.items()}
     height = None
     if scene.stop is not None:
-        free = run(dataclasses.replace(scene.arm, links=40), time, T_base)
+        free = run(dataclasses.replace(scene.arm, links=build.links // 2), time, T_base)
         far = free.pose[int(np.argmax(np.abs(free.pose[:, 1]))), 1]
         height = float(scene.stop[1] * far)
         scene.hidden["contact.height_m"] = height
@@ -317,7 +324,7 @@ def _robot_file(build: Build, down: bool) -> str:
         f'{{ from = "{a:g} mm", to = "{b:g} mm", diameter = "{d:g} mm" }}' for a, b, d in build.bores
     )
     routing = [f'{k} = "{v:g} mm"' if k != "n_sine" else f"{k} = {v:g}" for k, v in build.routing.items()]
-    uncertain = [f"routing.{k}" for k in build.routing if k != "n_sine"]
+    uncertain = [f"routing.{k}" for k in build.routing if k in OFF]
     return "\n".join(
         [
             "schema = 1",

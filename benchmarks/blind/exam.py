@@ -1,10 +1,10 @@
-"""Drawing the cases of the blind benchmark and sealing their keys; reading them again is the scorer's alone."""
+"""Drawing the cases of the blind benchmark and sealing their keys, which only the scorer reads again."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import shutil
+import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
@@ -43,7 +43,7 @@ def make(folder: Path, seed: int, count: int, processes: int) -> None:
     """Draw cases and seal their keys; those already there are kept."""
     drawn = cases.kinds(np.random.default_rng([seed]), count)
     jobs = [(seed, k, kind, hidden, folder) for k, (kind, hidden) in enumerate(drawn)]
-    with ProcessPoolExecutor(processes) as pool:
+    with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
         sealed = dict(pool.map(_one, jobs))
     text = json.dumps({"seed": seed, "keys": dict(sorted(sealed.items()))}, indent=1)
     (folder / SEAL).write_text(text + "\n", encoding="utf-8")
@@ -59,9 +59,3 @@ def keys(folder: Path) -> dict[str, dict]:
             raise SystemExit(f"{path}: was changed since it was sealed; draw the cases again")
         found[name] = json.loads(path.read_text(encoding="utf-8"))
     return found
-
-
-def clear(folder: Path) -> None:
-    """Take away cases, keys and answers."""
-    for part in ("cases", "keys", "answers"):
-        shutil.rmtree(folder / part, ignore_errors=True)

@@ -1,4 +1,4 @@
-"""What a case holds that any diagnosis could find: the misfit that refitting the base model leaves, noise aside."""
+"""What any diagnosis could find in a case: the misfit that refitting the base model leaves, noise aside."""
 
 from __future__ import annotations
 

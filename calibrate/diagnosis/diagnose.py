@@ -368,6 +368,7 @@ def _answer(
             bench.mean_square(f),
             dict(f.values),
             f.failed,
+            models.log_posterior(f),
         )
         for f in models.ranked()
     ]

@@ -42,7 +42,7 @@ class Number:
 
     def value(self, x: float) -> float:
         """The value at a coordinate, within its bounds."""
-        value = self.centre * np.exp(self.sd * x) if self.log else self.centre + self.sd * x
+        value = self.centre * np.exp(min(self.sd * x, 700.0)) if self.log else self.centre + self.sd * x
         return float(np.clip(value, self.lower, self.upper))
 
     def at(self, value: float) -> float:

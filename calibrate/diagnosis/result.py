@@ -70,6 +70,7 @@ class Rival:
         chi2_per_n: mean square of the white residuals.
         values: SI, by name.
         failed: load steps that did not converge.
+        log_posterior: up to a constant.
     """
 
     names: Names
@@ -78,6 +79,7 @@ class Rival:
     chi2_per_n: float
     values: Mapping[str, float]
     failed: int
+    log_posterior: float
 
 
 @dataclasses.dataclass(frozen=True)

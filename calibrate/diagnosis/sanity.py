@@ -9,6 +9,17 @@ from ..task import Part
 FEWEST = 20
 # A tip that reads this many times the base throughout, or a stretch of equal extremes this long, is no data.
 SWAPPED, STUCK = 1.15, 0.25
+# Shares of the tension that friction may hold back, and the least correlation with what then gets through.
+HELD_BACK, LEAST = (0.0, 0.3, 0.5, 0.7, 0.85), 0.3
+
+
+def _held_back(T: np.ndarray, share: float) -> np.ndarray:
+    """What gets through friction: it stays while between (1 - share) T and T / (1 - share)."""
+    held, found = (1 - share) * max(float(T[0]), 0.0), []
+    for now in np.maximum(T, 0.0).tolist():
+        held = min(max(held, (1 - share) * now), now / (1 - share))
+        found.append(held)
+    return np.asarray(found)
 
 
 def faults(part: Part) -> list[str]:
@@ -34,11 +45,11 @@ def faults(part: Part) -> list[str]:
         found.append(f"{where}: the tip tension has the other sign; change it")
     if part.time is not None and np.any(np.diff(part.time) < 0):
         found.append(f"{where}: time_s goes back; put the rows in the order of time")
-    follows = float(np.corrcoef(T, tip)[0, 1])
-    if follows < 0.2:
+    follows = max(float(np.corrcoef(_held_back(T, share), tip)[0, 1]) for share in HELD_BACK)
+    if follows < LEAST:
         found.append(
-            f"{where}: the tip hardly follows the base (correlation {follows:.2f}); are the columns those of "
-            "one run?"
+            f"{where}: the tip does not follow the base, whatever friction is assumed (correlation "
+            f"{follows:.2f}); are the columns those of one run?"
         )
     held = np.isclose(tip, tip.max(), atol=1e-12).mean()
     if held > STUCK:

@@ -27,6 +27,9 @@ HOW_MANY = (0.5, 0.35, 0.12, 0.03)
 # Iterations of a refit from each start; those whose sum of squares is still this share above the best's, and
 # `HOPELESS` above it, do not go on.
 BEGIN, BEHIND = 4, 0.5
+# Share of what a model explains that its law may have wrong, per independent way of being wrong: laws are
+# idealised, and a rival must not win, nor a second effect be named, by what they miss.
+INEXACT = 0.004
 # Models this much less likely than the best, in log, are not refitted once the noise is known better.
 HOPELESS = 40.0
 # Single effects to which others are added: those as close to the best in log, or so many of them where even
@@ -265,8 +268,12 @@ class Models:
 
     @property
     def scale(self) -> float:
-        """Variance of the white residuals of the best fit, at least 1."""
-        return max(1.0, min(self.bench.mean_square(f) for f in self.fits.values()))
+        """Variance of the white residuals by which models are compared: that of the best fit, at least 1, and
+        more the more there is to explain, because no law is exact.
+        """
+        least = max(1.0, min(self.bench.mean_square(f) for f in self.fits.values()))
+        explained = self.base.chi2 - min(f.chi2 for f in self.fits.values())
+        return least + INEXACT * max(explained, 0.0)
 
     def log_posterior(self, fitted: Fitted) -> float:
         """Log of the posterior probability, up to a constant."""

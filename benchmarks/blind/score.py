@@ -1,0 +1,395 @@
+"""Scoring of the blind benchmark: only here are the keys read, and answers held against them."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import itertools
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+from sklearn.ensemble import RandomForestClassifier
+
+from . import exam, oracle
+
+# Information from which on an effect counts as one that should be found.
+ENOUGH = 6.0
+NOTHING, STRANGE = "nothing", "outside the catalogue"
+# Tensions alone cannot tell these from one another, by mechanics: what one does to the tip, the other does.
+ONE_IN_TENSIONS = ({"tip-gain", "base-gain", "friction-asymmetry", "crosstalk"}, {"local-friction"})
+
+
+@dataclasses.dataclass
+class Scored:
+    """One case: its key, what it holds, the answer, and whether that is right."""
+
+    name: str
+    key: dict[str, Any]
+    holds: dict[str, float]
+    answer: dict[str, Any]
+
+    @property
+    def kind(self) -> str:
+        """Sound, single, pair, triple or outside."""
+        return self.key["kind"]
+
+    @property
+    def truth(self) -> list[str]:
+        """Terms that are missing."""
+        return sorted(self.key["terms"])
+
+    @property
+    def information(self) -> float:
+        """Root of what the base model leaves, in variances of the noise."""
+        return self.holds["information"]
+
+    @property
+    def verdict(self) -> str:
+        """Of the diagnosis."""
+        return self.answer["verdict"]
+
+    @property
+    def claims(self) -> bool:
+        """Whether it says that anything is missing."""
+        return self.verdict in ("missing-physics", "ambiguous", "unexplained")
+
+    @property
+    def sets(self) -> list[list[str]]:
+        """What it names: one set of terms, or those it does not tell apart."""
+        return [sorted(s) for s in self.answer.get("sets", [])]
+
+    @property
+    def exact(self) -> bool:
+        """Named exactly, and nothing else."""
+        return self.verdict == "missing-physics" and self.sets[:1] == [self.truth]
+
+    @property
+    def covered(self) -> bool:
+        """The truth is named or in the set."""
+        return self.verdict in ("missing-physics", "ambiguous") and self.truth in self.sets
+
+    @property
+    def near(self) -> bool:
+        """The truth, or part of it and nothing wrong, is among what is named."""
+        return any(s and set(s) <= set(self.truth) for s in self.sets)
+
+    @property
+    def top3(self) -> bool:
+        """The truth is among the three most probable sets of terms."""
+        seen: list[list[str]] = []
+        for model in self.answer.get("models", []):
+            terms = sorted(model["terms"])
+            if terms and terms not in seen:
+                seen.append(terms)
+        return self.truth in seen[:3]
+
+    @property
+    def wrong(self) -> bool:
+        """Confidently wrong: one set of terms named, and something in it is not there."""
+        return self.verdict == "missing-physics" and not set(self.sets[0]) <= set(self.truth)
+
+    @property
+    def separable(self) -> bool:
+        """Whether mechanics lets one effect be told from the others with what was recorded."""
+        return self.key["pose"] or not any(set(self.truth) & one for one in ONE_IN_TENSIONS)
+
+
+def rate(hits: Sequence[bool]) -> str:
+    """A share with its 95 % interval (Clopper and Pearson)."""
+    n, k = len(hits), int(np.sum(hits))
+    if n == 0:
+        return "–"
+    low, high = stats.binomtest(k, n).proportion_ci(method="exact")
+    return f"{100 * k / n:.0f} % ({k}/{n}; {100 * low:.0f}–{100 * high:.0f})"
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """In Markdown."""
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def read(folder: Path) -> list[Scored]:
+    """All cases that have an answer; what each holds is computed once and kept."""
+    kept = folder / "oracle.json"
+    holds = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
+    found = []
+    for name, key in exam.keys(folder).items():
+        answer = folder / "answers" / f"{name}.json"
+        if not answer.exists():
+            continue
+        if name not in holds:
+            holds[name] = oracle.left(folder / "cases" / name, key)
+        found.append(Scored(name, key, holds[name], json.loads(answer.read_text(encoding="utf-8"))))
+    kept.write_text(json.dumps(holds), encoding="utf-8")
+    return found
+
+
+def classified(scored: Sequence[Scored], trained: Sequence[tuple[list[float], dict[str, Any]]]) -> list[str]:
+    """Labels that a random forest trained on other cases gives."""
+    X, y = zip(*[(f, label(key)) for f, key in trained], strict=True)
+    forest = RandomForestClassifier(600, min_samples_leaf=2, class_weight="balanced", random_state=0)
+    forest.fit(np.asarray(X), np.asarray(y))
+    return [str(x) for x in forest.predict(np.asarray([s.answer["baselines"]["features"] for s in scored]))]
+
+
+def label(key: dict[str, Any]) -> str:
+    """What a classifier should say of a case."""
+    if key["kind"] == "outside":
+        return STRANGE
+    return " + ".join(sorted(key["terms"])) or NOTHING
+
+
+def baselines(scored: Sequence[Scored], labels: Sequence[str] | None) -> list[list[str]]:
+    """Rows of a table: who, false alarms, detection, exact name of singles, confidently wrong, and what is
+    called unexplained of that outside the catalogue.
+    """
+    usable = [s for s in scored if s.answer.get("baselines")]
+
+    def row(who, claims, name, unexplained):
+        sound = [claims(s) for s in usable if s.kind == "sound"]
+        missing = [claims(s) for s in usable if s.kind != "sound" and s.information > ENOUGH]
+        single = [name(s) == s.truth for s in usable if s.kind == "single" and s.information > ENOUGH]
+        inside = [s for s in usable if s.kind in ("single", "pair", "triple", "outside")]
+        wrong = [bool(name(s)) and not set(name(s)) <= set(s.truth) for s in inside]
+        outside = [unexplained(s) for s in usable if s.kind == "outside" and s.information > ENOUGH]
+        return [who, *(rate(x) for x in (sound, missing, single, wrong, outside))]
+
+    def kinds(text):
+        return sorted({n.partition(".")[0] for n in text.split(" + ") if n})
+
+    def of(which):
+        return lambda s: s.answer["baselines"][which]
+
+    def named_by(which):
+        return lambda s: kinds(of(which)(s)["names"]) if of(which)(s)["claims"] else []
+
+    rows = [
+        row(
+            "this diagnosis",
+            lambda s: s.claims,
+            lambda s: s.sets[0] if s.verdict == "missing-physics" else [],
+            lambda s: s.verdict == "unexplained",
+        ),
+        row("refit only", lambda s: of("refit only")(s)["claims"], lambda s: [], lambda s: False),
+    ]
+    for which in ("score test", "residual match"):
+        rows.append(row(which, lambda s, w=which: of(w)(s)["claims"], named_by(which), lambda s: False))
+    if labels is not None:
+        said = dict(zip([s.name for s in scored], labels, strict=True))
+        rows.append(
+            row(
+                "classifier (random forest)",
+                lambda s: said[s.name] != NOTHING,
+                lambda s: [] if said[s.name] in (NOTHING, STRANGE) else said[s.name].split(" + "),
+                lambda s: said[s.name] == STRANGE,
+            )
+        )
+    return rows
+
+
+def overview(scored: Sequence[Scored]) -> list[list[str]]:
+    """Rows of the main table: what, target, reached."""
+    sound = [s for s in scored if s.kind == "sound"]
+    single = [s for s in scored if s.kind == "single"]
+    told = [s for s in single if s.information > ENOUGH and s.separable]
+    several = [s for s in scored if s.kind in ("pair", "triple") and s.information > ENOUGH]
+    outside = [s for s in scored if s.kind == "outside"]
+    strong = [s for s in outside if s.information > ENOUGH]
+    named = [s for s in scored if s.kind in ("single", "pair", "triple") and s.covered]
+    sets = [s for s in single if s.verdict in ("missing-physics", "ambiguous")]
+    held = [s.answer["held_out"][-1]["chi2_per_n"] for s in scored if s.exact and s.answer.get("held_out")]
+    bias = [abs(s.answer["parameters"]["mu"][1] / s.key["mu"] - 1) for s in scored if s.exact]
+    before = [abs(s.answer["parameters"]["mu"][0] / s.key["mu"] - 1) for s in scored if s.exact]
+    gain = [improvement(s) for s in scored if s.exact and s.answer.get("held_out")]
+    return [
+        ["false alarms on sound recordings", "≤ 2 %", rate([s.claims for s in sound])],
+        [
+            "detected, information > 6 (any kind)",
+            "",
+            rate([s.claims for s in scored if s.kind != "sound" and s.information > ENOUGH]),
+        ],
+        ["named exactly, single, separable, information > 6", "≥ 90 %", rate([s.exact for s in told])],
+        ["truth among the three most probable, the same", "", rate([s.top3 for s in told])],
+        [
+            "set holds the truth, of singles for which anything is named",
+            "≥ 95 %",
+            rate([s.covered for s in sets]),
+        ],
+        ["mean size of these sets", "≤ 2", f"{np.mean([len(s.sets) for s in sets]):.2f}" if sets else "–"],
+        [
+            "pairs and triples named exactly or in the set, information > 6",
+            "",
+            rate([s.covered for s in several]),
+        ],
+        ["pairs and triples: part of them named and nothing wrong", "", rate([s.near for s in several])],
+        [
+            "outside the catalogue called unexplained, information > 6",
+            "≥ 75 %",
+            rate([s.verdict == "unexplained" for s in strong]),
+        ],
+        ["outside the catalogue, confidently wrong", "≤ 10 %", rate([s.wrong for s in outside])],
+        [
+            "confidently wrong of all that is not sound",
+            "",
+            rate([s.wrong for s in scored if s.kind != "sound"]),
+        ],
+        [
+            "held-out χ²/n after naming exactly (median; 90 % below)",
+            "≤ 1.15",
+            quantiles(held, "{:.2f}; {:.2f}"),
+        ],
+        ["error of μ after naming exactly (median; 90 % below)", "≤ 3 %", quantiles(bias, "{:.1%}; {:.1%}")],
+        ["the same before", "", quantiles(before, "{:.1%}; {:.1%}")],
+        ["held-out improvement, share of what there is to gain (median)", "", quantiles(gain, "{:.0%}")],
+        ["cases named or in a set", "", str(len(named))],
+    ]
+
+
+def improvement(s: Scored) -> float:
+    """Share of the held-out residual beyond the noise that the diagnosis takes away."""
+    before, after = s.answer["held_out"][0]["rms_N"], s.answer["held_out"][-1]["rms_N"]
+    noise = s.answer["noise_N"]
+    return float((before**2 - after**2) / max(before**2 - min(noise, after) ** 2, 1e-12))
+
+
+def quantiles(values: Sequence[float], form: str) -> str:
+    """Median, and what nine of ten lie below."""
+    return form.format(*np.quantile(values, [0.5, 0.9])) if values else "–"
+
+
+def per_effect(scored: Sequence[Scored]) -> list[list[str]]:
+    """Rows by hidden effect, singles and those outside the catalogue."""
+    rows = []
+    for kind in ("single", "outside"):
+        effects = sorted({s.key["hidden"][0] for s in scored if s.kind == kind})
+        for effect in effects:
+            of = [s for s in scored if s.kind == kind and s.key["hidden"] == [effect]]
+            strong = [s for s in of if s.information > ENOUGH]
+            count = {v: sum(s.verdict == v for s in of) for v in ("adequate", "unexplained")}
+            rows.append(
+                [
+                    effect,
+                    of[0].truth[0] if kind == "single" else "–",
+                    f"{len(strong)} of {len(of)}",
+                    f"{np.median([s.information for s in of]):.0f}",
+                    f"{np.median([s.holds['concealment'] for s in of]):.0%}",
+                    str(sum(s.exact for s in of)),
+                    str(sum(s.covered and not s.exact for s in of)),
+                    str(count["unexplained"]),
+                    str(count["adequate"]),
+                    str(sum(s.wrong for s in of)),
+                ]
+            )
+    return rows
+
+
+STRATA: tuple[tuple[str, Callable[[Scored], float], tuple[float, ...]], ...] = (
+    ("information", lambda s: s.information, (0, 3, 6, 12, 30, 1e9)),
+    ("concealment", lambda s: s.holds["concealment"], (0, 0.5, 0.75, 0.9, 1.01)),
+)
+
+
+def by_stratum(scored: Sequence[Scored]) -> list[list[str]]:
+    """Rows of detection, exact names and coverage of singles by what is left, by what is hidden, and by what
+    was recorded.
+    """
+    single, rows = [s for s in scored if s.kind == "single"], []
+
+    def add(label: str, inside: list[Scored]) -> None:
+        rows.append(
+            [
+                label,
+                str(len(inside)),
+                *(
+                    rate(x)
+                    for x in (
+                        [s.claims for s in inside],
+                        [s.exact for s in inside],
+                        [s.top3 for s in inside],
+                        [s.wrong for s in inside],
+                    )
+                ),
+            ]
+        )
+
+    for name, value, edges in STRATA:
+        for low, high in itertools.pairwise(edges):
+            top = "" if high > 1e6 else f" to {high:g}"
+            add(f"{name} {low:g}{top}", [s for s in single if low <= value(s) < high])
+    strong = [s for s in single if s.information > ENOUGH]
+    for name in ("staircase", "rich", "random"):
+        add(f"{name}, information > 6", [s for s in strong if s.key["protocol"] == name])
+    for posed in (True, False):
+        add(
+            f"{'with' if posed else 'without'} pose, information > 6",
+            [s for s in strong if s.key["pose"] == posed],
+        )
+    return rows
+
+
+def located(scored: Sequence[Scored]) -> str:
+    """How well local friction that is named is placed."""
+    where = {
+        "entry": "local-friction.base",
+        "anchor": "local-friction.tip",
+        "patch": "local-friction.stretch",
+    }
+    right = []
+    for s in scored:
+        if s.kind == "single" and s.key["hidden"][0] in where and s.covered:
+            first = next(m for m in s.answer["models"] if sorted(m["terms"]) == s.truth)
+            right.append(first["names"] == [where[s.key["hidden"][0]]])
+    return rate(right)
+
+
+def reliability(scored: Sequence[Scored]) -> list[tuple[float, float, int]]:
+    """Of the most probable model of singles and sound cases: mean probability, share right, and count, by
+    bins of the probability.
+    """
+    points = []
+    for s in scored:
+        if s.kind in ("sound", "single") and s.answer.get("models"):
+            models: dict[tuple[str, ...], float] = {}
+            for m in s.answer["models"]:
+                key = tuple(sorted(m["terms"]))
+                models[key] = models.get(key, 0.0) + m["probability"]
+            best = max(models, key=lambda k: models[k])
+            points.append((models[best], list(best) == s.truth))
+    found, p = [], np.asarray(points, float).reshape(-1, 2)
+    for low, high in ((0, 0.5), (0.5, 0.8), (0.8, 0.95), (0.95, 0.995), (0.995, 1.01)):
+        inside = (p[:, 0] >= low) & (p[:, 0] < high)
+        if inside.any():
+            found.append((float(p[inside, 0].mean()), float(p[inside, 1].mean()), int(inside.sum())))
+    return found
+
+
+def rows_csv(scored: Sequence[Scored]) -> str:
+    """One line per case, for those who want to look."""
+    out = io.StringIO()
+    names = ["case", "kind", "hidden", "robot", "protocol", "pose", "noise", "information", "concealment"]
+    names += ["verdict", "sets", "mu", "mu_before", "mu_after", "seconds"]
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(names)
+    for s in sorted(scored, key=lambda s: (s.kind, s.key["hidden"], s.name)):
+        mu = s.answer.get("parameters", {}).get("mu", [float("nan")] * 3)
+        writer.writerow(
+            [
+                s.name,
+                s.kind,
+                " + ".join(s.key["hidden"]),
+                s.key["robot"],
+                s.key["protocol"],
+                int(s.key["pose"]),
+            ]
+            + [s.key["noise"], f"{s.information:.2f}", f"{s.holds['concealment']:.2f}", s.verdict]
+            + [" or ".join(" + ".join(x) for x in s.sets), f"{s.key['mu']:.4f}"]
+            + [f"{v:.4f}" for v in mu[:2]]
+            + [f"{s.answer.get('seconds', float('nan')):.1f}"]
+        )
+    return out.getvalue()
