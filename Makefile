@@ -14,7 +14,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 export NO_MKDOCS_2_WARNING := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test paper check lint test-slow test-all docs bench clean
+.PHONY: help demo test paper proof check lint test-slow test-all docs bench clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 12
@@ -27,6 +27,12 @@ paper: $(DEV) ## reproduce the paper into paper-out/, and write its page of the 
 	mkdir -p docs/paper
 	cp paper-out/paper.md docs/
 	cp paper-out/paper/*.png docs/paper/
+
+proof: $(DEV) ## the blind benchmark of the diagnosis, into proof-out/ (hours; resumes), and its page of the docs
+	$(BIN)/python -m benchmarks.blind -o proof-out --jobs $(JOBS)
+	mkdir -p docs/proof
+	cp proof-out/proof.md docs/
+	cp proof-out/proof/* docs/proof/
 
 test: $(DEV) ## the fast tests
 	$(BIN)/python -m pytest -n $(JOBS)
@@ -51,7 +57,7 @@ bench: $(DEV) ## run the benchmarks
 	$(BIN)/python -m benchmarks $(BENCH_ARGS)
 
 clean: ## remove the environment and everything built
-	rm -rf .venv build dist site demo-out paper-out *.egg-info .pytest_cache .ruff_cache
+	rm -rf .venv build dist site demo-out paper-out proof-out *.egg-info .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -not -path './.git/*' -prune -exec rm -rf {} +
 
 $(DEV): pyproject.toml

@@ -13,6 +13,7 @@ from calibrate.diagnosis.bench import noise_of
 from calibrate.diagnosis.experiment import menu
 from calibrate.diagnosis.hypotheses import Number, catalogue, number_of
 from calibrate.diagnosis.locate import cycles_of, ratio_of_branches
+from calibrate.diagnosis.memory import Memory
 from gtr_jax.terms import REGISTRY
 
 LABELLED = Path(__file__).parent / "data" / "labelled"
@@ -151,3 +152,68 @@ def test_data_that_cannot_be_diagnosed():
     two = gtr.load_config(Path(__file__).parents[1] / "examples" / "antagonists.toml")
     with pytest.raises(gtr.InputError, match="diagnoses one tendon"):
         calibrate.diagnose(two, recording)
+
+
+def test_an_interrupted_diagnosis_goes_on_where_it_stopped(tmp_path):
+    config, recording, _ = case(11)
+    steps = tmp_path / "deep" / "run.steps"
+    whole = calibrate.diagnose(config, recording)
+
+    def interrupt(said):
+        if "hypotheses" in said:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        calibrate.diagnose(config, recording, steps=steps, progress=interrupt)
+    done, said = len(Memory(steps)), []
+    assert done > 20
+    again = calibrate.diagnose(config, recording, steps=steps, progress=said.append)
+    assert said[0] == f"going on from {done} simulations done before"
+    assert again.to_json() == whole.to_json() and not steps.exists()
+
+
+def test_a_broken_file_of_steps_is_begun_anew(tmp_path):
+    path = tmp_path / "steps"
+    path.write_bytes(b"no database" * 1000)
+    memory = Memory(path)
+    assert len(memory) == 0
+    memory.put(b"a", np.arange(3.0))
+    memory.close()
+    again = Memory(path)
+    assert np.array_equal(again.get(b"a"), np.arange(3.0)) and again.get(b"b") is None
+    again.forget()
+    assert not path.exists()
+
+
+def test_uncertain_dimensions_are_not_missing_physics():
+    # A wave whose ends lie 3 % off the file's, which says 3 %: with pose, E alone cannot follow.
+    config, _, _ = case(11)
+    made = gtr.build_robot(config)
+    values = {
+        "mu": 0.25,
+        "R_max": 1.03 * float(made.value("R_max")),
+        "r_min": 0.97 * float(made.value("r_min")),
+    }
+    rng = np.random.default_rng(4)
+    T = np.concatenate([np.linspace(0, 45, 30), np.linspace(45, 3, 30)[1:], np.linspace(3, 30, 20)[1:]])
+    run = gtr.simulate(made.with_values(**values), T)
+    pose = np.asarray(run.tip_pose) + rng.normal(size=(len(T), 3)) * (2e-4, 2e-4, 2e-3)
+    recording = gtr.Recording(
+        path=Path("made.csv"),
+        sha256="",
+        T_base=T,
+        T_tip=np.asarray(run.T_tip) + 0.03 * rng.normal(size=len(T)),
+        tip_x=pose[:, 0],
+        tip_y=pose[:, 1],
+        tip_angle=pose[:, 2],
+    )
+    known = config.model_copy(
+        update={"uncertainty": {**config.uncertainty, "routing.R_max": 0.03, "routing.r_min": 0.03}}
+    )
+    found = calibrate.diagnose(known, recording)
+    assert found.verdict == "adequate"
+    moved = {c.name: c for c in found.parameters}
+    assert moved["R_max"].after == pytest.approx(values["R_max"], abs=3 * moved["R_max"].sd)
+    assert moved["R_max"].sd < 0.03 * values["R_max"]
+    surprised = calibrate.diagnose(config, recording)
+    assert surprised.verdict != "adequate"
