@@ -22,7 +22,17 @@ class Reading(NamedTuple):
 
 def reading(robot: Robot, run: Simulation) -> Reading:
     """What the robot's load cells show of a simulation; the true tensions where no term says otherwise."""
-    T_base, T_tip, at = run.T_base, run.T_tip, Clock(run.time, run.T_base)
+    return cells_show(robot, run.T_base, run.T_tip, run.time)
+
+
+def cells_show(
+    robot: Robot,
+    T_base: Float[Array, "K *tendons"],
+    T_tip: Float[Array, "K *tendons"],
+    time: Float[Array, " K"],
+) -> Reading:
+    """What the cells show under true tensions [N] at some times [s]."""
+    at = Clock(time, T_base)
     for term in REGISTRY.values():
         values = robot.terms[term.id]
         T_base = T_base if term.base is None else term.base(values, T_base, at)

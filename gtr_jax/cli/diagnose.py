@@ -134,7 +134,8 @@ def write_answer(folder: Path, answer: Any, config: RobotConfig, settings: dict[
         )
     if answer.experiment is not None:
         e = answer.experiment
-        write_recording(folder / "next-experiment.csv", {"time": e.time, "T_base": e.T_base})
+        driven = {"time": e.time, "T_base": e.T_base} | ({} if e.T_tip is None else {"T_tip": e.T_tip})
+        write_recording(folder / "next-experiment.csv", driven)
     data = answer.to_json()
     write_json(folder / "diagnosis.json", {**data, "settings": {**data["settings"], **settings}})
     report = diagnosis_report(answer, config.name)
