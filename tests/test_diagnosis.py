@@ -10,10 +10,11 @@ from command_line import run_gtr
 import calibrate
 import gtr_jax as gtr
 from calibrate.diagnosis.bench import noise_of
-from calibrate.diagnosis.experiment import menu
+from calibrate.diagnosis.experiment import menu, weights
 from calibrate.diagnosis.hypotheses import Number, catalogue, number_of
 from calibrate.diagnosis.locate import cycles_of, ratio_of_branches
 from calibrate.diagnosis.memory import Memory
+from gtr_jax.sensing import cells_show
 from gtr_jax.terms import REGISTRY
 
 LABELLED = Path(__file__).parent / "data" / "labelled"
@@ -217,3 +218,15 @@ def test_uncertain_dimensions_are_not_missing_physics():
     assert moved["R_max"].sd < 0.03 * values["R_max"]
     surprised = calibrate.diagnose(config, recording)
     assert surprised.verdict != "adequate"
+
+
+def test_known_weights_tell_cells_apart(make_robot):
+    # One cell at a time, from nothing to the largest and back: what a gain of either does is seen alone.
+    time, base, tip = weights(40.0)
+    assert np.all(np.diff(time) > 0) and not np.any((base > 0) & (tip > 0))
+    assert base.max() == tip.max() == 40.0 and base[0] == base[-1] == tip[0] == tip[-1] == 0.0
+    gains = {"base-gain": (1.1, 1.0), "tip-gain": (1.0, 1.1)}
+    for kind, (of_base, of_tip) in gains.items():
+        robot = make_robot(terms=[{"kind": kind, "gain": 1.1}])
+        shown = cells_show(robot, base, tip, time)
+        assert np.allclose(shown.T_base, of_base * base) and np.allclose(shown.T_tip, of_tip * tip)
