@@ -103,7 +103,7 @@ def fit(
         raise InputError(f"noise_N: must be a positive number of newtons, is {noise_N:g}")
     if noise_base_N is not None and not (np.isfinite(noise_base_N) and noise_base_N >= 0):
         raise InputError(f"noise_base_N: must be a number of newtons, not below 0, is {noise_base_N:g}")
-    free, per_recording, per_robot, channels = map(_listed, (free, per_recording, per_robot, channels))
+    free, per_recording, per_robot = map(_listed, (free, per_recording, per_robot))
     recordings = [recording] if isinstance(recording, Recording) else list(recording)
     given = [robot] * len(recordings) if isinstance(robot, RobotConfig | Robot) else list(robot)
     if not recordings or len(given) != len(recordings):
@@ -126,12 +126,7 @@ def fit(
         free = ("mu",) if rigid else DEFAULT_FREE
         if rigid:
             warnings.append("E is not fitted: the backbone is rigid, so its stiffness has no effect.")
-    have = {name for r in recordings for name in CHANNELS if getattr(r, name) is not None}
-    for name in channels or ():
-        if name not in CHANNELS:
-            raise InputError(f"channel '{name}' is none of {', '.join(CHANNELS)}")
-        if name not in have:
-            raise InputError(f"channel '{name}': no recording has it; leave it out")
+    channels = channels_of(channels, recordings)
     names = distinct([r.path.stem for r in recordings])
     robot_names = distinct([m.name if c is None else c.name for m, c in zip(models, configs, strict=True)])
     wanted = free_of(
@@ -160,6 +155,25 @@ def fit(
         robust=robust,
     )
     return _run(task)
+
+
+def channels_of(
+    channels: Sequence[str] | str | None, recordings: Sequence[Recording]
+) -> tuple[str, ...] | None:
+    """Names of channels that recordings have, from a string with commas between or as they are; None if none
+    are given.
+
+    Raises:
+        InputError: a name that is no channel, or that no recording has.
+    """
+    wanted = _listed(channels)
+    have = {name for r in recordings for name in CHANNELS if getattr(r, name) is not None}
+    for name in wanted or ():
+        if name not in CHANNELS:
+            raise InputError(f"channel '{name}' is none of {', '.join(CHANNELS)}")
+        if name not in have:
+            raise InputError(f"channel '{name}': no recording has it; leave it out")
+    return wanted
 
 
 def _listed(names: Sequence[str] | str | None) -> Any:

@@ -1,5 +1,6 @@
 """The diagnosis: noise, coordinates, evidence, what it names in labelled recordings, and what it writes."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from calibrate.diagnosis.experiment import menu, weights
 from calibrate.diagnosis.hypotheses import Number, catalogue, number_of
 from calibrate.diagnosis.locate import cycles_of, ratio_of_branches
 from calibrate.diagnosis.memory import Memory
+from calibrate.diagnosis.rig import Rig
 from gtr_jax.sensing import cells_show
 from gtr_jax.terms import REGISTRY
 
@@ -121,8 +123,9 @@ def test_the_command_names_an_effect(asymmetry, capsys, monkeypatch):
     # What it found is a robot file for every other command, and the experiment a history.
     robot = gtr.load_robot(out / "diagnosed.toml")
     assert float(robot.value("friction-asymmetry.ratio")) == pytest.approx(ratio["value"])
-    history = gtr.read_recording(out / "next-experiment.csv", need_tip=False)
-    assert len(history.T_base) > 20 and history.T_base.max() <= 1.01 * 45
+    columns = "T_base=weight_base_N[N],T_tip=weight_tip_N[N]"  # of all that is on the menu weights tell most
+    history = gtr.read_recording(out / "next-experiment.csv", columns)
+    assert len(history.T_base) == 18 and history.T_base.max() <= 1.01 * 45
     page = (out / "report.html").read_text()
     assert "friction-asymmetry" in page and "http" not in page.split("<body")[1].split("settings")[0][:2000]
     for name in ("loop.png", "residual.png", "rivals.png", "next-experiment.png", "diagnosis.csv"):
@@ -155,7 +158,7 @@ def test_data_that_cannot_be_diagnosed():
         calibrate.diagnose(two, recording)
 
 
-def test_an_interrupted_diagnosis_goes_on_where_it_stopped(tmp_path):
+def test_an_interrupted_diagnosis_goes_on_where_it_stopped(tmp_path, monkeypatch):
     config, recording, _ = case(11)
     steps = tmp_path / "deep" / "run.steps"
     whole = calibrate.diagnose(config, recording)
@@ -166,11 +169,31 @@ def test_an_interrupted_diagnosis_goes_on_where_it_stopped(tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         calibrate.diagnose(config, recording, steps=steps, progress=interrupt)
-    done, said = len(Memory(steps)), []
+    done, simulated = len(Memory(steps)), []
     assert done > 20
-    again = calibrate.diagnose(config, recording, steps=steps, progress=said.append)
-    assert said[0] == f"going on from {done} simulations done before"
-    assert again.to_json() == whole.to_json() and not steps.exists()
+    real = Rig._simulated
+    monkeypatch.setattr(Rig, "_simulated", lambda *args: simulated.append(1) or real(*args))
+    again = calibrate.diagnose(config, recording, steps=steps)
+    assert again.to_json() == whole.to_json()
+    # What was done is not done again; and once all is, nothing is.
+    assert len(simulated) == len(Memory(steps)) - done
+    simulated.clear()
+    assert calibrate.diagnose(config, recording, steps=steps).to_json() == whole.to_json() and not simulated
+
+
+def test_the_file_of_steps_is_left_where_no_answer_was_written(tmp_path, monkeypatch):
+    folder, out = LABELLED / "case-011", tmp_path / "out"
+    given = ["diagnose", folder / "robot.toml", folder / "recording.csv", "-o", out]
+    monkeypatch.setattr(
+        "gtr_jax.cli.diagnose.write_answer", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt)
+    )
+    outcome = run_gtr(*given)
+    assert outcome.code == 130 and "goes on from there" in outcome.err
+    assert (tmp_path / ".out.steps").exists() and not out.exists()
+    monkeypatch.undo()
+    outcome = run_gtr(*given)
+    assert outcome.code == 0 and "where an earlier run" in outcome.err
+    assert not (tmp_path / ".out.steps").exists() and (out / "report.html").exists()
 
 
 def test_a_broken_file_of_steps_is_begun_anew(tmp_path):
@@ -182,8 +205,35 @@ def test_a_broken_file_of_steps_is_begun_anew(tmp_path):
     memory.close()
     again = Memory(path)
     assert np.array_equal(again.get(b"a"), np.arange(3.0)) and again.get(b"b") is None
-    again.forget()
-    assert not path.exists()
+    # Nothing is made before anything is kept.
+    unused = Memory(tmp_path / "no" / "steps")
+    assert len(unused) == 0 and unused.get(b"a") is None and not (tmp_path / "no").exists()
+
+
+def test_names_of_channels_are_checked():
+    config, recording, _ = case(11)
+    for wrong, says in (("nonsense", "is none of"), (("tip_y", "tip_z"), "is none of")):
+        with pytest.raises(gtr.InputError, match=says):
+            calibrate.diagnose(config, recording, channels=wrong)
+
+
+def test_tensions_in_other_units_are_bad_data():
+    config, recording, _ = case(11)
+    other = dataclasses.replace(recording, T_base=1e3 * recording.T_base)
+    found = calibrate.diagnose(config, other)
+    assert found.verdict == "bad-data" and "units" in found.says and ".." not in found.says
+
+
+def test_a_sheaths_own_compliance_stays(make_robot):
+    sheath = {"rigid": True, "natural_curvature": 4.0}
+    given = {"timed": True, "largest_tip": 10.0, "travel": np.array([0.0, 0.1]), "bend": 5.0}
+    terms = [{"kind": "tendon-stretch", "compliance": 2e-4}]
+    for robot, fixed in (
+        (make_robot(backbone=sheath, terms=terms), {}),
+        (make_robot(backbone=sheath), {"tendon-stretch.compliance": 5e-5}),
+    ):
+        presliding = next(h for h in catalogue(robot, **given) if h.kind == "presliding")
+        assert presliding.fixed == fixed
 
 
 def test_uncertain_dimensions_are_not_missing_physics():

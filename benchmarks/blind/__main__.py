@@ -53,7 +53,7 @@ def main() -> None:
         labels = (
             score.classified(scored, [(f, keys[name]) for name, f in trained.items()]) if trained else None
         )
-        page.write(scored, labels, given.output / "proof.md", f"seed {given.seed}")
+        page.write(scored, labels, given.output / "proof.md", f"seed {given.seed}", len(exam.keys(cases)))
         print(score.table(["what", "target", "reached"], score.overview(scored)))
 
 

@@ -114,7 +114,7 @@ def reliability_figure(scored: Sequence[Scored], path: Path) -> None:
     plt.close(figure)
 
 
-def write(scored: Sequence[Scored], labels: Sequence[str] | None, page: Path, seeds: str) -> None:
+def write(scored: Sequence[Scored], labels: Sequence[str] | None, page: Path, seeds: str, drawn: int) -> None:
     """The page, its figures in a folder beside it of the same name, and a line per case."""
     figures = page.with_suffix("")
     figures.mkdir(parents=True, exist_ok=True)
@@ -156,5 +156,6 @@ def write(scored: Sequence[Scored], labels: Sequence[str] | None, page: Path, se
         seconds=f"{np.median(seconds):.0f}",
         seconds_most=f"{np.max(seconds):.0f}",
         crashed=crashed,
+        drawn=drawn,
     )
     page.write_text(text, encoding="utf-8")

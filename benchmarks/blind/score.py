@@ -15,7 +15,7 @@ import numpy as np
 from scipy import stats
 from sklearn.ensemble import RandomForestClassifier
 
-from . import exam, oracle
+from . import answers, exam, oracle
 
 # Information from which on an effect counts as one that should be found.
 ENOUGH = 6.0
@@ -55,8 +55,8 @@ class Scored:
 
     @property
     def claims(self) -> bool:
-        """Whether it says that anything is missing."""
-        return self.verdict in ("missing-physics", "ambiguous", "unexplained")
+        """Whether it says that anything is missing, or fails to say that nothing is."""
+        return self.verdict != "adequate"
 
     @property
     def sets(self) -> list[list[str]]:
@@ -75,18 +75,26 @@ class Scored:
 
     @property
     def near(self) -> bool:
-        """The truth, or part of it and nothing wrong, is among what is named."""
-        return any(s and set(s) <= set(self.truth) for s in self.sets)
+        """Something is named, or a set of rivals, and all of it is there."""
+        return bool(self.sets) and all(s and set(s) <= set(self.truth) for s in self.sets)
+
+    @property
+    def all_wrong(self) -> bool:
+        """Something is named, or a set of rivals, and each holds something that is not there."""
+        return bool(self.sets) and not any(set(s) <= set(self.truth) for s in self.sets)
 
     @property
     def top3(self) -> bool:
-        """The truth is among the three most probable sets of terms."""
-        seen: list[list[str]] = []
+        """The truth is among the three most probable sets of terms, nothing missing being one."""
+        return self.truth in [list(terms) for terms, _ in self.by_terms()[:3]]
+
+    def by_terms(self) -> list[tuple[tuple[str, ...], float]]:
+        """Sets of terms with their probabilities, the most probable first."""
+        found: dict[tuple[str, ...], float] = {}
         for model in self.answer.get("models", []):
-            terms = sorted(model["terms"])
-            if terms and terms not in seen:
-                seen.append(terms)
-        return self.truth in seen[:3]
+            terms = tuple(sorted(model["terms"]))
+            found[terms] = found.get(terms, 0.0) + model["probability"]
+        return sorted(found.items(), key=lambda item: -item[1])
 
     @property
     def wrong(self) -> bool:
@@ -123,8 +131,9 @@ def read(folder: Path) -> list[Scored]:
         answer = folder / "answers" / f"{name}.json"
         if not answer.exists():
             continue
-        if name not in holds:
-            holds[name] = oracle.left(folder / "cases" / name, key)
+        source = answers.tool()
+        if holds.get(name, {}).get("tool") != source:
+            holds[name] = {"tool": source, **oracle.left(folder / "cases" / name, key)}
         found.append(Scored(name, key, holds[name], json.loads(answer.read_text(encoding="utf-8"))))
     kept.write_text(json.dumps(holds), encoding="utf-8")
     return found
@@ -135,7 +144,9 @@ def classified(scored: Sequence[Scored], trained: Sequence[tuple[list[float], di
     X, y = zip(*[(f, label(key)) for f, key in trained], strict=True)
     forest = RandomForestClassifier(600, min_samples_leaf=2, class_weight="balanced", random_state=0)
     forest.fit(np.asarray(X), np.asarray(y))
-    return [str(x) for x in forest.predict(np.asarray([s.answer["baselines"]["features"] for s in scored]))]
+    known = [s.answer.get("baselines", {}).get("features") for s in scored]
+    said = iter(forest.predict(np.asarray([f for f in known if f is not None])))
+    return [NOTHING if f is None else str(next(said)) for f in known]
 
 
 def label(key: dict[str, Any]) -> str:
@@ -149,7 +160,8 @@ def baselines(scored: Sequence[Scored], labels: Sequence[str] | None) -> list[li
     """Rows of a table: who, false alarms, detection, exact name of singles, confidently wrong, and what is
     called unexplained of that outside the catalogue.
     """
-    usable = [s for s in scored if s.answer.get("baselines")]
+    usable = [s for s in scored if s.answer.get("baselines") or s.verdict in ("crashed", "bad-data")]
+    nothing = {"claims": True, "names": ""}
 
     def row(who, claims, name, unexplained):
         sound = [claims(s) for s in usable if s.kind == "sound"]
@@ -164,7 +176,7 @@ def baselines(scored: Sequence[Scored], labels: Sequence[str] | None) -> list[li
         return sorted({n.partition(".")[0] for n in text.split(" + ") if n})
 
     def of(which):
-        return lambda s: s.answer["baselines"][which]
+        return lambda s: s.answer.get("baselines", {}).get(which, nothing)
 
     def named_by(which):
         return lambda s: kinds(of(which)(s)["names"]) if of(which)(s)["claims"] else []
@@ -204,6 +216,9 @@ def overview(scored: Sequence[Scored]) -> list[list[str]]:
     named = [s for s in scored if s.kind in ("single", "pair", "triple") and s.covered]
     sets = [s for s in single if s.verdict in ("missing-physics", "ambiguous")]
     held = [s.answer["held_out"][-1]["chi2_per_n"] for s in scored if s.exact and s.answer.get("held_out")]
+    any_named = [s for s in scored if s.verdict == "missing-physics"]
+    any_held = [s.answer["held_out"][-1]["chi2_per_n"] for s in any_named if s.answer.get("held_out")]
+    any_bias = [abs(s.answer["parameters"]["mu"][1] / s.key["mu"] - 1) for s in any_named]
     bias = [abs(s.answer["parameters"]["mu"][1] / s.key["mu"] - 1) for s in scored if s.exact]
     before = [abs(s.answer["parameters"]["mu"][0] / s.key["mu"] - 1) for s in scored if s.exact]
     gain = [improvement(s) for s in scored if s.exact and s.answer.get("held_out")]
@@ -235,9 +250,14 @@ def overview(scored: Sequence[Scored]) -> list[list[str]]:
         ],
         ["outside the catalogue, confidently wrong", "≤ 10 %", rate([s.wrong for s in outside])],
         [
-            "confidently wrong of all that is not sound",
+            "confidently wrong of all that is not sound, information > 6",
             "",
-            rate([s.wrong for s in scored if s.kind != "sound"]),
+            rate([s.wrong for s in scored if s.kind != "sound" and s.information > ENOUGH]),
+        ],
+        [
+            "named, or a set of rivals, all of them wrong, the same",
+            "",
+            rate([s.all_wrong for s in scored if s.kind != "sound" and s.information > ENOUGH]),
         ],
         [
             "held-out χ²/n after naming exactly (median; 90 % below)",
@@ -246,6 +266,8 @@ def overview(scored: Sequence[Scored]) -> list[list[str]]:
         ],
         ["error of μ after naming exactly (median; 90 % below)", "≤ 3 %", quantiles(bias, "{:.1%}; {:.1%}")],
         ["the same before", "", quantiles(before, "{:.1%}; {:.1%}")],
+        ["held-out χ²/n wherever one set of terms is named", "", quantiles(any_held, "{:.2f}; {:.2f}")],
+        ["error of μ wherever one set of terms is named", "", quantiles(any_bias, "{:.1%}; {:.1%}")],
         ["held-out improvement, share of what there is to gain (median)", "", quantiles(gain, "{:.0%}")],
         ["cases named or in a set", "", str(len(named))],
     ]
@@ -254,8 +276,7 @@ def overview(scored: Sequence[Scored]) -> list[list[str]]:
 def improvement(s: Scored) -> float:
     """Share of the held-out residual beyond the noise that the diagnosis takes away."""
     before, after = s.answer["held_out"][0]["rms_N"], s.answer["held_out"][-1]["rms_N"]
-    noise = s.answer["noise_N"]
-    return float((before**2 - after**2) / max(before**2 - min(noise, after) ** 2, 1e-12))
+    return float((before**2 - after**2) / max(before**2 - s.key["sd"]["T_tip"] ** 2, 1e-12))
 
 
 def quantiles(values: Sequence[float], form: str) -> str:
@@ -349,18 +370,14 @@ def located(scored: Sequence[Scored]) -> str:
 
 
 def reliability(scored: Sequence[Scored]) -> list[tuple[float, float, int]]:
-    """Of the most probable model of singles and sound cases: mean probability, share right, and count, by
-    bins of the probability.
+    """Of the most probable set of terms, of all that the catalogue holds: mean probability, share right, and
+    count, by bins of the probability.
     """
     points = []
     for s in scored:
-        if s.kind in ("sound", "single") and s.answer.get("models"):
-            models: dict[tuple[str, ...], float] = {}
-            for m in s.answer["models"]:
-                key = tuple(sorted(m["terms"]))
-                models[key] = models.get(key, 0.0) + m["probability"]
-            best = max(models, key=lambda k: models[k])
-            points.append((models[best], list(best) == s.truth))
+        if s.kind != "outside" and s.answer.get("models"):
+            best, probability = s.by_terms()[0]
+            points.append((probability, list(best) == s.truth))
     found, p = [], np.asarray(points, float).reshape(-1, 2)
     for low, high in ((0, 0.5), (0.5, 0.8), (0.8, 0.95), (0.95, 0.995), (0.995, 1.01)):
         inside = (p[:, 0] >= low) & (p[:, 0] < high)

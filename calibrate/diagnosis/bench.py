@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -99,7 +100,7 @@ class Model(NamedTuple):
 
     def values(self, x: np.ndarray) -> dict[str, float]:
         """Values at coordinates, SI, by name."""
-        return {n.name: n.value(v) for n, v in zip(self.numbers, x, strict=True)} | dict(self.fixed)
+        return dict(self.fixed) | {n.name: n.value(v) for n, v in zip(self.numbers, x, strict=True)}
 
 
 def model_of(base: tuple[Number, ...], hypotheses: Sequence[Hypothesis]) -> Model:
@@ -154,8 +155,8 @@ class Fitted:
 
     @property
     def cost(self) -> float:
-        """What is minimised."""
-        return self.chi2 + self.prior
+        """What is minimised; load steps that failed count against it."""
+        return self.chi2 + self.prior + FAILED * self.failed
 
     def evidence(self, scale: float = 1.0) -> float:
         """Log of the probability of the data, up to what all hypotheses share, by Laplace's approximation.
@@ -167,7 +168,7 @@ class Fitted:
         # Half a normal distribution, of a size that cannot be negative, is twice as dense.
         halves = sum(n.size and not n.log and n.bounds[0] > -0.5 for n in self.numbers)
         volume, logdet = halves * np.log(2.0), np.linalg.slogdet(information)[1]
-        return float(-0.5 * (self.chi2 / scale + self.prior) - 0.5 * logdet + volume)
+        return float(-0.5 * ((self.cost - self.prior) / scale + self.prior) - 0.5 * logdet + volume)
 
     def sd(self, scale: float = 1.0) -> np.ndarray:
         """Standard deviations of the coordinates."""
@@ -273,10 +274,12 @@ class Bench:
         for rig in self.rigs:
             here = rig(values)
             by_rig.append(np.stack([change(rig, d, here) for d in self.dimensions], axis=-1))
-        white = np.stack(
-            [self._white([c[..., k] for c in by_rig]) for k in range(len(self.dimensions))], axis=1
-        )
-        self.follow = Follow(by_rig, *np.linalg.svd(white, full_matrices=False))
+        self.follow = self.following(by_rig)
+
+    def following(self, change: list[np.ndarray]) -> Follow:
+        """How the white rows answer to dimensions that change the channels."""
+        white = [self.white([c[..., k] for c in change]) for k in range(len(self.dimensions))]
+        return Follow(change, *np.linalg.svd(np.stack(white, axis=1), full_matrices=False))
 
     def expected_rms(self) -> float:
         """What the residual of T_tip should be if nothing but noise is left in it [N]."""
@@ -291,10 +294,11 @@ class Bench:
 
     def rows(self, seen: Sequence[Seen]) -> np.ndarray:
         """White residuals of all recordings in one, the uncertain dimensions free to follow, (n,)."""
-        rows = self._white(self.residuals(seen))
+        rows = self.white(self.residuals(seen))
         return rows if self.follow is None else self.follow.freed(rows)
 
-    def _white(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
+    def white(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
+        """Rows of residuals, (C, K) each, with nothing free to follow."""
         found = []
         for weigh, noise, residual in zip(self.weighs, self.noise, residuals, strict=True):
             channels, base = weigh.split(residual)
@@ -334,7 +338,7 @@ class Bench:
         *,
         jacobian: np.ndarray | None = None,
         known: Mapping[int, np.ndarray] | None = None,
-        counts: np.ndarray | None = None,
+        firm: float = 1.0,
         most: int = MOST_ITERATIONS,
         exact: bool = True,
     ) -> Fitted | None:
@@ -346,7 +350,7 @@ class Bench:
             start: coordinates, base numbers first.
             jacobian: at the start, if known.
             known: some of its columns, roughly.
-            counts: rows that count, (n,) bool; all unless given.
+            firm: weight of the priors against the rows.
             most: iterations.
             exact: whether the Jacobian is taken anew at the end.
         """
@@ -357,18 +361,17 @@ class Bench:
         here = self.at(model, x)
         if here is None:
             return None
-        keep = np.ones(len(here.rows), bool) if counts is None else counts
 
         def cost(point: Point, x: np.ndarray) -> float:
-            return float(np.sum(point.rows[keep] ** 2) + np.sum(x**2) + FAILED * point.failed)
+            return float(np.sum(point.rows**2) + firm * np.sum(x**2) + FAILED * point.failed)
 
         best, damping, fresh = cost(here, x), 1e-3, False
         for _ in range(most):
             if jacobian is None:
                 jacobian, fresh = self.slopes(model, x, here.rows, known), known is None
                 known = None
-            J, r = jacobian[keep], here.rows[keep]
-            gradient, hessian = J.T @ r + x, J.T @ J + np.eye(len(x))
+            gradient = jacobian.T @ here.rows + firm * x
+            hessian = jacobian.T @ jacobian + firm * np.eye(len(x))
             free = ~(((x <= low) & (gradient > 0)) | ((x >= high) & (gradient < 0)))
             if not free.any():
                 break
@@ -419,7 +422,7 @@ class Bench:
             here.values,
             here.rows,
             jacobian,
-            float(np.sum(here.rows[keep] ** 2)),
+            float(np.sum(here.rows**2)),
             float(np.sum(x**2)),
             seen,
             here.failed,
@@ -436,6 +439,14 @@ class Bench:
             found.append(rows[start : start + C * K].reshape(C, K, *rows.shape[1:]))
             start += (C + 1) * K
         return found
+
+    def without(self, held: Sequence[np.ndarray]) -> Bench:
+        """The same with samples of each recording, (K,) bool each, left out of everything."""
+        other = copy.copy(self)
+        other.weighs = [weigh.only(~out) for weigh, out in zip(self.weighs, held, strict=True)]
+        if self.follow is not None:
+            other.follow = other.following(self.follow.change)
+        return other
 
     def mean_square(self, fitted: Fitted) -> float:
         """Of the white residuals of the channels, per degree of freedom."""

@@ -12,7 +12,7 @@ from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot, simu
 from gtr_jax.parameters import parameters_of
 
 from ..coordinates import CHANNELS
-from ..fit import part_of
+from ..fit import channels_of, part_of
 from ..free import distinct
 from ..task import Part
 from .bench import Bench, Dimension, Fitted, model_of
@@ -33,7 +33,9 @@ from .search import (
     Screened,
     base_fit,
     combine,
+    firm_fit,
     in_parallel,
+    merged,
     refit_best,
     screen,
 )
@@ -79,7 +81,7 @@ def diagnose(
     robot: RobotConfig | Robot,
     recording: Recording | Sequence[Recording],
     *,
-    channels: Sequence[str] | None = None,
+    channels: Sequence[str] | str | None = None,
     noise_N: float | None = None,
     noise_base_N: float | None = None,
     experiment: bool | None = None,
@@ -103,8 +105,8 @@ def diagnose(
         noise_N, noise_base_N: standard deviations of the recorded tensions [N]; estimated unless given.
         experiment: whether to propose the experiment that separates the rivals; only where there are some,
             unless given.
-        steps: file that keeps what is done, so that the same call goes on from there if it is interrupted;
-            it is taken away at the end.
+        steps: file that keeps what is done, so that the same call goes on from there if it is interrupted, or
+            fails while the answer is written; delete it once that is safe.
         progress: called with a line of text at each stage.
 
     Returns:
@@ -115,18 +117,12 @@ def diagnose(
     """
     say = progress or (lambda _: None)
     memory = None if steps is None else Memory(steps)
-    if memory is not None and len(memory):
-        say(f"going on from {len(memory)} simulations done before")
     try:
         ready = prepare(robot, recording, channels, noise_N, noise_base_N, say, memory)
-        found = ready if isinstance(ready, Diagnosis) else _search(ready, experiment, say)
-    except BaseException:
+        return ready if isinstance(ready, Diagnosis) else _search(ready, experiment, say)
+    finally:
         if memory is not None:
             memory.close()
-        raise
-    if memory is not None:
-        memory.forget()
-    return found
 
 
 def _search(ready: Prepared, experiment: bool | None, say: Callable[[str], None]) -> Diagnosis:
@@ -135,6 +131,9 @@ def _search(ready: Prepared, experiment: bool | None, say: Callable[[str], None]
     models.add([base])
     say(f"trying {len(hypotheses)} hypotheses")
     screened = screen(bench, base, hypotheses)
+    firm = firm_fit(bench, base)
+    if firm is not None:
+        screened = merged(screened, screen(bench, firm, hypotheses, reference=base.cost))
     short = [s for s in screened if s.gain > WORTH][:SHORTLIST]
     if short:
         say(f"refitting the {len(short)} most promising")
@@ -158,7 +157,7 @@ def _search(ready: Prepared, experiment: bool | None, say: Callable[[str], None]
 def prepare(
     robot: RobotConfig | Robot,
     recording: Recording | Sequence[Recording],
-    channels: Sequence[str] | None = None,
+    channels: Sequence[str] | str | None = None,
     noise_N: float | None = None,
     noise_base_N: float | None = None,
     say: Callable[[str], None] = lambda _: None,
@@ -172,6 +171,7 @@ def prepare(
     recordings = [recording] if isinstance(recording, Recording) else list(recording)
     if not recordings:
         raise InputError("diagnose: no recording is given")
+    channels = channels_of(channels, recordings)
     config = robot if isinstance(robot, RobotConfig) else None
     fine = build_robot(robot) if isinstance(robot, RobotConfig) else robot
     if fine.tendon_names:
@@ -312,6 +312,10 @@ def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models | None:
     if seen is None:
         return None
     bench.weigh(top.values, seen)
+    if bench.dimensions:  # what they do must not pass for noise
+        first = bench.refit(whole.hypotheses(top.names), whole.coordinates(top.names, top), most=4)
+        if first is not None:
+            bench.weigh(first.values, first.seen)
 
     def refit(item):
         names, f = item
@@ -319,6 +323,25 @@ def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models | None:
 
     whole.add([f for f in in_parallel(refit, list(wanted.items())) if f is not None])
     return whole if () in whole.fits else None
+
+
+def _check_dimensions(bench: Bench, chosen: Fitted, warnings: list[str]) -> None:
+    """Warn where a simulation with the dimensions moved is not what their derivatives say."""
+    if not chosen.dimensions:
+        return
+    moved = bench.simulate(dict(chosen.values) | dict(chosen.dimensions), chosen.names)
+    off = np.inf
+    if moved is not None:
+        off = max(
+            float(np.max(np.abs((m.values - s.values)[0]))) for m, s in zip(moved, chosen.seen, strict=True)
+        )
+    noise = min(n[0].sd for n in bench.noise)
+    if off > noise:
+        warnings.append(
+            f"The uncertain dimensions were moved by their derivatives; simulated anew, T_tip differs by up "
+            f"to {off:.2g} N (noise {noise:.2g} N). Fit them: gtr fit --free mu,E,"
+            f"{','.join(d.name for d in bench.dimensions)}."
+        )
 
 
 def _answer(
@@ -332,6 +355,7 @@ def _answer(
 ) -> Diagnosis:
     bench, base, chosen = models.bench, models.base, decision.chosen
     compared = [base] if not chosen.names else [base, chosen]
+    _check_dimensions(bench, chosen, ready.warnings)
     scores = held_out(bench, [(models.hypotheses(f.names), f) for f in compared])
     wanted = decision.verdict == "ambiguous" if experiment is None else experiment
     proposal: Experiment | None = None

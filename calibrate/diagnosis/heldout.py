@@ -33,14 +33,6 @@ def folds(bench: Bench) -> list[tuple[str, list[np.ndarray]]]:
     return [(f"stretch {f + 1} of {FOLDS}", [s == f for s in shares]) for f in range(FOLDS)]
 
 
-def _counted(bench: Bench, held: Sequence[np.ndarray]) -> np.ndarray:
-    """Rows of the samples that are not held out."""
-    found = []
-    for rig, out in zip(bench.rigs, held, strict=True):
-        found.append(np.tile(~out, len(rig.part.channels) + 1))
-    return np.concatenate(found)
-
-
 def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]) -> list[dict[str, float]]:
     """Score of each model on what it was not fitted to.
 
@@ -58,12 +50,14 @@ def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]
     def one(job):
         m, f = job
         hypotheses, fitted = models[m]
-        keep = _counted(bench, parts[f][1])
-        again = bench.refit(hypotheses, fitted.x, jacobian=fitted.jacobian, counts=keep, most=6, exact=False)
-        again = fitted if again is None else again
+        again = bench.without(parts[f][1]).refit(hypotheses, fitted.x, most=4, exact=False)
         squares, n, chi, rows = 0.0, 0, 0.0, 0
-        white = bench.by_channel(again.rows)
-        for z, residual, out in zip(white, bench.residuals(again.seen), parts[f][1], strict=True):
+        if again is None:
+            return squares, n, chi, rows
+        residuals = bench.residuals(again.seen)
+        for z, residual, out in zip(
+            bench.by_channel(bench.white(residuals)), residuals, parts[f][1], strict=True
+        ):
             squares, n = squares + float(np.sum(residual[0][out] ** 2)), n + int(out.sum())
             chi, rows = chi + float(np.sum(z[:, out] ** 2)), rows + z[:, out].size
         return squares, n, chi, rows

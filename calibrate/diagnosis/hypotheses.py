@@ -103,6 +103,8 @@ VARIANTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
 }
 # Of no effect on anything that varies, or read off the samples themselves.
 NEVER = {"quantisation"}
+# Shortest presliding length [m], and compliance of a tendon in a rigid sheath whose file states none [1/N].
+SHORTEST, COMPLIANCE = 1.5e-5, 5e-5
 # Sizes to try, in standard deviations of the prior.
 SIZES = (0.3, 1.0)
 
@@ -191,8 +193,11 @@ def _started(
             {stiffness.name: k, distance.name: d * reach} for d in (0.3, 0.6, 0.85) for k in (100.0, 600.0)
         ]
         return Hypothesis(name, term.id, (stiffness, distance), tuple(starts), fixed)
-    if term.id == "presliding" and robot.backbone.rigid:
-        fixed = {"tendon-stretch.compliance": 5e-5}
+    if term.id == "presliding":
+        # Shorter than what slips in a sample it is Coulomb friction, and hard to solve.
+        free = (dataclasses.replace(free[0], lower=SHORTEST), *free[1:])
+        stretches = float(robot.terms["tendon-stretch"]["compliance"]) > 0
+        fixed = {"tendon-stretch.compliance": COMPLIANCE} if robot.backbone.rigid and not stretches else {}
     if term.id in ("tip-load", "gravity-error"):
         x, y = free
         directions = [(0, 1), (0, -1), (1, 0), (-1, 0)]

@@ -109,6 +109,7 @@ class Diagnosis:
         named: terms that are missing: kinds, as robot files write them.
         confusion_set: sets of terms that the recordings do not tell apart, the most probable first.
         probability: of each model; "" for the base model.
+        named_probability: of all models that hold what is named.
         where: where the base model and the recordings differ, most of the misfit first.
         rest: the same of the model that is shown.
         parameters: numbers before and after.
@@ -132,6 +133,7 @@ class Diagnosis:
     named: list[str]
     confusion_set: list[list[str]]
     probability: dict[str, float]
+    named_probability: float
     where: list[Where]
     rest: list[Where]
     parameters: list[Change]
@@ -162,8 +164,8 @@ class Diagnosis:
         nothing = (float("nan"), float("nan"))
         return Diagnosis(
             verdict,
-            "These recordings cannot be diagnosed: " + "; ".join(faults) + ".",
-            *([], [], {}, [], [], []),
+            "These recordings cannot be diagnosed: " + "; ".join(faults).rstrip(".?") + ".",
+            *([], [], {}, 0.0, [], [], []),
             nothing,
             [],
             float("nan"),
@@ -204,14 +206,22 @@ class Diagnosis:
         found = decision.verdict in (MISSING, AMBIGUOUS)
         named = kinds(chosen.names) if found else []
         confusion = list(map(list, dict.fromkeys(tuple(kinds(names)) for names in decision.confusion)))
-        parameters = _changes(models.bench, base, chosen if found else base, models.scale)
+        verdict = decision.verdict
+        if verdict == AMBIGUOUS and len(confusion) == 1:
+            # One term, of which only the place is not told.
+            verdict, named = MISSING, confusion[0]
+            warnings.append(
+                "Where is not told: " + " or ".join(" + ".join(n) for n in decision.confusion) + "."
+            )
+        parameters = _changes(models.bench, base, chosen, models.scale)
         noise = models.bench.expected_rms()
         diagnosis = Diagnosis(
-            decision.verdict,
+            verdict,
             "",
-            named if decision.verdict == MISSING else [],
-            confusion if decision.verdict == AMBIGUOUS else ([named] if named else []),
+            named if verdict == MISSING else [],
+            confusion if verdict == AMBIGUOUS else ([named] if named else []),
             {" + ".join(names): p for names, p in decision.probability.items()},
+            sum(p for names, p in decision.probability.items() if named and set(named) <= set(kinds(names))),
             where,
             rest,
             parameters,
@@ -225,7 +235,7 @@ class Diagnosis:
             {s.hypothesis.numbers[0].name: float(s.smallest) for s in screened if np.isfinite(s.smallest)},
             experiment,
             loops,
-            _diagnosed(config, chosen if found else base, fine, warnings),
+            None if verdict == UNEXPLAINED else _diagnosed(config, chosen, fine, warnings),
             chosen.failed == 0,
             warnings,
             {
@@ -276,6 +286,7 @@ class Diagnosis:
             "named": self.named,
             "confusion_set": self.confusion_set,
             "probability": self.probability,
+            "named_probability": self.named_probability,
             "where": [dataclasses.asdict(w) for w in self.where],
             "where_after": [dataclasses.asdict(w) for w in self.rest],
             "parameters": parameters,
@@ -299,6 +310,9 @@ def _changes(bench: Bench, base: Fitted, chosen: Fitted, scale: float) -> list[C
         found.append(
             Change(n.name, n.unit, before.get(n.name), value, float(abs(value if n.log else 1.0) * n.sd * sd))
         )
+    free = {n.name for n in chosen.numbers}
+    assumed = {k: v for k, v in chosen.values.items() if k not in free}
+    found += [Change(name, "", None, value, None) for name, value in assumed.items()]
     for d, sd in zip(bench.dimensions, bench.follow.sd if bench.follow else (), strict=True):
         was, now = base.dimensions[d.name], chosen.dimensions[d.name]
         found.append(Change(d.name, d.unit, was, now, d.sd * float(sd)))
@@ -313,8 +327,9 @@ def _diagnosed(
         return None
     known = parameters_of(fine)
     try:
-        values = dict(fitted.values) | dict(fitted.dimensions)
-        return config.with_values({known[name].key: value for name, value in values.items()})
+        values = {known[k].key: v for k, v in (dict(fitted.values) | dict(fitted.dimensions)).items()}
+        # What the file knew is in these values: it must not count twice in a fit that starts from them.
+        return config.with_values(values).without_deviations(values)
     except (InputError, KeyError) as fault:
         warnings.append(f"What was found does not make a robot file: {fault}.")
         return None
@@ -352,13 +367,11 @@ def sentence(d: Diagnosis, chosen: Names) -> str:
         sets = " or ".join(" with ".join(s) for s in d.confusion_set)
         return f"Missing is {sets}: these recordings do not tell which.{better}{moved}"
     effects = "; ".join(REGISTRY[kind].says.rstrip(".") for kind in d.named)
-    share = sum(p for name, p in d.probability.items() if set(chosen) <= set(name.split(" + ")))
+    sure = "above 0.99" if d.named_probability > 0.99 else f"{d.named_probability:.2f}"
     sizes = ", ".join(
-        f"{c.name} = {c.after:.3g} ± {c.sd:.1g}{f' {c.unit}' if c.unit != 'dimensionless' else ''}"
+        f"{c.name} = {c.after:.3g} {'(assumed)' if c.sd is None else f'± {c.sd:.1g}'}"
+        f"{f' {c.unit}' if c.unit not in ('', 'dimensionless') else ''}"
         for c in d.parameters
         if c.before is None
     )
-    return (
-        f"Missing: {' and '.join(d.named)} (probability {min(share, 0.999):.3g}). {effects}: {sizes}."
-        f"{better}{moved}"
-    )
+    return f"Missing: {' and '.join(d.named)} (probability {sure}). {effects}: {sizes}.{better}{moved}"

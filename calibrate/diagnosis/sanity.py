@@ -8,7 +8,7 @@ from ..task import Part
 
 FEWEST = 20
 # A tip that reads this many times the base throughout, or a stretch of equal extremes this long, is no data.
-SWAPPED, STUCK = 1.15, 0.25
+SWAPPED, STUCK, LOST = 1.15, 0.6, 1 / 200
 # Shares of the tension that friction may hold back, and the least correlation with what then gets through.
 HELD_BACK, LEAST = (0.0, 0.3, 0.5, 0.7, 0.85), 0.3
 
@@ -40,6 +40,11 @@ def faults(part: Part) -> list[str]:
         found.append(
             f"{where}: the tip reads {ratio:.3g} times the base even while pulling, which friction cannot "
             "do; swap the columns, or check units and gains"
+        )
+    if abs(tip).max() < LOST * abs(T).max():
+        found.append(
+            f"{where}: the tip reads at most {abs(tip).max():.3g} N, the base {abs(T).max():.3g} N; check "
+            "the units of both columns"
         )
     if pulled < 0:
         found.append(f"{where}: the tip tension has the other sign; change it")

@@ -119,12 +119,45 @@ class _Tried:
 
 # Standard errors that count as seen, and how far the numbers fitted may follow at once.
 SEEN, FAR = 4.5, 1.5
+# Sum of squares of the coordinates from which a base model counts as far off its priors.
+FAR_OFF = 9.0
 # Share of the drop that a slope promises which is counted on; how many starts are tried a second time.
 PROMISED, AGAIN = 0.3, 24
 
 
+def firm_fit(bench: Bench, base: Fitted) -> Fitted | None:
+    """The base model fitted with its priors as heavy as the data, where those have drawn it far off: what is
+    missing may be much more like it there. None where it is not far off.
+    """
+    if base.prior < FAR_OFF:
+        return None
+    return bench.refit((), np.clip(base.x, -FAR, FAR), firm=max(bench.mean_square(base), base.prior))
+
+
+def merged(one: Sequence[Screened], other: Sequence[Screened]) -> list[Screened]:
+    """Two screens of the same hypotheses, the better starts first."""
+    by_name, found = {s.hypothesis.name: s for s in other}, []
+    for s in one:
+        o = by_name[s.hypothesis.name]
+        first, second = (s, o) if s.gain >= o.gain else (o, s)
+        found.append(
+            Screened(
+                s.hypothesis,
+                first.gain,
+                [*first.starts[:2], *second.starts[:2], *first.starts[2:]],
+                s.smallest,
+            )
+        )
+    return sorted(found, key=lambda s: -s.gain)
+
+
 def screen(
-    bench: Bench, fitted: Fitted, hypotheses: Sequence[Hypothesis], *, thorough: bool = True
+    bench: Bench,
+    fitted: Fitted,
+    hypotheses: Sequence[Hypothesis],
+    *,
+    thorough: bool = True,
+    reference: float | None = None,
 ) -> list[Screened]:
     """Try hypotheses beside a fit at finite sizes; the most promising again once the numbers fitted have
     followed; best first.
@@ -134,7 +167,9 @@ def screen(
         fitted: the model that they are added to.
         hypotheses: what to add.
         thorough: whether all starts are tried, or few.
+        reference: sum of squares from which the drop counts; that of the fit unless given.
     """
+    standing = fitted.cost if reference is None else reference
     J = np.concatenate([fitted.jacobian, np.eye(len(fitted.x))])
     q, upper = np.linalg.qr(J)
     r0, still = np.concatenate([fitted.rows, fitted.x]), np.zeros(len(fitted.x))
@@ -170,11 +205,11 @@ def screen(
         follow = np.linalg.solve(upper, -(q.T @ (r0 + share * moved)))
         both = np.concatenate([np.clip(fitted.x + np.clip(follow, -FAR, FAR), low, high), own])
         # Far from the fit a slope promises too much, but not nothing.
-        promised = PROMISED * (fitted.cost - float(np.sum((left + share * across) ** 2)))
+        promised = PROMISED * (standing - float(np.sum((left + share * across) ** 2)))
         known = dict(columns)
         if h.numbers[0].size and x[0] != 0:
             known[n] = (rows - fitted.rows) / x[0]
-        tried.gain, tried.power = max(fitted.cost - cost(rows, fitted.x), promised), power
+        tried.gain, tried.power = max(standing - cost(rows, fitted.x), promised), power
         tried.start = Start(both, known)
         return tried
 
@@ -182,7 +217,7 @@ def screen(
         h, both = tried.hypothesis, tried.start.x
         followed = simulated((*fitted.numbers, *h.numbers), both, h.fixed)
         if followed is not None:
-            tried.gain = max(tried.gain, fitted.cost - cost(followed, both[:n]))
+            tried.gain = max(tried.gain, standing - cost(followed, both[:n]))
 
     all_tried = [
         _Tried(h, s, Start(np.concatenate([fitted.x, [m.at(s[m.name]) for m in h.numbers]]), {}))
@@ -197,7 +232,7 @@ def screen(
         least = [
             abs(first.value(first.at(t.named[first.name]) * SEEN / np.sqrt(t.power)) - first.centre)
             for t in mine
-            if t.power > 0 and first.size
+            if t.power > 0 and first.size and t.named[first.name] != first.centre
         ]
         ranked = sorted(mine, key=lambda t: -t.gain)
         starts = [t.start for t in ranked]
@@ -236,7 +271,8 @@ def refit_best(
         if mine:
             best.append((s.hypothesis, min(mine, key=cost)))
     least = min((cost(f) for _, f in best), default=0.0)
-    promising = [cost(f) < least + max(HOPELESS, BEHIND * (least + 1)) for _, f in best]
+    near = least + max(HOPELESS, BEHIND * (least + 1))
+    promising = [cost(f) < near for _, f in best]
     ended = iter(in_parallel(go_on, [b for b, p in zip(best, promising, strict=True) if p]))
     return [(next(ended) or f) if p else f for (_, f), p in zip(best, promising, strict=True)]
 
@@ -322,7 +358,8 @@ class Models:
 def add_to(models: Models, head: Fitted, progress: Callable[[str], None]) -> None:
     """Refit the most promising further effects beside those of a model."""
     progress(f"adding to {' + '.join(head.names)}")
-    others = [h for h in models.of.values() if h.name not in head.names]
+    taken = {n.name for n in head.numbers}
+    others = [h for h in models.of.values() if not taken & {n.name for n in h.numbers}]
     screened = screen(models.bench, head, others, thorough=False)
     wanted = [s for s in screened if s.gain > SECOND_WORTH][:SECOND]
     models.add(refit_best(models.bench, models.hypotheses(head.names), wanted, ONE_EACH, 6))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -67,7 +68,9 @@ def diagnose(
     paths |= {f"recording {i + 1}": path for i, path in enumerate(given.recordings)}
     folder = RunFolder(output, paths)
     enable_cache()
-    with Progress() as progress:
+    if folder.steps.exists():
+        click.echo("going on from where an earlier run of this command stopped", err=True)
+    with _kept(), Progress() as progress:
         answer = solve(
             config,
             recordings,
@@ -81,10 +84,24 @@ def diagnose(
         progress("drawing")
         with folder.write() as part:
             write_answer(part, answer, config, folder.settings())
+    folder.steps.unlink(missing_ok=True)
     for line in summary(answer):
         click.echo(line)
     click.echo(f"report: {output / 'report.html'}")
-    return 0 if answer.converged else 1
+    if experiment and answer.experiment is None:
+        click.echo("next: nothing is left to be told apart")
+    return 0 if answer.converged and answer.verdict != "bad-data" else 1
+
+
+@contextlib.contextmanager
+def _kept() -> Iterator[None]:
+    """Say on an interruption that nothing is lost."""
+    try:
+        yield
+    except BaseException as fault:
+        if type(fault).__name__ in ("KeyboardInterrupt", "Interrupted", "Abort"):
+            click.echo("what is done is kept: the same command goes on from there", err=True)
+        raise
 
 
 def solve(
@@ -134,7 +151,9 @@ def write_answer(folder: Path, answer: Any, config: RobotConfig, settings: dict[
         )
     if answer.experiment is not None:
         e = answer.experiment
-        driven = {"time": e.time, "T_base": e.T_base} | ({} if e.T_tip is None else {"T_tip": e.T_tip})
+        driven = {"time": e.time, "T_base": e.T_base}
+        if e.T_tip is not None:
+            driven = {"time": e.time, "weight_base_N": e.T_base, "weight_tip_N": e.T_tip}
         write_recording(folder / "next-experiment.csv", driven)
     data = answer.to_json()
     write_json(folder / "diagnosis.json", {**data, "settings": {**data["settings"], **settings}})
