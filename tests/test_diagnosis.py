@@ -181,18 +181,20 @@ def test_an_interrupted_diagnosis_goes_on_where_it_stopped(tmp_path, monkeypatch
     assert calibrate.diagnose(config, recording, steps=steps).to_json() == whole.to_json() and not simulated
 
 
-def test_the_file_of_steps_is_left_where_no_answer_was_written(tmp_path, monkeypatch):
+def test_the_file_of_steps_is_left_where_no_answer_was_written(tmp_path, monkeypatch, capsys):
     folder, out = LABELLED / "case-011", tmp_path / "out"
     given = ["diagnose", folder / "robot.toml", folder / "recording.csv", "-o", out]
-    monkeypatch.setattr(
-        "gtr_jax.cli.diagnose.write_answer", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt)
-    )
-    outcome = run_gtr(*given)
-    assert outcome.code == 130 and "goes on from there" in outcome.err
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("gtr_jax.cli.diagnose.write_answer", interrupt)
+    outcome = run_gtr(capsys, *given)
+    assert outcome.status == 130 and "goes on from there" in outcome.err
     assert (tmp_path / ".out.steps").exists() and not out.exists()
     monkeypatch.undo()
-    outcome = run_gtr(*given)
-    assert outcome.code == 0 and "where an earlier run" in outcome.err
+    outcome = run_gtr(capsys, *given)
+    assert outcome.status == 0 and "where an earlier run" in outcome.err
     assert not (tmp_path / ".out.steps").exists() and (out / "report.html").exists()
 
 
