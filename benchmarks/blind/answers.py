@@ -10,7 +10,6 @@ import sys
 import tempfile
 import time
 import traceback
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
@@ -125,9 +124,8 @@ def run(folder: Path, processes: int, *, features_only: bool = False) -> None:
         done = target / f"{case.name}.json"
         if not done.exists() or json.loads(done.read_text(encoding="utf-8"))["tool"] != source:
             jobs.append((case, done, source, features_only))
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(
-        processes, mp_context=context, initializer=_alone, max_tasks_per_child=A_TIME
-    ) as pool:
-        for k, done in enumerate(as_completed([pool.submit(_one, job) for job in jobs]), start=1):
-            print(f"{k} of {len(jobs)}: {done.result()}", file=sys.stderr, flush=True)
+    # Not concurrent.futures: with max_tasks_per_child its pool stands still once the first processes are done
+    # (Python 3.11, github.com/python/cpython/issues/115634).
+    with multiprocessing.get_context("spawn").Pool(processes, _alone, maxtasksperchild=A_TIME) as pool:
+        for k, line in enumerate(pool.imap_unordered(_one, jobs), start=1):
+            print(f"{k} of {len(jobs)}: {line}", file=sys.stderr, flush=True)
