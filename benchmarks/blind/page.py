@@ -19,7 +19,7 @@ from . import score
 from .score import Scored, table
 
 OUTCOMES = (
-    ("named exactly", "#1b7837"),
+    ("right", "#1b7837"),
     ("in the set", "#a6dba0"),
     ("unexplained", "#bdbdbd"),
     ("called adequate", "#fdb863"),
@@ -28,9 +28,12 @@ OUTCOMES = (
 
 
 def outcome(s: Scored) -> str:
-    """Which of `OUTCOMES`."""
-    if s.exact:
-        return "named exactly"
+    """Which of `OUTCOMES`; right is to name what is missing and nothing else, to call a sound recording
+    adequate, and to call what lies outside the catalogue unexplained.
+    """
+    expected = {"sound": "adequate", "outside": "unexplained"}.get(s.kind)
+    if s.verdict == expected or (expected is None and s.exact):
+        return "right"
     if s.covered:
         return "in the set"
     if s.verdict == "unexplained":
@@ -57,7 +60,7 @@ def effects_figure(scored: Sequence[Scored], path: Path) -> None:
         axes.text(1.01, k, str(len(of)), va="center", fontsize=7)
     axes.set(yticks=range(len(rows)), xlim=(0, 1.06), xlabel="share of the cases (their number at the right)")
     axes.set_yticklabels([name for name, _ in rows], fontsize=8)
-    axes.invert_yaxis()
+    axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.legend(ncols=5, loc="lower center", bbox_to_anchor=(0.45, 1.0), frameon=False, fontsize=8)
     axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(path, dpi=130)
@@ -91,7 +94,7 @@ def information_figure(scored: Sequence[Scored], path: Path) -> None:
     axes.set(xticks=at, ylim=(-0.03, 1.03), ylabel="share of single effects")
     axes.set_xticklabels(labels)
     axes.set_xlabel("information left after refitting: root of the sum of squares, in noise variances")
-    axes.legend(frameon=False, fontsize=8)
+    axes.legend(frameon=False, fontsize=8, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(path, dpi=130)
     plt.close(figure)
@@ -157,5 +160,11 @@ def write(scored: Sequence[Scored], labels: Sequence[str] | None, page: Path, se
         seconds_most=f"{np.max(seconds):.0f}",
         crashed=crashed,
         drawn=drawn,
+        unanswered=(
+            ""
+            if drawn == len(scored)
+            else f" The other {drawn - len(scored)} had no answer yet when this page was written; cases are "
+            "answered in the order of their random names, so that those are missing at random."
+        ),
     )
     page.write_text(text, encoding="utf-8")
