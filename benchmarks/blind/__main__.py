@@ -10,6 +10,7 @@ from pathlib import Path
 
 # The scored set, and the one that the classifier of the baselines is trained on.
 SEED, CASES, TRAINING, TRAINED = 26_11_21, 330, 2, 160
+STEPS = ("draw", "answer", "train", "score")
 
 
 def main() -> None:
@@ -25,8 +26,8 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=CASES, help=f"how many  [default: {CASES}]")
     parser.add_argument("--jobs", type=int, default=2, help="processes  [default: 2]")
     given = parser.parse_args()
-    steps = given.steps or ["draw", "answer", "train", "score"]
-    unknown = sorted(set(steps) - {"draw", "answer", "train", "score"})
+    steps = given.steps or STEPS
+    unknown = sorted(set(steps) - set(STEPS))
     if unknown:
         parser.error(f"no step {unknown[0]!r}; there are draw, answer, train and score")
     from . import answers, exam

@@ -229,14 +229,17 @@ def _cell(name: str, change: Callable[[np.ndarray, dict[str, np.ndarray]], np.nd
     return lambda shown: shown | {name: change(shown[name], shown)}
 
 
-def base_gain(scene, rng):
+def _gains(scene, rng, name):
     gain = scene.draw("gain", float(np.exp(_sign(rng) * _log(rng, 0.01, 0.12))))
-    scene.cells.append(_cell("T_base", lambda T, _: gain * T))
+    scene.cells.append(_cell(name, lambda T, _: gain * T))
+
+
+def base_gain(scene, rng):
+    _gains(scene, rng, "T_base")
 
 
 def tip_gain(scene, rng):
-    gain = scene.draw("gain", float(np.exp(_sign(rng) * _log(rng, 0.01, 0.12))))
-    scene.cells.append(_cell("T_tip", lambda T, _: gain * T))
+    _gains(scene, rng, "T_tip")
 
 
 def base_offset(scene, rng):
@@ -288,14 +291,17 @@ def _filtered(T, time, seconds):
     return np.asarray(two)
 
 
-def tip_filter(scene, rng):
+def _filters(scene, rng, name):
     seconds = scene.draw("time_s", _log(rng, 0.4, 5) * float(np.median(np.diff(scene.time))))
-    scene.cells.append(_cell("T_tip", lambda T, _: _filtered(T, scene.time, seconds)))
+    scene.cells.append(_cell(name, lambda T, _: _filtered(T, scene.time, seconds)))
+
+
+def tip_filter(scene, rng):
+    _filters(scene, rng, "T_tip")
 
 
 def base_filter(scene, rng):
-    seconds = scene.draw("time_s", _log(rng, 0.4, 5) * float(np.median(np.diff(scene.time))))
-    scene.cells.append(_cell("T_base", lambda T, _: _filtered(T, scene.time, seconds)))
+    _filters(scene, rng, "T_base")
 
 
 def skew(scene, rng):
