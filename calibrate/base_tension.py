@@ -50,6 +50,9 @@ PASSES, SETTLED = 4, 0.05
 # A lone spike is so many standard deviations off all that its neighbours say, and so many times as far as
 # they differ among each other.
 SPIKE, SPIKE_APART = 10.0, 3.0
+# Least that samples must say of a number of the base tension, as a share of one sample; and how many times as
+# many knots a better estimate may ask for.
+LEAST_SAID, MORE_KNOTS = 0.03, 2
 MOST_PRUNED = 3000  # knots beyond which none is taken out again
 
 
@@ -109,6 +112,45 @@ class BaseTension:
         for knot, weight in zip(near.T, weights.T, strict=True):
             np.add.at(out, knot, weight.reshape(-1, *[1] * (values.ndim - 1)) * values)
         return out
+
+    def only(self, samples: np.ndarray) -> BaseTension:
+        """The same at some samples, increasing, (S,), which count for all of them; taken as exact where these
+        do not say enough of every number.
+        """
+        K, S = len(self.T_base), len(samples)
+        if self.sd == 0 or S == K:
+            return exact(self.T_base[samples]) if self.sd == 0 else self
+        near, weights = self.near[samples], self.weights[samples]
+        kept = np.searchsorted(samples, self.knots)
+        found = dataclasses.replace(
+            self,
+            t=self.t[samples],
+            T_base=self.T_base[samples],
+            knots=np.minimum(kept, S - 1),
+            near=near,
+            weights=weights,
+            sd=self.sd * float(np.sqrt(S / K)),
+        )
+        said = found.information(np.ones(S))
+        try:
+            factor = cholesky_banded(said)
+        except np.linalg.LinAlgError:
+            return exact(self.T_base[samples])
+        return found if np.min(factor[-1]) > LEAST_SAID else exact(self.T_base[samples])
+
+    def sharpened(self, recorded: np.ndarray, better: np.ndarray, sd: float) -> BaseTension:
+        """The same with knots where a better estimate bends; the values are still the recording's.
+
+        Args:
+            recorded: base tension as recorded [N], (K,).
+            better: an estimate of the true one that knows more, of the tip's answer to it, (K,).
+            sd: its standard deviation [N].
+        """
+        found = straighten(better, sd, self.t)
+        if found.size > MORE_KNOTS * (self.size + 2):
+            return self
+        fit = _runs(self.t, recorded, found.knots, found.corner, self.sd)
+        return _with_correlation(fit, recorded) if fit.degrees >= FEWEST_DEGREES else self
 
     def nodes(self, spacing: float) -> np.ndarray:
         """Samples that carry the history: all knots and turning points, and between them as many as keep the

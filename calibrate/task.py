@@ -113,8 +113,8 @@ class Part:
         return self.T_base.nodes(max(travel / LONG, FINEST * float(np.ptp(self.T_base.T_base)), 1e-9))
 
     def only(self, samples: np.ndarray) -> Part:
-        """Some of the samples, with the base tension taken as estimated."""
-        base = exact(self.T_base.T_base[samples])
+        """Some of the samples."""
+        base = self.T_base.only(samples)
         time, trial = (None if v is None else v[samples] for v in (self.time, self.trial))
         return dataclasses.replace(
             self, T_base=base, recorded=self.recorded[:, samples], time=time, trial=trial

@@ -9,7 +9,7 @@ import argparse
 from pathlib import Path
 
 # The scored set, and the one that the classifier of the baselines is trained on.
-SEED, CASES, TRAINING, TRAINED = 26_11_21, 330, 2, 160
+SEED, CASES, TRAINING, TRAINED = 26_11_21_02, 330, 2, 160
 STEPS = ("draw", "answer", "train", "score")
 
 
@@ -41,12 +41,9 @@ def main() -> None:
         exam.make(training, TRAINING, TRAINED, given.jobs)
         answers.run(training, given.jobs, features_only=True)
     if "score" in steps:
-        from gtr_jax.cli.cache import enable_cache
-
         from . import page, score
 
-        enable_cache()
-        scored = score.read(cases)
+        scored = score.read(cases, given.jobs)
         if not scored:
             parser.error(f"{cases}: no answers to score; run the step 'answer' first")
         trained = answers.features(training)

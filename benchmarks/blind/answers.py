@@ -78,7 +78,7 @@ def answer(folder: Path) -> dict[str, Any]:
     }
 
 
-def _alone() -> None:
+def alone() -> None:
     """One thread for each process."""
     enable_cache()
     search.THREADS = 1
@@ -126,6 +126,6 @@ def run(folder: Path, processes: int, *, features_only: bool = False) -> None:
             jobs.append((case, done, source, features_only))
     # Not concurrent.futures: with max_tasks_per_child its pool stands still once the first processes are done
     # (Python 3.11, github.com/python/cpython/issues/115634).
-    with multiprocessing.get_context("spawn").Pool(processes, _alone, maxtasksperchild=A_TIME) as pool:
+    with multiprocessing.get_context("spawn").Pool(processes, alone, maxtasksperchild=A_TIME) as pool:
         for k, line in enumerate(pool.imap_unordered(_one, jobs), start=1):
             print(f"{k} of {len(jobs)}: {line}", file=sys.stderr, flush=True)

@@ -1,48 +1,58 @@
-"""What any diagnosis could find in a case: the misfit that refitting the base model leaves, noise aside."""
+"""What any diagnosis could find in a case: the misfit that refitting the base model leaves, noise aside, and
+by how much the nearest rival of the effect that is hidden stays behind it.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import gtr_jax as gtr
-from calibrate.base_tension import exact
-from calibrate.diagnosis.bench import Bench, Noise
-from calibrate.diagnosis.diagnose import deviations_of, dimensions_of
+from calibrate.diagnosis.bench import Bench, Fitted, Noise
+from calibrate.diagnosis.diagnose import deviations_of, dimensions_of, hypotheses_of
 from calibrate.diagnosis.hypotheses import base_numbers
 from calibrate.diagnosis.rig import Rig
-from calibrate.task import Part
-from calibrate.weighing import Weighing
+from calibrate.diagnosis.search import STARTS_EACH, refit_best, screen
+from calibrate.fit import part_of
+
+# Rivals refitted to find the nearest.
+NEAREST = 6
 
 
 def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
-    """Of a case's noise-free readings and its key:
+    """Of a case's noise-free readings, its key, and the noise that its readings have:
 
     Returns:
         "information", the root of the sum of squares, in variances of the noise, that the base model leaves
         once mu, E and the uncertain dimensions are refitted; the rms of T_tip with the true mu and E,
-        "raw_rms_N", and refitted, "refit_rms_N"; "concealment", the share that refitting hides.
+        "raw_rms_N", and refitted, "refit_rms_N"; "concealment", the share that refitting hides; and of a
+        single effect "apart", the root of the sum of squares that the best term of another kind leaves more
+        than its own (0 where it leaves less).
     """
     config = gtr.load_config(folder / "robot.toml")
     recording = gtr.read_recording(folder / "recording.csv")
     robot = gtr.build_robot(config)
     channels = tuple(key["clean"])
-    base = exact(np.asarray(key["T_base"]))
-    clean = np.stack([np.asarray(key["clean"][name]) for name in channels])
-    part = Part("clean", "clean", robot, config, base, channels, clean, recording.time, recording.trial, None)
+    part = part_of("clean", robot, config, recording, channels, None, None, False, [])
+    clean = np.stack([np.asarray(key["clean"][name]) for name in part.channels])
+    noise = [_noise(row) for row in part.recorded - clean]
+    # The base tension as it was, its knots and noise as they are estimated.
+    base = dataclasses.replace(part.T_base, T_base=np.asarray(key["T_base"]))
+    part = dataclasses.replace(part, recorded=clean, T_base=base)
     dimensions = dimensions_of(config, robot)
     rig = Rig(part, robot, [d.name for d in dimensions])
     bench = Bench([rig], base_numbers(robot, deviations_of(config)), dimensions)
-    sd = np.asarray([key["sd"][name] for name in channels])
-    bench.noise, bench.weighs = [[Noise(float(s), 0.0) for s in sd]], [Weighing.plain(base, channels, sd)]
-    x = np.asarray([n.at(key[n.name]) for n in bench.base])
-    bench.answer_of_dimensions({n.name: key[n.name] for n in bench.base})
-    found = bench.refit((), x, most=30)
-    true = rig({n.name: key[n.name] for n in bench.base})
-    if found is None or true is None:
+    values = {n.name: key[n.name] for n in bench.base}
+    true = rig(values)
+    if true is None:
         raise RuntimeError(f"{folder}: the base model cannot be simulated with the true mu and E")
+    bench.weigh(values, [true], [noise])
+    found = bench.refit((), np.asarray([n.at(values[n.name]) for n in bench.base]), most=30)
+    if found is None:
+        raise RuntimeError(f"{folder}: the base model cannot be refitted")
     off = [s.values[rig.part.where][0] - clean[0] for s in (true, found.seen[0])]
     raw, refit = (float(np.sqrt(np.mean(o**2))) for o in off)
     return {
@@ -50,5 +60,25 @@ def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
         "raw_rms_N": raw,
         "refit_rms_N": refit,
         "concealment": float(np.clip(1 - refit / max(raw, 1e-12), 0, 1)),
-        "noise_N": float(np.hypot(sd[0], key["sd_base"])),
+        "noise_N": float(np.hypot(noise[0].sd, key["sd_base"])),
+        "apart": _apart(bench, found, key["terms"][0]) if key["kind"] == "single" else float("nan"),
     }
+
+
+def _noise(row: np.ndarray) -> Noise:
+    """Noise as it is, not as it looks."""
+    sd = float(np.std(row))
+    return Noise(sd, float(np.clip(np.mean(row[1:] * row[:-1]) / max(sd**2, 1e-300), 0.0, 0.8)))
+
+
+def _apart(bench: Bench, base: Fitted, truth: str) -> float:
+    """Root of the sum of squares by which the nearest rival stays behind the term that is hidden."""
+    hypotheses = hypotheses_of(bench.rigs[0].part.robot, base, [bench.rigs[0].part])
+    screened = screen(bench, base, hypotheses)
+    own = [s for s in screened if s.hypothesis.kind == truth]
+    rivals = [s for s in screened if s.hypothesis.kind != truth][:NEAREST]
+    least = [
+        min(f.cost for f in refit_best(bench, (), some, STARTS_EACH)) if some else base.cost
+        for some in (own, rivals)
+    ]
+    return float(np.sqrt(max(min(least[1], base.cost) - least[0], 0.0)))

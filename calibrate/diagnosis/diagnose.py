@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,9 +15,9 @@ from gtr_jax.parameters import parameters_of
 from ..coordinates import CHANNELS
 from ..fit import channels_of, part_of
 from ..free import distinct
-from ..task import Part
-from .bench import Bench, Dimension, Fitted, model_of
-from .decide import Decision, decide
+from ..task import Part, recorded
+from .bench import Bench, Dimension, Fitted, model_of, passing
+from .decide import Decision, decide, with_unseen
 from .experiment import Experiment, propose
 from .heldout import held_out
 from .hypotheses import Hypothesis, base_numbers, catalogue
@@ -149,7 +150,7 @@ def _search(ready: Prepared, experiment: bool | None, say: Callable[[str], None]
         return Diagnosis.without_answer(
             BAD_DATA, ["the simulation fails"], ready.parts, ready.warnings, ready.config
         )
-    decision = decide(whole)
+    decision = with_unseen(decide(whole), whole, screened)
     say("refitting to part of the samples")
     return _answer(ready, decision, whole, screened, experiment=experiment, say=say)
 
@@ -191,31 +192,37 @@ def prepare(
     coarse = build_robot(config, resolution=resolution_of(fine)) if config else fine
     finest = build_robot(config, resolution=FINEST) if config else fine
     deviations = deviations_of(config)
-    full = [part if part.samples <= MANY else part.only(some_samples(part, MANY)) for part in parts]
-    kept = [some_samples(part, FEW) for part in full]
-    small = [p if len(k) == p.samples else p.only(k) for p, k in zip(full, kept, strict=True)]
     dimensions = dimensions_of(config, fine)
     free = [d.name for d in dimensions]
-    bench = Bench([Rig(p, coarse, free, memory) for p in small], base_numbers(fine, deviations), dimensions)
-    say("fitting mu and E" if len(bench.base) > 1 else "fitting mu")
-    base = base_fit(bench)
-    if base is None:
+
+    def fitted(parts: list[Part], start: np.ndarray | None) -> _Start | None:
+        """Recordings on the bench, and the base model fitted to them; None if that fails."""
+        full = [part if part.samples <= MANY else part.only(some_samples(part, MANY)) for part in parts]
+        kept = [some_samples(part, FEW) for part in full]
+        small = [p if len(k) == p.samples else p.only(k) for p, k in zip(full, kept, strict=True)]
+        rigs = [Rig(p, coarse, free, memory) for p in small]
+        bench = Bench(rigs, base_numbers(fine, deviations), dimensions)
+        base = base_fit(bench, start)
+        if base is None:
+            return None
+        exact = [Rig(p, finest, free, memory) for p in full]
+        _refine(bench, Models(bench, ()), {(): base}, exact, kept)
+        base = base_fit(bench, base.x)
+        return None if base is None else _Start(full, kept, bench, exact, base)
+
+    say("fitting mu" if fine.backbone.rigid else "fitting mu and E")
+    start = fitted(parts, None)
+    if start is not None:
+        sharper = _sharpened(start, [recorded(r)[0] for r in recordings])
+        if sharper is not None:
+            say("fitting again, the base tension's corners put where the tip tells")
+            start = fitted(sharper, start.base.x) or start
+    if start is None:
         return Diagnosis.without_answer(
             BAD_DATA, ["the simulation fails at every start value tried"], parts, warnings, config
         )
-    models, exact = Models(bench, ()), [Rig(p, finest, free, memory) for p in full]
-    _refine(bench, models, {(): base}, exact, kept)
-    base = base_fit(bench, base.x)
-    if base is None:
-        return Diagnosis.without_answer(BAD_DATA, ["the simulation fails"], parts, warnings, config)
-    tip_y = np.concatenate([seen.values[CHANNELS.index("tip_y")] for seen in base.seen])
-    hypotheses = catalogue(
-        fine,
-        timed=all(p.time is not None for p in parts),
-        largest_tip=max(float(np.max(p.T_tip)) for p in parts),
-        travel=np.asarray([tip_y.min(), tip_y.max()]),
-        bend=_bend(fine, base, full[0]),
-    )
+    full, kept, bench, exact, base = start
+    hypotheses = hypotheses_of(fine, base, full)
     return Prepared(
         config,
         fine,
@@ -229,6 +236,47 @@ def prepare(
         base,
         hypotheses,
     )
+
+
+class _Start(NamedTuple):
+    """Recordings on the bench: all their samples, those on the bench, the bench, all on a fine mesh, and the
+    base model fitted.
+    """
+
+    full: list[Part]
+    kept: list[np.ndarray]
+    bench: Bench
+    exact: list[Rig]
+    base: Fitted
+
+
+def _sharpened(start: _Start, recorded: Sequence[np.ndarray]) -> list[Part] | None:
+    """The recordings with corners of the base tension where all channels together put them: a noisy base
+    cell alone misses small steps and turns that the tip follows. None where the cell tells more.
+
+    Args:
+        start: the base model fitted.
+        recorded: base tension of each recording as recorded [N], (K,).
+    """
+    found, changed = [], False
+    for part, rig, noise, read in zip(start.full, start.exact, start.bench.noise, recorded, strict=True):
+        base, here = part.T_base, rig(start.base.values)
+        found.append(part)
+        if base.sd == 0 or here is None or part.samples != len(read):
+            continue
+        weigh = passing(rig, here, noise, start.base.values)
+        own = (weigh.last == np.arange(part.samples)) * weigh.slope * weigh.weight**2
+        told, residual = np.sum(own * weigh.slope, axis=0), here.values[part.where] - part.recorded
+        cell = base.sd**-2
+        if np.median(told) < cell:
+            continue
+        shift = (cell * (read - base.T_base) - np.sum(own * residual, axis=0)) / (told + cell)
+        informed = told > cell
+        sd = float(np.sqrt(np.mean(1 / (told + cell)[informed])))
+        sharper = base.sharpened(read, base.T_base + np.where(informed, shift, 0.0), sd)
+        changed = changed or sharper is not base
+        found[-1] = dataclasses.replace(part, T_base=sharper)
+    return found if changed else None
 
 
 def deviations_of(config: RobotConfig | None) -> dict[str, float]:
@@ -253,6 +301,18 @@ def dimensions_of(config: RobotConfig | None, robot: Robot) -> list[Dimension]:
         if sd and not (entry.external and not robot.loaded):
             found.append(Dimension(entry.name, entry.unit, float(robot.value(entry.name)), sd))
     return found
+
+
+def hypotheses_of(fine: Robot, base: Fitted, parts: Sequence[Part]) -> list[Hypothesis]:
+    """What may be missing in these recordings, given a fit of the base model."""
+    tip_y = np.concatenate([seen.values[CHANNELS.index("tip_y")] for seen in base.seen])
+    return catalogue(
+        fine,
+        timed=all(p.time is not None for p in parts),
+        largest_tip=max(float(np.max(p.T_tip)) for p in parts),
+        travel=np.asarray([tip_y.min(), tip_y.max()]),
+        bend=_bend(fine, base, parts[0]),
+    )
 
 
 def _bend(fine: Robot, fitted: Fitted, part: Part) -> float:

@@ -42,7 +42,8 @@ def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]
 
     Returns:
         For each model: "rms_N" of the tip tension, and "chi2_per_n" of all channels, over all folds, and the
-        number of folds in which the first was the lowest of all models, "best_in".
+        number of folds in which the first was the lowest of all models, "best_in". A fold whose refit fails
+        does not count; a model whose refits all fail scores NaN.
     """
     parts = folds(bench)
     jobs = [(m, f) for m in range(len(models)) for f in range(len(parts))]
@@ -63,12 +64,13 @@ def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]
         return squares, n, chi, rows
 
     found = np.asarray(in_parallel(one, jobs)).reshape(len(models), len(parts), 4)
-    rms = np.sqrt(found[..., 0] / np.maximum(found[..., 1], 1))
+    counted = found[..., 1]
+    rms = np.sqrt(np.where(counted > 0, found[..., 0], np.inf) / np.maximum(counted, 1))
     best = np.argmin(rms, axis=0)
     return [
         {
-            "rms_N": float(np.sqrt(np.sum(f[:, 0]) / max(np.sum(f[:, 1]), 1))),
-            "chi2_per_n": float(np.sum(f[:, 2]) / max(np.sum(f[:, 3]), 1)),
+            "rms_N": float(np.sqrt(np.sum(f[:, 0]) / np.sum(f[:, 1]))) if np.any(f[:, 1]) else float("nan"),
+            "chi2_per_n": float(np.sum(f[:, 2]) / np.sum(f[:, 3])) if np.any(f[:, 3]) else float("nan"),
             "folds": len(parts),
             "best_in": int(np.sum(best == m)),
         }

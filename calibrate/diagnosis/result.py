@@ -17,7 +17,7 @@ from ..task import Part
 from .bench import Bench, Fitted
 from .decide import ADEQUATE, AMBIGUOUS, MISSING, UNEXPLAINED, Decision
 from .experiment import Experiment
-from .locate import Where
+from .locate import Waves, Where
 from .search import Models, Screened
 
 BAD_DATA = "bad-data"
@@ -65,7 +65,7 @@ class Rival:
 
     Attributes:
         names: of its hypotheses.
-        probability: among the models refitted.
+        probability: of it, beside the other models refitted and an effect too small to see.
         delta: root of the drop of the sum of squares from the base model.
         chi2_per_n: mean square of the white residuals.
         values: SI, by name.
@@ -108,7 +108,7 @@ class Diagnosis:
         says: the same in one or two sentences.
         named: terms that are missing: kinds, as robot files write them.
         confusion_set: sets of terms that the recordings do not tell apart, the most probable first.
-        probability: of each model; "" for the base model.
+        probability: of each model; "" for the base model; and that an effect is there too small to see.
         named_probability: of all models that hold what is named.
         where: where the base model and the recordings differ, most of the misfit first.
         rest: the same of the model that is shown.
@@ -117,6 +117,7 @@ class Diagnosis:
         noise_N: of T_tip, the base cell's carried on to it; what a residual should be.
         left, base_left: structure left by the model shown, and by the base model: size in standard deviations
             of the noise, and significance.
+        waves: how the residual of the base model swings, where that is all that is wrong with it; else None.
         rivals: models refitted, the most probable first.
         strata: friction coefficient from parts of the samples: label, value, standard error.
         smallest_detectable: smallest size of each effect that these recordings would have shown, SI.
@@ -142,6 +143,7 @@ class Diagnosis:
     noise_N: float
     left: tuple[float, float]
     base_left: tuple[float, float]
+    waves: Waves | None
     rivals: list[Rival]
     strata: list[tuple[str, float, float]]
     smallest_detectable: dict[str, float]
@@ -171,7 +173,7 @@ class Diagnosis:
             float("nan"),
             nothing,
             nothing,
-            *([], [], {}, None, []),
+            *(None, [], [], {}, None, []),
             config,
             True,
             warnings,
@@ -213,7 +215,7 @@ class Diagnosis:
             warnings.append(
                 "Where is not told: " + " or ".join(" + ".join(n) for n in decision.confusion) + "."
             )
-        parameters = _changes(models.bench, base, chosen, models.scale)
+        parameters = _changes(models.bench, base, chosen, max(1.0, models.bench.mean_square(chosen)))
         noise = models.bench.expected_rms()
         diagnosis = Diagnosis(
             verdict,
@@ -230,6 +232,7 @@ class Diagnosis:
             noise,
             decision.left,
             decision.base_left,
+            decision.waves,
             rivals,
             strata,
             {s.hypothesis.numbers[0].name: float(s.smallest) for s in screened if np.isfinite(s.smallest)},
@@ -260,6 +263,13 @@ class Diagnosis:
                 "after": {"noise_sd": self.left[0], "z": self.left[1]},
             },
         }
+        if self.waves is not None:
+            fit["swings"] = {
+                "recording": self.waves.recording,
+                "along": self.waves.along,
+                "period_N": self.waves.period_N,
+                "by_chance": self.waves.chance,
+            }
         if held:
             fit["held_out_rms_N"] = {"before": held[0]["rms_N"], "after": held[-1]["rms_N"]}
             fit["held_out_chi2_per_n"] = {"before": held[0]["chi2_per_n"], "after": held[-1]["chi2_per_n"]}
@@ -351,6 +361,8 @@ def sentence(d: Diagnosis, chosen: Names) -> str:
         )
     if d.verdict == UNEXPLAINED:
         at = f" Most of it: {d.where[0].says}." if d.where else ""
+        if d.waves is not None:
+            at += f" {d.waves.says[0].upper()}{d.waves.says[1:]} (by chance: {d.waves.chance:.1g})."
         nearest = ""
         if chosen:
             nearest = (
