@@ -283,3 +283,35 @@ def test_readings_that_jump_about_are_taken_as_exact_and_it_is_said():
     assert fit.noise_base_N == 0.0
     assert any("taken as exact" in text for text in fit.warnings)
     np.testing.assert_array_equal(fit.T_base, T_base)
+
+
+def test_some_samples_say_of_the_base_tension_what_all_do():
+    rng = np.random.default_rng(5)
+    true = np.concatenate([np.linspace(0, 40, 80), np.linspace(40, 5, 70)[1:], np.linspace(5, 30, 60)[1:]])
+    fit = straighten(true + 0.1 * rng.normal(size=len(true)), 0.1)
+    kept = np.unique(np.concatenate([fit.knots, np.arange(0, len(true), 3)]))
+    some = fit.only(kept)
+    assert some.size == fit.size and np.allclose(some.T_base, fit.T_base[kept])
+    assert np.allclose(some.at_samples(np.ones(some.size)), 1.0)
+    # The information about the numbers, all samples counted, stays what it was.
+    whole = fit.information(np.full(len(true), fit.sd**-2))[-1]
+    part = some.information(np.full(len(kept), some.sd**-2))[-1]
+    assert np.all(np.abs(np.log(part / whole)) < 0.7)
+    # Too few samples of some run: what is left is taken as it is.
+    assert fit.only(np.arange(60)).sd == 0.0
+
+
+def test_the_tip_tells_where_a_base_tension_bends():
+    # A step smaller than the base cell's noise is not seen by it; the tip follows it.
+    rng = np.random.default_rng(6)
+    true = np.interp(np.arange(120), [0, 50, 55, 75, 119], [0.0, 40.0, 39.7, 39.7, 5.0])
+    read = true + 0.25 * rng.normal(size=120)
+    fit = straighten(read, 0.25)
+    sharper = fit.sharpened(read, true + 0.02 * rng.normal(size=120), 0.02)
+    assert len(sharper.knots) > len(fit.knots)
+    around = slice(46, 60)
+    off, sharp = (np.sqrt(np.mean((f.T_base - true)[around] ** 2)) for f in (fit, sharper))
+    assert sharp < 0.7 * off
+    # The values are still what the cell says: they do not follow an estimate that is off by a constant.
+    shifted = fit.sharpened(read, true + 3.0 + 0.02 * rng.normal(size=120), 0.02)
+    assert abs(np.mean(shifted.T_base - true)) < 0.15

@@ -3,6 +3,8 @@
 import dataclasses
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,12 +13,13 @@ from command_line import run_gtr
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.diagnosis.bench import noise_of
+from calibrate.diagnosis.bench import Bench, Fitted, noise_of
 from calibrate.diagnosis.experiment import menu, weights
 from calibrate.diagnosis.hypotheses import Number, catalogue, number_of
-from calibrate.diagnosis.locate import cycles_of, ratio_of_branches
+from calibrate.diagnosis.locate import cycles_of, ratio_of_branches, waves
 from calibrate.diagnosis.memory import Memory
 from calibrate.diagnosis.rig import Rig
+from calibrate.diagnosis.search import Models
 from gtr_jax.sensing import cells_show
 from gtr_jax.terms import REGISTRY
 
@@ -37,6 +40,67 @@ def test_noise_is_told_from_a_misfit(rho):
         noise[k] = rho * noise[k - 1] + rng.normal() * np.sqrt(1 - rho**2)
     found = noise_of(0.05 * noise + 2.0 * np.sin(np.arange(n) / 200), 1e-6)
     assert found.sd == pytest.approx(0.05, rel=0.1) and found.rho == pytest.approx(rho, abs=0.06)
+
+
+@pytest.mark.parametrize(("rho", "least"), [(0.0, 0.8), (0.25, 0.6), (0.5, 0.33)])
+def test_slow_noise_of_short_recordings_is_not_underestimated(rho, least):
+    # What sums over neighbours scatter by is what a false alarm is made of: with no correlation taken for
+    # granted it came out at 0.17 of what it is where neighbours go together by 0.5.
+    rng, found = np.random.default_rng(2), []
+    for _ in range(200):
+        noise = rng.normal(size=80)
+        for k in range(1, len(noise)):
+            noise[k] = rho * noise[k - 1] + noise[k] * np.sqrt(1 - rho**2)
+        seen = noise_of(noise, 1e-9)
+        found.append(seen.sd**2 * (1 + seen.rho) / (1 - seen.rho) * (1 - rho) / (1 + rho))
+    assert least < np.median(found) < 1.7
+
+
+def probabilities(squares):
+    """Of models of 500 readings, by what each leaves."""
+    fits: Any = {}
+    for names, chi2 in squares.items():
+        volume = -2.0 * len(names)
+        fits[names] = SimpleNamespace(names=names, cost=chi2, prior=0.0, chi2=chi2, volume=lambda v=volume: v)
+    bench: Any = SimpleNamespace(readings=500, mean_square=lambda f: f.chi2 / 500)
+    hypotheses: Any = [SimpleNamespace(name=f"h{k}") for k in range(35)]
+    models = Models(bench, hypotheses)
+    models.fits = fits
+    return models.probabilities()
+
+
+def test_a_law_may_be_wrong_by_a_share_of_what_it_does():
+    # Were laws exact, a rival that leaves 120 more would be out of the question.
+    p = probabilities({(): 10_000.0, ("h1",): 500.0, ("h2",): 620.0})
+    assert p[("h1",)] > p[("h2",)] > 1e-4 and p[()] < 1e-12
+    # A second effect is not proven by a little of what the first leaves, but by much of it.
+    assert probabilities({(): 10_000.0, ("h1",): 525.0, ("h1", "h2"): 500.0})[("h1",)] > 0.5
+    assert probabilities({(): 10_000.0, ("h1",): 2500.0, ("h1", "h2"): 500.0})[("h1", "h2")] > 0.9
+    # A residual that is large for another reason makes no effect of what takes away little of it.
+    assert probabilities({(): 1500.0, ("h1",): 1485.0})[()] > 0.5
+
+
+def test_a_residual_that_swings_is_no_noise():
+    rng, K = np.random.default_rng(3), 120
+    T = rng.uniform(0, 45, K)
+    ringing = np.convolve(
+        rng.normal(size=K + 20), 0.9 ** np.arange(20) * np.cos(1.2 * np.arange(20)), "valid"
+    )
+
+    def found(z):
+        part = SimpleNamespace(name="r", T_base=SimpleNamespace(T_base=T))
+        bench = SimpleNamespace(rigs=[SimpleNamespace(part=part)], by_channel=lambda rows: [rows[None]])
+        seen = SimpleNamespace(values=0.8 * T[None])
+        return waves(cast(Bench, bench), cast(Fitted, SimpleNamespace(rows=z, seen=[seen])))
+
+    by_tension = found(rng.normal(size=K) + 1.6 * np.sin(2 * np.pi * 0.8 * T / 3.0))
+    assert by_tension is not None and by_tension.along in ("T_tip", "T_base")
+    period = 3.0 if by_tension.along == "T_tip" else 3.0 / 0.8
+    assert by_tension.period_N == pytest.approx(period, rel=0.1)
+    by_sample = found(2.0 * ringing[:K])
+    assert by_sample is not None and by_sample.along == "sample"
+    assert sum(found(rng.normal(size=K)) is not None for _ in range(200)) <= 1
+    assert sum(found(rng.standard_t(3, size=K)) is not None for _ in range(100)) <= 1
 
 
 def test_coordinates_of_a_number():
@@ -124,9 +188,10 @@ def test_the_command_names_an_effect(asymmetry, capsys, monkeypatch):
     # What it found is a robot file for every other command, and the experiment a history.
     robot = gtr.load_robot(out / "diagnosed.toml")
     assert float(robot.value("friction-asymmetry.ratio")) == pytest.approx(ratio["value"])
-    columns = "T_base=weight_base_N[N],T_tip=weight_tip_N[N]"  # of all that is on the menu weights tell most
+    proposed = (out / "next-experiment.csv").read_text().splitlines()[0]
+    columns = "T_base=weight_base_N[N],T_tip=weight_tip_N[N]" if "weight_base_N" in proposed else None
     history = gtr.read_recording(out / "next-experiment.csv", columns)
-    assert len(history.T_base) == 18 and history.T_base.max() <= 1.01 * 45
+    assert len(history.T_base) >= 18 and history.T_base.max() <= 1.01 * 45
     page = (out / "report.html").read_text()
     assert "friction-asymmetry" in page and "http" not in page.split("<body")[1].split("settings")[0][:2000]
     for name in ("loop.png", "residual.png", "rivals.png", "next-experiment.png", "diagnosis.csv"):
