@@ -143,6 +143,10 @@ def _tables(answer: Any) -> list[Table]:
             )
             for r in answer.rivals[: 2 * SHOWN]
         ]
+        refitted = {" + ".join(r.names) for r in answer.rivals}
+        rows += [
+            (what, f"{p:.3g}", "", "", "") for what, p in answer.probability.items() if what not in refitted
+        ]
         heads = ("model", "probability", "better by [standard errors]", "chi² per sample", "not converged")
         tables.append(Table("Rivals", heads, rows))
         kinds = dict.fromkeys(name.partition(".")[0] for r in answer.rivals[:4] for name in r.names)
