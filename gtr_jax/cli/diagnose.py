@@ -98,9 +98,8 @@ def _kept() -> Iterator[None]:
     """Say on an interruption that nothing is lost."""
     try:
         yield
-    except BaseException as fault:
-        if type(fault).__name__ in ("KeyboardInterrupt", "Interrupted", "Abort"):
-            click.echo("what is done is kept: the same command goes on from there", err=True)
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("what is done is kept: the same command goes on from there", err=True)
         raise
 
 
