@@ -52,7 +52,7 @@ PASSES, SETTLED = 4, 0.05
 SPIKE, SPIKE_APART = 10.0, 3.0
 # Least that samples must say of a number of the base tension, as a share of one sample; and how many times as
 # many knots a better estimate may ask for.
-LEAST_SAID, MORE_KNOTS = 0.03, 2
+LEAST_SAID, MORE_KNOTS = 1e-3, 2
 MOST_PRUNED = 3000  # knots beyond which none is taken out again
 
 
@@ -71,6 +71,7 @@ class BaseTension:
         sd: standard deviation of the recorded base tension [N].
         misfit: sum of squares of what the recording is off, in units of `sd`.
         tau: samples per independent one of what it is off.
+        counted: samples that each of these stands for.
     """
 
     t: np.ndarray
@@ -83,11 +84,12 @@ class BaseTension:
     sd: float
     misfit: float
     tau: float = 1.0
+    counted: float = 1.0
 
     @property
     def believed(self) -> float:
         """Standard deviation [N] that one sample counts with, its neighbours being as wrong."""
-        return self.sd * float(np.sqrt(self.tau))
+        return self.sd * float(np.sqrt(self.tau / self.counted))
 
     @property
     def degrees(self) -> int:
@@ -129,14 +131,14 @@ class BaseTension:
             knots=np.minimum(kept, S - 1),
             near=near,
             weights=weights,
-            sd=self.sd * float(np.sqrt(S / K)),
+            counted=self.counted * K / S,
         )
         said = found.information(np.ones(S))
         try:
             factor = cholesky_banded(said)
         except np.linalg.LinAlgError:
             return exact(self.T_base[samples])
-        return found if np.min(factor[-1]) > LEAST_SAID else exact(self.T_base[samples])
+        return found if np.min(factor[-1]) ** 2 > LEAST_SAID else exact(self.T_base[samples])
 
     def sharpened(self, recorded: np.ndarray, better: np.ndarray, sd: float) -> BaseTension:
         """The same with knots where a better estimate bends; the values are still the recording's.

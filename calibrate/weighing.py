@@ -100,7 +100,7 @@ class Weighing:
             found = found + self.base.information(passed, last)
         return cholesky_banded(found)
 
-    def _centred(self, rows: np.ndarray) -> np.ndarray:
+    def centred(self, rows: np.ndarray) -> np.ndarray:
         """Without the constant of the channels whose zero is unknown."""
         if not self.floating.any():
             return rows
@@ -113,7 +113,7 @@ class Weighing:
         """Residuals, or columns of a Jacobian, (C, K, ...), weighed: those of the channels, (C, K, ...), and
         those of the base tension, (K, ...).
         """
-        rows = self._centred(rows)
+        rows = self.centred(rows)
         shift = self.shift(rows)
         moved = rows + _along(self.slope, rows) * shift[self.last]
         return _along(self.weight, rows) * moved, shift / self.sd_base if self.sd_base > 0 else shift

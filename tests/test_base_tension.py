@@ -294,8 +294,8 @@ def test_some_samples_say_of_the_base_tension_what_all_do():
     assert some.size == fit.size and np.allclose(some.T_base, fit.T_base[kept])
     assert np.allclose(some.at_samples(np.ones(some.size)), 1.0)
     # The information about the numbers, all samples counted, stays what it was.
-    whole = fit.information(np.full(len(true), fit.sd**-2))[-1]
-    part = some.information(np.full(len(kept), some.sd**-2))[-1]
+    whole = fit.information(np.full(len(true), fit.believed**-2))[-1]
+    part = some.information(np.full(len(kept), some.believed**-2))[-1]
     assert np.all(np.abs(np.log(part / whole)) < 0.7)
     # Too few samples of some run: what is left is taken as it is.
     assert fit.only(np.arange(60)).sd == 0.0

@@ -88,7 +88,7 @@ def test_a_residual_that_swings_is_no_noise():
     )
 
     def found(z):
-        part = SimpleNamespace(name="r", T_base=SimpleNamespace(T_base=T))
+        part = SimpleNamespace(name="r", T_base=SimpleNamespace(T_base=T), T_tip=0.8 * T)
         bench = SimpleNamespace(rigs=[SimpleNamespace(part=part)], by_channel=lambda rows: [rows[None]])
         seen = SimpleNamespace(values=0.8 * T[None])
         return waves(cast(Bench, bench), cast(Fitted, SimpleNamespace(rows=z, seen=[seen])))

@@ -29,8 +29,9 @@ def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
         "information", the root of the sum of squares, in variances of the noise, that the base model leaves
         once mu, E and the uncertain dimensions are refitted; the rms of T_tip with the true mu and E,
         "raw_rms_N", and refitted, "refit_rms_N"; "concealment", the share that refitting hides; and of a
-        single effect "apart", the root of the sum of squares that the best term of another kind leaves more
-        than its own (0 where it leaves less).
+        single effect "own" and "rival", the roots of the sums of squares that the best fit of its own term
+        and of a term of another kind leave, and "apart", that of their difference, 0 where the rival leaves
+        less.
     """
     config = gtr.load_config(folder / "robot.toml")
     recording = gtr.read_recording(folder / "recording.csv")
@@ -61,7 +62,7 @@ def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
         "refit_rms_N": refit,
         "concealment": float(np.clip(1 - refit / max(raw, 1e-12), 0, 1)),
         "noise_N": float(np.hypot(noise[0].sd, key["sd_base"])),
-        "apart": _apart(bench, found, key["terms"][0]) if key["kind"] == "single" else float("nan"),
+        **(_rivalry(bench, found, key["terms"][0]) if key["kind"] == "single" else {}),
     }
 
 
@@ -71,14 +72,15 @@ def _noise(row: np.ndarray) -> Noise:
     return Noise(sd, float(np.clip(np.mean(row[1:] * row[:-1]) / max(sd**2, 1e-300), 0.0, 0.8)))
 
 
-def _apart(bench: Bench, base: Fitted, truth: str) -> float:
-    """Root of the sum of squares by which the nearest rival stays behind the term that is hidden."""
+def _rivalry(bench: Bench, base: Fitted, truth: str) -> dict[str, float]:
+    """What the term that is hidden leaves, and the best of the others; see `left`."""
     hypotheses = hypotheses_of(bench.rigs[0].part.robot, base, [bench.rigs[0].part])
     screened = screen(bench, base, hypotheses)
     own = [s for s in screened if s.hypothesis.kind == truth]
-    rivals = [s for s in screened if s.hypothesis.kind != truth][:NEAREST]
-    least = [
-        min(f.cost for f in refit_best(bench, (), some, STARTS_EACH)) if some else base.cost
-        for some in (own, rivals)
-    ]
-    return float(np.sqrt(max(min(least[1], base.cost) - least[0], 0.0)))
+    others = [s for s in screened if s.hypothesis.kind != truth][:NEAREST]
+    least = []
+    for some in (own, others):
+        fits = refit_best(bench, (), some, STARTS_EACH) if some else []
+        least.append(min([base.cost, *(f.cost for f in fits)]))
+    apart = max(least[1] - least[0], 0.0)
+    return {k: float(np.sqrt(v)) for k, v in (("own", least[0]), ("rival", least[1]), ("apart", apart))}

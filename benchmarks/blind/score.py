@@ -17,12 +17,12 @@ import numpy as np
 from scipy import stats
 from sklearn.ensemble import RandomForestClassifier
 
-from . import answers, exam, oracle
+from . import answers, oracle
+from .exam import digest
+from .exam import keys as keys_of
 
 # Information from which on an effect counts as one that should be found.
 ENOUGH = 6.0
-# Cases after which what they hold is written down.
-KEEP = 20
 NOTHING, STRANGE = "nothing", "outside the catalogue"
 
 
@@ -108,6 +108,11 @@ class Scored:
         """Whether no term of another kind comes near the readings, noise aside."""
         return self.holds["apart"] > ENOUGH
 
+    @property
+    def beaten(self) -> bool:
+        """Whether a term of another kind fits the readings, noise aside, no worse than its own law."""
+        return self.holds["rival"] <= self.holds["own"]
+
 
 def rate(hits: Sequence[bool]) -> str:
     """A share with its 95 % interval (Clopper and Pearson)."""
@@ -131,10 +136,10 @@ def _held(job: tuple[Path, str, dict[str, Any]]) -> tuple[str, dict[str, float]]
 
 def read(folder: Path, processes: int) -> list[Scored]:
     """All cases that have an answer; what each holds is computed once and kept."""
-    kept, source = folder / "oracle.json", answers.tool()
+    kept, source = folder / "oracle.json", answers.tool() + digest(Path(oracle.__file__))[:8]
     holds = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
     told = {}
-    for name, key in exam.keys(folder).items():
+    for name, key in keys_of(folder).items():
         answer = folder / "answers" / f"{name}.json"
         if answer.exists():
             told[name] = key, json.loads(answer.read_text(encoding="utf-8"))
@@ -143,11 +148,12 @@ def read(folder: Path, processes: int) -> list[Scored]:
     with multiprocessing.get_context("spawn").Pool(
         processes, answers.alone, maxtasksperchild=answers.A_TIME
     ) as pool:
-        for k, (name, held) in enumerate(pool.imap_unordered(_held, jobs), start=1):
-            holds[name] = {"tool": source, **held}
-            print(f"{k} of {len(jobs)}: what {name} holds", file=sys.stderr, flush=True)
-            if k % KEEP == 0 or k == len(jobs):
-                kept.write_text(json.dumps(holds), encoding="utf-8")
+        try:
+            for k, (name, held) in enumerate(pool.imap_unordered(_held, jobs), start=1):
+                holds[name] = {"tool": source, **held}
+                print(f"{k} of {len(jobs)}: what {name} holds", file=sys.stderr, flush=True)
+        finally:
+            kept.write_text(json.dumps(holds), encoding="utf-8")
     return [Scored(name, key, holds[name], answer) for name, (key, answer) in told.items()]
 
 
@@ -247,6 +253,13 @@ def overview(scored: Sequence[Scored]) -> list[list[str]]:
             rate([s.exact for s in told]),
         ],
         ["truth among the three most probable, the same", "", rate([s.top3 for s in told])],
+        [
+            "not separable, single, information > 6",
+            "",
+            rate([not s.separable for s in single if s.information > ENOUGH])
+            + f"; of these {sum(s.beaten for s in single if s.information > ENOUGH)} because a rival fits as "
+            "well as the term's own law or better",
+        ],
         [
             "named exactly, or in the set where it is not separable, single, information > 6",
             "",

@@ -58,8 +58,9 @@ def with_unseen(decision: Decision, models: Models, screened: Sequence[Screened]
     n, share = len(models.of), 0.0
     for s in screened:
         first = s.hypothesis.numbers[0]
-        size = abs(first.at(first.centre + s.smallest)) if first.size and np.isfinite(s.smallest) else np.inf
-        share += float(2 * stats.norm.cdf(size) - 1)
+        # Of what was refitted the probability has its small sizes in it; contact and saturation have no size.
+        if first.size and np.isfinite(s.smallest) and (s.hypothesis.name,) not in models.fits:
+            share += float(2 * stats.norm.cdf(abs(first.at(first.centre + s.smallest))) - 1)
     unseen = decision.probability[()] * HOW_MANY[1] / HOW_MANY[0] * share / n
     scaled = {names: p / (1 + unseen) for names, p in decision.probability.items()}
     return dataclasses.replace(decision, probability=scaled | {(UNSEEN,): unseen / (1 + unseen)})
@@ -78,7 +79,7 @@ def decide(models: Models) -> Decision:
     base_left, left = misfit(models.bench, base), misfit(models.bench, best)
     nothing = probability[()]
     if not best.names or 1 - nothing < CLAIMED:
-        swings = waves(models.bench, base)
+        swings = None if structured(base_left) else waves(models.bench, base)
         verdict = UNEXPLAINED if structured(base_left) or swings else ADEQUATE
         return Decision(verdict, base, [], probability, base_left, base_left, swings)
     if structured(left) and left[0] > LEFT_SHARE * base_left[0]:

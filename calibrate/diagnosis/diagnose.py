@@ -12,6 +12,7 @@ import numpy as np
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot, simulate
 from gtr_jax.parameters import parameters_of
 
+from ..base_tension import BEND
 from ..coordinates import CHANNELS
 from ..fit import channels_of, part_of
 from ..free import distinct
@@ -216,7 +217,8 @@ def prepare(
         sharper = _sharpened(start, [recorded(r)[0] for r in recordings])
         if sharper is not None:
             say("fitting again, the base tension's corners put where the tip tells")
-            start = fitted(sharper, start.base.x) or start
+            again = fitted(sharper, start.base.x)
+            start = again if again is not None and _worth(start, again) else start
     if start is None:
         return Diagnosis.without_answer(
             BAD_DATA, ["the simulation fails at every start value tried"], parts, warnings, config
@@ -250,23 +252,40 @@ class _Start(NamedTuple):
     base: Fitted
 
 
-def _sharpened(start: _Start, recorded: Sequence[np.ndarray]) -> list[Part] | None:
+def _worth(before: _Start, after: _Start) -> bool:
+    """Whether corners of the base tension that were added take enough of the misfit away, noise as before."""
+    own, values = after.bench.noise, after.base.values
+    seen = after.bench.simulate(values)
+    if seen is None:
+        return False
+    after.bench.weigh(values, seen, before.bench.noise)
+    squares = float(np.sum(after.bench.rows(seen) ** 2))
+    after.bench.weigh(values, seen, own)
+    sizes = [sum(rig.part.T_base.size for rig in s.bench.rigs) for s in (before, after)]
+    return before.base.chi2 - squares > BEND * max(sizes[1] - sizes[0], 1)
+
+
+def _sharpened(start: _Start, readings: Sequence[np.ndarray]) -> list[Part] | None:
     """The recordings with corners of the base tension where all channels together put them: a noisy base
     cell alone misses small steps and turns that the tip follows. None where the cell tells more.
 
     Args:
         start: the base model fitted.
-        recorded: base tension of each recording as recorded [N], (K,).
+        readings: base tension of each recording as recorded [N], (K,).
     """
     found, changed = [], False
-    for part, rig, noise, read in zip(start.full, start.exact, start.bench.noise, recorded, strict=True):
-        base, here = part.T_base, rig(start.base.values)
+    values = dict(start.base.values) | dict(start.base.dimensions)
+    for part, rig, noise, read in zip(start.full, start.exact, start.bench.noise, readings, strict=True):
+        base, here = part.T_base, rig(values)
         found.append(part)
         if base.sd == 0 or here is None or part.samples != len(read):
             continue
-        weigh = passing(rig, here, noise, start.base.values)
+        weigh = passing(rig, here, noise, values)
         own = (weigh.last == np.arange(part.samples)) * weigh.slope * weigh.weight**2
-        told, residual = np.sum(own * weigh.slope, axis=0), here.values[part.where] - part.recorded
+        told, residual = (
+            np.sum(own * weigh.slope, axis=0),
+            weigh.centred(here.values[part.where] - part.recorded),
+        )
         cell = base.sd**-2
         if np.median(told) < cell:
             continue

@@ -42,8 +42,8 @@ def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]
 
     Returns:
         For each model: "rms_N" of the tip tension, and "chi2_per_n" of all channels, over all folds, and the
-        number of folds in which the first was the lowest of all models, "best_in". A fold whose refit fails
-        does not count; a model whose refits all fail scores NaN.
+        number of folds in which the first was the lowest of all models, "best_in". A fold in which
+        a refit fails does not count; NaN where none is left.
     """
     parts = folds(bench)
     jobs = [(m, f) for m in range(len(models)) for f in range(len(parts))]
@@ -64,6 +64,8 @@ def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]
         return squares, n, chi, rows
 
     found = np.asarray(in_parallel(one, jobs)).reshape(len(models), len(parts), 4)
+    # Parts in which every model was refitted: all are judged on the same samples.
+    found[:, np.any(found[..., 1] == 0, axis=0)] = 0.0
     counted = found[..., 1]
     rms = np.sqrt(np.where(counted > 0, found[..., 0], np.inf) / np.maximum(counted, 1))
     best = np.argmin(rms, axis=0)
@@ -72,7 +74,7 @@ def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]
             "rms_N": float(np.sqrt(np.sum(f[:, 0]) / np.sum(f[:, 1]))) if np.any(f[:, 1]) else float("nan"),
             "chi2_per_n": float(np.sum(f[:, 2]) / np.sum(f[:, 3])) if np.any(f[:, 3]) else float("nan"),
             "folds": len(parts),
-            "best_in": int(np.sum(best == m)),
+            "best_in": int(np.sum((best == m) & np.isfinite(rms[m]))),
         }
         for m, f in enumerate(found)
     ]

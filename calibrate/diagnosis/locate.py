@@ -13,16 +13,19 @@ from gtr_jax.phases import PULLING, RELEASING, TRANSITION, phases_of_slip
 
 from ..base_tension import turning_points
 from ..coordinates import CHANNEL_UNITS, CHANNELS
-from ..noise import MAD_TO_SD
+from ..noise import MAD_TO_SD, resolution
 from .bench import Bench, Fitted
 
 PHASES = (PULLING, TRANSITION, RELEASING)
 FEWEST, SEEN = 4, 3.5
 # Chance below which a swinging residual is no noise, from sample to sample and with a tension (on 70 sound
-# recordings of the blind benchmark the least were 3e-6 and 5e-4; noise that is not what it is taken for
-# lowers the first); lags; samples below which nothing is said; frequencies on either side of a peak.
-SWINGS, PERIODIC = 1e-7, 5e-5
-LAGS, FEWEST_WAVES, BESIDE = (3, 12), 40, 25
+# recordings of the blind benchmark the least were 3e-6 and 5e-4), and the share of it that has to swing: in
+# long recordings the least that noise is not what it is taken for is significant.
+SWINGS, PERIODIC, SWING_SHARE = 1e-7, 5e-5, 0.3
+# Lags; samples, and waves over the range of a tension, below which nothing is said; frequencies by a peak.
+LAGS, FEWEST_WAVES, FEWEST_WAVES_ALONG, BESIDE = (3, 12), 40, 4, 25
+# Single readings count for their size up to so many standard deviations, unless one in fifty is beyond.
+LONE, RARE = 4.0, 0.98
 MOST = 6
 
 
@@ -161,7 +164,8 @@ def misfit(bench: Bench, fitted: Fitted) -> tuple[float, float]:
         length = int(np.clip(K // 12, 3, 10))
         n = K // length
         sums = z[:, : n * length].reshape(C, n, length).sum(axis=2) / np.sqrt(length)
-        energy, count = energy + float(np.sum(z**2)), count + z.size
+        limit = max(LONE, float(np.quantile(np.abs(z), RARE)))
+        energy, count = energy + float(np.sum(np.clip(z, -limit, limit) ** 2)), count + z.size
         blocks, squares = blocks + sums.size, squares + float(np.sum(sums**2))
     free = len(fitted.x)
     excess = np.sqrt(max(energy / max(count - free, 1) - 1, 0.0))
@@ -175,30 +179,32 @@ def waves(bench: Bench, fitted: Fitted) -> Waves | None:
     """
     best: Waves | None = None
     for k, rig in enumerate(bench.rigs):
-        z = bench.by_channel(fitted.rows)[k][0]
+        z, step = bench.by_channel(fitted.rows)[k][0], resolution(rig.part.T_tip)
         rough = MAD_TO_SD * float(np.median(np.abs(z - np.median(z))))
         if len(z) < FEWEST_WAVES or rough == 0:
             continue
         z = np.clip(z - np.median(z), -3 * rough, 3 * rough)
-        found = [Waves(rig.part.name, "sample", _swinging(z), float("nan"), SWINGS)]
+        found = [Waves(rig.part.name, "sample", *_swinging(z), float("nan"))]
         for name, along in (("T_tip", fitted.seen[k].values[0]), ("T_base", rig.part.T_base.T_base)):
-            found.append(Waves(rig.part.name, name, *_periodic(z, along), PERIODIC))
+            found.append(Waves(rig.part.name, name, *_periodic(z, along, step)))
         for one in found:
-            if one.chance < one.allowed and (best is None or one.chance < best.chance):
+            allowed = SWINGS if one.along == "sample" else PERIODIC
+            counts = one.chance < allowed / len(bench.rigs) and one.share > SWING_SHARE
+            if counts and (best is None or one.chance < best.chance):
                 best = one
     return best
 
 
 class Waves(NamedTuple):
-    """A residual of T_tip that swings: recording, along what, how probable that is by chance, the period [N],
-    and the chance below which it counts.
+    """A residual of T_tip that swings: recording, along what, how probable that is by chance, the share of
+    its energy that swings, and the period [N].
     """
 
     recording: str
     along: str
     chance: float
+    share: float
     period_N: float
-    allowed: float
 
     @property
     def says(self) -> str:
@@ -208,30 +214,42 @@ class Waves(NamedTuple):
         return f"what is left of T_tip swings with {self.along}, with a period of {self.period_N:.2g} N"
 
 
-def _swinging(z: np.ndarray) -> float:
-    """Chance that white noise is as like itself some samples later (Ljung and Box); the next two samples, for
-    which filtered noise is like itself, are left out.
+def _swinging(z: np.ndarray) -> tuple[float, float]:
+    """Chance that white noise is as like itself some samples later (Ljung and Box), the next two left out;
+    and how unlike itself it is where it is most so, or 1.2 times how like itself later on if that is less:
+    memory, of a filter or a slow misfit, does not come back.
     """
     n, z = len(z), z - z.mean()
     lags = np.arange(LAGS[0], LAGS[1] + 1)
     likeness = np.asarray([float(np.sum(z[lag:] * z[:-lag])) for lag in lags]) / float(np.sum(z**2))
-    return float(stats.chi2.sf(n * (n + 2) * np.sum(likeness**2 / (n - lags)), len(lags)))
+    chance = stats.chi2.sf(n * (n + 2) * np.sum(likeness**2 / (n - lags)), len(lags))
+    lowest = int(np.argmin(likeness))
+    back = float(np.max(likeness[lowest + 1 :], initial=0.0))
+    return float(chance), max(0.0, min(-float(likeness[lowest]), 1.2 * back))
 
 
-def _periodic(z: np.ndarray, along: np.ndarray) -> tuple[float, float]:
-    """Chance that the highest peak of noise's periodogram stands out as far from those beside it, and the
-    period of that peak, in the unit of `along`; periods of a fourth of the range and shorter.
+def _periodic(z: np.ndarray, along: np.ndarray, step: float) -> tuple[float, float, float]:
+    """Chance that the highest peak of noise's periodogram stands out as far from those beside it, its share
+    of the energy, and its period, in the unit of `along`; periods of a fourth of the range and shorter, and
+    of more than four steps of the readings.
     """
     span, n = float(np.ptp(along)), len(z)
-    if span == 0:
-        return 1.0, float("nan")
-    frequency = np.arange(4, max(8, n / 4), 0.5)
-    power = signal.lombscargle((along - along.min()) / span, z - z.mean(), 2 * np.pi * frequency)
+    u = (along - along.min()) / span if span > 0 else np.zeros(n)
+    highest = min(n / 4, 0.5 * len(np.unique(np.round(u, 3))), span / (4 * step) if step > 0 else np.inf)
+    if highest < 2 * FEWEST_WAVES_ALONG:
+        return 1.0, 0.0, float("nan")
+    # What is slow would come back at the frequencies at which equal ramps are sampled.
+    angles = 2 * np.pi * u[:, None] * np.arange(0.5, FEWEST_WAVES_ALONG, 0.5)
+    slow = np.concatenate([np.ones((n, 1)), np.cos(angles), np.sin(angles)], axis=1)
+    z = z - slow @ np.linalg.lstsq(slow, z, rcond=None)[0]
+    frequency = np.arange(FEWEST_WAVES_ALONG, highest, 0.5)
+    power = signal.lombscargle(u, z, 2 * np.pi * frequency)
     beside = [np.median(power[max(0, i - BESIDE) : i + BESIDE + 1]) for i in range(len(power))]
     ratio = power / np.maximum(np.asarray(beside) / np.log(2), 1e-300)
     k = int(np.argmax(ratio))
     # Twice as many frequencies as are independent.
-    return float(min(1.0, 0.6 * len(frequency) * np.exp(-ratio[k]))), span / float(frequency[k])
+    chance = min(1.0, 0.6 * len(frequency) * np.exp(-ratio[k]))
+    return float(chance), float(2 * power[k] / np.sum(z**2)), span / float(frequency[k])
 
 
 def ratio_of_branches(T_base: np.ndarray, T_tip: np.ndarray, phases: np.ndarray, bins: int = 14):

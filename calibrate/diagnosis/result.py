@@ -215,7 +215,8 @@ class Diagnosis:
             warnings.append(
                 "Where is not told: " + " or ".join(" + ".join(n) for n in decision.confusion) + "."
             )
-        parameters = _changes(models.bench, base, chosen, max(1.0, models.bench.mean_square(chosen)))
+        widened = max(1.0, models.bench.mean_square(chosen))
+        parameters = _changes(models.bench, base, chosen, widened)
         noise = models.bench.expected_rms()
         diagnosis = Diagnosis(
             verdict,
@@ -248,6 +249,7 @@ class Diagnosis:
                 "hypotheses": sorted(models.of),
                 "free_of_the_base_model": [n.name for n in models.bench.base],
                 "variance_scale": models.scale,
+                "variance_scale_of_parameters": widened,
             },
         )
         return dataclasses.replace(diagnosis, says=sentence(diagnosis, chosen.names))
@@ -269,6 +271,7 @@ class Diagnosis:
                 "along": self.waves.along,
                 "period_N": self.waves.period_N,
                 "by_chance": self.waves.chance,
+                "share": self.waves.share,
             }
         if held:
             fit["held_out_rms_N"] = {"before": held[0]["rms_N"], "after": held[-1]["rms_N"]}
@@ -349,7 +352,7 @@ def sentence(d: Diagnosis, chosen: Names) -> str:
     """The verdict in words that its numbers carry."""
     held = d.held_out
     better = ""
-    if len(held) > 1:
+    if len(held) > 1 and np.isfinite(held[1]["rms_N"]):
         better = (
             f" On samples the fit has not seen, the residual goes from {held[0]['rms_N']:.2g} to "
             f"{held[1]['rms_N']:.2g} N (noise {d.noise_N:.2g} N)."
@@ -362,7 +365,10 @@ def sentence(d: Diagnosis, chosen: Names) -> str:
     if d.verdict == UNEXPLAINED:
         at = f" Most of it: {d.where[0].says}." if d.where else ""
         if d.waves is not None:
-            at += f" {d.waves.says[0].upper()}{d.waves.says[1:]} (by chance: {d.waves.chance:.1g})."
+            return (
+                f"Something is missing that no term of the catalogue explains: {d.waves.says} (by chance: "
+                f"{d.waves.chance:.1g}), {100 * d.waves.share:.0f} % of it."
+            )
         nearest = ""
         if chosen:
             nearest = (

@@ -323,7 +323,7 @@ class Models:
         """Log of the probability of the data at the fit, up to a constant: of white noise, and in `WAYS`
         directions of what the effects' laws may have wrong.
         """
-        squares = (fitted.cost - fitted.prior) / self.scale
+        squares = fitted.chi2 / self.scale
         explained = max(self.base.chi2 - fitted.chi2, 0.0) / self.scale
         beyond = max(squares - self.bench.readings, 0.0) + WAYS
         each = []
@@ -331,7 +331,7 @@ class Models:
             more = share**2 * explained / WAYS
             fits = squares - beyond * more / (1 + more)
             each.append(np.log(weight) - 0.5 * WAYS * np.log1p(more) - 0.5 * fits)
-        return float(np.logaddexp.reduce(each))
+        return float(np.logaddexp.reduce(each)) - 0.5 * (fitted.cost - fitted.prior - fitted.chi2)
 
     def log_posterior(self, fitted: Fitted) -> float:
         """Log of the posterior probability, up to a constant.
