@@ -26,12 +26,14 @@ MET = 1e-4  # residual, in tolerances, at which there is nothing left to do
 SMALLEST_STEP = 1e-7
 LONGEST_STEP = 0.25
 HARDEST = 1e10
+ROUNDS = 8  # of the augmented Lagrangian
 
 
 class Found(NamedTuple):
     """Where a search ended, of L lanes.
 
-    z: coordinates, (L, c). cost: half the sum of squares, (L,). rows: margins, (L, K). multipliers: (L, K).
+    z: coordinates, (L, c). cost: half the sum of squares, (L,). rows: margins, (L, K). multipliers: of the
+    limits, with what the penalty adds, (L, K).
     gradient: of the augmented Lagrangian by z, (L, c). settled: whether it stopped by itself with the limits
     kept or unable to keep them, (L,). steps: evaluations, (L,).
     """
@@ -75,7 +77,7 @@ def _both(task: Task, z):
     return value, slopes, ok
 
 
-def _step(task: Task, free, s: _Search, most_rounds: int) -> _Search:
+def _step(task: Task, free, s: _Search) -> _Search:
     (residuals, margins), (by_residual, by_margin), ok = _both(task, s.trial)
     root = jnp.sqrt(s.penalty)
     short = s.multipliers / s.penalty - (margins - BACK_OFF)
@@ -114,7 +116,7 @@ def _step(task: Task, free, s: _Search, most_rounds: int) -> _Search:
     lost = ~jnp.isfinite(cost) & (damping > HARDEST)
 
     worst = jnp.max(jnp.maximum(0.0, BACK_OFF - rows), initial=0.0)
-    last = (worst < KEPT) | (s.rounds + 1 >= most_rounds)
+    last = (worst < KEPT) | (s.rounds + 1 >= ROUNDS)
     again = over & ~last
     multipliers = jnp.where(again, jnp.maximum(0.0, s.multipliers - s.penalty * (rows - BACK_OFF)), s.multipliers)
     raised = again & (worst > 0.25 * s.missed)
@@ -131,24 +133,21 @@ def _step(task: Task, free, s: _Search, most_rounds: int) -> _Search:
         multipliers=multipliers,
         penalty=penalty,
         missed=jnp.where(again, worst, s.missed),
-        rounds=s.rounds + again,
+        rounds=s.rounds + jnp.where(again, 1, 0),
         done=(over & last) | lost,
         settled=over & last,
         steps=s.steps + 1,
     )
 
 
-def search(
-    task: Task, z: Float[Array, " c"], free: Float[Array, " c"], most_steps: int = 120, most_rounds: int = 8
-) -> Found:
+def search(task: Task, z: Float[Array, " c"], free: Float[Array, " c"], most_steps: Int[Array, ""]) -> Found:
     """Search from one start.
 
     Args:
         task: the problem; its goal is not looked at.
         z: start, (c,).
         free: 1 for coordinates that may change, 0 for those that stay, (c,).
-        most_steps: evaluations after which it gives up (static).
-        most_rounds: of the augmented Lagrangian (static).
+        most_steps: evaluations after which it gives up.
     """
     c = z.shape[0]
     shapes = eqx.filter_eval_shape(evaluate, task, z)
@@ -172,15 +171,20 @@ def search(
         steps=jnp.asarray(0),
     )
     end = jax.lax.while_loop(
-        lambda s: ~s.done & (s.steps < most_steps), lambda s: _step(task, free, s, most_rounds), start
+        lambda s: ~s.done & (s.steps < most_steps), lambda s: _step(task, free, s), start
     )
-    return Found(end.z, end.plain, end.rows, end.multipliers, end.gradient, end.settled, end.steps)
+    force = jnp.maximum(0.0, end.multipliers - end.penalty * (end.rows - BACK_OFF))
+    return Found(end.z, end.plain, end.rows, force, end.gradient, end.settled, end.steps)
 
 
 @eqx.filter_jit
-def search_all(task: Task, z: Float[Array, "L c"], free: Float[Array, "L c"]) -> Found:
+def _search_all(task: Task, z, free, most_steps) -> Found:
+    return jax.vmap(lambda z, free: search(task, z, free, most_steps))(z, free)
+
+
+def search_all(task: Task, z: Float[Array, "L c"], free: Float[Array, "L c"], most_steps: int) -> Found:
     """Search from L starts at once; one compiled program for tasks of one structure."""
-    return jax.vmap(lambda z, free: search(task, z, free))(z, free)
+    return _search_all(task, jnp.asarray(z), jnp.asarray(free), jnp.asarray(most_steps))
 
 
 @eqx.filter_jit

@@ -101,4 +101,5 @@ def minimise_all(task: Task, z: Float[Array, "L c"], free: Float[Array, "L c"]) 
         missed = worst
     value, rows = _objectives(task, z)
     gradient = _gradients(task, z, free, multipliers, penalty, scale)
-    return Found(z, value, rows, multipliers / scale[:, None], gradient, settled, steps)
+    force = jnp.maximum(0.0, multipliers - penalty[:, None] * (rows - BACK_OFF)) / scale[:, None]
+    return Found(z, value, rows, force, gradient, settled, steps)

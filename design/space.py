@@ -159,6 +159,22 @@ def build_space(config: RobotConfig, target: TargetConfig, *, resolution: float)
     return dataclasses.replace(space, robot=_with_mesh(space, resolution))
 
 
+def on_common_mesh(space: Space, config: RobotConfig, resolution: float) -> Robot:
+    """A design's robot on a mesh that all designs of the space share, so that one compiled program serves
+    them all.
+
+    Args:
+        space: of which it is a design.
+        config: its file.
+        resolution: factor on the mesh; 1 is nowhere coarser than the default.
+
+    Raises:
+        InputError: the tendon leaves the body.
+    """
+    robot = build_robot(config)
+    return dataclasses.replace(robot, intervals=_with_mesh(space, resolution).intervals)
+
+
 def _tensions(target: TargetConfig) -> tuple[float, ...]:
     """Base tensions that occur, increasing; the largest is that before release."""
     found = {load.T_base for load in target.loads if load.T_base is not None}
@@ -327,7 +343,6 @@ def _with_mesh(space: Space, resolution: float) -> Robot:
     from gtr_jax.build import choose_intervals
 
     robot = space.robot
-    many = robot
     draws = qmc.Sobol(max(len(space.variables), 1), scramble=False).random_base2(6)
     most = np.asarray(choose_intervals(robot, resolution))
     for draw in draws:
