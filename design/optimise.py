@@ -27,7 +27,7 @@ from .task import Evaluation, Task
 from .tolerances import tolerance_table
 from .verify import verify
 
-FEW_STEPS, MANY_STEPS = 30, 250
+FEW_STEPS, MANY_STEPS = 25, 250
 WITHIN = 0.5  # of a tolerance, that a search has to come to, so that a finer mesh still finds it there
 SAME = 0.02  # of the space, between two designs that count as one
 LISTED = 8
