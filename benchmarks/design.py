@@ -1,8 +1,8 @@
 """`python -m benchmarks.design`: targets made by hidden routings, found again; and scipy's bounded optimisers
 with finite differences on the same problems in the same run.
 
-Each family draws random designs within the bounds, keeps those that keep all limits, and takes the pose of the
-tip as target. What `design` finds is judged on a mesh four times finer and by the paper's literal integrals.
+Each family draws random designs within the bounds, keeps those that keep all limits, and takes the pose of
+the tip as target. What `design` finds is judged on a mesh four times finer and by the literal integrals.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ LIMITS = {"wall_clearance": "1.5 mm", "min_channel_radius": "12 mm", "max_tensio
 
 @dataclasses.dataclass(frozen=True)
 class Family:
-    """A kind of routing to hide: the robot, the target file without its pose, the pose's T_base and branch."""
+    """A kind of routing to hide: robot, target file without its pose, T_base and branch of the pose."""
 
     name: str
     robot: RobotConfig
@@ -174,7 +174,9 @@ def peers(problem: Assembled, z0: np.ndarray) -> dict[str, tuple[float, float]]:
 
     def lbfgsb(z):
         scale = 1.0 / max(cost(z), 1.0)
-        return minimize(lambda x: scale * cost(x), z, method="L-BFGS-B", bounds=box, options={"maxiter": 200}).x
+        return minimize(
+            lambda x: scale * cost(x), z, method="L-BFGS-B", bounds=box, options={"maxiter": 200}
+        ).x
 
     def slsqp(z):
         def value(x):
@@ -199,10 +201,10 @@ def peers(problem: Assembled, z0: np.ndarray) -> dict[str, tuple[float, float]]:
 
 def first_arrival(problem: Assembled, z0: np.ndarray) -> float:
     """Seconds until the first start arrives, one after another as for the peers; NaN if none does."""
-    task, free = without_goal(problem.task), np.ones((1, z0.shape[1]))
+    task, free = without_goal(problem.task), jnp.ones((1, z0.shape[1]))
     began = time.perf_counter()
     for z in z0:
-        found = search_all(task, z[None], free, FEW_STEPS)
+        found = search_all(task, jnp.asarray(z)[None], free, FEW_STEPS)
         if float(found.cost[0]) < 0.125 and float(jnp.min(found.rows)) >= 0.0:
             return time.perf_counter() - began
     return float("nan")
@@ -252,7 +254,11 @@ def study(family: Family, count: int, peer_count: int, seed: int) -> dict[str, A
         "worst_literal_share": float(np.nanmax([j["literal"] for j in judged])),
         "literal_unsettled": int(sum(not np.isfinite(j["literal"]) for j in judged)),
         "literal_within": int(
-            sum(j["literal"] <= LENGTH_SHARE and j["literal_angle"] <= ANGLE for j in judged if "literal_angle" in j)
+            sum(
+                j["literal"] <= LENGTH_SHARE and j["literal_angle"] <= ANGLE
+                for j in judged
+                if "literal_angle" in j
+            )
         ),
     }
     rivals: dict[str, list[tuple[float, float]]] = {}
@@ -305,11 +311,13 @@ def table(results: list[dict[str, Any]], machine: dict[str, Any]) -> str:
         lines.append(
             f"| {r['family']} | {r['parameters']} | {r['targets']} | {r['both']} | "
             f"{100 * r['worst_tip_share']:.2g} % of L, {1e3 * r['worst_angle']:.2g} mrad | "
-            f"{r['literal_within']} | {r['median_optima']:.0f} | {r['seconds_per_target']:.3g} | {r['cold_s']:.0f} |"
+            f"{r['literal_within']} | {r['median_optima']:.0f} | {r['seconds_per_target']:.3g} | "
+            f"{r['cold_s']:.0f} |"
         )
     lines += [
         "",
-        "| routing | scipy, differences | reached | first arrival, s | ours, s | ratio | all starts, s | ratio |",
+        "| routing | scipy, differences | reached | first arrival, s | ours, s | ratio | all starts, s "
+        "| ratio |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for r in results:

@@ -31,7 +31,9 @@ def check_target(target: TargetConfig, robot: RobotConfig) -> None:
             "youngs_modulus instead"
         )
     if not target.loads:
-        refuse("pose", 'nothing is asked for; add [[pose]] with T_base = "45 N" and tip = ["180 mm", "95 mm"]')
+        refuse(
+            "pose", 'nothing is asked for; add [[pose]] with T_base = "45 N" and tip = ["180 mm", "95 mm"]'
+        )
     length = robot.backbone.length
     for i, pose in enumerate(target.pose):
         _check_pose(f"pose[{i}]", pose, length, refuse)
@@ -109,8 +111,8 @@ def _check_contradictions(target: TargetConfig, refuse) -> None:
             if one is not None and other is not None and one != other:
                 refuse(
                     f"pose[{j}].{name}",
-                    f"differs from that of pose[{i}] at the same T_base and branch, and the tip can be at one "
-                    "place only; remove one of the two",
+                    f"differs from that of pose[{i}] at the same T_base and branch, and the tip can be at "
+                    "one place only; remove one of the two",
                 )
 
 
@@ -123,7 +125,7 @@ def _check_goal(goal: Goal, target: TargetConfig, refuse) -> None:
         if not (target.pose or target.shape):
             refuse("goal.kind", "the least tension for what? add a [[pose]]")
     elif goal.T_base is None:
-        refuse("goal", 'missing key \'T_base\'; add for example T_base = "45 N"')
+        refuse("goal", "missing key 'T_base'; add for example T_base = \"45 N\"")
     elif "T_base" in target.search.free:
         refuse("search.free", f"T_base cannot be free where the goal is {goal.kind}: more would be better")
 
@@ -147,11 +149,13 @@ def _check_tensions(target: TargetConfig, robot: RobotConfig, refuse) -> None:
         if load.branch == "releasing" and load.T_base >= max([*tensions, largest or 0.0]):
             refuse(
                 "T_base_max",
-                f"a target on the releasing branch has {where}, the largest of the file; say from where it is "
-                f'released, for example T_base_max = "{1.5 * load.T_base:g} N"',
+                f"a target on the releasing branch has {where}, the largest of the file; say from where it "
+                f'is released, for example T_base_max = "{1.5 * load.T_base:g} N"',
             )
         if load.T_base < robot.tendon.preload and load.branch == "pulling":
-            refuse("pose.T_base", f"{where} is less than the preload of {robot.tendon.preload:g} N; pull more")
+            refuse(
+                "pose.T_base", f"{where} is less than the preload of {robot.tendon.preload:g} N; pull more"
+            )
     floor = target.limits.min_T_tip
     if floor is not None and "T_base" not in target.search.free:
         for load in target.loads:

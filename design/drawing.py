@@ -1,4 +1,4 @@
-"""The channel for those who make it: `route.csv`, and drawings at 1:1 as DXF and SVG, of the unloaded body."""
+"""The channel for those who make it: `route.csv`, and drawings of the unloaded body at 1:1, DXF and SVG."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def _band(middle: np.ndarray, normal: np.ndarray, half: np.ndarray) -> np.ndarra
 
 
 def route_csv(drawing: Drawing) -> str:
-    """The channel's centre line: s and offset, by which a robot file takes it, and x, y for CAD, all in mm."""
+    """The channel's centre line in mm: s and offset, which a robot file takes, and x, y for CAD."""
     rows = zip(drawing.s, drawing.R, *drawing.channel.T, strict=True)
     return "s_mm,R_mm,x_mm,y_mm\n" + "".join(",".join(f"{v:.9g}" for v in row) + "\n" for row in rows)
 

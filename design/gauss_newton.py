@@ -118,7 +118,9 @@ def _step(task: Task, free, s: _Search) -> _Search:
     worst = jnp.max(jnp.maximum(0.0, BACK_OFF - rows), initial=0.0)
     last = (worst < KEPT) | (s.rounds + 1 >= ROUNDS)
     again = over & ~last
-    multipliers = jnp.where(again, jnp.maximum(0.0, s.multipliers - s.penalty * (rows - BACK_OFF)), s.multipliers)
+    multipliers = jnp.where(
+        again, jnp.maximum(0.0, s.multipliers - s.penalty * (rows - BACK_OFF)), s.multipliers
+    )
     raised = again & (worst > 0.25 * s.missed)
     penalty = jnp.where(raised, jnp.minimum(RAISE * s.penalty, LARGEST_PENALTY), s.penalty)
     return _Search(
@@ -180,7 +182,7 @@ def search(task: Task, z: Float[Array, " c"], free: Float[Array, " c"], most_ste
 @eqx.filter_jit
 def _search_all(task: Task, z, free, most_steps) -> Found:
     # One lane after another: each takes the steps it needs, and a lane of a batch costs no less on a CPU.
-    return jax.lax.map(lambda start: search(task, *start, most_steps), (z, free))
+    return jax.lax.map(lambda start: search(task, start[0], start[1], most_steps), (z, free))
 
 
 def search_all(task: Task, z: Float[Array, "L c"], free: Float[Array, "L c"], most_steps: int) -> Found:

@@ -1,4 +1,4 @@
-"""jaxopt's L-BFGS-B, behind one function: jaxopt is no longer maintained, and whatever replaces it goes here."""
+"""jaxopt's L-BFGS-B behind one function: jaxopt is no longer maintained; what replaces it goes here."""
 
 from __future__ import annotations
 

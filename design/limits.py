@@ -99,7 +99,7 @@ def channel_margins(
     if RADIUS in given:
         margins[RADIUS] = 1.0 - limits.radius * jnp.abs(channel_curvature(robot, at))
     if BASE_SLOPE in given:
-        margins[BASE_SLOPE] = (limits.base_slope - jnp.abs(jnp.arctan(R.slope[:1])))
+        margins[BASE_SLOPE] = limits.base_slope - jnp.abs(jnp.arctan(R.slope[:1]))
     if TIP_SLOPE in given:
         last = jnp.argmax(at.s)
         margins[TIP_SLOPE] = (limits.tip_slope - jnp.abs(jnp.arctan(R.slope[last])))[None]

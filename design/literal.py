@@ -1,13 +1,15 @@
 """The equilibrium from the paper's own integrals, solved apart from the simulator.
 
 Moments are the anchor's (15) and that of the distributed forces (16), with the factor nu that the printed
-form lacks, force by force; gravity and tip loads likewise by their arms. Nothing of the local moment identity,
-of the march, or of its mesh weights is used: trapezoids, sums, and Newton's method with differences, in numpy.
+form lacks, force by force; gravity and tip loads likewise by their arms. Nothing of the local moment
+identity, of the march, or of its mesh weights is used: trapezoids, sums, and Newton's method with
+differences, in numpy.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 
@@ -38,7 +40,7 @@ class Line:
 
 @dataclasses.dataclass(frozen=True)
 class Literal:
-    """A state by the literal integrals: tip x [m], y [m], angle [rad]; tip tension [N]; whether it settled."""
+    """A state by the literal integrals: tip x [m], y [m], angle [rad], tension [N]; whether it settled."""
 
     pose: np.ndarray
     T_tip: float
@@ -58,10 +60,12 @@ def line_of(robot: Robot, count: int) -> Line:
     ends = np.concatenate([[0.0], kinks, [length]])
     pieces = [
         np.linspace(a, b, max(int(np.ceil(count * (b - a) / length)), 4) + 1)
-        for a, b in zip(ends[:-1], ends[1:], strict=True)
+        for a, b in itertools.pairwise(ends)
     ]
     s = np.concatenate(pieces)
-    inside = np.concatenate([0.5 * (a + b) * np.ones(len(p)) for a, b, p in zip(ends[:-1], ends[1:], pieces, strict=True)])
+    inside = np.concatenate(
+        [0.5 * (a + b) * np.ones(len(p)) for a, b, p in zip(ends[:-1], ends[1:], pieces, strict=True)]
+    )
     own = np.asarray(tendon.routing.kinks())
     passed = jnp.asarray(own[:, None] < inside[None, :])
     R = tendon.routing.offset(jnp.asarray(s), passed, body.length)

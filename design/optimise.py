@@ -270,7 +270,11 @@ def _binding(problem: Assembled, found: Lanes) -> tuple[Binding, ...]:
         for end, pushed in ((0.0, gradient[i] > 0), (1.0, gradient[i] < 0)):
             if found.free[best, i] and abs(z[i] - end) < 1e-6 and pushed:
                 bound = v.lower if end == 0.0 else v.upper
-                out.append(Binding(v.name, "least" if end == 0 else "largest", abs(float(gradient[i])), bound, v.unit))
+                out.append(
+                    Binding(
+                        v.name, "least" if end == 0 else "largest", abs(float(gradient[i])), bound, v.unit
+                    )
+                )
     return tuple(sorted(out, key=lambda b: -b.force))
 
 
@@ -303,7 +307,7 @@ def _relaxations(problem: Assembled, found: Lanes, binding: tuple[Binding, ...])
         if bound.name == L.WALL and problem.target.limits.wall_clearance == 0.0:
             continue
         eased = dataclasses.replace(task, active=task.active.at[place].set(0.0))
-        again = search_all(eased, found.z, found.free, MANY_STEPS)
+        again = search_all(eased, jnp.asarray(found.z), jnp.asarray(found.free), MANY_STEPS)
         cost = np.where(np.asarray(jnp.min(again.rows, axis=1)) >= -1e-6, np.asarray(again.cost), np.inf)
         best = int(np.argmin(cost))
         if not np.isfinite(cost[best]):
@@ -329,6 +333,8 @@ def _without_terms(robot: RobotConfig) -> RobotConfig | None:
 def _compared(problem: Assembled, plain: RobotConfig, resolution: float, progress) -> Comparison | None:
     with_plain = assemble(plain, problem.target, resolution=resolution)
     if with_plain.space.lower.shape != problem.space.lower.shape:
-        raise InputError(f"{plain.source}: has not the numbers of {problem.space.config.source}; compare like robots")
+        raise InputError(
+            f"{plain.source}: has not the numbers of {problem.space.config.source}; compare like robots"
+        )
     option = _options(with_plain, find(with_plain, progress))[0]
     return compare(problem, option, plain)

@@ -233,7 +233,9 @@ def _sentences(answer: Design) -> list[str]:
         out.append(f"{name}: {word} {quantity(goal['value'], goal['unit'])}{loss}.")
     else:
         out.append(
-            f"{name}: reached to {miss_says(worst)}{loss}." if worst is not None else f"{name}: reached{loss}."
+            f"{name}: reached to {miss_says(worst)}{loss}."
+            if worst is not None
+            else f"{name}: reached{loss}."
         )
     tight = min((m for m in best.margins), key=lambda m: m.margin / max(abs(m.limit), 1e-9), default=None)
     if tight is not None:

@@ -20,6 +20,7 @@ from .target import SPLINE, TargetConfig
 T_BASE = "T_base"
 N_SINE = "n_sine"
 KNOTS = 6
+SECTIONS = ("backbone.", "routing.", "tendon.")
 SHORTEST_WAVE = 0.02  # of the length, that w2 lies beyond w1
 _FIELDS = {
     "parallel": ("offset",),
@@ -197,10 +198,14 @@ def _names(config: RobotConfig, robot: Robot, target: TargetConfig) -> tuple[lis
                 f"{target.source}: search: n_sine is chosen from a list; write n_sine = [2, 3, 4] under "
                 "[search] and leave it out of the names"
             )
-        try:
-            short = parameter(robot, name).name
-        except InputError as fault:
-            raise InputError(f"{target.source}: search: {fault}") from None
+        entry = next((p for p in known.values() if name in (p.name, p.key)), None)
+        if entry is None or not entry.key.startswith(SECTIONS):
+            may = [p.name for p in known.values() if p.key.startswith(SECTIONS)]
+            raise InputError(
+                f"{target.source}: search: '{name}' is no number of body, channel or tendon that may change; "
+                f"{did_you_mean(name, [*may, T_BASE])}"
+            )
+        short = entry.name
         if short in names:
             raise InputError(f"{target.source}: search: '{name}' stands twice; keep one")
         names.append(short)
@@ -308,7 +313,10 @@ def _with_family(config: RobotConfig, target: TargetConfig) -> RobotConfig:
     if kind == SPLINE:
         s = np.linspace(0.0, body.length, target.search.knots or KNOTS)
         R = channel_of(build_robot(config), s)
-        routing: dict[str, Any] = {"kind": "table", "knots": [list(map(float, k)) for k in zip(s, R, strict=True)]}
+        routing: dict[str, Any] = {
+            "kind": "table",
+            "knots": [list(map(float, k)) for k in zip(s, R, strict=True)],
+        }
     elif kind == "parallel":
         routing = {"kind": kind, "offset": 0.5 * room}
     elif kind == "straight-sine-straight":

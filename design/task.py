@@ -161,9 +161,7 @@ def point_at(states: States, i, s) -> Float[Array, "2"]:
         rise = u * u * (3.0 - 2.0 * u)
         return a + (b - a) * rise + h * u * (1.0 - u) * (da * (1.0 - u) - db * u)
 
-    return jnp.stack(
-        [along(states.x, jnp.cos(states.angle)), along(states.y, jnp.sin(states.angle))]
-    )
+    return jnp.stack([along(states.x, jnp.cos(states.angle)), along(states.y, jnp.sin(states.angle))])
 
 
 def goal_of(wanted: Wanted, states: States) -> Float[Array, ""]:
@@ -204,7 +202,9 @@ def evaluate(task: Task, z: Float[Array, " c"]) -> Evaluation:
     margins = channel_margins(robot, stations_of(robot, task.stations), task.limits, task.given)
     margins |= load_margins(task, states)
     rows = [
-        margins[name] * task.active[i] + (1.0 - task.active[i]) for i, name in enumerate(task.given) if name in margins
+        margins[name] * task.active[i] + (1.0 - task.active[i])
+        for i, name in enumerate(task.given)
+        if name in margins
     ]
     errors, goal, ok = errors_of(task.wanted, states), goal_of(task.wanted, states), states.converged
     if task.spread != "nominal":

@@ -68,7 +68,7 @@ def verify(problem: Assembled, option: Option) -> Verification:
         stepped.append(np.asarray(run.tip_pose[-1]))
         ok = ok and bool(np.all(np.asarray(run.converged)))
     poses = np.asarray(fine.states.pose)
-    literal, says = (float("nan"),) * 2, ""
+    literal, says = (float("nan"), float("nan")), ""
     if known_to_act(robot):
         says = "the paper has no physics terms"
     else:

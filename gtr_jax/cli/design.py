@@ -33,7 +33,7 @@ RESOLUTION = 0.5
     default=RESOLUTION,
     show_default=True,
     metavar="FACTOR",
-    help="Factor on the mesh of the search; what is found is checked on one four times finer than the default.",
+    help="Factor on the mesh of the search; what is found is checked on a mesh of 4.",
 )
 @output_option
 def design(robot: Path, target: Path, against: Path | None, resolution: float, output: Path) -> int:

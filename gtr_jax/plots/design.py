@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
+
+from gtr_jax.equilibrium import Equilibrium
 
 from .shape import curve_of, draw_body
 from .style import (
@@ -42,7 +45,9 @@ class Mark(NamedTuple):
 
 def _mark(axes, mark: Mark, size: float, colour: str = VERMILLION) -> None:
     axes.plot(mark.x, mark.y, marker="+", color=colour, markersize=11, markeredgewidth=1.8, zorder=6)
-    axes.add_patch(Circle((mark.x, mark.y), mark.tolerance, fill=False, color=colour, linewidth=0.8, zorder=6))
+    axes.add_patch(
+        Circle((mark.x, mark.y), mark.tolerance, fill=False, color=colour, linewidth=0.8, zorder=6)
+    )
     if mark.angle == mark.angle:
         end = (mark.x + size * np.cos(mark.angle), mark.y + size * np.sin(mark.angle))
         style = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.4, "shrinkA": 0, "shrinkB": 0}
@@ -63,7 +68,7 @@ def _mark(axes, mark: Mark, size: float, colour: str = VERMILLION) -> None:
 
 @styled
 def plot_targets(
-    shapes: list[tuple[str, object]],
+    shapes: Sequence[tuple[str, Equilibrium]],
     radius: np.ndarray,
     tips: np.ndarray,
     phases: np.ndarray,
@@ -80,7 +85,7 @@ def plot_targets(
         marks: what is wanted.
         cloud: tips on the ellipse of what is not known [m], (D, 2).
     """
-    curves = [(name, curve_of(state, radius)) for name, state in shapes]  # type: ignore[arg-type]
+    curves = [(name, curve_of(state, radius)) for name, state in shapes]
     everything = np.concatenate([c.outline for _, c in curves])
     width, height = np.ptp(everything, axis=0)
     fig, (axes,) = figure(min(max(4.6 * height / max(width, 1e-9), 2.2), 5.6) + 0.9)
@@ -108,7 +113,10 @@ def plot_targets(
 
 @styled
 def plot_tip(
-    T_base: np.ndarray, pose: np.ndarray, phases: np.ndarray, marks: list[tuple[float, str, int, float, float]]
+    T_base: np.ndarray,
+    pose: np.ndarray,
+    phases: np.ndarray,
+    marks: list[tuple[float, str, int, float, float]],
 ) -> Figure:
     """Tip position and angle against base tension through pull and release, and what is wanted of them.
 
@@ -137,7 +145,10 @@ def plot_tip(
 
 @styled
 def plot_channels(
-    channels: list[np.ndarray], radius: tuple[np.ndarray, np.ndarray], bores: list[np.ndarray], clearance: float
+    channels: list[np.ndarray],
+    radius: tuple[np.ndarray, np.ndarray],
+    bores: list[np.ndarray],
+    clearance: float,
 ) -> Figure:
     """The channel in the body, unloaded, the chosen one dark, the alternatives pale.
 

@@ -117,7 +117,10 @@ def _figures(answer: Any) -> list[Figure]:
                     radius,
                     np.asarray(run.tip_pose)[:, :2],
                     phases,
-                    [*_marks(answer), *(Mark(1e3 * x, 1e3 * y, np.nan, 0.0, "plain model") for x, y in points)],
+                    [
+                        *_marks(answer),
+                        *(Mark(1e3 * x, 1e3 * y, np.nan, 0.0, "plain model") for x, y in points),
+                    ],
                     cloud,
                 )
             ),
@@ -178,7 +181,11 @@ def _tables(answer: Any) -> list[Table]:
     tables = []
     best = answer.best
     rows = [
-        (v.name, _quantity(best.values[v.name], v.unit, 5), f"{_quantity(v.lower, v.unit)} … {_quantity(v.upper, v.unit)}")
+        (
+            v.name,
+            _quantity(best.values[v.name], v.unit, 5),
+            f"{_quantity(v.lower, v.unit)} … {_quantity(v.upper, v.unit)}",
+        )
         for v in answer.problem.space.all
     ]
     tables.append(Table("The design", ("", "value", "searched"), rows))
@@ -216,7 +223,12 @@ def _tables(answer: Any) -> list[Table]:
         tables.append(Table("What the design leans on", ("",), rows))
     if answer.relaxed:
         rows = [
-            (r.name, _quantity(r.limit, r.unit), _quantity(r.value, r.unit), "reached" if r.reached else "not reached")
+            (
+                r.name,
+                _quantity(r.limit, r.unit),
+                _quantity(r.value, r.unit),
+                "reached" if r.reached else "not reached",
+            )
             for r in answer.relaxed
         ]
         tables.append(Table("If one limit were put aside", ("limit", "is", "would be", "targets"), rows))
@@ -255,7 +267,12 @@ def _per_percent(slope: float, value: float, unit: str) -> str:
 def _alternatives(answer: Any) -> Table:
     names = [v.name for v in answer.problem.space.all]
     units = {v.name: v.unit for v in answer.problem.space.all}
-    heads = (*names, "worst error [tolerances]", "tension lost", *(("goal",) if answer.best.goal == answer.best.goal else ()))
+    heads = (
+        *names,
+        "worst error [tolerances]",
+        "tension lost",
+        *(("goal",) if answer.best.goal == answer.best.goal else ()),
+    )
     rows = []
     for o in answer.options[:SHOWN]:
         row = [_quantity(o.values[n], units[n], 4) for n in names]
@@ -285,7 +302,15 @@ def _comparison(c: Any) -> Table:
     ]
     return Table(
         "Designed with the plain model instead",
-        ("target", "base tension", "branch", "tip off, believed", "in truth", "angle off, believed", "in truth"),
+        (
+            "target",
+            "base tension",
+            "branch",
+            "tip off, believed",
+            "in truth",
+            "angle off, believed",
+            "in truth",
+        ),
         rows,
         f"Plain model: {c.source}. In truth: in the robot with all its physics.",
     )
@@ -307,7 +332,8 @@ def _robustness(r: Any) -> Table:
     heads = ("target", "base tension", "branch", "tip off, rms", "worst", "angle off, rms", "worst")
     note = (
         f"Friction coefficient known to {number(100 * r.sd[0], '%', 3)}, modulus to "
-        f"{number(100 * r.sd[1], '%', 3)} ({r.source}); worst within {number(r.deviations)} standard deviations."
+        f"{number(100 * r.sd[1], '%', 3)} ({r.source}); worst within {number(r.deviations)} "
+        "standard deviations."
     )
     return Table("What friction and modulus leave open", heads, rows, note)
 
