@@ -26,7 +26,7 @@ import design
 from design.assemble import Assembled, assemble
 from design.gauss_newton import BACK_OFF, judge_all, search_all
 from design.literal import solve_literal
-from design.optimise import FEW_STEPS, Lanes, _ranking, find, without_goal
+from design.optimise import FEW_STEPS, Lanes, _ranking, find, settled_on, without_goal
 from design.option import look_at
 from design.space import on_common_mesh
 from design.starts import _put_in_order, starts
@@ -111,9 +111,9 @@ def verified(problem: Assembled, found: Lanes) -> dict[str, Any]:
     """The first design in the order of preference, judged apart from the search."""
     best = int(_ranking(problem, found)[0])
     space = problem.space
-    values = space.lower + found.z[best] * (space.upper - space.lower)
     try:
-        option = look_at(problem, values, resolution=4.0)
+        z, _ = settled_on(problem, found.z[best], found.free[best])
+        option = look_at(problem, space.lower + z * (space.upper - space.lower), resolution=4.0)
     except InputError:
         return {"reached": False, "kept": False, "tip": np.nan, "angle": np.nan, "literal": np.nan}
     error = option.errors[0]

@@ -19,7 +19,8 @@ from .task import Task, Wanted
 from .uncertainty import Uncertainty, uncertainty_of
 
 RESOLUTION = 0.5  # of the mesh of the search
-STATIONS, PER_HALF_WAVE = 129, 64
+STATIONS, PER_HALF_WAVE = 65, 40
+UTOPIA = {"reach": -1.0, "bend": -2.0 * np.pi, "tension": 0.0}  # of the goal over its scale
 TIP_TOLERANCE, SHAPE_TOLERANCE = 1e-3, 5e-3  # of the length
 
 
@@ -163,6 +164,9 @@ def _wanted(target: TargetConfig, space: Space, states: tuple[tuple[int, bool], 
         point_state += [state(shape)] * len(shape.points)
     at = np.asarray(points, float).reshape(-1, 3)
     goal = target.goal
+    if goal is not None:  # a target within a goal is kept in x and y apart: a square within its circle
+        scale[:, :2] *= np.sqrt(2.0)
+        point_scale = [np.sqrt(2.0) * v for v in point_scale]
     sizes = {"reach": length, "bend": 1.0, "tension": max(space.tensions)}
     own = state(goal) if goal is not None and goal.T_base is not None else 0
     return Wanted(
@@ -171,6 +175,7 @@ def _wanted(target: TargetConfig, space: Space, states: tuple[tuple[int, bool], 
         point_s=jnp.asarray(at[:, 0]),
         point=jnp.asarray(at[:, 1:]),
         point_scale=jnp.asarray(np.asarray(point_scale, float)),
+        utopia=jnp.asarray(UTOPIA[goal.kind] if goal else 0.0),
         direction=jnp.asarray(goal.direction if goal else 0.0, dtype=float),
         goal_scale=jnp.asarray(sizes[goal.kind] if goal else 1.0, dtype=float),
         pose_state=tuple(state(p) for p in target.pose),

@@ -20,7 +20,7 @@ from gtr_jax.small_matrices import inverse, times
 from .task import Evaluation, Task, evaluate
 
 FIRST_PENALTY, LARGEST_PENALTY, RAISE = 1e4, 1e9, 10.0
-BACK_OFF = 5e-4  # margins aim this far inside, in their scale, so that rounding and meshes keep the limit
+BACK_OFF = 1e-3  # margins aim this far inside, in their scale, so that rounding and meshes keep the limit
 KEPT = 1e-4  # by which the aim may be missed
 MET = 1e-4  # residual, in tolerances, at which there is nothing left to do
 SMALLEST_STEP = 1e-7

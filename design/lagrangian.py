@@ -15,12 +15,13 @@ from .task import Task, evaluate
 
 FIRST_PENALTY, LARGEST_PENALTY, RAISE = 1e2, 1e7, 10.0
 TOLERANCE = 1e-6
-STEPS, ROUNDS = 60, 10
+STEPS, ROUNDS = 40, 6
+KNOWN_PENALTY = 1e3  # to start with where multipliers are known
 
 
 def _objective(task: Task, z):
     e = evaluate(task, z)
-    value = e.goal + 0.5 * jnp.sum(e.residuals**2)
+    value = e.goal if task.wanted.goal else 0.5 * jnp.sum(e.residuals**2)
     return jnp.where(e.converged, value, jnp.nan), e.margins
 
 
@@ -51,7 +52,8 @@ def _round(task: Task, z, free, multipliers, penalty, scale):
         value, rows = _objective(task, found.z)
         return found, value, rows
 
-    return jax.vmap(one)(z, free, multipliers, penalty, scale)
+    # One lane after another, as in `gauss_newton`.
+    return jax.lax.map(lambda lane: one(*lane), (z, free, multipliers, penalty, scale))
 
 
 @eqx.filter_jit
@@ -65,7 +67,12 @@ def _objectives(task: Task, z):
     return jax.vmap(lambda z: _objective(task, z))(z)
 
 
-def minimise_all(task: Task, z: Float[Array, "L c"], free: Float[Array, "L c"]) -> Found:
+def minimise_all(
+    task: Task,
+    z: Float[Array, "L c"],
+    free: Float[Array, "L c"],
+    multipliers: Float[Array, "L K"] | None = None,
+) -> Found:
     """Minimise the goal, or half the sum of squares, within bounds and limits from L starts.
 
     The rounds of the augmented Lagrangian are taken on the host: one compiled program serves them all.
@@ -74,11 +81,14 @@ def minimise_all(task: Task, z: Float[Array, "L c"], free: Float[Array, "L c"]) 
         task: the problem.
         z: starts, (L, c).
         free: 1 for coordinates that may change, (L, c).
+        multipliers: of the limits, of what is minimised, to start with; 0 unless given.
     """
     lanes = z.shape[0]
     value, rows = _objectives(task, z)
     scale = 1.0 / jnp.maximum(1.0, jnp.abs(jnp.where(jnp.isfinite(value), value, 1.0)))
-    multipliers, penalty = jnp.zeros(rows.shape), jnp.full(lanes, FIRST_PENALTY)
+    known = multipliers is not None
+    multipliers = scale[:, None] * multipliers if multipliers is not None else jnp.zeros(rows.shape)
+    penalty = jnp.full(lanes, KNOWN_PENALTY if known else FIRST_PENALTY)
     missed, steps = jnp.full(lanes, jnp.inf), jnp.zeros(lanes, dtype=int)
     settled = jnp.zeros(lanes, dtype=bool)
     last = jnp.full(z.shape, jnp.inf)

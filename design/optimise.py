@@ -29,10 +29,12 @@ from .verify import verify
 
 FEW_STEPS, MANY_STEPS = 25, 250
 WITHIN = 0.5  # of a tolerance, that a search has to come to, so that a finer mesh still finds it there
+MESH_SHARE = 0.1  # of a tolerance, by which the mesh of the search may be off
+CORRECTIONS = 2
 SAME = 0.02  # of the space, between two designs that count as one
 LISTED = 8
-LANES = 8  # that a second search goes on with
-SPREAD_OUT = 1e-3  # margin, in its scale, under which a limit counts as binding
+LANES = 4  # that a second search goes on with
+SPREAD_OUT = 2e-3  # margin, in its scale, under which a limit counts as binding
 
 
 def optimise(
@@ -113,6 +115,12 @@ class Lanes:
     judged: Evaluation
     method: str
 
+    @property
+    def order(self) -> np.ndarray:
+        """By which lanes are ranked: those that break a limit behind all that keep them, (L,)."""
+        short = np.minimum(np.min(self.margins, axis=1, initial=1.0), 0.0)
+        return np.where(self.kept, self.cost, 1e12 * (1.0 - short))
+
 
 def find(problem: Assembled, progress: Callable[[str], None] = lambda stage: None) -> Lanes:
     """Search from all starts.
@@ -122,31 +130,46 @@ def find(problem: Assembled, progress: Callable[[str], None] = lambda stage: Non
     on from there by L-BFGS-B.
     """
     task, target = problem.task, problem.target
-    z, free = starts(without_goal(task), problem.space, target.search.starts, target.search.seed)
+    goal = bool(task.wanted.goal)
+    first = task if goal else without_goal(task)
+    z, free = starts(first, problem.space, target.search.starts, target.search.seed)
     z, free = jnp.asarray(z), jnp.asarray(free)
-    squares = target.search.method != "l-bfgs-b"
-    scalar = bool(task.wanted.goal) or task.spread == "worst" or not squares
     progress("searching")
+    if target.search.method == "l-bfgs-b" and not goal:
+        return _lanes(problem, minimise_all(task, z, free), np.asarray(free), "l-bfgs-b")
     found = None
-    if squares or task.wanted.goal:
-        first = without_goal(task)
-        found = search_all(first, z, free, FEW_STEPS)
-        if not _any_reached(found):
-            found = search_all(first, found.z, free, MANY_STEPS)
-        if not _any_reached(found):
-            found = _nearest(first, found, free)
-    method = "gauss-newton"
-    if scalar:
-        method = "gauss-newton, l-bfgs-b" if found is not None else "l-bfgs-b"
-        if found is not None and len(z) > LANES:
-            order = np.argsort(_merit(found), kind="stable")[:LANES]
-            z, free = found.z[order], free[order]
-        elif found is not None:
-            z = found.z
-        progress("searching by L-BFGS-B")
-        found = minimise_all(task, z, free)
+    if not goal or task.wanted.pose_state or task.wanted.point_state:
+        found = _meet(without_goal(task), z, free)
+        if task.spread != "worst" and not goal:
+            return _lanes(problem, found, np.asarray(free), "gauss-newton")
+        z = found.z
+    if goal:
+        found = search_all(task, z, free, MANY_STEPS)
     assert found is not None
-    return _lanes(problem, found, np.asarray(free), method)
+    progress("searching by L-BFGS-B")
+    order = np.argsort(_lanes(problem, found, np.asarray(free), "").order, kind="stable")[:LANES]
+    z, free = jnp.asarray(found.z), jnp.asarray(free)
+    multipliers = None
+    if goal:  # Gauss-Newton's are of half the square of the distance from utopia
+        away = jnp.sqrt(2.0 * found.cost[order])
+        multipliers = found.multipliers[order] / jnp.where(away > 0, away, 1.0)[:, None]
+    polished = minimise_all(task, z[order], free[order], multipliers)
+    both = found._replace(settled=found.settled if goal else jnp.zeros_like(found.settled))
+    joined = Found(*(jnp.concatenate([a, b]) for a, b in zip(polished, both, strict=True)))
+    free = jnp.concatenate([free[order], free])
+    return _lanes(problem, joined, np.asarray(free), "gauss-newton, l-bfgs-b")
+
+
+def _meet(task: Task, z, free) -> Found:
+    """Gauss-Newton on the targets from every start: a few steps; more where none has arrived; and once more
+    at a smaller scale where nothing ever will.
+    """
+    found = search_all(task, z, free, FEW_STEPS)
+    if not _any_reached(found):
+        found = search_all(task, found.z, free, MANY_STEPS)
+    if not _any_reached(found):
+        found = _nearest(task, found, free)
+    return found
 
 
 def without_goal(task: Task) -> Task:
@@ -159,12 +182,6 @@ def without_goal(task: Task) -> Task:
 def _any_reached(found: Found) -> bool:
     kept = jnp.min(found.rows, axis=1, initial=1.0) >= 0.0
     return bool(jnp.any((found.cost < 0.5 * WITHIN**2) & kept))
-
-
-def _merit(found: Found) -> np.ndarray:
-    short = np.minimum(np.asarray(jnp.min(found.rows, axis=1, initial=1.0)), 0.0)
-    merit = np.where(np.isfinite(found.cost), found.cost, np.inf) * (1.0 + 1e3 * np.abs(short))
-    return np.where(short < -1e-4, merit + 1e6 * np.abs(short), merit)
 
 
 def _nearest(task: Task, found: Found, free) -> Found:
@@ -186,7 +203,7 @@ def _lanes(problem: Assembled, found: Found, free: np.ndarray, method: str) -> L
     judged = judge_all(problem.task, found.z)
     margins = np.asarray(judged.margins)
     kept = np.min(margins, axis=1, initial=1.0) >= -1e-6
-    cost = 0.5 * np.sum(np.asarray(judged.residuals) ** 2, axis=1) + np.asarray(judged.goal)
+    cost = 0.5 * np.sum(np.asarray(judged.residuals) ** 2, axis=1)
     cost = np.where(np.asarray(judged.converged) & np.isfinite(cost), cost, np.inf)
     return Lanes(
         z=np.asarray(found.z),
@@ -221,9 +238,9 @@ def _ranking(problem: Assembled, found: Lanes) -> np.ndarray:
 
 def _options(problem: Assembled, found: Lanes) -> list[Option]:
     """The distinct designs found, looked at on a finer mesh, best first."""
-    space, chosen = problem.space, []
+    chosen: list[np.ndarray] = []
+    options: list[Option] = []
     best = None
-    options = []
     for i in _ranking(problem, found):
         z = found.z[i]
         if not np.isfinite(found.cost[i]):
@@ -233,9 +250,8 @@ def _options(problem: Assembled, found: Lanes) -> list[Option]:
         good = found.kept[i] and (found.cost[i] < 0.5 * WITHIN**2 or bool(problem.task.wanted.goal))
         if best is not None and not good and found.cost[i] > 1.5 * best + 0.5:
             continue  # neither arrived nor as near as the nearest: a search that got stuck
-        values = space.lower + z * (space.upper - space.lower)
         try:
-            options.append(look_at(problem, values, resolution=1.0))
+            options.append(settled_on(problem, z, found.free[i])[1])
         except InputError:
             continue
         best = found.cost[i] if best is None else best
@@ -248,6 +264,46 @@ def _options(problem: Assembled, found: Lanes) -> list[Option]:
             "or lower T_base"
         )
     return options
+
+
+def settled_on(problem: Assembled, z: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, Option]:
+    """A design on a mesh no coarser than the default, and its coordinates, (c,).
+
+    Where the two meshes differ by more than a share of a tolerance, the search goes on from there for targets
+    moved by the difference, so that the finer mesh finds the tip where it is wanted.
+
+    Args:
+        problem: what it is a design for.
+        z: coordinates, (c,). free: 1 for those that may change, (c,).
+
+    Raises:
+        InputError: no robot has such numbers.
+    """
+    task, space = problem.task, problem.space
+
+    def built(z):
+        return look_at(problem, space.lower + z * (space.upper - space.lower), resolution=1.0)
+
+    option = built(z)
+    if task.wanted.goal or task.spread != "nominal" or not task.wanted.pose_state:
+        return z, option
+    for _ in range(CORRECTIONS):
+        judged = judge_all(task, jnp.asarray(z)[None])
+        arrived = 0.5 * float(jnp.sum(judged.residuals**2)) < 0.5 * WITHIN**2
+        if not arrived or option.miss < MESH_SHARE:
+            break
+        at = jnp.asarray(task.wanted.pose_state)
+        shift = jnp.asarray(option.states.pose)[at] - judged.pose[0, at]
+        moved = eqx.tree_at(lambda t: t.wanted.pose, task, task.wanted.pose - shift)
+        again = search_all(moved, jnp.asarray(z)[None], jnp.asarray(free)[None], FEW_STEPS)
+        try:
+            other = built(np.asarray(again.z[0]))
+        except InputError:
+            break
+        if not (other.kept or not option.kept) or other.miss >= option.miss:
+            break
+        z, option = np.asarray(again.z[0]), other
+    return z, option
 
 
 def _binding(problem: Assembled, found: Lanes) -> tuple[Binding, ...]:

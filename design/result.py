@@ -12,6 +12,7 @@ from gtr_jax.units import display_of
 
 from .assemble import Assembled
 from .compare import Comparison
+from .limits import BORE, WALL
 from .option import Margin, Option, TargetError
 from .robustness import Robustness
 from .tolerances import Sensitivity
@@ -108,9 +109,10 @@ class Design:
         """reached, optimal, not-reached or not-converged."""
         if not self.verification.converged or self.search.settled == 0:
             return UNSETTLED
-        if not (self.best.reached and self.best.kept):
+        robust = self.problem.task.spread != "nominal"
+        if not self.best.kept or not (self.best.reached or robust):
             return NEAREST
-        return OPTIMAL if self.problem.target.goal else REACHED
+        return OPTIMAL if self.problem.target.goal or robust else REACHED
 
     @property
     def converged(self) -> bool:
@@ -227,7 +229,13 @@ def _sentences(answer: Design) -> list[str]:
             out.append("Putting one limit aside does not help.")
         return out
     loss = f"; {100 * best.loss:.3g} % of the tension is lost" if best.loss == best.loss else ""
-    if target.goal is not None:
+    if answer.robustness is not None and answer.problem.task.spread != "nominal":
+        most = max(answer.robustness.spreads, key=lambda s: s.worst)
+        out.append(
+            f"{name}: least {answer.problem.task.spread} error over friction and modulus: the tip is off by "
+            f"{quantity(most.rms, 'm', 3)} rms, by {quantity(most.worst, 'm', 3)} at worst{loss}."
+        )
+    elif target.goal is not None:
         goal = answer._goal()
         word = {"reach": "reach", "bend": "bend of the tip", "tension": "least base tension"}[goal["kind"]]
         out.append(f"{name}: {word} {quantity(goal['value'], goal['unit'])}{loss}.")
@@ -237,7 +245,7 @@ def _sentences(answer: Design) -> list[str]:
             if worst is not None
             else f"{name}: reached{loss}."
         )
-    tight = min((m for m in best.margins), key=lambda m: m.margin / max(abs(m.limit), 1e-9), default=None)
+    tight = min(best.margins, key=lambda m: m.margin / _scale(answer, m), default=None)
     if tight is not None:
         word = f"tightest is {tight.name}, {_margin_says(tight)}"
         out.append(f"All limits are kept; {word}.")
@@ -251,6 +259,13 @@ def _sentences(answer: Design) -> list[str]:
                 f"Designed with {answer.comparison.source}, the tip would miss by {miss_says(actual)}."
             )
     return out
+
+
+def _scale(answer: Design, m: Margin) -> float:
+    """What a margin is large or small against."""
+    if m.name in (WALL, BORE):
+        return max(answer.config.backbone.outer_radius)
+    return abs(m.limit) or 1.0
 
 
 def _margin_says(m: Margin) -> str:

@@ -21,6 +21,7 @@ from .limits import LEAST_WAVE, LOSS, TIP, LimitValues, channel_margins, station
 from .model import States, states_of
 
 HIGH_POWER = 8
+NEAR = 0.9  # of its tolerance, to which a target is kept where there is a goal
 
 
 class Wanted(eqx.Module):
@@ -34,6 +35,7 @@ class Wanted(eqx.Module):
         point_scale: as of poses, (Q,). point_state: state of each (static).
         direction: of the goal [rad], ().
         goal_scale: size of the goal that counts as 1: m, rad or N, ().
+        utopia: of the goal over its scale, no design is beyond it, ().
         goal: "reach", "bend", "tension" or "" (static). goal_state: its state (static).
     """
 
@@ -46,6 +48,7 @@ class Wanted(eqx.Module):
     goal_scale: Float[Array, ""]
     pose_state: tuple[int, ...] = eqx.field(static=True)
     point_state: tuple[int, ...] = eqx.field(static=True)
+    utopia: Float[Array, ""]
     goal: str = eqx.field(static=True)
     goal_state: int = eqx.field(static=True)
 
@@ -91,8 +94,9 @@ class Task(eqx.Module):
 class Evaluation(NamedTuple):
     """One design, judged.
 
-    residuals: in units of the tolerances, (m,). goal: the smaller the better, about 1, (). margins: of the
-    limits in their scales, (K,), those put aside far away. pose: of the states, (S, 3). T_tip: (S,).
+    residuals: in units of the tolerances, (m,); with a goal, how far that is from utopia, (1,), and the
+    targets are margins. goal: the smaller the better, about 1, (). margins: of the limits in their scales,
+    (K,), those put aside far away. pose: of the states, (S, 3). T_tip: (S,).
     converged: ().
     """
 
@@ -210,8 +214,8 @@ def evaluate(task: Task, z: Float[Array, " c"]) -> Evaluation:
     if task.spread != "nominal":
         errors, goal, ok = _spread(task, robot, tensions)
     if task.wanted.goal:
-        rows.append(1.0 - errors**2)
-        errors = jnp.zeros(0)
+        rows += [NEAR - errors, NEAR + errors] if errors.shape[0] else []
+        errors = (goal - task.wanted.utopia)[None]
     return Evaluation(errors, goal, jnp.concatenate(rows), states.pose, states.T_tip, ok)
 
 
