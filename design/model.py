@@ -71,7 +71,13 @@ def states_of(
         ok = first.converged
     for at, memory in ((on_pull, None), (on_release, before)):
         if at:
-            solved, _ = jax.vmap(lambda T, m=memory: solve(robot, s, T, m))(T_base[jnp.asarray(at)])
+
+            def one(T, memory=memory):
+                return solve(robot, s, T, memory)[0]
+
+            # Not vmap with terms: their march has arrays of no size, which jax 0.10 cannot lower in a batch.
+            over = jax.lax.map if with_terms else lambda fn, T: jax.vmap(fn)(T)
+            solved = over(one, T_base[jnp.asarray(at)])
             parts.append(solved)
     order = jnp.argsort(jnp.asarray(on_pull + on_release))
     joined = jtu.tree_map(lambda *a: jnp.concatenate(a)[order], *parts)

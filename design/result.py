@@ -107,12 +107,14 @@ class Design:
     @property
     def verdict(self) -> str:
         """reached, optimal, not-reached or not-converged."""
-        if not self.verification.converged or self.search.settled == 0:
-            return UNSETTLED
         robust = self.problem.task.spread != "nominal"
+        aims = self.problem.target.goal is not None or robust
+        arrived = self.best.reached and self.best.kept and not aims  # it needs no more than that
+        if not self.verification.converged or (self.search.settled == 0 and not arrived):
+            return UNSETTLED
         if not self.best.kept or not (self.best.reached or robust):
             return NEAREST
-        return OPTIMAL if self.problem.target.goal or robust else REACHED
+        return OPTIMAL if aims else REACHED
 
     @property
     def converged(self) -> bool:

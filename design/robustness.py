@@ -64,7 +64,7 @@ def _poses_at(robot, task, draws, T, released, largest, with_terms):
         states = states_of(at_draw(task, robot, draw), T, released, largest, with_terms)
         return states.pose, states.converged
 
-    return jax.vmap(one)(draws)
+    return jax.lax.map(one, draws)
 
 
 def robustness_of(problem: Assembled, option: Option) -> Robustness | None:

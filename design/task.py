@@ -232,7 +232,7 @@ def _spread(task: Task, robot: Robot, tensions):
         states = solve_states(task, at_draw(task, robot, draw), tensions)
         return errors_of(task.wanted, states), goal_of(task.wanted, states), states.converged
 
-    errors, goals, ok = jax.vmap(one)(task.draws)
+    errors, goals, ok = jax.lax.map(one, task.draws) if task.with_terms else jax.vmap(one)(task.draws)
     if task.spread == "expected":
         return (jnp.sqrt(task.shares)[:, None] * errors).ravel(), jnp.sum(task.shares * goals), jnp.all(ok)
     sizes = jnp.sqrt(jnp.sum(errors**2, axis=1) + 1e-12)

@@ -18,6 +18,7 @@ from .model import states_of
 from .option import Option
 from .space import on_common_mesh
 
+DIFFERENCE = 1e-4  # relative
 SECTIONS = ("backbone.", "routing.", "tendon.")
 
 
@@ -45,6 +46,12 @@ def _poses_by(robot, index, T, released, largest, with_terms):
     def poses(values):
         return states_of(unravel(flat.at[index].set(values)), T, released, largest, with_terms).pose
 
+    if with_terms:  # as in `gauss_newton.value_and_slopes`
+        values = flat[index]
+        steps = DIFFERENCE * jnp.where(values == 0.0, 1.0, jnp.abs(values))
+        ends = jax.lax.map(lambda d: poses(values + d), jnp.concatenate([jnp.diag(steps), -jnp.diag(steps)]))
+        return (ends[: steps.size] - ends[steps.size :]) / (2 * steps[:, None, None])
+
     def along(direction):
         return jax.jvp(poses, (flat[index],), (direction,))[1]
 
@@ -54,7 +61,8 @@ def _poses_by(robot, index, T, released, largest, with_terms):
 def pose_slopes(problem: Assembled, option: Option) -> tuple[list[Parameter], np.ndarray, np.ndarray]:
     """Derivatives of the tip's pose at every state by every dimension of body, channel and tendon.
 
-    Forward mode through the equilibrium by the implicit function theorem.
+    Forward mode through the equilibrium by the implicit function theorem; with physics terms central
+    differences.
 
     Returns:
         The p parameters, their values, SI, (p,), and d pose / d parameter, (p, S, 3).
