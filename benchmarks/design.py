@@ -26,8 +26,10 @@ import design
 from design.assemble import Assembled, assemble
 from design.gauss_newton import BACK_OFF, judge_all, search_all
 from design.literal import solve_literal
-from design.optimise import FEW_STEPS, Lanes, _ranking, find, settled_on, without_goal
+from design.obstacles import rows_of_limits
 from design.option import look_at
+from design.options import settled_on
+from design.search import FEW_STEPS, Lanes, find, ranking, without_goal
 from design.space import on_common_mesh
 from design.starts import _put_in_order, starts
 from design.task import evaluate
@@ -109,7 +111,7 @@ def with_pose(problem: Assembled, pose: np.ndarray) -> Assembled:
 
 def verified(problem: Assembled, found: Lanes) -> dict[str, Any]:
     """The first design in the order of preference, judged apart from the search."""
-    best = int(_ranking(problem, found)[0])
+    best = int(ranking(problem, found)[0])
     space = problem.space
     try:
         z, _ = settled_on(problem, found.z[best], found.free[best])
@@ -216,9 +218,7 @@ def _judge(task, z):
 
 
 def _blocks(problem: Assembled) -> list[tuple[int, int]]:
-    from design.optimise import _rows_of_limits
-
-    sizes = list(_rows_of_limits(problem).values())
+    sizes = list(rows_of_limits(problem).values())
     ends = np.cumsum(sizes)
     return list(zip(ends - sizes, ends, strict=True))
 

@@ -241,9 +241,6 @@ def _default_bounds(
     if entry.name.startswith("knot_"):
         place = config.routing.knots[int(entry.name.removeprefix("knot_"))][0]  # pyright: ignore
         room = float(outer_radius_at(body, place)) - inside
-    elif entry.name in ("offset", "r2", "r_min"):
-        room = max(body.outer_radius) if entry.name == "offset" else float(max(body.outer_radius))
-        room -= inside
     else:
         room = float(max(body.outer_radius)) - inside
     return -room, room

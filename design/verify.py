@@ -62,7 +62,8 @@ def verify(problem: Assembled, option: Option) -> Verification:
     stepped, ok = [], True
     for number, released in states:
         T = float(option.tensions[number])
-        history = np.linspace(0.0, top if released else T, STEPS + 1)[1:]
+        preload = option.config.tendon.preload
+        history = np.linspace(preload, top if released else T, STEPS + 1)[1:]
         tail = np.linspace(top, T, STEPS + 1)[1:] if released else np.full(STEPS, T)
         run = simulate(robot, np.concatenate([history, tail]), time=1e6 * np.arange(2 * STEPS))
         stepped.append(np.asarray(run.tip_pose[-1]))

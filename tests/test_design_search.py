@@ -11,8 +11,8 @@ import design
 import gtr_jax as gtr
 from design import gauss_newton, lagrangian, literal
 from design.assemble import assemble
-from design.optimise import find
 from design.option import look_at
+from design.search import find
 from design.task import evaluate
 from tests.conftest import CROSS, PARALLEL, SINE, WAVE
 
