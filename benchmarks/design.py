@@ -28,8 +28,8 @@ from design.gauss_newton import BACK_OFF, judge_all, search_all
 from design.literal import solve_literal
 from design.obstacles import rows_of_limits
 from design.option import look_at
-from design.options import settled_on
-from design.search import FEW_STEPS, Lanes, find, ranking, without_goal
+from design.options import options_of
+from design.search import FEW_STEPS, Lanes, find, without_goal
 from design.space import on_common_mesh
 from design.starts import _put_in_order, starts
 from design.task import evaluate
@@ -110,12 +110,11 @@ def with_pose(problem: Assembled, pose: np.ndarray) -> Assembled:
 
 
 def verified(problem: Assembled, found: Lanes) -> dict[str, Any]:
-    """The first design in the order of preference, judged apart from the search."""
-    best = int(ranking(problem, found)[0])
+    """The design that is chosen, judged apart from the search."""
     space = problem.space
     try:
-        z, _ = settled_on(problem, found.z[best], found.free[best])
-        option = look_at(problem, space.lower + z * (space.upper - space.lower), resolution=4.0)
+        chosen = options_of(problem, found)[0]
+        option = look_at(problem, np.array([chosen.values[v.name] for v in space.all]), resolution=4.0)
     except InputError:
         return {"reached": False, "kept": False, "tip": np.nan, "angle": np.nan, "literal": np.nan}
     error = option.errors[0]

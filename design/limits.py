@@ -18,6 +18,7 @@ from gtr_jax.routing import Offset
 
 LEAST_WAVE = 0.02  # of the length: w2 - w1
 FAR = 1.0
+BETWEEN = 48  # stations between the kinks, where the channel bends
 
 WALL, BORE, RADIUS, BASE_SLOPE, TIP_SLOPE, WAVE, FOLD = (
     "wall_clearance",
@@ -63,13 +64,18 @@ class Stations(NamedTuple):
 
 
 def stations_of(robot: Robot, count: int) -> Stations:
-    """The channel of a robot at `count` even places and at everything that stands out."""
+    """The channel of a robot at `count` even places, close together between its kinks, and at everything that
+    stands out.
+    """
     body, routing = robot.backbone, robot.routing
     kinks = routing.kinks()
+    k = kinks.shape[0]
     even = jnp.linspace(0.0, 1.0, count) * body.length
+    if k > 1:
+        within = kinks[0] + jnp.linspace(0.0, 1.0, BETWEEN + 2)[1:-1] * (kinks[-1] - kinks[0])
+        even, count = jnp.concatenate([even, within]), count + BETWEEN
     s = jnp.concatenate([even, kinks, kinks, body.bore_start, body.bore_end])
     passed = kinks[:, None] <= s[None, :]
-    k = kinks.shape[0]
     before = ~jnp.eye(k, dtype=bool)  # seen from before, a kink has not passed itself
     own = passed[:, count : count + k] & before
     passed = jnp.concatenate([passed[:, :count], own, passed[:, count + k :]], axis=1)
