@@ -166,6 +166,10 @@ class TargetConfig(Section):
         """The file it was read from, for messages."""
         return self._source
 
+    def __eq__(self, other: object) -> bool:
+        """Equal if the numbers are, whichever file they came from."""
+        return isinstance(other, TargetConfig) and self.model_dump() == other.model_dump()
+
     @property
     def folder(self) -> Path:
         """Where the files that it names lie."""

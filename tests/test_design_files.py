@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import tomllib
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -243,3 +244,11 @@ def test_example_targets_are_read():
     for path in Path("examples").glob("*-target.toml"):
         config = gtr.load_config(str(path).replace("-target", ""))
         assert assemble(config, design.load_target(path)).space.all
+
+
+def test_the_target_file_of_the_docs_is_one(make_config):
+    text = Path("docs/files.md").read_text(encoding="utf-8").partition("## TARGET.toml")[2]
+    data = tomllib.loads(re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)[0])
+    problem = assemble(gtr.load_config("examples/tdcm-1.toml"), design.parse_target(data))
+    assert [v.name for v in problem.space.all] == ["r1", "r2", "w1", "w2", "E"]
+    assert problem.task.states == ((0, True), (1, False))

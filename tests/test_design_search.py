@@ -44,7 +44,9 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", [pytest.param(c, marks=[pytest.mark.slow] if c in ("wave", "cross") else []) for c in CASES]
+)
 def test_derivatives_of_residuals_and_margins(case, make_config):
     """Every coordinate of every family, knots, tension and modulus included, against central differences."""
     routing, sections, load = CASES[case]
@@ -184,6 +186,7 @@ def test_goal_is_at_its_closed_form(make_config):
     assert answer.best.kept
 
 
+@pytest.mark.slow
 def test_both_optimisers_find_the_same(make_config):
     hidden = {**SINE, "r1": -0.0085, "r2": 0.0096, "w1": 0.05, "w2": 0.17}
     pose = pose_of(gtr.build_robot(make_config(routing=hidden)))
