@@ -1,5 +1,16 @@
-"""What the tip does when the design changes; the choice of the routing itself comes later."""
+"""The routing that reaches a pose, and what the tip does when the design changes."""
 
+from .optimise import optimise
+from .result import Design
 from .sensitivity import Sensitivities, pose_sensitivity
+from .target import TargetConfig, load_target, parse_target
 
-__all__ = ["Sensitivities", "pose_sensitivity"]
+__all__ = [
+    "Design",
+    "Sensitivities",
+    "TargetConfig",
+    "load_target",
+    "optimise",
+    "parse_target",
+    "pose_sensitivity",
+]

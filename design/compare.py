@@ -1,0 +1,48 @@
+"""What a design made with a plainer model does under the physics that was found."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from gtr_jax.config import RobotConfig
+
+from .assemble import Assembled
+from .option import Option, judge
+from .space import on_common_mesh
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Comparison:
+    """A design by the plain model, believed and in truth.
+
+    Attributes:
+        source: of the plain model.
+        believed: the design as the plain model sees it.
+        actual: the same channel in the robot with its physics terms.
+    """
+
+    source: str
+    believed: Option
+    actual: Option
+
+
+def compare(problem: Assembled, believed: Option, plain: RobotConfig) -> Comparison:
+    """Put a design made with the plain model into the robot as it is.
+
+    Args:
+        problem: of the robot with its physics terms.
+        believed: the design that the plain model led to.
+        plain: that model.
+    """
+    values = np.array([believed.values[v.name] for v in problem.space.all])
+    config = problem.space.design(values)
+    robot = on_common_mesh(problem.space, config, 1.0)
+    actual = judge(problem, config, robot, problem.space.tensions_at(values), believed.values)
+    source = (
+        plain.source
+        if not plain.terms and plain.source != config.source
+        else f"{config.source} without its terms"
+    )
+    return Comparison(source, believed, actual)

@@ -1,0 +1,90 @@
+"""What a design leans on, and what would happen without it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gtr_jax.errors import InputError
+
+from . import limits as L
+from .assemble import Assembled
+from .gauss_newton import search_all
+from .limits import channel_margins, stations_of
+from .option import look_at
+from .result import Binding, Relaxed
+from .search import MANY_STEPS, Lanes, ranking, without_goal
+from .task import load_margins, robot_of, solve_states, tensions_of
+
+NEAR = 2e-3  # margin, in its scale, under which a limit counts as binding
+
+
+def binding_of(problem: Assembled, found: Lanes) -> tuple[Binding, ...]:
+    """Limits and bounds that the best lane leans on, the hardest first."""
+    best = int(ranking(problem, found)[0])
+    space = problem.space
+    if not np.isfinite(found.cost[best]):
+        return ()
+    sizes = rows_of_limits(problem)
+    out, at = [], 0
+    for name in sizes:
+        rows = slice(at, at + sizes[name])
+        at += sizes[name]
+        force = float(np.sum(np.abs(found.multipliers[best, rows])))
+        near = float(np.min(found.margins[best, rows], initial=1.0))
+        if near < NEAR and (force > 0 or near < 0):
+            out.append(Binding(name, "limit", force))
+    z, gradient = found.z[best], found.gradient[best]
+    for i, v in enumerate(space.all):
+        for end, pushed in ((0.0, gradient[i] > 0), (1.0, gradient[i] < 0)):
+            if found.free[best, i] and abs(z[i] - end) < 1e-6 and pushed:
+                bound = v.lower if end == 0.0 else v.upper
+                out.append(
+                    Binding(
+                        v.name, "least" if end == 0 else "largest", abs(float(gradient[i])), bound, v.unit
+                    )
+                )
+    return tuple(sorted(out, key=lambda b: -b.force))
+
+
+def rows_of_limits(problem: Assembled) -> dict[str, int]:
+    """Rows of the margins by limit, in their order."""
+    task = problem.task
+
+    def margins(z):
+        robot = robot_of(task, z)
+        found = channel_margins(robot, stations_of(robot, task.stations), task.limits, task.given)
+        return found | load_margins(task, solve_states(task, robot, tensions_of(task, z)))
+
+    shapes = jax.eval_shape(margins, jnp.zeros(task.lower.shape))
+    return {name: shapes[name].shape[0] for name in task.given if name in shapes}
+
+
+def relaxations(problem: Assembled, found: Lanes, binding: tuple[Binding, ...]) -> tuple[Relaxed, ...]:
+    """Whether the targets could be met with one of the limits that bind put aside."""
+    out = []
+    task = without_goal(problem.task)
+    for bound in binding:
+        if bound.kind != "limit" or bound.name in (L.WAVE,):
+            continue
+        place = task.given.index(bound.name)
+        if bound.name == L.WALL and problem.target.limits.wall_clearance == 0.0:
+            continue
+        eased = dataclasses.replace(task, active=task.active.at[place].set(0.0))
+        again = search_all(eased, jnp.asarray(found.z), jnp.asarray(found.free), MANY_STEPS)
+        cost = np.where(np.asarray(jnp.min(again.rows, axis=1)) >= -1e-6, np.asarray(again.cost), np.inf)
+        best = int(np.argmin(cost))
+        if not np.isfinite(cost[best]):
+            continue
+        values = problem.space.lower + np.asarray(again.z[best]) * (problem.space.upper - problem.space.lower)
+        try:
+            option = look_at(problem, values, resolution=1.0)
+        except InputError:
+            continue
+        own = next((m for m in option.margins if m.name == bound.name), None)
+        if own is not None:
+            out.append(Relaxed(bound.name, option.reached, own.value, own.limit, own.unit))
+    return tuple(out)

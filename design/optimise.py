@@ -1,0 +1,101 @@
+"""`design.optimise`: search from many starts, look at what was found on a finer mesh, and say what it is."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from gtr_jax.config import RobotConfig, load_config
+from gtr_jax.errors import InputError
+
+from .assemble import Assembled, assemble
+from .compare import Comparison, compare
+from .obstacles import binding_of, relaxations
+from .options import options_of
+from .result import Design, SearchFacts
+from .robustness import robustness_of
+from .search import find
+from .target import TargetConfig, load_target
+from .tolerances import tolerance_table
+from .verify import verify
+
+
+def optimise(
+    robot: RobotConfig | str | os.PathLike[str],
+    target: TargetConfig | str | os.PathLike[str],
+    *,
+    against: RobotConfig | None = None,
+    resolution: float = 0.5,
+    progress: Callable[[str], None] = lambda stage: None,
+) -> Design:
+    """Choose a robot's routing, and whatever else is free, so that it meets its targets within its limits.
+
+    Args:
+        robot: robot file, or its path; of one tendon.
+        target: target file, or its path.
+        against: a plainer model of the same robot: it is designed with too, and what that design does in
+            `robot` is told. A robot with physics terms is compared with itself without them unless given.
+        resolution: factor on the mesh of the search; what is found is looked at on one four times finer than
+            the default.
+        progress: is told each stage.
+
+    Returns:
+        The design; where the targets cannot be met, the nearest there is, and what stands in the way.
+
+    Raises:
+        InputError: file, key and remedy, in one line.
+    """
+    began = time.monotonic()
+    robot = load_config(robot) if isinstance(robot, str | os.PathLike) else robot
+    target = load_target(target) if isinstance(target, str | os.PathLike) else target
+    problem = assemble(robot, target, resolution=resolution)
+    progress("compiling and screening designs")
+    found = find(problem, progress)
+    progress("looking at the designs on a finer mesh")
+    options = options_of(problem, found)
+    best = options[0]
+    verified = verify(problem, best)
+    progress("sensitivities")
+    answer = Design(
+        problem=problem,
+        options=tuple(options),
+        verification=verified,
+        binding=binding_of(problem, found),
+        relaxed=(),
+        tolerances=tolerance_table(problem, best),
+        robustness=robustness_of(problem, best),
+        comparison=None,
+        search=SearchFacts(
+            found.method, len(found.z), int(np.sum(found.settled)), int(np.sum(found.steps)), 0.0
+        ),
+    )
+    if not (best.reached and best.kept):
+        progress("what stands in the way")
+        answer = dataclasses.replace(answer, relaxed=relaxations(problem, found, answer.binding))
+    plain = against or _without_terms(robot)
+    if plain is not None:
+        progress("designing with the plain model")
+        answer = dataclasses.replace(answer, comparison=_compared(problem, plain, resolution, progress))
+    seconds = time.monotonic() - began
+    return dataclasses.replace(answer, search=dataclasses.replace(answer.search, seconds=seconds))
+
+
+def _without_terms(robot: RobotConfig) -> RobotConfig | None:
+    """The robot without its physics terms; None if it has none."""
+    if not robot.terms:
+        return None
+    return robot.model_copy(update={"terms": ()})
+
+
+def _compared(problem: Assembled, plain: RobotConfig, resolution: float, progress) -> Comparison:
+    with_plain = assemble(plain, problem.target, resolution=resolution)
+    if with_plain.space.lower.shape != problem.space.lower.shape:
+        raise InputError(
+            f"{plain.source}: has not the numbers of {problem.space.config.source}; compare like robots"
+        )
+    option = options_of(with_plain, find(with_plain, progress))[0]
+    return compare(problem, option, plain)

@@ -1,0 +1,266 @@
+"""One design, looked at on a mesh of its own: where it brings the tip, and how far it is from every limit."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from gtr_jax.config import RobotConfig
+from gtr_jax.robot import Robot
+
+from . import limits as L
+from .assemble import Assembled, shape_tolerance, tip_tolerance
+from .model import States, states_of
+from .space import on_common_mesh
+from .task import goal_of, point_at
+
+PLACES = 2001
+ROUNDING = 1e-9
+
+
+@dataclasses.dataclass(frozen=True)
+class TargetError:
+    """How near one target is.
+
+    Attributes:
+        name: "pose[0]", "shape[0]".
+        T_base: base tension [N]. branch: "pulling" or "releasing".
+        wanted, found: tip x [m], y [m], angle [rad], NaN where not asked for; of a shape, at the point that
+            is farthest off x, y.
+        distance: of the tip, or of the point that is farthest off [m]; NaN if not asked for.
+        turn: angle by which it is off [rad]; NaN if not asked for.
+        tip_tolerance [m], angle_tolerance [rad]: as given.
+    """
+
+    name: str
+    T_base: float
+    branch: str
+    wanted: tuple[float, float, float]
+    found: tuple[float, float, float]
+    distance: float
+    turn: float
+    tip_tolerance: float
+    angle_tolerance: float
+
+    @property
+    def within(self) -> bool:
+        """Whether it is within its tolerances."""
+        near = not self.distance > self.tip_tolerance * (1 + ROUNDING)
+        return near and not abs(self.turn) > self.angle_tolerance * (1 + ROUNDING)
+
+
+@dataclasses.dataclass(frozen=True)
+class Margin:
+    """One limit.
+
+    Attributes:
+        name: as in the target file.
+        value: what the design has, at its worst. limit: what it has to keep.
+        margin: the room left, negative where the limit is broken. unit: SI, of all three.
+        where: arc length [m] of the worst place; NaN if it has none.
+    """
+
+    name: str
+    value: float
+    limit: float
+    margin: float
+    unit: str
+    where: float
+
+    @property
+    def kept(self) -> bool:
+        """Whether the limit is kept."""
+        return self.margin >= -ROUNDING * max(1.0, abs(self.limit))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Option:
+    """One design.
+
+    Attributes:
+        config: its robot file.
+        values: what was searched, by name, SI.
+        tensions: base tensions [N].
+        states: solved, on the mesh it was looked at on.
+        errors: of the targets. margins: of the limits.
+        goal: value of the goal, SI; NaN without one.
+        loss: largest share of the base tension lost while pulling; NaN if nothing pulls.
+        converged: whether every equilibrium met its tolerance.
+    """
+
+    config: RobotConfig
+    values: dict[str, float]
+    tensions: np.ndarray
+    states: States
+    errors: tuple[TargetError, ...]
+    margins: tuple[Margin, ...]
+    goal: float
+    loss: float
+    converged: bool
+
+    @property
+    def reached(self) -> bool:
+        """Whether every target is within its tolerance."""
+        return self.converged and all(e.within for e in self.errors)
+
+    @property
+    def kept(self) -> bool:
+        """Whether every limit is kept."""
+        return all(m.kept for m in self.margins)
+
+    @property
+    def miss(self) -> float:
+        """Largest error in units of its tolerance."""
+        sizes = [0.0]
+        for e in self.errors:
+            sizes += [e.distance / e.tip_tolerance] if e.distance == e.distance else []
+            sizes += [abs(e.turn) / e.angle_tolerance] if e.turn == e.turn else []
+        return max(sizes)
+
+
+@eqx.filter_jit
+def solve(robot: Robot, T, released: tuple[bool, ...], largest, with_terms: bool) -> States:
+    """The states of a robot, compiled."""
+    return states_of(robot, T, released, largest, with_terms)
+
+
+def look_at(problem: Assembled, values: np.ndarray, *, resolution: float) -> Option:
+    """Build a design as its file would and solve it.
+
+    Args:
+        problem: what it is a design for.
+        values: coordinates of the search, SI, (c,).
+        resolution: factor on the mesh.
+
+    Raises:
+        InputError: no robot has such numbers.
+    """
+    space = problem.space
+    config = space.design(values)
+    tensions = space.tensions_at(values)
+    robot = on_common_mesh(space, config, resolution)
+    named = {v.name: float(x) for v, x in zip(space.all, values, strict=True)}
+    return judge(problem, config, robot, tensions, named)
+
+
+def judge(
+    problem: Assembled,
+    config: RobotConfig,
+    robot: Robot,
+    tensions: np.ndarray,
+    values: dict[str, float] | None = None,
+) -> Option:
+    """The states of any robot against the targets and limits of a problem."""
+    from gtr_jax.equilibrium import known_to_act
+
+    T = jnp.asarray([tensions[number] for number, _ in problem.task.states])
+    released = tuple(r for _, r in problem.task.states)
+    states = solve(robot, T, released, jnp.asarray(np.max(tensions)), bool(known_to_act(robot)))
+    pulled = [i for i, r in enumerate(released) if not r]
+    shares = np.asarray(states.T_tip)[pulled] / np.asarray(T)[pulled]
+    goal = float(goal_of(problem.task.wanted, states) * problem.task.wanted.goal_scale)
+    if problem.target.goal is None:
+        goal = float("nan")
+    elif problem.target.goal.kind != "tension":
+        goal = -goal
+    return Option(
+        config=config,
+        values=values or {},
+        tensions=np.asarray(tensions, float),
+        states=states,
+        errors=_errors(problem, states, T),
+        margins=_margins(problem, robot, states, tensions),
+        goal=goal,
+        loss=float(1.0 - shares.min()) if pulled else float("nan"),
+        converged=bool(states.converged),
+    )
+
+
+def _errors(problem: Assembled, states: States, T) -> tuple[TargetError, ...]:
+    target, wanted, length = problem.target, problem.task.wanted, problem.space.config.backbone.length
+    out, nan = [], float("nan")
+    poses = np.asarray(states.pose)
+    for i, (pose, state) in enumerate(zip(target.pose, wanted.pose_state, strict=True)):
+        x, y, angle = poses[state].tolist()
+        tip = pose.tip or (nan, nan)
+        turn = nan if pose.angle is None else angle - pose.angle
+        out.append(
+            TargetError(
+                f"pose[{i}]",
+                float(T[state]),
+                pose.branch,
+                (*tip, nan if pose.angle is None else pose.angle),
+                (x, y, angle),
+                float(np.hypot(x - tip[0], y - tip[1])),
+                turn,
+                tip_tolerance(target, i, length),
+                pose.angle_tolerance,
+            )
+        )
+    done = 0
+    for i, shape in enumerate(target.shape):
+        state = wanted.point_state[done]
+        done += len(shape.points)
+        there = np.array([np.asarray(point_at(states, state, jnp.asarray(s))) for s, _, _ in shape.points])
+        off = np.hypot(*(there - np.asarray(shape.points)[:, 1:]).T)
+        worst = int(np.argmax(off))
+        out.append(
+            TargetError(
+                f"shape[{i}]",
+                float(T[state]),
+                shape.branch,
+                (*shape.points[worst][1:], nan),
+                (*there[worst].tolist(), nan),
+                float(off[worst]),
+                nan,
+                shape_tolerance(target, i, length),
+                nan,
+            )
+        )
+    return tuple(out)
+
+
+def _margins(problem: Assembled, robot: Robot, states: States, tensions: np.ndarray) -> tuple[Margin, ...]:
+    own, given, body = problem.target.limits, problem.task.given, robot.backbone
+    at = L.stations_of(robot, PLACES)
+    s, R = np.asarray(at.s), np.asarray(at.R.value)
+    edge, nan = 0.5 * own.channel_diameter, float("nan")
+    out = []
+
+    def least(name: str, values: np.ndarray, limit: float, unit: str, places: Any = s) -> None:
+        worst = int(np.argmin(values))
+        where = nan if places is None else float(places[worst])
+        out.append(Margin(name, float(values[worst]), limit, float(values[worst]) - limit, unit, where))
+
+    def most(name: str, values: np.ndarray, limit: float, unit: str, places: Any = s) -> None:
+        worst = int(np.argmax(values))
+        where = nan if places is None else float(places[worst])
+        out.append(Margin(name, float(values[worst]), limit, limit - float(values[worst]), unit, where))
+
+    least(L.WALL, np.asarray(body.radius(at.s)) - np.abs(R) - edge, own.wall_clearance, "m")
+    if L.BORE in given:
+        apart = np.abs(R) - 0.5 * np.asarray(body.bore_diameter)[:, None] - edge
+        least(L.BORE, np.where(np.asarray(at.bored), apart, np.inf).min(axis=0), own.bore_clearance, "m")
+    if own.min_channel_radius is not None:
+        bend = np.abs(np.asarray(L.channel_curvature(robot, at)))
+        least(L.RADIUS, 1.0 / np.maximum(bend, 1e-6), own.min_channel_radius, "m")
+    for name, place, limit in (
+        (L.BASE_SLOPE, 0, own.max_base_slope),
+        (L.TIP_SLOPE, int(np.argmax(s)), own.max_tip_slope),
+    ):
+        if limit is not None:
+            slope = np.abs(np.arctan(np.asarray(at.R.slope)[[place]]))
+            most(name, slope, limit, "rad", s[[place]])
+    released = np.asarray([r for _, r in problem.task.states])
+    share = np.asarray(states.T_tip) / np.asarray(states.T_base)
+    if own.max_tension_loss is not None and not np.all(released):
+        most(L.LOSS, 1.0 - share[~released], own.max_tension_loss, "", None)
+    if own.min_T_tip is not None:
+        least(L.TIP, np.asarray(states.T_tip), own.min_T_tip, "N", None)
+    if own.max_T_base is not None:
+        most("max_T_base", np.asarray(tensions, float), own.max_T_base, "N", None)
+    return tuple(out)

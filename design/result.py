@@ -1,0 +1,363 @@
+"""The answer of a design: what was found, in words and as plain values for JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+from gtr_jax.config import RobotConfig
+from gtr_jax.plain import plain
+from gtr_jax.units import display_of
+
+from .assemble import Assembled
+from .compare import Comparison
+from .limits import BORE, WALL
+from .option import Margin, Option, TargetError
+from .robustness import Robustness
+from .tolerances import Sensitivity
+from .verify import Verification
+
+REACHED, NEAREST, OPTIMAL, UNSETTLED = "reached", "not-reached", "optimal", "not-converged"
+
+
+@dataclasses.dataclass(frozen=True)
+class Binding:
+    """A limit or a bound that the design leans on.
+
+    Attributes:
+        name: of the limit, or of the number at its bound.
+        kind: "limit", "least" or "largest".
+        force: of the multiplier, by which they are ordered.
+        bound, unit: of the number at its bound, SI.
+    """
+
+    name: str
+    kind: str
+    force: float
+    bound: float = float("nan")
+    unit: str = ""
+
+    @property
+    def says(self) -> str:
+        """In words."""
+        if self.kind == "limit":
+            return self.name
+        return f"{self.name} at its {self.kind} value of {quantity(self.bound, self.unit)}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Relaxed:
+    """What putting one limit aside would do: whether the targets are reached, and the value the design would
+    then have in place of the limit, SI.
+    """
+
+    name: str
+    reached: bool
+    value: float
+    limit: float
+    unit: str
+
+
+@dataclasses.dataclass(frozen=True)
+class SearchFacts:
+    """How it was found: method, lanes and how many of them settled, evaluations of all, seconds."""
+
+    method: str
+    lanes: int
+    settled: int
+    evaluations: int
+    seconds: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Design:
+    """All that a design found.
+
+    Attributes:
+        problem: the files and what was searched.
+        options: distinct designs, the best first, each on the default mesh.
+        verification: of the best.
+        binding: what it leans on. relaxed: what putting a limit aside would do, if the targets are not met.
+        tolerances: of its dimensions. robustness: None if nothing is uncertain.
+        comparison: with the design of a plainer model; None without one.
+        search: how it was found.
+    """
+
+    problem: Assembled
+    options: tuple[Option, ...]
+    verification: Verification
+    binding: tuple[Binding, ...]
+    relaxed: tuple[Relaxed, ...]
+    tolerances: tuple[Sensitivity, ...]
+    robustness: Robustness | None
+    comparison: Comparison | None
+    search: SearchFacts
+
+    @property
+    def best(self) -> Option:
+        """The design that was chosen, on the mesh four times finer than the default."""
+        return self.verification.fine
+
+    @property
+    def config(self) -> RobotConfig:
+        """The designed robot."""
+        return self.best.config
+
+    @property
+    def verdict(self) -> str:
+        """reached, optimal, not-reached or not-converged."""
+        robust = self.problem.task.spread != "nominal"
+        aims = self.problem.target.goal is not None or robust
+        arrived = self.best.reached and self.best.kept and not aims  # it needs no more than that
+        if not self.verification.converged or (self.search.settled == 0 and not arrived):
+            return UNSETTLED
+        if not self.best.kept or not (self.best.reached or robust):
+            return NEAREST
+        return OPTIMAL if aims else REACHED
+
+    @property
+    def converged(self) -> bool:
+        """Whether there is an answer."""
+        return self.verdict != UNSETTLED
+
+    @property
+    def says(self) -> str:
+        """The answer in a sentence or three."""
+        return " ".join(_sentences(self))
+
+    def to_json(self) -> dict[str, Any]:
+        """The answer as plain values, SI, units in the keys."""
+        v, search = self.verification, self.search
+        return plain(
+            {
+                "schema": 1,
+                "verdict": self.verdict,
+                "says": self.says,
+                "parameters": [
+                    {
+                        "name": s.name,
+                        "key": s.key or s.name,
+                        "value": self.best.values[s.name],
+                        "unit": s.unit,
+                        "lower": s.lower,
+                        "upper": s.upper,
+                    }
+                    for s in self.problem.space.all
+                ],
+                "T_base_N": self.best.tensions,
+                "goal": None if self.problem.target.goal is None else self._goal(),
+                "targets": [_target(e) for e in self.best.errors],
+                "limits": [_margin(m) for m in self.best.margins],
+                "tension_loss": self.best.loss,
+                "binding": [
+                    {"name": b.name, "kind": b.kind, "bound": b.bound, "unit": b.unit} for b in self.binding
+                ],
+                "without_a_limit": [dataclasses.asdict(r) for r in self.relaxed],
+                "alternatives": [_option(o) for o in self.options],
+                "verification": {
+                    "converged": v.converged,
+                    "mesh_four_times_finer": _moved(v.fine_moved),
+                    "many_load_steps": _moved(v.steps_moved),
+                    "literal_integrals": {**_moved(v.literal_moved), "says": v.literal_says},
+                },
+                "tolerances": [
+                    {
+                        "name": t.parameter.name,
+                        "key": t.parameter.key,
+                        "value": t.value,
+                        "unit": t.parameter.unit,
+                        "tip_moves_m_per_unit": t.moves,
+                        "tip_turns_rad_per_unit": t.turns,
+                        "allowed": t.allowed,
+                    }
+                    for t in self.tolerances
+                ],
+                "robustness": None if self.robustness is None else _robustness(self.robustness),
+                "plain_model": None if self.comparison is None else _comparison(self.comparison),
+                "search": dataclasses.asdict(search),
+            }
+        )
+
+    def _goal(self) -> dict[str, Any]:
+        goal = self.problem.target.goal
+        assert goal is not None
+        unit = {"reach": "m", "bend": "rad", "tension": "N"}[goal.kind]
+        return {"kind": goal.kind, "value": self.best.goal, "unit": unit}
+
+
+def quantity(value: float, unit: str, digits: int = 4) -> str:
+    """A quantity in the unit people write it in; a dash where there is none."""
+    if value != value:
+        return "–"
+    shown, size = display_of(unit or "dimensionless")
+    text = f"{value / size:.{digits}g}"
+    return f"{text} {shown}".replace("-", "−") if shown != "dimensionless" else text.replace("-", "−")
+
+
+def miss_says(error: TargetError) -> str:
+    """By how much a target is missed."""
+    parts = []
+    if error.distance == error.distance:
+        parts.append(quantity(error.distance, "m", 3))
+    if error.turn == error.turn:
+        parts.append(quantity(abs(error.turn), "rad", 3))
+    return " and ".join(parts)
+
+
+def _sentences(answer: Design) -> list[str]:
+    best, target = answer.best, answer.problem.target
+    name = target.name
+    if answer.verdict == UNSETTLED:
+        return [
+            f"{name}: the search did not converge; {answer.search.settled} of {answer.search.lanes} starts "
+            "settled. Do not use the design; give more starts or narrower bounds."
+        ]
+    out = []
+    worst = max(best.errors, key=_size, default=None)
+    if answer.verdict == NEAREST:
+        out.append(_not_reached(answer, worst))
+        limits = [b for b in answer.binding if b.kind == "limit"]
+        bounds = [b for b in answer.binding if b.kind != "limit"]
+        if limits or bounds:
+            out.append(f"What binds: {', '.join(b.says for b in [*limits, *bounds])}.")
+        for r in answer.relaxed:
+            if r.reached:
+                out.append(
+                    f"Without {r.name} it would be reached, with {quantity(r.value, r.unit)} instead of "
+                    f"{quantity(r.limit, r.unit)}."
+                )
+        if answer.relaxed and not any(r.reached for r in answer.relaxed):
+            out.append("Putting one limit aside does not help.")
+        return out
+    loss = f"; {100 * best.loss:.3g} % of the tension is lost" if best.loss == best.loss else ""
+    if answer.robustness is not None and answer.problem.task.spread != "nominal":
+        most = max(answer.robustness.spreads, key=lambda s: s.worst)
+        out.append(
+            f"{name}: least {answer.problem.task.spread} error over friction and modulus: the tip is off by "
+            f"{quantity(most.rms, 'm', 3)} rms, by {quantity(most.worst, 'm', 3)} at worst{loss}."
+        )
+    elif target.goal is not None:
+        goal = answer._goal()
+        word = {"reach": "reach", "bend": "bend of the tip", "tension": "least base tension"}[goal["kind"]]
+        out.append(f"{name}: {word} {quantity(goal['value'], goal['unit'])}{loss}.")
+    else:
+        out.append(
+            f"{name}: reached to {miss_says(worst)}{loss}."
+            if worst is not None
+            else f"{name}: reached{loss}."
+        )
+    tight = min(best.margins, key=lambda m: m.margin / _scale(answer, m), default=None)
+    if tight is not None:
+        word = f"tightest is {tight.name}, {_margin_says(tight)}"
+        out.append(f"All limits are kept; {word}.")
+    others = len(answer.options) - 1
+    if others:
+        out.append(f"{others} other design{'s' if others > 1 else ''} found.")
+    if answer.comparison is not None:
+        actual = max(answer.comparison.actual.errors, key=_size, default=None)
+        if actual is not None:
+            out.append(
+                f"Designed with {answer.comparison.source}, the tip would miss by {miss_says(actual)}."
+            )
+    return out
+
+
+def _scale(answer: Design, m: Margin) -> float:
+    """What a margin is large or small against."""
+    if m.name in (WALL, BORE):
+        return max(answer.config.backbone.outer_radius)
+    return abs(m.limit) or 1.0
+
+
+def _margin_says(m: Margin) -> str:
+    return f"{quantity(m.value, m.unit, 3)} for {quantity(m.limit, m.unit, 3)}"
+
+
+def _not_reached(answer: Design, worst: TargetError | None) -> str:
+    name = answer.problem.target.name
+    broken = [m for m in answer.best.margins if not m.kept]
+    if broken:
+        said = ", ".join(f"{m.name} ({_margin_says(m)})" for m in broken)
+        return f"{name}: no design found keeps all limits; the nearest breaks {said}."
+    if worst is None:
+        return f"{name}: no design found."
+    where = f"at {worst.T_base:.4g} N, {worst.branch}"
+    x, y, angle = worst.found
+    tip = f"({1e3 * x:.4g}, {1e3 * y:.4g}) mm" if x == x else ""
+    turned = f"{math.degrees(angle):.4g}°" if angle == angle else ""
+    there = ", ".join(part for part in (tip, turned) if part).replace("-", "−")
+    return (
+        f"{name}: not reachable within these limits and bounds, as far as {answer.search.lanes} starts tell. "
+        f"The nearest misses {worst.name} ({where}) by {miss_says(worst)}, at {there}."
+    )
+
+
+def _size(e: TargetError) -> float:
+    parts = [0.0]
+    parts += [e.distance / e.tip_tolerance] if e.distance == e.distance else []
+    parts += [abs(e.turn) / e.angle_tolerance] if e.turn == e.turn else []
+    return max(parts)
+
+
+def _target(e: TargetError) -> dict[str, Any]:
+    return {
+        "name": e.name,
+        "T_base_N": e.T_base,
+        "branch": e.branch,
+        "wanted": {"x_m": e.wanted[0], "y_m": e.wanted[1], "angle_rad": e.wanted[2]},
+        "found": {"x_m": e.found[0], "y_m": e.found[1], "angle_rad": e.found[2]},
+        "distance_m": e.distance,
+        "angle_rad": e.turn,
+        "tip_tolerance_m": e.tip_tolerance,
+        "angle_tolerance_rad": e.angle_tolerance,
+        "within": e.within,
+    }
+
+
+def _margin(m: Margin) -> dict[str, Any]:
+    return {**dataclasses.asdict(m), "kept": m.kept}
+
+
+def _option(o: Option) -> dict[str, Any]:
+    return {
+        "parameters": o.values,
+        "T_base_N": o.tensions,
+        "reached": o.reached,
+        "limits_kept": o.kept,
+        "worst_error_in_tolerances": o.miss,
+        "tension_loss": o.loss,
+        "goal": o.goal,
+        "targets": [_target(e) for e in o.errors],
+        "limits": [_margin(m) for m in o.margins],
+    }
+
+
+def _moved(by: tuple[float, float]) -> dict[str, float]:
+    return {"tip_moves_m": by[0], "tip_turns_rad": by[1]}
+
+
+def _robustness(r: Robustness) -> dict[str, Any]:
+    return {
+        "sd_relative": {"friction_coefficient": r.sd[0], "youngs_modulus": r.sd[1]},
+        "correlation": r.correlation,
+        "source": r.source,
+        "deviations": r.deviations,
+        "converged": r.converged,
+        "targets": [
+            {
+                "name": s.name,
+                "T_base_N": s.T_base,
+                "branch": s.branch,
+                "rms_m": s.rms,
+                "worst_m": s.worst,
+                "rms_rad": s.rms_turn,
+                "worst_rad": s.worst_turn,
+            }
+            for s in r.spreads
+        ],
+    }
+
+
+def _comparison(c: Comparison) -> dict[str, Any]:
+    return {"source": c.source, "believed": _option(c.believed), "actual": _option(c.actual)}

@@ -1,0 +1,124 @@
+"""Where the tip may be, given how well friction coefficient and modulus are known."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gtr_jax.equilibrium import known_to_act
+
+from .assemble import Assembled
+from .model import states_of
+from .option import Option
+from .space import on_common_mesh
+from .task import at_draw
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Spread:
+    """The tip at one target.
+
+    Attributes:
+        name: of the target. T_base [N], branch.
+        rms, worst: distance of the tip from where it is to be, or, of a goal, from where the nominal robot
+            has it [m]: root mean square over what is not known, and largest on the ellipse.
+        rms_turn, worst_turn: the same of the angle [rad].
+        ellipse: tips on that ellipse [m], (8, 2).
+    """
+
+    name: str
+    T_base: float
+    branch: str
+    rms: float
+    worst: float
+    rms_turn: float
+    worst_turn: float
+    ellipse: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Robustness:
+    """What is not known, and where it puts the tip.
+
+    Attributes:
+        sd: relative standard deviations of friction coefficient and modulus. correlation: of the two.
+        source: where they are from. deviations: how far the worst case looks.
+        spreads: by target. converged: whether all was solved.
+    """
+
+    sd: tuple[float, float]
+    correlation: float
+    source: str
+    deviations: float
+    spreads: tuple[Spread, ...]
+    converged: bool
+
+
+@eqx.filter_jit
+def _poses_at(robot, task, draws, T, released, largest, with_terms):
+    def one(draw):
+        states = states_of(at_draw(task, robot, draw), T, released, largest, with_terms)
+        return states.pose, states.converged
+
+    return jax.lax.map(one, draws)
+
+
+def robustness_of(problem: Assembled, option: Option) -> Robustness | None:
+    """Spread of the tip at every target; None if nothing is uncertain."""
+    known, target = problem.uncertainty, problem.target
+    if not known.known:
+        return None
+    normal, shares = known.gaussian()
+    edge, _ = known.edge(target.robust.deviations)
+    draws = np.maximum(np.concatenate([normal, edge]), -0.95)
+    robot = on_common_mesh(problem.space, option.config, 1.0)
+    states = problem.task.states
+    T = jnp.asarray([option.tensions[number] for number, _ in states])
+    released = tuple(r for _, r in states)
+    poses, ok = _poses_at(
+        robot,
+        problem.task,
+        jnp.asarray(draws),
+        T,
+        released,
+        jnp.asarray(np.max(option.tensions)),
+        bool(known_to_act(robot)),
+    )
+    poses = np.asarray(poses)
+    nominal = np.asarray(option.states.pose)
+    spreads = []
+    asked = list(enumerate(problem.task.wanted.pose_state)) or [(-1, i) for i in range(len(states))]
+    for i, state in asked:
+        pose = target.pose[i] if i >= 0 else None
+        at = nominal[state].copy()
+        if pose is not None and pose.tip is not None:
+            at[:2] = pose.tip
+        if pose is not None and pose.angle is not None:
+            at[2] = pose.angle
+        gap = poses[:, state] - at
+        distance, turn = np.hypot(gap[:, 0], gap[:, 1]), np.abs(gap[:, 2])
+        few = len(normal)
+        spreads.append(
+            Spread(
+                f"pose[{i}]" if i >= 0 else f"state[{state}]",
+                float(T[state]),
+                "releasing" if released[state] else "pulling",
+                float(np.sqrt(shares @ distance[:few] ** 2)),
+                float(distance[few:].max()),
+                float(np.sqrt(shares @ turn[:few] ** 2)),
+                float(turn[few:].max()),
+                poses[few + 1 :, state, :2],
+            )
+        )
+    return Robustness(
+        (float(known.sd[0]), float(known.sd[1])),
+        known.correlation,
+        known.source,
+        target.robust.deviations,
+        tuple(spreads),
+        bool(np.all(np.asarray(ok))),
+    )

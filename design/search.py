@@ -1,0 +1,159 @@
+"""The search from many starts, by whichever of the two optimisers suits what is asked for."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from .assemble import Assembled
+from .gauss_newton import Found, judge_all, search_all
+from .lagrangian import minimise_all
+from .starts import starts
+from .task import Evaluation, Task
+
+FEW_STEPS, MANY_STEPS = 25, 250
+WITHIN = 0.5  # of a tolerance, that a search has to come to, so that a finer mesh still finds it there
+LANES = 4  # that a second search goes on with
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Lanes:
+    """All lanes of a search: coordinates (L, c), merit (L,), how they are judged, multipliers (L, K),
+    gradient (L, c), whether they settled (L,), evaluations (L,); the method that found them.
+    """
+
+    z: np.ndarray
+    free: np.ndarray
+    cost: np.ndarray
+    kept: np.ndarray
+    settled: np.ndarray
+    steps: np.ndarray
+    margins: np.ndarray
+    multipliers: np.ndarray
+    gradient: np.ndarray
+    judged: Evaluation
+    method: str
+
+    @property
+    def order(self) -> np.ndarray:
+        """By which lanes are ranked: those that break a limit behind all that keep them, (L,)."""
+        short = np.minimum(np.min(self.margins, axis=1, initial=1.0), 0.0)
+        return np.where(self.kept, self.cost, 1e12 * (1.0 - short))
+
+
+def find(problem: Assembled, progress: Callable[[str], None] = lambda stage: None) -> Lanes:
+    """Search from all starts.
+
+    Targets are a least squares problem: Gauss-Newton from every start, a few steps, more where none has
+    arrived, and once more with residuals of a smaller scale where nothing ever will. Goals and worst cases go
+    on from there by L-BFGS-B.
+    """
+    task, target = problem.task, problem.target
+    goal = bool(task.wanted.goal)
+    first = task if goal else without_goal(task)
+    z, free = starts(first, problem.space, target.search.starts, target.search.seed)
+    z, free = jnp.asarray(z), jnp.asarray(free)
+    progress("searching")
+    if target.search.method == "l-bfgs-b" and not goal:
+        return _lanes(problem, minimise_all(task, z, free), np.asarray(free), "l-bfgs-b")
+    found = None
+    if not goal or task.wanted.pose_state or task.wanted.point_state:
+        found = _meet(without_goal(task), z, free)
+        if task.spread != "worst" and not goal:
+            return _lanes(problem, found, np.asarray(free), "gauss-newton")
+        z = found.z
+    if goal:
+        found = search_all(task, z, free, MANY_STEPS)
+    assert found is not None
+    progress("searching by L-BFGS-B")
+    order = np.argsort(_lanes(problem, found, np.asarray(free), "").order, kind="stable")[:LANES]
+    z, free = jnp.asarray(found.z), jnp.asarray(free)
+    multipliers = None
+    if goal:  # Gauss-Newton's are of half the square of the distance from utopia
+        away = jnp.sqrt(2.0 * found.cost[order])
+        multipliers = found.multipliers[order] / jnp.where(away > 0, away, 1.0)[:, None]
+    polished = minimise_all(task, z[order], free[order], multipliers)
+    both = found._replace(settled=found.settled if goal else jnp.zeros_like(found.settled))
+    joined = Found(*(jnp.concatenate([a, b]) for a, b in zip(polished, both, strict=True)))
+    free = jnp.concatenate([free[order], free])
+    return _lanes(problem, joined, np.asarray(free), "gauss-newton, l-bfgs-b")
+
+
+def _meet(task: Task, z, free) -> Found:
+    """Gauss-Newton on the targets from every start: a few steps; more where none has arrived; and once more
+    at a smaller scale where nothing ever will.
+    """
+    found = search_all(task, z, free, FEW_STEPS)
+    if not _any_reached(found):
+        found = search_all(task, found.z, free, MANY_STEPS)
+    if not _any_reached(found):
+        found = _nearest(task, found, free)
+    return found
+
+
+def without_goal(task: Task) -> Task:
+    """The task of meeting the targets alone, as a sum of squares."""
+    spread = "expected" if task.spread == "worst" else task.spread
+    wanted = dataclasses.replace(task.wanted, goal="") if task.wanted.goal else task.wanted
+    return dataclasses.replace(task, wanted=wanted, spread=spread)
+
+
+def _any_reached(found: Found) -> bool:
+    kept = jnp.min(found.rows, axis=1, initial=1.0) >= 0.0
+    return bool(jnp.any((found.cost < 0.5 * WITHIN**2) & kept))
+
+
+def _nearest(task: Task, found: Found, free) -> Found:
+    """The same search with residuals divided by their size: where a target is far out of reach, the limits
+    would else weigh too little against it.
+    """
+    cost = float(np.min(np.where(np.isfinite(found.cost), found.cost, np.inf)))
+    size = max(1.0, np.sqrt(2.0 * cost)) if np.isfinite(cost) else 1.0
+    smaller = eqx.tree_at(
+        lambda t: (t.wanted.pose_scale, t.wanted.point_scale),
+        task,
+        (task.wanted.pose_scale / size, task.wanted.point_scale / size),
+    )
+    again = search_all(smaller, found.z, free, MANY_STEPS)
+    return again._replace(cost=again.cost * size**2, multipliers=again.multipliers * size)
+
+
+def _lanes(problem: Assembled, found: Found, free: np.ndarray, method: str) -> Lanes:
+    judged = judge_all(problem.task, found.z)
+    margins = np.asarray(judged.margins)
+    kept = np.min(margins, axis=1, initial=1.0) >= -1e-6
+    cost = 0.5 * np.sum(np.asarray(judged.residuals) ** 2, axis=1)
+    cost = np.where(np.asarray(judged.converged) & np.isfinite(cost), cost, np.inf)
+    return Lanes(
+        z=np.asarray(found.z),
+        free=free,
+        cost=cost,
+        kept=kept,
+        settled=np.asarray(found.settled),
+        steps=np.asarray(found.steps),
+        margins=margins,
+        multipliers=np.asarray(found.multipliers),
+        gradient=np.asarray(found.gradient),
+        judged=judged,
+        method=method,
+    )
+
+
+def ranking(problem: Assembled, found: Lanes) -> np.ndarray:
+    """Lanes in the order of preference: limits kept first; then those that reach the targets, the one that
+    loses the least tension first; then the nearest. Of a goal, the best first.
+    """
+    reach = found.cost < 0.5 * WITHIN**2
+    if problem.task.wanted.goal or problem.task.spread != "nominal":
+        return np.lexsort((found.cost, ~found.kept))
+    pulled = [i for i, (_, released) in enumerate(problem.task.states) if not released]
+    share = np.asarray(found.judged.T_tip)[:, pulled]
+    T = np.asarray(problem.task.tensions)[[problem.task.states[i][0] for i in pulled]]
+    loss = np.max(1.0 - share / T, axis=1, initial=-1.0) if pulled else np.zeros(len(reach))
+    second = np.where(reach, loss, found.cost)
+    short = np.minimum(np.min(found.margins, axis=1, initial=1.0), 0.0)
+    return np.lexsort((second, ~reach, np.where(found.kept, 0.0, -short)))

@@ -1,0 +1,212 @@
+"""The target file: `TARGET.toml` read and checked by itself; `checks` holds it against the robot.
+
+The classes below are the file's sections; after validation they hold SI floats (m, N, rad).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, PrivateAttr, StrictInt, StrictStr, ValidationError
+
+from gtr_jax.config import ROUTINGS, Section
+from gtr_jax.config_checks import one_line
+from gtr_jax.config_file import read_toml
+from gtr_jax.errors import InputError
+from gtr_jax.units import Unit
+
+Length = Annotated[float, Unit("m")]
+Angle = Annotated[float, Unit("rad")]
+Force = Annotated[float, Unit("N")]
+Ratio = Annotated[float, Unit("dimensionless")]
+Branch = Literal["pulling", "releasing"]
+
+SPLINE = "spline"
+FAMILIES = ("parallel", "straight-sine-straight", "converging-sine", "crossing-sine", SPLINE)
+
+
+class PoseTarget(Section):
+    """Where the tip is to be at one base tension: its position, its angle, or both."""
+
+    T_base: Force = Field(examples=["45 N"])
+    """Base tension [N]."""
+    branch: Branch = "pulling"
+    """Whether the tendon is pulled to this tension, or released to it from the largest of the file."""
+    tip: tuple[Length, Length] | None = None
+    """Tip of the midline [m]: x along the base tangent, y to its left."""
+    angle: Angle | None = None
+    """Angle of the midline at the tip [rad], anticlockwise, not reduced to a full turn."""
+    tip_tolerance: Length | None = None
+    """Distance [m] within which the tip counts as there; 0.1 % of the length unless given."""
+    angle_tolerance: Angle = 1e-3
+    """Angle [rad] within which it counts as pointing there."""
+    weight: Ratio = 1.0
+    """Of this target against the others, where not all can be met."""
+
+
+class ShapeTarget(Section):
+    """Where points of the midline are to be at one base tension."""
+
+    T_base: Force = Field(examples=["45 N"])
+    """Base tension [N]."""
+    branch: Branch = "pulling"
+    """As of a pose."""
+    points: tuple[tuple[Length, Length, Length], ...] = Field(examples=[[["125 mm", "120 mm", "20 mm"]]])
+    """[s, x, y] of each point [m]: arc length along the midline, and where it is to be."""
+    tolerance: Length | None = None
+    """Distance [m] within which a point counts as there; 0.5 % of the length unless given."""
+    weight: Ratio = 1.0
+    """As of a pose."""
+
+
+class Goal(Section):
+    """What to make as large, or as small, as the limits and the targets allow."""
+
+    kind: Literal["reach", "bend", "tension"] = Field(examples=["reach"])
+    """reach: how far the tip gets in a direction; bend: the angle of the tip; tension: the least base tension
+    at which the targets are met."""
+    T_base: Force | None = None
+    """Base tension [N] of reach and bend."""
+    branch: Branch = "pulling"
+    """As of a pose."""
+    direction: Angle = 0.5 * 3.141592653589793
+    """Of reach [rad], from the base tangent; sideways unless given."""
+
+
+class Search(Section):
+    """What may change, within which bounds, and how it is searched."""
+
+    kind: StrictStr | None = None
+    """Family of the channel; that of the robot unless given."""
+    routing: tuple[StrictStr, ...] | None = None
+    """Numbers of the channel that may change; all of them unless given."""
+    free: tuple[StrictStr, ...] = ()
+    """Other numbers that may change: T_base, or any of the robot (E, outer_radius_tip, bore_0_diameter)."""
+    knots: StrictInt | None = None
+    """Number of knots of a spline, evenly spaced; 6 unless given."""
+    n_sine: tuple[Ratio, ...] | None = None
+    """Numbers of half waves to choose from; that of the robot unless given."""
+    bounds: dict[str, tuple[Any, Any]] = Field(default_factory=dict)
+    """Least and largest value of a number that may change, by its name."""
+    starts: StrictInt = 12
+    """Starts of the search for each number of half waves."""
+    method: Literal["auto", "gauss-newton", "l-bfgs-b"] = "auto"
+    """How to search; auto takes Gauss-Newton for targets and L-BFGS-B for goals and the worst case."""
+    seed: StrictInt = 0
+    """Of the starts."""
+
+
+class Limits(Section):
+    """What the design has to keep."""
+
+    wall_clearance: Length = 0.0
+    """Least wall [m] between the channel and the outer surface."""
+    bore_clearance: Length = 0.0
+    """Least wall [m] between the channel and a bore."""
+    channel_diameter: Length = 0.0
+    """Of the channel [m]; clearances count from its edge."""
+    min_channel_radius: Length | None = None
+    """Least radius of curvature of the channel [m], in the unloaded body."""
+    max_tension_loss: Ratio | None = None
+    """Largest share of the base tension that may be lost on the way to the tip while pulling."""
+    max_T_base: Force | None = None
+    """Largest base tension [N]."""
+    min_T_tip: Force | None = None
+    """Least tension at the tip [N] at every target."""
+    max_base_slope: Angle | None = None
+    """Largest angle [rad] between channel and midline where the channel begins."""
+    max_tip_slope: Angle | None = None
+    """The same where it ends."""
+
+
+class Robust(Section):
+    """How well friction and modulus are known, and whether the design is to allow for it."""
+
+    optimise: Literal["nominal", "expected", "worst"] = "nominal"
+    """nominal: the target is met by the robot as the file has it; expected: least mean square error over what
+    is not known; worst: least largest error."""
+    friction_coefficient: Ratio | None = None
+    """Standard deviation of the friction coefficient, relative; that of the robot's [uncertainty] unless
+    given."""
+    youngs_modulus: Ratio | None = None
+    """The same of the modulus."""
+    fit: StrictStr | None = None
+    """fit.json with both deviations and their correlation, relative to the target file."""
+    deviations: Ratio = 2.0
+    """Standard deviations up to which the worst case looks."""
+
+
+class TargetConfig(Section):
+    """A target file in SI units."""
+
+    schema_version: Literal[1] = Field(alias="schema", examples=[1])
+    """Version of the file format."""
+    name: StrictStr = "design"
+    """Name in reports, and of the designed robot."""
+    pose: tuple[PoseTarget, ...] = ()
+    """Poses of the tip."""
+    shape: tuple[ShapeTarget, ...] = ()
+    """Shapes of the midline."""
+    goal: Goal | None = None
+    """What to make as large as can be."""
+    T_base_max: Force | None = None
+    """Base tension [N] from which targets on the releasing branch are released; the largest of the file
+    unless given."""
+    search: Search = Search()
+    limits: Limits = Limits()
+    robust: Robust = Robust()
+    _source: str = PrivateAttr("target")
+    _folder: Path = PrivateAttr(Path("."))
+
+    @property
+    def source(self) -> str:
+        """The file it was read from, for messages."""
+        return self._source
+
+    def __eq__(self, other: object) -> bool:
+        """Equal if the numbers are, whichever file they came from."""
+        return isinstance(other, TargetConfig) and self.model_dump() == other.model_dump()
+
+    @property
+    def folder(self) -> Path:
+        """Where the files that it names lie."""
+        return self._folder
+
+    @property
+    def loads(self) -> tuple[PoseTarget | ShapeTarget | Goal, ...]:
+        """Everything that asks for a state, in the order poses, shapes, goal."""
+        return (*self.pose, *self.shape, *((self.goal,) if self.goal else ()))
+
+
+def parse_target(
+    data: Mapping[str, Any], *, source: str = "target", folder: str | os.PathLike[str] = "."
+) -> TargetConfig:
+    """Check the contents of a target file. `source` names it in errors; `folder` is where its files lie.
+
+    Raises InputError naming source, key and remedy.
+    """
+    try:
+        target = TargetConfig.model_validate(data, context={"folder": folder})
+    except ValidationError as error:
+        raise InputError(f"{source}: {one_line(error, ROUTINGS)}") from None
+    target._source, target._folder = source, Path(folder)
+    return target
+
+
+def load_target(path: str | os.PathLike[str]) -> TargetConfig:
+    """Read a target file. Raises InputError naming file, key and remedy."""
+    return parse_target(read_toml(path), source=str(path), folder=Path(path).parent)
+
+
+def target_text(target: TargetConfig) -> str:
+    """A target file as TOML, with unit strings."""
+    import tomli_w
+
+    return tomli_w.dumps(
+        target.model_dump(
+            by_alias=True, exclude_defaults=True, exclude_none=True, context={"unit_strings": True}
+        )
+    )

@@ -1,0 +1,103 @@
+"""`gtr design`: the routing that reaches a target."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from gtr_jax.errors import InputError
+
+from .options import check_resolution, output_option, robot_argument
+
+if TYPE_CHECKING:
+    from gtr_jax.config import RobotConfig
+
+RESOLUTION = 0.5
+
+
+@click.command()
+@robot_argument
+@click.argument("target", metavar="TARGET.toml", type=click.Path(path_type=Path))
+@click.option(
+    "--against",
+    type=click.Path(path_type=Path),
+    metavar="PLAIN.toml",
+    help="Design with this plainer model too, and tell how far its design would miss in ROBOT.toml.  "
+    "[default: the same robot without its terms, if it has any]",
+)
+@click.option(
+    "--resolution",
+    type=float,
+    default=RESOLUTION,
+    show_default=True,
+    metavar="FACTOR",
+    help="Factor on the mesh of the search; what is found is checked on a mesh of 4.",
+)
+@output_option
+def design(robot: Path, target: Path, against: Path | None, resolution: float, output: Path) -> int:
+    """Choose the routing of ROBOT.toml, and whatever else TARGET.toml frees, so that the tip is where
+    TARGET.toml wants it, within its limits.
+
+    Where no design does, the nearest is written and what stands in the way is said; the exit status is
+    then 1.
+    """
+    from gtr_jax.config import load_config
+
+    from .cache import enable_cache
+    from .progress import Progress
+    from .run_folder import RunFolder
+
+    check_resolution(resolution)
+    config = load_config(robot)
+    plain = None if against is None else load_config(against)
+    paths = {"robot": robot, "target": target} | ({"against": against} if against else {})
+    wanted = _load_target(target)
+    folder = RunFolder(output, paths)
+    enable_cache()
+    with Progress() as progress:
+        answer = solve(config, wanted, against=plain, resolution=resolution, progress=progress)
+        progress("drawing")
+        with folder.write() as part:
+            write_answer(part, answer, config, folder.settings())
+    click.echo(f"{answer.verdict}: {answer.says}")
+    click.echo(f"report: {output / 'report.html'}")
+    return 0 if answer.verdict in ("reached", "optimal") else 1
+
+
+def _load_target(path: Path) -> Any:
+    from design import load_target
+
+    if path.suffix.lower() == ".csv":
+        raise InputError(f"{path}: is no target file; write a TARGET.toml with [[pose]]")
+    return load_target(path)
+
+
+def solve(config: RobotConfig, target: Any, *, progress: Any, **options: Any) -> Any:
+    """Design, reporting progress."""
+    import design
+
+    return design.optimise(config, target, progress=progress, **options)
+
+
+def write_answer(folder: Path, answer: Any, config: RobotConfig, settings: dict[str, Any]) -> None:
+    """Write all that a design leaves into a folder."""
+    from design.drawing import draw, dxf, route_csv, svg
+    from design.target import target_text
+    from gtr_jax.config import config_text, dump_config
+    from gtr_jax.recording import write_whole
+    from gtr_jax.report.design import design_report
+
+    from .run_folder import write_json, write_report
+
+    target = answer.problem.target
+    dump_config(config, folder / "robot.toml")
+    write_whole(folder / "target.toml", target_text(target))
+    dump_config(answer.config, folder / "designed.toml")
+    drawn = draw(answer.config, channel_diameter=target.limits.channel_diameter)
+    write_whole(folder / "route.csv", route_csv(drawn))
+    write_whole(folder / "channel.svg", svg(drawn, f"{target.name}: channel at 1:1, mm"))
+    write_whole(folder / "channel.dxf", dxf(drawn))
+    write_json(folder / "design.json", {**answer.to_json(), "settings": settings})
+    write_report(folder, design_report(answer), settings, config_text(answer.config))

@@ -1,0 +1,354 @@
+"""A design in words, tables and pictures. `design.optimise`, which is not imported here, returns it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gtr_jax import plots
+from gtr_jax.equilibrium import equilibrium
+from gtr_jax.history import equilibrium_at, simulate
+from gtr_jax.phases import label_phases
+from gtr_jax.plots.design import Mark, plot_channels, plot_targets, plot_tip
+from gtr_jax.plots.style import number
+from gtr_jax.units import display_of
+
+from .page import Figure, Report, Table
+
+STEPS = 40
+SHOWN = 12
+
+
+def design_report(answer: Any) -> Report:
+    """Verdict, figures and tables of a design.
+
+    Args:
+        answer: from `design.optimise`.
+    """
+    warnings = []
+    if answer.verdict == "not-reached":
+        warnings.append("This is the nearest design found, not one that meets the target.")
+    if not answer.verification.converged:
+        warnings.append("Not everything could be verified: some equilibrium did not converge.")
+    return Report(
+        title=f"{answer.problem.target.name}: design of {answer.config.name}",
+        verdict=answer.says,
+        warnings=warnings,
+        figures=_figures(answer),
+        tables=_tables(answer),
+    )
+
+
+def _quantity(value: float, unit: str, digits: int = 4) -> str:
+    if value is None or value != value:
+        return "–"
+    if not np.isfinite(value):
+        return "any"
+    shown, size = display_of(unit or "dimensionless")
+    return number(value / size, "" if shown == "dimensionless" else shown, digits)
+
+
+def _history(answer: Any) -> tuple[Any, Any]:
+    """The designed robot and its whole pull and release."""
+    from gtr_jax.build import build_robot
+
+    top = float(np.max(answer.best.tensions))
+    robot = build_robot(answer.config)
+    start = answer.config.tendon.preload
+    pull = np.unique(np.concatenate([np.linspace(start, top, STEPS + 1), answer.best.tensions]))
+    pull = pull[(pull >= start) & (pull <= top)]
+    history = np.concatenate([pull, pull[-2::-1] if start > 0 else np.append(pull[-2:0:-1], 0.0)])
+    return robot, simulate(robot, history, time=1e6 * np.arange(len(history)))
+
+
+def _figures(answer: Any) -> list[Figure]:
+    robot, run = _history(answer)
+    best = answer.best
+    phases = label_phases(run)
+    T = np.asarray(run.T_base)
+    top = int(np.argmax(T))
+    states, seen = [("at rest", equilibrium(robot, 0.0))], set()
+    for number_, released in answer.problem.task.states:
+        value = float(best.tensions[number_])
+        if (value, released) in seen or len(states) > 3:
+            continue
+        seen.add((value, released))
+        steps = np.flatnonzero(np.isclose(T, value, rtol=1e-12, atol=1e-12))
+        after = steps[steps > top] if released else steps[steps <= top]
+        if len(after):
+            word = f"{value:.4g} N" + (", releasing" if released else "")
+            states.append((word, equilibrium_at(robot, run, int(after[0]))))
+    radius = np.asarray(robot.backbone.radius(run.s))
+    cloud = None
+    if answer.robustness is not None:
+        cloud = np.concatenate([s.ellipse for s in answer.robustness.spreads])
+    pictures = [
+        Figure(
+            "target",
+            plots.png(
+                plot_targets(states, radius, np.asarray(run.tip_pose)[:, :2], phases, _marks(answer), cloud)
+            ),
+            "The deformed shape at each target, the way of the tip through the whole pull and release "
+            "(coloured by phase), and what is wanted: crosses, circles of the tolerance, arrows of the angle"
+            + ("; dots, the tip at the edge of what is not known." if cloud is not None else "."),
+        ),
+        Figure(
+            "tip",
+            plots.png(plot_tip(T, np.asarray(run.tip_pose), phases, _tip_marks(answer))),
+            "Tip against base tension, pulled and released; where the two differ is hysteresis. Bars are the "
+            "tolerances.",
+        ),
+        Figure("channel", plots.png(_channel(answer)), "The channel in the unloaded body."),
+        Figure(
+            "tension",
+            plots.png(plots.plot_tension(run, phases)),
+            "Tension along the tendon at several steps; dotted where the tendon is locked.",
+        ),
+    ]
+    if answer.comparison is not None:
+        other = answer.comparison.actual
+        points = np.asarray([[x for x in e.found[:2]] for e in other.errors if e.found[0] == e.found[0]])
+        pictures[0] = Figure(
+            "target",
+            plots.png(
+                plot_targets(
+                    states,
+                    radius,
+                    np.asarray(run.tip_pose)[:, :2],
+                    phases,
+                    [
+                        *_marks(answer),
+                        *(Mark(1e3 * x, 1e3 * y, np.nan, 0.0, "plain model") for x, y in points),
+                    ],
+                    cloud,
+                )
+            ),
+            pictures[0].caption + " Where the tip would be with the design of the plain model is marked so.",
+        )
+    return pictures
+
+
+def _marks(answer: Any) -> list[Mark]:
+    marks, target = [], answer.problem.target
+    for e in answer.best.errors:
+        if e.name.startswith("pose") and e.wanted[0] == e.wanted[0]:
+            marks.append(Mark(1e3 * e.wanted[0], 1e3 * e.wanted[1], e.wanted[2], 1e3 * e.tip_tolerance, ""))
+        elif e.name.startswith("pose"):
+            marks.append(Mark(1e3 * e.found[0], 1e3 * e.found[1], e.wanted[2], 0.0, ""))
+    for i, shape in enumerate(target.shape):
+        tolerance = next(e.tip_tolerance for e in answer.best.errors if e.name == f"shape[{i}]")
+        marks += [Mark(1e3 * x, 1e3 * y, np.nan, 1e3 * tolerance, "") for _, x, y in shape.points]
+    return marks
+
+
+def _tip_marks(answer: Any) -> list[tuple[float, str, int, float, float]]:
+    marks = []
+    for e in answer.best.errors:
+        if e.name.startswith("pose"):
+            tolerances = (e.tip_tolerance, e.tip_tolerance, e.angle_tolerance)
+            for column in range(3):
+                if e.wanted[column] == e.wanted[column]:
+                    marks.append((e.T_base, e.branch, column, e.wanted[column], tolerances[column]))
+    return marks
+
+
+def _channel(answer: Any) -> Any:
+    """Offsets of the chosen channel and of the alternatives."""
+    import jax.numpy as jnp
+
+    from gtr_jax.build import build_robot
+
+    lines = []
+    s = np.linspace(0.0, answer.config.backbone.length, 401)
+    for config in [answer.config, *(o.config for o in answer.options[1:])]:
+        routing = build_robot(config).routing
+        passed = routing.kinks()[:, None] <= jnp.asarray(s)[None, :]
+        R = routing.offset(jnp.asarray(s), passed, jnp.asarray(config.backbone.length)).value
+        lines.append(1e3 * np.stack([s, np.asarray(R)], axis=1))
+    body = answer.config.backbone
+    radius = 1e3 * np.interp(s, [0.0, body.length], body.outer_radius)
+    bores = []
+    for b in body.bores:
+        x, y = 1e3 * np.array([b.from_, b.to]), 0.5e3 * b.diameter
+        bores.append(np.array([[x[0], -y], [x[1], -y], [x[1], y], [x[0], y], [x[0], -y]]))
+    limits = answer.problem.target.limits
+    clearance = 1e3 * (limits.wall_clearance + 0.5 * limits.channel_diameter)
+    return plot_channels(lines, (1e3 * s, radius), bores, clearance)
+
+
+def _tables(answer: Any) -> list[Table]:
+    tables = []
+    best = answer.best
+    rows = [
+        (
+            v.name,
+            _quantity(best.values[v.name], v.unit, 5),
+            f"{_quantity(v.lower, v.unit)} … {_quantity(v.upper, v.unit)}",
+        )
+        for v in answer.problem.space.all
+    ]
+    tables.append(Table("The design", ("", "value", "searched"), rows))
+    if best.errors:
+        heads = ("target", "base tension", "branch", "tip off by", "allowed", "angle off by", "allowed", "")
+        rows = [
+            (
+                e.name,
+                number(e.T_base, "N"),
+                e.branch,
+                _quantity(e.distance, "m", 3),
+                _quantity(e.tip_tolerance, "m", 3) if e.distance == e.distance else "–",
+                _quantity(e.turn, "rad", 3),
+                _quantity(e.angle_tolerance, "rad", 3) if e.turn == e.turn else "–",
+                "within" if e.within else "missed",
+            )
+            for e in best.errors
+        ]
+        tables.append(Table("Targets", heads, rows, "On a mesh four times finer than the default."))
+    rows = [
+        (
+            m.name,
+            "straight" if m.name == "min_channel_radius" and m.value > 1e3 else _quantity(m.value, m.unit),
+            _quantity(m.limit, m.unit),
+            "–" if m.name == "min_channel_radius" and m.value > 1e3 else _quantity(m.margin, m.unit, 3),
+            _quantity(m.where, "m", 3),
+            "kept" if m.kept else "broken",
+        )
+        for m in best.margins
+    ]
+    note = f"Of the tension, {number(100 * best.loss, '%', 3)} is lost on the way to the tip."
+    tables.append(Table("Limits", ("", "value", "limit", "margin", "at s", ""), rows, note))
+    if answer.binding:
+        rows = [(b.says,) for b in answer.binding]
+        tables.append(Table("What the design leans on", ("",), rows))
+    if answer.relaxed:
+        rows = [
+            (
+                r.name,
+                _quantity(r.limit, r.unit),
+                _quantity(r.value, r.unit),
+                "reached" if r.reached else "not reached",
+            )
+            for r in answer.relaxed
+        ]
+        tables.append(Table("If one limit were put aside", ("limit", "is", "would be", "targets"), rows))
+    tables.append(_alternatives(answer))
+    if answer.comparison is not None:
+        tables.append(_comparison(answer.comparison))
+    if answer.robustness is not None:
+        tables.append(_robustness(answer.robustness))
+    rows = [
+        (
+            t.parameter.name,
+            _quantity(t.value, t.parameter.unit),
+            _per_percent(t.moves, t.value, "m"),
+            _per_percent(t.turns, t.value, "rad"),
+            _quantity(t.allowed, t.parameter.unit, 3),
+        )
+        for t in answer.tolerances
+    ]
+    tables.append(
+        Table(
+            "Manufacturing tolerances",
+            ("", "value", "tip moves per 1 %", "and turns", "allowed by itself"),
+            rows,
+            "To first order, at the worst target. The last column is the deviation that alone uses up the "
+            "tolerance of a target; where the value is 0 there is no 1 % of it.",
+        )
+    )
+    tables.append(_verification(answer))
+    return tables
+
+
+def _per_percent(slope: float, value: float, unit: str) -> str:
+    return "–" if value == 0 else _quantity(0.01 * slope * abs(value), unit, 3)
+
+
+def _alternatives(answer: Any) -> Table:
+    names = [v.name for v in answer.problem.space.all]
+    units = {v.name: v.unit for v in answer.problem.space.all}
+    heads = (
+        *names,
+        "worst error [tolerances]",
+        "tension lost",
+        *(("goal",) if answer.best.goal == answer.best.goal else ()),
+    )
+    rows = []
+    for o in answer.options[:SHOWN]:
+        row = [_quantity(o.values[n], units[n], 4) for n in names]
+        row += [number(o.miss, digits=3), number(100 * o.loss, "%", 3)]
+        if o.goal == o.goal:
+            unit = {"reach": "m", "bend": "rad", "tension": "N"}[answer.problem.target.goal.kind]
+            row.append(_quantity(o.goal, unit))
+        rows.append(tuple(row))
+    note = "The first is the one chosen: of those that meet the targets, it loses the least tension."
+    if answer.best.goal == answer.best.goal:
+        note = "The first is the one chosen."
+    return Table("Designs found", heads, rows, note)
+
+
+def _comparison(c: Any) -> Table:
+    rows = [
+        (
+            believed.name,
+            number(actual.T_base, "N"),
+            actual.branch,
+            _quantity(believed.distance, "m", 3),
+            _quantity(actual.distance, "m", 3),
+            _quantity(believed.turn, "rad", 3),
+            _quantity(actual.turn, "rad", 3),
+        )
+        for believed, actual in zip(c.believed.errors, c.actual.errors, strict=True)
+    ]
+    return Table(
+        "Designed with the plain model instead",
+        (
+            "target",
+            "base tension",
+            "branch",
+            "tip off, believed",
+            "in truth",
+            "angle off, believed",
+            "in truth",
+        ),
+        rows,
+        f"Plain model: {c.source}. In truth: in the robot with all its physics.",
+    )
+
+
+def _robustness(r: Any) -> Table:
+    rows = [
+        (
+            s.name,
+            number(s.T_base, "N"),
+            s.branch,
+            _quantity(s.rms, "m", 3),
+            _quantity(s.worst, "m", 3),
+            _quantity(s.rms_turn, "rad", 3),
+            _quantity(s.worst_turn, "rad", 3),
+        )
+        for s in r.spreads
+    ]
+    heads = ("target", "base tension", "branch", "tip off, rms", "worst", "angle off, rms", "worst")
+    note = (
+        f"Friction coefficient known to {number(100 * r.sd[0], '%', 3)}, modulus to "
+        f"{number(100 * r.sd[1], '%', 3)} ({r.source}); worst within {number(r.deviations)} "
+        "standard deviations."
+    )
+    return Table("What friction and modulus leave open", heads, rows, note)
+
+
+def _verification(answer: Any) -> Table:
+    v = answer.verification
+    moved = [
+        ("mesh four times finer", *v.fine_moved),
+        ("many load steps instead of one", *v.steps_moved),
+        ("the paper's literal integrals", *v.literal_moved),
+    ]
+    rows = [(name, _quantity(tip, "m", 2), _quantity(turn, "rad", 2)) for name, tip, turn in moved]
+    s = answer.search
+    note = (
+        f"{s.method}: {s.lanes} starts, {s.settled} settled, {s.evaluations} evaluations with derivatives, "
+        f"{s.seconds:.3g} s in all." + (f" Literal integrals: {v.literal_says}." if v.literal_says else "")
+    )
+    return Table("Verification", ("solved with", "moves the tip by", "and turns it by"), rows, note)

@@ -1,0 +1,254 @@
+"""TARGET.toml, and what `gtr design` writes and refuses."""
+
+import csv
+import json
+import re
+import tomllib
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import run_gtr
+
+import design
+import gtr_jax as gtr
+from design.assemble import assemble
+from design.drawing import draw, dxf, route_csv, svg
+from gtr_jax.errors import InputError
+from tests.conftest import CROSS, PARALLEL, SINE, TABLE
+
+ROBOT = "examples/tdcm-1.toml"
+POSE = {"T_base": "20 N", "tip": ["200 mm", "50 mm"]}
+BENT = {"T_base": "20 N", "angle": "30 deg"}
+
+
+def refused(data, config):
+    with pytest.raises(InputError) as fault:
+        assemble(config, design.parse_target({"schema": 1, **data}, source="t.toml"))
+    says = str(fault.value)
+    assert says.startswith("t.toml: ") or "t.toml" in says
+    assert "\n" not in says
+    return says
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        ({"pose": [{**POSE, "tipp": 1}]}, ["pose[0]", "'tipp'", "did you mean 'tip'"]),
+        ({"pose": [{**POSE, "tip": ["200 N", "50 mm"]}]}, ["pose[0].tip", "'N' is not a unit of a length"]),
+        ({"pose": [{**POSE, "T_base": "20 mm"}]}, ["pose[0].T_base", "is not a unit of a force"]),
+        ({"pose": [{**POSE, "tip": ["200 mm"]}]}, ["pose[0].tip"]),
+        ({"pose": [{"T_base": "20 N"}]}, ["pose[0]", "asks for nothing"]),
+        ({"pose": [{**POSE, "tip": ["200 mm", "200 mm"]}]}, ["pose[0].tip", "out of reach", "250 mm"]),
+        ({"pose": [POSE, {**POSE, "tip": ["190 mm", "50 mm"]}]}, ["pose[1].tip", "one place only"]),
+        ({"pose": [{**POSE, "branch": "pushing"}]}, ["pose[0].branch", "'pulling' or 'releasing'"]),
+        ({"pose": [{**POSE, "branch": "releasing"}]}, ["T_base_max", "say from where it is released"]),
+        ({"pose": [{**POSE, "T_base": "-1 N"}]}, ["T_base", "pulls nothing"]),
+        ({}, ["nothing is asked for"]),
+        ({"pose": [POSE], "limits": {"max_T_base": "10 N"}}, ["limits.max_T_base", "change one of the two"]),
+        ({"pose": [POSE], "limits": {"min_T_tip": "30 N"}}, ["limits.min_T_tip", "cannot arrive"]),
+        ({"pose": [POSE], "limits": {"wall_clearance": "14 mm"}}, ["wall_clearance", "no channel fits"]),
+        ({"pose": [POSE], "limits": {"max_tension_loss": 1.5}}, ["max_tension_loss", "share between"]),
+        ({"pose": [POSE], "limits": {"wall_clearence": 0}}, ["did you mean 'wall_clearance'"]),
+        ({"pose": [POSE], "search": {"routing": ["r3"]}}, ["search", "'r3' is no number", "did you mean 'r"]),
+        ({"pose": [POSE], "search": {"kind": "splines"}}, ["search.kind", "did you mean 'spline'"]),
+        ({"pose": [POSE], "search": {"free": ["E"]}}, ["search.bounds.E", "missing"]),
+        ({"pose": [POSE], "search": {"free": ["T_base"]}}, ["search.bounds.T_base", "missing"]),
+        ({"pose": [POSE], "search": {"bounds": {"r1": ["5 mm", "-5 mm"]}}}, ["bounds.r1", "not below"]),
+        ({"pose": [POSE], "search": {"bounds": {"r1": ["5 N", "9 mm"]}}}, ["bounds.r1", "unit of a length"]),
+        ({"pose": [POSE], "search": {"bounds": {"r9": [0, 1]}}}, ["bounds.r9", "did you mean 'r"]),
+        ({"pose": [POSE], "search": {"n_sine": [2, 3]}}, ["search.n_sine", "no half waves"]),
+        ({"pose": [POSE], "search": {"knots": 6}}, ["search.knots", "spline"]),
+        ({"shape": [{"T_base": "20 N", "points": [["50 mm", "80 mm", 0]]}]}, ["points[0]", "50 mm of arm"]),
+        ({"shape": [{"T_base": "20 N", "points": [["300 mm", "80 mm", "0 mm"]]}]}, ["outside the arm"]),
+        ({"goal": {"kind": "reach"}}, ["goal", "missing key 'T_base'"]),
+        ({"goal": {"kind": "tension"}}, ["search.free", "T_base"]),
+        ({"pose": [POSE], "robust": {"optimise": "expected"}}, ["robust.optimise", "nothing is uncertain"]),
+        ({"pose": [POSE], "robust": {"fit": "nowhere.json"}}, ["robust.fit", "cannot be read"]),
+    ],
+)  # fmt: skip
+def test_bad_targets_get_one_line_with_key_and_remedy(data, words, make_config):
+    says = refused(data, make_config(routing=SINE))
+    for word in words:
+        assert word in says
+
+
+def test_robots_that_cannot_be_designed(make_config):
+    from gtr_jax.config import load_config, parse_config
+
+    with pytest.raises(InputError, match="one tendon"):
+        assemble(load_config("examples/antagonists.toml"), design.parse_target({"schema": 1, "pose": [POSE]}))
+    data = make_config(routing=PARALLEL).model_dump(mode="json", by_alias=True, exclude_none=True)
+    data["backbone"]["rigid"] = True
+    with pytest.raises(InputError, match="rigid"):
+        assemble(parse_config(data), design.parse_target({"schema": 1, "pose": [POSE]}))
+
+
+@pytest.mark.parametrize(
+    ("kind", "names"),
+    [
+        ("parallel", ["offset"]),
+        ("straight-sine-straight", ["r1", "r2", "w1", "w2"]),
+        ("converging-sine", ["R_max", "r_min", "sigma", "n_sine"]),
+        ("crossing-sine", ["R_max", "r_min", "n_sine"]),
+        ("spline", [f"knot_{k}" for k in range(6)]),
+    ],
+)
+def test_every_family_can_be_searched(kind, names, make_config):
+    search = {"kind": kind} | ({"n_sine": [2, 3]} if "n_sine" in names else {})
+    target = design.parse_target({"schema": 1, "pose": [POSE], "search": search})
+    space = assemble(make_config(routing=SINE), target).space
+    assert [v.name for v in space.all] == names
+    inside = space.design(0.5 * (space.lower + space.upper))
+    assert inside.routing.kind == ("table" if kind == "spline" else kind)
+
+
+def test_spline_starts_as_the_channel_it_replaces(make_config):
+    config = make_config(routing=CROSS)
+    target = design.parse_target({"schema": 1, "pose": [POSE], "search": {"kind": "spline", "knots": 30}})
+    space = assemble(config, target).space
+    s = np.linspace(0.0, 0.25, 101)
+    from design.space import channel_of
+
+    np.testing.assert_allclose(channel_of(space.robot, s), channel_of(gtr.build_robot(config), s), atol=5e-5)
+
+
+def test_route_reads_back_and_drawings_are_at_scale(tmp_path, make_config):
+    config = make_config(routing=SINE, backbone={"bores": [{"from": 0.0, "to": 0.02, "diameter": 0.01}]})
+    drawn = draw(config, channel_diameter=1e-3)
+    (tmp_path / "route.csv").write_text(route_csv(drawn))
+    data = config.model_dump(mode="json", by_alias=True, exclude_none=True)
+    data["routing"] = {"kind": "table", "file": "route.csv"}
+    from gtr_jax.config import parse_config
+
+    robot = gtr.build_robot(parse_config(data, folder=tmp_path))
+    one, other = (gtr.equilibrium(r, 20.0).tip_pose for r in (robot, gtr.build_robot(config)))
+    np.testing.assert_allclose(one, other, atol=3e-4)  # a spline through corners of R''
+
+    root = ET.fromstring(svg(drawn, "a < b"))
+    width, height = (float(root.attrib[k].removesuffix("mm")) for k in ("width", "height"))
+    assert [width, height] == pytest.approx(list(map(float, root.attrib["viewBox"].split()))[2:])
+    assert [width, height] == pytest.approx([260.0, 50.0])
+
+    lines = dxf(drawn).split("\n")
+    pairs = list(zip(lines[::2], lines[1::2], strict=False))
+    assert pairs[-1] == ("0", "EOF") and ("2", "ENTITIES") in pairs
+    assert {v for c, v in pairs if c == "8"} == {"BODY", "BORES", "CHANNEL", "CHANNEL_WALLS"}
+    x = [float(v) for c, v in pairs if c == "10"]
+    assert min(x) == 0.0 and max(x) == pytest.approx(250.0)
+
+
+def test_channel_walls_lie_half_a_diameter_from_the_centre_line(make_config):
+    drawn = draw(make_config(routing=TABLE), channel_diameter=2e-3)
+    for edge in drawn.edges:
+        np.testing.assert_allclose(np.linalg.norm(edge - drawn.channel, axis=1), 1.0, rtol=1e-6)
+
+
+def test_a_drawing_follows_the_natural_curvature(make_config):
+    drawn = draw(make_config(routing=PARALLEL, backbone={"natural_curvature": 4.0}))
+    centre = np.array([0.0, 250.0])
+    np.testing.assert_allclose(np.linalg.norm(drawn.channel - centre, axis=1), 250.0 - 8.0, rtol=1e-6)
+
+
+TARGET = """
+schema = 1
+name = "bend"
+[[pose]]
+T_base = "20 N"
+angle = "{angle}"
+[search]
+routing = ["offset"]
+starts = 3
+[limits]
+wall_clearance = "1 mm"
+"""
+SMALL = """
+schema = 1
+name = "small"
+[backbone]
+length = "250 mm"
+outer_radius = "12 mm"
+youngs_modulus = "1.06 MPa"
+[routing]
+kind = "parallel"
+offset = "5 mm"
+[tendon]
+friction_coefficient = 0.3
+[uncertainty]
+friction_coefficient = 0.1
+"""
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    monkeypatch.setenv("GTR_JAX_CACHE", "off")
+    (tmp_path / "robot.toml").write_text(SMALL)
+    (tmp_path / "target.toml").write_text(TARGET.format(angle="60 deg"))
+    (tmp_path / "far.toml").write_text(TARGET.format(angle="170 deg"))
+    return tmp_path
+
+
+def test_command_writes_a_whole_run_folder(files, capsys):
+    out = files / "out"
+    done = run_gtr(capsys, "design", files / "robot.toml", files / "target.toml", "-o", out)
+    assert done.status == 0, done.err
+    assert done.out.startswith("reached: bend: reached to ")
+    names = {p.name for p in out.iterdir()}
+    assert names >= {
+        "designed.toml", "design.json", "route.csv", "channel.svg", "channel.dxf", "report.html",
+        "robot.toml", "target.toml", "run.json", "target.png", "tip.png", "channel.png",
+    }  # fmt: skip
+    answer = json.loads((out / "design.json").read_text())
+    assert answer["verdict"] == "reached"
+    assert answer["settings"]["inputs"].keys() == {"robot", "target"}
+    # The designed robot, simulated by itself, is where the target wants it: phi = ln(1 + mu R T L/EI)/mu.
+    robot = gtr.load_robot(out / "designed.toml")
+    assert float(gtr.equilibrium(robot, 20.0).tip_pose[2]) == pytest.approx(np.radians(60.0), abs=1e-3)
+    EI = 1.06e6 * np.pi * 0.012**4 / 4
+    offset = EI * np.expm1(0.3 * np.radians(60.0)) / (0.3 * 20.0 * 0.25)
+    assert float(robot.value("offset")) == pytest.approx(offset, rel=1e-3)
+    with (out / "route.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(r["R_mm"]) for r in rows] == pytest.approx([1e3 * float(robot.value("offset"))] * len(rows))
+    page = (out / "report.html").read_text()
+    for heading in ("Targets", "Limits", "Designs found", "Manufacturing tolerances", "Verification"):
+        assert f"<h2>{heading}</h2>" in page
+    assert not re.search(r"(src|href)=.http", page)
+    assert design.load_target(out / "target.toml") == design.load_target(files / "target.toml")
+
+
+def test_command_says_what_it_could_not_reach_and_exits_with_1(files, capsys):
+    out = files / "out"
+    done = run_gtr(capsys, "design", files / "robot.toml", files / "far.toml", "-o", out)
+    assert done.status == 1
+    assert done.out.startswith("not-reached: ") and "wall_clearance" in done.out
+    answer = json.loads((out / "design.json").read_text())
+    assert answer["targets"][0]["within"] is False
+    assert answer["binding"][0]["name"] in ("wall_clearance", "offset")
+
+
+@pytest.mark.parametrize(
+    ("target", "words"),
+    [("nowhere.toml", ["nowhere.toml"]), ("robot.toml", ["robot.toml", "backbone"])],
+)
+def test_command_refuses_what_is_no_target(target, words, files, capsys):
+    done = run_gtr(capsys, "design", files / "robot.toml", files / target, "-o", files / "out")
+    assert done.status == 2
+    assert done.err.count("\n") == 1
+    assert all(word in done.err for word in words)
+    assert not (files / "out").exists()
+
+
+def test_example_targets_are_read():
+    for path in Path("examples").glob("*-target.toml"):
+        config = gtr.load_config(str(path).replace("-target", ""))
+        assert assemble(config, design.load_target(path)).space.all
+
+
+def test_the_target_file_of_the_docs_is_one(make_config):
+    text = Path("docs/files.md").read_text(encoding="utf-8").partition("## TARGET.toml")[2]
+    data = tomllib.loads(re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)[0])
+    problem = assemble(gtr.load_config("examples/tdcm-1.toml"), design.parse_target(data))
+    assert [v.name for v in problem.space.all] == ["r1", "r2", "w1", "w2", "E"]
+    assert problem.task.states == ((0, True), (1, False))

@@ -1,0 +1,229 @@
+"""`design.optimise`: targets reached, limits kept, gradients, what cannot be reached said so."""
+
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import design
+import gtr_jax as gtr
+from design import gauss_newton, lagrangian, literal
+from design.assemble import assemble
+from design.option import look_at
+from design.search import find
+from design.task import evaluate
+from tests.conftest import CROSS, PARALLEL, SINE, WAVE
+
+LIMITS = {"wall_clearance": "1.5 mm", "min_channel_radius": "10 mm", "max_tension_loss": 0.8}
+SPLINE = {"kind": "spline", "knots": 5}
+BOUNDS = {"T_base": ["10 N", "50 N"], "E": ["0.8 MPa", "2 MPa"]}
+TOP = {"T_base_max": "30 N"}
+TIGHT = gtr.March(atol=1e-13)
+
+
+def target(pose=None, **sections):
+    data = {"schema": 1, "limits": LIMITS, **sections}
+    return design.parse_target(data | ({"pose": [pose]} if pose else {}))
+
+
+def pose_of(robot, T_base=25.0, after=None):
+    before = None if after is None else gtr.equilibrium(robot, after)
+    x, y, angle = map(float, gtr.equilibrium(robot, T_base, memory=before).tip_pose)
+    return {"T_base": T_base, "tip": [x, y], "angle": angle}
+
+
+CASES = {
+    "sine": (SINE, {}, {}),
+    "wave": (WAVE, {"search": {"n_sine": [6]}}, {}),
+    "cross": (CROSS, {}, {}),
+    "spline": (SINE, {"search": SPLINE}, {}),
+    "releasing": (SINE, TOP, {"branch": "releasing", "T_base": 12.0}),
+    "tension": (SINE, {"search": {"free": ["T_base", "E"], "bounds": BOUNDS}}, {}),
+}
+
+
+@pytest.mark.parametrize(
+    "case", [pytest.param(c, marks=[pytest.mark.slow] if c in ("wave", "cross") else []) for c in CASES]
+)
+def test_derivatives_of_residuals_and_margins(case, make_config):
+    """Every coordinate of every family, knots, tension and modulus included, against central differences."""
+    routing, sections, load = CASES[case]
+    pose = {"T_base": 25.0, "tip": [0.2, 0.05], "angle": 0.4, **load}
+    problem = assemble(make_config(routing=routing), target(pose, **sections))
+    task = problem.task
+    z = jnp.asarray(np.random.default_rng(3).uniform(0.45, 0.6, task.lower.shape[0]))
+    if case in ("sine", "releasing"):
+        z = z.at[2].set(0.2).at[3].set(0.7)
+
+    @jax.jit
+    def values(z):
+        e = evaluate(task, z)
+        return jnp.concatenate([e.residuals, e.margins[:3], e.T_tip])
+
+    found = np.asarray(jax.jacfwd(values)(z))
+    h = 1e-5
+    for i in range(len(z)):
+        near, far = ((values(z.at[i].add(k * h)) - values(z.at[i].add(-k * h))) / (2 * k * h) for k in (1, 2))
+        difference = np.asarray(4 * near - far) / 3
+        scale = np.max(np.abs(difference))
+        np.testing.assert_allclose(found[:, i], difference, rtol=2e-5, atol=2e-6 * scale)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        "sine",
+        pytest.param("spline", marks=pytest.mark.slow),
+        pytest.param("releasing", marks=pytest.mark.slow),
+    ],
+)
+def test_a_hidden_routing_s_pose_is_reached_within_the_limits(case, make_config):
+    routing, sections, load = CASES[case]
+    hidden = {**SINE, "r1": -0.0085, "r2": 0.0096, "w1": 0.05, "w2": 0.17}
+    robot = gtr.build_robot(make_config(routing=hidden))
+    after = 30.0 if load else None
+    pose = pose_of(robot, load.get("T_base", 25.0), after) | load
+    problem = assemble(make_config(routing=routing), target(pose, **sections))
+    found = find(problem)
+    good = np.flatnonzero(found.kept & (found.cost < 0.125))
+    assert len(good) >= 2
+    values = problem.space.lower + found.z[good[0]] * (problem.space.upper - problem.space.lower)
+    option = look_at(problem, values, resolution=4.0)
+    assert option.reached and option.kept
+    assert option.errors[0].distance < 1e-3 * 0.25 and abs(option.errors[0].turn) < 1e-3
+
+
+@pytest.fixture(scope="module")
+def answer():
+    """A design of TD-CM I with all that goes with it."""
+    robot = gtr.load_config("examples/tdcm-1.toml").with_values({"youngs_modulus": "1.06 MPa"})
+    data = robot.model_dump(mode="json", by_alias=True, exclude_none=True)
+    data["uncertainty"] = {"friction_coefficient": 0.1, "youngs_modulus": 0.05}
+    robot = type(robot).model_validate(data)
+    wanted = design.load_target("examples/tdcm-1-target.toml")
+    return design.optimise(robot, wanted)
+
+
+def test_answer_of_an_example(answer):
+    assert answer.verdict == "reached"
+    assert answer.best.reached and answer.best.kept
+    assert len(answer.options) >= 2
+    v = answer.verification
+    assert v.fine_moved[0] < 1e-5 and v.steps_moved[0] < 1e-8
+    assert v.literal_moved[0] < 5e-5 and v.literal_moved[1] < 3e-4
+    data = answer.to_json()
+    json.dumps(data, allow_nan=False)
+    assert {m["name"] for m in data["limits"]} >= {"wall_clearance", "bore_clearance", "max_tension_loss"}
+    assert all(m["margin"] >= 0 for m in data["limits"])
+
+
+def test_tolerances_are_those_of_differences(answer):
+    """The table's derivatives against the tip of the designed robot with one dimension changed."""
+    for row in answer.tolerances:
+        name = row.parameter.name
+        if name not in ("r1", "w2", "E", "outer_radius_tip", "mu"):
+            continue
+        robot, h = gtr.build_robot(answer.config), 1e-5 * abs(row.value)
+        ends = [
+            np.asarray(
+                gtr.equilibrium(robot.with_values(**{name: row.value + d}), 45.0, solver=TIGHT).tip_pose
+            )
+            for d in (h, -h)
+        ]
+        slope = (ends[0] - ends[1]) / (2 * h)
+        assert row.moves == pytest.approx(np.hypot(slope[0], slope[1]), rel=1e-4)
+        assert row.turns == pytest.approx(abs(slope[2]), rel=1e-4)
+
+
+def test_spread_is_that_of_draws(answer):
+    """Root mean square error over friction and modulus, against a thousand random robots."""
+    rng = np.random.default_rng(0)
+    robot = gtr.build_robot(answer.config)
+    draws = rng.normal(size=(1000, 2)) * [0.1, 0.05]
+
+    @jax.jit
+    def tips(draws):
+        def one(d):
+            changed = robot.with_values(mu=robot.value("mu") * (1 + d[0]), E=robot.value("E") * (1 + d[1]))
+            return gtr.equilibrium(changed, 45.0, with_terms=False).tip_pose
+
+        return jax.lax.map(one, draws)
+
+    wanted = answer.problem.target.pose[0]
+    gap = np.asarray(tips(jnp.asarray(draws))) - np.array([*wanted.tip, wanted.angle])
+    spread = answer.robustness.spreads[0]
+    assert spread.rms == pytest.approx(np.sqrt(np.mean(gap[:, 0] ** 2 + gap[:, 1] ** 2)), rel=0.08)
+    assert spread.rms_turn == pytest.approx(np.sqrt(np.mean(gap[:, 2] ** 2)), rel=0.08)
+    assert spread.worst > spread.rms
+
+
+def test_what_cannot_be_reached_is_said_with_what_binds(make_config):
+    """A parallel channel bends further the farther out it lies: the wall is what stands in the way."""
+    config = make_config(routing=PARALLEL)
+    far = pose_of(gtr.build_robot(make_config(routing={"kind": "parallel", "offset": 0.0125})))
+    wanted = {k: far[k] for k in ("T_base", "angle")}
+    answer = design.optimise(config, target(wanted, search={"starts": 4}))
+    assert answer.verdict == "not-reached"
+    assert "wall_clearance" in [b.name for b in answer.binding if b.kind == "limit"]
+    assert answer.best.kept and not answer.best.reached
+    assert answer.best.values["offset"] == pytest.approx(0.0115, abs=2e-5)
+    [relaxed] = [r for r in answer.relaxed if r.name == "wall_clearance"]
+    assert relaxed.reached and relaxed.value == pytest.approx(0.0005, abs=2e-5)
+    assert "wall_clearance" in answer.says and "not reachable" in answer.says
+
+
+def test_goal_is_at_its_closed_form(make_config):
+    """The largest bend of a parallel tendon lies as far out as the wall allows: ln(1 + mu R T L/EI)/mu."""
+    backbone = {"outer_radius": [0.012, 0.012]}
+    config = make_config(routing=PARALLEL, backbone=backbone, tendon={"friction_coefficient": 0.3})
+    wanted = target(goal={"kind": "bend", "T_base": "20 N"}, search={"starts": 4})
+    answer = design.optimise(config, wanted)
+    assert answer.verdict == "optimal"
+    R, EI = 0.012 - 0.0015, 1.06e6 * np.pi * 0.012**4 / 4
+    assert abs(answer.best.goal) == pytest.approx(np.log1p(0.3 * R * 20 * 0.25 / EI) / 0.3, rel=3e-3)
+    assert answer.best.kept
+
+
+@pytest.mark.slow
+def test_both_optimisers_find_the_same(make_config):
+    hidden = {**SINE, "r1": -0.0085, "r2": 0.0096, "w1": 0.05, "w2": 0.17}
+    pose = pose_of(gtr.build_robot(make_config(routing=hidden)))
+    task = assemble(make_config(routing=SINE), target(pose)).task
+    z = jnp.asarray([[0.3, 0.75, 0.25, 0.6]])
+    one = gauss_newton.search_all(task, z, jnp.ones((1, 4)), 60)
+    other = lagrangian.minimise_all(task, one.z + 0.02, jnp.ones((1, 4)))
+    assert float(one.cost[0]) < 1e-4
+    assert float(other.cost[0]) < 0.05
+    assert float(jnp.min(other.rows)) >= 0.0
+
+
+@pytest.mark.parametrize("released", [None, 30.0], ids=["pulling", "releasing"])
+@pytest.mark.parametrize(
+    "loads", [{}, {"gravity_angle": -1.2, "tip_force": [0.03, -0.05]}], ids=["free", "loaded"]
+)
+def test_the_literal_integrals_agree(released, loads, make_config):
+    robot = gtr.build_robot(make_config(routing=SINE, loads=loads), resolution=4)
+    T = 25.0 if released is None else 12.0
+    eq = gtr.equilibrium(robot, T, memory=None if released is None else gtr.equilibrium(robot, released))
+    s = np.asarray(eq.s)
+    found = literal.solve_literal(robot, T, released_from=released, start=(s, np.zeros_like(s)))
+    assert found.settled
+    np.testing.assert_allclose(found.pose[:2], np.asarray(eq.tip_pose)[:2], atol=2e-5)
+    assert found.pose[2] == pytest.approx(float(eq.tip_pose[2]), abs=2e-4)
+    assert found.T_tip == pytest.approx(float(eq.T_tip), rel=1e-4)
+
+
+def test_margins_of_a_searched_channel_are_those_of_a_fine_one(make_config):
+    """What the search takes for the least margin is so on 2001 places too, to its back-off."""
+    problem = assemble(
+        make_config(routing=WAVE), target({"T_base": 20.0, "angle": 0.3}, search={"n_sine": [6]})
+    )
+    z = jnp.asarray([[0.8, 0.72, 0.2]])
+    rows = np.asarray(gauss_newton.judge_all(problem.task, z).margins[0])
+    values = problem.space.lower + np.asarray(z[0]) * (problem.space.upper - problem.space.lower)
+    option = look_at(problem, values, resolution=1.0)
+    wall = next(m for m in option.margins if m.name == "wall_clearance")
+    count = problem.task.stations
+    assert rows[: 2 * count].min() * 0.02 == pytest.approx(wall.margin, abs=gauss_newton.BACK_OFF * 0.02)
