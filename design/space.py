@@ -226,23 +226,21 @@ def _choices(config: RobotConfig, target: TargetConfig) -> tuple[float, ...]:
     return tuple(sorted(set(target.search.n_sine or ())))
 
 
-def _default_bounds(
-    entry: Parameter, config: RobotConfig, target: TargetConfig
-) -> tuple[float, float] | None:
-    """Bounds of a number of the channel that the body itself sets; None of any other number."""
+def _default_bounds(entry: Parameter, config: RobotConfig) -> tuple[float, float] | None:
+    """Bounds of a number of the channel that the body itself sets; None of any other number. How far inside
+    the body the channel stays is for the limits, so that these are seen to bind.
+    """
     if not entry.key.startswith("routing."):
         return None
-    body, limits = config.backbone, target.limits
-    inside = limits.wall_clearance + 0.5 * limits.channel_diameter
+    body = config.backbone
     if entry.name in ("w1", "w2"):
         return 0.0, body.length
     if entry.name == "sigma":
         return 0.0, 1.0
+    room = float(max(body.outer_radius))
     if entry.name.startswith("knot_"):
         place = config.routing.knots[int(entry.name.removeprefix("knot_"))][0]  # pyright: ignore
-        room = float(outer_radius_at(body, place)) - inside
-    else:
-        room = float(max(body.outer_radius)) - inside
+        room = float(outer_radius_at(body, place))
     return -room, room
 
 
@@ -254,7 +252,7 @@ def _variable(
     where = f"{target.source}: search.bounds.{entry.name}"
     start = float(robot.value(name))
     if given is None:
-        found = _default_bounds(entry, config, target)
+        found = _default_bounds(entry, config)
         if found is None:
             unit = entry.unit or "1"
             raise InputError(

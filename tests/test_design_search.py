@@ -227,3 +227,31 @@ def test_margins_of_a_searched_channel_are_those_of_a_fine_one(make_config):
     wall = next(m for m in option.margins if m.name == "wall_clearance")
     count = problem.task.stations
     assert rows[: 2 * count].min() * 0.02 == pytest.approx(wall.margin, abs=gauss_newton.BACK_OFF * 0.02)
+
+
+@pytest.mark.slow
+def test_an_expected_error_is_less_than_that_of_the_nominal_design(make_config):
+    known = {"friction_coefficient": 0.2, "youngs_modulus": 0.2}
+    pose = {"T_base": 25.0, "angle": 0.9}
+    robust = {"optimise": "expected", **known}
+    problem = assemble(make_config(routing=PARALLEL), target(pose, robust=robust, search={"starts": 3}))
+    found = find(problem)
+    nominal = assemble(make_config(routing=PARALLEL), target(pose, search={"starts": 3}))
+    exact = find(nominal)
+    kept = np.flatnonzero(found.kept)
+    best = found.z[kept[np.argmin(found.cost[kept])]]
+    at = exact.z[np.argmin(exact.cost)]
+    cost = [0.5 * float(jnp.sum(evaluate(problem.task, jnp.asarray(z)).residuals ** 2)) for z in (best, at)]
+    assert cost[0] < 0.999 * cost[1]
+    slope = jax.grad(lambda z: 0.5 * jnp.sum(evaluate(problem.task, z).residuals ** 2))(jnp.asarray(best))
+    assert float(jnp.max(jnp.abs(slope))) < 1e-3 * cost[0]
+
+
+@pytest.mark.slow
+def test_benchmark_finds_hidden_routings():
+    from benchmarks import design as study
+
+    result = study.study(study.families()[3], 2, 1, 5)
+    assert result["both"] == result["literal_within"] == 2
+    assert result["peers"].keys() == {"least_squares (trf)", "L-BFGS-B", "SLSQP"}
+    assert "2 of 2 targets" in study.table([result], study.measure.machine())

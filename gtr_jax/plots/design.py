@@ -107,7 +107,9 @@ def plot_targets(
     axes.set_ylabel("y [mm]")
     keys.append(Line2D([], [], color=GREEN, linewidth=1.5, label="tendon"))
     keys.append(Line2D([], [], color=VERMILLION, marker="+", linestyle="", label="wanted"))
-    legend_above(fig, keys[:5])
+    fig.legend(
+        handles=keys, loc="outside upper center", ncols=min(len(keys), 4), handlelength=1.4, columnspacing=1.2
+    )
     return fig
 
 

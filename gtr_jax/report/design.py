@@ -284,6 +284,8 @@ def _alternatives(answer: Any) -> Table:
     note = "The first is the one chosen: of those that meet the targets, it loses the least tension."
     if answer.best.goal == answer.best.goal:
         note = "The first is the one chosen."
+    elif not (answer.best.reached and answer.best.kept):
+        note = "None meets the targets; the nearest stands first."
     return Table("Designs found", heads, rows, note)
 
 
