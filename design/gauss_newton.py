@@ -71,8 +71,8 @@ def value_and_slopes(task: Task, z: Float[Array, " c"]):
     whether all converged.
 
     Forward mode through the equilibrium by the implicit function theorem. With physics terms by forward
-    differences: a design has a few coordinates, and the derivative of a march with slip costs minutes of
-    compiling.
+    differences: a design has a few coordinates, and the derivative of a march with slip takes long to
+    compile.
     """
 
     def judged(x):
