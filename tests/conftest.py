@@ -1,5 +1,8 @@
 """Strict numerics for every test: float64, no silent promotion of dtype or rank."""
 
+from pathlib import Path
+
+import equinox as eqx
 import jax
 import pytest
 
@@ -8,6 +11,17 @@ from gtr_jax.config import parse_config
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+# Memory [pages of 4 KiB] beyond which compiled programs are dropped: a worker keeps all it ever compiled.
+LARGE, STATISTICS = 3 * 2**18, Path("/proc/self/statm")
+
+
+@pytest.fixture(autouse=True)
+def programs_do_not_pile_up():
+    """Drop compiled programs where a worker has gathered too many."""
+    yield
+    if STATISTICS.exists() and int(STATISTICS.read_text().split()[1]) > LARGE:
+        eqx.clear_caches()
 
 
 @pytest.fixture
