@@ -188,10 +188,9 @@ def test_the_command_names_an_effect(asymmetry, capsys, monkeypatch):
     # What it found is a robot file for every other command, and the experiment a history.
     robot = gtr.load_robot(out / "diagnosed.toml")
     assert float(robot.value("friction-asymmetry.ratio")) == pytest.approx(ratio["value"])
-    proposed = (out / "next-experiment.csv").read_text().splitlines()[0]
-    columns = "T_base=weight_base_N[N],T_tip=weight_tip_N[N]" if "weight_base_N" in proposed else None
-    history = gtr.read_recording(out / "next-experiment.csv", columns)
-    assert len(history.T_base) >= 18 and history.T_base.max() <= 1.01 * 45
+    history = np.genfromtxt(out / "next-experiment.csv", delimiter=",", names=True)
+    driven = history["weight_base_N" if "weight_base_N" in (history.dtype.names or ()) else "T_base_N"]
+    assert len(driven) >= 18 and driven.max() <= 1.01 * 45
     page = (out / "report.html").read_text()
     assert "friction-asymmetry" in page and "http" not in page.split("<body")[1].split("settings")[0][:2000]
     for name in ("loop.png", "residual.png", "rivals.png", "next-experiment.png", "diagnosis.csv"):
