@@ -105,11 +105,18 @@ def reliability_figure(scored: Sequence[Scored], path: Path) -> None:
     points = score.reliability(scored)
     figure, axes = plt.subplots(figsize=(4, 3.8), layout="constrained")
     axes.plot([0, 1], [0, 1], color="0.7", lw=1)
-    for said, right, n in points:
+    for k, (said, right, n) in enumerate(points):
         interval = stats.binomtest(round(right * n), n).proportion_ci(method="exact")
         error = [[right - interval.low], [interval.high - right]]
         axes.errorbar(said, right, error, color="#2166ac", marker="o", capsize=2)
-        axes.annotate(f"n = {n}", (said, right), (-6, 6), textcoords="offset points", ha="right", fontsize=7)
+        axes.annotate(
+            f"n = {n}",
+            (said, right),
+            (-6, 6 - 16 * (k % 2)),
+            textcoords="offset points",
+            ha="right",
+            fontsize=7,
+        )
     axes.set(xlim=(0, 1.02), ylim=(0, 1.02), aspect="equal")
     axes.set(xlabel="probability of the most probable model", ylabel="share of cases in which it is true")
     axes.spines[["top", "right"]].set_visible(False)
