@@ -28,10 +28,10 @@ from design.gauss_newton import BACK_OFF, judge_all, search_all
 from design.literal import solve_literal
 from design.obstacles import rows_of_limits
 from design.option import look_at
-from design.options import options_of
-from design.search import FEW_STEPS, Lanes, find, without_goal
+from design.options import is_new, options_of
+from design.search import ARRIVED, FEW_STEPS, Lanes, find, without_goal
 from design.space import on_common_mesh
-from design.starts import _put_in_order, starts
+from design.starts import put_in_order, starts
 from design.task import evaluate
 from gtr_jax.config import RobotConfig, load_config, parse_config
 from gtr_jax.errors import InputError
@@ -92,7 +92,7 @@ def hidden(family: Family, count: int, seed: int) -> tuple[Assembled, np.ndarray
     zs, poses = [], []
     while sum(len(z) for z in zs) < count:
         z = rng.uniform(size=(1024, len(problem.space.all)))
-        _put_in_order(z, problem.space)
+        put_in_order(z, problem.space)
         judged = judge_all(problem.task, jnp.asarray(z))
         good = np.asarray(judged.converged) & (np.min(np.asarray(judged.margins), axis=1) >= 0.0)
         zs.append(z[good])
@@ -206,7 +206,7 @@ def first_arrival(problem: Assembled, z0: np.ndarray) -> float:
     began = time.perf_counter()
     for z in z0:
         found = search_all(task, jnp.asarray(z)[None], free, FEW_STEPS)
-        if float(found.cost[0]) < 0.125 and float(jnp.min(found.rows)) >= 0.0:
+        if float(found.cost[0]) < ARRIVED and float(jnp.min(found.rows)) >= 0.0:
             return time.perf_counter() - began
     return float("nan")
 
@@ -282,10 +282,10 @@ def study(family: Family, count: int, peer_count: int, seed: int) -> dict[str, A
 
 
 def _distinct(found: Lanes) -> int:
-    good = found.z[found.kept & (found.cost < 0.125)]
+    good = found.z[found.kept & (found.cost < ARRIVED)]
     kept: list[np.ndarray] = []
     for z in good:
-        if all(np.max(np.abs(z - other)) >= 0.02 for other in kept):
+        if is_new(z, kept):
             kept.append(z)
     return len(kept)
 

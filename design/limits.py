@@ -20,14 +20,13 @@ LEAST_WAVE = 0.02  # of the length: w2 - w1
 FAR = 1.0
 BETWEEN = 48  # stations between the kinks, where the channel bends
 
-WALL, BORE, RADIUS, BASE_SLOPE, TIP_SLOPE, WAVE, FOLD = (
+WALL, BORE, RADIUS, BASE_SLOPE, TIP_SLOPE, WAVE = (
     "wall_clearance",
     "bore_clearance",
     "min_channel_radius",
     "max_base_slope",
     "max_tip_slope",
     "wave_length",
-    "fold",
 )
 LOSS, TIP = "max_tension_loss", "min_T_tip"
 

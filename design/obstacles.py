@@ -16,7 +16,7 @@ from .gauss_newton import search_all
 from .limits import channel_margins, stations_of
 from .option import look_at
 from .result import Binding, Relaxed
-from .search import MANY_STEPS, Lanes, ranking, without_goal
+from .search import LEAST_MARGIN, MANY_STEPS, Lanes, ranking, without_goal
 from .task import load_margins, robot_of, solve_states, tensions_of
 
 NEAR = 2e-3  # margin, in its scale, under which a limit counts as binding
@@ -75,11 +75,12 @@ def relaxations(problem: Assembled, found: Lanes, binding: tuple[Binding, ...]) 
             continue
         eased = dataclasses.replace(task, active=task.active.at[place].set(0.0))
         again = search_all(eased, jnp.asarray(found.z), jnp.asarray(found.free), MANY_STEPS)
-        cost = np.where(np.asarray(jnp.min(again.rows, axis=1)) >= -1e-6, np.asarray(again.cost), np.inf)
+        kept = np.asarray(jnp.min(again.rows, axis=1)) >= LEAST_MARGIN
+        cost = np.where(kept, np.asarray(again.cost), np.inf)
         best = int(np.argmin(cost))
         if not np.isfinite(cost[best]):
             continue
-        values = problem.space.lower + np.asarray(again.z[best]) * (problem.space.upper - problem.space.lower)
+        values = problem.space.values_at(np.asarray(again.z[best]))
         try:
             option = look_at(problem, values, resolution=1.0)
         except InputError:

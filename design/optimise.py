@@ -12,7 +12,7 @@ import numpy as np
 from gtr_jax.config import RobotConfig, load_config
 from gtr_jax.errors import InputError
 
-from .assemble import Assembled, assemble
+from .assemble import RESOLUTION, Assembled, assemble
 from .compare import Comparison, compare
 from .obstacles import binding_of, relaxations
 from .options import options_of
@@ -29,7 +29,7 @@ def optimise(
     target: TargetConfig | str | os.PathLike[str],
     *,
     against: RobotConfig | None = None,
-    resolution: float = 0.5,
+    resolution: float = RESOLUTION,
     progress: Callable[[str], None] = lambda stage: None,
 ) -> Design:
     """Choose a robot's routing, and whatever else is free, so that it meets its targets within its limits.

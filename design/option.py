@@ -47,6 +47,12 @@ class TargetError:
     angle_tolerance: float
 
     @property
+    def size(self) -> float:
+        """The larger of the two errors, in units of its tolerance."""
+        tip = self.distance / self.tip_tolerance if self.distance == self.distance else 0.0
+        return max(tip, abs(self.turn) / self.angle_tolerance if self.turn == self.turn else 0.0)
+
+    @property
     def within(self) -> bool:
         """Whether it is within its tolerances."""
         near = not self.distance > self.tip_tolerance * (1 + ROUNDING)
@@ -115,11 +121,16 @@ class Option:
     @property
     def miss(self) -> float:
         """Largest error in units of its tolerance."""
-        sizes = [0.0]
-        for e in self.errors:
-            sizes += [e.distance / e.tip_tolerance] if e.distance == e.distance else []
-            sizes += [abs(e.turn) / e.angle_tolerance] if e.turn == e.turn else []
-        return max(sizes)
+        return max((e.size for e in self.errors), default=0.0)
+
+
+def loads_of(problem: Assembled, tensions: np.ndarray):
+    """The states of a problem as `states_of` takes them, for base tensions [N], (t,): those of each, whether
+    each lies on the releasing branch, and the largest.
+    """
+    states = problem.task.states
+    T = jnp.asarray([tensions[number] for number, _ in states])
+    return T, tuple(released for _, released in states), jnp.asarray(np.max(tensions))
 
 
 @eqx.filter_jit
@@ -157,9 +168,8 @@ def judge(
     """The states of any robot against the targets and limits of a problem."""
     from gtr_jax.equilibrium import known_to_act
 
-    T = jnp.asarray([tensions[number] for number, _ in problem.task.states])
-    released = tuple(r for _, r in problem.task.states)
-    states = solve(robot, T, released, jnp.asarray(np.max(tensions)), bool(known_to_act(robot)))
+    T, released, largest = loads_of(problem, tensions)
+    states = solve(robot, T, released, largest, bool(known_to_act(robot)))
     pulled = [i for i, r in enumerate(released) if not r]
     shares = np.asarray(states.T_tip)[pulled] / np.asarray(T)[pulled]
     goal = float(goal_of(problem.task.wanted, states) * problem.task.wanted.goal_scale)

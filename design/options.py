@@ -11,7 +11,7 @@ from gtr_jax.errors import InputError
 from .assemble import Assembled
 from .gauss_newton import judge_all, search_all
 from .option import Option, look_at
-from .search import FEW_STEPS, WITHIN, Lanes, ranking
+from .search import ARRIVED, FEW_STEPS, Lanes, ranking
 
 MESH_SHARE = 0.1  # of a tolerance, by which the mesh of the search may be off
 CORRECTIONS = 2
@@ -28,9 +28,9 @@ def options_of(problem: Assembled, found: Lanes) -> list[Option]:
         z = found.z[i]
         if not np.isfinite(found.cost[i]):
             continue
-        if any(np.max(np.abs(z - other)) < SAME for other in chosen):
+        if not is_new(z, chosen):
             continue
-        good = found.kept[i] and (found.cost[i] < 0.5 * WITHIN**2 or bool(problem.task.wanted.goal))
+        good = found.kept[i] and (found.cost[i] < ARRIVED or bool(problem.task.wanted.goal))
         if best is not None and not good and found.cost[i] > 1.5 * best + 0.5:
             continue  # neither arrived nor as near as the nearest: a search that got stuck
         try:
@@ -50,6 +50,11 @@ def options_of(problem: Assembled, found: Lanes) -> list[Option]:
     return sorted(options, key=lambda o: not (o.kept and (o.reached or bool(problem.task.wanted.goal))))
 
 
+def is_new(z: np.ndarray, others: list[np.ndarray]) -> bool:
+    """Whether coordinates, (c,), are a design apart from others."""
+    return all(np.max(np.abs(z - other)) >= SAME for other in others)
+
+
 def settled_on(problem: Assembled, z: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, Option]:
     """A design on a mesh no coarser than the default, and its coordinates, (c,).
 
@@ -66,14 +71,14 @@ def settled_on(problem: Assembled, z: np.ndarray, free: np.ndarray) -> tuple[np.
     task, space = problem.task, problem.space
 
     def built(z):
-        return look_at(problem, space.lower + z * (space.upper - space.lower), resolution=1.0)
+        return look_at(problem, space.values_at(z), resolution=1.0)
 
     option = built(z)
     if task.wanted.goal or task.spread != "nominal" or not task.wanted.pose_state:
         return z, option
     for _ in range(CORRECTIONS):
         judged = judge_all(task, jnp.asarray(z)[None])
-        arrived = 0.5 * float(jnp.sum(judged.residuals**2)) < 0.5 * WITHIN**2
+        arrived = 0.5 * float(jnp.sum(judged.residuals**2)) < ARRIVED
         if not arrived or option.miss < MESH_SHARE:
             break
         at = jnp.asarray(task.wanted.pose_state)

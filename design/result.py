@@ -214,7 +214,7 @@ def _sentences(answer: Design) -> list[str]:
             "settled. Do not use the design; give more starts or narrower bounds."
         ]
     out = []
-    worst = max(best.errors, key=_size, default=None)
+    worst = max(best.errors, key=lambda e: e.size, default=None)
     if answer.verdict == NEAREST:
         out.append(_not_reached(answer, worst))
         limits = [b for b in answer.binding if b.kind == "limit"]
@@ -255,7 +255,7 @@ def _sentences(answer: Design) -> list[str]:
     if others:
         out.append(f"{others} other design{'s' if others > 1 else ''} found.")
     if answer.comparison is not None:
-        actual = max(answer.comparison.actual.errors, key=_size, default=None)
+        actual = max(answer.comparison.actual.errors, key=lambda e: e.size, default=None)
         if actual is not None:
             out.append(
                 f"Designed with {answer.comparison.source}, the tip would miss by {miss_says(actual)}."
@@ -291,13 +291,6 @@ def _not_reached(answer: Design, worst: TargetError | None) -> str:
         f"{name}: not reachable within these limits and bounds, as far as {answer.search.lanes} starts tell. "
         f"The nearest misses {worst.name} ({where}) by {miss_says(worst)}, at {there}."
     )
-
-
-def _size(e: TargetError) -> float:
-    parts = [0.0]
-    parts += [e.distance / e.tip_tolerance] if e.distance == e.distance else []
-    parts += [abs(e.turn) / e.angle_tolerance] if e.turn == e.turn else []
-    return max(parts)
 
 
 def _target(e: TargetError) -> dict[str, Any]:

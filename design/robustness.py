@@ -13,7 +13,7 @@ from gtr_jax.equilibrium import known_to_act
 
 from .assemble import Assembled
 from .model import states_of
-from .option import Option
+from .option import Option, loads_of
 from .space import on_common_mesh
 from .task import at_draw
 
@@ -77,15 +77,14 @@ def robustness_of(problem: Assembled, option: Option) -> Robustness | None:
     draws = np.maximum(np.concatenate([normal, edge]), -0.95)
     robot = on_common_mesh(problem.space, option.config, 1.0)
     states = problem.task.states
-    T = jnp.asarray([option.tensions[number] for number, _ in states])
-    released = tuple(r for _, r in states)
+    T, released, largest = loads_of(problem, option.tensions)
     poses, ok = _poses_at(
         robot,
         problem.task,
         jnp.asarray(draws),
         T,
         released,
-        jnp.asarray(np.max(option.tensions)),
+        largest,
         bool(known_to_act(robot)),
     )
     poses = np.asarray(poses)

@@ -17,6 +17,8 @@ from .task import Evaluation, Task
 
 FEW_STEPS, MANY_STEPS = 25, 250
 WITHIN = 0.5  # of a tolerance, that a search has to come to, so that a finer mesh still finds it there
+ARRIVED = 0.5 * WITHIN**2  # half the sum of squares below which a search has
+LEAST_MARGIN = -1e-6  # least margin with which a limit counts as kept
 LANES = 4  # that a second search goes on with
 
 
@@ -104,7 +106,7 @@ def without_goal(task: Task) -> Task:
 
 def _any_reached(found: Found) -> bool:
     kept = jnp.min(found.rows, axis=1, initial=1.0) >= 0.0
-    return bool(jnp.any((found.cost < 0.5 * WITHIN**2) & kept))
+    return bool(jnp.any((found.cost < ARRIVED) & kept))
 
 
 def _nearest(task: Task, found: Found, free) -> Found:
@@ -125,7 +127,7 @@ def _nearest(task: Task, found: Found, free) -> Found:
 def _lanes(problem: Assembled, found: Found, free: np.ndarray, method: str) -> Lanes:
     judged = judge_all(problem.task, found.z)
     margins = np.asarray(judged.margins)
-    kept = np.min(margins, axis=1, initial=1.0) >= -1e-6
+    kept = np.min(margins, axis=1, initial=1.0) >= LEAST_MARGIN
     cost = 0.5 * np.sum(np.asarray(judged.residuals) ** 2, axis=1)
     cost = np.where(np.asarray(judged.converged) & np.isfinite(cost), cost, np.inf)
     return Lanes(
@@ -147,7 +149,7 @@ def ranking(problem: Assembled, found: Lanes) -> np.ndarray:
     """Lanes in the order of preference: limits kept first; then those that reach the targets, the one that
     loses the least tension first; then the nearest. Of a goal, the best first.
     """
-    reach = found.cost < 0.5 * WITHIN**2
+    reach = found.cost < ARRIVED
     if problem.task.wanted.goal or problem.task.spread != "nominal":
         return np.lexsort((found.cost, ~found.kept))
     pulled = [i for i, (_, released) in enumerate(problem.task.states) if not released]

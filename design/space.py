@@ -22,12 +22,6 @@ N_SINE = "n_sine"
 KNOTS = 6
 SECTIONS = ("backbone.", "routing.", "tendon.")
 SHORTEST_WAVE = 0.02  # of the length, that w2 lies beyond w1
-_FIELDS = {
-    "parallel": ("offset",),
-    "straight-sine-straight": ("r1", "r2", "w1", "w2"),
-    "converging-sine": ("R_max", "r_min", "sigma", N_SINE),
-    "crossing-sine": ("R_max", "r_min", N_SINE),
-}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,6 +78,10 @@ class Space:
     def upper(self) -> np.ndarray:
         """Upper bounds, SI, (p,)."""
         return np.array([v.upper for v in self.all])
+
+    def values_at(self, z: np.ndarray) -> np.ndarray:
+        """Values at coordinates from 0 to 1 between the bounds, SI, (p,)."""
+        return self.lower + z * (self.upper - self.lower)
 
     def design(self, values: np.ndarray) -> RobotConfig:
         """The robot file of a design.

@@ -33,7 +33,7 @@ def starts(task: Task, space: Space, count: int, seed: int) -> tuple[np.ndarray,
     names = [v.name for v in space.all]
     draws = qmc.Sobol(len(names), rng=np.random.default_rng(seed)).random(SCREENED)
     draws[0] = _present(space)
-    _put_in_order(draws, space)
+    put_in_order(draws, space)
     free = np.ones(len(names))
     if not space.choices:
         return _best(task, draws, count), np.tile(free, (min(count, len(draws)), 1))
@@ -54,7 +54,7 @@ def _present(space: Space) -> np.ndarray:
     return np.clip((values - space.lower) / (space.upper - space.lower), 0.0, 1.0)
 
 
-def _put_in_order(draws: np.ndarray, space: Space) -> None:
+def put_in_order(draws: np.ndarray, space: Space) -> None:
     """A wave begins before it ends."""
     names = [v.name for v in space.all]
     if not {"w1", "w2"} <= set(names):

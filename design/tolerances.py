@@ -13,9 +13,9 @@ from jax.flatten_util import ravel_pytree
 from gtr_jax.equilibrium import known_to_act
 from gtr_jax.parameters import Parameter, parameters_of, places_of
 
-from .assemble import Assembled
+from .assemble import TIP_TOLERANCE, Assembled, tip_tolerance
 from .model import states_of
-from .option import Option
+from .option import Option, loads_of
 from .space import on_common_mesh
 
 DIFFERENCE = 1e-4  # relative
@@ -71,13 +71,10 @@ def pose_slopes(problem: Assembled, option: Option) -> tuple[list[Parameter], np
     found = [p for p in parameters_of(robot).values() if p.key.startswith(SECTIONS) and p.name != "preload"]
     found = [p for p in found if p.name != "density" or robot.loaded]
     values = np.array([float(robot.value(p.name)) for p in found])
-    T = jnp.asarray([option.tensions[number] for number, _ in problem.task.states])
     slopes = _poses_by(
         robot,
         places_of(robot, [p.name for p in found]),
-        T,
-        tuple(r for _, r in problem.task.states),
-        jnp.asarray(np.max(option.tensions)),
+        *loads_of(problem, option.tensions),
         bool(known_to_act(robot)),
     )
     return found, values, np.asarray(slopes)
@@ -98,7 +95,7 @@ def tolerance_table(problem: Assembled, option: Option) -> tuple[Sensitivity, ..
         for state, move, turn in zip(states, moves, turns, strict=True):
             i = by_state.get(state)
             pose = problem.target.pose[i] if i is not None else None
-            tip = 1e-3 * length if pose is None or pose.tip_tolerance is None else pose.tip_tolerance
+            tip = TIP_TOLERANCE * length if i is None else tip_tolerance(problem.target, i, length)
             if (pose is None or pose.tip is not None) and move > 0:
                 allowed = min(allowed, tip / move)
             if pose is not None and pose.angle is not None and turn > 0:

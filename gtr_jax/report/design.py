@@ -12,8 +12,8 @@ from gtr_jax.history import equilibrium_at, simulate
 from gtr_jax.phases import label_phases
 from gtr_jax.plots.design import Mark, plot_channels, plot_targets, plot_tip
 from gtr_jax.plots.style import number
-from gtr_jax.units import display_of
 
+from .fit import quantity
 from .page import Figure, Report, Table
 
 STEPS = 40
@@ -41,12 +41,7 @@ def design_report(answer: Any) -> Report:
 
 
 def _quantity(value: float, unit: str, digits: int = 4) -> str:
-    if value is None or value != value:
-        return "–"
-    if not np.isfinite(value):
-        return "any"
-    shown, size = display_of(unit or "dimensionless")
-    return number(value / size, "" if shown == "dimensionless" else shown, digits)
+    return "any" if value is not None and np.isinf(value) else quantity(value, unit, digits)
 
 
 def _history(answer: Any) -> tuple[Any, Any]:
@@ -83,19 +78,24 @@ def _figures(answer: Any) -> list[Figure]:
     cloud = None
     if answer.robustness is not None:
         cloud = np.concatenate([s.ellipse for s in answer.robustness.spreads])
-    pictures = [
+    marks, others = _marks(answer), ""
+    if answer.comparison is not None:
+        found = [e.found for e in answer.comparison.actual.errors if e.found[0] == e.found[0]]
+        marks += [Mark(1e3 * x, 1e3 * y, np.nan, 0.0, "plain model") for x, y, _ in found]
+        others = " Where the tip would be with the design of the plain model is marked so."
+    pose = np.asarray(run.tip_pose)
+    return [
         Figure(
             "target",
-            plots.png(
-                plot_targets(states, radius, np.asarray(run.tip_pose)[:, :2], phases, _marks(answer), cloud)
-            ),
+            plots.png(plot_targets(states, radius, pose[:, :2], phases, marks, cloud)),
             "The deformed shape at each target, the way of the tip through the whole pull and release "
             "(coloured by phase), and what is wanted: crosses, circles of the tolerance, arrows of the angle"
-            + ("; dots, the tip at the edge of what is not known." if cloud is not None else "."),
+            + ("; dots, the tip at the edge of what is not known." if cloud is not None else ".")
+            + others,
         ),
         Figure(
             "tip",
-            plots.png(plot_tip(T, np.asarray(run.tip_pose), phases, _tip_marks(answer))),
+            plots.png(plot_tip(T, pose, phases, _tip_marks(answer))),
             "Tip against base tension, pulled and released; where the two differ is hysteresis. Bars are the "
             "tolerances.",
         ),
@@ -106,27 +106,6 @@ def _figures(answer: Any) -> list[Figure]:
             "Tension along the tendon at several steps; dotted where the tendon is locked.",
         ),
     ]
-    if answer.comparison is not None:
-        other = answer.comparison.actual
-        points = np.asarray([[x for x in e.found[:2]] for e in other.errors if e.found[0] == e.found[0]])
-        pictures[0] = Figure(
-            "target",
-            plots.png(
-                plot_targets(
-                    states,
-                    radius,
-                    np.asarray(run.tip_pose)[:, :2],
-                    phases,
-                    [
-                        *_marks(answer),
-                        *(Mark(1e3 * x, 1e3 * y, np.nan, 0.0, "plain model") for x, y in points),
-                    ],
-                    cloud,
-                )
-            ),
-            pictures[0].caption + " Where the tip would be with the design of the plain model is marked so.",
-        )
-    return pictures
 
 
 def _marks(answer: Any) -> list[Mark]:
