@@ -1,5 +1,7 @@
 """Strict numerics for every test: float64, no silent promotion of dtype or rank."""
 
+import ctypes
+import gc
 from pathlib import Path
 
 import equinox as eqx
@@ -18,10 +20,13 @@ LARGE, STATISTICS = 3 * 2**18, Path("/proc/self/statm")
 
 @pytest.fixture(autouse=True)
 def programs_do_not_pile_up():
-    """Drop compiled programs where a worker has gathered too many."""
+    """Drop compiled programs where a worker has gathered too many, and give their memory back."""
     yield
     if STATISTICS.exists() and int(STATISTICS.read_text().split()[1]) > LARGE:
         eqx.clear_caches()
+        jax.clear_caches()
+        gc.collect()
+        ctypes.CDLL(None).malloc_trim(0)  # or freed memory stays with the process, in pieces
 
 
 @pytest.fixture

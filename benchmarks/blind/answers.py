@@ -26,7 +26,7 @@ from . import baselines
 TOOL = (Path(calibrate.__file__).parent, Path(gtr.__file__).parent)
 # Cases that a process answers before another takes its place: compiled programs fill its memory.
 A_TIME = 12
-NO_PART = {"cli", "report", "plots", "paper", "examples", "experiment.py"}
+NO_PART = {"cli", "report", "plots", "paper", "examples", "sweep", "experiment.py"}
 
 
 def tool() -> str:

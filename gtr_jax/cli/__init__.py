@@ -1,4 +1,4 @@
-"""The command `gtr`: simulate, fit, diagnose, design, demo, paper, terms, schema.
+"""The command `gtr`: simulate, fit, diagnose, design, sweep, demo, paper, terms, schema.
 
 Answers go to stdout, progress and errors to stderr. Exit status: 0 answered, 1 answered but not converged,
 2 bad input (one line on stderr), 130 interrupted. What takes long to import is imported where a command runs.
@@ -18,7 +18,7 @@ import click
 
 from gtr_jax.errors import InputError
 
-from . import demo, design, diagnose, fit, paper, schema, simulate, terms
+from . import demo, design, diagnose, fit, paper, schema, simulate, sweep, terms
 
 ANSWERED, NOT_CONVERGED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -46,7 +46,8 @@ class Commands(click.Group):
 @click.version_option(version("gtr-jax"), prog_name="gtr", message="%(prog)s %(version)s")
 def cli() -> None:
     """Simulate tendon-driven continuum manipulators with tendon friction, fit them to recordings,
-    tell which physics a recording asks for that the model leaves out, and design their routing.
+    tell which physics a recording asks for that the model leaves out, design their routing, and sweep their
+    parameters.
     """
 
 
@@ -55,6 +56,7 @@ for _command in (
     fit.fit,
     diagnose.diagnose,
     design.design,
+    sweep.sweep,
     demo.demo,
     paper.paper,
     terms.terms,

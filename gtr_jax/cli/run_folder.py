@@ -65,8 +65,13 @@ class RunFolder:
         return self._target.with_name(f".{self._target.name}.steps")
 
     @contextlib.contextmanager
-    def write(self) -> Iterator[Path]:
-        """A folder to write into; it becomes the run folder on leaving, or vanishes if that fails."""
+    def write(self, adopted: Mapping[str, Path] | None = None) -> Iterator[Path]:
+        """A folder to write into; it becomes the run folder on leaving, or vanishes if that fails.
+
+        Args:
+            adopted: folders, by the name they get, that are moved into it at the end; they are moved back if
+                it fails. Nothing else may be written into them afterwards.
+        """
         target = self._target
         target.parent.mkdir(parents=True, exist_ok=True)
         part = target.with_name(f".{target.name}.{os.getpid()}.part")
@@ -76,12 +81,26 @@ class RunFolder:
             yield part
             seconds = time.monotonic() - self._began
             files = sorted(str(p.relative_to(part)) for p in part.rglob("*") if p.is_file())
-            write_json(
-                part / MARK, {**self.settings(), "seconds": round(seconds, 2), "files": [*files, MARK]}
-            )
-            _take_place(part, target, old)
+            files += [MARK, *(f"{name}/" for name in adopted or ())]
+            write_json(part / MARK, {**self.settings(), "seconds": round(seconds, 2), "files": files})
+            with _moved({part / name: path for name, path in (adopted or {}).items()}):
+                _take_place(part, target, old)
         finally:
             shutil.rmtree(part, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def _moved(places: Mapping[Path, Path]) -> Iterator[None]:
+    """Folders moved to where they belong, and back if what follows fails."""
+    try:
+        for place, path in places.items():
+            path.rename(place)
+        yield
+    except BaseException:
+        for place, path in places.items():
+            if place.exists():
+                place.rename(path)
+        raise
 
 
 def _take_place(part: Path, target: Path, old: Path) -> None:
@@ -102,14 +121,11 @@ def _refuse_unless_ours(out: Path, target: Path, inputs: Mapping[str, Path]) -> 
     standing = next(parent for parent in target.parents if parent.exists())
     if not standing.is_dir():
         raise InputError(f"-o {out}: {standing} is a file, not a folder; choose another name")
-    held = (
-        sorted(str(p.relative_to(target)) for p in target.rglob("*") if not p.is_dir())
-        if target.exists()
-        else []
-    )
+    ours = _files_of(target / MARK)
+    adopted = tuple(name for name in ours if name.endswith("/"))
+    held = sorted(_held(target, adopted)) if target.exists() else []
     if not held:
         return
-    ours = _files_of(target / MARK)
     foreign = [name for name in held if name not in ours]
     if not ours:
         raise InputError(
@@ -124,6 +140,14 @@ def _refuse_unless_ours(out: Path, target: Path, inputs: Mapping[str, Path]) -> 
             raise InputError(
                 f"-o {out}: holds the input {path}, which would be replaced; choose another folder"
             )
+
+
+def _held(target: Path, adopted: tuple[str, ...]) -> Iterator[str]:
+    """Names of the files in a folder, but for those in the folders it has adopted."""
+    for folder, inner, files in os.walk(target):
+        beneath = Path(folder).relative_to(target)
+        inner[:] = [name for name in inner if f"{beneath / name}/" not in adopted]
+        yield from (str(beneath / name) for name in files)
 
 
 def _files_of(mark: Path) -> set[str]:

@@ -1,0 +1,228 @@
+"""`gtr sweep`: many robots, loads and histories into one labelled store."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from gtr_jax.errors import InputError
+
+if TYPE_CHECKING:
+    from gtr_jax.sweep.run import Done, Estimate
+    from gtr_jax.sweep.store import Store
+    from gtr_jax.sweep.task import Task
+
+    from .run_folder import RunFolder
+
+
+@click.command()
+@click.argument("sweep", metavar="SWEEP.toml", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    metavar="OUT",
+    type=click.Path(path_type=Path),
+    help="Run folder to write. An earlier run there is replaced, anything else is left alone and refused.",
+)
+@click.option("--dry-run", is_flag=True, help="Only say how many points, blocks, bytes and how much time.")
+@click.option(
+    "--threads", type=int, metavar="N", help="Threads of this process.  [default: as many as cores]"
+)
+@click.option("--workers", type=int, metavar="N", help="Compute in N processes on this machine, by Dask.")
+@click.option("--scheduler", metavar="ADDRESS", help="Compute by the workers of this Dask scheduler.")
+@click.option(
+    "--part",
+    metavar="I/N",
+    help="Compute only the I-th of N parts of the blocks, and leave finishing to a last run without --part: "
+    "for job arrays on a shared disk.",
+)
+@click.option("--plot/--no-plot", default=True, show_default=True, help="Draw the answer.")
+def sweep(
+    sweep: Path,
+    output: Path | None,
+    dry_run: bool,
+    threads: int | None,
+    workers: int | None,
+    scheduler: str | None,
+    part: str | None,
+    plot: bool,
+) -> int:
+    """Compute every point of SWEEP.toml and store what it asks for in OUT/sweep.zarr.
+
+    The store opens as an xarray dataset: gtr_jax.sweep.open_sweep("OUT"). A sweep that was interrupted goes
+    on where it stopped when the same command runs again.
+    """
+    from gtr_jax.sweep import load_sweep, task_of
+    from gtr_jax.sweep.task import inputs_of
+
+    from .cache import enable_cache
+    from .progress import Progress
+    from .run_folder import RunFolder
+
+    _check(output, dry_run, threads, workers, scheduler, part)
+    file = load_sweep(sweep)
+    enable_cache()
+    task = task_of(file)
+    if dry_run:
+        from gtr_jax.sweep.run import estimate
+
+        with Progress() as progress:
+            progress("compiling and timing a block")
+            click.echo(said(task, estimate(task, threads or 0)))
+        return 0
+    assert output is not None
+    folder = RunFolder(output, {"sweep": sweep, **inputs_of(file)})
+    store = _store(folder, output, task)
+    with _kept(), Progress() as progress:
+        progress("preparing")
+        store.create()
+        left = store.left()
+        if left and len(left) < task.plan.blocks:
+            click.echo(f"going on: {task.plan.blocks - len(left)} blocks are there already", err=True)
+        done = _compute(task, store, _of_part(left, part), sweep, threads, workers, scheduler, progress)
+        for block, fault in done.lost[:3]:
+            click.echo(f"error: block {block} was not computed: {fault}", err=True)
+        if done.lost or part is not None:
+            return _unfinished(store, done)
+        progress("finishing")
+        return _finish(folder, output, task, store, done, plot)
+
+
+def _check(
+    output: Path | None,
+    dry_run: bool,
+    threads: int | None,
+    workers: int | None,
+    scheduler: str | None,
+    part: str | None,
+) -> None:
+    """Refuse options that do not go together."""
+    if output is None and not dry_run:
+        raise InputError("-o: missing; name the folder to write, for example -o out, or ask for --dry-run")
+    ways = {"--threads": threads, "--workers": workers, "--scheduler": scheduler}
+    given = [name for name, value in ways.items() if value is not None]
+    if len(given) > 1:
+        raise InputError(f"{given[1]}: has no effect with {given[0]}; leave one of the two out")
+    for name in ("--threads", "--workers"):
+        value = ways[name]
+        if isinstance(value, int) and value < 1:
+            raise InputError(f"{name}: must be 1 or more, is {value}; 2 for example")
+    if part is not None and (len(given) > 0 and given[0] != "--threads"):
+        raise InputError(f"--part: has no effect with {given[0]}; leave one of the two out")
+    if dry_run and (part or workers or scheduler):
+        raise InputError("--dry-run: times this process alone; leave --part, --workers and --scheduler out")
+    if part is not None:
+        _numbers(part)
+
+
+def _numbers(part: str) -> tuple[int, int]:
+    match = re.fullmatch(r"(\d+)/(\d+)", part.strip())
+    if match is None or not 1 <= int(match[1]) <= int(match[2]):
+        raise InputError(f"--part: expected I/N with I from 1 to N, for example 3/16, found '{part}'")
+    return int(match[1]), int(match[2])
+
+
+def _of_part(blocks: list[int], part: str | None) -> list[int]:
+    if part is None:
+        return blocks
+    i, n = _numbers(part)
+    return [block for block in blocks if block % n == i - 1]
+
+
+def _store(folder: RunFolder, output: Path, task: Task) -> Store:
+    """The store beside the run folder; that of a finished run of the same sweep is taken up again."""
+    from gtr_jax.sweep.store import STORE, Store
+
+    finished = output.resolve() / STORE
+    if finished.exists() and not folder.steps.exists() and Store(finished, task).same():
+        finished.rename(folder.steps)
+    return Store(folder.steps, task)
+
+
+def _compute(
+    task: Task,
+    store: Store,
+    blocks: list[int],
+    file: Path,
+    threads: int | None,
+    workers: int | None,
+    scheduler: str | None,
+    progress: Any,
+) -> Done:
+    if workers is None and scheduler is None:
+        from gtr_jax.sweep.run import run_here
+
+        return run_here(task, store, blocks, progress, threads or 0)
+    from gtr_jax.sweep.cluster import local_cluster, run_there, their_cluster
+
+    progress("starting workers")
+    with local_cluster(workers) if workers else their_cluster(str(scheduler)) as client:
+        return run_there(client, file, task, store, blocks, progress)
+
+
+@contextlib.contextmanager
+def _kept() -> Iterator[None]:
+    """Say on an interruption that nothing is lost."""
+    try:
+        yield
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("what is done is kept: the same command goes on from there", err=True)
+        raise
+
+
+def _unfinished(store: Store, done: Done) -> int:
+    left = len(store.left())
+    rest = f"{left} blocks are left" if left else "every block is there"
+    click.echo(f"{done.points:,} points computed; {rest}: run the command without --part to finish")
+    return 1 if done.lost else 0
+
+
+def said(task: Task, expected: Estimate) -> str:
+    """A dry run in words."""
+    from gtr_jax.sweep.run import duration
+
+    return (
+        f"{expected.points:,} points in {expected.blocks:,} blocks of at most {task.plan.largest:,}; "
+        f"{size(expected.bytes)} before compression; about {duration(expected.seconds)} on this machine "
+        f"after {duration(expected.compiling)} of compiling"
+    )
+
+
+def size(count: int) -> str:
+    """Bytes for people."""
+    value, units = float(count), ["B", "kB", "MB", "GB", "TB"]
+    while value >= 1000 and len(units) > 1:
+        value, units = value / 1000, units[1:]
+    return f"{value:.3g} {units[0]}"
+
+
+def _finish(folder: RunFolder, output: Path, task: Task, store: Store, done: Done, plot: bool) -> int:
+    """Write all that a sweep leaves."""
+    from gtr_jax.config import config_text, dump_config
+    from gtr_jax.recording import write_whole
+    from gtr_jax.report.sweep import sweep_report
+    from gtr_jax.sweep.config import sweep_text
+    from gtr_jax.sweep.store import STORE, open_sweep
+    from gtr_jax.sweep.summary import summary_of
+
+    from .run_folder import write_json, write_report
+
+    store.clean()
+    answer = summary_of(task, store, done)
+    data = open_sweep(store.path)
+    report = sweep_report(answer, task, data, plot=plot)
+    data.close()
+    settings = folder.settings()
+    with folder.write({STORE: store.path}) as part:
+        dump_config(task.config, part / "robot.toml")
+        write_whole(part / "sweep.toml", sweep_text(task.file))
+        write_json(part / "sweep.json", {**answer.to_json(), "settings": settings})
+        write_report(part, report, settings, config_text(task.config))
+    click.echo(answer.says)
+    click.echo(f"report: {output / 'report.html'}")
+    return 0 if answer.converged else 1

@@ -1,0 +1,169 @@
+"""Running a sweep by workers of `dask.distributed`, in other processes or on other machines.
+
+Each worker compiles the program once, and writes its blocks into the store itself: nothing but their numbers
+travels. A worker that is lost costs the blocks it was computing, which others compute again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gtr_jax.errors import InputError
+
+from .config import load_sweep
+from .lanes import Lanes
+from .run import Done, Meter, Report, in_turn
+from .store import Store
+from .task import Task, task_of
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+AHEAD = 4  # blocks for each worker that wait for one
+RETRIES = 3  # of a block whose worker was lost
+# One executing thread in each worker: threads of several on the same cores would wait for one another.
+ALONE = {
+    "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false",
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+}
+
+
+@contextlib.contextmanager
+def local_cluster(workers: int) -> Iterator[Client]:
+    """Workers on this machine: spawned processes of one thread each."""
+    distributed = _distributed()
+    with (
+        _quiet(),
+        distributed.LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=None,
+            silence_logs="CRITICAL",
+            env=ALONE | _cache(),
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client
+
+
+def _cache() -> dict[str, str]:
+    """Where this process keeps compiled programs, as the environment of a worker."""
+    import jax
+
+    folder = jax.config.values["jax_compilation_cache_dir"]
+    names = ("MIN_COMPILE_TIME_SECS", "MIN_ENTRY_SIZE_BYTES")
+    always = {f"JAX_PERSISTENT_CACHE_{name}": "-1" for name in names}
+    return {"JAX_COMPILATION_CACHE_DIR": folder, **always} if folder else {}
+
+
+@contextlib.contextmanager
+def their_cluster(address: str) -> Iterator[Client]:
+    """The workers of a scheduler that runs already; InputError if it does not answer."""
+    distributed = _distributed()
+    try:
+        client = distributed.Client(address, timeout="20s")
+    except (OSError, ValueError, TimeoutError) as fault:
+        raise InputError(
+            f"--scheduler {address}: no scheduler answers there ({fault}); start one with 'dask scheduler'"
+        ) from None
+    with client:
+        yield client
+
+
+def _distributed() -> Any:
+    try:
+        import distributed
+    except ImportError:
+        raise InputError(
+            "--workers, --scheduler: need dask.distributed; install it with pip install 'gtr-jax[cluster]'"
+        ) from None
+    return distributed
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """A local cluster's remarks on its own beginning and end kept off stderr."""
+    import logging
+
+    names = ("distributed", "distributed.nanny", "distributed.scheduler", "distributed.worker")
+    before = {name: logging.getLogger(name).level for name in names}
+    for name in names:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for name, level in before.items():
+            logging.getLogger(name).setLevel(level)
+
+
+def run_there(
+    client: Client, file: Path, task: Task, store: Store, blocks: Sequence[int], progress: Report
+) -> Done:
+    """Compute blocks of a sweep by the workers of a cluster.
+
+    Args:
+        client: of the cluster.
+        file: the sweep file, which the workers read too, as they write the store.
+        task, store: the sweep.
+        blocks: which.
+        progress: is told what goes on.
+    """
+    if not blocks:
+        return Done(0, 0.0)
+    distributed = _distributed()
+
+    progress("waiting for workers")
+    client.wait_for_workers(1)
+    began = time.monotonic()
+    where = (str(file.resolve()), str(store.path.resolve()), task.fingerprint)
+    meter = Meter(task, blocks, progress)
+    number: dict[Any, int] = {}
+    lost: list[tuple[int, str]] = []
+    done = 0
+
+    def submit(block: int):
+        future = client.submit(compute, *where, block, pure=False, retries=RETRIES)
+        number[future.key] = block
+        return future
+
+    def first_done(pending: set) -> set:
+        return set(distributed.wait(list(pending), return_when="FIRST_COMPLETED").done)
+
+    ahead = AHEAD * max(len(client.scheduler_info()["workers"]), 1)
+    for finished in in_turn(blocks, submit, first_done, ahead):
+        block = number.pop(finished.key)
+        fault = finished.exception()
+        if fault is None:
+            done += finished.result()
+        else:
+            lost.append((block, str(fault).splitlines()[0] if str(fault) else type(fault).__name__))
+        finished.release()
+        meter(done)
+    return Done(done, time.monotonic() - began, None, tuple(lost))
+
+
+def compute(file: str, store: str, fingerprint: str, block: int) -> int:
+    """One block, in a worker; the number of its points."""
+    there, lanes = _prepared(file, store, fingerprint)
+    points = there.points(block)
+    there.write(block, lanes.solve(points))
+    return len(points)
+
+
+@functools.lru_cache(maxsize=2)
+def _prepared(file: str, store: str, fingerprint: str) -> tuple[Store, Lanes]:
+    task = task_of(load_sweep(file))
+    if task.fingerprint != fingerprint:
+        raise InputError(
+            f"{file}: is not what this sweep was begun with, or other versions are installed here"
+        )
+    there = Store(Path(store), task)
+    there.create()
+    return there, Lanes(task)

@@ -1,0 +1,175 @@
+"""The compiled program of a sweep: many points side by side, in batches of a fixed shape."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Float
+
+from gtr_jax.equilibrium import equilibrium
+from gtr_jax.history import simulate
+from gtr_jax.march import March
+from gtr_jax.phases import release_switch
+from gtr_jax.robot import Robot
+
+from .outputs import along, at_rest
+from .task import LOADED, Task
+from .validity import is_robot
+
+CONVERGED, NOT_CONVERGED, NOT_FINITE, NO_ROBOT = 0, 1, 2, 3
+# The whole load at once, or not at all: lanes that need it in shares would hold up the others of their batch.
+BRIEF = March(smallest_stride=0.4)
+
+
+class Lanes:
+    """Solves points of a sweep, a block at a time.
+
+    Args:
+        task: the sweep.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self.task = task
+        self._usual = _usual(task)
+        self._brief = task.kind == LOADED
+        self._first = self._program(BRIEF if self._brief else March(), task.batch)
+
+    def _program(self, solver: optx.AbstractRootFinder, batch: int) -> Callable:
+        """The compiled program for `batch` points."""
+        task, (numbers, structure) = self.task, eqx.partition(self.task.robot, eqx.is_array)
+
+        def all_lanes(numbers, points):
+            robot = eqx.combine(numbers, structure)
+            return jax.lax.map(
+                functools.partial(_lane, task, robot, solver, self._usual),
+                points,
+                batch_size=min(task.lanes, batch),
+            )
+
+        shaped = jax.ShapeDtypeStruct((batch, len(task.axes)), jnp.float64)
+        return functools.partial(jax.jit(all_lanes).lower(numbers, shaped).compile(), numbers)
+
+    @functools.cached_property
+    def _thorough(self) -> Callable:
+        return self._program(March(), self.task.lanes)
+
+    def solve(self, points: np.ndarray) -> dict[str, np.ndarray]:
+        """Arrays of the store at some points, by name.
+
+        Args:
+            points: values of what is varied [SI], (n, axes), n at most the task's batch.
+
+        Returns:
+            (n, ...) each; NaN where `result` is not 0.
+        """
+        found = self._padded(self._first, points, self.task.batch)
+        left = np.flatnonzero(found["result"] == NOT_CONVERGED) if self._brief else ()
+        for start in range(0, len(left), self.task.lanes):
+            some = left[start : start + self.task.lanes]
+            again = self._padded(self._thorough, points[some], self.task.lanes)
+            for name, values in again.items():
+                found[name][some] = values
+        return found
+
+    def _padded(self, program: Callable, points: np.ndarray, batch: int) -> dict[str, np.ndarray]:
+        missing = batch - len(points)
+        whole = np.concatenate([points, np.broadcast_to(points[-1:], (missing, points.shape[1]))])
+        return {name: np.array(values)[: len(points)] for name, values in program(whole).items()}
+
+
+def _lane(
+    task: Task, robot: Robot, solver, usual: np.ndarray, point: Float[Array, " axes"]
+) -> dict[str, Array]:
+    """What one point of the sweep leaves, by name; `usual` is a point at which the robot is one."""
+    there = is_robot(_robot_at(task, robot, point)) & jnp.all(jnp.isfinite(point))
+    point = jnp.where(there, point, jnp.asarray(usual))
+    stored = {v.name for v in (*task.outputs, *task.stored)}
+
+    def outputs(point):
+        said, met = _solved(task, robot, point, solver)
+        said = {name: _squeezed(task, name, values) for name, values in said.items() if name in stored}
+        return {v.name: said[v.name] for v in task.gradients}, (said, met)
+
+    if task.gradients:
+        slopes, (said, met) = jax.jacfwd(outputs, has_aux=True)(point)
+        said |= {
+            f"d{v.name}_d{axis.name}": slopes[v.name][..., i]
+            for v in task.gradients
+            for i, axis in enumerate(task.axes)
+        }
+    else:
+        _, (said, met) = outputs(point)
+    finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(values)) for values in said.values()]))
+    result = jnp.where(finite, CONVERGED, NOT_FINITE)
+    result = jnp.where(there, jnp.where(met, result, NOT_CONVERGED), NO_ROBOT).astype(jnp.uint8)
+    answered = result == CONVERGED
+    return {name: jnp.where(answered, said[name], jnp.nan) for name in sorted(said)} | {"result": result}
+
+
+def _usual(task: Task) -> np.ndarray:
+    """Values [SI] at which the robot is one: those of its file, and the least of the history's."""
+    return np.array(
+        [axis.ends[0] if axis.of_history else float(task.robot.value(axis.name)) for axis in task.axes]
+    )
+
+
+def _robot_at(task: Task, robot: Robot, point: Float[Array, " axes"]) -> Robot:
+    own = {axis.name: point[i] for i, axis in enumerate(task.axes) if not axis.of_history}
+    return robot.with_values(**own)
+
+
+def _solved(task: Task, robot: Robot, point: Float[Array, " axes"], solver):
+    """What the states of one point say by name, and whether all of them were solved."""
+    robot, path = _robot_at(task, robot, point), task.history
+    varied = {axis.name: point[i] for i, axis in enumerate(task.axes) if axis.of_history}
+    T_base = base_tension(task, robot, varied)
+    if task.single:
+        eq = equilibrium(robot, T_base[0], with_terms=task.by_slip, solver=solver)
+        said, met = at_rest(robot, eq, T_base[0]), eq.converged
+    else:
+        time = None if path.time is None else jnp.asarray(path.time) * varied.get("dt", 1.0)
+        run = simulate(robot, T_base, time=time, with_terms=task.by_slip, solver=solver)
+        shapes = any(v.name == "x" for v in task.outputs)
+        said, met = along(robot, run, path.kept, shapes), jnp.all(run.converged)
+    if any(v.name == "T_base_switch" for v in task.outputs):
+        switch = release_switch(robot, _end(task, varied, "pull"))
+        said |= {"T_base_switch": switch.T_base}
+        met = met & switch.converged
+    return said, met
+
+
+def base_tension(task: Task, robot: Robot, varied: dict[str, Array]) -> Float[Array, "K *tendons"]:
+    """Base tension at every step [N]."""
+    path = task.history
+    if path.given is not None:
+        return jnp.asarray(path.given)
+    preload = robot.per_tendon(lambda tendon: tendon.preload)
+    start = preload if path.tendon is None else preload[path.tendon]
+    pull = _end(task, varied, "pull")
+    T = start + (pull - start) * jnp.asarray(path.up)
+    if len(path.down):
+        release = _end(task, varied, "release")
+        T = jnp.concatenate([T, pull + (release - pull) * jnp.asarray(path.down)])
+    if path.tendon is None:
+        return T
+    held = jnp.broadcast_to(preload, (T.shape[0], preload.shape[0]))
+    return held.at[:, path.tendon].set(T)
+
+
+def _end(task: Task, varied: dict[str, Array], name: str) -> Array:
+    """Base tension at the end of a branch [N], whether it is varied or given."""
+    return varied[name] if name in varied else jnp.asarray(getattr(task.history, name), dtype=float)
+
+
+def _squeezed(task: Task, name: str, values: Array) -> Array:
+    """An array without the axis of steps where only one is kept."""
+    per_step = next((v for v in task.stored if v.name == name), None)
+    if per_step is None or "step" not in per_step.dims or len(task.history.kept) > 1:
+        return values
+    return values[0]

@@ -1,0 +1,211 @@
+"""Running a sweep: block after block, in threads here or by workers elsewhere, from where it stopped."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .config import SweepConfig, load_sweep
+from .lanes import Lanes
+from .plan import draw
+from .store import Store, open_sweep
+from .task import Task, task_of
+
+if TYPE_CHECKING:
+    import xarray
+
+AHEAD = 2  # blocks for each thread that wait for one
+
+
+@dataclasses.dataclass(frozen=True)
+class Done:
+    """What a run has computed.
+
+    Attributes:
+        points: in this run.
+        seconds: it took, without compiling.
+        compiling: seconds until the program was compiled; None where workers did it.
+        lost: blocks that failed, with what was said.
+    """
+
+    points: int
+    seconds: float
+    compiling: float | None = None
+    lost: tuple[tuple[int, str], ...] = ()
+
+    @property
+    def rate(self) -> float:
+        """Points per second."""
+        return self.points / self.seconds if self.seconds > 0 else float("nan")
+
+
+Report = Callable[[str], None]
+
+
+def run_here(task: Task, store: Store, blocks: Sequence[int], progress: Report, threads: int = 0) -> Done:
+    """Compute blocks of a sweep in threads of this process.
+
+    Args:
+        task, store: the sweep.
+        blocks: which.
+        progress: is told what goes on.
+        threads: how many; as many as cores unless given.
+    """
+    if not blocks:
+        return Done(0, 0.0)
+    progress("compiling")
+    began = time.monotonic()
+    lanes = Lanes(task)
+    compiled = time.monotonic()
+
+    def compute(block: int) -> int:
+        points = store.points(block)
+        store.write(block, lanes.solve(points))
+        return len(points)
+
+    count = threads or cores()
+    done = 0
+    meter = Meter(task, blocks, progress)
+    with ThreadPoolExecutor(count) as pool:
+        try:
+            submit = functools.partial(pool.submit, compute)
+            for finished in in_turn(blocks, submit, _first_done, count * (1 + AHEAD)):
+                done += finished.result()
+                meter(done)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    return Done(done, time.monotonic() - compiled, compiled - began)
+
+
+def _first_done(pending: set[Future]) -> set[Future]:
+    return set(wait(pending, return_when=FIRST_COMPLETED).done)
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def in_turn(blocks: Iterable[int], submit, first_done, ahead: int) -> Iterator:
+    """Finished futures of blocks of which `ahead` at most wait or run at a time."""
+    left, pending = iter(blocks), set()
+    while True:
+        for block in left:
+            pending.add(submit(block))
+            if len(pending) >= ahead:
+                break
+        if not pending:
+            return
+        finished = first_done(pending)
+        pending -= finished
+        yield from finished
+
+
+class Meter:
+    """Tells how much is done, how fast and how long the rest takes."""
+
+    def __init__(self, task: Task, blocks: Sequence[int], progress: Report) -> None:
+        self.total = len(blocks) * task.plan.points / max(task.plan.blocks, 1)
+        self.progress = progress
+        self.began = time.monotonic()
+        self(0)
+
+    def __call__(self, done: int) -> None:
+        passed = time.monotonic() - self.began
+        share = min(done / self.total, 1.0)
+        says = f"{done:,} of {self.total:,.0f} points"
+        if done and passed > 0:
+            says += f", {done / passed:,.0f} per second, {duration(passed * (1 - share) / share)} left"
+        self.progress(says)
+
+
+def duration(seconds: float) -> str:
+    """A time for people."""
+    if seconds < 1:
+        return "less than 1 s"
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    if seconds < 7200:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.1f} h"
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimate:
+    """What a sweep will take.
+
+    Attributes:
+        points, blocks: of it.
+        bytes: that it leaves, before compression.
+        seconds: for its points on this machine, compiled.
+        compiling: seconds before.
+    """
+
+    points: int
+    blocks: int
+    bytes: int
+    seconds: float
+    compiling: float
+
+
+def estimate(task: Task, threads: int = 0) -> Estimate:
+    """Compile the program and time it on the first and the last block of a sweep, writing nothing."""
+    count = threads or cores()
+    began = time.monotonic()
+    lanes = Lanes(task)
+    compiling = time.monotonic() - began
+    plan, points = task.plan, _first_points(task)
+    lanes.solve(points)
+    began = time.monotonic()
+    with ThreadPoolExecutor(count) as pool:
+        list(pool.map(lanes.solve, [points] * count))
+    each = (time.monotonic() - began) / (count * task.batch)
+    waste = plan.blocks * task.batch / plan.points
+    return Estimate(
+        plan.points, plan.blocks, plan.points * task.bytes_each, each * waste * plan.points, compiling
+    )
+
+
+def _first_points(task: Task) -> np.ndarray:
+    if task.plan.gridded:
+        return task.plan.on_grid(0)
+    drawn = task.table if task.table is not None else next(iter(draw(task.file, task.axes)))
+    return drawn[: task.plan.largest]
+
+
+def sweep(
+    file: SweepConfig | str | Path,
+    store: str | Path,
+    *,
+    threads: int = 0,
+    progress: Report = lambda says: None,
+) -> xarray.Dataset:
+    """Compute a sweep into a Zarr store, or go on with one that was interrupted.
+
+    Args:
+        file: a sweep file, or where it lies.
+        store: folder of the Zarr store to write.
+        threads: of this process; as many as cores unless given.
+        progress: is told what goes on.
+
+    Returns:
+        The dataset, as `open_sweep` gives it.
+
+    Raises:
+        InputError: the file is wrong, or the store holds another sweep.
+    """
+    task = task_of(file if isinstance(file, SweepConfig) else load_sweep(file))
+    there = Store(Path(store), task)
+    there.create()
+    run_here(task, there, there.left(), progress, threads)
+    there.clean()
+    return open_sweep(there.path)

@@ -1,0 +1,146 @@
+"""How much each parameter matters: shares of the variance of an output over the sweep, or its mean change."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from typing import Any
+
+import numpy as np
+
+from .axes import Axis
+from .outputs import NODE, STEP
+from .plan import LEVELS, sensitivity_problem, sensitivity_sample
+from .store import Store
+from .task import Task
+
+MOST = 2_000_000  # points whose indices are computed: all are held at once
+FEWEST = 64  # points of a sample from which shares of the variance can be told
+TWO_SIDED = 1.959964  # standard deviations in SALib's half widths, of 95 %
+_METHODS = {
+    "grid": "Shares of the variance over the grid, exact for its points.",
+    "saltelli": "Sobol's indices, by Saltelli's sample (SALib).",
+    "morris": "Elementary effects over the whole range, by Morris's sample (SALib).",
+    "drawn": "First-order shares of the variance, by RBD-FAST from the points as drawn (SALib).",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Index:
+    """How much one parameter matters to one output.
+
+    Attributes:
+        first: share of the variance that goes with it alone (Sobol's first-order index); NaN with `morris`.
+        total: share that goes with it, alone and together with others; None where the sample cannot tell.
+        first_sd, total_sd: how well these are known, one standard deviation; None on a grid, which is all.
+        effect, spread: of a `morris` sample the mean size and the standard deviation of the output's change
+            over the parameter's whole range [SI].
+    """
+
+    first: float = float("nan")
+    total: float | None = None
+    first_sd: float | None = None
+    total_sd: float | None = None
+    effect: float | None = None
+    spread: float | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Sensitivity:
+    """Indices by output and parameter; what method they come from, or why there are none."""
+
+    says: str
+    indices: dict[str, dict[str, Index]]
+
+    def to_json(self) -> dict[str, Any]:
+        """The same as plain values."""
+        return {
+            "says": self.says,
+            "indices": {
+                output: {
+                    name: {k: v for k, v in vars(i).items() if v is not None and v == v}
+                    for name, i in of.items()
+                }
+                for output, of in self.indices.items()
+            },
+        }
+
+
+def sensitivity_of(task: Task, store: Store) -> Sensitivity:
+    """Indices of every number that a point has, of the last step kept.
+
+    On a grid, exact over its points; from a saltelli or morris sample by SALib's estimators of these names,
+    from any other by its RBD-FAST.
+    """
+    plan, kind = task.plan, task.file.sample
+    varied = [axis for axis in task.axes if axis.values is None or len(axis.values) > 1]
+    if len(varied) < 2:
+        return Sensitivity("Only one parameter is varied: everything goes with it.", {})
+    if plan.points > MOST:
+        return Sensitivity(f"Not computed for more than {MOST:,} points.", {})
+    wanted = [v for v in task.outputs if NODE not in v.dims]
+    found: dict[str, dict[str, Index]] = {}
+    says = _METHODS["grid" if plan.gridded else kind if kind in _METHODS else "drawn"]
+    for v in wanted:
+        values = np.asarray(store.array(v.name)[...])
+        if STEP in task.extra_dims(v):
+            values = values[..., -1]
+        known = np.isfinite(values)
+        if not known.any() or np.ptp(values[known]) <= 1e-12 * np.max(np.abs(values[known])):
+            continue
+        if kind in ("saltelli", "morris") or plan.gridded:
+            if not known.all():
+                missing = int(np.sum(~known))
+                return Sensitivity(f"Not computed: {missing:,} points have no numbers.", {})
+            found[v.name] = (
+                _on_grid(values, task.axes) if plan.gridded else _by_salib(kind, values, task, task.axes)
+            )
+        elif known.sum() >= FEWEST:
+            points = np.stack([np.asarray(store.array(a.name)[...])[known] for a in task.axes], axis=1)
+            found[v.name] = _given(points, values[known], task.axes)
+    if not found:
+        return Sensitivity("No output varies, or too few points have numbers.", {})
+    return Sensitivity(says, found)
+
+
+def _on_grid(values: np.ndarray, axes: tuple[Axis, ...]) -> dict[str, Index]:
+    """Sobol's indices of a function known on a whole grid: variances of conditional means."""
+    whole, found = values.var(), {}
+    for i, axis in enumerate(axes):
+        others = tuple(j for j in range(values.ndim) if j != i)
+        first = values.mean(axis=others).var() / whole
+        rest = values.mean(axis=i).var() / whole
+        found[axis.name] = Index(first=float(first), total=float(1 - rest))
+    return found
+
+
+def _by_salib(kind: str, values: np.ndarray, task: Task, axes: tuple[Axis, ...]) -> dict[str, Index]:
+    from SALib.analyze import morris, sobol
+
+    problem = sensitivity_problem([axis.name for axis in axes])
+    seed, count = task.file.seed, task.file.count or 0
+    if kind == "saltelli":
+        told = sobol.analyze(problem, values, calc_second_order=False, seed=seed)
+        columns = zip(told["S1"], told["ST"], told["S1_conf"], told["ST_conf"], strict=True)
+        return {
+            axis.name: Index(float(a), float(b), float(c) / TWO_SIDED, float(d) / TWO_SIDED)
+            for axis, (a, b, c, d) in zip(axes, columns, strict=True)
+        }
+    shares = sensitivity_sample("morris", len(axes), count, seed)
+    told = morris.analyze(problem, shares, values, num_levels=LEVELS, seed=seed)
+    return {
+        axis.name: Index(effect=float(a), spread=float(b))
+        for axis, a, b in zip(axes, told["mu_star"], told["sigma"], strict=True)
+    }
+
+
+def _given(points: np.ndarray, values: np.ndarray, axes: tuple[Axis, ...]) -> dict[str, Index]:
+    from SALib.analyze import rbd_fast
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        told = rbd_fast.analyze(sensitivity_problem([a.name for a in axes]), points, values, seed=0)
+    return {
+        axis.name: Index(first=float(a), first_sd=float(c) / TWO_SIDED)
+        for axis, a, c in zip(axes, told["S1"], told["S1_conf"], strict=True)
+    }

@@ -1,0 +1,259 @@
+"""The store of a sweep: a Zarr group that xarray opens as a labelled dataset. Each block is a region, and a
+chunk, of its own; its results are written last, so that what is there is whole.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gtr_jax.errors import InputError
+
+from .outputs import BASE, RESULT, STEP, of_tendons
+from .plan import POINT, draw
+from .task import Task, settings_of
+
+if TYPE_CHECKING:
+    import xarray
+    import zarr
+
+STORE = "sweep.zarr"
+NOT_COMPUTED = 255
+MEANINGS = "converged not_converged not_finite no_such_robot not_computed"
+
+
+class Store:
+    """The store of one sweep.
+
+    Args:
+        path: folder of the Zarr group.
+        task: the sweep.
+    """
+
+    def __init__(self, path: Path, task: Task) -> None:
+        self.path, self.task = path, task
+        self._open: zarr.Group | None = None
+
+    def create(self) -> None:
+        """Make the store, empty, unless it is there; in one piece, though others make it at the same time.
+
+        Raises:
+            InputError: there is one of another sweep.
+        """
+        if self.path.exists():
+            self._refuse_another()
+            return
+        part = self.path.with_name(f"{self.path.name}.{os.getpid()}.part")
+        shutil.rmtree(part, ignore_errors=True)
+        part.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            self._write_empty(part)
+            try:
+                part.rename(self.path)
+            except OSError:
+                if not self.path.exists():
+                    raise
+                self._refuse_another()
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
+
+    @property
+    def group(self) -> zarr.Group:
+        """The Zarr group, opened for reading and writing."""
+        import zarr
+
+        if self._open is None:
+            self._open = zarr.open_group(self.path, mode="r+", zarr_format=3)
+        return self._open
+
+    def array(self, name: str) -> Any:
+        """One array of the store."""
+        return self.group[name]
+
+    def same(self) -> bool:
+        """Whether what is there is of this sweep."""
+        return self.group.attrs.get("fingerprint") == self.task.fingerprint
+
+    def _refuse_another(self) -> None:
+        if not self.same():
+            raise InputError(
+                f"{self.path}: holds a sweep of another file, robot, version or device; finish it with what "
+                "it was begun with, remove it, or choose another folder with -o"
+            )
+
+    def _write_empty(self, path: Path) -> None:
+        import zarr
+
+        task, plan = self.task, self.task.plan
+        group = zarr.create_group(path, zarr_format=3)
+        extra = {"coordinates": " ".join(axis.name for axis in task.axes)} if not plan.gridded else {}
+        group.attrs.update(settings_of(task) | extra)
+        if plan.gridded:
+            for axis, n in zip(task.axes, plan.shape, strict=True):
+                self._coordinate(
+                    group, axis.name, np.asarray(axis.values), (axis.name,), (n,), axis.parameter
+                )
+        else:
+            self._points(group)
+        steps = task.history.kept
+        if len(steps) > 1:
+            self._coordinate(group, STEP, np.asarray(steps), (STEP,), (len(steps),), None)
+        self._base(group)
+        for v in task.stored:
+            shape = (*plan.shape, *task.extra_shape(v))
+            group.create_array(
+                v.name,
+                shape=shape,
+                chunks=(*plan.chunk, *task.extra_shape(v)),
+                dtype="uint8" if v is RESULT else "float64",
+                fill_value=NOT_COMPUTED if v is RESULT else np.nan,
+                dimension_names=(*plan.dims, *task.extra_dims(v)),
+                attributes=_described(v.says, v.unit)
+                | (
+                    {"flag_values": [0, 1, 2, 3, NOT_COMPUTED], "flag_meanings": MEANINGS}
+                    if v is RESULT
+                    else {}
+                ),
+                config={"write_empty_chunks": True},
+            )
+
+    def _coordinate(self, group, name, values, dims, chunks, parameter) -> Any:
+        says = "load step" if parameter is None else parameter.key
+        array = group.create_array(
+            name,
+            shape=values.shape,
+            chunks=chunks,
+            dtype=values.dtype,
+            dimension_names=dims,
+            attributes=_described(says, parameter.unit if parameter else ""),
+        )
+        array[...] = values
+        return array
+
+    def _points(self, group) -> None:
+        """The points, as coordinates along them."""
+        task, plan = self.task, self.task.plan
+        arrays = [
+            group.create_array(
+                axis.name,
+                shape=plan.shape,
+                chunks=plan.chunk,
+                dtype="float64",
+                fill_value=np.nan,
+                dimension_names=(POINT,),
+                attributes=_described(axis.parameter.key, axis.parameter.unit),
+            )
+            for axis in task.axes
+        ]
+        for region, values in _by_chunks(self._drawn(), plan.chunk[0]):
+            for i, array in enumerate(arrays):
+                array[region] = values[:, i]
+
+    def _drawn(self) -> Iterator[np.ndarray]:
+        task = self.task
+        return iter([task.table]) if task.table is not None else draw(task.file, task.axes)
+
+    def _base(self, group) -> None:
+        """The base tension at the steps kept, where it is the same at every point."""
+        task, path = self.task, self.task.history
+        if task.base_varies:
+            return
+        from .lanes import base_tension
+
+        names = task.robot.tendon_names
+        T = np.asarray(base_tension(task, task.robot, {}))[list(path.kept)]
+        for i, v in enumerate(of_tendons(BASE, names)):
+            own = T[:, i] if names else T
+            values = own if len(path.kept) > 1 else own[0]
+            dims = (STEP,) if len(path.kept) > 1 else ()
+            array = group.create_array(
+                v.name,
+                shape=values.shape,
+                chunks=values.shape,
+                dtype="float64",
+                fill_value=np.nan,
+                dimension_names=dims,
+                attributes=_described(v.says, v.unit),
+            )
+            array[...] = values
+        known = group.attrs.get("coordinates", "")
+        names = " ".join(v.name for v in of_tendons(BASE, names))
+        group.attrs["coordinates"] = f"{known} {names}".strip()
+
+    def left(self) -> list[int]:
+        """Blocks that are not computed yet."""
+        done = self.path / RESULT.name / "c"
+        return [
+            block
+            for block in range(self.task.plan.blocks)
+            if not done.joinpath(*map(str, self.task.plan.place(block))).exists()
+        ]
+
+    def points(self, block: int) -> np.ndarray:
+        """Values [SI] of what is varied at the points of a block, (points, axes)."""
+        plan = self.task.plan
+        if plan.gridded:
+            return plan.on_grid(block)
+        return np.stack([self.array(axis.name)[plan.region(block)] for axis in plan.axes], axis=1)
+
+    def write(self, block: int, found: dict[str, np.ndarray]) -> None:
+        """Store what a block gave, its results last."""
+        task, region = self.task, self.task.plan.region(block)
+        size = tuple(part.stop - part.start for part in region)
+        for v in task.stored:
+            values = found[v.name]
+            self.array(v.name)[region] = values.reshape(*size, *values.shape[1:])
+
+    def clean(self) -> None:
+        """Remove what interrupted writes have left."""
+        for stray in self.path.rglob("*.partial"):
+            stray.unlink(missing_ok=True)
+
+
+def _by_chunks(pieces: Iterator[np.ndarray], chunk: int) -> Iterator[tuple[slice, np.ndarray]]:
+    """Pieces of any length joined and cut anew, so that every chunk is written once."""
+    held: list[np.ndarray] = []
+    start = have = 0
+    for piece in pieces:
+        held.append(piece)
+        have += len(piece)
+        if have >= chunk:
+            whole = np.concatenate(held)
+            upto = have // chunk * chunk
+            yield slice(start, start + upto), whole[:upto]
+            held, start, have = [whole[upto:]], start + upto, have - upto
+    if have:
+        yield slice(start, start + have), np.concatenate(held)
+
+
+def _described(says: str, unit: str) -> dict[str, str]:
+    return {"long_name": says, "units": unit or "1"}
+
+
+def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
+    """A finished sweep, or one that is being computed, as a labelled dataset.
+
+    Args:
+        path: the run folder that `gtr sweep` wrote, or the Zarr store in it.
+
+    Returns:
+        A dataset with the parameters as coordinates [SI]; values are read when they are used. `result` is 0
+        where a point converged; where it did not, the outputs are NaN. The whole input is in `attrs`.
+
+    Raises:
+        InputError: there is no sweep.
+    """
+    import xarray
+
+    path = Path(path)
+    inner = path / STORE
+    if inner.exists():
+        path = inner
+    if not (path / RESULT.name).exists():
+        raise InputError(f"{path}: no sweep there; give the folder that 'gtr sweep' wrote with -o")
+    return xarray.open_zarr(path, consolidated=False, chunks=None)
