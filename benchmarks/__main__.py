@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 import sys
 
-from . import measure
-from .diagnosing import diagnose
+from . import commands, measure, sweeping
 from .gate import BASELINE, worse, write_baseline
 from .speed import GROUPS as SPEEDS
 from .speed import Metric
 
-GROUPS = SPEEDS | {"diagnose": diagnose}
+WAITED = {"fit": commands.fit, "diagnose": commands.diagnose, "design": commands.design}
+GROUPS = SPEEDS | WAITED | sweeping.GROUPS
 
 
 def _row(m: Metric) -> str:

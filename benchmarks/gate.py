@@ -22,6 +22,10 @@ def write_baseline(metrics: Sequence[Metric], path: Path = BASELINE) -> None:
             "direction": m.direction,
             "tolerance": m.tolerance,
             "gated": None if m.gated is None else float(f"{m.gated:.4g}"),
+            "target": m.target,
+            "cold": None if m.cold is None else float(f"{m.cold:.3g}"),
+            "note": m.note,
+            "date": measure.machine()["date"],
         }
         for m in metrics
     }

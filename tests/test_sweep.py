@@ -470,7 +470,8 @@ def test_a_folder_without_a_sweep(tmp_path):
         open_sweep(tmp_path)
 
 
-LONG = GRID.replace("count = 5", "count = 300").replace("count = 3", "count = 200")
+LONG = GRID.replace("count = 5", "count = 400").replace("count = 3", "count = 300")
+LONG = LONG.replace(', "T_base_switch"', "")
 
 
 def _command(file, out, *more):

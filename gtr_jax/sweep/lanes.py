@@ -15,10 +15,10 @@ from jaxtyping import Array, Float
 from gtr_jax.equilibrium import equilibrium
 from gtr_jax.history import simulate
 from gtr_jax.march import March
-from gtr_jax.phases import release_switch
 from gtr_jax.robot import Robot
 
 from .outputs import along, at_rest
+from .switch import switch_tension
 from .task import LOADED, Task
 from .validity import is_robot
 
@@ -138,9 +138,9 @@ def _solved(task: Task, robot: Robot, point: Float[Array, " axes"], solver):
         shapes = any(v.name == "x" for v in task.outputs)
         said, met = along(robot, run, path.kept, shapes), jnp.all(run.converged)
     if any(v.name == "T_base_switch" for v in task.outputs):
-        switch = release_switch(robot, _end(task, varied, "pull"))
-        said |= {"T_base_switch": switch.T_base}
-        met = met & switch.converged
+        switch, found = switch_tension(robot, _end(task, varied, "pull"), solver)
+        said |= {"T_base_switch": switch}
+        met = met & found
     return said, met
 
 

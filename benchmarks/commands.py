@@ -1,0 +1,128 @@
+"""What the commands take, as a user waits for them: each in a process of its own, time and memory."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+import gtr_jax as gtr
+from gtr_jax.config import config_text, parse_config
+
+from . import measure, systems
+from .speed import SAMPLES, Metric
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+COMMAND = "import sys; from gtr_jax.cli import main; sys.exit(main())"
+MU, RATIO, NOISE_N, NOISE_BASE_N = 0.25, 0.9, 0.05, 0.02
+
+
+def recording(folder: Path) -> tuple[Path, Path]:
+    """A robot file and 1,000 samples of five loops with the tip's pose; friction differs on release."""
+    system, rng = systems.TDCM_1, np.random.default_rng(1)
+    turns = system.T_base * np.asarray([0.02, 1.0, 0.1, 0.8, 0.3, 0.9, 0.02, 1.0, 0.5, 0.7, 0.02])
+    T_base = np.interp(np.linspace(0, 10, SAMPLES), np.arange(11), turns)
+    config = parse_config(system.file | {"uncertainty": {"youngs_modulus": 0.1}})
+    terms = [{"kind": "friction-asymmetry", "ratio": RATIO}]
+    run = gtr.simulate(
+        gtr.build_robot(parse_config(system.file | {"terms": terms})).with_values(mu=MU), T_base
+    )
+    pose = np.asarray(run.tip_pose) + rng.normal(size=(SAMPLES, 3)) * (2e-4, 2e-4, 2e-3)
+    columns = {
+        "time_s": 0.1 * np.arange(SAMPLES),
+        "T_base_N": T_base + NOISE_BASE_N * rng.normal(size=SAMPLES),
+        "T_tip_N": np.asarray(run.T_tip) + NOISE_N * rng.normal(size=SAMPLES),
+        "tip_x_m": pose[:, 0],
+        "tip_y_m": pose[:, 1],
+        "tip_angle_rad": pose[:, 2],
+    }
+    robot, read = folder / "robot.toml", folder / "recording.csv"
+    robot.write_text(config_text(config), encoding="utf-8")
+    table = np.stack(list(columns.values()), axis=1)
+    np.savetxt(read, table, delimiter=",", header=",".join(columns), comments="", fmt="%.7g")
+    return robot, read
+
+
+class Waited(NamedTuple):
+    """What a command took: seconds with nothing compiled, seconds again, its largest memory [GiB]."""
+
+    cold: float
+    warm: float
+    memory: float
+
+
+def run_command(arguments: Sequence[str | Path], cache: Path) -> tuple[float, float]:
+    """Seconds and largest memory [GiB] of `gtr` with these arguments, programs compiled before in `cache`."""
+    began = time.perf_counter()
+    process = subprocess.Popen(
+        [sys.executable, "-c", COMMAND, *map(str, arguments)],
+        env=os.environ | {"GTR_JAX_CACHE": str(cache)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    _, status, usage = os.wait4(process.pid, 0)
+    if status != 0:
+        raise RuntimeError(f"gtr {arguments[0]} ends with {os.waitstatus_to_exitcode(status)}")
+    return time.perf_counter() - began, usage.ru_maxrss / 2**20
+
+
+def waited(arguments: Sequence[str | Path], folder: Path) -> Waited:
+    """A command that writes a run folder, with nothing compiled and again."""
+    cold, first = run_command([*arguments, "-o", folder / "cold"], folder / "cache")
+    warm, second = run_command([*arguments, "-o", folder / "warm"], folder / "cache")
+    return Waited(cold, warm, max(first, second))
+
+
+@contextlib.contextmanager
+def _folder() -> Iterator[Path]:
+    with tempfile.TemporaryDirectory() as temporary:
+        yield Path(temporary)
+
+
+def _metrics(name: str, took: Waited, note: str, warm: float, cold: float, memory: float) -> Iterator[Metric]:
+    """The three numbers with their targets."""
+    ratio = took.warm / measure.reference_seconds(0.2)
+    yield Metric(name, took.warm, "s", target=warm, cold=took.cold, gated=ratio, note=note)
+    yield Metric(f"{name}.cold", took.cold, "s", target=cold)
+    yield Metric(f"{name}.memory", took.memory, "GiB", target=memory)
+
+
+def fit(quick: bool) -> Iterator[Metric]:
+    """`gtr fit` of 1,000 samples."""
+    if quick:
+        return
+    with _folder() as folder:
+        took = waited(["fit", *recording(folder)], folder)
+    yield from _metrics(
+        f"fit.{SAMPLES} samples", took, "mu and E, with pose; interpreter included", 10.0, 30.0, 4.0
+    )
+
+
+def diagnose(quick: bool) -> Iterator[Metric]:
+    """`gtr diagnose` of 1,000 samples."""
+    if quick:
+        return
+    with _folder() as folder:
+        took = waited(["diagnose", *recording(folder)], folder)
+    yield from _metrics(
+        f"diagnose.{SAMPLES} samples", took, "with pose; interpreter included", 60.0, 180.0, 4.0
+    )
+
+
+def design(quick: bool) -> Iterator[Metric]:
+    """`gtr design` of the example."""
+    if quick:
+        return
+    with _folder() as folder:
+        took = waited(["design", EXAMPLES / "tdcm-1.toml", EXAMPLES / "tdcm-1-target.toml"], folder)
+    ratio = took.warm / measure.reference_seconds(0.2)
+    yield Metric("design.example", took.warm, "s", cold=took.cold, gated=ratio, note="interpreter included")
+    yield Metric("design.example.memory", took.memory, "GiB")
