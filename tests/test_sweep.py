@@ -181,6 +181,11 @@ def test_points_of_a_file_run_through_a_history(history):
     np.testing.assert_allclose(at.s, eq.s, rtol=1e-12)
 
 
+def test_pictures_and_indices_are_of_the_largest_pull(history):
+    file, data = history
+    assert float(data.T_base[task_of(load_sweep(file)).history.shown]) == 20.0
+
+
 def test_what_is_no_robot_is_said_to_be_none(history):
     _, data = history
     np.testing.assert_array_equal(data.result, [0, 0, 3])  # a channel at 14 mm in a body of 11 to 14 mm

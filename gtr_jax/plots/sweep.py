@@ -171,12 +171,13 @@ def plot_parallel(points: Mapping[str, xarray.DataArray], output: xarray.DataArr
 def _parallel_axes(axes: Axes, columns: Sequence[Any], ends: Sequence[tuple[float, float]]) -> None:
     last = len(columns) - 1
     for i, (low, high) in enumerate(ends):
-        axes.axvline(i, color=INK if i == last else GREY, linewidth=1.6 if i == last else 1.0)
+        axes.plot([i, i], [0, 1], color=INK if i == last else GREY, linewidth=1.6 if i == last else 1.0)
         for height, value, side in ((-0.03, low, "top"), (1.03, high, "bottom")):
             axes.text(i, height, number(value, digits=3), ha="center", va=side, fontsize=9)
     axes.set_xlim(-0.4, last + 0.4)
     axes.set_ylim(-0.12, 1.12)
     axes.set_xticks(range(len(columns)), [label(column) for column in columns])
+    axes.tick_params(length=0)
     axes.set_yticks([])
     axes.grid(False)
     for spine in axes.spines.values():

@@ -42,7 +42,7 @@ def sweep_report(answer: Any, task: Any, data: xarray.Dataset, *, plot: bool = T
 
 def _figures(answer: Any, task: Any, data: xarray.Dataset) -> list[Figure]:
     outputs = [v.name for v in task.outputs if v.name in answer.ranges][:SHOWN]
-    arrays = {name: _last_step(data[name]) for name in outputs}
+    arrays = {name: _pulled(data[name], task) for name in outputs}
     figures = []
     if arrays and task.plan.gridded:
         figures.append(_of_grid(task, arrays))
@@ -63,12 +63,12 @@ def _figures(answer: Any, task: Any, data: xarray.Dataset) -> list[Figure]:
     return figures
 
 
-def _last_step(array: xarray.DataArray) -> xarray.DataArray:
-    return array.isel(step=-1) if "step" in array.dims else array
+def _pulled(array: xarray.DataArray, task: Any) -> xarray.DataArray:
+    return array.isel(step=task.history.shown) if "step" in array.dims else array
 
 
 def _of_grid(task: Any, arrays: dict[str, xarray.DataArray]) -> Figure:
-    last = " at the last step kept" if len(task.history.kept) > 1 else ""
+    last = " at the largest base tension kept" if len(task.history.kept) > 1 else ""
     if sum(n > 1 for n in task.plan.shape) < 2:
         return Figure("curves", plots.png(plot_curves(arrays)), f"What was computed{last}.")
     others = " Other parameters are at their middle values." if len(task.plan.shape) > 2 else ""

@@ -67,7 +67,7 @@ class Sensitivity:
 
 
 def sensitivity_of(task: Task, store: Store) -> Sensitivity:
-    """Indices of every number that a point has, of the last step kept.
+    """Indices of every number that a point has, at the largest base tension kept.
 
     On a grid, exact over its points; from a saltelli or morris sample by SALib's estimators of these names,
     from any other by its RBD-FAST.
@@ -84,7 +84,7 @@ def sensitivity_of(task: Task, store: Store) -> Sensitivity:
     for v in wanted:
         values = np.asarray(store.array(v.name)[...])
         if STEP in task.extra_dims(v):
-            values = values[..., -1]
+            values = values[..., task.history.shown]
         known = np.isfinite(values)
         if not known.any() or np.ptp(values[known]) <= 1e-12 * np.max(np.abs(values[known])):
             continue

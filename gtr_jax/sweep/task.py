@@ -72,6 +72,15 @@ class LoadPath:
         """Load steps."""
         return len(self.given) if self.given is not None else len(self.up) + len(self.down)
 
+    @property
+    def shown(self) -> int:
+        """Which of the steps kept has the largest base tension: that of pictures and indices."""
+        if self.given is not None:
+            pulled = self.given if self.given.ndim == 1 else self.given.sum(axis=1)
+        else:
+            pulled = np.concatenate([self.up, 1 - self.down])
+        return int(np.argmax(pulled[list(self.kept)]))
+
 
 @dataclasses.dataclass(frozen=True)
 class Task:
