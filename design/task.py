@@ -185,10 +185,9 @@ def goal_of(wanted: Wanted, states: States) -> Float[Array, ""]:
 def load_margins(task: Task, states: States) -> dict[str, Float[Array, " _"]]:
     """Margins of the limits on tensions, by limit."""
     margins = {}
-    share = states.T_tip / states.T_base
     pulled = jnp.asarray([i for i, (_, released) in enumerate(task.states) if not released], dtype=int)
     if LOSS in task.given:
-        margins[LOSS] = share[pulled] - (1.0 - task.limits.loss)
+        margins[LOSS] = states.T_tip[pulled] / states.T_base[pulled] - (1.0 - task.limits.loss)
     if TIP in task.given:
         margins[TIP] = (states.T_tip - task.limits.tip) / jnp.max(task.tensions)
     return margins

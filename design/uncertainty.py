@@ -86,9 +86,10 @@ def uncertainty_of(config: RobotConfig, target: TargetConfig) -> Uncertainty:
         if given is not None:
             sd[i], source = given, f"{target.source} [robust]"
     found = Uncertainty(sd, rho, source)
-    if own.optimise != "nominal" and not found.known:
+    asked = next((name for name in ("optimise", "deviations") if name in own.model_fields_set), None)
+    if asked is not None and not found.known:
         raise InputError(
-            f"{target.source}: robust.optimise: nothing is uncertain; give friction_coefficient = 0.1, "
+            f"{target.source}: robust.{asked}: nothing is uncertain; give friction_coefficient = 0.1, "
             'fit = "fit.json", or [uncertainty] in the robot file'
         )
     return found
