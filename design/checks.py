@@ -236,9 +236,12 @@ def _check_search(target: TargetConfig, refuse) -> None:
             refuse("search.n_sine", f"half waves lie between 0 and {MOST_WAVES}, one is {value:g}; remove it")
     if search.n_sine == ():
         refuse("search.n_sine", "is empty; give for example [2, 3, 4]")
-    if search.method == "gauss-newton" and (target.goal is not None or target.robust.optimise == "worst"):
-        word = "a goal" if target.goal is not None else "the worst case"
-        refuse("search.method", f'{word} is no sum of squares; take "l-bfgs-b" or "auto"')
+    if search.method == "gauss-newton" and target.goal is not None:
+        refuse("search.method", 'a goal is no sum of squares; take "l-bfgs-b" or "auto"')
+    if search.method == "l-bfgs-b" and target.goal is None and target.robust.optimise != "nominal":
+        refuse(
+            "search.method", 'errors over what is not known are least squares; take "gauss-newton" or "auto"'
+        )
 
 
 def _check_limits(target: TargetConfig, robot: RobotConfig, refuse) -> None:

@@ -20,7 +20,6 @@ from gtr_jax.routing import StraightSineStraight
 from .limits import LEAST_WAVE, LOSS, TIP, LimitValues, channel_margins, stations_of
 from .model import States, states_of
 
-HIGH_POWER = 8
 NEAR = 0.9  # of its tolerance, to which a target is kept where there is a goal
 
 
@@ -210,10 +209,11 @@ def evaluate(task: Task, z: Float[Array, " c"]) -> Evaluation:
         if name in margins
     ]
     errors, goal, ok = errors_of(task.wanted, states), goal_of(task.wanted, states), states.converged
+    nominal = errors
     if task.spread != "nominal":
         errors, goal, ok = _spread(task, robot, tensions)
     if task.wanted.goal:
-        rows += [NEAR - errors, NEAR + errors] if errors.shape[0] else []
+        rows += [NEAR - nominal, NEAR + nominal] if nominal.shape[0] else []
         errors = (goal - task.wanted.utopia)[None]
     return Evaluation(errors, goal, jnp.concatenate(rows), states.pose, states.T_tip, ok)
 
@@ -234,7 +234,5 @@ def _spread(task: Task, robot: Robot, tensions):
     errors, goals, ok = jax.lax.map(one, task.draws) if task.with_terms else jax.vmap(one)(task.draws)
     if task.spread == "expected":
         return (jnp.sqrt(task.shares)[:, None] * errors).ravel(), jnp.sum(task.shares * goals), jnp.all(ok)
-    sizes = jnp.sqrt(jnp.sum(errors**2, axis=1) + 1e-12)
-    top = jnp.max(sizes)
-    worst = top * jnp.sum((sizes / top) ** HIGH_POWER) ** (1.0 / HIGH_POWER)
+    worst = jnp.max(jnp.sqrt(jnp.sum(errors**2, axis=1) + 1e-12))
     return worst[None], jnp.max(goals), jnp.all(ok)

@@ -105,6 +105,8 @@ def _of_fit(target: TargetConfig, path: Path) -> tuple[np.ndarray, float]:
         raise InputError(f"{where}: {path} cannot be read; give the fit.json of a run of gtr fit") from None
     except (ValueError, KeyError, TypeError):
         raise InputError(f"{where}: {path} is no fit.json; take the one of a run of gtr fit") from None
+    if not data.get("converged", True):
+        raise InputError(f"{where}: {path} did not converge; fit again")
     sd, rho = np.zeros(2), 0.0
     try:
         for i, name in enumerate(NAMES):

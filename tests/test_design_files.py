@@ -68,10 +68,10 @@ SLACK = [
     (
         {
             "pose": [POSE],
-            "search": {"method": "gauss-newton"},
+            "search": {"method": "l-bfgs-b"},
             "robust": {"optimise": "worst", "youngs_modulus": 0.1},
         },
-        ["search.method", "worst case"],
+        ["search.method", "least squares"],
     ),
 ]
 
@@ -117,6 +117,31 @@ def test_bad_targets_get_one_line_with_key_and_remedy(data, words, make_config):
     says = refused(data, make_config(routing=SINE))
     for word in words:
         assert word in says
+
+
+def test_a_fit_says_how_well_friction_and_modulus_are_known(tmp_path, make_config):
+    """In relative deviations and with its correlation; refused if it did not converge."""
+    config = make_config(routing=SINE)
+    mu, E = config.tendon.friction_coefficient, config.backbone.youngs_modulus
+    fit = {
+        "converged": True,
+        "parameters": {"mu": {"value": mu, "sd": 0.1 * mu}, "E": {"value": E, "sd": 0.05 * E}},
+        "correlation": {"names": ["mu", "E"], "matrix": [[1.0, 0.5], [0.5, 1.0]]},
+    }
+    target = {"schema": 1, "pose": [POSE], "robust": {"fit": "fit.json"}}
+
+    def known(fit):
+        (tmp_path / "fit.json").write_text(json.dumps(fit))
+        return assemble(config, design.parse_target(target, source="t.toml", folder=tmp_path)).uncertainty
+
+    found = known(fit)
+    np.testing.assert_allclose(found.sd, [0.1, 0.05])
+    assert found.correlation == 0.5
+    points, shares = found.gaussian()
+    covariance = np.einsum("d,di,dj->ij", shares, points, points)
+    np.testing.assert_allclose(covariance, [[0.01, 0.0025], [0.0025, 0.0025]], atol=1e-12)
+    with pytest.raises(InputError, match="did not converge"):
+        known(fit | {"converged": False})
 
 
 def test_what_is_within_a_tolerance_of_possible_is_not_refused(make_config):

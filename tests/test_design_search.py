@@ -248,6 +248,35 @@ def test_an_expected_error_is_less_than_that_of_the_nominal_design(make_config):
 
 
 @pytest.mark.slow
+def test_the_least_worst_error_is_that_of_a_scan(make_config):
+    """Of one offset, tried at four hundred places; the least mean square lies elsewhere."""
+    robust = {"optimise": "worst", "friction_coefficient": 0.2, "youngs_modulus": 0.2}
+    pose = {"T_base": 25.0, "angle": 0.9}
+    problem = assemble(make_config(routing=PARALLEL), target(pose, robust=robust, search={"starts": 3}))
+    found = find(problem)
+    z = jnp.linspace(0.0, 1.0, 401)[:, None]
+    judged = gauss_newton.judge_all(problem.task, z)
+    kept = np.asarray(jnp.min(judged.margins, axis=1)) >= 0.0
+    scanned = np.where(kept, np.asarray(judged.residuals)[:, 0], np.inf)
+    best = int(np.argmin(np.where(found.kept, found.cost, np.inf)))
+    assert np.sqrt(2 * found.cost[best]) < np.min(scanned)
+    assert found.z[best] == pytest.approx(np.asarray(z[np.argmin(scanned)]), abs=1 / 400)
+
+
+@pytest.mark.slow
+def test_a_robust_design_of_what_cannot_be_reached_is_not_called_one(make_config):
+    robust = {"optimise": "expected", "friction_coefficient": 0.1}
+    wanted = target({"T_base": 25.0, "angle": 2.5}, robust=robust, search={"starts": 3})
+    answer = design.optimise(make_config(routing=PARALLEL), wanted)
+    assert answer.verdict == "not-reached"
+    assert "not reachable" in answer.says and "wall_clearance" in answer.says
+    wanted = target({"T_base": 25.0, "angle": 0.9}, robust=robust, search={"starts": 3})
+    answer = design.optimise(make_config(routing=PARALLEL), wanted)
+    assert answer.verdict == "optimal"
+    assert "deg rms" in answer.says and "mm" not in answer.says.partition("lost")[0]
+
+
+@pytest.mark.slow
 def test_benchmark_finds_hidden_routings():
     from benchmarks import design as study
 
