@@ -111,6 +111,8 @@ def limits_given(target: TargetConfig, space: Space) -> tuple[str, ...]:
         for name in (L.RADIUS, L.BASE_SLOPE, L.TIP_SLOPE, L.LOSS, L.TIP)
         if getattr(own, name) is not None
     ]
+    if space.free_tensions and any(load.branch == "releasing" for load in target.loads):
+        given.append(L.RELEASE)
     if {"w1", "w2"} & {v.name for v in space.variables}:
         given.append(L.WAVE)
     return tuple(given)

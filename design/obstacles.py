@@ -82,7 +82,7 @@ def relaxations(problem: Assembled, found: Lanes, binding: tuple[Binding, ...]) 
     out = []
     task = nominal(without_goal(problem.task))
     for bound in binding:
-        if bound.kind != "limit" or bound.name in (L.WAVE,):
+        if bound.kind != "limit" or bound.name in (L.WAVE, L.RELEASE):
             continue
         eased = _without(problem, task, bound.name)
         if eased is None:

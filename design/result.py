@@ -212,6 +212,11 @@ def miss_says(error: TargetError) -> str:
 def _sentences(answer: Design) -> list[str]:
     best, target = answer.best, answer.problem.target
     name = target.name
+    if answer.verdict == UNSETTLED and not answer.verification.converged:
+        return [
+            f"{name}: an equilibrium of the design was not found again, on a finer mesh, in many steps or "
+            "from the literal integrals. Do not use the design; narrow the bounds or lower T_base."
+        ]
     if answer.verdict == UNSETTLED:
         return [
             f"{name}: the search did not converge; {answer.search.settled} of {answer.search.lanes} starts "

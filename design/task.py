@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 from gtr_jax.robot import Robot
 from gtr_jax.routing import StraightSineStraight
 
-from .limits import LEAST_WAVE, LOSS, TIP, LimitValues, channel_margins, stations_of
+from .limits import LEAST_WAVE, LOSS, RELEASE, TIP, LimitValues, channel_margins, stations_of
 from .model import States, states_of
 
 NEAR = 0.9  # of its tolerance, to which a target is kept where there is a goal
@@ -189,6 +189,11 @@ def load_margins(task: Task, states: States) -> dict[str, Float[Array, " _"]]:
         margins[LOSS] = states.T_tip[pulled] / states.T_base[pulled] - (1.0 - task.limits.loss)
     if TIP in task.given:
         margins[TIP] = (states.T_tip - task.limits.tip) / jnp.max(task.tensions)
+    if RELEASE in task.given:  # from the last tension, which with all of them free has to stay the largest
+        last = task.tensions.shape[0] - 1
+        others = jnp.asarray([i for i, (number, _) in enumerate(task.states) if number != last])
+        top = states.T_base[task.states.index((last, False))]
+        margins[RELEASE] = (top - states.T_base[others]) / jnp.max(task.tensions)
     return margins
 
 

@@ -86,8 +86,8 @@ def uncertainty_of(config: RobotConfig, target: TargetConfig) -> Uncertainty:
         if given is not None:
             sd[i], source = given, f"{target.source} [robust]"
     found = Uncertainty(sd, rho, source)
-    asked = next((name for name in ("optimise", "deviations") if name in own.model_fields_set), None)
-    if asked is not None and not found.known:
+    asked = "optimise" if own.optimise != "nominal" else "deviations"
+    if asked in own.model_fields_set and not found.known:
         raise InputError(
             f"{target.source}: robust.{asked}: nothing is uncertain; give friction_coefficient = 0.1, "
             'fit = "fit.json", or [uncertainty] in the robot file'

@@ -303,6 +303,22 @@ def test_command_writes_a_whole_run_folder(files, capsys):
     assert design.load_target(out / "target.toml") == design.load_target(files / "target.toml")
 
 
+def test_a_run_folder_holds_the_fit_that_its_target_names(files, capsys):
+    """So that it can be designed from again."""
+    (files / "rig").mkdir()
+    fit = {"converged": True, "parameters": {"mu": {"value": 0.3, "sd": 0.03}}}
+    (files / "rig" / "run.json").write_text(json.dumps(fit))
+    text = TARGET.format(angle="60 deg") + '[robust]\nfit = "rig/run.json"\n'
+    (files / "target.toml").write_text(text)
+    out = files / "out"
+    done = run_gtr(capsys, "design", files / "robot.toml", files / "target.toml", "-o", out)
+    assert done.status == 0, done.err
+    again = design.load_target(out / "target.toml")
+    found = assemble(gtr.load_config(out / "robot.toml"), again).uncertainty
+    assert found.sd[0] == pytest.approx(0.1)
+    assert json.loads((out / "run.json").read_text())["inputs"].keys() == {"robot", "target", "fit"}
+
+
 def test_command_says_what_it_could_not_reach_and_exits_with_1(files, capsys):
     out = files / "out"
     done = run_gtr(capsys, "design", files / "robot.toml", files / "far.toml", "-o", out)

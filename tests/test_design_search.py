@@ -247,6 +247,18 @@ def test_an_expected_error_is_less_than_that_of_the_nominal_design(make_config):
     assert float(jnp.max(jnp.abs(slope))) < 1e-3 * cost[0]
 
 
+def test_with_free_tensions_a_release_stays_one(make_config):
+    """From the last tension of the file: designs in which another is larger break a limit."""
+    bounds = {"T_base": ["5 N", "50 N"]}
+    pose = {"T_base": 12.0, "branch": "releasing", "angle": 0.3}
+    task = assemble(
+        make_config(routing=PARALLEL), target(pose, search={"free": ["T_base"], "bounds": bounds}, **TOP)
+    ).task
+    sound, wrong = (evaluate(task, jnp.asarray(z)).margins for z in ([0.7, 0.2, 0.6], [0.7, 0.6, 0.2]))
+    assert float(jnp.min(sound)) > 0.0
+    assert float(jnp.min(wrong)) == pytest.approx(-18.0 / 30.0)
+
+
 @pytest.mark.slow
 def test_the_least_worst_error_is_that_of_a_scan(make_config):
     """Of one offset, tried at four hundred places; the least mean square lies elsewhere."""
