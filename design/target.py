@@ -104,7 +104,7 @@ class Search(Section):
     starts: StrictInt = 12
     """Starts of the search for each number of half waves."""
     method: Literal["auto", "gauss-newton", "l-bfgs-b"] = "auto"
-    """How to search; auto takes Gauss-Newton for targets and L-BFGS-B for goals and the worst case."""
+    """How to search; auto takes Gauss-Newton for targets and L-BFGS-B for goals."""
     seed: StrictInt = 0
     """Of the starts."""
 

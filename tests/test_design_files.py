@@ -119,6 +119,13 @@ def test_bad_targets_get_one_line_with_key_and_remedy(data, words, make_config):
         assert word in says
 
 
+def test_weights_count_against_the_least_of_them(make_config):
+    """So that a target of little weight is not taken for met while it is outside its tolerance."""
+    poses = [BENT | {"weight": 0.01}, {**BENT, "T_base": "10 N", "angle": "15 deg", "weight": 0.04}]
+    task = assemble(make_config(routing=SINE), design.parse_target({"schema": 1, "pose": poses})).task
+    np.testing.assert_allclose(task.wanted.pose_scale[:, 2] * 1e-3, [1.0, 2.0])
+
+
 def test_a_fit_says_how_well_friction_and_modulus_are_known(tmp_path, make_config):
     """In relative deviations and with its correlation; refused if it did not converge."""
     config = make_config(routing=SINE)
