@@ -261,7 +261,7 @@ def test_with_free_tensions_a_release_stays_one(make_config):
 
 @pytest.mark.slow
 def test_the_least_worst_error_is_that_of_a_scan(make_config):
-    """Of one offset, tried at four hundred places; the least mean square lies elsewhere."""
+    """Of one offset, tried at four hundred places, to the share at which the reweighting stops."""
     robust = {"optimise": "worst", "friction_coefficient": 0.2, "youngs_modulus": 0.2}
     pose = {"T_base": 25.0, "angle": 0.9}
     problem = assemble(make_config(routing=PARALLEL), target(pose, robust=robust, search={"starts": 3}))
@@ -271,8 +271,8 @@ def test_the_least_worst_error_is_that_of_a_scan(make_config):
     kept = np.asarray(jnp.min(judged.margins, axis=1)) >= 0.0
     scanned = np.where(kept, np.asarray(judged.residuals)[:, 0], np.inf)
     best = int(np.argmin(np.where(found.kept, found.cost, np.inf)))
-    assert np.sqrt(2 * found.cost[best]) < np.min(scanned)
-    assert found.z[best] == pytest.approx(np.asarray(z[np.argmin(scanned)]), abs=1 / 400)
+    assert np.sqrt(2 * found.cost[best]) < 1.002 * np.min(scanned)
+    assert found.z[best] == pytest.approx(np.asarray(z[np.argmin(scanned)]), abs=5e-3)
 
 
 @pytest.mark.slow
