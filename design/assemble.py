@@ -21,7 +21,6 @@ from .uncertainty import Uncertainty, uncertainty_of
 RESOLUTION = 0.5  # of the mesh of the search
 STATIONS, PER_HALF_WAVE = 65, 40
 UTOPIA = {"reach": -1.0, "bend": -2.0 * np.pi, "tension": 0.0}  # of the goal over its scale
-TIP_TOLERANCE, SHAPE_TOLERANCE = 1e-3, 5e-3  # of the length
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -112,6 +111,8 @@ def limits_given(target: TargetConfig, space: Space) -> tuple[str, ...]:
         for name in (L.RADIUS, L.BASE_SLOPE, L.TIP_SLOPE, L.LOSS, L.TIP)
         if getattr(own, name) is not None
     ]
+    if space.free_tensions and any(load.branch == "releasing" for load in target.loads):
+        given.append(L.RELEASE)
     if {"w1", "w2"} & {v.name for v in space.variables}:
         given.append(L.WAVE)
     return tuple(given)
@@ -135,32 +136,24 @@ def _limit_values(target: TargetConfig) -> L.LimitValues:
     )
 
 
-def tip_tolerance(target: TargetConfig, number: int, length: float) -> float:
-    """Distance [m] within which the tip of a pose counts as there."""
-    return target.pose[number].tip_tolerance or TIP_TOLERANCE * length
-
-
-def shape_tolerance(target: TargetConfig, number: int, length: float) -> float:
-    """Distance [m] within which the points of a shape count as there."""
-    return target.shape[number].tolerance or SHAPE_TOLERANCE * length
-
-
 def _wanted(target: TargetConfig, space: Space, states: tuple[tuple[int, bool], ...]) -> Wanted:
     length = space.config.backbone.length
 
     def state(load) -> int:
         return states.index((space.tensions.index(load.T_base), load.branch == "releasing"))
 
+    # Weights over the least of them: what has arrived by the sum of squares is within every tolerance.
+    least = min((t.weight for t in (*target.pose, *target.shape)), default=1.0)
     pose, scale = np.zeros((len(target.pose), 3)), np.zeros((len(target.pose), 3))
     for i, p in enumerate(target.pose):
         if p.tip is not None:
-            pose[i, :2], scale[i, :2] = p.tip, np.sqrt(p.weight) / tip_tolerance(target, i, length)
+            pose[i, :2], scale[i, :2] = p.tip, np.sqrt(p.weight / least) / p.near(length)
         if p.angle is not None:
-            pose[i, 2], scale[i, 2] = p.angle, np.sqrt(p.weight) / p.angle_tolerance
+            pose[i, 2], scale[i, 2] = p.angle, np.sqrt(p.weight / least) / p.angle_tolerance
     points, point_scale, point_state = [], [], []
-    for i, shape in enumerate(target.shape):
+    for shape in target.shape:
         points += shape.points
-        point_scale += [np.sqrt(shape.weight) / shape_tolerance(target, i, length)] * len(shape.points)
+        point_scale += [np.sqrt(shape.weight / least) / shape.near(length)] * len(shape.points)
         point_state += [state(shape)] * len(shape.points)
     at = np.asarray(points, float).reshape(-1, 3)
     goal = target.goal

@@ -40,9 +40,6 @@ def compare(problem: Assembled, believed: Option, plain: RobotConfig) -> Compari
     config = problem.space.design(values)
     robot = on_common_mesh(problem.space, config, 1.0)
     actual = judge(problem, config, robot, problem.space.tensions_at(values), believed.values)
-    source = (
-        plain.source
-        if not plain.terms and plain.source != config.source
-        else f"{config.source} without its terms"
-    )
+    own = plain.source == problem.space.config.source
+    source = f"{plain.source} without its terms" if own else plain.source
     return Comparison(source, believed, actual)

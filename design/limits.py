@@ -28,7 +28,7 @@ WALL, BORE, RADIUS, BASE_SLOPE, TIP_SLOPE, WAVE = (
     "max_tip_slope",
     "wave_length",
 )
-LOSS, TIP = "max_tension_loss", "min_T_tip"
+LOSS, TIP, RELEASE = "max_tension_loss", "min_T_tip", "T_base before release"
 
 
 class LimitValues(eqx.Module):

@@ -16,8 +16,8 @@ from .gauss_newton import search_all
 from .limits import channel_margins, stations_of
 from .option import look_at
 from .result import Binding, Relaxed
-from .search import LEAST_MARGIN, MANY_STEPS, Lanes, ranking, without_goal
-from .task import load_margins, robot_of, solve_states, tensions_of
+from .search import LEAST_MARGIN, MANY_STEPS, Lanes, nominal, ranking, without_goal
+from .task import Task, load_margins, robot_of, solve_states, tensions_of
 
 NEAR = 2e-3  # margin, in its scale, under which a limit counts as binding
 
@@ -63,17 +63,30 @@ def rows_of_limits(problem: Assembled) -> dict[str, int]:
     return {name: shapes[name].shape[0] for name in task.given if name in shapes}
 
 
+def _without(problem: Assembled, task: Task, name: str) -> Task | None:
+    """The task with a limit put aside; of a clearance what was asked for, since the channel stays in the body
+    and out of its bores. None if nothing was.
+    """
+    own = problem.target.limits
+    if name not in (L.WALL, L.BORE):
+        return dataclasses.replace(task, active=task.active.at[task.given.index(name)].set(0.0))
+    if getattr(own, name) == 0.0:
+        return None
+    field = "wall" if name == L.WALL else "bore"
+    edge = jnp.asarray(0.5 * own.channel_diameter)
+    return dataclasses.replace(task, limits=dataclasses.replace(task.limits, **{field: edge}))
+
+
 def relaxations(problem: Assembled, found: Lanes, binding: tuple[Binding, ...]) -> tuple[Relaxed, ...]:
     """Whether the targets could be met with one of the limits that bind put aside."""
     out = []
-    task = without_goal(problem.task)
+    task = nominal(without_goal(problem.task))
     for bound in binding:
-        if bound.kind != "limit" or bound.name in (L.WAVE,):
+        if bound.kind != "limit" or bound.name in (L.WAVE, L.RELEASE):
             continue
-        place = task.given.index(bound.name)
-        if bound.name == L.WALL and problem.target.limits.wall_clearance == 0.0:
+        eased = _without(problem, task, bound.name)
+        if eased is None:
             continue
-        eased = dataclasses.replace(task, active=task.active.at[place].set(0.0))
         again = search_all(eased, jnp.asarray(found.z), jnp.asarray(found.free), MANY_STEPS)
         kept = np.asarray(jnp.min(again.rows, axis=1)) >= LEAST_MARGIN
         cost = np.where(kept, np.asarray(again.cost), np.inf)

@@ -13,10 +13,10 @@ from gtr_jax.config import RobotConfig, load_config
 from gtr_jax.errors import InputError
 
 from .assemble import RESOLUTION, Assembled, assemble
-from .compare import Comparison, compare
+from .compare import compare
 from .obstacles import binding_of, relaxations
 from .options import options_of
-from .result import Design, SearchFacts
+from .result import NEAREST, Design, SearchFacts
 from .robustness import robustness_of
 from .search import find
 from .target import TargetConfig, load_target
@@ -53,6 +53,8 @@ def optimise(
     robot = load_config(robot) if isinstance(robot, str | os.PathLike) else robot
     target = load_target(target) if isinstance(target, str | os.PathLike) else target
     problem = assemble(robot, target, resolution=resolution)
+    plain = against or _without_terms(robot)
+    other = None if plain is None else _assembled_like(problem, plain, resolution)
     progress("compiling and screening designs")
     found = find(problem, progress)
     progress("looking at the designs on a finer mesh")
@@ -70,16 +72,21 @@ def optimise(
         robustness=robustness_of(problem, best),
         comparison=None,
         search=SearchFacts(
-            found.method, len(found.z), int(np.sum(found.settled)), int(np.sum(found.steps)), 0.0
+            found.method,
+            len(found.z),
+            int(np.sum(found.settled)),
+            int(np.sum(found.steps)),
+            found.reachable,
+            0.0,
         ),
     )
-    if not (best.reached and best.kept):
+    if answer.verdict == NEAREST:
         progress("what stands in the way")
         answer = dataclasses.replace(answer, relaxed=relaxations(problem, found, answer.binding))
-    plain = against or _without_terms(robot)
-    if plain is not None:
+    if plain is not None and other is not None:
         progress("designing with the plain model")
-        answer = dataclasses.replace(answer, comparison=_compared(problem, plain, resolution, progress))
+        option = options_of(other, find(other, progress))[0]
+        answer = dataclasses.replace(answer, comparison=compare(problem, option, plain))
     seconds = time.monotonic() - began
     return dataclasses.replace(answer, search=dataclasses.replace(answer.search, seconds=seconds))
 
@@ -91,11 +98,12 @@ def _without_terms(robot: RobotConfig) -> RobotConfig | None:
     return robot.model_copy(update={"terms": ()})
 
 
-def _compared(problem: Assembled, plain: RobotConfig, resolution: float, progress) -> Comparison:
-    with_plain = assemble(plain, problem.target, resolution=resolution)
-    if with_plain.space.lower.shape != problem.space.lower.shape:
+def _assembled_like(problem: Assembled, plain: RobotConfig, resolution: float) -> Assembled:
+    """The same problem for a plainer model; InputError if it has not the same numbers to change."""
+    other = assemble(plain, problem.target, resolution=resolution)
+    if [v.name for v in other.space.all] != [v.name for v in problem.space.all]:
         raise InputError(
-            f"{plain.source}: has not the numbers of {problem.space.config.source}; compare like robots"
+            f"{plain.source}: has not the numbers of {problem.space.config.source} that may change; compare "
+            "robots with channels of one kind"
         )
-    option = options_of(with_plain, find(with_plain, progress))[0]
-    return compare(problem, option, plain)
+    return other

@@ -13,7 +13,7 @@ from gtr_jax.config import RobotConfig
 from gtr_jax.robot import Robot
 
 from . import limits as L
-from .assemble import Assembled, shape_tolerance, tip_tolerance
+from .assemble import Assembled
 from .model import States, states_of
 from .space import on_common_mesh
 from .task import goal_of, point_at
@@ -207,7 +207,7 @@ def _errors(problem: Assembled, states: States, T) -> tuple[TargetError, ...]:
                 (x, y, angle),
                 float(np.hypot(x - tip[0], y - tip[1])),
                 turn,
-                tip_tolerance(target, i, length),
+                pose.near(length),
                 pose.angle_tolerance,
             )
         )
@@ -227,7 +227,7 @@ def _errors(problem: Assembled, states: States, T) -> tuple[TargetError, ...]:
                 (*there[worst].tolist(), nan),
                 float(off[worst]),
                 nan,
-                shape_tolerance(target, i, length),
+                shape.near(length),
                 nan,
             )
         )
@@ -266,9 +266,9 @@ def _margins(problem: Assembled, robot: Robot, states: States, tensions: np.ndar
             slope = np.abs(np.arctan(np.asarray(at.R.slope)[[place]]))
             most(name, slope, limit, "rad", s[[place]])
     released = np.asarray([r for _, r in problem.task.states])
-    share = np.asarray(states.T_tip) / np.asarray(states.T_base)
     if own.max_tension_loss is not None and not np.all(released):
-        most(L.LOSS, 1.0 - share[~released], own.max_tension_loss, "", None)
+        share = np.asarray(states.T_tip)[~released] / np.asarray(states.T_base)[~released]
+        most(L.LOSS, 1.0 - share, own.max_tension_loss, "", None)
     if own.min_T_tip is not None:
         least(L.TIP, np.asarray(states.T_tip), own.min_T_tip, "N", None)
     if own.max_T_base is not None:

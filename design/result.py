@@ -14,7 +14,7 @@ from .assemble import Assembled
 from .compare import Comparison
 from .limits import BORE, WALL
 from .option import Margin, Option, TargetError
-from .robustness import Robustness
+from .robustness import Robustness, Spread
 from .tolerances import Sensitivity
 from .verify import Verification
 
@@ -61,12 +61,15 @@ class Relaxed:
 
 @dataclasses.dataclass(frozen=True)
 class SearchFacts:
-    """How it was found: method, lanes and how many of them settled, evaluations of all, seconds."""
+    """How it was found: method, lanes and how many of them settled, evaluations of all; whether the targets
+    can be met, of a design that allows for what is not known; seconds.
+    """
 
     method: str
     lanes: int
     settled: int
     evaluations: int
+    reachable: bool
     seconds: float
 
 
@@ -107,12 +110,13 @@ class Design:
     @property
     def verdict(self) -> str:
         """reached, optimal, not-reached or not-converged."""
-        robust = self.problem.task.spread != "nominal"
-        aims = self.problem.target.goal is not None or robust
+        goal = self.problem.target.goal is not None
+        robust = self.problem.task.spread != "nominal" and not goal
+        aims = goal or robust
         arrived = self.best.reached and self.best.kept and not aims  # it needs no more than that
         if not self.verification.converged or (self.search.settled == 0 and not arrived):
             return UNSETTLED
-        if not self.best.kept or not (self.best.reached or robust):
+        if not self.best.kept or not (self.search.reachable if robust else self.best.reached):
             return NEAREST
         return OPTIMAL if aims else REACHED
 
@@ -208,6 +212,11 @@ def miss_says(error: TargetError) -> str:
 def _sentences(answer: Design) -> list[str]:
     best, target = answer.best, answer.problem.target
     name = target.name
+    if answer.verdict == UNSETTLED and not answer.verification.converged:
+        return [
+            f"{name}: an equilibrium of the design was not found again, on a finer mesh, in many steps or "
+            "from the literal integrals. Do not use the design; narrow the bounds or lower T_base."
+        ]
     if answer.verdict == UNSETTLED:
         return [
             f"{name}: the search did not converge; {answer.search.settled} of {answer.search.lanes} starts "
@@ -231,12 +240,13 @@ def _sentences(answer: Design) -> list[str]:
             out.append("Putting one limit aside does not help.")
         return out
     loss = f"; {100 * best.loss:.3g} % of the tension is lost" if best.loss == best.loss else ""
-    if answer.robustness is not None and answer.problem.task.spread != "nominal":
-        most = max(answer.robustness.spreads, key=lambda s: s.worst)
+    if answer.robustness is not None and answer.problem.task.spread != "nominal" and target.goal is None:
         out.append(
-            f"{name}: least {answer.problem.task.spread} error over friction and modulus: the tip is off by "
-            f"{quantity(most.rms, 'm', 3)} rms, by {quantity(most.worst, 'm', 3)} at worst{loss}."
+            f"{name}: least {answer.problem.task.spread} error over friction and modulus: "
+            f"{'; '.join(_spread_says(s, best.errors) for s in answer.robustness.spreads)}{loss}."
         )
+        if worst is not None:
+            out.append(f"With both as in the file {worst.name} is missed by {miss_says(worst)}.")
     elif target.goal is not None:
         goal = answer._goal()
         word = {"reach": "reach", "bend": "bend of the tip", "tension": "least base tension"}[goal["kind"]]
@@ -257,10 +267,22 @@ def _sentences(answer: Design) -> list[str]:
     if answer.comparison is not None:
         actual = max(answer.comparison.actual.errors, key=lambda e: e.size, default=None)
         if actual is not None:
+            word = "" if answer.comparison.believed.reached else ", of which it expects a part"
             out.append(
-                f"Designed with {answer.comparison.source}, the tip would miss by {miss_says(actual)}."
+                f"Designed with {answer.comparison.source}, the tip would miss by {miss_says(actual)}{word}."
             )
     return out
+
+
+def _spread_says(s: Spread, errors: tuple[TargetError, ...]) -> str:
+    """How far a target is off over what is not known: in position, in angle, or in both, as asked."""
+    parts = []
+    own = next((e for e in errors if e.name == s.name), None)
+    if own is None or own.distance == own.distance:
+        parts.append(f"by {quantity(s.rms, 'm', 3)} rms, {quantity(s.worst, 'm', 3)} at worst")
+    if own is not None and own.turn == own.turn:
+        parts.append(f"by {quantity(s.rms_turn, 'rad', 3)} rms, {quantity(s.worst_turn, 'rad', 3)} at worst")
+    return f"{s.name} is off {' and '.join(parts)}"
 
 
 def _scale(answer: Design, m: Margin) -> float:

@@ -23,7 +23,7 @@ class Spread:
     """The tip at one target.
 
     Attributes:
-        name: of the target. T_base [N], branch.
+        name: of the target; "tip" where none is a pose. T_base [N], branch.
         rms, worst: distance of the tip from where it is to be, or, of a goal, from where the nominal robot
             has it [m]: root mean square over what is not known, and largest on the ellipse.
         rms_turn, worst_turn: the same of the angle [rad].
@@ -103,7 +103,7 @@ def robustness_of(problem: Assembled, option: Option) -> Robustness | None:
         few = len(normal)
         spreads.append(
             Spread(
-                f"pose[{i}]" if i >= 0 else f"state[{state}]",
+                f"pose[{i}]" if i >= 0 else "tip",
                 float(T[state]),
                 "releasing" if released[state] else "pulling",
                 float(np.sqrt(shares @ distance[:few] ** 2)),

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from .assemble import Assembled
 from .gauss_newton import Found, judge_all, search_all
@@ -20,12 +21,16 @@ WITHIN = 0.5  # of a tolerance, that a search has to come to, so that a finer me
 ARRIVED = 0.5 * WITHIN**2  # half the sum of squares below which a search has
 LEAST_MARGIN = -1e-6  # least margin with which a limit counts as kept
 LANES = 4  # that a second search goes on with
+REWEIGHTED = 30  # times, at most, towards the least worst case
+EVEN = 1e-3  # share by which the weighted error then falls short of the largest
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Lanes:
     """All lanes of a search: coordinates (L, c), merit (L,), how they are judged, multipliers (L, K),
-    gradient (L, c), whether they settled (L,), evaluations (L,); the method that found them.
+    gradient (L, c), whether they settled (L,), evaluations (L,); the method that found them. reachable:
+    whether the targets can be met, of a design that allows for what is not known; such a design itself meets
+    none exactly.
     """
 
     z: np.ndarray
@@ -39,6 +44,7 @@ class Lanes:
     gradient: np.ndarray
     judged: Evaluation
     method: str
+    reachable: bool = True
 
     @property
     def order(self) -> np.ndarray:
@@ -51,8 +57,8 @@ def find(problem: Assembled, progress: Callable[[str], None] = lambda stage: Non
     """Search from all starts.
 
     Targets are a least squares problem: Gauss-Newton from every start, a few steps, more where none has
-    arrived, and once more with residuals of a smaller scale where nothing ever will. Goals and worst cases go
-    on from there by L-BFGS-B.
+    arrived, and once more with residuals of a smaller scale where nothing ever will. Designs that allow for
+    what is not known start from those that meet the targets without. Goals go on from there by L-BFGS-B.
     """
     task, target = problem.task, problem.target
     goal = bool(task.wanted.goal)
@@ -60,29 +66,65 @@ def find(problem: Assembled, progress: Callable[[str], None] = lambda stage: Non
     z, free = starts(first, problem.space, target.search.starts, target.search.seed)
     z, free = jnp.asarray(z), jnp.asarray(free)
     progress("searching")
-    if target.search.method == "l-bfgs-b" and not goal:
+    if target.search.method == "l-bfgs-b" and not goal and task.spread == "nominal":
         return _lanes(problem, minimise_all(task, z, free), np.asarray(free), "l-bfgs-b")
-    found = None
+    met = None
     if not goal or task.wanted.pose_state or task.wanted.point_state:
+        met = _meet(nominal(without_goal(task)), z, free)
+        if not goal and task.spread == "nominal":
+            return _lanes(problem, met, np.asarray(free), "gauss-newton")
+        z = met.z
+    if not goal:
+        assert met is not None
+        progress("allowing for what is not known")
         found = _meet(without_goal(task), z, free)
-        if task.spread != "worst" and not goal:
-            return _lanes(problem, found, np.asarray(free), "gauss-newton")
-        z = found.z
-    if goal:
-        found = search_all(task, z, free, MANY_STEPS)
-    assert found is not None
+        if task.spread == "worst":
+            found, free = _least_worst(without_goal(task), found, free)
+        lanes = _lanes(problem, found, np.asarray(free), "gauss-newton")
+        return dataclasses.replace(lanes, reachable=_any_reached(met))
+    found = search_all(task, z, free, MANY_STEPS)
     progress("searching by L-BFGS-B")
     order = np.argsort(_lanes(problem, found, np.asarray(free), "").order, kind="stable")[:LANES]
     z, free = jnp.asarray(found.z), jnp.asarray(free)
-    multipliers = None
-    if goal:  # Gauss-Newton's are of half the square of the distance from utopia
-        away = jnp.sqrt(2.0 * found.cost[order])
-        multipliers = found.multipliers[order] / jnp.where(away > 0, away, 1.0)[:, None]
+    # Gauss-Newton's multipliers are of half the square of the distance from utopia.
+    away = jnp.sqrt(2.0 * found.cost[order])
+    multipliers = found.multipliers[order] / jnp.where(away > 0, away, 1.0)[:, None]
     polished = minimise_all(task, z[order], free[order], multipliers)
-    both = found._replace(settled=found.settled if goal else jnp.zeros_like(found.settled))
-    joined = Found(*(jnp.concatenate([a, b]) for a, b in zip(polished, both, strict=True)))
+    joined = Found(*(jnp.concatenate([a, b]) for a, b in zip(polished, found, strict=True)))
     free = jnp.concatenate([free[order], free])
     return _lanes(problem, joined, np.asarray(free), "gauss-newton, l-bfgs-b")
+
+
+def _least_worst(task: Task, found: Found, free) -> tuple[Found, Array]:
+    """The least largest error over the draws, from the best of the lanes that make the mean of its square
+    least.
+
+    Lawson's algorithm (1961): a draw's weight is multiplied by its own error, again and again, until only
+    those that are off the most have any.
+    """
+    order = np.argsort(np.where(np.isfinite(found.cost), found.cost, np.inf), kind="stable")[:LANES]
+    task = _in_units_of(task, _size_of(found))
+    ends = []
+    for lane in order:
+        here = Found(*(part[lane : lane + 1] for part in found))
+        own, shares, least, best = free[lane : lane + 1], task.shares, np.inf, here
+        for _ in range(REWEIGHTED):
+            sizes = _size_by_draw(task, here.z)
+            if float(jnp.max(sizes)) < least and float(jnp.min(here.rows, initial=1.0)) >= LEAST_MARGIN:
+                least, best = float(jnp.max(sizes)), here
+            if float(jnp.sum(shares * sizes**2)) > ((1 - EVEN) * float(jnp.max(sizes))) ** 2:
+                break
+            shares = shares * sizes / jnp.sum(shares * sizes)
+            weighted = dataclasses.replace(task, shares=shares)
+            here = search_all(weighted, here.z, own, MANY_STEPS)
+        ends.append(best)
+    return Found(*(jnp.concatenate(parts) for parts in zip(*ends, strict=True))), free[order]
+
+
+def _size_by_draw(task: Task, z) -> Array:
+    """Root of the sum of squares of the residuals at each draw, of one design, (D,)."""
+    residuals = judge_all(task, z).residuals.reshape(task.shares.shape[0], -1)
+    return jnp.sqrt(jnp.sum(residuals**2, axis=1) / task.shares)
 
 
 def _meet(task: Task, z, free) -> Found:
@@ -104,6 +146,11 @@ def without_goal(task: Task) -> Task:
     return dataclasses.replace(task, wanted=wanted, spread=spread)
 
 
+def nominal(task: Task) -> Task:
+    """The same with friction coefficient and modulus as in the file."""
+    return dataclasses.replace(task, spread="nominal", draws=jnp.zeros((1, 2)), shares=jnp.ones(1))
+
+
 def _any_reached(found: Found) -> bool:
     kept = jnp.min(found.rows, axis=1, initial=1.0) >= 0.0
     return bool(jnp.any((found.cost < ARRIVED) & kept))
@@ -113,15 +160,24 @@ def _nearest(task: Task, found: Found, free) -> Found:
     """The same search with residuals divided by their size: where a target is far out of reach, the limits
     would else weigh too little against it.
     """
+    size = _size_of(found)
+    again = search_all(_in_units_of(task, size), found.z, free, MANY_STEPS)
+    return again._replace(cost=again.cost * size**2, multipliers=again.multipliers * size)
+
+
+def _size_of(found: Found) -> float:
+    """Root of the sum of squares of the best lane's residuals, 1 or more."""
     cost = float(np.min(np.where(np.isfinite(found.cost), found.cost, np.inf)))
-    size = max(1.0, np.sqrt(2.0 * cost)) if np.isfinite(cost) else 1.0
-    smaller = eqx.tree_at(
+    return max(1.0, np.sqrt(2.0 * cost)) if np.isfinite(cost) else 1.0
+
+
+def _in_units_of(task: Task, size: float) -> Task:
+    """The same with residuals divided by their size."""
+    return eqx.tree_at(
         lambda t: (t.wanted.pose_scale, t.wanted.point_scale),
         task,
         (task.wanted.pose_scale / size, task.wanted.point_scale / size),
     )
-    again = search_all(smaller, found.z, free, MANY_STEPS)
-    return again._replace(cost=again.cost * size**2, multipliers=again.multipliers * size)
 
 
 def _lanes(problem: Assembled, found: Found, free: np.ndarray, method: str) -> Lanes:

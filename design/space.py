@@ -15,13 +15,11 @@ from gtr_jax.parameters import Parameter, parameter, parameters_of
 from gtr_jax.robot import Robot
 from gtr_jax.units import to_si
 
-from .target import SPLINE, TargetConfig
+from .target import SPLINE, T_BASE, TargetConfig
 
-T_BASE = "T_base"
 N_SINE = "n_sine"
 KNOTS = 6
 SECTIONS = ("backbone.", "routing.", "tendon.")
-SHORTEST_WAVE = 0.02  # of the length, that w2 lies beyond w1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,9 +128,9 @@ def build_space(config: RobotConfig, target: TargetConfig, *, resolution: float)
     robot = build_robot(config)
     tensions = _tensions(target)
     bounds = dict(target.search.bounds)
-    names, free_tension = _names(config, robot, target)
+    names = _names(config, robot, target)
     variables = tuple(_variable(name, config, robot, target, bounds) for name in names)
-    free = _free_tensions(tensions, target, bounds) if free_tension else ()
+    free = _free_tensions(tensions, config, target, bounds) if target.search.frees_tension else ()
     unused = set(bounds) - {v.name for v in variables} - {v.key for v in variables}
     unused -= {T_BASE} if free else set()
     if unused:
@@ -182,8 +180,8 @@ def _tensions(target: TargetConfig) -> tuple[float, ...]:
     return tuple(sorted(found))
 
 
-def _names(config: RobotConfig, robot: Robot, target: TargetConfig) -> tuple[list[str], bool]:
-    """Short names of the numbers of the robot that may change, and whether base tensions may."""
+def _names(config: RobotConfig, robot: Robot, target: TargetConfig) -> list[str]:
+    """Short names of the numbers of the robot that may change."""
     search, known = target.search, parameters_of(robot)
     own = [name for name, p in known.items() if p.key.startswith("routing.") and name != N_SINE]
     wanted = [*(own if search.routing is None else search.routing), *search.free]
@@ -207,8 +205,7 @@ def _names(config: RobotConfig, robot: Robot, target: TargetConfig) -> tuple[lis
         if short in names:
             raise InputError(f"{target.source}: search: '{name}' stands twice; keep one")
         names.append(short)
-    tension = T_BASE in wanted
-    if not names and not tension and not search.n_sine:
+    if not names and not search.frees_tension and not search.n_sine:
         raise InputError(
             f"{target.source}: search.routing: nothing may change; name for example {', '.join(own)}"
         )
@@ -217,7 +214,7 @@ def _names(config: RobotConfig, robot: Robot, target: TargetConfig) -> tuple[lis
             f"{target.source}: search.n_sine: a {config.routing.kind} channel has no half waves to choose; "
             'take kind = "crossing-sine", or leave n_sine out'
         )
-    return names, tension
+    return names
 
 
 def _choices(config: RobotConfig, target: TargetConfig) -> tuple[float, ...]:
@@ -275,7 +272,7 @@ def _example(value: float, unit: str) -> str:
 
 
 def _free_tensions(
-    tensions: tuple[float, ...], target: TargetConfig, bounds: dict[str, Any]
+    tensions: tuple[float, ...], config: RobotConfig, target: TargetConfig, bounds: dict[str, Any]
 ) -> tuple[Variable, ...]:
     where = f"{target.source}: search.bounds.{T_BASE}"
     given, top = bounds.get(T_BASE), target.limits.max_T_base
@@ -285,6 +282,10 @@ def _free_tensions(
     upper = min(upper, top) if top is not None else upper  # type: ignore[type-var]
     if upper is None or not 0 < lower < upper:
         raise InputError(f"{where}: {lower:g} N to {upper:g} N is no range of tensions; give the least first")
+    if lower < config.tendon.preload:
+        raise InputError(
+            f"{where}: {lower:g} N is less than the preload of {config.tendon.preload:g} N; begin there"
+        )
     many = len(tensions) > 1
     return tuple(
         Variable(f"{T_BASE}.{i + 1}" if many else T_BASE, "", "N", lower, upper, T)

@@ -25,6 +25,8 @@ Ratio = Annotated[float, Unit("dimensionless")]
 Branch = Literal["pulling", "releasing"]
 
 SPLINE = "spline"
+T_BASE = "T_base"
+TIP_TOLERANCE, SHAPE_TOLERANCE = 1e-3, 5e-3  # of the length
 FAMILIES = ("parallel", "straight-sine-straight", "converging-sine", "crossing-sine", SPLINE)
 
 
@@ -46,6 +48,10 @@ class PoseTarget(Section):
     weight: Ratio = 1.0
     """Of this target against the others, where not all can be met."""
 
+    def near(self, length: float) -> float:
+        """Distance [m] within which the tip of an arm of this length [m] counts as there."""
+        return TIP_TOLERANCE * length if self.tip_tolerance is None else self.tip_tolerance
+
 
 class ShapeTarget(Section):
     """Where points of the midline are to be at one base tension."""
@@ -60,6 +66,10 @@ class ShapeTarget(Section):
     """Distance [m] within which a point counts as there; 0.5 % of the length unless given."""
     weight: Ratio = 1.0
     """As of a pose."""
+
+    def near(self, length: float) -> float:
+        """Distance [m] within which a point of an arm of this length [m] counts as there."""
+        return SHAPE_TOLERANCE * length if self.tolerance is None else self.tolerance
 
 
 class Goal(Section):
@@ -94,9 +104,14 @@ class Search(Section):
     starts: StrictInt = 12
     """Starts of the search for each number of half waves."""
     method: Literal["auto", "gauss-newton", "l-bfgs-b"] = "auto"
-    """How to search; auto takes Gauss-Newton for targets and L-BFGS-B for goals and the worst case."""
+    """How to search; auto takes Gauss-Newton for targets and L-BFGS-B for goals."""
     seed: StrictInt = 0
     """Of the starts."""
+
+    @property
+    def frees_tension(self) -> bool:
+        """Whether the base tensions may change."""
+        return T_BASE in (*self.free, *(self.routing or ()))
 
 
 class Limits(Section):

@@ -17,10 +17,9 @@ from jaxtyping import Array, Bool, Float, Int
 from gtr_jax.robot import Robot
 from gtr_jax.routing import StraightSineStraight
 
-from .limits import LEAST_WAVE, LOSS, TIP, LimitValues, channel_margins, stations_of
+from .limits import LEAST_WAVE, LOSS, RELEASE, TIP, LimitValues, channel_margins, stations_of
 from .model import States, states_of
 
-HIGH_POWER = 8
 NEAR = 0.9  # of its tolerance, to which a target is kept where there is a goal
 
 
@@ -185,12 +184,16 @@ def goal_of(wanted: Wanted, states: States) -> Float[Array, ""]:
 def load_margins(task: Task, states: States) -> dict[str, Float[Array, " _"]]:
     """Margins of the limits on tensions, by limit."""
     margins = {}
-    share = states.T_tip / states.T_base
     pulled = jnp.asarray([i for i, (_, released) in enumerate(task.states) if not released], dtype=int)
     if LOSS in task.given:
-        margins[LOSS] = share[pulled] - (1.0 - task.limits.loss)
+        margins[LOSS] = states.T_tip[pulled] / states.T_base[pulled] - (1.0 - task.limits.loss)
     if TIP in task.given:
         margins[TIP] = (states.T_tip - task.limits.tip) / jnp.max(task.tensions)
+    if RELEASE in task.given:  # from the last tension, which with all of them free has to stay the largest
+        last = task.tensions.shape[0] - 1
+        others = jnp.asarray([i for i, (number, _) in enumerate(task.states) if number != last])
+        top = states.T_base[task.states.index((last, False))]
+        margins[RELEASE] = (top - states.T_base[others]) / jnp.max(task.tensions)
     return margins
 
 
@@ -211,10 +214,11 @@ def evaluate(task: Task, z: Float[Array, " c"]) -> Evaluation:
         if name in margins
     ]
     errors, goal, ok = errors_of(task.wanted, states), goal_of(task.wanted, states), states.converged
+    nominal = errors
     if task.spread != "nominal":
         errors, goal, ok = _spread(task, robot, tensions)
     if task.wanted.goal:
-        rows += [NEAR - errors, NEAR + errors] if errors.shape[0] else []
+        rows += [NEAR - nominal, NEAR + nominal] if nominal.shape[0] else []
         errors = (goal - task.wanted.utopia)[None]
     return Evaluation(errors, goal, jnp.concatenate(rows), states.pose, states.T_tip, ok)
 
@@ -235,7 +239,5 @@ def _spread(task: Task, robot: Robot, tensions):
     errors, goals, ok = jax.lax.map(one, task.draws) if task.with_terms else jax.vmap(one)(task.draws)
     if task.spread == "expected":
         return (jnp.sqrt(task.shares)[:, None] * errors).ravel(), jnp.sum(task.shares * goals), jnp.all(ok)
-    sizes = jnp.sqrt(jnp.sum(errors**2, axis=1) + 1e-12)
-    top = jnp.max(sizes)
-    worst = top * jnp.sum((sizes / top) ** HIGH_POWER) ** (1.0 / HIGH_POWER)
+    worst = jnp.max(jnp.sqrt(jnp.sum(errors**2, axis=1) + 1e-12))
     return worst[None], jnp.max(goals), jnp.all(ok)

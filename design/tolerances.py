@@ -13,10 +13,11 @@ from jax.flatten_util import ravel_pytree
 from gtr_jax.equilibrium import known_to_act
 from gtr_jax.parameters import Parameter, parameters_of, places_of
 
-from .assemble import TIP_TOLERANCE, Assembled, tip_tolerance
+from .assemble import Assembled
 from .model import states_of
 from .option import Option, loads_of
 from .space import on_common_mesh
+from .target import TIP_TOLERANCE
 
 DIFFERENCE = 1e-4  # relative
 SECTIONS = ("backbone.", "routing.", "tendon.")
@@ -95,7 +96,7 @@ def tolerance_table(problem: Assembled, option: Option) -> tuple[Sensitivity, ..
         for state, move, turn in zip(states, moves, turns, strict=True):
             i = by_state.get(state)
             pose = problem.target.pose[i] if i is not None else None
-            tip = TIP_TOLERANCE * length if i is None else tip_tolerance(problem.target, i, length)
+            tip = TIP_TOLERANCE * length if pose is None else pose.near(length)
             if (pose is None or pose.tip is not None) and move > 0:
                 allowed = min(allowed, tip / move)
             if pose is not None and pose.angle is not None and turn > 0:

@@ -86,9 +86,10 @@ def uncertainty_of(config: RobotConfig, target: TargetConfig) -> Uncertainty:
         if given is not None:
             sd[i], source = given, f"{target.source} [robust]"
     found = Uncertainty(sd, rho, source)
-    if own.optimise != "nominal" and not found.known:
+    asked = "optimise" if own.optimise != "nominal" else "deviations"
+    if asked in own.model_fields_set and not found.known:
         raise InputError(
-            f"{target.source}: robust.optimise: nothing is uncertain; give friction_coefficient = 0.1, "
+            f"{target.source}: robust.{asked}: nothing is uncertain; give friction_coefficient = 0.1, "
             'fit = "fit.json", or [uncertainty] in the robot file'
         )
     return found
@@ -104,6 +105,8 @@ def _of_fit(target: TargetConfig, path: Path) -> tuple[np.ndarray, float]:
         raise InputError(f"{where}: {path} cannot be read; give the fit.json of a run of gtr fit") from None
     except (ValueError, KeyError, TypeError):
         raise InputError(f"{where}: {path} is no fit.json; take the one of a run of gtr fit") from None
+    if not data.get("converged", True):
+        raise InputError(f"{where}: {path} did not converge; fit again")
     sd, rho = np.zeros(2), 0.0
     try:
         for i, name in enumerate(NAMES):

@@ -32,9 +32,54 @@ def refused(data, config):
     return says
 
 
+SLACK = [
+    ({"pose": [BENT | {"angle": 30}]}, ["pose[0].angle", "4.77 turns", '"30 deg"']),
+    ({"pose": [POSE | {"tip_tolerance": 1e-9}]}, ["pose[0].tip_tolerance", "no less than 0.0025 mm"]),
+    ({"pose": [BENT | {"angle_tolerance": 1e-8}]}, ["angle_tolerance", "no less than 1e-05 rad"]),
+    ({"pose": [BENT | {"tip_tolerance": 1e-3}]}, ["pose[0].tip_tolerance", "no effect without tip"]),
+    ({"pose": [POSE | {"angle_tolerance": 1e-2}]}, ["angle_tolerance", "no effect without angle"]),
+    ({"pose": [POSE], "T_base_max": "40 N"}, ["T_base_max", "nothing is released"]),
+    (
+        {"pose": [POSE], "shape": [{"T_base": "20 N", "points": [["250 mm", "210 mm", "50 mm"]]}]},
+        ["shape[0].points[0]", "10 mm from pose[0].tip", "0 mm of arm"],
+    ),
+    (
+        {"shape": [{"T_base": "20 N", "points": [["100 mm", "90 mm", d]]} for d in (0.02, -0.02)]},
+        ["shape[1].points[0]", "40 mm from shape[0].points[0]"],
+    ),
+    ({"pose": [POSE], "search": {"seed": -1}}, ["search.seed", "negative"]),
+    ({"pose": [POSE], "search": {"kind": "crossing-sine", "n_sine": [1000]}}, ["search.n_sine", "100"]),
+    (
+        {"pose": [POSE], "search": {"routing": ["r1"], "free": ["T_base"], "bounds": {"T_base": [0, 9]}}},
+        ["T_base", "no range"],
+    ),
+    ({"goal": {"kind": "bend", "T_base": 9.0, "direction": 1.0}}, ["goal.direction", "no effect"]),
+    ({"goal": {"kind": "bend", "T_base": 9.0}, "search": {"routing": ["T_base"]}}, ["cannot be free"]),
+    ({"pose": [POSE], "limits": {"max_tip_slope": 5}}, ["limits.max_tip_slope", '"5 deg"']),
+    (
+        {"pose": [POSE], "robust": {"friction_coefficient": 10}},
+        ["robust.friction_coefficient", "0.1 is 10 %"],
+    ),
+    (
+        {"pose": [POSE], "robust": {"fit": "f.json", "youngs_modulus": 0.1}},
+        ["robust.youngs_modulus", "f.json says it"],
+    ),
+    ({"pose": [POSE], "robust": {"deviations": 3}}, ["robust.deviations", "nothing is uncertain"]),
+    (
+        {
+            "pose": [POSE],
+            "search": {"method": "l-bfgs-b"},
+            "robust": {"optimise": "worst", "youngs_modulus": 0.1},
+        },
+        ["search.method", "least squares"],
+    ),
+]
+
+
 @pytest.mark.parametrize(
     ("data", "words"),
     [
+        *SLACK,
         ({"pose": [{**POSE, "tipp": 1}]}, ["pose[0]", "'tipp'", "did you mean 'tip'"]),
         ({"pose": [{**POSE, "tip": ["200 N", "50 mm"]}]}, ["pose[0].tip", "'N' is not a unit of a length"]),
         ({"pose": [{**POSE, "T_base": "20 mm"}]}, ["pose[0].T_base", "is not a unit of a force"]),
@@ -72,6 +117,53 @@ def test_bad_targets_get_one_line_with_key_and_remedy(data, words, make_config):
     says = refused(data, make_config(routing=SINE))
     for word in words:
         assert word in says
+
+
+def test_weights_count_against_the_least_of_them(make_config):
+    """So that a target of little weight is not taken for met while it is outside its tolerance."""
+    poses = [BENT | {"weight": 0.01}, {**BENT, "T_base": "10 N", "angle": "15 deg", "weight": 0.04}]
+    task = assemble(make_config(routing=SINE), design.parse_target({"schema": 1, "pose": poses})).task
+    np.testing.assert_allclose(task.wanted.pose_scale[:, 2] * 1e-3, [1.0, 2.0])
+
+
+def test_a_fit_says_how_well_friction_and_modulus_are_known(tmp_path, make_config):
+    """In relative deviations and with its correlation; refused if it did not converge."""
+    config = make_config(routing=SINE)
+    mu, E = config.tendon.friction_coefficient, config.backbone.youngs_modulus
+    fit = {
+        "converged": True,
+        "parameters": {"mu": {"value": mu, "sd": 0.1 * mu}, "E": {"value": E, "sd": 0.05 * E}},
+        "correlation": {"names": ["mu", "E"], "matrix": [[1.0, 0.5], [0.5, 1.0]]},
+    }
+    target = {"schema": 1, "pose": [POSE], "robust": {"fit": "fit.json"}}
+
+    def known(fit):
+        (tmp_path / "fit.json").write_text(json.dumps(fit))
+        return assemble(config, design.parse_target(target, source="t.toml", folder=tmp_path)).uncertainty
+
+    found = known(fit)
+    np.testing.assert_allclose(found.sd, [0.1, 0.05])
+    assert found.correlation == 0.5
+    points, shares = found.gaussian()
+    covariance = np.einsum("d,di,dj->ij", shares, points, points)
+    np.testing.assert_allclose(covariance, [[0.01, 0.0025], [0.0025, 0.0025]], atol=1e-12)
+    with pytest.raises(InputError, match="did not converge"):
+        known(fit | {"converged": False})
+
+
+def test_what_is_within_a_tolerance_of_possible_is_not_refused(make_config):
+    """A straight arm measured to a tenth of a millimetre; one whose length may change; a T_base named among
+    the numbers of the channel."""
+    config = make_config(routing=SINE)
+    straight = {"T_base": "20 N", "points": [["62.5 mm", "62.5 mm", "0.1 mm"], ["125 mm", "125 mm", 0.0]]}
+    longer = {"routing": ["r1", "length"], "bounds": {"length": ["200 mm", "300 mm"]}}
+    tension = {"routing": ["r1", "T_base"], "bounds": {"T_base": ["5 N", "50 N"]}}
+    for data in (
+        {"shape": [straight]},
+        {"pose": [{"T_base": "20 N", "tip": ["260 mm", "50 mm"]}], "search": longer},
+        {"pose": [POSE], "search": tension, "limits": {"max_T_base": "15 N"}},
+    ):
+        assert assemble(config, design.parse_target({"schema": 1, **data})).space.all
 
 
 def test_robots_that_cannot_be_designed(make_config):
@@ -216,6 +308,22 @@ def test_command_writes_a_whole_run_folder(files, capsys):
         assert f"<h2>{heading}</h2>" in page
     assert not re.search(r"(src|href)=.http", page)
     assert design.load_target(out / "target.toml") == design.load_target(files / "target.toml")
+
+
+def test_a_run_folder_holds_the_fit_that_its_target_names(files, capsys):
+    """So that it can be designed from again."""
+    (files / "rig").mkdir()
+    fit = {"converged": True, "parameters": {"mu": {"value": 0.3, "sd": 0.03}}}
+    (files / "rig" / "run.json").write_text(json.dumps(fit))
+    text = TARGET.format(angle="60 deg") + '[robust]\nfit = "rig/run.json"\n'
+    (files / "target.toml").write_text(text)
+    out = files / "out"
+    done = run_gtr(capsys, "design", files / "robot.toml", files / "target.toml", "-o", out)
+    assert done.status == 0, done.err
+    again = design.load_target(out / "target.toml")
+    found = assemble(gtr.load_config(out / "robot.toml"), again).uncertainty
+    assert found.sd[0] == pytest.approx(0.1)
+    assert json.loads((out / "run.json").read_text())["inputs"].keys() == {"robot", "target", "fit"}
 
 
 def test_command_says_what_it_could_not_reach_and_exits_with_1(files, capsys):

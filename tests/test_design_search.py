@@ -247,6 +247,47 @@ def test_an_expected_error_is_less_than_that_of_the_nominal_design(make_config):
     assert float(jnp.max(jnp.abs(slope))) < 1e-3 * cost[0]
 
 
+def test_with_free_tensions_a_release_stays_one(make_config):
+    """From the last tension of the file: designs in which another is larger break a limit."""
+    bounds = {"T_base": ["5 N", "50 N"]}
+    pose = {"T_base": 12.0, "branch": "releasing", "angle": 0.3}
+    task = assemble(
+        make_config(routing=PARALLEL), target(pose, search={"free": ["T_base"], "bounds": bounds}, **TOP)
+    ).task
+    sound, wrong = (evaluate(task, jnp.asarray(z)).margins for z in ([0.7, 0.2, 0.6], [0.7, 0.6, 0.2]))
+    assert float(jnp.min(sound)) > 0.0
+    assert float(jnp.min(wrong)) == pytest.approx(-18.0 / 30.0)
+
+
+@pytest.mark.slow
+def test_the_least_worst_error_is_that_of_a_scan(make_config):
+    """Of one offset, tried at four hundred places, to the share at which the reweighting stops."""
+    robust = {"optimise": "worst", "friction_coefficient": 0.2, "youngs_modulus": 0.2}
+    pose = {"T_base": 25.0, "angle": 0.9}
+    problem = assemble(make_config(routing=PARALLEL), target(pose, robust=robust, search={"starts": 3}))
+    found = find(problem)
+    z = jnp.linspace(0.0, 1.0, 401)[:, None]
+    judged = gauss_newton.judge_all(problem.task, z)
+    kept = np.asarray(jnp.min(judged.margins, axis=1)) >= 0.0
+    scanned = np.where(kept, np.asarray(judged.residuals)[:, 0], np.inf)
+    best = int(np.argmin(np.where(found.kept, found.cost, np.inf)))
+    assert np.sqrt(2 * found.cost[best]) < 1.002 * np.min(scanned)
+    assert found.z[best] == pytest.approx(np.asarray(z[np.argmin(scanned)]), abs=5e-3)
+
+
+@pytest.mark.slow
+def test_a_robust_design_of_what_cannot_be_reached_is_not_called_one(make_config):
+    robust = {"optimise": "expected", "friction_coefficient": 0.1}
+    wanted = target({"T_base": 25.0, "angle": 2.5}, robust=robust, search={"starts": 3})
+    answer = design.optimise(make_config(routing=PARALLEL), wanted)
+    assert answer.verdict == "not-reached"
+    assert "not reachable" in answer.says and "wall_clearance" in answer.says
+    wanted = target({"T_base": 25.0, "angle": 0.9}, robust=robust, search={"starts": 3})
+    answer = design.optimise(make_config(routing=PARALLEL), wanted)
+    assert answer.verdict == "optimal"
+    assert "deg rms" in answer.says and "mm" not in answer.says.partition("lost")[0]
+
+
 @pytest.mark.slow
 def test_benchmark_finds_hidden_routings():
     from benchmarks import design as study

@@ -54,6 +54,8 @@ def design(robot: Path, target: Path, against: Path | None, resolution: float, o
     plain = None if against is None else load_config(against)
     paths = {"robot": robot, "target": target} | ({"against": against} if against else {})
     wanted = _load_target(target)
+    if wanted.robust.fit is not None and (wanted.folder / wanted.robust.fit).is_file():
+        paths["fit"] = wanted.folder / wanted.robust.fit
     folder = RunFolder(output, paths)
     enable_cache()
     with Progress() as progress:
@@ -92,6 +94,10 @@ def write_answer(folder: Path, answer: Any, config: RobotConfig, settings: dict[
     from .run_folder import write_json, write_report
 
     target = answer.problem.target
+    if target.robust.fit is not None:
+        fit = (target.folder / target.robust.fit).read_text(encoding="utf-8")
+        write_whole(folder / "fit.json", fit)  # beside the target file, as it says
+        target = target.model_copy(update={"robust": target.robust.model_copy(update={"fit": "fit.json"})})
     dump_config(config, folder / "robot.toml")
     write_whole(folder / "target.toml", target_text(target))
     dump_config(answer.config, folder / "designed.toml")

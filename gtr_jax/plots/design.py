@@ -15,10 +15,9 @@ from gtr_jax.equilibrium import Equilibrium
 from .shape import curve_of, draw_body
 from .style import (
     BLUE,
-    GREEN,
     GREY,
     INK,
-    ORANGE,
+    PALE,
     PHASE_COLOUR,
     PURPLE,
     VERMILLION,
@@ -89,27 +88,28 @@ def plot_targets(
     everything = np.concatenate([c.outline for _, c in curves])
     width, height = np.ptp(everything, axis=0)
     fig, (axes,) = figure(min(max(4.6 * height / max(width, 1e-9), 2.2), 5.6) + 0.9)
-    colours = [GREY, INK, PURPLE, BLUE, ORANGE]
+    colours = [PALE, INK, GREY, BLUE]  # the way of the tip has the colours of its phases
     keys = []
     for i, (name, curve) in enumerate(curves):
         colour = colours[min(i, len(colours) - 1)]
         draw_body(axes, curve, colour)
-        axes.plot(*curve.channel.T, color=GREEN, linewidth=1.5, alpha=0.9 if i else 0.4)
+        axes.plot(*curve.channel.T, color=PURPLE, linewidth=1.5, alpha=0.9 if i else 0.4)
         keys.append(Line2D([], [], color=colour, linewidth=2, label=name))
     line_by_phase(axes, 1e3 * tips[:, 0], 1e3 * tips[:, 1], phases, width=1.8)
     if cloud is not None and len(cloud):
-        axes.plot(*(1e3 * cloud).T, marker=".", linestyle="", color=ORANGE, markersize=4, zorder=5)
-        keys.append(Line2D([], [], color=ORANGE, marker=".", linestyle="", label="uncertain"))
+        axes.plot(*(1e3 * cloud).T, marker=".", linestyle="", color=INK, markersize=4, zorder=5)
+        keys.append(Line2D([], [], color=INK, marker=".", linestyle="", label="uncertain"))
     for mark in marks:
         _mark(axes, mark, ARROW * max(width, height))
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x [mm]")
     axes.set_ylabel("y [mm]")
-    keys.append(Line2D([], [], color=GREEN, linewidth=1.5, label="tendon"))
+    keys.append(Line2D([], [], color=PURPLE, linewidth=1.5, label="tendon"))
     keys.append(Line2D([], [], color=VERMILLION, marker="+", linestyle="", label="wanted"))
-    fig.legend(
-        handles=keys, loc="outside upper center", ncols=min(len(keys), 4), handlelength=1.4, columnspacing=1.2
-    )
+    for key in phase_keys(phases[1:]):
+        key.set_label(f"tip, {key.get_label()}")
+        keys.append(key)
+    fig.legend(handles=keys, loc="outside upper center", ncols=4, handlelength=1.4, columnspacing=1.2)
     return fig
 
 
@@ -158,7 +158,7 @@ def plot_channels(
         channels: (s, R) [mm] of each, (M, 2), the chosen one first.
         radius: s and outer radius [mm], each (M,).
         bores: outline of each [mm], (K, 2), in s and offset.
-        clearance: of the wall [mm]; drawn dashed unless 0.
+        clearance: of the centre line from the surface [mm]; drawn dashed unless 0.
     """
     fig, (axes,) = figure(3.0)
     s, r = radius
@@ -177,9 +177,10 @@ def plot_channels(
     axes.set_xlim(float(s[0]), float(s[-1]))
     keys = [Line2D([], [], color=VERMILLION, linewidth=2.2, label="chosen")]
     if len(channels) > 1:
-        keys.append(Line2D([], [], color=BLUE, linewidth=1, label=f"{len(channels) - 1} alternatives"))
+        text = f"{len(channels) - 1} alternative{'s' if len(channels) > 2 else ''}"
+        keys.append(Line2D([], [], color=BLUE, linewidth=1, label=text))
     if clearance > 0:
-        text = f"wall of {number(clearance, 'mm', 3)}"
+        text = f"{number(clearance, 'mm', 3)} from the surface"
         keys.append(Line2D([], [], color=GREY, linewidth=0.9, linestyle=(0, (4, 3)), label=text))
     legend_above(fig, keys)
     return fig

@@ -64,7 +64,7 @@ def _figures(answer: Any) -> list[Figure]:
     T = np.asarray(run.T_base)
     top = int(np.argmax(T))
     states, seen = [("at rest", equilibrium(robot, 0.0))], set()
-    for number_, released in answer.problem.task.states:
+    for number_, released in sorted(answer.problem.task.states, key=lambda state: state[1]):
         value = float(best.tensions[number_])
         if (value, released) in seen or len(states) > 3:
             continue
