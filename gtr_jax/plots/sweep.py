@@ -210,7 +210,11 @@ def plot_sensitivity(indices: Mapping[str, Mapping[str, Any]]) -> Figure:
         axes.grid(axis="y", visible=False)
     if _shares(indices):
         panels[-1].set_xlim(left=0)
-        panels[-1].set_xlabel("share of the variance: blue alone, grey together with others")
+        known = all(i.first_sd is None for of in indices.values() for i in of.values())
+        panels[-1].set_xlabel(
+            "share of the variance: blue alone, grey together with others"
+            + ("" if known else "\n(lines: one standard deviation)")
+        )
     else:
         panels[-1].set_xlabel("mean size of the change over the whole range [SI]")
     return fig
