@@ -71,7 +71,7 @@ def run_here(task: Task, store: Store, blocks: Sequence[int], progress: Report, 
         store.write(block, lanes.solve(points))
         return len(points)
 
-    count = threads or cores()
+    count = threads_of(task, threads)
     done = 0
     meter = Meter(task, blocks, progress)
     with ThreadPoolExecutor(count) as pool:
@@ -93,6 +93,19 @@ def _first_done(pending: set[Future]) -> set[Future]:
 def cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def threads_of(task: Task, wanted: int) -> int:
+    """Threads to solve a sweep in: as many as wanted, or as cores; one where more would not serve.
+
+    Several tendons hold dense systems, and batches of those, solved by LAPACK in two threads at once, wait
+    for one another for ever on XLA's CPU (jaxlib 0.10.2). Another device is busy with one batch.
+    """
+    import jax
+
+    if task.robot.tendon_names or jax.default_backend() != "cpu":
+        return 1
+    return wanted or cores()
 
 
 def in_turn(blocks: Iterable[int], submit, first_done, ahead: int) -> Iterator:
@@ -159,7 +172,7 @@ class Estimate:
 
 def estimate(task: Task, threads: int = 0) -> Estimate:
     """Compile the program and time it on the first and the last block of a sweep, writing nothing."""
-    count = threads or cores()
+    count = threads_of(task, threads)
     began = time.monotonic()
     lanes = Lanes(task)
     compiling = time.monotonic() - began
