@@ -378,7 +378,7 @@ def test_an_interrupt_leaves_everything_as_it_was(when, run, tmp_path, monkeypat
         monkeypatch.setattr("gtr_jax.report.render", interrupt)
     outcome = run("simulate", SIMULATED, "--pull", "8", "--steps", "8", "-o", "out")
     assert outcome.status == 130
-    assert outcome.err.splitlines()[-1] == "interrupted: nothing was written" and outcome.out == ""
+    assert outcome.err.splitlines()[-1] == "interrupted: no run folder was written" and outcome.out == ""
     assert (tmp_path / "out/run.json").read_bytes() == before
     assert left_over(tmp_path) == ["out"]
 
@@ -396,7 +396,7 @@ def test_control_c(tmp_path):
         process.send_signal(signal.SIGINT)
         rest = process.stderr.read()
     assert process.returncode == 130
-    assert rest.splitlines()[-1] == "interrupted: nothing was written" and "Traceback" not in rest
+    assert rest.splitlines()[-1] == "interrupted: no run folder was written" and "Traceback" not in rest
     assert left_over(tmp_path) == []
 
 

@@ -102,9 +102,11 @@ def _run(arguments: list[str]) -> int:
     except InputError as fault:
         return _refuse(str(fault))
     except OSError as fault:
-        return _refuse(f"{fault.filename or 'output'}: {fault.strerror}; choose another place with -o")
+        return _refuse(
+            f"{fault.filename or 'output'}: {fault.strerror or fault}; choose another place with -o"
+        )
     except (Interrupted, KeyboardInterrupt, click.Abort):
-        click.echo("interrupted: nothing was written", err=True)
+        click.echo("interrupted: no run folder was written", err=True)
         return INTERRUPTED
 
 

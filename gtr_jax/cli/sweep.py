@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -88,9 +89,8 @@ def sweep(
         for block, fault in done.lost[:3]:
             click.echo(f"error: block {block} was not computed: {fault}", err=True)
         if done.lost or part is not None:
-            return _unfinished(store, done)
-        progress("finishing")
-        return _finish(folder, output, task, store, done, plot)
+            return _unfinished(store, done, part)
+        return _finish(folder, output, task, store, done, plot, progress)
 
 
 def _check(
@@ -135,12 +135,12 @@ def _of_part(blocks: list[int], part: str | None) -> list[int]:
 
 
 def _store(folder: RunFolder, output: Path, task: Task) -> Store:
-    """The store beside the run folder; that of a finished run of the same sweep is taken up again."""
+    """The store beside the run folder, or in it, if that of a finished run of the same sweep is there."""
     from gtr_jax.sweep.store import STORE, Store
 
     finished = output.resolve() / STORE
     if finished.exists() and not folder.steps.exists() and Store(finished, task).same():
-        finished.rename(folder.steps)
+        return Store(finished, task)
     return Store(folder.steps, task)
 
 
@@ -175,10 +175,11 @@ def _kept() -> Iterator[None]:
         raise
 
 
-def _unfinished(store: Store, done: Done) -> int:
+def _unfinished(store: Store, done: Done, part: str | None) -> int:
     left = len(store.left())
     rest = f"{left} blocks are left" if left else "every block is there"
-    click.echo(f"{done.points:,} points computed; {rest}: run the command without --part to finish")
+    again = "run the command again" if part is None else "run the command without --part to finish"
+    click.echo(f"{done.points:,} points computed; {rest}: {again}")
     return 1 if done.lost else 0
 
 
@@ -201,26 +202,34 @@ def size(count: int) -> str:
     return f"{value:.3g} {units[0]}"
 
 
-def _finish(folder: RunFolder, output: Path, task: Task, store: Store, done: Done, plot: bool) -> int:
-    """Write all that a sweep leaves."""
+def _finish(
+    folder: RunFolder, output: Path, task: Task, store: Store, done: Done, plot: bool, progress: Any
+) -> int:
+    """Write all that a sweep leaves, beside it everything that its file names."""
     from gtr_jax.config import config_text, dump_config
     from gtr_jax.recording import write_whole
     from gtr_jax.report.sweep import sweep_report
     from gtr_jax.sweep.config import sweep_text
     from gtr_jax.sweep.store import STORE, open_sweep
     from gtr_jax.sweep.summary import summary_of
+    from gtr_jax.sweep.task import inputs_of, named_beside
 
     from .run_folder import write_json, write_report
 
+    progress("reading the store through")
     store.clean()
     answer = summary_of(task, store, done)
+    progress("drawing" if plot else "writing")
     data = open_sweep(store.path)
     report = sweep_report(answer, task, data, plot=plot)
     data.close()
     settings = folder.settings()
     with folder.write({STORE: store.path}) as part:
         dump_config(task.config, part / "robot.toml")
-        write_whole(part / "sweep.toml", sweep_text(task.file))
+        for role, path in inputs_of(task.file).items():
+            if role != "robot":
+                shutil.copyfile(path, part / f"{role}.csv")
+        write_whole(part / "sweep.toml", sweep_text(named_beside(task.file)))
         write_json(part / "sweep.json", {**answer.to_json(), "settings": settings})
         write_report(part, report, settings, config_text(task.config))
     click.echo(answer.says)

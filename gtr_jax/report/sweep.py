@@ -29,8 +29,10 @@ def sweep_report(answer: Any, task: Any, data: xarray.Dataset, *, plot: bool = T
         plot: whether to draw.
     """
     warnings = []
-    if not answer.converged:
+    if not answer.converged and answer.ranges:
         warnings.append("Some points did not converge: result is not 0 there, and their numbers are missing.")
+    if answer.sensitivity.idle:
+        warnings.append(f"Nothing computed depends on {', '.join(answer.sensitivity.idle)}.")
     return Report(
         title=f"{task.file.name}: sweep of {task.config.name}",
         verdict=answer.says,

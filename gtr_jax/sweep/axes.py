@@ -6,7 +6,9 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from gtr_jax.errors import InputError, did_you_mean, listed
 from gtr_jax.parameters import Parameter, parameters_of
@@ -16,6 +18,7 @@ from gtr_jax.units import to_si
 from .config import SweepConfig
 
 SCALES = ("linear", "log")
+MOST_VALUES = 10**8  # along a parameter: they are held in memory
 HISTORY = {
     "pull": Parameter("pull", "history.pull", "N", 0.0, None),
     "release": Parameter("release", "history.release", "N", 0.0, None),
@@ -49,6 +52,19 @@ class Axis:
     def of_history(self) -> bool:
         """Whether it belongs to the load history and not to the robot."""
         return self.parameter.key.startswith("history.")
+
+    def allows(self, values: Array) -> Array:
+        """Whether values [SI], of any shape, lie within the bounds of the parameter."""
+        p, positive = self.parameter, self.positive
+        holds = jnp.isfinite(values)
+        if p.lower is not None:
+            holds &= values > p.lower if positive else values >= p.lower
+        return holds if p.upper is None else holds & (values <= p.upper)
+
+    @property
+    def positive(self) -> bool:
+        """Whether its lower bound is excluded; friction may vanish, though it is fitted by its logarithm."""
+        return self.parameter.log and self.name.partition(".")[0] != "mu"
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -99,10 +115,9 @@ def check_values(values: np.ndarray, axis: Axis, where: str) -> None:
     """InputError if a value lies outside the bounds of its parameter."""
     p = axis.parameter
     for value in values:
-        low = p.lower is not None and (value < p.lower or (p.log and value <= p.lower and p.name != "mu"))
-        if low or (p.upper is not None and value > p.upper):
-            open_ = "above" if p.log and p.name != "mu" else "at least"
-            bound = f"{open_} {p.lower:g}" if low else f"at most {p.upper:g}"
+        if not axis.allows(value):
+            least = f"{'above' if axis.positive else 'at least'} {p.lower:g}" if p.lower is not None else ""
+            bound = f"at most {p.upper:g}" if p.upper is not None and value > p.upper else least
             more = " (three standard deviations off)" if axis.scale == "normal" else ""
             raise InputError(
                 f"{where}: must be {bound} {p.unit}".rstrip() + f", is {value:g}{more}; correct it"
@@ -153,6 +168,12 @@ def _axis(parameter: Parameter, said: Any, where: str, *, gridded: bool) -> Axis
         return Axis(parameter, low=low, high=high, scale=scale)
     if isinstance(count, bool) or not isinstance(count, int) or count < 1:
         raise InputError(f"{where}.count: expected how many values, found {count!r}; for example count = 100")
+    if count > MOST_VALUES:
+        raise InputError(
+            f"{where}.count: at most {MOST_VALUES:,} values along one parameter, found {count:,}"
+        )
+    if count > 1 and low == high:
+        raise InputError(f"{where}: from and to are the same; write count = 1, or leave it out")
     return Axis(parameter, (np.geomspace if scale == "log" else np.linspace)(low, high, count))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import threading
 from collections.abc import Callable
 
 import equinox as eqx
@@ -16,6 +17,7 @@ from gtr_jax.equilibrium import equilibrium
 from gtr_jax.history import simulate
 from gtr_jax.march import March
 from gtr_jax.robot import Robot
+from gtr_jax.terms import REGISTRY
 
 from .outputs import along, at_rest
 from .switch import switch_tension
@@ -38,6 +40,7 @@ class Lanes:
         self.task = task
         self._usual = _usual(task)
         self._brief = task.kind == LOADED
+        self._lock = threading.Lock()
         self._first = self._program(BRIEF if self._brief else March(), task.batch)
 
     def _program(self, solver: optx.AbstractRootFinder, batch: int) -> Callable:
@@ -72,10 +75,29 @@ class Lanes:
         left = np.flatnonzero(found["result"] == NOT_CONVERGED) if self._brief else ()
         for start in range(0, len(left), self.task.lanes):
             some = left[start : start + self.task.lanes]
-            again = self._padded(self._thorough, points[some], self.task.lanes)
+            with self._lock:  # compiled once, by whichever thread comes first
+                thorough = self._thorough
+            again = self._padded(thorough, points[some], self.task.lanes)
             for name, values in again.items():
                 found[name][some] = values
+        self._refuse(points, found)
         return found
+
+    def _refuse(self, points: np.ndarray, found: dict[str, np.ndarray]) -> None:
+        """Mark points at which the numbers of a physics term contradict one another."""
+        task = self.task
+        for term in REGISTRY.values():
+            own = {axis.name: i for i, axis in enumerate(task.axes) if axis.name.startswith(f"{term.id}.")}
+            if term.fault is None or not own:
+                continue
+            values, length = dict(task.config.term_values[term.id]), task.config.backbone.length
+            along = next((i for i, axis in enumerate(task.axes) if axis.name == "length"), None)
+            for row, point in enumerate(points):
+                values |= {name.partition(".")[2]: float(point[i]) for name, i in own.items()}
+                if term.fault(values, length if along is None else float(point[along])):
+                    found["result"][row] = NO_ROBOT
+                    for name in found.keys() - {"result"}:
+                        found[name][row] = np.nan
 
     def _padded(self, program: Callable, points: np.ndarray, batch: int) -> dict[str, np.ndarray]:
         missing = batch - len(points)
@@ -87,7 +109,8 @@ def _lane(
     task: Task, robot: Robot, solver, usual: np.ndarray, point: Float[Array, " axes"]
 ) -> dict[str, Array]:
     """What one point of the sweep leaves, by name; `usual` is a point at which the robot is one."""
-    there = is_robot(_robot_at(task, robot, point)) & jnp.all(jnp.isfinite(point))
+    within = jnp.stack([axis.allows(point[i]) for i, axis in enumerate(task.axes)])
+    there = is_robot(_robot_at(task, robot, point)) & jnp.all(within)
     point = jnp.where(there, point, jnp.asarray(usual))
     stored = {v.name for v in (*task.outputs, *task.stored)}
 

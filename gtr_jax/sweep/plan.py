@@ -126,7 +126,7 @@ def _shares(sweep: SweepConfig, axes: int) -> Iterator[np.ndarray]:
 
     total = drawn_points(sweep, axes)
     if sweep.sample in ("sobol", "random"):
-        drawer = qmc.Sobol(axes, rng=sweep.seed) if sweep.sample == "sobol" else None
+        drawer = qmc.Sobol(axes, bits=64, rng=sweep.seed) if sweep.sample == "sobol" else None
         rng = np.random.default_rng(sweep.seed)
         for start in itertools.takewhile(lambda at: at < total, itertools.count(0, DRAWN_AT_ONCE)):
             some = min(DRAWN_AT_ONCE, total - start)

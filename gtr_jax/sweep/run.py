@@ -171,7 +171,7 @@ class Estimate:
 
 
 def estimate(task: Task, threads: int = 0) -> Estimate:
-    """Compile the program and time it on the first and the last block of a sweep, writing nothing."""
+    """Compile the program and time it on the first block of a sweep, in every thread, writing nothing."""
     count = threads_of(task, threads)
     began = time.monotonic()
     lanes = Lanes(task)
@@ -181,11 +181,9 @@ def estimate(task: Task, threads: int = 0) -> Estimate:
     began = time.monotonic()
     with ThreadPoolExecutor(count) as pool:
         list(pool.map(lanes.solve, [points] * count))
-    each = (time.monotonic() - began) / (count * task.batch)
-    waste = plan.blocks * task.batch / plan.points
-    return Estimate(
-        plan.points, plan.blocks, plan.points * task.bytes_each, each * waste * plan.points, compiling
-    )
+    rounds = -(-plan.blocks // count)
+    took = (time.monotonic() - began) * rounds
+    return Estimate(plan.points, plan.blocks, plan.points * task.bytes_each, took, compiling)
 
 
 def _first_points(task: Task) -> np.ndarray:

@@ -15,13 +15,15 @@ from .store import Store
 from .task import Task
 
 MOST = 2_000_000  # points whose indices are computed: all are held at once
+MOST_GIVEN = 20_000  # of a sample: its bootstrap takes longer than the sweep beyond
 FEWEST = 64  # points of a sample from which shares of the variance can be told
 TWO_SIDED = 1.959964  # standard deviations in SALib's half widths, of 95 %
 _METHODS = {
     "grid": "Shares of the variance over the grid, exact for its points.",
     "saltelli": "Sobol's indices, by Saltelli's sample (SALib).",
     "morris": "Elementary effects over the whole range, by Morris's sample (SALib).",
-    "drawn": "First-order shares of the variance, by RBD-FAST from the points as drawn (SALib).",
+    "drawn": "First-order shares of the variance, by RBD-FAST from at most 20,000 of the points (SALib); "
+    "it takes the parameters as drawn independently.",
 }
 
 
@@ -52,6 +54,15 @@ class Sensitivity:
     says: str
     indices: dict[str, dict[str, Index]]
 
+    @property
+    def idle(self) -> list[str]:
+        """Parameters known to change nothing that was computed."""
+        sizes: dict[str, list[float | None]] = {}
+        for of in self.indices.values():
+            for name, index in of.items():
+                sizes.setdefault(name, []).append(index.total if index.effect is None else index.effect)
+        return [name for name, all_ in sizes.items() if all(x is not None and abs(x) < 1e-12 for x in all_)]
+
     def to_json(self) -> dict[str, Any]:
         """The same as plain values."""
         return {
@@ -80,7 +91,7 @@ def sensitivity_of(task: Task, store: Store) -> Sensitivity:
         return Sensitivity(f"Not computed for more than {MOST:,} points.", {})
     wanted = [v for v in task.outputs if NODE not in v.dims]
     found: dict[str, dict[str, Index]] = {}
-    says = _METHODS["grid" if plan.gridded else kind if kind in _METHODS else "drawn"]
+    says = _METHODS["grid" if plan.gridded else kind if kind in ("saltelli", "morris") else "drawn"]
     for v in wanted:
         values = np.asarray(store.array(v.name)[...])
         if STEP in task.extra_dims(v):
@@ -137,6 +148,7 @@ def _by_salib(kind: str, values: np.ndarray, task: Task, axes: tuple[Axis, ...])
 def _given(points: np.ndarray, values: np.ndarray, axes: tuple[Axis, ...]) -> dict[str, Index]:
     from SALib.analyze import rbd_fast
 
+    points, values = points[:MOST_GIVEN], values[:MOST_GIVEN]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         told = rbd_fast.analyze(sensitivity_problem([a.name for a in axes]), points, values, seed=0)

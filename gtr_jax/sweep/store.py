@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import uuid
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     import zarr
 
 STORE = "sweep.zarr"
+PART = ".part"
 NOT_COMPUTED = 255
 MEANINGS = "converged not_converged not_finite no_such_robot not_computed"
 
@@ -48,9 +50,8 @@ class Store:
         if self.path.exists():
             self._refuse_another()
             return
-        part = self.path.with_name(f"{self.path.name}.{os.getpid()}.part")
-        shutil.rmtree(part, ignore_errors=True)
-        part.parent.mkdir(parents=True, exist_ok=True)
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        part = self.path.with_name(f"{self.path.name}.{uuid.uuid4().hex}{PART}")
         try:
             self._write_empty(part)
             try:
@@ -68,12 +69,20 @@ class Store:
         import zarr
 
         if self._open is None:
-            self._open = zarr.open_group(self.path, mode="r+", zarr_format=3)
+            try:
+                self._open = zarr.open_group(self.path, mode="r+", zarr_format=3)
+            except (OSError, ValueError, KeyError):
+                raise InputError(f"{self.path}: is damaged; remove it and run again") from None
         return self._open
 
     def array(self, name: str) -> Any:
         """One array of the store."""
-        return self.group[name]
+        try:
+            return self.group[name]
+        except (OSError, ValueError, KeyError):
+            raise InputError(
+                f"{self.path}: {name} is gone; another run has finished this sweep, or the store is damaged"
+            ) from None
 
     def same(self) -> bool:
         """Whether what is there is of this sweep."""
@@ -187,12 +196,30 @@ class Store:
 
     def left(self) -> list[int]:
         """Blocks that are not computed yet."""
-        done = self.path / RESULT.name / "c"
-        return [
-            block
-            for block in range(self.task.plan.blocks)
-            if not done.joinpath(*map(str, self.task.plan.place(block))).exists()
-        ]
+        plan, chunks = self.task.plan, self.path / RESULT.name / "c"
+        done = np.zeros(plan.counts, dtype=bool)
+        for folder, _, files in os.walk(chunks):
+            above = Path(folder).relative_to(chunks).parts
+            for name in files:
+                if name.isdigit() and len(above) == len(plan.counts) - 1:
+                    done[tuple(map(int, (*above, name)))] = True
+        return [int(block) for block in np.flatnonzero(~done.ravel())]
+
+    def read(self, name: str, block: int) -> np.ndarray:
+        """A block of an array.
+
+        Raises:
+            InputError: it cannot be read, or was never computed; it will be, when the sweep runs again.
+        """
+        try:
+            values = np.asarray(self.array(name)[self.task.plan.region(block)])
+            if name != RESULT.name or np.all(values != NOT_COMPUTED):
+                return values
+        except (RuntimeError, OSError, ValueError):
+            pass
+        place = map(str, self.task.plan.place(block))
+        self.path.joinpath(RESULT.name, "c", *place).unlink(missing_ok=True)
+        raise InputError(f"{self.path}: a part of {name} is damaged; run again, and it is computed anew")
 
     def points(self, block: int) -> np.ndarray:
         """Values [SI] of what is varied at the points of a block, (points, axes)."""
@@ -210,9 +237,11 @@ class Store:
             self.array(v.name)[region] = values.reshape(*size, *values.shape[1:])
 
     def clean(self) -> None:
-        """Remove what interrupted writes have left."""
+        """Remove what interrupted runs have left, in the store and beside it."""
         for stray in self.path.rglob("*.partial"):
             stray.unlink(missing_ok=True)
+        for stray in self.path.parent.glob(f"{self.path.name}.*{PART}"):
+            shutil.rmtree(stray, ignore_errors=True)
 
 
 def _by_chunks(pieces: Iterator[np.ndarray], chunk: int) -> Iterator[tuple[slice, np.ndarray]]:

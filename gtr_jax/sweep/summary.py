@@ -85,11 +85,10 @@ def summary_of(task: Task, store: Store, done: Done) -> Summary:
     most, total = {v.name: -np.inf for v in scalars}, {v.name: 0.0 for v in scalars}
     number = {v.name: 0 for v in scalars}
     for block in range(task.plan.blocks):
-        region = task.plan.region(block)
-        for code, count in zip(*np.unique(store.array(RESULT.name)[region], return_counts=True), strict=True):
+        for code, count in zip(*np.unique(store.read(RESULT.name, block), return_counts=True), strict=True):
             counts[int(code)] += int(count)
         for v in scalars:
-            values = np.asarray(store.array(v.name)[region])
+            values = store.read(v.name, block)
             values = values[np.isfinite(values)]
             if values.size:
                 least[v.name] = min(least[v.name], float(values.min()))

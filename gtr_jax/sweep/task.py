@@ -131,13 +131,17 @@ class Task:
 
     @property
     def lanes(self) -> int:
-        """Points solved side by side."""
-        return lanes_of(self.kind, self.history.steps)
+        """Points solved side by side: as many as serve, even over the largest block."""
+        return -(-self.plan.largest // self._rounds)
+
+    @property
+    def _rounds(self) -> int:
+        return -(-self.plan.largest // lanes_of(self.kind, self.history.steps))
 
     @property
     def batch(self) -> int:
         """Points that the compiled program takes: the largest block, filled up to whole lanes."""
-        return -(-self.plan.largest // self.lanes) * self.lanes
+        return self._rounds * self.lanes
 
     @property
     def base_varies(self) -> bool:
@@ -187,6 +191,7 @@ class Task:
             "robot": config_text(self.config),
             "table": None if self.table is None else hashlib.sha256(self.table.tobytes()).hexdigest(),
             "given": None if self.history.given is None else self.history.given.tolist(),
+            "time": None if self.history.time is None else self.history.time.tolist(),
             "chunk": self.plan.chunk,
             "batch": (self.lanes, self.batch),
             "versions": {name: version(name) for name in ("gtr-jax", "jax", "jaxlib", "scipy", "SALib")},
@@ -244,7 +249,8 @@ def task_of(file: SweepConfig) -> Task:
         axes, table = _table(file, robot)
     robot = _ready(file, robot, axes)
     by_slip = _by_slip(config, axes)
-    history = _history(file, config, axes, by_slip)
+    _check_rigid(file, config, axes)
+    history = _history(file, config, axes, by_slip, table)
     _check_switch(file, config, by_slip, history)
     names = robot.tendon_names
     outputs = variables(file.outputs, names)
@@ -292,7 +298,23 @@ def _by_slip(config: RobotConfig, axes: Sequence[Axis]) -> bool:
     return False
 
 
-def _history(file: SweepConfig, config: RobotConfig, axes: Sequence[Axis], by_slip: bool) -> LoadPath:
+def _check_rigid(file: SweepConfig, config: RobotConfig, axes: Sequence[Axis]) -> None:
+    """InputError if a rigid sheath is to have a physics term that it cannot have."""
+    for axis in axes if config.backbone.rigid else ():
+        if term_of(axis.parameter) is not None:
+            try:
+                config.with_values({axis.parameter.key: axis.ends[1]})
+            except InputError as fault:
+                raise file.fault(f"vary.{axis.name}", str(fault).partition(": ")[2]) from None
+
+
+def _history(
+    file: SweepConfig,
+    config: RobotConfig,
+    axes: Sequence[Axis],
+    by_slip: bool,
+    table: np.ndarray | None,
+) -> LoadPath:
     said = file.history
     varied = {axis.name: axis for axis in axes if axis.of_history}
     for name in varied:
@@ -310,15 +332,7 @@ def _history(file: SweepConfig, config: RobotConfig, axes: Sequence[Axis], by_sl
     if "dissipation" in file.outputs and steps < 10:
         raise file.fault("history.steps", f"{steps} are too few for dissipation; {STEPS} for example")
     tendon = _tendon(file, config)
-    preload = max(strung.preload for _, strung, _ in config.strung)
-    pulls = [said.pull] if said.pull is not None else list(varied["pull"].ends)
-    rests = [said.release] if said.release is not None else list(varied["release"].ends) if releases else []
-    if min(pulls) < preload:
-        raise file.fault("history.pull", f"must be above the preload of {preload:g} N, is {min(pulls):g} N")
-    if rests and (min(rests) < 0 or max(rests) > min(pulls)):
-        raise file.fault(
-            "history.release", f"must lie between 0 N and the pull of {min(pulls):g} N; change one of the two"
-        )
+    _check_branches(file, config, axes, table, tendon, releases)
     up = np.linspace(0, 1, steps + 1) if steps > 1 else np.ones(1)
     down = np.linspace(0, 1, steps + 1)[1:] if releases else np.zeros(0)
     total = len(up) + len(down)
@@ -333,6 +347,41 @@ def _history(file: SweepConfig, config: RobotConfig, axes: Sequence[Axis], by_sl
     if "dt" in varied:
         time = np.arange(total, dtype=float)
     return LoadPath(said.pull, said.release, up, down, None, time, kept, tendon)
+
+
+def _check_branches(
+    file: SweepConfig,
+    config: RobotConfig,
+    axes: Sequence[Axis],
+    table: np.ndarray | None,
+    tendon: int | None,
+    releases: bool,
+) -> None:
+    """InputError unless the preload is below the pull, and the release between nothing and the pull."""
+    name, strung, _ = config.strung[tendon or 0]
+    usual = {"preload": strung.preload, "pull": file.history.pull, "release": file.history.release}
+    names = {"preload": f"preload.{name}" if name else "preload", "pull": "pull", "release": "release"}
+    number = {axis.name: i for i, axis in enumerate(axes)}
+
+    def among(what: str) -> np.ndarray:
+        """Its values at the points of a table, or its ends."""
+        i = number.get(names[what])
+        if i is None:
+            return np.array([float(usual[what] or 0.0)])
+        return np.asarray(axes[i].ends) if table is None else table[:, i]
+
+    def above(high: np.ndarray, low: np.ndarray) -> bool:
+        return bool(np.all(high >= low) if table is not None else high.min() >= low.max())
+
+    preload, pull, release = (among(what) for what in ("preload", "pull", "release"))
+    if not above(pull, preload):
+        raise file.fault(
+            "history.pull", f"must be above the preload of {preload.max():g} N, is {pull.min():g} N"
+        )
+    if releases and not above(pull, release):
+        raise file.fault(
+            "history.release", f"must lie between 0 N and the pull of {pull.min():g} N; change one of the two"
+        )
 
 
 def _tendon(file: SweepConfig, config: RobotConfig) -> int | None:
@@ -395,6 +444,8 @@ def _table(file: SweepConfig, robot: Robot) -> tuple[tuple[Axis, ...], np.ndarra
         parameter = find(robot, bare, where)
         si = parameter.unit or "dimensionless"
         unit = split_unit(header, si)[1] if "[" in header else None
+        if "[" in header and unit is None:
+            raise InputError(f"{where}: cannot read its unit; write for example {bare}[{si}]")
         values = np.array(table.quantity(i, unit, si, remedy=f"write for example {bare}[{si}]"))
         if any(parameter == other.parameter for other in axes):
             raise InputError(f"{where}: {parameter.name} stands twice; keep one")
@@ -408,6 +459,15 @@ def inputs_of(file: SweepConfig) -> dict[str, Path]:
     """Files that a sweep file names, by role."""
     named = {"robot": file.robot, "points": file.points, "history": file.history.file}
     return {role: file.folder / name for role, name in named.items() if name is not None}
+
+
+def named_beside(file: SweepConfig) -> SweepConfig:
+    """The sweep file as it stands in a run folder, beside copies of the files that it names."""
+    history = file.history
+    if history.file is not None:
+        history = history.model_copy(update={"file": "history.csv"})
+    points = None if file.points is None else "points.csv"
+    return file.model_copy(update={"robot": "robot.toml", "points": points, "history": history})
 
 
 def settings_of(task: Task) -> dict[str, Any]:
