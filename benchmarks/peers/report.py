@@ -152,7 +152,10 @@ def markdown(found: dict[str, Any]) -> str:
         name, (x, y), (fx, fy) = problem["name"], problem["tip_m"], problem["tip_force_N"]
         force = f", dead tip force ({fx:g}, {fy:g}) N" if fx or fy else ""
         lines += [f"## {name[0].upper()}{name[1:]}", "", f"Tip at ({x:.9f}, {y:.9f}) m{force}.", ""]
-        lines += [*_levels(found, name), "", _ratios(found, name), ""]
+        lines += [*_levels(found, name), ""]
+        ratios = _ratios(found, name)
+        if ratios:
+            lines += [ratios, ""]
         batches = _batches(found, name)
         if batches:
             lines += [

@@ -2,8 +2,8 @@
 
 soromox gives forces and energies, not a static solver. So optimistix's Newton, which its environment brings,
 solves "elastic force = actuation force + tip force", from the straight robot. The residual is written both
-ways that soromox offers, as the sum of its forces and as the gradient of its energies. Only bending is active,
-which makes the rod inextensible and unshearable.
+ways that soromox offers: the sum of its forces, or the gradient of its energies. Only bending is active, which
+makes the rod inextensible and unshearable.
 """
 # pyright: reportMissingImports=false
 
