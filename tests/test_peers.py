@@ -50,10 +50,11 @@ def test_ours_meets_the_reference(problem):
 
 def test_cheapest_is_the_fastest_that_is_good_enough():
     points = [
-        {"problem": "a", "error": 1e-5, "warm_s": 3.0},
-        {"problem": "a", "error": 1e-4, "warm_s": 2.0},
-        {"problem": "a", "error": 1e-2, "warm_s": 1.0},
-        {"problem": "b", "error": 0.0, "warm_s": 0.1},
+        {"problem": "a", "error": 1e-5, "warm_s": 3.0, "converged": True},
+        {"problem": "a", "error": 1e-4, "warm_s": 2.0, "converged": True},
+        {"problem": "a", "error": 1e-4, "warm_s": 0.5, "converged": False},
+        {"problem": "a", "error": 1e-2, "warm_s": 1.0, "converged": True},
+        {"problem": "b", "error": 0.0, "warm_s": 0.1, "converged": True},
     ]
     assert cheapest(points, "a", 1e-3) is points[1]
     assert cheapest(points, "a", 1e-6) is None

@@ -21,13 +21,15 @@ def tensions(count: int, seed: int = 0) -> jnp.ndarray:
     return jnp.asarray(TENSION * np.random.default_rng(seed).uniform(0.5, 1.5, count))
 
 
-def batch(solve: Callable, single_s: float, count: int) -> dict[str, Any] | None:
+def batch(solve: Callable, single_s: float, count: int, *, threads: bool = True) -> dict[str, Any] | None:
     """Seconds per lane of `solve(tension) -> (tip, converged, ...)` over many tensions.
 
     Args:
         solve: one lane.
         single_s: what a single solve takes.
         count: lanes; fewer where they would take too long.
+        threads: also try half of the lanes in each of two threads. Not for a batched dense solve: two of them
+            at once wait for each other for ever in jaxlib 0.10 on two cores.
 
     Returns None where that leaves under a hundred.
     """
@@ -38,17 +40,18 @@ def batch(solve: Callable, single_s: float, count: int) -> dict[str, Any] | None
     halves = (lanes[: count // 2], lanes[count // 2 :])
     whole = jax.jit(jax.vmap(solve))
     chunked = jax.jit(lambda T: jax.lax.map(solve, T, batch_size=min(250, count)))
-    with ThreadPoolExecutor(2) as pool:
+    found = {
+        "vmap": measure.timed(whole, lanes, jit=False),
+        "lax.map over 250": measure.timed(chunked, lanes, jit=False),
+    }
+    if threads:
+        with ThreadPoolExecutor(2) as pool:
 
-        def threads(fn):
-            return lambda: list(pool.map(lambda half: jax.block_until_ready(fn(half)), halves))
+            def both(fn):
+                return lambda: list(pool.map(lambda half: jax.block_until_ready(fn(half)), halves))
 
-        found = {
-            "vmap": measure.timed(whole, lanes, jit=False),
-            "vmap in two threads": measure.timed(threads(whole), jit=False),
-            "lax.map over 250": measure.timed(chunked, lanes, jit=False),
-            "lax.map over 250 in two threads": measure.timed(threads(chunked), jit=False),
-        }
+            found["vmap in two threads"] = measure.timed(both(whole), jit=False)
+            found["lax.map over 250 in two threads"] = measure.timed(both(chunked), jit=False)
     best = min(found, key=lambda name: found[name].warm)
     return {
         "count": count,

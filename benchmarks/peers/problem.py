@@ -76,6 +76,6 @@ def error(problem: Problem, tip: Iterable[float]) -> float:
 
 
 def cheapest(points: list[dict[str, Any]], problem: str, level: float) -> dict[str, Any] | None:
-    """The fastest point of a problem that reaches a level; None where none does."""
-    enough = [p for p in points if p["problem"] == problem and p["error"] <= level]
+    """The fastest converged point of a problem that reaches a level; None where none does."""
+    enough = [p for p in points if p["problem"] == problem and p["converged"] and p["error"] <= level]
     return min(enough, key=lambda p: p["warm_s"], default=None)

@@ -69,14 +69,12 @@ def _batches(found: dict[str, Any], problem: str) -> list[str]:
 
 
 def _gradients(found: dict[str, Any], problem: str) -> list[str]:
-    lines = ["| | setting | value | value and gradient | gradient in |", "|---|---|---|---|---|"]
+    lines = ["| | setting | value | value and gradient |", "|---|---|---|---|"]
     for name, solver in found["solvers"].items():
         for p in solver.get("points", ()):
             if p["problem"] == problem and "gradient_s" in p:
-                alone = p.get("argument_s", p["warm_s"])
-                what = "tension and every number of the robot" if name == OURS else "tension"
                 lines.append(
-                    f"| {name} | {p['setting']} | {seconds(alone)} | {seconds(p['gradient_s'])} | {what} |"
+                    f"| {name} | {p['setting']} | {seconds(p['warm_s'])} | {seconds(p['gradient_s'])} |"
                 )
     return lines if len(lines) > 2 else []
 
@@ -102,9 +100,10 @@ def _ratios(found: dict[str, Any], problem: str) -> str:
 def _notes(found: dict[str, Any]) -> str:
     """What each solves and how it was set up, with the numbers of this run."""
     solvers = found["solvers"]
-    rubbing = solvers.get(OURS, {}).get("with_friction", [])
-    friction = [
-        f"{p['problem']} {seconds(p['without_s'])} without, {seconds(p['with_s'])} with" for p in rubbing
+    default = [
+        f"{p['problem']} {seconds(p['closed_over_s'])}, {seconds(p['argument_s'])} with the robot passed as "
+        f"an argument, {seconds(p['friction_s'])} with a friction coefficient of {p['friction_coefficient']:g}"
+        for p in solvers.get(OURS, {}).get("default_mesh", [])
     ]
     full = [
         f"{p['setting']}: error {p['error']:.1e} in {seconds(p['warm_s'])}"
@@ -112,7 +111,7 @@ def _notes(found: dict[str, Any]) -> str:
         if "full load" in p["setting"]
     ]
     return NOTES.read_text().format(
-        friction=f"Friction at the default mesh — {'; '.join(friction)}." if friction else "",
+        default=f" At the default mesh: {'; '.join(default)}." if default else "",
         compression=found["tension_N"] / (YOUNGS_MODULUS * math.pi * RADIUS**2),
         full_load=f" ({'; '.join(full)}.)" if full else "",
     )
@@ -168,9 +167,8 @@ def markdown(found: dict[str, Any]) -> str:
         gradients = _gradients(found, name)
         if gradients:
             lines += [
-                "With the gradient of the tip's height, in reverse mode through the implicit function "
-                "theorem. gtr-jax gets its robot as an argument here, which costs its flattening on every "
-                "call; in the table above it is closed over, as for soromox:",
+                "With the gradient of the tip's height in tension and modulus, in reverse mode through the "
+                "implicit function theorem:",
                 "",
                 *gradients,
                 "",

@@ -2,8 +2,8 @@
 
 soromox gives forces and energies, not a static solver. So optimistix's Newton, which its environment brings,
 solves "elastic force = actuation force + tip force", from the straight robot. The residual is written both
-ways that soromox offers: the sum of its forces, or the gradient of its energies. Only bending is active, which
-makes the rod inextensible and unshearable.
+ways that soromox offers: the sum of its forces, or the gradient of its energies. Only bending is active, so
+the rod is inextensible and unshearable.
 """
 # pyright: reportMissingImports=false
 
@@ -63,11 +63,11 @@ def robot_of(segments: int) -> PlanarPCS:
 
 
 def forces(robot: PlanarPCS, problem: Problem):
-    """Residual as a sum of generalised forces [N m]."""
+    """Residual as a sum of generalised forces [N m]; stiffness is over the robot's own."""
     wrench = jnp.array([0.0, *problem.tip_force])
 
-    def residual(q, T):
-        out = robot.elastic_force(q) - robot.actuation_force(q, T[None])
+    def residual(q, T, stiffness):
+        out = stiffness * robot.elastic_force(q) - robot.actuation_force(q, T[None])
         if problem.loaded:
             out = out - robot.jacobian_inertialframe(q, jnp.asarray(LENGTH)).T @ wrench
         return out
@@ -76,11 +76,11 @@ def forces(robot: PlanarPCS, problem: Problem):
 
 
 def energies(robot: PlanarPCS, problem: Problem):
-    """Residual as the gradient of the potential energy [N m]."""
+    """Residual as the gradient of the potential energy [N m]; stiffness is over the robot's own."""
     wrench = jnp.array([0.0, *problem.tip_force])
 
-    def potential(q, T):
-        out = robot.elastic_energy(q) - T * robot.actuator_coordinates(q)[0]
+    def potential(q, T, stiffness):
+        out = stiffness * robot.elastic_energy(q) - T * robot.actuator_coordinates(q)[0]
         if problem.loaded:
             out = out - wrench @ robot.forward_kinematics_tips(q)[-1]
         return out
@@ -92,17 +92,17 @@ FORMULATIONS = {"forces": forces, "energies": energies}
 
 
 def solver_of(problem: Problem, segments: int, formulation: str):
-    """`solve(tension) -> tip (x, y, angle), converged, steps`."""
+    """`solve(tension, stiffness=1.0) -> tip (x, y, angle), converged, steps`."""
     robot = robot_of(segments)
     residual = FORMULATIONS[formulation](robot, problem)
     scale = BENDING_STIFFNESS * LENGTH / segments  # so that the residual is a curvature
 
-    def solve(T):
+    def solve(T, stiffness=1.0):
         found = optx.root_find(
-            lambda q, T: residual(q, T) / scale,
+            lambda q, given: residual(q, *given) / scale,
             NEWTON,
             jnp.zeros(segments),
-            args=T,
+            args=(T, stiffness),
             max_steps=50,
             throw=False,
         )
@@ -140,10 +140,9 @@ def run(quick: bool) -> dict[str, Any]:
             if point is None or "gradient_s" in point:
                 continue
             solve = solver_of(problem, point["segments"], point["formulation"])
-            point["gradient_s"] = measure.timed(
-                jax.value_and_grad(lambda T, solve=solve: solve(T)[0][1]), T_base
-            ).warm
-            found = lanes.batch(solve, point["warm_s"], 1000 if quick else 10_000)
+            height = jax.value_and_grad(lambda T, E, solve=solve: solve(T, E)[0][1], argnums=(0, 1))
+            point["gradient_s"] = measure.timed(height, T_base, jnp.asarray(1.0)).warm
+            found = lanes.batch(solve, point["warm_s"], 1000 if quick else 10_000, threads=False)
             if found:
                 batches.append({"problem": problem.name, "setting": point["setting"], **found})
     return {"points": points, "batches": batches}
