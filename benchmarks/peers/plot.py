@@ -19,7 +19,7 @@ def frontier(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
     """The points that no other beats in both time and error, by time."""
     best, kept = float("inf"), []
     for time, error in sorted(points):
-        if error < best:
+        if error < 0.99 * best:
             best = error
             kept.append((time, error))
     return kept
@@ -47,8 +47,9 @@ def plot(found: dict[str, Any], path: Path) -> None:
             ax.axhline(level, color="0.75", lw=0.8, ls=":", zorder=0)
         ax.set_title(problem["name"], fontsize=11)
         ax.set_xscale("log")
+        ax.margins(x=0.12)
         ax.set_yscale("log")
-        ax.set_ylim(EXACT / 4, 0.2)
+        ax.set_ylim(EXACT / 100, 0.3)
         ax.set_xlabel("time of one warm solve [ms]")
         ax.grid(alpha=0.25)
     axes[0].set_ylabel("distance of the tip from the reference / length [-]")
@@ -63,15 +64,14 @@ def plot(found: dict[str, Any], path: Path) -> None:
 
 
 def _label(ax, name: str, line: list[tuple[float, float]], colour: str) -> None:
-    """The solver's name beside the start of its line."""
-    time, error = line[0]
+    """The solver's name under the end of its line."""
     ax.annotate(
         name,
-        (time, error),
-        xytext=(-2, 9),
+        line[-1],
+        xytext=(0, -16),
         textcoords="offset points",
         color=colour,
         fontsize=10,
-        ha="left",
+        ha="center",
         weight="bold",
     )

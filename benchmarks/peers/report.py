@@ -102,7 +102,7 @@ def _notes(found: dict[str, Any]) -> str:
     solvers = found["solvers"]
     default = [
         f"{p['problem']} {seconds(p['closed_over_s'])}, {seconds(p['argument_s'])} with the robot passed as "
-        f"an argument, {seconds(p['friction_s'])} with a friction coefficient of {p['friction_coefficient']:g}"
+        f"an argument, {seconds(p['friction_s'])} at a friction coefficient of {p['friction_coefficient']:g}"
         for p in solvers.get(OURS, {}).get("default_mesh", [])
     ]
     full = [

@@ -121,7 +121,7 @@ def rest(
         damping: over the critical one of the slowest mode.
         speed: that counts as rest, over the length times the slowest frequency.
         full_load: with the compression that the tendon leaves in the rod.
-        deadline_s: gives up after.
+        deadline_s: gives up after; 0 for a few steps, which compile.
     """
     size = LENGTH / (elements - 0.5)
     rod = elastica.CosseratRod.straight_rod(
@@ -158,16 +158,16 @@ def rest(
     )
     simulator.finalize()
 
-    stepper, now, steps, resting = elastica.PositionVerlet(), np.float64(0.0), 0, False
+    stepper, now, steps = elastica.PositionVerlet(), np.float64(0.0), 0
     start = time.perf_counter()
-    while not resting and time.perf_counter() - start < deadline_s:
+    while True:
         for _ in range(CHECK_EVERY):
             now = stepper.step(simulator, now, step)
         steps += CHECK_EVERY
         fastest = np.max(np.abs(rod.velocity_collection))
-        if not np.isfinite(fastest):
-            break
         resting = bool(fastest < speed * LENGTH * SLOWEST)
+        if resting or not np.isfinite(fastest) or time.perf_counter() - start > deadline_s:
+            break
     return rod.position_collection[:2, -1].copy(), resting, steps, time.perf_counter() - start
 
 
