@@ -264,6 +264,122 @@ pull = "2 N"
     assert np.all(np.isnan(whole["tip_x"][whole["result"] != 0]))
 
 
+def test_draws_beyond_the_bounds_are_no_robots(tmp_path):
+    text = drawn("random", 4000).replace('{ from = "0.8 MPa", to = "1.6 MPa", scale = "log" }', NORMAL)
+    data = sweep(written(tmp_path, text), tmp_path / "out.zarr").load()
+    below = data.E.values <= 0
+    assert below.any()
+    np.testing.assert_array_equal(data.result == 3, below)
+    assert np.all(data.result.values[data.E.values > 0.2e6] == 0)  # a modulus near nothing need not converge
+    np.testing.assert_array_equal(np.isnan(data.T_tip), data.result != 0)
+
+
+NORMAL = '{ mean = "1 MPa", sd = "0.33 MPa" }'
+ROUGH = """
+schema = 1
+robot = "robot.toml"
+outputs = ["T_tip"]
+[vary]
+"local-friction.factor" = [1.0, 2.0]
+"local-friction.start" = ["20 mm", "90 mm"]
+"local-friction.end" = ["60 mm", "100 mm"]
+[history]
+pull = "20 N"
+"""
+
+
+def test_the_rules_of_a_term_hold_at_every_point(tmp_path):
+    task = task_of(load_sweep(written(tmp_path, ROUGH)))
+    lanes, points = object.__new__(Lanes), task.plan.on_grid(0)
+    lanes.task = task
+    found = {"result": np.zeros(len(points), np.uint8), "T_tip": np.ones(len(points))}
+    lanes._refuse(points, found)
+    factor, start, end = points.T
+    wrong = (factor != 1) & (start >= end)
+    assert wrong.any()
+    np.testing.assert_array_equal(found["result"] == 3, wrong)
+    np.testing.assert_array_equal(np.isnan(found["T_tip"]), wrong)
+
+
+def test_a_term_that_a_rigid_sheath_cannot_have(tmp_path):
+    robot = ROBOT.replace('youngs_modulus = "1.0 MPa"\ndensity = "1070 kg/m^3"', "rigid = true")
+    text = (
+        ROUGH.split("[vary]")[0]
+        + """[vary]
+"presliding.length" = ["0.5 mm", "1 mm"]
+[history]
+pull = "20 N"
+"""
+    )
+    with pytest.raises(InputError, match=r"vary\.presliding\.length: .*slips"):
+        task_of(load_sweep(written(tmp_path, text, robot)))
+
+
+def test_times_of_a_history_decide_what_is_computed(tmp_path):
+    text = """
+schema = 1
+robot = "robot.toml"
+outputs = ["T_tip"]
+[vary]
+"zero-drift.tip" = [0.01, 0.02]
+[history]
+file = "h.csv"
+"""
+    rows = "time_s,T_base_N\n0,0\n{0},10\n{1},5\n"
+    prints = []
+    for times in ((1, 2), (10, 20)):
+        (tmp_path / "h.csv").write_text(rows.format(*times))
+        task = task_of(load_sweep(written(tmp_path, text)))
+        prints.append(task.fingerprint)
+    assert task.history.kept == (1, 2) and task.history.shown == 0
+    assert prints[0] != prints[1]
+
+
+@pytest.mark.parametrize(
+    "table, says",
+    [
+        ("mu,E[MPa\n0.3,1\n", "cannot read its unit"),
+        ("mu,E[mm]\n0.3,1\n", "not a unit of a pressure"),
+        ("mu,mu\n0.3,0.3\n", "stands twice"),
+        ("mu,nu\n0.3,0.3\n", "no parameter 'nu'"),
+        ("mu\nnan\n", "expected a number"),
+        ("pull,release\n10,2\n20,21\n", "history.release: must lie between"),
+    ],
+)
+def test_a_wrong_table_of_points(tmp_path, table, says):
+    text = HISTORY.replace('release = "0 N"', "") if "release" in table else HISTORY
+    text = text.replace('pull = "20 N"', "") if "pull" in table else text
+    file = written(tmp_path, text)
+    (tmp_path / "points.csv").write_text(table)
+    with pytest.raises(InputError, match=says):
+        task_of(load_sweep(file))
+
+
+def test_a_release_above_another_row_s_pull(tmp_path):
+    file = written(tmp_path, HISTORY.replace('pull = "20 N"\nrelease = "0 N"', ""))
+    (tmp_path / "points.csv").write_text("pull,release\n10,2\n20,12\n")
+    assert task_of(load_sweep(file)).plan.points == 2
+
+
+def test_a_damaged_store_is_mended(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("GTR_JAX_CACHE", "off")
+    file, out = written(tmp_path, GRID.replace(', "T_base_switch"', "")), tmp_path / "out"
+    assert run_gtr(capsys, "sweep", file, "-o", out, "--no-plot").status == 0
+    store = out / "sweep.zarr"
+    before = contents(store)
+    # A job of an array that is sent again leaves what is finished alone.
+    assert run_gtr(capsys, "sweep", file, "-o", out, "--part", "1/2").status == 0
+    assert contents(store) == before
+    (store / "T_tip/c/0/0").write_bytes(b"torn")
+    told = run_gtr(capsys, "sweep", file, "-o", out, "--no-plot")
+    assert told.status == 2 and "a part of T_tip is damaged; run again" in told.err
+    assert run_gtr(capsys, "sweep", file, "-o", out, "--no-plot").status == 0
+    assert contents(store) == before
+    (store / "zarr.json").write_text("")
+    told = run_gtr(capsys, "sweep", file, "-o", out)
+    assert told.status == 2 and "is damaged; remove it" in told.err
+
+
 def test_several_tendons(tmp_path):
     robot = """
 schema = 1
@@ -387,6 +503,8 @@ BAD = {
     "negative": ("from = 0.1", "from = -0.1", "must be at least 0, is -0.1"),
     "not finite": ("from = 0.1", "from = nan", "not a finite number"),
     "no count": (", count = 5", "", "vary.tendon.friction_coefficient.count: expected how many values"),
+    "too many": ("count = 5", "count = 10000000000000", "count: at most 100,000,000 values"),
+    "one value many times": ("to = 0.5", "to = 0.1", "from and to are the same"),
     "unknown scale": ('"log"', '"loge"', "scale: expected linear, log"),
     "no pull": ('pull = "20 N"', "", "history.pull: missing"),
     "no robot": ('"robot.toml"', '"nobot.toml"', "nobot.toml"),

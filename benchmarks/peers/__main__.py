@@ -21,6 +21,8 @@ SOLVERS: dict[str, tuple[str, str | None]] = {
     "pyelastica": ("run_pyelastica", "pyelastica"),
 }
 
+PICTURE = Path(__file__).parents[2] / "docs" / "peers.png"
+
 
 def solver(name: str, quick: bool) -> dict[str, Any]:
     """What a solver found, or why it found nothing."""
@@ -35,7 +37,9 @@ def solver(name: str, quick: bool) -> dict[str, Any]:
 
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.peers", description=__doc__)
-    parser.add_argument("--write", action="store_true", help="write benchmarks/results/peers.{json,md,png}")
+    parser.add_argument(
+        "--write", action="store_true", help="write benchmarks/results/peers.{json,md} and docs/peers.png"
+    )
     parser.add_argument("--quick", action="store_true", help="fewer settings and lanes")
     parser.add_argument("--only", choices=SOLVERS, action="append", help="only this solver; repeatable")
     args = parser.parse_args(argv)
@@ -59,7 +63,7 @@ def main(argv: list[str] | None = None) -> int:
         where = measure.RESULTS
         (where / "peers.json").write_text(json.dumps(found, indent=1) + "\n")
         (where / "peers.md").write_text(text)
-        plot(found, where / "peers.png")
+        plot(found, PICTURE)
     return 1 if any("failed" in s for s in found["solvers"].values()) else 0
 
 
