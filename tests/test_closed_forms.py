@@ -106,8 +106,8 @@ def test_frictionless_shape_that_three_codes_agree_on(make_config):
     rad.
 
     The rod is thinner than the offset (discs carry the tendon), so the body is given as a wider rod of the
-    same EI. The closed form itself is (0.1199269, 0.2898054) m; the other codes' rods also give way under the
-    tendon's compression, T/EA = 7.2e-5, which is what both coordinates fall short by and the tolerance allows.
+    same EI. The closed form itself is (0.1199269, 0.2898054) m; the other codes' rods also give under the
+    compression, T/EA = 7.2e-5, which is what both coordinates fall short by and the tolerance allows.
     """
     wide = 0.012
     E = 54e9 * (0.0007 / wide) ** 4
