@@ -16,6 +16,7 @@ POINT = "point"
 MOST_AT_ONCE = 20_000_000  # points of a design that is drawn in memory
 DRAWN_AT_ONCE = 2**16
 LEVELS = 6  # of the elementary effects' grid
+LEAST_WORK = 2**8
 MOST_WORK, MOST_BYTES = 2**17, 64 * 2**20  # of a block: equilibria without external loads, bytes left
 
 
@@ -177,4 +178,4 @@ def block_size(total: int, weight: float, bytes_each: float, lanes: int) -> int:
         lanes: points solved side by side, the least block.
     """
     most = min(MOST_WORK / weight, MOST_BYTES / bytes_each)
-    return int(max(min(total / 64, most), lanes))
+    return int(max(min(max(total / 64, LEAST_WORK / weight), most), lanes))

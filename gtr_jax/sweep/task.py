@@ -41,9 +41,9 @@ from .plan import Plan, block_size, plan_of
 STEPS = 40
 # Work of a load step in equilibria without external loads, and lanes solved side by side:
 # benchmarks/results/lanes.md has the measurements.
-PLAIN, LOADED, SLIP = 1.0, 5.0, 40.0
-LANES = {PLAIN: 250, LOADED: 250, SLIP: 64}
-ACCELERATED = 2**16  # lanes times steps where there is no such cache; not measured
+PLAIN, LOADED, SLIP = 1.0, 5.0, 250.0
+LANES = {PLAIN: 16, LOADED: 16, SLIP: 1}
+ACCELERATED = 2**16  # lanes times steps on an accelerator; not measured
 
 
 @dataclasses.dataclass(frozen=True)
@@ -223,14 +223,14 @@ def _kind(by_slip: bool, loaded: bool) -> float:
 
 
 def lanes_of(kind: float, steps: int) -> int:
-    """Points solved side by side: fewer where each is a long history, which is held as a whole; many on an
-    accelerator.
+    """Points solved side by side: those that stay in the caches, and one where lanes would wait for the
+    slowest at every step of the march with slip; many on an accelerator.
     """
     import jax
 
     if jax.default_backend() != "cpu":
         return max(ACCELERATED // max(steps, 1), 8)
-    return max(int(LANES[kind] / max(steps / 16, 1.0)), 8)
+    return LANES[kind]
 
 
 def task_of(file: SweepConfig) -> Task:
