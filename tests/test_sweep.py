@@ -290,7 +290,8 @@ pull = "20 N"
 
 def test_the_rules_of_a_term_hold_at_every_point(tmp_path):
     task = task_of(load_sweep(written(tmp_path, ROUGH)))
-    lanes, points = object.__new__(Lanes), task.plan.on_grid(0)
+    lanes = object.__new__(Lanes)
+    points = np.concatenate([task.plan.on_grid(block) for block in range(task.plan.blocks)])
     lanes.task = task
     found = {"result": np.zeros(len(points), np.uint8), "T_tip": np.ones(len(points))}
     lanes._refuse(points, found)
