@@ -189,8 +189,8 @@ def said(task: Task, expected: Estimate) -> str:
 
     return (
         f"{expected.points:,} points in {expected.blocks:,} blocks of at most {task.plan.largest:,}; "
-        f"{size(expected.bytes)} before compression; about {duration(expected.seconds)} on this machine "
-        f"after {duration(expected.compiling)} of compiling"
+        f"{size(expected.bytes)} before compression; estimated time on this machine: "
+        f"{duration(expected.seconds)}, after {duration(expected.compiling)} of compiling"
     )
 
 
