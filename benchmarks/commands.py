@@ -95,26 +95,23 @@ def _metrics(name: str, took: Waited, note: str, warm: float, cold: float, memor
     yield Metric(f"{name}.memory", took.memory, "GiB", target=memory)
 
 
+def _of_samples(command: str, note: str, warm: float, cold: float) -> Iterator[Metric]:
+    """A command that reads the recording."""
+    with _folder() as folder:
+        took = waited([command, *recording(folder)], folder)
+    yield from _metrics(f"{command}.{SAMPLES} samples", took, note, warm, cold, 4.0)
+
+
 def fit(quick: bool) -> Iterator[Metric]:
     """`gtr fit` of 1,000 samples."""
-    if quick:
-        return
-    with _folder() as folder:
-        took = waited(["fit", *recording(folder)], folder)
-    yield from _metrics(
-        f"fit.{SAMPLES} samples", took, "mu and E, with pose; interpreter included", 10.0, 30.0, 4.0
-    )
+    if not quick:
+        yield from _of_samples("fit", "mu and E, with pose; interpreter included", 10.0, 30.0)
 
 
 def diagnose(quick: bool) -> Iterator[Metric]:
     """`gtr diagnose` of 1,000 samples."""
-    if quick:
-        return
-    with _folder() as folder:
-        took = waited(["diagnose", *recording(folder)], folder)
-    yield from _metrics(
-        f"diagnose.{SAMPLES} samples", took, "with pose; interpreter included", 60.0, 180.0, 4.0
-    )
+    if not quick:
+        yield from _of_samples("diagnose", "with pose; interpreter included", 60.0, 180.0)
 
 
 def design(quick: bool) -> Iterator[Metric]:

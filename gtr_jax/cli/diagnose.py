@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,7 +55,7 @@ def diagnose(
     from gtr_jax.recording import read_recording
 
     from .cache import enable_cache
-    from .progress import Progress
+    from .progress import Progress, kept
     from .run_folder import RunFolder
 
     given = inputs(files)
@@ -70,7 +69,7 @@ def diagnose(
     enable_cache()
     if folder.steps.exists():
         click.echo("going on from where an earlier run of this command stopped", err=True)
-    with _kept(), Progress() as progress:
+    with kept(), Progress() as progress:
         answer = solve(
             config,
             recordings,
@@ -91,16 +90,6 @@ def diagnose(
     if experiment and answer.experiment is None:
         click.echo("next: nothing is left to be told apart")
     return 0 if answer.converged and answer.verdict != "bad-data" else 1
-
-
-@contextlib.contextmanager
-def _kept() -> Iterator[None]:
-    """Say on an interruption that nothing is lost."""
-    try:
-        yield
-    except (KeyboardInterrupt, click.Abort):
-        click.echo("what is done is kept: the same command goes on from there", err=True)
-        raise
 
 
 def solve(

@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from typing import TextIO
+
+import click
 
 PATIENCE = 2.0  # seconds before the first word
 PAUSE, REPEAT = 2.0, 10.0  # seconds between plain lines: at least, and at most while a stage lasts
+
+
+@contextlib.contextmanager
+def kept() -> Iterator[None]:
+    """Say on an interruption that what a long run has done is not lost."""
+    try:
+        yield
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("what is done is kept: the same command goes on from there", err=True)
+        raise
 
 
 class Progress:

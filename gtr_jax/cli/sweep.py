@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,7 +60,7 @@ def sweep(
     from gtr_jax.sweep.task import inputs_of
 
     from .cache import enable_cache
-    from .progress import Progress
+    from .progress import Progress, kept
     from .run_folder import RunFolder
 
     _check(output, dry_run, threads, workers, scheduler, part)
@@ -79,7 +77,7 @@ def sweep(
     assert output is not None
     folder = RunFolder(output, {"sweep": sweep, **inputs_of(file)})
     store = _store(folder, output, task)
-    with _kept(), Progress() as progress:
+    with kept(), Progress() as progress:
         progress("preparing")
         store.create()
         left = store.left()
@@ -163,16 +161,6 @@ def _compute(
     progress("starting workers")
     with local_cluster(workers) if workers else their_cluster(str(scheduler)) as client:
         return run_there(client, file, task, store, blocks, progress)
-
-
-@contextlib.contextmanager
-def _kept() -> Iterator[None]:
-    """Say on an interruption that nothing is lost."""
-    try:
-        yield
-    except (KeyboardInterrupt, click.Abort):
-        click.echo("what is done is kept: the same command goes on from there", err=True)
-        raise
 
 
 def _unfinished(store: Store, done: Done, part: str | None) -> int:

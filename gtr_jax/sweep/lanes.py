@@ -112,7 +112,7 @@ def _lane(
     within = jnp.stack([axis.allows(point[i]) for i, axis in enumerate(task.axes)])
     there = is_robot(_robot_at(task, robot, point)) & jnp.all(within)
     point = jnp.where(there, point, jnp.asarray(usual))
-    stored = {v.name for v in (*task.outputs, *task.stored)}
+    stored = {v.name for v in task.stored}
 
     def outputs(point):
         said, met = _solved(task, robot, point, solver)
