@@ -23,6 +23,7 @@ from gtr_jax.sweep.plan import Plan, _chunk, draw
 from gtr_jax.sweep.run import run_here, threads_of
 from gtr_jax.sweep.sensitivity import _on_grid, sensitivity_of
 from gtr_jax.sweep.store import Store
+from gtr_jax.sweep.validity import is_robot
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 ROBOT = """
@@ -379,6 +380,22 @@ def test_a_damaged_store_is_mended(tmp_path, capsys, monkeypatch):
     (store / "zarr.json").write_text("")
     told = run_gtr(capsys, "sweep", file, "-o", out)
     assert told.status == 2 and "is damaged; remove it" in told.err
+
+
+def test_bores_lie_inside_and_apart(tmp_path):
+    bores = """bores = [
+  { from = "0 mm", to = "20 mm", diameter = "6 mm" },
+  { from = "40 mm", to = "100 mm", diameter = "6 mm" },
+]
+[routing]"""
+    task = task_of(load_sweep(written(tmp_path, robot=ROBOT.replace("[routing]", bores))))
+    cases = {
+        (0.02, 0.006): True,
+        (0.05, 0.006): False,  # into the second bore
+        (0.02, 0.030): False,  # wider than the body
+    }
+    for (end, diameter), holds in cases.items():
+        assert bool(is_robot(task.robot.with_values(bore_0_to=end, bore_1_diameter=diameter))) is holds
 
 
 def test_several_tendons(tmp_path):

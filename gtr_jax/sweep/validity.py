@@ -23,9 +23,9 @@ def is_robot(robot: Robot) -> Bool[Array, ""]:
             w1, w2 = tendon.routing.w1, tendon.routing.w2
             holds.append((w1 >= 0) & (w1 < w2) & (w2 <= body.length * (1 + NEAR)))
     if body.bore_start.shape[0]:
-        ends = jnp.stack([body.bore_start, body.bore_end])
         inside = (body.bore_start >= 0) & (body.bore_end <= body.length * (1 + NEAR))
-        narrow = body.bore_diameter < 2 * jnp.min(body.radius(ends), axis=0)
+        slimmest = jnp.minimum(body.radius(body.bore_start), body.radius(body.bore_end))
+        narrow = body.bore_diameter < 2 * slimmest
         holds += [jnp.all(inside), jnp.all(narrow), jnp.all(body.bore_start < body.bore_end)]
         order = jnp.argsort(body.bore_start)
         apart = body.bore_start[order][1:] >= body.bore_end[order][:-1] - NEAR * body.length
