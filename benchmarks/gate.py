@@ -14,6 +14,7 @@ BASELINE = Path(__file__).parent / "baseline.json"
 
 def write_baseline(metrics: Sequence[Metric], path: Path = BASELINE) -> None:
     """Keep this run's metrics with the machine; those of groups that did not run stay as they were."""
+    machine = measure.machine()
     kept = json.loads(path.read_text())["metrics"] if path.exists() else {}
     new = {
         m.name: {
@@ -25,11 +26,11 @@ def write_baseline(metrics: Sequence[Metric], path: Path = BASELINE) -> None:
             "target": m.target,
             "cold": None if m.cold is None else float(f"{m.cold:.3g}"),
             "note": m.note,
-            "date": measure.machine()["date"],
+            "date": machine["date"],
         }
         for m in metrics
     }
-    path.write_text(json.dumps({"machine": measure.machine(), "metrics": kept | new}, indent=1) + "\n")
+    path.write_text(json.dumps({"machine": machine, "metrics": kept | new}, indent=1) + "\n")
 
 
 def worse(metrics: Sequence[Metric], path: Path = BASELINE) -> list[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import os
 import platform
 import time
 from collections.abc import Callable
@@ -14,6 +13,8 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 from scipy.integrate import solve_bvp
+
+from gtr_jax.sweep.run import cores
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -70,11 +71,6 @@ def reference_seconds(budget: float = 0.4) -> float:
         ).y
 
     return shortest(solve, budget=budget, least=5)
-
-
-def cores() -> int:
-    """Cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def machine() -> dict[str, Any]:

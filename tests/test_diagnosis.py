@@ -13,13 +13,16 @@ from command_line import run_gtr
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.diagnosis.bench import Bench, Fitted, noise_of
+from calibrate.base_tension import exact
+from calibrate.diagnosis.bench import Bench, Fitted, Noise, noise_of
 from calibrate.diagnosis.experiment import menu, weights
 from calibrate.diagnosis.hypotheses import Number, catalogue, number_of
-from calibrate.diagnosis.locate import cycles_of, ratio_of_branches, waves
+from calibrate.diagnosis.locate import cycles_of, ratio_of_branches
 from calibrate.diagnosis.memory import Memory
+from calibrate.diagnosis.patterns import pattern_in
 from calibrate.diagnosis.rig import Rig
 from calibrate.diagnosis.search import Models
+from calibrate.weighing import Weighing
 from gtr_jax.sensing import cells_show
 from gtr_jax.terms import REGISTRY
 
@@ -80,27 +83,36 @@ def test_a_law_may_be_wrong_by_a_share_of_what_it_does():
     assert probabilities({(): 1500.0, ("h1",): 1485.0})[()] > 0.5
 
 
-def test_a_residual_that_swings_is_no_noise():
-    rng, K = np.random.default_rng(3), 120
-    T = rng.uniform(0, 45, K)
-    ringing = np.convolve(
-        rng.normal(size=K + 20), 0.9 ** np.arange(20) * np.cos(1.2 * np.arange(20)), "valid"
-    )
+def test_a_regularity_is_no_noise():
+    # The noise of a recording is not known here: it may be of any size, as it is where neighbours swing.
+    rng, K, waves = np.random.default_rng(3), 120, 15
+    T = 22.5 - 22.5 * np.cos(np.linspace(0, 6 * np.pi, K)) + rng.uniform(0, 1, K)
+    tip = 0.8 * T
+    period = np.ptp(tip) / waves
+    rings = np.exp(-0.3 * np.arange(8)) * np.sin(1.2 * np.arange(8))
+    ringing = np.convolve(np.diff(tip, prepend=tip[0]), rings)[:K]
 
     def found(z):
-        part = SimpleNamespace(name="r", T_base=SimpleNamespace(T_base=T), T_tip=0.8 * T)
-        bench = SimpleNamespace(rigs=[SimpleNamespace(part=part)], by_channel=lambda rows: [rows[None]])
-        seen = SimpleNamespace(values=0.8 * T[None])
-        return waves(cast(Bench, bench), cast(Fitted, SimpleNamespace(rows=z, seen=[seen])))
+        part = SimpleNamespace(name="r", samples=K, channels=("T_tip",), T_tip=z + tip, recorded=tip[None])
+        part.T_base = SimpleNamespace(T_base=T)
+        bench = Bench([cast(Any, SimpleNamespace(part=part))], ())
+        bench.noise = [[Noise(1.0, 0.0)]]
+        bench.weighs = [Weighing.plain(exact(T), ("T_tip",), np.ones(1))]
+        rows = np.concatenate([z, np.zeros(K)])
+        slope = np.concatenate([tip, np.zeros(K)])[:, None]
+        seen = [SimpleNamespace(values=tip[None])]
+        fitted = SimpleNamespace(rows=rows, jacobian=slope, x=np.zeros(1), seen=seen)
+        return pattern_in(bench, cast(Fitted, fitted))
 
-    by_tension = found(rng.normal(size=K) + 1.6 * np.sin(2 * np.pi * 0.8 * T / 3.0))
+    by_tension = found(rng.normal(size=K) + 1.6 * np.sin(2 * np.pi * tip / period))
     assert by_tension is not None and by_tension.along in ("T_tip", "T_base")
-    period = 3.0 if by_tension.along == "T_tip" else 3.0 / 0.8
-    assert by_tension.period_N == pytest.approx(period, rel=0.1)
-    by_sample = found(2.0 * ringing[:K])
-    assert by_sample is not None and by_sample.along == "sample"
-    assert sum(found(rng.normal(size=K)) is not None for _ in range(200)) <= 1
-    assert sum(found(rng.standard_t(3, size=K)) is not None for _ in range(100)) <= 1
+    wanted = period if by_tension.along == "T_tip" else period / 0.8
+    assert by_tension.period_N == pytest.approx(wanted, rel=0.1) and 0.4 < by_tension.share < 0.7
+    by_sample = found(rng.normal(size=K) + 1.6 * ringing / np.std(ringing))
+    assert by_sample is not None and by_sample.along == "sample" and "rings" in by_sample.says
+    # Noise is none, whether it is small, large or has outliers.
+    assert sum(found(3.0 * rng.normal(size=K)) is not None for _ in range(200)) <= 1
+    assert sum(found(rng.standard_t(3, size=K)) is not None for _ in range(200)) <= 1
 
 
 def test_coordinates_of_a_number():

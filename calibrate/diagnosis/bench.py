@@ -111,8 +111,9 @@ class Follow(NamedTuple):
     right: np.ndarray
 
     def freed(self, rows: np.ndarray) -> np.ndarray:
-        """Rows of unit variance once the dimensions are allowed to follow."""
-        return rows - self.left @ ((1 - 1 / np.sqrt(1 + self.sizes**2)) * (self.left.T @ rows))
+        """Rows of unit variance, (n, ...), once the dimensions are allowed to follow."""
+        shares = 1 - 1 / np.sqrt(1 + self.sizes**2)
+        return rows - (self.left * shares) @ (self.left.T @ rows)
 
     @property
     def sd(self) -> np.ndarray:

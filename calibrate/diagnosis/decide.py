@@ -9,18 +9,23 @@ import numpy as np
 from scipy import stats
 
 from .bench import Fitted
-from .locate import Waves, misfit, waves
+from .locate import misfit
+from .patterns import Pattern, pattern_in
 from .search import HOW_MANY, Models, Screened
 
 UNSEEN = "an effect too small to see"
 ADEQUATE, MISSING, AMBIGUOUS, UNEXPLAINED = "adequate", "missing-physics", "ambiguous", "unexplained"
 # An effect is named alone above this probability; a set holds the models that together reach the second, of
 # those above the third.
-ALONE, TOGETHER, LEAST = 0.8, 0.95, 0.03
+ALONE, TOGETHER, LEAST = 0.8, 0.98, 0.03
 # Models whose predictions differ by less than this many standard errors are one to these data.
 ALIKE = 2.5
-# Structure left: significance, size in standard deviations of the noise, and share of the base model's.
-LEFT_Z, LEFT_SIZE, LEFT_SHARE = 6.0, 0.35, 0.42
+# Structure left by the base model: significance, and size in standard deviations of the noise.
+LEFT_Z, LEFT_SIZE = 6.0, 0.35
+# The same where an effect was found that leaves more than this share of the base model's size.
+STAYS_Z, STAYS_SIZE, STAYS_SHARE = 2.2, 0.3, 0.55
+# Share of what several effects explain from which one of them may be all there is: laws are not exact.
+NEARLY_ALL = 0.95
 # Size beyond which it is no noise even where neighbours do not go together, as in ringing.
 MUCH = 1.35
 # Below this probability of anything missing nothing is claimed.
@@ -39,7 +44,7 @@ class Decision:
             see.
         left: structure the chosen model leaves: size in standard deviations of the noise, and significance.
         base_left: the same of the base model.
-        waves: how the residual swings, where the base model is shown; None unless it does.
+        pattern: a regularity in what the chosen model leaves that no noise has; None unless there is one.
     """
 
     verdict: str
@@ -48,7 +53,7 @@ class Decision:
     probability: dict[tuple[str, ...], float]
     left: tuple[float, float]
     base_left: tuple[float, float]
-    waves: Waves | None = None
+    pattern: Pattern | None = None
 
 
 def with_unseen(decision: Decision, models: Models, screened: Sequence[Screened]) -> Decision:
@@ -79,11 +84,17 @@ def decide(models: Models) -> Decision:
     base_left, left = misfit(models.bench, base), misfit(models.bench, best)
     nothing = probability[()]
     if not best.names or 1 - nothing < CLAIMED:
-        swings = None if structured(base_left) else waves(models.bench, base)
-        verdict = UNEXPLAINED if structured(base_left) or swings else ADEQUATE
-        return Decision(verdict, base, [], probability, base_left, base_left, swings)
-    if structured(left) and left[0] > LEFT_SHARE * base_left[0]:
-        return Decision(UNEXPLAINED, best, [], probability, left, base_left)
+        pattern = pattern_in(models.bench, base)
+        verdict = UNEXPLAINED if structured(base_left) or pattern else ADEQUATE
+        return Decision(verdict, base, [], probability, base_left, base_left, pattern)
+    if left[0] > STAYS_SHARE * base_left[0]:
+        pattern = pattern_in(models.bench, best)
+        if pattern or structured(left, STAYS_Z, STAYS_SIZE):
+            return Decision(UNEXPLAINED, best, [], probability, left, base_left, pattern)
+
+    def kinds(names: tuple[str, ...]) -> frozenset[str]:
+        return frozenset(models.of[name].kind for name in names)
+
     confusion, total = [], 0.0
     for f in ranked:
         if not f.names:
@@ -93,12 +104,20 @@ def decide(models: Models) -> Decision:
         if (total < TOGETHER and not larger and probability[f.names] > LEAST) or alike:
             confusion.append(f.names)
         total += probability[f.names]
-    # A model with more effects that holds the best speaks for the best as well.
-    holds = sum(p for names, p in probability.items() if set(best.names) <= set(names))
-    alone = holds >= ALONE and len(confusion) == 1
+    confusion += [f.names for f in ranked if f.names not in confusion and _nearly(f, best, base)]
+    # A model with more effects that holds the best speaks for the best as well; variants of a term are one.
+    holds = sum(p for names, p in probability.items() if kinds(best.names) <= kinds(names))
+    alone = holds >= ALONE and len({kinds(names) for names in confusion}) == 1
     return Decision(MISSING if alone else AMBIGUOUS, best, confusion, probability, left, base_left)
 
 
-def structured(left: tuple[float, float]) -> bool:
+def _nearly(fitted: Fitted, best: Fitted, base: Fitted) -> bool:
+    """Whether some of the effects of the best model explain nearly all that it does."""
+    if not fitted.names or not set(fitted.names) < set(best.names):
+        return False
+    return base.chi2 - fitted.chi2 > NEARLY_ALL * (base.chi2 - best.chi2)
+
+
+def structured(left: tuple[float, float], z: float = LEFT_Z, size: float = LEFT_SIZE) -> bool:
     """Whether what is left, by size and significance, or by size alone, is more than noise."""
-    return (left[1] > LEFT_Z and left[0] > LEFT_SIZE) or left[0] > MUCH
+    return (left[1] > z and left[0] > size) or left[0] > MUCH

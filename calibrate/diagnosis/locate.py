@@ -4,26 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from typing import NamedTuple
 
 import numpy as np
-from scipy import signal, stats
 
 from gtr_jax.phases import PULLING, RELEASING, TRANSITION, phases_of_slip
 
 from ..base_tension import turning_points
 from ..coordinates import CHANNEL_UNITS, CHANNELS
-from ..noise import MAD_TO_SD, resolution
 from .bench import Bench, Fitted
 
 PHASES = (PULLING, TRANSITION, RELEASING)
 FEWEST, SEEN = 4, 3.5
-# Chance below which a swinging residual is no noise, from sample to sample and with a tension (on 70 sound
-# recordings of the blind benchmark the least were 3e-6 and 5e-4), and the share of it that has to swing: in
-# long recordings the least that noise is not what it is taken for is significant.
-SWINGS, PERIODIC, SWING_SHARE = 1e-7, 5e-5, 0.3
-# Lags; samples, and waves over the range of a tension, below which nothing is said; frequencies by a peak.
-LAGS, FEWEST_WAVES, FEWEST_WAVES_ALONG, BESIDE = (3, 12), 40, 4, 25
 # Single readings count for their size up to so many standard deviations, unless one in fifty is beyond.
 LONE, RARE = 4.0, 0.98
 MOST = 6
@@ -170,86 +161,6 @@ def misfit(bench: Bench, fitted: Fitted) -> tuple[float, float]:
     free = len(fitted.x)
     excess = np.sqrt(max(energy / max(count - free, 1) - 1, 0.0))
     return float(excess), float((squares - blocks + min(free, blocks // 2)) / np.sqrt(2 * blocks))
-
-
-def waves(bench: Bench, fitted: Fitted) -> Waves | None:
-    """Whether what a fit leaves of T_tip swings: with the tip's tension or the base's, as a cell does whose
-    gain waves, or from sample to sample, as an amplifier does that rings. Differences of neighbours, from
-    which the noise is taken, do not tell such swings from noise. None where there are none.
-    """
-    best: Waves | None = None
-    for k, rig in enumerate(bench.rigs):
-        z, step = bench.by_channel(fitted.rows)[k][0], resolution(rig.part.T_tip)
-        rough = MAD_TO_SD * float(np.median(np.abs(z - np.median(z))))
-        if len(z) < FEWEST_WAVES or rough == 0:
-            continue
-        z = np.clip(z - np.median(z), -3 * rough, 3 * rough)
-        found = [Waves(rig.part.name, "sample", *_swinging(z), float("nan"))]
-        for name, along in (("T_tip", fitted.seen[k].values[0]), ("T_base", rig.part.T_base.T_base)):
-            found.append(Waves(rig.part.name, name, *_periodic(z, along, step)))
-        for one in found:
-            allowed = SWINGS if one.along == "sample" else PERIODIC
-            counts = one.chance < allowed / len(bench.rigs) and one.share > SWING_SHARE
-            if counts and (best is None or one.chance < best.chance):
-                best = one
-    return best
-
-
-class Waves(NamedTuple):
-    """A residual of T_tip that swings: recording, along what, how probable that is by chance, the share of
-    its energy that swings, and the period [N].
-    """
-
-    recording: str
-    along: str
-    chance: float
-    share: float
-    period_N: float
-
-    @property
-    def says(self) -> str:
-        """In words."""
-        if self.along == "sample":
-            return "what is left of T_tip swings from sample to sample"
-        return f"what is left of T_tip swings with {self.along}, with a period of {self.period_N:.2g} N"
-
-
-def _swinging(z: np.ndarray) -> tuple[float, float]:
-    """Chance that white noise is as like itself some samples later (Ljung and Box), the next two left out;
-    and how unlike itself it is where it is most so, or 1.2 times how like itself later on if that is less:
-    memory, of a filter or a slow misfit, does not come back.
-    """
-    n, z = len(z), z - z.mean()
-    lags = np.arange(LAGS[0], LAGS[1] + 1)
-    likeness = np.asarray([float(np.sum(z[lag:] * z[:-lag])) for lag in lags]) / float(np.sum(z**2))
-    chance = stats.chi2.sf(n * (n + 2) * np.sum(likeness**2 / (n - lags)), len(lags))
-    lowest = int(np.argmin(likeness))
-    back = float(np.max(likeness[lowest + 1 :], initial=0.0))
-    return float(chance), max(0.0, min(-float(likeness[lowest]), 1.2 * back))
-
-
-def _periodic(z: np.ndarray, along: np.ndarray, step: float) -> tuple[float, float, float]:
-    """Chance that the highest peak of noise's periodogram stands out as far from those beside it, its share
-    of the energy, and its period, in the unit of `along`; periods of a fourth of the range and shorter, and
-    of more than four steps of the readings.
-    """
-    span, n = float(np.ptp(along)), len(z)
-    u = (along - along.min()) / span if span > 0 else np.zeros(n)
-    highest = min(n / 4, 0.5 * len(np.unique(np.round(u, 3))), span / (4 * step) if step > 0 else np.inf)
-    if highest < 2 * FEWEST_WAVES_ALONG:
-        return 1.0, 0.0, float("nan")
-    # What is slow would come back at the frequencies at which equal ramps are sampled.
-    angles = 2 * np.pi * u[:, None] * np.arange(0.5, FEWEST_WAVES_ALONG, 0.5)
-    slow = np.concatenate([np.ones((n, 1)), np.cos(angles), np.sin(angles)], axis=1)
-    z = z - slow @ np.linalg.lstsq(slow, z, rcond=None)[0]
-    frequency = np.arange(FEWEST_WAVES_ALONG, highest, 0.5)
-    power = signal.lombscargle(u, z, 2 * np.pi * frequency)
-    beside = [np.median(power[max(0, i - BESIDE) : i + BESIDE + 1]) for i in range(len(power))]
-    ratio = power / np.maximum(np.asarray(beside) / np.log(2), 1e-300)
-    k = int(np.argmax(ratio))
-    # Twice as many frequencies as are independent.
-    chance = min(1.0, 0.6 * len(frequency) * np.exp(-ratio[k]))
-    return float(chance), float(2 * power[k] / np.sum(z**2)), span / float(frequency[k])
 
 
 def ratio_of_branches(T_base: np.ndarray, T_tip: np.ndarray, phases: np.ndarray, bins: int = 14):

@@ -17,7 +17,8 @@ from ..task import Part
 from .bench import Bench, Fitted
 from .decide import ADEQUATE, AMBIGUOUS, MISSING, UNEXPLAINED, Decision
 from .experiment import Experiment
-from .locate import Waves, Where
+from .locate import Where
+from .patterns import Pattern
 from .search import Models, Screened
 
 BAD_DATA = "bad-data"
@@ -117,7 +118,7 @@ class Diagnosis:
         noise_N: of T_tip, the base cell's carried on to it; what a residual should be.
         left, base_left: structure left by the model shown, and by the base model: size in standard deviations
             of the noise, and significance.
-        waves: how the residual of the base model swings, where that is all that is wrong with it; else None.
+        pattern: a regularity in what the model shown leaves of T_tip that no noise has, or None.
         rivals: models refitted, the most probable first.
         strata: friction coefficient from parts of the samples: label, value, standard error.
         smallest_detectable: smallest size of each effect that these recordings would have shown, SI.
@@ -143,7 +144,7 @@ class Diagnosis:
     noise_N: float
     left: tuple[float, float]
     base_left: tuple[float, float]
-    waves: Waves | None
+    pattern: Pattern | None
     rivals: list[Rival]
     strata: list[tuple[str, float, float]]
     smallest_detectable: dict[str, float]
@@ -233,7 +234,7 @@ class Diagnosis:
             noise,
             decision.left,
             decision.base_left,
-            decision.waves,
+            decision.pattern,
             rivals,
             strata,
             {s.hypothesis.numbers[0].name: float(s.smallest) for s in screened if np.isfinite(s.smallest)},
@@ -265,13 +266,13 @@ class Diagnosis:
                 "after": {"noise_sd": self.left[0], "z": self.left[1]},
             },
         }
-        if self.waves is not None:
-            fit["swings"] = {
-                "recording": self.waves.recording,
-                "along": self.waves.along,
-                "period_N": self.waves.period_N,
-                "by_chance": self.waves.chance,
-                "share": self.waves.share,
+        if self.pattern is not None:
+            fit["pattern"] = {
+                "recording": self.pattern.recording,
+                "along": self.pattern.along,
+                "period_N": self.pattern.period_N,
+                "by_chance": self.pattern.chance,
+                "share": self.pattern.share,
             }
         if held:
             fit["held_out_rms_N"] = {"before": held[0]["rms_N"], "after": held[-1]["rms_N"]}
@@ -363,22 +364,19 @@ def sentence(d: Diagnosis, chosen: Names) -> str:
             f"noise of {d.noise_N:.2g} N."
         )
     if d.verdict == UNEXPLAINED:
-        at = f" Most of it: {d.where[0].says}." if d.where else ""
-        if d.waves is not None:
-            return (
-                f"Something is missing that no term of the catalogue explains: {d.waves.says} (by chance: "
-                f"{d.waves.chance:.1g}), {100 * d.waves.share:.0f} % of it."
-            )
         nearest = ""
         if chosen:
             nearest = (
                 f" The nearest, {' with '.join(chosen)}, leaves structure of {d.left[0]:.2g} standard "
                 f"deviations of the noise.{better}"
             )
-        return (
-            f"Something is missing that no term of the catalogue explains: the fit is off by "
-            f"{d.rms_N[0]:.2g} N where the noise is {d.noise_N:.2g} N.{at}{nearest}"
-        )
+        what = "Something is missing that no term of the catalogue explains:"
+        if d.pattern is not None:
+            by_chance = f"by chance: {max(d.pattern.chance, 1e-99):.1g}"
+            return f"{what} {d.pattern.says} ({by_chance}), {100 * d.pattern.share:.0f} % of it.{nearest}"
+        at = f" Most of it: {d.where[0].says}." if d.where else ""
+        off = f"the fit is off by {d.rms_N[0]:.2g} N where the noise is {d.noise_N:.2g} N"
+        return f"{what} {off}.{at}{nearest}"
     mu = next((c for c in d.parameters if c.name == "mu"), None)
     moved = f" Friction goes from {mu.before:.3g} to {mu.after:.3g}." if mu and mu.before and mu.after else ""
     if d.verdict == AMBIGUOUS:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -63,7 +63,8 @@ def sweep(
     from .progress import Progress, kept
     from .run_folder import RunFolder
 
-    _check(output, dry_run, threads, workers, scheduler, part)
+    how = How(threads, workers, scheduler, None if part is None else _numbers(part))
+    _check(how, output, dry_run)
     file = load_sweep(sweep)
     enable_cache()
     task = task_of(file)
@@ -72,7 +73,7 @@ def sweep(
 
         with Progress() as progress:
             progress("compiling and timing a block")
-            click.echo(said(task, estimate(task, threads or 0)))
+            click.echo(said(task, estimate(task, how.threads or 0)))
         return 0
     assert output is not None
     folder = RunFolder(output, {"sweep": sweep, **inputs_of(file)})
@@ -83,26 +84,35 @@ def sweep(
         left = store.left()
         if left and len(left) < task.plan.blocks:
             click.echo(f"going on: {task.plan.blocks - len(left)} blocks are there already", err=True)
-        done = _compute(task, store, _of_part(left, part), sweep, threads, workers, scheduler, progress)
+        done = _compute(task, store, how.own(left), sweep, how, progress)
         for block, fault in done.lost[:3]:
             click.echo(f"error: block {block} was not computed: {fault}", err=True)
-        if done.lost or part is not None:
-            return _unfinished(store, done, part)
+        if done.lost or how.part is not None:
+            return _unfinished(store, done, how)
         return _finish(folder, output, task, store, done, plot, progress)
 
 
-def _check(
-    output: Path | None,
-    dry_run: bool,
-    threads: int | None,
-    workers: int | None,
-    scheduler: str | None,
-    part: str | None,
-) -> None:
+class How(NamedTuple):
+    """By what a sweep is computed: threads, workers or a scheduler's; and which of how many parts."""
+
+    threads: int | None
+    workers: int | None
+    scheduler: str | None
+    part: tuple[int, int] | None
+
+    def own(self, blocks: list[int]) -> list[int]:
+        """Those of some blocks that are of this part."""
+        if self.part is None:
+            return blocks
+        i, n = self.part
+        return [block for block in blocks if block % n == i - 1]
+
+
+def _check(how: How, output: Path | None, dry_run: bool) -> None:
     """Refuse options that do not go together."""
     if output is None and not dry_run:
         raise InputError("-o: missing; name the folder to write, for example -o out, or ask for --dry-run")
-    ways = {"--threads": threads, "--workers": workers, "--scheduler": scheduler}
+    ways = {"--threads": how.threads, "--workers": how.workers, "--scheduler": how.scheduler}
     given = [name for name, value in ways.items() if value is not None]
     if len(given) > 1:
         raise InputError(f"{given[1]}: has no effect with {given[0]}; leave one of the two out")
@@ -110,12 +120,10 @@ def _check(
         value = ways[name]
         if isinstance(value, int) and value < 1:
             raise InputError(f"{name}: must be 1 or more, is {value}; 2 for example")
-    if part is not None and (len(given) > 0 and given[0] != "--threads"):
+    if how.part is not None and given and given[0] != "--threads":
         raise InputError(f"--part: has no effect with {given[0]}; leave one of the two out")
-    if dry_run and (part or workers or scheduler):
+    if dry_run and (how.part or how.workers or how.scheduler):
         raise InputError("--dry-run: times this process alone; leave --part, --workers and --scheduler out")
-    if part is not None:
-        _numbers(part)
 
 
 def _numbers(part: str) -> tuple[int, int]:
@@ -123,13 +131,6 @@ def _numbers(part: str) -> tuple[int, int]:
     if match is None or not 1 <= int(match[1]) <= int(match[2]):
         raise InputError(f"--part: expected I/N with I from 1 to N, for example 3/16, found '{part}'")
     return int(match[1]), int(match[2])
-
-
-def _of_part(blocks: list[int], part: str | None) -> list[int]:
-    if part is None:
-        return blocks
-    i, n = _numbers(part)
-    return [block for block in blocks if block % n == i - 1]
 
 
 def _store(folder: RunFolder, output: Path, task: Task) -> Store:
@@ -147,26 +148,24 @@ def _compute(
     store: Store,
     blocks: list[int],
     file: Path,
-    threads: int | None,
-    workers: int | None,
-    scheduler: str | None,
+    how: How,
     progress: Any,
 ) -> Done:
-    if workers is None and scheduler is None:
+    if how.workers is None and how.scheduler is None:
         from gtr_jax.sweep.run import run_here
 
-        return run_here(task, store, blocks, progress, threads or 0)
+        return run_here(task, store, blocks, progress, how.threads or 0)
     from gtr_jax.sweep.cluster import local_cluster, run_there, their_cluster
 
     progress("starting workers")
-    with local_cluster(workers) if workers else their_cluster(str(scheduler)) as client:
+    with local_cluster(how.workers) if how.workers else their_cluster(str(how.scheduler)) as client:
         return run_there(client, file, task, store, blocks, progress)
 
 
-def _unfinished(store: Store, done: Done, part: str | None) -> int:
+def _unfinished(store: Store, done: Done, how: How) -> int:
     left = len(store.left())
     rest = f"{left} blocks are left" if left else "every block is there"
-    again = "run the command again" if part is None else "run the command without --part to finish"
+    again = "run the command again" if how.part is None else "run the command without --part to finish"
     click.echo(f"{done.points:,} points computed; {rest}: {again}")
     return 1 if done.lost else 0
 

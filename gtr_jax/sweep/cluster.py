@@ -17,7 +17,7 @@ from gtr_jax.errors import InputError
 
 from .config import load_sweep
 from .lanes import Lanes
-from .run import Done, Meter, Report, in_turn
+from .run import Done, Meter, Report, in_turn, solve_block
 from .store import Store
 from .task import Task, task_of
 
@@ -151,10 +151,7 @@ def run_there(
 
 def compute(file: str, store: str, fingerprint: str, block: int) -> int:
     """One block, in a worker; the number of its points."""
-    there, lanes = _prepared(file, store, fingerprint)
-    points = there.points(block)
-    there.write(block, lanes.solve(points))
-    return len(points)
+    return solve_block(*_prepared(file, store, fingerprint), block)
 
 
 @functools.lru_cache(maxsize=2)

@@ -12,7 +12,8 @@ from jaxtyping import Array
 from gtr_jax.equilibrium import Equilibrium
 from gtr_jax.errors import did_you_mean
 from gtr_jax.history import Simulation
-from gtr_jax.robot import Robot
+from gtr_jax.mesh import cumulative
+from gtr_jax.robot import Robot, lay_out
 from gtr_jax.sensing import cells_show
 
 from .config import SweepConfig
@@ -157,9 +158,6 @@ def along(robot: Robot, run: Simulation, kept: Sequence[int], shapes: bool) -> d
 
 def midline(robot: Robot, phi: Array) -> tuple[Array, Array]:
     """Position of the nodes [m], (N,) each, from the angle of the midline."""
-    from gtr_jax.mesh import cumulative
-    from gtr_jax.robot import lay_out
-
     weights = lay_out(robot).mesh.weights
     return cumulative(weights, jnp.cos(phi)), cumulative(weights, jnp.sin(phi))
 

@@ -66,17 +66,12 @@ def run_here(task: Task, store: Store, blocks: Sequence[int], progress: Report, 
     lanes = Lanes(task)
     compiled = time.monotonic()
 
-    def compute(block: int) -> int:
-        points = store.points(block)
-        store.write(block, lanes.solve(points))
-        return len(points)
-
     count = threads_of(task, threads)
     done = 0
     meter = Meter(task, blocks, progress)
     with ThreadPoolExecutor(count) as pool:
         try:
-            submit = functools.partial(pool.submit, compute)
+            submit = functools.partial(pool.submit, solve_block, store, lanes)
             for finished in in_turn(blocks, submit, _first_done, count * (1 + AHEAD)):
                 done += finished.result()
                 meter(done)
@@ -84,6 +79,13 @@ def run_here(task: Task, store: Store, blocks: Sequence[int], progress: Report, 
             pool.shutdown(cancel_futures=True)
             raise
     return Done(done, time.monotonic() - compiled, compiled - began)
+
+
+def solve_block(store: Store, lanes: Lanes, block: int) -> int:
+    """Compute and store one block; the number of its points."""
+    points = store.points(block)
+    store.write(block, lanes.solve(points))
+    return len(points)
 
 
 def _first_done(pending: set[Future]) -> set[Future]:

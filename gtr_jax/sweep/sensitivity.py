@@ -91,6 +91,7 @@ def sensitivity_of(task: Task, store: Store) -> Sensitivity:
         return Sensitivity(f"Not computed for more than {MOST:,} points.", {})
     wanted = [v for v in task.outputs if NODE not in v.dims]
     found: dict[str, dict[str, Index]] = {}
+    points: np.ndarray | None = None
     says = _METHODS["grid" if plan.gridded else kind if kind in ("saltelli", "morris") else "drawn"]
     for v in wanted:
         values = np.asarray(store.array(v.name)[...])
@@ -103,12 +104,11 @@ def sensitivity_of(task: Task, store: Store) -> Sensitivity:
             if not known.all():
                 missing = int(np.sum(~known))
                 return Sensitivity(f"Not computed: {missing:,} points have no numbers.", {})
-            found[v.name] = (
-                _on_grid(values, task.axes) if plan.gridded else _by_salib(kind, values, task, task.axes)
-            )
+            found[v.name] = _on_grid(values, task.axes) if plan.gridded else _by_salib(kind, values, task)
         elif known.sum() >= FEWEST:
-            points = np.stack([np.asarray(store.array(a.name)[...])[known] for a in task.axes], axis=1)
-            found[v.name] = _given(points, values[known], task.axes)
+            if points is None:
+                points = np.stack([np.asarray(store.array(axis.name)[...]) for axis in task.axes], axis=1)
+            found[v.name] = _given(points[known], values[known], task.axes)
     if not found:
         return Sensitivity("No output varies, or too few points have numbers.", {})
     return Sensitivity(says, found)
@@ -125,9 +125,10 @@ def _on_grid(values: np.ndarray, axes: tuple[Axis, ...]) -> dict[str, Index]:
     return found
 
 
-def _by_salib(kind: str, values: np.ndarray, task: Task, axes: tuple[Axis, ...]) -> dict[str, Index]:
+def _by_salib(kind: str, values: np.ndarray, task: Task) -> dict[str, Index]:
     from SALib.analyze import morris, sobol
 
+    axes = task.axes
     problem = sensitivity_problem([axis.name for axis in axes])
     seed, count = task.file.seed, task.file.count or 0
     if kind == "saltelli":

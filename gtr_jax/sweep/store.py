@@ -15,6 +15,7 @@ import numpy as np
 
 from gtr_jax.errors import InputError
 
+from .lanes import base_tension
 from .outputs import BASE, RESULT, STEP, of_tendons
 from .plan import POINT, draw
 from .task import Task, settings_of
@@ -26,7 +27,12 @@ if TYPE_CHECKING:
 STORE = "sweep.zarr"
 PART = ".part"
 NOT_COMPUTED = 255
-MEANINGS = "converged not_converged not_finite no_such_robot not_computed"
+NUMBERS: dict[str, Any] = {"dtype": "float64", "fill_value": np.nan}
+RESULTS: dict[str, Any] = {"dtype": "uint8", "fill_value": NOT_COMPUTED}
+FLAGS = {
+    "flag_values": [0, 1, 2, 3, NOT_COMPUTED],
+    "flag_meanings": "converged not_converged not_finite no_such_robot not_computed",
+}
 
 
 class Store:
@@ -103,46 +109,26 @@ class Store:
         extra = {"coordinates": " ".join(axis.name for axis in task.axes)} if not plan.gridded else {}
         group.attrs.update(settings_of(task) | extra)
         if plan.gridded:
-            for axis, n in zip(task.axes, plan.shape, strict=True):
-                self._coordinate(
-                    group, axis.name, np.asarray(axis.values), (axis.name,), (n,), axis.parameter
-                )
+            for axis in task.axes:
+                said = _described(axis.parameter.key, axis.parameter.unit)
+                _put(group, axis.name, np.asarray(axis.values), (axis.name,), said)
         else:
             self._points(group)
         steps = task.history.kept
         if len(steps) > 1:
-            self._coordinate(group, STEP, np.asarray(steps), (STEP,), (len(steps),), None)
+            _put(group, STEP, np.asarray(steps), (STEP,), _described("load step", ""))
         self._base(group)
         for v in task.stored:
-            shape = (*plan.shape, *task.extra_shape(v))
+            extra = task.extra_shape(v)
             group.create_array(
                 v.name,
-                shape=shape,
-                chunks=(*plan.chunk, *task.extra_shape(v)),
-                dtype="uint8" if v is RESULT else "float64",
-                fill_value=NOT_COMPUTED if v is RESULT else np.nan,
+                shape=(*plan.shape, *extra),
+                chunks=(*plan.chunk, *extra),
                 dimension_names=(*plan.dims, *task.extra_dims(v)),
-                attributes=_described(v.says, v.unit)
-                | (
-                    {"flag_values": [0, 1, 2, 3, NOT_COMPUTED], "flag_meanings": MEANINGS}
-                    if v is RESULT
-                    else {}
-                ),
                 config={"write_empty_chunks": True},
+                **(RESULTS if v is RESULT else NUMBERS),
+                attributes=_described(v.says, v.unit) | (FLAGS if v is RESULT else {}),
             )
-
-    def _coordinate(self, group, name, values, dims, chunks, parameter) -> Any:
-        says = "load step" if parameter is None else parameter.key
-        array = group.create_array(
-            name,
-            shape=values.shape,
-            chunks=chunks,
-            dtype=values.dtype,
-            dimension_names=dims,
-            attributes=_described(says, parameter.unit if parameter else ""),
-        )
-        array[...] = values
-        return array
 
     def _points(self, group) -> None:
         """The points, as coordinates along them."""
@@ -152,10 +138,9 @@ class Store:
                 axis.name,
                 shape=plan.shape,
                 chunks=plan.chunk,
-                dtype="float64",
-                fill_value=np.nan,
                 dimension_names=(POINT,),
                 attributes=_described(axis.parameter.key, axis.parameter.unit),
+                **NUMBERS,
             )
             for axis in task.axes
         ]
@@ -172,24 +157,13 @@ class Store:
         task, path = self.task, self.task.history
         if task.base_varies:
             return
-        from .lanes import base_tension
-
         names = task.robot.tendon_names
         T = np.asarray(base_tension(task, task.robot, {}))[list(path.kept)]
         for i, v in enumerate(of_tendons(BASE, names)):
             own = T[:, i] if names else T
             values = own if len(path.kept) > 1 else own[0]
             dims = (STEP,) if len(path.kept) > 1 else ()
-            array = group.create_array(
-                v.name,
-                shape=values.shape,
-                chunks=values.shape,
-                dtype="float64",
-                fill_value=np.nan,
-                dimension_names=dims,
-                attributes=_described(v.says, v.unit),
-            )
-            array[...] = values
+            _put(group, v.name, values, dims, _described(v.says, v.unit))
         known = group.attrs.get("coordinates", "")
         names = " ".join(v.name for v in of_tendons(BASE, names))
         group.attrs["coordinates"] = f"{known} {names}".strip()
@@ -258,6 +232,21 @@ def _by_chunks(pieces: Iterator[np.ndarray], chunk: int) -> Iterator[tuple[slice
             held, start, have = [whole[upto:]], start + upto, have - upto
     if have:
         yield slice(start, start + have), np.concatenate(held)
+
+
+def _put(
+    group: zarr.Group, name: str, values: np.ndarray, dims: tuple[str, ...], says: dict[str, Any]
+) -> None:
+    """Write a whole array in one chunk."""
+    array = group.create_array(
+        name,
+        shape=values.shape,
+        chunks=values.shape,
+        dtype=values.dtype,
+        dimension_names=dims,
+        attributes=says,
+    )
+    array[...] = values
 
 
 def _described(says: str, unit: str) -> dict[str, str]:

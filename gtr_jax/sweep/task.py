@@ -127,7 +127,7 @@ class Task:
     @property
     def kind(self) -> float:
         """Which of PLAIN, LOADED and SLIP a load step is."""
-        return _kind(self.by_slip, self.robot.loaded)
+        return SLIP if self.by_slip else LOADED if self.robot.loaded else PLAIN
 
     @property
     def lanes(self) -> int:
@@ -218,10 +218,6 @@ def _size(variable: Variable) -> int:
     return 1 if variable is RESULT else 8
 
 
-def _kind(by_slip: bool, loaded: bool) -> float:
-    return SLIP if by_slip else LOADED if loaded else PLAIN
-
-
 def lanes_of(kind: float, steps: int) -> int:
     """Points solved side by side: those that stay in the caches, and one where lanes would wait for the
     slowest at every step of the march with slip; many on an accelerator.
@@ -258,9 +254,8 @@ def task_of(file: SweepConfig) -> Task:
     rows = None if table is None else len(table)
     whole = plan_of(file, axes, rows, 1)
     task = Task(file, config, robot, whole, history, outputs, slopes, by_slip, table)
-    kind = _kind(by_slip, robot.loaded)
-    weight = kind * max(history.steps, 1) * (1 + len(axes) * bool(slopes))
-    block = block_size(whole.points, weight, task.bytes_each, lanes_of(kind, history.steps))
+    weight = task.kind * max(history.steps, 1) * (1 + len(axes) * bool(slopes))
+    block = block_size(whole.points, weight, task.bytes_each, lanes_of(task.kind, history.steps))
     return dataclasses.replace(task, plan=plan_of(file, axes, rows, block))
 
 
