@@ -1,9 +1,9 @@
 """Regularities in what a fit leaves of T_tip that no noise has, of causes that the catalogue does not hold.
 
 Noise is taken from the differences of neighbouring readings, and so are swings from sample to sample and
-waves over a tension. These tests take it from what is left beside the pattern
-instead: each pattern is a few rows that are fitted beside the model's own numbers, the base tension and the
-uncertain dimensions, and what they explain is held against the rest (an F test).
+waves over a tension. These tests take it from what is left beside the pattern instead: each pattern is a few
+rows that are fitted beside the model's own numbers, the base tension and the uncertain dimensions, and what
+they explain is held against the rest (an F test).
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ SAMPLE = "sample"
 CHANCE, SHARE = 1e-5, 0.3
 # Residuals count up to so many standard deviations.
 MOST = 3.0
-# Changes of the tip that a reading may follow; waves over the range of a tension at least, by so many.
-LAGS, FEWEST_WAVES, STEP = 8, 2.0, 0.25
+# Changes of the tip that a reading may follow; waves over the range of a tension, from and to, by so many.
+LAGS, FEWEST_WAVES, MOST_WAVES, STEP = 8, 2.0, 60.0, 0.25
 # Rows that the fit's own numbers explain but for this share say nothing.
 OWN = 0.05
 # Samples for each number of a pattern.
@@ -33,8 +33,8 @@ EACH = 5
 
 
 class Pattern(NamedTuple):
-    """A regularity: recording; along what, "sample", "T_tip" or "T_base"; how probable it is by
-    chance; the share of the residual that it explains; and the period of waves [N], else NaN.
+    """A regularity: recording; along what, "sample", "T_tip" or "T_base"; how probable it is by chance;
+    the share of the residual that it explains; and the period of waves [N], else NaN.
     """
 
     recording: str
@@ -95,7 +95,7 @@ class _Test:
         """The best of several patterns, (m, K) each, of T_tip [N], its chance that of all of them."""
         part = self.bench.rigs[self.k].part
         best = Pattern(part.name, name, 1.0, 0.0)
-        if not len(patterns):
+        if not patterns or self.total == 0:
             return best
         changes = [np.zeros((*rig.part.recorded.shape, sum(map(len, patterns)))) for rig in self.bench.rigs]
         changes[self.k][0] = np.concatenate(patterns).T
@@ -133,15 +133,16 @@ def _lagged(tip: np.ndarray) -> np.ndarray:
     return np.stack([np.concatenate([np.zeros(lag), change[: len(change) - lag]]) for lag in range(LAGS)])
 
 
-def _waves(along: np.ndarray, step: float) -> tuple[np.ndarray, list[np.ndarray]]:
+def _waves(along: np.ndarray, step: float) -> tuple[list[float], list[np.ndarray]]:
     """Periods [N] of waves over a tension that its samples, and readings of such steps, can show, and the
     cosine and sine of each.
     """
     span, K = float(np.ptp(along)), len(along)
     if span <= 0:
-        return np.zeros(0), []
+        return [], []
     u = (along - along.min()) / span
-    most = min(K / EACH, 0.5 * len(np.unique(np.round(u, 3))), span / (4 * step) if step > 0 else np.inf)
+    levels = 0.5 * len(np.unique(np.round(u, 3)))
+    most = min(K / EACH, levels, span / (4 * step) if step > 0 else np.inf, MOST_WAVES)
     number = np.arange(FEWEST_WAVES, most, STEP)
     angles = 2 * np.pi * number[:, None] * u
-    return span / number, list(np.stack([np.cos(angles), np.sin(angles)], axis=1))
+    return (span / number).tolist(), list(np.stack([np.cos(angles), np.sin(angles)], axis=1))
