@@ -28,8 +28,9 @@ STAYS_Z, STAYS_SIZE, STAYS_SHARE = 2.2, 0.3, 0.55
 NEARLY_ALL = 0.95
 # Size beyond which it is no noise even where neighbours do not go together, as in ringing.
 MUCH = 1.35
-# Below this probability of anything missing nothing is claimed.
-CLAIMED = 0.9
+# Below this probability of anything missing, and below this drop of the sum of squares, nothing is claimed:
+# what the mesh and the derivatives by uncertain dimensions leave out may be as large.
+CLAIMED, LEAST_DROP = 0.97, 30.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,7 +84,7 @@ def decide(models: Models) -> Decision:
     best, base = ranked[0], models.base
     base_left, left = misfit(models.bench, base), misfit(models.bench, best)
     nothing = probability[()]
-    if not best.names or 1 - nothing < CLAIMED:
+    if not best.names or 1 - nothing < CLAIMED or base.cost - best.cost < LEAST_DROP:
         pattern = pattern_in(models.bench, base)
         verdict = UNEXPLAINED if structured(base_left) or pattern else ADEQUATE
         return Decision(verdict, base, [], probability, base_left, base_left, pattern)
