@@ -15,11 +15,11 @@ from calibrate.diagnosis.bench import Bench, Fitted, Noise
 from calibrate.diagnosis.diagnose import deviations_of, dimensions_of, hypotheses_of
 from calibrate.diagnosis.hypotheses import base_numbers
 from calibrate.diagnosis.rig import Rig
-from calibrate.diagnosis.search import MU_STARTS, STARTS_EACH, refit_best, screen
+from calibrate.diagnosis.search import STARTS_EACH, refit_best, screen
 from calibrate.fit import part_of
 
-# Rivals refitted to find the nearest.
-NEAREST = 6
+# Rivals refitted to find the nearest, and friction coefficients to refit the base model from.
+NEAREST, OTHERS = 6, (0.1, 0.2, 0.35, 0.6)
 
 
 def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
@@ -70,11 +70,8 @@ def _least(bench: Bench, true: np.ndarray) -> Fitted | None:
     """The base model refitted from the true numbers, and from other friction coefficients: where friction and
     modulus make up for an effect together, the true ones lie in another valley.
     """
-    fits = [bench.refit((), true, most=30)]
-    for mu in MU_STARTS:
-        start = np.zeros(len(true))
-        start[0] = bench.base[0].at(mu)
-        fits.append(bench.refit((), start, most=30, exact=False))
+    starts = [true, *(np.asarray([bench.base[0].at(mu), *true[1:]]) for mu in OTHERS)]
+    fits = [bench.refit((), start, most=12, exact=False) for start in starts]
     best = min((f for f in fits if f is not None), key=lambda f: f.cost, default=None)
     return best and bench.refit((), best.x, most=30)
 
