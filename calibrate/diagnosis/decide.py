@@ -30,7 +30,7 @@ NEARLY_ALL = 0.95
 MUCH = 1.35
 # Below this probability of anything missing, and below this drop of the sum of squares, nothing is claimed:
 # what the mesh and the derivatives by uncertain dimensions leave out may be as large.
-CLAIMED, LEAST_DROP = 0.97, 30.0
+CLAIMED, LEAST_DROP = 0.97, 36.0
 
 
 @dataclasses.dataclass(frozen=True)

@@ -19,7 +19,7 @@ MU_STARTS = (0.03, 0.08, 0.15, 0.25, 0.4, 0.65)
 # Hypotheses refitted, and those added to one that is known.
 SHORTLIST, SECOND = 10, 3
 # Starts by how many numbers a hypothesis has: shapes have optima of their own.
-STARTS_EACH, ONE_EACH = {1: 2, 2: 3, 3: 5}, {1: 1, 2: 1, 3: 2}
+STARTS_EACH, ONE_EACH = {1: 1, 2: 2, 3: 5}, {1: 1, 2: 1, 3: 2}
 # A drop of the sum of squares that is worth a refit.
 WORTH, SECOND_WORTH = 6.0, 9.0
 # Prior probability of no, one, two and three missing effects.
@@ -127,7 +127,7 @@ SEEN, FAR = 4.5, 1.5
 # Sum of squares of the coordinates from which a base model counts as far off its priors.
 FAR_OFF = 9.0
 # Share of the drop that a slope promises which is counted on; how many starts are tried a second time;
-# iterations of a third try.
+# iterations of a third try, of those with one number.
 PROMISED, AGAIN, QUICK = 0.3, 24, 3
 
 
@@ -228,9 +228,12 @@ def screen(
     def third_try(tried: _Tried) -> _Tried | None:
         # Where the numbers fitted make up for most of an effect they follow along a valley too bent for one
         # step.
-        h = tried.hypothesis
-        x = np.concatenate([fitted.x, [n.at(tried.named[n.name]) for n in h.numbers]])
-        found = bench.refit((h,), x, exact=False, most=QUICK)
+        secant, (first, *others) = tried.start.known.get(n), tried.hypothesis.numbers
+        if others or secant is None:
+            return None
+        x = np.append(fitted.x, first.at(tried.named[first.name]))
+        J = np.concatenate([fitted.jacobian, secant[:, None]], axis=1)
+        found = bench.refit((tried.hypothesis,), x, jacobian=J, exact=False, most=QUICK)
         if found is None:
             return None
         return dataclasses.replace(tried, start=Start(found.x, {}), gain=standing - found.cost)
