@@ -14,12 +14,13 @@ from command_line import run_gtr
 import calibrate
 import gtr_jax as gtr
 from calibrate.base_tension import exact
+from calibrate.diagnosis import decide
 from calibrate.diagnosis.bench import Bench, Fitted, Noise, noise_of
 from calibrate.diagnosis.experiment import menu, weights
 from calibrate.diagnosis.hypotheses import Number, catalogue, number_of
 from calibrate.diagnosis.locate import cycles_of, ratio_of_branches
 from calibrate.diagnosis.memory import Memory
-from calibrate.diagnosis.patterns import pattern_in
+from calibrate.diagnosis.patterns import Pattern, pattern_in
 from calibrate.diagnosis.rig import Rig
 from calibrate.diagnosis.search import Models
 from calibrate.weighing import Weighing
@@ -59,17 +60,25 @@ def test_slow_noise_of_short_recordings_is_not_underestimated(rho, least):
     assert least < np.median(found) < 1.7
 
 
-def probabilities(squares):
-    """Of models of 500 readings, by what each leaves."""
+def models_of(squares):
+    """Models of 500 readings, by what each leaves."""
     fits: Any = {}
     for names, chi2 in squares.items():
-        volume = -2.0 * len(names)
-        fits[names] = SimpleNamespace(names=names, cost=chi2, prior=0.0, chi2=chi2, volume=lambda v=volume: v)
+        volume, rows = -2.0 * len(names), np.full(4, chi2)
+        fits[names] = SimpleNamespace(
+            names=names, cost=chi2, prior=0.0, chi2=chi2, rows=rows, volume=lambda v=volume: v
+        )
     bench: Any = SimpleNamespace(readings=500, mean_square=lambda f: f.chi2 / 500)
-    hypotheses: Any = [SimpleNamespace(name=f"h{k}") for k in range(35)]
+    known = {name for names in squares for name in names} | {f"h{k}" for k in range(35)}
+    hypotheses: Any = [SimpleNamespace(name=name, kind=name.partition(".")[0]) for name in sorted(known)]
     models = Models(bench, hypotheses)
     models.fits = fits
-    return models.probabilities()
+    return models
+
+
+def probabilities(squares):
+    """Of the same."""
+    return models_of(squares).probabilities()
 
 
 def test_a_law_may_be_wrong_by_a_share_of_what_it_does():
@@ -113,6 +122,51 @@ def test_a_regularity_is_no_noise():
     # Noise is none, whether it is small, large or has outliers.
     assert sum(found(3.0 * rng.normal(size=K)) is not None for _ in range(200)) <= 1
     assert sum(found(rng.standard_t(3, size=K)) is not None for _ in range(200)) <= 1
+
+
+def decision(monkeypatch, squares, left=None, pattern=None):
+    """Of models of 500 readings, by what each leaves; structure by names, none unless given."""
+    said = {(): (5.0, 50.0), **(left or {})}
+    monkeypatch.setattr(decide, "misfit", lambda bench, f: said.get(f.names, (0.0, 0.0)))
+    monkeypatch.setattr(decide, "pattern_in", lambda bench, f: pattern if f.names in (left or {}) else None)
+    return decide.decide(models_of(squares))
+
+
+def test_nothing_is_claimed_of_a_small_drop(monkeypatch):
+    sound = {(): (0.1, 1.0)}
+    assert decision(monkeypatch, {(): 540.0, ("h1",): 510.0}, sound).verdict == "adequate"
+    assert decision(monkeypatch, {(): 560.0, ("h1",): 510.0}, sound).verdict == "missing-physics"
+
+
+def test_what_stays_is_unexplained(monkeypatch):
+    squares = {(): 10_000.0, ("h1",): 3000.0}
+    # A law may leave structure that is significant, but not most of it.
+    assert decision(monkeypatch, squares, {("h1",): (2.5, 30.0)}).verdict == "missing-physics"
+    assert decision(monkeypatch, squares, {("h1",): (3.0, 30.0)}).verdict == "unexplained"
+    small = {(): (0.5, 12.0), ("h1",): (0.4, 3.0)}
+    assert decision(monkeypatch, squares, small).verdict == "unexplained"
+    # Noise with outliers has size, and no significance.
+    small[("h1",)] = (0.4, 1.0)
+    assert decision(monkeypatch, squares, small).verdict == "missing-physics"
+    rings = Pattern("r", "sample", 1e-9, 0.5)
+    found = decision(monkeypatch, squares, small, rings)
+    assert found.verdict == "unexplained" and found.pattern is rings
+    sound = {(): (0.1, 1.0)}
+    assert decision(monkeypatch, {(): 510.0}, sound).verdict == "adequate"
+    assert decision(monkeypatch, {(): 510.0}, sound, rings).verdict == "unexplained"
+
+
+def test_sets_hold_what_laws_may_have_wrong(monkeypatch):
+    # One of two effects that explains nearly all may be all there is.
+    found = decision(monkeypatch, {(): 10_000.0, ("h1",): 900.0, ("h2",): 8000.0, ("h1", "h2"): 500.0})
+    assert found.verdict == "ambiguous" and found.confusion == [("h1", "h2"), ("h1",)]
+    found = decision(monkeypatch, {(): 10_000.0, ("h1",): 3000.0, ("h2",): 8000.0, ("h1", "h2"): 500.0})
+    assert found.verdict == "missing-physics" and found.confusion == [("h1", "h2")]
+    # Two variants of a term are one name; two terms are a set.
+    variants = {(): 10_000.0, ("h1.base",): 500.0, ("h1.tip",): 500.5}
+    found = decision(monkeypatch, variants)
+    assert found.verdict == "missing-physics" and len(found.confusion) == 2
+    assert decision(monkeypatch, {(): 10_000.0, ("h1",): 500.0, ("h2",): 500.5}).verdict == "ambiguous"
 
 
 def test_coordinates_of_a_number():
