@@ -141,8 +141,12 @@ def test_nothing_is_claimed_of_a_small_drop(monkeypatch):
 def test_what_stays_is_unexplained(monkeypatch):
     squares = {(): 10_000.0, ("h1",): 3000.0}
     # A law may leave structure that is significant, but not most of it.
-    assert decision(monkeypatch, squares, {("h1",): (2.5, 30.0)}).verdict == "missing-physics"
-    assert decision(monkeypatch, squares, {("h1",): (3.0, 30.0)}).verdict == "unexplained"
+    assert decision(monkeypatch, squares, {("h1",): (2.0, 30.0)}).verdict == "missing-physics"
+    assert decision(monkeypatch, squares, {("h1",): (2.2, 30.0)}).verdict == "unexplained"
+    some = {(): (2.0, 50.0), ("h1",): (1.0, 30.0)}
+    assert decision(monkeypatch, squares, some).verdict == "missing-physics"
+    some[("h1",)] = (1.2, 30.0)
+    assert decision(monkeypatch, squares, some).verdict == "unexplained"
     small = {(): (0.5, 12.0), ("h1",): (0.4, 3.0)}
     assert decision(monkeypatch, squares, small).verdict == "unexplained"
     # Noise with outliers has size, and no significance.

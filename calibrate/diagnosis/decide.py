@@ -22,8 +22,9 @@ ALONE, TOGETHER, LEAST = 0.8, 0.98, 0.03
 ALIKE = 2.5
 # Structure left by the base model: significance, and size in standard deviations of the noise.
 LEFT_Z, LEFT_SIZE = 6.0, 0.35
-# The same where an effect was found that leaves more than this share of the base model's size.
-STAYS_Z, STAYS_SIZE, STAYS_SHARE = 2.2, 0.3, 0.55
+# The same where an effect was found that leaves more than this share of the base model's size; the second
+# where that is more than noise by its size alone.
+STAYS_Z, STAYS_SIZE, STAYS_SHARE = 2.2, 0.3, (0.55, 0.42)
 # Share of what several effects explain from which one of them may be all there is: laws are not exact.
 NEARLY_ALL = 0.95
 # Size beyond which it is no noise even where neighbours do not go together, as in ringing.
@@ -88,7 +89,7 @@ def decide(models: Models) -> Decision:
         pattern = pattern_in(models.bench, base)
         verdict = UNEXPLAINED if structured(base_left) or pattern else ADEQUATE
         return Decision(verdict, base, [], probability, base_left, base_left, pattern)
-    if left[0] > STAYS_SHARE * base_left[0]:
+    if left[0] > STAYS_SHARE[left[0] > MUCH] * base_left[0]:
         pattern = pattern_in(models.bench, best)
         if pattern or structured(left, STAYS_Z, STAYS_SIZE):
             return Decision(UNEXPLAINED, best, [], probability, left, base_left, pattern)

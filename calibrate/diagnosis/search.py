@@ -173,7 +173,8 @@ def screen(
         fitted: the model that they are added to.
         hypotheses: what to add.
         thorough: whether all starts are tried, or few.
-        reference: sum of squares from which the drop counts; that of the fit unless given.
+        reference: sum of squares from which the drop counts; that of the fit unless given, and then nothing
+            is tried a third time.
     """
     standing = fitted.cost if reference is None else reference
     J = np.concatenate([fitted.jacobian, np.eye(len(fitted.x))])
@@ -245,7 +246,7 @@ def screen(
     ]
     found = in_parallel(first_try, all_tried)
     in_parallel(second_try, sorted(found, key=lambda t: -t.gain)[: AGAIN if thorough else AGAIN // 2])
-    if thorough:
+    if thorough and reference is None:
         best = [max((t for t in found if t.hypothesis is h), key=lambda t: t.gain) for h in hypotheses]
         found += [t for t in in_parallel(third_try, best) if t is not None]
     screened = []
