@@ -11,13 +11,15 @@ from scipy import stats
 from .bench import Fitted
 from .locate import misfit
 from .patterns import Pattern, pattern_in
-from .search import HOW_MANY, Models, Screened
+from .search import HOW_MANY, SEEN, Models, Screened
 
 UNSEEN = "an effect too small to see"
 ADEQUATE, MISSING, AMBIGUOUS, UNEXPLAINED = "adequate", "missing-physics", "ambiguous", "unexplained"
 # An effect is named alone above this probability; a set holds the models that together reach the second, of
 # those above the third.
 ALONE, TOGETHER, LEAST = 0.8, 0.98, 0.03
+# Models of a set at most, where the best is no more probable than many together.
+MOST = 5
 # Models whose predictions differ by less than this many standard errors are one to these data.
 ALIKE = 2.5
 # Structure left by the base model: significance, and size in standard deviations of the noise.
@@ -29,9 +31,9 @@ STAYS_Z, STAYS_SIZE, STAYS_SHARE = 2.2, 0.3, (0.55, 0.42)
 NEARLY_ALL = 0.95
 # Size beyond which it is no noise even where neighbours do not go together, as in ringing.
 MUCH = 1.35
-# Below this probability of anything missing, and below this drop of the sum of squares, nothing is claimed:
-# what the mesh and the derivatives by uncertain dimensions leave out may be as large.
-CLAIMED, LEAST_DROP = 0.97, 36.0
+# Below this probability of anything missing nothing is claimed; nor is it below a drop of `SEEN` standard
+# errors: what the mesh and the derivatives by uncertain dimensions leave out may be as large.
+CLAIMED = 0.97
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,7 +87,7 @@ def decide(models: Models) -> Decision:
     best, base = ranked[0], models.base
     base_left, left = misfit(models.bench, base), misfit(models.bench, best)
     nothing = probability[()]
-    if not best.names or 1 - nothing < CLAIMED or base.cost - best.cost < LEAST_DROP:
+    if not best.names or 1 - nothing < CLAIMED or base.cost - best.cost < SEEN**2:
         pattern = pattern_in(models.bench, base)
         verdict = UNEXPLAINED if structured(base_left) or pattern else ADEQUATE
         return Decision(verdict, base, [], probability, base_left, base_left, pattern)
@@ -97,18 +99,20 @@ def decide(models: Models) -> Decision:
     def kinds(names: tuple[str, ...]) -> frozenset[str]:
         return frozenset(models.of[name].kind for name in names)
 
+    # A model with more effects that holds the best speaks for the best as well.
+    holds = sum(p for names, p in probability.items() if kinds(best.names) <= kinds(names))
     confusion, total = [], 0.0
     for f in ranked:
         if not f.names:
             continue
         larger = any(set(c) < set(f.names) for c in confusion)
         alike = len(f.names) <= len(best.names) and _apart(f, best) < ALIKE
-        if (total < TOGETHER and not larger and probability[f.names] > LEAST) or alike:
+        counts = probability[f.names] > LEAST or (holds < ALONE and len(confusion) < MOST)
+        if (total < TOGETHER and not larger and counts) or alike:
             confusion.append(f.names)
         total += probability[f.names]
     confusion += [f.names for f in ranked if f.names not in confusion and _nearly(f, best, base)]
-    # A model with more effects that holds the best speaks for the best as well; variants of a term are one.
-    holds = sum(p for names, p in probability.items() if kinds(best.names) <= kinds(names))
+    # Variants of a term are one.
     alone = holds >= ALONE and len({kinds(names) for names in confusion}) == 1
     return Decision(MISSING if alone else AMBIGUOUS, best, confusion, probability, left, base_left)
 

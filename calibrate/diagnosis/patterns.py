@@ -2,8 +2,8 @@
 
 Noise is taken from the differences of neighbouring readings, and so are swings from sample to sample and
 waves over a tension. These tests take it from what is left beside the pattern instead: each pattern is a few
-rows that are fitted beside the model's own numbers, the base tension and the uncertain dimensions, and what
-they explain is held against the rest (an F test).
+rows that are fitted beside the model's own numbers, the base tension, the uncertain dimensions and a smooth
+misfit of each branch, and what they explain is held against the rest (an F test).
 """
 
 from __future__ import annotations
@@ -21,15 +21,21 @@ from .bench import Bench, Fitted
 SAMPLE = "sample"
 # Chance below which a pattern is no noise, and the share of the residual that it has to explain: in long
 # recordings the least that noise is not what it is taken for is significant.
-CHANCE, SHARE = 1e-5, 0.3
+CHANCE, SHARE = 1e-4, 0.3
 # Residuals count up to so many standard deviations.
 MOST = 3.0
+# Rms of the white residual below which nothing is asked: of what a model leaves that is less than the noise,
+# most is smooth.
+LEAST = 0.5
+# Powers of the base tension, on each branch, that are no pattern: a smooth misfit while pulling and releasing
+# would be taken for one.
+SMOOTH = 3
 # Changes of the tip that a reading may follow; waves over the range of a tension, from and to, by so many.
 LAGS, FEWEST_WAVES, MOST_WAVES, STEP = 8, 2.0, 60.0, 0.25
 # Rows that the fit's own numbers explain but for this share say nothing.
 OWN = 0.05
 # Samples for each number of a pattern.
-EACH = 5
+EACH = 3
 
 
 class Pattern(NamedTuple):
@@ -56,6 +62,8 @@ def pattern_in(bench: Bench, fitted: Fitted) -> Pattern | None:
     best: Pattern | None = None
     for k, rig in enumerate(bench.rigs):
         test = _Test(bench, fitted, k)
+        if test.rms < LEAST:
+            continue
         tip, T_base = fitted.seen[k].values[CHANNELS.index("T_tip")], rig.part.T_base.T_base
         found = [test.along(SAMPLE, [_lagged(tip)])]
         step = resolution(rig.part.T_tip)
@@ -79,14 +87,26 @@ class _Test:
         C, self.K = sizes[k]
         tip = np.arange(start, start + self.K)
         self.own = np.concatenate([tip, tip + C * self.K])  # T_tip and the base tension
-        self.q = np.linalg.qr(np.concatenate([fitted.jacobian, np.eye(n)]))[0]
+        own = np.concatenate([fitted.jacobian, np.eye(n)])
+        smooth = self._white(_smooth(bench.rigs[k].part.T_base.T_base), n)
+        self.q = np.linalg.svd(np.concatenate([own, smooth], axis=1), full_matrices=False)[0]
         left = np.concatenate([fitted.rows, fitted.x])
+        self.rms = float(np.sqrt(np.mean(left[tip] ** 2)))
         middle = np.median(left[tip])
         rough = MAD_TO_SD * float(np.median(np.abs(left[tip] - middle)))
         left[tip] = np.clip(left[tip] - middle, -MOST * rough, MOST * rough)
         self.left = self._without(left)
         self.total = float(np.sum(self.left[self.own] ** 2))
-        self.free = n
+        self.own_numbers, self.free = n, self.q.shape[1]
+
+    def _white(self, patterns: np.ndarray, numbers: int) -> np.ndarray:
+        """Changes of T_tip [N], (m, K), as white rows, those of the model's numbers below, (n, m)."""
+        changes = [np.zeros((*rig.part.recorded.shape, len(patterns))) for rig in self.bench.rigs]
+        changes[self.k][0] = patterns.T
+        white = self.bench.white(changes)
+        if self.bench.follow is not None:
+            white = self.bench.follow.freed(white)
+        return np.concatenate([white, np.zeros((numbers, len(patterns)))])
 
     def _without(self, rows: np.ndarray) -> np.ndarray:
         return rows - self.q @ (self.q.T @ rows)
@@ -97,13 +117,9 @@ class _Test:
         best = Pattern(part.name, name, 1.0, 0.0)
         if not patterns or self.total == 0:
             return best
-        changes = [np.zeros((*rig.part.recorded.shape, sum(map(len, patterns)))) for rig in self.bench.rigs]
-        changes[self.k][0] = np.concatenate(patterns).T
-        white = self.bench.white(changes)
-        if self.bench.follow is not None:
-            white = self.bench.follow.freed(white)
+        white = self._white(np.concatenate(patterns), self.own_numbers)
         before = np.linalg.norm(white, axis=0)
-        rows = self._without(np.concatenate([white, np.zeros((self.free, white.shape[1]))]))
+        rows = self._without(white)
         good = np.linalg.norm(rows, axis=0) > OWN * np.maximum(before, 1e-300)
         first = 0
         for i, pattern in enumerate(patterns):
@@ -125,6 +141,15 @@ class _Test:
                 period = periods[i] if len(periods) else float("nan")
                 best = Pattern(part.name, name, chance, min(explained / self.total, 1.0), period)
         return best
+
+
+def _smooth(T_base: np.ndarray) -> np.ndarray:
+    """Powers of the base tension, all samples alike and with the sign of its last change, (m, K)."""
+    way = np.sign(np.diff(T_base, prepend=T_base[0]))
+    moved = np.maximum.accumulate(np.where(way != 0, np.arange(len(way)), 0))
+    u = 2 * (T_base - T_base.min()) / max(float(np.ptp(T_base)), 1e-300) - 1
+    powers = np.stack([u**k for k in range(SMOOTH + 1)])
+    return np.concatenate([powers, way[moved] * powers])
 
 
 def _lagged(tip: np.ndarray) -> np.ndarray:

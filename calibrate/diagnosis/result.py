@@ -19,7 +19,7 @@ from .decide import ADEQUATE, AMBIGUOUS, MISSING, UNEXPLAINED, Decision
 from .experiment import Experiment
 from .locate import Where
 from .patterns import Pattern
-from .search import Models, Screened
+from .search import SEEN, Models, Screened
 
 BAD_DATA = "bad-data"
 Names = tuple[str, ...]
@@ -210,9 +210,7 @@ class Diagnosis:
         named = kinds(chosen.names) if found else []
         confusion = list(map(list, dict.fromkeys(tuple(kinds(names)) for names in decision.confusion)))
         verdict = decision.verdict
-        if verdict == AMBIGUOUS and len(confusion) == 1:
-            # One term, of which only the place is not told.
-            verdict, named = MISSING, confusion[0]
+        if verdict == MISSING and len(decision.confusion) > len(confusion):
             warnings.append(
                 "Where is not told: " + " or ".join(" + ".join(n) for n in decision.confusion) + "."
             )
@@ -247,6 +245,7 @@ class Diagnosis:
                 "samples": sum(p.samples for p in parts),
                 "samples_simulated": sum(r.part.samples for r in models.bench.rigs),
                 "mesh_intervals": sum(models.bench.rigs[0].robot.intervals),
+                "seen_standard_errors": SEEN,
                 "hypotheses": sorted(models.of),
                 "free_of_the_base_model": [n.name for n in models.bench.base],
                 "variance_scale": models.scale,
@@ -359,9 +358,13 @@ def sentence(d: Diagnosis, chosen: Names) -> str:
             f"{held[1]['rms_N']:.2g} N (noise {d.noise_N:.2g} N)."
         )
     if d.verdict == ADEQUATE:
+        best = d.rivals[0] if d.rivals else None
+        hint = ""
+        if best is not None and best.names and best.probability > 0.5:
+            hint = f" {' with '.join(best.names)} would fit a little better, too little to be claimed."
         return (
             f"Nothing is missing that these recordings could show: the residual of {d.rms_N[0]:.2g} N is the "
-            f"noise of {d.noise_N:.2g} N."
+            f"noise of {d.noise_N:.2g} N.{hint}"
         )
     if d.verdict == UNEXPLAINED:
         nearest = ""
@@ -373,7 +376,7 @@ def sentence(d: Diagnosis, chosen: Names) -> str:
         what = "Something is missing that no term of the catalogue explains:"
         if d.pattern is not None:
             by_chance = f"by chance: {max(d.pattern.chance, 1e-99):.1g}"
-            return f"{what} {d.pattern.says} ({by_chance}), {100 * d.pattern.share:.0f} % of it.{nearest}"
+            what += f" {d.pattern.says} ({by_chance}), {100 * d.pattern.share:.0f} % of it;"
         at = f" Most of it: {d.where[0].says}." if d.where else ""
         off = f"the fit is off by {d.rms_N[0]:.2g} N where the noise is {d.noise_N:.2g} N"
         return f"{what} {off}.{at}{nearest}"

@@ -123,7 +123,7 @@ class _Tried:
 
 
 # Standard errors that count as seen, and how far the numbers fitted may follow at once.
-SEEN, FAR = 4.5, 1.5
+SEEN, FAR = 6.0, 1.5
 # Sum of squares of the coordinates from which a base model counts as far off its priors.
 FAR_OFF = 9.0
 # Share of the drop that a slope promises which is counted on; how many starts are tried a second time;
@@ -237,7 +237,9 @@ def screen(
         found = bench.refit((tried.hypothesis,), x, jacobian=J, exact=False, most=QUICK)
         if found is None:
             return None
-        return dataclasses.replace(tried, start=Start(found.x, {}), gain=standing - found.cost)
+        return dataclasses.replace(
+            tried, start=Start(found.x, dict(enumerate(found.jacobian.T))), gain=standing - found.cost
+        )
 
     all_tried = [
         _Tried(h, s, Start(np.concatenate([fitted.x, [m.at(s[m.name]) for m in h.numbers]]), {}))
@@ -246,7 +248,7 @@ def screen(
     ]
     found = in_parallel(first_try, all_tried)
     in_parallel(second_try, sorted(found, key=lambda t: -t.gain)[: AGAIN if thorough else AGAIN // 2])
-    if thorough and reference is None:
+    if thorough and reference is None and not fitted.names:
         best = [max((t for t in found if t.hypothesis is h), key=lambda t: t.gain) for h in hypotheses]
         found += [t for t in in_parallel(third_try, best) if t is not None]
     screened = []

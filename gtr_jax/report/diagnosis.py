@@ -166,7 +166,8 @@ def _tables(answer: Any) -> list[Table]:
             for name, v in sorted(answer.smallest_detectable.items())
         ]
         note = (
-            "Changes from null that move the recordings by 4.5 standard errors once mu and E have followed."
+            "Changes from null that move the recordings by "
+            f"{answer.settings['seen_standard_errors']:g} standard errors once mu and E have followed."
         )
         tables.append(Table("Smallest effects that would have been seen", ("", "size"), rows, note=note))
     return tables

@@ -243,6 +243,7 @@ def _put(
         shape=values.shape,
         chunks=values.shape,
         dtype=values.dtype,
+        fill_value=np.nan if values.dtype.kind == "f" else 0,
         dimension_names=dims,
         attributes=says,
     )
