@@ -61,86 +61,99 @@ def pattern_in(bench: Bench, fitted: Fitted) -> Pattern | None:
     """The least probable regularity of what a fit leaves of T_tip; None where there is none."""
     best: Pattern | None = None
     for k, rig in enumerate(bench.rigs):
-        test = _Test(bench, fitted, k)
-        if test.rms < LEAST:
+        beside = _Beside(bench, fitted, k)
+        if beside.rms < LEAST:
             continue
-        tip, T_base = fitted.seen[k].values[CHANNELS.index("T_tip")], rig.part.T_base.T_base
-        found = [test.along(SAMPLE, [_lagged(tip)])]
-        step = resolution(rig.part.T_tip)
-        for name, along in (("T_tip", tip), ("T_base", T_base)):
-            periods, waves = _waves(along, step)
-            found.append(test.along(name, waves, periods))
-        for one in found:
-            counts = one.chance < CHANCE / len(bench.rigs) and one.share > SHARE
-            if counts and (best is None or one.chance < best.chance):
-                best = one
+        tip = fitted.seen[k].values[CHANNELS.index("T_tip")]
+        groups = [[Candidate(SAMPLE, float("nan"), _lagged(tip))]]
+        for name, along in (("T_tip", tip), ("T_base", rig.part.T_base.T_base)):
+            groups.append(_waves(name, along, resolution(rig.part.T_tip)))
+        candidates = [c for group in groups for c in group]
+        tested = iter(beside.explained([c.changes for c in candidates]))
+        for group in groups:
+            for c in group:
+                chance, share = next(tested)
+                chance = min(1.0, chance * len(group))
+                counts = chance < CHANCE / len(bench.rigs) and share > SHARE
+                if counts and (best is None or chance < best.chance):
+                    best = Pattern(rig.part.name, c.along, chance, share, c.period_N)
     return best
 
 
-class _Test:
-    """What the model's own numbers leave of a recording's T_tip, for patterns to explain."""
+class Candidate(NamedTuple):
+    """A pattern to look for: along what; its period, or NaN; and changes of T_tip [N], (m, K)."""
+
+    along: str
+    period_N: float
+    changes: np.ndarray
+
+
+class _Beside:
+    """What the model's own numbers, and what is as smooth, leave of a recording's T_tip.
+
+    Attributes:
+        rms: of the white residual of T_tip.
+    """
 
     def __init__(self, bench: Bench, fitted: Fitted, k: int):
-        self.bench, self.k, n = bench, k, len(fitted.x)
+        self.bench, self.k, self.numbers = bench, k, len(fitted.x)
         sizes = [(len(rig.part.channels), rig.part.samples) for rig in bench.rigs]
         start = sum((C + 1) * K for C, K in sizes[:k])
         C, self.K = sizes[k]
         tip = np.arange(start, start + self.K)
-        self.own = np.concatenate([tip, tip + C * self.K])  # T_tip and the base tension
-        own = np.concatenate([fitted.jacobian, np.eye(n)])
-        smooth = self._white(_smooth(bench.rigs[k].part.T_base.T_base), n)
-        self.q = np.linalg.svd(np.concatenate([own, smooth], axis=1), full_matrices=False)[0]
+        own = np.concatenate([fitted.jacobian, np.eye(self.numbers)])
+        smooth = self._white(_smooth(bench.rigs[k].part.T_base.T_base))
+        self.known = np.linalg.svd(np.concatenate([own, smooth], axis=1), full_matrices=False)[0]
         left = np.concatenate([fitted.rows, fitted.x])
         self.rms = float(np.sqrt(np.mean(left[tip] ** 2)))
         middle = np.median(left[tip])
         rough = MAD_TO_SD * float(np.median(np.abs(left[tip] - middle)))
         left[tip] = np.clip(left[tip] - middle, -MOST * rough, MOST * rough)
-        self.left = self._without(left)
-        self.total = float(np.sum(self.left[self.own] ** 2))
-        self.own_numbers, self.free = n, self.q.shape[1]
+        self.left = self._without_known(left)
+        both = np.concatenate([tip, tip + C * self.K])  # T_tip and the base tension
+        self.total = float(np.sum(self.left[both] ** 2))
 
-    def _white(self, patterns: np.ndarray, numbers: int) -> np.ndarray:
+    def _white(self, changes: np.ndarray) -> np.ndarray:
         """Changes of T_tip [N], (m, K), as white rows, those of the model's numbers below, (n, m)."""
-        changes = [np.zeros((*rig.part.recorded.shape, len(patterns))) for rig in self.bench.rigs]
-        changes[self.k][0] = patterns.T
-        white = self.bench.white(changes)
+        residuals = [np.zeros((*rig.part.recorded.shape, len(changes))) for rig in self.bench.rigs]
+        residuals[self.k][0] = changes.T
+        white = self.bench.white(residuals)
         if self.bench.follow is not None:
             white = self.bench.follow.freed(white)
-        return np.concatenate([white, np.zeros((numbers, len(patterns)))])
+        return np.concatenate([white, np.zeros((self.numbers, len(changes)))])
 
-    def _without(self, rows: np.ndarray) -> np.ndarray:
-        return rows - self.q @ (self.q.T @ rows)
+    def _without_known(self, rows: np.ndarray) -> np.ndarray:
+        return rows - self.known @ (self.known.T @ rows)
 
-    def along(self, name: str, patterns: Sequence[np.ndarray], periods: Sequence[float] = ()) -> Pattern:
-        """The best of several patterns, (m, K) each, of T_tip [N], its chance that of all of them."""
-        part = self.bench.rigs[self.k].part
-        best = Pattern(part.name, name, 1.0, 0.0)
+    def explained(self, patterns: Sequence[np.ndarray]) -> list[tuple[float, float]]:
+        """Of each pattern, changes of T_tip [N], (m, K): how probable it is that noise goes with it as well,
+        and the share of the residual that it explains.
+        """
         if not patterns or self.total == 0:
-            return best
-        white = self._white(np.concatenate(patterns), self.own_numbers)
-        before = np.linalg.norm(white, axis=0)
-        rows = self._without(white)
-        good = np.linalg.norm(rows, axis=0) > OWN * np.maximum(before, 1e-300)
-        first = 0
-        for i, pattern in enumerate(patterns):
-            mine = slice(first, first + len(pattern))
-            first += len(pattern)
-            of = rows[:, mine][:, good[mine]]
-            if not of.shape[1]:
-                continue
-            u, sizes, _ = np.linalg.svd(of / np.linalg.norm(of, axis=0), full_matrices=False)
-            u = u[:, sizes > OWN]
-            m, rest = u.shape[1], self.K - u.shape[1] - self.free
-            if rest < EACH * m:
-                continue
-            explained = float(np.sum((u.T @ self.left) ** 2))
-            unexplained = max(self.total - explained, 1e-9 * self.total)
-            chance = float(stats.f.sf(explained / m / (unexplained / rest), m, rest))
-            chance = min(1.0, chance * len(patterns))
-            if chance < best.chance:
-                period = periods[i] if len(periods) else float("nan")
-                best = Pattern(part.name, name, chance, min(explained / self.total, 1.0), period)
-        return best
+            return [(1.0, 0.0)] * len(patterns)
+        white = self._white(np.concatenate(patterns))
+        rows = self._without_known(white)
+        own = OWN * np.maximum(np.linalg.norm(white, axis=0), 1e-300)
+        new = np.linalg.norm(rows, axis=0) > own
+        ends = np.cumsum([len(p) for p in patterns])[:-1]
+        return [
+            self._test(columns[:, good])
+            for columns, good in zip(np.split(rows, ends, axis=1), np.split(new, ends), strict=True)
+        ]
+
+    def _test(self, columns: np.ndarray) -> tuple[float, float]:
+        """An F test of what columns explain, (n, m)."""
+        if not columns.shape[1]:
+            return 1.0, 0.0
+        u, sizes, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
+        u = u[:, sizes > OWN]
+        m, rest = u.shape[1], self.K - u.shape[1] - self.known.shape[1]
+        if rest < EACH * m:
+            return 1.0, 0.0
+        explained = float(np.sum((u.T @ self.left) ** 2))
+        unexplained = max(self.total - explained, 1e-9 * self.total)
+        chance = float(stats.f.sf(explained / m / (unexplained / rest), m, rest))
+        return chance, min(explained / self.total, 1.0)
 
 
 def _smooth(T_base: np.ndarray) -> np.ndarray:
@@ -158,16 +171,15 @@ def _lagged(tip: np.ndarray) -> np.ndarray:
     return np.stack([np.concatenate([np.zeros(lag), change[: len(change) - lag]]) for lag in range(LAGS)])
 
 
-def _waves(along: np.ndarray, step: float) -> tuple[list[float], list[np.ndarray]]:
-    """Periods [N] of waves over a tension that its samples, and readings of such steps, can show, and the
-    cosine and sine of each.
-    """
+def _waves(name: str, along: np.ndarray, step: float) -> list[Candidate]:
+    """Waves over a tension that its samples, and readings of such steps [N], can show."""
     span, K = float(np.ptp(along)), len(along)
     if span <= 0:
-        return [], []
+        return []
     u = (along - along.min()) / span
     levels = 0.5 * len(np.unique(np.round(u, 3)))
     most = min(K / EACH, levels, span / (4 * step) if step > 0 else np.inf, MOST_WAVES)
     number = np.arange(FEWEST_WAVES, most, STEP)
     angles = 2 * np.pi * number[:, None] * u
-    return (span / number).tolist(), list(np.stack([np.cos(angles), np.sin(angles)], axis=1))
+    waves = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return [Candidate(name, float(span / n), wave) for n, wave in zip(number, waves, strict=True)]

@@ -206,10 +206,9 @@ class Diagnosis:
             for which in ("before", "after")
         ]
         rms = (float(np.sqrt(np.mean(off[0] ** 2))), float(np.sqrt(np.mean(off[1] ** 2))))
-        found = decision.verdict in (MISSING, AMBIGUOUS)
-        named = kinds(chosen.names) if found else []
-        confusion = list(map(list, dict.fromkeys(tuple(kinds(names)) for names in decision.confusion)))
         verdict = decision.verdict
+        named = kinds(chosen.names) if verdict in (MISSING, AMBIGUOUS) else []
+        confusion = list(map(list, dict.fromkeys(tuple(kinds(names)) for names in decision.confusion)))
         if verdict == MISSING and len(decision.confusion) > len(confusion):
             warnings.append(
                 "Where is not told: " + " or ".join(" + ".join(n) for n in decision.confusion) + "."
