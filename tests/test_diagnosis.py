@@ -16,7 +16,7 @@ import gtr_jax as gtr
 from calibrate.base_tension import exact
 from calibrate.diagnosis import decide
 from calibrate.diagnosis.bench import Bench, Fitted, Noise, noise_of
-from calibrate.diagnosis.experiment import menu, weights
+from calibrate.diagnosis.experiment import checks, menu, turned, weighed, weight_to_hang
 from calibrate.diagnosis.hypotheses import Number, catalogue, number_of
 from calibrate.diagnosis.locate import cycles_of, ratio_of_branches
 from calibrate.diagnosis.memory import Memory
@@ -416,7 +416,8 @@ def test_uncertain_dimensions_are_not_missing_physics():
 
 def test_known_weights_tell_cells_apart(make_robot):
     # One cell at a time, from nothing to the largest and back: what a gain of either does is seen alone.
-    time, base, tip = weights(40.0)
+    hung, alone = checks(40.0, 15.0).values()
+    time, base, tip = hung
     assert np.all(np.diff(time) > 0) and not np.any((base > 0) & (tip > 0))
     assert base.max() == tip.max() == 40.0 and base[0] == base[-1] == tip[0] == tip[-1] == 0.0
     gains = {"base-gain": (1.1, 1.0), "tip-gain": (1.0, 1.1)}
@@ -424,3 +425,34 @@ def test_known_weights_tell_cells_apart(make_robot):
         robot = make_robot(terms=[{"kind": kind, "gain": 1.1}])
         shown = cells_show(robot, *map(jnp.asarray, (base, tip, time)))
         assert np.allclose(shown.T_base, of_base * base) and np.allclose(shown.T_tip, of_tip * tip)
+    # What a cell reads of nothing, and how that drifts, is seen with nothing on it.
+    time, base, tip = alone
+    assert not base.any() and not tip.any() and time[-1] > 60.0
+    robot = make_robot(terms=[{"kind": "tip-offset", "force": "0.3 N"}])
+    assert np.allclose(cells_show(robot, *map(jnp.asarray, (base, tip, time))).T_tip, 0.3)
+
+
+def test_a_rig_turned_or_weighed_down_is_the_robot_file_said_so(make_robot):
+    # Turned to the left, gravity that pulled to the right of the base pulls against it; so does a dead force.
+    T = np.linspace(0.0, 8.0, 9)
+    body = {"density": "3000 kg/m^3", "youngs_modulus": "300 kPa"}
+
+    def pose(**loads):
+        return np.asarray(gtr.simulate(make_robot(backbone=body, loads=loads), T).tip_pose)[:, :2]
+
+    lying = make_robot(backbone=body, loads={"gravity_angle": "-90 deg", "tip_force": [0.01, -0.02]})
+    stood = lying.with_values(**turned(lying.loads, {"mu": 0.1}))
+    told = pose(gravity_angle="180 deg", tip_force=[-0.02, -0.01])
+    before = np.asarray(gtr.simulate(lying, T).tip_pose)[:, :2]
+    assert np.abs(told - before).max() > 1e-3
+    found = np.asarray(gtr.simulate(stood.with_values(mu=lying.value("mu")), T).tip_pose)[:, :2]
+    np.testing.assert_allclose(found, told, atol=1e-8)
+    # A load that the file does not know turns as well.
+    values = turned(lying.loads, {"tip-load.x": 0.03, "tip-load.y": 0.0})
+    np.testing.assert_allclose([values["tip-load.x"], values["tip-load.y"]], [-0.03, -0.02])
+    weight = weight_to_hang(lying)
+    assert weight[0] == pytest.approx(0.0, abs=1e-12) and weight[1] < 0
+    hung = lying.with_values(**weighed(weight, {}))
+    told = pose(gravity_angle="-90 deg", tip_force=[0.01, -0.02 + weight[1]])
+    np.testing.assert_allclose(np.asarray(gtr.simulate(hung, T).tip_pose)[:, :2], told, atol=1e-8)
+    assert 0.01 < np.abs(told - before).max() / float(lying.backbone.length) < 0.3

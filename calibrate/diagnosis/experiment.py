@@ -11,6 +11,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from gtr_jax import Robot
+from gtr_jax.robot import Loads, sections
 from gtr_jax.sensing import cells_show
 
 from ..base_tension import exact
@@ -26,7 +28,14 @@ MOST_RIVALS = 3
 STEP = 0.05
 # Standard errors beyond which more is no better.
 ENOUGH = 6.0
-WEIGHTS = "hang known weights on each cell in turn, up and down"
+# Many loops; a long rest, and how long the cells are left to themselves, in durations of a loop.
+LOOPS, REST, ALONE = 8, 20.0, 60.0
+# Deflection of the tip, as a share of the length, by the weight to hang from it, were it straight.
+DEFLECTION = 0.1
+# Terms that turn with gravity.
+TURNING = ("gravity-error", "tip-load")
+REMOVED, POSE = "the tendon taken off", "pose recorded"
+Values = Mapping[str, float]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -38,8 +47,8 @@ class Experiment:
         separates: the models it tells apart, by names of hypotheses.
         expected_probability: that the true one of them then has, in the mean.
         time: of the load history [s], (K,).
-        T_base: base tension to drive [N], (K,); of weights, that on the base's cell.
-        T_tip: of weights, that on the tip's cell [N], (K,); else None.
+        T_base: base tension to drive [N], (K,); of a check of the cells, the weight on the base's.
+        T_tip: of a check of the cells, the weight on the tip's [N], (K,); else None.
         record: channels to record.
         menu: all that was considered, with the separation each reaches [standard errors].
     """
@@ -63,8 +72,10 @@ def menu(largest: float, samples: int, duration: float) -> dict[str, tuple[np.nd
         duration: of a loop that is neither slow nor fast [s].
     """
 
-    def through(corners, times):
-        t = np.linspace(0.0, times[-1], samples)
+    def through(corners, times, shares=None):
+        even = np.linspace(0.0, 1.0, samples)
+        ends = np.cumsum([0.0, *np.diff(times)] if shares is None else [0.0, *shares])
+        t = np.interp(even, ends / ends[-1], times)
         return t, np.interp(t, times, corners)
 
     a, d = largest, duration
@@ -87,22 +98,64 @@ def menu(largest: float, samples: int, duration: float) -> dict[str, tuple[np.nd
             [rest, *np.repeat([0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25], 2) * a, rest],
             np.cumsum([0, *([0.1 * d, 1.5 * d] * 7), 0.1 * d]),
         ),
-        "many equal loops": through([rest, *([a, rest] * 8)], np.cumsum([0, *([0.5 * d] * 16)])),
+        "many equal loops": through([rest, *([a, rest] * LOOPS)], np.cumsum([0, *([0.5 * d] * (2 * LOOPS))])),
+        "two equal loops with a long rest between": through(
+            [rest, a, rest, rest, a, rest],
+            d * np.cumsum([0, 0.5, 0.5, REST, 0.5, 0.5]),
+            shares=(2, 2, 1, 2, 2),
+        ),
     }
 
 
-def weights(largest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Known weights hung on one cell and then on the other, up and down again: time [s], and true tension of
-    the base's cell and of the tip's [N], (K,) each.
+def checks(largest: float, duration: float) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Checks of the cells by themselves: time [s], and true tension of the base's cell and of the tip's [N],
+    (K,) each, by what they are.
+
+    Args:
+        largest, duration: as of `menu`.
     """
     up_and_down = largest * np.asarray([0, 0.25, 0.5, 0.75, 1, 0.75, 0.5, 0.25, 0])
     none = np.zeros(len(up_and_down))
     base, tip = np.concatenate([up_and_down, none]), np.concatenate([none, up_and_down])
-    return 10.0 * np.arange(len(base)), base, tip
+    alone = np.linspace(0.0, ALONE * duration, len(base))
+    return {
+        "hang known weights on each cell in turn, up and down": (10.0 * np.arange(len(base)), base, tip),
+        "read the cells with nothing on them, for long": (alone, 0.0 * alone, 0.0 * alone),
+    }
+
+
+def turned(loads: Loads, values: Values) -> dict[str, float]:
+    """Values with what gravity and dead forces do once the rig is turned to the left by a right angle: what
+    pulled to the right of the base tangent then pulls against it.
+    """
+    direction = np.asarray([np.cos(loads.gravity_angle), np.sin(loads.gravity_angle)])
+    known = {"gravity-error": float(loads.gravity) * direction, "tip-load": np.asarray(loads.tip_force)}
+    after = dict(values)
+    for kind in TURNING:
+        own = known[kind]
+        x, y = own + [values.get(f"{kind}.{axis}", 0.0) for axis in "xy"]
+        after |= {f"{kind}.x": y - own[0], f"{kind}.y": -x - own[1]}
+    return after
+
+
+def weighed(weight: np.ndarray, values: Values) -> dict[str, float]:
+    """Values with a known weight (2,) [N] hung from the tip."""
+    hung = {f"tip-load.{axis}": float(w) for axis, w in zip("xy", weight, strict=True)}
+    return dict(values) | {name: values.get(name, 0.0) + w for name, w in hung.items()}
+
+
+def weight_to_hang(robot: Robot) -> np.ndarray:
+    """Weight [N] of one digit that bends a robot moderately, (2,): along gravity as the robot file has it, to
+    the right of the base tangent where it has none.
+    """
+    compliance = float(jnp.mean(sections(robot).compliance))
+    force = 3 * DEFLECTION / (compliance * float(robot.backbone.length) ** 2)
+    angle = float(robot.loads.gravity_angle) if robot.loads.gravity else -0.5 * np.pi
+    return float(f"{force:.0e}") * np.asarray([np.cos(angle), np.sin(angle)])
 
 
 class _Option(NamedTuple):
-    """Something to measure: what it is, its load history, channels, whether it needs more than the recording
+    """Something to measure: what it is, its load history, channels, what it needs beyond what the recording
     had, and what it would show under some values, in standard deviations of the noise.
     """
 
@@ -111,11 +164,33 @@ class _Option(NamedTuple):
     T_base: np.ndarray
     T_tip: np.ndarray | None
     record: tuple[str, ...]
-    more: bool
-    shows: Callable[[Mapping[str, float]], np.ndarray | None]
+    more: tuple[str, ...]
+    shows: Callable[[Values], np.ndarray | None]
 
 
-def _options(models: Models, rig: Rig) -> list[_Option]:
+class _Drive(NamedTuple):
+    """A load history and what is done to the rig: in words, "" for nothing, and to its values."""
+
+    name: str
+    done: str
+    changed: Callable[[Values], Values]
+
+
+def _drives(histories: Sequence[str], robot: Robot, rivals: Sequence[Fitted]) -> list[_Drive]:
+    """What may be driven: every history with the rig as it is, the first one with something done to it."""
+    found = [_Drive(name, "", dict) for name in histories]
+    if robot.backbone.rigid:
+        return found
+    turns = any(name.startswith(TURNING) for f in rivals for name in f.names)
+    if turns or robot.loaded:
+        left = "the rig turned to the left by a right angle"
+        found.append(_Drive(histories[0], left, functools.partial(turned, robot.loads)))
+    weight = weight_to_hang(robot)
+    hung = f"a weight of {np.linalg.norm(weight):.1g} N hung from the tip"
+    return [*found, _Drive(histories[0], hung, functools.partial(weighed, weight))]
+
+
+def _options(models: Models, rig: Rig, rivals: Sequence[Fitted]) -> list[_Option]:
     part, noise = rig.part, models.bench.noise[0]
     T, clock = part.T_base.T_base, part.time
     # As many samples as the bench simulates: no other program is compiled.
@@ -124,8 +199,10 @@ def _options(models: Models, rig: Rig) -> list[_Option]:
     sd |= {n: POSE_NOISE[n] for n in CHANNELS[1:]} if not rig.robot.backbone.rigid else {}
     sd |= dict(zip(part.channels, [n.sd for n in noise], strict=True))
     every = tuple(n for n in CHANNELS if n in sd)
+    histories = menu(float(T.max()), part.samples, duration)
     found = []
-    for name, (time, load) in menu(float(T.max()), part.samples, duration).items():
+    for name, done, changed in _drives(list(histories), rig.robot, rivals):
+        time, load = histories[name]
         other = Rig(
             dataclasses.replace(part, T_base=exact(load), time=time, trial=None), rig.robot, memory=rig.memory
         )
@@ -133,22 +210,24 @@ def _options(models: Models, rig: Rig) -> list[_Option]:
         seen = functools.cache(lambda values, other=other: other(dict(values)))
         for channels in dict.fromkeys((tuple(part.channels), every)):
 
-            def shows(values, seen=seen, channels=channels):
-                shown = seen(tuple(values.items()))
+            def shows(values, seen=seen, changed=changed, channels=channels):
+                shown = seen(tuple(changed(values).items()))
                 if shown is None:
                     return None
                 return np.concatenate([shown.values[CHANNELS.index(c)] / sd[c] for c in channels])
 
-            found.append(_Option(name, time, load, None, channels, channels != tuple(part.channels), shows))
-    time, base, tip = weights(float(T.max()))
+            added = [POSE] if channels != tuple(part.channels) else []
+            more = (*([done] if done else []), *added)
+            found.append(_Option(name, time, load, None, channels, more, shows))
     sd_base = max(part.T_base.sd, 1e-6) if part.T_base.sd > 0 else sd["T_tip"]
+    for name, (time, base, tip) in checks(float(T.max()), duration).items():
 
-    def cells(values):
-        robot = rig.robot.with_values(**values)
-        shown = cells_show(robot, jnp.asarray(base), jnp.asarray(tip), jnp.asarray(time))
-        return np.concatenate([np.asarray(shown.T_base) / sd_base, np.asarray(shown.T_tip) / sd["T_tip"]])
+        def cells(values, time=time, base=base, tip=tip):
+            robot = rig.robot.with_values(**values)
+            shown = cells_show(robot, jnp.asarray(base), jnp.asarray(tip), jnp.asarray(time))
+            return np.concatenate([np.asarray(shown.T_base) / sd_base, np.asarray(shown.T_tip) / sd["T_tip"]])
 
-    found.append(_Option(WEIGHTS, time, base, tip, ("T_base", "T_tip"), True, cells))
+        found.append(_Option(name, time, base, tip, ("T_base", "T_tip"), (REMOVED,), cells))
     return found
 
 
@@ -182,27 +261,34 @@ def propose(models: Models, decision: Decision, rig: Rig) -> Experiment | None:
         rivals = [decision.chosen, *ranked[:1]]
     if len(rivals) < 2:
         return None
-    options = _options(models, rig)
+    options = _options(models, rig, rivals)
     reached = in_parallel(lambda option: _separation(option, rivals), options)
     scored = [(v, o) for v, o in zip(reached, options, strict=True) if np.isfinite(v)]
     if not scored:
         return None
-    # Without new instruments if that is enough.
-    scored.sort(key=lambda s: (-min(s[0], ENOUGH) + (0.5 if s[1].more else 0.0), -s[0], s[1].name))
+    # Without anything more if that is enough.
+    scored.sort(key=lambda s: (-min(s[0], ENOUGH) + 0.5 * len(s[1].more), -s[0], s[1].name))
     least, best = scored[0]
     expected = 1 / (1 + (len(rivals) - 1) * np.exp(-0.5 * min(least, 20.0) ** 2))
     which = " and ".join(" + ".join(f.names) if f.names else "nothing missing" for f in rivals)
-    added = [c.replace("_", " ") for c in best.record if c not in rig.part.channels]
-    also = f" and record {', '.join(added)}" if best.more and best.T_tip is None else ""
     told = "would tell" if least > 3 else "is the best of the menu, but hardly tells"
-    verb = "Drive" if best.T_tip is None else "Take the tendon off and"
     return Experiment(
-        f"{verb} {best.name}{also}: it {told} {which} apart ({least:.1f} standard errors).",
+        f"{_in_words(best, rig.part.channels)}: it {told} {which} apart ({least:.1f} standard errors).",
         [f.names for f in rivals],
         float(expected),
         best.time,
         best.T_base,
         best.T_tip,
         best.record,
-        [(f"{o.name}{' with pose' if o.more and o.T_tip is None else ''}", v) for v, o in scored],
+        [(", ".join((o.name, *o.more)), v) for v, o in scored],
     )
+
+
+def _in_words(option: _Option, recorded: Sequence[str]) -> str:
+    """What to do."""
+    if option.T_tip is not None:
+        return f"Take the tendon off and {option.name}"
+    done = [what for what in option.more if what != POSE]
+    added = [c.replace("_", " ") for c in option.record if c not in recorded]
+    also = f", and record {', '.join(added)}" if added else ""
+    return f"Drive {', with '.join((option.name, *done))}{also}"
