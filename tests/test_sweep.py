@@ -16,6 +16,7 @@ import pytest
 from command_line import run_gtr
 
 import gtr_jax as gtr
+from gtr_jax.cli.run_folder import RunFolder
 from gtr_jax.errors import InputError
 from gtr_jax.sweep import load_sweep, open_sweep, sweep, task_of
 from gtr_jax.sweep.lanes import Lanes
@@ -361,6 +362,14 @@ def test_a_release_above_another_row_s_pull(tmp_path):
     file = written(tmp_path, HISTORY.replace('pull = "20 N"\nrelease = "0 N"', ""))
     (tmp_path / "points.csv").write_text("pull,release\n10,2\n20,12\n")
     assert task_of(load_sweep(file)).plan.points == 2
+
+
+def test_two_runs_do_not_work_on_one_folder(tmp_path, capsys):
+    file, out = written(tmp_path), tmp_path / "out"
+    with RunFolder(out, {}).alone():
+        told = run_gtr(capsys, "sweep", file, "-o", out, "--no-plot")
+        assert told.status == 2 and "another gtr is at work on it" in told.err and not out.exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["robot.toml", file.name]
 
 
 def test_a_damaged_store_is_mended(tmp_path, capsys, monkeypatch):

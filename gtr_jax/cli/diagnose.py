@@ -67,9 +67,9 @@ def diagnose(
     paths |= {f"recording {i + 1}": path for i, path in enumerate(given.recordings)}
     folder = RunFolder(output, paths)
     enable_cache()
-    if folder.steps.exists():
-        click.echo("going on from where an earlier run of this command stopped", err=True)
-    with kept(), Progress() as progress:
+    with folder.alone(), kept(), Progress() as progress:
+        if folder.steps.exists():
+            click.echo("going on from where an earlier run of this command stopped", err=True)
         answer = solve(
             config,
             recordings,
@@ -83,7 +83,7 @@ def diagnose(
         progress("drawing")
         with folder.write() as part:
             write_answer(part, answer, config, folder.settings())
-    folder.steps.unlink(missing_ok=True)
+        folder.steps.unlink(missing_ok=True)
     for line in summary(answer):
         click.echo(line)
     click.echo(f"report: {output / 'report.html'}")

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import filelock
 
 from gtr_jax.errors import InputError, listed
 from gtr_jax.plain import plain
@@ -63,6 +64,26 @@ class RunFolder:
     def steps(self) -> Path:
         """File beside the folder for what a long run has done, should it be interrupted."""
         return self._target.with_name(f".{self._target.name}.steps")
+
+    @contextlib.contextmanager
+    def alone(self) -> Iterator[None]:
+        """Keep other processes from going on with the same long run at the same time; refused if one does."""
+        path = self._target.with_name(f".{self._target.name}.lock")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lock = filelock.FileLock(path, blocking=False)
+        try:
+            lock.acquire()
+        except filelock.Timeout:
+            raise InputError(
+                f"-o {self.path}: another gtr is at work on it; wait until it ends, or choose another folder"
+            ) from None
+        try:
+            yield
+        finally:
+            # While it is held: whoever opened it meanwhile finds it gone, and makes another.
+            with contextlib.suppress(OSError):
+                path.unlink()
+            lock.release()
 
     @contextlib.contextmanager
     def write(self, adopted: Mapping[str, Path] | None = None) -> Iterator[Path]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shutil
 from pathlib import Path
@@ -77,8 +78,10 @@ def sweep(
         return 0
     assert output is not None
     folder = RunFolder(output, {"sweep": sweep, **inputs_of(file)})
-    store = _store(folder, output, task)
-    with kept(), Progress() as progress:
+    # The parts of a job array work on one store.
+    alone = contextlib.nullcontext() if how.part else folder.alone()
+    with alone, kept(), Progress() as progress:
+        store = _store(folder, output, task)
         progress("preparing")
         store.create()
         left = store.left()
