@@ -144,7 +144,8 @@ def write(scored: Sequence[Scored], labels: Sequence[str] | None, page: Path, se
     head = ["", "false alarms", "detected, information > 6", "single named exactly, information > 6"]
     head += ["confidently wrong", "outside called unexplained, information > 6"]
     effect_head = ["hidden", "term", "information > 6", "information (median)", "concealment (median)"]
-    effect_head += ["named", "in the set", "unexplained", "adequate", "wrong"]
+    effect_head += ["its own law leaves (median)", "named", "in the set", "unexplained", "adequate"]
+    effect_head += ["wrong", "not in the set"]
     stratum_head = ["stratum", "cases", "anything missing", "named exactly"]
     stratum_head += ["among the three most probable", "confidently wrong"]
     template = Template(Path(__file__).with_name("page.md").read_text(encoding="utf-8"))

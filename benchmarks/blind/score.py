@@ -334,11 +334,13 @@ def per_effect(scored: Sequence[Scored]) -> list[list[str]]:
                     f"{len(strong)} of {len(of)}",
                     f"{np.median([s.information for s in of]):.0f}",
                     f"{np.median([s.holds['concealment'] for s in of]):.0%}",
+                    f"{np.median([s.holds['own'] for s in of]):.0f}" if kind == "single" else "–",
                     str(sum(s.exact for s in of)),
                     str(sum(s.covered and not s.exact for s in of)),
                     str(count["unexplained"]),
                     str(count["adequate"]),
                     str(sum(s.wrong for s in of)),
+                    str(sum(s.verdict == "ambiguous" and not s.covered for s in of)),
                 ]
             )
     return rows
@@ -348,6 +350,8 @@ STRATA: tuple[tuple[str, Callable[[Scored], float], tuple[float, ...]], ...] = (
     ("information", lambda s: s.information, (0, 3, 6, 12, 30, 1e9)),
     ("concealment", lambda s: s.holds["concealment"], (0, 0.5, 0.75, 0.9, 1.01)),
 )
+# What the best fit of the term's own law leaves of the noise-free readings.
+OWN = (0, ENOUGH, 2 * ENOUGH, 1e9)
 
 
 def by_stratum(scored: Sequence[Scored]) -> list[list[str]]:
@@ -373,11 +377,18 @@ def by_stratum(scored: Sequence[Scored]) -> list[list[str]]:
             ]
         )
 
+    def between(low: float, high: float) -> str:
+        return f"above {low:g}" if high > 1e6 else f"{low:g} to {high:g}"
+
     for name, value, edges in STRATA:
         for low, high in itertools.pairwise(edges):
-            top = "" if high > 1e6 else f" to {high:g}"
-            add(f"{name} {low:g}{top}", [s for s in single if low <= value(s) < high])
+            add(f"{name} {between(low, high)}", [s for s in single if low <= value(s) < high])
     strong = [s for s in single if s.information > ENOUGH]
+    for low, high in itertools.pairwise(OWN):
+        add(
+            f"separable, information > 6, its own law leaves {between(low, high)}",
+            [s for s in strong if s.separable and low <= s.holds["own"] < high],
+        )
     for name in ("staircase", "rich", "random"):
         add(f"{name}, information > 6", [s for s in strong if s.key["protocol"] == name])
     for posed in (True, False):
@@ -424,7 +435,7 @@ def rows_csv(scored: Sequence[Scored]) -> str:
     """One line per case, for those who want to look."""
     out = io.StringIO()
     names = ["case", "kind", "hidden", "robot", "protocol", "pose", "noise", "information", "concealment"]
-    names += ["verdict", "sets", "mu", "mu_before", "mu_after", "seconds"]
+    names += ["own", "rival", "apart", "verdict", "sets", "mu", "mu_before", "mu_after", "seconds"]
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(names)
     for s in sorted(scored, key=lambda s: (s.kind, s.key["hidden"], s.name)):
@@ -438,7 +449,9 @@ def rows_csv(scored: Sequence[Scored]) -> str:
                 s.key["protocol"],
                 int(s.key["pose"]),
             ]
-            + [s.key["noise"], f"{s.information:.2f}", f"{s.holds['concealment']:.2f}", s.verdict]
+            + [s.key["noise"], f"{s.information:.2f}", f"{s.holds['concealment']:.2f}"]
+            + [f"{s.holds[x]:.2f}" if x in s.holds else "" for x in ("own", "rival", "apart")]
+            + [s.verdict]
             + [" or ".join(" + ".join(x) for x in s.sets), f"{s.key['mu']:.4f}"]
             + [f"{v:.4f}" for v in mu[:2]]
             + [f"{s.answer.get('seconds', float('nan')):.1f}"]
