@@ -16,13 +16,14 @@ import gtr_jax as gtr
 from calibrate.base_tension import exact
 from calibrate.diagnosis import decide
 from calibrate.diagnosis.bench import Bench, Fitted, Noise, noise_of
-from calibrate.diagnosis.experiment import checks, menu, turned, weighed, weight_to_hang
-from calibrate.diagnosis.hypotheses import Number, catalogue, number_of
+from calibrate.diagnosis.experiment import checks, menu, propose, turned, weighed, weight_to_hang
+from calibrate.diagnosis.hypotheses import Number, base_numbers, catalogue, number_of
 from calibrate.diagnosis.locate import cycles_of, ratio_of_branches
 from calibrate.diagnosis.memory import Memory
 from calibrate.diagnosis.patterns import Pattern, pattern_in
 from calibrate.diagnosis.rig import Rig
 from calibrate.diagnosis.search import Models
+from calibrate.fit import part_of
 from calibrate.weighing import Weighing
 from gtr_jax.sensing import cells_show
 from gtr_jax.terms import REGISTRY
@@ -441,18 +442,65 @@ def test_a_rig_turned_or_weighed_down_is_the_robot_file_said_so(make_robot):
         return np.asarray(gtr.simulate(make_robot(backbone=body, loads=loads), T).tip_pose)[:, :2]
 
     lying = make_robot(backbone=body, loads={"gravity_angle": "-90 deg", "tip_force": [0.01, -0.02]})
-    stood = lying.with_values(**turned(lying.loads, {"mu": 0.1}))
+    stood = lying.with_values(**turned(lying, {"mu": 0.1}))
     told = pose(gravity_angle="180 deg", tip_force=[-0.02, -0.01])
     before = np.asarray(gtr.simulate(lying, T).tip_pose)[:, :2]
     assert np.abs(told - before).max() > 1e-3
     found = np.asarray(gtr.simulate(stood.with_values(mu=lying.value("mu")), T).tip_pose)[:, :2]
     np.testing.assert_allclose(found, told, atol=1e-8)
     # A load that the file does not know turns as well.
-    values = turned(lying.loads, {"tip-load.x": 0.03, "tip-load.y": 0.0})
+    values = turned(lying, {"tip-load.x": 0.03, "tip-load.y": 0.0})
     np.testing.assert_allclose([values["tip-load.x"], values["tip-load.y"]], [-0.03, -0.02])
-    weight = weight_to_hang(lying)
+    # So does one that the file has as a term, and a weight comes on top of it.
+    termed = make_robot(terms=[{"kind": "tip-load", "x": 0.03, "y": -0.05}])
+    values = turned(termed, {})
+    np.testing.assert_allclose([values["tip-load.x"], values["tip-load.y"]], [-0.05, -0.03])
+    values = weighed(termed, np.asarray([0.0, -0.01]), {})
+    np.testing.assert_allclose([values["tip-load.x"], values["tip-load.y"]], [0.03, -0.06])
+    assert np.hypot(*weight_to_hang(lying, 0.05)) == pytest.approx(0.01)
+    weight = weight_to_hang(lying, 8.0)
     assert weight[0] == pytest.approx(0.0, abs=1e-12) and weight[1] < 0
-    hung = lying.with_values(**weighed(weight, {}))
+    hung = lying.with_values(**weighed(lying, weight, {}))
     told = pose(gravity_angle="-90 deg", tip_force=[0.01, -0.02 + weight[1]])
     np.testing.assert_allclose(np.asarray(gtr.simulate(hung, T).tip_pose)[:, :2], told, atol=1e-8)
     assert 0.01 < np.abs(told - before).max() / float(lying.backbone.length) < 0.3
+
+
+@pytest.mark.parametrize(
+    ("rivals", "known", "best"),
+    [
+        ({"gravity-error": {"x": 4.0}, "tip-load": {"x": 0.05}}, 20.0, "the rig turned"),
+        ({"zero-drift.tip": {"tip": 2e-3}, "friction-drift": {"rate": 5e-4}}, 50.0, "a rest of"),
+        ({"tip-gain": {"gain": 1.1}, "base-gain": {"gain": 1 / 1.1}}, 20.0, "hang known weights"),
+    ],
+)
+def test_the_experiment_that_tells_rivals_apart(make_robot, rivals, known, best):
+    robot = make_robot(loads={"gravity_angle": "-90 deg"})
+    T = np.concatenate([np.linspace(0.0, 20.0, 21), np.linspace(20.0, 0.0, 21)[1:]])
+    recording = gtr.Recording(path=Path("r.csv"), sha256="", time=np.arange(41.0), T_base=T, T_tip=0.8 * T)
+    part = part_of("r", robot, None, recording, ("T_tip",), 0.02, 0.02, False, [])
+    base = base_numbers(robot, {})
+    given = {"timed": True, "largest_tip": 20.0, "travel": np.array([0.0, 0.1]), "bend": 5.0}
+    of = {h.name: h for h in catalogue(robot, **given)}
+    start = {"mu": 0.2, "E": float(robot.value("E"))}
+
+    def fitted(name, values):
+        kind = name.partition(".")[0]
+        own = start | {n.name: n.centre for n in of[name].numbers}
+        own |= {f"{kind}.{key}": value for key, value in values.items()}
+        numbers = (*base, *of[name].numbers)
+        x = np.asarray([n.at(own[n.name]) for n in numbers])
+        told = known * np.eye(len(x))
+        return Fitted((name,), numbers, x, own, np.zeros(len(x)), told, 0.0, 0.0, (), 0, {})
+
+    fits = {(name,): fitted(name, values) for name, values in rivals.items()}
+    bench = SimpleNamespace(noise=[[Noise(0.02, 0.0)]])
+    models = SimpleNamespace(fits=fits, bench=bench, ranked=lambda: list(fits.values()))
+    decision = SimpleNamespace(verdict="ambiguous", confusion=list(fits), chosen=next(iter(fits.values())))
+    found = propose(cast(Any, models), cast(Any, decision), Rig(part, robot))
+    assert found is not None
+    assert best in found.says and max(dict(found.menu).values()) > 6
+    assert ("diagnosed.toml" in found.says) == ("rig turned" in found.says)
+    assert (found.T_tip is not None) == found.says.startswith("Take the tendon off")
+    done = [name for name, _ in found.menu if "hung from the tip" in name]
+    assert len(done) == 2 and any("read the cells" in name for name, _ in found.menu)

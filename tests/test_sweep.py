@@ -1,5 +1,6 @@
 """Sweeps: what the store holds is what the simulator says, and an interrupted sweep ends as a whole one."""
 
+import errno
 import hashlib
 import itertools
 import json
@@ -370,6 +371,17 @@ def test_two_runs_do_not_work_on_one_folder(tmp_path, capsys):
         told = run_gtr(capsys, "sweep", file, "-o", out, "--no-plot")
         assert told.status == 2 and "another gtr is at work on it" in told.err and not out.exists()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["robot.toml", file.name]
+
+
+def test_a_disk_without_locks_is_no_reason_to_refuse(tmp_path, monkeypatch):
+    def fail(self):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("filelock.FileLock.acquire", fail)
+    with RunFolder(tmp_path / "out", {}).alone():
+        pass
+    with pytest.raises(KeyError), RunFolder(tmp_path / "out", {}).alone():
+        raise KeyError
 
 
 def test_a_damaged_store_is_mended(tmp_path, capsys, monkeypatch):

@@ -12,13 +12,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax import Robot
-from gtr_jax.robot import Loads, sections
+from gtr_jax.robot import sections
 from gtr_jax.sensing import cells_show
 
 from ..base_tension import exact
 from ..coordinates import CHANNELS
 from .bench import Fitted
-from .decide import Decision
+from .decide import UNEXPLAINED, Decision
 from .rig import Rig
 from .search import Models, in_parallel
 
@@ -30,11 +30,13 @@ STEP = 0.05
 ENOUGH = 6.0
 # Many loops; a long rest, and how long the cells are left to themselves, in durations of a loop.
 LOOPS, REST, ALONE = 8, 20.0, 60.0
-# Deflection of the tip, as a share of the length, by the weight to hang from it, were it straight.
-DEFLECTION = 0.1
+# What the weight to hang from the tip would deflect it by, were it across a straight body, as a share of the
+# length; and the heaviest, as a share of the largest base tension.
+DEFLECTION, HEAVIEST = 0.1, 0.2
 # Terms that turn with gravity.
 TURNING = ("gravity-error", "tip-load")
 REMOVED, POSE = "the tendon taken off", "pose recorded"
+TURNED = "the rig turned to the left by a right angle"
 Values = Mapping[str, float]
 
 
@@ -99,7 +101,7 @@ def menu(largest: float, samples: int, duration: float) -> dict[str, tuple[np.nd
             np.cumsum([0, *([0.1 * d, 1.5 * d] * 7), 0.1 * d]),
         ),
         "many equal loops": through([rest, *([a, rest] * LOOPS)], np.cumsum([0, *([0.5 * d] * (2 * LOOPS))])),
-        "two equal loops with a long rest between": through(
+        f"two equal loops with a rest of {REST * d:.0f} s between": through(
             [rest, a, rest, rest, a, rest],
             d * np.cumsum([0, 0.5, 0.5, REST, 0.5, 0.5]),
             shares=(2, 2, 1, 2, 2),
@@ -118,40 +120,55 @@ def checks(largest: float, duration: float) -> dict[str, tuple[np.ndarray, np.nd
     none = np.zeros(len(up_and_down))
     base, tip = np.concatenate([up_and_down, none]), np.concatenate([none, up_and_down])
     alone = np.linspace(0.0, ALONE * duration, len(base))
+    seconds = f"{alone[-1]:.0f} s"
     return {
         "hang known weights on each cell in turn, up and down": (10.0 * np.arange(len(base)), base, tip),
-        "read the cells with nothing on them, for long": (alone, 0.0 * alone, 0.0 * alone),
+        f"read the cells with nothing on them, for {seconds}": (
+            alone,
+            0.0 * alone,
+            0.0 * alone,
+        ),
     }
 
 
-def turned(loads: Loads, values: Values) -> dict[str, float]:
-    """Values with what gravity and dead forces do once the rig is turned to the left by a right angle: what
-    pulled to the right of the base tangent then pulls against it.
+def _acts(robot: Robot, values: Values, kind: str) -> np.ndarray:
+    """Components of a term that turns with gravity: of some values, else of the robot's own."""
+    names = [f"{kind}.{axis}" for axis in "xy"]
+    return np.asarray([float(values.get(name, robot.value(name))) for name in names])
+
+
+def turned(robot: Robot, values: Values) -> dict[str, float]:
+    """Values of a robot with what gravity and dead forces do once its rig is turned to the left by a right
+    angle: what pulled to the right of the base tangent then pulls against it.
     """
+    loads = robot.loads
     direction = np.asarray([np.cos(loads.gravity_angle), np.sin(loads.gravity_angle)])
     known = {"gravity-error": float(loads.gravity) * direction, "tip-load": np.asarray(loads.tip_force)}
     after = dict(values)
     for kind in TURNING:
         own = known[kind]
-        x, y = own + [values.get(f"{kind}.{axis}", 0.0) for axis in "xy"]
+        x, y = own + _acts(robot, values, kind)
         after |= {f"{kind}.x": y - own[0], f"{kind}.y": -x - own[1]}
     return after
 
 
-def weighed(weight: np.ndarray, values: Values) -> dict[str, float]:
-    """Values with a known weight (2,) [N] hung from the tip."""
-    hung = {f"tip-load.{axis}": float(w) for axis, w in zip("xy", weight, strict=True)}
-    return dict(values) | {name: values.get(name, 0.0) + w for name, w in hung.items()}
+def weighed(robot: Robot, weight: np.ndarray, values: Values) -> dict[str, float]:
+    """Values of a robot with a known weight (2,) [N] hung from its tip."""
+    x, y = _acts(robot, values, "tip-load") + weight
+    return dict(values) | {"tip-load.x": float(x), "tip-load.y": float(y)}
 
 
-def weight_to_hang(robot: Robot) -> np.ndarray:
-    """Weight [N] of one digit that bends a robot moderately, (2,): along gravity as the robot file has it, to
-    the right of the base tangent where it has none.
+def weight_to_hang(robot: Robot, largest: float) -> np.ndarray:
+    """Weight [N] of one digit along gravity, (2,), that would bend a straight body moderately if across it.
+
+    Args:
+        robot: whose file says where gravity pulls.
+        largest: base tension [N], of which it is a small share at most.
     """
     compliance = float(jnp.mean(sections(robot).compliance))
     force = 3 * DEFLECTION / (compliance * float(robot.backbone.length) ** 2)
-    angle = float(robot.loads.gravity_angle) if robot.loads.gravity else -0.5 * np.pi
-    return float(f"{force:.0e}") * np.asarray([np.cos(angle), np.sin(angle)])
+    angle = float(robot.loads.gravity_angle)
+    return float(f"{min(force, HEAVIEST * largest):.0e}") * np.asarray([np.cos(angle), np.sin(angle)])
 
 
 class _Option(NamedTuple):
@@ -176,21 +193,26 @@ class _Drive(NamedTuple):
     changed: Callable[[Values], Values]
 
 
-def _drives(histories: Sequence[str], robot: Robot, rivals: Sequence[Fitted]) -> list[_Drive]:
-    """What may be driven: every history with the rig as it is, the first one with something done to it."""
+def _drives(histories: Sequence[str], robot: Robot, largest: float) -> list[_Drive]:
+    """What may be driven: every history with the rig as it is; where the file says which way gravity pulls,
+    the first one with the rig turned as well, or a weight hung from the tip.
+    """
     found = [_Drive(name, "", dict) for name in histories]
-    if robot.backbone.rigid:
+    if robot.backbone.rigid or not float(robot.loads.gravity):
         return found
-    turns = any(name.startswith(TURNING) for f in rivals for name in f.names)
-    if turns or robot.loaded:
-        left = "the rig turned to the left by a right angle"
-        found.append(_Drive(histories[0], left, functools.partial(turned, robot.loads)))
-    weight = weight_to_hang(robot)
-    hung = f"a weight of {np.linalg.norm(weight):.1g} N hung from the tip"
-    return [*found, _Drive(histories[0], hung, functools.partial(weighed, weight))]
+    weight = weight_to_hang(robot, largest)
+    return [
+        *found,
+        _Drive(histories[0], TURNED, functools.partial(turned, robot)),
+        _Drive(
+            histories[0],
+            f"a weight of {np.linalg.norm(weight):g} N hung from the tip",
+            functools.partial(weighed, robot, weight),
+        ),
+    ]
 
 
-def _options(models: Models, rig: Rig, rivals: Sequence[Fitted]) -> list[_Option]:
+def _options(models: Models, rig: Rig) -> list[_Option]:
     part, noise = rig.part, models.bench.noise[0]
     T, clock = part.T_base.T_base, part.time
     # As many samples as the bench simulates: no other program is compiled.
@@ -201,7 +223,7 @@ def _options(models: Models, rig: Rig, rivals: Sequence[Fitted]) -> list[_Option
     every = tuple(n for n in CHANNELS if n in sd)
     histories = menu(float(T.max()), part.samples, duration)
     found = []
-    for name, done, changed in _drives(list(histories), rig.robot, rivals):
+    for name, done, changed in _drives(list(histories), rig.robot, float(T.max())):
         time, load = histories[name]
         other = Rig(
             dataclasses.replace(part, T_base=exact(load), time=time, trial=None), rig.robot, memory=rig.memory
@@ -212,7 +234,7 @@ def _options(models: Models, rig: Rig, rivals: Sequence[Fitted]) -> list[_Option
 
             def shows(values, seen=seen, changed=changed, channels=channels):
                 shown = seen(tuple(changed(values).items()))
-                if shown is None:
+                if shown is None or shown.failed:
                     return None
                 return np.concatenate([shown.values[CHANNELS.index(c)] / sd[c] for c in channels])
 
@@ -261,7 +283,7 @@ def propose(models: Models, decision: Decision, rig: Rig) -> Experiment | None:
         rivals = [decision.chosen, *ranked[:1]]
     if len(rivals) < 2:
         return None
-    options = _options(models, rig, rivals)
+    options = _options(models, rig)
     reached = in_parallel(lambda option: _separation(option, rivals), options)
     scored = [(v, o) for v, o in zip(reached, options, strict=True) if np.isfinite(v)]
     if not scored:
@@ -273,7 +295,8 @@ def propose(models: Models, decision: Decision, rig: Rig) -> Experiment | None:
     which = " and ".join(" + ".join(f.names) if f.names else "nothing missing" for f in rivals)
     told = "would tell" if least > 3 else "is the best of the menu, but hardly tells"
     return Experiment(
-        f"{_in_words(best, rig.part.channels)}: it {told} {which} apart ({least:.1f} standard errors).",
+        f"{_in_words(best, rig.part.channels)}: it {told} {which} apart ({least:.1f} standard errors)."
+        + ("" if decision.verdict == UNEXPLAINED else _then(best)),
         [f.names for f in rivals],
         float(expected),
         best.time,
@@ -288,7 +311,22 @@ def _in_words(option: _Option, recorded: Sequence[str]) -> str:
     """What to do."""
     if option.T_tip is not None:
         return f"Take the tendon off and {option.name}"
-    done = [what for what in option.more if what != POSE]
+    done = _done(option)
     added = [c.replace("_", " ") for c in option.record if c not in recorded]
     also = f", and record {', '.join(added)}" if added else ""
     return f"Drive {', with '.join((option.name, *done))}{also}"
+
+
+def _done(option: _Option) -> list[str]:
+    """What is done to the rig."""
+    return [what for what in option.more if what not in (POSE, REMOVED)]
+
+
+def _then(option: _Option) -> str:
+    """What to do with a recording that cannot be diagnosed together with those there are."""
+    if not _done(option):
+        return ""
+    return (
+        " Diagnose that recording with diagnosed.toml, changed to say so: the answer is adequate if what the "
+        "file holds is right."
+    )

@@ -75,12 +75,18 @@ class RunFolder:
             lock.acquire()
         except filelock.Timeout:
             raise InputError(
-                f"-o {self.path}: another gtr is at work on it; wait until it ends, or choose another folder"
+                f"-o {self.path}: another gtr is at work on it ({path.name} is locked); wait until it ends, "
+                "or choose another folder"
             ) from None
+        except OSError:  # a disk without locks
+            with contextlib.suppress(OSError):
+                path.unlink()
+            yield
+            return
         try:
             yield
         finally:
-            # While it is held: whoever opened it meanwhile finds it gone, and makes another.
+            # While it is held, so that nobody holds a file that is gone.
             with contextlib.suppress(OSError):
                 path.unlink()
             lock.release()

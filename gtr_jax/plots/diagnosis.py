@@ -123,10 +123,18 @@ def plot_rivals(names: Sequence[str], probability: np.ndarray, delta: np.ndarray
 
 
 @styled
-def plot_history(time: np.ndarray, T_base: np.ndarray) -> Figure:
-    """A load history to drive: base tension [N] over time [s], (K,) each."""
+def plot_history(time: np.ndarray, T_base: np.ndarray, T_tip: np.ndarray | None = None) -> Figure:
+    """A load history to drive: base tension [N] over time [s], (K,) each; or, of a check of the cells, the
+    weights on that of the base and on that of the tip.
+    """
     fig, (axes,) = figure(2.2)
-    axes.plot(time, T_base, color=BLUE)
     axes.set_xlabel("time [s]")
-    axes.set_ylabel("$T_{base}$ [N]")
+    if T_tip is None:
+        axes.plot(time, T_base, color=BLUE)
+        axes.set_ylabel("$T_{base}$ [N]")
+        return fig
+    axes.plot(time, T_base, color=BLUE, marker="o", ms=3, label="base cell")
+    axes.plot(time, T_tip, color=VERMILLION, marker="s", ms=3, ls="--", label="tip cell")
+    axes.set_ylabel("weight on the cell [N]")
+    axes.legend(frameon=False, fontsize=8)
     return fig

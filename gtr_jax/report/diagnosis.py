@@ -90,7 +90,7 @@ def _figures(answer: Any) -> list[Figure]:
             Figure("rivals", plots.png(chart), "What else it could be: models refitted with mu and E.")
         )
     if answer.experiment is not None:
-        drawn = plots.plot_history(answer.experiment.time, answer.experiment.T_base)
+        drawn = plots.plot_history(answer.experiment.time, answer.experiment.T_base, answer.experiment.T_tip)
         figures.append(Figure("next-experiment", plots.png(drawn), answer.experiment.says))
     return figures
 
