@@ -282,6 +282,28 @@ def test_presliding_is_named():
     assert length.after == pytest.approx(truth["parameters"]["x0"], rel=0.1)
 
 
+@pytest.mark.slow
+def test_a_set_is_closed_under_simulation():
+    # A recording made by any model of the set has the same set.
+    config, recording, _ = case(5)
+    robot, T, time = gtr.build_robot(config), jnp.asarray(recording.T_base), jnp.arange(float(len(recording)))
+    rng = np.random.default_rng(5)
+
+    def diagnosed(values):
+        own = robot.with_values(**values)
+        shown = cells_show(own, T, gtr.simulate(own, T, time=time).T_tip, time)
+        noisy = np.asarray(shown.T_tip) + 0.04 * rng.normal(size=len(T))
+        made = {"T_base": np.asarray(shown.T_base), "T_tip": noisy, "time": np.asarray(time)}
+        return calibrate.diagnose(config, gtr.Recording(path=Path("r.csv"), sha256="", **made))
+
+    found = diagnosed({"mu": 0.4, "tip-gain.gain": 1.06})
+    assert found.verdict == "ambiguous" and ["tip-gain"] in found.confusion_set
+    values = {r.names: r.values for r in found.rivals}
+    for names in found.confusion_set:
+        again = diagnosed(values[tuple(names)])
+        assert sorted(again.confusion_set) == sorted(found.confusion_set), names
+
+
 def test_data_that_cannot_be_diagnosed():
     config, recording, _ = case(11)
     T_base, T_tip = np.asarray(recording.T_base), np.asarray(recording.T_tip)

@@ -123,11 +123,7 @@ def checks(largest: float, duration: float) -> dict[str, tuple[np.ndarray, np.nd
     seconds = f"{alone[-1]:.0f} s"
     return {
         "hang known weights on each cell in turn, up and down": (10.0 * np.arange(len(base)), base, tip),
-        f"read the cells with nothing on them, for {seconds}": (
-            alone,
-            0.0 * alone,
-            0.0 * alone,
-        ),
+        f"read the cells with nothing on them, for {seconds}": (alone, 0.0 * alone, 0.0 * alone),
     }
 
 
@@ -265,7 +261,9 @@ def _separation(option: _Option, rivals: Sequence[Fitted]) -> float:
         columns = []
         for i, n in enumerate(f.numbers):
             there = option.shows(dict(f.values) | {n.name: n.value(f.x[i] + STEP)})
-            columns.append(np.zeros_like(start) if there is None else (there - start) / STEP)
+            if there is None:
+                return np.inf
+            columns.append((there - start) / STEP)
         shown.append((start, np.stack(columns, axis=1)))
     least = np.inf
     for a, b in itertools.permutations(range(len(rivals)), 2):
