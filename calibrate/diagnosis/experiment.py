@@ -33,8 +33,6 @@ LOOPS, REST, ALONE = 8, 20.0, 60.0
 # What the weight to hang from the tip would deflect it by, were it across a straight body, as a share of the
 # length; and the heaviest, as a share of the largest base tension.
 DEFLECTION, HEAVIEST = 0.1, 0.2
-# Terms that turn with gravity.
-TURNING = ("gravity-error", "tip-load")
 REMOVED, POSE = "the tendon taken off", "pose recorded"
 TURNED = "the rig turned to the left by a right angle"
 Values = Mapping[str, float]
@@ -75,9 +73,8 @@ def menu(largest: float, samples: int, duration: float) -> dict[str, tuple[np.nd
     """
 
     def through(corners, times, shares=None):
-        even = np.linspace(0.0, 1.0, samples)
-        ends = np.cumsum([0.0, *np.diff(times)] if shares is None else [0.0, *shares])
-        t = np.interp(even, ends / ends[-1], times)
+        ends = times if shares is None else np.cumsum([0.0, *shares])
+        t = np.interp(np.linspace(0.0, ends[-1], samples), ends, times)
         return t, np.interp(t, times, corners)
 
     a, d = largest, duration
@@ -127,6 +124,12 @@ def checks(largest: float, duration: float) -> dict[str, tuple[np.ndarray, np.nd
     }
 
 
+def _down(robot: Robot) -> np.ndarray:
+    """Direction of gravity as the robot file has it, (2,)."""
+    angle = float(robot.loads.gravity_angle)
+    return np.asarray([np.cos(angle), np.sin(angle)])
+
+
 def _acts(robot: Robot, values: Values, kind: str) -> np.ndarray:
     """Components of a term that turns with gravity: of some values, else of the robot's own."""
     names = [f"{kind}.{axis}" for axis in "xy"]
@@ -138,11 +141,9 @@ def turned(robot: Robot, values: Values) -> dict[str, float]:
     angle: what pulled to the right of the base tangent then pulls against it.
     """
     loads = robot.loads
-    direction = np.asarray([np.cos(loads.gravity_angle), np.sin(loads.gravity_angle)])
-    known = {"gravity-error": float(loads.gravity) * direction, "tip-load": np.asarray(loads.tip_force)}
+    known = {"gravity-error": float(loads.gravity) * _down(robot), "tip-load": np.asarray(loads.tip_force)}
     after = dict(values)
-    for kind in TURNING:
-        own = known[kind]
+    for kind, own in known.items():
         x, y = own + _acts(robot, values, kind)
         after |= {f"{kind}.x": y - own[0], f"{kind}.y": -x - own[1]}
     return after
@@ -163,8 +164,7 @@ def weight_to_hang(robot: Robot, largest: float) -> np.ndarray:
     """
     compliance = float(jnp.mean(sections(robot).compliance))
     force = 3 * DEFLECTION / (compliance * float(robot.backbone.length) ** 2)
-    angle = float(robot.loads.gravity_angle)
-    return float(f"{min(force, HEAVIEST * largest):.0e}") * np.asarray([np.cos(angle), np.sin(angle)])
+    return float(f"{min(force, HEAVIEST * largest):.0e}") * _down(robot)
 
 
 class _Option(NamedTuple):

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-import filelock
 
 from gtr_jax.errors import InputError, listed
 from gtr_jax.plain import plain
@@ -68,6 +67,8 @@ class RunFolder:
     @contextlib.contextmanager
     def alone(self) -> Iterator[None]:
         """Keep other processes from going on with the same long run at the same time; refused if one does."""
+        import filelock
+
         path = self._target.with_name(f".{self._target.name}.lock")
         path.parent.mkdir(parents=True, exist_ok=True)
         lock = filelock.FileLock(path, blocking=False)
@@ -78,11 +79,8 @@ class RunFolder:
                 f"-o {self.path}: another gtr is at work on it ({path.name} is locked); wait until it ends, "
                 "or choose another folder"
             ) from None
-        except OSError:  # a disk without locks
-            with contextlib.suppress(OSError):
-                path.unlink()
-            yield
-            return
+        except OSError:
+            pass  # a disk without locks: released below is what is held
         try:
             yield
         finally:
