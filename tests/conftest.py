@@ -16,6 +16,18 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 
 # Memory [pages of 4 KiB] beyond which compiled programs are dropped: a worker keeps all it ever compiled.
 LARGE, STATISTICS = 3 * 2**18, Path("/proc/self/statm")
+# Programs are compiled once for both workers and kept in pytest's cache: the most of them [bytes], and the
+# quickest to compile that is worth keeping [s].
+LARGEST_CACHE, QUICK = 2**31, 0.2
+
+
+def pytest_configure(config):
+    if not hasattr(config, "cache"):  # -p no:cacheprovider
+        return
+    jax.config.update("jax_compilation_cache_dir", str(config.cache.mkdir("programs")))
+    jax.config.update("jax_compilation_cache_max_size", LARGEST_CACHE)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", QUICK)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 
 @pytest.fixture(autouse=True)

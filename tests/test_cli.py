@@ -385,7 +385,9 @@ def test_an_interrupt_leaves_everything_as_it_was(when, run, tmp_path, monkeypat
 
 @pytest.mark.slow
 def test_control_c(tmp_path):
-    command = [sys.executable, "-c", "import sys; from gtr_jax.cli import main; sys.exit(main())"]
+    # A shell that starts the tests in the background has them ignore the signal.
+    heeded = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    command = [sys.executable, "-c", f"{heeded}; from gtr_jax.cli import main; raise SystemExit(main())"]
     command += ["simulate", str(SIMULATED), "--pull", "45", "--steps", "60000", "-o", str(tmp_path / "out")]
     with subprocess.Popen(
         command, stderr=subprocess.PIPE, text=True, env={**os.environ, "GTR_JAX_CACHE": "off"}

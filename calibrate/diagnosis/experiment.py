@@ -33,7 +33,7 @@ LOOPS, REST, ALONE = 8, 20.0, 60.0
 # What the weight to hang from the tip would deflect it by, were it across a straight body, as a share of the
 # length; and the heaviest, as a share of the largest base tension.
 DEFLECTION, HEAVIEST = 0.1, 0.2
-REMOVED, POSE = "the tendon taken off", "pose recorded"
+REMOVED = "the tendon taken off"
 TURNED = "the rig turned to the left by a right angle"
 Values = Mapping[str, float]
 
@@ -168,17 +168,24 @@ def weight_to_hang(robot: Robot, largest: float) -> np.ndarray:
 
 
 class _Option(NamedTuple):
-    """Something to measure: what it is, its load history, channels, what it needs beyond what the recording
-    had, and what it would show under some values, in standard deviations of the noise.
+    """Something to measure: what it is, what is done to the rig ("" for nothing), its load history, the
+    channels to record, those of them that the recording did not have, and what it would show under some
+    values, in standard deviations of the noise.
     """
 
     name: str
+    done: str
     time: np.ndarray
     T_base: np.ndarray
     T_tip: np.ndarray | None
     record: tuple[str, ...]
-    more: tuple[str, ...]
+    added: tuple[str, ...]
     shows: Callable[[Values], np.ndarray | None]
+
+    @property
+    def needs(self) -> list[str]:
+        """All it takes beyond another load history."""
+        return [self.done] * bool(self.done) + ["pose recorded"] * bool(self.added)
 
 
 class _Drive(NamedTuple):
@@ -234,9 +241,8 @@ def _options(models: Models, rig: Rig) -> list[_Option]:
                     return None
                 return np.concatenate([shown.values[CHANNELS.index(c)] / sd[c] for c in channels])
 
-            added = [POSE] if channels != tuple(part.channels) else []
-            more = (*([done] if done else []), *added)
-            found.append(_Option(name, time, load, None, channels, more, shows))
+            added = tuple(c for c in channels if c not in part.channels)
+            found.append(_Option(name, done, time, load, None, channels, added, shows))
     sd_base = max(part.T_base.sd, 1e-6) if part.T_base.sd > 0 else sd["T_tip"]
     for name, (time, base, tip) in checks(float(T.max()), duration).items():
 
@@ -245,7 +251,7 @@ def _options(models: Models, rig: Rig) -> list[_Option]:
             shown = cells_show(robot, jnp.asarray(base), jnp.asarray(tip), jnp.asarray(time))
             return np.concatenate([np.asarray(shown.T_base) / sd_base, np.asarray(shown.T_tip) / sd["T_tip"]])
 
-        found.append(_Option(name, time, base, tip, ("T_base", "T_tip"), (REMOVED,), cells))
+        found.append(_Option(name, REMOVED, time, base, tip, ("T_base", "T_tip"), (), cells))
     return found
 
 
@@ -287,13 +293,13 @@ def propose(models: Models, decision: Decision, rig: Rig) -> Experiment | None:
     if not scored:
         return None
     # Without anything more if that is enough.
-    scored.sort(key=lambda s: (-min(s[0], ENOUGH) + 0.5 * len(s[1].more), -s[0], s[1].name))
+    scored.sort(key=lambda s: (-min(s[0], ENOUGH) + 0.5 * len(s[1].needs), -s[0], s[1].name))
     least, best = scored[0]
     expected = 1 / (1 + (len(rivals) - 1) * np.exp(-0.5 * min(least, 20.0) ** 2))
     which = " and ".join(" + ".join(f.names) if f.names else "nothing missing" for f in rivals)
     told = "would tell" if least > 3 else "is the best of the menu, but hardly tells"
     return Experiment(
-        f"{_in_words(best, rig.part.channels)}: it {told} {which} apart ({least:.1f} standard errors)."
+        f"{_in_words(best)}: it {told} {which} apart ({least:.1f} standard errors)."
         + ("" if decision.verdict == UNEXPLAINED else _then(best)),
         [f.names for f in rivals],
         float(expected),
@@ -301,28 +307,22 @@ def propose(models: Models, decision: Decision, rig: Rig) -> Experiment | None:
         best.T_base,
         best.T_tip,
         best.record,
-        [(", ".join((o.name, *o.more)), v) for v, o in scored],
+        [(", ".join((o.name, *o.needs)), v) for v, o in scored],
     )
 
 
-def _in_words(option: _Option, recorded: Sequence[str]) -> str:
+def _in_words(option: _Option) -> str:
     """What to do."""
     if option.T_tip is not None:
         return f"Take the tendon off and {option.name}"
-    done = _done(option)
-    added = [c.replace("_", " ") for c in option.record if c not in recorded]
-    also = f", and record {', '.join(added)}" if added else ""
-    return f"Drive {', with '.join((option.name, *done))}{also}"
-
-
-def _done(option: _Option) -> list[str]:
-    """What is done to the rig."""
-    return [what for what in option.more if what not in (POSE, REMOVED)]
+    done = f", with {option.done}" if option.done else ""
+    also = f", and record {', '.join(c.replace('_', ' ') for c in option.added)}" if option.added else ""
+    return f"Drive {option.name}{done}{also}"
 
 
 def _then(option: _Option) -> str:
     """What to do with a recording that cannot be diagnosed together with those there are."""
-    if not _done(option):
+    if option.T_tip is not None or not option.done:
         return ""
     return (
         " Diagnose that recording with diagnosed.toml, changed to say so: the answer is adequate if what the "
