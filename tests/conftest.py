@@ -2,6 +2,7 @@
 
 import ctypes
 import gc
+import os
 from pathlib import Path
 
 import equinox as eqx
@@ -22,6 +23,7 @@ LARGEST_CACHE, QUICK = 2**31, 0.2
 
 
 def pytest_configure(config):
+    os.environ["GTR_JAX_CACHE"] = "off"  # the commands leave the user's own cache alone
     if not hasattr(config, "cache"):  # -p no:cacheprovider
         return
     jax.config.update("jax_compilation_cache_dir", str(config.cache.mkdir("programs")))

@@ -10,11 +10,6 @@ RIGID = ROBOT.replace("[routing]", "rigid = true\n\n[routing]")
 GOOD = "time_s,T_base_N,T_tip_N\n0,0,0\n1,10,6\n2,20,12\n3,10,9\n"
 
 
-@pytest.fixture(autouse=True)
-def no_cache(monkeypatch):
-    monkeypatch.setenv("GTR_JAX_CACHE", "off")
-
-
 @pytest.fixture
 def refused(tmp_path, monkeypatch, capsys):
     """Run a command that must be refused; its message."""

@@ -5,7 +5,6 @@ import dataclasses
 import hashlib
 import io
 import json
-import os
 import re
 import signal
 import subprocess
@@ -49,11 +48,6 @@ FIT_FILES = {
 LOOP = ("--pull", "45", "--release", "0", "--steps", "8")
 
 
-@pytest.fixture(autouse=True)
-def no_cache(monkeypatch):
-    monkeypatch.setenv("GTR_JAX_CACHE", "off")
-
-
 @pytest.fixture
 def run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -66,7 +60,6 @@ def simulated(tmp_path_factory):
     from gtr_jax.cli import main
 
     folder = tmp_path_factory.mktemp("simulated") / "out"
-    os.environ["GTR_JAX_CACHE"] = "off"
     assert main(["simulate", str(SIMULATED), *LOOP, "-o", str(folder)]) == 0
     return folder
 
@@ -79,7 +72,6 @@ def fitted(tmp_path_factory):
     place = tmp_path_factory.mktemp("fitted")
     lines = RECORDING.read_text().splitlines(keepends=True)
     (place / "rec.csv").write_text("".join(lines[:121]))
-    os.environ["GTR_JAX_CACHE"] = "off"
     assert main(["fit", str(RECORDED), str(place / "rec.csv"), "--free", "mu", "-o", str(place / "out")]) == 0
     return place / "out"
 
@@ -389,9 +381,7 @@ def test_control_c(tmp_path):
     heeded = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
     command = [sys.executable, "-c", f"{heeded}; from gtr_jax.cli import main; raise SystemExit(main())"]
     command += ["simulate", str(SIMULATED), "--pull", "45", "--steps", "60000", "-o", str(tmp_path / "out")]
-    with subprocess.Popen(
-        command, stderr=subprocess.PIPE, text=True, env={**os.environ, "GTR_JAX_CACHE": "off"}
-    ) as process:
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         assert "compiling" in process.stderr.readline()
         time.sleep(0.5)

@@ -273,8 +273,7 @@ friction_coefficient = 0.1
 
 
 @pytest.fixture
-def files(tmp_path, monkeypatch):
-    monkeypatch.setenv("GTR_JAX_CACHE", "off")
+def files(tmp_path):
     (tmp_path / "robot.toml").write_text(SMALL)
     (tmp_path / "target.toml").write_text(TARGET.format(angle="60 deg"))
     (tmp_path / "far.toml").write_text(TARGET.format(angle="170 deg"))

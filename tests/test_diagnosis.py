@@ -244,9 +244,8 @@ def asymmetry(tmp_path_factory):
     return folder, out
 
 
-def test_the_command_names_an_effect(asymmetry, capsys, monkeypatch):
+def test_the_command_names_an_effect(asymmetry, capsys):
     folder, out = asymmetry
-    monkeypatch.setenv("GTR_JAX_CACHE", "off")
     outcome = run_gtr(
         capsys, "diagnose", folder / "robot.toml", folder / "recording.csv", "--next", "-o", out
     )

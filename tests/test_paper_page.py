@@ -32,7 +32,6 @@ def test_the_numbers_of_a_page_are_read_as_printed():
 @pytest.mark.slow
 def test_the_page_of_the_docs_is_what_the_command_writes(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("GTR_JAX_CACHE", "off")
     outcome = run_gtr(capsys, "paper", "-o", "out")
     assert outcome.status == 0, outcome.err
     written, kept = ((f / "paper.md").read_text(encoding="utf-8") for f in (tmp_path / "out", ROOT / "docs"))

@@ -28,7 +28,6 @@ def blocks(page: Path) -> list[tuple[str, str]]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_page(page, tmp_path, monkeypatch, capsys):
-    monkeypatch.setenv("GTR_JAX_CACHE", "off")
     monkeypatch.chdir(tmp_path)
     shutil.copytree(ROOT / "examples", "examples")
     Path("history.csv").write_text(HISTORY)

@@ -384,8 +384,7 @@ def test_a_disk_without_locks_is_no_reason_to_refuse(tmp_path, monkeypatch):
         raise KeyError
 
 
-def test_a_damaged_store_is_mended(tmp_path, capsys, monkeypatch):
-    monkeypatch.setenv("GTR_JAX_CACHE", "off")
+def test_a_damaged_store_is_mended(tmp_path, capsys):
     file, out = written(tmp_path, GRID.replace(', "T_base_switch"', "")), tmp_path / "out"
     assert run_gtr(capsys, "sweep", file, "-o", out, "--no-plot").status == 0
     store = out / "sweep.zarr"
@@ -596,7 +595,6 @@ def test_options_that_do_not_go_together(tmp_path, capsys, arguments, says):
 
 def test_the_command_from_parts_to_report(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("gtr_jax.sweep.task.block_size", lambda *_: 4)
-    monkeypatch.setenv("GTR_JAX_CACHE", "off")
     file, out = written(tmp_path), tmp_path / "out"
     first = run_gtr(capsys, "sweep", file, "-o", out, "--part", "1/2")
     assert first.status == 0 and "2 blocks are left" in first.out, first

@@ -21,7 +21,6 @@ LEFT = '[[tendons]]\nname = "left"'
 @pytest.fixture
 def run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("GTR_JAX_CACHE", "off")
     return lambda *arguments: run_gtr(capsys, *arguments)
 
 
