@@ -18,7 +18,7 @@ from ..coordinates import CHANNELS
 from ..noise import MAD_TO_SD, resolution
 from .bench import Bench, Fitted
 
-SAMPLE = "sample"
+SAMPLE, NAN = "sample", float("nan")
 # Chance below which a pattern is no noise, and the share of the residual that it has to explain: in long
 # recordings the least that noise is not what it is taken for is significant.
 CHANCE, SHARE = 1e-4, 0.3
@@ -32,6 +32,8 @@ LEAST = 0.5
 SMOOTH = 3
 # Changes of the tip that a reading may follow; waves over the range of a tension, from and to, by so many.
 LAGS, FEWEST_WAVES, MOST_WAVES, STEP = 8, 2.0, 60.0, 0.25
+# Widths of bumps over the range of a tension, in shares of it; samples at the top of one, at least.
+WIDTHS, TOP = (0.015, 0.03, 0.06), 4
 # Rows that the fit's own numbers explain but for this share say nothing.
 OWN = 0.05
 # Samples for each number of a pattern.
@@ -40,20 +42,28 @@ EACH = 3
 
 class Pattern(NamedTuple):
     """A regularity: recording; along what, "sample", "T_tip" or "T_base"; how probable it is by chance;
-    the share of the residual that it explains; and the period of waves [N], else NaN.
+    the share of the residual that it explains; the period of waves [N], and where a bump is and how wide [N],
+    else NaN.
     """
 
     recording: str
     along: str
     chance: float
     share: float
-    period_N: float = float("nan")
+    period_N: float = NAN
+    at_N: float = NAN
+    width_N: float = NAN
 
     @property
     def says(self) -> str:
         """In words."""
         if self.along == SAMPLE:
             return "what is left of T_tip follows the changes of the last samples, as a cell does that rings"
+        if self.at_N == self.at_N:
+            return (
+                f"what is left of T_tip bulges wherever {self.along} is near {self.at_N:.3g} N, "
+                f"{self.width_N:.2g} N wide"
+            )
         return f"what is left of T_tip swings with {self.along}, with a period of {self.period_N:.2g} N"
 
 
@@ -65,27 +75,33 @@ def pattern_in(bench: Bench, fitted: Fitted) -> Pattern | None:
         if beside.rms < LEAST:
             continue
         tip = fitted.seen[k].values[CHANNELS.index("T_tip")]
-        groups = [[Candidate(SAMPLE, float("nan"), _lagged(tip))]]
-        for name, along in (("T_tip", tip), ("T_base", rig.part.T_base.T_base)):
+        T_base = rig.part.T_base.T_base
+        groups = [[Candidate(SAMPLE, _lagged(tip))]]
+        for name, along in (("T_tip", tip), ("T_base", T_base)):
             groups.append(_waves(name, along, resolution(rig.part.T_tip)))
+            groups.append(_bumps(name, along, _way(T_base)))
         candidates = [c for group in groups for c in group]
         tested = iter(beside.explained([c.changes for c in candidates]))
         for group in groups:
             for c in group:
                 chance, share = next(tested)
                 chance = min(1.0, chance * len(group))
+                if c.at_N == c.at_N:
+                    share = _share(c.changes, rig.part.T_tip - tip)
                 counts = chance < CHANCE / len(bench.rigs) and share > SHARE
                 if counts and (best is None or chance < best.chance):
-                    best = Pattern(rig.part.name, c.along, chance, share, c.period_N)
+                    best = Pattern(rig.part.name, c.along, chance, share, c.period_N, c.at_N, c.width_N)
     return best
 
 
 class Candidate(NamedTuple):
-    """A pattern to look for: along what; its period, or NaN; and changes of T_tip [N], (m, K)."""
+    """A pattern to look for: along what; changes of T_tip [N], (m, K); and the rest as of `Pattern`."""
 
     along: str
-    period_N: float
     changes: np.ndarray
+    period_N: float = NAN
+    at_N: float = NAN
+    width_N: float = NAN
 
 
 class _Beside:
@@ -156,13 +172,26 @@ class _Beside:
         return chance, min(explained / self.total, 1.0)
 
 
+def _share(changes: np.ndarray, left: np.ndarray) -> float:
+    """Share of what is left [N], (K,), that changes (m, K) explain. Not of the white residual: where samples
+    are dense, what a bump is in it is small.
+    """
+    left = left - np.median(left)
+    follow = changes.T @ np.linalg.lstsq(changes.T, left, rcond=None)[0]
+    return 1.0 - float(np.sum((left - follow) ** 2) / max(float(left @ left), 1e-300))
+
+
 def _smooth(T_base: np.ndarray) -> np.ndarray:
     """Powers of the base tension, all samples alike and with the sign of its last change, (m, K)."""
-    way = np.sign(np.diff(T_base, prepend=T_base[0]))
-    moved = np.maximum.accumulate(np.where(way != 0, np.arange(len(way)), 0))
     u = 2 * (T_base - T_base.min()) / max(float(np.ptp(T_base)), 1e-300) - 1
     powers = np.stack([u**k for k in range(SMOOTH + 1)])
-    return np.concatenate([powers, way[moved] * powers])
+    return np.concatenate([powers, _way(T_base) * powers])
+
+
+def _way(T_base: np.ndarray) -> np.ndarray:
+    """Sign of the last change of the base tension at each sample, (K,)."""
+    way = np.sign(np.diff(T_base, prepend=T_base[0]))
+    return way[np.maximum.accumulate(np.where(way != 0, np.arange(len(way)), 0))]
 
 
 def _lagged(tip: np.ndarray) -> np.ndarray:
@@ -182,4 +211,21 @@ def _waves(name: str, along: np.ndarray, step: float) -> list[Candidate]:
     number = np.arange(FEWEST_WAVES, most, STEP)
     angles = 2 * np.pi * number[:, None] * u
     waves = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    return [Candidate(name, float(span / n), wave) for n, wave in zip(number, waves, strict=True)]
+    return [Candidate(name, wave, float(span / n)) for n, wave in zip(number, waves, strict=True)]
+
+
+def _bumps(name: str, along: np.ndarray, way: np.ndarray) -> list[Candidate]:
+    """Bumps over a tension, while pulling and releasing, where enough samples are to show them."""
+    low, span = float(along.min()), float(np.ptp(along))
+    if span <= 0:
+        return []
+    u, found = (along - low) / span, []
+    for width in WIDTHS:
+        for at in np.arange(0.0, 1.0 + width, width):
+            bump = np.exp(-0.5 * ((u - at) / width) ** 2)
+            if np.sum(bump > 0.5) >= TOP:
+                changes = np.stack([bump, way * bump])
+                found.append(
+                    Candidate(name, changes, at_N=low + float(at) * span, width_N=2.35 * width * span)
+                )
+    return found

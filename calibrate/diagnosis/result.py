@@ -269,6 +269,8 @@ class Diagnosis:
                 "recording": self.pattern.recording,
                 "along": self.pattern.along,
                 "period_N": self.pattern.period_N,
+                "at_N": self.pattern.at_N,
+                "width_N": self.pattern.width_N,
                 "by_chance": self.pattern.chance,
                 "share": self.pattern.share,
             }

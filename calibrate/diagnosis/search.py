@@ -109,10 +109,10 @@ class Screened(NamedTuple):
     smallest: float
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(eq=False)
 class _Tried:
-    """A start of a hypothesis: coordinates, drop of the sum of squares, and power of what it changes beside
-    the numbers fitted.
+    """A start of a hypothesis: coordinates, drop of the sum of squares, power of what it changes beside the
+    numbers fitted, and sum of squares before these follow.
     """
 
     hypothesis: Hypothesis
@@ -120,6 +120,7 @@ class _Tried:
     start: Start
     gain: float = -np.inf
     power: float = 0.0
+    cost: float = np.inf
 
 
 # Standard errors that count as seen, and how far the numbers fitted may follow at once.
@@ -127,8 +128,8 @@ SEEN, FAR = 6.0, 1.5
 # Sum of squares of the coordinates from which a base model counts as far off its priors.
 FAR_OFF = 9.0
 # Share of the drop that a slope promises which is counted on; how many starts are tried a second time;
-# iterations of a third try, of those with one number.
-PROMISED, AGAIN, QUICK = 0.3, 24, 3
+# iterations of a third try; sum of squares, in those of the fit, from which a start with shapes gets none.
+PROMISED, AGAIN, QUICK, AMISS = 0.3, 24, 3, 5.0
 
 
 def firm_fit(bench: Bench, base: Fitted) -> Fitted | None:
@@ -216,7 +217,8 @@ def screen(
         known = dict(columns)
         if h.numbers[0].size and x[0] != 0:
             known[n] = (rows - fitted.rows) / x[0]
-        tried.gain, tried.power = max(standing - cost(rows, fitted.x), promised), power
+        tried.cost, tried.power = cost(rows, fitted.x), power
+        tried.gain = max(standing - tried.cost, promised)
         tried.start = Start(both, known)
         return tried
 
@@ -224,22 +226,25 @@ def screen(
         h, both = tried.hypothesis, tried.start.x
         followed = simulated((*fitted.numbers, *h.numbers), both, h.fixed)
         if followed is not None:
-            tried.gain = max(tried.gain, standing - cost(followed, both[:n]))
+            tried.cost = min(tried.cost, cost(followed, both[:n]))
+            tried.gain = max(tried.gain, standing - tried.cost)
 
     def third_try(tried: _Tried) -> _Tried | None:
         # Where the numbers fitted make up for most of an effect they follow along a valley too bent for one
-        # step.
-        secant, (first, *others) = tried.start.known.get(n), tried.hypothesis.numbers
-        if others or secant is None:
+        # step. Of several shapes each start has its own.
+        h, known = tried.hypothesis, tried.start.known
+        if n not in known or (len(h.numbers) > 1 and tried.cost > AMISS * standing):
             return None
-        x = np.append(fitted.x, first.at(tried.named[first.name]))
-        J = np.concatenate([fitted.jacobian, secant[:, None]], axis=1)
-        found = bench.refit((tried.hypothesis,), x, jacobian=J, exact=False, most=QUICK)
+        free = h.numbers if len(h.numbers) <= 2 else h.numbers[:1]
+        shape = {m.name: tried.named[m.name] for m in h.numbers[len(free) :]}
+        own = dataclasses.replace(h, numbers=free, fixed={**h.fixed, **shape})
+        x = np.concatenate([fitted.x, [m.at(tried.named[m.name]) for m in free]])
+        found = bench.refit((own,), x, known=known, exact=False, most=QUICK)
         if found is None:
             return None
-        return dataclasses.replace(
-            tried, start=Start(found.x, dict(enumerate(found.jacobian.T))), gain=standing - found.cost
-        )
+        at = np.asarray([m.at(shape[m.name]) for m in h.numbers[len(free) :]])
+        start = Start(np.concatenate([found.x, at]), dict(enumerate(found.jacobian.T)))
+        return dataclasses.replace(tried, start=start, gain=standing - found.cost - float(at @ at))
 
     all_tried = [
         _Tried(h, s, Start(np.concatenate([fitted.x, [m.at(s[m.name]) for m in h.numbers]]), {}))
@@ -247,9 +252,17 @@ def screen(
         for s in (h.starts if thorough else h.few)
     ]
     found = in_parallel(first_try, all_tried)
-    in_parallel(second_try, sorted(found, key=lambda t: -t.gain)[: AGAIN if thorough else AGAIN // 2])
+    promising = sorted(found, key=lambda t: -t.gain)[: AGAIN if thorough else AGAIN // 2]
+    in_parallel(second_try, promising)
     if thorough and reference is None and not fitted.names:
-        best = [max((t for t in found if t.hypothesis is h), key=lambda t: t.gain) for h in hypotheses]
+        best = [
+            tried
+            for h in hypotheses
+            for tried in sorted((t for t in found if t.hypothesis is h), key=lambda t: -t.gain)[
+                : STARTS_EACH[len(h.numbers)]
+            ]
+        ]
+        in_parallel(second_try, [t for t in best if t not in promising])
         found += [t for t in in_parallel(third_try, best) if t is not None]
     screened = []
     for h in hypotheses:
