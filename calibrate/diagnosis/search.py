@@ -464,18 +464,20 @@ def combine(models: Models, progress: Callable[[str], None]) -> None:
     best, tried = models.ranked()[0], {f.names for f in heads}
     if len(best.names) < 2:
         return
+    # A refit can stop short in a narrow valley that those of several effects have come through: what is left
+    # of these starts where they end.
     for name in best.names:
-        if (name,) in tried:
-            continue
-        alone = models.fits.get((name,))
-        if alone is None:
-            alone = models.bench.refit(
-                models.hypotheses((name,)), models.coordinates((name,), best), exact=True
-            )
-        if alone is not None:
-            models.add([alone])
+        alone = _part(models, (name,), best)
+        if alone is not None and (name,) not in tried:
             add_to(models, alone, progress)
     for pair in itertools.combinations(best.names, 2):
-        if tuple(sorted(pair)) not in models.fits:
-            again = models.bench.refit(models.hypotheses(pair), models.coordinates(pair, best), exact=False)
-            models.add([] if again is None else [again])
+        _part(models, pair, best)
+
+
+def _part(models: Models, names: tuple[str, ...], whole: Fitted) -> Fitted | None:
+    """Refit some of the effects of a model from where that is; the better of this and any earlier fit."""
+    if tuple(sorted(names)) != tuple(sorted(whole.names)):
+        start = models.coordinates(names, whole)
+        found = models.bench.refit(models.hypotheses(names), start, exact=len(names) == 1)
+        models.add([] if found is None else [found])
+    return models.fits.get(tuple(sorted(names)))
