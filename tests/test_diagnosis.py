@@ -16,18 +16,20 @@ import gtr_jax as gtr
 from calibrate.base_tension import exact
 from calibrate.diagnosis import decide
 from calibrate.diagnosis.bench import Bench, Fitted, Noise, noise_of
+from calibrate.diagnosis.diagnose import prepare
 from calibrate.diagnosis.experiment import checks, menu, propose, turned, weighed, weight_to_hang
 from calibrate.diagnosis.hypotheses import Number, base_numbers, catalogue, number_of
 from calibrate.diagnosis.locate import cycles_of, ratio_of_branches
 from calibrate.diagnosis.memory import Memory
 from calibrate.diagnosis.patterns import Pattern, pattern_in
 from calibrate.diagnosis.rig import Rig
-from calibrate.diagnosis.search import Models
+from calibrate.diagnosis.search import Models, screen
 from calibrate.fit import part_of
 from calibrate.weighing import Weighing
 from gtr_jax.sensing import cells_show
 from gtr_jax.terms import REGISTRY
 
+REFERENCE = Path(__file__).parent / "data" / "reference"
 LABELLED = Path(__file__).parent / "data" / "labelled"
 
 
@@ -120,6 +122,12 @@ def test_a_regularity_is_no_noise():
     assert by_tension.period_N == pytest.approx(wanted, rel=0.1) and 0.4 < by_tension.share < 0.7
     by_sample = found(rng.normal(size=K) + 1.6 * ringing / np.std(ringing))
     assert by_sample is not None and by_sample.along == "sample" and "rings" in by_sample.says
+    bump = np.exp(-0.5 * ((T - 19.0) / 1.5) ** 2)
+    at_a_tension = found(rng.normal(size=K) + 4.0 * bump)
+    assert at_a_tension is not None
+    wanted = 19.0 if at_a_tension.along == "T_base" else 0.8 * 19.0
+    assert at_a_tension.at_N == pytest.approx(wanted, rel=0.05)
+    assert 1.5 < at_a_tension.width_N < 6.0 and "bulges" in at_a_tension.says
     # A smooth misfit of pull and release is none, and neither is what is left of an exact model.
     u, way = T / 45, np.sign(np.diff(T, prepend=-1.0))
     for size in (0.02, 5.0):
@@ -270,6 +278,21 @@ def test_the_command_names_an_effect(asymmetry, capsys):
     assert "friction-asymmetry" in page and "http" not in page.split("<body")[1].split("settings")[0][:2000]
     for name in ("loop.png", "residual.png", "rivals.png", "next-experiment.png", "diagnosis.csv"):
         assert (out / name).exists(), name
+
+
+@pytest.mark.slow
+def test_a_rough_stretch_is_among_the_first():
+    # Mu and E follow it along a valley, from each place that it may have: no one step tells.
+    folder, rng = REFERENCE / "local-friction-stretch", np.random.default_rng(2)
+    run = gtr.read_recording(folder / "recording.csv")
+    noise = {"T_tip": 0.05, "tip_x": 3e-4, "tip_y": 3e-4, "tip_angle": 5e-3, "displacement": 1e-4}
+    noisy = {
+        name: np.asarray(getattr(run, name)) + sd * rng.normal(size=len(run)) for name, sd in noise.items()
+    }
+    ready = prepare(gtr.load_config(folder / "robot.toml"), dataclasses.replace(run, **noisy))
+    assert not isinstance(ready, calibrate.Diagnosis)
+    screened = screen(ready.bench, ready.base, ready.hypotheses)
+    assert screened[0].hypothesis.name == "local-friction.stretch"
 
 
 @pytest.mark.slow

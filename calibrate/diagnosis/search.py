@@ -19,7 +19,7 @@ MU_STARTS = (0.03, 0.08, 0.15, 0.25, 0.4, 0.65)
 # Hypotheses refitted, and those added to one that is known.
 SHORTLIST, SECOND = 10, 3
 # Starts by how many numbers a hypothesis has: shapes have optima of their own.
-STARTS_EACH, ONE_EACH = {1: 1, 2: 2, 3: 5}, {1: 1, 2: 1, 3: 2}
+STARTS_EACH, ONE_EACH = {1: 1, 2: 3, 3: 5}, {1: 1, 2: 1, 3: 2}
 # A drop of the sum of squares that is worth a refit.
 WORTH, SECOND_WORTH = 6.0, 9.0
 # Prior probability of no, one, two and three missing effects.
@@ -252,6 +252,7 @@ def screen(
         for s in (h.starts if thorough else h.few)
     ]
     found = in_parallel(first_try, all_tried)
+    thirds: list[_Tried] = []
     promising = sorted(found, key=lambda t: -t.gain)[: AGAIN if thorough else AGAIN // 2]
     in_parallel(second_try, promising)
     if thorough and reference is None and not fitted.names:
@@ -263,17 +264,22 @@ def screen(
             ]
         ]
         in_parallel(second_try, [t for t in best if t not in promising])
-        found += [t for t in in_parallel(third_try, best) if t is not None]
+        thirds = [t for t in in_parallel(third_try, best) if t is not None]
     screened = []
     for h in hypotheses:
-        mine, first = [t for t in found if t.hypothesis is h], h.numbers[0]
+        mine, first = [t for t in (*found, *thirds) if t.hypothesis is h], h.numbers[0]
         least = [
             abs(first.value(first.at(t.named[first.name]) * SEEN / np.sqrt(t.power)) - first.centre)
             for t in mine
             if t.power > 0 and first.size and t.named[first.name] != first.centre
         ]
         ranked = sorted(mine, key=lambda t: -t.gain)
-        starts = [t.start for t in ranked]
+        # The best, then of the others one of each size: from where small ones lead, shapes go astray.
+        by_size: dict[float, _Tried] = {}
+        for t in ranked:
+            if t not in thirds:
+                by_size.setdefault(t.named[first.name], t)
+        starts = [t.start for t in dict.fromkeys([ranked[0], *by_size.values(), *ranked])]
         screened.append(Screened(h, float(ranked[0].gain), starts, min(least, default=np.inf)))
     return sorted(screened, key=lambda s: -s.gain)
 
