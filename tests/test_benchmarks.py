@@ -12,7 +12,7 @@ import pytest
 import gtr_jax as gtr
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # benchmarks is not installed
-from benchmarks import gate, measure, node_equation, solver_study, speed, systems
+from benchmarks import gate, measure, node_equation, noisy, solver_study, speed, systems
 from benchmarks.candidates import CANDIDATES
 
 RIVALS = [name for name in CANDIDATES if name != "march"]
@@ -65,3 +65,25 @@ def test_committed_baseline_names_its_machine_and_knows_the_metrics():
     baseline = json.loads(gate.BASELINE.read_text())
     assert baseline["machine"].keys() >= measure.machine().keys()
     assert any(m["gated"] for m in baseline["metrics"].values())
+
+
+def test_labelled_recordings_are_made_of_noise_free_ones(tmp_path):
+    reference = Path(__file__).parent / "data/reference"
+    for name in ("coulomb", "local-friction-tip"):
+        noisy.write(reference / name, tmp_path)
+    true = gtr.read_recording(reference / "coulomb/recording.csv")
+    with_pose = gtr.read_recording(tmp_path / "coulomb-pose/recording.csv")
+    off = np.asarray(with_pose.T_tip) - np.asarray(true.T_tip)
+    assert np.std(off) == pytest.approx(0.05, rel=0.25) and 0.3 < np.corrcoef(off[1:], off[:-1])[0, 1] < 0.7
+    assert with_pose.tip_x is not None and np.std(with_pose.tip_x - true.tip_x) == pytest.approx(
+        3e-4, rel=0.2
+    )
+    alone = gtr.read_recording(tmp_path / "local-friction-tip-tensions/recording.csv")
+    assert alone.tip_x is None and len(alone) == len(true)
+    stated = [
+        float(gtr.build_robot(gtr.load_config(folder / "robot.toml")).value("E"))
+        for folder in (reference / "coulomb", tmp_path / "coulomb-pose")
+    ]
+    assert stated[1] / stated[0] == pytest.approx(noisy.E_OFF, rel=1e-3)
+    truth = json.loads((tmp_path / "local-friction-tip-pose/truth.json").read_text())
+    assert truth["effects"] == ["local-friction"] and noisy.effect("coulomb-gravity") == []

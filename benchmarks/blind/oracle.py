@@ -90,7 +90,7 @@ def _rivalry(bench: Bench, base: Fitted, truth: str) -> dict[str, float]:
     others = [s for s in screened if s.hypothesis.kind != truth][:NEAREST]
     least = []
     for some in (own, others):
-        fits = refit_best(bench, (), some, STARTS_EACH) if some else []
+        fits = refit_best(bench, (), base, some, STARTS_EACH) if some else []
         least.append(min([base.cost, *(f.cost for f in fits)]))
     apart = max(least[1] - least[0], 0.0)
     return {k: float(np.sqrt(v)) for k, v in (("own", least[0]), ("rival", least[1]), ("apart", apart))}

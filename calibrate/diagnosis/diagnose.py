@@ -139,7 +139,7 @@ def _search(ready: Prepared, experiment: bool | None, say: Callable[[str], None]
     short = [s for s in screened if s.gain > WORTH][:SHORTLIST]
     if short:
         say(f"refitting the {len(short)} most promising")
-        models.add(refit_best(bench, (), short, STARTS_EACH))
+        models.add(refit_best(bench, (), base, short, STARTS_EACH))
         # What the coarse mesh, and the fewer samples, leave out of an effect would pass for a second one.
         top = [f for f in models.ranked() if f.names][:REFINED]
         _refine(bench, models, {f.names: f for f in top}, ready.exact, ready.kept)
