@@ -112,8 +112,8 @@ class Screened(NamedTuple):
 
 @dataclasses.dataclass(eq=False)
 class _Tried:
-    """A start of a hypothesis: coordinates, drop of the sum of squares, power of what it changes beside the
-    numbers fitted, and sum of squares before these follow.
+    """A start of a hypothesis: coordinates, drop of the sum of squares that it promises, power of what it
+    changes beside the numbers fitted, and the least sum of squares simulated.
     """
 
     hypothesis: Hypothesis
@@ -129,7 +129,8 @@ SEEN, FAR = 6.0, 1.5
 # Sum of squares of the coordinates from which a base model counts as far off its priors.
 FAR_OFF = 9.0
 # Share of the drop that a slope promises which is counted on; how many starts are tried a second time;
-# iterations of a third try; sum of squares, in those of the fit, from which a start with shapes gets none.
+# iterations of a third try; sum of squares, in those of the fit, from which a start with shapes gets none
+# (presliding that is far too short is hard to solve: half a minute).
 PROMISED, AGAIN, QUICK, AMISS = 0.3, 24, 3, 5.0
 
 
