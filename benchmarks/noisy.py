@@ -15,6 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+from .blind.cases import coloured
+
 # Standard deviation of each channel, in its unit, and correlation of neighbours.
 NOISE = {
     "T_base_N": (0.012, 0.3),
@@ -28,16 +30,6 @@ GRAIN, E_OFF = 0.01, 1.08
 TENSIONS = ("time_s", "T_base_N", "T_tip_N", "trial")
 # Folders named otherwise than the term that they hold.
 TERMS = ("local-friction", "presliding")
-
-
-def noise(rng: np.random.Generator, samples: int, sd: float, rho: float) -> np.ndarray:
-    """First-order autoregressive noise, (samples,)."""
-    fresh = rng.normal(size=samples)
-    found = np.empty(samples)
-    found[0] = fresh[0]
-    for i in range(1, samples):
-        found[i] = rho * found[i - 1] + np.sqrt(1 - rho**2) * fresh[i]
-    return sd * found
 
 
 def effect(name: str) -> list[str]:
@@ -54,7 +46,8 @@ def write(folder: Path, out: Path) -> None:
         run = dict(zip(names, np.loadtxt(file, delimiter=",").T, strict=True))
     rng = np.random.default_rng(sum(map(ord, folder.name)))
     for name in ("T_tip_N", "T_base_N", *(n for n in NOISE if not n.startswith("T_"))):
-        run[name] = run[name] + noise(rng, len(run[name]), *NOISE[name])
+        sd, rho = NOISE[name]
+        run[name] = run[name] + sd * coloured(rng, rho, len(run[name]), heavy=False)
         if name.startswith("T_"):
             run[name] = np.round(run[name] / GRAIN) * GRAIN
     robot = (folder / "robot.toml").read_text(encoding="utf-8")

@@ -142,7 +142,7 @@ def protocol(name: str, largest: float, rng: np.random.Generator):
     return np.asarray(time), largest * np.asarray(T), np.asarray(trial)
 
 
-def _coloured(rng: np.random.Generator, rho: float, K: int, heavy: bool) -> np.ndarray:
+def coloured(rng: np.random.Generator, rho: float, K: int, heavy: bool) -> np.ndarray:
     """Noise of unit variance, neighbours correlated."""
     drawn = rng.standard_t(4, K) / np.sqrt(2) if heavy else rng.normal(size=K)
     found = np.empty(K)
@@ -274,8 +274,8 @@ def _recorded(build, scene, shown, true, rng, kind, hidden, name, posed, down, n
     heavy = nasty == "heavy tails"
     rho_tip, rho_base = float(rng.uniform(0, 0.5)), float(rng.uniform(0, 0.3))
     read = {
-        "T_base": true["T_base"] + sd_base * scale * _coloured(rng, rho_base, K, heavy),
-        "T_tip": true["T_tip"] + sd_tip * scale * _coloured(rng, rho_tip, K, heavy),
+        "T_base": true["T_base"] + sd_base * scale * coloured(rng, rho_base, K, heavy),
+        "T_tip": true["T_tip"] + sd_tip * scale * coloured(rng, rho_tip, K, heavy),
     }
     read = {k: grain * np.round(v / grain) for k, v in read.items()}
     clean = {"T_tip": true["T_tip"]}

@@ -59,7 +59,7 @@ class Pattern(NamedTuple):
         """In words."""
         if self.along == SAMPLE:
             return "what is left of T_tip follows the changes of the last samples, as a cell does that rings"
-        if self.at_N == self.at_N:
+        if np.isfinite(self.at_N):
             return (
                 f"what is left of T_tip bulges wherever {self.along} is near {self.at_N:.3g} N, "
                 f"{self.width_N:.2g} N wide"
@@ -76,17 +76,18 @@ def pattern_in(bench: Bench, fitted: Fitted) -> Pattern | None:
             continue
         tip = fitted.seen[k].values[CHANNELS.index("T_tip")]
         T_base = rig.part.T_base.T_base
+        way = _way(T_base)
         groups = [[Candidate(SAMPLE, _lagged(tip))]]
         for name, along in (("T_tip", tip), ("T_base", T_base)):
             groups.append(_waves(name, along, resolution(rig.part.T_tip)))
-            groups.append(_bumps(name, along, _way(T_base)))
+            groups.append(_bumps(name, along, way))
         candidates = [c for group in groups for c in group]
         tested = iter(beside.explained([c.changes for c in candidates]))
         for group in groups:
             for c in group:
                 chance, share = next(tested)
                 chance = min(1.0, chance * len(group))
-                if c.at_N == c.at_N:
+                if np.isfinite(c.at_N):
                     share = _share(c.changes, rig.part.T_tip - tip)
                 counts = chance < CHANCE / len(bench.rigs) and share > SHARE
                 if counts and (best is None or chance < best.chance):

@@ -258,13 +258,10 @@ def screen(
     promising = sorted(found, key=lambda t: -t.gain)[: AGAIN if thorough else AGAIN // 2]
     in_parallel(second_try, promising)
     if thorough and reference is None and not fitted.names:
-        best = [
-            tried
-            for h in hypotheses
-            for tried in sorted((t for t in found if t.hypothesis is h), key=lambda t: -t.gain)[
-                : STARTS_EACH[len(h.numbers)]
-            ]
-        ]
+        best: list[_Tried] = []
+        for h in hypotheses:
+            mine = sorted((t for t in found if t.hypothesis is h), key=lambda t: -t.gain)
+            best += mine[: STARTS_EACH[len(h.numbers)]]
         in_parallel(second_try, [t for t in best if t not in promising])
         thirds = [t for t in in_parallel(third_try, best) if t is not None]
     screened = []

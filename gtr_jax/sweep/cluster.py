@@ -54,13 +54,18 @@ def local_cluster(workers: int) -> Iterator[Client]:
 
 
 def _cache() -> dict[str, str]:
-    """Where this process keeps compiled programs, as the environment of a worker."""
+    """Where this process keeps compiled programs, as the environment of a worker.
+
+    With its limit of size: a program that is kept without one cannot be dropped by those who have one.
+    """
     import jax
 
     folder = jax.config.values["jax_compilation_cache_dir"]
     names = ("MIN_COMPILE_TIME_SECS", "MIN_ENTRY_SIZE_BYTES")
     always = {f"JAX_PERSISTENT_CACHE_{name}": "-1" for name in names}
-    return {"JAX_COMPILATION_CACHE_DIR": folder, **always} if folder else {}
+    limit = str(jax.config.values["jax_compilation_cache_max_size"])
+    same = {"JAX_COMPILATION_CACHE_DIR": folder, "JAX_COMPILATION_CACHE_MAX_SIZE": limit}
+    return same | always if folder else {}
 
 
 @contextlib.contextmanager
