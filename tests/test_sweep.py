@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 from command_line import run_gtr
@@ -678,7 +679,12 @@ def test_a_lost_worker_costs_its_blocks_only(tmp_path):
         killed.extend(list(pids.values())[:1])
         os.kill(killed[0], signal.SIGKILL)
 
+    def limit():
+        return jax.config.values["jax_compilation_cache_max_size"]
+
     with local_cluster(2) as client:
+        limits: Any = client.run(limit)
+        assert set(limits.values()) == {limit()}, "they share a cache"
         done = run_there(client, file, task, there, there.left(), kill_one)
     assert killed and not done.lost and not there.left()
     there.clean()
