@@ -61,7 +61,7 @@ class Pattern(NamedTuple):
             return "what is left of T_tip follows the changes of the last samples, as a cell does that rings"
         if np.isfinite(self.at_N):
             return (
-                f"what is left of T_tip bulges wherever {self.along} is near {self.at_N:.3g} N, "
+                f"what is left of T_tip bulges where {self.along} is near {self.at_N:.3g} N, "
                 f"{self.width_N:.2g} N wide"
             )
         return f"what is left of T_tip swings with {self.along}, with a period of {self.period_N:.2g} N"
@@ -81,11 +81,9 @@ def pattern_in(bench: Bench, fitted: Fitted) -> Pattern | None:
         for name, along in (("T_tip", tip), ("T_base", T_base)):
             groups.append(_waves(name, along, resolution(rig.part.T_tip)))
             groups.append(_bumps(name, along, way))
-        candidates = [c for group in groups for c in group]
-        tested = iter(beside.explained([c.changes for c in candidates]))
         for group in groups:
-            for c in group:
-                chance, share = next(tested)
+            tested = beside.explained([c.changes for c in group])
+            for c, (chance, share) in zip(group, tested, strict=True):
                 chance = min(1.0, chance * len(group))
                 if np.isfinite(c.at_N):
                     share = _share(c.changes, rig.part.T_tip - tip)

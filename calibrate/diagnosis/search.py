@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .bench import MOST_ITERATIONS, Bench, Fitted, Model, model_of
+from .bench import FAILED, MOST_ITERATIONS, Bench, Fitted, Model, model_of
 from .hypotheses import Hypothesis
 from .locate import misfit
 
@@ -192,17 +192,18 @@ def screen(
         seen = bench.simulate(values, fitted.names)
         if seen is None or sum(s.failed for s in seen) > fitted.failed:
             return None
-        return bench.rows(seen)
+        return bench.rows(seen), sum(s.failed for s in seen)
 
-    def cost(rows, x):
-        return float(np.sum(rows**2) + np.sum(x**2))
+    def cost(rows, x, failed):
+        return float(np.sum(rows**2) + np.sum(x**2) + FAILED * failed)
 
     def first_try(tried: _Tried) -> _Tried:
         h = tried.hypothesis
         x = tried.start.x[n:]
-        rows = simulated(h.numbers, x, h.fixed)
-        if rows is None:
+        ran = simulated(h.numbers, x, h.fixed)
+        if ran is None:
             return tried
+        rows, failed = ran
         moved = np.concatenate([rows - fitted.rows, still])
         across = moved - q @ (q.T @ moved)
         power = float(across @ across)
@@ -215,20 +216,21 @@ def screen(
         follow = np.linalg.solve(upper, -(q.T @ (r0 + share * moved)))
         both = np.concatenate([np.clip(fitted.x + np.clip(follow, -FAR, FAR), low, high), own])
         # Far from the fit a slope promises too much, but not nothing.
-        promised = PROMISED * (standing - float(np.sum((left + share * across) ** 2)))
+        promised = PROMISED * (standing - cost(left + share * across, still, failed))
         known = dict(columns)
         if h.numbers[0].size and x[0] != 0:
             known[n] = (rows - fitted.rows) / x[0]
-        tried.cost, tried.power = cost(rows, fitted.x), power
+        tried.cost, tried.power = cost(rows, fitted.x, failed), power
         tried.gain = max(standing - tried.cost, promised)
         tried.start = Start(both, known)
         return tried
 
     def second_try(tried: _Tried) -> None:
         h, both = tried.hypothesis, tried.start.x
-        followed = simulated((*fitted.numbers, *h.numbers), both, h.fixed)
-        if followed is not None:
-            tried.cost = min(tried.cost, cost(followed, both[:n]))
+        ran = simulated((*fitted.numbers, *h.numbers), both, h.fixed)
+        if ran is not None:
+            rows, failed = ran
+            tried.cost = min(tried.cost, cost(rows, both[:n], failed))
             tried.gain = max(tried.gain, standing - tried.cost)
 
     def third_try(tried: _Tried) -> _Tried | None:
@@ -276,7 +278,7 @@ def screen(
         # The best, then of the others one of each size: from where small ones lead, shapes go astray.
         by_size: dict[float, _Tried] = {}
         for t in ranked:
-            if t not in thirds:
+            if t not in thirds and np.isfinite(t.gain):
                 by_size.setdefault(t.named[first.name], t)
         starts = [t.start for t in dict.fromkeys([ranked[0], *by_size.values(), *ranked])]
         screened.append(Screened(h, float(ranked[0].gain), starts, min(least, default=np.inf)))
@@ -309,23 +311,20 @@ def refit_best(
         h, start = item
         return bench.refit((*head, h), start.x, known=start.known, exact=False, most=BEGIN)
 
-    def cost(f: Fitted) -> float:
-        return f.cost + 1e3 * f.failed
-
     begun, best = in_parallel(begin, items), []
     for s in screened:
         mine = [f for (h, _), f in zip(items, begun, strict=True) if h is s.hypothesis and f is not None]
         if mine:
-            best.append((s.hypothesis, min(mine, key=cost)))
+            best.append((s.hypothesis, min(mine, key=lambda f: f.cost)))
     for behind, more in zip(BEHIND, (min(BEGIN, most - BEGIN), most - 2 * BEGIN), strict=True):
         if more <= 0:
             break
-        least = min((cost(f) for _, f in best), default=0.0)
+        least = min((f.cost for _, f in best), default=0.0)
         near = least + max(HOPELESS, behind * (fitted.cost - least))
 
         def go_on(item, near=near, more=more):
             h, f = item
-            if cost(f) >= near:
+            if f.cost >= near:
                 return h, f
             found = bench.refit((*head, h), f.x, jacobian=f.jacobian, exact=False, most=more)
             return h, found or f
