@@ -18,7 +18,7 @@ from calibrate.diagnosis import decide
 from calibrate.diagnosis.bench import Bench, Fitted, Noise, noise_of
 from calibrate.diagnosis.diagnose import prepare
 from calibrate.diagnosis.experiment import checks, menu, propose, turned, weighed, weight_to_hang
-from calibrate.diagnosis.hypotheses import Number, base_numbers, catalogue, number_of
+from calibrate.diagnosis.hypotheses import Hypothesis, Number, base_numbers, catalogue, number_of
 from calibrate.diagnosis.locate import cycles_of, ratio_of_branches
 from calibrate.diagnosis.memory import Memory
 from calibrate.diagnosis.patterns import Pattern, pattern_in
@@ -278,6 +278,48 @@ def test_the_command_names_an_effect(asymmetry, capsys):
     assert "friction-asymmetry" in page and "http" not in page.split("<body")[1].split("settings")[0][:2000]
     for name in ("loop.png", "residual.png", "rivals.png", "next-experiment.png", "diagnosis.csv"):
         assert (out / name).exists(), name
+
+
+def screened_by(simulates, failed):
+    """Starts of a hypothesis with a size and a shape, and its gain, beside a fit with steps that failed: its
+    length and size at each start, best first.
+    """
+    u = np.linspace(0, 1, 40)
+    mu, size = Number("mu", "", 0.3, 1.5, True), Number("a.size", "", 0.0, 1.0, False, 0.0, np.inf, True)
+    length = Number("a.length", "", 1.0, 1.0, True)
+    starts = tuple({"a.size": s, "a.length": w} for s in (0.3, 1.0) for w in (0.4, 2.5))
+    rows = 10 * np.sin(3 * u)
+
+    def simulate(values, names=()):
+        return (SimpleNamespace(failed=failed, v=values),) if simulates(values["a.size"]) else None
+
+    def left(seen):
+        v = seen[0].v
+        return rows - 10 * v["a.size"] * np.sin(3 * u / v["a.length"]) + np.log(v["mu"] / 0.3) * 10 * u
+
+    bench: Any = SimpleNamespace(simulate=simulate, rows=left, refit=lambda *a, **k: None)
+    fitted: Any = SimpleNamespace(
+        cost=float(rows @ rows) + 1e3 * failed,
+        rows=rows,
+        jacobian=10 * u[:, None] * mu.sd,
+        x=np.zeros(1),
+        numbers=(mu,),
+        values={"mu": 0.3},
+        names=(),
+        failed=failed,
+    )
+    found = screen(bench, fitted, [Hypothesis("a", "a", (size, length), starts)])[0]
+    return [(length.value(s.x[2]), size.value(s.x[1])) for s in found.starts], found.gain, float(rows @ rows)
+
+
+def test_starts_that_cannot_be_simulated_come_last():
+    starts, _, _ = screened_by(lambda size: size < 0.6, failed=0)
+    assert [size for _, size in starts[2:]] == [1.0, 1.0]
+
+
+def test_steps_that_fail_are_nothing_to_explain():
+    starts, gain, there = screened_by(lambda size: True, failed=2)
+    assert len(starts) == 4 and 0 < gain <= there
 
 
 @pytest.mark.slow
