@@ -106,7 +106,7 @@ def test_a_regularity_is_no_noise():
 
     def found(z):
         part = SimpleNamespace(name="r", samples=K, channels=("T_tip",), T_tip=z + tip, recorded=tip[None])
-        part.T_base = SimpleNamespace(T_base=T)
+        part.T_base, part.time = SimpleNamespace(T_base=T), 0.5 * np.arange(K)
         bench = Bench([cast(Any, SimpleNamespace(part=part))], ())
         bench.noise = [[Noise(1.0, 0.0)]]
         bench.weighs = [Weighing.plain(exact(T), ("T_tip",), np.ones(1))]
@@ -128,6 +128,18 @@ def test_a_regularity_is_no_noise():
     wanted = 19.0 if at_a_tension.along == "T_base" else 0.8 * 19.0
     assert at_a_tension.at_N == pytest.approx(wanted, rel=0.05)
     assert 1.5 < at_a_tension.width_N < 6.0 and "bulges" in at_a_tension.says
+    standing = rng.normal(size=K)
+    standing[24:30] += tip[23] - tip[24:30]
+    stands = found(standing)
+    assert stands is not None and stands.along == "time" and stands.chance < 1e-4 and stands.share > 0.7
+    (only,) = stands.stands
+    assert only.readings in (4, 5, 6) and only.time_s is not None and only.time_s[1] == 14.5
+    assert "stands still" in stands.says and "to 14.5 s" in stands.says
+    # Readings as far off that move with the model do not.
+    repeat = rng.normal(size=K)
+    repeat[24:30] += 12.0
+    again = found(repeat)
+    assert again is None or again.along != "time"
     # A smooth misfit of pull and release is none, and neither is what is left of an exact model.
     u, way = T / 45, np.sign(np.diff(T, prepend=-1.0))
     for size in (0.02, 5.0):
@@ -242,6 +254,19 @@ def test_a_sound_recording_is_adequate():
     assert found.probability[""] > 0.9
     assert found.rms_N[0] == pytest.approx(found.noise_N, rel=0.15)
     assert found.smallest_detectable["presliding.length"] < 5e-4
+
+
+def test_readings_that_stand_still_are_unexplained():
+    # A cell that hangs is far off for a few readings on end, as outliers are: their share of all is small.
+    config, recording, _ = case(11)
+    tip = np.array(recording.T_tip)
+    for first, after in ((10, 15), (36, 41)):
+        tip[first:after] = tip[first]
+    found = calibrate.diagnose(config, dataclasses.replace(recording, T_tip=tip))
+    assert found.verdict == "unexplained" and "T_tip stands still" in found.says
+    (stand,) = found.to_json()["fit"]["pattern"]["stands_still"]
+    assert stand["readings"] == 4 and recording.time is not None
+    assert stand["time_s"] == pytest.approx(recording.time[[37, 40]].tolist())
 
 
 @pytest.fixture(scope="module")
