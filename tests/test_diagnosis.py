@@ -22,6 +22,7 @@ from calibrate.diagnosis.hypotheses import Hypothesis, Number, base_numbers, cat
 from calibrate.diagnosis.locate import cycles_of, ratio_of_branches
 from calibrate.diagnosis.memory import Memory
 from calibrate.diagnosis.patterns import Pattern, pattern_in
+from calibrate.diagnosis.result import sentence
 from calibrate.diagnosis.rig import Rig
 from calibrate.diagnosis.search import Models, screen
 from calibrate.fit import part_of
@@ -267,6 +268,13 @@ def test_readings_that_stand_still_are_unexplained():
     (stand,) = found.to_json()["fit"]["pattern"]["stands_still"]
     assert stand["readings"] == 4 and recording.time is not None
     assert stand["time_s"] == pytest.approx(recording.time[[37, 40]].tolist())
+    # What a sentence says of the residual, its numbers carry.
+    seen = dataclasses.replace(found, verdict="adequate", rms_N=(0.9, 0.9), noise_N=0.3)
+    assert "0.9 N is more than the noise of 0.3 N" in sentence(seen, ())
+    assert "0.4 N is the noise of 0.3 N" in sentence(dataclasses.replace(seen, rms_N=(0.4, 0.4)), ())
+    named = dataclasses.replace(found, verdict="missing-physics", named=["presliding"], left=(1.2, 30.0))
+    assert "Structure of 1.2 standard deviations" in sentence(named, ("presliding",))
+    assert "Structure" not in sentence(dataclasses.replace(named, left=(0.3, 30.0)), ("presliding",))
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from gtr_jax.terms import REGISTRY
 
 from ..task import Part
 from .bench import Bench, Fitted
-from .decide import ADEQUATE, AMBIGUOUS, MISSING, UNEXPLAINED, Decision
+from .decide import ADEQUATE, AMBIGUOUS, MISSING, UNEXPLAINED, Decision, structured
 from .experiment import Experiment
 from .locate import Where
 from .patterns import Pattern
@@ -391,9 +391,15 @@ def sentence(d: Diagnosis, chosen: Names) -> str:
         return f"{what} {off}.{at}{nearest}"
     mu = next((c for c in d.parameters if c.name == "mu"), None)
     moved = f" Friction goes from {mu.before:.3g} to {mu.after:.3g}." if mu and mu.before and mu.after else ""
+    stays = ""
+    if structured(d.left):
+        stays = (
+            f" Structure of {d.left[0]:.2g} standard deviations of the noise stays: a law is not quite "
+            "right, or something more is missing."
+        )
     if d.verdict == AMBIGUOUS:
         sets = " or ".join(" with ".join(s) for s in d.confusion_set)
-        return f"Missing is {sets}: these recordings do not tell which.{better}{moved}"
+        return f"Missing is {sets}: these recordings do not tell which.{better}{moved}{stays}"
     effects = "; ".join(REGISTRY[kind].says.rstrip(".") for kind in d.named)
     sure = "above 0.99" if d.named_probability > 0.99 else f"{d.named_probability:.2f}"
     sizes = ", ".join(
@@ -402,4 +408,4 @@ def sentence(d: Diagnosis, chosen: Names) -> str:
         for c in d.parameters
         if c.before is None
     )
-    return f"Missing: {' and '.join(d.named)} (probability {sure}). {effects}: {sizes}.{better}{moved}"
+    return f"Missing: {' and '.join(d.named)} (probability {sure}). {effects}: {sizes}.{better}{moved}{stays}"
