@@ -105,9 +105,10 @@ def test_a_regularity_is_no_noise():
     rings = np.exp(-0.3 * np.arange(8)) * np.sin(1.2 * np.arange(8))
     ringing = np.convolve(np.diff(tip, prepend=tip[0]), rings)[:K]
 
-    def found(z):
-        part = SimpleNamespace(name="r", samples=K, channels=("T_tip",), T_tip=z + tip, recorded=tip[None])
-        part.T_base, part.time = SimpleNamespace(T_base=T), 0.5 * np.arange(K)
+    def found(z, timed=True):
+        part = SimpleNamespace(name="r", samples=K, channels=("T_tip",), T_tip=z + tip, where=[0])
+        part.recorded, part.smallest, part.noise_N = (z + tip)[None], [0.0], None
+        part.T_base, part.time = SimpleNamespace(T_base=T), 0.5 * np.arange(K) if timed else None
         bench = Bench([cast(Any, SimpleNamespace(part=part))], ())
         bench.noise = [[Noise(1.0, 0.0)]]
         bench.weighs = [Weighing.plain(exact(T), ("T_tip",), np.ones(1))]
@@ -132,15 +133,21 @@ def test_a_regularity_is_no_noise():
     standing = rng.normal(size=K)
     standing[24:30] += tip[23] - tip[24:30]
     stands = found(standing)
-    assert stands is not None and stands.along == "time" and stands.chance < 1e-4 and stands.share > 0.7
+    assert stands is not None and stands.along == "time" and stands.chance < 1e-4 and stands.share > 0.6
     (only,) = stands.stands
-    assert only.readings in (4, 5, 6) and only.time_s is not None and only.time_s[1] == 14.5
-    assert "stands still" in stands.says and "to 14.5 s" in stands.says
-    # Readings as far off that move with the model do not.
-    repeat = rng.normal(size=K)
-    repeat[24:30] += 12.0
-    again = found(repeat)
-    assert again is None or again.along != "time"
+    assert 4 <= only.readings <= 6 and only.time_s is not None and only.time_s[1] == 14.5
+    assert f"stand still, {only.readings} on end (1" in stands.says and "to 14.5 s" in stands.says
+    untimed = found(standing, timed=False)
+    assert untimed is not None and " s, " not in untimed.says and "on end (" in untimed.says
+    # Lone spikes hide it not; as many readings as far off that move do not stand, nor what comes first.
+    spiked = standing.copy()
+    spiked[[60, 80]] = 60.0
+    assert (again := found(spiked)) is not None and again.stands == stands.stands
+    slow, first = rng.normal(size=K), rng.normal(size=K)
+    slow[24:40] += 0.5 * (tip[23] - tip[24:40])
+    first[:14] += tip[14] - tip[:14]
+    for z in (slow, first, rng.normal(size=K) + np.where(np.abs(np.arange(K) - 27) < 4, 12.0, 0.0)):
+        assert (other := found(z)) is None or other.along != "time"
     # A smooth misfit of pull and release is none, and neither is what is left of an exact model.
     u, way = T / 45, np.sign(np.diff(T, prepend=-1.0))
     for size in (0.02, 5.0):
@@ -264,14 +271,15 @@ def test_readings_that_stand_still_are_unexplained():
     for first, after in ((10, 15), (36, 41)):
         tip[first:after] = tip[first]
     found = calibrate.diagnose(config, dataclasses.replace(recording, T_tip=tip))
-    assert found.verdict == "unexplained" and "T_tip stands still" in found.says
+    assert found.verdict == "unexplained" and "its readings stand still, 4 on end" in found.says
+    # In the first stretch friction holds the model as well.
     (stand,) = found.to_json()["fit"]["pattern"]["stands_still"]
     assert stand["readings"] == 4 and recording.time is not None
     assert stand["time_s"] == pytest.approx(recording.time[[37, 40]].tolist())
     # What a sentence says of the residual, its numbers carry.
     seen = dataclasses.replace(found, verdict="adequate", rms_N=(0.9, 0.9), noise_N=0.3)
-    assert "0.9 N is more than the noise of 0.3 N" in sentence(seen, ())
-    assert "0.4 N is the noise of 0.3 N" in sentence(dataclasses.replace(seen, rms_N=(0.4, 0.4)), ())
+    assert "is 0.9 N where the noise is 0.3 N, which is more" in sentence(seen, ())
+    assert "is 0.4 N where the noise is 0.3 N." in sentence(dataclasses.replace(seen, rms_N=(0.4, 0.4)), ())
     named = dataclasses.replace(found, verdict="missing-physics", named=["presliding"], left=(1.2, 30.0))
     assert "Structure of 1.2 standard deviations" in sentence(named, ("presliding",))
     assert "Structure" not in sentence(dataclasses.replace(named, left=(0.3, 30.0)), ("presliding",))

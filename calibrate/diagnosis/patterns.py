@@ -18,7 +18,7 @@ from scipy import stats
 
 from ..coordinates import CHANNELS
 from ..noise import MAD_TO_SD, resolution
-from .bench import Bench, Fitted
+from .bench import Bench, Fitted, noise_in
 
 SAMPLE, TIME, NAN = "sample", "time", float("nan")
 # Chance below which a pattern is no noise, and the share of the residual that it has to explain: in long
@@ -36,11 +36,12 @@ SMOOTH = 3
 LAGS, FEWEST_WAVES, MOST_WAVES, STEP = 8, 2.0, 60.0, 0.25
 # Widths of bumps over the range of a tension, in shares of it; samples at the top of one, at least.
 WIDTHS, TOP = (0.015, 0.03, 0.06), 4
-# Readings that stand still: so many on end beyond noise, that with the one before change by less than this
-# share of what is simulated; so many stretches are told of. Of four readings on end the one nearest to the
-# model was at most 2.3 standard deviations off in 86 sound recordings of the blind benchmark, bad repeats
-# among them, and 5.5 to 94 where readings stand still.
-ON_END, STILL, TOLD = 4, 0.5, 4
+# Readings that stand still: so many on end beyond noise, all of them within so many standard deviations of
+# it, and with the one before by less than this share of what the model moves; so many stretches are told of.
+# Of four readings on end, all on one side of the base model, the nearest was at most 2.3 standard deviations
+# off in 86 sound recordings of the blind benchmark, bad repeats among them, and 5.5 to 94 where readings
+# stand still (noise as of the base fit).
+ON_END, STILL_SD, LESS, TOLD = 4, 6.0, 0.5, 4
 # Rows that the fit's own numbers explain but for this share say nothing.
 OWN = 0.05
 # Samples for each number of a pattern.
@@ -48,7 +49,9 @@ EACH = 3
 
 
 class Stand(NamedTuple):
-    """Readings that stand still: how many, base tension of the first and the last [N], and their time [s]."""
+    """Readings of T_tip that stand still far from the model: how many, base tension of the first and the last
+    [N], and their time [s] or None.
+    """
 
     readings: int
     T_base_N: tuple[float, float]
@@ -57,16 +60,16 @@ class Stand(NamedTuple):
     @property
     def says(self) -> str:
         """In words."""
-        when = "" if self.time_s is None else "{:.4g} to {:.4g} s, ".format(*self.time_s)
-        return (
-            f"{self.readings} readings ({when}{self.T_base_N[0]:.3g} to {self.T_base_N[1]:.3g} N at the base)"
-        )
+        when = "" if self.time_s is None else "{:.10g} to {:.10g} s, ".format(*self.time_s)
+        low, high = self.T_base_N
+        return f"{self.readings} on end ({when}{low:.3g} to {high:.3g} N at the base)"
 
 
 class Pattern(NamedTuple):
     """A regularity: recording; along what, "sample", "time", "T_tip" or "T_base"; how probable it is by
-    chance; the share of the residual that it explains; the period of waves [N], where a bump is and how wide
-    [N], else NaN; and where readings stand still.
+    chance, or where readings stand still, that a single one is as far from the model as the nearest of them;
+    the share of the residual that it explains, or that those readings hold; the period of waves [N], where a
+    bump is and how wide [N], else NaN; and where readings stand still.
     """
 
     recording: str
@@ -85,8 +88,9 @@ class Pattern(NamedTuple):
             return "what is left of T_tip follows the changes of the last samples, as a cell does that rings"
         if self.along == TIME:
             at = ", ".join(stand.says for stand in self.stands[:TOLD])
-            more = f" and {len(self.stands) - TOLD} times more" if len(self.stands) > TOLD else ""
-            return f"T_tip stands still where the model moves, for {at}{more}"
+            more = len(self.stands) - TOLD
+            others = "" if more < 1 else f" and {more} more stretch{'es' if more > 1 else ''}"
+            return f"what is left of T_tip is large where its readings stand still, {at}{others}"
         if np.isfinite(self.at_N):
             return (
                 f"what is left of T_tip bulges where {self.along} is near {self.at_N:.3g} N, "
@@ -203,27 +207,38 @@ class _Beside:
 
 
 def _standing(bench: Bench, fitted: Fitted, k: int) -> Pattern | None:
-    """Stretches in which the readings of T_tip stand still, beyond what noise does, where the model moves."""
-    rig, weigh = bench.rigs[k], bench.weighs[k]
+    """Stretches in which the readings of T_tip stand still, far from a model that moves."""
+    rig, weigh, residuals = bench.rigs[k], bench.weighs[k], bench.residuals(fitted.seen)[k]
+    read, T_base, K = rig.part.T_tip, rig.part.T_base.T_base, rig.part.samples
     tip = fitted.seen[k].values[CHANNELS.index("T_tip")]
+    # Readings that stand still make noise large where it is taken from another fit than this.
+    sd = min(bench.noise[k][0].sd, noise_in(rig, residuals)[0].sd)
     passed = weigh.slope[0] * weigh.sd_base if weigh.sd_base > 0 else 0.0
-    left = (rig.part.T_tip - tip) / np.hypot(bench.noise[k][0].sd, passed)
-    beyond = float(stats.norm.isf(0.5 * CHANCE / len(bench.rigs) / len(left)))
-    far = np.where(np.abs(left) > beyond, np.sign(left), 0.0)
-    edges = np.flatnonzero(np.diff(far, prepend=0.0, append=0.0))
-    T_base, time, stands, inside = rig.part.T_base.T_base, rig.part.time, [], np.zeros(len(left), bool)
+    left = (read - tip) / np.hypot(sd, passed)
+    beyond = float(stats.norm.isf(0.5 * CHANCE / len(bench.rigs) / K))
+    sides = np.where(np.abs(left) > beyond, np.sign(left), 0.0)
+    edges = np.flatnonzero(np.diff(sides, prepend=0.0, append=0.0))
+    still, counted, far, stands = STILL_SD * sd + resolution(read), np.ones(K, bool), np.zeros(K, bool), []
     for first, after in itertools.pairwise(edges.tolist()):
-        run, ends = slice(max(first - 1, 0), after), [first, after - 1]
-        still = np.ptp(rig.part.T_tip[run]) < STILL * np.ptp(tip[run])
-        if far[first] != 0 and after - first >= ON_END and still:
-            inside[first:after] = True
-            when = None if time is None else tuple(time[ends].tolist())
+        if sides[first] == 0:
+            continue
+        counted[first] = after - first > 1
+        begin = first
+        while begin > 0 and np.ptp(read[begin - 1 : after]) < still:
+            begin -= 1
+        run = slice(max(first - 1, 0), after)
+        stood = np.ptp(read[first:after]) < still and np.ptp(read[run]) < LESS * np.ptp(tip[run])
+        # What a recording begins with may come from before it.
+        if after - first >= ON_END and stood and begin > 0:
+            far[first:after] = True
+            ends = [first, after - 1]
+            when = None if rig.part.time is None else tuple(rig.part.time[ends].tolist())
             stands.append(Stand(after - first, tuple(T_base[ends].tolist()), when))
-    share = float(np.sum(left[inside] ** 2) / np.sum(left**2)) if stands else 0.0
+    share = float(np.sum(left[far] ** 2) / np.sum(left[counted] ** 2)) if stands else 0.0
     if share < SHARE:
         return None
-    least = float(np.min(np.abs(left[inside])))
-    chance = float(min(1.0, 2 * len(left) * len(bench.rigs) * stats.norm.sf(least)))
+    least = float(np.min(np.abs(left[far])))
+    chance = float(min(1.0, 2 * K * len(bench.rigs) * stats.norm.sf(least)))
     return Pattern(rig.part.name, TIME, chance, share, stands=tuple(stands))
 
 

@@ -22,8 +22,8 @@ from .patterns import Pattern
 from .search import SEEN, Models, Screened
 
 BAD_DATA = "bad-data"
-# Residual in units of the noise from which it is said to be more. Of 86 sound recordings of the blind
-# benchmark, those with a bad repeat among them, one reached 1.49.
+# Residual in units of the noise from which it is said to be more: of 86 sound recordings of the blind
+# benchmark, from which this is taken, one with a bad repeat reached 1.49.
 MORE = 1.5
 Names = tuple[str, ...]
 
@@ -367,14 +367,13 @@ def sentence(d: Diagnosis, chosen: Names) -> str:
         hint = ""
         if best is not None and best.names and best.probability > 0.5:
             hint = f" {' with '.join(best.names)} would fit a little better, too little to be claimed."
-        rms, noise = d.rms_N[0], d.noise_N
-        size = f"the residual of {rms:.2g} N is the noise of {noise:.2g} N"
-        if rms > MORE * noise:
-            size = (
-                f"the residual of {rms:.2g} N is more than the noise of {noise:.2g} N, with too little "
-                "structure in it to claim anything"
-            )
-        return f"Nothing is missing that these recordings could show: {size}.{hint}"
+        more = ""
+        if d.rms_N[0] > MORE * d.noise_N:
+            more = ", which is more, with too little structure in it to claim anything"
+        return (
+            f"Nothing is missing that these recordings could show: the residual is {d.rms_N[0]:.2g} N where "
+            f"the noise is {d.noise_N:.2g} N{more}.{hint}"
+        )
     if d.verdict == UNEXPLAINED:
         nearest = ""
         if chosen:
@@ -385,7 +384,8 @@ def sentence(d: Diagnosis, chosen: Names) -> str:
         what = "Something is missing that no term of the catalogue explains:"
         if d.pattern is not None:
             by_chance = f"by chance: {max(d.pattern.chance, 1e-99):.1g}"
-            what += f" {d.pattern.says} ({by_chance}), {100 * d.pattern.share:.0f} % of it;"
+            where = f" (in {d.pattern.recording})" if len(d.loops) > 1 else ""
+            what += f" {d.pattern.says}{where} ({by_chance}), {100 * d.pattern.share:.0f} % of it;"
         at = f" Most of it: {d.where[0].says}." if d.where else ""
         off = f"the fit is off by {d.rms_N[0]:.2g} N where the noise is {d.noise_N:.2g} N"
         return f"{what} {off}.{at}{nearest}"
