@@ -139,14 +139,19 @@ def test_a_regularity_is_no_noise():
     assert f"stand still, {only.readings} on end (1" in stands.says and "to 14.5 s" in stands.says
     untimed = found(standing, timed=False)
     assert untimed is not None and " s, " not in untimed.says and "on end (" in untimed.says
-    # Lone spikes hide it not; as many readings as far off that move do not stand, nor what comes first.
+    # Lone spikes hide it not, but more elsewhere does. Readings that move, less than the model or as much, do
+    # not stand; neither do few, or those that a recording begins with.
     spiked = standing.copy()
     spiked[[60, 80]] = 60.0
     assert (again := found(spiked)) is not None and again.stands == stands.stands
-    slow, first = rng.normal(size=K), rng.normal(size=K)
-    slow[24:40] += 0.5 * (tip[23] - tip[24:40])
+    elsewhere, slow, few, first = (rng.normal(size=K) for _ in range(4))
+    elsewhere[24:30] = standing[24:30]
+    elsewhere[[60, 61, 80, 81]] = 40.0
+    slow[24:40] += 0.65 * (tip[23] - tip[24:40])
+    few[28:32] += tip[27] - tip[28:32]
     first[:14] += tip[14] - tip[:14]
-    for z in (slow, first, rng.normal(size=K) + np.where(np.abs(np.arange(K) - 27) < 4, 12.0, 0.0)):
+    bad = rng.normal(size=K) + np.where(np.abs(np.arange(K) - 27) < 4, 12.0, 0.0)
+    for z in (elsewhere, slow, few, first, bad):
         assert (other := found(z)) is None or other.along != "time"
     # A smooth misfit of pull and release is none, and neither is what is left of an exact model.
     u, way = T / 45, np.sign(np.diff(T, prepend=-1.0))
