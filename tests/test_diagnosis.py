@@ -194,8 +194,10 @@ def test_what_stays_is_unexplained(monkeypatch):
     rings = Pattern("r", "sample", 1e-9, 0.5)
     found = decision(monkeypatch, squares, small, rings)
     assert found.verdict == "unexplained" and found.pattern is rings
-    sound = {(): (0.1, 1.0)}
+    sound, bad_repeat, vast = ({(): (size, 0.5)} for size in (0.1, 1.5, 2.6))
     assert decision(monkeypatch, {(): 510.0}, sound).verdict == "adequate"
+    assert decision(monkeypatch, {(): 510.0}, bad_repeat).verdict == "adequate"
+    assert decision(monkeypatch, {(): 510.0}, vast).verdict == "unexplained"
     assert decision(monkeypatch, {(): 510.0}, sound, rings).verdict == "unexplained"
 
 
