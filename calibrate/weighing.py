@@ -74,6 +74,11 @@ class Weighing:
         slope = prediction.slope[[CHANNELS.index(name) for name in channels]]
         return dataclasses.replace(plain, slope=slope, last=np.stack(last), sd_base=sd_base)
 
+    @property
+    def passed(self) -> np.ndarray:
+        """Standard deviation of the channels, by sign, that the base tension's noise brings, (C, K)."""
+        return self.slope * self.sd_base
+
     def only(self, inside: np.ndarray) -> Weighing:
         """The same with the other samples, (K,) bool, left out."""
         return dataclasses.replace(self, weight=np.where(inside, self.weight, 0.0))

@@ -301,9 +301,8 @@ class Bench:
         """What the residual of T_tip should be if nothing but noise is left in it [N]."""
         total, count = 0.0, 0
         for rig, noise, weigh in zip(self.rigs, self.noise, self.weighs, strict=True):
-            passed = (weigh.slope[0] * weigh.sd_base) ** 2 if weigh.sd_base > 0 else 0.0
             # Of the base cell's noise only what its straight runs leave stays.
-            passed = passed * rig.part.T_base.size / rig.part.samples
+            passed = weigh.passed[0] ** 2 * rig.part.T_base.size / rig.part.samples
             total += rig.part.samples * noise[0].sd ** 2 + float(np.sum(passed))
             count += rig.part.samples
         return float(np.sqrt(total / count))

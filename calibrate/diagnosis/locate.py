@@ -92,8 +92,7 @@ def locate(bench: Bench, fitted: Fitted) -> list[Where]:
             off = row - row.mean() if name == "displacement" else row
             # Samples per independent one, and the base tension's noise, which passes on where the tip slips.
             tau = (1 + noise.rho) / (1 - noise.rho)
-            slope = bench.weighs[k].slope[c] if bench.weighs[k].sd_base > 0 else np.zeros(len(T))
-            variance = noise.sd**2 + (slope * bench.weighs[k].sd_base) ** 2
+            variance = noise.sd**2 + bench.weighs[k].passed[c] ** 2
             total = float(np.sum(np.maximum(off**2 - variance, 0.0)))
             for phase, number, inside in _strata(T, phases, cycle):
                 n = int(inside.sum())

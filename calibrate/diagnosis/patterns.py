@@ -101,11 +101,9 @@ class Pattern(NamedTuple):
 
 def pattern_in(bench: Bench, fitted: Fitted) -> Pattern | None:
     """The least probable regularity of what a fit leaves of T_tip; None where there is none."""
-    best: Pattern | None = None
-    for k, rig in enumerate(bench.rigs):
-        stands = _standing(bench, fitted, k)
-        if stands is not None and (best is None or stands.chance < best.chance):
-            best = stands
+    found: list[Pattern] = []
+    for k, (rig, residual) in enumerate(zip(bench.rigs, bench.residuals(fitted.seen), strict=True)):
+        found += _standing(bench, k, residual)
         beside = _Beside(bench, fitted, k)
         if beside.rms < LEAST:
             continue
@@ -122,10 +120,11 @@ def pattern_in(bench: Bench, fitted: Fitted) -> Pattern | None:
                 chance = min(1.0, chance * len(group))
                 if np.isfinite(c.at_N):
                     share = _share(c.changes, rig.part.T_tip - tip)
-                counts = chance < CHANCE / len(bench.rigs) and share > SHARE
-                if counts and (best is None or chance < best.chance):
-                    best = Pattern(rig.part.name, c.along, chance, share, c.period_N, c.at_N, c.width_N)
-    return best
+                if chance < CHANCE / len(bench.rigs) and share > SHARE:
+                    found.append(
+                        Pattern(rig.part.name, c.along, chance, share, c.period_N, c.at_N, c.width_N)
+                    )
+    return min(found, key=lambda pattern: pattern.chance, default=None)
 
 
 class Candidate(NamedTuple):
@@ -206,15 +205,21 @@ class _Beside:
         return chance, min(explained / self.total, 1.0)
 
 
-def _standing(bench: Bench, fitted: Fitted, k: int) -> Pattern | None:
-    """Stretches in which the readings of T_tip stand still, far from a model that moves."""
-    rig, weigh, residuals = bench.rigs[k], bench.weighs[k], bench.residuals(fitted.seen)[k]
-    read, T_base, K = rig.part.T_tip, rig.part.T_base.T_base, rig.part.samples
-    tip = fitted.seen[k].values[CHANNELS.index("T_tip")]
+def _standing(bench: Bench, k: int, residual: np.ndarray) -> list[Pattern]:
+    """Stretches in which the readings of T_tip stand still, far from a model that moves: one pattern of them
+    all, or none.
+
+    Args:
+        bench: the recordings.
+        k: which of them.
+        residual: of it, simulated minus recorded, (C, K).
+    """
+    part = bench.rigs[k].part
+    read, T_base, K = part.T_tip, part.T_base.T_base, part.samples
+    tip = read + residual[0]
     # Readings that stand still make noise large where it is taken from another fit than this.
-    sd = min(bench.noise[k][0].sd, noise_in(rig, residuals)[0].sd)
-    passed = weigh.slope[0] * weigh.sd_base if weigh.sd_base > 0 else 0.0
-    left = (read - tip) / np.hypot(sd, passed)
+    sd = min(bench.noise[k][0].sd, noise_in(bench.rigs[k], residual)[0].sd)
+    left = residual[0] / np.hypot(sd, bench.weighs[k].passed[0])
     beyond = float(stats.norm.isf(0.5 * CHANCE / len(bench.rigs) / K))
     sides = np.where(np.abs(left) > beyond, np.sign(left), 0.0)
     edges = np.flatnonzero(np.diff(sides, prepend=0.0, append=0.0))
@@ -223,23 +228,20 @@ def _standing(bench: Bench, fitted: Fitted, k: int) -> Pattern | None:
         if sides[first] == 0:
             continue
         counted[first] = after - first > 1
-        begin = first
-        while begin > 0 and np.ptp(read[begin - 1 : after]) < still:
-            begin -= 1
         run = slice(max(first - 1, 0), after)
         stood = np.ptp(read[first:after]) < still and np.ptp(read[run]) < LESS * np.ptp(tip[run])
         # What a recording begins with may come from before it.
-        if after - first >= ON_END and stood and begin > 0:
+        if after - first >= ON_END and stood and np.ptp(read[:after]) >= still:
             far[first:after] = True
             ends = [first, after - 1]
-            when = None if rig.part.time is None else tuple(rig.part.time[ends].tolist())
+            when = None if part.time is None else tuple(part.time[ends].tolist())
             stands.append(Stand(after - first, tuple(T_base[ends].tolist()), when))
     share = float(np.sum(left[far] ** 2) / np.sum(left[counted] ** 2)) if stands else 0.0
     if share < SHARE:
-        return None
+        return []
     least = float(np.min(np.abs(left[far])))
     chance = float(min(1.0, 2 * K * len(bench.rigs) * stats.norm.sf(least)))
-    return Pattern(rig.part.name, TIME, chance, share, stands=tuple(stands))
+    return [Pattern(part.name, TIME, chance, share, stands=tuple(stands))]
 
 
 def _share(changes: np.ndarray, left: np.ndarray) -> float:
