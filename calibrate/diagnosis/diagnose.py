@@ -23,6 +23,7 @@ from .experiment import Experiment, propose
 from .heldout import held_out
 from .hypotheses import Hypothesis, base_numbers, catalogue
 from .locate import cycles_of, locate, mu_by_stratum, phases_of, ratio_of_branches
+from .marginal import jointly
 from .memory import Memory
 from .result import BAD_DATA, Diagnosis, Loop, Rival
 from .rig import Rig, resolution_of, some_samples
@@ -404,25 +405,6 @@ def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models | None:
     return whole if () in whole.fits else None
 
 
-def _check_dimensions(bench: Bench, chosen: Fitted, warnings: list[str]) -> None:
-    """Warn where a simulation with the dimensions moved is not what their derivatives say."""
-    if not chosen.dimensions:
-        return
-    moved = bench.simulate(dict(chosen.values) | dict(chosen.dimensions), chosen.names)
-    off = np.inf
-    if moved is not None:
-        off = max(
-            float(np.max(np.abs((m.values - s.values)[0]))) for m, s in zip(moved, chosen.seen, strict=True)
-        )
-    noise = min(n[0].sd for n in bench.noise)
-    if off > noise:
-        warnings.append(
-            f"The uncertain dimensions were moved by their derivatives; simulated anew, T_tip differs by up "
-            f"to {off:.2g} N (noise {noise:.2g} N). Fit them: gtr fit --free mu,E,"
-            f"{','.join(d.name for d in bench.dimensions)}."
-        )
-
-
 def _answer(
     ready: Prepared,
     decision: Decision,
@@ -434,7 +416,10 @@ def _answer(
 ) -> Diagnosis:
     bench, base, chosen = models.bench, models.base, decision.chosen
     compared = [base] if not chosen.names else [base, chosen]
-    _check_dimensions(bench, chosen, ready.warnings)
+    say("fitting all that is uncertain together")
+    finer = sum(ready.exact[0].robot.intervals) / sum(ready.rough[0].robot.intervals)
+    before = jointly(models, base, finer)
+    after = jointly(models, chosen, finer) if chosen.names else before
     scores = held_out(bench, [(models.hypotheses(f.names), f) for f in compared])
     wanted = decision.verdict == "ambiguous" if experiment is None else experiment
     proposal: Experiment | None = None
@@ -443,8 +428,8 @@ def _answer(
         proposal = propose(models, decision, bench.rigs[0])
     loops = []
     for k, part in enumerate(ready.full):
-        before, after = (f.seen[k].values[part.where] for f in (base, chosen))
-        phases = phases_of(bench, base, k)
+        plain, shown = (m.fitted.seen[k].values[part.where] for m in (before, after))
+        phases = phases_of(bench, before.fitted, k)
         T = part.T_base.T_base
         loops.append(
             Loop(
@@ -453,11 +438,11 @@ def _answer(
                 part.time,
                 T,
                 part.recorded,
-                before,
-                after,
+                plain,
+                shown,
                 phases,
                 cycles_of(T),
-                [ratio_of_branches(T, tip, phases) for tip in (part.T_tip, before[0], after[0])],
+                [ratio_of_branches(T, tip, phases) for tip in (part.T_tip, plain[0], shown[0])],
                 float(bench.noise[k][0].sd),
                 float(part.T_base.sd),
             )
@@ -479,9 +464,11 @@ def _answer(
         decision,
         models,
         screened,
-        where=locate(bench, base),
-        rest=locate(bench, chosen),
-        strata=mu_by_stratum(bench, base),
+        before=before,
+        after=after,
+        where=locate(bench, before.fitted),
+        rest=locate(bench, after.fitted),
+        strata=mu_by_stratum(before.bench, before.fitted, before.covariance),
         held=scores,
         loops=loops,
         rivals=rivals,

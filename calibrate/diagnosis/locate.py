@@ -184,10 +184,20 @@ def ratio_of_branches(T_base: np.ndarray, T_tip: np.ndarray, phases: np.ndarray,
     return np.asarray(at), np.asarray(D), np.asarray(S)
 
 
-def mu_by_stratum(bench: Bench, fitted: Fitted) -> list[tuple[str, float, float]]:
-    """Friction coefficient from parts of the samples, the rest as fitted: label, value, standard error."""
+def mu_by_stratum(bench: Bench, fitted: Fitted, covariance: np.ndarray) -> list[tuple[str, float, float]]:
+    """Friction coefficient of the base model from parts of the samples, the rest as fitted.
+
+    Args:
+        bench: the recordings.
+        fitted: the base model; mu is its first number.
+        covariance: of its coordinates, (p, p): what is uncertain of the others counts in the errors.
+
+    Returns:
+        Label, value and standard error of each part that knows anything of it.
+    """
     found, number = [], fitted.numbers[0]
-    white, columns = bench.by_channel(fitted.rows), bench.by_channel(fitted.jacobian[:, 0])
+    white, columns = bench.by_channel(fitted.rows), bench.by_channel(fitted.jacobian)
+    wide = max(1.0, bench.mean_square(fitted))
     for k, rig in enumerate(bench.rigs):
         T = rig.part.T_base.T_base
         phases, cycle = phases_of(bench, fitted, k), cycles_of(T)
@@ -198,9 +208,13 @@ def mu_by_stratum(bench: Bench, fitted: Fitted) -> list[tuple[str, float, float]
         if cycle[-1] > 1:
             parts |= {f"cycle {c}": cycle == c for c in range(1, int(cycle[-1]) + 1)}
         for label, inside in parts.items():
-            power = float(np.sum(j[inside] ** 2))
+            mu = j[inside, 0]
+            power = float(mu @ mu)
             if inside.sum() < 6 or power < 1.0:
                 continue
-            x = fitted.x[0] - float(j[inside] @ z[inside]) / power
-            found.append((label, number.value(x), number.value(fitted.x[0]) * number.sd / np.sqrt(power)))
+            x = fitted.x[0] - float(mu @ z[inside]) / power
+            lean = -(mu @ j[inside, 1:]) / power
+            sd = float(np.sqrt(wide / power + lean @ covariance[1:, 1:] @ lean))
+            whose = f"{rig.part.name}, " if len(bench.rigs) > 1 else ""
+            found.append((whose + label, number.value(x), number.value(fitted.x[0]) * number.sd * sd))
     return found
