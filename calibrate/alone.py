@@ -35,8 +35,8 @@ class Phases(NamedTuple):
 
 
 def mu_by_phase(task: Task, answer: Answer) -> Phases:
-    """mu from pulling alone and from releasing alone; other parameters and the phases stay as fitted, and what is
-    uncertain of them counts in the errors. Nothing where recordings have their own mu.
+    """mu from pulling alone and from releasing alone; other parameters and the phases stay as fitted, and
+    what is uncertain of them counts in the errors. Nothing where recordings have their own mu.
     """
     if len(task.friction()) != 1:
         return Phases({}, 0.0)
@@ -59,8 +59,8 @@ def mu_by_phase(task: Task, answer: Answer) -> Phases:
 
 
 class Apart(NamedTuple):
-    """What recordings alone say of the parameters that they share, the others as fitted; what is uncertain of these
-    counts in the errors.
+    """What recordings alone say of the parameters that they share, the others as fitted; what is uncertain of
+    these counts in the errors.
 
     Attributes:
         estimates: by parameter, then recording; those left out that know nothing of it.
@@ -111,8 +111,8 @@ class _Alone(NamedTuple):
 
 
 def _together(each: list[_Alone], spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates of one number from several parts, (m,), and their covariance, (m, m): what is uncertain of the
-    other numbers, by their covariance `spread`, (p, p), moves all of them together.
+    """Coordinates of one number from several parts, (m,), and their covariance, (m, m): what is uncertain of
+    the other numbers, by their covariance `spread`, (p, p), moves all of them together.
     """
     lean = np.stack([a.lean for a in each])
     return np.asarray([a.u for a in each]), np.diag([a.own for a in each]) + lean @ spread @ lean.T

@@ -97,15 +97,15 @@ class Answer:
         return uncertainty(self.jacobian, 1.0, self.problem.precision, unknown)
 
     def spread(self, task: Task) -> np.ndarray:
-        """Covariance of the coordinates where it is known, that of the prior where only it is, else 0, (p, p)."""
+        """Covariance of the coordinates, (p, p): the data's where they know it, else the prior's, else 0."""
         covariance, precision = self.known(task).covariance, self.problem.precision
         seen = np.isfinite(np.diag(covariance))
         alone = np.where(precision > 0, 1 / np.where(precision > 0, precision, 1.0), 0.0) ** 2
         return np.where(np.outer(seen, seen), covariance, 0.0) + np.diag(np.where(seen, 0.0, alone))
 
     def sources(self, task: Task) -> tuple[list[str], np.ndarray]:
-        """What the variance of each coordinate is made of: noise of the tip's cell, of the other channels, of the
-        base's cell, and each prior, as `shares_of_variance`.
+        """What the variance of each coordinate is made of: noise of the tip's cell, of the other channels, of
+        the base's cell, and each prior, as `shares_of_variance`.
         """
         rows: dict[str, list[np.ndarray]] = {}
         start = 0

@@ -50,8 +50,8 @@ def _settings(task: Task, **more: Any) -> dict[str, Any]:
 def _fitted_config(
     task: Task, k: int, values: np.ndarray, determined: np.ndarray, left: Mapping[str, float]
 ) -> RobotConfig | None:
-    """The robot file of recording k with the fitted values, without the priors of those determined, and with what
-    is `left` uncertain of the numbers carried along, SI, by key.
+    """The robot file of recording k with the fitted values, without the priors of those determined, and with
+    what is `left` uncertain of the numbers carried along, SI, by key.
     """
     config = task.parts[k].config
     if config is None:
@@ -117,8 +117,8 @@ def _notes(task: Task, known: Uncertainty, answer: Answer, values: np.ndarray) -
 def _drifted(by: float) -> str:
     """What is said of a number that lies so many standard deviations of its prior from where it started."""
     return (
-        f"lies {abs(by):.1f} standard deviations of its prior from the robot file's value: either that is wrong, or "
-        "the model lacks something that this makes up for"
+        f"lies {abs(by):.1f} standard deviations of its prior from the robot file's value: either that is "
+        "wrong, or the model lacks something that this makes up for"
     )
 
 
@@ -168,7 +168,8 @@ def _unknown_axes(task: Task, answer: Answer, known: Uncertainty) -> None:
             among = np.flatnonzero(large).tolist()
             way = _remedy(task, answer, among)
             task.warnings.append(
-                f"Nothing tells these changes from none: {axis.words(task.names[:n], _steps(task, answer)[:n])}"
+                "Nothing tells these changes from none: "
+                + axis.words(task.names[:n], _steps(task, answer)[:n])
                 + (f"; {way}." if way else ".")
             )
 

@@ -39,8 +39,8 @@ class Estimate:
         note: what a reader must know of it, or "".
         detectable: smallest change of it that a recording like this would show: found significant at 5 % in
             95 of 100 (3.6 standard errors); None with `sd`.
-        made_of: share of its variance by source: the cells' noise, and each number whose uncertainty the robot file
-            states; empty with `sd` None.
+        made_of: share of its variance by source: the cells' noise, and each number whose uncertainty the
+            robot file states; empty with `sd` None.
     """
 
     name: str
@@ -142,16 +142,16 @@ def shares_of_variance(
     """Where the variance of each coordinate comes from.
 
     The estimate is linear in the errors of the readings and of what the priors are centred on, which are
-    independent: with A = sum J_k'J_k + sum p_j p_j' its covariance is the sum of A^-1 J_k'J_k A^-1 over the sources
-    of noise and of A^-1 p_j p_j' A^-1 over the priors.
+    independent: with A = sum J_k'J_k + sum p_j p_j' its covariance is the sum of A^-1 J_k'J_k A^-1 over the
+    sources of noise and of A^-1 p_j p_j' A^-1 over the priors.
 
     Args:
         rows: derivatives of the weighed residuals by the coordinates, by source of noise, (D_k, p) each.
         priors: row of each prior, by source: 1/sd at its coordinate, (p,).
 
     Returns:
-        Names of the sources, S of them, and their shares, (S, p): columns add up to 1, or are 0 where nothing is
-        known.
+        Names of the sources, S of them, and their shares, (S, p): columns add up to 1, or are 0 where nothing
+        is known.
     """
     names = [*rows, *priors]
     parts = [J.T @ J for J in rows.values()] + [np.outer(row, row) for row in priors.values()]

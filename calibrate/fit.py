@@ -63,8 +63,8 @@ def fit(
 
     Several recordings share every parameter that is not named in `per_recording` or `per_robot`.
 
-    Every other number that [uncertainty] in the robot file names is fitted as well, within what the file says of it
-    (`FitResult.carried`), so that its uncertainty enters the intervals of the free ones.
+    Every other number that [uncertainty] in the robot file names is fitted as well, within what the file says
+    of it (`FitResult.carried`), so that its uncertainty enters the intervals of the free ones.
 
     Standard errors. The covariance is (J'J + P)^-1 at the solution, J the weighed derivatives by forward
     mode through the solver, P the priors' precision. The errors are taken as large as the residual shows, be
@@ -264,8 +264,8 @@ def _run(task: Task) -> FitResult:
     problem = dataclasses.replace(problem, weighs=tuple(weighs))
     known, iterations, answer = first, 0, None
     for k in range(ROBUST_REWEIGHINGS if task.robust else REWEIGHINGS):
-        # Priors of what is asked for wait until it is known how well the model can fit: else one that is wrong
-        # passes for noise.
+        # Priors of what is asked for wait until it is known how well the model can fit: else one that is
+        # wrong passes for noise.
         carried = np.asarray([f.carried for f in task.free])
         unbiased = dataclasses.replace(problem, precision=np.where(carried, problem.precision, 0.0))
         descent = descend(

@@ -23,8 +23,8 @@ class Free:
         parts: recordings it belongs to, by number.
         initial: its value in the robot file, SI.
         prior: standard deviation of what the robot file knows of it, SI; None where nothing.
-        carried: whether nobody asked for it: the robot file calls it uncertain, so it is fitted too, within what the
-            file says of it, and its uncertainty enters that of the others.
+        carried: whether nobody asked for it: the robot file calls it uncertain, so it is fitted too, within
+            what the file says of it, and its uncertainty enters that of the others.
     """
 
     entry: Parameter
@@ -129,8 +129,8 @@ def carried_by(
         free: what is free, from `free_of`.
 
     Returns:
-        One for each robot and number. A force is left out where the robot carries no external load, because it acts
-        on nothing there; so is a share of a number that is zero.
+        One for each robot and number. A force is left out where the robot carries no external load, because
+        it acts on nothing there; so is a share of a number that is zero.
     """
     found = []
     for r, (robot, config) in enumerate(zip(robots, configs, strict=True)):

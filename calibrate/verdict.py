@@ -79,7 +79,7 @@ def by_phase(residual: np.ndarray, phases: np.ndarray) -> dict[str, dict[str, fl
 
 
 def disagreement(mu_by_phase: dict[str, Estimate], apart: float) -> str:
-    """One clause if the friction of pulling and of releasing lie more than `DISAGREE` standard errors apart."""
+    """One clause if the friction of pulling and releasing lie `DISAGREE` standard errors apart, else ""."""
     pull, release = mu_by_phase.get(PULLING), mu_by_phase.get(RELEASING)
     if pull is None or release is None or apart <= DISAGREE:
         return ""

@@ -375,8 +375,9 @@ class RobotConfig(Section):
         return self.model_copy(update={"uncertainty": left})
 
     def with_deviations(self, deviations: Mapping[str, float]) -> RobotConfig:
-        """A copy in which [uncertainty] says other things of some numbers: standard deviations in SI, by dotted key.
-        They are written as shares, to three digits, but those of a number that is zero with their unit.
+        """A copy in which [uncertainty] says other things of some numbers: standard deviations in SI, by
+        dotted key. They are written as shares, to three digits, but those of a number that is zero with their
+        unit.
         """
         values = self.numbers()
         said = {

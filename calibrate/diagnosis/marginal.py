@@ -1,8 +1,8 @@
-"""What a diagnosis prints of its numbers: all that is uncertain fitted together, and what that leaves of each.
+"""The numbers of a diagnosis and their errors: all that is uncertain fitted together.
 
 The search lets the uncertain dimensions of the robot file follow to first order, which is enough to rank
-hypotheses. Where dimensions and modulus do nearly the same that is too rough for values and errors, so the base
-model and the one chosen are fitted once more with the dimensions as free as every other number.
+hypotheses. Where dimensions and modulus do nearly the same that is too rough for values and errors, so the
+base model and the one chosen are fitted once more with the dimensions as free as every other number.
 """
 
 from __future__ import annotations
@@ -59,9 +59,9 @@ class Marginal:
 def jointly(models: Models, fitted: Fitted, finer: float) -> Marginal:
     """Fit a model with the dimensions free as well, from where the search left it.
 
-    The covariance is (J'J + 1)^-1 with derivatives by central differences, to which comes what a law that is not
-    exact, and what is left of the mesh, move the estimates by: K d with K = (J'J + 1)^-1 J' and d the change of the
-    readings, of one standard deviation each.
+    The covariance is A^-1 with A = J'J + 1 and derivatives by central differences. To it comes what laws that
+    are not exact, and what is left of the mesh, do to the estimates: they move by A^-1 J'd where d is the change
+    of the readings, of one standard deviation for each way.
 
     Args:
         models: all samples on the bench, corrected to a fine mesh.
@@ -208,8 +208,8 @@ def _noise_and_priors(bench: Bench, fitted: Fitted, scale: float) -> tuple[list[
 
 
 def _law(models: Models, bench: Bench, found: Fitted, fitted: Fitted) -> np.ndarray:
-    """White rows of what the effects' laws may have wrong, (n, ways): what they do while pulling and not, at low
-    tension and high, each with the share that the evidence leaves (`search.INEXACT`).
+    """White rows of what the effects' laws may have wrong, (n, ways): what they do while pulling and not, at
+    low tension and high, each with the share that the evidence leaves (`search.INEXACT`).
     """
     nothing = np.zeros((len(found.rows), 0))
     if not found.names:
@@ -234,8 +234,8 @@ def _law(models: Models, bench: Bench, found: Fitted, fitted: Fitted) -> np.ndar
 
 
 def _mesh(bench: Bench, found: Fitted, finer: float) -> np.ndarray:
-    """White rows of what the fine mesh leaves out, (n, 1), from what it corrects: errors fall with the square of
-    the interval.
+    """White rows of what the fine mesh leaves out, (n, 1), from what it corrects: errors fall with the square
+    of the interval.
     """
     left = 1 / (finer**2 - 1) if finer > 1 else 1.0
     corrected = bench.correction(found.names)

@@ -95,7 +95,8 @@ class Change:
         before, after: values.
         sd: standard deviation of the latter, all else that is uncertain counted in.
         lower95, upper95: its interval of 95 %.
-        made_of: share of its variance by source: noise, uncertain numbers of the robot file, the law, the mesh.
+        made_of: share of its variance by source: noise, uncertain numbers of the robot file, the law, the
+            mesh.
     """
 
     name: str
@@ -347,7 +348,7 @@ def _changes(before: Marginal, after: Marginal) -> list[Change]:
 def _diagnosed(
     config: RobotConfig | None, after: Marginal, fine: Robot, warnings: list[str]
 ) -> RobotConfig | None:
-    """The robot file with the numbers of a fit. What it called uncertain is now known as well as the fit says."""
+    """The robot file with the numbers of a fit; what it called uncertain is known as well as the fit says."""
     if config is None:
         return None
     known, fitted = parameters_of(fine), after.fitted

@@ -287,8 +287,8 @@ def _tables(fit: FitAnswer) -> list[Table]:
         *("parameter", "fitted", "standard error", "95 % interval", "smallest change seen", "before", "note"),
     )
     note = (
-        "Intervals count the noise of the cells and all that the robot file calls uncertain; they are those of the "
-        "model as it stands. The smallest change seen is found significant at 5 % "
+        "Intervals count the noise of the cells and all that the robot file calls uncertain; they are those "
+        "of the model as it stands. The smallest change seen is found significant at 5 % "
         "in 95 of 100 recordings like these."
     )
     tables = [
@@ -328,7 +328,7 @@ def _made_of(fit: FitAnswer) -> list[Table]:
     ]
     tables = []
     if rows:
-        note = "Shares of the variance. A number's own name stands for what the robot file says of it beforehand."
+        note = "Shares of the variance. A number's own name is what the robot file says of it beforehand."
         tables.append(
             Table("What the standard errors are made of", ("parameter", "sources"), rows, note=note)
         )
@@ -344,8 +344,8 @@ def _made_of(fit: FitAnswer) -> list[Table]:
     ]
     if carried:
         note = (
-            "Nobody asked for these: the robot file calls them uncertain, so they are fitted within what it says of "
-            "them, and what is left of their uncertainty is in the intervals above."
+            "Nobody asked for these: the robot file calls them uncertain, so they are fitted within what it "
+            "says of them, and what is left of their uncertainty is in the intervals above."
         )
         heads = ("parameter", "fitted", "standard error", "before", "note")
         tables.append(Table("Carried along", heads, carried, note=note))
