@@ -3,11 +3,15 @@
 import importlib
 import re
 import shlex
+import shutil
 import tomllib
 from pathlib import Path
 from urllib.parse import unquote
 
+import numpy as np
 import pytest
+from command_line import run_gtr
+from test_readme import said
 
 from benchmarks import inclusions
 from gtr_jax import load_config
@@ -171,3 +175,32 @@ def test_counts_on_the_page_of_the_diagnosis_are_those_of_the_benchmark():
     assert len(counts) >= 6
     for right, of in counts:
         assert f"({right}/{of};" in proof, f"{right} of {of}"
+
+
+PLUS_MINUS = re.compile(r" ± [\d.e+-]+")
+
+
+@pytest.mark.slow
+def test_the_page_of_the_diagnosis_shows_what_the_command_prints(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for folder in ("examples", "gtr_jax/examples"):
+        shutil.copytree(ROOT / folder, folder)
+    printed: list[str] = []
+    compared = 0
+    for language, text in blocks((DOCS / "diagnosis.md").read_text(encoding="utf-8")):
+        if language == "" and " robot.toml " not in text:
+            outcome = run_gtr(capsys, *shlex.split(text)[1:])
+            assert outcome.status == 0, outcome.err
+            printed = outcome.out.splitlines()
+        elif language == "text":
+            # What is printed in one line is broken on the page, and goes on behind a space.
+            for line in text.replace("\n  ", " ").splitlines():
+                words, numbers = said(PLUS_MINUS.sub("", line))
+                close = [
+                    np.allclose(found, numbers, rtol=0.05, atol=2e-3)
+                    for there, found in (said(PLUS_MINUS.sub("", p)) for p in printed)
+                    if there == words
+                ]
+                assert any(close), f"not printed: {line}\n" + "\n".join(printed)
+                compared += 1
+    assert compared >= 5
