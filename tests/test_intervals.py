@@ -1,4 +1,4 @@
-"""What stands behind a ±: all that the robot file calls uncertain is in it; and it says what it is made of."""
+"""What stands behind a ±: all that the robot file calls uncertain is in it, and it says what it is of."""
 
 import json
 from pathlib import Path
