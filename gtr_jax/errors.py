@@ -33,3 +33,9 @@ def listed(names: Iterable[str], most: int = 12) -> str:
     """Names separated by commas, cut after `most` of them."""
     names = list(names)
     return ", ".join(names[:most]) + (", …" if len(names) > most else "")
+
+
+def excerpt(text: object, most: int = 60) -> str:
+    """What was found, short enough to be quoted in a message."""
+    text = str(text)
+    return text if len(text) <= most else f"{text[: most - 1]}…"
