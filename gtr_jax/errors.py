@@ -29,6 +29,12 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f"did you mean '{match}'?" if match else f"known: {listed(known)}"
 
 
+def nearest_first(name: str, known: Iterable[str]) -> list[str]:
+    """All known names, those most like `name` first."""
+    folded = name.casefold()
+    return sorted(known, key=lambda k: -difflib.SequenceMatcher(None, folded, k.casefold()).ratio())
+
+
 def listed(names: Iterable[str], most: int = 12) -> str:
     """Names separated by commas, cut after `most` of them."""
     names = list(names)
@@ -37,5 +43,8 @@ def listed(names: Iterable[str], most: int = 12) -> str:
 
 def excerpt(text: object, most: int = 60) -> str:
     """What was found, short enough to be quoted in a message."""
-    text = str(text)
+    try:
+        text = str(text)
+    except ValueError:  # Python does not write out integers of thousands of digits
+        return "an integer of thousands of digits"
     return text if len(text) <= most else f"{text[: most - 1]}…"

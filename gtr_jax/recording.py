@@ -207,8 +207,8 @@ def _missing(table: Table, absent: Sequence[str], tendons: Sequence[str]) -> Inp
     place = f"{table.path}: no column {_dot(channel.header, tendon)}"
     if tendon and _recognised(table, quantity, "") is not None:
         return InputError(
-            f"{place}, but one for a single tendon; of several, {listed(tendons)}, end each one's columns with "
-            f"its name, {channel.header}.{tendon}"
+            f"{place}, but one for a single tendon; of several, {listed(tendons)}, each one's columns end "
+            f"with its name: {channel.header}.{tendon}"
         )
     ended = [header for header in names if re.match(rf"{re.escape(channel.header)}\.\w", header)]
     if not tendon and ended:
@@ -224,14 +224,12 @@ def _missing(table: Table, absent: Sequence[str], tendons: Sequence[str]) -> Inp
             "for example time_s,T_base_N,T_tip_N"
         )
     meant = {key: _meant(table, *wanted[key], tendons) for key in absent}
-    entries = [
-        f"{key}={table.header[index]}[{_unit_meant(table, index, CHANNELS[wanted[key][0]].unit)}]"
-        for key, index in meant.items()
-        if index is not None
-    ]
+    entries = []
+    for key, index in meant.items():
+        si = CHANNELS[wanted[key][0]].unit
+        name, unit = ("NAME", si) if index is None else (table.header[index], _unit_meant(table, index, si))
+        entries.append(f"{key}={name}[{unit}]")
     near = meant[absent[0]]
-    if near is None:
-        entries.insert(0, f"{absent[0]}=NAME[{channel.unit}]")
     return InputError(
         f"{place}; columns found: {listed(names)}"
         + ("" if near is None else f" (nearest: '{table.header[near]}')")

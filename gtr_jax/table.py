@@ -74,6 +74,11 @@ class Table:
         return any(_is_stamp(row[index]) for row in self.rows)
 
     @functools.cached_property
+    def _localised(self) -> bool:
+        """Whether any cell holds a comma, or a stroke that Python, but no one else, reads over."""
+        return any("," in cell or "_" in cell for row in self.rows for cell in row)
+
+    @functools.cached_property
     def decimal(self) -> str:
         """The decimal mark, by what all columns of numbers show.
 
@@ -106,9 +111,8 @@ class Table:
     def column(self, index: int) -> np.ndarray:
         """Column `index` as float64; InputError naming row and column of a cell that is no number."""
         cells = self.cells(index)
-        joined = "\n".join(cells)
         try:
-            if "," in joined or "_" in joined:
+            if self._localised and (self.decimal == "," or any("," in c or "_" in c for c in cells)):
                 raise ValueError
             values = np.array(cells, dtype=np.float64)
         except ValueError:
@@ -129,14 +133,16 @@ class Table:
         else:
             stamps = [c if _STAMP.fullmatch(c) else None for c in cells]
             values = pd.to_datetime(stamps, format="ISO8601", utc=True, errors="coerce")
-        self._refuse(index, np.asarray(values.isna()), "a time stamp such as 2026-01-31T14:05:00.25")
+        self._refuse(
+            index, np.asarray(values.isna()), "seconds or a time stamp such as 2026-01-31T14:05:00.25"
+        )
         return np.asarray((values - values[0]).total_seconds(), dtype=np.float64)
 
     def quantity(self, index: int, unit: str | None, si: str, *, remedy: str) -> np.ndarray:
         """Column `index` converted from `unit` (None: what the row of units says, or SI) to the SI unit `si`,
         read-only. Times may be time stamps.
         """
-        if si == "s" and not self.has_numbers(index) and self.has_times(index):
+        if si == "s" and not self.has_numbers(index):
             values = self.times(index)
         else:
             values, unit = self.column(index), unit or self.unit(index)
@@ -173,7 +179,7 @@ def _is_stamp(cell: str) -> bool:
 
 
 def _mark(cell: str) -> str:
-    """The decimal mark that a numeral gives away, "." or ","; "?" if its one mark may part thousands, or ""."""
+    """The decimal mark that a numeral gives away, or ""; "?" if its only mark may part thousands."""
     if _EITHER.fullmatch(cell):
         return "?"
     if "." not in cell and "," not in cell:
@@ -268,7 +274,7 @@ def _odd(header: list[str], row: list[str]) -> str:
     """The remedy for a row of another length than the header."""
     if len(row) == 2 * len(header) and all(map(_is_numeral, row)):
         return "if these are decimal commas, export with semicolons between the cells, or with decimal points"
-    if 1 in (len(header), len(row)):
+    if len(header) == 1:
         return "put one header row above the numbers, and part its cells as those of the numbers"
     return "complete or delete the row"
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 Number = TypeVar("Number", float, np.ndarray)
 
 _NUMBER = r"[+−-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+LARGEST = 1e30  # in SI: the fourth power of a radius has to stay within the floats
 MOST_LETTERS = 60  # of a unit
 _POWER_OF_A_NUMBER = re.compile(r"[\d)]\s*(\*\*|\^)")  # pint would compute 9**9**9
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(.*?)\s*")
@@ -124,20 +125,30 @@ def parse_quantity(value: object, si: str) -> float:
     if isinstance(value, str):
         match = _QUANTITY.fullmatch(value)
         if match is None:
-            raise InputError(f"cannot read '{value}' as {dimension.noun}; write for example {example}")
+            said = excerpt(value)
+            raise InputError(f"cannot read '{said}' as {dimension.noun}; write for example {example}")
         number, unit = match.groups()
         if not unit and si != "dimensionless":
-            raise InputError(f"'{value}' carries no unit; write for example {example}")
+            raise InputError(f"'{excerpt(value)}' carries no unit; write for example {example}")
         try:
             result = convert(float(number.replace("−", "-")), unit or "dimensionless", si)
         except InputError as fault:
             raise InputError(f"{fault}; write for example {example}") from None
     elif isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
-        result = float(value)
+        try:
+            result = float(value)
+        except OverflowError:
+            result = math.inf
     else:
-        raise InputError(f"expected {dimension.noun}, found {value!r}; write for example {example}")
+        found = excerpt(repr(value))
+        raise InputError(f"expected {dimension.noun}, found {found}; write for example {example}")
     if not math.isfinite(result):
-        raise InputError(f"{value} is not a finite number; write for example {example}")
+        raise InputError(f"{excerpt(value)} is not a finite number; write for example {example}")
+    if abs(result) > LARGEST:
+        raise InputError(
+            f"{excerpt(value)} is more than can be computed with ({LARGEST:g} in SI units); "
+            f"write for example {example}"
+        )
     return result
 
 
