@@ -136,7 +136,7 @@ class Table:
         self._refuse(
             index, np.asarray(values.isna()), "seconds or a time stamp such as 2026-01-31T14:05:00.25"
         )
-        return np.asarray((values - values[0]).total_seconds(), dtype=np.float64)
+        return np.asarray((values - values[0]) / pd.Timedelta(seconds=1), dtype=np.float64)
 
     def quantity(self, index: int, unit: str | None, si: str, *, remedy: str) -> np.ndarray:
         """Column `index` converted from `unit` (None: what the row of units says, or SI) to the SI unit `si`,
