@@ -284,6 +284,28 @@ READERS = {
 }
 
 
+SPOILT = {
+    "schema of 400 digits": ("schema = 1", f"schema = 1{400 * '9'}", "schema: 1999"),
+    "seed of 400 digits": ("seed = ", f"seed = 1{400 * '0'}", "seed: 1000"),
+    "seed of 70 bits": ("seed = ", f"seed = {2**70}", "seed: 1180591620717411303424"),
+    "force of 1e308": ('"45 N"', "1e308", "1e+308 is more than can be computed with"),
+    "force of 400 digits": ('"45 N"', f"1{400 * '0'}", "has too many digits for an integer"),
+}
+
+
+@pytest.mark.parametrize("case", SPOILT)
+@pytest.mark.parametrize("kind", ["target", "sweep"])
+def test_numbers_beyond_floats(kind, case, tmp_path):
+    name, (text, *_), read = READERS[kind]
+    old, new, says = SPOILT[case]
+    assert old in text
+    path = tmp_path / name
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read(path)
+    assert str(caught.value).startswith(f"{path}: ") and says in str(caught.value)
+
+
 @pytest.fixture
 def folder():
     """A folder in memory where there is one: each mutant is a file."""
