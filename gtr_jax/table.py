@@ -76,7 +76,7 @@ class Table:
     @functools.cached_property
     def _localised(self) -> bool:
         """Whether any cell holds a comma, or a stroke that Python, but no one else, reads over."""
-        return any("," in cell or "_" in cell for row in self.rows for cell in row)
+        return any("," in joined or "_" in joined for joined in map("".join, self.rows))
 
     @functools.cached_property
     def decimal(self) -> str:
