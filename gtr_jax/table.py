@@ -48,6 +48,7 @@ class Table:
         rows: the cells below it.
         numbers: the row number that an editor shows for each of them.
         units: what a row of units below the header says of each column; "" where it says nothing.
+        plain: whether no cell holds a comma, or a stroke between digits, which Python reads over.
     """
 
     path: Path
@@ -56,6 +57,7 @@ class Table:
     rows: list[list[str]]
     numbers: list[int]
     units: list[str] = field(default_factory=list)
+    plain: bool = False
 
     def cells(self, index: int) -> list[str]:
         """The cells of column `index`."""
@@ -72,11 +74,6 @@ class Table:
     def has_times(self, index: int) -> bool:
         """Whether any cell of column `index` is a time stamp."""
         return any(_is_stamp(row[index]) for row in self.rows)
-
-    @functools.cached_property
-    def _localised(self) -> bool:
-        """Whether any cell holds a comma, or a stroke that Python, but no one else, reads over."""
-        return any("," in joined or "_" in joined for joined in map("".join, self.rows))
 
     @functools.cached_property
     def decimal(self) -> str:
@@ -112,7 +109,7 @@ class Table:
         """Column `index` as float64; InputError naming row and column of a cell that is no number."""
         cells = self.cells(index)
         try:
-            if self._localised and (self.decimal == "," or any("," in c or "_" in c for c in cells)):
+            if not self.plain and (self.decimal == "," or any("," in c or "_" in c for c in cells)):
                 raise ValueError
             values = np.array(cells, dtype=np.float64)
         except ValueError:
@@ -252,7 +249,7 @@ def read_table(path: str | os.PathLike[str]) -> Table:
     if len(rest) > 1 and _are_units(rest[0][1]) and is_data(rest[1][1]):
         units = [re.sub(r"^[\[(]|[\])]$", "", cell.strip()).strip(" -–") for cell in rest.pop(0)[1]]
         units = (units + [""] * len(header))[: len(header)]
-    cells, numbers = [], []
+    cells, numbers, plain = [], [], True
     for number, row in rest:
         while len(row) > len(header) and not row[-1].strip():
             row.pop()
@@ -260,6 +257,8 @@ def read_table(path: str | os.PathLike[str]) -> Table:
             raise InputError(
                 f"{path}: row {number} has {len(row)} cells and the header {len(header)}; {_odd(header, row)}"
             )
+        joined = "".join(row)
+        plain = plain and "," not in joined and "_" not in joined
         cells.append(row)
         numbers.append(number)
     blanks = [row[0].split() for row in cells[:1] if len(header) == 1 and not _is_numeral(row[0])]
@@ -267,7 +266,7 @@ def read_table(path: str | os.PathLike[str]) -> Table:
         raise InputError(f"{path}: blanks part its numbers; part the cells with commas, semicolons or tabs")
     if not cells:
         raise InputError(f"{path}: has a header but no rows; at least one row of numbers is needed")
-    return Table(path, sha256, header, cells, numbers, units)
+    return Table(path, sha256, header, cells, numbers, units, plain)
 
 
 def _odd(header: list[str], row: list[str]) -> str:
