@@ -150,6 +150,7 @@ def test_units_in_a_row_are_converted(tmp_path):
         write(tmp_path, "time,T_base,T_tip\n(ms),(gf),(mN)\n0,500,200\n100,1000,400\n")
     )
     np.testing.assert_allclose(recording.T_base, [4.903325, 9.80665], rtol=1e-15)
+    assert recording.T_tip is not None
     np.testing.assert_allclose(recording.T_tip, [0.2, 0.4], rtol=1e-15)
     np.testing.assert_array_equal(recording.time, [0, 0.1])
     mapped = read_recording(recording.path, "T_base=T_base[N]")
@@ -168,6 +169,7 @@ def test_units_in_a_row_are_converted(tmp_path):
 def test_time_stamps_are_seconds_since_the_first(tmp_path, stamps, seconds):
     text = "Timestamp,T_base_N,T_tip_N\n{},0,0\n{},10,6\n".format(*stamps)
     recording = read_recording(write(tmp_path, text))
+    assert recording.time is not None
     np.testing.assert_allclose(recording.time, [0, seconds], rtol=1e-12)
 
 
