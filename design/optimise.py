@@ -66,7 +66,7 @@ def optimise(
         problem=problem,
         options=tuple(options),
         verification=verified,
-        binding=binding_of(problem, found),
+        binding=binding_of(problem, found, best.lane),
         relaxed=(),
         tolerances=tolerance_table(problem, best),
         robustness=robustness_of(problem, best),

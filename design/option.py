@@ -96,6 +96,7 @@ class Option:
         goal: value of the goal, SI; NaN without one.
         loss: largest share of the base tension lost while pulling; NaN if nothing pulls.
         converged: whether every equilibrium met its tolerance.
+        lane: of the search, that led to it; -1 of a robot that was not searched for.
     """
 
     config: RobotConfig
@@ -107,6 +108,7 @@ class Option:
     goal: float
     loss: float
     converged: bool
+    lane: int = -1
 
     @property
     def reached(self) -> bool:
@@ -271,6 +273,12 @@ def _margins(problem: Assembled, robot: Robot, states: States, tensions: np.ndar
         most(L.LOSS, 1.0 - share, own.max_tension_loss, "", None)
     if own.min_T_tip is not None:
         least(L.TIP, np.asarray(states.T_tip), own.min_T_tip, "N", None)
+    if L.WAVE in given:
+        ends = np.asarray(robot.routing.kinks())
+        least(L.WAVE, ends[1:] - ends[:1], L.LEAST_WAVE * float(body.length), "m", None)
+    if L.RELEASE in given:
+        others = [tensions[number] for number, _ in problem.task.states if number != len(tensions) - 1]
+        least(L.RELEASE, np.asarray(tensions[-1:], float), float(max(others)), "N", None)
     if own.max_T_base is not None:
         most("max_T_base", np.asarray(tensions, float), own.max_T_base, "N", None)
     return tuple(out)

@@ -79,7 +79,8 @@ class Design:
 
     Attributes:
         problem: the files and what was searched.
-        options: distinct designs, the best first, each on the default mesh.
+        options: distinct designs, the best first, each on the mesh four times finer than the default; all
+            of them valid, or none is and they are the nearest (`options_of`).
         verification: of the best.
         binding: what it leans on. relaxed: what putting a limit aside would do, if the targets are not met.
         tolerances: of its dimensions. robustness: None if nothing is uncertain.
@@ -100,7 +101,7 @@ class Design:
     @property
     def best(self) -> Option:
         """The design that was chosen, on the mesh four times finer than the default."""
-        return self.verification.fine
+        return self.options[0]
 
     @property
     def config(self) -> RobotConfig:

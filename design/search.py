@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -14,13 +15,14 @@ from .assemble import Assembled
 from .gauss_newton import Found, judge_all, search_all
 from .lagrangian import minimise_all
 from .starts import starts
-from .task import Evaluation, Task
+from .task import Evaluation, Task, tensions_of
 
 FEW_STEPS, MANY_STEPS = 25, 250
 WITHIN = 0.5  # of a tolerance, that a search has to come to, so that a finer mesh still finds it there
 ARRIVED = 0.5 * WITHIN**2  # half the sum of squares below which a search has
 LEAST_MARGIN = -1e-6  # least margin with which a limit counts as kept
 LANES = 4  # that a second search goes on with
+NEARBY = 20.0  # tolerances (root of the sum of squares) within which a start that ran out of steps goes on
 REWEIGHTED = 30  # times, at most, towards the least worst case
 EVEN = 1e-3  # share by which the weighted error then falls short of the largest
 
@@ -128,15 +130,33 @@ def _size_by_draw(task: Task, z) -> Array:
 
 
 def _meet(task: Task, z, free) -> Found:
-    """Gauss-Newton on the targets from every start: a few steps; more where none has arrived; and once more
-    at a smaller scale where nothing ever will.
+    """Gauss-Newton on the targets from every start: a few steps; where some have arrived, the rest of the way
+    for those that are near; more steps for all where none has; and once more at a smaller scale where nothing
+    ever will.
     """
     found = search_all(task, z, free, FEW_STEPS)
-    if not _any_reached(found):
-        found = search_all(task, found.z, free, MANY_STEPS)
+    if _any_reached(found):
+        return _finished(task, found, free)
+    found = search_all(task, found.z, free, MANY_STEPS)
     if not _any_reached(found):
         found = _nearest(task, found, free)
     return found
+
+
+def _finished(task: Task, found: Found, free) -> Found:
+    """The same with the starts that ran out of steps near the targets gone on with, so that what is compared
+    and listed are designs and not points on the way to one.
+    """
+    near = ~found.settled & (found.cost < 0.5 * NEARBY**2)
+    if not bool(jnp.any(near)):
+        return found
+    again = search_all(task, found.z, free * near[:, None], MANY_STEPS)  # those held stop at once
+    again = again._replace(steps=found.steps + again.steps)
+
+    def chosen(new, old):
+        return jnp.where(near.reshape(-1, *[1] * (old.ndim - 1)), new, old)
+
+    return Found(*(chosen(new, old) for new, old in zip(again, found, strict=True)))
 
 
 def without_goal(task: Task) -> Task:
@@ -202,16 +222,22 @@ def _lanes(problem: Assembled, found: Found, free: np.ndarray, method: str) -> L
 
 
 def ranking(problem: Assembled, found: Lanes) -> np.ndarray:
-    """Lanes in the order of preference: limits kept first; then those that reach the targets, the one that
-    loses the least tension first; then the nearest. Of a goal, the best first.
+    """Lanes in the order in which they are looked at: limits kept first; then those that reach the targets,
+    the one that loses the least tension first; then the nearest. Of a goal, the best first.
     """
     reach = found.cost < ARRIVED
     if problem.task.wanted.goal or problem.task.spread != "nominal":
         return np.lexsort((found.cost, ~found.kept))
-    pulled = [i for i, (_, released) in enumerate(problem.task.states) if not released]
-    share = np.asarray(found.judged.T_tip)[:, pulled]
-    T = np.asarray(problem.task.tensions)[[problem.task.states[i][0] for i in pulled]]
-    loss = np.max(1.0 - share / T, axis=1, initial=-1.0) if pulled else np.zeros(len(reach))
-    second = np.where(reach, loss, found.cost)
+    second = np.where(reach, _losses(problem.task, found), found.cost)
     short = np.minimum(np.min(found.margins, axis=1, initial=1.0), 0.0)
     return np.lexsort((second, ~reach, np.where(found.kept, 0.0, -short)))
+
+
+def _losses(task: Task, found: Lanes) -> np.ndarray:
+    """Largest share of its own base tension that each lane loses while pulling, (L,)."""
+    pulled = [i for i, (_, released) in enumerate(task.states) if not released]
+    if not pulled:
+        return np.zeros(len(found.z))
+    tensions = np.asarray(jax.vmap(lambda z: tensions_of(task, z))(jnp.asarray(found.z)))
+    T_base = tensions[:, [task.states[i][0] for i in pulled]]
+    return np.max(1.0 - np.asarray(found.judged.T_tip)[:, pulled] / T_base, axis=1)

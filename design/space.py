@@ -20,6 +20,7 @@ from .target import SPLINE, T_BASE, TargetConfig
 N_SINE = "n_sine"
 KNOTS = 6
 SECTIONS = ("backbone.", "routing.", "tendon.")
+ROUNDED = 1e-6  # of the distance between the bounds, to which the numbers of a design are rounded
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,6 +81,12 @@ class Space:
     def values_at(self, z: np.ndarray) -> np.ndarray:
         """Values at coordinates from 0 to 1 between the bounds, SI, (p,)."""
         return self.lower + z * (self.upper - self.lower)
+
+    def rounded(self, values: np.ndarray) -> np.ndarray:
+        """Values to as many decimals as people can use, within the bounds, SI, (p,)."""
+        decimals = np.ceil(-np.log10(ROUNDED * (self.upper - self.lower))).astype(int)
+        short = [round(float(v), int(d)) for v, d in zip(values, decimals, strict=True)]
+        return np.clip(short, self.lower, self.upper)
 
     def design(self, values: np.ndarray) -> RobotConfig:
         """The robot file of a design.
