@@ -69,12 +69,12 @@ def find(problem: Assembled, progress: Callable[[str], None] = lambda stage: Non
     z, free = jnp.asarray(z), jnp.asarray(free)
     progress("searching")
     if target.search.method == "l-bfgs-b" and not goal and task.spread == "nominal":
-        return _lanes(problem, minimise_all(task, z, free), np.asarray(free), "l-bfgs-b")
+        return lanes_of(problem, minimise_all(task, z, free), np.asarray(free), "l-bfgs-b")
     met = None
     if not goal or task.wanted.pose_state or task.wanted.point_state:
         met = _meet(nominal(without_goal(task)), z, free)
         if not goal and task.spread == "nominal":
-            return _lanes(problem, met, np.asarray(free), "gauss-newton")
+            return lanes_of(problem, met, np.asarray(free), "gauss-newton")
         z = met.z
     if not goal:
         assert met is not None
@@ -82,11 +82,11 @@ def find(problem: Assembled, progress: Callable[[str], None] = lambda stage: Non
         found = _meet(without_goal(task), z, free)
         if task.spread == "worst":
             found, free = _least_worst(without_goal(task), found, free)
-        lanes = _lanes(problem, found, np.asarray(free), "gauss-newton")
+        lanes = lanes_of(problem, found, np.asarray(free), "gauss-newton")
         return dataclasses.replace(lanes, reachable=_any_reached(met))
     found = search_all(task, z, free, MANY_STEPS)
     progress("searching by L-BFGS-B")
-    order = np.argsort(_lanes(problem, found, np.asarray(free), "").order, kind="stable")[:LANES]
+    order = np.argsort(lanes_of(problem, found, np.asarray(free), "").order, kind="stable")[:LANES]
     z, free = jnp.asarray(found.z), jnp.asarray(free)
     # Gauss-Newton's multipliers are of half the square of the distance from utopia.
     away = jnp.sqrt(2.0 * found.cost[order])
@@ -94,7 +94,7 @@ def find(problem: Assembled, progress: Callable[[str], None] = lambda stage: Non
     polished = minimise_all(task, z[order], free[order], multipliers)
     joined = Found(*(jnp.concatenate([a, b]) for a, b in zip(polished, found, strict=True)))
     free = jnp.concatenate([free[order], free])
-    return _lanes(problem, joined, np.asarray(free), "gauss-newton, l-bfgs-b")
+    return lanes_of(problem, joined, np.asarray(free), "gauss-newton, l-bfgs-b")
 
 
 def _least_worst(task: Task, found: Found, free) -> tuple[Found, Array]:
@@ -200,7 +200,8 @@ def _in_units_of(task: Task, size: float) -> Task:
     )
 
 
-def _lanes(problem: Assembled, found: Found, free: np.ndarray, method: str) -> Lanes:
+def lanes_of(problem: Assembled, found: Found, free: np.ndarray, method: str) -> Lanes:
+    """Where searches ended, judged: those lanes that may change what `free` says, (L, c)."""
     judged = judge_all(problem.task, found.z)
     margins = np.asarray(judged.margins)
     kept = np.min(margins, axis=1, initial=1.0) >= LEAST_MARGIN
@@ -228,12 +229,12 @@ def ranking(problem: Assembled, found: Lanes) -> np.ndarray:
     reach = found.cost < ARRIVED
     if problem.task.wanted.goal or problem.task.spread != "nominal":
         return np.lexsort((found.cost, ~found.kept))
-    second = np.where(reach, _losses(problem.task, found), found.cost)
+    second = np.where(reach, losses(problem.task, found), found.cost)
     short = np.minimum(np.min(found.margins, axis=1, initial=1.0), 0.0)
     return np.lexsort((second, ~reach, np.where(found.kept, 0.0, -short)))
 
 
-def _losses(task: Task, found: Lanes) -> np.ndarray:
+def losses(task: Task, found: Lanes) -> np.ndarray:
     """Largest share of its own base tension that each lane loses while pulling, (L,)."""
     pulled = [i for i, (_, released) in enumerate(task.states) if not released]
     if not pulled:
