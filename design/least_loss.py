@@ -44,7 +44,7 @@ def with_less_loss(problem: Assembled, found: Lanes) -> Lanes:
     least, moved, here = float(np.min(losses(task, found)[arrived])), np.zeros(len(found.z), bool), found
     step, spent = FIRST, np.zeros(len(found.z), int)
     while step >= SHORTEST and least > 0.0:
-        free = jnp.asarray(found.free) * arrived[:, None]  # lanes that are held stop at once
+        free = jnp.asarray(np.where(arrived[:, None], found.free, 0.0))  # lanes that are held stop at once
         ends = search_all(_drawn_in(task, (1.0 - step) * least), jnp.asarray(here.z), free, MOST_STEPS)
         there = lanes_of(problem, ends, found.free, found.method)
         lost = losses(task, there)

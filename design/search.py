@@ -150,7 +150,9 @@ def _finished(task: Task, found: Found, free) -> Found:
     near = ~found.settled & (found.cost < 0.5 * NEARBY**2)
     if not bool(jnp.any(near)):
         return found
-    again = search_all(task, found.z, free * near[:, None], MANY_STEPS)  # those held stop at once
+    again = search_all(
+        task, found.z, jnp.where(near[:, None], free, 0.0), MANY_STEPS
+    )  # those held stop at once
     again = again._replace(steps=found.steps + again.steps)
 
     def chosen(new, old):

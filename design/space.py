@@ -13,7 +13,7 @@ from gtr_jax.config_checks import outer_radius_at
 from gtr_jax.errors import InputError, did_you_mean
 from gtr_jax.parameters import Parameter, parameter, parameters_of
 from gtr_jax.robot import Robot
-from gtr_jax.units import to_si
+from gtr_jax.units import DIMENSIONS, convert, display_of, to_si
 
 from .target import SPLINE, T_BASE, TargetConfig
 
@@ -83,9 +83,16 @@ class Space:
         return self.lower + z * (self.upper - self.lower)
 
     def rounded(self, values: np.ndarray) -> np.ndarray:
-        """Values to as many decimals as people can use, within the bounds, SI, (p,)."""
-        decimals = np.ceil(-np.log10(ROUNDED * (self.upper - self.lower))).astype(int)
-        short = [round(float(v), int(d)) for v, d in zip(values, decimals, strict=True)]
+        """Values to as many decimals as people can use, in the units of the files, within the bounds, SI,
+        (p,).
+        """
+        short = []
+        for v, value in zip(self.all, values, strict=True):
+            unit = v.unit or "dimensionless"
+            display, size = display_of(unit)
+            decimals = int(np.ceil(-np.log10(ROUNDED * (v.upper - v.lower) / size)))
+            shown = round(float(value) / size, decimals)
+            short.append(convert(shown, display, unit) if unit in DIMENSIONS else shown * size)
         return np.clip(short, self.lower, self.upper)
 
     def design(self, values: np.ndarray) -> RobotConfig:
