@@ -1,4 +1,4 @@
-"""What the figures of a design show: marks told apart, tolerances seen, labels within the figure."""
+"""What the figures of a design show: marks told apart, tolerances seen, labels within them."""
 
 from typing import Any, cast
 
