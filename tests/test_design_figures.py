@@ -42,11 +42,8 @@ def test_a_tolerance_is_seen_and_the_plain_model_s_tip_told_apart(pulled):
     assert circle.radius == 0.25
     style = {line.get_label(): line.get_marker() for line in cast(Any, fig.legends[0]).legend_handles}
     assert style["wanted"] != style["tip, by the plain model"] != style["tip of this design"]
-    at = {
-        (round(line.get_xdata()[0] - x), line.get_marker())
-        for line in whole.lines
-        if len(line.get_xdata()) == 1
-    }
+    single = [line for line in whole.lines if np.size(line.get_xdata()) == 1]
+    at = {(round(float(np.ravel(cast(Any, line.get_xdata()))[0]) - x), line.get_marker()) for line in single}
     assert at == {(0, style["wanted"]), (4, style["tip, by the plain model"])}
 
 
