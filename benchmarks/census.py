@@ -35,8 +35,7 @@ from gtr_jax.config import parse_config
 from gtr_jax.history import Simulation
 from gtr_jax.mesh import increments
 from gtr_jax.robot import Robot, sections
-from gtr_jax.terms import REGISTRY
-from gtr_jax.terms.presliding import BREAK_AWAY
+from gtr_jax.terms import REGISTRY, body_hysteresis, presliding, viscoelastic_body
 from gtr_jax.terms.term import Bent, Quantity, Term
 
 RESULTS = Path(__file__).parent / "results/census.md"
@@ -57,7 +56,7 @@ LENGTH = 0.25
 
 
 class Drawn(NamedTuple):
-    """A random robot with its load history."""
+    """A random robot: its parameters by name, SI, its terms, and its load history [N], [s]."""
 
     index: int
     kind: str
@@ -171,7 +170,7 @@ def draw(seed: int, index: int) -> Drawn:
         body = ("stiffening", "viscoelastic-body", "body-hysteresis", "tip-load", "gravity-error", "contact")
         known = [t for t in known if t.id not in body]
     chosen = [str(x) for x in rng.choice([t.id for t in known], rng.integers(1, 4), replace=False)]
-    if rigid and "presliding" in chosen and "tendon-stretch" not in chosen:
+    if rigid and "presliding" in chosen and "tendon-stretch" not in chosen:  # nothing else slips there
         chosen = (
             ["tendon-stretch", *chosen][:3]
             if "presliding" in chosen[:2]
@@ -218,13 +217,14 @@ def stored(robot: Robot, run: Simulation):
     def remembered(carry, x):
         kept, before = carry
         kappa, dt = x
-        out = {}
-        for name in kept:
-            _, out[name] = REGISTRY[name].bend(terms[name], kappa, Bent(s.rest, before, kept[name], dt))
+        out = {
+            name: law(terms[name], kappa, Bent(s.rest, before, kept[name], dt))[1]
+            for name, law in laws.items()
+        }
         return (out, kappa), out
 
-    names = ("viscoelastic-body", "body-hysteresis")
-    first = {n: jnp.zeros((1, s.rest.shape[0])) for n in names}
+    laws = {"viscoelastic-body": viscoelastic_body.bend, "body-hysteresis": body_hysteresis.bend}
+    first = {name: jnp.zeros((1, s.rest.shape[0])) for name in laws}
     kept = jax.lax.scan(remembered, (first, run.curvature[0]), (run.curvature, dt))[1]
     ve, bh = terms["viscoelastic-body"], terms["body-hysteresis"]
     ratio = jnp.where(ve["ratio"] > 0, ve["ratio"], 1.0)
@@ -249,12 +249,12 @@ def stored(robot: Robot, run: Simulation):
     slipped = jnp.diff(middle, axis=0, prepend=0 * middle[:1])
 
     def mobilised(was, slip):
-        z = REGISTRY["presliding"].mobilise(ps, slip, was)[1]
+        z = presliding.mobilise(ps, slip, was)[1]
         return z, z
 
-    z = jax.lax.scan(mobilised, jnp.zeros((1 + len(BREAK_AWAY), s.rest.shape[0])), slipped)[1]
-    share = ps["elements"] / len(BREAK_AWAY)
-    springs = jnp.concatenate([(1 - ps["elements"])[None], share * jnp.asarray(BREAK_AWAY)])
+    z = jax.lax.scan(mobilised, jnp.zeros((1 + len(presliding.BREAK_AWAY), s.rest.shape[0])), slipped)[1]
+    share = ps["elements"] / len(presliding.BREAK_AWAY)
+    springs = jnp.concatenate([(1 - ps["elements"])[None], share * jnp.asarray(presliding.BREAK_AWAY)])
     psi = jax.vmap(lambda phi, kappa: phi + tangent_lead(kappa, s.R))(run.angle, run.curvature)
     turn = jnp.abs(jnp.diff(psi, axis=1, prepend=psi[:, :1]))
     grip = robot.tendons[0].friction_coefficient * run.tension * turn
