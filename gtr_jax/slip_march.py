@@ -52,7 +52,7 @@ HIGHEST = 10.0
 MAX_MARCHES = 60
 SHORTEST = 2.0**-12
 REACH = 4e-3  # of the length: by how much the displacement is searched at a time
-MOST_PARTS = 16
+MOST_BRACKETED, MOST_PARTS = 16, 64
 ELEMENTS = sum(term.elements for term in REGISTRY.values())
 BENDING = {term.id: term for term in REGISTRY.values() if term.bend}
 
@@ -654,10 +654,17 @@ def _damped(at: _Search, left: Float[Array, " n"], inverse, by_unknowns) -> _Sea
     )
 
 
-def _newton(case: Case, start: Float[Array, " n"], kappa: Float[Array, " N"], atol: float) -> _Search:
-    """Newton's method in the scaled unknowns, held on its way; `trial` ends at the last point tried."""
+def _newton(
+    case: Case, start: Float[Array, " n"], kappa: Float[Array, " N"], atol: float, near: Bool[Array, ""]
+) -> _Search:
+    """Newton's method in the scaled unknowns, held on its way; `trial` ends at the last point tried. From a
+    start that is `near`, every step has to bring the next one closer, for one tendon too.
+    """
     scales = _scales(case)
-    next_point = _damped if case.mu.ndim else _bracketed
+
+    def next_point(*at):
+        damped = _damped(*at)
+        return damped if case.mu.ndim else _where(near, damped, _bracketed(*at))
 
     def unfinished(at: _Search):
         return (at.error > atol) & (at.marches < MAX_MARCHES) & (at.share > SHORTEST)
@@ -716,7 +723,7 @@ def _search(case: Case, atol: float) -> _Found:
             between = jnp.where(i + 1 >= parts, after, before + share * (after - before))
             now = eqx.tree_at(lambda c: c.load.T_base, case, between)
             now = eqx.tree_at(lambda c: c.against, now, jnp.clip((i + 1.0 - parts) / parts, 0.0, 1.0))
-            at = _newton(now, found.unknowns, found.kappa, atol)
+            at = _newton(now, found.unknowns, found.kappa, atol, parts > MOST_BRACKETED)
             return _Found(at.trial, at.kappa, at.error, at.marches + found.marches)
 
         return closer
@@ -784,6 +791,10 @@ def slip_step(case: Case, load: Load, memory: Memory, atol: float) -> Solved:
     slack = jnp.where(load.T_base < 0.0, 0.0, load.T_base)  # not maximum: its derivative at 0 is one half
     load = dataclasses.replace(load, T_base=slack)
     return _solve((dataclasses.replace(case, load=load, memory=memory), atol))
+
+
+def _where(holds: Bool[Array, ""], this, that):
+    return jtu.tree_map(lambda a, b: jnp.where(holds, a, b), this, that)
 
 
 def untouched(s: Sections, state: State, preload: Float[Array, "*tendons N"]) -> Memory:
