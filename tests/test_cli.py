@@ -6,6 +6,7 @@ import hashlib
 import io
 import json
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -23,6 +24,7 @@ from command_line import RECORDED, RECORDING, run_gtr
 from jax.experimental.compilation_cache import compilation_cache
 
 import gtr_jax as gtr
+from gtr_jax.cli import cli
 from gtr_jax.cli.cache import cache_folder, enable_cache
 from gtr_jax.cli.progress import Progress
 from gtr_jax.config import json_schema
@@ -78,6 +80,10 @@ def fitted(tmp_path_factory):
 
 def names(folder):
     return {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
+
+
+def contents_of(folder):
+    return {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
 def load(path):
@@ -344,6 +350,36 @@ def test_foreign_files_are_left_alone(what, run, tmp_path, simulated):
     assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
 
 
+def test_a_run_of_another_command_is_replaced_by_force_only(run, tmp_path, fitted):
+    shutil.copytree(fitted, tmp_path / "F")
+    before = contents_of(tmp_path)
+    pull = ("simulate", SIMULATED, "--pull", "9", "--steps", "8", "-o", "F")
+    outcome = run(*pull)
+    assert outcome.status == 2 and contents_of(tmp_path) == before
+    assert outcome.err.startswith("error: -o F: holds a run of 'gtr fit', not of 'gtr simulate'")
+    assert "--force" in outcome.err and outcome.err.count("\n") == 1
+    assert run(*pull, "--force").status == 0
+    assert names(tmp_path / "F") == SIMULATION_FILES and left_over(tmp_path) == ["F"]
+
+
+def test_force_replaces_foreign_files_but_no_input_and_not_the_place_one_is_in(run, tmp_path):
+    pull = ("--pull", "9", "--steps", "8", "--force", "-o")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/robot.toml").write_text(SIMULATED.read_text())
+    for robot, folder in (("mine/robot.toml", "mine"), (SIMULATED, ".")):
+        before = contents_of(tmp_path)
+        outcome = run("simulate", robot, *pull, folder)
+        assert outcome.status == 2 and contents_of(tmp_path) == before
+    assert run("simulate", SIMULATED, *pull, "mine").status == 0
+    assert names(tmp_path / "mine") == SIMULATION_FILES
+
+
+def test_every_command_that_writes_a_folder_can_be_forced():
+    for name, command in cli.commands.items():
+        options = {option for p in command.params for option in p.opts}
+        assert ("-o" in options) == ("--force" in options), name
+
+
 def test_a_run_folder_with_its_own_input_is_left_alone(run, tmp_path):
     assert run("simulate", SIMULATED, "--pull", "9", "--steps", "8", "-o", "out").status == 0
     outcome = run("simulate", SIMULATED, "--history", "out/simulation.csv", "-o", "out")
@@ -375,20 +411,114 @@ def test_an_interrupt_leaves_everything_as_it_was(when, run, tmp_path, monkeypat
     assert left_over(tmp_path) == ["out"]
 
 
+# A shell that starts the tests in the background has them ignore the signal.
+HEEDED = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+INTERRUPTED = (
+    HEEDED + "from gtr_command import interruption; interruption.install(); interruption.running = True\n"
+)
+
+
+def said_by(code, *arguments, after=None):
+    """Exit status and stderr of a Python process, interrupted once it has printed a line, or after a time."""
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        if after is None:
+            assert process.stdout.readline() == "ready\n"
+        else:
+            time.sleep(after)
+        process.send_signal(signal.SIGINT)
+        err = process.communicate(timeout=60)[1]
+    return process.returncode, err
+
+
+@pytest.mark.parametrize("after", [0.25, 0.7])
+def test_control_c_while_modules_are_imported(after, tmp_path):
+    code = f"{HEEDED}from gtr_command import main; raise SystemExit(main())"
+    status, err = said_by(code, "simulate", SIMULATED, "--pull", "9", "-o", tmp_path / "out", after=after)
+    assert (status, err) == (130, "interrupted: no run folder was written\n")
+
+
+LOST = """
+import gc, time
+def swallows(phase, info):
+    time.sleep(0.02)
+gc.callbacks.append(swallows)
+print("ready", flush=True)
+try:
+    while True:
+        gc.collect()
+except KeyboardInterrupt:
+    raise SystemExit(7)
+"""
+DEAF = """
+import hashlib
+print("ready", flush=True)
+hashlib.pbkdf2_hmac("sha256", b"", b"", 10**9)
+"""
+SWALLOWED = """
+import time
+print("ready", flush=True)
+for _ in range(600):
+    try:
+        time.sleep(0.1)
+    except BaseException:
+        pass
+"""
+WHOLE = """
+import time
+with interruption.held():
+    print("ready", flush=True)
+    time.sleep(1.0)
+    done = True
+try:
+    time.sleep(60)
+except KeyboardInterrupt:
+    raise SystemExit(7 if done else 8)
+"""
+
+
+@pytest.mark.parametrize(
+    ("code", "status"),
+    [(LOST, 7), (DEAF, 130), (SWALLOWED, 130), (WHOLE, 7)],
+    ids="lost deaf swallowed whole".split(),
+)
+def test_control_c_is_never_lost(code, status):
+    # With Python's own handler the first prints "Exception ignored in" and runs on, and so do the next two.
+    quick = "import gtr_command; gtr_command.UNWINDING = 1.0\n"
+    found, err = said_by(INTERRUPTED + quick + code)
+    assert (found, err) == (status, "interrupted: no run folder was written\n" if status == 130 else "")
+
+
+def test_a_second_control_c_ends_what_waits():
+    code = INTERRUPTED + (
+        "import os, hashlib, threading, time\n"
+        "def press():\n"
+        "    for wait in (0.1, 1.0):\n"
+        "        time.sleep(wait); os.kill(os.getpid(), signal.SIGINT)\n"
+        "threading.Thread(target=press).start()\n"
+        "with interruption.patient():\n"
+        "    hashlib.pbkdf2_hmac('sha256', b'', b'', 10**9)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 130 and done.stderr.splitlines()[-1].startswith("interrupted")
+
+
 @pytest.mark.slow
-def test_control_c(tmp_path):
-    # A shell that starts the tests in the background has them ignore the signal.
-    heeded = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
-    command = [sys.executable, "-c", f"{heeded}; from gtr_jax.cli import main; raise SystemExit(main())"]
+@pytest.mark.parametrize("after", [0.0, 0.5, 3.0])
+def test_control_c(tmp_path, after):
+    command = [sys.executable, "-c", f"{HEEDED}from gtr_command import main; raise SystemExit(main())"]
     command += ["simulate", str(SIMULATED), "--pull", "45", "--steps", "60000", "-o", str(tmp_path / "out")]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         assert "compiling" in process.stderr.readline()
-        time.sleep(0.5)
+        time.sleep(after)
         process.send_signal(signal.SIGINT)
+        began = time.monotonic()
         rest = process.stderr.read()
-    assert process.returncode == 130
-    assert rest.splitlines()[-1] == "interrupted: no run folder was written" and "Traceback" not in rest
+    assert process.returncode == 130 and time.monotonic() - began < 20
+    assert rest.splitlines()[-1] == "interrupted: no run folder was written"
+    assert "Traceback" not in rest and "Exception ignored" not in rest
     assert left_over(tmp_path) == []
 
 

@@ -22,7 +22,7 @@ PULL = 45.0
 
 @click.command()
 @output_option
-def demo(output: Path) -> int:
+def demo(output: Path, force: bool) -> int:
     """Simulate a manipulator through a full loop; fit friction and modulus to the tensions of a recording,
     which a missing effect makes wrong though the fit looks good; and diagnose it. All ship with the package.
     """
@@ -42,7 +42,7 @@ def demo(output: Path) -> int:
     )
     history = pull_and_release(PULL, 0.0, None)
     inputs = {"simulated robot": SIMULATED, "recorded robot": CONCEALED_ROBOT, "recording": CONCEALED}
-    folder = RunFolder(output, inputs)
+    folder = RunFolder(output, inputs, force=force)
     enable_cache()
     with Progress() as progress:
         simulated = solve_simulation(config, history, progress=progress)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from gtr_command import interruption
 from gtr_jax.errors import InputError
 
 from .options import (
@@ -75,6 +76,7 @@ def fit(
     posterior: bool,
     columns: str | None,
     output: Path,
+    force: bool,
 ) -> int:
     """Fit a robot, which has one tendon, to recordings of base and tip tension, starting from the values in
     its file. Several recordings share the parameters; each belongs to the ROBOT.toml before it.
@@ -103,7 +105,7 @@ def fit(
     }
     paths = {f"robot {i + 1}": path for i, path in enumerate(given.robots)}
     paths |= {f"recording {i + 1}": path for i, path in enumerate(given.recordings)}
-    folder = RunFolder(output, paths)
+    folder = RunFolder(output, paths, force=force)
     enable_cache()
     with Progress() as progress:
         result = solve(of, recordings, noise=noise, noise_base=noise_base, progress=progress, **options)
@@ -164,15 +166,16 @@ def solve(
     import calibrate
 
     check_noise(noise, noise_base)
-    return calibrate.fit(
-        robots,
-        recordings,
-        noise_N=noise,
-        noise_base_N=noise_base,
-        profiled=True,
-        progress=progress,
-        **options,
-    )
+    with interruption.patient():  # which leaves the fit without its profiles
+        return calibrate.fit(
+            robots,
+            recordings,
+            noise_N=noise,
+            noise_base_N=noise_base,
+            profiled=True,
+            progress=progress,
+            **options,
+        )
 
 
 def summary(result: FitAnswer) -> list[str]:

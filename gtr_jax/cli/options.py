@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -29,14 +30,25 @@ class Quantity(click.ParamType):
 
 
 robot_argument = click.argument("robot", metavar="ROBOT.toml", type=click.Path(path_type=Path))
-output_option = click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="OUT",
-    type=click.Path(path_type=Path),
-    help="Run folder to write. An earlier run there is replaced, anything else is left alone and refused.",
+OUTPUT_HELP = (
+    "Run folder to write. An earlier run of the same command there is replaced; anything else is left alone "
+    "and refused."
 )
+force_option = click.option("--force", is_flag=True, help="Replace whatever the run folder holds.")
+
+
+def output_option(command: Callable) -> Callable:
+    """-o OUT and --force, for the parameters `output` and `force`."""
+    place = click.option(
+        *("-o", "--output"),
+        required=True,
+        metavar="OUT",
+        type=click.Path(path_type=Path),
+        help=OUTPUT_HELP,
+    )
+    return place(force_option(command))
+
+
 columns_option = click.option(
     "--columns",
     metavar="MAP",

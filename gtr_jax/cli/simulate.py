@@ -61,6 +61,7 @@ def simulate(
     columns: str | None,
     resolution: float,
     output: Path,
+    force: bool,
 ) -> int:
     """Simulate ROBOT.toml through a history of the base tension.
 
@@ -94,7 +95,7 @@ def simulate(
         given = read_recording(history, columns, need_tip=False, tendons=config.tendon_names)
         T_base, time = given.T_base, given.time
     check_times(config, time)
-    folder = RunFolder(output, {"robot": robot} | ({"history": history} if history else {}))
+    folder = RunFolder(output, {"robot": robot} | ({"history": history} if history else {}), force=force)
     enable_cache()
     with Progress() as progress:
         answer = solve(config, T_base, time, resolution=resolution, progress=progress)
