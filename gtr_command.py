@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import _thread
 import contextlib
+import gc
 import os
 import signal
 import socket
@@ -25,7 +26,6 @@ NOTHING_WRITTEN = "interrupted: no run folder was written"
 POLL = 0.05  # seconds between two looks at whether an interruption has arrived
 TWICE = 0.5  # seconds within which two signals are one: `timeout` sends two, so does a shell to a group
 STUCK, UNWINDING = 2.0, 10.0  # seconds until the process is ended: not answering, answering too slowly
-SWALLOWING = ("_xla_gc_callback", "__del__")  # functions from which no exception gets out
 
 
 class Interruption:
@@ -43,7 +43,7 @@ class Interruption:
         self.undo: list[Callable[[], object]] = []
         self._ear: socket.socket | None = None
         self._asked = self._raised = 0.0  # when it was asked for, and when raised; 0 for never
-        self._again = 0  # of the signals that arrive, those that the watching thread has sent
+        self._again = False  # whether the next signal to arrive is one that the watching thread has sent
         self._held = self._patient = 0
         self._told = self._ending = False
 
@@ -74,6 +74,8 @@ class Interruption:
             yield
         finally:
             self._held -= 1
+            if self._asked and not self._delivered():
+                self._asked = time.monotonic()  # it could not be answered before
 
     @contextlib.contextmanager
     def patient(self) -> Iterator[None]:
@@ -125,7 +127,7 @@ class Interruption:
                 signals = b""
             for number in signals:
                 if number == signal.SIGINT and self._again:
-                    self._again -= 1
+                    self._again = False
                 elif number == signal.SIGINT:
                     self._pressed()
             if self._asked:
@@ -140,7 +142,8 @@ class Interruption:
 
     def _follow(self) -> None:
         """See how an interruption fares."""
-        waited, delivered = time.monotonic() - self._asked, self._delivered()
+        delivered = self._delivered()
+        waited = time.monotonic() - (self._raised if delivered else self._asked)
         if delivered and self._patient:
             self._asked, self._told = 0.0, False
             return
@@ -151,7 +154,15 @@ class Interruption:
                 _say("interrupting when this step is done; Ctrl-C again ends it at once")
                 self._told = True
         if not delivered:
-            self._again += 1
+            self._again = True
+            self._ask()
+
+    def _ask(self) -> None:
+        """Have the main thread call the handler, also from the midst of a wait."""
+        main = threading.main_thread().ident
+        if hasattr(signal, "pthread_kill") and main is not None:
+            signal.pthread_kill(main, signal.SIGINT)
+        else:
             _thread.interrupt_main()
 
     def _end(self) -> None:
@@ -168,9 +179,14 @@ class Interruption:
 
 def _safe(frame: FrameType | None) -> bool:
     """Whether an exception raised in this frame reaches the command as it is."""
+    swallowing = {getattr(callback, "__code__", None) for callback in gc.callbacks}
     while frame is not None:
         code = frame.f_code
-        if code.co_filename.startswith("<frozen importlib") or code.co_name in SWALLOWING:
+        if (
+            code.co_filename.startswith("<frozen importlib")
+            or code.co_name == "__del__"
+            or code in swallowing
+        ):
             return False
         frame = frame.f_back
     return True

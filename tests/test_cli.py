@@ -440,20 +440,22 @@ def test_control_c_while_modules_are_imported(after, tmp_path):
 
 
 LOST = """
-import gc, time
-def swallows(phase, info):
+import gc, threading, time
+def swallows():
     time.sleep(0.02)
-gc.callbacks.append(swallows)
-print("ready", flush=True)
+gc.callbacks.append(lambda phase, info: swallows())
+pressed = threading.Timer(0.1, print, ("ready",), {"flush": True})
+pressed.start()
 try:
     while True:
         gc.collect()
+        sum(range(300_000))
 except KeyboardInterrupt:
     raise SystemExit(7)
 """
 DEAF = """
-import hashlib
-print("ready", flush=True)
+import hashlib, threading
+threading.Timer(0.5, print, ("ready",), {"flush": True}).start()
 hashlib.pbkdf2_hmac("sha256", b"", b"", 10**9)
 """
 SWALLOWED = """
