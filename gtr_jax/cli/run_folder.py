@@ -178,8 +178,8 @@ def _refuse_unless_ours(
         )
     if foreign:
         raise InputError(
-            f"-o {out}: holds files not written by gtr ({listed(foreign, 3)}); move them, choose another folder, or "
-            "replace all with --force"
+            f"-o {out}: holds files not written by gtr ({listed(foreign, 3)}); move them, choose another "
+            "folder, or replace all with --force"
         )
     if command and made_by != command:
         raise InputError(

@@ -104,9 +104,12 @@ def simulate(
             write_answer(part, answer, config, folder.settings(), time=time)
     from gtr_jax.report.simulation import verdict
 
-    click.echo(verdict(answer))
+    said = verdict(answer)
+    for text in answer.warnings:
+        click.echo(f"warning: {text}", err=True)
+    click.echo(said)
     click.echo(f"report: {output / 'report.html'}")
-    return 0 if answer.converged else 1
+    return 0 if answer.converged and not answer.impossible.overlaps else 1
 
 
 def pulls_of(
@@ -195,11 +198,11 @@ def write_answer(
     from gtr_jax.recording import write_recording
     from gtr_jax.report import profile, simulation_report
     from gtr_jax.report.simulation import facts
-    from gtr_jax.sensing import reading
+    from gtr_jax.sensing import cells_differ
 
     from .run_folder import write_json, write_report
 
-    run, shown = answer.run, reading(answer.robot, answer.run)
+    run, shown = answer.run, answer.run.reading
     dump_config(config, folder / "robot.toml")
     columns = {
         "time": time,
@@ -211,6 +214,8 @@ def write_answer(
         "displacement": run.displacement,
         "phase": answer.phases,
     }
+    if cells_differ(answer.robot):
+        columns |= {"T_base_true_N": run.T_base, "T_tip_true_N": run.T_tip}
     if not answer.converged:
         columns["converged"] = np.asarray(run.converged).astype(int)
     write_recording(folder / "simulation.csv", columns, tendons=config.tendon_names)
