@@ -180,15 +180,14 @@ def solve(
 
 def summary(result: FitAnswer) -> list[str]:
     """The estimates, then the verdict, as lines for the terminal."""
-    from gtr_jax.report.fit import digits_of, quantity
+    from gtr_jax.numbers import measured_quantity
+    from gtr_jax.report.fit import interval
 
     lines = []
     for e in result.estimates:
-        digits = digits_of(e)
-        line = f"{e.name} = {quantity(e.value, e.unit, digits)}"
+        line = f"{e.name} = {measured_quantity(e.value, e.sd, e.unit)}"
         if e.lower95 is not None:
-            low, high = (quantity(v, e.unit, digits) for v in (e.lower95, e.upper95))
-            line += f", 95 % interval {low} to {high}"
+            line += f", 95 % interval {interval(e.lower95, e.upper95, e.sd, e.unit)}"
         lines.append(line + (f" ({e.note})" if e.note else ""))
     return [*lines, *(f"warning: {text}" for text in result.warnings), result.verdict]
 

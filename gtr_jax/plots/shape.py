@@ -14,6 +14,7 @@ from scipy.interpolate import CubicSpline
 
 from gtr_jax.equilibrium import Equilibrium
 from gtr_jax.forces import ChannelForces
+from gtr_jax.numbers import number
 
 from .style import (
     BLUE,
@@ -25,7 +26,6 @@ from .style import (
     VERMILLION,
     figure,
     legend_above,
-    number,
     styled,
 )
 

@@ -12,9 +12,10 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from gtr_jax.numbers import number
 from gtr_jax.units import display_of
 
-from .style import BLUE, GREY, INK, ORANGE, PALE, WIDTH, figure, number, styled
+from .style import BLUE, GREY, INK, ORANGE, PALE, WIDTH, figure, styled
 
 if TYPE_CHECKING:
     import xarray

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from gtr_jax import plots
-from gtr_jax.plots.style import number
+from gtr_jax.numbers import measured, measured_quantity, number, quantity
 from gtr_jax.terms import REGISTRY
 
-from .fit import quantity
+from .fit import detectable
 from .page import Figure, Report, Table
 
 SHOWN = 8
@@ -113,12 +113,11 @@ def _tables(answer: Any) -> list[Table]:
             (
                 c.name,
                 quantity(c.before, c.unit),
-                quantity(c.after, c.unit),
-                quantity(c.sd, c.unit, 2),
+                measured_quantity(c.after, c.sd, c.unit),
             )
             for c in answer.parameters
         ]
-        tables.append(Table("Numbers", ("", "before", "after", "standard deviation"), rows))
+        tables.append(Table("Numbers", ("", "before", "after ± standard deviation"), rows))
     if len(answer.held_out) > 1:
         before, after = answer.held_out
         rows = [
@@ -154,16 +153,15 @@ def _tables(answer: Any) -> list[Table]:
         if told:
             tables.append(Table("How to tell them apart", ("term", "what it is", "experiment"), told))
     if answer.strata:
-        rows = [(part, number(v), number(sd, digits=2)) for part, v, sd in answer.strata]
-        tables.append(Table("Friction from parts of the recording", ("part", "mu", "standard error"), rows))
+        rows = [(part, measured(v, sd)) for part, v, sd in answer.strata]
+        tables.append(Table("Friction from parts of the recording", ("part", "mu ± standard error"), rows))
     if answer.experiment is not None:
         rows = [(what, number(v, digits=3)) for what, v in answer.experiment.menu]
         tables.append(Table("What to measure next", ("experiment", "tells apart by [standard errors]"), rows))
     if answer.smallest_detectable:
         units = {f"{t.id}.{q.name}": q.unit for t in REGISTRY.values() for q in t.quantities}
         rows = [
-            (name, quantity(v, "" if units[name] == "dimensionless" else units[name], 2))
-            for name, v in sorted(answer.smallest_detectable.items())
+            (name, detectable(name, v, units[name])) for name, v in sorted(answer.smallest_detectable.items())
         ]
         note = (
             "Changes from null that move the recordings by "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
@@ -10,8 +9,9 @@ import numpy as np
 
 from gtr_jax import plots
 from gtr_jax.config import RobotConfig
-from gtr_jax.plots.style import number
+from gtr_jax.numbers import measured_quantity, number, quantity
 from gtr_jax.recording import Recording
+from gtr_jax.terms import REGISTRY
 from gtr_jax.units import display_of
 
 from .page import Figure, Report, Table
@@ -240,8 +240,7 @@ def _posterior_table(fit: FitAnswer) -> list[Table]:
         (
             e.name,
             quantity(float(p.sd[i]), e.unit, 2),
-            f"{quantity(float(p.lower95[i]), e.unit, digits_of(e))} … "
-            f"{quantity(float(p.upper95[i]), e.unit, digits_of(e))}",
+            interval(float(p.lower95[i]), float(p.upper95[i]), float(p.sd[i]), e.unit),
             f"{p.effective[i]:.0f}",
             f"{p.rhat[i]:.3f}",
         )
@@ -253,34 +252,39 @@ def _posterior_table(fit: FitAnswer) -> list[Table]:
     return [Table("Posterior, by NUTS", columns, rows, note=note)]
 
 
-def quantity(value: float | None, unit: str, digits: int = 4) -> str:
-    """An SI quantity in the unit people write it in."""
-    display, factor = display_of(unit)
-    return number(None if value is None else value / factor, display, digits)
+def interval(low: float | None, high: float | None, sd: float | None, unit: str) -> str:
+    """The ends of an interval, to the digits that the standard error leaves, with their unit once."""
+    ends = [measured_quantity(end, sd, unit, error=False) for end in (low, high)]
+    display = ends[1].partition(" ")[2]
+    return f"{ends[0].removesuffix(display).rstrip()} to {ends[1]}"
 
 
-def digits_of(e: EstimateLike) -> int:
-    """Digits of a value of which two are within its standard error; at least four."""
-    if not e.sd or not e.value:
-        return 4
-    return max(4, 2 + math.floor(math.log10(abs(e.value))) - math.floor(math.log10(e.sd)))
+def detectable(name: str, size: float | None, unit: str) -> str:
+    """The smallest change of a number that would be seen; of a term's, whether any usual one would be."""
+    kind, _, own = name.partition(".")
+    quantities = {q.name: q for q in REGISTRY[kind].quantities} if kind in REGISTRY else {}
+    if size is not None and own in quantities:
+        q = quantities[own]
+        farthest = max(abs(end - float(q.null)) for end in q.usual)
+        if not size <= farthest:
+            return f"not visible at any usual size (up to {quantity(farthest, unit, 2)} from none)"
+    return quantity(size, unit, 2)
 
 
 def _tables(fit: FitAnswer) -> list[Table]:
     estimates = [
         (
             e.name,
-            quantity(e.value, e.unit, digits_of(e)),
-            quantity(e.sd, e.unit, 2),
-            f"{quantity(e.lower95, e.unit, digits_of(e))} … {quantity(e.upper95, e.unit, digits_of(e))}",
-            quantity(e.detectable, e.unit, 2),
+            measured_quantity(e.value, e.sd, e.unit),
+            interval(e.lower95, e.upper95, e.sd, e.unit),
+            detectable(e.name, e.detectable, e.unit),
             quantity(e.initial, e.unit),
             e.note,
         )
         for e in fit.estimates
     ]
     columns = (
-        *("parameter", "fitted", "standard error", "95 % interval", "smallest change seen", "before", "note"),
+        *("parameter", "fitted ± standard error", "95 % interval", "smallest change seen", "before", "note"),
     )
     note = (
         "Intervals are those of the model as it stands. The smallest change seen is found significant at 5 % "
@@ -316,13 +320,13 @@ def _tables(fit: FitAnswer) -> list[Table]:
 def _agreement(fit: FitAnswer) -> list[Table]:
     """Parameters from part of the samples alone."""
     rows = [
-        (e.name, part, quantity(e.value, e.unit), quantity(e.sd, e.unit, 2))
+        (e.name, part, measured_quantity(e.value, e.sd, e.unit))
         for part, e in [
             *((f"{phase} alone", e) for phase, e in fit.mu_by_phase.items()),
             *((f"{which} alone", e) for each in fit.by_recording.values() for which, e in each.items()),
         ]
     ]
-    columns = ("parameter", "from", "fitted", "standard error")
+    columns = ("parameter", "from", "fitted ± standard error")
     return (
         [Table("Do the parts agree?", columns, rows, note="All other parameters as fitted.")] if rows else []
     )

@@ -14,10 +14,10 @@ from gtr_jax import plots
 from gtr_jax.equilibrium import Equilibrium, equilibrium, known_to_act
 from gtr_jax.forces import channel_forces
 from gtr_jax.history import Simulation, equilibrium_at, simulate
+from gtr_jax.numbers import number
 from gtr_jax.overlap import Impossible, impossible
 from gtr_jax.parameters import parameters_of
 from gtr_jax.phases import RELEASING, TRANSITION, Switch, label_phases, release_switch
-from gtr_jax.plots.style import number
 from gtr_jax.robot import Robot
 from gtr_jax.sensing import cells_differ
 
@@ -78,7 +78,7 @@ class SimulationAnswer:
         if cells_differ(self.robot):
             said.append(
                 "A physics term of the load cells acts: what they show stands in simulation.csv as T_base_N "
-                "and T_tip_N, the true tensions as T_base_true_N and T_tip_true_N. Words, pictures and tables "
+                "and T_tip_N, the true tensions as T_base_true_N and T_tip_true_N. Words, pictures, tables "
                 "are of the true ones, but for what is called shown."
             )
         return said
