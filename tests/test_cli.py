@@ -45,6 +45,7 @@ FIT_FILES = {
         "residual.png",
         "robot.toml",
         "run.json",
+        "time.png",
     ),
 }
 LOOP = ("--pull", "45", "--release", "0", "--steps", "8")

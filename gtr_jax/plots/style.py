@@ -81,6 +81,14 @@ def legend_above(fig: Figure, handles: Sequence[Artist]) -> None:
     )
 
 
+THINNEST = 0.005  # of the height of the axes: half the width of a band that is still seen
+
+
+def is_seen(half_width: float, values: np.ndarray) -> bool:
+    """Whether a band about these values, drawn over their range, is wide enough to be seen and spoken of."""
+    return half_width > THINNEST * float(np.ptp(values))
+
+
 def line_by_phase(
     axes: Axes, x: np.ndarray, y: np.ndarray, phases: np.ndarray, *, width: float = 2.2
 ) -> None:

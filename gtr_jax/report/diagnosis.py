@@ -10,7 +10,7 @@ from gtr_jax import plots
 from gtr_jax.numbers import measured, measured_quantity, number, quantity
 from gtr_jax.terms import REGISTRY
 
-from .fit import detectable
+from .fit import detectable, noise_band
 from .page import Figure, Report, Table
 
 SHOWN = 8
@@ -67,7 +67,7 @@ def _figures(answer: Any) -> list[Figure]:
             Figure(
                 f"residual{ending}",
                 plots.png(drawn),
-                f"{whose}Where they differ; the grey band is two standard deviations of the noise.",
+                f"{whose}Where they differ{noise_band(loop.noise_N, before - recorded)}.",
             )
         )
         branches = loop.branches if after is not None else loop.branches[:2]

@@ -10,11 +10,14 @@ import numpy as np
 from gtr_jax import plots
 from gtr_jax.config import RobotConfig
 from gtr_jax.numbers import measured_quantity, number, quantity
+from gtr_jax.plots.style import is_seen
 from gtr_jax.recording import Recording
 from gtr_jax.terms import REGISTRY
 from gtr_jax.units import display_of
 
 from .page import Figure, Report, Table
+
+NAMES = {"mu": "μ"}  # as pictures write them
 
 
 class EstimateLike(Protocol):
@@ -137,7 +140,7 @@ def fit_report(fit: FitAnswer, recordings: Sequence[Recording], name: str) -> Re
     figures = [
         figure
         for fitted, recording in zip(fit.recordings, recordings, strict=True)
-        for figure in _figures(fitted, recording, several=len(recordings) > 1)
+        for figure in _figures(fit, fitted, recording, several=len(recordings) > 1)
     ]
     return Report(
         title=f"{name}: fit",
@@ -148,31 +151,46 @@ def fit_report(fit: FitAnswer, recordings: Sequence[Recording], name: str) -> Re
     )
 
 
-def _figures(fitted: RecordingLike, recording: Recording, *, several: bool) -> list[Figure]:
+def _figures(fit: FitAnswer, fitted: RecordingLike, recording: Recording, *, several: bool) -> list[Figure]:
     if recording.T_tip is None:
         raise ValueError("a recording without T_tip cannot have been fitted")
     ending, whose = (f"-{fitted.name}", f"{fitted.name}: ") if several else ("", "")
     phases = np.asarray(fitted.phases)
     model = np.asarray(fitted.T_base), np.asarray(fitted.T_tip)
+    band = _band(fitted)
     loop = plots.plot_fit(
-        recording.T_base, recording.T_tip, simulated=model, phases=phases, band=_band(fitted)
+        recording.T_base,
+        recording.T_tip,
+        simulated=model,
+        phases=phases,
+        band=band,
+        found=[
+            f"{NAMES.get(e.name, e.name)} = {measured_quantity(e.value, e.sd, e.unit)}" for e in fit.estimates
+        ],
     )
-    residual = plots.plot_residual(
-        recording.T_base, np.asarray(fitted.residual), phases=phases, noise=fitted.noise_N
+    over_time = plots.plot_time(
+        recording.time, recording.T_base, recording.T_tip, simulated=model[1], phases=phases
     )
-    band = "; the grey band is two standard deviations of the noise" if fitted.noise_N else ""
+    left = np.asarray(fitted.residual)
+    residual = plots.plot_residual(recording.T_base, left, phases=phases, noise=fitted.noise_N)
     figures = [
         Figure(
             f"fit{ending}",
             plots.png(loop),
-            f"{whose}The recording, coloured by the fitted model's phase, and the model's loop; 95 in 100 "
-            "samples lie within the grey band if the model is right.",
+            f"{whose}The recording, coloured by the fitted model's phase, and the model's "
+            f"loop{_within(band, model[1])}.",
+        ),
+        Figure(
+            f"time{ending}",
+            plots.png(over_time),
+            f"{whose}The same {'sample by sample' if recording.time is None else 'over time'}, with the "
+            "tension at the base.",
         ),
         Figure(
             f"residual{ending}",
             plots.png(residual),
-            f"{whose}Simulated minus recorded tip tension, against base tension and along it{band}."
-            " A pattern means that the model lacks something.",
+            f"{whose}Simulated minus recorded tip tension, against base tension and along it"
+            f"{noise_band(fitted.noise_N, left)}. A pattern means that the model lacks something.",
         ),
     ]
     others = {
@@ -189,6 +207,22 @@ def _figures(fitted: RecordingLike, recording: Recording, *, several: bool) -> l
             )
         )
     return figures
+
+
+def noise_band(noise: float | None, residual: np.ndarray) -> str:
+    """What the caption of a residual says of the band of the noise, [N]."""
+    if not noise:
+        return ""
+    if is_seen(2 * noise, residual):
+        return "; the grey band is two standard deviations of the noise"
+    return f"; the noise, {number(noise, 'N', 2)}, is too small to be seen here"
+
+
+def _within(band: np.ndarray, T_tip: np.ndarray) -> str:
+    """What the caption of a loop says of the band about it, [N], (K,)."""
+    if is_seen(float(np.max(band)), T_tip):
+        return "; 95 in 100 samples lie within the grey band if the model is right"
+    return f"; 95 in 100 samples lie within {number(float(np.max(band)), 'N', 2)} of it if the model is right"
 
 
 def _band(fitted: RecordingLike) -> np.ndarray:

@@ -344,15 +344,21 @@ def _shape(answer: SimulationAnswer) -> Figure:
         if ended and apart:
             postures.append(plots.Posture(f"at the end, {last:.3g} N", answer.last))
     pressed = [plots.Pressed(p.tendon, p.loaded, channel_forces(p.loaded)) for p in _parts(answer)]
-    shape = plots.plot_shape(postures, radius=np.asarray(robot.backbone.radius(run.s)), pressed=pressed)
+    body = robot.backbone
+    bores = np.stack([body.bore_start, body.bore_end, body.bore_diameter], axis=1).tolist()
+    shape = plots.plot_shape(
+        postures, radius=np.asarray(body.radius(run.s)), pressed=pressed, bores=[tuple(b) for b in bores]
+    )
     kinks = max(float(jnp.max(tendon.forces.kink_normal)) for tendon in pressed)
     at_kinks = f" Kinks of the channel carry up to {kinks:.2g} N besides." if kinks > 1e-9 else ""
     return Figure(
         "shape",
         plots.png(shape),
-        "Midline, body and tendon. At the largest base tension, along the tendon and below against s: "
+        "Midline, body"
+        + (", bores (dotted)" if bores else "")
+        + " and tendon. At the largest base tension, along the tendon and below against s: "
         "the normal force on the channel (on the side it presses) and the friction (on the other), per "
-        "length of tendon." + at_kinks,
+        "length of tendon; the bar gives the scale of the bands." + at_kinks,
     )
 
 
