@@ -300,7 +300,7 @@ def _run(task: Task) -> FitResult:
 
 def _sampled(task: Task, answer: Answer, result: FitResult) -> FitResult:
     """The result with draws from its posterior."""
-    task.progress("sampling the posterior")
+    task.progress(f"sampling the posterior: {CHAINS} chains of {WARM_UP} steps to settle and {DRAWS} draws")
     try:
         found = sample(task, answer)
     except KeyboardInterrupt:

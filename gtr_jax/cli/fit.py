@@ -8,15 +8,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
+import numpy as np
 
 from gtr_command import interruption
 from gtr_jax.errors import InputError
 
 from .options import (
+    STDIN,
     channels_option,
     check_noise,
     columns_option,
     files_argument,
+    held_stdin,
     noise_base_option,
     noise_option,
     output_option,
@@ -119,7 +122,8 @@ def fit(
 
 
 def inputs(files: Sequence[Path]) -> Inputs:
-    """Sort robot files from recordings.
+    """Sort robot files from recordings; `-` is a robot file from standard input if it stands first, else a
+    recording.
 
     Raises:
         InputError: a recording before any robot, a robot without a recording, a recording that stands twice.
@@ -128,6 +132,8 @@ def inputs(files: Sequence[Path]) -> Inputs:
     recordings: list[Path] = []
     of: list[int] = []
     for path in files:
+        if path == STDIN:
+            path = held_stdin(".csv" if robots else ".toml")
         if path.suffix.lower() == ".toml":
             if robots and len(robots) - 1 not in of:
                 raise InputError(f"{robots[-1]}: no recording follows this robot; add one, or leave it out")
@@ -208,6 +214,19 @@ def _named(robots: Sequence[RobotConfig | None], recordings: Sequence[str]) -> d
     return {f"-{name}": robot for name, robot in zip(recordings, robots, strict=True) if robot is not None}
 
 
+def _draws(result: FitAnswer) -> dict[str, np.ndarray]:
+    """The draws of the posterior as columns, a row each, SI with the unit in the name."""
+    draws = np.asarray(result.posterior.draws)
+    chains, each, _ = draws.shape
+    columns = {
+        "chain": np.repeat(np.arange(1, chains + 1), each),
+        "draw": np.tile(np.arange(1, each + 1), chains),
+    }
+    for i, e in enumerate(result.estimates):
+        columns[f"{e.name} [{e.unit}]" if e.unit else e.name] = draws[..., i].reshape(-1)
+    return columns
+
+
 def write_answer(
     folder: Path,
     result: FitAnswer,
@@ -216,7 +235,7 @@ def write_answer(
     settings: dict[str, Any],
 ) -> None:
     """Write all that a fit leaves into a folder: of one recording fit.csv, of several fit-NAME.csv of each;
-    robot.toml and fitted.toml likewise where there are several robots.
+    robot.toml and fitted.toml likewise where there are several robots; draws.csv of a posterior.
     """
     from gtr_jax.config import config_text, dump_config
     from gtr_jax.recording import write_recording
@@ -246,6 +265,8 @@ def write_answer(
         write_recording(
             folder / f"fit{ending}.csv", {name: v for name, v in columns.items() if v is not None}
         )
+    if result.posterior is not None:
+        write_recording(folder / "draws.csv", _draws(result))
     data = result.to_json()
     write_json(folder / "fit.json", {**data, "settings": {**data["settings"], **settings}})
     report = fit_report(result, recordings, " and ".join(dict.fromkeys(c.name for c in configs)))

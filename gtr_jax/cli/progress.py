@@ -15,7 +15,10 @@ import click
 from gtr_command import interruption
 
 PATIENCE = 2.0  # seconds before the first word
-PAUSE, REPEAT = 2.0, 10.0  # seconds between plain lines: at least, and at most while a stage lasts
+PAUSE, REPEAT = (
+    2.0,
+    10.0,
+)  # seconds between plain lines: at least, and until one is said again; then twice that
 
 
 @contextlib.contextmanager
@@ -84,8 +87,11 @@ class Progress:
         os.write(2, b"\r\x1b[2K\x1b[?25h")  # the line, and the cursor that it hides
 
     def _lines(self) -> None:
+        said, wait = "", REPEAT
         while not self._over.is_set():
             self._changed.clear()
+            wait = 2 * wait if self._stage == said else REPEAT
+            said = self._stage
             print(self._line(), file=self._stream, flush=True)
             self._over.wait(PAUSE)
-            self._changed.wait(REPEAT - PAUSE)
+            self._changed.wait(wait - PAUSE)

@@ -21,6 +21,8 @@ import click
 
 from gtr_command import interruption
 from gtr_jax.errors import InputError, listed
+
+from .options import HELD
 from gtr_jax.plain import plain
 
 if TYPE_CHECKING:
@@ -49,7 +51,7 @@ class RunFolder:
             "command": command_line(),
             "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             "inputs": {
-                role: {"path": str(path), "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+                role: {"path": _named(path), "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
                 for role, path in inputs.items()
             },
         }
@@ -211,6 +213,12 @@ def _subcommand(line: str) -> str:
     """Which of its commands a command line of `gtr` runs; "" of a script that writes a run folder itself."""
     words = shlex.split(line)
     return words[1] if len(words) > 1 and words[0] == "gtr" else ""
+
+
+def _named(path: Path) -> str:
+    """How the user named an input."""
+    context = click.get_current_context(silent=True)
+    return "-" if context and context.meta.get(HELD) == path else str(path)
 
 
 def command_line() -> str:

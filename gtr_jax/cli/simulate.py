@@ -11,6 +11,7 @@ import numpy as np
 from gtr_jax.errors import InputError, did_you_mean, listed
 
 from .options import (
+    InputFile,
     Quantity,
     check_resolution,
     columns_option,
@@ -42,7 +43,7 @@ STEPS = 40
 )
 @click.option(
     "--history",
-    type=click.Path(path_type=Path),
+    type=InputFile(".csv"),
     metavar="H.csv",
     help="Take the base tension from this file (column T_base_N, or T_base_N.NAME for each of several "
     "tendons) instead.",

@@ -32,6 +32,7 @@ from .style import (
     styled,
 )
 
+SLACK = 1e-9  # N/m, below which nothing presses
 FINER = 8  # points drawn per mesh interval
 RIBBON = 0.12  # height of the tallest force drawn at the channel, relative to the larger side of the body
 DRAWN_WIDTH, SHORTEST, TALLEST = 4.4, 1.3, 4.4  # of the plane [in]
@@ -99,11 +100,12 @@ def plot_shape(
         _draw_bores(plane, tendons[0], bores, colour)
         for curve in tendons:
             plane.plot(*curve.channel.T, color=GREEN, linewidth=1.6, alpha=0.95 if colour == INK else 0.4)
-    highest = max(1e-12, *(float(np.max(tendon.forces.normal)) for tendon in pressed))
+    highest = max(SLACK, *(float(np.max(tendon.forces.normal)) for tendon in pressed))
     scale = RIBBON * max(width, height) / highest
     for tendon, hues in zip(pressed, HUES, strict=False):
         _draw_forces(plane, along, curve_of(tendon.state, radius), tendon, scale, hues)
-    _draw_scale(plane, highest, scale)
+    if highest > SLACK:
+        _draw_scale(plane, highest, scale, np.concatenate([c.outline for c in curves]))
     plane.set_aspect("equal", adjustable="datalim")
     plane.set_xlabel("x [mm]")
     plane.set_ylabel("y [mm]")
@@ -179,21 +181,28 @@ def _draw_bores(axes: Axes, curve: Curve, bores: Sequence[tuple[float, float, fl
             axes.plot(*wall[inside].T, color=colour, linewidth=0.9, linestyle=DOTTED)
 
 
-def _draw_scale(axes: Axes, highest: float, scale: float) -> None:
+def _draw_scale(axes: Axes, highest: float, scale: float, drawn: np.ndarray) -> None:
     """How large a force a height of the bands along the tendon is: a bar of a round number of N/m.
 
     Args:
         axes: of the shape [mm].
         highest: largest force per length drawn [N/m].
         scale: height of a band [mm] per N/m.
+        drawn: points of what is drawn [mm], (n, 2); the bar stands in the corner that has fewest.
     """
-    power = 10.0 ** np.floor(np.log10(highest))
-    size = float(max(m for m in (1.0, 2.0, 5.0) if m * power <= highest) * power)
+    power = 10.0 ** np.floor(np.log10(0.5 * highest))
+    size = float(max(m for m in (1.0, 2.0, 5.0) if m * power <= 0.5 * highest) * power)
+    at = (drawn - drawn.min(axis=0)) / np.ptp(drawn, axis=0)
+    corners = {
+        f"{('lower', 'upper')[y]} {('left', 'right')[x]}": np.sum(np.all(np.abs(at - (x, y)) < 0.4, axis=1))
+        for y in (1, 0)
+        for x in (0, 1)
+    }
     bar = AnchoredSizeBar(
         axes.transData,
         0.0,
         f"bands: {number(size, 'N/m', 2)}",
-        loc="lower left",
+        loc=min(corners, key=lambda corner: corners[corner]),
         size_vertical=scale * size,
         pad=0.3,
         sep=5,
