@@ -21,9 +21,9 @@ import click
 
 from gtr_command import interruption
 from gtr_jax.errors import InputError, listed
+from gtr_jax.plain import plain
 
 from .options import HELD
-from gtr_jax.plain import plain
 
 if TYPE_CHECKING:
     from gtr_jax.report import Report
