@@ -5,6 +5,7 @@ import dataclasses
 import hashlib
 import io
 import json
+import os
 import re
 import shutil
 import signal
@@ -14,6 +15,8 @@ import time
 import tomllib
 from importlib.metadata import version
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -305,6 +308,10 @@ def test_demo_finds_what_a_good_fit_conceals(run, tmp_path):
     reports = re.findall(r"^report: (.*)$", outcome.out, flags=re.MULTILINE)
     assert reports == [f"demo-out/{name}/report.html" for name in ("simulate", "fit", "diagnose")]
     assert all((tmp_path / report).is_file() for report in reports)
+    index = (tmp_path / "demo-out/index.html").read_text()
+    for place in re.findall(r'(?:href|src)="([^"]*)"', index):
+        assert (tmp_path / "demo-out" / place).is_file()
+    assert index.count("/report.html") >= 3 and "demo-out/index.html" in outcome.out
     fitted = load(tmp_path / "demo-out/fit/fit.json")
     assert "to its noise" in fitted["verdict"]
     mu = fitted["parameters"]["mu"]
@@ -523,6 +530,65 @@ def test_control_c(tmp_path, after):
     assert rest.splitlines()[-1] == "interrupted: no run folder was written"
     assert "Traceback" not in rest and "Exception ignored" not in rest
     assert left_over(tmp_path) == []
+
+
+# --- standard input, and python -m -------------------------------------------------------------------------
+
+
+def from_stdin(monkeypatch, path):
+    data = io.BytesIO(path.read_bytes() if path else b"")
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(data))
+
+
+def test_a_robot_file_and_a_history_may_come_from_standard_input(run, tmp_path, monkeypatch, simulated):
+    from_stdin(monkeypatch, SIMULATED)
+    assert run("simulate", "-", *LOOP, "-o", "robot").status == 0
+    from_stdin(monkeypatch, simulated / "simulation.csv")
+    assert run("simulate", SIMULATED, "--history", "-", "-o", "history").status == 0
+    for name in ("robot", "history"):
+        found = (tmp_path / name / "simulation.csv").read_text()
+        assert found == (simulated / "simulation.csv").read_text()
+    recorded = load(tmp_path / "robot/run.json")["inputs"]["robot"]
+    assert recorded == {"path": "-", "sha256": hashlib.sha256(SIMULATED.read_bytes()).hexdigest()}
+
+
+def test_a_recording_may_come_from_standard_input(run, tmp_path, monkeypatch, fitted):
+    (tmp_path / "rec.csv").write_text("".join(RECORDING.read_text().splitlines(keepends=True)[:121]))
+    from_stdin(monkeypatch, tmp_path / "rec.csv")
+    assert run("fit", RECORDED, "-", "--free", "mu", "-o", "out").status == 0
+    assert (tmp_path / "out/fit.csv").read_text() == (fitted / "fit.csv").read_text()
+
+
+def test_standard_input_is_read_once_and_not_empty(run, monkeypatch):
+    from_stdin(monkeypatch, SIMULATED)
+    outcome = run("simulate", "-", "--history", "-", "-o", "out")
+    assert outcome.status == 2 and "can be read once" in outcome.err
+    from_stdin(monkeypatch, None)
+    outcome = run("simulate", "-", "--pull", "9", "-o", "out")
+    assert outcome.status == 2 and "nothing comes from standard input" in outcome.err
+
+
+def test_the_package_runs_as_the_command():
+    done = subprocess.run([sys.executable, "-m", "gtr_jax", "--version"], capture_output=True, text=True)
+    assert done.returncode == 0 and done.stdout.startswith("gtr ")
+
+
+def test_completion_is_offered():
+    code = "from gtr_command import main; raise SystemExit(main())"
+    environment = os.environ | {"_GTR_COMPLETE": "bash_complete", "COMP_WORDS": "gtr si", "COMP_CWORD": "1"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+    assert "simulate" in done.stdout
+
+
+def test_draws_are_kept():
+    from gtr_jax.cli.fit import _draws
+
+    estimates = [SimpleNamespace(name="mu", unit=""), SimpleNamespace(name="E", unit="Pa")]
+    draws = np.arange(12.0).reshape(2, 3, 2)
+    columns = _draws(cast(Any, SimpleNamespace(posterior=SimpleNamespace(draws=draws), estimates=estimates)))
+    assert list(columns) == ["chain", "draw", "mu", "E [Pa]"]
+    assert columns["chain"].tolist() == [1, 1, 1, 2, 2, 2] and columns["draw"].tolist() == [1, 2, 3] * 2
+    assert columns["E [Pa]"].tolist() == [1.0, 3.0, 5.0, 7.0, 9.0, 11.0]
 
 
 # --- the rest ---------------------------------------------------------------------------------------------

@@ -53,10 +53,9 @@ def plot_fit(
         found: what was estimated, a line each, written into the picture.
     """
     fig, (axes,) = figure(3.9)
-    if found:
-        axes.text(
-            0.03, 0.97, "\n".join(found), transform=axes.transAxes, va="top", fontsize=9, color=INK, zorder=6
-        )
+    if found:  # where no loop comes: below its pull
+        where = {"ha": "right", "va": "bottom", "multialignment": "left", "transform": axes.transAxes}
+        axes.text(0.98, 0.04, "\n".join(found), fontsize=9, color=INK, zorder=6, **where)
     if band is not None and np.any(band > 0):
         x, y = simulated
         pieces = [0, *(np.flatnonzero(np.diff(np.sign(np.diff(x))) != 0) + 1).tolist(), len(x) - 1]
