@@ -23,6 +23,8 @@ from typing import Any
 
 INTERRUPTED = 130
 NOTHING_WRITTEN = "interrupted: no run folder was written"
+# By this signal, which nothing else uses and which does nothing by itself, the main thread is asked again.
+AGAIN = getattr(signal, "SIGURG", None) or signal.Signals["SIGBREAK"]
 POLL = 0.05  # seconds between two looks at whether an interruption has arrived
 TWICE = 0.5  # seconds within which two signals are one: `timeout` sends two, so does a shell to a group
 STUCK, UNWINDING = 2.0, 10.0  # seconds until the process is ended: not answering, answering too slowly
@@ -43,7 +45,7 @@ class Interruption:
         self.undo: list[Callable[[], object]] = []
         self._ear: socket.socket | None = None
         self._asked = self._raised = 0.0  # when it was asked for, and when raised; 0 for never
-        self._again = False  # whether the next signal to arrive is one that the watching thread has sent
+        self._again = 0.0  # when it was asked for again
         self._held = self._patient = 0
         self._told = self._ending = False
 
@@ -55,7 +57,8 @@ class Interruption:
         self._ear, mouth = socket.socketpair()
         mouth.setblocking(False)
         self._mouth = mouth  # kept open
-        signal.signal(signal.SIGINT, self._heed)
+        for number in (signal.SIGINT, AGAIN):
+            signal.signal(number, self._heed)
         signal.set_wakeup_fd(mouth.fileno(), warn_on_full_buffer=False)
         before, sys.unraisablehook = sys.unraisablehook, self._lost
         self._unraisable = before
@@ -97,8 +100,10 @@ class Interruption:
         finally:
             self.undo.remove(undo)
 
-    def _heed(self, _: int, frame: FrameType | None) -> None:
+    def _heed(self, number: int, frame: FrameType | None) -> None:
         now = time.monotonic()
+        if number == AGAIN and not self._asked:
+            return  # it has arrived meanwhile
         self._asked = self._asked or now
         if not self.running:
             self._end()
@@ -126,9 +131,7 @@ class Interruption:
             except TimeoutError:
                 signals = b""
             for number in signals:
-                if number == signal.SIGINT and self._again:
-                    self._again = False
-                elif number == signal.SIGINT:
+                if number == signal.SIGINT:
                     self._pressed()
             if self._asked:
                 self._follow()
@@ -153,17 +156,17 @@ class Interruption:
             elif not self._told:
                 _say("interrupting when this step is done; Ctrl-C again ends it at once")
                 self._told = True
-        if not delivered:
-            self._again = True
+        if not delivered and time.monotonic() - self._again > POLL:
+            self._again = time.monotonic()
             self._ask()
 
     def _ask(self) -> None:
         """Have the main thread call the handler, also from the midst of a wait."""
         main = threading.main_thread().ident
         if hasattr(signal, "pthread_kill") and main is not None:
-            signal.pthread_kill(main, signal.SIGINT)
+            signal.pthread_kill(main, AGAIN)
         else:
-            _thread.interrupt_main()
+            _thread.interrupt_main(AGAIN)
 
     def _end(self) -> None:
         """End the process, from whatever thread, unless it is in the middle of what must be done whole."""

@@ -18,7 +18,7 @@ from .assemble import assemble, ignorance, unanswered
 from .coordinates import CHANNELS
 from .descent import descend
 from .free import Free, distinct, free_of
-from .posterior import require_sampler, sample
+from .posterior import CHAINS, DRAWS, WARM_UP, require_sampler, sample
 from .profiles import profiles
 from .result import FitResult
 from .start import search

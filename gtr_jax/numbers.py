@@ -55,8 +55,8 @@ def quantity(value: float | None, unit: str, digits: int = 4) -> str:
 def measured_quantity(value: float | None, sd: float | None, unit: str, *, error: bool = True) -> str:
     """An SI quantity with its standard error, as `measured`, in the unit people write it in."""
     display, size = _display(unit)
-    scaled = (None if v is None else v / size for v in (value, sd))
-    return measured(*scaled, display, error=error)
+    scaled, error_of_it = (None if v is None else v / size for v in (value, sd))
+    return measured(scaled, error_of_it, display, error=error)
 
 
 def _display(unit: str) -> tuple[str, float]:

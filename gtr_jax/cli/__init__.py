@@ -1,7 +1,8 @@
 """The command `gtr`: simulate, fit, diagnose, design, sweep, demo, paper, terms, schema.
 
-Answers go to stdout, progress and errors to stderr. Exit status: 0 answered, 1 answered but not converged,
-2 bad input (one line on stderr), 130 interrupted. What takes long to import is imported where a command runs.
+Answers go to stdout, progress and errors to stderr. Exit status: 0 answered, 1 answered but not converged
+or not of any body, 2 bad input (one line on stderr), 130 interrupted. What takes long to import is imported
+where a command runs.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -60,7 +61,7 @@ def held_stdin(ending: str, context: click.Context | None = None) -> Path:
     context = context or click.get_current_context()
     if HELD in context.meta:
         raise InputError("-: standard input can be read once; give the other file by its name")
-    data = click.get_binary_stream("stdin").read()
+    data = sys.stdin.buffer.read()
     if not data.strip():
         raise InputError(
             f"-: nothing comes from standard input; send it a file, as in 'gtr ... < file{ending}'"

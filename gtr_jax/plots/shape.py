@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -198,12 +198,13 @@ def _draw_scale(axes: Axes, highest: float, scale: float, drawn: np.ndarray) -> 
         for y in (1, 0)
         for x in (0, 1)
     }
+    height: Any = scale * size  # a float, whatever its annotation says
     bar = AnchoredSizeBar(
         axes.transData,
         0.0,
         f"bands: {number(size, 'N/m', 2)}",
         loc=min(corners, key=lambda corner: corners[corner]),
-        size_vertical=scale * size,
+        size_vertical=height,
         pad=0.3,
         sep=5,
         frameon=False,
