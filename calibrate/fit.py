@@ -18,7 +18,7 @@ from .assemble import assemble, ignorance, unanswered
 from .coordinates import CHANNELS
 from .descent import descend
 from .free import Free, carried_by, distinct, free_of
-from .posterior import require_sampler, sample
+from .posterior import CHAINS, DRAWS, WARM_UP, require_sampler, sample
 from .profiles import profiles
 from .result import FitResult
 from .start import search
@@ -307,7 +307,7 @@ def _run(task: Task) -> FitResult:
 
 def _sampled(task: Task, answer: Answer, result: FitResult) -> FitResult:
     """The result with draws from its posterior."""
-    task.progress("sampling the posterior")
+    task.progress(f"sampling the posterior: {CHAINS} chains of {WARM_UP} steps to settle and {DRAWS} draws")
     try:
         found = sample(task, answer)
     except KeyboardInterrupt:

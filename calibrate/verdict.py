@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import f
 
+from gtr_jax.numbers import measured, measured_quantity
 from gtr_jax.phases import PULLING, RELEASING, REST, TRANSITION
-from gtr_jax.units import display_of
 
 from .estimate import Estimate
 
@@ -27,16 +27,7 @@ MOST_OF_IT, NAMED = 0.5, 0.1
 
 def number(value: float, sd: float | None) -> str:
     """A value with its standard deviation, to two digits of the latter."""
-    if not math.isfinite(value):
-        return "unknown"
-    if sd is None or not math.isfinite(sd) or sd <= 0:
-        return f"{value:.4g}"
-    if max(abs(value), sd) >= 1e5 or sd < 1e-5:
-        power = math.floor(math.log10(max(abs(value), sd)))
-        digits = max(0, 1 - math.floor(math.log10(sd / 10**power)))
-        return f"({value / 10**power:.{digits}f} ± {sd / 10**power:.{digits}f})e{power}"
-    digits = max(0, 1 - math.floor(math.log10(sd)))
-    return f"{value:.{digits}f} ± {sd:.{digits}f}"
+    return measured(value, sd) if math.isfinite(value) else "unknown"
 
 
 def said(estimate: Estimate) -> str:
@@ -59,9 +50,7 @@ def _owing_to(estimate: Estimate) -> str:
 
 def quantity(estimate: Estimate) -> str:
     """An estimate with its standard deviation, in the unit people write it in."""
-    display, size = display_of(estimate.unit)
-    sd = None if estimate.sd is None else estimate.sd / size
-    return f"{number(estimate.value / size, sd)} {display}".rstrip().replace("-", "−")
+    return measured_quantity(estimate.value, estimate.sd, estimate.unit)
 
 
 def by_phase(residual: np.ndarray, phases: np.ndarray) -> dict[str, dict[str, float]]:

@@ -17,6 +17,7 @@ from .adjoint import CausalAdjoint, split_tangents
 from .linear_solver import node_first
 from .march import March
 from .mesh import cumulative, increments, shifted
+from .outcome import outcome
 from .problem import Problem, Sections, State, at_tendons, residual, tension_of
 from .robot import Robot, sections
 from .slip_march import Case, Load, Memory, Solved, slip_step, untouched
@@ -367,7 +368,7 @@ def describe(s: Sections, loaded: Loaded, memory: Memory | None = None) -> Equil
         R=s.R.value,
         tendon_length=tendon_length(s, y),
         mobilisation=loaded.mobilisation,
-        result=loaded.result,
+        result=outcome(loaded.result),
         residual_norm=loaded.residual_norm,
         iterations=loaded.iterations,
         memory=memory,

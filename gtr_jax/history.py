@@ -30,6 +30,7 @@ from .march import March
 from .mesh import shifted
 from .problem import State, at_tendons, offset_before
 from .robot import Robot, sections
+from .sensing import Reading, shown
 from .slip import Kept
 from .slip_march import Load, Memory
 from .terms import REGISTRY, known_on
@@ -42,10 +43,15 @@ class Simulation(eqx.Module):
     """A load history of K steps on N nodes, SI units. What belongs to a tendon has a tendon axis where the
     robot has several.
 
+    Tensions are true ones, as the tendon has them, but for `reading`: what the load cells show of them, as
+    `simulation.csv` of the command `gtr simulate` and every recording hold it. The two differ where a physics
+    term of the cells (`tip-gain`, `zero-drift`, ...) acts.
+
     Attributes:
-        T_base: as given, (K, *tendons).
+        T_base: true tension at the base, as given, (K, *tendons).
         time: since the first step [s], (K,); without given times one second per step.
-        T_tip: tension at the anchor, (K, *tendons).
+        T_tip: true tension at the anchor, (K, *tendons).
+        reading: T_base and T_tip as the load cells show them, (K, *tendons) each.
         tip_pose: x, y, angle of the midline's tip, (K, 3).
         displacement: tendon drawn out at the base since the robot settled with slack tendons, (K, *tendons).
         slip_direction: +1 where the tendon at the base slips towards the base in the step, -1 towards the
@@ -65,6 +71,7 @@ class Simulation(eqx.Module):
     T_base: Float[Array, "K *tendons"]
     time: Float[Array, " K"]
     T_tip: Float[Array, "K *tendons"]
+    reading: Reading
     tip_pose: Float[Array, "K 3"]
     displacement: Float[Array, "K *tendons"]
     slip_direction: Float[Array, "K *tendons"]
@@ -97,7 +104,8 @@ class Simulation(eqx.Module):
         """What this run is for one of several tendons: the same, without the tendon axis."""
         own = ("T_base", "T_tip", "displacement", "slip_direction", "slip_front", "tension", "slip")
         taken = {name: getattr(self, name)[:, index] for name in own}
-        return dataclasses.replace(self, **taken, mobilisation=None)
+        cells = Reading(*(column[:, index] for column in self.reading))
+        return dataclasses.replace(self, **taken, reading=cells, mobilisation=None)
 
 
 SLIP_TOLERANCE = 1e-8
@@ -214,6 +222,7 @@ def _run(robot: Robot, loads: Load, solver: optx.AbstractRootFinder, with_terms:
         T_base=loads.T_base,
         time=loads.time,
         T_tip=eq.T_tip,
+        reading=Reading(loads.T_base, eq.T_tip),
         tip_pose=eq.tip_pose,
         displacement=eq.slip[..., 0],
         slip_direction=direction,
@@ -281,8 +290,8 @@ def simulate(
         solver: as for `equilibrium`.
 
     Returns:
-        One entry per step. A step that does not converge is flagged in `result` and leaves the tendon's
-        memory as it was.
+        One entry per step: true tensions, and in `reading` what the load cells show of them. A step that
+        does not converge is flagged in `result` and leaves the tendon's memory as it was.
 
     Raises:
         ValueError: T_base is not a history of at least one step, time or cycle not of its length, or there is
@@ -318,9 +327,11 @@ def simulate(
 
     acting = known_to_act(robot) if with_terms is None else with_terms
     run = _run(robot, jtu.tree_map(padded, loads), solver, acting)
-    return Simulation(
+    run = Simulation(
         **{k: v if k == "s" else jtu.tree_map(lambda a: a[:steps], v) for k, v in vars(run).items()}
     )
+    # Of the steps alone: a cell that looks ahead or lags would see those that the history is padded with.
+    return dataclasses.replace(run, reading=shown(robot, run.T_base, run.T_tip, run.time))
 
 
 def _refuse_unable(robot: Robot) -> None:

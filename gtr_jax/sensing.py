@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .history import Simulation
 from .robot import Robot
 from .terms import REGISTRY, known_on
 from .terms.term import Clock
+
+if TYPE_CHECKING:
+    from .history import Simulation
 
 
 class Reading(NamedTuple):
@@ -21,7 +24,11 @@ class Reading(NamedTuple):
 
 
 def reading(robot: Robot, run: Simulation) -> Reading:
-    """What the robot's load cells show of a simulation; the true tensions where no term says otherwise."""
+    """What the robot's load cells show of a simulation; the true tensions where no term says otherwise.
+
+    `run.reading` is that of the robot it was simulated with; this one is of any robot, one whose cells differ
+    for example.
+    """
     return cells_show(robot, run.T_base, run.T_tip, run.time)
 
 
@@ -38,6 +45,29 @@ def cells_show(
         T_base = T_base if term.base is None else term.base(values, T_base, at)
         T_tip = T_tip if term.tip is None else term.tip(values, T_tip, at)
     return Reading(T_base, T_tip)
+
+
+def cells_differ(robot: Robot) -> bool | None:
+    """Whether a term of the load cells acts, so that they show something else than the true tensions; None if
+    that is being traced.
+    """
+    acting = [known_on(term, robot.terms[term.id]) for term in REGISTRY.values() if term.of_cells]
+    return True if True in acting else None if None in acting else False
+
+
+def shown(
+    robot: Robot,
+    T_base: Float[Array, "K *tendons"],
+    T_tip: Float[Array, "K *tendons"],
+    time: Float[Array, " K"],
+) -> Reading:
+    """As `cells_show`, compiled, and without computing anything where no term of the cells acts."""
+    if cells_differ(robot) is False:
+        return Reading(T_base, T_tip)
+    return _shown(robot, T_base, T_tip, time)
+
+
+_shown = eqx.filter_jit(cells_show)
 
 
 def true_base(

@@ -5,7 +5,9 @@ import dataclasses
 import hashlib
 import io
 import json
+import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,6 +15,8 @@ import time
 import tomllib
 from importlib.metadata import version
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -23,6 +27,7 @@ from command_line import RECORDED, RECORDING, run_gtr
 from jax.experimental.compilation_cache import compilation_cache
 
 import gtr_jax as gtr
+from gtr_jax.cli import cli
 from gtr_jax.cli.cache import cache_folder, enable_cache
 from gtr_jax.cli.progress import Progress
 from gtr_jax.config import json_schema
@@ -43,6 +48,7 @@ FIT_FILES = {
         "residual.png",
         "robot.toml",
         "run.json",
+        "time.png",
     ),
 }
 LOOP = ("--pull", "45", "--release", "0", "--steps", "8")
@@ -78,6 +84,10 @@ def fitted(tmp_path_factory):
 
 def names(folder):
     return {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
+
+
+def contents_of(folder):
+    return {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
 def load(path):
@@ -220,7 +230,7 @@ def test_report_loads_nothing(kind, request):
     page = (request.getfixturevalue(kind) / "report.html").read_text(encoding="utf-8")
     assert "://" not in page and "<script" not in page and "<link" not in page
     sources = re.findall(r'(?:src|href)="([^"]*)"', page)
-    assert len(sources) == 3
+    assert len(sources) == {"simulated": 3, "fitted": 4}[kind]
     assert all(source.startswith("data:image/png;base64,") for source in sources)
     assert "default-src 'none'" in page and 'name="viewport"' in page
 
@@ -298,6 +308,10 @@ def test_demo_finds_what_a_good_fit_conceals(run, tmp_path):
     reports = re.findall(r"^report: (.*)$", outcome.out, flags=re.MULTILINE)
     assert reports == [f"demo-out/{name}/report.html" for name in ("simulate", "fit", "diagnose")]
     assert all((tmp_path / report).is_file() for report in reports)
+    index = (tmp_path / "demo-out/index.html").read_text()
+    for place in re.findall(r'(?:href|src)="([^"]*)"', index):
+        assert (tmp_path / "demo-out" / place).is_file()
+    assert index.count("/report.html") >= 3 and "demo-out/index.html" in outcome.out
     fitted = load(tmp_path / "demo-out/fit/fit.json")
     assert "to its noise" in fitted["verdict"]
     mu = fitted["parameters"]["mu"]
@@ -344,6 +358,36 @@ def test_foreign_files_are_left_alone(what, run, tmp_path, simulated):
     assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
 
 
+def test_a_run_of_another_command_is_replaced_by_force_only(run, tmp_path, fitted):
+    shutil.copytree(fitted, tmp_path / "F")
+    before = contents_of(tmp_path)
+    pull = ("simulate", SIMULATED, "--pull", "9", "--steps", "8", "-o", "F")
+    outcome = run(*pull)
+    assert outcome.status == 2 and contents_of(tmp_path) == before
+    assert outcome.err.startswith("error: -o F: holds a run of 'gtr fit', not of 'gtr simulate'")
+    assert "--force" in outcome.err and outcome.err.count("\n") == 1
+    assert run(*pull, "--force").status == 0
+    assert names(tmp_path / "F") == SIMULATION_FILES and left_over(tmp_path) == ["F"]
+
+
+def test_force_replaces_foreign_files_but_no_input_and_not_the_place_one_is_in(run, tmp_path):
+    pull = ("--pull", "9", "--steps", "8", "--force", "-o")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/robot.toml").write_text(SIMULATED.read_text())
+    for robot, folder in (("mine/robot.toml", "mine"), (SIMULATED, ".")):
+        before = contents_of(tmp_path)
+        outcome = run("simulate", robot, *pull, folder)
+        assert outcome.status == 2 and contents_of(tmp_path) == before
+    assert run("simulate", SIMULATED, *pull, "mine").status == 0
+    assert names(tmp_path / "mine") == SIMULATION_FILES
+
+
+def test_every_command_that_writes_a_folder_can_be_forced():
+    for name, command in cli.commands.items():
+        options = {option for p in command.params for option in p.opts}
+        assert ("-o" in options) == ("--force" in options), name
+
+
 def test_a_run_folder_with_its_own_input_is_left_alone(run, tmp_path):
     assert run("simulate", SIMULATED, "--pull", "9", "--steps", "8", "-o", "out").status == 0
     outcome = run("simulate", SIMULATED, "--history", "out/simulation.csv", "-o", "out")
@@ -375,21 +419,177 @@ def test_an_interrupt_leaves_everything_as_it_was(when, run, tmp_path, monkeypat
     assert left_over(tmp_path) == ["out"]
 
 
+# A shell that starts the tests in the background has them ignore the signal.
+HEEDED = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+INTERRUPTED = (
+    HEEDED + "from gtr_command import interruption; interruption.install(); interruption.running = True\n"
+)
+
+
+def said_by(code, *arguments, after=None):
+    """Exit status and stderr of a Python process, interrupted once it has printed a line, or after a time."""
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        if after is None:
+            assert process.stdout.readline() == "ready\n"
+        else:
+            time.sleep(after)
+        process.send_signal(signal.SIGINT)
+        err = process.communicate(timeout=60)[1]
+    return process.returncode, err
+
+
+@pytest.mark.parametrize("after", [0.25, 0.7])
+def test_control_c_while_modules_are_imported(after, tmp_path):
+    code = f"{HEEDED}from gtr_command import main; raise SystemExit(main())"
+    status, err = said_by(code, "simulate", SIMULATED, "--pull", "9", "-o", tmp_path / "out", after=after)
+    assert (status, err) == (130, "interrupted: no run folder was written\n")
+
+
+LOST = """
+import gc, time
+def waits_once(phase, info, waited=[]):
+    if not waited:
+        waited.append(1)
+        print("ready", flush=True)
+        time.sleep(1.0)
+gc.callbacks.append(waits_once)
+try:
+    gc.collect()
+    while True:
+        sum(range(1000))
+except KeyboardInterrupt:
+    raise SystemExit(7)
+"""
+DEAF = """
+import hashlib, threading
+threading.Timer(0.5, print, ("ready",), {"flush": True}).start()
+hashlib.pbkdf2_hmac("sha256", b"", b"", 10**9)
+"""
+SWALLOWED = """
+import threading, time
+threading.Timer(0.5, print, ("ready",), {"flush": True}).start()
+while True:
+    try:
+        time.sleep(60)
+    except BaseException:
+        pass
+"""
+WHOLE = """
+import time
+with interruption.held():
+    print("ready", flush=True)
+    time.sleep(1.0)
+    done = True
+try:
+    time.sleep(60)
+except KeyboardInterrupt:
+    raise SystemExit(7 if done else 8)
+"""
+
+
+@pytest.mark.parametrize(
+    ("code", "status"),
+    [(LOST, 7), (DEAF, 130), (SWALLOWED, 130), (WHOLE, 7)],
+    ids="lost deaf swallowed whole".split(),
+)
+def test_control_c_is_never_lost(code, status):
+    # With Python's own handler the first prints "Exception ignored in" and runs on, and so do the next two.
+    quick = "import gtr_command; gtr_command.UNWINDING = 1.0\n"
+    found, err = said_by(INTERRUPTED + quick + code)
+    assert (found, err) == (status, "interrupted: no run folder was written\n" if status == 130 else "")
+
+
+def test_a_second_control_c_ends_what_waits():
+    code = INTERRUPTED + (
+        "import os, hashlib, threading, time\n"
+        "def press():\n"
+        "    for wait in (0.1, 1.0):\n"
+        "        time.sleep(wait); os.kill(os.getpid(), signal.SIGINT)\n"
+        "threading.Thread(target=press).start()\n"
+        "with interruption.patient():\n"
+        "    hashlib.pbkdf2_hmac('sha256', b'', b'', 10**9)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 130 and done.stderr.splitlines()[-1].startswith("interrupted")
+
+
 @pytest.mark.slow
-def test_control_c(tmp_path):
-    # A shell that starts the tests in the background has them ignore the signal.
-    heeded = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
-    command = [sys.executable, "-c", f"{heeded}; from gtr_jax.cli import main; raise SystemExit(main())"]
+@pytest.mark.parametrize("after", [0.0, 0.5, 3.0])
+def test_control_c(tmp_path, after):
+    command = [sys.executable, "-c", f"{HEEDED}from gtr_command import main; raise SystemExit(main())"]
     command += ["simulate", str(SIMULATED), "--pull", "45", "--steps", "60000", "-o", str(tmp_path / "out")]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         assert "compiling" in process.stderr.readline()
-        time.sleep(0.5)
+        time.sleep(after)
         process.send_signal(signal.SIGINT)
+        began = time.monotonic()
         rest = process.stderr.read()
-    assert process.returncode == 130
-    assert rest.splitlines()[-1] == "interrupted: no run folder was written" and "Traceback" not in rest
+    assert process.returncode == 130 and time.monotonic() - began < 20
+    assert rest.splitlines()[-1] == "interrupted: no run folder was written"
+    assert "Traceback" not in rest and "Exception ignored" not in rest
     assert left_over(tmp_path) == []
+
+
+# --- standard input, and python -m -------------------------------------------------------------------------
+
+
+def from_stdin(monkeypatch, path):
+    data = io.BytesIO(path.read_bytes() if path else b"")
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(data))
+
+
+def test_a_robot_file_and_a_history_may_come_from_standard_input(run, tmp_path, monkeypatch, simulated):
+    from_stdin(monkeypatch, SIMULATED)
+    assert run("simulate", "-", *LOOP, "-o", "robot").status == 0
+    from_stdin(monkeypatch, simulated / "simulation.csv")
+    assert run("simulate", SIMULATED, "--history", "-", "-o", "history").status == 0
+    for name in ("robot", "history"):
+        found = (tmp_path / name / "simulation.csv").read_text()
+        assert found == (simulated / "simulation.csv").read_text()
+    recorded = load(tmp_path / "robot/run.json")["inputs"]["robot"]
+    assert recorded == {"path": "-", "sha256": hashlib.sha256(SIMULATED.read_bytes()).hexdigest()}
+
+
+def test_a_recording_may_come_from_standard_input(run, tmp_path, monkeypatch, fitted):
+    (tmp_path / "rec.csv").write_text("".join(RECORDING.read_text().splitlines(keepends=True)[:121]))
+    from_stdin(monkeypatch, tmp_path / "rec.csv")
+    assert run("fit", RECORDED, "-", "--free", "mu", "-o", "out").status == 0
+    assert (tmp_path / "out/fit.csv").read_text() == (fitted / "fit.csv").read_text()
+
+
+def test_standard_input_is_read_once_and_not_empty(run, monkeypatch):
+    from_stdin(monkeypatch, SIMULATED)
+    outcome = run("simulate", "-", "--history", "-", "-o", "out")
+    assert outcome.status == 2 and "can be read once" in outcome.err
+    from_stdin(monkeypatch, None)
+    outcome = run("simulate", "-", "--pull", "9", "-o", "out")
+    assert outcome.status == 2 and "nothing comes from standard input" in outcome.err
+
+
+def test_the_package_runs_as_the_command():
+    done = subprocess.run([sys.executable, "-m", "gtr_jax", "--version"], capture_output=True, text=True)
+    assert done.returncode == 0 and done.stdout.startswith("gtr ")
+
+
+def test_completion_is_offered():
+    code = "from gtr_command import main; raise SystemExit(main())"
+    environment = os.environ | {"_GTR_COMPLETE": "bash_complete", "COMP_WORDS": "gtr si", "COMP_CWORD": "1"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+    assert "simulate" in done.stdout
+
+
+def test_draws_are_kept():
+    from gtr_jax.cli.fit import _draws
+
+    estimates = [SimpleNamespace(name="mu", unit=""), SimpleNamespace(name="E", unit="Pa")]
+    draws = np.arange(12.0).reshape(2, 3, 2)
+    columns = _draws(cast(Any, SimpleNamespace(posterior=SimpleNamespace(draws=draws), estimates=estimates)))
+    assert list(columns) == ["chain", "draw", "mu", "E [Pa]"]
+    assert columns["chain"].tolist() == [1, 1, 1, 2, 2, 2] and columns["draw"].tolist() == [1, 2, 3] * 2
+    assert columns["E [Pa]"].tolist() == [1.0, 3.0, 5.0, 7.0, 9.0, 11.0]
 
 
 # --- the rest ---------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import jax
@@ -23,7 +24,7 @@ from gtr_jax.errors import InputError
 from gtr_jax.sweep import load_sweep, open_sweep, sweep, task_of
 from gtr_jax.sweep.lanes import Lanes
 from gtr_jax.sweep.plan import Plan, _chunk, draw
-from gtr_jax.sweep.run import run_here, threads_of
+from gtr_jax.sweep.run import Meter, run_here, threads_of
 from gtr_jax.sweep.sensitivity import _on_grid, sensitivity_of
 from gtr_jax.sweep.store import Store
 from gtr_jax.sweep.validity import is_robot
@@ -689,6 +690,48 @@ def test_a_lost_worker_costs_its_blocks_only(tmp_path):
     assert killed and not done.lost and not there.left()
     there.clean()
     assert contents(there.path) == contents(whole.path)
+
+
+def test_the_time_left_is_told_from_what_settled_workers_do(tmp_path, monkeypatch):
+    task = task_of(load_sweep(written(tmp_path, LONG)))
+    clock, said = [0.0], []
+    monkeypatch.setattr("gtr_jax.sweep.run.time", SimpleNamespace(monotonic=lambda: clock[0]))
+    meter = Meter(task, range(task.plan.blocks), said.append, unsettled=2)
+    each = task.plan.points // task.plan.blocks
+    # Two workers compile for 30 s; then a block a second is done.
+    for at, blocks in ((30.0, 1), (30.5, 2), (31.5, 3), (32.5, 4)):
+        clock[0] = at
+        meter(blocks * each)
+    assert not any("left" in text for text in said[:3])
+    left = float(said[-1].split(", ")[-1].removesuffix(" s left"))
+    assert left == pytest.approx(task.plan.blocks - 4, abs=1.5)
+
+
+@pytest.mark.slow
+def test_workers_end_with_the_main_process(tmp_path):
+    pytest.importorskip("distributed")
+    code = (
+        "import hashlib, os, time\n"
+        "from gtr_jax.sweep.cluster import local_cluster\n"
+        "if __name__ == '__main__':\n"
+        "    with local_cluster(2) as client:\n"
+        "        print(*client.run(os.getpid).values(), flush=True)\n"
+        "        work = [(hashlib.pbkdf2_hmac, 'sha256', b'', b'', 10**9 + i) for i in range(2)]\n"
+        "        busy = [client.submit(*what) for what in work]\n"
+        "        time.sleep(60)\n"
+    )
+    (tmp_path / "main.py").write_text(code)
+    with subprocess.Popen(
+        [sys.executable, "main.py"], cwd=tmp_path, stdout=subprocess.PIPE, text=True
+    ) as main:
+        assert main.stdout is not None
+        workers = [int(pid) for pid in main.stdout.readline().split()]
+        assert len(workers) == 2
+        main.kill()
+    ended = time.monotonic() + 10
+    while any(Path(f"/proc/{pid}").exists() for pid in workers) and time.monotonic() < ended:
+        time.sleep(0.1)
+    assert not [pid for pid in workers if Path(f"/proc/{pid}").exists()]
 
 
 def test_the_example_is_a_sweep(capsys):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gtr_jax import InputError, Robot, RobotConfig
+from gtr_jax.numbers import measured_quantity
 from gtr_jax.parameters import parameters_of
 from gtr_jax.plain import plain
 from gtr_jax.terms import REGISTRY
@@ -432,8 +433,7 @@ def sentence(d: Diagnosis, chosen: Names) -> str:
     effects = "; ".join(REGISTRY[kind].says.rstrip(".") for kind in d.named)
     sure = "above 0.99" if d.named_probability > 0.99 else f"{d.named_probability:.2f}"
     sizes = ", ".join(
-        f"{c.name} = {c.after:.3g} {'(assumed)' if c.sd is None else f'± {c.sd:.1g}'}"
-        f"{f' {c.unit}' if c.unit not in ('', 'dimensionless') else ''}"
+        f"{c.name} = {measured_quantity(c.after, c.sd, c.unit)}{' (assumed)' if c.sd is None else ''}"
         for c in d.parameters
         if c.before is None
     )

@@ -1,7 +1,8 @@
 """The command `gtr`: simulate, fit, diagnose, design, sweep, demo, paper, terms, schema.
 
-Answers go to stdout, progress and errors to stderr. Exit status: 0 answered, 1 answered but not converged,
-2 bad input (one line on stderr), 130 interrupted. What takes long to import is imported where a command runs.
+Answers go to stdout, progress and errors to stderr. Exit status: 0 answered, 1 answered but not converged
+or not of any body, 2 bad input (one line on stderr), 130 interrupted. What takes long to import is imported
+where a command runs.
 """
 
 from __future__ import annotations
@@ -16,11 +17,12 @@ from typing import Any
 
 import click
 
+from gtr_command import INTERRUPTED, NOTHING_WRITTEN, interruption
 from gtr_jax.errors import InputError
 
 from . import demo, design, diagnose, fit, paper, schema, simulate, sweep, terms
 
-ANSWERED, NOT_CONVERGED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+ANSWERED, NOT_CONVERGED, BAD_INPUT = 0, 1, 2
 
 
 class Interrupted(Exception):
@@ -75,6 +77,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit status.
     """
     _quieten()
+    if arguments is None:
+        interruption.install()
+        interruption.running = True
     with warnings.catch_warnings():
         if not sys.warnoptions:
             warnings.simplefilter("ignore")
@@ -87,6 +92,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: list[str]) -> int:
+    interruption.says = NOTHING_WRITTEN
+    try:
+        return _answered(arguments)
+    except Exception:
+        if not interruption.arrived:
+            raise
+        return _interrupted()  # what a library made of it
+
+
+def _answered(arguments: list[str]) -> int:
     try:
         status = cli.main(arguments, prog_name="gtr", standalone_mode=False, obj=arguments)
         sys.stdout.flush()
@@ -106,8 +121,12 @@ def _run(arguments: list[str]) -> int:
             f"{fault.filename or 'output'}: {fault.strerror or fault}; choose another place with -o"
         )
     except (Interrupted, KeyboardInterrupt, click.Abort):
-        click.echo("interrupted: no run folder was written", err=True)
-        return INTERRUPTED
+        return _interrupted()
+
+
+def _interrupted() -> int:
+    click.echo(interruption.says, err=True)
+    return INTERRUPTED
 
 
 def _refuse(message: str) -> int:

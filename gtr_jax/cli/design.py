@@ -36,7 +36,9 @@ RESOLUTION = 0.5
     help="Factor on the mesh of the search; what is found is checked on a mesh of 4.",
 )
 @output_option
-def design(robot: Path, target: Path, against: Path | None, resolution: float, output: Path) -> int:
+def design(
+    robot: Path, target: Path, against: Path | None, resolution: float, output: Path, force: bool
+) -> int:
     """Choose the routing of ROBOT.toml, and whatever else TARGET.toml frees, so that the tip is where
     TARGET.toml wants it, within its limits.
 
@@ -56,7 +58,7 @@ def design(robot: Path, target: Path, against: Path | None, resolution: float, o
     wanted = _load_target(target)
     if wanted.robust.fit is not None and (wanted.folder / wanted.robust.fit).is_file():
         paths["fit"] = wanted.folder / wanted.robust.fit
-    folder = RunFolder(output, paths)
+    folder = RunFolder(output, paths, force=force)
     enable_cache()
     with Progress() as progress:
         answer = solve(config, wanted, against=plain, resolution=resolution, progress=progress)

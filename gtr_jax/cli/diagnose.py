@@ -47,6 +47,7 @@ def diagnose(
     experiment: bool | None,
     columns: str | None,
     output: Path,
+    force: bool,
 ) -> int:
     """Tell which physics a robot's model leaves out of its recordings: where they differ, what is missing,
     whether a fit with it is better on samples it has not seen, and what to measure next.
@@ -65,7 +66,7 @@ def diagnose(
     recordings = [read_recording(path, columns, tendons=config.tendon_names) for path in given.recordings]
     paths = {"robot": given.robots[0]}
     paths |= {f"recording {i + 1}": path for i, path in enumerate(given.recordings)}
-    folder = RunFolder(output, paths)
+    folder = RunFolder(output, paths, force=force)
     enable_cache()
     with folder.alone(), kept(), Progress() as progress:
         if folder.steps.exists():

@@ -8,14 +8,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
+import numpy as np
 
+from gtr_command import interruption
 from gtr_jax.errors import InputError
 
 from .options import (
+    STDIN,
     channels_option,
     check_noise,
     columns_option,
     files_argument,
+    held_stdin,
     noise_base_option,
     noise_option,
     output_option,
@@ -75,6 +79,7 @@ def fit(
     posterior: bool,
     columns: str | None,
     output: Path,
+    force: bool,
 ) -> int:
     """Fit a robot, which has one tendon, to recordings of base and tip tension, starting from the values in
     its file. Several recordings share the parameters; each belongs to the ROBOT.toml before it.
@@ -103,7 +108,7 @@ def fit(
     }
     paths = {f"robot {i + 1}": path for i, path in enumerate(given.robots)}
     paths |= {f"recording {i + 1}": path for i, path in enumerate(given.recordings)}
-    folder = RunFolder(output, paths)
+    folder = RunFolder(output, paths, force=force)
     enable_cache()
     with Progress() as progress:
         result = solve(of, recordings, noise=noise, noise_base=noise_base, progress=progress, **options)
@@ -117,7 +122,8 @@ def fit(
 
 
 def inputs(files: Sequence[Path]) -> Inputs:
-    """Sort robot files from recordings.
+    """Sort robot files from recordings; `-` is a robot file from standard input if it stands first, else a
+    recording.
 
     Raises:
         InputError: a recording before any robot, a robot without a recording, a recording that stands twice.
@@ -126,6 +132,8 @@ def inputs(files: Sequence[Path]) -> Inputs:
     recordings: list[Path] = []
     of: list[int] = []
     for path in files:
+        if path == STDIN:
+            path = held_stdin(".csv" if robots else ".toml")
         if path.suffix.lower() == ".toml":
             if robots and len(robots) - 1 not in of:
                 raise InputError(f"{robots[-1]}: no recording follows this robot; add one, or leave it out")
@@ -164,28 +172,28 @@ def solve(
     import calibrate
 
     check_noise(noise, noise_base)
-    return calibrate.fit(
-        robots,
-        recordings,
-        noise_N=noise,
-        noise_base_N=noise_base,
-        profiled=True,
-        progress=progress,
-        **options,
-    )
+    with interruption.patient():  # which leaves the fit without its profiles
+        return calibrate.fit(
+            robots,
+            recordings,
+            noise_N=noise,
+            noise_base_N=noise_base,
+            profiled=True,
+            progress=progress,
+            **options,
+        )
 
 
 def summary(result: FitAnswer) -> list[str]:
     """The estimates, then the verdict, as lines for the terminal."""
-    from gtr_jax.report.fit import digits_of, quantity
+    from gtr_jax.numbers import measured_quantity
+    from gtr_jax.report.fit import interval
 
     lines = []
     for e in result.estimates:
-        digits = digits_of(e)
-        line = f"{e.name} = {quantity(e.value, e.unit, digits)}"
+        line = f"{e.name} = {measured_quantity(e.value, e.sd, e.unit)}"
         if e.lower95 is not None:
-            low, high = (quantity(v, e.unit, digits) for v in (e.lower95, e.upper95))
-            line += f", 95 % interval {low} to {high}"
+            line += f", 95 % interval {interval(e.lower95, e.upper95, e.sd, e.unit)}"
         lines.append(line + (f" ({e.note})" if e.note else ""))
     return [*lines, *(f"warning: {text}" for text in result.warnings), result.verdict]
 
@@ -206,6 +214,19 @@ def _named(robots: Sequence[RobotConfig | None], recordings: Sequence[str]) -> d
     return {f"-{name}": robot for name, robot in zip(recordings, robots, strict=True) if robot is not None}
 
 
+def _draws(result: FitAnswer) -> dict[str, np.ndarray]:
+    """The draws of the posterior as columns, a row each, SI with the unit in the name."""
+    draws = np.asarray(result.posterior.draws)
+    chains, each, _ = draws.shape
+    columns = {
+        "chain": np.repeat(np.arange(1, chains + 1), each),
+        "draw": np.tile(np.arange(1, each + 1), chains),
+    }
+    for i, e in enumerate(result.estimates):
+        columns[f"{e.name} [{e.unit}]" if e.unit else e.name] = draws[..., i].reshape(-1)
+    return columns
+
+
 def write_answer(
     folder: Path,
     result: FitAnswer,
@@ -214,7 +235,7 @@ def write_answer(
     settings: dict[str, Any],
 ) -> None:
     """Write all that a fit leaves into a folder: of one recording fit.csv, of several fit-NAME.csv of each;
-    robot.toml and fitted.toml likewise where there are several robots.
+    robot.toml and fitted.toml likewise where there are several robots; draws.csv of a posterior.
     """
     from gtr_jax.config import config_text, dump_config
     from gtr_jax.recording import write_recording
@@ -244,6 +265,8 @@ def write_answer(
         write_recording(
             folder / f"fit{ending}.csv", {name: v for name, v in columns.items() if v is not None}
         )
+    if result.posterior is not None:
+        write_recording(folder / "draws.csv", _draws(result))
     data = result.to_json()
     write_json(folder / "fit.json", {**data, "settings": {**data["settings"], **settings}})
     report = fit_report(result, recordings, " and ".join(dict.fromkeys(c.name for c in configs)))

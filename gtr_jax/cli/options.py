@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -28,15 +31,67 @@ class Quantity(click.ParamType):
         return to_si(value, self.unit, where)
 
 
-robot_argument = click.argument("robot", metavar="ROBOT.toml", type=click.Path(path_type=Path))
-output_option = click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="OUT",
-    type=click.Path(path_type=Path),
-    help="Run folder to write. An earlier run there is replaced, anything else is left alone and refused.",
+STDIN = Path("-")
+HELD = f"{__name__}.stdin"  # where a command's context keeps the file that holds it
+
+
+class InputFile(click.Path):
+    """A file to read, or `-`: standard input, which is kept in a file for as long as the command runs.
+
+    Args:
+        ending: that the file gets, by which readers tell what it is.
+    """
+
+    def __init__(self, ending: str) -> None:
+        super().__init__(path_type=Path)
+        self.ending = ending
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path; of standard input, that of the file that holds it."""
+        path = super().convert(value, param, ctx)
+        return held_stdin(self.ending, ctx) if path == STDIN else path
+
+
+def held_stdin(ending: str, context: click.Context | None = None) -> Path:
+    """A file `stdin` with this ending that holds standard input until the command ends.
+
+    Raises:
+        InputError: it is read already, or nothing comes from it.
+    """
+    context = context or click.get_current_context()
+    if HELD in context.meta:
+        raise InputError("-: standard input can be read once; give the other file by its name")
+    data = sys.stdin.buffer.read()
+    if not data.strip():
+        raise InputError(
+            f"-: nothing comes from standard input; send it a file, as in 'gtr ... < file{ending}'"
+        )
+    folder = Path(context.with_resource(tempfile.TemporaryDirectory(prefix="gtr-")))
+    context.meta[HELD] = folder / f"stdin{ending}"
+    context.meta[HELD].write_bytes(data)
+    return context.meta[HELD]
+
+
+robot_argument = click.argument("robot", metavar="ROBOT.toml", type=InputFile(".toml"))
+OUTPUT_HELP = (
+    "Run folder to write. An earlier run of the same command there is replaced; anything else is left alone "
+    "and refused."
 )
+force_option = click.option("--force", is_flag=True, help="Replace whatever the run folder holds.")
+
+
+def output_option(command: Callable) -> Callable:
+    """-o OUT and --force, for the parameters `output` and `force`."""
+    place = click.option(
+        *("-o", "--output"),
+        required=True,
+        metavar="OUT",
+        type=click.Path(path_type=Path),
+        help=OUTPUT_HELP,
+    )
+    return place(force_option(command))
+
+
 columns_option = click.option(
     "--columns",
     metavar="MAP",

@@ -13,7 +13,7 @@ FIGURES = "paper"
 
 @click.command()
 @output_option
-def paper(output: Path) -> int:
+def paper(output: Path, force: bool) -> int:
     """Reproduce Liu & Alambeigi (RA-L 2022): its figures, its numbers, and what it leaves open.
 
     Writes report.html, paper.md with its pictures (the page of the docs), paper.json with every number, and
@@ -25,7 +25,7 @@ def paper(output: Path) -> int:
     from .progress import Progress
     from .run_folder import RunFolder, write_json
 
-    folder = RunFolder(output, {})
+    folder = RunFolder(output, {}, force=force)
     enable_cache()
     with Progress() as progress:
         parts = studies(progress)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 import threading
 import time
@@ -11,18 +12,25 @@ from typing import TextIO
 
 import click
 
+from gtr_command import interruption
+
 PATIENCE = 2.0  # seconds before the first word
-PAUSE, REPEAT = 2.0, 10.0  # seconds between plain lines: at least, and at most while a stage lasts
+PAUSE, REPEAT = (
+    2.0,
+    10.0,
+)  # seconds between plain lines: at least, and until one is said again; then twice that
 
 
 @contextlib.contextmanager
 def kept() -> Iterator[None]:
     """Say on an interruption that what a long run has done is not lost."""
-    try:
-        yield
-    except (KeyboardInterrupt, click.Abort):
-        click.echo("what is done is kept: the same command goes on from there", err=True)
-        raise
+    says = "what is done is kept: the same command goes on from there"
+    with interruption.undoing(lambda: os.write(2, f"{says}\n".encode())):
+        try:
+            yield
+        except (KeyboardInterrupt, click.Abort):
+            click.echo(says, err=True)
+            raise
 
 
 class Progress:
@@ -70,13 +78,20 @@ class Progress:
     def _spin(self) -> None:
         from rich.console import Console
 
-        with Console(file=self._stream).status(self._line()) as status:
+        console = Console(file=self._stream)
+        with interruption.undoing(self._cleared), console.status(self._line()) as status:
             while not self._over.wait(0.2):
                 status.update(self._line())
 
+    def _cleared(self) -> None:
+        os.write(2, b"\r\x1b[2K\x1b[?25h")  # the line, and the cursor that it hides
+
     def _lines(self) -> None:
+        said, wait = "", REPEAT
         while not self._over.is_set():
             self._changed.clear()
+            wait = 2 * wait if self._stage == said else REPEAT
+            said = self._stage
             print(self._line(), file=self._stream, flush=True)
             self._over.wait(PAUSE)
-            self._changed.wait(REPEAT - PAUSE)
+            self._changed.wait(wait - PAUSE)

@@ -1,4 +1,4 @@
-"""The run folder: written whole or not at all, and never over somebody else's files."""
+"""The run folder: written whole or not at all, and never over another command's files or somebody else's."""
 
 from __future__ import annotations
 
@@ -19,8 +19,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from gtr_command import interruption
 from gtr_jax.errors import InputError, listed
 from gtr_jax.plain import plain
+
+from .options import HELD
 
 if TYPE_CHECKING:
     from gtr_jax.report import Report
@@ -38,22 +41,23 @@ class RunFolder:
     Args:
         out: the folder the user named.
         inputs: files the command reads, by role; their hashes are recorded.
+        force: replace whatever the folder holds, but for inputs of this command and folders that are in use.
     """
 
-    def __init__(self, out: Path, inputs: Mapping[str, Path]) -> None:
+    def __init__(self, out: Path, inputs: Mapping[str, Path], *, force: bool = False) -> None:
         self.path = out
         self.record = {
             "written_by": "gtr-jax",
             "command": command_line(),
             "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             "inputs": {
-                role: {"path": str(path), "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+                role: {"path": _named(path), "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
                 for role, path in inputs.items()
             },
         }
         self._began = time.monotonic()
         self._target = out.resolve()
-        _refuse_unless_ours(out, self._target, inputs)
+        _refuse_unless_ours(out, self._target, inputs, _subcommand(self.record["command"]), force)
 
     def settings(self) -> dict[str, Any]:
         """What made the answer: command, versions, device, hashes of the inputs."""
@@ -103,13 +107,17 @@ class RunFolder:
         old = target.with_name(f".{target.name}.{os.getpid()}.old")
         part.mkdir()
         try:
-            yield part
+            with interruption.undoing(lambda: shutil.rmtree(part, ignore_errors=True)):
+                yield part
             seconds = time.monotonic() - self._began
             files = sorted(str(p.relative_to(part)) for p in part.rglob("*") if p.is_file())
             files += [MARK, *(f"{name}/" for name in adopted or ())]
             write_json(part / MARK, {**self.settings(), "seconds": round(seconds, 2), "files": files})
-            with _moved({part / name: path for name, path in (adopted or {}).items()}):
-                _take_place(part, target, old)
+            places = {part / name: path for name, path in (adopted or {}).items()}
+            with interruption.held():
+                with _moved(places):
+                    _take_place(part, target, old)
+                interruption.says = f"interrupted: {self.path} is written"
         finally:
             shutil.rmtree(part, ignore_errors=True)
 
@@ -140,31 +148,46 @@ def _take_place(part: Path, target: Path, old: Path) -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def _refuse_unless_ours(out: Path, target: Path, inputs: Mapping[str, Path]) -> None:
+def _refuse_unless_ours(
+    out: Path, target: Path, inputs: Mapping[str, Path], command: str, force: bool
+) -> None:
+    """InputError if what the folder holds may not be replaced by a run of this command."""
     if target.exists() and not target.is_dir():
         raise InputError(f"-o {out}: is a file, not a folder; choose another name")
     standing = next(parent for parent in target.parents if parent.exists())
     if not standing.is_dir():
         raise InputError(f"-o {out}: {standing} is a file, not a folder; choose another name")
-    ours = _files_of(target / MARK)
+    ours, made_by = _record_of(target / MARK)
     adopted = tuple(name for name in ours if name.endswith("/"))
     held = sorted(_held(target, adopted)) if target.exists() else []
     if not held:
         return
     foreign = [name for name in held if name not in ours]
-    if not ours:
-        raise InputError(
-            f"-o {out}: not a run folder of gtr ({listed(held, 3)} in it); choose a new or empty folder"
-        )
-    if foreign:
-        raise InputError(
-            f"-o {out}: holds files not written by gtr ({listed(foreign, 3)}); move them or use another"
-        )
     for path in inputs.values():
         if path.resolve().is_relative_to(target):
             raise InputError(
                 f"-o {out}: holds the input {path}, which would be replaced; choose another folder"
             )
+    if force:
+        for place, what in ((Path.cwd(), "the folder you are in"), (Path.home(), "your home folder")):
+            if place.resolve().is_relative_to(target):
+                raise InputError(f"-o {out}: {what} is not replaced, not by --force either; choose another")
+        return
+    if not ours:
+        raise InputError(
+            f"-o {out}: not a run folder of gtr ({listed(held, 3)} in it); choose a new or empty folder, or "
+            "replace it with --force"
+        )
+    if foreign:
+        raise InputError(
+            f"-o {out}: holds files not written by gtr ({listed(foreign, 3)}); move them, choose another "
+            "folder, or replace all with --force"
+        )
+    if command and made_by != command:
+        raise InputError(
+            f"-o {out}: holds a run of 'gtr {made_by}', not of 'gtr {command}'; choose another folder, or "
+            "replace it with --force"
+        )
 
 
 def _held(target: Path, adopted: tuple[str, ...]) -> Iterator[str]:
@@ -175,12 +198,27 @@ def _held(target: Path, adopted: tuple[str, ...]) -> Iterator[str]:
         yield from (str(beneath / name) for name in files)
 
 
-def _files_of(mark: Path) -> set[str]:
+def _record_of(mark: Path) -> tuple[set[str], str]:
+    """The files of a run folder, and the command that wrote it; none of a folder that is not one."""
     try:
         record = json.loads(mark.read_text(encoding="utf-8"))
-        return set(record["files"]) if record["written_by"] == "gtr-jax" else set()
+        if record["written_by"] == "gtr-jax":
+            return set(record["files"]), _subcommand(record["command"])
     except (OSError, ValueError, KeyError, TypeError):
-        return set()
+        pass
+    return set(), ""
+
+
+def _subcommand(line: str) -> str:
+    """Which of its commands a command line of `gtr` runs; "" of a script that writes a run folder itself."""
+    words = shlex.split(line)
+    return words[1] if len(words) > 1 and words[0] == "gtr" else ""
+
+
+def _named(path: Path) -> str:
+    """How the user named an input."""
+    context = click.get_current_context(silent=True)
+    return "-" if context and context.meta.get(HELD) == path else str(path)
 
 
 def command_line() -> str:

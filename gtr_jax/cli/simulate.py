@@ -11,6 +11,7 @@ import numpy as np
 from gtr_jax.errors import InputError, did_you_mean, listed
 
 from .options import (
+    InputFile,
     Quantity,
     check_resolution,
     columns_option,
@@ -42,7 +43,7 @@ STEPS = 40
 )
 @click.option(
     "--history",
-    type=click.Path(path_type=Path),
+    type=InputFile(".csv"),
     metavar="H.csv",
     help="Take the base tension from this file (column T_base_N, or T_base_N.NAME for each of several "
     "tendons) instead.",
@@ -61,6 +62,7 @@ def simulate(
     columns: str | None,
     resolution: float,
     output: Path,
+    force: bool,
 ) -> int:
     """Simulate ROBOT.toml through a history of the base tension.
 
@@ -94,7 +96,7 @@ def simulate(
         given = read_recording(history, columns, need_tip=False, tendons=config.tendon_names)
         T_base, time = given.T_base, given.time
     check_times(config, time)
-    folder = RunFolder(output, {"robot": robot} | ({"history": history} if history else {}))
+    folder = RunFolder(output, {"robot": robot} | ({"history": history} if history else {}), force=force)
     enable_cache()
     with Progress() as progress:
         answer = solve(config, T_base, time, resolution=resolution, progress=progress)
@@ -103,9 +105,12 @@ def simulate(
             write_answer(part, answer, config, folder.settings(), time=time)
     from gtr_jax.report.simulation import verdict
 
-    click.echo(verdict(answer))
+    said = verdict(answer)
+    for text in answer.warnings:
+        click.echo(f"warning: {text}", err=True)
+    click.echo(said)
     click.echo(f"report: {output / 'report.html'}")
-    return 0 if answer.converged else 1
+    return 0 if answer.converged and not answer.impossible.overlaps else 1
 
 
 def pulls_of(
@@ -194,11 +199,11 @@ def write_answer(
     from gtr_jax.recording import write_recording
     from gtr_jax.report import profile, simulation_report
     from gtr_jax.report.simulation import facts
-    from gtr_jax.sensing import reading
+    from gtr_jax.sensing import cells_differ
 
     from .run_folder import write_json, write_report
 
-    run, shown = answer.run, reading(answer.robot, answer.run)
+    run, shown = answer.run, answer.run.reading
     dump_config(config, folder / "robot.toml")
     columns = {
         "time": time,
@@ -210,6 +215,8 @@ def write_answer(
         "displacement": run.displacement,
         "phase": answer.phases,
     }
+    if cells_differ(answer.robot):
+        columns |= {"T_base_true_N": run.T_base, "T_tip_true_N": run.T_tip}
     if not answer.converged:
         columns["converged"] = np.asarray(run.converged).astype(int)
     write_recording(folder / "simulation.csv", columns, tendons=config.tendon_names)

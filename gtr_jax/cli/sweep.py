@@ -12,6 +12,8 @@ import click
 
 from gtr_jax.errors import InputError
 
+from .options import OUTPUT_HELP, force_option
+
 if TYPE_CHECKING:
     from gtr_jax.sweep.run import Done, Estimate
     from gtr_jax.sweep.store import Store
@@ -27,8 +29,9 @@ if TYPE_CHECKING:
     "--output",
     metavar="OUT",
     type=click.Path(path_type=Path),
-    help="Run folder to write. An earlier run there is replaced, anything else is left alone and refused.",
+    help=OUTPUT_HELP,
 )
+@force_option
 @click.option("--dry-run", is_flag=True, help="Only say how many points, blocks, bytes and how much time.")
 @click.option(
     "--threads", type=int, metavar="N", help="Threads of this process.  [default: as many as cores]"
@@ -45,6 +48,7 @@ if TYPE_CHECKING:
 def sweep(
     sweep: Path,
     output: Path | None,
+    force: bool,
     dry_run: bool,
     threads: int | None,
     workers: int | None,
@@ -77,7 +81,7 @@ def sweep(
             click.echo(said(task, estimate(task, how.threads or 0)))
         return 0
     assert output is not None
-    folder = RunFolder(output, {"sweep": sweep, **inputs_of(file)})
+    folder = RunFolder(output, {"sweep": sweep, **inputs_of(file)}, force=force)
     # The parts of a job array work on one store.
     alone = contextlib.nullcontext() if how.part else folder.alone()
     with alone, kept(), Progress() as progress:

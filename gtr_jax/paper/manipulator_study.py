@@ -9,8 +9,9 @@ import numpy as np
 
 from gtr_jax.config import config_text
 from gtr_jax.equilibrium import equilibrium, rest_state, tendon_length
+from gtr_jax.numbers import number
 from gtr_jax.phases import PULLING, RELEASING, TRANSITION, label_phases, release_switch
-from gtr_jax.plots.style import number, png
+from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Table
 from gtr_jax.robot import sections
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from gtr_jax.config import config_text
-from gtr_jax.plots.style import number, png
+from gtr_jax.numbers import number
+from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Table
 
 from . import path_figures as draw

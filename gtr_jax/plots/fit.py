@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -41,6 +41,7 @@ def plot_fit(
     simulated: tuple[np.ndarray, np.ndarray],
     phases: np.ndarray,
     band: np.ndarray | None = None,
+    found: Sequence[str] = (),
 ) -> Figure:
     """Recorded tip against base tension, coloured by phase, with the fitted model's loop.
 
@@ -49,8 +50,12 @@ def plot_fit(
         simulated: base and tip tension of the fitted model [N], (K,) each.
         phases: label of each sample, (K,).
         band: half width of the band drawn about the loop [N], (K,).
+        found: what was estimated, a line each, written into the picture.
     """
     fig, (axes,) = figure(3.9)
+    if found:  # where no loop comes: below its pull
+        where = {"ha": "right", "va": "bottom", "multialignment": "left", "transform": axes.transAxes}
+        axes.text(0.98, 0.04, "\n".join(found), fontsize=9, color=INK, zorder=6, **where)
     if band is not None and np.any(band > 0):
         x, y = simulated
         pieces = [0, *(np.flatnonzero(np.diff(np.sign(np.diff(x))) != 0) + 1).tolist(), len(x) - 1]
@@ -63,6 +68,39 @@ def plot_fit(
     axes.set_xlabel("tension at the base $T_{base}$ [N]")
     axes.set_ylabel("tension at the tip $T_{tip}$ [N]")
     keys = [*phase_keys(phases, marker="o"), Line2D([], [], color=INK, linewidth=0.9, label="fitted model")]
+    legend_above(fig, keys)
+    return fig
+
+
+@styled
+def plot_time(
+    time: np.ndarray | None,
+    T_base: np.ndarray,
+    T_tip: np.ndarray,
+    *,
+    simulated: np.ndarray,
+    phases: np.ndarray,
+) -> Figure:
+    """Tension at base and tip over time, as recorded, with the fitted model's at the tip.
+
+    Args:
+        time: of the samples [s], (K,); None where it was not recorded: they are counted.
+        T_base, T_tip: as recorded [N], (K,).
+        simulated: tip tension of the fitted model [N], (K,).
+        phases: label of each sample, (K,).
+    """
+    fig, (axes,) = figure(3.2)
+    at = np.arange(1, len(T_base) + 1) if time is None else time
+    axes.plot(at, T_base, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
+    by_phase(axes, at, T_tip, phases)
+    axes.plot(at, simulated, color=INK, linewidth=0.9)
+    axes.set_xlabel("sample" if time is None else "time [s]")
+    axes.set_ylabel("tension [N]")
+    keys = [
+        Line2D([], [], color=GREY, linewidth=1.0, linestyle=(0, (4, 2)), label="base"),
+        *phase_keys(phases, marker="o"),
+        Line2D([], [], color=INK, linewidth=0.9, label="fitted model, tip"),
+    ]
     legend_above(fig, keys)
     return fig
 

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
+from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 from scipy.interpolate import CubicSpline
 
 from gtr_jax.equilibrium import Equilibrium
 from gtr_jax.forces import ChannelForces
+from gtr_jax.numbers import number
 
 from .style import (
     BLUE,
@@ -25,14 +29,15 @@ from .style import (
     VERMILLION,
     figure,
     legend_above,
-    number,
     styled,
 )
 
+SLACK = 1e-9  # N/m, below which nothing presses
 FINER = 8  # points drawn per mesh interval
 RIBBON = 0.12  # height of the tallest force drawn at the channel, relative to the larger side of the body
 DRAWN_WIDTH, SHORTEST, TALLEST = 4.4, 1.3, 4.4  # of the plane [in]
 HUES = ((BLUE, VERMILLION), (PURPLE, ORANGE), (GREY, INK), (BLUE, INK))  # normal force, friction
+DOTTED = (0, (1, 1.6))
 BELOW = 2.9  # what the forces along s and the labels take [in]
 
 
@@ -66,7 +71,13 @@ class Curve(NamedTuple):
 
 
 @styled
-def plot_shape(postures: list[Posture], *, radius: np.ndarray, pressed: list[Pressed]) -> Figure:
+def plot_shape(
+    postures: list[Posture],
+    *,
+    radius: np.ndarray,
+    pressed: list[Pressed],
+    bores: Sequence[tuple[float, float, float]] = (),
+) -> Figure:
     """Midline, outline and channels of each posture, and the forces along the channels of the loaded one.
 
     The upper part draws the normal force to the side on which the tendon presses, and the friction to the
@@ -76,6 +87,7 @@ def plot_shape(postures: list[Posture], *, radius: np.ndarray, pressed: list[Pre
         postures: shapes to draw, in the order of the history.
         radius: outer radius of the body at the nodes [m], (N,).
         pressed: the tendons, in the state whose forces are drawn.
+        bores: along the midline: start, end and diameter of each [m]; their walls are dotted.
     """
     strung = [_curves_of(posture.state, radius) for posture in postures]
     curves = [tendons[0] for tendons in strung]
@@ -85,12 +97,15 @@ def plot_shape(postures: list[Posture], *, radius: np.ndarray, pressed: list[Pre
     fig, (plane, along) = figure(tall + BELOW, 2, height_ratios=[tall, 1.4])
     for tendons, colour in zip(strung, colours, strict=False):
         draw_body(plane, tendons[0], colour)
+        _draw_bores(plane, tendons[0], bores, colour)
         for curve in tendons:
             plane.plot(*curve.channel.T, color=GREEN, linewidth=1.6, alpha=0.95 if colour == INK else 0.4)
-    highest = max(1e-12, *(float(np.max(tendon.forces.normal)) for tendon in pressed))
+    highest = max(SLACK, *(float(np.max(tendon.forces.normal)) for tendon in pressed))
     scale = RIBBON * max(width, height) / highest
     for tendon, hues in zip(pressed, HUES, strict=False):
         _draw_forces(plane, along, curve_of(tendon.state, radius), tendon, scale, hues)
+    if highest > SLACK:
+        _draw_scale(plane, highest, scale, np.concatenate([c.outline for c in curves]))
     plane.set_aspect("equal", adjustable="datalim")
     plane.set_xlabel("x [mm]")
     plane.set_ylabel("y [mm]")
@@ -104,7 +119,10 @@ def plot_shape(postures: list[Posture], *, radius: np.ndarray, pressed: list[Pre
     keys: list[Artist] = [
         Line2D([], [], color=c, label=p.name, linewidth=2) for p, c in zip(postures, colours, strict=False)
     ]
-    legend_above(fig, [*keys, Line2D([], [], color=GREEN, label="tendon", linewidth=1.6)])
+    keys.append(Line2D([], [], color=GREEN, label="tendon", linewidth=1.6))
+    if bores:
+        keys.append(Line2D([], [], color=INK, label="bore", linewidth=0.9, linestyle=DOTTED))
+    legend_above(fig, keys)
     return fig
 
 
@@ -148,6 +166,53 @@ def draw_body(axes: Axes, curve: Curve, colour: str) -> None:
     axes.fill(*curve.outline.T, facecolor=colour, alpha=0.07, edgecolor="none")
     axes.plot(*curve.outline.T, color=colour, linewidth=0.9)
     axes.plot(*curve.middle.T, color=colour, linewidth=0.9, linestyle=(0, (7, 2, 1, 2)))
+
+
+def _draw_bores(axes: Axes, curve: Curve, bores: Sequence[tuple[float, float, float]], colour: str) -> None:
+    """The walls of the bores, which run along the midline."""
+    heading = np.gradient(curve.middle, axis=0)
+    length = np.hypot(*heading.T)
+    tangent = heading / np.where(length > 0, length, 1.0)[:, None]
+    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+    for start, end, diameter in bores:
+        inside = (curve.s >= start - 1e-9) & (curve.s <= end + 1e-9)
+        for side in (0.5, -0.5):
+            wall = curve.middle + side * 1e3 * diameter * normal
+            axes.plot(*wall[inside].T, color=colour, linewidth=0.9, linestyle=DOTTED)
+
+
+def _draw_scale(axes: Axes, highest: float, scale: float, drawn: np.ndarray) -> None:
+    """How large a force a height of the bands along the tendon is: a bar of a round number of N/m.
+
+    Args:
+        axes: of the shape [mm].
+        highest: largest force per length drawn [N/m].
+        scale: height of a band [mm] per N/m.
+        drawn: points of what is drawn [mm], (n, 2); the bar stands in the corner that has fewest.
+    """
+    power = 10.0 ** np.floor(np.log10(0.5 * highest))
+    size = float(max(m for m in (1.0, 2.0, 5.0) if m * power <= 0.5 * highest) * power)
+    at = (drawn - drawn.min(axis=0)) / np.ptp(drawn, axis=0)
+    corners = {
+        f"{('lower', 'upper')[y]} {('left', 'right')[x]}": np.sum(np.all(np.abs(at - (x, y)) < 0.4, axis=1))
+        for y in (1, 0)
+        for x in (0, 1)
+    }
+    height: Any = scale * size  # a float, whatever its annotation says
+    bar = AnchoredSizeBar(
+        axes.transData,
+        0.0,
+        f"bands: {number(size, 'N/m', 2)}",
+        loc=min(corners, key=lambda corner: corners[corner]),
+        size_vertical=height,
+        pad=0.3,
+        sep=5,
+        frameon=False,
+        label_top=False,
+        color=GREY,
+        fontproperties=FontProperties(size=8),
+    )
+    axes.add_artist(bar)
 
 
 def _draw_forces(

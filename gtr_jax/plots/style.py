@@ -15,6 +15,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from gtr_jax.numbers import number as number
+
 P = ParamSpec("P")
 
 BLUE, ORANGE, GREEN, VERMILLION, PURPLE = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7"
@@ -79,6 +81,14 @@ def legend_above(fig: Figure, handles: Sequence[Artist]) -> None:
     )
 
 
+THINNEST = 0.005  # of the height of the axes: half the width of a band that is still seen
+
+
+def is_seen(half_width: float, values: np.ndarray) -> bool:
+    """Whether a band about these values, drawn over their range, is wide enough to be seen and spoken of."""
+    return half_width > THINNEST * float(np.ptp(values))
+
+
 def line_by_phase(
     axes: Axes, x: np.ndarray, y: np.ndarray, phases: np.ndarray, *, width: float = 2.2
 ) -> None:
@@ -97,17 +107,3 @@ def phase_keys(phases: np.ndarray, *, marker: str = "") -> list[Line2D]:
         {"marker": marker, "linestyle": "", "markersize": 5} if marker else {"linewidth": 2.2}
     )
     return [Line2D([], [], color=c, label=p, **style) for p, c in PHASE_COLOUR.items() if p in set(phases)]
-
-
-def number(value: float | None, unit: str = "", digits: int = 4) -> str:
-    """A number for people; a dash where there is none."""
-    if value is None or value != value:
-        return "–"
-    text = f"{value:.{digits}g}"
-    if "e+" in text and abs(value) < 1e6:
-        text = f"{float(text):.0f}"
-    if "e" in text:
-        mantissa, exponent = text.split("e")
-        power = str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
-        text = f"{mantissa}·10{power}"
-    return f"{text} {unit}".strip().replace("-", "−")

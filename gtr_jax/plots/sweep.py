@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -12,9 +13,10 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from gtr_jax.numbers import number
 from gtr_jax.units import display_of
 
-from .style import BLUE, GREY, INK, ORANGE, PALE, WIDTH, figure, number, styled
+from .style import BLUE, GREY, INK, ORANGE, PALE, WIDTH, figure, styled
 
 if TYPE_CHECKING:
     import xarray
@@ -29,6 +31,12 @@ def label(array: xarray.DataArray) -> str:
     """Name and unit of a quantity, as an axis says it."""
     unit = display_of(_unit(array))[0]
     return f"{array.name} [{unit}]" if unit else str(array.name)
+
+
+def title(array: xarray.DataArray) -> str:
+    """What a quantity is, as the title of its map, in lines that fit one."""
+    says = array.attrs.get("long_name", "")
+    return textwrap.fill(f"{array.name}: {says}" if says else str(array.name), 46)
 
 
 def shown(array: xarray.DataArray) -> np.ndarray:
@@ -102,6 +110,7 @@ def plot_maps(data: Mapping[str, xarray.DataArray]) -> Figure:
         bar.set_label(label(array))
         bar.outline.set_visible(False)
         axes.grid(False)
+        axes.set_title(title(array), loc="left", fontsize=9)
         for scale, values in (("x", x), ("y", y)):
             if _spaced_by_ratio(np.asarray(values.values, dtype=float)):
                 _by_ratio(axes, scale)

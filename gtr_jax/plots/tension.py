@@ -8,8 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gtr_jax.history import Simulation
+from gtr_jax.numbers import number
 
-from .style import INK, PHASE_COLOUR, figure, legend_above, number, phase_keys, styled
+from .style import INK, PHASE_COLOUR, figure, legend_above, phase_keys, styled
 
 FRACTIONS = (1 / 3, 2 / 3)
 LOCKED = (0, (1, 1.5))

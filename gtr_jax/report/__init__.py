@@ -2,13 +2,14 @@
 
 from .diagnosis import diagnosis_report
 from .fit import FitAnswer, fit_report
-from .page import Figure, Report, Table, render
+from .page import Figure, Link, Report, Table, render, render_index
 from .profile import profile
 from .simulation import SimulationAnswer, answer_simulation, simulation_report
 
 __all__ = [
     "Figure",
     "FitAnswer",
+    "Link",
     "Report",
     "SimulationAnswer",
     "Table",
@@ -17,5 +18,6 @@ __all__ = [
     "fit_report",
     "profile",
     "render",
+    "render_index",
     "simulation_report",
 ]

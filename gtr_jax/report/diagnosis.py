@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from gtr_jax import plots
-from gtr_jax.plots.style import number
+from gtr_jax.numbers import measured, measured_quantity, number, quantity
 from gtr_jax.terms import REGISTRY
 
-from .fit import quantity
+from .fit import detectable, noise_band
 from .page import Figure, Report, Table
 
 SHOWN = 8
@@ -70,7 +70,7 @@ def _figures(answer: Any) -> list[Figure]:
             Figure(
                 f"residual{ending}",
                 plots.png(drawn),
-                f"{whose}Where they differ; the grey band is two standard deviations of the noise.",
+                f"{whose}Where they differ{noise_band(loop.noise_N, before - recorded)}.",
             )
         )
         branches = loop.branches if after is not None else loop.branches[:2]
@@ -122,12 +122,11 @@ def _tables(answer: Any) -> list[Table]:
             (
                 c.name,
                 quantity(c.before, c.unit),
-                quantity(c.after, c.unit),
-                quantity(c.sd, c.unit, 2),
+                measured_quantity(c.after, c.sd, c.unit),
             )
             for c in answer.parameters
         ]
-        tables.append(Table("Numbers", ("", "before", "after", "standard deviation"), rows))
+        tables.append(Table("Numbers", ("", "before", "after ± standard deviation"), rows))
         rows = [(c.name, _sources(c.made_of)) for c in answer.parameters if c.made_of]
         note = (
             "Shares of the variance. Names of numbers stand for what is known of them beforehand; what the "
@@ -169,11 +168,8 @@ def _tables(answer: Any) -> list[Table]:
         if told:
             tables.append(Table("How to tell them apart", ("term", "what it is", "experiment"), told))
     if answer.strata:
-        rows = [
-            (part, number(v), number(sd, digits=2), number(own, digits=2))
-            for part, v, sd, own in answer.strata
-        ]
-        heads = ("part", "mu", "standard error", "of it the part's own")
+        rows = [(part, measured(v, sd), number(own, digits=2)) for part, v, sd, own in answer.strata]
+        heads = ("part", "mu ± standard error", "of it the part's own")
         note = (
             "All other numbers as fitted, nothing added. What is uncertain of them moves all parts together: "
             "to compare two parts, take the last column."
@@ -186,8 +182,7 @@ def _tables(answer: Any) -> list[Table]:
     if answer.smallest_detectable:
         units = {f"{t.id}.{q.name}": q.unit for t in REGISTRY.values() for q in t.quantities}
         rows = [
-            (name, quantity(v, "" if units[name] == "dimensionless" else units[name], 2))
-            for name, v in sorted(answer.smallest_detectable.items())
+            (name, detectable(name, v, units[name])) for name, v in sorted(answer.smallest_detectable.items())
         ]
         note = (
             "Changes from null that move the recordings by "

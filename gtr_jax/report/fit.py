@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
@@ -10,11 +9,15 @@ import numpy as np
 
 from gtr_jax import plots
 from gtr_jax.config import RobotConfig
-from gtr_jax.plots.style import number
+from gtr_jax.numbers import measured_quantity, number, quantity
+from gtr_jax.plots.style import is_seen
 from gtr_jax.recording import Recording
+from gtr_jax.terms import REGISTRY
 from gtr_jax.units import display_of
 
 from .page import Figure, Report, Table
+
+NAMES = {"mu": "μ"}  # as pictures write them
 
 
 class EstimateLike(Protocol):
@@ -141,7 +144,7 @@ def fit_report(fit: FitAnswer, recordings: Sequence[Recording], name: str) -> Re
     figures = [
         figure
         for fitted, recording in zip(fit.recordings, recordings, strict=True)
-        for figure in _figures(fitted, recording, several=len(recordings) > 1)
+        for figure in _figures(fit, fitted, recording, several=len(recordings) > 1)
     ]
     return Report(
         title=f"{name}: fit",
@@ -152,31 +155,46 @@ def fit_report(fit: FitAnswer, recordings: Sequence[Recording], name: str) -> Re
     )
 
 
-def _figures(fitted: RecordingLike, recording: Recording, *, several: bool) -> list[Figure]:
+def _figures(fit: FitAnswer, fitted: RecordingLike, recording: Recording, *, several: bool) -> list[Figure]:
     if recording.T_tip is None:
         raise ValueError("a recording without T_tip cannot have been fitted")
     ending, whose = (f"-{fitted.name}", f"{fitted.name}: ") if several else ("", "")
     phases = np.asarray(fitted.phases)
     model = np.asarray(fitted.T_base), np.asarray(fitted.T_tip)
+    band = _band(fitted)
     loop = plots.plot_fit(
-        recording.T_base, recording.T_tip, simulated=model, phases=phases, band=_band(fitted)
+        recording.T_base,
+        recording.T_tip,
+        simulated=model,
+        phases=phases,
+        band=band,
+        found=[
+            f"{NAMES.get(e.name, e.name)} = {measured_quantity(e.value, e.sd, e.unit)}" for e in fit.estimates
+        ],
     )
-    residual = plots.plot_residual(
-        recording.T_base, np.asarray(fitted.residual), phases=phases, noise=fitted.noise_N
+    over_time = plots.plot_time(
+        recording.time, recording.T_base, recording.T_tip, simulated=model[1], phases=phases
     )
-    band = "; the grey band is two standard deviations of the noise" if fitted.noise_N else ""
+    left = np.asarray(fitted.residual)
+    residual = plots.plot_residual(recording.T_base, left, phases=phases, noise=fitted.noise_N)
     figures = [
         Figure(
             f"fit{ending}",
             plots.png(loop),
-            f"{whose}The recording, coloured by the fitted model's phase, and the model's loop; 95 in 100 "
-            "samples lie within the grey band if the model is right.",
+            f"{whose}The recording, coloured by the fitted model's phase, and the model's "
+            f"loop{_within(band, model[1])}.",
+        ),
+        Figure(
+            f"time{ending}",
+            plots.png(over_time),
+            f"{whose}The same {'sample by sample' if recording.time is None else 'over time'}, with the "
+            "tension at the base.",
         ),
         Figure(
             f"residual{ending}",
             plots.png(residual),
-            f"{whose}Simulated minus recorded tip tension, against base tension and along it{band}."
-            " A pattern means that the model lacks something.",
+            f"{whose}Simulated minus recorded tip tension, against base tension and along it"
+            f"{noise_band(fitted.noise_N, left)}. A pattern means that the model lacks something.",
         ),
     ]
     others = {
@@ -193,6 +211,22 @@ def _figures(fitted: RecordingLike, recording: Recording, *, several: bool) -> l
             )
         )
     return figures
+
+
+def noise_band(noise: float | None, residual: np.ndarray) -> str:
+    """What the caption of a residual says of the band of the noise, [N]."""
+    if not noise:
+        return ""
+    if is_seen(2 * noise, residual):
+        return "; the grey band is two standard deviations of the noise"
+    return f"; the noise, {number(noise, 'N', 2)}, is too small to be seen here"
+
+
+def _within(band: np.ndarray, T_tip: np.ndarray) -> str:
+    """What the caption of a loop says of the band about it, [N], (K,)."""
+    if is_seen(float(np.max(band)), T_tip):
+        return "; 95 in 100 samples lie within the grey band if the model is right"
+    return f"; 95 in 100 samples lie within {number(float(np.max(band)), 'N', 2)} of it if the model is right"
 
 
 def _band(fitted: RecordingLike) -> np.ndarray:
@@ -244,8 +278,7 @@ def _posterior_table(fit: FitAnswer) -> list[Table]:
         (
             e.name,
             quantity(float(p.sd[i]), e.unit, 2),
-            f"{quantity(float(p.lower95[i]), e.unit, digits_of(e))} … "
-            f"{quantity(float(p.upper95[i]), e.unit, digits_of(e))}",
+            interval(float(p.lower95[i]), float(p.upper95[i]), float(p.sd[i]), e.unit),
             f"{p.effective[i]:.0f}",
             f"{p.rhat[i]:.3f}",
         )
@@ -257,34 +290,39 @@ def _posterior_table(fit: FitAnswer) -> list[Table]:
     return [Table("Posterior, by NUTS", columns, rows, note=note)]
 
 
-def quantity(value: float | None, unit: str, digits: int = 4) -> str:
-    """An SI quantity in the unit people write it in."""
-    display, factor = display_of(unit)
-    return number(None if value is None else value / factor, display, digits)
+def interval(low: float | None, high: float | None, sd: float | None, unit: str) -> str:
+    """The ends of an interval, to the digits that the standard error leaves, with their unit once."""
+    ends = [measured_quantity(end, sd, unit, error=False) for end in (low, high)]
+    display = ends[1].partition(" ")[2]
+    return f"{ends[0].removesuffix(display).rstrip()} to {ends[1]}"
 
 
-def digits_of(e: EstimateLike) -> int:
-    """Digits of a value of which two are within its standard error; at least four."""
-    if not e.sd or not e.value:
-        return 4
-    return max(4, 2 + math.floor(math.log10(abs(e.value))) - math.floor(math.log10(e.sd)))
+def detectable(name: str, size: float | None, unit: str) -> str:
+    """The smallest change of a number that would be seen; of a term's, whether any usual one would be."""
+    kind, _, own = name.partition(".")
+    quantities = {q.name: q for q in REGISTRY[kind].quantities} if kind in REGISTRY else {}
+    if size is not None and own in quantities:
+        q = quantities[own]
+        farthest = max(abs(end - float(q.null)) for end in q.usual)
+        if not size <= farthest:
+            return f"not visible at any usual size (up to {quantity(farthest, unit, 2)} from none)"
+    return quantity(size, unit, 2)
 
 
 def _tables(fit: FitAnswer) -> list[Table]:
     estimates = [
         (
             e.name,
-            quantity(e.value, e.unit, digits_of(e)),
-            quantity(e.sd, e.unit, 2),
-            f"{quantity(e.lower95, e.unit, digits_of(e))} … {quantity(e.upper95, e.unit, digits_of(e))}",
-            quantity(e.detectable, e.unit, 2),
+            measured_quantity(e.value, e.sd, e.unit),
+            interval(e.lower95, e.upper95, e.sd, e.unit),
+            detectable(e.name, e.detectable, e.unit),
             quantity(e.initial, e.unit),
             e.note,
         )
         for e in fit.estimates
     ]
     columns = (
-        *("parameter", "fitted", "standard error", "95 % interval", "smallest change seen", "before", "note"),
+        *("parameter", "fitted ± standard error", "95 % interval", "smallest change seen", "before", "note"),
     )
     note = (
         "Intervals count the noise of the cells and all that the robot file calls uncertain; they are those "
@@ -335,8 +373,7 @@ def _made_of(fit: FitAnswer) -> list[Table]:
     carried = [
         (
             e.name,
-            quantity(e.value, e.unit, digits_of(e)),
-            quantity(e.sd, e.unit, 2) if e.sd is not None else "as before",
+            measured_quantity(e.value, e.sd, e.unit),
             quantity(e.initial, e.unit),
             e.note,
         )
@@ -347,7 +384,7 @@ def _made_of(fit: FitAnswer) -> list[Table]:
             "Nobody asked for these: the robot file calls them uncertain, so they are fitted within what it "
             "says of them, and what is left of their uncertainty is in the intervals above."
         )
-        heads = ("parameter", "fitted", "standard error", "before", "note")
+        heads = ("parameter", "fitted ± standard error", "before", "note")
         tables.append(Table("Carried along", heads, carried, note=note))
     return tables
 
@@ -359,13 +396,13 @@ def _largest_first(e: EstimateLike) -> list[tuple[str, float]]:
 def _agreement(fit: FitAnswer) -> list[Table]:
     """Parameters from part of the samples alone."""
     rows = [
-        (e.name, part, quantity(e.value, e.unit), quantity(e.sd, e.unit, 2))
+        (e.name, part, measured_quantity(e.value, e.sd, e.unit))
         for part, e in [
             *((f"{phase} alone", e) for phase, e in fit.mu_by_phase.items()),
             *((f"{which} alone", e) for each in fit.by_recording.values() for which, e in each.items()),
         ]
     ]
-    columns = ("parameter", "from", "fitted", "standard error")
+    columns = ("parameter", "from", "fitted ± standard error")
     return (
         [
             Table(

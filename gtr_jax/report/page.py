@@ -54,6 +54,32 @@ class Report:
     tables: Sequence[Table] = field(default_factory=tuple)
 
 
+@dataclass(frozen=True)
+class Link:
+    """A report that an index names: its title, where it lies, what it shows and what it answered."""
+
+    title: str
+    href: str
+    shows: str
+    verdict: str
+    pictures: Sequence[tuple[str, str]] = ()
+
+
+def render_index(title: str, says: str, links: Sequence[Link]) -> str:
+    """A page that links several reports, as HTML; pictures lie beside it.
+
+    Args:
+        title: of the page.
+        says: what they are, in a sentence or two.
+        links: to the reports, in the order to read them.
+    """
+    return (
+        _environment()
+        .get_template("index.html.jinja")
+        .render(title=title, says=says, links=links, style=STYLE)
+    )
+
+
 def render(report: Report, settings: Mapping[str, Any], robot_file: str) -> str:
     """The page as HTML.
 
@@ -62,14 +88,17 @@ def render(report: Report, settings: Mapping[str, Any], robot_file: str) -> str:
         settings: command, versions, device and hashes of the inputs, as in `run.json`.
         robot_file: the resolved robot file.
     """
+    template = _environment().get_template("page.html.jinja")
+    return template.render(report=report, settings=settings, robot_file=robot_file, style=STYLE)
+
+
+def _environment() -> Any:
     import jinja2
 
-    environment = jinja2.Environment(
+    return jinja2.Environment(
         loader=jinja2.FileSystemLoader(FOLDER),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    template = environment.get_template("page.html.jinja")
-    return template.render(report=report, settings=settings, robot_file=robot_file, style=STYLE)

@@ -14,10 +14,12 @@ from gtr_jax import plots
 from gtr_jax.equilibrium import Equilibrium, equilibrium, known_to_act
 from gtr_jax.forces import channel_forces
 from gtr_jax.history import Simulation, equilibrium_at, simulate
+from gtr_jax.numbers import number
+from gtr_jax.overlap import Impossible, impossible
 from gtr_jax.parameters import parameters_of
 from gtr_jax.phases import RELEASING, TRANSITION, Switch, label_phases, release_switch
-from gtr_jax.plots.style import number
 from gtr_jax.robot import Robot
+from gtr_jax.sensing import cells_differ
 
 from .page import Figure, Report, Table
 
@@ -34,6 +36,7 @@ class SimulationAnswer:
             and with physics terms.
         rest, loaded, last: equilibria with slack tendons, at the largest base tension, and at the end.
         top: step of the largest base tension.
+        impossible: what of it no body does.
         tendon: name of the tendon, if this is the part of one of several (`of_tendon`).
     """
 
@@ -46,6 +49,7 @@ class SimulationAnswer:
     loaded: Equilibrium
     last: Equilibrium
     top: int
+    impossible: Impossible
     tendon: str = ""
 
     @property
@@ -66,6 +70,18 @@ class SimulationAnswer:
         if self.switch is None:
             return False
         return float(jnp.min(self.run.T_base[self.top :])) <= float(self.switch.T_base)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What the reader must know before using the numbers."""
+        said = list(self.impossible.says)
+        if cells_differ(self.robot):
+            said.append(
+                "A physics term of the load cells acts: what they show stands in simulation.csv as T_base_N "
+                "and T_tip_N, the true tensions as T_base_true_N and T_tip_true_N. Words, pictures, tables "
+                "are of the true ones, but for what is called shown."
+            )
+        return said
 
     @property
     def flagged(self) -> np.ndarray:
@@ -105,6 +121,7 @@ def answer_simulation(
         loaded=equilibrium_at(robot, run, top),
         last=equilibrium_at(robot, run, -1),
         top=top,
+        impossible=impossible(robot, run),
     )
 
 
@@ -129,6 +146,12 @@ def facts(answer: SimulationAnswer) -> dict[str, Any]:
         "schema": 1,
         "robot": answer.robot.name,
         "verdict": verdict(answer),
+        "warnings": answer.warnings,
+        "body": {
+            "overlaps_itself": answer.impossible.overlaps,
+            "overlap_step": None if (at := answer.impossible.overlap_step) is None else at + 1,
+            "largest_wall_strain": answer.impossible.strain,
+        },
         "steps": len(run.T_base),
         **own,
         "convergence": {
@@ -158,10 +181,22 @@ def _tendon_facts(answer: SimulationAnswer) -> dict[str, Any]:
         "at_T_base_max": {
             **_pose_facts(answer),
             "T_tip_N": float(run.T_tip[top]),
+            **_shown(answer),
             "displacement_m": float(run.displacement[top]),
             "wrap_rad": float(answer.loaded.wrap[-1]),
         },
         "phases": {phase: _stretch(answer, phase) for phase in dict.fromkeys(answer.phases.tolist())},
+    }
+
+
+def _shown(answer: SimulationAnswer) -> dict[str, float]:
+    """What the cells show at the largest base tension, where that is not the true tension."""
+    if not cells_differ(answer.robot):
+        return {}
+    cells = answer.run.reading
+    return {
+        "T_base_shown_N": float(cells.T_base[answer.top]),
+        "T_tip_shown_N": float(cells.T_tip[answer.top]),
     }
 
 
@@ -172,6 +207,7 @@ def _several_facts(answer: SimulationAnswer) -> dict[str, Any]:
         tendons[part.tendon] = {
             "T_base_N": float(run.T_base[top]),
             "T_tip_N": float(run.T_tip[top]),
+            **_shown(part),
             "displacement_m": float(run.displacement[top]),
             "wrap_rad": float(part.loaded.wrap[-1]),
         }
@@ -205,6 +241,8 @@ def verdict(answer: SimulationAnswer) -> str:
                 f"the first being step {first}; do not use the results from there on."
             )
         return f"{name}: the history converged, but T_base_switch or a drawn shape did not; do not use those."
+    if answer.impossible.overlaps:
+        return f"{name}: no result. {answer.impossible.says[0]}"
     if answer.several:
         ends = ", ".join(
             f"{part.tendon} {number(float(part.run.T_base[top]), 'N', 3)} at the base and "
@@ -233,6 +271,7 @@ def simulation_report(answer: SimulationAnswer) -> Report:
     return Report(
         title=f"{answer.robot.name}: simulation",
         verdict=verdict(answer),
+        warnings=[text for text in answer.warnings if text not in verdict(answer)],
         figures=_figures(answer),
         tables=_tables(answer),
     )
@@ -305,15 +344,21 @@ def _shape(answer: SimulationAnswer) -> Figure:
         if ended and apart:
             postures.append(plots.Posture(f"at the end, {last:.3g} N", answer.last))
     pressed = [plots.Pressed(p.tendon, p.loaded, channel_forces(p.loaded)) for p in _parts(answer)]
-    shape = plots.plot_shape(postures, radius=np.asarray(robot.backbone.radius(run.s)), pressed=pressed)
+    body = robot.backbone
+    bores = np.stack([body.bore_start, body.bore_end, body.bore_diameter], axis=1).tolist()
+    shape = plots.plot_shape(
+        postures, radius=np.asarray(body.radius(run.s)), pressed=pressed, bores=[tuple(b) for b in bores]
+    )
     kinks = max(float(jnp.max(tendon.forces.kink_normal)) for tendon in pressed)
     at_kinks = f" Kinks of the channel carry up to {kinks:.2g} N besides." if kinks > 1e-9 else ""
     return Figure(
         "shape",
         plots.png(shape),
-        "Midline, body and tendon. At the largest base tension, along the tendon and below against s: "
+        "Midline, body"
+        + (", bores (dotted)" if bores else "")
+        + " and tendon. At the largest base tension, along the tendon and below against s: "
         "the normal force on the channel (on the side it presses) and the friction (on the other), per "
-        "length of tendon." + at_kinks,
+        "length of tendon; the bar gives the scale of the bands." + at_kinks,
     )
 
 
@@ -331,6 +376,11 @@ def _tables(answer: SimulationAnswer) -> list[Table]:
     numbers = [
         ("largest tension at the base", number(data["T_base_max_N"], "N")),
         ("tension at the tip there", number(top["T_tip_N"], "N")),
+        *(
+            [("shown there by the cells: base, tip", _pair(top["T_base_shown_N"], top["T_tip_shown_N"]))]
+            if "T_tip_shown_N" in top
+            else []
+        ),
         ("lost on the way", number(None if loss is None else 100 * loss, "%")),
         *(
             [("base tension where release reaches the tip (T_base_switch)", number(switch, "N"))]
@@ -392,6 +442,10 @@ def _solver_table(data: dict[str, Any]) -> Table:
         ("mesh nodes", str(data["mesh"]["nodes"])),
     ]
     return Table("Solver", ("", ""), solver)
+
+
+def _pair(first: float, second: float) -> str:
+    return f"{number(first)}, {number(second)} N"
 
 
 def _range(ends: list[float]) -> str:

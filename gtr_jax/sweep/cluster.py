@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import os
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 AHEAD = 4  # blocks for each worker that wait for one
+WATCHED = 0.5  # seconds between two looks of a worker at whether the main process is there
 RETRIES = 3  # of a block whose worker was lost
 # One executing thread in each worker: threads of several on the same cores would wait for one another.
 ALONE = {
@@ -50,7 +53,31 @@ def local_cluster(workers: int) -> Iterator[Client]:
         ) as cluster,
         distributed.Client(cluster) as client,
     ):
+        # Of those that replace a lost one, too.
+        client.register_worker_callbacks(functools.partial(_end_with, os.getpid()))
         yield client
+
+
+def _end_with(pid: int) -> None:
+    """In a worker on this machine: end as soon as the process that started it is gone, however it went."""
+
+    def watch() -> None:
+        while _runs(pid):
+            time.sleep(WATCHED)
+        os._exit(1)
+
+    threading.Thread(target=watch, name="end with the main process", daemon=True).start()
+
+
+def _runs(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    status = Path(f"/proc/{pid}/stat")
+    return not status.exists() or status.read_text().rpartition(")")[2].split()[0] != "Z"
 
 
 def _cache() -> dict[str, str]:
@@ -128,7 +155,8 @@ def run_there(
     client.wait_for_workers(1)
     began = time.monotonic()
     where = (str(file.resolve()), str(store.path.resolve()), task.fingerprint)
-    meter = Meter(task, blocks, progress)
+    workers = max(len(client.scheduler_info()["workers"]), 1)
+    meter = Meter(task, blocks, progress, unsettled=workers)
     number: dict[Any, int] = {}
     lost: list[tuple[int, str]] = []
     done = 0
@@ -141,8 +169,7 @@ def run_there(
     def first_done(pending: set) -> set:
         return set(distributed.wait(list(pending), return_when="FIRST_COMPLETED").done)
 
-    ahead = AHEAD * max(len(client.scheduler_info()["workers"]), 1)
-    for finished in in_turn(blocks, submit, first_done, ahead):
+    for finished in in_turn(blocks, submit, first_done, AHEAD * workers):
         block = number.pop(finished.key)
         fault = finished.exception()
         if fault is None:

@@ -126,20 +126,31 @@ def in_turn(blocks: Iterable[int], submit, first_done, ahead: int) -> Iterator:
 
 
 class Meter:
-    """Tells how much is done, how fast and how long the rest takes."""
+    """Tells how much is done, how fast and how long the rest takes.
 
-    def __init__(self, task: Task, blocks: Sequence[int], progress: Report) -> None:
+    Args:
+        task, blocks: the sweep, and which blocks of it are computed.
+        progress: is told.
+        unsettled: blocks that tell nothing of the speed: each worker's first, before which it compiles.
+    """
+
+    def __init__(self, task: Task, blocks: Sequence[int], progress: Report, unsettled: int = 0) -> None:
         self.total = len(blocks) * task.plan.points / max(task.plan.blocks, 1)
         self.progress = progress
-        self.began = time.monotonic()
+        self.unsettled = unsettled
+        self.began, self.before = time.monotonic(), 0
+        self.calls = -1
         self(0)
 
     def __call__(self, done: int) -> None:
-        passed = time.monotonic() - self.began
-        share = min(done / self.total, 1.0)
+        self.calls += 1
+        if self.calls <= self.unsettled:
+            self.began, self.before = time.monotonic(), done
+        passed, new = time.monotonic() - self.began, done - self.before
         says = f"{done:,} of {self.total:,.0f} points"
-        if done and passed > 0:
-            says += f", {done / passed:,.0f} per second, {duration(passed * (1 - share) / share)} left"
+        if new > 0 and passed > 0:
+            left = max(self.total - done, 0.0) * passed / new
+            says += f", {new / passed:,.0f} per second, {duration(left)} left"
         self.progress(says)
 
 

@@ -1,0 +1,8 @@
+"""`python -m gtr_jax` is `gtr`."""
+
+import sys
+
+from gtr_command import main
+
+if __name__ == "__main__":
+    sys.exit(main())

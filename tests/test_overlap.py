@@ -1,0 +1,65 @@
+"""A body that passes through itself is told from one that bends far."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import gtr_jax as gtr
+from gtr_jax.examples import SIMULATED
+from gtr_jax.overlap import crosses_itself, impossible, outline
+from gtr_jax.report import answer_simulation
+from gtr_jax.report.simulation import facts, simulation_report
+
+RADIUS, LENGTH = 0.01, 0.3
+
+
+def arc(turn, radius=RADIUS, n=101):
+    """Outline of a body that bends into an arc of a circle."""
+    s = np.linspace(0.0, LENGTH, n)
+    return outline(s, turn * s / LENGTH, np.full(n, radius))
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_an_arc_crosses_itself_once_its_ends_meet(sign):
+    # The tip's corners, at the middle's circle of radius L/turn, come round to the face of the base
+    # at a turn of 360 degrees; until then no wall touches another.
+    assert not crosses_itself(arc(sign * np.radians(300)))
+    assert not crosses_itself(arc(sign * np.radians(355)))
+    assert crosses_itself(arc(sign * np.radians(365)))
+
+
+def test_a_wall_that_folds_crosses_itself():
+    s = np.linspace(0.0, LENGTH, 201)
+    kappa = np.where((s > 0.14) & (s < 0.16), 1.6 / RADIUS, 0.0)
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(s) * (kappa[1:] + kappa[:-1]))])
+    assert crosses_itself(outline(s, 0.4 * angle, np.full(201, RADIUS))) is False
+    assert crosses_itself(outline(s, angle, np.full(201, RADIUS))) is True
+
+
+def test_straight_and_double_nodes_do_not():
+    s = np.repeat(np.linspace(0.0, LENGTH, 40), 2)
+    assert not crosses_itself(outline(s, np.zeros(80), np.full(80, RADIUS)))
+    assert not crosses_itself(outline(s, 2.0 * s / LENGTH, np.full(80, RADIUS)))
+
+
+@pytest.fixture(scope="module")
+def wound():
+    return answer_simulation(gtr.load_robot(SIMULATED), np.linspace(0.0, 450.0, 31))
+
+
+def test_a_body_wound_into_itself_is_said_to_be(wound):
+    found = wound.impossible
+    assert found.overlaps and found.strain > 0.5 and wound.converged
+    bent = np.abs(np.asarray(wound.run.curvature)) * np.asarray(wound.robot.backbone.radius(wound.run.s))
+    np.testing.assert_allclose(found.strain, bent.max(), rtol=1e-12)
+    data, report = facts(wound), simulation_report(wound)
+    assert data["body"]["overlaps_itself"] and data["body"]["overlap_step"] == found.overlap_step + 1
+    assert "passes through itself" in report.verdict and "passes through itself" in data["verdict"]
+    assert any("strained" in text for text in report.warnings)
+
+
+def test_a_body_that_bends_far_is_not():
+    robot = gtr.load_robot(SIMULATED)
+    run = gtr.simulate(robot, jnp.linspace(0.0, 150.0, 12))
+    assert np.degrees(run.tip_pose[-1, 2]) > 120
+    assert not impossible(robot, run).says
