@@ -12,6 +12,7 @@ from gtr_jax.phases import PULLING, RELEASING, TRANSITION, phases_of_slip
 from ..base_tension import turning_points
 from ..coordinates import CHANNEL_UNITS, CHANNELS
 from .bench import Bench, Fitted
+from .rig import OWN
 
 PHASES = (PULLING, TRANSITION, RELEASING)
 FEWEST, SEEN = 4, 3.5
@@ -121,7 +122,8 @@ def locate(bench: Bench, fitted: Fitted) -> list[Where]:
                         unit,
                         float(z),
                         share,
-                        _words(name, phase, reach, number, mean, excess, unit),
+                        ("" if len(bench.rigs) == 1 else f"{part.name}: ")
+                        + _words(name, phase, reach, number, mean, excess, unit),
                     )
                 )
     by_tension = sorted((w for w in found if w.cycle is None), key=lambda w: (w.channel != "T_tip", -w.share))
@@ -185,10 +187,15 @@ def ratio_of_branches(T_base: np.ndarray, T_tip: np.ndarray, phases: np.ndarray,
 
 
 def mu_by_stratum(bench: Bench, fitted: Fitted) -> list[tuple[str, float, float]]:
-    """Friction coefficient from parts of the samples, the rest as fitted: label, value, standard error."""
-    found, number = [], fitted.numbers[0]
-    white, columns = bench.by_channel(fitted.rows), bench.by_channel(fitted.jacobian[:, 0])
+    """Friction coefficient from parts of the samples, the rest as fitted: label, with the recording's name
+    where there are several, value, standard error.
+    """
+    found, names = [], [n.name for n in fitted.numbers]
+    white = bench.by_channel(fitted.rows)
     for k, rig in enumerate(bench.rigs):
+        own = f"mu{OWN}{rig.part.name}"
+        at = names.index(own) if own in names else 0
+        number, columns = fitted.numbers[at], bench.by_channel(fitted.jacobian[:, at])
         T = rig.part.T_base.T_base
         phases, cycle = phases_of(bench, fitted, k), cycles_of(T)
         z, j = white[k][0], columns[k][0]
@@ -201,6 +208,7 @@ def mu_by_stratum(bench: Bench, fitted: Fitted) -> list[tuple[str, float, float]
             power = float(np.sum(j[inside] ** 2))
             if inside.sum() < 6 or power < 1.0:
                 continue
-            x = fitted.x[0] - float(j[inside] @ z[inside]) / power
-            found.append((label, number.value(x), number.value(fitted.x[0]) * number.sd / np.sqrt(power)))
+            x = fitted.x[at] - float(j[inside] @ z[inside]) / power
+            said = label if len(bench.rigs) == 1 else f"{rig.part.name}: {label}"
+            found.append((said, number.value(x), number.value(fitted.x[at]) * number.sd / np.sqrt(power)))
     return found

@@ -8,29 +8,28 @@ from typing import Any
 
 import numpy as np
 
-from gtr_jax import InputError, Robot, RobotConfig
-from gtr_jax.parameters import parameters_of
+from gtr_jax import Robot, RobotConfig
 from gtr_jax.plain import plain
 from gtr_jax.terms import REGISTRY
+from gtr_jax.units import display_of
 
 from ..task import Part
+from ..verdict import number as quantity_words
 from .bench import Bench, Fitted
 from .decide import ADEQUATE, AMBIGUOUS, MISSING, UNEXPLAINED, Decision, structured
+from .differ import Difference
 from .experiment import Experiment
 from .locate import Where
 from .patterns import Pattern
+from .rig import OWN
+from .robots import RobotFile, kinds, robot_files
 from .search import SEEN, Models, Screened
 
-BAD_DATA = "bad-data"
+BAD_DATA, DIFFER = "bad-data", "recordings-differ"
 # Residual in units of the noise from which it is said to be more: of 86 sound recordings of the blind
 # benchmark, from which this is taken, one with a bad repeat reached 1.49.
 MORE = 1.5
 Names = tuple[str, ...]
-
-
-def kinds(names: Sequence[str]) -> list[str]:
-    """The terms that hypotheses are of."""
-    return list(dict.fromkeys(name.partition(".")[0] for name in names))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -108,7 +107,7 @@ class Diagnosis:
     """What is missing from a robot's model.
 
     Attributes:
-        verdict: "adequate", "missing-physics", "ambiguous", "unexplained" or "bad-data".
+        verdict: "adequate", "recordings-differ", "missing-physics", "ambiguous", "unexplained" or "bad-data".
         says: the same in one or two sentences.
         named: terms that are missing: kinds, as robot files write them.
         confusion_set: sets of terms that the recordings do not tell apart, the most probable first.
@@ -131,6 +130,10 @@ class Diagnosis:
         converged: whether every load step of the model shown met its tolerance.
         warnings: what the reader must know.
         settings: how it was done.
+        differ: numbers that differ between recordings, with their values in the model that is shown; these
+            are among the parameters, as "mu@monday".
+        files: robot files: the first is that of `config`; then those of the rivals, and of the recordings
+            where numbers differ.
     """
 
     verdict: str
@@ -157,6 +160,8 @@ class Diagnosis:
     converged: bool
     warnings: list[str]
     settings: dict[str, Any]
+    differ: list[Difference] = dataclasses.field(default_factory=list)
+    files: list[RobotFile] = dataclasses.field(default_factory=list)
 
     @staticmethod
     def without_answer(
@@ -200,6 +205,7 @@ class Diagnosis:
         parts: Sequence[Part],
         config: RobotConfig | None,
         fine: Robot,
+        differ: Sequence[Difference],
         warnings: list[str],
     ) -> Diagnosis:
         """Gather a diagnosis."""
@@ -209,7 +215,7 @@ class Diagnosis:
             for which in ("before", "after")
         ]
         rms = (float(np.sqrt(np.mean(off[0] ** 2))), float(np.sqrt(np.mean(off[1] ** 2))))
-        verdict = decision.verdict
+        verdict = DIFFER if differ and decision.verdict == ADEQUATE else decision.verdict
         named = kinds(chosen.names) if verdict in (MISSING, AMBIGUOUS) else []
         confusion = list(map(list, dict.fromkeys(tuple(kinds(names)) for names in decision.confusion)))
         if verdict == MISSING and len(decision.confusion) > len(confusion):
@@ -219,6 +225,7 @@ class Diagnosis:
         widened = max(1.0, models.bench.mean_square(chosen))
         parameters = _changes(models.bench, base, chosen, widened)
         noise = models.bench.expected_rms()
+        files = robot_files(decision, models, differ, config, fine, warnings)
         diagnosis = Diagnosis(
             verdict,
             "",
@@ -240,7 +247,7 @@ class Diagnosis:
             {s.hypothesis.numbers[0].name: float(s.smallest) for s in screened if np.isfinite(s.smallest)},
             experiment,
             loops,
-            None if verdict == UNEXPLAINED else _diagnosed(config, chosen, fine, warnings),
+            files[0].config if files else None,
             chosen.failed == 0,
             warnings,
             {
@@ -253,8 +260,15 @@ class Diagnosis:
                 "variance_scale": models.scale,
                 "variance_scale_of_parameters": widened,
             },
+            [d.at(chosen.values) for d in differ],
+            files,
         )
         return dataclasses.replace(diagnosis, says=sentence(diagnosis, chosen.names))
+
+    def own(self, difference: Difference) -> dict[str, Change]:
+        """A number that differs, in each recording."""
+        of = {c.name: c for c in self.parameters}
+        return {k: of[f"{difference.name}{OWN}{k}"] for k in difference.own}
 
     def to_json(self) -> dict[str, Any]:
         """What `diagnosis.json` holds."""
@@ -301,6 +315,30 @@ class Diagnosis:
         answer = {
             "verdict": self.verdict,
             "says": self.says,
+            "differs": [
+                {
+                    "parameter": d.name,
+                    "unit": d.unit,
+                    "one_value_for_all": d.shared,
+                    "by_recording": {k: {"value": c.after, "sd": c.sd} for k, c in self.own(d).items()},
+                    "groups": d.groups,
+                    "difference": max(d.own.values()) - min(d.own.values()),
+                    "standard_errors": d.standard_errors,
+                    "or_numbers": d.or_numbers,
+                    "or_effects": d.or_effects,
+                }
+                for d in self.differ
+            ],
+            "robot_files": [
+                {
+                    "file": f.name,
+                    "holds": list(f.effects),
+                    "recording": f.recording or None,
+                    "probability": f.probability,
+                    "settled": not f.note.startswith("Not settled"),
+                }
+                for f in self.files
+            ],
             "named": self.named,
             "confusion_set": self.confusion_set,
             "probability": self.probability,
@@ -337,24 +375,34 @@ def _changes(bench: Bench, base: Fitted, chosen: Fitted, scale: float) -> list[C
     return found
 
 
-def _diagnosed(
-    config: RobotConfig | None, fitted: Fitted, fine: Robot, warnings: list[str]
-) -> RobotConfig | None:
-    """The robot file with the numbers of a fit."""
-    if config is None:
-        return None
-    known = parameters_of(fine)
-    try:
-        values = {known[k].key: v for k, v in (dict(fitted.values) | dict(fitted.dimensions)).items()}
-        # What the file knew is in these values: it must not count twice in a fit that starts from them.
-        return config.with_values(values).without_deviations(values)
-    except (InputError, KeyError) as fault:
-        warnings.append(f"What was found does not make a robot file: {fault}.")
-        return None
+def difference_in_words(d: Diagnosis, difference: Difference) -> str:
+    """Which number differs, by how much and between which recordings."""
+    own = d.own(difference)
+    display, size = display_of(difference.unit)
+
+    def said(recording: str) -> str:
+        c = own[recording]
+        sd = None if c.sd is None else c.sd / size
+        value = difference.own[recording] / size
+        return f"{quantity_words(value, sd)} {display}".rstrip() + f" in {recording}"
+
+    parts = [" and ".join(map(said, group)) for group in difference.groups]
+    apart = f"{difference.standard_errors:.0f} standard errors"
+    words = f"{difference.name} differs between the recordings: {', but '.join(parts)} ({apart})."
+    others = [f"{name} that differs" for name in difference.or_numbers]
+    others += [f"{name} in all of them" for name in difference.or_effects]
+    if others:
+        words += f" {' or '.join(others)} would explain them nearly as well."
+    return words
 
 
 def sentence(d: Diagnosis, chosen: Names) -> str:
     """The verdict in words that its numbers carry."""
+    before = "".join(f"{difference_in_words(d, difference)} " for difference in d.differ)
+    return before + _of_physics(d, chosen)
+
+
+def _of_physics(d: Diagnosis, chosen: Names) -> str:
     held = d.held_out
     better = ""
     if len(held) > 1 and np.isfinite(held[1]["rms_N"]):
@@ -362,7 +410,7 @@ def sentence(d: Diagnosis, chosen: Names) -> str:
             f" On samples the fit has not seen, the residual goes from {held[0]['rms_N']:.2g} to "
             f"{held[1]['rms_N']:.2g} N (noise {d.noise_N:.2g} N)."
         )
-    if d.verdict == ADEQUATE:
+    if d.verdict in (ADEQUATE, DIFFER):
         best = d.rivals[0] if d.rivals else None
         hint = ""
         if best is not None and best.names and best.probability > 0.5:
@@ -370,8 +418,9 @@ def sentence(d: Diagnosis, chosen: Names) -> str:
         more = ""
         if d.rms_N[0] > MORE * d.noise_N:
             more = ", which is more, with too little structure in it to claim anything"
+        what = "Nothing else is missing" if d.verdict == DIFFER else "Nothing is missing"
         return (
-            f"Nothing is missing that these recordings could show: the residual is {d.rms_N[0]:.2g} N where "
+            f"{what} that these recordings could show: the residual is {d.rms_N[0]:.2g} N where "
             f"the noise is {d.noise_N:.2g} N{more}.{hint}"
         )
     if d.verdict == UNEXPLAINED:
