@@ -22,16 +22,25 @@ MAX_STEPS = 12
 CHANCE = 0.01
 
 
-def mu_by_phase(task: Task, answer: Answer) -> dict[str, Estimate]:
-    """mu from pulling alone and from releasing alone; other parameters and the phases stay as fitted.
+class Phases(NamedTuple):
+    """What phases alone say of mu.
 
-    Returns:
-        Estimates by phase; a phase that is short, or knows nothing of mu, is left out, and so are all where
-        recordings have their own mu.
+    Attributes:
+        estimates: by phase; one that is short, or knows nothing of mu, is left out.
+        apart: by how many standard errors pulling and releasing differ; 0 where one is left out.
+    """
+
+    estimates: dict[str, Estimate]
+    apart: float
+
+
+def mu_by_phase(task: Task, answer: Answer) -> Phases:
+    """mu from pulling alone and from releasing alone; other parameters and the phases stay as fitted, and
+    what is uncertain of them counts in the errors. Nothing where recordings have their own mu.
     """
     if len(task.friction()) != 1:
-        return {}
-    found = {}
+        return Phases({}, 0.0)
+    found: dict[str, _Alone] = {}
     for phase in (PULLING, RELEASING):
         inside = [judged.phases == phase for judged in answer.judged]
         if sum(map(np.sum, inside)) < FEWEST:
@@ -39,12 +48,19 @@ def mu_by_phase(task: Task, answer: Answer) -> dict[str, Estimate]:
         task.progress(f"fitting {phase} alone")
         alone = _alone(task, answer, task.friction()[0], inside)
         if alone is not None:
-            found[phase] = alone.estimate
-    return found
+            found[phase] = alone
+    apart = 0.0
+    if len(found) == 2:
+        off, covariance = _together(list(found.values()), answer.spread(task))
+        apart = abs(float(off[0] - off[1])) / float(
+            np.sqrt(np.array([1, -1]) @ covariance @ np.array([1, -1]))
+        )
+    return Phases({phase: alone.estimate for phase, alone in found.items()}, apart)
 
 
 class Apart(NamedTuple):
-    """What recordings alone say of the parameters that they share, the others as fitted.
+    """What recordings alone say of the parameters that they share, the others as fitted; what is uncertain of
+    these counts in the errors.
 
     Attributes:
         estimates: by parameter, then recording; those left out that know nothing of it.
@@ -59,35 +75,56 @@ class Apart(NamedTuple):
 def by_recording(task: Task, answer: Answer) -> Apart:
     """Each parameter that recordings share, from each of them alone."""
     known, found, left = answer.known(task), {}, {}
-    for i, free in enumerate(task.free):
+    for i, free in enumerate(task.asked):
         if len(free.parts) < 2 or not known.known[i]:
             continue
         task.progress(f"{free.name} from each recording alone")
-        each, squares = {}, 0.0
+        each: dict[str, _Alone] = {}
         for k in free.parts:
             inside = [np.full(part.samples, j == k) for j, part in enumerate(task.parts)]
             alone = _alone(task, answer, i, inside)
             if alone is not None:
-                each[task.parts[k].name] = alone.estimate
-                squares += alone.squares
+                each[task.parts[k].name] = alone
         if len(each) > 1:
-            found[free.name] = each
-            if _scattered(each):
-                left[free.name] = squares
+            found[free.name] = {name: alone.estimate for name, alone in each.items()}
+            if _scattered(list(each.values()), answer.spread(task)):
+                left[free.name] = sum(alone.squares for alone in each.values())
     return Apart(found, min(left, key=left.__getitem__, default=""))
 
 
-def _scattered(each: dict[str, Estimate]) -> bool:
-    """Whether values of one parameter lie farther apart than their errors allow."""
-    values = np.asarray([e.value for e in each.values()])
-    sd = np.asarray([e.sd for e in each.values()], float)
-    mean = np.sum(values / sd**2) / np.sum(sd**-2)
-    return float(np.sum(((values - mean) / sd) ** 2)) > float(chi2.isf(CHANCE, len(values) - 1))
-
-
 class _Alone(NamedTuple):
+    """One number from some of the samples.
+
+    Attributes:
+        estimate: the errors of the other numbers counted in.
+        u: its coordinate.
+        own: variance of that, the other numbers being known.
+        lean: its change per change of the other coordinates, (p,).
+        squares: what is left.
+    """
+
     estimate: Estimate
+    u: float
+    own: float
+    lean: np.ndarray
     squares: float
+
+
+def _together(each: list[_Alone], spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates of one number from several parts, (m,), and their covariance, (m, m): what is uncertain of
+    the other numbers, by their covariance `spread`, (p, p), moves all of them together.
+    """
+    lean = np.stack([a.lean for a in each])
+    return np.asarray([a.u for a in each]), np.diag([a.own for a in each]) + lean @ spread @ lean.T
+
+
+def _scattered(each: list[_Alone], spread: np.ndarray) -> bool:
+    """Whether values of one number lie farther apart than their errors allow."""
+    values, covariance = _together(each, spread)
+    ones = np.ones(len(values))
+    weights = np.linalg.solve(covariance, ones)
+    off = values - float(weights @ values) / float(weights @ ones)
+    return float(off @ np.linalg.solve(covariance, off)) > float(chi2.isf(CHANCE, len(values) - 1))
 
 
 def _alone(task: Task, answer: Answer, i: int, inside: list[np.ndarray]) -> _Alone | None:
@@ -111,12 +148,14 @@ def _alone(task: Task, answer: Answer, i: int, inside: list[np.ndarray]) -> _Alo
         squares += float(np.sum(channels**2) + np.sum(base**2))
         count += int(channels.shape[0] * np.sum(kept))
         tau = max([tau, *(correlation_time(row) for row in channels[:, kept])])
-    spread = max(1.0, squares / max(count - 1, 1)) * tau
-    known = uncertainty(
-        problem.jacobian(found.predictions)[:, active], np.sqrt(spread), np.zeros(1), np.full(1, UNKNOWN)
-    )
+    wide = max(1.0, squares / max(count - 1, 1)) * tau
+    jacobian = problem.jacobian(found.predictions)
+    known = uncertainty(jacobian[:, active], np.sqrt(wide), np.zeros(1), np.full(1, UNKNOWN))
     if not known.known.all():
         return None
+    own = float(known.covariance[0, 0])
+    lean = np.where(active, 0.0, -(jacobian[:, i] @ jacobian) / float(jacobian[:, i] @ jacobian[:, i]))
+    known.covariance[0, 0] += lean @ answer.spread(task) @ lean
     at = answer.at[0]
     free = task.free[i]
     found_there = estimates(
@@ -128,4 +167,4 @@ def _alone(task: Task, answer: Answer, i: int, inside: list[np.ndarray]) -> _Alo
         known,
         [""],
     )[0]
-    return _Alone(found_there, squares)
+    return _Alone(found_there, float(found.u[i]), own, lean, squares)

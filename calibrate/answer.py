@@ -10,7 +10,7 @@ import numpy as np
 
 from .coordinates import Coordinates, Prediction
 from .descent import Descent, Objective
-from .estimate import UNKNOWN, Uncertainty, uncertainty
+from .estimate import UNKNOWN, Uncertainty, shares_of_variance, uncertainty
 from .noise import Noise, correlation_time
 from .task import Part, Task
 from .weighing import Weighing
@@ -20,6 +20,12 @@ LEVELLING = 12
 # there, are on average.
 HUBER, HUBER_SQUARES = 1.345, 0.7102
 LEAST_STEP, HALF = 0.25, 0.5
+# Sources of the variance of an estimate, beside the numbers that are uncertain.
+TIP_CELL, OTHERS, BASE_CELL = (
+    "noise of the tip cell",
+    "noise of pose and displacement",
+    "noise of the base cell",
+)
 # A parameter that is zero in the robot file has no size to compare its error with: so many of its units.
 UNKNOWN_WITHOUT_SCALE = 10.0
 
@@ -89,6 +95,34 @@ class Answer:
         unknown = np.where(log | (task.initial != 0), UNKNOWN, UNKNOWN_WITHOUT_SCALE)
         unknown = np.where(self.descent.at_edge | self.at[0].stopped(self.descent.u), 0.0, unknown)
         return uncertainty(self.jacobian, 1.0, self.problem.precision, unknown)
+
+    def spread(self, task: Task) -> np.ndarray:
+        """Covariance of the coordinates, (p, p): the data's where they know it, else the prior's, else 0."""
+        covariance, precision = self.known(task).covariance, self.problem.precision
+        seen = np.isfinite(np.diag(covariance))
+        alone = np.where(precision > 0, 1 / np.where(precision > 0, precision, 1.0), 0.0) ** 2
+        return np.where(np.outer(seen, seen), covariance, 0.0) + np.diag(np.where(seen, 0.0, alone))
+
+    def sources(self, task: Task) -> tuple[list[str], np.ndarray]:
+        """What the variance of each coordinate is made of: noise of the tip's cell, of the other channels, of
+        the base's cell, and each prior, as `shares_of_variance`.
+        """
+        rows: dict[str, list[np.ndarray]] = {}
+        start = 0
+        for part in task.parts:
+            C, K = len(part.channels), part.samples
+            for label, n in ((TIP_CELL, K), (OTHERS, (C - 1) * K), (BASE_CELL, K)):
+                rows.setdefault(label, []).append(self.jacobian[start : start + n])
+                start += n
+        precision = self.problem.precision
+        priors = {f.name: row for f, row in zip(task.free, np.diag(precision), strict=True) if row.any()}
+        return shares_of_variance({label: np.concatenate(r) for label, r in rows.items()}, priors)
+
+    def information_about(self, asked: int) -> np.ndarray:
+        """Fisher information about the first coordinates, the others being uncertain, (asked, asked)."""
+        whole = self.information()
+        cross, rest = whole[:asked, asked:], whole[asked:, asked:]
+        return whole[:asked, :asked] - cross @ np.linalg.solve(rest, cross.T)
 
     def information(self) -> np.ndarray:
         """Fisher information of data and priors in the coordinates, (p, p)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from gtr_jax import InputError, RobotConfig
 
 from . import verdict as words
-from .alone import Apart, by_recording, mu_by_phase
+from .alone import Apart, Phases, by_recording, mu_by_phase
 from .answer import Answer, Judged
 from .coordinates import CHANNEL_UNITS, CHANNELS, Prediction, is_log
 from .descent import all_converged
@@ -33,7 +34,8 @@ FAR_OFF, FEW = 7.0, 0.1
 def _settings(task: Task, **more: Any) -> dict[str, Any]:
     priors = {f.name: prior for f, prior in zip(task.free, task.priors, strict=True) if prior is not None}
     return {
-        "free": task.names,
+        "free": [f.name for f in task.asked],
+        "carried": [f.name for f in task.free if f.carried],
         "samples": task.samples,
         "peak_T_tip_N": task.peak,
         "priors_sd_SI": priors,
@@ -45,8 +47,12 @@ def _settings(task: Task, **more: Any) -> dict[str, Any]:
     }
 
 
-def _fitted_config(task: Task, k: int, values: np.ndarray, determined: np.ndarray) -> RobotConfig | None:
-    """The robot file of recording k with the fitted values, and without the priors of those determined."""
+def _fitted_config(
+    task: Task, k: int, values: np.ndarray, determined: np.ndarray, left: Mapping[str, float]
+) -> RobotConfig | None:
+    """The robot file of recording k with the fitted values, without the priors of those determined, and with
+    what is `left` uncertain of the numbers carried along, SI, by key.
+    """
     config = task.parts[k].config
     if config is None:
         return None
@@ -57,9 +63,13 @@ def _fitted_config(task: Task, k: int, values: np.ndarray, determined: np.ndarra
     }
     try:
         # The prior has gone into the estimate: a fit that starts from it must not count it again.
-        return config.with_values(changed).without_deviations(
-            f.entry.key for f, known in zip(task.free, determined, strict=True) if known and k in f.parts
+        answered = config.with_values(changed).without_deviations(
+            f.entry.key
+            for f, known in zip(task.free, determined, strict=True)
+            if known and k in f.parts and not f.carried
         )
+        own = {f.entry.key for f in task.free if f.carried and k in f.parts}
+        return answered.with_deviations({key: sd for key, sd in left.items() if key in own})
     except InputError as fault:
         task.warnings.append(f"The fitted values do not make a robot file: {fault}.")
         return None
@@ -77,6 +87,13 @@ def _notes(task: Task, known: Uncertainty, answer: Answer, values: np.ndarray) -
     drift, stopped = (descent.u - problem.centre) * problem.precision, answer.at[0].stopped(descent.u)
     for i, free in enumerate(task.free):
         note = ""
+        if free.carried:
+            if abs(drift[i]) > DRIFTED:
+                note = _drifted(drift[i])
+            notes.append(note)
+            if note:
+                task.warnings.append(f"{free.name}: {note}.")
+            continue
         most = _largest_mu(task, known, values)
         if not known.known[i] and free.entry.name == "mu" and most < SMALL_MU:
             note = f"no friction is seen, mu is below {most:.2g} (95 %)"
@@ -90,25 +107,31 @@ def _notes(task: Task, known: Uncertainty, answer: Answer, values: np.ndarray) -
         elif known.prior_share[i] > MOSTLY_PRIOR:
             note = f"rests mostly on its prior ({100 * known.prior_share[i]:.0f} % of what is known)"
         elif abs(drift[i]) > DRIFTED:
-            note = (
-                f"lies {abs(drift[i]):.1f} standard deviations of its prior from the robot file's value: "
-                "either that is wrong, or the model lacks something that this makes up for"
-            )
+            note = _drifted(drift[i])
         notes.append(note)
         if note:
             task.warnings.append(f"{free.name}: {note}.")
     return notes
 
 
+def _drifted(by: float) -> str:
+    """What is said of a number that lies so many standard deviations of its prior from where it started."""
+    return (
+        f"lies {abs(by):.1f} standard deviations of its prior from the robot file's value: either that is "
+        "wrong, or the model lacks something that this makes up for"
+    )
+
+
 def ignorance(task: Task, answer: Answer) -> str:
     """Why no parameter is determined; "" if one is. Friction too small to be seen is an answer."""
     known, values = answer.known(task), np.asarray(answer.at[0].values(answer.descent.u))
-    if known.known.any():
+    asked = [f.name for f in task.asked]
+    if known.known[: len(asked)].any():
         return ""
     others_known = all(p is not None for i, p in enumerate(task.priors) if i not in task.friction())
     if others_known and _largest_mu(task, known, values) < SMALL_MU:
         return ""
-    each = [n for n, a in zip(task.names, known.alone, strict=True) if a < UNKNOWN]
+    each = [n for n, a in zip(asked, known.alone, strict=False) if a < UNKNOWN]
     if len(each) > 1:
         names = " and ".join(each)
         way = _remedy(task, answer, [task.names.index(n) for n in each])
@@ -116,7 +139,7 @@ def ignorance(task: Task, answer: Answer) -> str:
             f"the recording determines {names} only in combination; fix one of them, or state its "
             "uncertainty under [uncertainty] in the robot file" + (f"; or measure more: {way}" if way else "")
         )
-    return f"the recording does not determine {' or '.join(task.names)}"
+    return f"the recording does not determine {' or '.join(asked)}"
 
 
 def _remedy(task: Task, answer: Answer, among: list[int]) -> str:
@@ -138,20 +161,23 @@ def _steps(task: Task, answer: Answer) -> list[str]:
 
 def _unknown_axes(task: Task, answer: Answer, known: Uncertainty) -> None:
     """Warn of combinations of parameters that nothing is known of, and say which measurement would help."""
-    for axis in axes(answer.information()):
+    n = len(task.asked)
+    for axis in axes(answer.information_about(n)):
         large = np.abs(axis.direction) > MINOR * np.max(np.abs(axis.direction))
-        if axis.sd > UNKNOWN and large.sum() > 1 and not known.known[large].any():
+        if axis.sd > UNKNOWN and large.sum() > 1 and not known.known[:n][large].any():
             among = np.flatnonzero(large).tolist()
             way = _remedy(task, answer, among)
             task.warnings.append(
-                f"Nothing tells these changes from none: {axis.words(task.names, _steps(task, answer))}"
+                "Nothing tells these changes from none: "
+                + axis.words(task.names[:n], _steps(task, answer)[:n])
                 + (f"; {way}." if way else ".")
             )
 
 
 def _trade_offs(task: Task, answer: Answer, known: Uncertainty) -> None:
     """Warn of pairs that the recording hardly tells apart, with what would."""
-    rho, log = correlation(known.covariance), np.asarray(answer.at[0].log)
+    n = len(task.asked)
+    rho, log = correlation(known.covariance[:n, :n]), np.asarray(answer.at[0].log)
     for i, j in zip(*np.triu_indices(len(rho), 1), strict=True):
         if abs(rho[i, j]) > TRADE_OFF:
             a, b = task.names[i], task.names[j]
@@ -186,6 +212,7 @@ def _fitted(
     answer: Answer | None,
     values: np.ndarray,
     covariance: np.ndarray | None,
+    left: Mapping[str, float],
 ) -> FittedRecording:
     """Recording k beside the model; as it was where there is no answer."""
     part = task.parts[k]
@@ -219,7 +246,7 @@ def _fitted(
         robot=part.robot.with_values(**task.values_of(k, values)),
         config=part.config
         if covariance is None
-        else _fitted_config(task, k, values, np.isfinite(np.diag(covariance))),
+        else _fitted_config(task, k, values, np.isfinite(np.diag(covariance)), left),
         channels=channels,
         T_base=part.T_base.T_base,
         band=band,
@@ -238,15 +265,15 @@ def assemble(task: Task, answer: Answer, iterations: int, start: Start) -> FitRe
     """The result of a fit that reached an end, good or bad."""
     at, descent = answer.at[0], answer.descent
     log, scale = np.asarray(at.log), np.asarray(at.scale)
-    known = answer.known(task)
+    known, n = answer.known(task), len(task.asked)
     values = np.asarray(at.values(descent.u))
     notes = _notes(task, known, answer, values)
     named = [dataclasses.replace(f.entry, name=f.name) for f in task.free]
-    found = estimates(named, values, task.initial, log, scale, known, notes)
+    found = estimates(named, values, task.initial, log, scale, known, notes, answer.sources(task))
     _unknown_axes(task, answer, known)
     _trade_offs(task, answer, known)
     failure = _failure(answer)
-    phases: dict[str, Estimate] = {}
+    phases = Phases({}, 0.0)
     apart = Apart({}, "")
     if failure:
         found = [dataclasses.replace(e, sd=None, lower95=None, upper95=None, detectable=None) for e in found]
@@ -254,7 +281,7 @@ def assemble(task: Task, answer: Answer, iterations: int, start: Start) -> FitRe
         if known.known[task.friction()].any():
             phases = mu_by_phase(task, answer)
         apart = by_recording(task, answer)
-    disagreement = words.disagreement(phases)
+    disagreement = words.disagreement(phases.estimates, phases.apart)
     if disagreement:
         task.warnings.append(disagreement[0].upper() + disagreement[1:] + ": more apart than their errors.")
     clauses = [disagreement] if disagreement else []
@@ -264,8 +291,11 @@ def assemble(task: Task, answer: Answer, iterations: int, start: Start) -> FitRe
             f"The recordings disagree, most likely about {apart.blamed}: find out what differs between them, "
             f"or fit it to each with --per-recording {apart.blamed}."
         )
+    left = {
+        f.entry.key: e.sd for f, e in zip(task.free, found, strict=True) if f.carried and e.sd is not None
+    }
     recordings = tuple(
-        _fitted(task, k, prediction, answer, values, known.covariance)
+        _fitted(task, k, prediction, answer, values, known.covariance, left)
         for k, prediction in enumerate(answer.predictions)
     )
     for r, judged in zip(recordings, answer.judged, strict=True):
@@ -284,15 +314,16 @@ def assemble(task: Task, answer: Answer, iterations: int, start: Start) -> FitRe
             )
     return FitResult(
         recordings=recordings,
-        estimates=found,
+        estimates=found[:n],
+        carried=found[n:],
         converged=not failure,
         result=descent.result,
         iterations=iterations,
         evaluations=task.evaluations,
-        correlation=correlation(known.covariance),
+        correlation=correlation(known.covariance[:n, :n]),
         warnings=task.warnings,
         verdict=words.verdict(
-            found,
+            found[:n],
             [_distance(task, answer, r) for r in zip(recordings, answer.judged, strict=True)],
             disagreement="; ".join(clauses),
             failure=failure,
@@ -304,9 +335,12 @@ def assemble(task: Task, answer: Answer, iterations: int, start: Start) -> FitRe
             starts_tried=start.tried,
             starts_that_agree=start.agreed,
         ),
-        mu_by_phase=phases,
+        mu_by_phase=phases.estimates,
         by_recording=apart.estimates,
-        axes=[(axis.words(task.names, _steps(task, answer)), axis.sd) for axis in axes(answer.information())],
+        axes=[
+            (axis.words(task.names[:n], _steps(task, answer)[:n]), axis.sd)
+            for axis in axes(answer.information_about(n))
+        ],
     )
 
 
@@ -344,10 +378,10 @@ def _distance(task: Task, answer: Answer, of: tuple[FittedRecording, Judged]) ->
 
 def unanswered(task: Task, predictions: tuple[Prediction, ...] | None, why: str) -> FitResult:
     """The result of a fit that could not begin: the robots as they were, no intervals, and why."""
-    p = len(task.free)
+    p = len(task.asked)
     task.warnings.append(why[0].upper() + why[1:] + ".")
     recordings = tuple(
-        _fitted(task, k, None if predictions is None else predictions[k], None, task.initial, None)
+        _fitted(task, k, None if predictions is None else predictions[k], None, task.initial, None, {})
         for k in range(len(task.parts))
     )
     return FitResult(
@@ -365,8 +399,9 @@ def unanswered(task: Task, predictions: tuple[Prediction, ...] | None, why: str)
                 transform(is_log(f.entry, v)),
                 "not fitted",
             )
-            for f, v in zip(task.free, task.initial.tolist(), strict=True)
+            for f, v in zip(task.asked, task.initial.tolist(), strict=False)
         ],
+        carried=[],
         converged=False,
         result=why,
         iterations=0,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +18,8 @@ UNKNOWN = 1.0
 # Eigenvalues of the scaled information below this are none; and what has a larger part in their directions is
 # unknown.
 FLAT, INVOLVED = 1e-12, 1e-3
+# Share of a variance that is not worth naming.
+LITTLE = 0.005
 # Above this share of the prior's precision, the estimate is said to rest on the prior.
 MOSTLY_PRIOR = 0.5
 
@@ -37,6 +39,8 @@ class Estimate:
         note: what a reader must know of it, or "".
         detectable: smallest change of it that a recording like this would show: found significant at 5 % in
             95 of 100 (3.6 standard errors); None with `sd`.
+        made_of: share of its variance by source: the cells' noise, and each number whose uncertainty the
+            robot file states; empty with `sd` None.
     """
 
     name: str
@@ -50,6 +54,7 @@ class Estimate:
     transform: str
     note: str = ""
     detectable: float | None = None
+    made_of: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -131,6 +136,34 @@ def uncertainty(jacobian: np.ndarray, sd: float, precision: np.ndarray, unknown:
     return Uncertainty(covariance, known, alone, share)
 
 
+def shares_of_variance(
+    rows: Mapping[str, np.ndarray], priors: Mapping[str, np.ndarray]
+) -> tuple[list[str], np.ndarray]:
+    """Where the variance of each coordinate comes from.
+
+    The estimate is linear in the errors of the readings and of what the priors are centred on, which are
+    independent: with A = sum J_k'J_k + sum p_j p_j' its covariance is the sum of A^-1 J_k'J_k A^-1 over the
+    sources of noise and of A^-1 p_j p_j' A^-1 over the priors.
+
+    Args:
+        rows: derivatives of the weighed residuals by the coordinates, by source of noise, (D_k, p) each.
+        priors: row of each prior, by source: 1/sd at its coordinate, (p,).
+
+    Returns:
+        Names of the sources, S of them, and their shares, (S, p): columns add up to 1, or are 0 where nothing
+        is known.
+    """
+    names = [*rows, *priors]
+    parts = [J.T @ J for J in rows.values()] + [np.outer(row, row) for row in priors.values()]
+    total = np.sum(parts, axis=0)
+    size = np.sqrt(np.maximum(np.diag(total), 0.0))
+    unit = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), 0.0)
+    inverse = np.linalg.pinv(total * np.outer(unit, unit), rcond=FLAT, hermitian=True) * np.outer(unit, unit)
+    each = np.stack([np.diag(inverse @ part @ inverse) for part in parts])
+    whole = np.sum(each, axis=0)
+    return names, np.where(whole > 0, each / np.where(whole > 0, whole, 1.0), 0.0)
+
+
 def correlation(covariance: np.ndarray) -> np.ndarray:
     """Correlation matrix; NaN where a parameter is unknown."""
     sd = np.sqrt(np.diag(covariance))
@@ -145,6 +178,7 @@ def estimates(
     scale: np.ndarray,
     found: Uncertainty,
     notes: Sequence[str],
+    sources: tuple[Sequence[str], np.ndarray] = ((), np.zeros((0, 0))),
 ) -> list[Estimate]:
     """Estimates in SI from coordinates; see `Estimate`.
 
@@ -156,8 +190,9 @@ def estimates(
         scale: value per unit of coordinate of the others, (p,).
         found: their uncertainty.
         notes: one per parameter, may be empty.
+        sources: what their variance is made of, from `shares_of_variance`.
     """
-    out = []
+    out, (labels, shares) = [], sources
     for i, entry in enumerate(chosen):
         value, sd, lower, upper = float(values[i]), None, None, None
         if found.known[i]:
@@ -183,6 +218,9 @@ def estimates(
                 scaled,
                 notes[i],
                 None if sd is None else DETECTED * sd,
+                {}
+                if sd is None
+                else {n: float(x[i]) for n, x in zip(labels, shares, strict=True) if x[i] > LITTLE},
             )
         )
     return out

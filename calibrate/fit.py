@@ -17,7 +17,7 @@ from .answer import Answer
 from .assemble import assemble, ignorance, unanswered
 from .coordinates import CHANNELS
 from .descent import descend
-from .free import Free, distinct, free_of
+from .free import Free, carried_by, distinct, free_of
 from .posterior import require_sampler, sample
 from .profiles import profiles
 from .result import FitResult
@@ -62,6 +62,9 @@ def fit(
     errors as large as their residuals show; the zero of the displacement is taken as unknown.
 
     Several recordings share every parameter that is not named in `per_recording` or `per_robot`.
+
+    Every other number that [uncertainty] in the robot file names is fitted as well, within what the file says
+    of it (`FitResult.carried`), so that its uncertainty enters the intervals of the free ones.
 
     Standard errors. The covariance is (J'J + P)^-1 at the solution, J the weighed derivatives by forward
     mode through the solver, P the priors' precision. The errors are taken as large as the residual shows, be
@@ -132,6 +135,7 @@ def fit(
     wanted = free_of(
         models, configs, of, names, robot_names, free, per_recording=per_recording, per_robot=per_robot
     )
+    wanted += carried_by(models, configs, of, robot_names, wanted)
     # Setting a tip force makes a robot a loaded one: once, before anything is compiled.
     prepared = [
         models[r].with_values(**{f.entry.name: models[r].value(f.entry.name) for f in wanted if k in f.parts})
@@ -247,8 +251,8 @@ def _run(task: Task) -> FitResult:
             if c:
                 most = np.max(np.abs(prediction.jacobian[at_channel]), axis=0)
                 heard |= most > NO_SLOPE * max(float(np.ptp(part.recorded[c])), 1e-6)
-    if not heard.any():
-        names, still = " and ".join(task.names), all(np.ptp(p.T_tip) == 0 for p in first)
+    if not heard[: len(task.asked)].any():
+        names, still = " and ".join(f.name for f in task.asked), all(np.ptp(p.T_tip) == 0 for p in first)
         reason = "no slip reaches the tip" if still else "the tip tension does not depend on it"
         which = "recording says" if len(task.parts) == 1 else "recordings say"
         return unanswered(task, first, f"the {which} nothing about {names}: {reason}")
@@ -260,8 +264,10 @@ def _run(task: Task) -> FitResult:
     problem = dataclasses.replace(problem, weighs=tuple(weighs))
     known, iterations, answer = first, 0, None
     for k in range(ROBUST_REWEIGHINGS if task.robust else REWEIGHINGS):
-        # Priors wait until it is known how well the model can fit: else one that is wrong passes for noise.
-        unbiased = dataclasses.replace(problem, precision=np.zeros_like(problem.precision))
+        # Priors of what is asked for wait until it is known how well the model can fit: else one that is
+        # wrong passes for noise.
+        carried = np.asarray([f.carried for f in task.free])
+        unbiased = dataclasses.replace(problem, precision=np.where(carried, problem.precision, 0.0))
         descent = descend(
             problem if k else unbiased,
             start,

@@ -23,6 +23,8 @@ class Free:
         parts: recordings it belongs to, by number.
         initial: its value in the robot file, SI.
         prior: standard deviation of what the robot file knows of it, SI; None where nothing.
+        carried: whether nobody asked for it: the robot file calls it uncertain, so it is fitted too, within
+            what the file says of it, and its uncertainty enters that of the others.
     """
 
     entry: Parameter
@@ -30,6 +32,7 @@ class Free:
     parts: tuple[int, ...]
     initial: float
     prior: float | None
+    carried: bool = False
 
 
 def _has(robot: Robot, name: str) -> bool:
@@ -107,6 +110,40 @@ def free_of(
             found.append(
                 Free(entry, entry.name + ending, tuple(members), _start(entry, values[0]), priors[0])
             )
+    return found
+
+
+def carried_by(
+    robots: Sequence[Robot],
+    configs: Sequence[RobotConfig | None],
+    robot_of_part: Sequence[int],
+    robot_names: Sequence[str],
+    free: Sequence[Free],
+) -> list[Free]:
+    """The numbers that robot files call uncertain and that are not free in every recording of that robot.
+
+    Args:
+        robots, configs: the robots, and their files if given.
+        robot_of_part: robot of each recording.
+        robot_names: distinct names of the robots.
+        free: what is free, from `free_of`.
+
+    Returns:
+        One for each robot and number. A force is left out where the robot carries no external load, because
+        it acts on nothing there; so is a share of a number that is zero.
+    """
+    found = []
+    for r, (robot, config) in enumerate(zip(robots, configs, strict=True)):
+        if config is None or not config.uncertainty:
+            continue
+        parts = tuple(k for k, own in enumerate(robot_of_part) if own == r)
+        for entry in parameters_of(robot).values():
+            prior = _prior(config, entry)
+            taken = {k for f in free if f.entry.name == entry.name for k in f.parts}
+            if not prior or taken & set(parts) or (entry.external and not robot.loaded):
+                continue
+            name = entry.name if len(robots) == 1 else f"{entry.name}@{robot_names[r]}"
+            found.append(Free(entry, name, parts, float(robot.value(entry.name)), prior, carried=True))
     return found
 
 

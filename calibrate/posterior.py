@@ -169,15 +169,14 @@ def sample(
     the identity.
 
     Returns:
-        The draws; None if the recordings do not determine every free number.
+        The draws of the numbers asked for; None if the recordings do not determine every one of them.
     """
     from numpyro.diagnostics import summary
     from numpyro.infer import MCMC, NUTS
 
-    known = answer.known(task)
-    if not known.known.all():
+    if not answer.known(task).known[: len(task.asked)].all():
         return None
-    best, root = jnp.asarray(answer.descent.u), jnp.asarray(np.linalg.cholesky(known.covariance))
+    best, root = jnp.asarray(answer.descent.u), jnp.asarray(np.linalg.cholesky(answer.spread(task)))
     potential = potential_of(task, answer)
     kernel = NUTS(
         potential_fn=lambda y: potential(best + root @ y),
@@ -202,15 +201,17 @@ def sample(
     told = summary({"y": np.asarray(y)}, prob=0.95)["y"]
     u = np.asarray(best) + np.asarray(y) @ np.asarray(root).T
     values = np.asarray(jax.vmap(jax.vmap(answer.at[0].values))(jnp.asarray(u)))
+    n = len(task.asked)
+    values = values[..., :n]
     flat = values.reshape(-1, values.shape[-1])
     lower, upper = np.quantile(flat, [0.025, 0.975], axis=0)
     return Posterior(
-        names=tuple(task.names),
+        names=tuple(f.name for f in task.asked),
         draws=values,
         lower95=lower,
         upper95=upper,
         sd=flat.std(axis=0, ddof=1),
-        effective=np.asarray(told["n_eff"]),
-        rhat=np.asarray(told["r_hat"]),
+        effective=np.asarray(told["n_eff"])[:n],
+        rhat=np.asarray(told["r_hat"])[:n],
         divergences=int(np.sum(np.asarray(mcmc.get_extra_fields()["diverging"]))),
     )

@@ -23,7 +23,7 @@ MAX_STEPS = 12
 def profiles(task: Task, answer: Answer) -> dict[str, Profile]:
     """Profiles of the parameters that the recording determines, by name; of one free parameter too."""
     known, found = answer.known(task), {}
-    for i, name in enumerate(task.names):
+    for i, name in enumerate(f.name for f in task.asked):
         if known.known[i]:
             task.progress(f"profile of {name}")
             try:

@@ -112,6 +112,7 @@ class FitResult:
     Attributes:
         recordings: each recording beside its fitted robot.
         estimates: one per free number.
+        carried: the other numbers that the robot file calls uncertain, fitted within what it says of them.
         converged: whether there is an answer: the optimiser and every load step converged, and something was
             to be fitted.
         result: how the optimiser ended, in words.
@@ -121,7 +122,7 @@ class FitResult:
         verdict: the answer in one sentence.
         settings: what was asked and what was chosen, plain values.
         mu_by_phase: mu estimated from the samples of one phase alone, the other parameters at their fitted
-            values; empty if mu is not free or a phase is too short.
+            values, and their errors counted in; empty if mu is not free or a phase is too short.
         by_recording: parameters that recordings share, estimated from each alone, likewise.
         axes: combinations of the estimates that are known independently, in words, with their relative
             standard deviation, the least known first.
@@ -131,6 +132,7 @@ class FitResult:
 
     recordings: tuple[FittedRecording, ...]
     estimates: list[Estimate]
+    carried: list[Estimate]
     converged: bool
     result: str
     iterations: int
@@ -147,8 +149,8 @@ class FitResult:
 
     def __getitem__(self, name: str) -> Estimate:
         """The estimate of a parameter, by name."""
-        found = {e.name: e for e in self.estimates} | {e.key: e for e in self.estimates if "@" not in e.name}
-        return found[name]
+        every = [*self.estimates, *self.carried]
+        return ({e.key: e for e in every if "@" not in e.name} | {e.name: e for e in every})[name]
 
     def _only(self) -> FittedRecording:
         if len(self.recordings) != 1:
@@ -242,6 +244,7 @@ class FitResult:
                 "converged": self.converged,
                 "result": self.result,
                 "parameters": {e.name: entry(e) for e in self.estimates},
+                "carried": {e.name: entry(e) for e in self.carried},
                 "correlation": {"names": [e.name for e in self.estimates], "matrix": self.correlation},
                 "axes": [{"says": says, "relative_sd": sd} for says, sd in self.axes],
                 "fit": {"samples": len(self.residual), "rms_N": self.rms_N, "chi2_per_n": self.chi2_per_n},

@@ -127,7 +127,7 @@ class Task:
 
     Attributes:
         parts: the recordings.
-        free: the p free numbers.
+        free: the p free numbers, those asked for first.
         max_steps: of the optimiser.
         progress: called with a line at each stage.
         warnings: sentences gathered on the way.
@@ -164,6 +164,11 @@ class Task:
     def names(self) -> list[str]:
         """Names of the free numbers."""
         return [f.name for f in self.free]
+
+    @property
+    def asked(self) -> list[Free]:
+        """Those that were asked for; they come first."""
+        return [f for f in self.free if not f.carried]
 
     @property
     def chosen(self) -> list[Parameter]:

@@ -21,6 +21,8 @@ LACK_OF_FIT, CHANCE = 1.5, 0.01
 SMALL = 0.0025
 # Standard errors of a difference.
 DISAGREE = 3.0
+# Share of a variance above which uncertain numbers make most of it, and from which each of them is named.
+MOST_OF_IT, NAMED = 0.5, 0.1
 
 
 def number(value: float, sd: float | None) -> str:
@@ -43,7 +45,16 @@ def said(estimate: Estimate) -> str:
         return estimate.note
     if estimate.sd is None:
         return f"{estimate.name} is not determined"
-    return f"{estimate.name} = {quantity(estimate)}"
+    return f"{estimate.name} = {quantity(estimate)}{_owing_to(estimate)}"
+
+
+def _owing_to(estimate: Estimate) -> str:
+    """The other numbers whose uncertainty makes most of an estimate's, in brackets; "" where noise does."""
+    numbers = {n: x for n, x in estimate.made_of.items() if not n.startswith("noise") and n != estimate.name}
+    if sum(numbers.values()) < MOST_OF_IT:
+        return ""
+    named = sorted((n for n, x in numbers.items() if x >= NAMED), key=lambda n: -numbers[n])
+    return f" (most of the ± is the uncertainty of {' and '.join(named)} in the robot file)" if named else ""
 
 
 def quantity(estimate: Estimate) -> str:
@@ -67,12 +78,10 @@ def by_phase(residual: np.ndarray, phases: np.ndarray) -> dict[str, dict[str, fl
     return table
 
 
-def disagreement(mu_by_phase: dict[str, Estimate]) -> str:
-    """One clause if the friction of pulling and of releasing differ by more than their errors, else ""."""
+def disagreement(mu_by_phase: dict[str, Estimate], apart: float) -> str:
+    """One clause if the friction of pulling and releasing lie `DISAGREE` standard errors apart, else ""."""
     pull, release = mu_by_phase.get(PULLING), mu_by_phase.get(RELEASING)
-    if pull is None or release is None or pull.sd is None or release.sd is None:
-        return ""
-    if abs(pull.value - release.value) <= DISAGREE * math.hypot(pull.sd, release.sd):
+    if pull is None or release is None or apart <= DISAGREE:
         return ""
     return (
         f"pulling alone would give mu = {number(pull.value, pull.sd)}, "

@@ -374,8 +374,21 @@ class RobotConfig(Section):
 
     def without_deviations(self, keys: Iterable[str]) -> RobotConfig:
         """A copy in which [uncertainty] says nothing of some numbers, by dotted key."""
-        left = {key: said for key, said in self.uncertainty.items() if key not in set(keys)}
+        gone = set(keys)
+        left = {key: said for key, said in self.uncertainty.items() if key not in gone}
         return self.model_copy(update={"uncertainty": left})
+
+    def with_deviations(self, deviations: Mapping[str, float]) -> RobotConfig:
+        """A copy in which [uncertainty] says other things of some numbers: standard deviations in SI, by
+        dotted key. They are written as shares, to three digits, but those of a number that is zero with their
+        unit.
+        """
+        values = self.numbers()
+        said = {
+            key: float(f"{sd / abs(values[key]):.3g}") if values[key] else f"{sd:.3g} {self._unit_of(key)}"
+            for key, sd in deviations.items()
+        }
+        return self.model_copy(update={"uncertainty": {**self.uncertainty, **said}})
 
     def deviation(self, key: str) -> float | None:
         """What [uncertainty] says of a number, by dotted key: one standard deviation in SI; None if it says

@@ -72,7 +72,9 @@ BUILDS = (
 
 
 def built(build: Build, rng: np.random.Generator, mu: float) -> tuple[Arm, dict[str, float]]:
-    """The arm as it came out, its dimensions off what the file will say, and E over that of the file."""
+    """The arm as it came out, its dimensions off what the file will say; and its modulus and dimensions, SI,
+    by the simulator's names.
+    """
 
     def off() -> float:
         return float(1 + DIMENSION_OFF * rng.normal())
@@ -102,7 +104,8 @@ def built(build: Build, rng: np.random.Generator, mu: float) -> tuple[Arm, dict[
         return found
 
     arm = Arm(L, lambda s: at_base + (at_tip - at_base) * s / L, bore, E, offset, mu, build.links)
-    return arm, {"E": E}
+    own = {"E": E, "outer_radius_base": at_base, "outer_radius_tip": at_tip}
+    return arm, own | {k: 1e-3 * routing[k] for k in OFF if k in routing}
 
 
 def protocol(name: str, largest: float, rng: np.random.Generator):
@@ -254,10 +257,10 @@ def make(kind: str, hidden: tuple[str, ...], rng: np.random.Generator) -> Case |
     for cell in scene.cells:
         true = cell(true)
     nasty = str(rng.choice(NASTY, p=[0.4, 0.15, 0.1, 0.1, 0.15, 0.1]))
-    return _recorded(build, scene, shown, true, rng, kind, hidden, name, posed, down, nasty, mu, own["E"])
+    return _recorded(build, scene, shown, true, rng, kind, hidden, name, posed, down, nasty, mu, own)
 
 
-def _recorded(build, scene, shown, true, rng, kind, hidden, name, posed, down, nasty, mu, E) -> Case:
+def _recorded(build, scene, shown, true, rng, kind, hidden, name, posed, down, nasty, mu, own) -> Case:
     K, largest = len(scene.time), build.largest
     unit = largest / 45
     sd_tip = unit * float(np.exp(rng.uniform(np.log(0.02), np.log(0.08))))
@@ -307,7 +310,8 @@ def _recorded(build, scene, shown, true, rng, kind, hidden, name, posed, down, n
         "gravity": down,
         "noise": nasty,
         "mu": mu,
-        "E": E,
+        "E": own["E"],
+        "dimensions": {k: v for k, v in own.items() if k != "E"},
         "sd": sds,
         "sd_base": sd_base,
         "T_base": np.round(true["T_base"], 6).tolist(),

@@ -25,6 +25,7 @@ from .experiment import Experiment, propose
 from .heldout import held_out
 from .hypotheses import Hypothesis, Number, base_numbers, catalogue
 from .locate import cycles_of, locate, mu_by_stratum, phases_of, ratio_of_branches
+from .marginal import Marginal, jointly
 from .memory import Memory
 from .result import BAD_DATA, Diagnosis, Loop, Rival
 from .rig import OWN, Rig, resolution_of, some_samples, values_in
@@ -452,25 +453,6 @@ def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models | None:
     return whole if () in whole.fits else None
 
 
-def _check_dimensions(bench: Bench, chosen: Fitted, warnings: list[str]) -> None:
-    """Warn where a simulation with the dimensions moved is not what their derivatives say."""
-    if not chosen.dimensions:
-        return
-    moved = bench.simulate(dict(chosen.values) | dict(chosen.dimensions), chosen.names)
-    off = np.inf
-    if moved is not None:
-        off = max(
-            float(np.max(np.abs((m.values - s.values)[0]))) for m, s in zip(moved, chosen.seen, strict=True)
-        )
-    noise = min(n[0].sd for n in bench.noise)
-    if off > noise:
-        warnings.append(
-            f"The uncertain dimensions were moved by their derivatives; simulated anew, T_tip differs by up "
-            f"to {off:.2g} N (noise {noise:.2g} N). Fit them: gtr fit --free mu,E,"
-            f"{','.join(d.name for d in bench.dimensions)}."
-        )
-
-
 def _answer(
     ready: Prepared,
     decision: Decision,
@@ -482,7 +464,16 @@ def _answer(
 ) -> Diagnosis:
     bench, base, chosen = models.bench, models.base, decision.chosen
     compared = [base] if not chosen.names else [base, chosen]
-    _check_dimensions(bench, chosen, ready.warnings)
+    say("fitting all that is uncertain together")
+    finer = sum(ready.exact[0].robot.intervals) / sum(ready.rough[0].robot.intervals)
+    before = jointly(models, base, finer)
+    after = jointly(models, chosen, finer) if chosen.names else before
+    refitted: dict[tuple[str, ...], Marginal] = {}
+    if len(decision.confusion) > 1:
+        say("fitting the rivals likewise")
+        for names in decision.confusion:
+            own = models.fits[tuple(sorted(names))]
+            refitted[own.names] = after if own is chosen else jointly(models, own, finer)
     scores = held_out(bench, [(models.hypotheses(f.names), f) for f in compared])
     wanted = decision.verdict == "ambiguous" if experiment is None else experiment
     proposal: Experiment | None = None
@@ -491,8 +482,8 @@ def _answer(
         proposal = propose(models, decision, bench.rigs[0])
     loops = []
     for k, part in enumerate(ready.full):
-        before, after = (f.seen[k].values[part.where] for f in (base, chosen))
-        phases = phases_of(bench, base, k)
+        plain, shown = (m.fitted.seen[k].values[part.where] for m in (before, after))
+        phases = phases_of(bench, before.fitted, k)
         T = part.T_base.T_base
         loops.append(
             Loop(
@@ -501,11 +492,11 @@ def _answer(
                 part.time,
                 T,
                 part.recorded,
-                before,
-                after,
+                plain,
+                shown,
                 phases,
                 cycles_of(T),
-                [ratio_of_branches(T, tip, phases) for tip in (part.T_tip, before[0], after[0])],
+                [ratio_of_branches(T, tip, phases) for tip in (part.T_tip, plain[0], shown[0])],
                 float(bench.noise[k][0].sd),
                 float(part.T_base.sd),
             )
@@ -527,9 +518,12 @@ def _answer(
         decision,
         models,
         screened,
-        where=locate(bench, base),
-        rest=locate(bench, chosen),
-        strata=mu_by_stratum(bench, base),
+        before=before,
+        after=after,
+        refitted=refitted,
+        where=locate(bench, before.fitted),
+        rest=locate(bench, after.fitted),
+        strata=mu_by_stratum(before.bench, before.fitted, before.covariance),
         held=scores,
         loops=loops,
         rivals=rivals,

@@ -186,16 +186,24 @@ def ratio_of_branches(T_base: np.ndarray, T_tip: np.ndarray, phases: np.ndarray,
     return np.asarray(at), np.asarray(D), np.asarray(S)
 
 
-def mu_by_stratum(bench: Bench, fitted: Fitted) -> list[tuple[str, float, float]]:
-    """Friction coefficient from parts of the samples, the rest as fitted: label, with the recording's name
-    where there are several, value, standard error.
+def mu_by_stratum(bench: Bench, fitted: Fitted, covariance: np.ndarray) -> list[tuple[str, float, float]]:
+    """Friction coefficient of the base model from parts of the samples, the rest as fitted.
+
+    Args:
+        bench: the recordings.
+        fitted: the base model; mu is its first number, or that of each recording is among its numbers.
+        covariance: of its coordinates, (p, p): what is uncertain of the others counts in the errors.
+
+    Returns:
+        Label, value and standard error of each part that knows anything of it.
     """
     found, names = [], [n.name for n in fitted.numbers]
-    white = bench.by_channel(fitted.rows)
+    white, columns = bench.by_channel(fitted.rows), bench.by_channel(fitted.jacobian)
+    wide = max(1.0, bench.mean_square(fitted))
     for k, rig in enumerate(bench.rigs):
         own = f"mu{OWN}{rig.part.name}"
         at = names.index(own) if own in names else 0
-        number, columns = fitted.numbers[at], bench.by_channel(fitted.jacobian[:, at])
+        number, others = fitted.numbers[at], np.arange(len(names)) != at
         T = rig.part.T_base.T_base
         phases, cycle = phases_of(bench, fitted, k), cycles_of(T)
         z, j = white[k][0], columns[k][0]
@@ -205,10 +213,13 @@ def mu_by_stratum(bench: Bench, fitted: Fitted) -> list[tuple[str, float, float]
         if cycle[-1] > 1:
             parts |= {f"cycle {c}": cycle == c for c in range(1, int(cycle[-1]) + 1)}
         for label, inside in parts.items():
-            power = float(np.sum(j[inside] ** 2))
+            mu = j[inside, at]
+            power = float(mu @ mu)
             if inside.sum() < 6 or power < 1.0:
                 continue
-            x = fitted.x[at] - float(j[inside] @ z[inside]) / power
-            said = label if len(bench.rigs) == 1 else f"{rig.part.name}: {label}"
-            found.append((said, number.value(x), number.value(fitted.x[at]) * number.sd / np.sqrt(power)))
+            x = fitted.x[at] - float(mu @ z[inside]) / power
+            lean = -(mu @ j[inside][:, others]) / power
+            sd = float(np.sqrt(wide / power + lean @ covariance[np.ix_(others, others)] @ lean))
+            whose = f"{rig.part.name}, " if len(bench.rigs) > 1 else ""
+            found.append((whose + label, number.value(x), number.value(fitted.x[at]) * number.sd * sd))
     return found

@@ -15,11 +15,11 @@ from gtr_jax.units import display_of
 
 from ..task import Part
 from ..verdict import number as quantity_words
-from .bench import Bench, Fitted
 from .decide import ADEQUATE, AMBIGUOUS, MISSING, UNEXPLAINED, Decision, structured
 from .differ import Difference
 from .experiment import Experiment
 from .locate import Where
+from .marginal import Marginal
 from .patterns import Pattern
 from .rig import OWN
 from .robots import RobotFile, kinds, robot_files
@@ -92,7 +92,10 @@ class Change:
     Attributes:
         name, unit: of it.
         before, after: values.
-        sd: standard deviation of the latter.
+        sd: standard deviation of the latter, all else that is uncertain counted in.
+        lower95, upper95: its interval of 95 %.
+        made_of: share of its variance by source: noise, uncertain numbers of the robot file, the law, the
+            mesh.
     """
 
     name: str
@@ -100,6 +103,9 @@ class Change:
     before: float | None
     after: float | None
     sd: float | None
+    lower95: float | None = None
+    upper95: float | None = None
+    made_of: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -195,6 +201,9 @@ class Diagnosis:
         models: Models,
         screened: Sequence[Screened],
         *,
+        before: Marginal,
+        after: Marginal,
+        refitted: Mapping[Names, Marginal],
         where: list[Where],
         rest: list[Where],
         strata: list[tuple[str, float, float]],
@@ -209,7 +218,7 @@ class Diagnosis:
         warnings: list[str],
     ) -> Diagnosis:
         """Gather a diagnosis."""
-        base, chosen = models.base, decision.chosen
+        chosen = decision.chosen
         off = [
             np.concatenate([v[0] - loop.recorded[0] for loop in loops for v in (getattr(loop, which),)])
             for which in ("before", "after")
@@ -222,10 +231,9 @@ class Diagnosis:
             warnings.append(
                 "Where is not told: " + " or ".join(" + ".join(n) for n in decision.confusion) + "."
             )
-        widened = max(1.0, models.bench.mean_square(chosen))
-        parameters = _changes(models.bench, base, chosen, widened)
+        parameters = _changes(before, after)
         noise = models.bench.expected_rms()
-        files = robot_files(decision, models, differ, config, fine, warnings)
+        files = robot_files(decision, after, refitted, differ, config, fine, warnings)
         diagnosis = Diagnosis(
             verdict,
             "",
@@ -248,7 +256,7 @@ class Diagnosis:
             experiment,
             loops,
             files[0].config if files else None,
-            chosen.failed == 0,
+            after.fitted.failed == 0,
             warnings,
             {
                 "samples": sum(p.samples for p in parts),
@@ -258,9 +266,9 @@ class Diagnosis:
                 "hypotheses": sorted(models.of),
                 "free_of_the_base_model": [n.name for n in models.bench.base],
                 "variance_scale": models.scale,
-                "variance_scale_of_parameters": widened,
+                "variance_scale_of_parameters": max(1.0, after.bench.mean_square(after.fitted)),
             },
-            [d.at(chosen.values) for d in differ],
+            [d.at(after.fitted.values) for d in differ],
             files,
         )
         return dataclasses.replace(diagnosis, says=sentence(diagnosis, chosen.names))
@@ -297,9 +305,12 @@ class Diagnosis:
             fit["held_out_chi2_per_n"] = {"before": held[0]["chi2_per_n"], "after": held[-1]["chi2_per_n"]}
             fit["held_out_folds"] = {"number": held[0]["folds"], "better_after": held[-1]["best_in"]}
         parameters = {
-            c.name: {"before": c.before, "after": c.after, "sd": c.sd}
-            if c.before is not None
-            else {"value": c.after, "sd": c.sd, "unit": c.unit}
+            c.name: (
+                {"before": c.before, "after": c.after, "sd": c.sd}
+                if c.before is not None
+                else {"value": c.after, "sd": c.sd, "unit": c.unit}
+            )
+            | ({} if c.sd is None else {"lower95": c.lower95, "upper95": c.upper95, "made_of": c.made_of})
             for c in self.parameters
         }
         proposal = None
@@ -358,21 +369,19 @@ class Diagnosis:
         return plain(answer)
 
 
-def _changes(bench: Bench, base: Fitted, chosen: Fitted, scale: float) -> list[Change]:
-    before = {n.name: base.values[n.name] for n in base.numbers}
+def _changes(before: Marginal, after: Marginal) -> list[Change]:
+    """The numbers of the robot before and after, dimensions last but for what was set."""
+    was = {n.name: before.fitted.values[n.name] for n in before.fitted.numbers}
     found = []
-    for n, x, sd in zip(chosen.numbers, chosen.x, chosen.sd(scale), strict=True):
-        value = n.value(x)
+    for i, n in enumerate(after.fitted.numbers):
+        value = after.fitted.values[n.name]
+        lower, upper = after.interval(i)
         found.append(
-            Change(n.name, n.unit, before.get(n.name), value, float(abs(value if n.log else 1.0) * n.sd * sd))
+            Change(n.name, n.unit, was.get(n.name), value, after.sd(i), lower, upper, after.made_of[i])
         )
-    free = {n.name for n in chosen.numbers}
-    assumed = {k: v for k, v in chosen.values.items() if k not in free}
-    found += [Change(name, "", None, value, None) for name, value in assumed.items()]
-    for d, sd in zip(bench.dimensions, bench.follow.sd if bench.follow else (), strict=True):
-        was, now = base.dimensions[d.name], chosen.dimensions[d.name]
-        found.append(Change(d.name, d.unit, was, now, d.sd * float(sd)))
-    return found
+    free = {n.name for n in after.fitted.numbers}
+    assumed = {k: v for k, v in after.fitted.values.items() if k not in free}
+    return found + [Change(name, "", None, value, None) for name, value in assumed.items()]
 
 
 def difference_in_words(d: Diagnosis, difference: Difference) -> str:

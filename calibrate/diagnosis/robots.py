@@ -5,17 +5,16 @@ where a number differs between them.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from gtr_jax import InputError, Robot, RobotConfig
 from gtr_jax.parameters import parameters_of
 
 from ..free import distinct
-from .bench import Fitted
 from .decide import UNEXPLAINED, Decision
 from .differ import Difference
+from .marginal import Marginal
 from .rig import values_in
-from .search import Models
 
 STEM = "diagnosed"
 
@@ -57,7 +56,8 @@ def _labels(sets: Sequence[tuple[str, ...]]) -> list[str]:
 
 def robot_files(
     decision: Decision,
-    models: Models,
+    after: Marginal,
+    refitted: Mapping[tuple[str, ...], Marginal],
     differ: Sequence[Difference],
     config: RobotConfig | None,
     fine: Robot,
@@ -68,43 +68,42 @@ def robot_files(
 
     Args:
         decision: the verdict, the model that is shown and its rivals.
-        models: all models refitted.
+        after, refitted: the model that is shown, and each rival, with all that is uncertain fitted together.
         differ: numbers that differ between the recordings.
         config, fine: the robot file, and the robot.
         warnings: gets a sentence where values do not make a robot file.
     """
     if config is None or decision.verdict == UNEXPLAINED:
         return []
-    recordings = [rig.part.name for rig in models.bench.rigs] if differ else [""]
-    sets = [tuple(names) for names in decision.confusion]
-    open_sets = sets if len(sets) > 1 else []
-    wanted: list[tuple[str, tuple[str, ...], str]] = [("", decision.chosen.names, recordings[0])]
-    for label, names in zip(_labels(open_sets), open_sets, strict=True):
-        wanted += [(f"{label}-{k}" if k else label, names, k) for k in recordings]
-    if not open_sets and differ:
-        wanted += [(k, decision.chosen.names, k) for k in recordings]
+    recordings = [rig.part.name for rig in after.bench.rigs] if differ else [""]
+    sets = list(refitted)
+    wanted = [("", after, recordings[0])]
+    for label, model in zip(_labels(sets), refitted.values(), strict=True):
+        wanted += [(f"{label}-{k}" if k else label, model, k) for k in recordings]
+    if not sets and differ:
+        wanted += [(k, after, k) for k in recordings]
     endings = ["", *distinct([ending for ending, _, _ in wanted[1:]])]
-    files = [f"{STEM}-{ending}.toml" if ending else f"{STEM}.toml" for ending in endings]
     found = []
-    for file, (_, names, recording) in zip(files, wanted, strict=True):
-        fitted = decision.chosen if names == decision.chosen.names else models.fits[tuple(sorted(names))]
-        robot = _diagnosed(config, fitted, recording, fine, warnings)
+    for ending, (_, model, recording) in zip(endings, wanted, strict=True):
+        robot = _diagnosed(config, model, recording, fine, warnings)
         if robot is not None:
-            p = decision.probability.get(fitted.names, 0.0)
-            found.append(RobotFile(file, fitted.names, recording, p, robot, ""))
-    return [dataclasses.replace(f, note=_note(f, found, open_sets, differ)) for f in found]
+            name, effects = f"{STEM}-{ending}.toml" if ending else f"{STEM}.toml", model.fitted.names
+            found.append(RobotFile(name, effects, recording, decision.probability[effects], robot, ""))
+    return [dataclasses.replace(f, note=_note(f, found, bool(sets), differ)) for f in found]
 
 
 def _diagnosed(
-    config: RobotConfig, fitted: Fitted, recording: str, fine: Robot, warnings: list[str]
+    config: RobotConfig, model: Marginal, recording: str, fine: Robot, warnings: list[str]
 ) -> RobotConfig | None:
-    """The robot file with the numbers of a fit, those of one recording where they differ."""
-    known = parameters_of(fine)
+    """The robot file with the numbers of a fit, those of one recording where they differ; what it called
+    uncertain is known as well as the fit says.
+    """
+    known, fitted = parameters_of(fine), model.fitted
     try:
-        fits = values_in(dict(fitted.values) | dict(fitted.dimensions), recording)
-        values = {known[k].key: v for k, v in fits.items()}
-        # What the file knew is in these values: it must not count twice in a fit that starts from them.
-        return config.with_values(values).without_deviations(values)
+        values = {known[k].key: v for k, v in values_in(fitted.values, recording).items()}
+        sds = values_in({n.name: model.sd(i) for i, n in enumerate(fitted.numbers)}, recording)
+        left = {known[k].key: sd for k, sd in sds.items() if known[k].key in config.uncertainty}
+        return config.with_values(values).with_deviations(left)
     except (InputError, KeyError) as fault:
         said = f"What was found does not make a robot file: {fault}."
         if said not in warnings:
@@ -120,11 +119,11 @@ def holds(file: RobotFile) -> str:
 def _note(
     file: RobotFile,
     files: Sequence[RobotFile],
-    rivals: Sequence[tuple[str, ...]],
+    open_set: bool,
     differ: Sequence[Difference],
 ) -> str:
     said = []
-    if rivals:
+    if open_set:
         each = dict.fromkeys(f"{holds(f)} (probability {f.probability:.2f})" for f in files[1:])
         said.append(f"Not settled: these recordings do not tell which is missing, {' or '.join(each)}.")
         said.append(f"This file holds {holds(file)}.")

@@ -374,6 +374,11 @@ class Models:
         """Log of the probability of the data at the fit, up to a constant: of white noise, and in `WAYS`
         directions of what the effects' laws may have wrong.
         """
+        each = self._by_share(fitted)
+        return float(np.logaddexp.reduce(each)) - 0.5 * (fitted.cost - fitted.prior - fitted.chi2)
+
+    def _by_share(self, fitted: Fitted) -> np.ndarray:
+        """Log of the probability of the data and of each share that the laws may have wrong (`INEXACT`)."""
         squares = fitted.chi2 / self.scale
         explained = max(self.base.chi2 - fitted.chi2, 0.0) / self.scale
         beyond = max(squares - self.bench.readings, 0.0) + WAYS
@@ -382,7 +387,13 @@ class Models:
             more = share**2 * explained / WAYS
             fits = squares - beyond * more / (1 + more)
             each.append(np.log(weight) - 0.5 * WAYS * np.log1p(more) - 0.5 * fits)
-        return float(np.logaddexp.reduce(each)) - 0.5 * (fitted.cost - fitted.prior - fitted.chi2)
+        return np.asarray(each)
+
+    def inexactness(self, fitted: Fitted) -> float:
+        """Share of what the effects do that their laws have wrong, root mean square, given the data."""
+        each = self._by_share(fitted)
+        weights = np.exp(each - np.logaddexp.reduce(each))
+        return float(np.sqrt(np.sum(weights * np.square(list(INEXACT)))))
 
     def log_posterior(self, fitted: Fitted) -> float:
         """Log of the posterior probability, up to a constant.

@@ -40,6 +40,8 @@ class EstimateLike(Protocol):
     def note(self) -> str: ...
     @property
     def detectable(self) -> float | None: ...
+    @property
+    def made_of(self) -> Mapping[str, float]: ...
 
 
 class ChannelLike(Protocol):
@@ -99,6 +101,8 @@ class FitAnswer(Protocol):
     def recordings(self) -> Sequence[RecordingLike]: ...
     @property
     def estimates(self) -> Sequence[EstimateLike]: ...
+    @property
+    def carried(self) -> Sequence[EstimateLike]: ...
     @property
     def correlation(self) -> np.ndarray: ...
     @property
@@ -283,11 +287,13 @@ def _tables(fit: FitAnswer) -> list[Table]:
         *("parameter", "fitted", "standard error", "95 % interval", "smallest change seen", "before", "note"),
     )
     note = (
-        "Intervals are those of the model as it stands. The smallest change seen is found significant at 5 % "
+        "Intervals count the noise of the cells and all that the robot file calls uncertain; they are those "
+        "of the model as it stands. The smallest change seen is found significant at 5 % "
         "in 95 of 100 recordings like these."
     )
     tables = [
         Table("Estimates", columns, estimates, note=note),
+        *_made_of(fit),
         *_posterior_table(fit),
         *_agreement(fit),
         *_correlations(fit),
@@ -313,6 +319,43 @@ def _tables(fit: FitAnswer) -> list[Table]:
     return [*tables, Table("By phase", heads, phases), Table("Solver", ("", ""), solver)]
 
 
+def _made_of(fit: FitAnswer) -> list[Table]:
+    """What the intervals are made of, and the uncertain numbers that were carried along."""
+    rows = [
+        (e.name, ", ".join(f"{source} {100 * share:.0f} %" for source, share in _largest_first(e)))
+        for e in fit.estimates
+        if e.made_of
+    ]
+    tables = []
+    if rows:
+        note = "Shares of the variance. A number's own name is what the robot file says of it beforehand."
+        tables.append(
+            Table("What the standard errors are made of", ("parameter", "sources"), rows, note=note)
+        )
+    carried = [
+        (
+            e.name,
+            quantity(e.value, e.unit, digits_of(e)),
+            quantity(e.sd, e.unit, 2) if e.sd is not None else "as before",
+            quantity(e.initial, e.unit),
+            e.note,
+        )
+        for e in fit.carried
+    ]
+    if carried:
+        note = (
+            "Nobody asked for these: the robot file calls them uncertain, so they are fitted within what it "
+            "says of them, and what is left of their uncertainty is in the intervals above."
+        )
+        heads = ("parameter", "fitted", "standard error", "before", "note")
+        tables.append(Table("Carried along", heads, carried, note=note))
+    return tables
+
+
+def _largest_first(e: EstimateLike) -> list[tuple[str, float]]:
+    return sorted(e.made_of.items(), key=lambda item: -item[1])
+
+
 def _agreement(fit: FitAnswer) -> list[Table]:
     """Parameters from part of the samples alone."""
     rows = [
@@ -324,7 +367,16 @@ def _agreement(fit: FitAnswer) -> list[Table]:
     ]
     columns = ("parameter", "from", "fitted", "standard error")
     return (
-        [Table("Do the parts agree?", columns, rows, note="All other parameters as fitted.")] if rows else []
+        [
+            Table(
+                "Do the parts agree?",
+                columns,
+                rows,
+                note="All other parameters as fitted; what is uncertain of them is in the errors.",
+            )
+        ]
+        if rows
+        else []
     )
 
 

@@ -1,0 +1,243 @@
+"""The numbers of a diagnosis and their errors: all that is uncertain fitted together.
+
+The search lets the uncertain dimensions of the robot file follow to first order, which is enough to rank
+hypotheses. Where dimensions and modulus do nearly the same that is too rough for values and errors, so the
+base model and the one chosen are fitted once more with the dimensions as free as every other number.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from gtr_jax.phases import PULLING
+
+from ..answer import BASE_CELL, OTHERS, TIP_CELL
+from ..estimate import NORMAL_95, shares_of_variance
+from .bench import LARGEST_STEP, Bench, Fitted, Model, model_of
+from .hypotheses import Hypothesis, Number
+from .locate import phases_of
+from .search import Models, in_parallel
+
+# Iterations of the fit, and step of the central differences at its end, in standard deviations of the priors.
+MOST, HALF_STEP = 8, 1e-3
+LAW, MESH = "the law's inexactness", "mesh"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Marginal:
+    """A model with all that is uncertain fitted together.
+
+    Attributes:
+        bench: the recordings, with the uncertain dimensions among the numbers that are fitted.
+        fitted: the fit; its numbers are mu, E, the dimensions and those of the effects.
+        covariance: of its coordinates, (p, p).
+        made_of: share of the variance of each coordinate by source, p of them.
+    """
+
+    bench: Bench
+    fitted: Fitted
+    covariance: np.ndarray
+    made_of: tuple[Mapping[str, float], ...]
+
+    def sd(self, i: int) -> float:
+        """Standard deviation of number i, SI."""
+        n = self.fitted.numbers[i]
+        size = abs(n.value(self.fitted.x[i])) if n.log else 1.0
+        return float(size * n.sd * np.sqrt(self.covariance[i, i]))
+
+    def interval(self, i: int) -> tuple[float, float]:
+        """Ends of the 95 % interval of number i, SI."""
+        n, x, off = self.fitted.numbers[i], self.fitted.x[i], NORMAL_95 * np.sqrt(self.covariance[i, i])
+        return n.value(x - off), n.value(x + off)
+
+
+def jointly(models: Models, fitted: Fitted, finer: float) -> Marginal:
+    """Fit a model with the dimensions free as well, from where the search left it.
+
+    The covariance is A^-1 with A = J'J + 1 and derivatives by central differences. To it comes what laws that
+    are not exact, and what is left of the mesh, do to the estimates: they move by A^-1 J'd where d is the change
+    of the readings, of one standard deviation for each way.
+
+    Args:
+        models: all samples on the bench, corrected to a fine mesh.
+        fitted: the model.
+        finer: intervals of that mesh over those of the bench.
+
+    Returns:
+        The fit; as the search left it where no better one is found.
+    """
+    hypotheses = models.hypotheses(fitted.names)
+    bench = _freed(models.bench)
+    model = model_of(bench.base, hypotheses)
+    own = {n.name: x for n, x in zip(fitted.numbers, fitted.x, strict=True)}
+    own |= {
+        d.name: (fitted.dimensions.get(d.name, d.value) - d.value) / d.sd for d in models.bench.dimensions
+    }
+    start = np.asarray([own[n.name] for n in model.numbers])
+    found = _polished(bench, model, hypotheses, start)
+    if found is None:
+        found = _as_left(models.bench, model, fitted, start)
+    scale = max(1.0, bench.mean_square(found))
+    inverse = np.linalg.inv(found.information(scale))
+    gain = inverse @ found.jacobian.T / scale
+    labels, shares = _noise_and_priors(bench, found, scale)
+    variances = [share * np.diag(inverse) for share in shares]
+    covariance = inverse
+    for label, rows in ((LAW, _law(models, bench, found, fitted)), (MESH, _mesh(bench, found, finer))):
+        moved = gain @ rows
+        covariance = covariance + moved @ moved.T
+        labels, variances = [*labels, label], [*variances, np.sum(moved**2, axis=1)]
+    total = np.diag(covariance)
+    made_of = tuple(
+        {label: float(v[i] / total[i]) for label, v in zip(labels, variances, strict=True) if v[i] > 0}
+        for i in range(len(total))
+    )
+    return Marginal(bench, found, covariance, made_of)
+
+
+def _freed(bench: Bench) -> Bench:
+    """The same recordings with the uncertain dimensions among the base numbers."""
+    other = copy.copy(bench)
+    numbers = [Number(d.name, d.unit, d.value, d.sd, False) for d in bench.dimensions]
+    other.base, other.dimensions, other.follow = (*bench.base, *numbers), (), None
+    return other
+
+
+def _polished(
+    bench: Bench, model: Model, hypotheses: Sequence[Hypothesis], start: np.ndarray
+) -> Fitted | None:
+    """The model refitted, its derivatives taken anew by central differences, and one last step by these."""
+    here = bench.at(model, start)
+    if here is None:
+        return None
+    found = bench.refit(
+        hypotheses, start, jacobian=_slopes(bench, model, start, here.rows), most=MOST, exact=False
+    )
+    if found is None:
+        return None
+    jacobian = _slopes(bench, model, found.x, found.rows, central=True)
+    found = dataclasses.replace(found, jacobian=jacobian)
+    low, high = (np.asarray([n.bounds[k] for n in model.numbers]) for k in (0, 1))
+    step = -np.linalg.solve(found.information(), jacobian.T @ found.rows + found.x)
+    x = np.clip(found.x + np.clip(step, -LARGEST_STEP, LARGEST_STEP), low, high)
+    there = bench.at(model, x)
+    if there is None:
+        return found
+    squares, prior = float(np.sum(there.rows**2)), float(np.sum(x**2))
+    better = dataclasses.replace(
+        found,
+        x=x,
+        values=there.values,
+        rows=there.rows,
+        chi2=squares,
+        prior=prior,
+        seen=there.seen,
+        failed=there.failed,
+    )
+    return better if better.cost < found.cost else found
+
+
+def _slopes(
+    bench: Bench, model: Model, x: np.ndarray, rows: np.ndarray, *, central: bool = False
+) -> np.ndarray:
+    """Derivatives of the rows by the coordinates, (n, p): by differences, on both cores."""
+
+    def column(i: int) -> np.ndarray:
+        low, high = model.numbers[i].bounds
+        ends = []
+        for step in (HALF_STEP, -HALF_STEP):
+            moved = np.array(x)
+            moved[i] = np.clip(x[i] + step, low, high)
+            there = None if moved[i] == x[i] else bench.at(model, moved)
+            if there is not None:
+                ends.append((moved[i], there.rows))
+                if not central:
+                    break
+        if not ends:
+            return np.zeros_like(rows)
+        if len(ends) == 1:
+            return (ends[0][1] - rows) / (ends[0][0] - x[i])
+        return (ends[0][1] - ends[1][1]) / (ends[0][0] - ends[1][0])
+
+    return np.stack(in_parallel(column, list(range(len(x)))), axis=1)
+
+
+def _as_left(bench: Bench, model: Model, fitted: Fitted, x: np.ndarray) -> Fitted:
+    """A fit of the search in the coordinates of a model with the dimensions free: to first order."""
+    rows, jacobian = fitted.rows, fitted.jacobian
+    columns = {n.name: jacobian[:, i] for i, n in enumerate(fitted.numbers)}
+    if bench.follow is not None:
+        change = bench.follow.change
+        for k, d in enumerate(bench.dimensions):
+            columns[d.name] = bench.white([c[..., k] for c in change])
+    return dataclasses.replace(
+        fitted,
+        numbers=model.numbers,
+        x=x,
+        values=model.values(x),
+        rows=rows,
+        jacobian=np.stack([columns[n.name] for n in model.numbers], axis=1),
+        prior=float(np.sum(x**2)),
+    )
+
+
+class _Rows(NamedTuple):
+    """White rows of all recordings by source of noise, (n, p) each."""
+
+    tip: list[np.ndarray]
+    others: list[np.ndarray]
+    base: list[np.ndarray]
+
+
+def _noise_and_priors(bench: Bench, fitted: Fitted, scale: float) -> tuple[list[str], np.ndarray]:
+    """Sources of variance and their shares, as `estimate.shares_of_variance`."""
+    rows, start = _Rows([], [], []), 0
+    for rig in bench.rigs:
+        C, K = len(rig.part.channels), rig.part.samples
+        for kept, n in zip(rows, (K, (C - 1) * K, K), strict=True):
+            kept.append(fitted.jacobian[start : start + n])
+            start += n
+    by_source = dict(zip((TIP_CELL, OTHERS, BASE_CELL), map(np.concatenate, rows), strict=True))
+    priors = dict(zip((n.name for n in fitted.numbers), np.eye(len(fitted.x)), strict=True))
+    return shares_of_variance({k: J / np.sqrt(scale) for k, J in by_source.items()}, priors)
+
+
+def _law(models: Models, bench: Bench, found: Fitted, fitted: Fitted) -> np.ndarray:
+    """White rows of what the effects' laws may have wrong, (n, ways): what they do while pulling and not, at
+    low tension and high, each with the share that the evidence leaves (`search.INEXACT`).
+    """
+    nothing = np.zeros((len(found.rows), 0))
+    if not found.names:
+        return nothing
+    without = {n.name: found.values[n.name] for n in bench.base}
+    plain = bench.simulate(without, found.names)
+    if plain is None:
+        return nothing
+    share = models.inexactness(fitted)
+    masks = []
+    for k, rig in enumerate(bench.rigs):
+        T, pulling = rig.part.T_base.T_base, phases_of(bench, found, k) == PULLING
+        low = T < 0.5 * (float(T.max()) + float(T.min()))
+        masks.append([pulling & low, pulling & ~low, ~pulling & low, ~pulling & ~low])
+    effect = [
+        (s.values - p.values)[rig.part.where] for rig, s, p in zip(bench.rigs, found.seen, plain, strict=True)
+    ]
+    ways = range(len(masks[0]))
+    return share * np.stack(
+        [bench.white([e * m[w] for e, m in zip(effect, masks, strict=True)]) for w in ways], axis=1
+    )
+
+
+def _mesh(bench: Bench, found: Fitted, finer: float) -> np.ndarray:
+    """White rows of what the fine mesh leaves out, (n, 1), from what it corrects: errors fall with the square
+    of the interval.
+    """
+    left = 1 / (finer**2 - 1) if finer > 1 else 1.0
+    corrected = bench.correction(found.names)
+    rows = bench.white([c[rig.part.where] for rig, c in zip(bench.rigs, corrected, strict=True)])
+    return left * rows[:, None]
