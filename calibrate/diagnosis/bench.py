@@ -33,10 +33,22 @@ DISCRETE = 1e-4
 
 @dataclasses.dataclass(frozen=True)
 class Noise:
-    """Noise of one channel as an AR(1) process: standard deviation, and correlation between neighbours."""
+    """Error of one channel as an AR(1) process.
+
+    Attributes:
+        sd: standard deviation of noise and of what the mesh leaves out.
+        rho: correlation between neighbours.
+        mesh: standard deviation of the latter alone.
+    """
 
     sd: float
     rho: float
+    mesh: float = 0.0
+
+    @property
+    def cell(self) -> float:
+        """Standard deviation of the noise alone."""
+        return float(np.sqrt(max(self.sd**2 - self.mesh**2, 0.0)))
 
 
 def _spread(x: np.ndarray) -> float:
@@ -68,7 +80,10 @@ def noise_in(rig: Rig, residual: np.ndarray) -> list[Noise]:
     if part.noise_N is not None:
         noise[0] = Noise(part.noise_N, noise[0].rho)
     size = [float(np.max(np.abs(part.T_base.T_base))), *np.ptp(part.recorded[1:], axis=1)]
-    return [Noise(float(np.hypot(n.sd, DISCRETE * s)), n.rho) for n, s in zip(noise, size, strict=True)]
+    return [
+        Noise(float(np.hypot(n.sd, DISCRETE * s)), n.rho, DISCRETE * s)
+        for n, s in zip(noise, size, strict=True)
+    ]
 
 
 def passing(rig: Rig, seen: Seen, noise: list[Noise], values: Mapping[str, float]) -> Weighing:
@@ -297,13 +312,16 @@ class Bench:
         white = [self.white([c[..., k] for c in change]) for k in range(len(self.dimensions))]
         return Follow(change, *np.linalg.svd(np.stack(white, axis=1), full_matrices=False))
 
-    def expected_rms(self) -> float:
-        """What the residual of T_tip should be if nothing but noise is left in it [N]."""
+    def expected_rms(self, *, mesh: bool = True) -> float:
+        """What the residual of T_tip should be if nothing but noise is left in it, and, where wanted, what
+        the mesh leaves out [N].
+        """
         total, count = 0.0, 0
         for rig, noise, weigh in zip(self.rigs, self.noise, self.weighs, strict=True):
             # Of the base cell's noise only what its straight runs leave stays.
             passed = weigh.passed[0] ** 2 * rig.part.T_base.size / rig.part.samples
-            total += rig.part.samples * noise[0].sd ** 2 + float(np.sum(passed))
+            own = noise[0].sd if mesh else noise[0].cell
+            total += rig.part.samples * own**2 + float(np.sum(passed))
             count += rig.part.samples
         return float(np.sqrt(total / count))
 

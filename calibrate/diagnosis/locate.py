@@ -186,7 +186,9 @@ def ratio_of_branches(T_base: np.ndarray, T_tip: np.ndarray, phases: np.ndarray,
     return np.asarray(at), np.asarray(D), np.asarray(S)
 
 
-def mu_by_stratum(bench: Bench, fitted: Fitted, covariance: np.ndarray) -> list[tuple[str, float, float]]:
+def mu_by_stratum(
+    bench: Bench, fitted: Fitted, covariance: np.ndarray
+) -> list[tuple[str, float, float, float]]:
     """Friction coefficient of the base model from parts of the samples, the rest as fitted.
 
     Args:
@@ -195,7 +197,8 @@ def mu_by_stratum(bench: Bench, fitted: Fitted, covariance: np.ndarray) -> list[
         covariance: of its coordinates, (p, p): what is uncertain of the others counts in the errors.
 
     Returns:
-        Label, value and standard error of each part that knows anything of it.
+        Label, value, standard error, and what of it is the part's own noise, of each part that knows
+        anything. The rest is common to all parts: what is uncertain of the other numbers moves them together.
     """
     found, names = [], [n.name for n in fitted.numbers]
     white, columns = bench.by_channel(fitted.rows), bench.by_channel(fitted.jacobian)
@@ -221,5 +224,6 @@ def mu_by_stratum(bench: Bench, fitted: Fitted, covariance: np.ndarray) -> list[
             lean = -(mu @ j[inside][:, others]) / power
             sd = float(np.sqrt(wide / power + lean @ covariance[np.ix_(others, others)] @ lean))
             whose = f"{rig.part.name}, " if len(bench.rigs) > 1 else ""
-            found.append((whose + label, number.value(x), number.value(fitted.x[at]) * number.sd * sd))
+            size = number.value(fitted.x[at]) * number.sd
+            found.append((whose + label, number.value(x), size * sd, size * float(np.sqrt(wide / power))))
     return found

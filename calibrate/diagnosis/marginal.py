@@ -60,7 +60,8 @@ def jointly(models: Models, fitted: Fitted, finer: float) -> Marginal:
     """Fit a model with the dimensions free as well, from where the search left it.
 
     The covariance is A^-1 with A = J'J + 1 and derivatives by central differences. To it comes what laws that
-    are not exact, and what is left of the mesh, do to the estimates: they move by A^-1 J'd where d is the change
+    are not exact, and what is left of the mesh, do to the estimates: they move by A^-1 J'd where d is the
+        change
     of the readings, of one standard deviation for each way.
 
     Args:

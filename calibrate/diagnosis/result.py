@@ -29,6 +29,8 @@ BAD_DATA, DIFFER = "bad-data", "recordings-differ"
 # Residual in units of the noise from which it is said to be more: of 86 sound recordings of the blind
 # benchmark, from which this is taken, one with a bad repeat reached 1.49.
 MORE = 1.5
+# What the mesh leaves out is told from this share of the noise on.
+COUNTS = 0.5
 Names = tuple[str, ...]
 
 
@@ -123,12 +125,14 @@ class Diagnosis:
         rest: the same of the model that is shown.
         parameters: numbers before and after.
         rms_N, held_out: residual of T_tip before and after; see `heldout.held_out`.
-        noise_N: of T_tip, the base cell's carried on to it; what a residual should be.
+        noise_N: of T_tip, the base cell's carried on to it.
+        expected_N: what the residual of T_tip should be: the same and what the mesh leaves out.
         left, base_left: structure left by the model shown, and by the base model: size in standard deviations
             of the noise, and significance.
         pattern: a regularity in what the model shown leaves of T_tip that no noise has, or None.
         rivals: models refitted, the most probable first.
-        strata: friction coefficient from parts of the samples: label, value, standard error.
+        strata: friction coefficient of the base model from parts of the samples: label, value, standard
+            error, and what of it is the part's own noise.
         smallest_detectable: smallest size of each effect that these recordings would have shown, SI.
         experiment: what to measure next, or None.
         loops: for pictures.
@@ -154,11 +158,12 @@ class Diagnosis:
     rms_N: tuple[float, float]
     held_out: list[dict[str, float]]
     noise_N: float
+    expected_N: float
     left: tuple[float, float]
     base_left: tuple[float, float]
     pattern: Pattern | None
     rivals: list[Rival]
-    strata: list[tuple[str, float, float]]
+    strata: list[tuple[str, float, float, float]]
     smallest_detectable: dict[str, float]
     experiment: Experiment | None
     loops: list[Loop]
@@ -186,6 +191,7 @@ class Diagnosis:
             nothing,
             [],
             float("nan"),
+            float("nan"),
             nothing,
             nothing,
             *(None, [], [], {}, None, []),
@@ -206,7 +212,7 @@ class Diagnosis:
         refitted: Mapping[Names, Marginal],
         where: list[Where],
         rest: list[Where],
-        strata: list[tuple[str, float, float]],
+        strata: list[tuple[str, float, float, float]],
         held: list[dict[str, float]],
         loops: list[Loop],
         rivals: list[Rival],
@@ -232,7 +238,7 @@ class Diagnosis:
                 "Where is not told: " + " or ".join(" + ".join(n) for n in decision.confusion) + "."
             )
         parameters = _changes(before, after)
-        noise = models.bench.expected_rms()
+        noise, expected = models.bench.expected_rms(mesh=False), models.bench.expected_rms()
         files = robot_files(decision, after, refitted, differ, config, fine, warnings)
         diagnosis = Diagnosis(
             verdict,
@@ -247,6 +253,7 @@ class Diagnosis:
             rms,
             held,
             noise,
+            expected,
             decision.left,
             decision.base_left,
             decision.pattern,
@@ -284,6 +291,7 @@ class Diagnosis:
         fit: dict[str, Any] = {
             "rms_N": {"before": self.rms_N[0], "after": self.rms_N[1]},
             "noise_N": self.noise_N,
+            "expected_rms_N": self.expected_N,
             "structure_left": {
                 "before": {"noise_sd": self.base_left[0], "z": self.base_left[1]},
                 "after": {"noise_sd": self.left[0], "z": self.left[1]},
@@ -359,7 +367,9 @@ class Diagnosis:
             "parameters": parameters,
             "fit": fit,
             "rivals": [dataclasses.asdict(r) for r in self.rivals],
-            "friction_by_part": [{"part": p, "mu": v, "sd": sd} for p, v, sd in self.strata],
+            "friction_by_part": [
+                {"part": p, "mu": v, "sd": sd, "own_sd": own} for p, v, sd, own in self.strata
+            ],
             "next_experiment": proposal,
             "smallest_detectable": self.smallest_detectable,
             "converged": self.converged,
@@ -405,6 +415,13 @@ def difference_in_words(d: Diagnosis, difference: Difference) -> str:
     return words
 
 
+def _noise(d: Diagnosis, verb: str = "") -> str:
+    """The noise in words, and what the mesh leaves out where that counts."""
+    mesh = float(np.sqrt(max(d.expected_N**2 - d.noise_N**2, 0.0)))
+    also = f" and the mesh leaves out {mesh:.1g} N" if mesh > COUNTS * d.noise_N else ""
+    return f"noise{verb} {d.noise_N:.2g} N{also}"
+
+
 def sentence(d: Diagnosis, chosen: Names) -> str:
     """The verdict in words that its numbers carry."""
     before = "".join(f"{difference_in_words(d, difference)} " for difference in d.differ)
@@ -417,7 +434,7 @@ def _of_physics(d: Diagnosis, chosen: Names) -> str:
     if len(held) > 1 and np.isfinite(held[1]["rms_N"]):
         better = (
             f" On samples the fit has not seen, the residual goes from {held[0]['rms_N']:.2g} to "
-            f"{held[1]['rms_N']:.2g} N (noise {d.noise_N:.2g} N)."
+            f"{held[1]['rms_N']:.2g} N ({_noise(d)})."
         )
     if d.verdict in (ADEQUATE, DIFFER):
         best = d.rivals[0] if d.rivals else None
@@ -425,12 +442,12 @@ def _of_physics(d: Diagnosis, chosen: Names) -> str:
         if best is not None and best.names and best.probability > 0.5:
             hint = f" {' with '.join(best.names)} would fit a little better, too little to be claimed."
         more = ""
-        if d.rms_N[0] > MORE * d.noise_N:
+        if d.rms_N[0] > MORE * d.expected_N:
             more = ", which is more, with too little structure in it to claim anything"
         what = "Nothing else is missing" if d.verdict == DIFFER else "Nothing is missing"
         return (
             f"{what} that these recordings could show: the residual is {d.rms_N[0]:.2g} N where "
-            f"the noise is {d.noise_N:.2g} N{more}.{hint}"
+            f"the {_noise(d, ' is')}{more}.{hint}"
         )
     if d.verdict == UNEXPLAINED:
         nearest = ""
@@ -445,7 +462,7 @@ def _of_physics(d: Diagnosis, chosen: Names) -> str:
             where = f" (in {d.pattern.recording})" if len(d.loops) > 1 else ""
             what += f" {d.pattern.says}{where} ({by_chance}), {100 * d.pattern.share:.0f} % of it;"
         at = f" Most of it: {d.where[0].says}." if d.where else ""
-        off = f"the fit is off by {d.rms_N[0]:.2g} N where the noise is {d.noise_N:.2g} N"
+        off = f"the fit is off by {d.rms_N[0]:.2g} N where the {_noise(d, ' is')}"
         return f"{what} {off}.{at}{nearest}"
     mu = next((c for c in d.parameters if c.name == "mu"), None)
     moved = f" Friction goes from {mu.before:.3g} to {mu.after:.3g}." if mu and mu.before and mu.after else ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from .fit import quantity
 from .page import Figure, Report, Table
 
 SHOWN = 8
+# Share of a variance from which its source is named.
+NAMED = 0.01
 
 
 def diagnosis_report(answer: Any, name: str) -> Report:
@@ -95,6 +98,12 @@ def _figures(answer: Any) -> list[Figure]:
     return figures
 
 
+def _sources(made_of: Mapping[str, float]) -> str:
+    """Sources of a variance with their shares, the largest first."""
+    largest = sorted(made_of.items(), key=lambda item: -item[1])
+    return ", ".join(f"{source} {100 * share:.0f} %" for source, share in largest if share >= NAMED)
+
+
 def _differing(answer: Any) -> list[Table]:
     """The numbers that differ between recordings, and the robot files where there are several."""
     tables = []
@@ -106,8 +115,8 @@ def _differing(answer: Any) -> list[Table]:
         alike = "; ".join(" and ".join(group) for group in d.groups)
         note = (
             f"One value for all recordings would be {quantity(d.shared, d.unit)}, and leaves "
-            f"{d.standard_errors:.0f} standard errors more. Alike: {alike}. The standard deviations hold what "
-            "is uncertain of all recordings in common, which a difference does not."
+            f"{d.standard_errors:.0f} standard errors more. Alike: {alike}. The standard deviations hold "
+            "what is uncertain of all recordings in common, which a difference does not."
         )
         others = [*(f"{n} that differs" for n in d.or_numbers), *(f"{n} in all" for n in d.or_effects)]
         if others:
@@ -148,13 +157,19 @@ def _tables(answer: Any) -> list[Table]:
             for c in answer.parameters
         ]
         tables.append(Table("Numbers", ("", "before", "after", "standard deviation"), rows))
+        rows = [(c.name, _sources(c.made_of)) for c in answer.parameters if c.made_of]
+        note = (
+            "Shares of the variance. Names of numbers stand for what is known of them beforehand; what the "
+            "mesh and a law that is not quite right may do is counted too."
+        )
+        tables.append(Table("What the standard deviations are made of", ("", "sources"), rows, note=note))
     if len(answer.held_out) > 1:
         before, after = answer.held_out
         rows = [
             ("residual of T_tip on what was fitted, rms", *(number(v, "N", 3) for v in answer.rms_N)),
             ("on what was held out, rms", *(number(h["rms_N"], "N", 3) for h in answer.held_out)),
             ("chi² per sample, held out", *(number(h["chi2_per_n"], digits=3) for h in answer.held_out)),
-            ("noise, as it should be left, rms", *(number(answer.noise_N, "N", 3),) * 2),
+            ("noise, as it should be left, rms", *(number(answer.expected_N, "N", 3),) * 2),
         ]
         note = (
             f"Held out in turn: {after['folds']:.0f} parts (cycles, recordings, or stretches of one loop); "
@@ -183,8 +198,17 @@ def _tables(answer: Any) -> list[Table]:
         if told:
             tables.append(Table("How to tell them apart", ("term", "what it is", "experiment"), told))
     if answer.strata:
-        rows = [(part, number(v), number(sd, digits=2)) for part, v, sd in answer.strata]
-        tables.append(Table("Friction from parts of the recording", ("part", "mu", "standard error"), rows))
+        rows = [
+            (part, number(v), number(sd, digits=2), number(own, digits=2))
+            for part, v, sd, own in answer.strata
+        ]
+        heads = ("part", "mu", "standard error", "of it the part's own")
+        note = (
+            "All other numbers as fitted, nothing added. What is uncertain of them moves all parts together: "
+            "to compare two parts, take the last column."
+        )
+        title = "Friction from parts of the recording, by the base model"
+        tables.append(Table(title, heads, rows, note=note))
     if answer.experiment is not None:
         rows = [(what, number(v, digits=3)) for what, v in answer.experiment.menu]
         tables.append(Table("What to measure next", ("experiment", "tells apart by [standard errors]"), rows))
