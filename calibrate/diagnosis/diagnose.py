@@ -252,8 +252,8 @@ def prepare(
         found_split = differing(start.bench, start.base, fine, hypotheses_of(fine, start.base, start.full))
         if found_split is None:
             break
-        bench, base, difference = found_split
-        again = fitted(parts, base.x, bench.base, bench.dimensions)
+        numbers, left, at, difference = found_split
+        again = fitted(parts, at, numbers, left)
         if again is None:
             break
         start, differ = again, [*differ, difference]

@@ -24,7 +24,7 @@ from gtr_jax.terms import REGISTRY, known_on
 from ..noise import correlation_time
 from .bench import Bench, Dimension, Fitted, model_of
 from .hypotheses import Hypothesis, Number, number_of
-from .rig import OWN
+from .rig import OWN, values_in
 from .search import (
     BELIEVED,
     HOW_MANY,
@@ -32,6 +32,7 @@ from .search import (
     ONE_EACH,
     SEEN,
     Models,
+    base_fit,
     in_parallel,
     refit_best,
     screen,
@@ -43,7 +44,7 @@ PRELOAD, PRELOAD_SHARE = "preload", 0.05
 ZEROS = ("tip-offset", "base-offset")
 # Numbers that may differ at once.
 MOST = 2
-# Share of the largest drop that slopes promise from which a number, or an effect, is refitted.
+# Share of the drop by a number that differs from which an effect is refitted that might be the cause instead.
 PROMISING = 0.3
 # Standard errors from which two recordings are said to differ; log of the odds up to which another cause is
 # told of as well; effects refitted as such, and iterations.
@@ -83,10 +84,13 @@ class Difference:
 
 
 class Split(NamedTuple):
-    """A bench on which a number differs, the base model fitted to it, and what differs."""
+    """A base model in which a number differs: its numbers, the dimensions that follow, coordinates to start
+    from, and what differs.
+    """
 
-    bench: Bench
-    base: Fitted
+    base: tuple[Number, ...]
+    dimensions: tuple[Dimension, ...]
+    start: np.ndarray
     difference: Difference
 
 
@@ -105,18 +109,26 @@ def names_to_split(dimensions: Sequence[Dimension]) -> list[str]:
     return [PRELOAD] if PRELOAD not in {d.name for d in dimensions} else []
 
 
-def candidates(bench: Bench, robot: Robot) -> list[Number]:
-    """The numbers that may differ between recordings: those of the base model, the uncertain dimensions, the
-    preload and the zeros of the cells.
+def _freed(bench: Bench, robot: Robot) -> Bench:
+    """The same recordings with the uncertain dimensions among the base numbers: beside numbers that differ
+    their derivatives are too rough.
     """
-    known = parameters_of(robot)
-    found = [n for n in bench.base if OWN not in n.name]
-    taken = {n.name.partition(OWN)[0] for n in bench.base}
+    other, known, numbers = copy.copy(bench), parameters_of(robot), []
     for d in bench.dimensions:
         low, high = known[d.name].lower, known[d.name].upper
         lower, upper = (-np.inf if low is None else low), (np.inf if high is None else high)
-        found.append(Number(d.name, d.unit, d.value, d.sd, False, lower, upper))
-    if PRELOAD not in {d.name for d in bench.dimensions} | taken:
+        numbers.append(Number(d.name, d.unit, d.value, d.sd, False, lower, upper))
+    other.base, other.dimensions, other.follow = (*bench.base, *numbers), (), None
+    return other
+
+
+def candidates(bench: Bench, robot: Robot) -> list[Number]:
+    """The numbers that may differ between recordings: those of the base model, with the uncertain dimensions,
+    the preload and the zeros of the cells.
+    """
+    found = [n for n in bench.base if OWN not in n.name]
+    taken = {n.name.partition(OWN)[0] for n in bench.base}
+    if PRELOAD not in taken:
         largest = max(float(np.max(rig.part.T_base.T_base)) for rig in bench.rigs)
         value = float(robot.value(PRELOAD))
         found.append(Number(PRELOAD, "N", value, PRELOAD_SHARE * largest, False, 0.0, size=True))
@@ -134,19 +146,13 @@ def split(number: Number, recordings: Sequence[str]) -> list[Number]:
 
 
 def with_base(bench: Bench, base: tuple[Number, ...]) -> Bench:
-    """The same bench with other base numbers; of the dimensions those follow that are none of them."""
+    """The same bench with other base numbers."""
     other = copy.copy(bench)
     other.base = base
-    fitted = {n.name.partition(OWN)[0] for n in base}
-    kept = [i for i, d in enumerate(bench.dimensions) if d.name not in fitted]
-    other.dimensions = tuple(bench.dimensions[i] for i in kept)
-    if bench.follow is not None:
-        change = [c[..., kept] for c in bench.follow.change]
-        other.follow = other.following(change) if kept else None
     return other
 
 
-def _base_with(bench: Bench, number: Number, each: bool) -> tuple[Number, ...]:
+def _base_with(bench: Bench, number: Number, *, each: bool) -> tuple[Number, ...]:
     """The base numbers with a number among them, once, or once for each recording."""
     own = split(number, [rig.part.name for rig in bench.rigs]) if each else [number]
     names = [n.name for n in bench.base]
@@ -156,42 +162,70 @@ def _base_with(bench: Bench, number: Number, each: bool) -> tuple[Number, ...]:
     return (*bench.base[:at], *own, *bench.base[at + 1 :])
 
 
-def _start(base: tuple[Number, ...], fitted: Fitted) -> np.ndarray:
-    """Coordinates of base numbers from a fit in which some may be shared, dimensions or at their centre."""
-    known = dict(fitted.values) | dict(fitted.dimensions)
-    values = [known.get(n.name, known.get(n.name.partition(OWN)[0], n.centre)) for n in base]
-    return np.asarray([np.clip(n.at(v), *n.bounds) for n, v in zip(base, values, strict=True)])
+def _by_itself(bench: Bench, k: int, shared: np.ndarray) -> tuple[Bench, Fitted] | None:
+    """One of the recordings, and the base model fitted to it, noise and all; None where that fails."""
+    found = []
+    for start in (shared, np.zeros(len(shared))):
+        other = copy.copy(bench)
+        other.rigs, other.noise, other.weighs = (bench.rigs[k],), [bench.noise[k]], [bench.weighs[k]]
+        other.corrections = {(): [bench.corrections[()][k]]}
+        fitted = base_fit(other, start)
+        if fitted is not None:
+            found.append((other, fitted))
+    return min(found, key=lambda one: one[0].mean_square(one[1]), default=None)
 
 
-def _promise(bench: Bench, fitted: Fitted, number: Number) -> float:
-    """Drop of the sum of squares that slopes promise for a value in each recording, beyond that for one."""
-    base = _base_with(bench, number, each=True)
-    own, model = with_base(bench, base), model_of(base, ())
-    x = _start(base, fitted)
-    here = own.at(model, x)
-    if here is None:
-        return 0.0
-    J = np.concatenate([own.slopes(model, x, here.rows), np.eye(len(x))])
-    r = np.concatenate([here.rows, x])
-    mine = [i for i, n in enumerate(base) if n.name.partition(OWN)[0] == number.name]
-    rest = [i for i in range(len(base)) if i not in mine]
-    one = np.concatenate([J[:, rest], J[:, mine].sum(axis=1, keepdims=True)], axis=1)
-
-    def left(columns: np.ndarray) -> float:
-        q, _ = np.linalg.qr(columns)
-        return float(r @ r) - float(np.sum((q.T @ r) ** 2))
-
-    return left(one) - left(J)
+def _together(bench: Bench, alone: Sequence[tuple[Bench, Fitted]]) -> Bench:
+    """The bench with the noise that each recording shows by itself: a wrong value passes for noise."""
+    other = copy.copy(bench)
+    other.noise = [own.noise[0] for own, _ in alone]
+    other.weighs = [own.weighs[0] for own, _ in alone]
+    return other
 
 
-def _tried(bench: Bench, fitted: Fitted, number: Number) -> _Tried | None:
+def _refitted(bench: Bench, starts: Sequence[np.ndarray]) -> Fitted | None:
+    """The base model of a bench, from the best of some starts: kinks of friction hold up a descent."""
+    fits = [bench.refit((), start, exact=False) for start in starts]
+    best = min((f for f in fits if f is not None), key=lambda f: f.cost, default=None)
+    return best and bench.refit((), best.x)
+
+
+def _starts(
+    bench: Bench, base: tuple[Number, ...], fitted: Fitted, alone: Sequence[tuple[Bench, Fitted]]
+) -> list[np.ndarray]:
+    """Coordinates of base numbers to start from: as fitted to all recordings, and as in each by itself, those
+    that are shared in the mean.
+    """
+    together = fitted.values
+    apart = {
+        rig.part.name: values_in(f.values, rig.part.name)
+        for rig, (_, f) in zip(bench.rigs, alone, strict=True)
+    }
+
+    def mean(n: Number) -> float:
+        name, own, recording = n.name.partition(OWN)
+        if own:
+            return apart[recording].get(name, n.centre)
+        return float(np.mean([values.get(name, n.centre) for values in apart.values()]))
+
+    values = [
+        [together.get(n.name, together.get(n.name.partition(OWN)[0], n.centre)) for n in base],
+        [mean(n) for n in base],
+    ]
+    return [
+        np.asarray([np.clip(n.at(v), *n.bounds) for n, v in zip(base, some, strict=True)]) for some in values
+    ]
+
+
+def _tried(
+    bench: Bench, fitted: Fitted, alone: Sequence[tuple[Bench, Fitted]], number: Number
+) -> _Tried | None:
     """A number with one value, and with one for each recording, fitted; None where that fails."""
     found = []
     for each in (False, True):
-        base = _base_with(bench, number, each)
+        base = _base_with(bench, number, each=each)
         own = with_base(bench, base)
-        start = _start(base, fitted if not found else found[0][1])
-        again = own.refit((), start)
+        again = _refitted(own, _starts(own, base, found[0][1] if found else fitted, alone))
         if again is None:
             return None
         found.append((own, again))
@@ -228,13 +262,21 @@ def differing(bench: Bench, base: Fitted, robot: Robot, hypotheses: Sequence[Hyp
     K = len(bench.rigs)
     if K < 2:
         return None
-    numbers = candidates(bench, robot)
-    promised = in_parallel(lambda n: _promise(bench, base, n), numbers)
-    most = max(promised)
-    if most < 0.5 * least_drop(K):
+    free = _freed(bench, robot)
+    values = dict(base.values) | dict(base.dimensions)
+    x = np.asarray([np.clip(n.at(values[n.name]), *n.bounds) for n in free.base])
+    apart = in_parallel(lambda k: _by_itself(free, k, x), list(range(K)))
+    alone = [a for a in apart if a is not None]
+    if len(alone) < K:
         return None
-    wanted = [n for n, p in zip(numbers, promised, strict=True) if p > PROMISING * most]
-    tried = [t for t in in_parallel(lambda n: _tried(bench, base, n), wanted) if t is not None]
+    free = _together(free, alone)
+    again = _refitted(free, [x, *_starts(free, free.base, alone[0][1], alone)[1:]])
+    # No number that differs takes away more than all of them together.
+    if again is None or again.cost - sum(f.chi2 for _, f in alone) < least_drop(K):
+        return None
+    numbers = candidates(free, robot)
+    found = in_parallel(lambda n: _tried(free, again, alone, n), numbers)
+    tried = [t for t in found if t is not None]
     if not tried:
         return None
     # Of all models alike, so that they can be compared.
@@ -248,12 +290,15 @@ def differing(bench: Bench, base: Fitted, robot: Robot, hypotheses: Sequence[Hyp
     others = [t.number.name for t, less in zip(tried, behind, strict=True) if BELIEVED * less < ODDS][1:]
     difference = _difference(best, float(np.sqrt(drop)), others)
     if not _driven_alike(bench, difference.groups):
-        odds = _effects_instead(bench, base, best.own, len(numbers), hypotheses)
+        odds = _effects_instead(free, again, best.own, len(numbers), hypotheses)
         if any(log > ODDS for log in odds.values()):
             return None
         effects = [name for name, log in odds.items() if log > -ODDS]
         difference = dataclasses.replace(difference, or_effects=effects)
-    return Split(best.each, best.own, difference)
+    numbers = _base_with(bench, best.number, each=True)
+    start = np.asarray([np.clip(n.at(best.own.values[n.name]), *n.bounds) for n in numbers])
+    dimensions = tuple(d for d in bench.dimensions if d.name != best.number.name)
+    return Split(numbers, dimensions, start, difference)
 
 
 def still_differ(

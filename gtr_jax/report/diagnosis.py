@@ -115,7 +115,7 @@ def _differing(answer: Any) -> list[Table]:
         alike = "; ".join(" and ".join(group) for group in d.groups)
         note = (
             f"One value for all recordings would be {quantity(d.shared, d.unit)}, and leaves "
-            f"{d.standard_errors:.0f} standard errors more. Alike: {alike}. The standard deviations hold "
+            f"{d.standard_errors:.0f} standard errors more. By value: {alike}. The standard deviations hold "
             "what is uncertain of all recordings in common, which a difference does not."
         )
         others = [*(f"{n} that differs" for n in d.or_numbers), *(f"{n} in all" for n in d.or_effects)]
