@@ -133,5 +133,5 @@ def _note(
         said.append(f"This file has what fits {file.recording}.")
     others = [f.name for f in files if f is not file]
     if said and file is files[0]:
-        said.append(f"All there are: {', '.join(others)}.")
+        said.append(f"One for each: {', '.join(others)}.")
     return " ".join(said)
