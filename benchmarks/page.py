@@ -1,4 +1,6 @@
-"""`python -m benchmarks.page`: the committed baseline as the table of the docs, results/speed.md."""
+"""`python -m benchmarks.page`: the committed baseline as a table, results/speed.md, and what pages of the
+docs show of files.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +9,7 @@ import sys
 from typing import Any
 
 from .gate import BASELINE
+from .inclusions import ROOT, fill_all
 from .measure import RESULTS
 
 PAGE = RESULTS / "speed.md"
@@ -43,6 +46,8 @@ def _number(value: float) -> str:
 
 def main() -> int:
     PAGE.write_text(table(json.loads(BASELINE.read_text(encoding="utf-8"))), encoding="utf-8")
+    for page in fill_all():
+        print(f"written: {page.relative_to(ROOT)}")
     return 0
 
 

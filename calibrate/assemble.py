@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gtr_jax import InputError, RobotConfig
+from gtr_jax.parameters import with_values
 
 from . import verdict as words
 from .alone import Apart, Phases, by_recording, mu_by_phase
@@ -243,7 +244,7 @@ def _fitted(
         }
     return FittedRecording(
         name=part.name,
-        robot=part.robot.with_values(**task.values_of(k, values)),
+        robot=with_values(part.robot, task.values_of(k, values)),
         config=part.config
         if covariance is None
         else _fitted_config(task, k, values, np.isfinite(np.diag(covariance)), left),

@@ -22,7 +22,7 @@ from .posterior import require_sampler, sample
 from .profiles import profiles
 from .result import FitResult
 from .start import search
-from .task import Part, Task, fitted_to, recorded
+from .task import Part, Task, check_tension, fitted_to, recorded
 from .weighing import Weighing
 
 DEFAULT_FREE = ("mu", "E")
@@ -211,6 +211,7 @@ def part_of(
 ) -> Part:
     """A recording made ready, its base tension estimated."""
     T_base, given = recorded(recording)
+    check_tension(T_base, robot, str(recording.path))
     kept = fitted_to(given, wanted, robot, str(recording.path), warnings)
     channels, values = tuple(kept), np.stack(list(kept.values()))
     if robust:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 
+import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig
@@ -24,6 +25,10 @@ SMALLEST_SIGMA, ROUGH = 1e-6, 0.02
 LONG, FINEST = 2000, 1 / 400
 # A tip angle beyond so many turns, or a tip farther away than so many lengths, is in another unit.
 MOST_TURNS, MOST_LENGTHS = 2.0, 2.0
+# A base tension that would strain the outermost fibre by so much, on average and without friction, is in
+# another unit. The shared and shipped recordings reach 0.07 to 0.13, and 102 times that if their newtons
+# are grams-force.
+MOST_STRAIN, OFTEN = 2.0, 99.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -257,6 +262,30 @@ def recorded(recording: Recording) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     if len(T_base) < 4:
         raise InputError(f"{where}: {len(T_base)} samples are too few to fit to; give 4 or more")
     return T_base, channels
+
+
+def check_tension(T_base: np.ndarray, robot: Robot, where: str) -> None:
+    """Refuse base tensions [N], (K,), that no such robot can take: a unit that was forgotten.
+
+    The strain of the outermost fibre is T R r/(E I), here without bores, which only soften the body.
+
+    Raises:
+        InputError: naming the recording `where`, and the remedy.
+    """
+    body = robot.backbone
+    if body.rigid:
+        return
+    s = jnp.linspace(0.0, body.length, 101)
+    offset = robot.routing.offset(s, robot.routing.kinks()[:, None] <= s[None, :], body.length)
+    lever = np.mean(np.abs(np.asarray(offset.value)) * np.asarray(body.radius(s)) ** -3.0)
+    high = float(np.percentile(T_base, OFTEN))
+    strain = high * lever / (0.25 * np.pi * float(body.youngs_modulus))
+    if strain > MOST_STRAIN:
+        raise InputError(
+            f"{where}: T_base reaches {high:.4g} N, {strain / MOST_STRAIN:.2g} times the most that bends a "
+            "robot of this stiffness; if it is in grams-force, say so, --columns "
+            "'T_base=NAME[gf],T_tip=NAME[gf]', else correct backbone.youngs_modulus"
+        )
 
 
 def fitted_to(

@@ -20,6 +20,7 @@ from .uncertainty import Uncertainty, uncertainty_of
 
 RESOLUTION = 0.5  # of the mesh of the search
 STATIONS, PER_HALF_WAVE = 65, 40
+ANY_LOSS = 2.0  # a limit on the share that is lost, that no design comes near
 UTOPIA = {"reach": -1.0, "bend": -2.0 * np.pi, "tension": 0.0}  # of the goal over its scale
 
 
@@ -115,6 +116,8 @@ def limits_given(target: TargetConfig, space: Space) -> tuple[str, ...]:
         given.append(L.RELEASE)
     if {"w1", "w2"} & {v.name for v in space.variables}:
         given.append(L.WAVE)
+    if L.LOSS not in given and target.goal is None and target.robust.optimise == "nominal":
+        given.append(L.LOSS)  # for `least_loss`, which sets it
     return tuple(given)
 
 
@@ -129,7 +132,7 @@ def _limit_values(target: TargetConfig) -> L.LimitValues:
         wall=number(own.wall_clearance + edge),
         bore=number(own.bore_clearance + edge),
         radius=number(own.min_channel_radius),
-        loss=number(own.max_tension_loss),
+        loss=number(ANY_LOSS if own.max_tension_loss is None else own.max_tension_loss),
         tip=number(own.min_T_tip),
         base_slope=number(own.max_base_slope),
         tip_slope=number(own.max_tip_slope),

@@ -16,15 +16,14 @@ from .gauss_newton import search_all
 from .limits import channel_margins, stations_of
 from .option import look_at
 from .result import Binding, Relaxed
-from .search import LEAST_MARGIN, MANY_STEPS, Lanes, nominal, ranking, without_goal
+from .search import LEAST_MARGIN, MANY_STEPS, Lanes, nominal, without_goal
 from .task import Task, load_margins, robot_of, solve_states, tensions_of
 
 NEAR = 2e-3  # margin, in its scale, under which a limit counts as binding
 
 
-def binding_of(problem: Assembled, found: Lanes) -> tuple[Binding, ...]:
-    """Limits and bounds that the best lane leans on, the hardest first."""
-    best = int(ranking(problem, found)[0])
+def binding_of(problem: Assembled, found: Lanes, best: int) -> tuple[Binding, ...]:
+    """Limits and bounds that a lane of the search, the best, leans on, the hardest first."""
     space = problem.space
     if not np.isfinite(found.cost[best]):
         return ()

@@ -14,11 +14,12 @@ from gtr_jax.errors import InputError
 
 from .assemble import RESOLUTION, Assembled, assemble
 from .compare import compare
+from .least_loss import with_less_loss
 from .obstacles import binding_of, relaxations
 from .options import options_of
 from .result import NEAREST, Design, SearchFacts
 from .robustness import robustness_of
-from .search import find
+from .search import Lanes, find
 from .target import TargetConfig, load_target
 from .tolerances import tolerance_table
 from .verify import verify
@@ -56,7 +57,7 @@ def optimise(
     plain = against or _without_terms(robot)
     other = None if plain is None else _assembled_like(problem, plain, resolution)
     progress("compiling and screening designs")
-    found = find(problem, progress)
+    starts, found = _searched(problem, progress)
     progress("looking at the designs on a finer mesh")
     options = options_of(problem, found)
     best = options[0]
@@ -66,15 +67,15 @@ def optimise(
         problem=problem,
         options=tuple(options),
         verification=verified,
-        binding=binding_of(problem, found),
+        binding=binding_of(problem, found, best.lane),
         relaxed=(),
         tolerances=tolerance_table(problem, best),
         robustness=robustness_of(problem, best),
         comparison=None,
         search=SearchFacts(
             found.method,
-            len(found.z),
-            int(np.sum(found.settled)),
+            len(starts.z),
+            int(np.sum(starts.settled)),
             int(np.sum(found.steps)),
             found.reachable,
             0.0,
@@ -85,10 +86,17 @@ def optimise(
         answer = dataclasses.replace(answer, relaxed=relaxations(problem, found, answer.binding))
     if plain is not None and other is not None:
         progress("designing with the plain model")
-        option = options_of(other, find(other, progress))[0]
+        option = options_of(other, _searched(other, progress)[1])[0]
         answer = dataclasses.replace(answer, comparison=compare(problem, option, plain))
     seconds = time.monotonic() - began
     return dataclasses.replace(answer, search=dataclasses.replace(answer.search, seconds=seconds))
+
+
+def _searched(problem: Assembled, progress: Callable[[str], None]) -> tuple[Lanes, Lanes]:
+    """The search from all starts, and the same followed to where less tension is lost."""
+    found = find(problem, progress)
+    progress("towards less tension lost")
+    return found, with_less_loss(problem, found)
 
 
 def _without_terms(robot: RobotConfig) -> RobotConfig | None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from gtr_jax.config import RobotConfig
 from gtr_jax.robot import Robot
+from gtr_jax.units import display_of
 
 from . import limits as L
 from .assemble import Assembled
@@ -20,6 +21,7 @@ from .task import goal_of, point_at
 
 PLACES = 2001
 ROUNDING = 1e-9
+NOTHING = 0.01  # of a tolerance, below which a miss has no digits
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,6 +59,16 @@ class TargetError:
         """Whether it is within its tolerances."""
         near = not self.distance > self.tip_tolerance * (1 + ROUNDING)
         return near and not abs(self.turn) > self.angle_tolerance * (1 + ROUNDING)
+
+    @property
+    def distance_says(self) -> str:
+        """The distance in words, to two digits, three if missed; a dash if it was not asked for."""
+        return off_by(self.distance, self.tip_tolerance, "m")
+
+    @property
+    def turn_says(self) -> str:
+        """The angle in degrees, in the same way."""
+        return off_by(abs(self.turn), self.angle_tolerance, "rad")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,6 +108,7 @@ class Option:
         goal: value of the goal, SI; NaN without one.
         loss: largest share of the base tension lost while pulling; NaN if nothing pulls.
         converged: whether every equilibrium met its tolerance.
+        lane: of the search, that led to it; -1 of a robot that was not searched for.
     """
 
     config: RobotConfig
@@ -107,6 +120,7 @@ class Option:
     goal: float
     loss: float
     converged: bool
+    lane: int = -1
 
     @property
     def reached(self) -> bool:
@@ -122,6 +136,25 @@ class Option:
     def miss(self) -> float:
         """Largest error in units of its tolerance."""
         return max((e.size for e in self.errors), default=0.0)
+
+
+def quantity(value: float, unit: str, digits: int = 4) -> str:
+    """A quantity, SI, in the unit people write it in; a dash where there is none."""
+    from gtr_jax.plots.style import number  # matplotlib, only where something is said
+
+    shown, size = display_of(unit or "dimensionless")
+    return number(value / size, "" if shown == "dimensionless" else shown, digits)
+
+
+def off_by(value: float, tolerance: float, unit: str) -> str:
+    """An error in words: nothing is made of what is less than a hundredth of its tolerance.
+
+    Args:
+        value: of the error, not negative. tolerance: its tolerance. unit: SI, of both.
+    """
+    if value < NOTHING * tolerance:
+        return f"less than {quantity(NOTHING * tolerance, unit, 2)}"
+    return quantity(value, unit, 2 if value <= tolerance else 3)
 
 
 def loads_of(problem: Assembled, tensions: np.ndarray):
@@ -271,6 +304,12 @@ def _margins(problem: Assembled, robot: Robot, states: States, tensions: np.ndar
         most(L.LOSS, 1.0 - share, own.max_tension_loss, "", None)
     if own.min_T_tip is not None:
         least(L.TIP, np.asarray(states.T_tip), own.min_T_tip, "N", None)
+    if L.WAVE in given:
+        ends = np.asarray(robot.routing.kinks())
+        least(L.WAVE, ends[1:] - ends[:1], L.LEAST_WAVE * float(body.length), "m", None)
+    if L.RELEASE in given:
+        others = [tensions[number] for number, _ in problem.task.states if number != len(tensions) - 1]
+        least(L.RELEASE, np.asarray(tensions[-1:], float), float(max(others)), "N", None)
     if own.max_T_base is not None:
         most("max_T_base", np.asarray(tensions, float), own.max_T_base, "N", None)
     return tuple(out)

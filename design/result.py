@@ -8,12 +8,12 @@ from typing import Any
 
 from gtr_jax.config import RobotConfig
 from gtr_jax.plain import plain
-from gtr_jax.units import display_of
 
 from .assemble import Assembled
 from .compare import Comparison
-from .limits import BORE, WALL
-from .option import Margin, Option, TargetError
+from .limits import BORE, LOSS, WALL
+from .option import Margin, Option, TargetError, quantity
+from .options import by_loss
 from .robustness import Robustness, Spread
 from .tolerances import Sensitivity
 from .verify import Verification
@@ -79,7 +79,8 @@ class Design:
 
     Attributes:
         problem: the files and what was searched.
-        options: distinct designs, the best first, each on the default mesh.
+        options: distinct designs, the best first, each on the mesh four times finer than the default; all
+            of them valid, or none is and they are the nearest (`options_of`).
         verification: of the best.
         binding: what it leans on. relaxed: what putting a limit aside would do, if the targets are not met.
         tolerances: of its dimensions. robustness: None if nothing is uncertain.
@@ -100,7 +101,7 @@ class Design:
     @property
     def best(self) -> Option:
         """The design that was chosen, on the mesh four times finer than the default."""
-        return self.verification.fine
+        return self.options[0]
 
     @property
     def config(self) -> RobotConfig:
@@ -190,23 +191,44 @@ class Design:
         return {"kind": goal.kind, "value": self.best.goal, "unit": unit}
 
 
-def quantity(value: float, unit: str, digits: int = 4) -> str:
-    """A quantity in the unit people write it in; a dash where there is none."""
-    if value != value:
-        return "–"
-    shown, size = display_of(unit or "dimensionless")
-    text = f"{value / size:.{digits}g}"
-    return f"{text} {shown}".replace("-", "−") if shown != "dimensionless" else text.replace("-", "−")
-
-
 def miss_says(error: TargetError) -> str:
     """By how much a target is missed."""
     parts = []
     if error.distance == error.distance:
-        parts.append(quantity(error.distance, "m", 3))
+        parts.append(error.distance_says)
     if error.turn == error.turn:
-        parts.append(quantity(abs(error.turn), "rad", 3))
+        parts.append(error.turn_says)
     return " and ".join(parts)
+
+
+def limit_says(name: str, value: float, unit: str, digits: int = 3) -> str:
+    """The number of a limit: a share of the tension in per cent, anything else in its unit."""
+    return f"{100 * value:.{digits}g} %" if name == LOSS else quantity(value, unit, digits)
+
+
+def freed_says(answer: Design) -> str:
+    """What was chosen besides the channel, tensions first: " with T_base 12.3 N, E 1.1 MPa"; "" if nothing
+    was. Of several tensions, each with the targets that it is of.
+    """
+    space, best = answer.problem.space, answer.best
+    names = [v.name for v in space.free_tensions]
+    goal = answer.problem.target.goal
+    if goal is not None and goal.kind == "tension" and len(names) == 1:
+        names = []  # the goal's own number says it
+    parts = []
+    for name in names:
+        value = best.values[name]
+        of = [e.name for e in best.errors if math.isclose(e.T_base, value, rel_tol=1e-12)]
+        if len(names) > 1:
+            parts.append(f"{name} {quantity(value, 'N')} ({', '.join(of) or 'before release'})")
+        else:
+            parts.append(f"{name} {quantity(value, 'N')}")
+    parts += [
+        f"{v.name} {quantity(best.values[v.name], v.unit)}"
+        for v in space.variables
+        if not v.key.startswith("routing.")
+    ]
+    return f" with {', '.join(parts)}" if parts else ""
 
 
 def _sentences(answer: Design) -> list[str]:
@@ -233,13 +255,14 @@ def _sentences(answer: Design) -> list[str]:
         for r in answer.relaxed:
             if r.reached:
                 out.append(
-                    f"Without {r.name} it would be reached, with {quantity(r.value, r.unit)} instead of "
-                    f"{quantity(r.limit, r.unit)}."
+                    f"Without {r.name} it would be reached, with {limit_says(r.name, r.value, r.unit, 4)} "
+                    f"instead of {limit_says(r.name, r.limit, r.unit, 4)}."
                 )
         if answer.relaxed and not any(r.reached for r in answer.relaxed):
             out.append("Putting one limit aside does not help.")
         return out
-    loss = f"; {100 * best.loss:.3g} % of the tension is lost" if best.loss == best.loss else ""
+    lost = f"; {100 * best.loss:.3g} % of the tension is lost" if best.loss == best.loss else ""
+    loss = f"{freed_says(answer)}{lost}"
     if answer.robustness is not None and answer.problem.task.spread != "nominal" and target.goal is None:
         out.append(
             f"{name}: least {answer.problem.task.spread} error over friction and modulus: "
@@ -263,7 +286,13 @@ def _sentences(answer: Design) -> list[str]:
         out.append(f"All limits are kept; {word}.")
     others = len(answer.options) - 1
     if others:
-        out.append(f"{others} other design{'s' if others > 1 else ''} found.")
+        keep = "keep" if others > 1 else "keeps"
+        robust = answer.problem.task.spread != "nominal" and target.goal is None
+        reach = f"reach{'' if others > 1 else 'es'} the targets and {keep}"
+        reach = reach if best.errors and not robust else keep
+        least = "; none loses less tension" if by_loss(answer.problem) and best.loss == best.loss else ""
+        word = f"{others} other design{'s' if others > 1 else ''} found that {reach} the limits{least}"
+        out.append(f"{word}.")
     if answer.comparison is not None:
         actual = max(answer.comparison.actual.errors, key=lambda e: e.size, default=None)
         if actual is not None:
@@ -279,9 +308,9 @@ def _spread_says(s: Spread, errors: tuple[TargetError, ...]) -> str:
     parts = []
     own = next((e for e in errors if e.name == s.name), None)
     if own is None or own.distance == own.distance:
-        parts.append(f"by {quantity(s.rms, 'm', 3)} rms, {quantity(s.worst, 'm', 3)} at worst")
+        parts.append(f"by {quantity(s.rms, 'm', 2)} rms, {quantity(s.worst, 'm', 2)} at worst")
     if own is not None and own.turn == own.turn:
-        parts.append(f"by {quantity(s.rms_turn, 'rad', 3)} rms, {quantity(s.worst_turn, 'rad', 3)} at worst")
+        parts.append(f"by {quantity(s.rms_turn, 'rad', 2)} rms, {quantity(s.worst_turn, 'rad', 2)} at worst")
     return f"{s.name} is off {' and '.join(parts)}"
 
 
@@ -293,7 +322,7 @@ def _scale(answer: Design, m: Margin) -> float:
 
 
 def _margin_says(m: Margin) -> str:
-    return f"{quantity(m.value, m.unit, 3)} for {quantity(m.limit, m.unit, 3)}"
+    return f"{limit_says(m.name, m.value, m.unit)} for {limit_says(m.name, m.limit, m.unit)}"
 
 
 def _not_reached(answer: Design, worst: TargetError | None) -> str:
@@ -301,18 +330,24 @@ def _not_reached(answer: Design, worst: TargetError | None) -> str:
     broken = [m for m in answer.best.margins if not m.kept]
     if broken:
         said = ", ".join(f"{m.name} ({_margin_says(m)})" for m in broken)
-        return f"{name}: no design found keeps all limits; the nearest breaks {said}."
+        return f"{name}: no design found keeps all limits; the nearest{_with(answer)} breaks {said}."
     if worst is None:
         return f"{name}: no design found."
     where = f"at {worst.T_base:.4g} N, {worst.branch}"
     x, y, angle = worst.found
     tip = f"({1e3 * x:.4g}, {1e3 * y:.4g}) mm" if x == x else ""
-    turned = f"{math.degrees(angle):.4g}°" if angle == angle else ""
+    turned = quantity(angle, "rad") if angle == angle else ""
     there = ", ".join(part for part in (tip, turned) if part).replace("-", "−")
     return (
         f"{name}: not reachable within these limits and bounds, as far as {answer.search.lanes} starts tell. "
-        f"The nearest misses {worst.name} ({where}) by {miss_says(worst)}, at {there}."
+        f"The nearest{_with(answer)} misses {worst.name} ({where}) by {miss_says(worst)}, at {there}."
     )
+
+
+def _with(answer: Design) -> str:
+    """What was chosen besides the channel, set off by commas."""
+    freed = freed_says(answer)
+    return f",{freed}," if freed else ""
 
 
 def _target(e: TargetError) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -14,13 +15,14 @@ from .assemble import Assembled
 from .gauss_newton import Found, judge_all, search_all
 from .lagrangian import minimise_all
 from .starts import starts
-from .task import Evaluation, Task
+from .task import Evaluation, Task, tensions_of
 
 FEW_STEPS, MANY_STEPS = 25, 250
 WITHIN = 0.5  # of a tolerance, that a search has to come to, so that a finer mesh still finds it there
 ARRIVED = 0.5 * WITHIN**2  # half the sum of squares below which a search has
 LEAST_MARGIN = -1e-6  # least margin with which a limit counts as kept
 LANES = 4  # that a second search goes on with
+NEARBY = 20.0  # tolerances (root of the sum of squares) within which a start that ran out of steps goes on
 REWEIGHTED = 30  # times, at most, towards the least worst case
 EVEN = 1e-3  # share by which the weighted error then falls short of the largest
 
@@ -67,12 +69,12 @@ def find(problem: Assembled, progress: Callable[[str], None] = lambda stage: Non
     z, free = jnp.asarray(z), jnp.asarray(free)
     progress("searching")
     if target.search.method == "l-bfgs-b" and not goal and task.spread == "nominal":
-        return _lanes(problem, minimise_all(task, z, free), np.asarray(free), "l-bfgs-b")
+        return lanes_of(problem, minimise_all(task, z, free), np.asarray(free), "l-bfgs-b")
     met = None
     if not goal or task.wanted.pose_state or task.wanted.point_state:
         met = _meet(nominal(without_goal(task)), z, free)
         if not goal and task.spread == "nominal":
-            return _lanes(problem, met, np.asarray(free), "gauss-newton")
+            return lanes_of(problem, met, np.asarray(free), "gauss-newton")
         z = met.z
     if not goal:
         assert met is not None
@@ -80,11 +82,11 @@ def find(problem: Assembled, progress: Callable[[str], None] = lambda stage: Non
         found = _meet(without_goal(task), z, free)
         if task.spread == "worst":
             found, free = _least_worst(without_goal(task), found, free)
-        lanes = _lanes(problem, found, np.asarray(free), "gauss-newton")
+        lanes = lanes_of(problem, found, np.asarray(free), "gauss-newton")
         return dataclasses.replace(lanes, reachable=_any_reached(met))
     found = search_all(task, z, free, MANY_STEPS)
     progress("searching by L-BFGS-B")
-    order = np.argsort(_lanes(problem, found, np.asarray(free), "").order, kind="stable")[:LANES]
+    order = np.argsort(lanes_of(problem, found, np.asarray(free), "").order, kind="stable")[:LANES]
     z, free = jnp.asarray(found.z), jnp.asarray(free)
     # Gauss-Newton's multipliers are of half the square of the distance from utopia.
     away = jnp.sqrt(2.0 * found.cost[order])
@@ -92,7 +94,7 @@ def find(problem: Assembled, progress: Callable[[str], None] = lambda stage: Non
     polished = minimise_all(task, z[order], free[order], multipliers)
     joined = Found(*(jnp.concatenate([a, b]) for a, b in zip(polished, found, strict=True)))
     free = jnp.concatenate([free[order], free])
-    return _lanes(problem, joined, np.asarray(free), "gauss-newton, l-bfgs-b")
+    return lanes_of(problem, joined, np.asarray(free), "gauss-newton, l-bfgs-b")
 
 
 def _least_worst(task: Task, found: Found, free) -> tuple[Found, Array]:
@@ -128,15 +130,35 @@ def _size_by_draw(task: Task, z) -> Array:
 
 
 def _meet(task: Task, z, free) -> Found:
-    """Gauss-Newton on the targets from every start: a few steps; more where none has arrived; and once more
-    at a smaller scale where nothing ever will.
+    """Gauss-Newton on the targets from every start: a few steps; where some have arrived, the rest of the way
+    for those that are near; more steps for all where none has; and once more at a smaller scale where nothing
+    ever will.
     """
     found = search_all(task, z, free, FEW_STEPS)
-    if not _any_reached(found):
-        found = search_all(task, found.z, free, MANY_STEPS)
+    if _any_reached(found):
+        return _finished(task, found, free)
+    found = search_all(task, found.z, free, MANY_STEPS)
     if not _any_reached(found):
         found = _nearest(task, found, free)
     return found
+
+
+def _finished(task: Task, found: Found, free) -> Found:
+    """The same with the starts that ran out of steps near the targets gone on with, so that what is compared
+    and listed are designs and not points on the way to one.
+    """
+    near = ~found.settled & (found.cost < 0.5 * NEARBY**2)
+    if not bool(jnp.any(near)):
+        return found
+    again = search_all(
+        task, found.z, jnp.where(near[:, None], free, 0.0), MANY_STEPS
+    )  # those held stop at once
+    again = again._replace(steps=found.steps + again.steps)
+
+    def chosen(new, old):
+        return jnp.where(near.reshape(-1, *[1] * (old.ndim - 1)), new, old)
+
+    return Found(*(chosen(new, old) for new, old in zip(again, found, strict=True)))
 
 
 def without_goal(task: Task) -> Task:
@@ -180,7 +202,8 @@ def _in_units_of(task: Task, size: float) -> Task:
     )
 
 
-def _lanes(problem: Assembled, found: Found, free: np.ndarray, method: str) -> Lanes:
+def lanes_of(problem: Assembled, found: Found, free: np.ndarray, method: str) -> Lanes:
+    """Where searches ended, judged: those lanes that may change what `free` says, (L, c)."""
     judged = judge_all(problem.task, found.z)
     margins = np.asarray(judged.margins)
     kept = np.min(margins, axis=1, initial=1.0) >= LEAST_MARGIN
@@ -202,16 +225,22 @@ def _lanes(problem: Assembled, found: Found, free: np.ndarray, method: str) -> L
 
 
 def ranking(problem: Assembled, found: Lanes) -> np.ndarray:
-    """Lanes in the order of preference: limits kept first; then those that reach the targets, the one that
-    loses the least tension first; then the nearest. Of a goal, the best first.
+    """Lanes in the order in which they are looked at: limits kept first; then those that reach the targets,
+    the one that loses the least tension first; then the nearest. Of a goal, the best first.
     """
     reach = found.cost < ARRIVED
     if problem.task.wanted.goal or problem.task.spread != "nominal":
         return np.lexsort((found.cost, ~found.kept))
-    pulled = [i for i, (_, released) in enumerate(problem.task.states) if not released]
-    share = np.asarray(found.judged.T_tip)[:, pulled]
-    T = np.asarray(problem.task.tensions)[[problem.task.states[i][0] for i in pulled]]
-    loss = np.max(1.0 - share / T, axis=1, initial=-1.0) if pulled else np.zeros(len(reach))
-    second = np.where(reach, loss, found.cost)
+    second = np.where(reach, losses(problem.task, found), found.cost)
     short = np.minimum(np.min(found.margins, axis=1, initial=1.0), 0.0)
     return np.lexsort((second, ~reach, np.where(found.kept, 0.0, -short)))
+
+
+def losses(task: Task, found: Lanes) -> np.ndarray:
+    """Largest share of its own base tension that each lane loses while pulling, (L,)."""
+    pulled = [i for i, (_, released) in enumerate(task.states) if not released]
+    if not pulled:
+        return np.zeros(len(found.z))
+    tensions = np.asarray(jax.vmap(lambda z: tensions_of(task, z))(jnp.asarray(found.z)))
+    T_base = tensions[:, [task.states[i][0] for i in pulled]]
+    return np.max(1.0 - np.asarray(found.judged.T_tip)[:, pulled] / T_base, axis=1)

@@ -13,13 +13,14 @@ from gtr_jax.config_checks import outer_radius_at
 from gtr_jax.errors import InputError, did_you_mean
 from gtr_jax.parameters import Parameter, parameter, parameters_of
 from gtr_jax.robot import Robot
-from gtr_jax.units import to_si
+from gtr_jax.units import DIMENSIONS, convert, display_of, to_si
 
 from .target import SPLINE, T_BASE, TargetConfig
 
 N_SINE = "n_sine"
 KNOTS = 6
 SECTIONS = ("backbone.", "routing.", "tendon.")
+ROUNDED = 1e-6  # of the distance between the bounds, to which the numbers of a design are rounded
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,6 +81,19 @@ class Space:
     def values_at(self, z: np.ndarray) -> np.ndarray:
         """Values at coordinates from 0 to 1 between the bounds, SI, (p,)."""
         return self.lower + z * (self.upper - self.lower)
+
+    def rounded(self, values: np.ndarray) -> np.ndarray:
+        """Values to as many decimals as people can use, in the units of the files, within the bounds, SI,
+        (p,).
+        """
+        short = []
+        for v, value in zip(self.all, values, strict=True):
+            unit = v.unit or "dimensionless"
+            display, size = display_of(unit)
+            decimals = int(np.ceil(-np.log10(ROUNDED * (v.upper - v.lower) / size)))
+            shown = round(float(value) / size, decimals)
+            short.append(convert(shown, display, unit) if unit in DIMENSIONS else shown * size)
+        return np.clip(short, self.lower, self.upper)
 
     def design(self, values: np.ndarray) -> RobotConfig:
         """The robot file of a design.

@@ -22,6 +22,7 @@ Length = Annotated[float, Unit("m")]
 Angle = Annotated[float, Unit("rad")]
 Force = Annotated[float, Unit("N")]
 Ratio = Annotated[float, Unit("dimensionless")]
+Whole = Annotated[StrictInt, Field(gt=-(2**63), lt=2**63)]
 Branch = Literal["pulling", "releasing"]
 
 SPLINE = "spline"
@@ -95,17 +96,17 @@ class Search(Section):
     """Numbers of the channel that may change; all of them unless given."""
     free: tuple[StrictStr, ...] = ()
     """Other numbers that may change: T_base, or any of the robot (E, outer_radius_tip, bore_0_diameter)."""
-    knots: StrictInt | None = None
+    knots: Whole | None = None
     """Number of knots of a spline, evenly spaced; 6 unless given."""
     n_sine: tuple[Ratio, ...] | None = None
     """Numbers of half waves to choose from; that of the robot unless given."""
     bounds: dict[str, tuple[Any, Any]] = Field(default_factory=dict)
     """Least and largest value of a number that may change, by its name."""
-    starts: StrictInt = 12
+    starts: Whole = 12
     """Starts of the search for each number of half waves."""
     method: Literal["auto", "gauss-newton", "l-bfgs-b"] = "auto"
     """How to search; auto takes Gauss-Newton for targets and L-BFGS-B for goals."""
-    seed: StrictInt = 0
+    seed: Whole = 0
     """Of the starts."""
 
     @property

@@ -8,13 +8,13 @@ from __future__ import annotations
 import itertools
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from gtr_jax.errors import InputError, did_you_mean
+from gtr_jax.errors import InputError, did_you_mean, excerpt, nearest_first
 from gtr_jax.terms import REGISTRY, Term
 from gtr_jax.terms.term import NO_SLIP
 
@@ -28,14 +28,19 @@ _SAYS = {
     "dict_type": "expected a table of keys and values",
     "bool_type": "expected true or false",
     "string_type": "expected a text in quotes",
+    "int_parsing_size": "too large a number",
+    "less_than": "too large a number",
+    "greater_than": "too large a number below zero",
 }
+# What floats can compute with: least length [m] and bending stiffness of a full section [N m^2].
+_LEAST_LENGTH, _LEAST_STIFFNESS = 1e-9, 1e-60
 _NEAR = 1e-9  # relative: the same length written in two units may differ by a rounding error
 
 
 def check_keys(section: type[BaseModel], data: Any) -> None:
     """Refuse a section that is no table, has a key it does not know, or lacks one it needs."""
     if not isinstance(data, Mapping):
-        raise InputError(f"expected a table of keys and values, found {data!r}")
+        raise InputError(f"expected a table of keys and values, found {_found(data)}")
     keys = {field.alias or name: field for name, field in section.model_fields.items()}
     for key in data:
         if key not in keys:
@@ -68,18 +73,22 @@ def one_line(error: ValidationError, kinds: Mapping[str, object]) -> str:
     if fault["type"] == "value_error":
         says = str(context["error"])
     elif fault["type"] == "union_tag_invalid":
-        place, says = (
-            f"{place}.kind",
-            f"unknown kind '{context['tag']}'; {did_you_mean(context['tag'], kinds)}",
-        )
+        tag, expected = context["tag"], re.findall(r"'([^']*)'", context["expected_tags"])
+        unknown = f"unknown kind '{excerpt(tag)}'; {did_you_mean(tag, expected)}"
+        place, says = f"{place}.kind", _unknown_term(tag, expected) if fault["loc"][0] == "terms" else unknown
     elif fault["type"] == "union_tag_not_found":
         says = f"missing key 'kind'; one of {', '.join(kinds)}"
     elif fault["type"] == "literal_error":
-        says = f"expected {context['expected']}, found {fault['input']!r}"
+        says = f"expected {context['expected']}, found {_found(fault['input'])}"
     else:
-        says = f"{_SAYS.get(fault['type'], fault['msg'])}, found {fault['input']!r}"
+        says = f"{_SAYS.get(fault['type'], fault['msg'])}, found {_found(fault['input'])}"
     more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
     return f"{place.lstrip('.')}: {says}{more}" if place else says + more
+
+
+def _found(value: Any) -> str:
+    """A value as Python writes it, cut short."""
+    return excerpt(value if isinstance(value, int) else repr(value))
 
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
@@ -115,6 +124,11 @@ def check_strings(data: Mapping[str, Any]) -> None:
             raise InputError(f"tendons[{i}].name: '{name}' stands twice; give each tendon its own name")
 
 
+def _unknown_term(kind: object, known: Iterable[str]) -> str:
+    terms = ", ".join(nearest_first(excerpt(kind), known))
+    return f"unknown kind '{excerpt(kind)}'; the terms, nearest first: {terms}"
+
+
 def check_terms(data: Mapping[str, Any], known: Mapping[str, Term]) -> None:
     """Refuse terms that are no tables, have no kind or an unknown one, or stand twice."""
     terms = data.get("terms", ())
@@ -126,7 +140,7 @@ def check_terms(data: Mapping[str, Any], known: Mapping[str, Term]) -> None:
         if kind is None:
             raise InputError(f"terms[{i}]: missing key 'kind'; one of {', '.join(known)}")
         if not isinstance(kind, str) or kind not in known:
-            raise InputError(f"terms[{i}].kind: unknown kind '{kind}'; {did_you_mean(str(kind), known)}")
+            raise InputError(f"terms[{i}].kind: {_unknown_term(kind, known)}")
         if kind in seen:
             raise InputError(f"terms[{i}].kind: '{kind}' stands twice; keep one")
         seen.add(kind)
@@ -190,9 +204,9 @@ def outer_radius_at(backbone: BackboneConfig, s: np.ndarray | float) -> np.ndarr
 
 def _check_backbone(backbone: BackboneConfig) -> None:
     length = backbone.length
-    _require(length > 0, "backbone.length", f"must be positive, is {length:g} m")
+    _check_length(length, "backbone.length")
     for radius in backbone.outer_radius:
-        _require(radius > 0, "backbone.outer_radius", f"must be positive, is {radius:g} m")
+        _check_length(radius, "backbone.outer_radius")
     modulus = backbone.youngs_modulus
     given = "youngs_modulus" in backbone.model_fields_set
     _require(
@@ -205,10 +219,22 @@ def _check_backbone(backbone: BackboneConfig) -> None:
         "backbone.youngs_modulus",
         f"must be positive, is {modulus:g} Pa",
     )
+    stiffness = 0.25 * np.pi * modulus * min(backbone.outer_radius) ** 4
+    _require(
+        backbone.rigid or stiffness > _LEAST_STIFFNESS,
+        "backbone.youngs_modulus",
+        f"{modulus:g} Pa leaves a bending stiffness of {stiffness:g} N m^2, too little to compute with; "
+        "check the units",
+    )
     _require(backbone.density >= 0, "backbone.density", f"cannot be negative, is {backbone.density:g} kg/m^3")
     if isinstance(backbone.natural_curvature, tuple):
         _check_knots("backbone.natural_curvature", backbone.natural_curvature, length)
     _check_bores(backbone)
+
+
+def _check_length(length: float, key: str) -> None:
+    _require(length > 0, key, f"must be positive, is {length:g} m")
+    _require(length >= _LEAST_LENGTH, key, f"is {length:g} m, too small to compute with; check the unit")
 
 
 def _check_bores(backbone: BackboneConfig) -> None:

@@ -8,19 +8,36 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from gtr_jax.errors import InputError, did_you_mean, listed
-from gtr_jax.recording import read_table, read_text, split_unit
+from gtr_jax.errors import InputError, did_you_mean, excerpt, listed
+from gtr_jax.recording import split_unit
+from gtr_jax.table import read_table, read_text
 
 
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Contents of a TOML file; InputError if it is absent, empty or not TOML."""
     text, _ = read_text(path)
     try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as fault:
+        data = tomllib.loads(text)
+    except RecursionError:
+        raise InputError(f"{path}: not TOML: brackets nested too deep; close them") from None
+    except ValueError as fault:  # TOMLDecodeError, and what int and datetime raise
         raise InputError(
             f'{path}: not TOML: {fault}; write key = "value unit" under [section] lines'
         ) from None
+    _check_integers(data, str(path))
+    return data
+
+
+def _check_integers(node: Any, place: str, sign: str = ": ") -> None:
+    """InputError naming the key of an integer of more than 64 bits, which TOML does not have."""
+    if isinstance(node, int) and not -(2**63) <= node < 2**63:
+        raise InputError(f"{place}: {excerpt(node)} has too many digits for an integer; correct it")
+    if isinstance(node, dict):
+        for key, value in node.items():
+            _check_integers(value, f"{place}{sign}{key}", ".")
+    elif isinstance(node, list):
+        for i, value in enumerate(node):
+            _check_integers(value, f"{place}[{i}]", ".")
 
 
 def read_route(path: Path) -> tuple[tuple[float, float], ...]:

@@ -1,24 +1,30 @@
 """The one error a user's input can raise."""
 
 import difflib
+import re
 from collections.abc import Iterable
+
+_LONG_QUOTE = re.compile(r"'([^']{100})[^']{200,}'")
+_ENOUGH = 80  # letters of a name to tell what it is like
 
 
 class InputError(ValueError):
     """Bad input: what is wrong, where (file, row, column or key) and the remedy, in one line.
 
     The command line prints ``error: <message>`` and exits with status 2. Line breaks in the message are
-    folded into spaces, so that whatever was quoted from a file cannot break the line.
+    folded into spaces, long quotes are cut and what cannot be printed is marked, so that whatever was quoted
+    from a file cannot break the line.
     """
 
     def __init__(self, message: str) -> None:
-        super().__init__(" ".join(message.split()))
+        message = _LONG_QUOTE.sub(r"'\1…'", message)
+        super().__init__("".join(c if c.isprintable() else "�" for c in " ".join(message.split())))
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
     """The known name most like `name`, ignoring case, or None when none is alike."""
     by_folded = {candidate.casefold(): candidate for candidate in known}
-    alike = difflib.get_close_matches(name.casefold(), by_folded, n=1, cutoff=0.5)
+    alike = difflib.get_close_matches(name.casefold()[:_ENOUGH], by_folded, n=1, cutoff=0.5)
     return by_folded[alike[0]] if alike else None
 
 
@@ -29,7 +35,22 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f"did you mean '{match}'?" if match else f"known: {listed(known)}"
 
 
+def nearest_first(name: str, known: Iterable[str]) -> list[str]:
+    """All known names, those most like `name` first."""
+    folded = name.casefold()
+    return sorted(known, key=lambda k: -difflib.SequenceMatcher(None, folded, k.casefold()).ratio())
+
+
 def listed(names: Iterable[str], most: int = 12) -> str:
     """Names separated by commas, cut after `most` of them."""
     names = list(names)
     return ", ".join(names[:most]) + (", …" if len(names) > most else "")
+
+
+def excerpt(text: object, most: int = 60) -> str:
+    """What was found, short enough to be quoted in a message."""
+    try:
+        text = str(text)
+    except ValueError:  # Python does not write out integers of thousands of digits
+        return "an integer of thousands of digits"
+    return text if len(text) <= most else f"{text[: most - 1]}…"

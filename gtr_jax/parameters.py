@@ -12,10 +12,12 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
-from .errors import InputError
+from .errors import InputError, excerpt
 from .robot import Robot
 from .terms import REGISTRY, Term
 
@@ -47,6 +49,11 @@ class Parameter:
     def __post_init__(self):
         if not self.at:
             object.__setattr__(self, "at", self.key)
+
+    @property
+    def positive(self) -> bool:
+        """Whether its lower bound is excluded: not that of friction and density, which may vanish."""
+        return self.log and self.name.partition(".")[0] not in ("mu", "density")
 
 
 _COMMON = (
@@ -156,8 +163,43 @@ def value_of(robot: Robot, name: str) -> Float[Array, ""]:
     return leaf if index is None else leaf[index]
 
 
+_ROUNDING = 1e-9  # relative, of a bound that a transform reached
+
+
+def check_bounds(robot: Robot, values: Mapping[str, Any]) -> None:
+    """Refuse concrete values [SI], of any shape, that a parameter cannot have; traced ones are let pass.
+
+    Raises:
+        InputError: unknown name, no number, or out of bounds.
+    """
+    for name, value in values.items():
+        if not isinstance(value, Tracer):
+            _check_bounds(parameter(robot, name), value)
+
+
+def _check_bounds(entry: Parameter, value: Any) -> None:
+    try:
+        values = np.asarray(value, dtype=float)
+    except (OverflowError, TypeError, ValueError):
+        raise InputError(f"parameter '{entry.name}': expected a number, found {excerpt(value)}") from None
+    for bound, sign, words in ((entry.lower, 1, "least"), (entry.upper, -1, "most")):
+        if bound is None:
+            continue
+        beyond = np.min(sign * (values - bound), initial=np.inf)
+        outside = not beyond >= -_ROUNDING * abs(bound) or (entry.positive and sign > 0 and beyond == 0)
+        if outside:
+            least = f"above {bound:g}" if entry.positive and sign > 0 else f"at {words} {bound:g}"
+            found = excerpt(f"{values:g}" if values.ndim == 0 else value)
+            raise InputError(
+                f"parameter '{entry.name}': must be {least} {entry.unit}".rstrip() + f", is {found}"
+            )
+    if np.any(np.isnan(values)):
+        raise InputError(f"parameter '{entry.name}': is not a number; give one in SI units")
+
+
 def with_values(robot: Robot, values: Mapping[str, Float[Array, ""] | float]) -> Robot:
-    """The robot with named parameters replaced; traced values are welcome, nothing is checked against bounds.
+    """The robot with named parameters replaced; traced values are welcome, nothing is checked against bounds,
+    which `Robot.with_values` does.
 
     Raises:
         InputError: unknown name, or the modulus of a rigid sheath.

@@ -1,14 +1,15 @@
 """Recordings: CSV files of tendon tensions at the base and the tip, read and written in SI units.
 
 A header row, then rows in time order; the order of the rows is the load history. Every fault is reported
-with the row number that an editor shows.
+with the row number that an editor shows. What a CSV file may look like is in `table`.
 """
 
 from __future__ import annotations
 
 import csv
-import hashlib
+import difflib
 import io
+import itertools
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,8 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gtr_jax.errors import InputError, did_you_mean, listed, nearest
-from gtr_jax.units import convert
+from gtr_jax.errors import InputError, did_you_mean, listed
+from gtr_jax.table import Table, is_data, read_table
+from gtr_jax.units import measures
 
 SWAP_FACTOR = 1.3
 """A tip tension peaking above this multiple of the base's suggests swapped columns or wrong units."""
@@ -44,6 +46,7 @@ CHANNELS = {
     "displacement": Channel("m", "displacement_m", frozenset({"displacement", "tendondisplacement"})),
     "trial": Channel("dimensionless", "trial", frozenset({"trial"})),
 }
+NEEDED = ("T_base", "T_tip")
 PER_TENDON = ("T_base", "T_tip", "displacement")
 # Units known as a header's ending, as in T_base_gf; in brackets, as in Tbase [gf], any unit is known.
 _HEADER_ENDINGS = {
@@ -79,71 +82,6 @@ class Recording:
         return len(self.T_base)
 
 
-@dataclass(frozen=True)
-class Table:
-    """A CSV file as text: its header, its rows, and the row number an editor shows for each of them."""
-
-    path: Path
-    sha256: str
-    header: list[str]
-    rows: list[list[str]]
-    numbers: list[int]
-
-    def column(self, index: int) -> np.ndarray:
-        """Column `index` as float64; InputError naming row and column of a cell that is no number."""
-        cells = [row[index] for row in self.rows]
-        try:
-            values = np.array(cells, dtype=np.float64)
-        except ValueError:
-            values = np.array([_number(cell) for cell in cells])
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
-            i = bad[0]
-            what = f"found '{cells[i]}'" if cells[i].strip() else "found an empty cell"
-            raise InputError(
-                f"{self.path}: row {self.numbers[i]}, column '{self.header[index]}': "
-                f"expected a number, {what}; correct the cell or delete the row (decimals take a point)"
-            )
-        return values
-
-    def quantity(self, index: int, unit: str | None, si: str, *, remedy: str) -> np.ndarray:
-        """Column `index` converted from `unit` (None: it is SI already) to the SI unit `si`, read-only."""
-        values = self.column(index)
-        try:
-            values = values if unit in (None, si) else convert(values, unit, si)
-        except InputError as fault:
-            raise InputError(f"{self.path}: column '{self.header[index]}': {fault}; {remedy}") from None
-        values.setflags(write=False)
-        return values
-
-
-def _number(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return float("nan")
-
-
-def read_text(path: str | os.PathLike[str]) -> tuple[str, str]:
-    """Text of a UTF-8 file and the SHA-256 of its bytes; InputError if it is absent, empty or not text."""
-    path = Path(path)
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; check the path") from None
-    except OSError as fault:
-        raise InputError(f"{path}: cannot be read ({fault.strerror}); name a readable file") from None
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = "\0"
-    if "\0" in text:
-        raise InputError(f"{path}: not a text file; save it as plain text in UTF-8")
-    if not text.strip():
-        raise InputError(f"{path}: the file is empty")
-    return text, hashlib.sha256(data).hexdigest()
-
-
 def write_whole(path: str | os.PathLike[str], text: str) -> None:
     """Write a text file whole or not at all: into a temporary file beside it, which then takes its name."""
     path = Path(path)
@@ -154,40 +92,6 @@ def write_whole(path: str | os.PathLike[str], text: str) -> None:
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
-
-
-def read_table(path: str | os.PathLike[str]) -> Table:
-    """A CSV file with a header row; cells parted by commas, semicolons or tabs; blank lines are skipped.
-
-    Raises InputError if it is no text file, empty, has a header only, or a row of another length.
-    """
-    path = Path(path)
-    text, sha256 = read_text(path)
-    text = text.replace("\r\n", "\n").replace("\r", "\n")
-    first_line = text.lstrip().partition("\n")[0]
-    reader = csv.reader(io.StringIO(text), delimiter=max(",;\t", key=first_line.count))
-    header: list[str] = []
-    rows: list[list[str]] = []
-    numbers: list[int] = []
-    try:
-        for row in reader:
-            if not any(cell.strip() for cell in row):
-                continue
-            if not header:
-                header = [cell.strip() for cell in row]
-                continue
-            if len(row) != len(header):
-                raise InputError(
-                    f"{path}: row {reader.line_num} has {len(row)} cells and the header {len(header)}; "
-                    "complete or delete the row"
-                )
-            rows.append(row)
-            numbers.append(reader.line_num)
-    except csv.Error as fault:
-        raise InputError(f"{path}: row {reader.line_num}: not CSV ({fault}); export it again") from None
-    if not rows:
-        raise InputError(f"{path}: has a header but no rows; at least one row of numbers is needed")
-    return Table(path, sha256, header, rows, numbers)
 
 
 def _plain(name: str) -> str:
@@ -274,6 +178,11 @@ def _recognised(table: Table, quantity: str, tendon: str) -> tuple[int, str | No
             found.append((index, unit))
     exact = [entry for entry in found if table.header[entry[0]] == canonical]
     found = exact or found
+    if quantity not in NEEDED:  # a column of words, "trial B", is of no use and in nobody's way
+        able = [table.has_numbers(index) for index, _ in found]
+        if quantity == "time" and not any(able):
+            able = [table.has_times(index) for index, _ in found]
+        found = list(itertools.compress(found, able))
     if len(found) > 1:
         names = " and ".join(f"'{table.header[index]}'" for index, _ in found)
         first = table.header[found[0][0]]
@@ -289,35 +198,105 @@ def _dot(name: str, tendon: str) -> str:
     return f"{name}.{tendon}" if tendon else name
 
 
-def _missing(table: Table, quantity: str, tendon: str, tendons: Sequence[str]) -> InputError:
+def _missing(table: Table, absent: Sequence[str], tendons: Sequence[str]) -> InputError:
+    """The error for quantities that are needed and have no column: what may be meant, and in which unit."""
+    wanted = _wanted(tendons)
+    quantity, tendon = wanted[absent[0]]
     channel = CHANNELS[quantity]
     names = [header for header in table.header if header]
+    place = f"{table.path}: no column {_dot(channel.header, tendon)}"
     if tendon and _recognised(table, quantity, "") is not None:
         return InputError(
-            f"{table.path}: no column {channel.header}.{tendon}, but one for a robot of one tendon; this "
-            f"robot has several: end each tendon's columns with its name, {channel.header}.{tendon}"
+            f"{place}, but one for a single tendon; of several, {listed(tendons)}, each one's columns end "
+            f"with its name: {channel.header}.{tendon}"
         )
     ended = [header for header in names if re.match(rf"{re.escape(channel.header)}\.\w", header)]
     if not tendon and ended:
+        names = [header.rpartition(".")[2] for header in ended]
         return InputError(
-            f"{table.path}: no column {channel.header}, but {listed(ended)} of several tendons; the robot "
-            f"has one [tendon]: rename the column of that tendon to {channel.header}"
+            f"{place}, but {listed(ended)} of several tendons; for one tendon rename its column to "
+            f"{channel.header}; several are named in the robot file, as [[tendons]], or in Python, "
+            f"read_recording(..., tendons=({', '.join(map(repr, names))}))"
         )
-    # A column that already is another quantity is no candidate for this one.
-    taken = {_plain(spelling) for q, c in CHANNELS.items() if q != quantity for spelling in c.spellings}
-    others = [other for other in tendons if other != tendon]
-    free = [
-        name
-        for name in names
-        if _plain(split_unit(name, channel.unit)[0]) not in taken
-        and not any(_of_tendon(name, other) for other in others)
-    ]
-    near = nearest(_dot(quantity, tendon), free) or nearest(_dot(channel.header, tendon), free)
+    if len(table.rows) and is_data(table.header):
+        return InputError(
+            f"{table.path}: the first row holds numbers; put the names of the columns above, "
+            "for example time_s,T_base_N,T_tip_N"
+        )
+    meant = {key: _meant(table, *wanted[key], tendons) for key in absent}
+    entries = []
+    for key, index in meant.items():
+        si = CHANNELS[wanted[key][0]].unit
+        name, unit = ("NAME", si) if index is None else (table.header[index], _unit_meant(table, index, si))
+        entries.append(f"{key}={name}[{unit}]")
+    near = meant[absent[0]]
     return InputError(
-        f"{table.path}: no column {_dot(channel.header, tendon)}; columns found: {listed(names)}"
-        + (f" (nearest: '{near}')" if near else "")
-        + f"; rename one, or add --columns '{_dot(quantity, tendon)}={near or 'NAME'}[{channel.unit}]'"
+        f"{place}; columns found: {listed(names)}"
+        + ("" if near is None else f" (nearest: '{table.header[near]}')")
+        + f"; rename one, or add --columns '{','.join(entries)}'"
     )
+
+
+# Words in headers that tell the end of the tendon, that speak for a tension, and that speak against it.
+_SIDES = {
+    "T_base": ("base", "prox", "proximal", "motor", "input", "drive", "actuator", "handle"),
+    "T_tip": ("tip", "dist", "distal", "end", "output"),
+}
+_FORCES = frozenset("t f tension force load cell loadcell tendon cable n gf g kg newton".split())
+_NO_FORCES = frozenset(
+    "angle bend bending time clock temp temperature x y z pos position displacement disp stroke voltage volt "
+    "v strain s ms m mm deg rad trial sample index".split()
+)
+_ALIKE = 0.7  # of a misspelt header to one that is known
+# Words for units of tension, and the unit meant.
+_MEANT = {"g": "gf", "gr": "gf", "gram": "gf", "grams": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf"}
+_RARE_NEWTONS = 300.0  # beyond, a tension without a unit is rather in grams-force
+
+
+def _meant(table: Table, quantity: str, tendon: str, tendons: Sequence[str]) -> int | None:
+    """The column that may be a quantity under a name that is not known; None if none suggests itself."""
+    spellings = {s: q for q, channel in CHANNELS.items() for s in channel.spellings}
+    si = CHANNELS[quantity].unit
+    others = [other for other in tendons if other != tendon]
+    sides = {word: q for q, words in _SIDES.items() for word in words}
+    scores: dict[int, float] = {}
+    for index, header in enumerate(table.header):
+        own = _of_tendon(header, tendon) or header
+        name = _plain(split_unit(own, si)[0])
+        if not header or any(_of_tendon(header, other) for other in others) or not table.has_numbers(index):
+            continue
+        if spellings.get(name, quantity) != quantity:
+            continue  # it is another quantity
+        words = [w.lower() for w in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", header)]
+        score = 1.0 if quantity in NEEDED and _FORCES.intersection(words) else 0.0
+        for word, side in sides.items():
+            if quantity in NEEDED and any(w.startswith(word) or w.endswith(word) for w in words):
+                score += 2.0 if side == quantity else -9.0
+        score -= 9.0 * len(_NO_FORCES.intersection(words)) * (quantity in NEEDED)
+        alike = [difflib.SequenceMatcher(None, name, s).ratio() for s in CHANNELS[quantity].spellings]
+        score += 3.0 * max(alike) if max(alike) > _ALIKE else 0.0
+        if score > 0:
+            scores[index] = score
+    best = [index for index, score in scores.items() if score == max(scores.values())]
+    return best[0] if len(best) == 1 else None
+
+
+def _unit_meant(table: Table, index: int, si: str) -> str:
+    """The unit that a column is likely to be in: as its header or a row of units has it, for tensions with
+    the force for the mass; grams-force where newtons would be many.
+    """
+    header = table.header[index]
+    ending = re.split(r"[\s_]+", header)[-1]
+    for said in (split_unit(header, si)[1], table.unit(index), ending):
+        word = "" if said is None else said.strip("[]() ")
+        word = _MEANT.get(word.lower(), word) if si == "N" else word
+        if measures(word, si):
+            return word
+    try:
+        large = si == "N" and float(np.max(np.abs(table.column(index)))) > _RARE_NEWTONS
+    except InputError:
+        large = False
+    return "gf" if large else si
 
 
 def read_recording(
@@ -350,16 +329,22 @@ def read_recording(
         if found and found[0] not in taken:
             chosen[key] = found
     begun = {wanted[key][0] for key in chosen}
-    needed = {"T_base", "T_tip"} if need_tip else {"T_base"}
-    for key, (quantity, tendon) in wanted.items():
-        if key not in chosen and (quantity in needed or (tendon and quantity in begun)):
-            raise _missing(table, quantity, tendon, tendons)
+    needed = NEEDED if need_tip else NEEDED[:1]
+    absent = [
+        key
+        for key, (quantity, tendon) in wanted.items()
+        if key not in chosen and (quantity in needed or (tendon and quantity in begun))
+    ]
+    if absent:
+        raise _missing(table, absent, tendons)
     data = {}
     for key, (quantity, _) in wanted.items():
         if key in chosen:
             index, unit = chosen[key]
             si = CHANNELS[quantity].unit
-            remedy = f"give its unit with --columns '{key}={table.header[index]}[{si}]'"
+            remedy = (
+                f"give its unit with --columns '{key}={table.header[index]}[{_unit_meant(table, index, si)}]'"
+            )
             data[key] = table.quantity(index, unit, si, remedy=remedy)
     headers = {key: table.header[index] for key, (index, _) in chosen.items()}
     for name in tendons or ("",):

@@ -101,10 +101,12 @@ class Robot(eqx.Module):
 
     def with_values(self, **values) -> Robot:
         """The robot with named parameters replaced, e.g. `mu=0.3, E=1.2e6, r1=-0.01`, or with several
-        tendons `**{"mu.left": 0.3}`; see `gtr_jax.parameters`.
+        tendons `**{"mu.left": 0.3}`; see `gtr_jax.parameters`. Concrete values out of bounds raise
+        InputError; traced ones are taken as they are.
         """
-        from .parameters import with_values
+        from .parameters import check_bounds, with_values
 
+        check_bounds(self, values)
         return with_values(self, values)
 
     def value(self, name: str) -> Float[Array, ""]:

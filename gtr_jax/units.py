@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from gtr_jax.errors import InputError
+from gtr_jax.errors import InputError, excerpt
 
 if TYPE_CHECKING:
     import pint
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 Number = TypeVar("Number", float, np.ndarray)
 
 _NUMBER = r"[+−-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+LARGEST = 1e30  # in SI: the fourth power of a radius has to stay within the floats
+MOST_LETTERS = 60  # of a unit
+_POWER_OF_A_NUMBER = re.compile(r"[\d)]\s*(\*\*|\^)")  # pint would compute 9**9**9
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(.*?)\s*")
 
 
@@ -64,6 +67,14 @@ def registry() -> pint.UnitRegistry:
     return pint.UnitRegistry()
 
 
+def measures(unit: str, si: str) -> bool:
+    """Whether a text is a unit of the SI unit `si`'s kind (a key of DIMENSIONS)."""
+    try:
+        return bool(unit) and _factor(unit, si) > 0
+    except InputError:
+        return False
+
+
 @functools.cache
 def _factor(unit: str, si: str) -> float:
     """Size of one `unit` in `si`; InputError if it is unknown or measures something else."""
@@ -71,13 +82,15 @@ def _factor(unit: str, si: str) -> float:
 
     dimension = DIMENSIONS[si]
     spelled = re.sub(r"\bNm\b", "N m", unit)  # pint reads "Nm" as a number of metres
+    if len(unit) > MOST_LETTERS or _POWER_OF_A_NUMBER.search(unit):
+        raise InputError(f"unknown unit '{excerpt(unit)}'")
     try:
         return registry().Quantity(1.0, registry().parse_units(spelled)).to(si).magnitude
     except pint.DimensionalityError:
         hint = "; grams-force are written gf" if si == "N" and unit in ("g", "kg") else ""
         raise InputError(f"'{unit}' is not a unit of {dimension.noun}{hint}") from None
     except Exception:  # pint's tokenizer raises whatever its parts raise on malformed text
-        raise InputError(f"unknown unit '{unit}'") from None
+        raise InputError(f"unknown unit '{excerpt(unit)}'") from None
 
 
 def convert(value: Number, unit: str, si: str) -> Number:
@@ -112,20 +125,30 @@ def parse_quantity(value: object, si: str) -> float:
     if isinstance(value, str):
         match = _QUANTITY.fullmatch(value)
         if match is None:
-            raise InputError(f"cannot read '{value}' as {dimension.noun}; write for example {example}")
+            said = excerpt(value)
+            raise InputError(f"cannot read '{said}' as {dimension.noun}; write for example {example}")
         number, unit = match.groups()
         if not unit and si != "dimensionless":
-            raise InputError(f"'{value}' carries no unit; write for example {example}")
+            raise InputError(f"'{excerpt(value)}' carries no unit; write for example {example}")
         try:
             result = convert(float(number.replace("−", "-")), unit or "dimensionless", si)
         except InputError as fault:
             raise InputError(f"{fault}; write for example {example}") from None
     elif isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
-        result = float(value)
+        try:
+            result = float(value)
+        except OverflowError:
+            result = math.inf
     else:
-        raise InputError(f"expected {dimension.noun}, found {value!r}; write for example {example}")
+        found = excerpt(repr(value))
+        raise InputError(f"expected {dimension.noun}, found {found}; write for example {example}")
     if not math.isfinite(result):
-        raise InputError(f"{value} is not a finite number; write for example {example}")
+        raise InputError(f"{excerpt(value)} is not a finite number; write for example {example}")
+    if abs(result) > LARGEST:
+        raise InputError(
+            f"{excerpt(value)} is more than can be computed with ({LARGEST:g} in SI units); "
+            f"write for example {example}"
+        )
     return result
 
 

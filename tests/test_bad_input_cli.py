@@ -50,6 +50,12 @@ RECORDINGS = {
     "unequal rows": (GOOD.replace("2,20,12", "2,20"), None, ["row 4"]),
     "empty file": ("", None, ["empty"]),
     "header only": ("time_s,T_base_N,T_tip_N\n", None, ["rec.csv"]),
+    "time that nobody mapped is no fault": (
+        "Timestamp,F_base_g,F_tip_g\n31.01.2026 14:05,0,0\n",
+        None,
+        ["no column T_base_N", "--columns 'T_base=F_base_g[gf],T_tip=F_tip_g[gf]'"],
+    ),
+    "mapped time that is none": ("When,T_base_N,T_tip_N\nnoon,0,0\n", "time=When", ["row 2", "time stamp"]),
     "not text": ("a\0b", None, ["not a text file"]),
 }
 
@@ -62,6 +68,27 @@ def test_recording(case, refused, tmp_path):
     message = refused("fit", SIMULATED, "rec.csv", *mapping)
     for words in ["rec.csv", *says] if "mapping" not in case else says:
         assert words in message
+
+
+@pytest.mark.parametrize("command", ["fit", "diagnose"])
+@pytest.mark.parametrize("unit", ["", "[N]", "[gf]"])
+def test_a_forgotten_unit_is_suspected(command, unit, refused, tmp_path):
+    header, *rows = RECORDING.read_text().splitlines()
+    columns = header.split(",")
+    base, tip = columns.index("T_base_N"), columns.index("T_tip_N")
+    lines = ["data_0,data_2"]
+    for row in rows:
+        cells = row.split(",")
+        lines.append(",".join(f"{float(cells[i]) / 9.80665e-3:.1f}" for i in (base, tip)))
+    if unit == "[gf]":
+        lines = lines[:3]  # read right, it is only too short
+    (tmp_path / "rec.csv").write_text("\n".join(lines))
+    message = refused(command, RECORDED, "rec.csv", "--columns", f"T_base=data_0{unit},T_tip=data_2{unit}")
+    if unit == "[gf]":
+        assert "samples are too few" in message
+    else:
+        for words in ("rec.csv", "T_base reaches 4", "grams-force", "[gf]", "youngs_modulus"):
+            assert words in message
 
 
 ROBOTS = {
@@ -81,8 +108,11 @@ ROBOTS = {
     "a physics term": (
         "[tendon]",
         '[[terms]]\nkind = "presiding"\n\n[tendon]',
-        ["terms[0].kind", "unknown kind 'presiding'"],
+        ["terms[0].kind", "unknown kind 'presiding'; the terms, nearest first: presliding, ", "zero-drift"],
     ),
+    "an integer of 400 digits": ('"250 mm"', f"1{400 * '0'}", ["backbone.length", "digits"]),
+    "a radius of 1e308": ('["20 mm", "13 mm"]', "1e308", ["backbone.outer_radius", "1e+308 is more than"]),
+    "a unit to be computed": ('"250 mm"', '"250 9**9**9"', ["unknown unit '9**9**9'"]),
     "empty file": (ROBOT, "", ["empty"]),
     "not TOML": ("[backbone]", "backbone: {", ["not TOML"]),
 }

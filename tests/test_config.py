@@ -1,9 +1,11 @@
 """Robot files: units, defaults, round trip, and one line for everything that can be wrong in one."""
 
+import dataclasses
 import json
 import math
 import os
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ import pytest
 from gtr_jax.config import LoadsConfig, dump_config, json_schema, load_config, parse_config
 from gtr_jax.config_checks import check_channel
 from gtr_jax.errors import InputError
+from gtr_jax.terms import REGISTRY
 from gtr_jax.units import convert, parse_quantity, quantity_text, to_si
 
 SHARED_ROBOTS = sorted((Path(__file__).parents[2] / "shared/data").glob("**/robot.toml"))
@@ -127,6 +130,10 @@ def test_quantities(value, si, expected):
         (None, "N", "expected a force, found None"),
         (math.nan, "Pa", "nan is not a finite number"),
         ("1e999 m", "m", "not a finite number"),
+        (10**400, "Pa", f"1{58 * '0'}… is not a finite number; write for example"),
+        (1e308, "m", "1e+308 is more than can be computed with (1e+30 in SI units); write for example"),
+        ("1e306 km", "m", "1e306 km is not a finite number"),
+        ("5 9**9**9", "m", "unknown unit '9**9**9'"),  # which pint would compute
     ],
 )
 def test_wrong_quantities(value, si, says):
@@ -346,7 +353,7 @@ FAULTS = {
     ),
     "a term": (
         ("[uncertainty]", '[[terms]]\nkind = "tip-gian"\n[uncertainty]'),
-        "terms[0].kind: unknown kind 'tip-gian'; did you mean 'tip-gain'?",
+        "terms[0].kind: unknown kind 'tip-gian'; the terms, nearest first: tip-gain, ",
     ),
     "a term twice": (
         ("[uncertainty]", 2 * '[[terms]]\nkind = "tip-gain"\ngain = 1.02\n' + "[uncertainty]"),
@@ -525,3 +532,65 @@ def test_deviations_with_units_of_any_number(tmp_path):
     dump_config(config, tmp_path / "again.toml")
     assert load_config(tmp_path / "again.toml") == config
     assert not config.without_deviations(config.uncertainty).uncertainty
+
+
+def spoilt(folder, old, new):
+    """What is said of the robot file of these tests with one text for another."""
+    assert old in ROBOT
+    path = folder / "robot.toml"
+    path.write_text(ROBOT.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        load_config(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ") and "\n" not in message and len(message) < 300 + len(str(path))
+    return message.removeprefix(f"{path}: ")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("schema = 1", f"schema = 1{400 * '9'}", "schema: 1999"),
+        (
+            "schema = 1",
+            f"schema = 0x{5000 * 'f'}",
+            "schema: an integer of thousands of digits has too many digits",
+        ),
+        ("schema = 1", f"schema = {5000 * '9'}", "not TOML: Exceeds the limit"),
+        ('length = "250 mm"', f"length = 1{400 * '0'}", "backbone.length: 1000"),
+        (
+            'outer_radius = ["20 mm", "13 mm"]',
+            "outer_radius = 1e308",
+            "backbone.outer_radius[0]: 1e+308 is more",
+        ),
+        ('outer_radius = ["20 mm", "13 mm"]', 'outer_radius = "1e308 mm"', "1e308 mm is more than can"),
+        (
+            'outer_radius = ["20 mm", "13 mm"]',
+            "outer_radius = 1e-80",
+            "is 1e-80 m, too small to compute with",
+        ),
+        ('"1.06 MPa"', "1e-200", "backbone.youngs_modulus: 1e-200 Pa leaves a bending stiffness of"),
+        ('"10 %"', f"1{400 * '0'}", "uncertainty.youngs_modulus: 1000"),
+        ('"10 %"', 300 * "[" + 300 * "]", "uncertainty.youngs_modulus: expected"),
+        ('"10 %"', 9000 * "[", "not TOML: brackets nested too deep"),
+    ],
+)
+def test_numbers_beyond_floats_take_one_line(tmp_path, old, new, says):
+    assert says in spoilt(tmp_path, old, new)
+
+
+@pytest.mark.parametrize(("kind", "first"), [("presiding", "presliding"), ("my-own-law", "")])
+def test_an_unknown_term_is_told_the_terms_and_not_the_routings(kind, first):
+    with pytest.raises(InputError) as caught:
+        parse_config(tomllib.loads(ROBOT) | {"terms": [{"kind": kind}]})
+    says = str(caught.value).partition(f"terms[0].kind: unknown kind '{kind}'; the terms, nearest first: ")[2]
+    names = says.split(", ")
+    assert set(names) == set(REGISTRY) and names[0].startswith(first)
+
+
+def test_a_term_that_the_files_do_not_know_is_told_the_terms(monkeypatch):
+    """One that was registered after the classes of the file were made."""
+    own = dataclasses.replace(REGISTRY["tip-gain"], id="my-own-law")
+    monkeypatch.setitem(REGISTRY, "my-own-law", own)
+    with pytest.raises(InputError, match=r"unknown kind 'my-own-law'; the terms, nearest first: ") as caught:
+        parse_config(tomllib.loads(ROBOT) | {"terms": [{"kind": "my-own-law"}]})
+    assert "parallel" not in str(caught.value) and "presliding" in str(caught.value)

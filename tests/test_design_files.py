@@ -335,6 +335,50 @@ def test_command_says_what_it_could_not_reach_and_exits_with_1(files, capsys):
     assert answer["binding"][0]["name"] in ("wall_clearance", "offset")
 
 
+FREED = """
+schema = 1
+name = "bend"
+[[pose]]
+T_base = "20 N"
+angle = "60 deg"
+[[pose]]
+T_base = "10 N"
+angle = "30 deg"
+[search]
+routing = ["offset"]
+free = ["T_base", "E"]
+starts = 3
+[search.bounds]
+T_base = ["5 N", "40 N"]
+E = ["1 MPa", "1.2 MPa"]
+[limits]
+wall_clearance = "1 mm"
+"""
+
+
+@pytest.mark.slow
+def test_command_says_what_was_chosen_besides_the_channel(files, capsys):
+    """Base tensions, each with its target, and any other number, in the first sentence, as designed."""
+    (files / "target.toml").write_text(FREED)
+    out = files / "out"
+    done = run_gtr(capsys, "design", files / "robot.toml", files / "target.toml", "-o", out)
+    assert done.status == 0, done.err
+    tensions = r"with T_base\.1 ([\d.]+) N \(pose\[1\]\), T_base\.2 ([\d.]+) N \(pose\[0\]\)"
+    said = re.search(rf"^reached: .* {tensions}, E ([\d.]+) MPa;", done.out)
+    assert said is not None, done.out
+    answer = json.loads((out / "design.json").read_text())
+    found = {p["name"]: p["value"] for p in answer["parameters"]}
+    numbers = [found["T_base.1"], found["T_base.2"], 1e-6 * found["E"]]
+    assert [float(v) for v in said.groups()] == pytest.approx(numbers, rel=1e-3)
+    for T, angle in ((found["T_base.1"], 30.0), (found["T_base.2"], 60.0)):
+        pose = gtr.equilibrium(gtr.load_robot(out / "designed.toml"), T).tip_pose
+        assert float(pose[2]) == pytest.approx(np.radians(angle), abs=1e-3)
+    listed = answer["alternatives"]
+    assert all(option["reached"] and option["limits_kept"] for option in listed)
+    counted = re.search(r"(\d+) other designs? found", done.out)
+    assert len(listed) == 1 + (int(counted[1]) if counted else 0)
+
+
 @pytest.mark.parametrize(
     ("target", "words"),
     [("nowhere.toml", ["nowhere.toml"]), ("robot.toml", ["robot.toml", "backbone"])],

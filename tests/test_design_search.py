@@ -11,9 +11,12 @@ import design
 import gtr_jax as gtr
 from design import gauss_newton, lagrangian, literal
 from design.assemble import assemble
-from design.option import look_at
-from design.search import find
+from design.least_loss import with_less_loss
+from design.option import look_at, off_by
+from design.options import options_of
+from design.search import ARRIVED, find, losses
 from design.task import evaluate
+from gtr_jax.units import quantity_text
 from tests.conftest import CROSS, PARALLEL, SINE, WAVE
 
 LIMITS = {"wall_clearance": "1.5 mm", "min_channel_radius": "10 mm", "max_tension_loss": 0.8}
@@ -95,6 +98,76 @@ def test_a_hidden_routing_s_pose_is_reached_within_the_limits(case, make_config)
     assert option.errors[0].distance < 1e-3 * 0.25 and abs(option.errors[0].turn) < 1e-3
 
 
+CATHETER = {
+    "length": 0.08,
+    "outer_radius": [1.6e-3, 1.3e-3],
+    "bores": [{"from": 0.0, "to": 0.08, "diameter": 0.8e-3}],
+    "youngs_modulus": 20e6,
+}
+LUMEN = {"kind": "straight-sine-straight", "r1": -0.8e-3, "r2": 0.8e-3, "w1": 0.02, "w2": 0.05}
+
+
+@pytest.mark.slow
+def test_the_least_loss_is_that_of_a_scan(make_config):
+    """Of the family of designs that bend the tip to one angle: r1 scanned, r2 solved for each."""
+    config = make_config(routing=SINE)
+    wanted = {"T_base": 25.0, "angle": 0.3}
+    problem = assemble(config, target(wanted, search={"routing": ["r1", "r2"], "starts": 4}))
+    found = with_less_loss(problem, find(problem))
+    lost = losses(problem.task, found)[found.kept & (found.cost < ARRIVED)]
+    space = problem.space
+    least = 1.0
+    for r1 in np.linspace(-0.018, 0.018, 73):
+        z = np.stack(
+            [np.full(161, (r1 - space.lower[0]) / (space.upper - space.lower)[0]), np.linspace(0, 1, 161)]
+        )
+        judged = gauss_newton.judge_all(problem.task, jnp.asarray(z.T))
+        kept = np.min(np.asarray(judged.margins), axis=1) >= gauss_newton.BACK_OFF
+        off, loss = np.asarray(judged.residuals)[:, 2], 1.0 - np.asarray(judged.T_tip)[:, 0] / 25.0
+        for i in np.flatnonzero((off[1:] * off[:-1] <= 0) & kept[1:] & kept[:-1]):
+            share = off[i] / (off[i] - off[i + 1])
+            least = min(least, float(loss[i] + share * (loss[i + 1] - loss[i])))
+    assert least < 1.0
+    assert np.min(lost) == pytest.approx(least, rel=0.01)
+
+
+@pytest.mark.slow
+def test_the_design_that_loses_least_is_chosen_with_a_free_tension(make_config):
+    """A share of the tension that the design itself has; only valid, distinct designs are listed."""
+    config = make_config(routing=LUMEN, backbone=CATHETER, tendon={"friction_coefficient": 0.12})
+    limits = {"wall_clearance": 1.5e-4, "bore_clearance": 1e-4, "channel_diameter": 3e-4}
+    search = {"free": ["T_base"], "bounds": {"T_base": ["1 N", "10 N"]}}
+    pose = {"T_base": "4 N", "tip": ["60 mm", "42 mm"], "tip_tolerance": "0.5 mm"}
+    problem = assemble(config, target(pose, search=search, limits=limits))
+    found = find(problem)
+    options = options_of(problem, found)
+    assert len(options) > 1
+    for option in options:
+        assert option.reached and option.kept and option.loss >= options[0].loss
+        assert option.loss == pytest.approx(1.0 - float(option.states.T_tip[0]) / option.values["T_base"])
+    places = [np.array([o.values[v.name] for v in problem.space.all]) for o in options]
+    span = problem.space.upper - problem.space.lower
+    for i, place in enumerate(places):
+        assert all(np.max(np.abs(place - other) / span) > 0.019 for other in places[:i])
+    for z in found.z:  # no lane, whatever it was taken for, is a valid design that loses less
+        try:
+            other = look_at(problem, problem.space.values_at(z), resolution=4.0)
+        except gtr.InputError:
+            continue
+        assert not (other.reached and other.kept) or other.loss > options[0].loss - 1e-4
+
+
+def test_starts_near_the_targets_are_finished():
+    """Points on the way to a design are none: on the example all that arrive stop by themselves."""
+    problem = assemble(
+        gtr.load_config("examples/tdcm-1.toml"), design.load_target("examples/tdcm-1-target.toml")
+    )
+    found = find(problem)
+    near = found.cost < 0.5
+    assert np.sum(near) >= 2
+    assert np.all(found.settled[near]) and np.all(found.cost[near] < 1e-4)
+
+
 @pytest.fixture(scope="module")
 def answer():
     """A design of TD-CM I with all that goes with it."""
@@ -109,7 +182,11 @@ def answer():
 def test_answer_of_an_example(answer):
     assert answer.verdict == "reached"
     assert answer.best.reached and answer.best.kept
-    assert len(answer.options) >= 2
+    assert all(option.reached and option.kept for option in answer.options)
+    assert answer.best.loss == min(option.loss for option in answer.options)
+    assert answer.best.loss < 0.485  # a plain search ends at 0.579
+    others = len(answer.options) - 1
+    assert (f"{others} other design" in answer.says) == (others > 0)
     v = answer.verification
     assert v.fine_moved[0] < 1e-5 and v.steps_moved[0] < 1e-8
     assert v.literal_moved[0] < 5e-5 and v.literal_moved[1] < 3e-4
@@ -117,6 +194,35 @@ def test_answer_of_an_example(answer):
     json.dumps(data, allow_nan=False)
     assert {m["name"] for m in data["limits"]} >= {"wall_clearance", "bore_clearance", "max_tension_loss"}
     assert all(m["margin"] >= 0 for m in data["limits"])
+
+
+def test_a_designed_robot_is_written_in_numbers_for_people(answer):
+    """Rounded before anything is judged, so that the file is the design that was judged."""
+    routing = answer.config.model_dump(context={"unit_strings": True})["routing"]
+    assert max(len(str(routing[name])) for name in ("r1", "r2", "w1", "w2")) <= len("-12.34567 mm")
+    assert all(answer.best.values[name] == getattr(answer.config.routing, name) for name in ("r1", "w2"))
+
+
+def test_numbers_of_a_space_are_rounded_in_the_units_of_the_files(make_config):
+    """To a millionth of what is searched, and so that the file reads back to the equal float."""
+    bounds = {"E": ["0.8 MPa", "2 MPa"], "T_base": ["5 N", "50 N"]}
+    search = {"free": ["E", "T_base", "natural_curvature"], "bounds": bounds | {"natural_curvature": [-1, 1]}}
+    space = assemble(make_config(routing=SINE), target({"T_base": 20.0, "angle": 0.3}, search=search)).space
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        values = space.lower + rng.uniform(size=len(space.all)) * (space.upper - space.lower)
+        short = space.rounded(values)
+        assert np.all(np.abs(short - values) <= 1e-6 * (space.upper - space.lower))
+        assert all(len(str(quantity_text(x, v.unit))) <= 15 for x, v in zip(short, space.all, strict=True))
+    np.testing.assert_array_equal(space.rounded(space.upper), space.upper)
+
+
+@pytest.mark.parametrize(
+    ("off", "says"),
+    [(1e-9, "less than 0.0025 mm"), (0.0123456e-3, "0.012 mm"), (12.3456e-3, "12.3 mm"), (np.nan, "–")],
+)
+def test_an_error_has_two_digits_and_none_below_its_tolerance(off, says):
+    assert off_by(off, 0.25e-3, "m") == says
 
 
 def test_tolerances_are_those_of_differences(answer):

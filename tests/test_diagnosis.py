@@ -284,7 +284,7 @@ def test_readings_that_stand_still_are_unexplained():
     assert stand["readings"] == 4 and recording.time is not None
     assert stand["time_s"] == pytest.approx(recording.time[[37, 40]].tolist())
     # What a sentence says of the residual, its numbers carry.
-    seen = dataclasses.replace(found, verdict="adequate", rms_N=(0.9, 0.9), noise_N=0.3)
+    seen = dataclasses.replace(found, verdict="adequate", rms_N=(0.9, 0.9), noise_N=0.3, expected_N=0.3)
     assert "is 0.9 N where the noise is 0.3 N, which is more" in sentence(seen, ())
     assert "is 0.4 N where the noise is 0.3 N." in sentence(dataclasses.replace(seen, rms_N=(0.4, 0.4)), ())
     named = dataclasses.replace(found, verdict="missing-physics", named=["presliding"], left=(1.2, 30.0))

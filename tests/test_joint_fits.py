@@ -174,12 +174,15 @@ def test_knots_of_a_table_and_bores_may_be_free(make_config):
 
 
 def test_the_depth_of_a_bore(tdcm):
+    # It bends the body by less than E is uncertain by: E has to be known.
+    tdcm = tdcm.without_deviations(tdcm.uncertainty)
     rec = recorded(tdcm, 8, pose=True, bore_0_to=0.03)
     fit = fitted(tdcm, rec, free=("mu", "bore_0_to"))
     holds(fit, "bore_0_to", 0.03)
 
 
 def test_outliers_count_less_in_a_robust_fit(tdcm):
+    tdcm = tdcm.without_deviations(tdcm.uncertainty)  # else E takes up some of what is far off
     rng = np.random.default_rng(0)
     off, rec = rng.choice(len(PULLED), 5, replace=False), recorded(tdcm, 9)
     T_tip = np.array(rec.T_tip)

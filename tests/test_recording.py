@@ -106,6 +106,85 @@ def test_other_forms_of_csv(tmp_path, text):
     np.testing.assert_array_equal(read_recording(write(tmp_path, text)).T_base, [0, 10, 20, 10])
 
 
+EXPORTED = "time_s,T_base_N,T_tip_N\n0,0.5,0.25\n1,1234.5,6.5\n2,20,12.5\n"
+DECIMAL = EXPORTED.replace(",", ";").replace(".", ",")
+EXPORTS = {
+    "decimal comma": DECIMAL,
+    "thousands and decimal comma": DECIMAL.replace("1234,5", "1.234,5"),
+    "thousands parted by points": DECIMAL.replace("1234,5", "1.234,5").replace("20;", "20,0;"),
+    "thousands parted by commas": EXPORTED.replace("1234.5", '"1,234.5"'),
+    "thousands parted by blanks": DECIMAL.replace("1234,5", "1 234,5"),
+    "thousands parted by apostrophes": EXPORTED.replace("1234.5", "1'234.5"),
+    "comments": f"# rig 2, spring 0.5\n# {{\n{EXPORTED}# done\n",
+    "header in a comment": f"# {EXPORTED}",
+    "title": f"Pull test, rig 2\n{EXPORTED}",
+    "title in a padded row": f"Pull test,,\n{EXPORTED}",
+    "title above semicolons": f"Prüfung 3,5 mm\n{DECIMAL}",
+    "name and value above": f"Operator,Jane\nRate,100\n\n{EXPORTED}",
+    "sep=;": f"sep=;\n{DECIMAL}",
+    "sep=; with a byte-order mark": f"\ufeffsep=;\r\n{DECIMAL}".replace("\n", "\r\n"),
+    "units below": EXPORTED.replace("\n0,", "\ns,N,N\n0,", 1),
+    "units in brackets below": EXPORTED.replace("\n0,", "\n[s],(N),[N]\n0,", 1),
+    "Latin-1": EXPORTED.replace("\n", ",Prüfling µ\n").encode("latin-1"),
+    "UTF-16": EXPORTED.encode("utf-16"),
+    "UTF-16 without a mark": EXPORTED.encode("utf-16-le"),
+    "UTF-16, other end first": EXPORTED.encode("utf-16-be"),
+    "UTF-8 with a mark": EXPORTED.encode("utf-8-sig"),
+    "separator at the end of the rows": EXPORTED.replace("5\n", "5,\n"),
+    "minus signs of typesetters": EXPORTED.replace("0.5", "\u22120.5"),
+}
+
+
+@pytest.mark.parametrize("name", EXPORTS)
+def test_exports_of_other_programs(tmp_path, name):
+    recording = read_recording(write(tmp_path, EXPORTS[name]))
+    assert recording.time is not None and recording.T_tip is not None
+    np.testing.assert_array_equal(recording.time, [0, 1, 2])
+    first = -0.5 if "minus" in name else 0.5
+    np.testing.assert_array_equal(recording.T_base, [first, 1234.5, 20])
+    np.testing.assert_array_equal(recording.T_tip, [0.25, 6.5, 12.5])
+
+
+def test_units_in_a_row_are_converted(tmp_path):
+    recording = read_recording(
+        write(tmp_path, "time,T_base,T_tip\n(ms),(gf),(mN)\n0,500,200\n100,1000,400\n")
+    )
+    np.testing.assert_allclose(recording.T_base, [4.903325, 9.80665], rtol=1e-15)
+    assert recording.T_tip is not None
+    np.testing.assert_allclose(recording.T_tip, [0.2, 0.4], rtol=1e-15)
+    np.testing.assert_array_equal(recording.time, [0, 0.1])
+    mapped = read_recording(recording.path, "T_base=T_base[N]")
+    np.testing.assert_array_equal(mapped.T_base, [500, 1000])
+
+
+@pytest.mark.parametrize(
+    ("stamps", "seconds"),
+    [
+        (("2026-01-31T14:05:00.25", "2026-01-31T14:05:01.5"), 1.25),
+        (("2026-01-31 23:59:59Z", "2026-02-01 00:00:01.000000250Z"), 2.00000025),
+        (("2026-01-31T14:05:00+01:00", "2026-01-31T14:05:00+00:00"), 3600.0),
+        (("9:59:59.5", "10:00:00"), 0.5),
+    ],
+)
+def test_time_stamps_are_seconds_since_the_first(tmp_path, stamps, seconds):
+    text = "Timestamp,T_base_N,T_tip_N\n{},0,0\n{},10,6\n".format(*stamps)
+    recording = read_recording(write(tmp_path, text))
+    assert recording.time is not None
+    np.testing.assert_allclose(recording.time, [0, seconds], rtol=1e-12)
+
+
+def test_columns_that_nobody_mapped_are_in_nobodys_way(tmp_path):
+    text = "Timestamp,Time [s],trial,displacement_m,T_base_N,T_tip_N\n"
+    rows = "31.01.2026 14:05,0,A,,0,0\n31.01.2026 14:06,2,B,,10,6\n"
+    recording = read_recording(write(tmp_path, text + rows))
+    np.testing.assert_array_equal(recording.time, [0, 2])
+    assert recording.trial is None and recording.displacement is None
+    unmapped = read_recording(write(tmp_path, (text + rows).replace("Time [s]", "clock")))
+    assert unmapped.time is None
+    stamped = read_recording(write(tmp_path, (text + rows).replace("31.01.2026", "2026-01-31")))
+    np.testing.assert_array_equal(stamped.time, [0, 2])  # numbers before time stamps
+
+
 def test_a_history_needs_no_tip(tmp_path):
     recording = read_recording(write(tmp_path, "T_base_N\n0\n10\n"), need_tip=False)
     assert recording.T_tip is None and len(recording) == 2
@@ -123,7 +202,7 @@ FAULTS = {
         None,
         "has a header but no rows; at least one row of numbers is needed",
     ),
-    "binary": (b"PK\x03\x04\x00\xff", None, "not a text file; save it as plain text in UTF-8"),
+    "binary": (b"\x89PNG\x0d\x00\xff", None, "not a text file; save it as plain text in UTF-8"),
     "missing column": (
         "time_s,T_base_N,T_tp_N\n0,1,1\n",
         None,
@@ -167,10 +246,83 @@ FAULTS = {
         None,
         "row 3, column 'T_base_N': expected a number, found an empty cell",
     ),
-    "decimal comma": (
-        "T_base;T_tip\n1,5;1,2\n",
+    "commas that may be either": (
+        'T_base_N,T_tip_N\n"1,234","1,111"\n"2,345","1,222"\n',
         None,
-        "row 2, column 'T_base': expected a number, found '1,5'",
+        "'1,234' may be 1.234 or 1234; export it again with decimal points and without thousands separators",
+    ),
+    "both decimal marks": (
+        "T_base_N;T_tip_N\n1,5;0.5\n",
+        None,
+        "decimals take both marks, '0.5' and '1,5'; export it again",
+    ),
+    "decimal commas parted by commas": (
+        "T_base_N,T_tip_N\n1,5,1,2\n2,5,1,3\n",
+        None,
+        "row 2 has 4 cells and the header 2; if these are decimal commas, export with semicolons",
+    ),
+    "parted by blanks": (
+        GOOD.replace(",", " "),
+        None,
+        "blanks part its numbers; part the cells with commas, semicolons or tabs",
+    ),
+    "no header": ("0,0,0\n1,10,6\n", None, "the first row holds numbers; put the names of the columns above"),
+    "workbook": (
+        b"PK\x03\x04\x14\x00",
+        None,
+        "not a text file but a workbook or an archive; export the sheet",
+    ),
+    "stroke between digits": (
+        GOOD.replace("1,10", "1,1_0"),
+        None,
+        "row 3, column 'T_base_N': expected a number",
+    ),
+    "mapped time of another kind": (
+        "When,T_base_N,T_tip_N\n23.11.2026 10:00,0,0\n",
+        "time=When",
+        "row 2, column 'When': expected seconds or a time stamp such as 2026-01-31T14:05:00.25, found '23.11",
+    ),
+    "a broken time stamp": (
+        "time,T_base_N,T_tip_N\n2026-01-31T14:05:00,0,0\nlater,1,1\n",
+        None,
+        "row 3, column 'time': expected seconds or a time stamp",
+    ),
+    "grams": (
+        "Tbase [g],Ttip [g]\n1,1\n",
+        None,
+        "column 'Tbase [g]': 'g' is not a unit of a force; grams-force are written gf; "
+        "give its unit with --columns 'T_base=Tbase [g][gf]'",
+    ),
+    "other names": (
+        "Bend,F_base_g,F_tip_g\n1,5,2\n",
+        None,
+        "no column T_base_N; columns found: Bend, F_base_g, F_tip_g (nearest: 'F_base_g'); rename one, or "
+        "add --columns 'T_base=F_base_g[gf],T_tip=F_tip_g[gf]'",
+    ),
+    "other names, units in a row": (
+        "Clock,Distal load,Proximal load\n[s],[mN],[mN]\n0,200,500\n1,300,600\n",
+        None,
+        "no column T_base_N; columns found: Clock, Distal load, Proximal load (nearest: 'Proximal load'); "
+        "rename one, or add --columns 'T_base=Proximal load[mN],T_tip=Distal load[mN]'",
+    ),
+    "no unit, but many of it": (
+        "base,tip\n0,0\n1500,700\n",
+        None,
+        "no column T_base_N; columns found: base, tip (nearest: 'base'); rename one, or add "
+        "--columns 'T_base=base[gf],T_tip=tip[gf]'",
+    ),
+    "nothing suggests itself": (
+        "Load cell 1,Load cell 2,Bend\n1,1,1\n",
+        None,
+        "no column T_base_N; columns found: Load cell 1, Load cell 2, Bend; rename one, or add "
+        "--columns 'T_base=NAME[N],T_tip=NAME[N]'",
+    ),
+    "two tendons, none named": (
+        "T_base_N.left,T_base_N.right\n0,0\n1,1\n",
+        None,
+        "no column T_base_N, but T_base_N.left, T_base_N.right of several tendons; for one tendon rename its "
+        "column to T_base_N; several are named in the robot file, as [[tendons]], or in Python, "
+        "read_recording(..., tendons=('left', 'right'))",
     ),
     "time backwards": (
         GOOD.replace("2,20", "0.5,20"),
@@ -271,4 +423,6 @@ def test_the_giraffe_recording_reads_as_it_is():
 @pytest.mark.skipif(not SHARED.exists(), reason="needs the shared data beside the repository")
 def test_shared_recordings_read():
     for path in sorted(SHARED.glob("*/*/recording.csv")):
-        assert len(read_recording(path)) > 10
+        header = path.read_text().partition("\n")[0]
+        tendons = re.findall(r"T_base_N\.(\w+)", header)
+        assert len(read_recording(path, tendons=tendons)) > 10

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax import Robot
+from gtr_jax.parameters import with_values
 from gtr_jax.robot import sections
 from gtr_jax.sensing import cells_show
 
@@ -246,7 +247,7 @@ def _options(models: Models, rig: Rig) -> list[_Option]:
     for name, (time, base, tip) in checks(float(T.max()), duration).items():
 
         def cells(values, time=time, base=base, tip=tip):
-            robot = rig.robot.with_values(**values_in(values, part.name))
+            robot = with_values(rig.robot, values_in(values, part.name))
             shown = cells_show(robot, jnp.asarray(base), jnp.asarray(tip), jnp.asarray(time))
             return np.concatenate([np.asarray(shown.T_base) / sd_base, np.asarray(shown.T_tip) / sd["T_tip"]])
 

@@ -61,8 +61,7 @@ def jointly(models: Models, fitted: Fitted, finer: float) -> Marginal:
 
     The covariance is A^-1 with A = J'J + 1 and derivatives by central differences. To it comes what laws that
     are not exact, and what is left of the mesh, do to the estimates: they move by A^-1 J'd where d is the
-        change
-    of the readings, of one standard deviation for each way.
+    change of the readings by one standard deviation of either.
 
     Args:
         models: all samples on the bench, corrected to a fine mesh.

@@ -81,4 +81,13 @@ def _name_ends(axes: Axes, ends: list[tuple[int, float, float, str]], pulled: st
             annotation_clip=False,
         )
     title = f"at $T_{{base}}$ of {pulled}" if pulled else "at $T_{base}$"
-    axes.set_title(title, loc="right", fontsize=8.5, color=INK, x=1.16, pad=2)
+    axes.annotate(
+        title,
+        (1, 1),
+        xycoords="axes fraction",
+        xytext=(5, 4),
+        textcoords="offset points",
+        fontsize=8.5,
+        color=INK,
+        annotation_clip=False,
+    )

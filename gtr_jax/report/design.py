@@ -10,14 +10,17 @@ from gtr_jax import plots
 from gtr_jax.equilibrium import equilibrium
 from gtr_jax.history import equilibrium_at, simulate
 from gtr_jax.phases import label_phases
-from gtr_jax.plots.design import Mark, plot_channels, plot_targets, plot_tip
+from gtr_jax.plots.design import Mark, Near, plot_channels, plot_targets, plot_tip
 from gtr_jax.plots.style import number
+from gtr_jax.units import display_of
 
 from .fit import quantity
 from .page import Figure, Report, Table
 
 STEPS = 40
 SHOWN = 12
+LEAST = 1e-4  # mm or degrees, below which a check has no digits
+LOSS = "max_tension_loss"
 
 
 def design_report(answer: Any) -> Report:
@@ -42,6 +45,19 @@ def design_report(answer: Any) -> Report:
 
 def _quantity(value: float, unit: str, digits: int = 4) -> str:
     return "any" if value is not None and np.isinf(value) else quantity(value, unit, digits)
+
+
+def _limit(name: str, value: float, unit: str, digits: int = 4) -> str:
+    """The number of a limit: a share of the tension in per cent."""
+    return number(100 * value, "%", digits) if name == LOSS else _quantity(value, unit, digits)
+
+
+def _check(value: float, unit: str) -> str:
+    """A small number that says that two solutions agree."""
+    display, size = display_of(unit)
+    if value < LEAST * size:
+        return f"less than {LEAST:g} {display}"
+    return _quantity(value, unit, 2)
 
 
 def _history(answer: Any) -> tuple[Any, Any]:
@@ -78,18 +94,20 @@ def _figures(answer: Any) -> list[Figure]:
     cloud = None
     if answer.robustness is not None:
         cloud = np.concatenate([s.ellipse for s in answer.robustness.spreads])
-    marks, others = _marks(answer), ""
+    marks, near, others = _marks(answer), _near(answer), ""
     if answer.comparison is not None:
         found = [e.found for e in answer.comparison.actual.errors if e.found[0] == e.found[0]]
-        marks += [Mark(1e3 * x, 1e3 * y, np.nan, 0.0, "plain model") for x, y, _ in found]
-        others = " Where the tip would be with the design of the plain model is marked so."
+        marks += [Mark(1e3 * x, 1e3 * y, np.nan, 0.0, True) for x, y, _ in found]
+        others = " Diamonds: where the tip would be with the design of the plain model."
+    if near:
+        others += " Below, magnified: the tolerance as a circle and the tip that the design has as a dot."
     pose = np.asarray(run.tip_pose)
     return [
         Figure(
             "target",
-            plots.png(plot_targets(states, radius, pose[:, :2], phases, marks, cloud)),
+            plots.png(plot_targets(states, radius, pose[:, :2], phases, marks, near, cloud)),
             "The deformed shape at each target, the way of the tip through the whole pull and release "
-            "(coloured by phase), and what is wanted: crosses, circles of the tolerance, arrows of the angle"
+            "(coloured by phase), and what is wanted: crosses, arrows of the angle"
             + ("; dots, the tip at the edge of what is not known." if cloud is not None else ".")
             + others,
         ),
@@ -97,9 +115,14 @@ def _figures(answer: Any) -> list[Figure]:
             "tip",
             plots.png(plot_tip(T, pose, phases, _tip_marks(answer))),
             "Tip against base tension, pulled and released; where the two differ is hysteresis. Bars are the "
-            "tolerances.",
+            "tolerances, where these are larger than the marks.",
         ),
-        Figure("channel", plots.png(_channel(answer)), "The channel in the unloaded body."),
+        Figure(
+            "channel",
+            plots.png(_channel(answer)),
+            "The channel in the unloaded body, its bores white."
+            + (" Alternatives reach the targets within the limits too." if _alternatives_of(answer) else ""),
+        ),
         Figure(
             "tension",
             plots.png(plots.plot_tension(run, phases)),
@@ -108,16 +131,39 @@ def _figures(answer: Any) -> list[Figure]:
     ]
 
 
+def _alternatives_of(answer: Any) -> list[Any]:
+    """The other designs that can be offered; none where even the best is only the nearest."""
+    return list(answer.options[1:]) if answer.verdict in ("reached", "optimal") else []
+
+
+def _near(answer: Any) -> list[Near]:
+    """The places that are asked for, each with its tolerance and what the design has there."""
+    out = []
+    for e in answer.best.errors:
+        if e.distance == e.distance:
+            off = e.distance_says + (f", {e.turn_says}" if e.turn == e.turn else "")
+            out.append(
+                Near(
+                    (1e3 * e.wanted[0], 1e3 * e.wanted[1]),
+                    (1e3 * e.found[0], 1e3 * e.found[1]),
+                    e.wanted[2],
+                    1e3 * e.tip_tolerance,
+                    f"{e.name}: off by\n{off}",
+                )
+            )
+    return out
+
+
 def _marks(answer: Any) -> list[Mark]:
     marks, target = [], answer.problem.target
     for e in answer.best.errors:
         if e.name.startswith("pose") and e.wanted[0] == e.wanted[0]:
-            marks.append(Mark(1e3 * e.wanted[0], 1e3 * e.wanted[1], e.wanted[2], 1e3 * e.tip_tolerance, ""))
+            marks.append(Mark(1e3 * e.wanted[0], 1e3 * e.wanted[1], e.wanted[2], 1e3 * e.tip_tolerance))
         elif e.name.startswith("pose"):
-            marks.append(Mark(1e3 * e.found[0], 1e3 * e.found[1], e.wanted[2], 0.0, ""))
+            marks.append(Mark(1e3 * e.found[0], 1e3 * e.found[1], e.wanted[2], 0.0))
     for i, shape in enumerate(target.shape):
         tolerance = next(e.tip_tolerance for e in answer.best.errors if e.name == f"shape[{i}]")
-        marks += [Mark(1e3 * x, 1e3 * y, np.nan, 1e3 * tolerance, "") for _, x, y in shape.points]
+        marks += [Mark(1e3 * x, 1e3 * y, np.nan, 1e3 * tolerance) for _, x, y in shape.points]
     return marks
 
 
@@ -133,14 +179,14 @@ def _tip_marks(answer: Any) -> list[tuple[float, str, int, float, float]]:
 
 
 def _channel(answer: Any) -> Any:
-    """Offsets of the chosen channel and of the alternatives."""
+    """Offsets of the chosen channel and of the alternatives that can be offered."""
     import jax.numpy as jnp
 
     from gtr_jax.build import build_robot
 
     lines = []
     s = np.linspace(0.0, answer.config.backbone.length, 401)
-    for config in [answer.config, *(o.config for o in answer.options[1:])]:
+    for config in [answer.config, *(o.config for o in _alternatives_of(answer))]:
         routing = build_robot(config).routing
         passed = routing.kinks()[:, None] <= jnp.asarray(s)[None, :]
         R = routing.offset(jnp.asarray(s), passed, jnp.asarray(config.backbone.length)).value
@@ -153,16 +199,18 @@ def _channel(answer: Any) -> Any:
         bores.append(np.array([[x[0], -y], [x[1], -y], [x[1], y], [x[0], y], [x[0], -y]]))
     limits = answer.problem.target.limits
     clearance = 1e3 * (limits.wall_clearance + 0.5 * limits.channel_diameter)
-    return plot_channels(lines, (1e3 * s, radius), bores, clearance)
+    chosen = "chosen" if answer.verdict in ("reached", "optimal") else "nearest"
+    return plot_channels(lines, (1e3 * s, radius), bores, clearance, chosen)
 
 
 def _tables(answer: Any) -> list[Table]:
     tables = []
     best = answer.best
+    allowed = {t.parameter.name: t.allowed for t in answer.tolerances}
     rows = [
         (
             v.name,
-            _quantity(best.values[v.name], v.unit, 5),
+            _quantity(best.values[v.name], v.unit, _digits(best.values[v.name], allowed.get(v.name))),
             f"{_quantity(v.lower, v.unit)} … {_quantity(v.upper, v.unit)}",
         )
         for v in answer.problem.space.all
@@ -175,9 +223,9 @@ def _tables(answer: Any) -> list[Table]:
                 e.name,
                 number(e.T_base, "N"),
                 e.branch,
-                _quantity(e.distance, "m", 3),
+                e.distance_says,
                 _quantity(e.tip_tolerance, "m", 3) if e.distance == e.distance else "–",
-                _quantity(e.turn, "rad", 3),
+                e.turn_says,
                 _quantity(e.angle_tolerance, "rad", 3) if e.turn == e.turn else "–",
                 "within" if e.within else "missed",
             )
@@ -187,9 +235,9 @@ def _tables(answer: Any) -> list[Table]:
     rows = [
         (
             m.name,
-            "straight" if m.name == "min_channel_radius" and m.value > 1e3 else _quantity(m.value, m.unit),
-            _quantity(m.limit, m.unit),
-            "–" if m.name == "min_channel_radius" and m.value > 1e3 else _quantity(m.margin, m.unit, 3),
+            "straight" if _is_straight(m) else _limit(m.name, m.value, m.unit),
+            _limit(m.name, m.limit, m.unit),
+            "–" if _is_straight(m) else _limit(m.name, m.margin, m.unit, 3),
             _quantity(m.where, "m", 3),
             "kept" if m.kept else "broken",
         )
@@ -204,8 +252,8 @@ def _tables(answer: Any) -> list[Table]:
         rows = [
             (
                 r.name,
-                _quantity(r.limit, r.unit),
-                _quantity(r.value, r.unit),
+                _limit(r.name, r.limit, r.unit),
+                _limit(r.name, r.value, r.unit),
                 "reached" if r.reached else "not reached",
             )
             for r in answer.relaxed
@@ -222,7 +270,7 @@ def _tables(answer: Any) -> list[Table]:
             _quantity(t.value, t.parameter.unit),
             _per_percent(t.moves, t.value, "m"),
             _per_percent(t.turns, t.value, "rad"),
-            _quantity(t.allowed, t.parameter.unit, 3),
+            _quantity(t.allowed, t.parameter.unit, 2),
         )
         for t in answer.tolerances
     ]
@@ -239,8 +287,19 @@ def _tables(answer: Any) -> list[Table]:
     return tables
 
 
+def _digits(value: float, allowed: float | None) -> int:
+    """Digits of a value of which two are within the deviation that a tolerance allows; four to seven."""
+    if not allowed or not value or not np.isfinite(allowed):
+        return 5
+    return int(np.clip(2 + np.floor(np.log10(abs(value))) - np.floor(np.log10(allowed)), 4, 7))
+
+
+def _is_straight(margin: Any) -> bool:
+    return margin.name == "min_channel_radius" and margin.value > 1e3
+
+
 def _per_percent(slope: float, value: float, unit: str) -> str:
-    return "–" if value == 0 else _quantity(0.01 * slope * abs(value), unit, 3)
+    return "–" if value == 0 else _quantity(0.01 * slope * abs(value), unit, 2)
 
 
 def _alternatives(answer: Any) -> Table:
@@ -255,16 +314,21 @@ def _alternatives(answer: Any) -> Table:
     rows = []
     for o in answer.options[:SHOWN]:
         row = [_quantity(o.values[n], units[n], 4) for n in names]
-        row += [number(o.miss, digits=3), number(100 * o.loss, "%", 3)]
+        miss = number(o.miss, digits=2) if o.miss >= 0.01 or not o.errors else "less than 0.01"
+        row += [miss, number(100 * o.loss, "%")]
         if o.goal == o.goal:
             unit = {"reach": "m", "bend": "rad", "tension": "N"}[answer.problem.target.goal.kind]
             row.append(_quantity(o.goal, unit))
         rows.append(tuple(row))
-    note = "The first is the one chosen: of those that meet the targets, it loses the least tension."
-    if answer.best.goal == answer.best.goal:
-        note = "The first is the one chosen."
-    elif not (answer.best.reached and answer.best.kept):
-        note = "None meets the targets; the nearest stands first."
+    robust = answer.problem.task.spread != "nominal"
+    if answer.verdict not in ("reached", "optimal"):
+        note = "None meets the targets within the limits; the nearest stands first."
+    elif answer.best.goal == answer.best.goal:
+        note = "All keep the limits. The first, the one chosen, comes nearest to the goal."
+    elif robust:
+        note = "All keep the limits. The first, the one chosen, has the least error over what is not known."
+    else:
+        note = "All meet the targets within the limits. The first, the one chosen, loses the least tension."
     return Table("Designs found", heads, rows, note)
 
 
@@ -274,10 +338,10 @@ def _comparison(c: Any) -> Table:
             believed.name,
             number(actual.T_base, "N"),
             actual.branch,
-            _quantity(believed.distance, "m", 3),
-            _quantity(actual.distance, "m", 3),
-            _quantity(believed.turn, "rad", 3),
-            _quantity(actual.turn, "rad", 3),
+            believed.distance_says,
+            actual.distance_says,
+            believed.turn_says,
+            actual.turn_says,
         )
         for believed, actual in zip(c.believed.errors, c.actual.errors, strict=True)
     ]
@@ -303,10 +367,10 @@ def _robustness(r: Any) -> Table:
             s.name,
             number(s.T_base, "N"),
             s.branch,
-            _quantity(s.rms, "m", 3),
-            _quantity(s.worst, "m", 3),
-            _quantity(s.rms_turn, "rad", 3),
-            _quantity(s.worst_turn, "rad", 3),
+            _quantity(s.rms, "m", 2),
+            _quantity(s.worst, "m", 2),
+            _quantity(s.rms_turn, "rad", 2),
+            _quantity(s.worst_turn, "rad", 2),
         )
         for s in r.spreads
     ]
@@ -326,7 +390,7 @@ def _verification(answer: Any) -> Table:
         ("many load steps instead of one", *v.steps_moved),
         ("the paper's literal integrals", *v.literal_moved),
     ]
-    rows = [(name, _quantity(tip, "m", 2), _quantity(turn, "rad", 2)) for name, tip, turn in moved]
+    rows = [(name, _check(tip, "m"), _check(turn, "rad")) for name, tip, turn in moved]
     s = answer.search
     note = (
         f"{s.method}: {s.lanes} starts, {s.settled} settled, {s.evaluations} evaluations with derivatives, "

@@ -64,7 +64,7 @@ class Axis:
     @property
     def positive(self) -> bool:
         """Whether its lower bound is excluded; friction may vanish, though it is fitted by its logarithm."""
-        return self.parameter.log and self.name.partition(".")[0] != "mu"
+        return self.parameter.positive
 
     @property
     def ends(self) -> tuple[float, float]:

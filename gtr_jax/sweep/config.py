@@ -22,6 +22,7 @@ from gtr_jax.units import Unit
 Force = Annotated[float, Unit("N")]
 Time = Annotated[float, Unit("s")]
 Ratio = Annotated[float, Unit("dimensionless")]
+Whole = Annotated[StrictInt, Field(gt=-(2**63), lt=2**63)]
 
 DRAWN = ("sobol", "latin-hypercube", "random", "saltelli", "morris")
 
@@ -33,7 +34,7 @@ class HistorySection(Section):
     """Base tension [N] to which the tendon is pulled from its preload."""
     release: Force | None = None
     """Base tension [N] to which it is then released."""
-    steps: StrictInt | None = None
+    steps: Whole | None = None
     """Load steps of each branch; one for a pull alone, 40 with a release, unless given."""
     dt: Time | None = None
     """Time of each step [s], for physics terms that depend on it."""
@@ -59,9 +60,9 @@ class SweepConfig(Section):
     sample: Literal["grid", "sobol", "latin-hypercube", "random", "saltelli", "morris"] = "grid"
     """Every combination of the values, or points drawn; saltelli and morris are drawn for sensitivity
     indices."""
-    count: StrictInt | None = None
+    count: Whole | None = None
     """Points drawn; with saltelli and morris, of the base sample or of trajectories."""
-    seed: StrictInt = 0
+    seed: Whole = 0
     """Of the points drawn."""
     resolution: Ratio = 1.0
     """Factor on the number of mesh intervals."""
