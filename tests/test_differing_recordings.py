@@ -3,6 +3,7 @@
 import json
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -35,7 +36,7 @@ def recorded(name, seed, *, posed=False, duration=60.0, **values):
     def noisy(true, sd):
         return np.asarray(true) + rng.normal(0, sd, len(T))
 
-    pose = {"tip_angle": noisy(run.tip_pose[:, 2], 7e-3)} if posed else {}
+    pose: Any = {"tip_angle": noisy(run.tip_pose[:, 2], 7e-3)} if posed else {}
     return gtr.Recording(
         path=Path(f"{name}.csv"),
         sha256="",
@@ -123,7 +124,7 @@ def test_recordings_that_agree_do_not_differ():
 @pytest.mark.slow
 def test_an_effect_of_the_rate_is_no_number_that_differs():
     # A slow loop and a fast one with viscous friction: mu of each by itself would fit nearly as well.
-    viscous = {"viscous-friction.coefficient": 4.0}
+    viscous: Any = {"viscous-friction.coefficient": 4.0}
     two = [recorded("slow", 1, duration=300.0, **viscous), recorded("fast", 2, duration=20.0, **viscous)]
     ready = prepared(two)
     assert not ready.differ or "viscous-friction" in ready.differ[0].or_effects
