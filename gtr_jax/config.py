@@ -13,6 +13,7 @@ import json
 import operator
 import os
 import re
+import textwrap
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -50,6 +51,9 @@ Moment = Annotated[float, Unit("N m")]
 Mass = Annotated[float, Unit("kg")]
 Ratio = Annotated[float, Unit("dimensionless")]
 
+
+# Columns of a comment in a robot file.
+NOTE_WIDTH = 110
 
 _SHARES = re.compile(r".*[\d.]\s*(|%|percent|dimensionless)\s*")
 
@@ -466,9 +470,10 @@ def config_text(config: RobotConfig) -> str:
     )
 
 
-def dump_config(config: RobotConfig, path: str | os.PathLike[str]) -> None:
-    """Write a robot file, whole or not at all; see `config_text`."""
-    write_whole(path, config_text(config))
+def dump_config(config: RobotConfig, path: str | os.PathLike[str], *, note: str = "") -> None:
+    """Write a robot file, whole or not at all, with a note as comment at its top; see `config_text`."""
+    comment = "".join(f"# {line}\n" for line in textwrap.wrap(note, NOTE_WIDTH))
+    write_whole(path, comment + config_text(config))
 
 
 def json_schema() -> dict[str, Any]:

@@ -332,13 +332,15 @@ class Bench:
 
     def white(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
         """Rows of residuals, (C, K) each, with nothing free to follow."""
+        return np.concatenate([self.white_of(k, residual) for k, residual in enumerate(residuals)])
+
+    def white_of(self, k: int, residual: np.ndarray) -> np.ndarray:
+        """The same of recording k alone."""
         found = []
-        for weigh, noise, residual in zip(self.weighs, self.noise, residuals, strict=True):
-            channels, base = weigh.split(residual)
-            for row, n in zip(channels, noise, strict=True):
-                found.append(np.concatenate([row[:1], (row[1:] - n.rho * row[:-1]) / np.sqrt(1 - n.rho**2)]))
-            found.append(base)
-        return np.concatenate(found)
+        channels, base = self.weighs[k].split(residual)
+        for row, n in zip(channels, self.noise[k], strict=True):
+            found.append(np.concatenate([row[:1], (row[1:] - n.rho * row[:-1]) / np.sqrt(1 - n.rho**2)]))
+        return np.concatenate([*found, base])
 
     def at(self, model: Model, x: np.ndarray) -> Point | None:
         """A model at coordinates; None where the simulation breaks down."""

@@ -19,14 +19,16 @@ from ..free import distinct
 from ..task import Part, recorded
 from .bench import Bench, Dimension, Fitted, model_of, passing
 from .decide import Decision, decide, with_unseen
+from .differ import MOST as MOST_DIFFER
+from .differ import Difference, differing, names_to_split, still_differ
 from .experiment import Experiment, propose
 from .heldout import held_out
-from .hypotheses import Hypothesis, base_numbers, catalogue
+from .hypotheses import Hypothesis, Number, base_numbers, catalogue
 from .locate import cycles_of, locate, mu_by_stratum, phases_of, ratio_of_branches
-from .marginal import jointly
+from .marginal import Marginal, jointly
 from .memory import Memory
 from .result import BAD_DATA, Diagnosis, Loop, Rival
-from .rig import Rig, resolution_of, some_samples
+from .rig import OWN, Rig, resolution_of, some_samples, values_in
 from .sanity import faults
 from .search import (
     SHORTLIST,
@@ -45,6 +47,8 @@ from .search import (
 
 # Samples of each recording on which hypotheses are tried, and on which the best are refitted.
 FEW, MANY = 140, 1200
+# Samples of each recording on which hypotheses are tried where there are several: together they tell more.
+FEW_OF_SEVERAL = 96
 # Models that are refitted to all samples.
 FINAL, REFINED = 4, 3
 # Resolution of the mesh that they are corrected to.
@@ -65,6 +69,7 @@ class Prepared:
         rough, exact: all samples on the coarse mesh, and on a fine one.
         base: fit of the base model.
         hypotheses: what may be missing.
+        differ: the numbers that differ between the recordings.
     """
 
     config: RobotConfig | None
@@ -78,6 +83,7 @@ class Prepared:
     exact: list[Rig]
     base: Fitted
     hypotheses: list[Hypothesis]
+    differ: list[Difference] = dataclasses.field(default_factory=list)
 
 
 def diagnose(
@@ -121,14 +127,24 @@ def diagnose(
     say = progress or (lambda _: None)
     memory = None if steps is None else Memory(steps)
     try:
-        ready = prepare(robot, recording, channels, noise_N, noise_base_N, say, memory)
-        return ready if isinstance(ready, Diagnosis) else _search(ready, experiment, say)
+        for may_differ in (True, False):
+            ready = prepare(
+                robot, recording, channels, noise_N, noise_base_N, say, memory, may_differ=may_differ
+            )
+            if isinstance(ready, Diagnosis):
+                return ready
+            found = _search(ready, experiment, say)
+            if found is not None:
+                return found
+            say("with what was found the recordings agree: trying again with one value for all")
+        raise AssertionError("a search in which nothing differs has an answer")
     finally:
         if memory is not None:
             memory.close()
 
 
-def _search(ready: Prepared, experiment: bool | None, say: Callable[[str], None]) -> Diagnosis:
+def _search(ready: Prepared, experiment: bool | None, say: Callable[[str], None]) -> Diagnosis | None:
+    """The answer; None where recordings do not differ any more once there is what was found."""
     bench, base, hypotheses = ready.bench, ready.base, ready.hypotheses
     models = Models(bench, hypotheses)
     models.add([base])
@@ -153,6 +169,10 @@ def _search(ready: Prepared, experiment: bool | None, say: Callable[[str], None]
             BAD_DATA, ["the simulation fails"], ready.parts, ready.warnings, ready.config
         )
     decision = with_unseen(decide(whole), whole, screened)
+    chosen = decision.chosen
+    if ready.differ and chosen.names and decision.verdict != "unexplained":
+        if not still_differ(whole.bench, chosen, whole.hypotheses(chosen.names), ready.differ):
+            return None
     say("refitting to part of the samples")
     return _answer(ready, decision, whole, screened, experiment=experiment, say=say)
 
@@ -165,8 +185,14 @@ def prepare(
     noise_base_N: float | None = None,
     say: Callable[[str], None] = lambda _: None,
     memory: Memory | None = None,
+    *,
+    may_differ: bool = True,
 ) -> Prepared | Diagnosis:
-    """Read the recordings, fit the base model, and list what may be missing; arguments as of `diagnose`.
+    """Read the recordings, fit the base model, ask whether a number differs between them, and list what may
+    be missing; arguments as of `diagnose`.
+
+    Args:
+        may_differ: whether that is asked.
 
     Returns:
         What the search starts from; a diagnosis where the data do not allow one.
@@ -195,15 +221,21 @@ def prepare(
     finest = build_robot(config, resolution=FINEST) if config else fine
     deviations = deviations_of(config)
     dimensions = dimensions_of(config, fine)
-    free = [d.name for d in dimensions]
+    several = len(parts) > 1
+    free = [*(d.name for d in dimensions), *(names_to_split(dimensions) if several else [])]
 
-    def fitted(parts: list[Part], start: np.ndarray | None) -> _Start | None:
+    def fitted(
+        parts: list[Part],
+        start: np.ndarray | None,
+        numbers: tuple[Number, ...] = base_numbers(fine, deviations),
+        dimensions: Sequence[Dimension] = dimensions,
+    ) -> _Start | None:
         """Recordings on the bench, and the base model fitted to them; None if that fails."""
         full = [part if part.samples <= MANY else part.only(some_samples(part, MANY)) for part in parts]
-        kept = [some_samples(part, FEW) for part in full]
+        kept = [some_samples(part, FEW_OF_SEVERAL if several else FEW) for part in full]
         small = [p if len(k) == p.samples else p.only(k) for p, k in zip(full, kept, strict=True)]
         rigs = [Rig(p, coarse, free, memory) for p in small]
-        bench = Bench(rigs, base_numbers(fine, deviations), dimensions)
+        bench = Bench(rigs, numbers, dimensions)
         base = base_fit(bench, start)
         if base is None:
             return None
@@ -214,18 +246,32 @@ def prepare(
 
     say("fitting mu" if fine.backbone.rigid else "fitting mu and E")
     start = fitted(parts, None)
+    differ: list[Difference] = []
+    while start is not None and may_differ and several and len(differ) < MOST_DIFFER:
+        say("asking whether one number differs between the recordings")
+        found_split = differing(start.bench, start.base, fine, hypotheses_of(fine, start.base, start.full))
+        if found_split is None:
+            break
+        numbers, left, at, difference = found_split
+        again = fitted(parts, at, numbers, left)
+        if again is None:
+            break
+        start, differ = again, [*differ, difference]
     if start is not None:
         sharper = _sharpened(start, [recorded(r)[0] for r in recordings])
         if sharper is not None:
             say("fitting again, the base tension's corners put where the tip tells")
-            again = fitted(sharper, start.base.x)
+            again = fitted(sharper, start.base.x, start.bench.base, start.bench.dimensions)
             start = again if again is not None and _worth(start, again) else start
     if start is None:
         return Diagnosis.without_answer(
             BAD_DATA, ["the simulation fails at every start value tried"], parts, warnings, config
         )
     full, kept, bench, exact, base = start
-    hypotheses = hypotheses_of(fine, base, full)
+    own = {n.name.partition(OWN)[0] for n in base.numbers}
+    hypotheses = [
+        h for h in hypotheses_of(fine, base, full) if not own & {*h.fixed, *(n.name for n in h.numbers)}
+    ]
     return Prepared(
         config,
         fine,
@@ -238,6 +284,7 @@ def prepare(
         exact,
         base,
         hypotheses,
+        differ,
     )
 
 
@@ -336,7 +383,8 @@ def hypotheses_of(fine: Robot, base: Fitted, parts: Sequence[Part]) -> list[Hypo
 
 
 def _bend(fine: Robot, fitted: Fitted, part: Part) -> float:
-    own = {name: fitted.values[name] for name in ("mu", "E") if name in fitted.values}
+    values = values_in(fitted.values, part.name)
+    own = {name: values[name] for name in ("mu", "E") if name in values}
     top = np.asarray([0.0, float(part.T_base.T_base.max())])
     run = simulate(fine.with_values(**own), top, with_terms=False)
     return float(np.max(np.abs(run.curvature[-1] - run.curvature[0])))
@@ -420,6 +468,12 @@ def _answer(
     finer = sum(ready.exact[0].robot.intervals) / sum(ready.rough[0].robot.intervals)
     before = jointly(models, base, finer)
     after = jointly(models, chosen, finer) if chosen.names else before
+    refitted: dict[tuple[str, ...], Marginal] = {}
+    if len(decision.confusion) > 1:
+        say("fitting the rivals likewise")
+        for names in decision.confusion:
+            own = models.fits[tuple(sorted(names))]
+            refitted[own.names] = after if own is chosen else jointly(models, own, finer)
     scores = held_out(bench, [(models.hypotheses(f.names), f) for f in compared])
     wanted = decision.verdict == "ambiguous" if experiment is None else experiment
     proposal: Experiment | None = None
@@ -466,6 +520,7 @@ def _answer(
         screened,
         before=before,
         after=after,
+        refitted=refitted,
         where=locate(bench, before.fitted),
         rest=locate(bench, after.fitted),
         strata=mu_by_stratum(before.bench, before.fitted, before.covariance),
@@ -476,5 +531,6 @@ def _answer(
         parts=ready.parts,
         config=ready.config,
         fine=ready.fine,
+        differ=ready.differ,
         warnings=ready.warnings,
     )

@@ -20,7 +20,7 @@ from ..base_tension import exact
 from ..coordinates import CHANNELS
 from .bench import Fitted
 from .decide import UNEXPLAINED, Decision
-from .rig import Rig
+from .rig import Rig, values_in
 from .search import Models, in_parallel
 
 # Noise assumed of instruments that were not used: m, m, rad, m.
@@ -229,9 +229,8 @@ def _options(models: Models, rig: Rig) -> list[_Option]:
     found = []
     for name, done, changed in _drives(list(histories), rig.robot, float(T.max())):
         time, load = histories[name]
-        other = Rig(
-            dataclasses.replace(part, T_base=exact(load), time=time, trial=None), rig.robot, memory=rig.memory
-        )
+        driven = dataclasses.replace(part, T_base=exact(load), time=time, trial=None)
+        other = Rig(driven, rig.robot, rig.more, rig.memory)
         # Simulated once, whatever of it is recorded.
         seen = functools.cache(lambda values, other=other: other(dict(values)))
         for channels in dict.fromkeys((tuple(part.channels), every)):
@@ -248,7 +247,7 @@ def _options(models: Models, rig: Rig) -> list[_Option]:
     for name, (time, base, tip) in checks(float(T.max()), duration).items():
 
         def cells(values, time=time, base=base, tip=tip):
-            robot = with_values(rig.robot, values)
+            robot = with_values(rig.robot, values_in(values, part.name))
             shown = cells_show(robot, jnp.asarray(base), jnp.asarray(tip), jnp.asarray(time))
             return np.concatenate([np.asarray(shown.T_base) / sd_base, np.asarray(shown.T_tip) / sd["T_tip"]])
 

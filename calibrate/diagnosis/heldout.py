@@ -9,6 +9,7 @@ import numpy as np
 from .bench import Bench, Fitted
 from .hypotheses import Hypothesis
 from .locate import cycles_of
+from .rig import OWN
 from .search import in_parallel
 
 FOLDS = 4
@@ -17,11 +18,11 @@ FOLDS = 4
 def folds(bench: Bench) -> list[tuple[str, list[np.ndarray]]]:
     """What is held out in turn: a name, and which samples of each recording, (K,) bool each.
 
-    Cycles where a recording has three or more, whole recordings where there are three or more, else stretches
-    of the load history: low and high pull, early and late release.
+    Whole recordings where there are three or more that have no number of their own, cycles where a recording
+    has three or more, else stretches of the load history: low and high pull, early and late release.
     """
     rigs = bench.rigs
-    if len(rigs) >= 3:
+    if len(rigs) >= 3 and not any(OWN in n.name for n in bench.base):
         return [(rig.part.name, [np.full(r.part.samples, r is rig) for r in rigs]) for rig in rigs[:FOLDS]]
     cycles = [cycles_of(rig.part.T_base.T_base) for rig in rigs]
     most = max(int(c[-1]) for c in cycles)

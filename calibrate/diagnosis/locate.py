@@ -12,6 +12,7 @@ from gtr_jax.phases import PULLING, RELEASING, TRANSITION, phases_of_slip
 from ..base_tension import turning_points
 from ..coordinates import CHANNEL_UNITS, CHANNELS
 from .bench import Bench, Fitted
+from .rig import OWN
 
 PHASES = (PULLING, TRANSITION, RELEASING)
 FEWEST, SEEN = 4, 3.5
@@ -121,7 +122,8 @@ def locate(bench: Bench, fitted: Fitted) -> list[Where]:
                         unit,
                         float(z),
                         share,
-                        _words(name, phase, reach, number, mean, excess, unit),
+                        ("" if len(bench.rigs) == 1 else f"{part.name}: ")
+                        + _words(name, phase, reach, number, mean, excess, unit),
                     )
                 )
     by_tension = sorted((w for w in found if w.cycle is None), key=lambda w: (w.channel != "T_tip", -w.share))
@@ -191,17 +193,20 @@ def mu_by_stratum(
 
     Args:
         bench: the recordings.
-        fitted: the base model; mu is its first number.
+        fitted: the base model; mu is its first number, or that of each recording is among its numbers.
         covariance: of its coordinates, (p, p): what is uncertain of the others counts in the errors.
 
     Returns:
         Label, value, standard error, and what of it is the part's own noise, of each part that knows
         anything. The rest is common to all parts: what is uncertain of the other numbers moves them together.
     """
-    found, number = [], fitted.numbers[0]
+    found, names = [], [n.name for n in fitted.numbers]
     white, columns = bench.by_channel(fitted.rows), bench.by_channel(fitted.jacobian)
     wide = max(1.0, bench.mean_square(fitted))
     for k, rig in enumerate(bench.rigs):
+        own = f"mu{OWN}{rig.part.name}"
+        at = names.index(own) if own in names else 0
+        number, others = fitted.numbers[at], np.arange(len(names)) != at
         T = rig.part.T_base.T_base
         phases, cycle = phases_of(bench, fitted, k), cycles_of(T)
         z, j = white[k][0], columns[k][0]
@@ -211,14 +216,14 @@ def mu_by_stratum(
         if cycle[-1] > 1:
             parts |= {f"cycle {c}": cycle == c for c in range(1, int(cycle[-1]) + 1)}
         for label, inside in parts.items():
-            mu = j[inside, 0]
+            mu = j[inside, at]
             power = float(mu @ mu)
             if inside.sum() < 6 or power < 1.0:
                 continue
-            x = fitted.x[0] - float(mu @ z[inside]) / power
-            lean = -(mu @ j[inside, 1:]) / power
-            sd = float(np.sqrt(wide / power + lean @ covariance[1:, 1:] @ lean))
+            x = fitted.x[at] - float(mu @ z[inside]) / power
+            lean = -(mu @ j[inside][:, others]) / power
+            sd = float(np.sqrt(wide / power + lean @ covariance[np.ix_(others, others)] @ lean))
             whose = f"{rig.part.name}, " if len(bench.rigs) > 1 else ""
-            size = number.value(fitted.x[0]) * number.sd
+            size = number.value(fitted.x[at]) * number.sd
             found.append((whose + label, number.value(x), size * sd, size * float(np.sqrt(wide / power))))
     return found

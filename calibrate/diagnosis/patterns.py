@@ -138,7 +138,8 @@ class Candidate(NamedTuple):
 
 
 class _Beside:
-    """What the model's own numbers, and what is as smooth, leave of a recording's T_tip.
+    """What the model's own numbers, and what is as smooth, leave of a recording's T_tip: numbers as free as
+    this recording alone leaves them, the others count nothing.
 
     Attributes:
         rms: of the white residual of T_tip.
@@ -149,11 +150,11 @@ class _Beside:
         sizes = [(len(rig.part.channels), rig.part.samples) for rig in bench.rigs]
         start = sum((C + 1) * K for C, K in sizes[:k])
         C, self.K = sizes[k]
-        tip = np.arange(start, start + self.K)
-        own = np.concatenate([fitted.jacobian, np.eye(self.numbers)])
+        self.own, tip = slice(start, start + (C + 1) * self.K), np.arange(self.K)
+        own = np.concatenate([fitted.jacobian[self.own], np.eye(self.numbers)])
         smooth = self._white(_smooth(bench.rigs[k].part.T_base.T_base))
         self.known = np.linalg.svd(np.concatenate([own, smooth], axis=1), full_matrices=False)[0]
-        left = np.concatenate([fitted.rows, fitted.x])
+        left = np.concatenate([fitted.rows[self.own], fitted.x])
         self.rms = float(np.sqrt(np.mean(left[tip] ** 2)))
         middle = np.median(left[tip])
         rough = MAD_TO_SD * float(np.median(np.abs(left[tip] - middle)))
@@ -164,11 +165,12 @@ class _Beside:
 
     def _white(self, changes: np.ndarray) -> np.ndarray:
         """Changes of T_tip [N], (m, K), as white rows, those of the model's numbers below, (n, m)."""
-        residuals = [np.zeros((*rig.part.recorded.shape, len(changes))) for rig in self.bench.rigs]
-        residuals[self.k][0] = changes.T
-        white = self.bench.white(residuals)
+        residual = np.zeros((*self.bench.rigs[self.k].part.recorded.shape, len(changes)))
+        residual[0] = changes.T
+        white = self.bench.white_of(self.k, residual)
         if self.bench.follow is not None:
-            white = self.bench.follow.freed(white)
+            follow = self.bench.follow
+            white = follow._replace(left=follow.left[self.own]).freed(white)
         return np.concatenate([white, np.zeros((self.numbers, len(changes)))])
 
     def _without_known(self, rows: np.ndarray) -> np.ndarray:

@@ -8,32 +8,29 @@ from typing import Any
 
 import numpy as np
 
-from gtr_jax import InputError, Robot, RobotConfig
+from gtr_jax import Robot, RobotConfig
 from gtr_jax.numbers import measured_quantity
-from gtr_jax.parameters import parameters_of
 from gtr_jax.plain import plain
 from gtr_jax.terms import REGISTRY
 
 from ..task import Part
 from .decide import ADEQUATE, AMBIGUOUS, MISSING, UNEXPLAINED, Decision, structured
+from .differ import Difference
 from .experiment import Experiment
 from .locate import Where
 from .marginal import Marginal
 from .patterns import Pattern
+from .rig import OWN
+from .robots import RobotFile, kinds, robot_files
 from .search import SEEN, Models, Screened
 
-BAD_DATA = "bad-data"
+BAD_DATA, DIFFER = "bad-data", "recordings-differ"
 # Residual in units of the noise from which it is said to be more: of 86 sound recordings of the blind
 # benchmark, from which this is taken, one with a bad repeat reached 1.49.
 MORE = 1.5
 # What the mesh leaves out is told from this share of the noise on.
 COUNTS = 0.5
 Names = tuple[str, ...]
-
-
-def kinds(names: Sequence[str]) -> list[str]:
-    """The terms that hypotheses are of."""
-    return list(dict.fromkeys(name.partition(".")[0] for name in names))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -117,7 +114,7 @@ class Diagnosis:
     """What is missing from a robot's model.
 
     Attributes:
-        verdict: "adequate", "missing-physics", "ambiguous", "unexplained" or "bad-data".
+        verdict: "adequate", "recordings-differ", "missing-physics", "ambiguous", "unexplained" or "bad-data".
         says: the same in one or two sentences.
         named: terms that are missing: kinds, as robot files write them.
         confusion_set: sets of terms that the recordings do not tell apart, the most probable first.
@@ -142,6 +139,10 @@ class Diagnosis:
         converged: whether every load step of the model shown met its tolerance.
         warnings: what the reader must know.
         settings: how it was done.
+        differ: numbers that differ between recordings, with their values in the model that is shown; these
+            are among the parameters, as "mu@monday".
+        files: robot files: the first is that of `config`; then those of the rivals, and of the recordings
+            where numbers differ.
     """
 
     verdict: str
@@ -169,6 +170,8 @@ class Diagnosis:
     converged: bool
     warnings: list[str]
     settings: dict[str, Any]
+    differ: list[Difference] = dataclasses.field(default_factory=list)
+    files: list[RobotFile] = dataclasses.field(default_factory=list)
 
     @staticmethod
     def without_answer(
@@ -205,6 +208,7 @@ class Diagnosis:
         *,
         before: Marginal,
         after: Marginal,
+        refitted: Mapping[Names, Marginal],
         where: list[Where],
         rest: list[Where],
         strata: list[tuple[str, float, float, float]],
@@ -215,6 +219,7 @@ class Diagnosis:
         parts: Sequence[Part],
         config: RobotConfig | None,
         fine: Robot,
+        differ: Sequence[Difference],
         warnings: list[str],
     ) -> Diagnosis:
         """Gather a diagnosis."""
@@ -224,7 +229,7 @@ class Diagnosis:
             for which in ("before", "after")
         ]
         rms = (float(np.sqrt(np.mean(off[0] ** 2))), float(np.sqrt(np.mean(off[1] ** 2))))
-        verdict = decision.verdict
+        verdict = DIFFER if differ and decision.verdict == ADEQUATE else decision.verdict
         named = kinds(chosen.names) if verdict in (MISSING, AMBIGUOUS) else []
         confusion = list(map(list, dict.fromkeys(tuple(kinds(names)) for names in decision.confusion)))
         if verdict == MISSING and len(decision.confusion) > len(confusion):
@@ -233,6 +238,7 @@ class Diagnosis:
             )
         parameters = _changes(before, after)
         noise, expected = models.bench.expected_rms(mesh=False), models.bench.expected_rms()
+        files = robot_files(decision, after, refitted, differ, config, fine, warnings)
         diagnosis = Diagnosis(
             verdict,
             "",
@@ -255,7 +261,7 @@ class Diagnosis:
             {s.hypothesis.numbers[0].name: float(s.smallest) for s in screened if np.isfinite(s.smallest)},
             experiment,
             loops,
-            None if verdict == UNEXPLAINED else _diagnosed(config, after, fine, warnings),
+            files[0].config if files else None,
             after.fitted.failed == 0,
             warnings,
             {
@@ -268,8 +274,15 @@ class Diagnosis:
                 "variance_scale": models.scale,
                 "variance_scale_of_parameters": max(1.0, after.bench.mean_square(after.fitted)),
             },
+            [d.at(after.fitted.values) for d in differ],
+            files,
         )
         return dataclasses.replace(diagnosis, says=sentence(diagnosis, chosen.names))
+
+    def own(self, difference: Difference) -> dict[str, Change]:
+        """A number that differs, in each recording."""
+        of = {c.name: c for c in self.parameters}
+        return {k: of[f"{difference.name}{OWN}{k}"] for k in difference.own}
 
     def to_json(self) -> dict[str, Any]:
         """What `diagnosis.json` holds."""
@@ -320,6 +333,30 @@ class Diagnosis:
         answer = {
             "verdict": self.verdict,
             "says": self.says,
+            "differs": [
+                {
+                    "parameter": d.name,
+                    "unit": d.unit,
+                    "one_value_for_all": d.shared,
+                    "by_recording": {k: {"value": c.after, "sd": c.sd} for k, c in self.own(d).items()},
+                    "groups": d.groups,
+                    "difference": max(d.own.values()) - min(d.own.values()),
+                    "standard_errors": d.standard_errors,
+                    "or_numbers": d.or_numbers,
+                    "or_effects": d.or_effects,
+                }
+                for d in self.differ
+            ],
+            "robot_files": [
+                {
+                    "file": f.name,
+                    "holds": list(f.effects),
+                    "recording": f.recording or None,
+                    "probability": f.probability,
+                    "settled": not f.note.startswith("Not settled"),
+                }
+                for f in self.files
+            ],
             "named": self.named,
             "confusion_set": self.confusion_set,
             "probability": self.probability,
@@ -356,24 +393,22 @@ def _changes(before: Marginal, after: Marginal) -> list[Change]:
     return found + [Change(name, "", None, value, None) for name, value in assumed.items()]
 
 
-def _diagnosed(
-    config: RobotConfig | None, after: Marginal, fine: Robot, warnings: list[str]
-) -> RobotConfig | None:
-    """The robot file with the numbers of a fit; what it called uncertain is known as well as the fit says."""
-    if config is None:
-        return None
-    known, fitted = parameters_of(fine), after.fitted
-    try:
-        values = {known[k].key: v for k, v in fitted.values.items()}
-        left = {
-            known[n.name].key: after.sd(i)
-            for i, n in enumerate(fitted.numbers)
-            if known[n.name].key in config.uncertainty
-        }
-        return config.with_values(values).with_deviations(left)
-    except (InputError, KeyError) as fault:
-        warnings.append(f"What was found does not make a robot file: {fault}.")
-        return None
+def difference_in_words(d: Diagnosis, difference: Difference) -> str:
+    """Which number differs, by how much and between which recordings."""
+    own = d.own(difference)
+
+    def said(recording: str) -> str:
+        shown = measured_quantity(difference.own[recording], own[recording].sd, difference.unit)
+        return f"{shown} in {recording}"
+
+    parts = [" and ".join(map(said, group)) for group in difference.groups]
+    apart = f"{difference.standard_errors:.0f} standard errors"
+    words = f"{difference.name} differs between the recordings: {', but '.join(parts)} ({apart})."
+    others = [f"{name} that differs" for name in difference.or_numbers]
+    others += [f"{name} in all of them" for name in difference.or_effects]
+    if others:
+        words += f" {' or '.join(others)} would explain them nearly as well."
+    return words
 
 
 def _noise(d: Diagnosis, verb: str = "") -> str:
@@ -385,6 +420,11 @@ def _noise(d: Diagnosis, verb: str = "") -> str:
 
 def sentence(d: Diagnosis, chosen: Names) -> str:
     """The verdict in words that its numbers carry."""
+    before = "".join(f"{difference_in_words(d, difference)} " for difference in d.differ)
+    return before + _of_physics(d, chosen)
+
+
+def _of_physics(d: Diagnosis, chosen: Names) -> str:
     held = d.held_out
     better = ""
     if len(held) > 1 and np.isfinite(held[1]["rms_N"]):
@@ -392,7 +432,7 @@ def sentence(d: Diagnosis, chosen: Names) -> str:
             f" On samples the fit has not seen, the residual goes from {held[0]['rms_N']:.2g} to "
             f"{held[1]['rms_N']:.2g} N ({_noise(d)})."
         )
-    if d.verdict == ADEQUATE:
+    if d.verdict in (ADEQUATE, DIFFER):
         best = d.rivals[0] if d.rivals else None
         hint = ""
         if best is not None and best.names and best.probability > 0.5:
@@ -400,8 +440,9 @@ def sentence(d: Diagnosis, chosen: Names) -> str:
         more = ""
         if d.rms_N[0] > MORE * d.expected_N:
             more = ", which is more, with too little structure in it to claim anything"
+        what = "Nothing else is missing" if d.verdict == DIFFER else "Nothing is missing"
         return (
-            f"Nothing is missing that these recordings could show: the residual is {d.rms_N[0]:.2g} N where "
+            f"{what} that these recordings could show: the residual is {d.rms_N[0]:.2g} N where "
             f"the {_noise(d, ' is')}{more}.{hint}"
         )
     if d.verdict == UNEXPLAINED:

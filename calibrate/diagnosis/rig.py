@@ -28,6 +28,10 @@ from .memory import Memory
 PLACES = 24
 # Intervals of the mesh that hypotheses are tried on, and least share of the robot's own.
 INTERVALS, COARSEST = 22, 0.35
+# Between a number's name and that of the recording that has it to itself, as in the answers of a fit.
+OWN = "@"
+# Simulations that a rig has at hand: a number of one recording leaves those of the others as they were.
+AT_HAND = 64
 # Samples kept behind each bend of the base tension: there friction that depends on the speed changes fast.
 AFTER = (1, 2, 3, 5, 8, 12, 18)
 
@@ -38,6 +42,16 @@ def _shown(robot: Robot, places: Int[Array, " P"], values: Float[Array, " P"], h
     changed = unravel(jnp.append(flat, 0.0).at[places].set(values)[:-1])
     seen, run = shown(changed, history)
     return seen, run.converged, run.slip_front, run.slip_direction
+
+
+def values_in(values: Mapping[str, float], recording: str) -> dict[str, float]:
+    """Values by name as one recording has them: of numbers that differ, "mu@monday", its own, "mu"."""
+    own = {
+        name.partition(OWN)[0]: value
+        for name, value in values.items()
+        if name.partition(OWN)[1:] == (OWN, recording)
+    }
+    return {name: value for name, value in values.items() if OWN not in name} | own
 
 
 def resolution_of(robot: Robot) -> float:
@@ -111,23 +125,29 @@ class Rig:
     """
 
     def __init__(self, part: Part, robot: Robot, more: Iterable[str] = (), memory: Memory | None = None):
-        self.part, self.robot, self.memory = part, robot, memory
+        self.part, self.robot, self.memory, self.more = part, robot, memory, tuple(more)
         self._acting = bool(known_to_act(robot))
-        names = [*robot_names(robot), *more]
+        names = [*robot_names(robot), *self.more]
         places = np.asarray(places_of(robot, names))
         self._places = dict(zip(names, places.tolist(), strict=True))
         self._none = int(ravel_pytree(robot)[0].shape[0])
+        self._at_hand = functools.lru_cache(AT_HAND)(self._remembered)
 
     def __call__(self, values: Mapping[str, float], more_base: float = 0.0) -> Seen | None:
         """The recording with some numbers of the robot changed; None where the simulation breaks down.
 
         Args:
-            values: SI, by name of the parameter; at most PLACES.
+            values: SI, by name of the parameter; at most PLACES of this recording.
             more_base: by how much the base tension is higher throughout [N].
         """
+        own = values_in(values, self.part.name)
+        return self._at_hand(tuple(sorted(own.items())), more_base)
+
+    def _remembered(self, items: tuple[tuple[str, float], ...], more_base: float) -> Seen | None:
+        values = dict(items)
         if self.memory is None:
             return self._simulated(values, more_base)
-        said = [f"{name}={float(value).hex()}" for name, value in sorted(values.items())]
+        said = [f"{name}={float(value).hex()}" for name, value in items]
         key = hashlib.blake2b("|".join([*said, float(more_base).hex()]).encode(), key=self.mark).digest()
         known = self.memory.get(key)
         if known is not None:

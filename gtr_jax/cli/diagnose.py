@@ -112,9 +112,11 @@ def solve(
 
 
 def summary(answer: Any) -> list[str]:
-    """The verdict, where, and what to measure next, as lines for the terminal."""
+    """The verdict, where, the robot files, and what to measure next, as lines for the terminal."""
     lines = [f"{answer.verdict}: {answer.says}"]
     lines += [f"where: {w.says}" for w in answer.where[:3]]
+    if answer.files and answer.files[0].note:
+        lines.append(f"{answer.files[0].name}: {answer.files[0].note}")
     if answer.experiment is not None:
         lines.append(f"next: {answer.experiment.says}")
     return [*lines, *(f"warning: {text}" for text in answer.warnings)]
@@ -129,8 +131,8 @@ def write_answer(folder: Path, answer: Any, config: RobotConfig, settings: dict[
     from .run_folder import write_json, write_report
 
     dump_config(config, folder / "robot.toml")
-    if answer.config is not None:
-        dump_config(answer.config, folder / "diagnosed.toml")
+    for file in answer.files:
+        dump_config(file.config, folder / file.name, note=file.note)
     for loop in answer.loops:
         columns = {"time": loop.time, "T_base": loop.T_base, "T_tip": loop.recorded[0]}
         columns |= {"T_tip_before_N": loop.before[0], "T_tip_after_N": loop.after[0], "phase": loop.phases}

@@ -104,8 +104,37 @@ def _sources(made_of: Mapping[str, float]) -> str:
     return ", ".join(f"{source} {100 * share:.0f} %" for source, share in largest if share >= NAMED)
 
 
-def _tables(answer: Any) -> list[Table]:
+def _differing(answer: Any) -> list[Table]:
+    """The numbers that differ between recordings, and the robot files where there are several."""
     tables = []
+    for d in answer.differ:
+        rows = [
+            (recording, quantity(change.after, d.unit), quantity(change.sd, d.unit, 2))
+            for recording, change in answer.own(d).items()
+        ]
+        alike = "; ".join(" and ".join(group) for group in d.groups)
+        note = (
+            f"One value for all recordings would be {quantity(d.shared, d.unit)}, and leaves "
+            f"{d.standard_errors:.0f} standard errors more. By value: {alike}. The standard deviations hold "
+            "what is uncertain of all recordings in common, which a difference does not."
+        )
+        others = [*(f"{n} that differs" for n in d.or_numbers), *(f"{n} in all" for n in d.or_effects)]
+        if others:
+            note += f" Nearly as well: {', '.join(others)}."
+        heads = ("recording", d.name, "standard deviation")
+        tables.append(Table(f"What differs between the recordings: {d.name}", heads, rows, note=note))
+    if len(answer.files) > 1:
+        rows = [
+            (f.name, " + ".join(f.effects) or "nothing missing", f.recording or "all", f"{f.probability:.3g}")
+            for f in answer.files
+        ]
+        heads = ("file", "holds", "numbers of recording", "probability")
+        tables.append(Table("Robot files", heads, rows, note=answer.files[0].note))
+    return tables
+
+
+def _tables(answer: Any) -> list[Table]:
+    tables = _differing(answer)
     if answer.where:
         rows = [(w.says, number(w.z, digits=3), f"{100 * w.share:.0f} %") for w in answer.where]
         tables.append(

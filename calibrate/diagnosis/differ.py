@@ -1,0 +1,405 @@
+"""Whether one number differs between recordings: asked before anything is held to be missing.
+
+A tendon that was oiled, a warmer body or a cell's zero that has moved make recordings of one robot disagree.
+No term of the catalogue, which is the same for all recordings, explains that. So each number that may differ
+is fitted once with one value for all recordings, and once with a value for each; the mesh, the noise and the
+priors are the same.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from gtr_jax import Robot
+from gtr_jax.parameters import parameters_of
+from gtr_jax.terms import REGISTRY, known_on
+
+from ..noise import correlation_time
+from .bench import Bench, Dimension, Fitted, model_of
+from .hypotheses import Hypothesis, Number, number_of
+from .rig import OWN, values_in
+from .search import (
+    BELIEVED,
+    HOW_MANY,
+    LARGEST_SCALE,
+    ONE_EACH,
+    SEEN,
+    Models,
+    base_fit,
+    in_parallel,
+    refit_best,
+    screen,
+)
+
+# Beside the base numbers and the uncertain dimensions: what may be another from one session to the next, and
+# the standard deviation of a preload as a share of the largest base tension.
+PRELOAD, PRELOAD_SHARE = "preload", 0.05
+ZEROS = ("tip-offset", "base-offset")
+# Numbers that may differ at once.
+MOST = 2
+# Share of the drop by a number that differs from which an effect is refitted that might be the cause instead.
+PROMISING = 0.3
+# Standard errors from which two recordings are said to differ; log of the odds up to which another cause is
+# told of as well; effects refitted as such, and iterations.
+DISAGREE, ODDS, INSTEAD, ITERATIONS = 3.0, 3.0, 3, 8
+# Load histories are alike whose base tensions differ by less than this share of their range, in the rms, and
+# whose durations by less than this share.
+ALIKE = 0.03
+
+
+@dataclasses.dataclass(frozen=True)
+class Difference:
+    """A number that differs between recordings.
+
+    Attributes:
+        name, unit: of the parameter.
+        shared: its value where all recordings are given one, SI.
+        own: its value in each recording, SI.
+        groups: recordings that do not differ by `DISAGREE` standard errors, lowest value first.
+        standard_errors: root of the drop of the sum of squares, in variances of what is left, by samples that
+            are independent.
+        or_numbers, or_effects: what would explain the recordings nearly as well: another number that differs,
+            or an effect with one value of every number for all.
+    """
+
+    name: str
+    unit: str
+    shared: float
+    own: dict[str, float]
+    groups: list[list[str]]
+    standard_errors: float
+    or_numbers: list[str]
+    or_effects: list[str]
+
+    def at(self, values: Mapping[str, float]) -> Difference:
+        """The same with the values of a model, by name."""
+        return dataclasses.replace(self, own={k: values[f"{self.name}{OWN}{k}"] for k in self.own})
+
+
+class Split(NamedTuple):
+    """A base model in which a number differs: its numbers, the dimensions that follow, coordinates to start
+    from, and what differs.
+    """
+
+    base: tuple[Number, ...]
+    dimensions: tuple[Dimension, ...]
+    start: np.ndarray
+    difference: Difference
+
+
+class _Tried(NamedTuple):
+    """A number with one value, and with a value for each recording: benches, and fits of the base model."""
+
+    number: Number
+    one: Bench
+    shared: Fitted
+    each: Bench
+    own: Fitted
+
+
+def names_to_split(dimensions: Sequence[Dimension]) -> list[str]:
+    """Names of further numbers that rigs must be able to change, for `candidates`."""
+    return [PRELOAD] if PRELOAD not in {d.name for d in dimensions} else []
+
+
+def _freed(bench: Bench, robot: Robot) -> Bench:
+    """The same recordings with the uncertain dimensions among the base numbers: beside numbers that differ
+    their derivatives are too rough.
+    """
+    other, known, numbers = copy.copy(bench), parameters_of(robot), []
+    for d in bench.dimensions:
+        low, high = known[d.name].lower, known[d.name].upper
+        lower, upper = (-np.inf if low is None else low), (np.inf if high is None else high)
+        numbers.append(Number(d.name, d.unit, d.value, d.sd, False, lower, upper))
+    other.base, other.dimensions, other.follow = (*bench.base, *numbers), (), None
+    return other
+
+
+def candidates(bench: Bench, robot: Robot) -> list[Number]:
+    """The numbers that may differ between recordings: those of the base model, with the uncertain dimensions,
+    the preload and the zeros of the cells.
+    """
+    found = [n for n in bench.base if OWN not in n.name]
+    taken = {n.name.partition(OWN)[0] for n in bench.base}
+    if PRELOAD not in taken:
+        largest = max(float(np.max(rig.part.T_base.T_base)) for rig in bench.rigs)
+        value = float(robot.value(PRELOAD))
+        found.append(Number(PRELOAD, "N", value, PRELOAD_SHARE * largest, False, 0.0, size=True))
+    for kind in ZEROS:
+        term = REGISTRY[kind]
+        number = number_of(term, term.quantities[0])
+        if number.name not in taken and not known_on(term, robot.terms[kind]):
+            found.append(number)
+    return found
+
+
+def split(number: Number, recordings: Sequence[str]) -> list[Number]:
+    """A number once for each recording."""
+    return [dataclasses.replace(number, name=f"{number.name}{OWN}{name}") for name in recordings]
+
+
+def with_base(bench: Bench, base: tuple[Number, ...]) -> Bench:
+    """The same bench with other base numbers."""
+    other = copy.copy(bench)
+    other.base = base
+    return other
+
+
+def _base_with(bench: Bench, number: Number, *, each: bool) -> tuple[Number, ...]:
+    """The base numbers with a number among them, once, or once for each recording."""
+    own = split(number, [rig.part.name for rig in bench.rigs]) if each else [number]
+    names = [n.name for n in bench.base]
+    if number.name not in names:
+        return (*bench.base, *own)
+    at = names.index(number.name)
+    return (*bench.base[:at], *own, *bench.base[at + 1 :])
+
+
+def _by_itself(bench: Bench, k: int, shared: np.ndarray) -> tuple[Bench, Fitted] | None:
+    """One of the recordings, and the base model fitted to it, noise and all; None where that fails."""
+    found = []
+    for start in (shared, np.zeros(len(shared))):
+        other = copy.copy(bench)
+        other.rigs, other.noise, other.weighs = (bench.rigs[k],), [bench.noise[k]], [bench.weighs[k]]
+        other.corrections = {(): [bench.corrections[()][k]]}
+        fitted = base_fit(other, start)
+        if fitted is not None:
+            found.append((other, fitted))
+    return min(found, key=lambda one: one[0].mean_square(one[1]), default=None)
+
+
+def _together(bench: Bench, alone: Sequence[tuple[Bench, Fitted]]) -> Bench:
+    """The bench with the noise that each recording shows by itself: a wrong value passes for noise."""
+    other = copy.copy(bench)
+    other.noise = [own.noise[0] for own, _ in alone]
+    other.weighs = [own.weighs[0] for own, _ in alone]
+    return other
+
+
+def _refitted(bench: Bench, starts: Sequence[np.ndarray]) -> Fitted | None:
+    """The base model of a bench, from the best of some starts: kinks of friction hold up a descent."""
+    fits = [bench.refit((), start, exact=False) for start in starts]
+    best = min((f for f in fits if f is not None), key=lambda f: f.cost, default=None)
+    return best and bench.refit((), best.x)
+
+
+def _starts(
+    bench: Bench, base: tuple[Number, ...], fitted: Fitted, alone: Sequence[tuple[Bench, Fitted]]
+) -> list[np.ndarray]:
+    """Coordinates of base numbers to start from: as fitted to all recordings, and as in each by itself, those
+    that are shared in the mean.
+    """
+    together = fitted.values
+    apart = {
+        rig.part.name: values_in(f.values, rig.part.name)
+        for rig, (_, f) in zip(bench.rigs, alone, strict=True)
+    }
+
+    def mean(n: Number) -> float:
+        name, own, recording = n.name.partition(OWN)
+        if own:
+            return apart[recording].get(name, n.centre)
+        return float(np.mean([values.get(name, n.centre) for values in apart.values()]))
+
+    values = [
+        [together.get(n.name, together.get(n.name.partition(OWN)[0], n.centre)) for n in base],
+        [mean(n) for n in base],
+    ]
+    return [
+        np.asarray([np.clip(n.at(v), *n.bounds) for n, v in zip(base, some, strict=True)]) for some in values
+    ]
+
+
+def _tried(
+    bench: Bench, fitted: Fitted, alone: Sequence[tuple[Bench, Fitted]], number: Number
+) -> _Tried | None:
+    """A number with one value, and with one for each recording, fitted; None where that fails."""
+    found = []
+    for each in (False, True):
+        base = _base_with(bench, number, each=each)
+        own = with_base(bench, base)
+        again = _refitted(own, _starts(own, base, found[0][1] if found else fitted, alone))
+        if again is None:
+            return None
+        found.append((own, again))
+    return _Tried(number, *found[0], *found[1])
+
+
+def _scale(bench: Bench, fitted: Fitted) -> float:
+    """Variance of the white residuals that a fit leaves, by samples that are independent, at least 1."""
+    rows = bench.by_channel(fitted.rows)
+    slow = max(correlation_time(row) for z in rows for row in z)
+    return max(1.0, bench.mean_square(fitted) * slow)
+
+
+def _log_evidence(fitted: Fitted, scale: float) -> float:
+    return -0.5 * fitted.chi2 / scale + fitted.volume()
+
+
+def least_drop(recordings: int) -> float:
+    """Drop of the sum of squares from which a number of so many recordings differs: as improbable by chance
+    as what is claimed of an effect.
+    """
+    return float(stats.chi2.isf(stats.chi2.sf(SEEN**2, 1), recordings - 1))
+
+
+def differing(bench: Bench, base: Fitted, robot: Robot, hypotheses: Sequence[Hypothesis]) -> Split | None:
+    """The number by which recordings differ most probably; None where they agree, or where an effect that all
+    have in common explains them much better.
+
+    Args:
+        bench, base: the recordings, and the base model fitted to them.
+        robot: with the values of its file.
+        hypotheses: effects that may be the cause as well.
+    """
+    K = len(bench.rigs)
+    if K < 2:
+        return None
+    free = _freed(bench, robot)
+    values = dict(base.values) | dict(base.dimensions)
+    x = np.asarray([np.clip(n.at(values[n.name]), *n.bounds) for n in free.base])
+    apart = in_parallel(lambda k: _by_itself(free, k, x), list(range(K)))
+    alone = [a for a in apart if a is not None]
+    if len(alone) < K:
+        return None
+    free = _together(free, alone)
+    again = _refitted(free, [x, *_starts(free, free.base, alone[0][1], alone)[1:]])
+    # No number that differs takes away more than all of them together.
+    if again is None or again.cost - sum(f.chi2 for _, f in alone) < least_drop(K):
+        return None
+    numbers = candidates(free, robot)
+    found = in_parallel(lambda n: _tried(free, again, alone, n), numbers)
+    tried = [t for t in found if t is not None]
+    if not tried:
+        return None
+    # Of all models alike, so that they can be compared.
+    scale = float(np.clip(min(t.each.mean_square(t.own) for t in tried), 1.0, LARGEST_SCALE))
+    tried.sort(key=lambda t: -_log_evidence(t.own, scale))
+    best = tried[0]
+    drop = (best.shared.cost - best.own.cost) / _scale(best.each, best.own)
+    if drop < least_drop(K):
+        return None
+    behind = [_log_evidence(best.own, scale) - _log_evidence(t.own, scale) for t in tried]
+    others = [t.number.name for t, less in zip(tried, behind, strict=True) if BELIEVED * less < ODDS][1:]
+    difference = _difference(best, float(np.sqrt(drop)), others)
+    if not _driven_alike(bench, difference.groups):
+        odds = _effects_instead(free, again, best.own, len(numbers), hypotheses)
+        if any(log > ODDS for log in odds.values()):
+            return None
+        effects = [name for name, log in odds.items() if log > -ODDS]
+        difference = dataclasses.replace(difference, or_effects=effects)
+    numbers = _base_with(bench, best.number, each=True)
+    start = np.asarray([np.clip(n.at(best.own.values[n.name]), *n.bounds) for n in numbers])
+    dimensions = tuple(d for d in bench.dimensions if d.name != best.number.name)
+    return Split(numbers, dimensions, start, difference)
+
+
+def still_differ(
+    bench: Bench, fitted: Fitted, hypotheses: Sequence[Hypothesis], differ: Sequence[Difference]
+) -> bool:
+    """Whether recordings differ in a number once effects that were found with it differing are there.
+
+    Args:
+        bench, fitted: the recordings, and a model fitted to them in which the numbers differ.
+        hypotheses: its effects.
+        differ: the numbers.
+    """
+    base: dict[str, Number] = {}
+    for n in bench.base:
+        name = n.name.partition(OWN)[0]
+        base.setdefault(name, dataclasses.replace(n, name=name))
+    one = with_base(bench, tuple(base.values()))
+    numbers = model_of(one.base, hypotheses).numbers
+    values = dict(fitted.values) | {d.name: float(np.mean(list(d.own.values()))) for d in differ}
+    shared = one.refit(hypotheses, np.asarray([n.at(values[n.name]) for n in numbers]), exact=False)
+    if shared is None:
+        return True
+    drop = (shared.cost - fitted.cost) / _scale(bench, fitted)
+    return drop > least_drop(len(bench.rigs))
+
+
+def _driven_alike(bench: Bench, groups: Sequence[Sequence[str]]) -> bool:
+    """Whether two recordings that differ were driven alike: then no effect that they have in common makes
+    them differ.
+    """
+    part_of = {rig.part.name: rig.part for rig in bench.rigs}
+    for one, other in itertools.combinations(groups, 2):
+        for a, b in itertools.product((part_of[k] for k in one), (part_of[k] for k in other)):
+            if (a.time is None) != (b.time is None):
+                continue
+            clock, other_clock = (
+                np.linspace(0.0, 1.0, p.samples) if p.time is None else p.time - p.time[0] for p in (a, b)
+            )
+            lasts = [float(clock[-1]), float(other_clock[-1])]
+            off = np.interp(clock, other_clock, b.T_base.T_base) - a.T_base.T_base
+            span = float(np.ptp(a.T_base.T_base))
+            if abs(lasts[0] - lasts[1]) < ALIKE * max(lasts) and np.sqrt(np.mean(off**2)) < ALIKE * span:
+                return True
+    return False
+
+
+def _effects_instead(
+    bench: Bench, base: Fitted, own: Fitted, numbers: int, hypotheses: Sequence[Hypothesis]
+) -> dict[str, float]:
+    """Log of the odds of the effects that best explain recordings with one value of every number, against one
+    of so many numbers having a value of its own in each.
+    """
+    models = Models(bench, hypotheses)
+    models.add([base])
+    screened = [
+        s
+        for s in screen(bench, base, hypotheses, thorough=False)
+        if s.gain > PROMISING * (base.cost - own.cost)
+    ]
+    models.add(refit_best(bench, (), base, screened[:INSTEAD], ONE_EACH, ITERATIONS))
+    differs = models.log_likelihood(own) + own.volume() + float(np.log(HOW_MANY[1] / numbers))
+    return {
+        " + ".join(f.names): BELIEVED
+        * (models.log_likelihood(f) + f.volume() + models.log_prior(f) - differs)
+        for f in models.fits.values()
+        if f.names
+    }
+
+
+def _difference(best: _Tried, standard_errors: float, others: list[str]) -> Difference:
+    name, names = best.number.name, [rig.part.name for rig in best.each.rigs]
+    own = {k: best.own.values[f"{name}{OWN}{k}"] for k in names}
+    return Difference(
+        name,
+        best.number.unit,
+        best.shared.values[name],
+        own,
+        groups(best, names),
+        standard_errors,
+        others,
+        [],
+    )
+
+
+def groups(tried: _Tried, recordings: Sequence[str]) -> list[list[str]]:
+    """Recordings in order of their value, apart where neighbours differ by `DISAGREE` standard errors; each
+    by itself where none does.
+    """
+    fitted, of = tried.own, {}
+    for i, n in enumerate(fitted.numbers):
+        name, _, recording = n.name.partition(OWN)
+        if name == tried.number.name:
+            of[recording] = i
+    covariance = np.linalg.inv(fitted.information(_scale(tried.each, fitted)))
+    ordered = sorted(recordings, key=lambda k: fitted.x[of[k]])
+    found = [[ordered[0]]]
+    for a, b in itertools.pairwise(ordered):
+        i, j = of[a], of[b]
+        sd = np.sqrt(covariance[i, i] + covariance[j, j] - 2 * covariance[i, j])
+        if fitted.x[j] - fitted.x[i] > DISAGREE * sd:
+            found.append([b])
+        else:
+            found[-1].append(b)
+    return found if len(found) > 1 else [[k] for k in ordered]

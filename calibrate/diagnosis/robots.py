@@ -1,0 +1,137 @@
+"""The robot files of a diagnosis: one for each of the rivals that are not told apart, and for each recording
+where a number differs between them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+from gtr_jax import InputError, Robot, RobotConfig
+from gtr_jax.parameters import parameters_of
+
+from ..free import distinct
+from .decide import UNEXPLAINED, Decision
+from .differ import Difference
+from .marginal import Marginal
+from .rig import values_in
+
+STEM = "diagnosed"
+
+
+@dataclasses.dataclass(frozen=True)
+class RobotFile:
+    """A robot with what was found.
+
+    Attributes:
+        name: of the file.
+        effects: hypotheses that are in it; none where nothing is missing.
+        recording: whose numbers it has, where some differ between recordings; else "".
+        probability: of the model.
+        config: the robot.
+        note: what must be known before it is used, in sentences; "" where it is settled and all there is.
+    """
+
+    name: str
+    effects: tuple[str, ...]
+    recording: str
+    probability: float
+    config: RobotConfig
+    note: str
+
+
+def kinds(names: Sequence[str]) -> list[str]:
+    """The terms that hypotheses are of."""
+    return list(dict.fromkeys(name.partition(".")[0] for name in names))
+
+
+def _labels(sets: Sequence[tuple[str, ...]]) -> list[str]:
+    """A name for each set of hypotheses: its terms; where two sets have the same, the variants as well."""
+    short = ["-and-".join(kinds(names)) for names in sets]
+    return [
+        said if short.count(said) == 1 else "-and-".join(name.replace(".", "-") for name in names)
+        for said, names in zip(short, sets, strict=True)
+    ]
+
+
+def robot_files(
+    decision: Decision,
+    after: Marginal,
+    refitted: Mapping[tuple[str, ...], Marginal],
+    differ: Sequence[Difference],
+    config: RobotConfig | None,
+    fine: Robot,
+    warnings: list[str],
+) -> list[RobotFile]:
+    """`diagnosed.toml` first, then those of the rivals and recordings, where there are several; none where
+    nothing is explained or no robot file was given.
+
+    Args:
+        decision: the verdict, the model that is shown and its rivals.
+        after, refitted: the model that is shown, and each rival, with all that is uncertain fitted together.
+        differ: numbers that differ between the recordings.
+        config, fine: the robot file, and the robot.
+        warnings: gets a sentence where values do not make a robot file.
+    """
+    if config is None or decision.verdict == UNEXPLAINED:
+        return []
+    recordings = [rig.part.name for rig in after.bench.rigs] if differ else [""]
+    sets = list(refitted)
+    wanted = [("", after, recordings[0])]
+    for label, model in zip(_labels(sets), refitted.values(), strict=True):
+        wanted += [(f"{label}-{k}" if k else label, model, k) for k in recordings]
+    if not sets and differ:
+        wanted += [(k, after, k) for k in recordings]
+    endings = ["", *distinct([ending for ending, _, _ in wanted[1:]])]
+    found = []
+    for ending, (_, model, recording) in zip(endings, wanted, strict=True):
+        robot = _diagnosed(config, model, recording, fine, warnings)
+        if robot is not None:
+            name, effects = f"{STEM}-{ending}.toml" if ending else f"{STEM}.toml", model.fitted.names
+            found.append(RobotFile(name, effects, recording, decision.probability[effects], robot, ""))
+    return [dataclasses.replace(f, note=_note(f, found, bool(sets), differ)) for f in found]
+
+
+def _diagnosed(
+    config: RobotConfig, model: Marginal, recording: str, fine: Robot, warnings: list[str]
+) -> RobotConfig | None:
+    """The robot file with the numbers of a fit, those of one recording where they differ; what it called
+    uncertain is known as well as the fit says.
+    """
+    known, fitted = parameters_of(fine), model.fitted
+    try:
+        values = {known[k].key: v for k, v in values_in(fitted.values, recording).items()}
+        sds = values_in({n.name: model.sd(i) for i, n in enumerate(fitted.numbers)}, recording)
+        left = {known[k].key: sd for k, sd in sds.items() if known[k].key in config.uncertainty}
+        return config.with_values(values).with_deviations(left)
+    except (InputError, KeyError) as fault:
+        said = f"What was found does not make a robot file: {fault}."
+        if said not in warnings:
+            warnings.append(said)
+        return None
+
+
+def holds(file: RobotFile) -> str:
+    """What a file has beyond the base model, in words."""
+    return " with ".join(file.effects) or "nothing missing"
+
+
+def _note(
+    file: RobotFile,
+    files: Sequence[RobotFile],
+    open_set: bool,
+    differ: Sequence[Difference],
+) -> str:
+    said = []
+    if open_set:
+        each = dict.fromkeys(f"{holds(f)} (probability {f.probability:.2f})" for f in files[1:])
+        said.append(f"Not settled: these recordings do not tell which is missing, {' or '.join(each)}.")
+        said.append(f"This file holds {holds(file)}.")
+    if differ:
+        names = " and ".join(d.name for d in differ)
+        said.append(f"{names} differ{'s' if len(differ) == 1 else ''} between the recordings.")
+        said.append(f"This file has what fits {file.recording}.")
+    others = [f.name for f in files if f is not file]
+    if said and file is files[0]:
+        said.append(f"One for each: {', '.join(others)}.")
+    return " ".join(said)
