@@ -182,7 +182,8 @@ def _levelled(task: Task, part: Part, prediction: Prediction, noise: float | Non
     share = np.ones_like(residual)
 
     def weighed(sd: np.ndarray) -> tuple[Weighing, np.ndarray]:
-        weigh = Weighing.of(part.T_base, prediction, part.channels, sd, part.T_base.believed)
+        stretch = part.stretch(prediction.T_tip)
+        weigh = Weighing.of(part.T_base, prediction, part.channels, sd, part.T_base.believed, stretch)
         return weigh, _chi2(task, weigh, residual, share, degrees)
 
     weigh, chi2 = weighed(least)

@@ -261,7 +261,8 @@ def _run(task: Task) -> FitResult:
     for part, prediction in zip(task.parts, first, strict=True):
         rms = np.sqrt(np.mean(part.residual(prediction) ** 2, axis=1))
         sd = np.maximum(part.least(part.noise().sd), rms)
-        weighs.append(Weighing.of(part.T_base, prediction, part.channels, sd, part.T_base.believed))
+        stretch = part.stretch(prediction.T_tip)
+        weighs.append(Weighing.of(part.T_base, prediction, part.channels, sd, part.T_base.believed, stretch))
     problem = dataclasses.replace(problem, weighs=tuple(weighs))
     known, iterations, answer = first, 0, None
     for k in range(ROBUST_REWEIGHINGS if task.robust else REWEIGHINGS):

@@ -36,6 +36,7 @@ class _Weigher(eqx.Module):
     weight: Float[Array, "C K"]
     tau: Float[Array, " C"]
     floating: Bool[Array, " C"]
+    stretch: Float[Array, " K"]
     near: Int[Array, "K 4"]
     shares: Float[Array, "K 4"]
     inverse: Float[Array, "M M"]
@@ -59,6 +60,7 @@ class _Weigher(eqx.Module):
             weight=jnp.asarray(weigh.weight),
             tau=jnp.asarray(weigh.tau),
             floating=jnp.asarray(weigh.floating),
+            stretch=jnp.asarray(weigh.stretch),
             near=jnp.asarray(base.near),
             shares=jnp.asarray(base.weights),
             inverse=jnp.asarray(inverse),
@@ -71,6 +73,16 @@ class _Weigher(eqx.Module):
         floats = jnp.where(self.floating[:, None], squared, 0.0)
         total = jnp.sum(floats, axis=1, keepdims=True)
         rows = rows - jnp.sum(floats * rows, axis=1, keepdims=True) / jnp.where(total > 0, total, 1.0)
+        # As `Weighing.centred`.
+        safe = jnp.where(total > 0, total, 1.0)
+        own = jnp.where(
+            self.floating[:, None],
+            self.stretch[None] - jnp.sum(floats * self.stretch[None], axis=1, keepdims=True) / safe,
+            0.0,
+        )
+        power = jnp.sum(squared * own**2, axis=1, keepdims=True)
+        part = (1 - 1 / jnp.sqrt(1 + power)) / jnp.where(power > 0, power, 1.0)
+        rows = rows - own * part * jnp.sum(squared * own * rows, axis=1, keepdims=True)
         shift = jnp.zeros(rows.shape[1])
         if not self.exact:
             pulled = -(self.slope * squared * rows)

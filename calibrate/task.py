@@ -10,6 +10,7 @@ import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig
 from gtr_jax.parameters import Parameter
+from gtr_jax.terms import REGISTRY, known_on
 
 from . import noise
 from .base_tension import BaseTension, exact
@@ -100,6 +101,25 @@ class Part:
         """
         sd = self.least(self.noise().sd)
         return np.maximum(sd, [0.0, *(ROUGH * np.ptp(self.recorded[1:], axis=1))])
+
+    def stretch(self, T_tip: np.ndarray) -> np.ndarray:
+        """What is unknown of the tendon's own stretch, one standard deviation [m], (K,).
+
+        Every tendon stretches. Unless the robot has a compliance, or no displacement is fitted to, it is
+        taken as uncertain by the term's typical one, times the length and the mean tension between base and
+        tip, which is the logarithmic one where friction is even.
+
+        Args:
+            T_tip: simulated [N], (K,).
+        """
+        term = REGISTRY["tendon-stretch"]
+        if "displacement" not in self.channels or known_on(term, self.robot.terms[term.id]):
+            return np.zeros(self.samples)
+        ends = np.maximum([self.T_base.T_base, T_tip], 1e-9)
+        ratio = np.log(ends[0] / ends[1])
+        even = np.abs(ratio) < 1e-6
+        mean = np.where(even, ends[0], (ends[0] - ends[1]) / np.where(even, 1.0, ratio))
+        return term.quantities[0].typical * float(self.robot.backbone.length) * mean
 
     def residual(self, prediction: Prediction) -> np.ndarray:
         """Simulated minus recorded, (C, K)."""

@@ -36,6 +36,8 @@ class Weighing:
         last: sample whose base tension a value depends on, (C, K).
         weight: 1/sd, in 1/(unit of the channel), (C, K); 0 leaves a sample out.
         floating: channels whose zero is unknown, so that a constant off is nothing, (C,).
+        stretch: what the tendon's own stretch adds to these, one standard deviation of what is unknown of it
+            [m], (K,); zero where it is known.
         sd_base: standard deviation of the recorded base tension [N], to be believed; 0: it is exact.
         tau: samples per independent one, of each channel, (C,).
     """
@@ -45,6 +47,7 @@ class Weighing:
     last: np.ndarray
     weight: np.ndarray
     floating: np.ndarray
+    stretch: np.ndarray
     sd_base: float
     tau: np.ndarray
 
@@ -58,13 +61,19 @@ class Weighing:
             last=np.broadcast_to(np.arange(K), (C, K)),
             weight=np.broadcast_to(1 / np.asarray(sd, float)[:, None], (C, K)),
             floating=np.asarray([name == "displacement" for name in channels]),
+            stretch=np.zeros(K),
             sd_base=0.0,
             tau=np.ones(C),
         )
 
     @staticmethod
     def of(
-        base: BaseTension, prediction: Prediction, channels: tuple[str, ...], sd: np.ndarray, sd_base: float
+        base: BaseTension,
+        prediction: Prediction,
+        channels: tuple[str, ...],
+        sd: np.ndarray,
+        sd_base: float,
+        stretch: np.ndarray,
     ) -> Weighing:
         """With the slopes of a simulation."""
         K = len(base.T_base)
@@ -72,7 +81,7 @@ class Weighing:
         slipped = np.maximum.accumulate(np.where(prediction.slips, np.arange(K), 0))
         last = [slipped if name == "T_tip" else np.arange(K) for name in channels]
         slope = prediction.slope[[CHANNELS.index(name) for name in channels]]
-        return dataclasses.replace(plain, slope=slope, last=np.stack(last), sd_base=sd_base)
+        return dataclasses.replace(plain, slope=slope, last=np.stack(last), sd_base=sd_base, stretch=stretch)
 
     @property
     def passed(self) -> np.ndarray:
@@ -106,13 +115,26 @@ class Weighing:
         return cholesky_banded(found)
 
     def centred(self, rows: np.ndarray) -> np.ndarray:
-        """Without the constant of the channels whose zero is unknown."""
+        """Without the constant of the channels whose zero is unknown, nor, as far as its prior lets it, a
+        stretch of the tendon: rows r become r - (1 - 1/sqrt(1 + |g|^2)) g (g'r)/|g|^2, in units of the noise,
+            whose
+        square is the least that a stretch and its prior leave.
+        """
         if not self.floating.any():
             return rows
         share = np.where(self.floating[:, None], self.weight**2, 0.0)
         total = np.sum(share, axis=1)
         share = share / np.where(total > 0, total, 1.0)[:, None]
-        return rows - np.sum(_along(share, rows) * rows, axis=1, keepdims=True)
+        rows = rows - np.sum(_along(share, rows) * rows, axis=1, keepdims=True)
+        if not self.stretch.any():
+            return rows
+        mean = np.sum(share * self.stretch, axis=1, keepdims=True)
+        g = np.where(self.floating[:, None], self.stretch - mean, 0.0)
+        power = np.sum((self.weight * g) ** 2, axis=1, keepdims=True)
+        part = (1 - 1 / np.sqrt(1 + power)) / np.where(power > 0, power, 1.0)
+        return rows - _along(g, rows) * np.sum(
+            _along(part * self.weight**2 * g, rows) * rows, axis=1, keepdims=True
+        )
 
     def split(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals, or columns of a Jacobian, (C, K, ...), weighed: those of the channels, (C, K, ...), and

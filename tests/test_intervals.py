@@ -1,5 +1,6 @@
 """What stands behind a ±: all that the robot file calls uncertain is in it, and it says what it is of."""
 
+import dataclasses
 import json
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,9 +12,11 @@ import pytest
 import calibrate
 import gtr_jax as gtr
 from benchmarks import intervals
+from calibrate.base_tension import exact
 from calibrate.diagnosis.bench import DISCRETE, Noise, noise_in
 from calibrate.diagnosis.rig import Rig
 from calibrate.estimate import shares_of_variance
+from calibrate.weighing import Weighing
 from tests.conftest import SINE
 
 RIG = Path(__file__).parents[1] / "examples/rig"
@@ -110,6 +113,43 @@ def test_shares_of_variance_by_hand():
     assert names == ["noise", "b"]
     np.testing.assert_allclose(shares[:, 0], [4 / 13, 9 / 13])
     np.testing.assert_allclose(shares[:, 1], [0.0, 1.0], atol=1e-12)
+
+
+def test_an_unknown_stretch_of_the_tendon_is_taken_out_as_its_prior_lets_it():
+    rng = np.random.default_rng(1)
+    K, sd = 30, 0.02
+    stretch = np.linspace(0.0, 0.1, K) ** 2 * 20
+    plain = Weighing.plain(exact(np.linspace(0, 10, K)), ("T_tip", "displacement"), np.array([0.05, sd]))
+    weigh = dataclasses.replace(plain, stretch=stretch)
+    rows = rng.normal(size=(2, K))
+    channels, _ = weigh.split(rows)
+    # The least over a constant and a multiple of the stretch, which counts as a reading of zero.
+    columns = np.concatenate([np.stack([np.ones(K), stretch], axis=1) / sd, [[0.0, 1.0]]])
+    wanted = np.append(rows[1] / sd, 0.0)
+    left = wanted - columns @ np.linalg.lstsq(columns, wanted, rcond=None)[0]
+    assert np.sum(channels[1] ** 2) == pytest.approx(np.sum(left**2))
+    np.testing.assert_allclose(channels[0], rows[0] / 0.05)
+
+
+def test_a_tendon_that_stretches_a_little_does_not_move_the_channel():
+    history = HISTORY
+    config = gtr.config.parse_config(file_of(UNCERTAIN | {"youngs_modulus": 0.02}))
+    stretching = gtr.build_robot(config).with_values(**{**TRUTH, "tendon-stretch.compliance": 1e-5})
+    run = gtr.simulate(stretching, history)
+    rng = np.random.default_rng(0)
+    recording = gtr.Recording(
+        history,
+        Path("rec.csv"),
+        "",
+        T_tip=np.asarray(run.T_tip) + rng.normal(0, 0.03, len(history)),
+        tip_angle=np.asarray(run.tip_pose[:, 2]) + rng.normal(0, 2e-3, len(history)),
+        displacement=np.asarray(run.displacement) + rng.normal(0, 2e-5, len(history)),
+    )
+    fit = calibrate.fit(config, recording, free=("mu", "E", "r1", "r2"), noise_base_N=0.0)
+    for name in ("mu", "r1", "r2"):
+        assert abs(fit[name].value - TRUTH[name]) < 2.5 * sd_of(fit[name]), name
+    # What is stretched is 0.1 mm, and the radii would make it up by a hundredth.
+    assert sd_of(fit["r2"]) < 0.01 * abs(TRUTH["r2"])
 
 
 def test_noise_is_told_apart_from_what_the_mesh_leaves():

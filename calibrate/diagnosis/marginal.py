@@ -17,7 +17,9 @@ import numpy as np
 from gtr_jax.phases import PULLING
 
 from ..answer import BASE_CELL, OTHERS, TIP_CELL
+from ..coordinates import CHANNELS
 from ..estimate import NORMAL_95, shares_of_variance
+from ..noise import correlation_time
 from .bench import LARGEST_STEP, Bench, Fitted, Model, model_of
 from .hypotheses import Hypothesis, Number
 from .locate import phases_of
@@ -59,9 +61,11 @@ class Marginal:
 def jointly(models: Models, fitted: Fitted, finer: float) -> Marginal:
     """Fit a model with the dimensions free as well, from where the search left it.
 
-    The covariance is A^-1 with A = J'J + 1 and derivatives by central differences. To it comes what laws that
-    are not exact, and what is left of the mesh, do to the estimates: they move by A^-1 J'd where d is the
-    change of the readings by one standard deviation of either.
+    The covariance is A^-1 with A = J'J + 1, derivatives by central differences, rows weighed by errors as
+    large and as long as they show. To it comes what laws that are not exact, and what is left of the mesh, do
+    to
+    the estimates: they move by A^-1 J'd where d is the change of the readings by one standard deviation of
+    either.
 
     Args:
         models: all samples on the bench, corrected to a fine mesh.
@@ -72,7 +76,7 @@ def jointly(models: Models, fitted: Fitted, finer: float) -> Marginal:
         The fit; as the search left it where no better one is found.
     """
     hypotheses = models.hypotheses(fitted.names)
-    bench = _freed(models.bench)
+    bench = _freed(models.bench, fitted)
     model = model_of(bench.base, hypotheses)
     own = {n.name: x for n, x in zip(fitted.numbers, fitted.x, strict=True)}
     own |= {
@@ -82,10 +86,11 @@ def jointly(models: Models, fitted: Fitted, finer: float) -> Marginal:
     found = _polished(bench, model, hypotheses, start)
     if found is None:
         found = _as_left(models.bench, model, fitted, start)
-    scale = max(1.0, bench.mean_square(found))
-    inverse = np.linalg.inv(found.information(scale))
-    gain = inverse @ found.jacobian.T / scale
-    labels, shares = _noise_and_priors(bench, found, scale)
+    weight = _as_they_show(bench, found)[:, None]
+    jacobian = weight * found.jacobian
+    inverse = np.linalg.inv(jacobian.T @ jacobian + np.eye(len(found.x)))
+    gain = inverse @ (weight * jacobian).T
+    labels, shares = _noise_and_priors(bench, found, jacobian)
     variances = [share * np.diag(inverse) for share in shares]
     covariance = inverse
     for label, rows in ((LAW, _law(models, bench, found, fitted)), (MESH, _mesh(bench, found, finer))):
@@ -100,11 +105,19 @@ def jointly(models: Models, fitted: Fitted, finer: float) -> Marginal:
     return Marginal(bench, found, covariance, made_of)
 
 
-def _freed(bench: Bench) -> Bench:
-    """The same recordings with the uncertain dimensions among the base numbers."""
+def _freed(bench: Bench, fitted: Fitted) -> Bench:
+    """The same recordings with the uncertain dimensions among the base numbers, and a stretch of the tendon
+    in the displacement unless that is among the effects.
+    """
     other = copy.copy(bench)
     numbers = [Number(d.name, d.unit, d.value, d.sd, False) for d in bench.dimensions]
     other.base, other.dimensions, other.follow = (*bench.base, *numbers), (), None
+    if not any(name.startswith("tendon-stretch") for name in fitted.names):
+        at = CHANNELS.index("T_tip")
+        other.weighs = [
+            dataclasses.replace(weigh, stretch=rig.part.stretch(seen.values[at]))
+            for weigh, rig, seen in zip(bench.weighs, bench.rigs, fitted.seen, strict=True)
+        ]
     return other
 
 
@@ -194,17 +207,35 @@ class _Rows(NamedTuple):
     base: list[np.ndarray]
 
 
-def _noise_and_priors(bench: Bench, fitted: Fitted, scale: float) -> tuple[list[str], np.ndarray]:
-    """Sources of variance and their shares, as `estimate.shares_of_variance`."""
+def _as_they_show(bench: Bench, fitted: Fitted) -> np.ndarray:
+    """Weights of the white rows, (n,), by which errors are as large, and as long, as the residual of each
+    channel shows, as in `gtr fit`: noise is told from neighbouring samples, which a slow misfit of law or
+    machine does not enter.
+    """
+    found = []
+    for z in bench.by_channel(fitted.rows):
+        free = 1 - len(fitted.x) / max(bench.readings, len(fitted.x) + 1)
+        tau = [correlation_time(row) for row in z]
+        for row, long in zip(z, tau, strict=True):
+            large = max(1.0, float(np.mean(row**2)) / free)
+            found.append(np.full(len(row), 1 / np.sqrt(large * long)))
+        found.append(np.full(z.shape[1], 1 / np.sqrt(tau[0])))
+    return np.concatenate(found)
+
+
+def _noise_and_priors(bench: Bench, fitted: Fitted, jacobian: np.ndarray) -> tuple[list[str], np.ndarray]:
+    """Sources of variance and their shares, as `estimate.shares_of_variance`, from the weighed Jacobian."""
     rows, start = _Rows([], [], []), 0
     for rig in bench.rigs:
         C, K = len(rig.part.channels), rig.part.samples
         for kept, n in zip(rows, (K, (C - 1) * K, K), strict=True):
-            kept.append(fitted.jacobian[start : start + n])
+            kept.append(jacobian[start : start + n])
             start += n
-    by_source = dict(zip((TIP_CELL, OTHERS, BASE_CELL), map(np.concatenate, rows), strict=True))
+    by_source: dict[str, np.ndarray] = dict(
+        zip((TIP_CELL, OTHERS, BASE_CELL), map(np.concatenate, rows), strict=True)
+    )
     priors = dict(zip((n.name for n in fitted.numbers), np.eye(len(fitted.x)), strict=True))
-    return shares_of_variance({k: J / np.sqrt(scale) for k, J in by_source.items()}, priors)
+    return shares_of_variance(by_source, priors)
 
 
 def _law(models: Models, bench: Bench, found: Fitted, fitted: Fitted) -> np.ndarray:

@@ -272,7 +272,6 @@ class Diagnosis:
                 "hypotheses": sorted(models.of),
                 "free_of_the_base_model": [n.name for n in models.bench.base],
                 "variance_scale": models.scale,
-                "variance_scale_of_parameters": max(1.0, after.bench.mean_square(after.fitted)),
             },
             [d.at(after.fitted.values) for d in differ],
             files,
