@@ -198,3 +198,13 @@ def test_no_output_folder(capsys):
     outcome = run_gtr(capsys, "simulate", SIMULATED, "--pull", "45")
     assert outcome.status == 2
     assert outcome.err.startswith("error: ") and outcome.err.count("\n") == 1 and "-o" in outcome.err
+
+
+def test_a_tension_that_no_shape_stands(tmp_path, monkeypatch, capsys):
+    # It is seen only once the robot is simulated: progress has been told by then.
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "robot.toml").write_text(ROBOT)
+    outcome = run_gtr(capsys, "simulate", "robot.toml", "--pull", "1e12", "--steps", "2", "-o", "out")
+    assert outcome.status == 2 and outcome.out == "" and not (tmp_path / "out").exists()
+    last = outcome.err.rstrip("\n").splitlines()[-1]
+    assert last.startswith("error: robot.toml: at a base tension of") and "is the unit right?" in last

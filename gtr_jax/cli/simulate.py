@@ -177,13 +177,25 @@ def solve(
     resolution: float = 1.0,
     progress,
 ) -> SimulationAnswer:
-    """Build the robot and simulate."""
+    """Build the robot and simulate.
+
+    Raises:
+        InputError: tensions so large that no finite state is left to draw.
+    """
     from gtr_jax.build import build_robot
     from gtr_jax.report import answer_simulation
 
     robot = build_robot(config, resolution=resolution)
     progress("compiling and simulating")
-    return answer_simulation(robot, T_base, time)
+    answer = answer_simulation(robot, T_base, time)
+    lost = ~np.all(np.isfinite(np.asarray(answer.run.tip_pose)), axis=-1)
+    if lost.any():
+        first = float(np.max(np.asarray(T_base)[int(np.argmax(lost))]))
+        raise InputError(
+            f"{config.source}: at a base tension of {first:.3g} N no finite shape is found; is the unit "
+            "right? give less in --pull or in the history"
+        )
+    return answer
 
 
 def write_answer(
