@@ -71,14 +71,19 @@ def png(fig: Figure, dots: int = DOTS) -> bytes:
 
 
 def legend_above(fig: Figure, handles: Sequence[Artist]) -> None:
-    """One row of legend entries above the axes."""
-    fig.legend(
-        handles=list(handles),
-        loc="outside upper center",
-        ncols=len(handles),
-        handlelength=1.4,
-        columnspacing=1.2,
-    )
+    """Legend entries above the axes: in one row, or in as many as the width of the figure asks for."""
+    for rows in range(1, len(handles) + 1):
+        legend = fig.legend(
+            handles=list(handles),
+            loc="outside upper center",
+            ncols=-(-len(handles) // rows),
+            handlelength=1.4,
+            columnspacing=1.2,
+        )
+        if legend.get_window_extent().width <= fig.bbox.width:
+            return
+        if rows < len(handles):
+            legend.remove()
 
 
 THINNEST = 0.005  # of the height of the axes: half the width of a band that is still seen
