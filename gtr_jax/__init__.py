@@ -4,7 +4,11 @@ Importing it switches JAX to 64-bit floats, which friction memory and implicit g
 compile the march's loop whole (see `gtr_jax.runtime`): import it before computing anything with JAX.
 """
 
-from .runtime import set_up
+from .interruption import heed_in_the_command
+
+heed_in_the_command()  # before anything heavy is imported
+
+from .runtime import set_up  # noqa: E402
 
 set_up()
 

@@ -421,8 +421,11 @@ def test_an_interrupt_leaves_everything_as_it_was(when, run, tmp_path, monkeypat
 
 # A shell that starts the tests in the background has them ignore the signal.
 HEEDED = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+# What the script `gtr` does.
+COMMAND = "import sys; sys.argv[0] = 'gtr'\nfrom gtr_jax.cli import command; raise SystemExit(command())"
 INTERRUPTED = (
-    HEEDED + "from gtr_command import interruption; interruption.install(); interruption.running = True\n"
+    HEEDED
+    + "from gtr_jax.interruption import interruption\ninterruption.install(); interruption.running = True\n"
 )
 
 
@@ -442,7 +445,7 @@ def said_by(code, *arguments, after=None):
 
 @pytest.mark.parametrize("after", [0.25, 0.7])
 def test_control_c_while_modules_are_imported(after, tmp_path):
-    code = f"{HEEDED}from gtr_command import main; raise SystemExit(main())"
+    code = HEEDED + COMMAND
     status, err = said_by(code, "simulate", SIMULATED, "--pull", "9", "-o", tmp_path / "out", after=after)
     assert (status, err) == (130, "interrupted: no run folder was written\n")
 
@@ -496,7 +499,7 @@ except KeyboardInterrupt:
 )
 def test_control_c_is_never_lost(code, status):
     # With Python's own handler the first prints "Exception ignored in" and runs on, and so do the next two.
-    quick = "import gtr_command; gtr_command.UNWINDING = 1.0\n"
+    quick = "from gtr_jax import interruption as module; module.UNWINDING = 1.0\n"
     found, err = said_by(INTERRUPTED + quick + code)
     assert (found, err) == (status, "interrupted: no run folder was written\n" if status == 130 else "")
 
@@ -518,7 +521,7 @@ def test_a_second_control_c_ends_what_waits():
 @pytest.mark.slow
 @pytest.mark.parametrize("after", [0.0, 0.5, 3.0])
 def test_control_c(tmp_path, after):
-    command = [sys.executable, "-c", f"{HEEDED}from gtr_command import main; raise SystemExit(main())"]
+    command = [sys.executable, "-c", HEEDED + COMMAND]
     command += ["simulate", str(SIMULATED), "--pull", "45", "--steps", "60000", "-o", str(tmp_path / "out")]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
@@ -575,7 +578,7 @@ def test_the_package_runs_as_the_command():
 
 
 def test_completion_is_offered():
-    code = "from gtr_command import main; raise SystemExit(main())"
+    code = COMMAND
     environment = os.environ | {"_GTR_COMPLETE": "bash_complete", "COMP_WORDS": "gtr si", "COMP_CWORD": "1"}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
     assert "simulate" in done.stdout

@@ -17,8 +17,8 @@ from typing import Any
 
 import click
 
-from gtr_command import INTERRUPTED, NOTHING_WRITTEN, interruption
 from gtr_jax.errors import InputError
+from gtr_jax.interruption import INTERRUPTED, NOTHING_WRITTEN, interruption
 
 from . import demo, design, diagnose, fit, paper, schema, simulate, sweep, terms
 
@@ -65,6 +65,12 @@ for _command in (
     schema.schema,
 ):
     cli.add_command(_command)
+
+
+def command() -> int:
+    """Run the command line of this process."""
+    interruption.install()
+    return main()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

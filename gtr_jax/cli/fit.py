@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 import numpy as np
 
-from gtr_command import interruption
 from gtr_jax.errors import InputError
+from gtr_jax.interruption import interruption
 
 from .options import (
     STDIN,

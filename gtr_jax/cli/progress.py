@@ -12,7 +12,7 @@ from typing import TextIO
 
 import click
 
-from gtr_command import interruption
+from gtr_jax.interruption import interruption
 
 PATIENCE = 2.0  # seconds before the first word
 PAUSE, REPEAT = (

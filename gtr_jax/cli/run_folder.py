@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gtr_command import interruption
 from gtr_jax.errors import InputError, listed
+from gtr_jax.interruption import interruption
 from gtr_jax.plain import plain
 
 from .options import HELD

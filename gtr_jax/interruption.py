@@ -1,4 +1,4 @@
-"""The entry point of the command `gtr`: it heeds Ctrl-C from the first moment, before any heavy import.
+"""Ctrl-C in the command `gtr`: heeded from the first moment, before any heavy import, and never lost.
 
 Python raises KeyboardInterrupt wherever the main thread happens to be. In a callback of the garbage collector
 it is then lost, in the import of an extension module it becomes another error, and while XLA compiles or
@@ -204,9 +204,8 @@ def _say(line: str) -> None:
 interruption = Interruption()
 
 
-def main() -> int:
-    """Run the command line of this process."""
-    interruption.install()
-    from gtr_jax.cli import main as command
-
-    return command()
+def heed_in_the_command() -> None:
+    """Heed the signal from now on if this process is the command, which imports this package first of all."""
+    script = os.path.basename(sys.argv[0]) if sys.argv else ""
+    if script in ("gtr", "gtr.exe") or sys.orig_argv[1:3] == ["-m", "gtr_jax"]:
+        interruption.install()
