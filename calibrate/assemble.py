@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from gtr_jax import InputError, RobotConfig
-from gtr_jax.parameters import with_values
+from gtr_jax.parameters import Parameter, with_values
 
 from . import verdict as words
 from .alone import Apart, Phases, by_recording, mu_by_phase
@@ -49,10 +49,10 @@ def _settings(task: Task, **more: Any) -> dict[str, Any]:
 
 
 def _fitted_config(
-    task: Task, k: int, values: np.ndarray, determined: np.ndarray, left: Mapping[str, float]
+    task: Task, k: int, values: np.ndarray, left: Sequence[float | None]
 ) -> RobotConfig | None:
-    """The robot file of recording k with the fitted values, without the priors of those determined, and with
-    what is `left` uncertain of the numbers carried along, SI, by key.
+    """The robot file of recording k with the fitted values, and with what is `left` uncertain of the numbers
+    that it called uncertain, SI; None where that is what it was.
     """
     config = task.parts[k].config
     if config is None:
@@ -63,14 +63,13 @@ def _fitted_config(
         if k in f.parts and value != f.initial
     }
     try:
-        # The prior has gone into the estimate: a fit that starts from it must not count it again.
-        answered = config.with_values(changed).without_deviations(
-            f.entry.key
-            for f, known in zip(task.free, determined, strict=True)
-            if known and k in f.parts and not f.carried
+        return config.with_values(changed).with_deviations(
+            {
+                f.entry.key: sd
+                for f, sd in zip(task.free, left, strict=True)
+                if k in f.parts and sd is not None and f.entry.key in config.uncertainty
+            }
         )
-        own = {f.entry.key for f in task.free if f.carried and k in f.parts}
-        return answered.with_deviations({key: sd for key, sd in left.items() if key in own})
     except InputError as fault:
         task.warnings.append(f"The fitted values do not make a robot file: {fault}.")
         return None
@@ -213,7 +212,7 @@ def _fitted(
     answer: Answer | None,
     values: np.ndarray,
     covariance: np.ndarray | None,
-    left: Mapping[str, float],
+    left: Sequence[float | None],
 ) -> FittedRecording:
     """Recording k beside the model; as it was where there is no answer."""
     part = task.parts[k]
@@ -222,11 +221,12 @@ def _fitted(
     shown = missing if prediction is None else prediction.values
     phases = np.full(part.samples, words.REST) if prediction is None else prediction.phases
     channels = {}
+    every = shown[part.where] - part.recorded
+    if judged is not None:
+        every = judged.weigh.left(every)
     for c, (name, at) in enumerate(zip(part.channels, part.where, strict=True)):
-        off = shown[at] - part.recorded[c]
-        simulated = shown[at]
-        if name == "displacement":
-            simulated, off = simulated - off.mean(), off - off.mean()
+        off = every[c]
+        simulated = part.recorded[c] + off
         sd = None if judged is None else float(judged.sd[c])
         channels[name] = Channel(CHANNEL_UNITS[at], simulated, off, sd)
     band = np.zeros(part.samples)
@@ -245,9 +245,7 @@ def _fitted(
     return FittedRecording(
         name=part.name,
         robot=with_values(part.robot, task.values_of(k, values)),
-        config=part.config
-        if covariance is None
-        else _fitted_config(task, k, values, np.isfinite(np.diag(covariance)), left),
+        config=part.config if covariance is None else _fitted_config(task, k, values, left),
         channels=channels,
         T_base=part.T_base.T_base,
         band=band,
@@ -271,13 +269,17 @@ def assemble(task: Task, answer: Answer, iterations: int, start: Start) -> FitRe
     notes = _notes(task, known, answer, values)
     named = [dataclasses.replace(f.entry, name=f.name) for f in task.free]
     found = estimates(named, values, task.initial, log, scale, known, notes, answer.sources(task))
+    found[n:] = _carried(named[n:], values[n:], task, answer, notes[n:])
     _unknown_axes(task, answer, known)
     _trade_offs(task, answer, known)
     failure = _failure(answer)
     phases = Phases({}, 0.0)
     apart = Apart({}, "")
     if failure:
-        found = [dataclasses.replace(e, sd=None, lower95=None, upper95=None, detectable=None) for e in found]
+        found = [
+            dataclasses.replace(e, sd=None, lower95=None, upper95=None, detectable=None, made_of={})
+            for e in found
+        ]
     else:
         if known.known[task.friction()].any():
             phases = mu_by_phase(task, answer)
@@ -292,9 +294,7 @@ def assemble(task: Task, answer: Answer, iterations: int, start: Start) -> FitRe
             f"The recordings disagree, most likely about {apart.blamed}: find out what differs between them, "
             f"or fit it to each with --per-recording {apart.blamed}."
         )
-    left = {
-        f.entry.key: e.sd for f, e in zip(task.free, found, strict=True) if f.carried and e.sd is not None
-    }
+    left = [e.sd for e in found]
     recordings = tuple(
         _fitted(task, k, prediction, answer, values, known.covariance, left)
         for k, prediction in enumerate(answer.predictions)
@@ -345,6 +345,20 @@ def assemble(task: Task, answer: Answer, iterations: int, start: Start) -> FitRe
     )
 
 
+def _carried(
+    named: list[Parameter], values: np.ndarray, task: Task, answer: Answer, notes: list[str]
+) -> list[Estimate]:
+    """What was carried along: as known as before where the recordings say nothing of it."""
+    n, at = len(task.asked), answer.at[0]
+    whole = answer.known(task)
+    known = whole._replace(covariance=answer.spread(task)[n:, n:], known=np.ones(len(named), bool))
+    labels, shares = answer.sources(task)
+    own = (labels, shares[:, n:])
+    return estimates(
+        named, values, task.initial[n:], np.asarray(at.log)[n:], np.asarray(at.scale)[n:], known, notes, own
+    )
+
+
 def _outliers(judged: Judged) -> int:
     """Samples far off where most are not; 0 where the model misses more than a few."""
     off = np.abs(judged.residual[0] - np.median(judged.residual[0]))
@@ -382,7 +396,7 @@ def unanswered(task: Task, predictions: tuple[Prediction, ...] | None, why: str)
     p = len(task.asked)
     task.warnings.append(why[0].upper() + why[1:] + ".")
     recordings = tuple(
-        _fitted(task, k, None if predictions is None else predictions[k], None, task.initial, None, {})
+        _fitted(task, k, None if predictions is None else predictions[k], None, task.initial, None, ())
         for k in range(len(task.parts))
     )
     return FitResult(

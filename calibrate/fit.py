@@ -22,7 +22,7 @@ from .posterior import CHAINS, DRAWS, WARM_UP, require_sampler, sample
 from .profiles import profiles
 from .result import FitResult
 from .start import search
-from .task import Part, Task, check_tension, fitted_to, recorded
+from .task import STRETCH, Part, Task, check_tension, fitted_to, recorded
 from .weighing import Weighing
 
 DEFAULT_FREE = ("mu", "E")
@@ -147,6 +147,9 @@ def fit(
         part_of(name, model, configs[r], rec, channels, noise_N, noise_base_N, robust, warnings)
         for name, model, r, rec in zip(names, prepared, of, recordings, strict=True)
     ]
+    for k, part in enumerate(parts):
+        if any(k in f.parts and f.entry.name.startswith(STRETCH) for f in wanted):
+            parts[k] = dataclasses.replace(part, stretches=True)
     silent = progress or (lambda _: None)
     task = Task(
         tuple(parts),

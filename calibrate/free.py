@@ -120,7 +120,7 @@ def carried_by(
     robot_names: Sequence[str],
     free: Sequence[Free],
 ) -> list[Free]:
-    """The numbers that robot files call uncertain and that are not free in every recording of that robot.
+    """The numbers that robot files call uncertain and that are free in no recording of that robot.
 
     Args:
         robots, configs: the robots, and their files if given.

@@ -22,6 +22,7 @@ from .weighing import Weighing
 LARGEST_FACTOR = 30.0
 LARGEST_SHIFT = 2.0
 SMALLEST_SIGMA, ROUGH = 1e-6, 0.02
+STRETCH = "tendon-stretch"
 # Recordings longer than this are simulated at about as many samples, or at steps of this share of the range.
 LONG, FINEST = 2000, 1 / 400
 # A tip angle beyond so many turns, or a tip farther away than so many lengths, is in another unit.
@@ -46,6 +47,7 @@ class Part:
         time: of the samples [s], (K,), or None.
         trial: number of the trial, (K,), or None.
         noise_N: standard deviation of T_tip [N] if given.
+        stretches: whether the tendon's stretch is a number of the fit.
     """
 
     name: str
@@ -58,6 +60,7 @@ class Part:
     time: np.ndarray | None
     trial: np.ndarray | None
     noise_N: float | None
+    stretches: bool = False
 
     @property
     def T_tip(self) -> np.ndarray:
@@ -112,8 +115,9 @@ class Part:
         Args:
             T_tip: simulated [N], (K,).
         """
-        term = REGISTRY["tendon-stretch"]
-        if "displacement" not in self.channels or known_on(term, self.robot.terms[term.id]):
+        term = REGISTRY[STRETCH]
+        known = self.stretches or known_on(term, self.robot.terms[term.id])
+        if known or "displacement" not in self.channels:
             return np.zeros(self.samples)
         ends = np.maximum([self.T_base.T_base, T_tip], 1e-9)
         ratio = np.log(ends[0] / ends[1])

@@ -136,6 +136,19 @@ class Weighing:
             _along(part * self.weight**2 * g, rows) * rows, axis=1, keepdims=True
         )
 
+    def left(self, rows: np.ndarray) -> np.ndarray:
+        """Residuals, (C, K), less the zero and the stretch that fit them best, in the units of the
+        channels.
+        """
+        share = np.where(self.floating[:, None], self.weight**2, 0.0)
+        total = np.sum(share, axis=1, keepdims=True)
+        share = share / np.where(total > 0, total, 1.0)
+        mean = np.sum(share * self.stretch, axis=1, keepdims=True)
+        g = np.where(self.floating[:, None], self.stretch - mean, 0.0)
+        rows, squared = rows - np.sum(share * rows, axis=1, keepdims=True), self.weight**2 * g
+        pulled, power = (np.sum(squared * x, axis=1, keepdims=True) for x in (rows, g))
+        return rows - g * pulled / (1 + power)
+
     def split(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals, or columns of a Jacobian, (C, K, ...), weighed: those of the channels, (C, K, ...), and
         those of the base tension, (K, ...).

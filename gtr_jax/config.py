@@ -381,12 +381,13 @@ class RobotConfig(Section):
     def with_deviations(self, deviations: Mapping[str, float]) -> RobotConfig:
         """A copy in which [uncertainty] says other things of some numbers: standard deviations in SI, by
         dotted key. They are written as shares, to three digits, but those of a number that is zero with their
-        unit.
+        unit; of one that is zero and has no unit nothing can be said.
         """
         values = self.numbers()
         said = {
             key: float(f"{sd / abs(values[key]):.3g}") if values[key] else f"{sd:.3g} {self._unit_of(key)}"
             for key, sd in deviations.items()
+            if values[key] or self._unit_of(key) != "dimensionless"
         }
         return self.model_copy(update={"uncertainty": {**self.uncertainty, **said}})
 
@@ -472,7 +473,7 @@ def config_text(config: RobotConfig) -> str:
 
 def dump_config(config: RobotConfig, path: str | os.PathLike[str], *, note: str = "") -> None:
     """Write a robot file, whole or not at all, with a note as comment at its top; see `config_text`."""
-    comment = "".join(f"# {line}\n" for line in textwrap.wrap(note, NOTE_WIDTH))
+    comment = "".join(f"# {line}\n" for line in textwrap.wrap(note, NOTE_WIDTH, break_on_hyphens=False))
     write_whole(path, comment + config_text(config))
 
 

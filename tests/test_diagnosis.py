@@ -495,10 +495,13 @@ def test_names_of_channels_are_checked():
             calibrate.diagnose(config, recording, channels=wrong)
 
 
-def test_tensions_in_other_units_are_bad_data():
+def test_tensions_in_other_units_are_refused():
     config, recording, _ = case(11)
     other = dataclasses.replace(recording, T_base=1e3 * recording.T_base)
-    found = calibrate.diagnose(config, other)
+    with pytest.raises(gtr.InputError, match=r"T_base reaches .* grams-force"):
+        calibrate.diagnose(config, other)
+    other = dataclasses.replace(recording, T_base=4 * recording.T_base)
+    found = calibrate.diagnose(config, dataclasses.replace(other, T_tip=1e2 * np.asarray(recording.T_tip)))
     assert found.verdict == "bad-data" and "units" in found.says and ".." not in found.says
 
 

@@ -16,6 +16,7 @@ from calibrate.base_tension import exact
 from calibrate.diagnosis.bench import DISCRETE, Noise, noise_in
 from calibrate.diagnosis.rig import Rig
 from calibrate.estimate import shares_of_variance
+from calibrate.task import Part
 from calibrate.weighing import Weighing
 from tests.conftest import SINE
 
@@ -88,6 +89,28 @@ def test_the_fitted_file_keeps_what_is_left_uncertain(fits):
         assert config.deviation(key) == pytest.approx(fit[name].sd, rel=0.01)
 
 
+def test_each_robots_file_keeps_what_is_left_uncertain_of_its_own():
+    said = UNCERTAIN, {"youngs_modulus": 0.01, "routing.r1": "0.1 mm", "routing.r2": "0.1 mm"}
+    configs = [gtr.config.parse_config(file_of(u) | {"name": n}) for n, u in zip("ab", said, strict=True)]
+    recordings = [made(np.random.default_rng(seed)) for seed in (5, 6)]
+    fit = calibrate.fit(configs, recordings, free=("mu",), noise_base_N=0.0)
+    for name, fitted in zip("ab", fit.recordings, strict=True):
+        assert fitted.config is not None
+        for number, key in (("E", "backbone.youngs_modulus"), ("r1", "routing.r1")):
+            left = fitted.config.deviation(key)
+            assert left == pytest.approx(sd_of(fit[f"{number}@{name}"]), rel=0.01)
+
+
+def test_a_stretch_that_is_free_is_not_taken_out_beside():
+    rig = gtr.build_robot(gtr.config.parse_config(file_of({})))
+    channels, recorded = ("T_tip", "displacement"), np.ones((2, len(HISTORY)))
+    part = Part("r", "r", rig, None, exact(HISTORY), channels, recorded, None, None, None)
+    assert part.stretch(0.6 * HISTORY).max() > 0
+    assert not dataclasses.replace(part, stretches=True).stretch(0.6 * HISTORY).any()
+    known = dataclasses.replace(part, robot=rig.with_values(**{"tendon-stretch.compliance": 1e-5}))
+    assert not known.stretch(0.6 * HISTORY).any()
+
+
 def test_phases_alone_are_no_surer_than_the_whole(fits):
     one = fits[0]
     for phase in ("pulling", "releasing"):
@@ -128,6 +151,8 @@ def test_an_unknown_stretch_of_the_tendon_is_taken_out_as_its_prior_lets_it():
     wanted = np.append(rows[1] / sd, 0.0)
     left = wanted - columns @ np.linalg.lstsq(columns, wanted, rcond=None)[0]
     assert np.sum(channels[1] ** 2) == pytest.approx(np.sum(left**2))
+    np.testing.assert_allclose(weigh.left(rows)[1] / sd, left[:-1], atol=1e-9)
+    np.testing.assert_allclose(weigh.left(rows)[0], rows[0])
     np.testing.assert_allclose(channels[0], rows[0] / 0.05)
 
 

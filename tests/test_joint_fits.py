@@ -326,7 +326,8 @@ def test_times_that_are_no_numbers_are_refused(tdcm):
 def test_a_fitted_robot_does_not_bring_its_prior_along(tdcm, pair):
     fit = fitted(tdcm, pair[0])
     assert "backbone.youngs_modulus" in tdcm.uncertainty
-    assert fit.config is not None and not fit.config.uncertainty
+    assert fit.config is not None
+    assert fit.config.deviation("backbone.youngs_modulus") == pytest.approx(error(fit, "E"), rel=0.01)
 
 
 def test_what_came_from_where_is_in_the_json(tdcm, pair):

@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gtr_jax.parameters import parameters_of
+
 from ..base_tension import exact
 from ..coordinates import CHANNELS
 from ..noise import MAD_TO_SD, resolution
@@ -481,6 +483,18 @@ class Bench:
         other.weighs = [weigh.only(~out) for weigh, out in zip(self.weighs, held, strict=True)]
         if self.follow is not None:
             other.follow = other.following(self.follow.change)
+        return other
+
+    def freed(self) -> Bench:
+        """The same recordings with the uncertain dimensions among the base numbers: their derivatives are too
+        rough for values and errors.
+        """
+        other, known, numbers = copy.copy(self), parameters_of(self.rigs[0].robot), []
+        for d in self.dimensions:
+            low, high = known[d.name].lower, known[d.name].upper
+            lower, upper = (-np.inf if low is None else low), (np.inf if high is None else high)
+            numbers.append(Number(d.name, d.unit, d.value, d.sd, False, lower, upper))
+        other.base, other.dimensions, other.follow = (*self.base, *numbers), (), None
         return other
 
     @property

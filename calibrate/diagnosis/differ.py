@@ -18,7 +18,6 @@ import numpy as np
 from scipy import stats
 
 from gtr_jax import Robot
-from gtr_jax.parameters import parameters_of
 from gtr_jax.terms import REGISTRY, known_on
 
 from ..noise import correlation_time
@@ -107,19 +106,6 @@ class _Tried(NamedTuple):
 def names_to_split(dimensions: Sequence[Dimension]) -> list[str]:
     """Names of further numbers that rigs must be able to change, for `candidates`."""
     return [PRELOAD] if PRELOAD not in {d.name for d in dimensions} else []
-
-
-def _freed(bench: Bench, robot: Robot) -> Bench:
-    """The same recordings with the uncertain dimensions among the base numbers: beside numbers that differ
-    their derivatives are too rough.
-    """
-    other, known, numbers = copy.copy(bench), parameters_of(robot), []
-    for d in bench.dimensions:
-        low, high = known[d.name].lower, known[d.name].upper
-        lower, upper = (-np.inf if low is None else low), (np.inf if high is None else high)
-        numbers.append(Number(d.name, d.unit, d.value, d.sd, False, lower, upper))
-    other.base, other.dimensions, other.follow = (*bench.base, *numbers), (), None
-    return other
 
 
 def candidates(bench: Bench, robot: Robot) -> list[Number]:
@@ -262,7 +248,7 @@ def differing(bench: Bench, base: Fitted, robot: Robot, hypotheses: Sequence[Hyp
     K = len(bench.rigs)
     if K < 2:
         return None
-    free = _freed(bench, robot)
+    free = bench.freed()
     values = dict(base.values) | dict(base.dimensions)
     x = np.asarray([np.clip(n.at(values[n.name]), *n.bounds) for n in free.base])
     apart = in_parallel(lambda k: _by_itself(free, k, x), list(range(K)))

@@ -7,7 +7,6 @@ base model and the one chosen are fitted once more with the dimensions as free a
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -21,7 +20,7 @@ from ..coordinates import CHANNELS
 from ..estimate import NORMAL_95, shares_of_variance
 from ..noise import correlation_time
 from .bench import LARGEST_STEP, Bench, Fitted, Model, model_of
-from .hypotheses import Hypothesis, Number
+from .hypotheses import Hypothesis
 from .locate import phases_of
 from .search import Models, in_parallel
 
@@ -109,9 +108,7 @@ def _freed(bench: Bench, fitted: Fitted) -> Bench:
     """The same recordings with the uncertain dimensions among the base numbers, and a stretch of the tendon
     in the displacement unless that is among the effects.
     """
-    other = copy.copy(bench)
-    numbers = [Number(d.name, d.unit, d.value, d.sd, False) for d in bench.dimensions]
-    other.base, other.dimensions, other.follow = (*bench.base, *numbers), (), None
+    other = bench.freed()
     if not any(name.startswith("tendon-stretch") for name in fitted.names):
         at = CHANNELS.index("T_tip")
         other.weighs = [

@@ -401,7 +401,7 @@ def difference_in_words(d: Diagnosis, difference: Difference) -> str:
         return f"{shown} in {recording}"
 
     parts = [" and ".join(map(said, group)) for group in difference.groups]
-    apart = f"{difference.standard_errors:.0f} standard errors"
+    apart = f"{difference.standard_errors:.0f} standard errors, what is unknown of all alike left out"
     words = f"{difference.name} differs between the recordings: {', but '.join(parts)} ({apart})."
     others = [f"{name} that differs" for name in difference.or_numbers]
     others += [f"{name} in all of them" for name in difference.or_effects]

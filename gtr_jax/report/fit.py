@@ -382,7 +382,7 @@ def _made_of(fit: FitAnswer) -> list[Table]:
     if carried:
         note = (
             "Nobody asked for these: the robot file calls them uncertain, so they are fitted within what it "
-            "says of them, and what is left of their uncertainty is in the intervals above."
+            "says of them. What is left of their uncertainty is in the intervals of the others."
         )
         heads = ("parameter", "fitted ± standard error", "before", "note")
         tables.append(Table("Carried along", heads, carried, note=note))
