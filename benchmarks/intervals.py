@@ -12,7 +12,6 @@ import argparse
 import json
 import math
 import multiprocessing
-import os
 import sys
 import time
 import traceback
@@ -25,10 +24,9 @@ from scipy import stats
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.diagnosis import search
-from gtr_jax.cli.cache import enable_cache
+from gtr_jax.recording import write_whole
 
-from .blind import cases
+from .blind import answers, cases
 
 RESULTS = Path(__file__).parent / "results/intervals.md"
 # Cases that a process answers before another takes its place: compiled programs fill its memory.
@@ -128,19 +126,12 @@ def _answer(job: Job) -> dict[str, Any]:
     }
 
 
-def _alone() -> None:
-    enable_cache()
-    search.THREADS = 1
-
-
 def _one(job: Job) -> str:
     try:
         found = _answer(job)
     except Exception:  # the next case may go well; this one counts as failed
         found = {"verdict": "crashed", "says": traceback.format_exc()}
-    part = job.target.with_suffix(".part")
-    part.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    os.replace(part, job.target)
+    write_whole(job.target, json.dumps(found, indent=1) + "\n")
     return f"{job.target.stem} {found['verdict']} {found.get('seconds', 0):.0f} s"
 
 
@@ -240,7 +231,7 @@ def main(argv: list[str] | None = None) -> int:
         j for j in jobs_of(args.output, args.seed, args.fits, args.diagnoses) if not j.target.exists()
     ]
     # Not concurrent.futures: see blind/answers.py.
-    with multiprocessing.get_context("spawn").Pool(args.jobs, _alone, maxtasksperchild=A_TIME) as pool:
+    with multiprocessing.get_context("spawn").Pool(args.jobs, answers.alone, maxtasksperchild=A_TIME) as pool:
         for k, line in enumerate(pool.imap_unordered(_one, open_jobs), start=1):
             print(f"{k} of {len(open_jobs)}: {line}", file=sys.stderr, flush=True)
     text = page(args.output, args.seed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +29,20 @@ TIP_CELL, OTHERS, BASE_CELL = (
 )
 # A parameter that is zero in the robot file has no size to compare its error with: so many of its units.
 UNKNOWN_WITHOUT_SCALE = 10.0
+
+
+def by_source(rows: np.ndarray, parts: Sequence[Part]) -> dict[str, np.ndarray]:
+    """Weighed rows of all recordings, (D, ...), by the noise that is in them: of each recording C channels of
+    K samples, T_tip first, and K of the base tension.
+    """
+    found: dict[str, list[np.ndarray]] = {}
+    start = 0
+    for part in parts:
+        C, K = len(part.channels), part.samples
+        for label, n in ((TIP_CELL, K), (OTHERS, (C - 1) * K), (BASE_CELL, K)):
+            found.setdefault(label, []).append(rows[start : start + n])
+            start += n
+    return {label: np.concatenate(of) for label, of in found.items()}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -107,16 +122,9 @@ class Answer:
         """What the variance of each coordinate is made of: noise of the tip's cell, of the other channels, of
         the base's cell, and each prior, as `shares_of_variance`.
         """
-        rows: dict[str, list[np.ndarray]] = {}
-        start = 0
-        for part in task.parts:
-            C, K = len(part.channels), part.samples
-            for label, n in ((TIP_CELL, K), (OTHERS, (C - 1) * K), (BASE_CELL, K)):
-                rows.setdefault(label, []).append(self.jacobian[start : start + n])
-                start += n
         precision = self.problem.precision
         priors = {f.name: row for f, row in zip(task.free, np.diag(precision), strict=True) if row.any()}
-        return shares_of_variance({label: np.concatenate(r) for label, r in rows.items()}, priors)
+        return shares_of_variance(by_source(self.jacobian, task.parts), priors)
 
     def information_about(self, asked: int) -> np.ndarray:
         """Fisher information about the first coordinates, the others being uncertain, (asked, asked)."""
@@ -182,8 +190,7 @@ def _levelled(task: Task, part: Part, prediction: Prediction, noise: float | Non
     share = np.ones_like(residual)
 
     def weighed(sd: np.ndarray) -> tuple[Weighing, np.ndarray]:
-        stretch = part.stretch(prediction.T_tip)
-        weigh = Weighing.of(part.T_base, prediction, part.channels, sd, part.T_base.believed, stretch)
+        weigh = part.weighing(prediction, sd)
         return weigh, _chi2(task, weigh, residual, share, degrees)
 
     weigh, chi2 = weighed(least)

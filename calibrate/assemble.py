@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gtr_jax import InputError, RobotConfig
-from gtr_jax.parameters import Parameter, with_values
+from gtr_jax.parameters import with_values
 
 from . import verdict as words
 from .alone import Apart, Phases, by_recording, mu_by_phase
@@ -87,15 +87,11 @@ def _notes(task: Task, known: Uncertainty, answer: Answer, values: np.ndarray) -
     drift, stopped = (descent.u - problem.centre) * problem.precision, answer.at[0].stopped(descent.u)
     for i, free in enumerate(task.free):
         note = ""
-        if free.carried:
-            if abs(drift[i]) > DRIFTED:
-                note = _drifted(drift[i])
-            notes.append(note)
-            if note:
-                task.warnings.append(f"{free.name}: {note}.")
-            continue
+        drifted = abs(drift[i]) > DRIFTED
         most = _largest_mu(task, known, values)
-        if not known.known[i] and free.entry.name == "mu" and most < SMALL_MU:
+        if free.carried:
+            note = _drifted(drift[i]) if drifted else ""
+        elif not known.known[i] and free.entry.name == "mu" and most < SMALL_MU:
             note = f"no friction is seen, mu is below {most:.2g} (95 %)"
         elif descent.at_edge[i]:
             note = "ran to the end of the range searched, so it has no interval"
@@ -106,7 +102,7 @@ def _notes(task: Task, known: Uncertainty, answer: Answer, values: np.ndarray) -
             note = f"not determined by the recording, the value is {rest}"
         elif known.prior_share[i] > MOSTLY_PRIOR:
             note = f"rests mostly on its prior ({100 * known.prior_share[i]:.0f} % of what is known)"
-        elif abs(drift[i]) > DRIFTED:
+        elif drifted:
             note = _drifted(drift[i])
         notes.append(note)
         if note:
@@ -268,8 +264,9 @@ def assemble(task: Task, answer: Answer, iterations: int, start: Start) -> FitRe
     values = np.asarray(at.values(descent.u))
     notes = _notes(task, known, answer, values)
     named = [dataclasses.replace(f.entry, name=f.name) for f in task.free]
-    found = estimates(named, values, task.initial, log, scale, known, notes, answer.sources(task))
-    found[n:] = _carried(named[n:], values[n:], task, answer, notes[n:])
+    # What was carried along is known as before where the recordings say nothing of it.
+    told = known._replace(covariance=answer.spread(task), known=known.known | [f.carried for f in task.free])
+    found = estimates(named, values, task.initial, log, scale, told, notes, answer.sources(task))
     _unknown_axes(task, answer, known)
     _trade_offs(task, answer, known)
     failure = _failure(answer)
@@ -342,20 +339,6 @@ def assemble(task: Task, answer: Answer, iterations: int, start: Start) -> FitRe
             (axis.words(task.names[:n], _steps(task, answer)[:n]), axis.sd)
             for axis in axes(answer.information_about(n))
         ],
-    )
-
-
-def _carried(
-    named: list[Parameter], values: np.ndarray, task: Task, answer: Answer, notes: list[str]
-) -> list[Estimate]:
-    """What was carried along: as known as before where the recordings say nothing of it."""
-    n, at = len(task.asked), answer.at[0]
-    whole = answer.known(task)
-    known = whole._replace(covariance=answer.spread(task)[n:, n:], known=np.ones(len(named), bool))
-    labels, shares = answer.sources(task)
-    own = (labels, shares[:, n:])
-    return estimates(
-        named, values, task.initial[n:], np.asarray(at.log)[n:], np.asarray(at.scale)[n:], known, notes, own
     )
 
 

@@ -23,7 +23,6 @@ from .profiles import profiles
 from .result import FitResult
 from .start import search
 from .task import STRETCH, Part, Task, check_tension, fitted_to, recorded
-from .weighing import Weighing
 
 DEFAULT_FREE = ("mu", "E")
 # Slopes of the tip tension below this share of the largest tension are rounding.
@@ -264,8 +263,7 @@ def _run(task: Task) -> FitResult:
     for part, prediction in zip(task.parts, first, strict=True):
         rms = np.sqrt(np.mean(part.residual(prediction) ** 2, axis=1))
         sd = np.maximum(part.least(part.noise().sd), rms)
-        stretch = part.stretch(prediction.T_tip)
-        weighs.append(Weighing.of(part.T_base, prediction, part.channels, sd, part.T_base.believed, stretch))
+        weighs.append(part.weighing(prediction, sd))
     problem = dataclasses.replace(problem, weighs=tuple(weighs))
     known, iterations, answer = first, 0, None
     for k in range(ROBUST_REWEIGHINGS if task.robust else REWEIGHINGS):

@@ -125,6 +125,11 @@ class Part:
         mean = np.where(even, ends[0], (ends[0] - ends[1]) / np.where(even, 1.0, ratio))
         return term.quantities[0].typical * float(self.robot.backbone.length) * mean
 
+    def weighing(self, prediction: Prediction, sd: np.ndarray) -> Weighing:
+        """How residuals weigh beside a simulation, with an error of each channel, (C,)."""
+        stretch = self.stretch(prediction.T_tip)
+        return Weighing.of(self.T_base, prediction, self.channels, sd, self.T_base.believed, stretch)
+
     def residual(self, prediction: Prediction) -> np.ndarray:
         """Simulated minus recorded, (C, K)."""
         return prediction.values[self.where] - self.recorded

@@ -114,37 +114,36 @@ class Weighing:
             found = found + self.base.information(passed, last)
         return cholesky_banded(found)
 
-    def centred(self, rows: np.ndarray) -> np.ndarray:
-        """Without the constant of the channels whose zero is unknown, nor, as far as its prior lets it, a
-        stretch of the tendon: rows r become r - (1 - 1/sqrt(1 + |g|^2)) g (g'r)/|g|^2, in units of the noise,
-            whose
-        square is the least that a stretch and its prior leave.
+    @functools.cached_property
+    def unknown(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of the channels whose zero is unknown, shares of the samples in their mean, and the stretch of the
+        tendon less its own mean, in the units of the channels, (C, K) each; zero in the others.
         """
-        if not self.floating.any():
-            return rows
         share = np.where(self.floating[:, None], self.weight**2, 0.0)
         total = np.sum(share, axis=1)
         share = share / np.where(total > 0, total, 1.0)[:, None]
+        mean = np.sum(share * self.stretch, axis=1, keepdims=True)
+        return share, np.where(self.floating[:, None], self.stretch - mean, 0.0)
+
+    def centred(self, rows: np.ndarray) -> np.ndarray:
+        """Without the constant of the channels whose zero is unknown, nor, as far as its prior lets it, a
+        stretch of the tendon: in units of the noise rows r become r - (1 - 1/sqrt(1 + |g|^2)) g (g'r)/|g|^2,
+        the square of which is the least that a stretch and its prior leave.
+        """
+        if not self.floating.any():
+            return rows
+        share, g = self.unknown
         rows = rows - np.sum(_along(share, rows) * rows, axis=1, keepdims=True)
         if not self.stretch.any():
             return rows
-        mean = np.sum(share * self.stretch, axis=1, keepdims=True)
-        g = np.where(self.floating[:, None], self.stretch - mean, 0.0)
         power = np.sum((self.weight * g) ** 2, axis=1, keepdims=True)
         part = (1 - 1 / np.sqrt(1 + power)) / np.where(power > 0, power, 1.0)
-        return rows - _along(g, rows) * np.sum(
-            _along(part * self.weight**2 * g, rows) * rows, axis=1, keepdims=True
-        )
+        pulled = np.sum(_along(part * self.weight**2 * g, rows) * rows, axis=1, keepdims=True)
+        return rows - _along(g, rows) * pulled
 
     def left(self, rows: np.ndarray) -> np.ndarray:
-        """Residuals, (C, K), less the zero and the stretch that fit them best, in the units of the
-        channels.
-        """
-        share = np.where(self.floating[:, None], self.weight**2, 0.0)
-        total = np.sum(share, axis=1, keepdims=True)
-        share = share / np.where(total > 0, total, 1.0)
-        mean = np.sum(share * self.stretch, axis=1, keepdims=True)
-        g = np.where(self.floating[:, None], self.stretch - mean, 0.0)
+        """Residuals in the units of the channels, (C, K), less the zero and the stretch that fit best."""
+        share, g = self.unknown
         rows, squared = rows - np.sum(share * rows, axis=1, keepdims=True), self.weight**2 * g
         pulled, power = (np.sum(squared * x, axis=1, keepdims=True) for x in (rows, g))
         return rows - g * pulled / (1 + power)

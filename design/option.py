@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax.config import RobotConfig
+from gtr_jax.numbers import quantity
 from gtr_jax.robot import Robot
-from gtr_jax.units import display_of
 
 from . import limits as L
 from .assemble import Assembled
@@ -136,14 +136,6 @@ class Option:
     def miss(self) -> float:
         """Largest error in units of its tolerance."""
         return max((e.size for e in self.errors), default=0.0)
-
-
-def quantity(value: float, unit: str, digits: int = 4) -> str:
-    """A quantity, SI, in the unit people write it in; a dash where there is none."""
-    from gtr_jax.plots.style import number  # matplotlib, only where something is said
-
-    shown, size = display_of(unit or "dimensionless")
-    return number(value / size, "" if shown == "dimensionless" else shown, digits)
 
 
 def off_by(value: float, tolerance: float, unit: str) -> str:

@@ -7,12 +7,13 @@ import math
 from typing import Any
 
 from gtr_jax.config import RobotConfig
+from gtr_jax.numbers import quantity
 from gtr_jax.plain import plain
 
 from .assemble import Assembled
 from .compare import Comparison
 from .limits import BORE, LOSS, WALL
-from .option import Margin, Option, TargetError, quantity
+from .option import Margin, Option, TargetError
 from .options import by_loss
 from .robustness import Robustness, Spread
 from .tolerances import Sensitivity

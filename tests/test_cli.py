@@ -422,7 +422,7 @@ def test_an_interrupt_leaves_everything_as_it_was(when, run, tmp_path, monkeypat
 # A shell that starts the tests in the background has them ignore the signal.
 HEEDED = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
 # What the script `gtr` does.
-COMMAND = "import sys; sys.argv[0] = 'gtr'\nfrom gtr_jax.cli import command; raise SystemExit(command())"
+COMMAND = "import sys; sys.argv[0] = 'gtr'\nfrom gtr_jax.cli import main; raise SystemExit(main())"
 INTERRUPTED = (
     HEEDED
     + "from gtr_jax.interruption import interruption\ninterruption.install(); interruption.running = True\n"

@@ -132,12 +132,6 @@ class Follow(NamedTuple):
         shares = 1 - 1 / np.sqrt(1 + self.sizes**2)
         return rows - (self.left * shares) @ (self.left.T @ rows)
 
-    @property
-    def sd(self) -> np.ndarray:
-        """What is left of their standard deviations, as shares, (D,)."""
-        known = self.sizes**2 / (1 + self.sizes**2)
-        return np.sqrt(1 - (self.right.T**2) @ known)
-
     def moved(self, freed: np.ndarray) -> np.ndarray:
         """By how many standard deviations they then do, (D,)."""
         return -self.right.T @ (self.sizes / np.sqrt(1 + self.sizes**2) * (self.left.T @ freed))
@@ -218,10 +212,6 @@ class Fitted:
         halves = sum(n.size and not n.log and n.bounds[0] > -0.5 for n in self.numbers)
         logdet = np.linalg.slogdet(self.information())[1]
         return float(-0.5 * self.prior - 0.5 * logdet + halves * np.log(2.0))
-
-    def sd(self, scale: float = 1.0) -> np.ndarray:
-        """Standard deviations of the coordinates."""
-        return np.sqrt(np.diag(np.linalg.inv(self.information(scale))))
 
     def information(self, scale: float = 1.0) -> np.ndarray:
         """Of data and priors about the coordinates."""
@@ -485,7 +475,7 @@ class Bench:
             other.follow = other.following(self.follow.change)
         return other
 
-    def freed(self) -> Bench:
+    def with_dimensions_free(self) -> Bench:
         """The same recordings with the uncertain dimensions among the base numbers: their derivatives are too
         rough for values and errors.
         """

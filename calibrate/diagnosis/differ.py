@@ -94,10 +94,11 @@ class Split(NamedTuple):
 
 
 class _Tried(NamedTuple):
-    """A number with one value, and with a value for each recording: benches, and fits of the base model."""
+    """A number with one value, and with a value for each recording: fits of the base model, and the bench of
+    the latter.
+    """
 
     number: Number
-    one: Bench
     shared: Fitted
     each: Bench
     own: Fitted
@@ -207,15 +208,17 @@ def _tried(
     bench: Bench, fitted: Fitted, alone: Sequence[tuple[Bench, Fitted]], number: Number
 ) -> _Tried | None:
     """A number with one value, and with one for each recording, fitted; None where that fails."""
-    found = []
-    for each in (False, True):
+
+    def split_fit(start: Fitted, *, each: bool) -> tuple[Bench, Fitted | None]:
         base = _base_with(bench, number, each=each)
         own = with_base(bench, base)
-        again = _refitted(own, _starts(own, base, found[0][1] if found else fitted, alone))
-        if again is None:
-            return None
-        found.append((own, again))
-    return _Tried(number, *found[0], *found[1])
+        return own, _refitted(own, _starts(own, base, start, alone))
+
+    _, shared = split_fit(fitted, each=False)
+    if shared is None:
+        return None
+    split_bench, own = split_fit(shared, each=True)
+    return None if own is None else _Tried(number, shared, split_bench, own)
 
 
 def _scale(bench: Bench, fitted: Fitted) -> float:
@@ -248,7 +251,7 @@ def differing(bench: Bench, base: Fitted, robot: Robot, hypotheses: Sequence[Hyp
     K = len(bench.rigs)
     if K < 2:
         return None
-    free = bench.freed()
+    free = bench.with_dimensions_free()
     values = dict(base.values) | dict(base.dimensions)
     x = np.asarray([np.clip(n.at(values[n.name]), *n.bounds) for n in free.base])
     apart = in_parallel(lambda k: _by_itself(free, k, x), list(range(K)))

@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from gtr_jax.phases import PULLING
 
-from ..answer import BASE_CELL, OTHERS, TIP_CELL
+from ..answer import by_source
 from ..coordinates import CHANNELS
 from ..estimate import NORMAL_95, shares_of_variance
 from ..noise import correlation_time
+from ..task import STRETCH
 from .bench import LARGEST_STEP, Bench, Fitted, Model, model_of
 from .hypotheses import Hypothesis
 from .locate import phases_of
@@ -62,9 +62,8 @@ def jointly(models: Models, fitted: Fitted, finer: float) -> Marginal:
 
     The covariance is A^-1 with A = J'J + 1, derivatives by central differences, rows weighed by errors as
     large and as long as they show. To it comes what laws that are not exact, and what is left of the mesh, do
-    to
-    the estimates: they move by A^-1 J'd where d is the change of the readings by one standard deviation of
-    either.
+    to the estimates: they move by A^-1 J'd where d is the change of the readings by one standard deviation
+    of either.
 
     Args:
         models: all samples on the bench, corrected to a fine mesh.
@@ -89,7 +88,8 @@ def jointly(models: Models, fitted: Fitted, finer: float) -> Marginal:
     jacobian = weight * found.jacobian
     inverse = np.linalg.inv(jacobian.T @ jacobian + np.eye(len(found.x)))
     gain = inverse @ (weight * jacobian).T
-    labels, shares = _noise_and_priors(bench, found, jacobian)
+    priors = dict(zip((n.name for n in found.numbers), np.eye(len(found.x)), strict=True))
+    labels, shares = shares_of_variance(by_source(jacobian, [rig.part for rig in bench.rigs]), priors)
     variances = [share * np.diag(inverse) for share in shares]
     covariance = inverse
     for label, rows in ((LAW, _law(models, bench, found, fitted)), (MESH, _mesh(bench, found, finer))):
@@ -108,8 +108,8 @@ def _freed(bench: Bench, fitted: Fitted) -> Bench:
     """The same recordings with the uncertain dimensions among the base numbers, and a stretch of the tendon
     in the displacement unless that is among the effects.
     """
-    other = bench.freed()
-    if not any(name.startswith("tendon-stretch") for name in fitted.names):
+    other = bench.with_dimensions_free()
+    if not any(name.startswith(STRETCH) for name in fitted.names):
         at = CHANNELS.index("T_tip")
         other.weighs = [
             dataclasses.replace(weigh, stretch=rig.part.stretch(seen.values[at]))
@@ -196,14 +196,6 @@ def _as_left(bench: Bench, model: Model, fitted: Fitted, x: np.ndarray) -> Fitte
     )
 
 
-class _Rows(NamedTuple):
-    """White rows of all recordings by source of noise, (n, p) each."""
-
-    tip: list[np.ndarray]
-    others: list[np.ndarray]
-    base: list[np.ndarray]
-
-
 def _as_they_show(bench: Bench, fitted: Fitted) -> np.ndarray:
     """Weights of the white rows, (n,), by which errors are as large, and as long, as the residual of each
     channel shows, as in `gtr fit`: noise is told from neighbouring samples, which a slow misfit of law or
@@ -218,21 +210,6 @@ def _as_they_show(bench: Bench, fitted: Fitted) -> np.ndarray:
             found.append(np.full(len(row), 1 / np.sqrt(large * long)))
         found.append(np.full(z.shape[1], 1 / np.sqrt(tau[0])))
     return np.concatenate(found)
-
-
-def _noise_and_priors(bench: Bench, fitted: Fitted, jacobian: np.ndarray) -> tuple[list[str], np.ndarray]:
-    """Sources of variance and their shares, as `estimate.shares_of_variance`, from the weighed Jacobian."""
-    rows, start = _Rows([], [], []), 0
-    for rig in bench.rigs:
-        C, K = len(rig.part.channels), rig.part.samples
-        for kept, n in zip(rows, (K, (C - 1) * K, K), strict=True):
-            kept.append(jacobian[start : start + n])
-            start += n
-    by_source: dict[str, np.ndarray] = dict(
-        zip((TIP_CELL, OTHERS, BASE_CELL), map(np.concatenate, rows), strict=True)
-    )
-    priors = dict(zip((n.name for n in fitted.numbers), np.eye(len(fitted.x)), strict=True))
-    return shares_of_variance(by_source, priors)
 
 
 def _law(models: Models, bench: Bench, found: Fitted, fitted: Fitted) -> np.ndarray:

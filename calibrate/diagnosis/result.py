@@ -352,7 +352,7 @@ class Diagnosis:
                     "holds": list(f.effects),
                     "recording": f.recording or None,
                     "probability": f.probability,
-                    "settled": not f.note.startswith("Not settled"),
+                    "settled": f.settled,
                 }
                 for f in self.files
             ],

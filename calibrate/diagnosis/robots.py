@@ -29,6 +29,7 @@ class RobotFile:
         recording: whose numbers it has, where some differ between recordings; else "".
         probability: of the model.
         config: the robot.
+        settled: whether it is not one of rivals that are not told apart.
         note: what must be known before it is used, in sentences; "" where it is settled and all there is.
     """
 
@@ -37,6 +38,7 @@ class RobotFile:
     recording: str
     probability: float
     config: RobotConfig
+    settled: bool
     note: str
 
 
@@ -88,8 +90,9 @@ def robot_files(
         robot = _diagnosed(config, model, recording, fine, warnings)
         if robot is not None:
             name, effects = f"{STEM}-{ending}.toml" if ending else f"{STEM}.toml", model.fitted.names
-            found.append(RobotFile(name, effects, recording, decision.probability[effects], robot, ""))
-    return [dataclasses.replace(f, note=_note(f, found, bool(sets), differ)) for f in found]
+            probability = decision.probability[effects]
+            found.append(RobotFile(name, effects, recording, probability, robot, not sets, ""))
+    return [dataclasses.replace(f, note=_note(f, found, differ)) for f in found]
 
 
 def _diagnosed(
@@ -119,11 +122,10 @@ def holds(file: RobotFile) -> str:
 def _note(
     file: RobotFile,
     files: Sequence[RobotFile],
-    open_set: bool,
     differ: Sequence[Difference],
 ) -> str:
     said = []
-    if open_set:
+    if not file.settled:
         each = dict.fromkeys(f"{holds(f)} (probability {f.probability:.2f})" for f in files[1:])
         said.append(f"Not settled: these recordings do not tell which is missing, {' or '.join(each)}.")
         said.append(f"This file holds {holds(file)}.")

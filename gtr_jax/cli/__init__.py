@@ -67,12 +67,6 @@ for _command in (
     cli.add_command(_command)
 
 
-def command() -> int:
-    """Run the command line of this process."""
-    interruption.install()
-    return main()
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the entry point of `gtr`.
 

@@ -15,10 +15,8 @@ import click
 from gtr_jax.interruption import interruption
 
 PATIENCE = 2.0  # seconds before the first word
-PAUSE, REPEAT = (
-    2.0,
-    10.0,
-)  # seconds between plain lines: at least, and until one is said again; then twice that
+# Seconds between plain lines: at least, and until one is said again; then twice that.
+PAUSE, REPEAT = 2.0, 10.0
 
 
 @contextlib.contextmanager

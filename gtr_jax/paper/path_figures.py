@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from gtr_jax.numbers import number
 from gtr_jax.plots.shape import along_curve, curve_of, draw_body, draw_ribbon
 from gtr_jax.plots.style import (
     BLUE,
@@ -21,7 +22,6 @@ from gtr_jax.plots.style import (
     WIDTH,
     figure,
     legend_above,
-    number,
     styled,
 )
 

@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from gtr_jax.equilibrium import Equilibrium
+from gtr_jax.numbers import number
 
 from .shape import curve_of, draw_body
 from .style import (
@@ -26,7 +27,6 @@ from .style import (
     figure,
     legend_above,
     line_by_phase,
-    number,
     phase_keys,
     styled,
 )

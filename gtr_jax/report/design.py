@@ -9,9 +9,9 @@ import numpy as np
 from gtr_jax import plots
 from gtr_jax.equilibrium import equilibrium
 from gtr_jax.history import equilibrium_at, simulate
+from gtr_jax.numbers import number
 from gtr_jax.phases import label_phases
 from gtr_jax.plots.design import Mark, Near, plot_channels, plot_targets, plot_tip
-from gtr_jax.plots.style import number
 from gtr_jax.units import display_of
 
 from .fit import quantity

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from gtr_jax import plots
 from gtr_jax.numbers import measured, measured_quantity, number, quantity
 from gtr_jax.terms import REGISTRY
 
-from .fit import detectable, noise_band
+from .fit import detectable, noise_band, sources
 from .page import Figure, Report, Table
 
 SHOWN = 8
@@ -98,12 +97,6 @@ def _figures(answer: Any) -> list[Figure]:
     return figures
 
 
-def _sources(made_of: Mapping[str, float]) -> str:
-    """Sources of a variance with their shares, the largest first."""
-    largest = sorted(made_of.items(), key=lambda item: -item[1])
-    return ", ".join(f"{source} {100 * share:.0f} %" for source, share in largest if share >= NAMED)
-
-
 def _differing(answer: Any) -> list[Table]:
     """The numbers that differ between recordings, and the robot files where there are several."""
     tables = []
@@ -156,7 +149,7 @@ def _tables(answer: Any) -> list[Table]:
             for c in answer.parameters
         ]
         tables.append(Table("Numbers", ("", "before", "after ± standard deviation"), rows))
-        rows = [(c.name, _sources(c.made_of)) for c in answer.parameters if c.made_of]
+        rows = [(c.name, sources(c.made_of, NAMED)) for c in answer.parameters if c.made_of]
         note = (
             "Shares of the variance. Names of numbers stand for what is known of them beforehand; what the "
             "mesh and a law that is not quite right may do is counted too."

@@ -359,11 +359,7 @@ def _tables(fit: FitAnswer) -> list[Table]:
 
 def _made_of(fit: FitAnswer) -> list[Table]:
     """What the intervals are made of, and the uncertain numbers that were carried along."""
-    rows = [
-        (e.name, ", ".join(f"{source} {100 * share:.0f} %" for source, share in _largest_first(e)))
-        for e in fit.estimates
-        if e.made_of
-    ]
+    rows = [(e.name, sources(e.made_of)) for e in fit.estimates if e.made_of]
     tables = []
     if rows:
         note = "Shares of the variance. A number's own name is what the robot file says of it beforehand."
@@ -389,8 +385,10 @@ def _made_of(fit: FitAnswer) -> list[Table]:
     return tables
 
 
-def _largest_first(e: EstimateLike) -> list[tuple[str, float]]:
-    return sorted(e.made_of.items(), key=lambda item: -item[1])
+def sources(made_of: Mapping[str, float], least: float = 0.0) -> str:
+    """Sources of a variance with their shares from the least on, the largest first."""
+    largest = sorted(made_of.items(), key=lambda item: -item[1])
+    return ", ".join(f"{source} {100 * share:.0f} %" for source, share in largest if share >= least)
 
 
 def _agreement(fit: FitAnswer) -> list[Table]:
