@@ -12,7 +12,8 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from .equilibrium import known_to_act, preload_of, problem_of, rest_state, solve_problem
+from .equilibrium import known_to_act, preload_of, problem_of, solve_problem
+from .mechanics import rest_state
 from .history import Simulation
 from .march import March
 from .problem import tension_of
