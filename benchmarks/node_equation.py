@@ -17,7 +17,7 @@ from gtr_jax import channel, friction
 from gtr_jax.equilibrium import problem_of
 from gtr_jax.march import March
 from gtr_jax.problem import Problem, offset_before
-from gtr_jax.robot import Robot, sections
+from gtr_jax.robot.robot import Robot, sections
 
 from . import measure, systems
 

@@ -16,7 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import gtr_jax as gtr
-from gtr_jax import build, mesh
+from gtr_jax import mesh
+from gtr_jax.robot import build
 
 from . import measure, systems
 from .candidates import CANDIDATES

@@ -16,7 +16,7 @@ from gtr_jax.equilibrium import equilibrium, preload_of, problem_of, rest_state,
 from gtr_jax.march import March
 from gtr_jax.mesh import cumulative
 from gtr_jax.problem import tension_of
-from gtr_jax.robot import Robot, sections
+from gtr_jax.robot.robot import Robot, sections
 
 SOLVER = March()
 

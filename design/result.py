@@ -6,9 +6,9 @@ import dataclasses
 import math
 from typing import Any
 
-from gtr_jax.config import RobotConfig
-from gtr_jax.numbers import quantity
-from gtr_jax.plain import plain
+from gtr_jax.files.config import RobotConfig
+from gtr_jax.files.numbers import quantity
+from gtr_jax.files.plain import plain
 
 from .assemble import Assembled
 from .compare import Comparison

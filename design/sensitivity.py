@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from gtr_jax import InputError, Robot, equilibrium, parameters_of
 from gtr_jax.equilibrium import known_to_act
-from gtr_jax.parameters import Parameter, parameter, places_of, term_of
+from gtr_jax.robot.parameters import Parameter, parameter, places_of, term_of
 
 POSE = {"tip_x": "m", "tip_y": "m", "tip_angle": "rad"}
 

@@ -10,8 +10,9 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from gtr_jax.mechanics.offset import Offset
+
 from .mesh import Interval
-from .routing import Offset
 
 SMALLEST_TURN = 1e-14
 

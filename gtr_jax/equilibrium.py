@@ -12,6 +12,8 @@ import jax.tree_util as jtu
 import optimistix as optx
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
+from gtr_jax.robot.robot import Robot, sections
+
 from . import channel, slip
 from .adjoint import CausalAdjoint, split_tangents
 from .linear_solver import node_first
@@ -19,7 +21,6 @@ from .march import March
 from .mesh import cumulative, increments, shifted
 from .outcome import outcome
 from .problem import Problem, Sections, State, at_tendons, residual, tension_of
-from .robot import Robot, sections
 from .slip_march import Case, Load, Memory, Solved, slip_step, untouched
 from .terms import REGISTRY, any_on, known_on
 

@@ -14,6 +14,8 @@ import optimistix as optx
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
+from gtr_jax.robot.robot import Robot, sections
+
 from .channel import wrap_increment
 from .equilibrium import (
     Equilibrium,
@@ -29,7 +31,6 @@ from .equilibrium import (
 from .march import March
 from .mesh import shifted
 from .problem import State, at_tendons, offset_before
-from .robot import Robot, sections
 from .sensing import Reading, shown
 from .slip import Kept
 from .slip_march import Load, Memory

@@ -12,11 +12,12 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, ArrayLike, Bool, Float
 
+from gtr_jax.robot.robot import Robot, sections
+
 from .equilibrium import known_to_act, preload_of, problem_of, rest_state, solve_problem
 from .history import Simulation
 from .march import March
 from .problem import tension_of
-from .robot import Robot, sections
 
 PULLING, TRANSITION, RELEASING, REST = "pulling", "transition", "releasing", "rest"
 ALL_RELEASED = 1e4

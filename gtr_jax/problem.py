@@ -18,9 +18,10 @@ import jax.numpy as jnp
 import jax.tree_util as jtu
 from jaxtyping import Array, Float
 
+from gtr_jax.mechanics.offset import Offset
+
 from . import channel, friction
 from .mesh import Mesh, increments, shifted
-from .routing import Offset
 
 Tree = TypeVar("Tree")
 

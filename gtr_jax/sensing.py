@@ -8,7 +8,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .robot import Robot
+from gtr_jax.robot.robot import Robot
+
 from .terms import REGISTRY, known_on
 from .terms.term import Clock
 

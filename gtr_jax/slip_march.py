@@ -34,12 +34,13 @@ import jax.numpy as jnp
 import jax.tree_util as jtu
 from jaxtyping import Array, Bool, Float, Int
 
+from gtr_jax.mechanics.offset import Offset
+
 from . import channel
 from .adjoint import split_tangents
 from .linear_solver import node_first
 from .mesh import STENCIL, Interval
 from .problem import Sections, State, at_tendons, largest, moment_slope, offset_before, over_tendons
-from .routing import Offset
 from .small_matrices import inverse as inverse_of
 from .small_matrices import times
 from .terms import REGISTRY, any_on

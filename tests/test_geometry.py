@@ -6,7 +6,7 @@ import pytest
 
 import gtr_jax as gtr
 from gtr_jax.mesh import build_mesh, cumulative, panel_table
-from gtr_jax.robot import distal_mass, lay_out
+from gtr_jax.robot.robot import distal_mass, lay_out
 from tests.conftest import ROUTINGS, SINE, TABLE
 
 

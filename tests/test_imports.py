@@ -17,7 +17,7 @@ ALLOWED = {"gtr_jax": set(), "calibrate": {"gtr_jax"}, "design": {"gtr_jax"}}
 LAYERS = {
     "plots": set(),
     "sweep": set(),
-    "report": {"plots"},
+    "report": {"plots", "examples"},
     "paper": {"report", "plots", "examples"},
     "cli": {"report", "plots", "examples", "sweep"},
     "examples": set(),

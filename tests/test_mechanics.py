@@ -70,7 +70,7 @@ def test_virtual_work(routing, make_robot):
     assert bool(eq.converged)
     from gtr_jax.channel import metric_factor
     from gtr_jax.mesh import cumulative
-    from gtr_jax.robot import distal_mass, lay_out, sections
+    from gtr_jax.robot.robot import distal_mass, lay_out, sections
 
     s = sections(robot)
     at = lay_out(robot)

@@ -12,7 +12,7 @@ from gtr_jax.errors import InputError
 from .options import check_resolution, output_option, robot_argument
 
 if TYPE_CHECKING:
-    from gtr_jax.config import RobotConfig
+    from gtr_jax.files.config import RobotConfig
 
 RESOLUTION = 0.5
 
@@ -45,7 +45,7 @@ def design(
     Where no design does, the nearest is written and what stands in the way is said; the exit status is
     then 1.
     """
-    from gtr_jax.config import load_config
+    from gtr_jax.files.config import load_config
 
     from .cache import enable_cache
     from .progress import Progress
@@ -89,8 +89,8 @@ def write_answer(folder: Path, answer: Any, config: RobotConfig, settings: dict[
     """Write all that a design leaves into a folder."""
     from design.drawing import draw, dxf, route_csv, svg
     from design.target import target_text
-    from gtr_jax.config import config_text, dump_config
-    from gtr_jax.recording import write_whole
+    from gtr_jax.files.config import config_text, dump_config
+    from gtr_jax.files.recording import write_whole
     from gtr_jax.report.design import design_report
 
     from .run_folder import write_json, write_report

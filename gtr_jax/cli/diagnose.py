@@ -22,7 +22,7 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from gtr_jax.config import RobotConfig
+    from gtr_jax.files.config import RobotConfig
 
 
 @click.command()
@@ -52,8 +52,8 @@ def diagnose(
     """Tell which physics a robot's model leaves out of its recordings: where they differ, what is missing,
     whether a fit with it is better on samples it has not seen, and what to measure next.
     """
-    from gtr_jax.config import load_config
-    from gtr_jax.recording import read_recording
+    from gtr_jax.files.config import load_config
+    from gtr_jax.files.recording import read_recording
 
     from .cache import enable_cache
     from .progress import Progress, kept
@@ -124,8 +124,8 @@ def summary(answer: Any) -> list[str]:
 
 def write_answer(folder: Path, answer: Any, config: RobotConfig, settings: dict[str, Any]) -> None:
     """Write all that a diagnosis leaves into a folder."""
-    from gtr_jax.config import config_text, dump_config
-    from gtr_jax.recording import write_recording
+    from gtr_jax.files.config import config_text, dump_config
+    from gtr_jax.files.recording import write_recording
     from gtr_jax.report import diagnosis_report
 
     from .run_folder import write_json, write_report

@@ -26,8 +26,8 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from gtr_jax.config import RobotConfig
-    from gtr_jax.recording import Recording
+    from gtr_jax.files.config import RobotConfig
+    from gtr_jax.files.recording import Recording
     from gtr_jax.report import FitAnswer
 
 
@@ -84,8 +84,8 @@ def fit(
     """Fit a robot, which has one tendon, to recordings of base and tip tension, starting from the values in
     its file. Several recordings share the parameters; each belongs to the ROBOT.toml before it.
     """
-    from gtr_jax.config import load_config
-    from gtr_jax.recording import read_recording
+    from gtr_jax.files.config import load_config
+    from gtr_jax.files.recording import read_recording
 
     from .cache import enable_cache
     from .progress import Progress
@@ -186,7 +186,7 @@ def solve(
 
 def summary(result: FitAnswer) -> list[str]:
     """The estimates, then the verdict, as lines for the terminal."""
-    from gtr_jax.numbers import measured_quantity
+    from gtr_jax.files.numbers import measured_quantity
     from gtr_jax.report.fit import interval
 
     lines = []
@@ -237,8 +237,8 @@ def write_answer(
     """Write all that a fit leaves into a folder: of one recording fit.csv, of several fit-NAME.csv of each;
     robot.toml and fitted.toml likewise where there are several robots; draws.csv of a posterior.
     """
-    from gtr_jax.config import config_text, dump_config
-    from gtr_jax.recording import write_recording
+    from gtr_jax.files.config import config_text, dump_config
+    from gtr_jax.files.recording import write_recording
     from gtr_jax.report import fit_report
 
     from .run_folder import write_json, write_report

@@ -21,7 +21,7 @@ from gtr_jax.mesh import increments
 from gtr_jax.phases import PULLING, RELEASING, label_phases
 from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Table
-from gtr_jax.robot import Robot, sections
+from gtr_jax.robot.robot import Robot, sections
 
 from . import memory_figures as draw
 from .manipulators import case_of, family, robot_of, solved_robot, template

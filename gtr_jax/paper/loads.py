@@ -21,7 +21,7 @@ from gtr_jax.history import simulate
 from gtr_jax.phases import release_switch
 from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Table
-from gtr_jax.robot import STANDARD_GRAVITY, Robot
+from gtr_jax.robot.robot import STANDARD_GRAVITY, Robot
 
 from . import manipulator_figures as draw
 from .manipulators import GRAVITIES, T_MAX, solved_robot

@@ -23,7 +23,7 @@ from jaxtyping import Array, Float
 from gtr_jax import channel
 from gtr_jax.mesh import cumulative, shifted
 from gtr_jax.problem import Sections, offset_before
-from gtr_jax.robot import Robot, sections
+from gtr_jax.robot.robot import Robot, sections
 
 from .paths import T_BASE, states
 

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from gtr_jax.equilibrium import Equilibrium
-from gtr_jax.numbers import number
+from gtr_jax.files.numbers import number
 
 from .shape import curve_of, draw_body
 from .style import (

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax import plots
 from gtr_jax.equilibrium import equilibrium
+from gtr_jax.files.numbers import number
+from gtr_jax.files.units import display_of
 from gtr_jax.history import equilibrium_at, simulate
-from gtr_jax.numbers import number
 from gtr_jax.phases import label_phases
 from gtr_jax.plots.design import Mark, Near, plot_channels, plot_targets, plot_tip
-from gtr_jax.units import display_of
+from gtr_jax.robot.build import build_robot
 
 from .fit import quantity
 from .page import Figure, Report, Table
@@ -62,8 +64,6 @@ def _check(value: float, unit: str) -> str:
 
 def _history(answer: Any) -> tuple[Any, Any]:
     """The designed robot and its whole pull and release."""
-    from gtr_jax.build import build_robot
-
     top = float(np.max(answer.best.tensions))
     robot = build_robot(answer.config)
     start = answer.config.tendon.preload
@@ -180,10 +180,6 @@ def _tip_marks(answer: Any) -> list[tuple[float, str, int, float, float]]:
 
 def _channel(answer: Any) -> Any:
     """Offsets of the chosen channel and of the alternatives that can be offered."""
-    import jax.numpy as jnp
-
-    from gtr_jax.build import build_robot
-
     lines = []
     s = np.linspace(0.0, answer.config.backbone.length, 401)
     for config in [answer.config, *(o.config for o in _alternatives_of(answer))]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from gtr_jax import plots
-from gtr_jax.numbers import measured, measured_quantity, number, quantity
+from gtr_jax.files.numbers import measured, measured_quantity, number, quantity
 from gtr_jax.terms import REGISTRY
 
 from .fit import detectable, noise_band, sources

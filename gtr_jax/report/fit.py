@@ -8,12 +8,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from gtr_jax import plots
-from gtr_jax.config import RobotConfig
-from gtr_jax.numbers import measured_quantity, number, quantity
+from gtr_jax.files.config import RobotConfig
+from gtr_jax.files.numbers import measured_quantity, number, quantity
+from gtr_jax.files.recording import Recording
+from gtr_jax.files.units import display_of
 from gtr_jax.plots.style import is_seen
-from gtr_jax.recording import Recording
 from gtr_jax.terms import REGISTRY
-from gtr_jax.units import display_of
 
 from .page import Figure, Report, Table
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gtr_jax import plots
-from gtr_jax.numbers import number, quantity
+from gtr_jax.files.numbers import number, quantity
 from gtr_jax.plots.sweep import plot_curves, plot_maps, plot_parallel, plot_sensitivity
 
 from .page import Figure, Report, Table

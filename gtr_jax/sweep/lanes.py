@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from gtr_jax.equilibrium import equilibrium
 from gtr_jax.history import simulate
 from gtr_jax.march import March
-from gtr_jax.robot import Robot
+from gtr_jax.robot.robot import Robot
 from gtr_jax.terms import REGISTRY
 
 from .outputs import along, at_rest

@@ -13,7 +13,7 @@ from gtr_jax.equilibrium import Equilibrium
 from gtr_jax.errors import did_you_mean
 from gtr_jax.history import Simulation
 from gtr_jax.mesh import cumulative
-from gtr_jax.robot import Robot, lay_out
+from gtr_jax.robot.robot import Robot, lay_out
 from gtr_jax.sensing import cells_show
 
 from .config import SweepConfig

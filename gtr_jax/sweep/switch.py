@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from gtr_jax.equilibrium import equilibrium
 from gtr_jax.phases import ALL_RELEASED
-from gtr_jax.robot import Robot
+from gtr_jax.robot.robot import Robot
 
 SECANTS = 12  # at most
 TOLERANCE = 1e-11  # of the tip tension, relative

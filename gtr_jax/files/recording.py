@@ -20,8 +20,9 @@ from typing import NamedTuple
 import numpy as np
 
 from gtr_jax.errors import InputError, did_you_mean, listed
-from gtr_jax.table import Table, is_data, read_table
-from gtr_jax.units import measures
+
+from .table import Table, is_data, read_table
+from .units import measures
 
 SWAP_FACTOR = 1.3
 """A tip tension peaking above this multiple of the base's suggests swapped columns or wrong units."""

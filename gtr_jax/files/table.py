@@ -20,7 +20,8 @@ from pathlib import Path
 import numpy as np
 
 from gtr_jax.errors import InputError, excerpt
-from gtr_jax.units import DIMENSIONS, convert, measures
+
+from .units import DIMENSIONS, convert, measures
 
 WORKBOOKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")  # how .xlsx and .xls files begin
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")

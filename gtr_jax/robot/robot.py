@@ -1,118 +1,35 @@
-"""The robot: backbone, routing, tendon and loads, as one module whose numbers are traced and whose structure
-is static.
-"""
+"""The robot: backbone, tendons and loads as one module, and what the mechanics needs to know of it."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .backbone import Backbone
-from .mesh import Mesh, build_mesh, panel_index
-from .problem import Sections
-from .routing import Offset, Routing
-from .terms import REGISTRY
+from gtr_jax.mechanics.offset import Offset
+from gtr_jax.mesh import Mesh, build_mesh, panel_index
+from gtr_jax.problem import Sections
+from gtr_jax.terms import REGISTRY
+
+from .parameters import check_bounds, value_of, with_values
+from .parts import Loads, Parts
 
 STANDARD_GRAVITY = 9.80665
 
 
-class Tendon(eqx.Module):
-    """One tendon in its channel.
-
-    Attributes:
-        routing: the channel.
-        friction_coefficient: of tendon and channel [-].
-        preload: uniform tension before the first load [N].
-        name: tells several tendons apart (static); "" for the only one.
-    """
-
-    routing: Routing
-    friction_coefficient: Float[Array, ""]
-    preload: Float[Array, ""]
-    name: str = eqx.field(static=True, default="")
-
-
-class Loads(eqx.Module):
-    """External loads, dead (fixed in direction).
-
-    Attributes:
-        gravity: acceleration [m/s^2]; 0 without gravity.
-        gravity_angle: its direction in the bending plane from the base tangent [rad].
-        more_gravity: acceleration added to it [m/s^2], shape (2,), along and across the base tangent.
-        tip_force: [N], shape (2,), along and across the base tangent.
-        tip_moment: [N m], positive to the left.
-        payload: mass at the tip [kg].
-    """
-
-    gravity: Float[Array, ""]
-    gravity_angle: Float[Array, ""]
-    more_gravity: Float[Array, "2"]
-    tip_force: Float[Array, "2"]
-    tip_moment: Float[Array, ""]
-    payload: Float[Array, ""]
-
-
-class Robot(eqx.Module):
-    """A tendon-driven continuum manipulator, planar.
-
-    Attributes:
-        backbone, tendons, loads: physical parameters (traced).
-        terms: numbers of every physics term, by term and name; at their null values none does anything.
-        name: for reports (static).
-        intervals: mesh intervals per panel (static).
-        bore_kinks: which bore starts and ends lie inside the body (static).
-        loaded: whether gravity or a tip force may act (static); without, the equilibrium is a single march.
-    """
-
-    backbone: Backbone
-    tendons: tuple[Tendon, ...]
-    loads: Loads
-    terms: dict[str, dict[str, Float[Array, ""]]]
-    name: str = eqx.field(static=True)
-    intervals: tuple[int, ...] = eqx.field(static=True)
-    bore_kinks: tuple[tuple[str, int], ...] = eqx.field(static=True)
-    loaded: bool = eqx.field(static=True)
-
-    @property
-    def tendon(self) -> Tendon:
-        """The tendon of a robot that has one; ValueError if it has several."""
-        if len(self.tendons) != 1:
-            raise ValueError(f"{self.name} has {len(self.tendons)} tendons; take one of robot.tendons")
-        return self.tendons[0]
-
-    @property
-    def routing(self) -> Routing:
-        """The channel of a robot that has one tendon; ValueError if it has several."""
-        return self.tendon.routing
-
-    @property
-    def tendon_names(self) -> tuple[str, ...]:
-        """Names of the tendons in the order of the tendon axis; empty for one tendon, which has no axis."""
-        return tuple(tendon.name for tendon in self.tendons) if len(self.tendons) > 1 else ()
-
-    def per_tendon(self, read: Callable[[Tendon], Array]) -> Array:
-        """What `read` takes of each tendon, along a leading tendon axis; without it for one tendon."""
-        if len(self.tendons) == 1:
-            return read(self.tendons[0])
-        return jnp.stack([read(tendon) for tendon in self.tendons])
+class Robot(Parts):
+    """A tendon-driven continuum manipulator, planar; its attributes are those of `Parts`."""
 
     def with_values(self, **values) -> Robot:
         """The robot with named parameters replaced, e.g. `mu=0.3, E=1.2e6, r1=-0.01`, or with several
-        tendons `**{"mu.left": 0.3}`; see `gtr_jax.parameters`. Concrete values out of bounds raise
+        tendons `**{"mu.left": 0.3}`; see `gtr_jax.robot.parameters`. Concrete values out of bounds raise
         InputError; traced ones are taken as they are.
         """
-        from .parameters import check_bounds, with_values
-
         check_bounds(self, values)
         return with_values(self, values)
 
     def value(self, name: str) -> Float[Array, ""]:
         """The named parameter's value in SI units."""
-        from .parameters import value_of
-
         return value_of(self, name)
 
 

@@ -8,22 +8,13 @@ Alambeigi, RA-L 2022.
 from __future__ import annotations
 
 import abc
-from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-
-class Offset(NamedTuple):
-    """Channel offset R [m], slope R' [-] and second derivative R'' [1/m], each (N,); with several tendons
-    (tendons, N).
-    """
-
-    value: Float[Array, "*tendons N"]
-    slope: Float[Array, "*tendons N"]
-    second: Float[Array, "*tendons N"]
+from gtr_jax.mechanics.offset import Offset
 
 
 class Routing(eqx.Module):

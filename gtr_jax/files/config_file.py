@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from gtr_jax.errors import InputError, did_you_mean, excerpt, listed
-from gtr_jax.recording import split_unit
-from gtr_jax.table import read_table, read_text
+
+from .recording import split_unit
+from .table import read_table, read_text
 
 
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:

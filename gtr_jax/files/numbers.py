@@ -47,7 +47,7 @@ def measured(value: float | None, sd: float | None, unit: str = "", *, error: bo
 
 
 def quantity(value: float | None, unit: str, digits: int = 4) -> str:
-    """An SI quantity in the unit people write it in; `unit` as in `gtr_jax.units.DIMENSIONS`, or ""."""
+    """An SI quantity in the unit people write it in; `unit` as in `gtr_jax.files.units.DIMENSIONS`, or ""."""
     display, size = _display(unit)
     return number(None if value is None else value / size, display, digits)
 

@@ -8,7 +8,7 @@ import dataclasses
 import difflib
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -17,9 +17,12 @@ from jax.core import Tracer
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
-from .errors import InputError, excerpt
-from .robot import Robot
-from .terms import REGISTRY, Term
+from gtr_jax.errors import InputError, excerpt
+from gtr_jax.terms import REGISTRY, Term
+
+from .parts import Parts
+
+AnyRobot = TypeVar("AnyRobot", bound=Parts)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,7 +74,7 @@ _COMMON = (
 _ROUTING_UNITS = {"n_sine": "", "sigma": ""}
 
 
-def _of_tendon(robot: Robot, index: int) -> Iterator[Parameter]:
+def _of_tendon(robot: Parts, index: int) -> Iterator[Parameter]:
     """The parameters of one tendon and its channel."""
     tendon, several = robot.tendons[index], len(robot.tendons) > 1
     ending = f".{tendon.name}" if several else ""
@@ -91,7 +94,7 @@ def _of_tendon(robot: Robot, index: int) -> Iterator[Parameter]:
         yield Parameter(f"knot_{k}{ending}", f"{channel}.knots.{k}.1", "m", at=f"{at}.routing.knots_R.{k}")
 
 
-def parameters_of(robot: Robot) -> dict[str, Parameter]:
+def parameters_of(robot: Parts) -> dict[str, Parameter]:
     """All parameters of this robot, by short name."""
     tendons = itertools.chain(*(_of_tendon(robot, i) for i in range(len(robot.tendons))))
     found = {p.name: p for p in (*tendons, *_COMMON)}
@@ -120,7 +123,7 @@ def term_of(entry: Parameter) -> Term | None:
     return REGISTRY.get(entry.name.partition(".")[0])
 
 
-def parameter(robot: Robot, name: str) -> Parameter:
+def parameter(robot: Parts, name: str) -> Parameter:
     """Look a parameter up by short name or by its key in the robot file.
 
     Raises:
@@ -139,12 +142,12 @@ def parameter(robot: Robot, name: str) -> Parameter:
     raise InputError(f"parameter '{name}' does not exist on this robot; {hint}known: {', '.join(known)}")
 
 
-def _locate(at: str) -> tuple[Callable[[Robot], Array], int | None]:
+def _locate(at: str) -> tuple[Callable[[Parts], Array], int | None]:
     """How to get at the array that holds a number, and the number's index in it, if it has one."""
     parts = at.split(".")
     index = int(parts.pop()) if parts[-1].isdigit() else None
 
-    def where(robot: Robot) -> Array:
+    def where(robot: Parts) -> Array:
         node: Any = robot
         for part in parts:
             if isinstance(node, dict):
@@ -156,7 +159,7 @@ def _locate(at: str) -> tuple[Callable[[Robot], Array], int | None]:
     return where, index
 
 
-def value_of(robot: Robot, name: str) -> Float[Array, ""]:
+def value_of(robot: Parts, name: str) -> Float[Array, ""]:
     """Value of a named parameter, SI, scalar."""
     where, index = _locate(parameter(robot, name).at)
     leaf = where(robot)
@@ -166,7 +169,7 @@ def value_of(robot: Robot, name: str) -> Float[Array, ""]:
 _ROUNDING = 1e-9  # relative, of a bound that a transform reached
 
 
-def check_bounds(robot: Robot, values: Mapping[str, Any]) -> None:
+def check_bounds(robot: Parts, values: Mapping[str, Any]) -> None:
     """Refuse concrete values [SI], of any shape, that a parameter cannot have; traced ones are let pass.
 
     Raises:
@@ -197,7 +200,7 @@ def _check_bounds(entry: Parameter, value: Any) -> None:
         raise InputError(f"parameter '{entry.name}': is not a number; give one in SI units")
 
 
-def with_values(robot: Robot, values: Mapping[str, Float[Array, ""] | float]) -> Robot:
+def with_values(robot: AnyRobot, values: Mapping[str, Float[Array, ""] | float]) -> AnyRobot:
     """The robot with named parameters replaced; traced values are welcome, nothing is checked against bounds,
     which `Robot.with_values` does.
 
@@ -218,7 +221,7 @@ def with_values(robot: Robot, values: Mapping[str, Float[Array, ""] | float]) ->
     return robot
 
 
-def places_of(robot: Robot, names: Sequence[str]) -> Int[Array, " p"]:
+def places_of(robot: Parts, names: Sequence[str]) -> Int[Array, " p"]:
     """Where named parameters lie in the robot flattened by `jax.flatten_util.ravel_pytree`, (p,).
 
     With places instead of names, one compiled program serves every choice of as many parameters.

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Array, Float
 
-from .history import Simulation
-from .robot import Robot
+from .backbone import Backbone
 
 STRAIN_LIMIT = 0.5  # of the wall, beyond which a linear law of bending is not to be believed
 LOOKED_AT = 200  # steps of a history at most
@@ -57,26 +57,36 @@ class Impossible:
         return tuple(said)
 
 
-def impossible(robot: Robot, run: Simulation) -> Impossible:
+def impossible(
+    backbone: Backbone,
+    s: Float[Array, " N"],
+    *,
+    curvature: Float[Array, "K N"],
+    angle: Float[Array, "K N"],
+    T_base: Float[Array, "K *tendons"],
+) -> Impossible:
     """What of a simulation no body does; nothing of a rigid sheath.
 
     Args:
-        robot: as simulated.
-        run: its simulation.
+        backbone: the body.
+        s: its nodes [m], (N,).
+        curvature: of the midline in every step [1/m], (K, N).
+        angle: of the midline [rad], (K, N).
+        T_base: base tension of every tendon [N], (K, *tendons).
     """
-    kappa, angle, s = (np.asarray(v) for v in (run.curvature, run.angle, run.s))
-    radius = np.asarray(robot.backbone.radius(run.s))
-    pull = np.asarray(run.T_base).reshape(len(angle), -1).max(axis=1)
-    if robot.backbone.rigid:
+    if backbone.rigid:
         return Impossible(None, 0.0, 0.0, 0)
-    bent = np.abs(kappa - np.asarray(robot.backbone.curvature_at_rest(run.s))) * radius
+    radius, rest = np.asarray(backbone.radius(s)), np.asarray(backbone.curvature_at_rest(s))
+    kappa, phi, nodes = np.asarray(curvature), np.asarray(angle), np.asarray(s)
+    pull = np.asarray(T_base).reshape(len(phi), -1).max(axis=1)
+    bent = np.abs(kappa - rest) * radius
     strain = np.where(np.all(np.isfinite(bent), axis=1), bent.max(axis=1), 0.0)
     # A curve in a plane that turns by less than half a turn in all, and nowhere more sharply than its wall
     # allows, does not cross itself, nor do its walls.
-    turned = np.sum(np.abs(np.diff(angle, axis=1)), axis=1)
+    turned = np.sum(np.abs(np.diff(phi, axis=1)), axis=1)
     able = np.flatnonzero((turned > 0.5 * np.pi) | (np.abs(kappa) * radius >= 1.0).any(axis=1))
     some = able[:: -(-len(able) // LOOKED_AT)] if len(able) else able
-    found = next((int(k) for k in some if crosses_itself(outline(s, angle[k], radius))), None)
+    found = next((int(k) for k in some if crosses_itself(outline(nodes, phi[k], radius))), None)
     at = 0.0 if found is None else float(pull[found])
     return Impossible(found, at, float(strain.max()), int(strain.argmax()))
 

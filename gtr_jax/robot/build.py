@@ -10,11 +10,13 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
+from gtr_jax.files.channel_check import check_channel
+from gtr_jax.files.config import RobotConfig, load_config
+
 from . import routing
 from .backbone import Backbone
-from .config import RobotConfig, load_config
-from .config_checks import check_channel
-from .robot import STANDARD_GRAVITY, Loads, Robot, Tendon, inner_kinks
+from .parts import Loads, Tendon
+from .robot import STANDARD_GRAVITY, Robot, inner_kinks
 
 INTERVALS_ALONG = 48
 INTERVALS_PER_HALF_WAVE = 20
