@@ -31,7 +31,7 @@ from gtr_jax.cli import cli
 from gtr_jax.cli.cache import cache_folder, enable_cache
 from gtr_jax.cli.progress import Progress
 from gtr_jax.examples import SIMULATED
-from gtr_jax.files.config import json_schema
+from gtr_jax.files.schema import json_schema
 
 SIMULATION_FILES = {
     *("loop.png", "shape.png", "tension.png", "report.html", "robot.toml", "run.json"),

@@ -1,14 +1,11 @@
 """The robot file: `robot.toml` read, checked and written.
 
-Its tables are in `sections`, how they are written in `config_form`, what fits into what in `config_checks`.
-
-`python -m gtr_jax.files.config` writes the JSON Schema, generated from the same classes, to
-docs/robot.schema.json.
+Its tables are in `sections`, how they are written in `config_form`, what fits into what in `config_checks`,
+its JSON Schema in `schema`.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import textwrap
 from collections.abc import Iterable, Mapping
@@ -233,20 +230,3 @@ def dump_config(config: RobotConfig, path: str | os.PathLike[str], *, note: str 
     """Write a robot file, whole or not at all, with a note as comment at its top; see `config_text`."""
     comment = "".join(f"# {line}\n" for line in textwrap.wrap(note, NOTE_WIDTH, break_on_hyphens=False))
     write_whole(path, comment + config_text(config))
-
-
-def json_schema() -> dict[str, Any]:
-    """JSON Schema of the robot file, with which editors complete and check it."""
-    schema = RobotConfig.model_json_schema(by_alias=True)
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
-
-
-def write_schema(path: str | os.PathLike[str]) -> None:
-    """Write the JSON Schema of the robot file."""
-    write_whole(path, json.dumps(json_schema(), indent=2) + "\n")
-
-
-if __name__ == "__main__":
-    import sys
-
-    write_schema(sys.argv[1] if len(sys.argv) > 1 else "docs/robot.schema.json")
