@@ -589,7 +589,7 @@ def test_draws_are_kept():
 
     estimates = [SimpleNamespace(name="mu", unit=""), SimpleNamespace(name="E", unit="Pa")]
     draws = np.arange(12.0).reshape(2, 3, 2)
-    columns = _draws(cast(Any, SimpleNamespace(posterior=SimpleNamespace(draws=draws), estimates=estimates)))
+    columns = _draws(cast(Any, SimpleNamespace(draws=draws)), cast(Any, estimates))
     assert list(columns) == ["chain", "draw", "mu", "E [Pa]"]
     assert columns["chain"].tolist() == [1, 1, 1, 2, 2, 2] and columns["draw"].tolist() == [1, 2, 3] * 2
     assert columns["E [Pa]"].tolist() == [1.0, 3.0, 5.0, 7.0, 9.0, 11.0]

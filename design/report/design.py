@@ -1,31 +1,35 @@
-"""A design in words, tables and pictures. `design.optimise`, which is not imported here, returns it."""
+"""A design in words, tables and pictures."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax.numpy as jnp
 import numpy as np
+from matplotlib.figure import Figure as Drawn
 
-from gtr_jax import plots
 from gtr_jax.equilibrium import equilibrium
-from gtr_jax.files.numbers import number
+from gtr_jax.files.numbers import number, quantity
 from gtr_jax.files.units import display_of
-from gtr_jax.history import equilibrium_at, simulate
+from gtr_jax.history import Simulation, equilibrium_at, simulate
 from gtr_jax.phases import label_phases
-from gtr_jax.plots.design import Mark, Near, plot_channels, plot_targets, plot_tip
+from gtr_jax.plots.style import png
+from gtr_jax.plots.tension import plot_tension
+from gtr_jax.report.page import Figure, Report, Table
 from gtr_jax.robot.build import build_robot
+from gtr_jax.robot.robot import Robot
 
-from .fit import quantity
-from .page import Figure, Report, Table
+from ..compare import Comparison
+from ..limits import LOSS
+from ..option import Margin, Option
+from ..result import GOAL_UNITS, Design
+from ..robustness import Robustness
+from .figures import Mark, Near, plot_channels, plot_targets, plot_tip
 
 STEPS = 40
 SHOWN = 12
 LEAST = 1e-4  # mm or degrees, below which a check has no digits
-LOSS = "max_tension_loss"
 
 
-def design_report(answer: Any) -> Report:
+def design_report(answer: Design) -> Report:
     """Verdict, figures and tables of a design.
 
     Args:
@@ -62,7 +66,7 @@ def _check(value: float, unit: str) -> str:
     return _quantity(value, unit, 2)
 
 
-def _history(answer: Any) -> tuple[Any, Any]:
+def _history(answer: Design) -> tuple[Robot, Simulation]:
     """The designed robot and its whole pull and release."""
     top = float(np.max(answer.best.tensions))
     robot = build_robot(answer.config)
@@ -73,7 +77,7 @@ def _history(answer: Any) -> tuple[Any, Any]:
     return robot, simulate(robot, history, time=1e6 * np.arange(len(history)))
 
 
-def _figures(answer: Any) -> list[Figure]:
+def _figures(answer: Design) -> list[Figure]:
     robot, run = _history(answer)
     best = answer.best
     phases = label_phases(run)
@@ -105,7 +109,7 @@ def _figures(answer: Any) -> list[Figure]:
     return [
         Figure(
             "target",
-            plots.png(plot_targets(states, radius, pose[:, :2], phases, marks, near, cloud)),
+            png(plot_targets(states, radius, pose[:, :2], phases, marks, near, cloud)),
             "The deformed shape at each target, the way of the tip through the whole pull and release "
             "(coloured by phase), and what is wanted: crosses, arrows of the angle"
             + ("; dots, the tip at the edge of what is not known." if cloud is not None else ".")
@@ -113,30 +117,30 @@ def _figures(answer: Any) -> list[Figure]:
         ),
         Figure(
             "tip",
-            plots.png(plot_tip(T, pose, phases, _tip_marks(answer))),
+            png(plot_tip(T, pose, phases, _tip_marks(answer))),
             "Tip against base tension, pulled and released; where the two differ is hysteresis. Bars are the "
             "tolerances, where these are larger than the marks.",
         ),
         Figure(
             "channel",
-            plots.png(_channel(answer)),
+            png(_channel(answer)),
             "The channel in the unloaded body, its bores white."
             + (" Alternatives reach the targets within the limits too." if _alternatives_of(answer) else ""),
         ),
         Figure(
             "tension",
-            plots.png(plots.plot_tension(run, phases)),
+            png(plot_tension(run, phases)),
             "Tension along the tendon at several steps; dotted where the tendon is locked.",
         ),
     ]
 
 
-def _alternatives_of(answer: Any) -> list[Any]:
+def _alternatives_of(answer: Design) -> list[Option]:
     """The other designs that can be offered; none where even the best is only the nearest."""
     return list(answer.options[1:]) if answer.verdict in ("reached", "optimal") else []
 
 
-def _near(answer: Any) -> list[Near]:
+def _near(answer: Design) -> list[Near]:
     """The places that are asked for, each with its tolerance and what the design has there."""
     out = []
     for e in answer.best.errors:
@@ -154,7 +158,7 @@ def _near(answer: Any) -> list[Near]:
     return out
 
 
-def _marks(answer: Any) -> list[Mark]:
+def _marks(answer: Design) -> list[Mark]:
     marks, target = [], answer.problem.target
     for e in answer.best.errors:
         if e.name.startswith("pose") and e.wanted[0] == e.wanted[0]:
@@ -167,7 +171,7 @@ def _marks(answer: Any) -> list[Mark]:
     return marks
 
 
-def _tip_marks(answer: Any) -> list[tuple[float, str, int, float, float]]:
+def _tip_marks(answer: Design) -> list[tuple[float, str, int, float, float]]:
     marks = []
     for e in answer.best.errors:
         if e.name.startswith("pose"):
@@ -178,7 +182,7 @@ def _tip_marks(answer: Any) -> list[tuple[float, str, int, float, float]]:
     return marks
 
 
-def _channel(answer: Any) -> Any:
+def _channel(answer: Design) -> Drawn:
     """Offsets of the chosen channel and of the alternatives that can be offered."""
     lines = []
     s = np.linspace(0.0, answer.config.backbone.length, 401)
@@ -199,7 +203,7 @@ def _channel(answer: Any) -> Any:
     return plot_channels(lines, (1e3 * s, radius), bores, clearance, chosen)
 
 
-def _tables(answer: Any) -> list[Table]:
+def _tables(answer: Design) -> list[Table]:
     tables = []
     best = answer.best
     allowed = {t.parameter.name: t.allowed for t in answer.tolerances}
@@ -290,7 +294,7 @@ def _digits(value: float, allowed: float | None) -> int:
     return int(np.clip(2 + np.floor(np.log10(abs(value))) - np.floor(np.log10(allowed)), 4, 7))
 
 
-def _is_straight(margin: Any) -> bool:
+def _is_straight(margin: Margin) -> bool:
     return margin.name == "min_channel_radius" and margin.value > 1e3
 
 
@@ -298,9 +302,10 @@ def _per_percent(slope: float, value: float, unit: str) -> str:
     return "–" if value == 0 else _quantity(0.01 * slope * abs(value), unit, 2)
 
 
-def _alternatives(answer: Any) -> Table:
+def _alternatives(answer: Design) -> Table:
     names = [v.name for v in answer.problem.space.all]
     units = {v.name: v.unit for v in answer.problem.space.all}
+    goal = answer.problem.target.goal
     heads = (
         *names,
         "worst error [tolerances]",
@@ -312,9 +317,8 @@ def _alternatives(answer: Any) -> Table:
         row = [_quantity(o.values[n], units[n], 4) for n in names]
         miss = number(o.miss, digits=2) if o.miss >= 0.01 or not o.errors else "less than 0.01"
         row += [miss, number(100 * o.loss, "%")]
-        if o.goal == o.goal:
-            unit = {"reach": "m", "bend": "rad", "tension": "N"}[answer.problem.target.goal.kind]
-            row.append(_quantity(o.goal, unit))
+        if goal is not None and o.goal == o.goal:
+            row.append(_quantity(o.goal, GOAL_UNITS[goal.kind]))
         rows.append(tuple(row))
     robust = answer.problem.task.spread != "nominal"
     if answer.verdict not in ("reached", "optimal"):
@@ -328,7 +332,7 @@ def _alternatives(answer: Any) -> Table:
     return Table("Designs found", heads, rows, note)
 
 
-def _comparison(c: Any) -> Table:
+def _comparison(c: Comparison) -> Table:
     rows = [
         (
             believed.name,
@@ -357,7 +361,7 @@ def _comparison(c: Any) -> Table:
     )
 
 
-def _robustness(r: Any) -> Table:
+def _robustness(r: Robustness) -> Table:
     rows = [
         (
             s.name,
@@ -379,7 +383,7 @@ def _robustness(r: Any) -> Table:
     return Table("What friction and modulus leave open", heads, rows, note)
 
 
-def _verification(answer: Any) -> Table:
+def _verification(answer: Design) -> Table:
     v = answer.verification
     moved = [
         ("mesh four times finer", *v.fine_moved),

@@ -1,139 +1,25 @@
-"""A fit's answer in words, tables and pictures. `calibrate.fit`, which is not imported here, returns it."""
+"""A fit in words, tables and pictures."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
 
 import numpy as np
 
-from gtr_jax import plots
-from gtr_jax.files.config import RobotConfig
 from gtr_jax.files.numbers import measured_quantity, number, quantity
 from gtr_jax.files.recording import Recording
 from gtr_jax.files.units import display_of
-from gtr_jax.plots.style import is_seen
+from gtr_jax.plots.style import is_seen, png
+from gtr_jax.report.page import Figure, Report, Table
 from gtr_jax.terms import REGISTRY
 
-from .page import Figure, Report, Table
+from ..result import FitResult, FittedRecording
+from . import fit_figures as draw
 
 NAMES = {"mu": "μ"}  # as pictures write them
 
 
-class EstimateLike(Protocol):
-    """One estimated parameter; see `calibrate.Estimate`."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def key(self) -> str: ...
-    @property
-    def value(self) -> float: ...
-    @property
-    def sd(self) -> float | None: ...
-    @property
-    def lower95(self) -> float | None: ...
-    @property
-    def upper95(self) -> float | None: ...
-    @property
-    def initial(self) -> float: ...
-    @property
-    def unit(self) -> str: ...
-    @property
-    def note(self) -> str: ...
-    @property
-    def detectable(self) -> float | None: ...
-    @property
-    def made_of(self) -> Mapping[str, float]: ...
-
-
-class ChannelLike(Protocol):
-    """One recorded quantity beside the fitted model; see `calibrate.result.Channel`."""
-
-    @property
-    def unit(self) -> str: ...
-    @property
-    def simulated(self) -> np.ndarray: ...
-    @property
-    def residual(self) -> np.ndarray: ...
-    @property
-    def sd(self) -> float | None: ...
-    @property
-    def rms(self) -> float: ...
-
-
-class RecordingLike(Protocol):
-    """One recording beside the fitted model; see `calibrate.result.FittedRecording`."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def config(self) -> RobotConfig | None: ...
-    @property
-    def channels(self) -> Mapping[str, ChannelLike]: ...
-    @property
-    def T_base(self) -> np.ndarray: ...
-    @property
-    def T_tip(self) -> np.ndarray: ...
-    @property
-    def residual(self) -> np.ndarray: ...
-    @property
-    def band(self) -> np.ndarray: ...
-    @property
-    def phases(self) -> np.ndarray: ...
-    @property
-    def by_phase(self) -> Mapping[str, Mapping[str, Any]]: ...
-    @property
-    def rms_N(self) -> float: ...
-    @property
-    def noise_N(self) -> float | None: ...
-    @property
-    def noise_base_N(self) -> float: ...
-    @property
-    def chi2_per_n(self) -> float | None: ...
-    @property
-    def outliers(self) -> int: ...
-    @property
-    def settings(self) -> Mapping[str, Any]: ...
-
-
-class FitAnswer(Protocol):
-    """A fit; see `calibrate.FitResult`."""
-
-    @property
-    def recordings(self) -> Sequence[RecordingLike]: ...
-    @property
-    def estimates(self) -> Sequence[EstimateLike]: ...
-    @property
-    def carried(self) -> Sequence[EstimateLike]: ...
-    @property
-    def correlation(self) -> np.ndarray: ...
-    @property
-    def axes(self) -> Sequence[tuple[str, float]]: ...
-    @property
-    def by_recording(self) -> Mapping[str, Mapping[str, EstimateLike]]: ...
-    @property
-    def mu_by_phase(self) -> Mapping[str, EstimateLike]: ...
-    @property
-    def profiles(self) -> Mapping[str, Any]: ...
-    @property
-    def posterior(self) -> Any: ...
-    @property
-    def converged(self) -> bool: ...
-    @property
-    def result(self) -> str: ...
-    @property
-    def iterations(self) -> int: ...
-    @property
-    def evaluations(self) -> int: ...
-    @property
-    def warnings(self) -> Sequence[str]: ...
-    @property
-    def verdict(self) -> str: ...
-    def to_json(self) -> dict[str, Any]: ...
-
-
-def fit_report(fit: FitAnswer, recordings: Sequence[Recording], name: str) -> Report:
+def fit_report(fit: FitResult, recordings: Sequence[Recording], name: str) -> Report:
     """Verdict, figures and tables of a fit.
 
     Args:
@@ -155,14 +41,14 @@ def fit_report(fit: FitAnswer, recordings: Sequence[Recording], name: str) -> Re
     )
 
 
-def _figures(fit: FitAnswer, fitted: RecordingLike, recording: Recording, *, several: bool) -> list[Figure]:
+def _figures(fit: FitResult, fitted: FittedRecording, recording: Recording, *, several: bool) -> list[Figure]:
     if recording.T_tip is None:
         raise ValueError("a recording without T_tip cannot have been fitted")
     ending, whose = (f"-{fitted.name}", f"{fitted.name}: ") if several else ("", "")
     phases = np.asarray(fitted.phases)
     model = np.asarray(fitted.T_base), np.asarray(fitted.T_tip)
     band = _band(fitted)
-    loop = plots.plot_fit(
+    loop = draw.plot_fit(
         recording.T_base,
         recording.T_tip,
         simulated=model,
@@ -172,27 +58,27 @@ def _figures(fit: FitAnswer, fitted: RecordingLike, recording: Recording, *, sev
             f"{NAMES.get(e.name, e.name)} = {measured_quantity(e.value, e.sd, e.unit)}" for e in fit.estimates
         ],
     )
-    over_time = plots.plot_time(
+    over_time = draw.plot_time(
         recording.time, recording.T_base, recording.T_tip, simulated=model[1], phases=phases
     )
     left = np.asarray(fitted.residual)
-    residual = plots.plot_residual(recording.T_base, left, phases=phases, noise=fitted.noise_N)
+    residual = draw.plot_residual(recording.T_base, left, phases=phases, noise=fitted.noise_N)
     figures = [
         Figure(
             f"fit{ending}",
-            plots.png(loop),
+            png(loop),
             f"{whose}The recording, coloured by the fitted model's phase, and the model's "
             f"loop{_within(band, model[1])}.",
         ),
         Figure(
             f"time{ending}",
-            plots.png(over_time),
+            png(over_time),
             f"{whose}The same {'sample by sample' if recording.time is None else 'over time'}, with the "
             "tension at the base.",
         ),
         Figure(
             f"residual{ending}",
-            plots.png(residual),
+            png(residual),
             f"{whose}Simulated minus recorded tip tension, against base tension and along it"
             f"{noise_band(fitted.noise_N, left)}. A pattern means that the model lacks something.",
         ),
@@ -206,7 +92,7 @@ def _figures(fit: FitAnswer, fitted: RecordingLike, recording: Recording, *, sev
         figures.append(
             Figure(
                 f"channels{ending}",
-                plots.png(plots.plot_channels(recording.T_base, model[0], others, phases=phases)),
+                png(draw.plot_channels(recording.T_base, model[0], others, phases=phases)),
                 f"{whose}What else was recorded, and the fitted model.",
             )
         )
@@ -229,12 +115,12 @@ def _within(band: np.ndarray, T_tip: np.ndarray) -> str:
     return f"; 95 in 100 samples lie within {number(float(np.max(band)), 'N', 2)} of it if the model is right"
 
 
-def _band(fitted: RecordingLike) -> np.ndarray:
+def _band(fitted: FittedRecording) -> np.ndarray:
     """Half width of the band that holds 95 % of samples: noise and the parameters' uncertainty, (K,) [N]."""
     return 1.96 * np.hypot(np.asarray(fitted.band), fitted.noise_N or 0.0)
 
 
-def _profile_figure(fit: FitAnswer) -> list[Figure]:
+def _profile_figure(fit: FitResult) -> list[Figure]:
     if not fit.profiles:
         return []
     curves = {}
@@ -247,14 +133,14 @@ def _profile_figure(fit: FitAnswer) -> list[Figure]:
     return [
         Figure(
             "profiles",
-            plots.png(plots.plot_profiles(curves)),
+            png(draw.plot_profiles(curves)),
             "Rise of the sum of squares as one parameter is held and the others are fitted anew. Where it "
             "leaves the parabola of the standard error, believe the profile.",
         )
     ]
 
 
-def _posterior_figure(fit: FitAnswer) -> list[Figure]:
+def _posterior_figure(fit: FitResult) -> list[Figure]:
     if fit.posterior is None:
         return []
     draws = np.asarray(fit.posterior.draws)
@@ -263,14 +149,10 @@ def _posterior_figure(fit: FitAnswer) -> list[Figure]:
     for e, values in zip(fit.estimates, draws.T, strict=True):
         display, factor = display_of(e.unit)
         columns[f"{e.name} [{display}]" if display else e.name] = values / factor
-    return [
-        Figure(
-            "posterior", plots.png(plots.plot_draws(columns)), "Draws from the posterior, and their shares."
-        )
-    ]
+    return [Figure("posterior", png(draw.plot_draws(columns)), "Draws from the posterior, and their shares.")]
 
 
-def _posterior_table(fit: FitAnswer) -> list[Table]:
+def _posterior_table(fit: FitResult) -> list[Table]:
     if fit.posterior is None:
         return []
     p = fit.posterior
@@ -309,7 +191,7 @@ def detectable(name: str, size: float | None, unit: str) -> str:
     return quantity(size, unit, 2)
 
 
-def _tables(fit: FitAnswer) -> list[Table]:
+def _tables(fit: FitResult) -> list[Table]:
     estimates = [
         (
             e.name,
@@ -357,7 +239,7 @@ def _tables(fit: FitAnswer) -> list[Table]:
     return [*tables, Table("By phase", heads, phases), Table("Solver", ("", ""), solver)]
 
 
-def _made_of(fit: FitAnswer) -> list[Table]:
+def _made_of(fit: FitResult) -> list[Table]:
     """What the intervals are made of, and the uncertain numbers that were carried along."""
     rows = [(e.name, sources(e.made_of)) for e in fit.estimates if e.made_of]
     tables = []
@@ -391,7 +273,7 @@ def sources(made_of: Mapping[str, float], least: float = 0.0) -> str:
     return ", ".join(f"{source} {100 * share:.0f} %" for source, share in largest if share >= least)
 
 
-def _agreement(fit: FitAnswer) -> list[Table]:
+def _agreement(fit: FitResult) -> list[Table]:
     """Parameters from part of the samples alone."""
     rows = [
         (e.name, part, measured_quantity(e.value, e.sd, e.unit))
@@ -415,7 +297,7 @@ def _agreement(fit: FitAnswer) -> list[Table]:
     )
 
 
-def _correlations(fit: FitAnswer) -> list[Table]:
+def _correlations(fit: FitResult) -> list[Table]:
     names = [e.name for e in fit.estimates]
     if len(names) < 2:
         return []
@@ -435,7 +317,7 @@ def _correlations(fit: FitAnswer) -> list[Table]:
     ]
 
 
-def _distances(recordings: Sequence[RecordingLike]) -> list[Table]:
+def _distances(recordings: Sequence[FittedRecording]) -> list[Table]:
     tables = []
     for r in recordings:
         base_noise = number(r.noise_base_N, "N", 3) if r.noise_base_N else "none: taken as exact"

@@ -8,8 +8,20 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from .fit import by_phase
-from .style import BLUE, GREY, INK, PALE, VERMILLION, WIDTH, figure, legend_above, phase_keys, styled
+from gtr_jax.plots.style import (
+    BLUE,
+    GREY,
+    INK,
+    PALE,
+    VERMILLION,
+    WIDTH,
+    figure,
+    legend_above,
+    phase_keys,
+    styled,
+)
+
+from .fit_figures import by_phase
 
 FOUND = "with what was missing"
 

@@ -1,24 +1,24 @@
-"""A diagnosis in words, tables and pictures. `calibrate.diagnose`, which is not imported here, returns it."""
+"""A diagnosis in words, tables and pictures."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from gtr_jax import plots
 from gtr_jax.files.numbers import measured, measured_quantity, number, quantity
+from gtr_jax.plots.style import png
+from gtr_jax.report.page import Figure, Report, Table
 from gtr_jax.terms import REGISTRY
 
+from ..diagnosis.result import Diagnosis
+from . import diagnosis_figures as draw
 from .fit import detectable, noise_band, sources
-from .page import Figure, Report, Table
 
 SHOWN = 8
 # Share of a variance from which its source is named.
 NAMED = 0.01
 
 
-def diagnosis_report(answer: Any, name: str) -> Report:
+def diagnosis_report(answer: Diagnosis, name: str) -> Report:
     """Verdict, figures and tables of a diagnosis.
 
     Args:
@@ -35,12 +35,12 @@ def diagnosis_report(answer: Any, name: str) -> Report:
     )
 
 
-def _found(answer: Any) -> bool:
+def _found(answer: Diagnosis) -> bool:
     """Whether a model with something missing is shown; where the verdict is "unexplained", the nearest."""
     return len(answer.held_out) > 1
 
 
-def _figures(answer: Any) -> list[Figure]:
+def _figures(answer: Diagnosis) -> list[Figure]:
     label = "with the nearest term" if answer.verdict == "unexplained" else "with what was missing"
     figures = []
     for loop in answer.loops:
@@ -51,13 +51,13 @@ def _figures(answer: Any) -> list[Figure]:
         figures.append(
             Figure(
                 f"loop{ending}",
-                plots.png(plots.plot_before_after(loop.T_base, recorded, before, after, label)),
+                png(draw.plot_before_after(loop.T_base, recorded, before, after, label)),
                 f"{whose}The recording and the model, refitted to it"
                 + (f" without and {label}." if after is not None else "."),
             )
         )
         left = None if after is None else after - recorded
-        drawn = plots.plot_residual_map(
+        drawn = draw.plot_residual_map(
             loop.T_base,
             before - recorded,
             left,
@@ -68,7 +68,7 @@ def _figures(answer: Any) -> list[Figure]:
         figures.append(
             Figure(
                 f"residual{ending}",
-                plots.png(drawn),
+                png(drawn),
                 f"{whose}Where they differ{noise_band(loop.noise_N, before - recorded)}.",
             )
         )
@@ -77,7 +77,7 @@ def _figures(answer: Any) -> list[Figure]:
             figures.append(
                 Figure(
                     f"branches{ending}",
-                    plots.png(plots.plot_branches(branches, label)),
+                    png(draw.plot_branches(branches, label)),
                     f"{whose}Release against pull at the same base tension: half the difference of "
                     "ln(T_tip/T_base) is friction, half the sum what friction cannot do.",
                 )
@@ -85,19 +85,17 @@ def _figures(answer: Any) -> list[Figure]:
     top = answer.rivals[:SHOWN]
     if len(top) > 1:
         names = [" + ".join(r.names) or "nothing missing" for r in top]
-        chart = plots.plot_rivals(
+        chart = draw.plot_rivals(
             names, np.asarray([r.probability for r in top]), np.asarray([r.delta for r in top])
         )
-        figures.append(
-            Figure("rivals", plots.png(chart), "What else it could be: models refitted with mu and E.")
-        )
+        figures.append(Figure("rivals", png(chart), "What else it could be: models refitted with mu and E."))
     if answer.experiment is not None:
-        drawn = plots.plot_history(answer.experiment.time, answer.experiment.T_base, answer.experiment.T_tip)
-        figures.append(Figure("next-experiment", plots.png(drawn), answer.experiment.says))
+        drawn = draw.plot_history(answer.experiment.time, answer.experiment.T_base, answer.experiment.T_tip)
+        figures.append(Figure("next-experiment", png(drawn), answer.experiment.says))
     return figures
 
 
-def _differing(answer: Any) -> list[Table]:
+def _differing(answer: Diagnosis) -> list[Table]:
     """The numbers that differ between recordings, and the robot files where there are several."""
     tables = []
     for d in answer.differ:
@@ -126,7 +124,7 @@ def _differing(answer: Any) -> list[Table]:
     return tables
 
 
-def _tables(answer: Any) -> list[Table]:
+def _tables(answer: Diagnosis) -> list[Table]:
     tables = _differing(answer)
     if answer.where:
         rows = [(w.says, number(w.z, digits=3), f"{100 * w.share:.0f} %") for w in answer.where]

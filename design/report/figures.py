@@ -13,9 +13,8 @@ from matplotlib.patches import Circle
 
 from gtr_jax.equilibrium import Equilibrium
 from gtr_jax.files.numbers import number
-
-from .shape import curve_of, draw_body
-from .style import (
+from gtr_jax.plots.shape import curve_of, draw_body
+from gtr_jax.plots.style import (
     BLUE,
     GREY,
     INK,
