@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gtr_jax import InputError, RobotConfig
-from gtr_jax.parameters import with_values
+from gtr_jax.robot.parameters import with_values
 
 from . import verdict as words
 from .alone import Apart, Phases, by_recording, mu_by_phase

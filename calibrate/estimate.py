@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gtr_jax.parameters import Parameter
+from gtr_jax.robot.parameters import Parameter
 
 NORMAL_95 = 1.959963984540054
 # Standard errors of a change that is significant (two sides, 5 %) in 95 of 100 recordings.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot
-from gtr_jax.parameters import term_of
+from gtr_jax.robot.parameters import term_of
 from gtr_jax.terms import REGISTRY, known_on
 
 from . import base_tension

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig
-from gtr_jax.parameters import Parameter
+from gtr_jax.robot.parameters import Parameter
 from gtr_jax.terms import REGISTRY, known_on
 
 from . import noise

@@ -12,7 +12,7 @@ from benchmarks.coverage import Case, noisy, outcome, recorded
 from calibrate.base_tension import BaseTension, estimate, exact, straighten, turning_points
 from calibrate.coordinates import Predictor, coordinates
 from calibrate.weighing import Weighing
-from gtr_jax.parameters import parameter
+from gtr_jax.robot.parameters import parameter
 
 HOLDS = np.concatenate(
     [

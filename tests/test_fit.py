@@ -12,7 +12,7 @@ import gtr_jax as gtr
 from calibrate import noise
 from calibrate.coordinates import Predictor, coordinates
 from calibrate.start import thin
-from gtr_jax.parameters import parameter
+from gtr_jax.robot.parameters import parameter
 from tests.conftest import PARALLEL, SINE
 
 DATA = Path(__file__).parent / "data"

@@ -18,6 +18,7 @@ from calibrate import base_tension
 from calibrate.estimate import uncertainty
 from calibrate.identifiability import axes
 from calibrate.posterior import potential_of
+from gtr_jax.files.config import parse_config
 
 PULLED = np.concatenate([np.linspace(0, 40, 41), np.linspace(40, 5, 36)[1:], np.linspace(5, 25, 11)[1:]])
 POSE = ("tip_x", "tip_y", "tip_angle", "displacement")
@@ -227,7 +228,7 @@ def test_axes_are_those_of_the_information():
 
 def test_a_prior_with_its_unit(tdcm):
     data = tdcm.model_dump(mode="json", by_alias=True, exclude_none=True)
-    known = gtr.config.parse_config(data | {"uncertainty": {"routing.r1": "0.1 mm"}})
+    known = parse_config(data | {"uncertainty": {"routing.r1": "0.1 mm"}})
     fit = fitted(known, recorded(tdcm, 5), free=("mu", "E", "r1"))
     assert fit.settings["priors_sd_SI"] == {"r1": pytest.approx(1e-4)}
     assert error(fit, "r1") <= 1.01e-4
@@ -343,7 +344,7 @@ def test_what_came_from_where_is_in_the_json(tdcm, pair):
 def test_a_value_stops_at_its_bound(tdcm):
     """A tip that is held up asks for less than no payload: it gets none, and that is said."""
     data = tdcm.model_dump(mode="json", by_alias=True, exclude_none=True)
-    hung = gtr.config.parse_config(data | {"loads": {"gravity_angle": "-90 deg"}})
+    hung = parse_config(data | {"loads": {"gravity_angle": "-90 deg"}})
     fit = fitted(hung, recorded(hung, 12, pose=True, payload=0.05), free=("mu", "payload"))
     holds(fit, "payload", 0.05, 0.01)
     held = fitted(hung, recorded(hung, 12, pose=True, tip_force_y=0.5), free=("mu", "payload"))

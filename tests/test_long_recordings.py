@@ -10,7 +10,7 @@ import gtr_jax as gtr
 from benchmarks.coverage import Case, noisy, recorded
 from calibrate.base_tension import estimate, exact
 from calibrate.coordinates import Predictor, coordinates
-from gtr_jax.parameters import parameter
+from gtr_jax.robot.parameters import parameter
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gtr_jax.parameters import parameters_of
+from gtr_jax.robot.parameters import parameters_of
 
 from ..base_tension import exact
 from ..coordinates import CHANNELS

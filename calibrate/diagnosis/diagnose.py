@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot, simulate
-from gtr_jax.parameters import parameters_of
+from gtr_jax.robot.parameters import parameters_of
 
 from ..base_tension import BEND
 from ..coordinates import CHANNELS

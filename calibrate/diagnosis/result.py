@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from gtr_jax import Robot, RobotConfig
-from gtr_jax.numbers import measured_quantity
-from gtr_jax.plain import plain
+from gtr_jax.files.numbers import measured_quantity
+from gtr_jax.files.plain import plain
 from gtr_jax.terms import REGISTRY
 
 from ..task import Part
