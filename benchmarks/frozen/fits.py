@@ -1,0 +1,50 @@
+"""Frozen fits: the recordings that ship with the examples and the package, fitted as `gtr fit` does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import gtr_jax as gtr
+
+from .case import EXAMPLES, REFERENCE, Answers, Case, flattened
+
+RIG = EXAMPLES / "rig/robot.toml"
+# How the optimiser came there, and what was asked.
+LEFT_OUT = ("iterations", "evaluations", "settings")
+
+
+def fitted(robot: Path, recordings: Sequence[Path], **options: Any) -> Answers:
+    """Estimates, intervals and residuals of a fit."""
+    import calibrate
+
+    found = calibrate.fit(
+        gtr.load_config(robot), [gtr.read_recording(path) for path in recordings], profiled=True, **options
+    )
+    kept = flattened(found.to_json(), LEFT_OUT)
+    kept["names"] = np.asarray([e.name for e in [*found.estimates, *found.carried]])
+    for r in found.recordings:
+        kept[f"simulated.{r.name}"] = np.asarray(r.T_tip)
+        kept[f"T_base.{r.name}"] = np.asarray(r.T_base)
+    return kept
+
+
+def cases() -> list[Case]:
+    """All fits."""
+    from gtr_jax.examples import CONCEALED, CONCEALED_ROBOT
+
+    monday, tuesday, oiled = (EXAMPLES / f"rig/{day}.csv" for day in ("monday", "tuesday", "oiled"))
+    catheter = REFERENCE / "coulomb-catheter"
+    runs = {
+        "monday": lambda: fitted(RIG, [monday]),
+        "monday and tuesday": lambda: fitted(RIG, [monday, tuesday]),
+        "monday and oiled": lambda: fitted(RIG, [monday, oiled], per_recording=("mu",)),
+        "monday, robust": lambda: fitted(RIG, [monday], robust=True),
+        "monday, noise given": lambda: fitted(RIG, [monday], noise_N=0.05, noise_base_N=0.1, free=("mu",)),
+        "concealed": lambda: fitted(CONCEALED_ROBOT, [CONCEALED], free=("mu", "E"), channels=()),
+        "catheter": lambda: fitted(catheter / "robot.toml", [catheter / "recording.csv"]),
+    }
+    return [Case("fit", f"fit: {name}", run, 1e-6) for name, run in runs.items()]
