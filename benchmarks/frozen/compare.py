@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from fnmatch import fnmatchcase
 
 import numpy as np
 
@@ -67,12 +68,13 @@ def _compared(case: Case, quantity: str, was: np.ndarray, now: np.ndarray) -> Ch
     change = np.where(known, np.abs(np.where(known, now, 0.0) - np.where(known, was, 0.0)), 0.0)
     if change.size == 0 or not np.any(change):
         return None
-    floor = max((v for start, v in case.floors.items() if quantity.startswith(start)), default=0.0)
+    floor = max((v for like, v in case.floors.items() if fnmatchcase(quantity, like)), default=0.0)
+    allowed = next((v for like, v in case.looser.items() if fnmatchcase(quantity, like)), case.allowed)
     scale = max(float(np.max(np.abs(was[known]))), floor)
     at = np.unravel_index(int(np.argmax(change)), change.shape)
     relative = float(change[at]) / scale if scale > 0 else np.inf
     said = f"{_index(at)}: {was[at]:.10g}, now {now[at]:.10g}"
-    return Change(case.name, quantity, float(change[at]), relative, said, not relative <= case.allowed)
+    return Change(case.name, quantity, float(change[at]), relative, said, not relative <= allowed)
 
 
 def _index(at: tuple) -> str:

@@ -84,5 +84,5 @@ def cases() -> list[Case]:
         found.append((f"tdcm-1, {name}", BASE, lambda v=loads: in_turn("tdcm-1.toml", PULLED, **v)))
     for kind in OF_TERMS:
         found.append((kind, TERMS, lambda k=kind: in_turn("tdcm-1.toml", PULLED, **typical(k))))
-    floors = {"": 1e-9}
+    floors = {"*": 1e-9}
     return [Case("equilibrium", f"at rest: {name}", run, allowed, floors) for name, allowed, run in found]

@@ -16,6 +16,20 @@ RIG = EXAMPLES / "rig/robot.toml"
 # How the optimiser came there, and what was asked.
 LEFT_OUT = ("iterations", "evaluations", "settings")
 
+# Slopes jump where samples change from locked to slipping, so that rounding errors may lead the optimiser to
+# another side: compiled without XLA's optimisation, six of the seven fits move by less than 1e-6, but that of
+# monday and tuesday by 1e-4 in its values (a hundredth of their standard deviations), by 0.8 % in these, by
+# 0.006 in the shares of variances, and by 1.4e-6 in what is simulated.
+LOOSER = {
+    "simulated.*": 1e-5,
+    "T_base.*": 1e-5,
+    "*.value": 3e-4,
+    "*.?????95": 5e-4,
+    "*.values": 3e-4,
+    "*": 0.03,
+}
+FLOORS = {"*.made_of.*": 1.0, "correlation.*": 1.0, "*.mean_N": 0.05}
+
 
 def fitted(robot: Path, recordings: Sequence[Path], **options: Any) -> Answers:
     """Estimates, intervals and residuals of a fit."""
@@ -47,4 +61,4 @@ def cases() -> list[Case]:
         "concealed": lambda: fitted(CONCEALED_ROBOT, [CONCEALED], free=("mu", "E"), channels=()),
         "catheter": lambda: fitted(catheter / "robot.toml", [catheter / "recording.csv"]),
     }
-    return [Case("fit", f"fit: {name}", run, 1e-6) for name, run in runs.items()]
+    return [Case("fit", f"fit: {name}", run, 1e-6, FLOORS, LOOSER) for name, run in runs.items()]
