@@ -12,8 +12,9 @@ import jax.tree_util as jtu
 import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
-from gtr_jax.equilibrium import equilibrium, preload_of, problem_of, rest_state, solve_problem
+from gtr_jax.equilibrium import equilibrium, preload_of, problem_of, solve_problem
 from gtr_jax.march import March
+from gtr_jax.mechanics import rest_state
 from gtr_jax.mesh import cumulative
 from gtr_jax.problem import tension_of
 from gtr_jax.robot.robot import Robot, sections

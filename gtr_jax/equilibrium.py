@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+import functools
+from collections.abc import Collection, Sequence
 
 import equinox as eqx
 import jax
@@ -14,18 +15,17 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from gtr_jax.robot.robot import Robot, sections
 
-from . import channel, slip
+from . import channel, mechanics, slip
 from .adjoint import CausalAdjoint, split_tangents
 from .linear_solver import node_first
 from .march import March
-from .mesh import cumulative, increments, shifted
+from .mechanics import EVERY, FOREVER, Load, Memory, Settled, Step, Structure, in_order, rest_state, untouched
+from .mesh import cumulative, increments
 from .outcome import outcome
 from .problem import Problem, Sections, State, at_tendons, residual, tension_of
-from .slip_march import Case, Load, Memory, Solved, slip_step, untouched
 from .terms import REGISTRY, any_on, known_on
 
 MAX_STEPS = 256
-FOREVER = 1e15  # s, in which everything that creeps has crept
 
 
 class Equilibrium(eqx.Module):
@@ -88,20 +88,6 @@ class Equilibrium(eqx.Module):
         own = ("tension", "T_tip", "slip", "wrap", "tendon_angle", "metric", "R", "tendon_length")
         taken = {name: getattr(self, name)[index] for name in own}
         return dataclasses.replace(self, **taken, mobilisation=None, memory=None)
-
-
-def rest_state(s: Sections) -> State:
-    """Start for the solver: the stress-free shape, with the moment the external load would have on a straight
-    arm.
-    """
-    phi = cumulative(s.mesh.weights, s.rest)
-    lever = jnp.sum(s.mesh.interval.length * (s.force_y * jnp.cos(phi) - s.force_x * jnp.sin(phi)))
-    return State(
-        s.rest,
-        phi,
-        jnp.zeros_like(s.R.value),
-        jnp.broadcast_to(jnp.where(jnp.any(s.compliance > 0), lever, 0.0), s.rest.shape),
-    )
 
 
 def solve_problem(p: Problem, start: State, solver: optx.AbstractRootFinder) -> optx.Solution:
@@ -230,121 +216,56 @@ def at_preload(robot: Robot, s: Sections, solver: optx.AbstractRootFinder) -> tu
     return settled, slip.Kept(preload_of(robot, s), metric_of(s, strung), slack)
 
 
-def terms_act(robot: Robot) -> Bool[Array, ""]:
-    """Whether any physics term is on that is not of the load cells."""
-    return any_on(robot.terms, lambda term: not term.of_cells)
-
-
-def steps_by_slip(
-    robot: Robot,
-    s: Sections,
-    loads: Load,
-    solver: optx.AbstractRootFinder,
-    before: Callable[[State, Memory], Memory] | None = None,
-) -> tuple[Loaded, Memory, Memory]:
-    """Solve load steps with physics terms, one after another.
-
-    The robot first settles with slack tendons, which are then strung to their preloads without friction:
-    steps like any other, so that one program does all.
+def structure_of(robot: Robot, with_terms: bool | Collection[str] | None) -> Structure | None:
+    """The equations that a robot asks for; None if numbers are being traced that decide it.
 
     Args:
-        robot, s: the robot, and it at its nodes.
-        loads: K of them.
-        solver: see `equilibrium`; its tolerance is used.
-        before: what is remembered at the first load, from the settled state and what a robot remembers that
-            was never pulled; that unless given.
-
-    Returns:
-        The steps, what is remembered before each, and what after, all with a leading axis K. A step that does
-        not converge leaves the memory as it was.
+        robot: the robot.
+        with_terms: as for `simulate`.
     """
-    preload = preload_of(robot, s)
-    strung_to = preload[..., 0]
-    slack, one = jnp.zeros_like(preload), jnp.ones_like(robot.loads.tip_moment)
-    p = dataclasses.replace(problem_of(robot, s, slack[..., 0], slack), loaded=not robot.backbone.rigid)
-    start = jax.lax.stop_gradient(solve_problem(p, rest_state(s), solver).value)
-    # What bends the body has bent it from its natural shape; only the search starts from `start`.
-    memory = dataclasses.replace(untouched(s, start, slack), kappa=s.rest)
-    nothing = Load(slack[..., 0], FOREVER * one, 0 * one, 0 * one)
-    case = Case(
+    if with_terms is None:
+        acting = {kind: known_on(REGISTRY[kind], robot.terms[kind]) for kind in EVERY}
+        if None in acting.values():
+            return None
+        with_terms = [kind for kind, on in acting.items() if on]
+    elif isinstance(with_terms, bool):
+        with_terms = EVERY if with_terms else ()
+    terms = in_order(with_terms)
+    loads = any(REGISTRY[kind].loads for kind in terms)
+    return Structure(terms, len(robot.tendon_names), robot.loaded or loads)
+
+
+def at_nodes(robot: Robot, s: Sections) -> mechanics.Robot:
+    """The robot as the mechanics takes it."""
+    return mechanics.Robot(
         sections=s,
         mu=robot.per_tendon(lambda tendon: tendon.friction_coefficient),
-        preload=slack[..., 0],
+        preload=robot.per_tendon(lambda tendon: tendon.preload),
         tip_moment=robot.loads.tip_moment,
         terms=robot.terms,
-        metric=node_first(jnp.ones_like(preload)),
-        load=nothing,
-        memory=memory,
-        against=one,
     )
-    atol = getattr(solver, "atol", 1e-9)
-
-    def step(carry, at):
-        memory, metric, preloaded = carry
-        load, (settling, stringing) = at
-        now = dataclasses.replace(
-            case,
-            metric=metric,
-            preload=preloaded,
-            mu=jnp.where(stringing, 0.0, case.mu),
-            terms=_where(stringing, _without_friction(robot.terms), robot.terms),
-        )
-        done = slip_step(now, load, memory, atol)
-        met = (done.error <= atol) & jnp.all(jnp.isfinite(load.T_base)) & jnp.isfinite(load.dt + load.time)
-        settled = dataclasses.replace(
-            untouched(s, done.state, slack),
-            bent=done.memory.bent,
-            unknowns=done.memory.unknowns.at[: strung_to.size].set(0.0),
-        )
-        strung = dataclasses.replace(
-            done.memory, **{name: 0 * getattr(memory, name) for name in ("speed", "mobilised", "elements")}
-        )
-        strung = strung if before is None else before(done.state, strung)
-        after = _where(settling, settled, _where(met, _where(stringing, strung, done.memory), memory))
-        metric = _where(settling, node_first(metric_of(s, done.state)), metric)
-        preloaded = _where(settling, strung_to, preloaded)
-        return (after, metric, preloaded), (_loaded(done, met), memory, after)
-
-    first = jtu.tree_map(
-        lambda a, b: jnp.stack([a, b]), nothing, dataclasses.replace(nothing, T_base=strung_to)
-    )
-    loads = jtu.tree_map(lambda a, b: jnp.concatenate([a, b]), first, loads)
-    at = jnp.arange(loads.time.shape[0])
-    steps = jax.lax.scan(step, (memory, case.metric, case.preload), (loads, (at == 0, at == 1)))[1]
-    return jtu.tree_map(lambda a: a[2:], steps)
 
 
-def _without_friction(terms: dict[str, dict[str, Array]]) -> dict[str, dict[str, Array]]:
-    """The numbers of the terms, those that are friction at null."""
-    hooks = ("drag", "base_grip", "tip_grip", "by_speed")
-
-    def values(term):
-        if all(getattr(term, hook) is None for hook in hooks):
-            return terms[term.id]
-        return {q.name: jnp.full_like(terms[term.id][q.name], q.null) for q in term.quantities}
-
-    return {term.id: values(term) for term in REGISTRY.values()}
-
-
-def _where(holds: Bool[Array, ""], this, that):
-    return jtu.tree_map(lambda a, b: jnp.where(holds, a, b), this, that)
-
-
-def _loaded(done: Solved, met: Bool[Array, ""]) -> Loaded:
-    """A step with physics terms, the nodes last."""
+def loaded_of(s: Sections, structure: Structure, settled: Settled, done: Step) -> Loaded:
+    """A load step, the nodes last; its slip in the base model is that of tendons that do not stretch."""
 
     def nodes_last(values):
         return jnp.moveaxis(values, 0, -1)
 
     wrap = nodes_last(jnp.cumsum(done.state.wrap, axis=0))
+    if done.slip is None:
+        slipped = slip_of(s, dataclasses.replace(done.state, kappa=settled.kappa), done.state)
+    else:
+        slipped = nodes_last(done.slip)
+    several = done.mobilised is not None and bool(structure.tendons)
     return Loaded(
         state=dataclasses.replace(done.state, wrap=wrap),
-        tension=nodes_last(done.memory.tension),
-        T_tip=done.memory.T_tip,
-        slip=nodes_last(done.memory.slip),
+        tension=nodes_last(done.tension),
+        T_tip=done.T_tip,
+        slip=slipped,
         wrap=wrap,
-        mobilisation=nodes_last(done.memory.mobilised) if done.memory.T_tip.ndim else None,
-        result=optx.RESULTS.where(met, optx.RESULTS.successful, optx.RESULTS.nonlinear_max_steps_reached),
+        mobilisation=nodes_last(done.mobilised) if several else None,
+        result=optx.RESULTS.where(done.met, optx.RESULTS.successful, optx.RESULTS.nonlinear_max_steps_reached),
         residual_norm=done.error,
         iterations=done.marches,
     )
@@ -400,30 +321,45 @@ def preload_of(robot: Robot, s: Sections) -> Float[Array, "*tendons N"]:
     return jnp.broadcast_to(robot.per_tendon(lambda tendon: tendon.preload)[..., None], s.R.value.shape)
 
 
-def either(plain, by_slip, with_terms: bool | None, robot: Robot, *rest):
-    """plain(robot, *rest) while no physics term acts, else by_slip(robot, *rest).
+def by_structure(solved, pair, structure: Structure | None, robot: Robot, *rest):
+    """What a program of some structure gives; where that is not known while tracing, one program has the base
+    model and all physics terms and decides when it runs.
+
+    Its derivatives by numbers of the terms are those with all terms, which at the null values is the same
+    function.
 
     Args:
-        plain, by_slip: the base model, and the one with physics terms.
-        with_terms: True or False for one of the two; None for one program that has both and decides when it
-            runs. Its derivatives by numbers of the terms are those of `by_slip`, which at the null values is
-            the same function.
-        robot, rest: their arguments.
+        solved: from a structure, the robot and the rest.
+        pair: the base model of several tendons, from the robot and the rest.
+        structure: which equations act, or None.
+        robot, rest: the arguments.
     """
-    if with_terms is None:
-        return _either((plain, by_slip), (robot, *rest))
-    return by_slip(robot, *rest) if with_terms else plain(robot, *rest)
+
+    def of(structure: Structure):
+        if structure.tendons and not structure.terms:
+            return pair
+        return functools.partial(solved, structure)
+
+    if structure is not None:
+        return of(structure)(robot, *rest)
+    both = tuple(of(Structure(terms, len(robot.tendon_names), robot.loaded or bool(terms))) for terms in ((), EVERY))
+    return _either(both, (robot, *rest))
+
+
+def _terms_act(robot: Robot) -> Bool[Array, ""]:
+    """Whether any physics term is on that is not of the load cells."""
+    return any_on(robot.terms, lambda term: not term.of_cells)
 
 
 @eqx.filter_custom_jvp
 def _either(choices, inputs):
-    plain, by_slip = choices
-    return jax.lax.cond(terms_act(inputs[0]), by_slip, plain, *inputs)
+    plain, with_terms = choices
+    return jax.lax.cond(_terms_act(inputs[0]), with_terms, plain, *inputs)
 
 
 @_either.def_jvp
 def _either_jvp(primals, tangents):
-    (plain, by_slip), inputs = primals
+    (plain, with_terms), inputs = primals
     inputs_dot = tangents[1]
     moving, fixed = split_tangents(inputs, inputs_dot)
     by_terms = jtu.tree_leaves(inputs_dot[0].terms)
@@ -431,16 +367,16 @@ def _either_jvp(primals, tangents):
     def chosen(moving):
         robot, *rest = eqx.combine(moving, fixed)
         if by_terms:
-            return by_slip(robot, *rest)
-        return jax.lax.cond(terms_act(robot), by_slip, plain, robot, *rest)
+            return with_terms(robot, *rest)
+        return jax.lax.cond(_terms_act(robot), with_terms, plain, robot, *rest)
 
     return eqx.filter_jvp(chosen, (moving,), (inputs_dot,))
 
 
 def known_to_act(robot: Robot) -> bool | None:
     """Whether any physics term acts that is not of the load cells; None if that is being traced."""
-    acting = [known_on(term, robot.terms[term.id]) for term in REGISTRY.values() if not term.of_cells]
-    return None if None in acting else any(acting)
+    structure = structure_of(robot, None)
+    return None if structure is None else bool(structure.terms)
 
 
 @eqx.filter_jit
@@ -448,45 +384,43 @@ def _solve(
     robot: Robot,
     T_base: Float[Array, "*tendons"],
     before: Equilibrium | Float[Array, " N"] | None,
-    solver: optx.AbstractRootFinder,
-    with_terms: bool | None,
+    atol: float,
+    structure: Structure | None,
 ) -> Equilibrium:
-    def plain(robot, T_base, before):
-        s = sections(robot)
+    one = jnp.ones_like(robot.loads.tip_moment)
+
+    def pair(robot, T_base, before):
+        s, solver = sections(robot), March(atol=atol)
         settled, kept = at_preload(robot, s, solver)
         if isinstance(before, Equilibrium):
             kept = slip.Kept(before.tension, before.metric, before.mobilisation)
-        elif before is not None:
-            kept = slip.Kept(before, kept.metric, None)
         done, _ = load_step(robot, s, T_base, kept, rest_state(s), settled, solver)
-        memory = dataclasses.replace(
-            untouched(s, done.state, done.tension),
-            slip=node_first(done.slip),
-            middle=node_first(0.5 * (done.slip + shifted(done.slip, 1, done.slip[..., :1]))),
-            T_base=T_base,
-        )
-        return describe(s, done, memory)
+        plain = Structure((), len(robot.tendon_names), robot.loaded)
+        memory = untouched(plain, done.state, node_first(done.tension), one)
+        memory = dataclasses.replace(memory, T_base=T_base)
+        return describe(s, done, mechanics.complete(memory, plain, done.state, node_first(done.slip)))
 
-    def by_slip(robot, T_base, before):
+    def solved(structure: Structure, robot, T_base, before):
         s = sections(robot)
 
         def remembered(settled, never_pulled):
             if isinstance(before, Equilibrium) and before.memory is not None:
-                return before.memory
+                return mechanics.part_of(before.memory, structure)
             if before is None:
                 return never_pulled
             tension = before.tension if isinstance(before, Equilibrium) else before
-            kept = untouched(s, settled, tension)
+            kept = untouched(structure, settled, node_first(tension), one)
             same = ("slip", "middle", "bent", "unknowns")
             return dataclasses.replace(kept, **{name: getattr(never_pulled, name) for name in same})
 
         forever = jnp.full((1,), FOREVER)
         load = Load(T_base[None], forever, 0 * forever, 0 * forever)
-        steps = steps_by_slip(robot, s, load, solver, remembered)
-        done, _, memory = jtu.tree_map(lambda a: a[0], steps)
-        return describe(s, done, memory)
+        done, memory, settled = mechanics.steps(at_nodes(robot, s), structure, load, atol, remembered)
+        step = loaded_of(s, structure, settled, jtu.tree_map(lambda a: a[0], done))
+        whole = mechanics.complete(memory, structure, step.state, node_first(step.slip))
+        return describe(s, step, whole)
 
-    return either(plain, by_slip, with_terms, robot, T_base, before)
+    return by_structure(solved, pair, structure, robot, T_base, before)
 
 
 def equilibrium(
@@ -532,4 +466,4 @@ def equilibrium(
         raise ValueError(
             "memory: several tendons remember more than their tension; give the equilibrium before"
         )
-    return _solve(robot, load, memory, solver, known_to_act(robot) if with_terms is None else with_terms)
+    return _solve(robot, load, memory, solver.atol, structure_of(robot, with_terms))

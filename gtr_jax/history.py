@@ -20,20 +20,22 @@ from .channel import wrap_increment
 from .equilibrium import (
     Equilibrium,
     Loaded,
+    at_nodes,
     at_preload,
+    by_structure,
     describe,
-    either,
     known_to_act,
     load_step,
+    loaded_of,
     metric_of,
-    steps_by_slip,
+    structure_of,
 )
 from .march import March
+from .mechanics import Load, Structure, steps
 from .mesh import shifted
 from .problem import State, at_tendons, offset_before
 from .sensing import Reading, shown
 from .slip import Kept
-from .slip_march import Load, Memory
 from .terms import REGISTRY, known_on
 from .terms.term import NO_SLIP
 
@@ -114,7 +116,7 @@ MOBILISED = 0.9  # share of its friction at which a tendon with presliding count
 
 
 def _moves(
-    done: Loaded,
+    tension: Float[Array, "*tendons N"],
     before: Float[Array, "*tendons N"],
     scale: Float[Array, ""],
     xi: Float[Array, "*tendons N"] | None,
@@ -123,29 +125,32 @@ def _moves(
     slip itself of several.
     """
     if xi is None:
-        change = done.tension - before
+        change = tension - before
         return jnp.where(jnp.abs(change) > SLIP_TOLERANCE * scale, jnp.sign(change), 0.0)
     slipped = jnp.concatenate([xi[..., 1:2], xi[..., 1:]], axis=-1)
     return jnp.where(jnp.abs(slipped) > 1.0 + SLIP_TOLERANCE, jnp.sign(slipped), 0.0)
 
 
-def _moves_by_slip(
-    memory: Memory, before: Memory, wrap: Float[Array, "*tendons N"], length: Float[Array, ""], rigid: bool
-):
+def _moves_by_slip(slipped, changed, tension, mobilised, wrap, length: Float[Array, ""], rigid: bool):
     """Direction of slip along the tendons, (*tendons, N), of a step with physics terms.
 
     A tendon slips where nearly all its friction is mobilised, and at the base once it moves there. It slips
     as a whole if all its friction nearly is: next to its anchor, where it hardly moves, presliding never gets
     far.
+
+    Args:
+        slipped, changed: slip [m] and change of tension [N] in the step, (*tendons, N).
+        tension: after it [N].
+        mobilised: share of friction that is, in [-1, 1].
+        wrap: turning since the base [rad].
+        length: of the body [m].
+        rigid: whether its shape is fixed.
     """
-    slipped = jnp.moveaxis(memory.slip - before.slip, 0, -1)
     if rigid:  # nothing slips, but for a stretch
-        slipped = jnp.moveaxis(memory.tension - before.tension, 0, -1)
-        length = jnp.max(jnp.abs(memory.tension)) + 1e-6
+        slipped, length = changed, jnp.max(jnp.abs(tension)) + 1e-6
     way = jnp.where(jnp.abs(slipped) > SLIP_TOLERANCE * length, jnp.sign(slipped), 0.0)
     if rigid:
         return way
-    mobilised = jnp.moveaxis(memory.mobilised, 0, -1)
     turning = jnp.diff(wrap, axis=-1, prepend=jnp.zeros_like(wrap[..., :1]))
     whole = jnp.where(wrap[..., -1] > 0, wrap[..., -1], 1.0)
     share = jnp.sum(mobilised * turning, axis=-1, keepdims=True) / whole[..., None]
@@ -174,12 +179,11 @@ def _where(met: Bool[Array, ""], now, before):
     return jtu.tree_map(lambda new, old: jnp.where(met, new, old), now, before)
 
 
-def _plain(robot: Robot, loads: Load, solver: optx.AbstractRootFinder):
-    """The steps of the base model, and the direction of slip along the tendons in each."""
+def _pair(robot: Robot, loads: Load, solver: optx.AbstractRootFinder):
+    """The steps of the base model of several tendons, and the direction of slip along them in each."""
     s = sections(robot)
     settled, kept = at_preload(robot, s, solver)
     scale = jnp.maximum(jnp.max(loads.T_base), jnp.maximum(jnp.max(kept.tension), 1e-6))
-    xi = jnp.zeros_like(kept.tension) if robot.tendon_names else None
 
     def step(carry, T_base):
         kept, start, xi = carry
@@ -188,29 +192,42 @@ def _plain(robot: Robot, loads: Load, solver: optx.AbstractRootFinder):
         now = (memory, *jax.lax.stop_gradient((done.state, gripped)))
         return _where(done.converged, now, carry), (done, kept.tension, gripped)
 
-    start = (kept, *jax.lax.stop_gradient((settled, xi)))
+    start = (kept, *jax.lax.stop_gradient((settled, jnp.zeros_like(kept.tension))))
     done, before, gripped = jax.lax.scan(step, start, loads.T_base)[1]
-    moves = jax.vmap(lambda done, before, xi: _moves(done, before, scale, xi))(done, before, gripped)
+    moves = jax.vmap(lambda done, before, xi: _moves(done.tension, before, scale, xi))(done, before, gripped)
     return done, moves
 
 
-def _by_slip(robot: Robot, loads: Load, solver: optx.AbstractRootFinder):
-    """The same with physics terms."""
+def _solved(structure: Structure, robot: Robot, loads: Load, atol: float):
+    """The same of one tendon, or with physics terms."""
     s = sections(robot)
-    done, before, after = steps_by_slip(robot, s, loads, solver)
+    done, _, settled = steps(at_nodes(robot, s), structure, loads, atol)
+    loaded = jax.vmap(lambda step: loaded_of(s, structure, settled, step))(done)
+    before = nodes_last(done.before[0])
+    if not structure.terms:
+        scale = jnp.maximum(jnp.max(loads.T_base), jnp.maximum(jnp.max(settled.preload), 1e-6))
+        return loaded, jax.vmap(lambda now, before: _moves(now, before, scale, None))(loaded.tension, before)
+    assert done.slip is not None and done.before[1] is not None and done.mobilised is not None
+    slipped = nodes_last(done.slip - done.before[1])
+    changed, mobilised = loaded.tension - before, nodes_last(done.mobilised)
 
-    def moves(now, before, wrap):
-        return _moves_by_slip(now, before, wrap, s.mesh.s[-1], robot.backbone.rigid)
+    def moves(slipped, changed, now, mobilised, wrap):
+        return _moves_by_slip(slipped, changed, now, mobilised, wrap, s.mesh.s[-1], robot.backbone.rigid)
 
-    return done, jax.vmap(moves)(after, before, done.wrap)
+    return loaded, jax.vmap(moves)(slipped, changed, loaded.tension, mobilised, loaded.wrap)
+
+
+def nodes_last(values: Float[Array, "K N *tendons"]) -> Float[Array, "K *tendons N"]:
+    """Arrays of load steps with the nodes behind the tendons."""
+    return jnp.moveaxis(values, 1, -1)
 
 
 @eqx.filter_jit
-def _run(robot: Robot, loads: Load, solver: optx.AbstractRootFinder, with_terms: bool | None) -> Simulation:
-    done, moves = either(
-        lambda robot, loads: _plain(robot, loads, solver),
-        lambda robot, loads: _by_slip(robot, loads, solver),
-        with_terms,
+def _run(robot: Robot, loads: Load, atol: float, structure: Structure | None) -> Simulation:
+    done, moves = by_structure(
+        lambda structure, robot, loads: _solved(structure, robot, loads, atol),
+        lambda robot, loads: _pair(robot, loads, March(atol=atol)),
+        structure,
         robot,
         loads,
     )
@@ -326,8 +343,7 @@ def simulate(
     def padded(values):
         return jnp.concatenate([values, jnp.broadcast_to(values[-1], (missing, *values.shape[1:]))])
 
-    acting = known_to_act(robot) if with_terms is None else with_terms
-    run = _run(robot, jtu.tree_map(padded, loads), solver, acting)
+    run = _run(robot, jtu.tree_map(padded, loads), solver.atol, structure_of(robot, with_terms))
     run = Simulation(
         **{k: v if k == "s" else jtu.tree_map(lambda a: a[:steps], v) for k, v in vars(run).items()}
     )

@@ -14,9 +14,10 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from gtr_jax.robot.robot import Robot, sections
 
-from .equilibrium import known_to_act, preload_of, problem_of, rest_state, solve_problem
+from .equilibrium import known_to_act, preload_of, problem_of, solve_problem
 from .history import Simulation
 from .march import March
+from .mechanics import rest_state
 from .problem import tension_of
 
 PULLING, TRANSITION, RELEASING, REST = "pulling", "transition", "releasing", "rest"

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from gtr_jax.equilibrium import equilibrium, rest_state, tendon_length
+from gtr_jax.equilibrium import equilibrium, tendon_length
 from gtr_jax.files.config import config_text
 from gtr_jax.files.numbers import number
+from gtr_jax.mechanics import rest_state
 from gtr_jax.phases import PULLING, RELEASING, TRANSITION, label_phases, release_switch
 from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Table
