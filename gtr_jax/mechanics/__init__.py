@@ -6,7 +6,19 @@ through load steps.
 """
 
 from .case import Load, Memory, complete, part_of, untouched
-from .history import FOREVER, Robot, Settled, Step, rest_state, steps
+from .history import (
+    FOREVER,
+    Robot,
+    Settled,
+    Step,
+    advance,
+    begin,
+    one_step,
+    rest_state,
+    steps,
+    with_steps_before,
+)
+from .mesh import increments
 from .structure import EVERY, March, Structure, in_order
 
 __all__ = [
@@ -19,10 +31,15 @@ __all__ = [
     "Settled",
     "Step",
     "Structure",
+    "advance",
+    "begin",
     "complete",
+    "one_step",
     "in_order",
+    "increments",
     "part_of",
     "rest_state",
     "steps",
     "untouched",
+    "with_steps_before",
 ]

@@ -49,7 +49,7 @@ class Memory(eqx.Module):
         T_tip: tension at the anchor [N], (*tendons,).
         T_base: base tension [N], (*tendons,).
         carried: share of the external loads that the body carries: 0 before it settles, 1 from then on.
-        unknowns: what the march was closed with, (n,): see `march.Closing`.
+        unknowns: what the march was closed with, (n,): see `march.Closing`; None where nothing is unknown.
     """
 
     tension: Float[Array, "N *tendons"]
@@ -65,7 +65,7 @@ class Memory(eqx.Module):
     T_tip: Float[Array, "*tendons"]
     T_base: Float[Array, "*tendons"]
     carried: Float[Array, ""]
-    unknowns: Float[Array, " n"]
+    unknowns: Float[Array, " n"] | None
 
 
 class Case(eqx.Module):
@@ -130,7 +130,7 @@ def untouched(
         T_tip=at_base,
         T_base=jnp.zeros_like(at_base),
         carried=carried,
-        unknowns=jnp.concatenate(unknowns) if unknowns else jnp.zeros(0),
+        unknowns=jnp.concatenate(unknowns) if unknowns else None,
     )
 
 
@@ -175,12 +175,14 @@ def part_of(memory: Memory, structure: Structure) -> Memory:
         memory,
         **{name: None for name, wanted in asked.items() if not wanted},
         bent={kind: memory.bent[kind] for kind, _ in structure.hooks("bend")},
-        unknowns=jnp.concatenate(unknowns) if unknowns else jnp.zeros(0),
+        unknowns=jnp.concatenate(unknowns) if unknowns else None,
     )
 
 
-def _split(unknowns: Float[Array, " n"], structure: Structure, displacement, moment):
+def _split(unknowns: Float[Array, " n"] | None, structure: Structure, displacement, moment):
     """Displacements, moment and stop of what was unknown; those given where the structure knew them."""
+    if unknowns is None:
+        return displacement, moment, jnp.zeros_like(moment)
     count = max(structure.tendons, 1) * structure.seeks_slip
     displacement = unknowns[:count] if structure.seeks_slip else displacement
     moment = unknowns[count] if structure.bends else moment

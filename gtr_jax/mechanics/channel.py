@@ -45,6 +45,11 @@ def turning_rate(kappa, kappa_slope, R: Offset):
     )
 
 
+def _lead_change(a, slope, a_before, slope_before):
+    """Change of psi - phi between two nodes [rad], from 1 - R kappa and R' at both; below a straight angle."""
+    return jnp.arctan2(slope * a_before - slope_before * a, a * a_before + slope * slope_before)
+
+
 def wrap_increment(angle_change, kappa, kappa_before, R: Offset, R_before: Offset, between: Interval):
     """Total turning of the tendon [rad] between a node and the one before it.
 
@@ -60,7 +65,9 @@ def wrap_increment(angle_change, kappa, kappa_before, R: Offset, R_before: Offse
         R, R_before: channel offset there.
         between: the interval.
     """
-    turn = angle_change + tangent_lead(kappa, R) - tangent_lead(kappa_before, R_before)
+    turn = angle_change + _lead_change(
+        1.0 - R.value * kappa, R.slope, 1.0 - R_before.value * kappa_before, R_before.slope
+    )
     length = between.length
     slope = (kappa - kappa_before) / jnp.where(length > 0, length, 1.0)
     here, before = turning_rate(kappa, slope, R), turning_rate(kappa_before, slope, R_before)

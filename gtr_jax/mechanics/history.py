@@ -122,18 +122,123 @@ def _without_friction(robot: Robot) -> dict[str, dict[str, Array]]:
     return {term.id: values(term) for term in REGISTRY.values()}
 
 
-def steps(
+Before = Callable[[State, Memory], Memory]
+
+
+def steps_before(structure: Structure) -> int:
+    """Load steps before the first: the robot settles with slack tendons under its external loads, then they
+    are strung. Without terms the strung tendons remember their tension only, and without external loads the
+    settled robot is known.
+    """
+    return 2 if structure.terms else int(structure.bends)
+
+
+def begin(robot: Robot, structure: Structure, before: Before | None = None) -> Settled:
+    """The robot before the steps of `steps_before`.
+
+    Args:
+        robot: at its nodes.
+        structure: which equations act.
+        before: as for `steps`.
+    """
+    s, strung_to = robot.sections, robot.preload
+    one, zero = jnp.ones_like(robot.tip_moment), jnp.zeros_like(robot.tip_moment)
+    slack = jnp.zeros((s.rest.shape[0], *strung_to.shape))
+    at_rest = rest_state(s)
+    if not steps_before(structure):
+        at_rest = dataclasses.replace(at_rest, kappa=s.rest + s.compliance * robot.tip_moment)
+        memory = untouched(structure, at_rest, jnp.broadcast_to(strung_to, slack.shape), one)
+        memory = memory if before is None else before(at_rest, memory)
+        return Settled(memory, metric_of(s, at_rest.kappa), strung_to, at_rest.kappa)
+    # What bends the body has bent it from its natural shape; only the search starts from that moment.
+    memory = untouched(structure, jax.lax.stop_gradient(at_rest), slack, zero)
+    memory = dataclasses.replace(memory, kappa=s.rest)
+    return Settled(memory, jnp.ones_like(slack), jnp.zeros_like(strung_to), s.rest)
+
+
+def advance(
     robot: Robot,
     structure: Structure,
-    loads: Load,
     how: March,
-    before: Callable[[State, Memory], Memory] | None = None,
+    settled: Settled,
+    load: Load,
+    at: tuple[Bool[Array, ""], Bool[Array, ""]],
+    before: Before | None = None,
+) -> tuple[Settled, Step]:
+    """One load step.
+
+    Args:
+        robot, structure, how, before: as for `steps`.
+        settled: what is remembered, and the robot as it settled.
+        load: the load.
+        at: whether the robot settles in this step, and whether its tendons are strung.
+    """
+    settling, stringing = at
+    s, strung_to, prefix = robot.sections, robot.preload, steps_before(structure)
+    one = jnp.ones_like(robot.tip_moment)
+    now = _case(robot, structure, settled.memory)
+    if structure.terms:
+        now = dataclasses.replace(now, metric=settled.metric, preload=settled.preload)
+    if prefix == 2:
+        none = {kind: _without_friction(robot)[kind] for kind in structure.terms}
+        own = {kind: robot.terms[kind] for kind in structure.terms}
+        terms = robot.terms | jtu.tree_map(lambda a, b: jnp.where(stringing, a, b), none, own)
+        now = dataclasses.replace(now, mu=jnp.where(stringing, 0.0, robot.mu), terms=terms)
+    done = load_step(now, load, settled.memory, how)
+    met = (done.error <= how.atol) & jnp.all(jnp.isfinite(load.T_base)) & jnp.isfinite(load.dt + load.time)
+    out = Step(
+        state=done.state,
+        tension=done.memory.tension,
+        slip=done.memory.slip,
+        mobilised=done.memory.mobilised,
+        before=(settled.memory.tension, settled.memory.slip),
+        T_tip=done.memory.T_tip,
+        met=met,
+        error=done.error,
+        marches=done.marches,
+    )
+    after = _where(met, dataclasses.replace(settled, memory=done.memory), settled)
+    if prefix:
+        slack = jnp.zeros_like(settled.metric)
+        tension = slack if prefix == 2 else jnp.broadcast_to(strung_to, slack.shape)
+        found = done.memory.unknowns
+        if structure.seeks_slip:
+            assert found is not None
+            found = jnp.concatenate([jnp.zeros(strung_to.size), found[strung_to.size :]])
+        fresh = untouched(structure, done.state, tension, one)
+        fresh = dataclasses.replace(fresh, bent=done.memory.bent, unknowns=found)
+        if prefix == 1 and before is not None:
+            fresh = before(done.state, fresh)
+        fresh = Settled(fresh, metric_of(s, done.state.kappa), strung_to, done.state.kappa)
+        after = _where(settling, fresh, after)
+    if prefix == 2:
+        # The tendons are strung, and nothing has slipped.
+        names = [n for n in ("speed", "mobilised", "elements") if getattr(done.memory, n) is not None]
+        memory = dataclasses.replace(done.memory, **{n: 0 * getattr(done.memory, n) for n in names})
+        memory = memory if before is None else before(done.state, memory)
+        after = _where(stringing, dataclasses.replace(settled, memory=memory), after)
+    return after, out
+
+
+def with_steps_before(robot: Robot, structure: Structure, loads: Load):
+    """Loads with those of `steps_before` ahead, and what `advance` is told of each, (K,) bool both."""
+    prefix = steps_before(structure)
+    one, slack = jnp.ones_like(robot.tip_moment), jnp.zeros_like(robot.preload)
+    first = [Load(T_base, FOREVER * one, 0 * one, 0 * one) for T_base in (slack, robot.preload)[:prefix]]
+    if first:
+        ahead = jtu.tree_map(lambda *a: jnp.stack(a), *first)
+        loads = jtu.tree_map(lambda a, b: jnp.concatenate([a, b]), ahead, loads)
+    at = jnp.arange(loads.time.shape[0])
+    return loads, (at < min(prefix, 1), (at == 1) & (prefix == 2))
+
+
+def steps(
+    robot: Robot, structure: Structure, loads: Load, how: March, before: Before | None = None
 ) -> tuple[Step, Memory, Settled]:
     """Solve load steps, one after another.
 
     The robot first settles with slack tendons, which are then strung to their preloads without friction:
-    steps like any other, so that one program does all. Without external loads and without terms both are
-    known and cost nothing.
+    steps like any other, so that one program does all.
 
     Args:
         robot: at its nodes.
@@ -147,79 +252,35 @@ def steps(
         The steps, with a leading axis K; what is remembered after the last; the robot before the first. A
         step that does not converge leaves the memory as it was.
     """
-    s, strung_to = robot.sections, robot.preload
-    start = jax.lax.stop_gradient(rest_state(s))
-    slack = jnp.zeros((s.rest.shape[0], *strung_to.shape))
-    one, zero = jnp.ones_like(robot.tip_moment), jnp.zeros_like(robot.tip_moment)
-    strung = jnp.broadcast_to(strung_to, slack.shape)
-    prefix = 2 if structure.terms else 1 if structure.bends else 0
-    # What bends the body has bent it from its natural shape; only the search starts from `start`.
-    memory = dataclasses.replace(untouched(structure, start, slack, zero), kappa=s.rest)
-    case = _case(robot, structure, memory)
+    loads, flags = with_steps_before(robot, structure, loads)
 
-    def settled_at(state: State, memory: Memory) -> Settled:
-        return Settled(memory, metric_of(s, state.kappa), strung_to, state.kappa)
+    def step(settled: Settled, x):
+        return advance(robot, structure, how, settled, *x, before)
 
-    if not prefix:
-        kappa = s.rest + s.compliance * robot.tip_moment
-        at_rest = dataclasses.replace(rest_state(s), kappa=kappa)
-        memory = untouched(structure, at_rest, strung, one)
-        memory = memory if before is None else before(at_rest, memory)
-        settled = settled_at(at_rest, memory)
-    else:
-        settled = Settled(memory, jnp.ones_like(slack), case.preload, s.rest)
+    last, out = jax.lax.scan(step, begin(robot, structure, before), (loads, flags))
+    return jtu.tree_map(lambda a: a[steps_before(structure) :], out), last.memory, last
 
-    def step(settled: Settled, at):
-        load, settling, stringing = at
-        now = case
-        if structure.terms:
-            now = dataclasses.replace(now, metric=settled.metric, preload=settled.preload)
-        if prefix == 2:
-            none = {kind: _without_friction(robot)[kind] for kind in structure.terms}
-            own = {kind: robot.terms[kind] for kind in structure.terms}
-            terms = robot.terms | jtu.tree_map(lambda a, b: jnp.where(stringing, a, b), none, own)
-            now = dataclasses.replace(now, mu=jnp.where(stringing, 0.0, case.mu), terms=terms)
-        done = load_step(now, load, settled.memory, how)
-        met = (
-            (done.error <= how.atol) & jnp.all(jnp.isfinite(load.T_base)) & jnp.isfinite(load.dt + load.time)
-        )
-        out = Step(
-            state=done.state,
-            tension=done.memory.tension,
-            slip=done.memory.slip,
-            mobilised=done.memory.mobilised,
-            before=(settled.memory.tension, settled.memory.slip),
-            T_tip=done.memory.T_tip,
-            met=met,
-            error=done.error,
-            marches=done.marches,
-        )
-        after = _where(met, dataclasses.replace(settled, memory=done.memory), settled)
-        if prefix:
-            fresh = untouched(structure, done.state, slack if prefix == 2 else strung, one)
-            found = done.memory.unknowns
-            if structure.seeks_slip:
-                found = found.at[: strung_to.size].set(0.0)
-            fresh = dataclasses.replace(fresh, bent=done.memory.bent, unknowns=found)
-            if prefix == 1 and before is not None:
-                fresh = before(done.state, fresh)
-            after = _where(settling, settled_at(done.state, fresh), after)
-        if prefix == 2:
-            # The tendons are strung, and nothing has slipped.
-            names = [n for n in ("speed", "mobilised", "elements") if getattr(done.memory, n) is not None]
-            memory = dataclasses.replace(done.memory, **{n: 0 * getattr(done.memory, n) for n in names})
-            memory = memory if before is None else before(done.state, memory)
-            after = _where(stringing, dataclasses.replace(settled, memory=memory), after)
-        return after, out
 
-    first = jtu.tree_map(lambda a: jnp.broadcast_to(a, (prefix, *a.shape)), case.load)
-    if prefix == 2:
-        first = dataclasses.replace(first, T_base=jnp.stack([case.load.T_base, strung_to]))
-    loads = jtu.tree_map(lambda a, b: jnp.concatenate([a, b]), first, loads)
-    at = jnp.arange(loads.time.shape[0])
-    settling, stringing = at < min(prefix, 1), (at == 1) & (prefix == 2)
-    last, out = jax.lax.scan(step, settled, (loads, settling, stringing))
-    return jtu.tree_map(lambda a: a[prefix:], out), last.memory, last
+def one_step(
+    robot: Robot, structure: Structure, load: Load, how: March, before: Before | None = None
+) -> tuple[Step, Memory, Settled]:
+    """The same for one load step, without the axis K."""
+    loads, flags = with_steps_before(robot, structure, jtu.tree_map(lambda a: a[None], load))
+    start = begin(robot, structure, before)
+
+    def step(settled: Settled, load: Load, at):
+        return advance(robot, structure, how, settled, load, at, before)
+
+    if not steps_before(structure):
+        last, out = step(start, load, (jnp.asarray(False), jnp.asarray(False)))
+        return out, last.memory, last
+    # The last step is carried on, not stacked: indexing a stack whose tangents are constant fails in a batch.
+    shape = jax.eval_shape(step, start, load, (jnp.asarray(False), jnp.asarray(False)))[1]
+    nothing = jtu.tree_map(lambda a: jnp.zeros(a.shape, a.dtype), shape)
+    (last, out), _ = jax.lax.scan(
+        lambda carry, x: (step(carry[0], *x), None), (start, nothing), (loads, flags)
+    )
+    return out, last.memory, last
 
 
 def _where(holds: Bool[Array, ""], this, that):

@@ -92,7 +92,7 @@ def closed(case: Case, flat: Float[Array, " n"], end: Carry, modes: Modes):
     low, high = end.tension if end.pulled is None else end.pulled, end.released
     high = end.tension if high is None else high
     if what.creeping or what.presliding:
-        local = modes.by_slip | modes.neighbour
+        local = jnp.logical_or(modes.by_slip, modes.neighbour)
         low, high = jnp.where(local, end.tension, low), jnp.where(local, end.tension, high)
     T_tip = end.tension
     if what.has("tip_grip"):

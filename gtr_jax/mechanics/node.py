@@ -31,6 +31,7 @@ from .offset import Offset
 from .sections import State, at_tendons, moment_slope, node_first, offset_before, over_tendons
 
 FLOOR = 1e-4  # of the length: the shortest presliding of several tendons with terms
+FRICTION = ("friction", "by_pressure", "by_speed", "drag", "wrap")  # hooks that change what an interval holds
 HIGHEST = 10.0  # times the largest tension known: none is believed beyond, while the slip is guessed
 Asked = Any  # an array, or None where no law of the structure asks for it
 ((_, mobilise),) = [(term.id, term.mobilise) for term in REGISTRY.values() if term.mobilise]
@@ -176,7 +177,7 @@ class Equations(eqx.Module):
             trapezoid = at_tendons(0.5 * row.interval.length * (kappa + carry.kappas[0]), row.R)
             compact = channel.wrap_increment(trapezoid, *midline[1:], row.R, row.R_before, between)
             # From slack the first pull may be long: nothing was laid down that a stencil could shake loose.
-            lags = neighbour & jnp.logical_not(by_slip) & (row.tension > 0)
+            lags = jnp.logical_and(neighbour, jnp.logical_not(by_slip)) & (row.tension > 0)
             gripped = jnp.where(lags, compact + row.stencil, wrap)
 
         known: Asked = None
@@ -200,21 +201,25 @@ class Equations(eqx.Module):
             """Tension behind the interval if friction is mobilised by `sense`."""
             tension = carry.tension if bound is None else bound
             if what.creeping or what.presliding:
-                tension = jnp.where(by_slip | neighbour, carry.tension, tension)
+                tension = jnp.where(jnp.logical_or(by_slip, neighbour), carry.tension, tension)
             if what.presliding:
                 sense = jnp.where(by_slip, z, sense)
             return self.passed(tension, sense, gripped, speed, row)
 
-        low, high = behind(1.0, carry.pulled), behind(-1.0, carry.released)
-        tension = clip(row.tension, low, high)
         grip: Asked = None
-        if what.terms:
-            grip = jnp.where(tension <= low, 1.0, jnp.where(tension >= high, -1.0, 0.0))
-        stencil = None
-        if what.creeping:
-            stencil = jnp.where(grip == 0.0, row.stencil, wrap - compact)
-        if what.presliding:
-            tension, grip = jnp.where(by_slip, low, tension), jnp.where(by_slip, z, grip)
+        stencil: Asked = row.stencil
+        if by_slip is True:
+            low = high = tension = self.passed(carry.tension, z, gripped, speed, row)
+            grip = z
+        else:
+            low, high = self.bounds(behind, gripped, carry)
+            tension = clip(row.tension, low, high)
+            if what.terms:
+                grip = jnp.where(tension <= low, 1.0, jnp.where(tension >= high, -1.0, 0.0))
+            if what.creeping:
+                stencil = jnp.where(grip == 0.0, row.stencil, wrap - compact)
+            if what.presliding:
+                tension, grip = jnp.where(by_slip, low, tension), jnp.where(by_slip, z, grip)
         drawn, slip = carry.drawn, None
         if what.follows_slip:
             now = self.strained(shortened, tension, row)
@@ -256,6 +261,14 @@ class Equations(eqx.Module):
         state = State(kappa, phi, wrap, moment)
         return error, new, Node(state, tension, slip, middle, speed, grip, stencil, elements, bent)
 
+    def bounds(self, behind, turn, carry: Carry):
+        """Tension behind the interval if all of it slipped towards the base, and towards the tip."""
+        what = self.case.structure
+        if any(what.has(hook) for hook in FRICTION) or what.creeping or what.presliding:
+            return behind(1.0, carry.pulled), behind(-1.0, carry.released)
+        left = jnp.exp(-self.case.mu * turn)
+        return carry.pulled * left, carry.released / left
+
     def strained(self, shortened, tension, row: Row):
         """What the channel has lost of its length, and the tendon gained by its strain, per midline."""
         if not self.case.structure.has("strain"):
@@ -277,14 +290,16 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
     if what.presliding:
         kind = next(term.id for term in REGISTRY.values() if term.mobilise)
         presliding = terms[kind]
+        by_slip = True
         if case.mu.ndim:
             least = FLOOR * mesh.s[-1]
             length = presliding["length"]
             presliding = presliding | {"length": jnp.where(length > least, length, least)}
-            by_slip = True
-        else:
+        elif not (what.acting and kind in what.terms):
             by_slip = is_on(REGISTRY[kind], terms[kind])
-    if what.creeping:
+    if what.creeping and what.acting:
+        neighbour = True
+    elif what.creeping:
         on = [is_on(REGISTRY[kind], terms[kind]) for kind in what.terms if REGISTRY[kind].creeps]
         neighbour = functools.reduce(jnp.logical_or, on)
     over = (-1, *[1] * case.mu.ndim)

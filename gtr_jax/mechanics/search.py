@@ -209,7 +209,8 @@ def _by_path(case: Case, how: March) -> Found:
     sizes = scales(case)
     whole = 2 if what.has("by_speed") else 1
     one, zero = jnp.ones_like(case.tip_moment), jnp.asarray(0)
-    first = case.memory.unknowns / sizes
+    known = case.memory.unknowns
+    first = jnp.zeros(0) if known is None else known / sizes
     begin = Search(
         trial=first,
         kappa=case.memory.kappa,

@@ -70,7 +70,7 @@ def _left(case: Case, marched: Passed, unknowns: Float[Array, " n"]) -> tuple[Me
         T_tip=marched.T_tip,
         T_base=case.load.T_base,
         carried=jnp.ones_like(case.tip_moment),
-        unknowns=jax.lax.stop_gradient(unknowns),
+        unknowns=jax.lax.stop_gradient(unknowns) if what.unknowns else None,
     )
     return memory, nodes.state
 

@@ -36,11 +36,13 @@ class Structure:
             does nothing at its null value.
         tendons: how many tendons have an axis; 0 for one tendon, which has none.
         loaded: whether external forces may act, so that the external moment changes along the body.
+        acting: whether all its terms are known to act, so that the law that holds a tendon is known.
     """
 
     terms: tuple[str, ...]
     tendons: int
     loaded: bool
+    acting: bool = False
 
     def hooks(self, name: str) -> list[tuple[str, Callable[..., Any]]]:
         """Its terms that have a hook, and the hook."""

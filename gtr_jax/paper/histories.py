@@ -21,8 +21,9 @@ from gtr_jax.robot.robot import Robot, sections
 
 from ..mechanics.channel import metric_factor
 from ..mechanics.mesh import increments
-from ..simulation.history import SLIP_TOLERANCE, Simulation, simulate
+from ..simulation.history import Simulation, simulate
 from ..simulation.phases import PULLING, RELEASING, label_phases
+from ..simulation.slipping import SLIP_TOLERANCE
 from . import memory_figures as draw
 from .manipulators import case_of, family, robot_of, solved_robot, template
 from .study import Statement, Study, beyond

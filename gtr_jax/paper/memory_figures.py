@@ -24,7 +24,8 @@ from gtr_jax.plots.style import (
     styled,
 )
 
-from ..simulation.history import SLIP_TOLERANCE, Simulation
+from ..simulation.history import Simulation
+from ..simulation.slipping import SLIP_TOLERANCE
 
 DOTS = (0, (1, 1.5))
 

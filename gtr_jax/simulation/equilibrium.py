@@ -56,10 +56,9 @@ def _solve(
             same = ("slip", "middle", "bent", "unknowns")
             return dataclasses.replace(kept, **{name: getattr(never_pulled, name) for name in same})
 
-        once = Load(T_base, FOREVER * one, 0 * one, 0 * one)
-        load = jtu.tree_map(lambda a: a[None], once)
-        done, memory, settled = mechanics.steps(at_nodes(robot, s), structure, load, how, remembered)
-        step = loaded_of(s, structure, settled, jtu.tree_map(lambda a: a[0], done))
+        load = Load(T_base, FOREVER * one, 0 * one, 0 * one)
+        done, memory, settled = mechanics.one_step(at_nodes(robot, s), structure, load, how, remembered)
+        step = loaded_of(s, structure, settled, done)
         whole = mechanics.complete(memory, structure, step.state, node_first(step.slip))
         return describe(s, step, whole)
 

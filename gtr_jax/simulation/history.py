@@ -27,11 +27,10 @@ from ..terms.term import NO_SLIP
 from .programs import at_nodes, by_structure, known_to_act, structure_of
 from .sensing import Reading, cells_show, shown
 from .several import at_preload, load_step
+from .slipping import front_of, moves_by_tension, moves_of
 from .solution import Equilibrium, Loaded, describe, loaded_of, metric_of
 
 SHORTEST = 1e-9  # s, between samples that share their time
-SLIP_TOLERANCE = 1e-8  # share of the length, or of the largest tension, below which nothing moved
-MOBILISED = 0.9  # share of its friction at which a tendon with presliding counts as slipping
 
 
 class Simulation(eqx.Module):
@@ -112,58 +111,6 @@ def reading(robot: Robot, run: Simulation) -> Reading:
     return cells_show(robot, run.T_base, run.T_tip, run.time)
 
 
-def _moves(
-    tension: Float[Array, "*tendons N"],
-    before: Float[Array, "*tendons N"],
-    scale: Float[Array, ""],
-    xi: Float[Array, "*tendons N"] | None,
-):
-    """Direction of slip along the tendons, (*tendons, N): told by the change of tension of one tendon, by the
-    slip itself of several.
-    """
-    if xi is None:
-        change = tension - before
-        return jnp.where(jnp.abs(change) > SLIP_TOLERANCE * scale, jnp.sign(change), 0.0)
-    slipped = jnp.concatenate([xi[..., 1:2], xi[..., 1:]], axis=-1)
-    return jnp.where(jnp.abs(slipped) > 1.0 + SLIP_TOLERANCE, jnp.sign(slipped), 0.0)
-
-
-def _moves_by_slip(slipped, changed, tension, mobilised, wrap, length: Float[Array, ""], rigid: bool):
-    """Direction of slip along the tendons, (*tendons, N), of a step with physics terms.
-
-    A tendon slips where nearly all its friction is mobilised, and at the base once it moves there. It slips
-    as a whole if all its friction nearly is: next to its anchor, where it hardly moves, presliding never gets
-    far.
-
-    Args:
-        slipped, changed: slip [m] and change of tension [N] in the step, (*tendons, N).
-        tension: after it [N].
-        mobilised: share of friction that is, in [-1, 1].
-        wrap: turning since the base [rad].
-        length: of the body [m].
-        rigid: whether its shape is fixed.
-    """
-    if rigid:  # nothing slips, but for a stretch
-        slipped, length = changed, jnp.max(jnp.abs(tension)) + 1e-6
-    way = jnp.where(jnp.abs(slipped) > SLIP_TOLERANCE * length, jnp.sign(slipped), 0.0)
-    if rigid:
-        return way
-    turning = jnp.diff(wrap, axis=-1, prepend=jnp.zeros_like(wrap[..., :1]))
-    whole = jnp.where(wrap[..., -1] > 0, wrap[..., -1], 1.0)
-    share = jnp.sum(mobilised * turning, axis=-1, keepdims=True) / whole[..., None]
-    at_base = way[..., :1]
-    all_of = (share * at_base > MOBILISED) & (at_base != 0.0)
-    slips = (mobilised * way > MOBILISED).at[..., 0].set(True)
-    return jnp.where(all_of, at_base, jnp.where(slips, way, 0.0))
-
-
-def _front(s, sign):
-    """Direction of slip of one tendon at the base and arc length up to which it reaches."""
-    locked = sign != sign[0]
-    front = jnp.where(jnp.any(locked), s[jnp.maximum(jnp.argmax(locked) - 1, 0)], s[-1])
-    return sign[0], jnp.where(sign[0] == 0.0, 0.0, front)
-
-
 def padded_length(steps: int) -> int:
     """Length a history is padded to, at most a quarter more, so that a few compiled programs serve all."""
     if steps <= 16:
@@ -191,7 +138,9 @@ def _pair(robot: Robot, loads: Load, solver: RootFinder):
 
     start = (kept, *jax.lax.stop_gradient((settled, jnp.zeros_like(kept.tension))))
     done, before, gripped = jax.lax.scan(step, start, loads.T_base)[1]
-    moves = jax.vmap(lambda done, before, xi: _moves(done.tension, before, scale, xi))(done, before, gripped)
+    moves = jax.vmap(lambda done, before, xi: moves_by_tension(done.tension, before, scale, xi))(
+        done, before, gripped
+    )
     return done, moves
 
 
@@ -200,23 +149,9 @@ def _solved(structure: Structure, robot: Robot, loads: Load, how: March):
     s = sections(robot)
     done, _, settled = steps(at_nodes(robot, s), structure, loads, how)
     loaded = jax.vmap(lambda step: loaded_of(s, structure, settled, step))(done)
-    before = nodes_last(done.before[0])
-    if not structure.terms:
-        scale = jnp.maximum(jnp.max(loads.T_base), jnp.maximum(jnp.max(settled.preload), 1e-6))
-        return loaded, jax.vmap(lambda now, before: _moves(now, before, scale, None))(loaded.tension, before)
-    assert done.slip is not None and done.before[1] is not None and done.mobilised is not None
-    slipped = nodes_last(done.slip - done.before[1])
-    changed, mobilised = loaded.tension - before, nodes_last(done.mobilised)
-
-    def moves(slipped, changed, now, mobilised, wrap):
-        return _moves_by_slip(slipped, changed, now, mobilised, wrap, s.mesh.s[-1], robot.backbone.rigid)
-
-    return loaded, jax.vmap(moves)(slipped, changed, loaded.tension, mobilised, loaded.wrap)
-
-
-def nodes_last(values: Float[Array, "K N *tendons"]) -> Float[Array, "K *tendons N"]:
-    """Arrays of load steps with the nodes behind the tendons."""
-    return jnp.moveaxis(values, 1, -1)
+    scale = jnp.maximum(jnp.max(loads.T_base), jnp.maximum(jnp.max(settled.preload), 1e-6))
+    rigid = robot.backbone.rigid
+    return loaded, jax.vmap(lambda step, now: moves_of(s, structure, rigid, step, now, scale))(done, loaded)
 
 
 @eqx.filter_jit
@@ -231,7 +166,7 @@ def _run(robot: Robot, loads: Load, how: March, structure: Structure | None) -> 
     # What is read off the states is computed for all steps at once, outside the loop.
     s = sections(robot)
     eq = jax.vmap(lambda done: describe(s, done))(done)
-    fronts = jax.vmap(lambda sign: _front(s.mesh.s, sign))
+    fronts = jax.vmap(lambda sign: front_of(s.mesh.s, sign))
     direction, front = (fronts if moves.ndim == 2 else jax.vmap(fronts))(moves)
     return Simulation(
         T_base=loads.T_base,

@@ -25,6 +25,7 @@ def structure_of(robot: Robot, with_terms: bool | Collection[str] | None) -> Str
         robot: the robot.
         with_terms: as for `simulate`.
     """
+    known = with_terms is None
     if with_terms is None:
         acting = {kind: known_on(REGISTRY[kind], robot.terms[kind]) for kind in EVERY}
         if None in acting.values():
@@ -34,7 +35,7 @@ def structure_of(robot: Robot, with_terms: bool | Collection[str] | None) -> Str
         with_terms = EVERY if with_terms else ()
     terms = in_order(with_terms)
     loads = any(REGISTRY[kind].loads for kind in terms)
-    return Structure(terms, len(robot.tendon_names), robot.loaded or loads)
+    return Structure(terms, len(robot.tendon_names), robot.loaded or loads, known)
 
 
 def at_nodes(robot: Robot, s: Sections) -> mechanics.Robot:
