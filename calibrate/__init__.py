@@ -4,13 +4,13 @@ from .diagnosis import Diagnosis, diagnose
 from .estimate import Estimate, Profile
 from .fit import fit
 from .posterior_draws import Posterior
-from .result import Channel, FitResult, FittedRecording
+from .result import FitResult, FittedChannel, FittedRecording
 
 __all__ = [
-    "Channel",
     "Diagnosis",
     "Estimate",
     "FitResult",
+    "FittedChannel",
     "FittedRecording",
     "Posterior",
     "Profile",

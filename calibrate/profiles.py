@@ -7,12 +7,14 @@ the profile shows it.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from .answer import Answer
 from .descent import descend
 from .estimate import Profile
-from .task import Task
+from .setup import Setup
 
 # Chi-squared of one parameter that 95 % of recordings stay below.
 LEVEL_95 = 3.841458820694124
@@ -20,25 +22,43 @@ FIRST, FARTHEST, POINTS, CLOSE = 1.0, 4.0, 6, 0.05
 MAX_STEPS = 12
 
 
-def profiles(task: Task, answer: Answer) -> dict[str, Profile]:
-    """Profiles of the parameters that the recording determines, by name; of one free parameter too."""
-    known, found = answer.known(task), {}
-    for i, name in enumerate(f.name for f in task.asked):
+class Profiles(NamedTuple):
+    """Profiles of the parameters that the recordings determine.
+
+    Attributes:
+        of: by name.
+        evaluations: times that all recordings were simulated.
+        warnings: what a reader must know.
+    """
+
+    of: dict[str, Profile]
+    evaluations: int
+    warnings: list[str]
+
+
+def profiles(setup: Setup, answer: Answer) -> Profiles:
+    """Profiles of the parameters that the recording determines; of one free parameter too."""
+    known, found, evaluations, warnings = answer.known(setup), {}, 0, []
+    for i, name in enumerate(f.name for f in setup.asked):
         if known.known[i]:
-            task.progress(f"profile of {name}")
+            setup.progress(f"profile of {name}")
             try:
-                found[name] = _profile(answer, i, float(np.sqrt(known.covariance[i, i])))
+                found[name], count = _profile(answer, i, float(np.sqrt(known.covariance[i, i])))
             except KeyboardInterrupt:
-                task.warnings.append(f"Interrupted at the profile of {name}: the fit is whole without it.")
+                warnings.append(f"Interrupted at the profile of {name}: the fit is whole without it.")
                 break
-    return found
+            evaluations += count
+    return Profiles(of=found, evaluations=evaluations, warnings=warnings)
 
 
-def _profile(answer: Answer, i: int, sd: float) -> Profile:
+def _profile(answer: Answer, i: int, sd: float) -> tuple[Profile, int]:
+    """The profile of coordinate i, whose standard error is sd, and how many simulations of all recordings it
+    took.
+    """
     best, problem = answer.descent.u, answer.problem
     lowest = problem.cost(best, answer.predictions)
     free = _others(answer, i)
-    points, ends = {0.0: 0.0}, []
+    points, ends, evaluations = {0.0: 0.0}, [], 0
     for side in (-1.0, 1.0):
         start, offset, crossing = best, side * FIRST, None
         inside, outside = (0.0, 0.0), None
@@ -47,9 +67,9 @@ def _profile(answer: Answer, i: int, sd: float) -> Profile:
             u[i] = best[i] + offset * sd
             if free.any():
                 held = descend(problem, u, active=free, max_steps=MAX_STEPS)
-                u, at = held.u, held.predictions
+                u, at, evaluations = held.u, held.predictions, evaluations + held.evaluations
             else:
-                at = problem.predict(u)
+                at, evaluations = problem.predict(u), evaluations + 1
             rise = problem.cost(u, at) - lowest
             if not np.isfinite(rise):
                 break
@@ -77,13 +97,14 @@ def _profile(answer: Answer, i: int, sd: float) -> Profile:
         u[i] += offset * sd
         return float(at.values(u)[i])
 
-    return Profile(
+    found = Profile(
         values=np.asarray([value(o) for o in offsets]),
         rise=np.asarray([points[o] for o in offsets]),
         parabola=offsets**2,
         lower95=None if ends[0] is None else value(ends[0]),
         upper95=None if ends[1] is None else value(ends[1]),
     )
+    return found, evaluations
 
 
 def _others(answer: Answer, i: int) -> np.ndarray:

@@ -13,7 +13,7 @@ import numpy as np
 
 from .coordinates import Coordinates
 from .descent import descend
-from .task import Task
+from .setup import Setup
 
 # Factors below 2 between neighbours, from a smooth sheath to full lock.
 MU_GRID = tuple(float(mu) for mu in np.geomspace(0.01, 2.0, 10))
@@ -47,13 +47,13 @@ def thin(T_base: np.ndarray, blocks: int = BLOCKS) -> np.ndarray:
     return np.asarray(sorted(kept))
 
 
-def candidates(task: Task) -> list[np.ndarray]:
+def candidates(setup: Setup) -> list[np.ndarray]:
     """Values worth trying, SI: the robot file's, and a grid over mu and E where they have no prior. Where
     several recordings have their own, all are moved alike.
     """
-    values = task.initial
+    values = setup.initial
     searched = {
-        name: [i for i, f in enumerate(task.free) if f.entry.name == name and task.priors[i] is None]
+        name: [i for i, f in enumerate(setup.free) if f.entry.name == name and setup.priors[i] is None]
         for name in ("mu", "E")
     }
     tried = []
@@ -77,44 +77,44 @@ class Start(NamedTuple):
         u: the point, (p,).
         tried: starts from which a descent was tried.
         agreed: how many of them ended where the best did, or as low.
+        evaluations: times that all recordings were simulated.
     """
 
     at: tuple[Coordinates, ...]
     u: np.ndarray
     tried: int
     agreed: int
+    evaluations: int
 
 
-def search(task: Task) -> Start | None:
+def search(setup: Setup) -> Start | None:
     """Scan the candidates on the thinned recordings and descend from the best few of them.
 
     Returns:
         The best end; None if the simulation fails at every candidate.
     """
-    samples = [thin(part.T_base.T_base) for part in task.parts]
-    thinned = [part.only(kept) for part, kept in zip(task.parts, samples, strict=True)]
-    tried = candidates(task)
-    origin = np.zeros(len(task.free))
-    scanned = []
+    samples = [thin(part.T_base.T_base) for part in setup.parts]
+    thinned = [part.only(kept) for part, kept in zip(setup.parts, samples, strict=True)]
+    tried = candidates(setup)
+    origin = np.zeros(len(setup.free))
+    scanned, evaluations = [], len(tried)
     for i, values in enumerate(tried):
-        task.progress(f"searching for a start: {i + 1} of {len(tried)}")
-        at = task.coordinates(values)
-        problem = task.objective(at, thinned)
+        setup.progress(f"searching for a start: {i + 1} of {len(tried)}")
+        at = setup.coordinates(values)
+        problem = setup.objective(at, thinned)
         cost = problem.cost(origin, problem.predict(origin))
-        task.evaluations += problem.predict.count
-        problem.predict.count = 0
         if np.isfinite(cost):
             scanned.append((cost, problem, at))
     scanned.sort(key=lambda entry: entry[0])
     ends = []
     for i, (_, problem, at) in enumerate(scanned[:STARTS]):
-        task.progress(f"descending from start {i + 1}")
+        setup.progress(f"descending from start {i + 1}")
         rough = descend(problem, origin, max_steps=ROUGH_STEPS)
-        task.evaluations += problem.predict.count
+        evaluations += rough.evaluations
         u = np.where(rough.at_edge, origin, rough.u)
         ends.append((problem.cost(rough.u, rough.predictions), at, u))
     if not ends:
         return None
     best = min(ends, key=lambda end: end[0])
     agreed = sum(cost <= best[0] + max(LEVEL, LEVEL * best[0]) for cost, _, _ in ends)
-    return Start(best[1], best[2], len(ends), agreed)
+    return Start(at=best[1], u=best[2], tried=len(ends), agreed=agreed, evaluations=evaluations)

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from .base_tension import BaseTension
-from .coordinates import CHANNELS, Prediction
+from .predictor import Prediction
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -75,13 +75,14 @@ class Weighing:
         sd_base: float,
         stretch: np.ndarray,
     ) -> Weighing:
-        """With the slopes of a simulation."""
+        """With the slopes of a simulation of the channels."""
         K = len(base.T_base)
         plain = Weighing.plain(base, channels, sd)
         slipped = np.maximum.accumulate(np.where(prediction.slips, np.arange(K), 0))
         last = [slipped if name == "T_tip" else np.arange(K) for name in channels]
-        slope = prediction.slope[[CHANNELS.index(name) for name in channels]]
-        return dataclasses.replace(plain, slope=slope, last=np.stack(last), sd_base=sd_base, stretch=stretch)
+        return dataclasses.replace(
+            plain, slope=prediction.slope, last=np.stack(last), sd_base=sd_base, stretch=stretch
+        )
 
     @property
     def passed(self) -> np.ndarray:

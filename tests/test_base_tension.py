@@ -10,7 +10,9 @@ import calibrate
 import gtr_jax as gtr
 from benchmarks.coverage import Case, noisy, outcome, recorded
 from calibrate.base_tension import BaseTension, estimate, exact, straighten, turning_points
-from calibrate.coordinates import Predictor, coordinates
+from calibrate.coordinates import coordinates, places
+from calibrate.number import number_at
+from calibrate.predictor import Predictor
 from calibrate.weighing import Weighing
 from gtr_jax.parameters import parameter
 
@@ -144,7 +146,7 @@ def test_weighed_squares_are_those_of_the_full_covariance():
 
 def test_slope_is_that_of_the_base_tension_last_followed(make_robot):
     robot = make_robot()
-    at = coordinates(robot, [parameter(robot, "mu")], [float(robot.value("mu"))])
+    at = coordinates(places(robot, ["mu"]), [number_at(parameter(robot, "mu"), float(robot.value("mu")))])
     T_base = np.concatenate([np.linspace(0, 40, 21), np.linspace(40, 2, 20)[1:]])
     found = Predictor(robot, at, T_base)(np.zeros(1))
     assert found is not None

@@ -10,7 +10,9 @@ import pytest
 import calibrate
 import gtr_jax as gtr
 from calibrate import noise
-from calibrate.coordinates import Predictor, coordinates
+from calibrate.coordinates import coordinates, places
+from calibrate.number import number_at
+from calibrate.predictor import Predictor
 from calibrate.start import thin
 from gtr_jax.parameters import parameter
 from tests.conftest import PARALLEL, SINE
@@ -238,7 +240,8 @@ def test_real_recording():
 def test_derivatives_of_the_prediction(make_config):
     robot = gtr.build_robot(make_config(PARALLEL))
     chosen = [parameter(robot, "mu"), parameter(robot, "offset")]
-    at = coordinates(robot, chosen, [float(robot.value(p.name)) for p in chosen])
+    numbers = [number_at(p, float(robot.value(p.name))) for p in chosen]
+    at = coordinates(places(robot, [p.name for p in chosen]), numbers)
     predict = Predictor(robot, at, LOOP)
     u, h = np.asarray([0.02, -0.01]), 1e-5
     exact = predict(u)

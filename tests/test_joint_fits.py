@@ -241,12 +241,12 @@ def test_the_sampler_sees_the_sum_of_squares_that_is_minimised(tdcm, monkeypatch
     noisy = dataclasses.replace(rec, T_base=history + rng.normal(0, 0.05, len(history)))
     seen = []
     module = sys.modules["calibrate.fit"]  # calibrate.fit is the function
-    monkeypatch.setattr(module, "sample", lambda task, answer: seen.append((task, answer)))
+    monkeypatch.setattr(module, "sample", lambda setup, answer: seen.append((setup, answer)))
     fit = calibrate.fit(tdcm, noisy, free=("mu", "E"), sampled=True)
     assert "does not determine" not in fit.verdict
-    task, answer = seen[0]
-    assert answer.problem.predict.parts[0].steps < len(history) and answer.problem.weighs[0].sd_base > 0
-    potential = potential_of(task, answer)
+    setup, answer = seen[0]
+    assert answer.problem.predictors[0].steps < len(history) and answer.problem.weighs[0].sd_base > 0
+    potential = potential_of(setup, answer)
     for shift in ([0.0, 0.0], [0.003, -0.01]):
         u = answer.descent.u + np.asarray(shift)
         predictions = answer.problem.predict(u)

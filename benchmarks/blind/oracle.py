@@ -11,12 +11,15 @@ from typing import Any
 import numpy as np
 
 import gtr_jax as gtr
-from calibrate.diagnosis.bench import Bench, Fitted, Noise
-from calibrate.diagnosis.diagnose import deviations_of, dimensions_of, hypotheses_of
+from calibrate.diagnosis.bench import Bench
+from calibrate.diagnosis.diagnose import deviations_of, hypotheses_of
+from calibrate.diagnosis.follow import dimensions_of
 from calibrate.diagnosis.hypotheses import base_numbers
+from calibrate.diagnosis.model import Fitted
 from calibrate.diagnosis.rig import Rig
 from calibrate.diagnosis.search import STARTS_EACH, refit_best, screen
 from calibrate.fit import part_of
+from calibrate.noise import Noise
 
 # Rivals refitted to find the nearest, and friction coefficients to refit the base model from.
 NEAREST, OTHERS = 6, (0.1, 0.2, 0.35, 0.6)
@@ -37,7 +40,7 @@ def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
     recording = gtr.read_recording(folder / "recording.csv")
     robot = gtr.build_robot(config)
     channels = tuple(key["clean"])
-    part = part_of("clean", robot, config, recording, channels, None, None, False, [])
+    part, _ = part_of("clean", robot, config, recording, channels)
     clean = np.stack([np.asarray(key["clean"][name]) for name in part.channels])
     noise = [_noise(row) for row in part.recorded - clean]
     # The base tension as it was, its knots and noise as they are estimated.

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
-from .bench import Fitted
 from .locate import misfit
+from .model import Fitted
 from .patterns import Pattern, pattern_in
 from .search import HOW_MANY, SEEN, Models, Screened
 

@@ -10,25 +10,28 @@ from typing import NamedTuple
 import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot, simulate
-from gtr_jax.parameters import parameters_of
 
 from ..base_tension import BEND
-from ..coordinates import CHANNELS
 from ..fit import channels_of, part_of
 from ..free import distinct
-from ..task import Part, recorded
-from .bench import Bench, Dimension, Fitted, model_of, passing
+from ..number import Number, values_in
+from ..parallel import in_parallel
+from ..predictor import CHANNELS
+from ..setup import Part, recorded
+from .bench import Bench, passing
+from .cache import SimulationCache
 from .decide import Decision, decide, with_unseen
 from .differ import MOST as MOST_DIFFER
 from .differ import Difference, differing, names_to_split, still_differ
 from .experiment import Experiment, propose
+from .follow import dimensions_of
 from .heldout import held_out
-from .hypotheses import Hypothesis, Number, base_numbers, catalogue
+from .hypotheses import Hypothesis, base_numbers, catalogue
 from .locate import cycles_of, locate, mu_by_stratum, phases_of, ratio_of_branches
 from .marginal import Marginal, jointly
-from .memory import Memory
+from .model import Fitted, model_of
 from .result import BAD_DATA, Diagnosis, Loop, Rival
-from .rig import OWN, Rig, resolution_of, some_samples, values_in
+from .rig import Rig, resolution_of, some_samples
 from .sanity import faults
 from .search import (
     SHORTLIST,
@@ -39,7 +42,6 @@ from .search import (
     base_fit,
     combine,
     firm_fit,
-    in_parallel,
     merged,
     refit_best,
     screen,
@@ -125,11 +127,11 @@ def diagnose(
         InputError: a recording without tip tension or too short, a robot of several tendons.
     """
     say = progress or (lambda _: None)
-    memory = None if steps is None else Memory(steps)
+    cache = None if steps is None else SimulationCache(steps)
     try:
         for may_differ in (True, False):
             ready = prepare(
-                robot, recording, channels, noise_N, noise_base_N, say, memory, may_differ=may_differ
+                robot, recording, channels, noise_N, noise_base_N, say, cache, may_differ=may_differ
             )
             if isinstance(ready, Diagnosis):
                 return ready
@@ -139,8 +141,8 @@ def diagnose(
             say("with what was found the recordings agree: trying again with one value for all")
         raise AssertionError("a search in which nothing differs has an answer")
     finally:
-        if memory is not None:
-            memory.close()
+        if cache is not None:
+            cache.close()
 
 
 def _search(ready: Prepared, experiment: bool | None, say: Callable[[str], None]) -> Diagnosis | None:
@@ -184,7 +186,7 @@ def prepare(
     noise_N: float | None = None,
     noise_base_N: float | None = None,
     say: Callable[[str], None] = lambda _: None,
-    memory: Memory | None = None,
+    cache: SimulationCache | None = None,
     *,
     may_differ: bool = True,
 ) -> Prepared | Diagnosis:
@@ -210,10 +212,11 @@ def prepare(
         )
     warnings: list[str] = []
     names = distinct([r.path.stem for r in recordings])
-    parts = [
-        part_of(name, fine, config, r, channels, noise_N, noise_base_N, False, warnings)
-        for name, r in zip(names, recordings, strict=True)
-    ]
+    parts: list[Part] = []
+    for name, r in zip(names, recordings, strict=True):
+        part, more = part_of(name, fine, config, r, channels, noise_N=noise_N, noise_base_N=noise_base_N)
+        parts.append(part)
+        warnings += more
     found = [fault for part in parts for fault in faults(part)]
     if found:
         return Diagnosis.without_answer(BAD_DATA, found, parts, warnings, config)
@@ -228,18 +231,18 @@ def prepare(
         parts: list[Part],
         start: np.ndarray | None,
         numbers: tuple[Number, ...] = base_numbers(fine, deviations),
-        dimensions: Sequence[Dimension] = dimensions,
+        dimensions: Sequence[Number] = dimensions,
     ) -> _Start | None:
         """Recordings on the bench, and the base model fitted to them; None if that fails."""
         full = [part if part.samples <= MANY else part.only(some_samples(part, MANY)) for part in parts]
         kept = [some_samples(part, FEW_OF_SEVERAL if several else FEW) for part in full]
         small = [p if len(k) == p.samples else p.only(k) for p, k in zip(full, kept, strict=True)]
-        rigs = [Rig(p, coarse, free, memory) for p in small]
+        rigs = [Rig(p, coarse, free, cache) for p in small]
         bench = Bench(rigs, numbers, dimensions)
         base = base_fit(bench, start)
         if base is None:
             return None
-        exact = [Rig(p, finest, free, memory) for p in full]
+        exact = [Rig(p, finest, free, cache) for p in full]
         _refine(bench, Models(bench, ()), {(): base}, exact, kept)
         base = base_fit(bench, base.x)
         return None if base is None else _Start(full, kept, bench, exact, base)
@@ -268,7 +271,7 @@ def prepare(
             BAD_DATA, ["the simulation fails at every start value tried"], parts, warnings, config
         )
     full, kept, bench, exact, base = start
-    own = {n.name.partition(OWN)[0] for n in base.numbers}
+    own = {n.parameter for n in base.numbers}
     hypotheses = [
         h for h in hypotheses_of(fine, base, full) if not own & {*h.fixed, *(n.name for n in h.numbers)}
     ]
@@ -280,7 +283,7 @@ def prepare(
         kept,
         warnings,
         bench,
-        [Rig(p, coarse, free, memory) for p in full],
+        [Rig(p, coarse, free, cache) for p in full],
         exact,
         base,
         hypotheses,
@@ -355,18 +358,6 @@ def deviations_of(config: RobotConfig | None) -> dict[str, float]:
         sd = config.deviation(key)
         if sd:
             found[name] = float(np.log1p(sd / abs(values[key])))
-    return found
-
-
-def dimensions_of(config: RobotConfig | None, robot: Robot) -> list[Dimension]:
-    """What else the robot file says is uncertain, and acts."""
-    if config is None:
-        return []
-    found = []
-    for entry in parameters_of(robot).values():
-        sd = config.deviation(entry.key) if entry.name not in ("mu", "E") else None
-        if sd and not (entry.external and not robot.loaded):
-            found.append(Dimension(entry.name, entry.unit, float(robot.value(entry.name)), sd))
     return found
 
 

@@ -17,11 +17,13 @@ from gtr_jax.robot import sections
 from gtr_jax.sensing import cells_show
 
 from ..base_tension import exact
-from ..coordinates import CHANNELS
-from .bench import Fitted
+from ..number import values_in
+from ..parallel import in_parallel
+from ..predictor import CHANNELS
 from .decide import UNEXPLAINED, Decision
-from .rig import Rig, values_in
-from .search import Models, in_parallel
+from .model import Fitted
+from .rig import Rig
+from .search import Models
 
 # Noise assumed of instruments that were not used: m, m, rad, m.
 POSE_NOISE = {"tip_x": 3e-4, "tip_y": 3e-4, "tip_angle": 5e-3, "displacement": 1e-4}
@@ -230,7 +232,7 @@ def _options(models: Models, rig: Rig) -> list[_Option]:
     for name, done, changed in _drives(list(histories), rig.robot, float(T.max())):
         time, load = histories[name]
         driven = dataclasses.replace(part, T_base=exact(load), time=time, trial=None)
-        other = Rig(driven, rig.robot, rig.more, rig.memory)
+        other = Rig(driven, rig.robot, rig.more, rig.cache)
         # Simulated once, whatever of it is recorded.
         seen = functools.cache(lambda values, other=other: other(dict(values)))
         for channels in dict.fromkeys((tuple(part.channels), every)):

@@ -10,9 +10,10 @@ import numpy as np
 from gtr_jax.phases import PULLING, RELEASING, TRANSITION, phases_of_slip
 
 from ..base_tension import turning_points
-from ..coordinates import CHANNEL_UNITS, CHANNELS
-from .bench import Bench, Fitted
-from .rig import OWN
+from ..number import OWN
+from ..predictor import CHANNEL_UNITS, CHANNELS
+from .bench import Bench
+from .model import Fitted
 
 PHASES = (PULLING, TRANSITION, RELEASING)
 FEWEST, SEEN = 4, 3.5

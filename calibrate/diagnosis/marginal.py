@@ -15,14 +15,16 @@ import numpy as np
 from gtr_jax.phases import PULLING
 
 from ..answer import by_source
-from ..coordinates import CHANNELS
 from ..estimate import NORMAL_95, shares_of_variance
 from ..noise import correlation_time
-from ..task import STRETCH
-from .bench import LARGEST_STEP, Bench, Fitted, Model, model_of
+from ..parallel import in_parallel
+from ..predictor import CHANNELS
+from ..setup import STRETCH
+from .bench import LARGEST_STEP, Bench
 from .hypotheses import Hypothesis
 from .locate import phases_of
-from .search import Models, in_parallel
+from .model import Fitted, Model, model_of
+from .search import Models
 
 # Iterations of the fit, and step of the central differences at its end, in standard deviations of the priors.
 MOST, HALF_STEP = 8, 1e-3
@@ -78,7 +80,7 @@ def jointly(models: Models, fitted: Fitted, finer: float) -> Marginal:
     model = model_of(bench.base, hypotheses)
     own = {n.name: x for n, x in zip(fitted.numbers, fitted.x, strict=True)}
     own |= {
-        d.name: (fitted.dimensions.get(d.name, d.value) - d.value) / d.sd for d in models.bench.dimensions
+        d.name: (fitted.dimensions.get(d.name, d.centre) - d.centre) / d.sd for d in models.bench.dimensions
     }
     start = np.asarray([own[n.name] for n in model.numbers])
     found = _polished(bench, model, hypotheses, start)

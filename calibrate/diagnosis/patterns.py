@@ -16,9 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from ..coordinates import CHANNELS
 from ..noise import MAD_TO_SD, resolution
-from .bench import Bench, Fitted, noise_in
+from ..predictor import CHANNELS
+from .bench import Bench, noise_in
+from .model import Fitted
 
 SAMPLE, TIME, NAN = "sample", "time", float("nan")
 # Chance below which a pattern is no noise, and the share of the residual that it has to explain: in long

@@ -13,14 +13,14 @@ from gtr_jax.numbers import measured_quantity
 from gtr_jax.plain import plain
 from gtr_jax.terms import REGISTRY
 
-from ..task import Part
+from ..number import OWN
+from ..setup import Part
 from .decide import ADEQUATE, AMBIGUOUS, MISSING, UNEXPLAINED, Decision, structured
 from .differ import Difference
 from .experiment import Experiment
 from .locate import Where
 from .marginal import Marginal
 from .patterns import Pattern
-from .rig import OWN
 from .robots import RobotFile, kinds, robot_files
 from .search import SEEN, Models, Screened
 

@@ -11,10 +11,10 @@ from gtr_jax import InputError, Robot, RobotConfig
 from gtr_jax.parameters import parameters_of
 
 from ..free import distinct
+from ..number import values_in
 from .decide import UNEXPLAINED, Decision
 from .differ import Difference
 from .marginal import Marginal
-from .rig import values_in
 
 STEM = "diagnosed"
 

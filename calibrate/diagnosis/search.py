@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from .bench import FAILED, MOST_ITERATIONS, Bench, Fitted, Model, model_of
+from ..parallel import in_parallel
+from .bench import MOST_ITERATIONS, Bench
 from .hypotheses import Hypothesis
 from .locate import misfit
+from .model import FAILED, Fitted, Model, model_of
 
-THREADS = 2
 MU_STARTS = (0.03, 0.08, 0.15, 0.25, 0.4, 0.65)
 # Hypotheses refitted, and those added to one that is known.
 SHORTLIST, SECOND = 14, 3
@@ -41,12 +41,6 @@ HOPELESS = 40.0
 # Single effects to which others are added: those as close to the best in log, or so many of them where even
 # the best leaves structure of this significance.
 CLOSE, HEADS, ASTRAY = 12.0, 5, 4.0
-
-
-def in_parallel(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
-    """work(item) for all items, in order, on both cores: compiled programs release the interpreter."""
-    with ThreadPoolExecutor(THREADS) as pool:
-        return list(pool.map(work, items))
 
 
 def base_fit(bench: Bench, start: np.ndarray | None = None) -> Fitted | None:
@@ -110,7 +104,7 @@ class Screened(NamedTuple):
     smallest: float
 
 
-@dataclasses.dataclass(eq=False)
+@dataclasses.dataclass(frozen=True, eq=False)
 class _Tried:
     """A start of a hypothesis: coordinates, drop of the sum of squares that it promises, power of what it
     changes beside the numbers fitted, and the least sum of squares simulated.
@@ -220,18 +214,23 @@ def screen(
         known = dict(columns)
         if h.numbers[0].size and x[0] != 0:
             known[n] = (rows - fitted.rows) / x[0]
-        tried.cost, tried.power = cost(rows, fitted.x, failed), power
-        tried.gain = max(standing - tried.cost, promised)
-        tried.start = Start(both, known)
-        return tried
+        first = cost(rows, fitted.x, failed)
+        return dataclasses.replace(
+            tried,
+            start=Start(both, known),
+            gain=max(standing - first, promised),
+            power=power,
+            cost=first,
+        )
 
-    def second_try(tried: _Tried) -> None:
+    def second_try(tried: _Tried) -> _Tried:
         h, both = tried.hypothesis, tried.start.x
         ran = simulated((*fitted.numbers, *h.numbers), both, h.fixed)
-        if ran is not None:
-            rows, failed = ran
-            tried.cost = min(tried.cost, cost(rows, both[:n], failed))
-            tried.gain = max(tried.gain, standing - tried.cost)
+        if ran is None:
+            return tried
+        rows, failed = ran
+        second = min(tried.cost, cost(rows, both[:n], failed))
+        return dataclasses.replace(tried, gain=max(tried.gain, standing - second), cost=second)
 
     def third_try(tried: _Tried) -> _Tried | None:
         # Where the numbers fitted make up for most of an effect they follow along a valley too bent for one
@@ -256,16 +255,24 @@ def screen(
         for s in (h.starts if thorough else h.few)
     ]
     found = in_parallel(first_try, all_tried)
+
+    def ranked_places(places: Iterable[int]) -> list[int]:
+        return sorted(places, key=lambda i: -found[i].gain)
+
+    def try_again(places: Sequence[int]) -> None:
+        for i, tried in zip(places, in_parallel(second_try, [found[i] for i in places]), strict=True):
+            found[i] = tried
+
     thirds: list[_Tried] = []
-    promising = sorted(found, key=lambda t: -t.gain)[: AGAIN if thorough else AGAIN // 2]
-    in_parallel(second_try, promising)
+    promising = ranked_places(range(len(found)))[: AGAIN if thorough else AGAIN // 2]
+    try_again(promising)
     if thorough and reference is None and not fitted.names:
-        best: list[_Tried] = []
+        best: list[int] = []
         for h in hypotheses:
-            mine = sorted((t for t in found if t.hypothesis is h), key=lambda t: -t.gain)
+            mine = ranked_places(i for i, t in enumerate(found) if t.hypothesis is h)
             best += mine[: STARTS_EACH[len(h.numbers)]]
-        in_parallel(second_try, [t for t in best if t not in promising])
-        thirds = [t for t in in_parallel(third_try, best) if t is not None]
+        try_again([i for i in best if i not in promising])
+        thirds = [t for t in in_parallel(third_try, [found[i] for i in best]) if t is not None]
     screened = []
     for h in hypotheses:
         mine, first = [t for t in (*found, *thirds) if t.hypothesis is h], h.numbers[0]

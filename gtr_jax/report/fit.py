@@ -48,7 +48,7 @@ class EstimateLike(Protocol):
 
 
 class ChannelLike(Protocol):
-    """One recorded quantity beside the fitted model; see `calibrate.result.Channel`."""
+    """One recorded quantity beside the fitted model; see `calibrate.result.FittedChannel`."""
 
     @property
     def unit(self) -> str: ...
