@@ -51,7 +51,7 @@ def fit(
     """Fit parameters of a robot, or of several, to recordings by least squares.
 
     The true base tension is an unknown like the parameters: straight between as few knots as the noise of the
-    recorded one allows (`base_tension.py`), because tendons with friction remember extremes, so that noise
+    recorded one allows (`base_tension`), because tendons with friction remember extremes, so that noise
     taken for tension biases friction. Minimised is the sum of squares of what is left at the tip and at the
     base, each in units of its noise (`weighing.py`), and of (deviation/standard deviation) of each free
     parameter under [uncertainty] in the robot file, on the scale it is fitted on: logarithmic where positive.

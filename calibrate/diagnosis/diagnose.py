@@ -11,7 +11,7 @@ import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot, simulate
 
-from ..base_tension import BEND
+from ..base_tension import BEND, sharpened
 from ..fit import channels_of, part_of
 from ..free import distinct
 from ..number import Number, values_in
@@ -343,7 +343,7 @@ def _sharpened(start: _Start, readings: Sequence[np.ndarray]) -> list[Part] | No
         shift = (cell * (read - base.T_base) - np.sum(own * residual, axis=0)) / (told + cell)
         informed = told > cell
         sd = float(np.sqrt(np.mean(1 / (told + cell)[informed])))
-        sharper = base.sharpened(read, base.T_base + np.where(informed, shift, 0.0), sd)
+        sharper = sharpened(base, read, base.T_base + np.where(informed, shift, 0.0), sd)
         changed = changed or sharper is not base
         found[-1] = dataclasses.replace(part, T_base=sharper)
     return found if changed else None
