@@ -17,15 +17,16 @@ from calibrate.base_tension import exact
 from calibrate.diagnosis import decide
 from calibrate.diagnosis.bench import Bench
 from calibrate.diagnosis.cache import SimulationCache
-from calibrate.diagnosis.diagnose import prepare
 from calibrate.diagnosis.experiment import checks, menu, propose, turned, weighed, weight_to_hang
 from calibrate.diagnosis.hypotheses import Hypothesis, base_numbers, catalogue, number_of
 from calibrate.diagnosis.locate import cycles_of, ratio_of_branches
 from calibrate.diagnosis.model import Fitted
+from calibrate.diagnosis.models import Models
 from calibrate.diagnosis.patterns import Pattern, pattern_in
-from calibrate.diagnosis.result import sentence
+from calibrate.diagnosis.prepare import prepare
 from calibrate.diagnosis.rig import Rig
-from calibrate.diagnosis.search import Models, screen
+from calibrate.diagnosis.screen import screen
+from calibrate.diagnosis.sentence import sentence
 from calibrate.fit import part_of
 from calibrate.noise import Noise, of_residual
 from calibrate.number import Number

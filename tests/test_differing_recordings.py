@@ -12,8 +12,8 @@ from command_line import run_gtr
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.diagnosis.diagnose import Prepared, prepare
 from calibrate.diagnosis.locate import locate, mu_by_stratum
+from calibrate.diagnosis.prepare import Prepared, prepare
 from calibrate.diagnosis.rig import Rig
 from calibrate.diagnosis.robots import _labels
 from calibrate.number import values_in

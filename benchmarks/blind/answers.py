@@ -16,7 +16,7 @@ from typing import Any
 import calibrate
 import gtr_jax as gtr
 from calibrate.diagnosis.cache import SimulationCache
-from calibrate.diagnosis.diagnose import prepare
+from calibrate.diagnosis.prepare import prepare
 from calibrate.parallel import use_threads
 from gtr_jax.cli.cache import enable_cache
 

@@ -12,12 +12,13 @@ import numpy as np
 
 import gtr_jax as gtr
 from calibrate.diagnosis.bench import Bench
-from calibrate.diagnosis.diagnose import deviations_of, hypotheses_of
 from calibrate.diagnosis.follow import dimensions_of
 from calibrate.diagnosis.hypotheses import base_numbers
 from calibrate.diagnosis.model import Fitted
+from calibrate.diagnosis.prepare import deviations_of, hypotheses_of
 from calibrate.diagnosis.rig import Rig
-from calibrate.diagnosis.search import STARTS_EACH, refit_best, screen
+from calibrate.diagnosis.screen import STARTS_EACH, screen
+from calibrate.diagnosis.search import refit_best
 from calibrate.fit import part_of
 from calibrate.noise import Noise
 

@@ -27,17 +27,9 @@ from ..parallel import in_parallel
 from .bench import Bench
 from .hypotheses import Hypothesis, number_of
 from .model import Fitted, model_of
-from .search import (
-    BELIEVED,
-    HOW_MANY,
-    LARGEST_SCALE,
-    ONE_EACH,
-    SEEN,
-    Models,
-    base_fit,
-    refit_best,
-    screen,
-)
+from .models import BELIEVED, HOW_MANY, LARGEST_SCALE, Models
+from .screen import SEEN, screen
+from .search import ONE_EACH, base_fit, refit_best
 
 # Beside the base numbers and the uncertain dimensions: what may be another from one session to the next, and
 # the standard deviation of a preload as a share of the largest base tension.

@@ -113,17 +113,17 @@ def locate(bench: Bench, fitted: Fitted) -> list[Where]:
                 unit = CHANNEL_UNITS[CHANNELS.index(name)]
                 found.append(
                     Where(
-                        part.name,
-                        name,
-                        phase,
-                        reach,
-                        number,
-                        mean,
-                        excess,
-                        unit,
-                        float(z),
-                        share,
-                        ("" if len(bench.rigs) == 1 else f"{part.name}: ")
+                        recording=part.name,
+                        channel=name,
+                        phase=phase,
+                        T_base_N=reach,
+                        cycle=number,
+                        mean=mean,
+                        excess_rms=excess,
+                        unit=unit,
+                        z=float(z),
+                        share=share,
+                        says=("" if len(bench.rigs) == 1 else f"{part.name}: ")
                         + _words(name, phase, reach, number, mean, excess, unit),
                     )
                 )

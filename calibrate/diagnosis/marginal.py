@@ -24,7 +24,7 @@ from .bench import LARGEST_STEP, Bench
 from .hypotheses import Hypothesis
 from .locate import phases_of
 from .model import Fitted, Model, model_of
-from .search import Models
+from .models import Models
 
 # Iterations of the fit, and step of the central differences at its end, in standard deviations of the priors.
 MOST, HALF_STEP = 8, 1e-3
@@ -216,7 +216,7 @@ def _as_they_show(bench: Bench, fitted: Fitted) -> np.ndarray:
 
 def _law(models: Models, bench: Bench, found: Fitted, fitted: Fitted) -> np.ndarray:
     """White rows of what the effects' laws may have wrong, (n, ways): what they do while pulling and not, at
-    low tension and high, each with the share that the evidence leaves (`search.INEXACT`).
+    low tension and high, each with the share that the evidence leaves (`models.INEXACT`).
     """
     nothing = np.zeros((len(found.rows), 0))
     if not found.names:
