@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2
 
-from gtr_jax.phases import PULLING, RELEASING
+from gtr_jax.simulation.phases import PULLING, RELEASING
 
 from .answer import Answer
 from .descent import descend
 from .estimate import UNKNOWN, Estimate, estimates, uncertainty
-from .noise import correlation_time
+from .readings.noise import correlation_time
 from .setup import Setup
 
 FEWEST = 8

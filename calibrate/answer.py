@@ -12,8 +12,8 @@ import numpy as np
 from .coordinates import Coordinates
 from .descent import Descent, Objective
 from .estimate import UNKNOWN, Uncertainty, shares_of_variance, uncertainty
-from .noise import Noise, correlation_time
 from .predictor import Prediction
+from .readings.noise import Noise, correlation_time
 from .setup import Part, Setup
 from .weighing import Weighing
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gtr_jax import InputError, RobotConfig
-from gtr_jax.parameters import with_values
+from gtr_jax.robot.parameters import with_values
 
 from . import verdict as words
 from .alone import NO_PHASES, NOT_APART, by_recording, mu_by_phase
@@ -17,9 +17,9 @@ from .answer import Answer, Judged
 from .descent import all_converged
 from .estimate import MOSTLY_PRIOR, UNKNOWN, Estimate, Uncertainty, correlation, estimates, transform
 from .identifiability import MINOR, axes, remedy
-from .noise import MAD_TO_SD
 from .number import is_log
 from .predictor import CHANNEL_UNITS, Prediction
+from .readings.noise import MAD_TO_SD
 from .result import FitResult, FittedChannel, FittedRecording
 from .setup import Setup
 from .start import Start

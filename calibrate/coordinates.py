@@ -15,7 +15,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from gtr_jax import InputError, Robot
-from gtr_jax.parameters import places_of
+from gtr_jax.robot.parameters import places_of
 from gtr_jax.terms import REGISTRY
 
 from .number import Number

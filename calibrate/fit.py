@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot
-from gtr_jax.parameters import term_of
+from gtr_jax.robot.parameters import term_of
 from gtr_jax.terms import REGISTRY, known_on
 
-from . import base_tension
+from . import readings
 from .answer import Answer
 from .conclusion import concluded, ignorance, unanswered
 from .descent import descend
@@ -51,7 +51,7 @@ def fit(
     """Fit parameters of a robot, or of several, to recordings by least squares.
 
     The true base tension is an unknown like the parameters: straight between as few knots as the noise of the
-    recorded one allows (`base_tension`), because tendons with friction remember extremes, so that noise
+    recorded one allows (`readings`), because tendons with friction remember extremes, so that noise
     taken for tension biases friction. Minimised is the sum of squares of what is left at the tip and at the
     base, each in units of its noise (`weighing.py`), and of (deviation/standard deviation) of each free
     parameter under [uncertainty] in the robot file, on the scale it is fitted on: logarithmic where positive.
@@ -234,17 +234,17 @@ def part_of(
     kept, warnings = fitted_to(given, wanted, robot, str(recording.path))
     channels, values = tuple(kept), np.stack(list(kept.values()))
     if robust:
-        T_base, spikes = base_tension.without_spikes(T_base)
+        T_base, spikes = readings.without_spikes(T_base)
         if spikes:
             warnings.append(f"{spikes} lone spikes of the base tension in {recording.path} are left out.")
-    base = base_tension.estimate(T_base, recording.time, noise_base_N, values[0])
-    if noise_base_N is None and base.sd == 0 and base_tension.is_noisy(T_base):
+    base = readings.estimate_base(T_base, recording.time, noise_base_N, values[0])
+    if noise_base_N is None and base.sd == 0 and readings.is_noisy(T_base):
         warnings.append(
             f"{recording.path}: the base tension jumps about so that noise cannot be told from changes: it "
             "is taken as exact, which biases friction if it is noisy; give its noise with --noise-base."
         )
     if noise_base_N:
-        seen = base_tension.estimate(T_base, recording.time, tip=values[0]).sd
+        seen = readings.estimate_base(T_base, recording.time, tip=values[0]).sd
         if 0 < TOO_LARGE * seen < noise_base_N:
             warnings.append(
                 f"The noise given for the base tension, {noise_base_N:.3g} N, is far above the {seen:.2g} N "

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 
 from gtr_jax import InputError, Robot, RobotConfig, parameters_of
-from gtr_jax.parameters import Parameter, parameter, term_of
+from gtr_jax.robot.parameters import Parameter, parameter, term_of
 
 # Values in two robot files that differ by less, relative, are one.
 SAME = 1e-9

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gtr_jax.parameters import Parameter
+from gtr_jax.robot.parameters import Parameter
 
 # Between a number's name and that of the recording, or robot, that has it to itself.
 OWN = "@"

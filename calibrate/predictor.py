@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from gtr_jax import Robot, Simulation, reading, simulate, true_base
-from gtr_jax.equilibrium import known_to_act
-from gtr_jax.history import cycles, padded_length
-from gtr_jax.phases import phases_of_slip
+from gtr_jax.simulation.history import cycles, padded_length
+from gtr_jax.simulation.phases import phases_of_slip
+from gtr_jax.simulation.programs import known_to_act
 
 from .coordinates import Coordinates
 from .parallel import in_parallel

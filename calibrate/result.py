@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gtr_jax import Robot, RobotConfig
-from gtr_jax.plain import plain
+from gtr_jax.files.plain import plain
 
 from .estimate import Estimate, Profile
 from .posterior_draws import Posterior

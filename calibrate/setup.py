@@ -10,16 +10,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig
-from gtr_jax.history import padded_length
+from gtr_jax.simulation.history import padded_length
 from gtr_jax.terms import REGISTRY, known_on
 
-from . import noise
-from .base_tension import BaseTension, exact
 from .coordinates import Coordinates, coordinates, places
 from .descent import Objective
 from .free import Free
 from .number import Number, number_at
 from .predictor import CHANNELS, Prediction, Predictor
+from .readings import BaseTension, exact, noise
 from .weighing import Weighing
 
 LARGEST_FACTOR = 30.0

@@ -9,9 +9,10 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.config import RobotConfig
-from gtr_jax.numbers import quantity
-from gtr_jax.robot import Robot
+from gtr_jax.files.config import RobotConfig
+from gtr_jax.files.numbers import quantity
+from gtr_jax.robot.robot import Robot
+from gtr_jax.simulation.programs import known_to_act
 
 from . import limits as L
 from .assemble import Assembled
@@ -191,8 +192,6 @@ def judge(
     values: dict[str, float] | None = None,
 ) -> Option:
     """The states of any robot against the targets and limits of a problem."""
-    from gtr_jax.equilibrium import known_to_act
-
     T, released, largest = loads_of(problem, tensions)
     states = solve(robot, T, released, largest, bool(known_to_act(robot)))
     pulled = [i for i, r in enumerate(released) if not r]

@@ -9,8 +9,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.build import build_robot
 from gtr_jax.errors import InputError
+from gtr_jax.robot.build import build_robot
 
 from .assemble import Assembled
 from .gauss_newton import judge_all, search_all

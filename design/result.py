@@ -6,9 +6,9 @@ import dataclasses
 import math
 from typing import Any
 
-from gtr_jax.config import RobotConfig
-from gtr_jax.numbers import quantity
-from gtr_jax.plain import plain
+from gtr_jax.files.config import RobotConfig
+from gtr_jax.files.numbers import quantity
+from gtr_jax.files.plain import plain
 
 from .assemble import Assembled
 from .compare import Comparison
@@ -20,6 +20,7 @@ from .tolerances import Sensitivity
 from .verify import Verification
 
 REACHED, NEAREST, OPTIMAL, UNSETTLED = "reached", "not-reached", "optimal", "not-converged"
+GOAL_UNITS = {"reach": "m", "bend": "rad", "tension": "N"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -188,8 +189,7 @@ class Design:
     def _goal(self) -> dict[str, Any]:
         goal = self.problem.target.goal
         assert goal is not None
-        unit = {"reach": "m", "bend": "rad", "tension": "N"}[goal.kind]
-        return {"kind": goal.kind, "value": self.best.goal, "unit": unit}
+        return {"kind": goal.kind, "value": self.best.goal, "unit": GOAL_UNITS[goal.kind]}
 
 
 def miss_says(error: TargetError) -> str:

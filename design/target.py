@@ -12,11 +12,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, PrivateAttr, StrictInt, StrictStr, ValidationError
 
-from gtr_jax.config import ROUTINGS, Section
-from gtr_jax.config_checks import one_line
-from gtr_jax.config_file import read_toml
 from gtr_jax.errors import InputError
-from gtr_jax.units import Unit
+from gtr_jax.files.config_file import read_toml
+from gtr_jax.files.config_form import one_line
+from gtr_jax.files.sections import ROUTINGS, Section
+from gtr_jax.files.units import Unit
 
 Length = Annotated[float, Unit("m")]
 Angle = Annotated[float, Unit("rad")]

@@ -14,8 +14,8 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
-from gtr_jax.robot import Robot
-from gtr_jax.routing import StraightSineStraight
+from gtr_jax.robot.robot import Robot
+from gtr_jax.robot.routing import StraightSineStraight
 
 from .limits import LEAST_WAVE, LOSS, RELEASE, TIP, LimitValues, channel_margins, stations_of
 from .model import States, states_of

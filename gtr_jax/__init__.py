@@ -12,18 +12,26 @@ from .runtime import set_up  # noqa: E402
 
 set_up()
 
-from .build import build_robot, load_robot  # noqa: E402
-from .config import RobotConfig, dump_config, load_config  # noqa: E402
-from .equilibrium import Equilibrium, equilibrium  # noqa: E402
 from .errors import InputError  # noqa: E402
-from .forces import ChannelForces, channel_forces  # noqa: E402
-from .history import Simulation, equilibrium_at, simulate  # noqa: E402
-from .march import March  # noqa: E402
-from .parameters import Parameter, parameters_of  # noqa: E402
-from .phases import Switch, label_phases, release_switch  # noqa: E402
-from .recording import Recording, read_recording, write_recording  # noqa: E402
-from .robot import Backbone, Loads, Robot, Tendon  # noqa: E402
-from .sensing import Reading, reading, true_base  # noqa: E402
+from .files.config import RobotConfig, dump_config, load_config  # noqa: E402
+from .files.recording import Recording, read_recording, write_recording  # noqa: E402
+from .mechanics import March  # noqa: E402
+from .robot.backbone import Backbone  # noqa: E402
+from .robot.build import build_robot, load_robot  # noqa: E402
+from .robot.parameters import Parameter, parameters_of  # noqa: E402
+from .robot.parts import Loads, Tendon  # noqa: E402
+from .robot.robot import Robot  # noqa: E402
+from .simulation.equilibrium import equilibrium  # noqa: E402
+from .simulation.forces import ChannelForces, channel_forces  # noqa: E402
+from .simulation.history import (  # noqa: E402
+    Simulation,
+    equilibrium_at,
+    reading,
+    simulate,
+)
+from .simulation.phases import Switch, label_phases, release_switch  # noqa: E402
+from .simulation.sensing import Reading, true_base  # noqa: E402
+from .simulation.solution import Equilibrium  # noqa: E402
 
 __all__ = [
     "Backbone",

@@ -13,7 +13,6 @@ from command_line import run_gtr
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.base_tension import exact
 from calibrate.diagnosis import decide
 from calibrate.diagnosis.bench import Bench
 from calibrate.diagnosis.cache import SimulationCache
@@ -28,10 +27,11 @@ from calibrate.diagnosis.rig import Rig
 from calibrate.diagnosis.screen import screen
 from calibrate.diagnosis.sentence import sentence
 from calibrate.fit import part_of
-from calibrate.noise import Noise, of_residual
 from calibrate.number import Number
+from calibrate.readings import exact
+from calibrate.readings.noise import Noise, of_residual
 from calibrate.weighing import Weighing
-from gtr_jax.sensing import cells_show
+from gtr_jax.simulation.sensing import cells_show
 from gtr_jax.terms import REGISTRY
 
 REFERENCE = Path(__file__).parent / "data" / "reference"

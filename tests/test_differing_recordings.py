@@ -17,8 +17,8 @@ from calibrate.diagnosis.prepare import Prepared, prepare
 from calibrate.diagnosis.rig import Rig
 from calibrate.diagnosis.robots import _labels
 from calibrate.number import values_in
-from gtr_jax.history import padded_length
-from gtr_jax.sensing import cells_show
+from gtr_jax.simulation.history import padded_length
+from gtr_jax.simulation.sensing import cells_show
 from gtr_jax.terms import REGISTRY
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "rig"

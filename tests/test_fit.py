@@ -9,12 +9,12 @@ import pytest
 
 import calibrate
 import gtr_jax as gtr
-from calibrate import noise
 from calibrate.coordinates import coordinates, places
 from calibrate.number import number_at
 from calibrate.predictor import Predictor
+from calibrate.readings import noise
 from calibrate.start import thin
-from gtr_jax.parameters import parameter
+from gtr_jax.robot.parameters import parameter
 from tests.conftest import PARALLEL, SINE
 
 DATA = Path(__file__).parent / "data"

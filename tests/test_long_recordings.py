@@ -8,11 +8,11 @@ import pytest
 import calibrate
 import gtr_jax as gtr
 from benchmarks.coverage import Case, noisy, recorded
-from calibrate.base_tension import estimate, exact
 from calibrate.coordinates import coordinates, places
 from calibrate.number import number_at
 from calibrate.predictor import Predictor
-from gtr_jax.parameters import parameter
+from calibrate.readings import estimate_base, exact
+from gtr_jax.robot.parameters import parameter
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def long():
 def test_nodes_carry_the_history(long):
     config, run, _ = long
     robot = gtr.build_robot(config)
-    base = estimate(run.T_base, run.time, sd=0.01)
+    base = estimate_base(run.T_base, run.time, sd=0.01)
     nodes = base.nodes(0.2)
     assert set(base.knots) <= set(nodes.tolist()) and len(nodes) < len(run.T_base) / 10
     at = coordinates(places(robot, ["mu"]), [number_at(parameter(robot, "mu"), float(robot.value("mu")))])

@@ -11,7 +11,8 @@ import pytest
 
 import gtr_jax as gtr
 from benchmarks.terms import compared
-from gtr_jax.report.terms import page, told
+from gtr_jax.report.term_pages import page
+from gtr_jax.report.terms import told
 from gtr_jax.terms import REGISTRY, null_values
 from tests.conftest import SINE
 

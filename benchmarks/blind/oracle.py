@@ -20,7 +20,7 @@ from calibrate.diagnosis.rig import Rig
 from calibrate.diagnosis.screen import STARTS_EACH, screen
 from calibrate.diagnosis.search import refit_best
 from calibrate.fit import part_of
-from calibrate.noise import Noise
+from calibrate.readings.noise import Noise
 
 # Rivals refitted to find the nearest, and friction coefficients to refit the base model from.
 NEAREST, OTHERS = 6, (0.1, 0.2, 0.35, 0.6)

@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..base_tension import exact
 from ..least_squares import BY_DIFFERENCES, Rules, minimise
-from ..noise import Noise, of_residual, resolution, whitened
 from ..number import Number
 from ..predictor import CHANNELS, Seen
+from ..readings import exact
+from ..readings.noise import Noise, of_residual, resolution, whitened
 from ..weighing import Weighing
 from .follow import Follow
 from .hypotheses import Hypothesis

@@ -18,12 +18,12 @@ import numpy as np
 from scipy import stats
 
 from gtr_jax import Robot
-from gtr_jax.parameters import parameter
+from gtr_jax.robot.parameters import parameter
 from gtr_jax.terms import REGISTRY, known_on
 
-from ..noise import correlation_time
 from ..number import OWN, Number, number_at, values_in
 from ..parallel import in_parallel
+from ..readings.noise import correlation_time
 from .bench import Bench
 from .hypotheses import Hypothesis, number_of
 from .model import Fitted, model_of

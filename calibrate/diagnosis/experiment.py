@@ -12,14 +12,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax import Robot
-from gtr_jax.parameters import with_values
-from gtr_jax.robot import sections
-from gtr_jax.sensing import cells_show
+from gtr_jax.robot.parameters import with_values
+from gtr_jax.robot.robot import sections
+from gtr_jax.simulation.sensing import cells_show
 
-from ..base_tension import exact
 from ..number import values_in
 from ..parallel import in_parallel
 from ..predictor import CHANNELS
+from ..readings import exact
 from .decide import UNEXPLAINED, Decision
 from .model import Fitted
 from .models import Models

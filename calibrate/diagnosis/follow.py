@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gtr_jax import Robot, RobotConfig
-from gtr_jax.parameters import parameters_of
+from gtr_jax.robot.parameters import parameters_of
 
 from ..number import Number, number_at
 

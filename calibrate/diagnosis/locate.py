@@ -7,11 +7,11 @@ import itertools
 
 import numpy as np
 
-from gtr_jax.phases import PULLING, RELEASING, TRANSITION, phases_of_slip
+from gtr_jax.simulation.phases import PULLING, RELEASING, TRANSITION, phases_of_slip
 
-from ..base_tension import turning_points
 from ..number import OWN
 from ..predictor import CHANNEL_UNITS, CHANNELS
+from ..readings import turning_points
 from .bench import Bench
 from .model import Fitted
 

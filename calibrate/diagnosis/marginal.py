@@ -12,13 +12,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gtr_jax.phases import PULLING
+from gtr_jax.simulation.phases import PULLING
 
 from ..answer import by_source
 from ..estimate import NORMAL_95, shares_of_variance
-from ..noise import correlation_time
 from ..parallel import in_parallel
 from ..predictor import CHANNELS
+from ..readings.noise import correlation_time
 from ..setup import STRETCH
 from .bench import LARGEST_STEP, Bench
 from .hypotheses import Hypothesis

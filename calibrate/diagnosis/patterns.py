@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from ..noise import MAD_TO_SD, resolution
 from ..predictor import CHANNELS
+from ..readings.noise import MAD_TO_SD, resolution
 from .bench import Bench, noise_in
 from .model import Fitted
 

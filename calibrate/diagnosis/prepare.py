@@ -10,11 +10,11 @@ import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot, simulate
 
-from ..base_tension import BEND, sharpened
 from ..fit import channels_of, part_of
 from ..free import distinct
 from ..number import Number, values_in
 from ..predictor import CHANNELS
+from ..readings import BEND, sharpened
 from ..setup import Part, recorded
 from .bench import Bench, passing
 from .cache import SimulationCache

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gtr_jax import Robot, RobotConfig
-from gtr_jax.plain import plain
+from gtr_jax.files.plain import plain
 
 from ..number import OWN
 from ..setup import Part

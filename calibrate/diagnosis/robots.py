@@ -8,7 +8,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 from gtr_jax import InputError, Robot, RobotConfig
-from gtr_jax.parameters import parameters_of
+from gtr_jax.robot.parameters import parameters_of
 
 from ..free import distinct
 from ..number import values_in

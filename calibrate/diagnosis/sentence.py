@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gtr_jax.numbers import measured_quantity
+from gtr_jax.files.numbers import measured_quantity
 from gtr_jax.terms import REGISTRY
 
 from .decide import ADEQUATE, AMBIGUOUS, UNEXPLAINED, structured

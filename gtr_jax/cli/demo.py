@@ -30,9 +30,9 @@ def demo(output: Path, force: bool) -> int:
     """Simulate a manipulator through a full loop; fit friction and modulus to the tensions of a recording,
     which a missing effect makes wrong though the fit looks good; and diagnose it. All ship with the package.
     """
-    from gtr_jax.config import load_config
     from gtr_jax.examples import CONCEALED, CONCEALED_ROBOT, MADE_WITH, SIMULATED
-    from gtr_jax.recording import read_recording
+    from gtr_jax.files.config import load_config
+    from gtr_jax.files.recording import read_recording
     from gtr_jax.report import render_index
     from gtr_jax.report.simulation import verdict
 

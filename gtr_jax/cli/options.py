@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from gtr_jax.errors import InputError
-from gtr_jax.units import to_si
+from gtr_jax.files.units import to_si
 
 
 class Quantity(click.ParamType):

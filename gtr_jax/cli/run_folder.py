@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gtr_jax.errors import InputError, listed
+from gtr_jax.files.plain import plain
 from gtr_jax.interruption import interruption
-from gtr_jax.plain import plain
 
 from .options import HELD
 

@@ -21,8 +21,8 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from gtr_jax.config import RobotConfig
-    from gtr_jax.recording import Recording
+    from gtr_jax.files.config import RobotConfig
+    from gtr_jax.files.recording import Recording
     from gtr_jax.report import SimulationAnswer
 
 STEPS = 40
@@ -70,7 +70,7 @@ def simulate(
     number is in newtons. Of several tendons, --tendon names the one to pull; a history has a column
     T_base_N.NAME for each.
     """
-    from gtr_jax.config import load_config
+    from gtr_jax.files.config import load_config
 
     from .cache import enable_cache
     from .progress import Progress
@@ -91,7 +91,7 @@ def simulate(
         for name, value in alone.items():
             if value is not None:
                 raise InputError(f"{name}: has no effect with --history; leave one of the two out")
-        from gtr_jax.recording import read_recording
+        from gtr_jax.files.recording import read_recording
 
         given = read_recording(history, columns, need_tip=False, tendons=config.tendon_names)
         T_base, time = given.T_base, given.time
@@ -182,8 +182,8 @@ def solve(
     Raises:
         InputError: tensions so large that no finite state is left to draw.
     """
-    from gtr_jax.build import build_robot
     from gtr_jax.report import answer_simulation
+    from gtr_jax.robot.build import build_robot
 
     robot = build_robot(config, resolution=resolution)
     progress("compiling and simulating")
@@ -207,12 +207,12 @@ def write_answer(
     time: np.ndarray | None = None,
 ) -> None:
     """Write all that a simulation leaves into a folder."""
-    from gtr_jax.config import dump_config
-    from gtr_jax.recording import write_recording
+    from gtr_jax.files.config import dump_config
+    from gtr_jax.files.recording import write_recording
     from gtr_jax.report import profile, simulation_report
     from gtr_jax.report.simulation import facts
-    from gtr_jax.sensing import cells_differ
 
+    from ..simulation.sensing import cells_differ
     from .run_folder import write_json, write_report
 
     run, shown = answer.run, answer.run.reading

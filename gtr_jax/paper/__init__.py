@@ -19,7 +19,7 @@ def studies(progress: Callable[[str], None]) -> list[Study]:
     Args:
         progress: told each stage.
     """
-    from .antagonists import study_antagonists
+    from .antagonist_study import study_antagonists
     from .histories import study_histories
     from .loads import study_loads
     from .manipulator_study import study_manipulators

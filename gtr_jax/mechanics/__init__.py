@@ -1,0 +1,28 @@
+"""The mechanics: one node equation, one march from the base to the tip, one implicit derivative.
+
+`structure` says what a program has to hold, `node` has the equations of a node, `march` takes them from the
+base to the tip, `search` finds what is unknown at the base, `solve` makes it differentiable, `history` goes
+through load steps.
+"""
+
+from .case import Load, Memory, complete, part_of, untouched
+from .history import FOREVER, Robot, Settled, Step, rest_state, steps
+from .structure import EVERY, March, Structure, in_order
+
+__all__ = [
+    "EVERY",
+    "FOREVER",
+    "Load",
+    "March",
+    "Memory",
+    "Robot",
+    "Settled",
+    "Step",
+    "Structure",
+    "complete",
+    "in_order",
+    "part_of",
+    "rest_state",
+    "steps",
+    "untouched",
+]
