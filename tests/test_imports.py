@@ -14,18 +14,6 @@ FILES = [path for package in PACKAGES for path in sorted((ROOT / package).rglob(
 # Names that users import from a package stand in its __init__.py, its door: it imports from the folders what
 # it shows. "base" is what lies beside gtr_jax/__init__.py: errors, Ctrl-C, how JAX is set up.
 DOOR = {package: f"{package} (door)" for package in PACKAGES}
-# Files of gtr_jax that are still to move into the folder they belong to.
-MOVING = {
-    **dict.fromkeys(
-        (
-            *("march", "slip_march", "slip", "linear_solver", "adjoint", "problem"),
-            *("channel", "friction", "mesh", "small_matrices"),
-        ),
-        "mechanics",
-    ),
-    **dict.fromkeys(("equilibrium", "history", "sensing", "phases", "forces", "outcome"), "simulation"),
-}
-
 # What each folder may import besides itself.
 BELOW = {"base", "files", "robot", "mechanics", "simulation", "terms"}
 CALIBRATE = {"gtr_jax (door)", "base", "files", "robot", "simulation", "terms", "calibrate.readings"}
@@ -35,8 +23,9 @@ ALLOWED = {
     "terms": set(),
     "files": {"base", "terms"},
     "mechanics": {"terms"},
+    "mechanics.several": {"mechanics", "terms"},
     "robot": {"base", "files", "mechanics", "terms"},
-    "simulation": {"robot", "mechanics", "terms"},
+    "simulation": {"robot", "mechanics", "mechanics.several", "terms"},
     "gtr_jax (door)": BELOW,
     "sweep": BELOW,
     "plots": BELOW | {"sweep"},
@@ -72,7 +61,7 @@ def room(path: Path) -> str:
     if len(folders) == 1 and file == "__init__":
         return DOOR[folders[0]]
     if folders == ["gtr_jax"]:
-        return "cli" if file == "__main__" else MOVING.get(file, "base")  # `python -m gtr_jax`: the command
+        return "cli" if file == "__main__" else "base"  # `python -m gtr_jax`: the command
     return ".".join(folders[1:] if folders[0] == "gtr_jax" else folders)
 
 
