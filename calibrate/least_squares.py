@@ -49,6 +49,8 @@ class Damping:
         eased, raised: what divides the damping after a good step, and what multiplies it after a step that
             is refused.
         least, most: limits of the damping.
+        rounding: share of the cost by which rounding may make a step seem worse than it is, so that one that
+            promises less is taken.
     """
 
     value: float
@@ -59,15 +61,18 @@ class Damping:
     raised: float
     least: float = 0.0
     most: float = np.inf
+    rounding: float = 0.0
 
-    def takes(self, gained: float, promised: float) -> bool:
+    def takes(self, gained: float, promised: float, cost: float) -> bool:
         """Whether a step is taken, by the drop of the cost and the one that its linear model promised."""
-        return gained >= self.taken * promised if self.taken > 0 else gained > 0
+        if self.taken == 0:
+            return gained > 0
+        return gained >= self.taken * promised - self.rounding * cost
 
-    def after(self, gained: float, promised: float) -> Damping:
-        """The damping for the step after one that gained so much."""
+    def after(self, gained: float, promised: float, *, taken: bool) -> Damping:
+        """The damping for the step after one that gained so much, and was taken or not."""
         value = self.value
-        if not self.takes(gained, promised):
+        if not taken:
             value = value * self.raised
         elif promised > 0 and gained > self.good * promised:
             value = value / self.eased
@@ -76,7 +81,9 @@ class Damping:
 
 # For residuals that come with their derivatives: the constants of Gould, Orban, Sartenaer and Toint,
 # "Sensitivity of trust-region algorithms to their parameters" (2005), as in optimistix.
-WITH_DERIVATIVES = Damping(1.0, by_curvature=False, taken=0.01, good=0.99, eased=3.5, raised=4.0)
+WITH_DERIVATIVES = Damping(
+    1.0, by_curvature=False, taken=0.01, good=0.99, eased=3.5, raised=4.0, rounding=1e-12
+)
 # For derivatives by differences over steps that cross the kinks of friction: any drop is taken.
 BY_DIFFERENCES = Damping(
     1e-3, by_curvature=True, taken=0.0, good=0.0, eased=10.0, raised=10.0, least=1e-6, most=1e6
@@ -243,8 +250,8 @@ def minimise(
             there = at(trial)
             new = np.inf if there is None else cost(there, trial)
             drop = least - new
-            taken = there is not None and damping.takes(drop, promised)
-            damping = damping.after(drop, promised)
+            taken = there is not None and damping.takes(drop, promised, least)
+            damping = damping.after(drop, promised, taken=taken)
             change = np.zeros_like(here.rows) if there is None else there.rows - here.rows
             if there is not None and taken:
                 broyden = np.outer(change - model.jacobian @ moved, moved) / max(float(moved @ moved), 1e-300)

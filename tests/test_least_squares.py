@@ -110,3 +110,10 @@ def test_the_caller_may_end_a_descent_and_sees_every_step():
 def test_a_coordinate_of_no_effect_stays():
     end = descend(lambda x: np.array([x[0] - 2.0]), lambda x: np.array([[1.0, 0.0]]), [0.0, 0.7], PLAIN)
     np.testing.assert_allclose(end.x, [2.0, 0.7], atol=1e-6)
+
+
+def test_a_step_that_only_rounding_refuses_is_taken():
+    """At the minimum the cost cannot fall further: the step is small, and must not be tried for ever."""
+    damping = WITH_DERIVATIVES
+    assert damping.takes(-1e-13, 1e-14, 1.0) and not damping.takes(-1e-11, 1e-14, 1.0)
+    assert not BY_DIFFERENCES.takes(-1e-13, 1e-14, 1.0)
