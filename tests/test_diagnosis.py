@@ -113,9 +113,12 @@ def test_a_regularity_is_no_noise():
         part = SimpleNamespace(name="r", samples=K, channels=("T_tip",), T_tip=z + tip, where=[0])
         part.recorded, part.smallest, part.noise_N = (z + tip)[None], [0.0], None
         part.T_base, part.time = SimpleNamespace(T_base=T), 0.5 * np.arange(K) if timed else None
-        bench = Bench([cast(Any, SimpleNamespace(part=part))], ())
-        bench.noise = [[Noise(1.0, 0.0)]]
-        bench.weighs = [Weighing.plain(exact(T), ("T_tip",), np.ones(1))]
+        bench = Bench(
+            rigs=(cast(Any, SimpleNamespace(part=part)),),
+            base=(),
+            noise=[[Noise(1.0, 0.0)]],
+            weighs=[Weighing.plain(exact(T), ("T_tip",), np.ones(1))],
+        )
         rows = np.concatenate([z, np.zeros(K)])
         slope = np.concatenate([tip, np.zeros(K)])[:, None]
         seen = [SimpleNamespace(values=tip[None])]

@@ -49,12 +49,12 @@ def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
     part = dataclasses.replace(part, recorded=clean, T_base=base)
     dimensions = dimensions_of(config, robot)
     rig = Rig(part, robot, [d.name for d in dimensions])
-    bench = Bench([rig], base_numbers(robot, deviations_of(config)), dimensions)
+    bench = Bench((rig,), base_numbers(robot, deviations_of(config)), tuple(dimensions))
     values = {n.name: key[n.name] for n in bench.base}
     true = rig(values)
     if true is None:
         raise RuntimeError(f"{folder}: the base model cannot be simulated with the true mu and E")
-    bench.weigh(values, [true], [noise])
+    bench = bench.weighed(values, [true], [noise])
     found = _least(bench, np.asarray([n.at(values[n.name]) for n in bench.base]))
     if found is None:
         raise RuntimeError(f"{folder}: the base model cannot be refitted")

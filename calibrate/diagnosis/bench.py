@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 from collections.abc import Mapping, Sequence
 
@@ -58,24 +57,28 @@ def passing(rig: Rig, seen: Seen, noise: list[Noise], values: Mapping[str, float
     return dataclasses.replace(plain, slope=slope, last=np.stack(last), sd_base=base.believed)
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
 class Bench:
     """Recordings with their residuals made white.
 
-    Args:
+    Attributes:
         rigs: the recordings.
         base: numbers fitted whatever the hypothesis.
         dimensions: numbers that follow a little, to first order.
+        noise: of the channels of each recording, once it is weighed.
+        weighs: how the residuals of each weigh, likewise.
+        follow: how the white rows answer to the dimensions, likewise; None without dimensions.
+        corrections: what a fine mesh shows more than the coarse one, of each recording, by the effects that
+            act.
     """
 
-    def __init__(self, rigs: Sequence[Rig], base: tuple[Number, ...], dimensions: Sequence[Number] = ()):
-        self.rigs, self.base, self.dimensions = tuple(rigs), base, tuple(dimensions)
-        self.follow: Follow | None = None
-        self.noise: list[list[Noise]] = []
-        self.weighs: list[Weighing] = []
-        # What a fine mesh shows more than the coarse one, of each recording, by the effects that act.
-        self.corrections: dict[tuple[str, ...], list[np.ndarray]] = {
-            (): [np.zeros((len(CHANNELS), r.part.samples)) for r in self.rigs]
-        }
+    rigs: tuple[Rig, ...]
+    base: tuple[Number, ...]
+    dimensions: tuple[Number, ...] = ()
+    noise: Sequence[list[Noise]] = ()
+    weighs: Sequence[Weighing] = ()
+    follow: Follow | None = None
+    corrections: Mapping[tuple[str, ...], list[np.ndarray]] = dataclasses.field(default_factory=dict)
 
     def simulate(self, values: Mapping[str, float], names: Sequence[str] = ()) -> tuple[Seen, ...] | None:
         """All recordings with some numbers changed; None where one breaks down.
@@ -94,50 +97,54 @@ class Bench:
 
     def correction(self, names: Sequence[str]) -> list[np.ndarray]:
         """What a fine mesh shows more where some hypotheses act: as computed, or the sum of each one's."""
-        key, plain = tuple(sorted(names)), self.corrections[()]
-        if key in self.corrections:
-            return self.corrections[key]
-        of = [self.corrections[(name,)] for name in key if (name,) in self.corrections]
+        key, known = tuple(sorted(names)), self.corrections
+        plain = known.get(()) or [np.zeros((len(CHANNELS), rig.part.samples)) for rig in self.rigs]
+        if key in known:
+            return known[key]
+        of = [known[(name,)] for name in key if (name,) in known]
         return [p + sum((c[k] - p for c in of), np.zeros_like(p)) for k, p in enumerate(plain)]
+
+    def corrected(self, more: Mapping[tuple[str, ...], list[np.ndarray]]) -> Bench:
+        """The same with further corrections, by names of the effects that act."""
+        known = dict(self.corrections) | {tuple(sorted(names)): c for names, c in more.items()}
+        return dataclasses.replace(self, corrections=known)
 
     def residuals(self, seen: Sequence[Seen]) -> list[np.ndarray]:
         """Simulated minus recorded of each recording, (C, K)."""
         return [s.values[rig.part.where] - rig.part.recorded for rig, s in zip(self.rigs, seen, strict=True)]
 
-    def weigh(
+    def weighed(
         self, values: Mapping[str, float], seen: Sequence[Seen], known: Sequence[list[Noise]] | None = None
-    ) -> None:
-        """Take noise, and how it passes from the base to the tip, from a fit.
+    ) -> Bench:
+        """The same with noise, and how it passes from the base to the tip, taken from a fit.
 
         Args:
             values, seen: SI, by name, and what was simulated with them.
             known: noise of the channels of each recording; estimated unless given.
         """
-        self.noise = [noise_in(*of) for of in zip(self.rigs, self.residuals(seen), strict=True)]
-        if known is not None:
-            self.noise = list(known)
-        self.weighs = [passing(*of, values) for of in zip(self.rigs, seen, self.noise, strict=True)]
-        self.answer_of_dimensions(values)
+        noise = known
+        if noise is None:
+            noise = [noise_in(*of) for of in zip(self.rigs, self.residuals(seen), strict=True)]
+        weighs = [passing(*of, values) for of in zip(self.rigs, seen, noise, strict=True)]
+        other = dataclasses.replace(self, noise=list(noise), weighs=weighs)
+        return dataclasses.replace(other, follow=other.answer_of_dimensions(values))
 
-    def answer_of_dimensions(self, values: Mapping[str, float]) -> None:
-        """Find how the dimensions change what is simulated at some values."""
+    def answer_of_dimensions(self, values: Mapping[str, float]) -> Follow | None:
+        """How the dimensions change what is simulated at some values; None without dimensions."""
 
         def change(rig: Rig, d: Number, here: Seen | None) -> np.ndarray:
             there = rig(dict(values) | {d.name: d.centre + d.sd})
-            shape = rig.part.recorded.shape
-            return (
-                np.zeros(shape)
-                if here is None or there is None
-                else (there.values - here.values)[rig.part.where]
-            )
+            if here is None or there is None:
+                return np.zeros(rig.part.recorded.shape)
+            return (there.values - here.values)[rig.part.where]
 
         if not self.dimensions:
-            return
+            return None
         by_rig = []
         for rig in self.rigs:
             here = rig(values)
             by_rig.append(np.stack([change(rig, d, here) for d in self.dimensions], axis=-1))
-        self.follow = self.following(by_rig)
+        return self.following(by_rig)
 
     def following(self, change: list[np.ndarray]) -> Follow:
         """How the white rows answer to dimensions that change the channels."""
@@ -280,19 +287,21 @@ class Bench:
 
     def without(self, held: Sequence[np.ndarray]) -> Bench:
         """The same with samples of each recording, (K,) bool each, left out of everything."""
-        other = copy.copy(self)
-        other.weighs = [weigh.only(~out) for weigh, out in zip(self.weighs, held, strict=True)]
-        if self.follow is not None:
-            other.follow = other.following(self.follow.change)
-        return other
+        weighs = [weigh.only(~out) for weigh, out in zip(self.weighs, held, strict=True)]
+        other = dataclasses.replace(self, weighs=weighs)
+        if self.follow is None:
+            return other
+        return dataclasses.replace(other, follow=other.following(self.follow.change))
+
+    def with_base(self, base: Sequence[Number]) -> Bench:
+        """The same with other base numbers."""
+        return dataclasses.replace(self, base=tuple(base))
 
     def with_dimensions_free(self) -> Bench:
         """The same recordings with the uncertain dimensions among the base numbers: their derivatives are too
         rough for values and errors.
         """
-        other = copy.copy(self)
-        other.base, other.dimensions, other.follow = (*self.base, *self.dimensions), (), None
-        return other
+        return dataclasses.replace(self, base=(*self.base, *self.dimensions), dimensions=(), follow=None)
 
     @property
     def readings(self) -> int:

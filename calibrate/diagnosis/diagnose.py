@@ -104,7 +104,7 @@ def _search(ready: Prepared, experiment: bool | None, say: Callable[[str], None]
         models.add(refit_best(bench, (), base, short, STARTS_EACH))
         # What the coarse mesh, and the fewer samples, leave out of an effect would pass for a second one.
         top = [f for f in models.ranked() if f.names][:REFINED]
-        refine(bench, models, {f.names: f for f in top}, ready.exact, ready.kept)
+        models.bench = refine(bench, models, {f.names: f for f in top}, ready.exact, ready.kept)
         models.reweigh()
         combine(models, say)
     say("refitting the best to all samples, on a fine mesh")
@@ -124,7 +124,7 @@ def _search(ready: Prepared, experiment: bool | None, say: Callable[[str], None]
 
 def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models | None:
     """The most probable models, and the base model, refitted to all samples; None if that fails."""
-    bench = Bench(rigs, models.bench.base, models.bench.dimensions)
+    bench = Bench(rigs=tuple(rigs), base=models.bench.base, dimensions=models.bench.dimensions)
     whole = Models(bench, list(models.of.values()))
     ranked = models.ranked()
     wanted: dict[tuple[str, ...], Fitted] = {(): models.base}
@@ -133,16 +133,17 @@ def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models | None:
         # What fewer samples need two effects for may need one on all of them.
         for name in f.names:
             wanted[(name,)] = models.fits.get((name,), f)
-    refine(bench, whole, wanted, fine)
+    bench = refine(bench, whole, wanted, fine)
     top = ranked[0]
     seen = bench.simulate(top.values, top.names)
     if seen is None:
         return None
-    bench.weigh(top.values, seen)
+    bench = bench.weighed(top.values, seen)
     if bench.dimensions:  # what they do must not pass for noise
         first = bench.refit(whole.hypotheses(top.names), whole.coordinates(top.names, top), most=4)
         if first is not None:
-            bench.weigh(first.values, first.seen)
+            bench = bench.weighed(first.values, first.seen)
+    whole.bench = bench
 
     def refit(item):
         names, f = item

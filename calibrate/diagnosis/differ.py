@@ -8,7 +8,6 @@ priors are the same.
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
@@ -128,13 +127,6 @@ def split(number: Number, recordings: Sequence[str]) -> list[Number]:
     return [number.of(name) for name in recordings]
 
 
-def with_base(bench: Bench, base: tuple[Number, ...]) -> Bench:
-    """The same bench with other base numbers."""
-    other = copy.copy(bench)
-    other.base = base
-    return other
-
-
 def _base_with(bench: Bench, number: Number, *, each: bool) -> tuple[Number, ...]:
     """The base numbers with a number among them, once, or once for each recording."""
     own = split(number, [rig.part.name for rig in bench.rigs]) if each else [number]
@@ -147,23 +139,23 @@ def _base_with(bench: Bench, number: Number, *, each: bool) -> tuple[Number, ...
 
 def _by_itself(bench: Bench, k: int, shared: np.ndarray) -> tuple[Bench, Fitted] | None:
     """One of the recordings, and the base model fitted to it, noise and all; None where that fails."""
-    found = []
-    for start in (shared, np.zeros(len(shared))):
-        other = copy.copy(bench)
-        other.rigs, other.noise, other.weighs = (bench.rigs[k],), [bench.noise[k]], [bench.weighs[k]]
-        other.corrections = {(): [bench.corrections[()][k]]}
-        fitted = base_fit(other, start)
-        if fitted is not None:
-            found.append((other, fitted))
+    alone = dataclasses.replace(
+        bench,
+        rigs=(bench.rigs[k],),
+        noise=[bench.noise[k]],
+        weighs=[bench.weighs[k]],
+        corrections={(): [bench.correction(())[k]]},
+    )
+    fits = [base_fit(alone, start) for start in (shared, np.zeros(len(shared)))]
+    found = [fit for fit in fits if fit is not None]
     return min(found, key=lambda one: one[0].mean_square(one[1]), default=None)
 
 
 def _together(bench: Bench, alone: Sequence[tuple[Bench, Fitted]]) -> Bench:
     """The bench with the noise that each recording shows by itself: a wrong value passes for noise."""
-    other = copy.copy(bench)
-    other.noise = [own.noise[0] for own, _ in alone]
-    other.weighs = [own.weighs[0] for own, _ in alone]
-    return other
+    return dataclasses.replace(
+        bench, noise=[own.noise[0] for own, _ in alone], weighs=[own.weighs[0] for own, _ in alone]
+    )
 
 
 def _refitted(bench: Bench, starts: Sequence[np.ndarray]) -> Fitted | None:
@@ -206,7 +198,7 @@ def _tried(
 
     def split_fit(start: Fitted, *, each: bool) -> tuple[Bench, Fitted | None]:
         base = _base_with(bench, number, each=each)
-        own = with_base(bench, base)
+        own = bench.with_base(base)
         return own, _refitted(own, _starts(own, base, start, alone))
 
     _, shared = split_fit(fitted, each=False)
@@ -298,7 +290,7 @@ def still_differ(
     base: dict[str, Number] = {}
     for n in bench.base:
         base.setdefault(n.parameter, dataclasses.replace(n, name=n.parameter))
-    one = with_base(bench, tuple(base.values()))
+    one = bench.with_base(tuple(base.values()))
     numbers = model_of(one.base, hypotheses).numbers
     values = dict(fitted.values) | {d.name: float(np.mean(list(d.own.values()))) for d in differ}
     shared = one.refit(hypotheses, np.asarray([n.at(values[n.name]) for n in numbers]), exact=False)

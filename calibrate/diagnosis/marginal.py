@@ -111,13 +111,14 @@ def _freed(bench: Bench, fitted: Fitted) -> Bench:
     in the displacement unless that is among the effects.
     """
     other = bench.with_dimensions_free()
-    if not any(name.startswith(STRETCH) for name in fitted.names):
-        at = CHANNELS.index("T_tip")
-        other.weighs = [
-            dataclasses.replace(weigh, stretch=rig.part.stretch(seen.values[at]))
-            for weigh, rig, seen in zip(bench.weighs, bench.rigs, fitted.seen, strict=True)
-        ]
-    return other
+    if any(name.startswith(STRETCH) for name in fitted.names):
+        return other
+    at = CHANNELS.index("T_tip")
+    weighs = [
+        dataclasses.replace(weigh, stretch=rig.part.stretch(seen.values[at]))
+        for weigh, rig, seen in zip(bench.weighs, bench.rigs, fitted.seen, strict=True)
+    ]
+    return dataclasses.replace(other, weighs=weighs)
 
 
 def _polished(

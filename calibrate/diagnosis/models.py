@@ -143,7 +143,7 @@ class Models:
         """Take the noise anew from the best model, and refit those that matter."""
         ranked = self.ranked()
         top = ranked[0]
-        self.bench.weigh(top.values, top.seen)
+        self.bench = self.bench.weighed(top.values, top.seen)
         kept = [
             f for f in ranked if not f.names or self.log_posterior(f) > self.log_posterior(top) - HOPELESS
         ]

@@ -128,14 +128,16 @@ def prepare(
         kept = [some_samples(part, FEW_OF_SEVERAL if several else FEW) for part in full]
         small = [p if len(k) == p.samples else p.only(k) for p, k in zip(full, kept, strict=True)]
         rigs = [Rig(p, coarse, free, cache) for p in small]
-        bench = Bench(rigs, numbers, dimensions)
-        base = base_fit(bench, start)
-        if base is None:
+        rough = base_fit(Bench(rigs=tuple(rigs), base=numbers, dimensions=tuple(dimensions)), start)
+        if rough is None:
             return None
+        bench, base = rough
         exact = [Rig(p, finest, free, cache) for p in full]
-        refine(bench, Models(bench, ()), {(): base}, exact, kept)
-        base = base_fit(bench, base.x)
-        return None if base is None else _Start(full=full, kept=kept, bench=bench, exact=exact, base=base)
+        found = base_fit(refine(bench, Models(bench, ()), {(): base}, exact, kept), base.x)
+        if found is None:
+            return None
+        bench, base = found
+        return _Start(full=full, kept=kept, bench=bench, exact=exact, base=base)
 
     say("fitting mu" if fine.backbone.rigid else "fitting mu and E")
     start = fitted(parts, None)
@@ -155,7 +157,7 @@ def prepare(
         if sharper is not None:
             say("fitting again, the base tension's corners put where the tip tells")
             again = fitted(sharper, start.base.x, start.bench.base, start.bench.dimensions)
-            start = again if again is not None and _worth(start, again) else start
+            start = start if again is None else _better(start, again)
     if start is None:
         return Diagnosis.without_answer(
             BAD_DATA, ["the simulation fails at every start value tried"], parts, warnings, config
@@ -193,17 +195,19 @@ class _Start(NamedTuple):
     base: Fitted
 
 
-def _worth(before: _Start, after: _Start) -> bool:
-    """Whether corners of the base tension that were added take enough of the misfit away, noise as before."""
-    own, values = after.bench.noise, after.base.values
-    seen = after.bench.simulate(values)
+def _better(before: _Start, after: _Start) -> _Start:
+    """What there is after corners of the base tension were added, if these take enough of the misfit away,
+    the noise as before; else what there was before.
+    """
+    bench, values = after.bench, after.base.values
+    seen = bench.simulate(values)
     if seen is None:
-        return False
-    after.bench.weigh(values, seen, before.bench.noise)
-    squares = float(np.sum(after.bench.rows(seen) ** 2))
-    after.bench.weigh(values, seen, own)
+        return before
+    squares = float(np.sum(bench.weighed(values, seen, before.bench.noise).rows(seen) ** 2))
     sizes = [sum(rig.part.T_base.size for rig in s.bench.rigs) for s in (before, after)]
-    return before.base.chi2 - squares > BEND * max(sizes[1] - sizes[0], 1)
+    if before.base.chi2 - squares <= BEND * max(sizes[1] - sizes[0], 1):
+        return before
+    return after._replace(bench=bench.weighed(values, seen, bench.noise))
 
 
 def _sharpened(start: _Start, readings: Sequence[np.ndarray]) -> list[Part] | None:

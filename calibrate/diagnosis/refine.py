@@ -19,8 +19,8 @@ def refine(
     wanted: Mapping[tuple[str, ...], Fitted],
     fine: Sequence[Rig],
     kept: Sequence[np.ndarray] | None = None,
-) -> None:
-    """Correct a bench for what its mesh and samples leave out of some models.
+) -> Bench:
+    """The bench corrected for what its mesh and samples leave out of some models.
 
     Args:
         bench: to correct.
@@ -41,6 +41,5 @@ def refine(
             found.append((there.values if kept is None else there.values[:, kept[k]]) - here.values)
         return found
 
-    for names, more in zip(wanted, in_parallel(correction, list(wanted.items())), strict=True):
-        if more is not None:
-            bench.corrections[tuple(sorted(names))] = more
+    found = zip(wanted, in_parallel(correction, list(wanted.items())), strict=True)
+    return bench.corrected({names: more for names, more in found if more is not None})

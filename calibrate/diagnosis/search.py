@@ -32,8 +32,10 @@ BEGIN, BEHIND = 4, (0.2, 0.05)
 CLOSE, ASTRAY = 12.0, 4.0
 
 
-def base_fit(bench: Bench, start: np.ndarray | None = None) -> Fitted | None:
-    """The base model fitted: noise and fit in turn, from the best of several starts unless one is given."""
+def base_fit(bench: Bench, start: np.ndarray | None = None) -> tuple[Bench, Fitted] | None:
+    """The bench weighed and the base model fitted, noise and fit in turn, from the best of several starts
+    unless one is given; None where that fails.
+    """
     model = model_of(bench.base, ())
     numbers = model.numbers
     at = np.zeros(len(numbers)) if start is None else start
@@ -52,16 +54,16 @@ def base_fit(bench: Bench, start: np.ndarray | None = None) -> Fitted | None:
             return None
         at = starts[int(np.argmin(costs))]
     seen = bench.simulate(model.values(at))
-    fitted = None
+    if seen is None:
+        return None
+    found = None
     for _ in range(3):
-        if seen is None:
-            return None
-        bench.weigh(model.values(at), seen)
+        bench = bench.weighed(model.values(at), seen)
         fitted = bench.refit((), at)
         if fitted is None:
             return None
-        at, seen = fitted.x, fitted.seen
-    return fitted
+        at, seen, found = fitted.x, fitted.seen, (bench, fitted)
+    return found
 
 
 def refit_best(
