@@ -17,6 +17,7 @@ from gtr_jax import Robot, Simulation, reading, simulate, true_base
 from gtr_jax.simulation.history import cycles, padded_length
 from gtr_jax.simulation.phases import phases_of_slip
 from gtr_jax.simulation.programs import known_to_act
+from gtr_jax.stored import Stored
 
 from .coordinates import Coordinates
 from .parallel import in_parallel
@@ -167,10 +168,13 @@ def unless_broken(run: Callable[[], Any]) -> Any:
         return None
 
 
-@eqx.filter_jit
+@Stored
 def _predict(
     robot: Robot, at: Coordinates, history: History, u: Float[Array, " p"], channels: tuple[str, ...]
-):
+) -> tuple[Array, ...]:
+    """Values (C, P), their derivatives (C, P, p+1), and of each step, (P,), whether it converged, how far slip
+    reaches and its direction at the base.
+    """
     T_base = history.T_base
 
     def at_coordinates(u, T_base):
@@ -182,7 +186,8 @@ def _predict(
         raised = jnp.broadcast_to(direction[-1], T_base.shape)
         return jax.jvp(at_coordinates, (u, T_base), (direction[:-1], raised), has_aux=True)
 
-    return jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(u.shape[0] + 1))
+    values, slopes, steps = jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(u.shape[0] + 1))
+    return values, slopes, *steps
 
 
 class Predictor:
@@ -255,7 +260,7 @@ class Predictor:
         )
         if found is None:
             return None
-        values, slopes, (converged, front, direction) = found
+        values, slopes, converged, front, direction = found
         values, slopes = (self._at_samples(np.asarray(v)[:, : self.steps]) for v in (values, slopes))
         if not (np.all(np.isfinite(values)) and np.all(np.isfinite(slopes))):
             return None
