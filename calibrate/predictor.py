@@ -172,8 +172,8 @@ def unless_broken(run: Callable[[], Any]) -> Any:
 def _predict(
     robot: Robot, at: Coordinates, history: History, u: Float[Array, " p"], channels: tuple[str, ...]
 ) -> tuple[Array, ...]:
-    """Values (C, P), their derivatives (C, P, p+1), and of each step, (P,), whether it converged, how far slip
-    reaches and its direction at the base.
+    """Values (C, P), their derivatives (C, P, p+1), and of each step, (P,), whether it converged, how far
+    slip reaches and its direction at the base.
     """
     T_base = history.T_base
 

@@ -62,26 +62,37 @@ class Stored:
         if _root is None or traced or jax.default_backend() != "cpu":
             return self._jitted(*args)
         shapes = [(leaf.shape, str(leaf.dtype)) for leaf in leaves]
-        key = hashlib.sha256(repr((self.__name__, str(tree), repr(rest), shapes)).encode()).hexdigest()
+        key = hashlib.sha256(
+            repr((self._function.__qualname__, str(tree), repr(rest), shapes)).encode()
+        ).hexdigest()
         with self._lock:
             if key not in self._programs:
 
                 def flat(*leaves):
                     return self._function(*eqx.combine(jax.tree_util.tree_unflatten(tree, leaves), rest))
 
-                folder = _root / f"programs-{_surroundings(self.__module__.partition('.')[0])}"
-                self._programs[key] = _read(folder / key) or _made(flat, leaves, folder / key)
+                around = _surroundings(self.__module__.partition(".")[0])
+                # JAX's cache tells programs by their name as well: what it returns cannot be written again,
+                # so that a program of these sources must not be taken from there.
+                flat.__name__ = f"{self._function.__name__}_{around}"
+                path = _root / f"programs-{around}" / key
+                self._programs[key] = _read(path, leaves) or _made(flat, leaves, path)
         return tuple(self._programs[key](*leaves))
 
 
-def _read(path: Path) -> Callable[..., Sequence[jax.Array]] | None:
-    """The program that a file holds; None where there is none that can be read."""
+def _read(path: Path, leaves: Sequence[Any]) -> Callable[..., Sequence[jax.Array]] | None:
+    """The program that a file holds; None where there is none that can be read and run."""
     try:
-        return serialize_executable.deserialize_and_load(*pickle.loads(path.read_bytes()))
-    except FileNotFoundError:
-        return None
+        return _tried(path.read_bytes(), leaves)
     except Exception:  # of whatever kind: the program is then made anew
         return None
+
+
+def _tried(contents: bytes, leaves: Sequence[Any]) -> Callable[..., Sequence[jax.Array]]:
+    """The program that these bytes hold, once it has run."""
+    program = serialize_executable.deserialize_and_load(*pickle.loads(contents))
+    jax.block_until_ready(program(*leaves))
+    return program
 
 
 def _made(flat: Callable[..., Any], leaves: Sequence[Any], path: Path) -> Callable[..., Sequence[jax.Array]]:
@@ -89,13 +100,14 @@ def _made(flat: Callable[..., Any], leaves: Sequence[Any], path: Path) -> Callab
     program = jax.jit(flat).lower(*leaves).compile()
     try:
         contents = pickle.dumps(serialize_executable.serialize(program))
+        _tried(contents, leaves)
         _make_room(path.parent)
         # Whole or not at all, whoever else writes it.
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
             file.write(contents)
         os.replace(file.name, path)
-    except (OSError, ValueError, TypeError, pickle.PicklingError):
-        pass
+    except Exception:  # of whatever kind: the program is then not kept
+        return program
     return program
 
 

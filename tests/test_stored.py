@@ -79,3 +79,13 @@ def test_programs_of_other_sources_are_cleared_away(kept):
         (folder / f"programs-{k}" / "old").write_bytes(b"")
     build()(LINE, X, 3)
     assert len(list(folder.glob("programs-*"))) == stored.EARLIER + 1
+
+
+def test_a_program_from_the_compilation_cache_does_no_harm(kept, tmp_path, monkeypatch):
+    """What XLA read from its own cache may not be written again: such a program is run, but not kept."""
+    build, traced, folder = kept
+    build()(LINE, X, 3)
+    (file,) = folder.glob("programs-*/*")
+    file.unlink()
+    for _ in range(2):
+        np.testing.assert_array_equal(build()(LINE, X, 3)[0], 3 * (2 * X - 1))
