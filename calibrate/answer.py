@@ -148,11 +148,11 @@ class Answer:
 
 def _judged(setup: Setup, part: Part, prediction: Prediction) -> Judged:
     residual, noise = part.residual(prediction), part.noise(prediction)
-    found = _levelled(setup, part, prediction, noise.told)
+    found = _levelled(setup, part, prediction, noise.sd_if_known)
     kept = np.all(found.share >= HALF, axis=0)
     if not kept.all():
         noise = part.noise(prediction, kept)
-        found = _levelled(setup, part, prediction, noise.told)
+        found = _levelled(setup, part, prediction, noise.sd_if_known)
         kept = np.all(found.share >= HALF, axis=0)
     tau = np.asarray([correlation_time(row) for row in found.weigh.split(residual)[0]])
     return Judged(
@@ -161,9 +161,9 @@ def _judged(setup: Setup, part: Part, prediction: Prediction) -> Judged:
         noise=noise,
         weigh=dataclasses.replace(found.weigh, tau=tau),
         by_noise=found.by_noise,
-        chi2_per_n=found.chi2 if noise.told else None,
+        chi2_per_n=found.chi2 if noise.sd_if_known else None,
         sd=found.sd,
-        least=part.least(noise.told),
+        least=part.least(noise.sd_if_known),
         kept=kept,
     )
 
@@ -206,7 +206,9 @@ def _levelled(setup: Setup, part: Part, prediction: Prediction, noise: float | N
         weigh, chi2 = weighed(sd)
     root = np.sqrt(share)
     in_noise = float(_chi2(setup, by_noise, residual, share, degrees)[0])
-    return _Levelled(weigh.trusted(root), by_noise.trusted(root), in_noise, sd, share)
+    return _Levelled(
+        weigh=weigh.trusted(root), by_noise=by_noise.trusted(root), chi2=in_noise, sd=sd, share=share
+    )
 
 
 def _trust(rows: np.ndarray, share: np.ndarray) -> np.ndarray:

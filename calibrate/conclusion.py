@@ -10,8 +10,8 @@ import numpy as np
 
 from gtr_jax import InputError, RobotConfig
 from gtr_jax.robot.parameters import with_values
+from gtr_jax.simulation.phases import REST
 
-from . import verdict as words
 from .alone import NO_PHASES, NOT_APART, by_recording, mu_by_phase
 from .answer import Answer, Judged
 from .descent import all_converged
@@ -23,6 +23,15 @@ from .readings.noise import MAD_TO_SD
 from .result import FitResult, FittedChannel, FittedRecording
 from .setup import Setup
 from .start import Start
+from .verdict import (
+    LACK_OF_FIT,
+    SMALL,
+    Distance,
+    by_phase,
+    disagreement_of_phases,
+    values_apart,
+    verdict,
+)
 
 TRADE_OFF = 0.99
 # Standard deviations of a prior.
@@ -217,7 +226,7 @@ def _fitted(
     part = setup.parts[k]
     judged = None if answer is None else answer.judged[k]
     shown = np.full_like(part.recorded, np.nan) if prediction is None else prediction.values
-    phases = np.full(part.samples, words.REST) if prediction is None else prediction.phases
+    phases = np.full(part.samples, REST) if prediction is None else prediction.phases
     channels = {}
     every = shown - part.recorded
     if judged is not None:
@@ -251,8 +260,8 @@ def _fitted(
         T_base=part.T_base.T_base,
         band=band,
         phases=phases,
-        by_phase={} if prediction is None else words.by_phase(channels["T_tip"].residual, phases),
-        noise_N=noise.told,
+        by_phase={} if prediction is None else by_phase(channels["T_tip"].residual, phases),
+        noise_N=noise.sd_if_known,
         noise_from=noise.source,
         noise_base_N=part.T_base.sd,
         chi2_per_n=None if judged is None else judged.chi2_per_n,
@@ -272,10 +281,10 @@ def concluded(setup: Setup, answer: Answer, iterations: int, evaluations: int, s
     notes = _notes(setup, known, answer, values)
     numbers = setup.numbers(np.asarray(at.reference))
     # What was carried along is known as before where the recordings say nothing of it.
-    told = known._replace(
+    every = known._replace(
         covariance=answer.spread(setup), known=known.known | [f.carried for f in setup.free]
     )
-    found = estimates(numbers, values, setup.initial, told, notes, answer.sources(setup))
+    found = estimates(numbers, values, setup.initial, every, notes, answer.sources(setup))
     warnings = [f"{free.name}: {note}." for free, note in zip(setup.free, notes, strict=True) if note]
     warnings += _unknown_axes(setup, answer, known) + _trade_offs(setup, answer, known)
     failure, phases, apart = _failure(answer), NO_PHASES, NOT_APART
@@ -288,12 +297,14 @@ def concluded(setup: Setup, answer: Answer, iterations: int, evaluations: int, s
         if known.known[setup.friction()].any():
             phases = mu_by_phase(setup, answer)
         apart = by_recording(setup, answer)
-    disagreement = words.disagreement(phases.estimates, phases.apart)
+    disagreement = disagreement_of_phases(phases.estimates, phases.apart)
     if disagreement:
         warnings.append(disagreement[0].upper() + disagreement[1:] + ": more apart than their errors.")
     clauses = [disagreement] if disagreement else []
     if apart.blamed:
-        clauses.append(f"the recordings disagree: {words.apart(apart.blamed, apart.estimates[apart.blamed])}")
+        clauses.append(
+            f"the recordings disagree: {values_apart(apart.blamed, apart.estimates[apart.blamed])}"
+        )
         warnings.append(
             f"The recordings disagree, most likely about {apart.blamed}: find out what differs between them, "
             f"or fit it to each with --per-recording {apart.blamed}."
@@ -329,7 +340,7 @@ def concluded(setup: Setup, answer: Answer, iterations: int, evaluations: int, s
         evaluations=evaluations + phases.evaluations + apart.evaluations,
         correlation=correlation(known.covariance[:n, :n]),
         warnings=warnings,
-        verdict=words.verdict(
+        verdict=verdict(
             found[:n],
             [_distance(setup, answer, r) for r in zip(recordings, answer.judged, strict=True)],
             disagreement="; ".join(clauses),
@@ -359,18 +370,18 @@ def _outliers(judged: Judged) -> int:
     return far if scale > 0 and far <= FEW * len(off) else 0
 
 
-def _distance(setup: Setup, answer: Answer, of: tuple[FittedRecording, Judged]) -> words.Distance:
+def _distance(setup: Setup, answer: Answer, of: tuple[FittedRecording, Judged]) -> Distance:
     fitted, judged = of
     used = len(setup.free) * len(fitted.T_base) / setup.samples
     degrees = max(len(fitted.T_base) - used, 1) / float(judged.weigh.tau[0])
     part = next(p for p in setup.parts if p.name == fitted.name)
     others = []
     for c, name in enumerate(part.channels):
-        if c and fitted.channels[name].rms > words.SMALL * float(np.ptp(part.recorded[c])):
+        if c and fitted.channels[name].rms > SMALL * float(np.ptp(part.recorded[c])):
             others.append(
                 (name, fitted.channels[name].rms, float(judged.least[c]), CHANNEL_UNITS[part.where[c]])
             )
-    return words.Distance(
+    return Distance(
         name=fitted.name,
         rms=judged.rms,
         outliers=fitted.outliers,
@@ -379,7 +390,7 @@ def _distance(setup: Setup, answer: Answer, of: tuple[FittedRecording, Judged]) 
         chi2=fitted.chi2_per_n,
         degrees=(degrees, judged.noise.degrees),
         table=fitted.by_phase,
-        others=[o for o in others if o[1] ** 2 > words.LACK_OF_FIT * o[2] ** 2],
+        others=[o for o in others if o[1] ** 2 > LACK_OF_FIT * o[2] ** 2],
     )
 
 

@@ -217,7 +217,7 @@ def sample(
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         mcmc.run(jax.random.key(seed), init_params=start, extra_fields=("diverging",))
     y = mcmc.get_samples(group_by_chain=True)
-    told = summary({"y": np.asarray(y)}, prob=0.95)["y"]
+    statistics = summary({"y": np.asarray(y)}, prob=0.95)["y"]
     u = np.asarray(best) + np.asarray(y) @ np.asarray(root).T
     values = np.asarray(jax.vmap(jax.vmap(answer.at[0].values))(jnp.asarray(u)))
     n = len(setup.asked)
@@ -230,7 +230,7 @@ def sample(
         lower95=lower,
         upper95=upper,
         sd=flat.std(axis=0, ddof=1),
-        effective=np.asarray(told["n_eff"])[:n],
-        rhat=np.asarray(told["r_hat"])[:n],
+        effective=np.asarray(statistics["n_eff"])[:n],
+        rhat=np.asarray(statistics["r_hat"])[:n],
         divergences=int(np.sum(np.asarray(mcmc.get_extra_fields()["diverging"]))),
     )

@@ -107,7 +107,7 @@ class Part:
         """Errors to look for a start with, (C,): the tip's noise, and of the others a share of their range,
         because a wrong stiffness puts them far off.
         """
-        sd = self.least(self.noise().told)
+        sd = self.least(self.noise().sd_if_known)
         return np.maximum(sd, [0.0, *(ROUGH * np.ptp(self.recorded[1:], axis=1))])
 
     def stretch(self, T_tip: np.ndarray) -> np.ndarray:

@@ -83,7 +83,7 @@ def test_programs_of_other_sources_are_cleared_away(kept):
 
 def test_a_program_from_the_compilation_cache_does_no_harm(kept, tmp_path, monkeypatch):
     """What XLA read from its own cache may not be written again: such a program is run, but not kept."""
-    build, traced, folder = kept
+    build, _, folder = kept
     build()(LINE, X, 3)
     (file,) = folder.glob("programs-*/*")
     file.unlink()

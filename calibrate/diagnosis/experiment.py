@@ -321,9 +321,9 @@ def propose(models: Models, decision: Decision, rig: Rig) -> Experiment | None:
     least, best = scored[0]
     expected = 1 / (1 + (len(rivals) - 1) * np.exp(-0.5 * min(least, 20.0) ** 2))
     which = " and ".join(" + ".join(f.names) if f.names else "nothing missing" for f in rivals)
-    told = "would tell" if least > 3 else "is the best of the menu, but hardly tells"
+    verb = "would tell" if least > 3 else "is the best of the menu, but hardly tells"
     return Experiment(
-        says=f"{_in_words(best)}: it {told} {which} apart ({least:.1f} standard errors)."
+        says=f"{_in_words(best)}: it {verb} {which} apart ({least:.1f} standard errors)."
         + ("" if decision.verdict == UNEXPLAINED else _then(best)),
         separates=[f.names for f in rivals],
         expected_probability=float(expected),

@@ -227,16 +227,16 @@ def _sharpened(start: _Start, readings: Sequence[np.ndarray]) -> list[Part] | No
             continue
         weigh = passing(rig, here, noise, values)
         own = (weigh.last == np.arange(part.samples)) * weigh.slope * weigh.weight**2
-        told, residual = (
+        from_channels, residual = (
             np.sum(own * weigh.slope, axis=0),
             weigh.centred(here.values[part.where] - part.recorded),
         )
         cell = base.sd**-2
-        if np.median(told) < cell:
+        if np.median(from_channels) < cell:
             continue
-        shift = (cell * (read - base.T_base) - np.sum(own * residual, axis=0)) / (told + cell)
-        informed = told > cell
-        sd = float(np.sqrt(np.mean(1 / (told + cell)[informed])))
+        shift = (cell * (read - base.T_base) - np.sum(own * residual, axis=0)) / (from_channels + cell)
+        informed = from_channels > cell
+        sd = float(np.sqrt(np.mean(1 / (from_channels + cell)[informed])))
         sharper = sharpened(base, read, base.T_base + np.where(informed, shift, 0.0), sd)
         changed = changed or sharper is not base
         found[-1] = dataclasses.replace(part, T_base=sharper)

@@ -51,8 +51,8 @@ def _labels(sets: Sequence[tuple[str, ...]]) -> list[str]:
     """A name for each set of hypotheses: its terms; where two sets have the same, the variants as well."""
     short = ["-and-".join(kinds(names)) for names in sets]
     return [
-        said if short.count(said) == 1 else "-and-".join(name.replace(".", "-") for name in names)
-        for said, names in zip(short, sets, strict=True)
+        label if short.count(label) == 1 else "-and-".join(name.replace(".", "-") for name in names)
+        for label, names in zip(short, sets, strict=True)
     ]
 
 
@@ -127,16 +127,16 @@ def _note(
     files: Sequence[RobotFile],
     differ: Sequence[Difference],
 ) -> str:
-    said = []
+    sentences = []
     if not file.settled:
         each = dict.fromkeys(f"{holds(f)} (probability {f.probability:.2f})" for f in files[1:])
-        said.append(f"Not settled: these recordings do not tell which is missing, {' or '.join(each)}.")
-        said.append(f"This file holds {holds(file)}.")
+        sentences.append(f"Not settled: these recordings do not tell which is missing, {' or '.join(each)}.")
+        sentences.append(f"This file holds {holds(file)}.")
     if differ:
         names = " and ".join(d.name for d in differ)
-        said.append(f"{names} differ{'s' if len(differ) == 1 else ''} between the recordings.")
-        said.append(f"This file has what fits {file.recording}.")
+        sentences.append(f"{names} differ{'s' if len(differ) == 1 else ''} between the recordings.")
+        sentences.append(f"This file has what fits {file.recording}.")
     others = [f.name for f in files if f is not file]
-    if said and file is files[0]:
-        said.append(f"One for each: {', '.join(others)}.")
-    return " ".join(said)
+    if sentences and file is files[0]:
+        sentences.append(f"One for each: {', '.join(others)}.")
+    return " ".join(sentences)

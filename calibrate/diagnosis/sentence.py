@@ -27,11 +27,11 @@ def difference_in_words(d: Diagnosis, difference: Difference) -> str:
     """Which number differs, by how much and between which recordings."""
     own = d.own(difference)
 
-    def said(recording: str) -> str:
+    def value_in(recording: str) -> str:
         shown = measured_quantity(difference.own[recording], own[recording].sd, difference.unit)
         return f"{shown} in {recording}"
 
-    parts = [" and ".join(map(said, group)) for group in difference.groups]
+    parts = [" and ".join(map(value_in, group)) for group in difference.groups]
     apart = f"{difference.standard_errors:.0f} standard errors, what is unknown of all alike left out"
     words = f"{difference.name} differs between the recordings: {', but '.join(parts)} ({apart})."
     others = [f"{name} that differs" for name in difference.or_numbers]

@@ -91,9 +91,9 @@ class BaseTension:
             weights=weights,
             counted=self.counted * K / S,
         )
-        said = found.information(np.ones(S))
+        information = found.information(np.ones(S))
         try:
-            factor = cholesky_banded(said)
+            factor = cholesky_banded(information)
         except np.linalg.LinAlgError:
             return exact(self.T_base[samples])
         return found if np.min(factor[-1]) ** 2 > LEAST_SAID else exact(self.T_base[samples])

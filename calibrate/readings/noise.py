@@ -41,7 +41,7 @@ class Noise:
     degrees: float = np.inf
 
     @property
-    def told(self) -> float | None:
+    def sd_if_known(self) -> float | None:
         """The standard deviation; None where it cannot be told."""
         return None if np.isnan(self.sd) else self.sd
 
