@@ -13,6 +13,7 @@ from gtr_jax.simulation.phases import PULLING, RELEASING
 from .answer import Answer
 from .descent import descend
 from .estimate import UNKNOWN, Estimate, estimates, uncertainty
+from .parallel import in_parallel
 from .readings.noise import correlation_time
 from .setup import Setup
 
@@ -42,17 +43,16 @@ def mu_by_phase(setup: Setup, answer: Answer) -> Phases:
     """
     if len(setup.friction()) != 1:
         return NO_PHASES
-    found: dict[str, _Alone] = {}
-    evaluations = 0
-    for phase in (PULLING, RELEASING):
-        inside = [judged.phases == phase for judged in answer.judged]
-        if sum(map(np.sum, inside)) < FEWEST:
-            continue
+    inside = {phase: [judged.phases == phase for judged in answer.judged] for phase in (PULLING, RELEASING)}
+    long = [phase for phase, samples in inside.items() if sum(map(np.sum, samples)) >= FEWEST]
+
+    def of_phase(phase: str) -> tuple[_Alone | None, int]:
         setup.progress(f"fitting {phase} alone")
-        alone, count = _alone(setup, answer, setup.friction()[0], inside)
-        evaluations += count
-        if alone is not None:
-            found[phase] = alone
+        return _alone(setup, answer, setup.friction()[0], inside[phase])
+
+    each = in_parallel(of_phase, long)
+    evaluations = sum(count for _, count in each)
+    found = {phase: alone for phase, (alone, _) in zip(long, each, strict=True) if alone is not None}
     apart = 0.0
     if len(found) == 2:
         off, covariance = _together(list(found.values()), answer.spread(setup))
@@ -88,13 +88,18 @@ def by_recording(setup: Setup, answer: Answer) -> Apart:
         if len(free.parts) < 2 or not known.known[i]:
             continue
         setup.progress(f"{free.name} from each recording alone")
-        each: dict[str, _Alone] = {}
-        for k in free.parts:
+
+        def of_recording(k: int, i: int = i) -> tuple[_Alone | None, int]:
             inside = [np.full(part.samples, j == k) for j, part in enumerate(setup.parts)]
-            alone, count = _alone(setup, answer, i, inside)
-            evaluations += count
-            if alone is not None:
-                each[setup.parts[k].name] = alone
+            return _alone(setup, answer, i, inside)
+
+        fits = in_parallel(of_recording, free.parts)
+        evaluations += sum(count for _, count in fits)
+        each = {
+            setup.parts[k].name: alone
+            for k, (alone, _) in zip(free.parts, fits, strict=True)
+            if alone is not None
+        }
         if len(each) > 1:
             found[free.name] = {name: alone.estimate for name, alone in each.items()}
             if _scattered(list(each.values()), answer.spread(setup)):

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from .coordinates import Coordinates
-from .descent import descend
+from .descent import Objective, descend
+from .parallel import in_parallel
 from .setup import Setup
 
 # Factors below 2 between neighbours, from a smooth sheath to full lock.
@@ -87,6 +88,17 @@ class Start(NamedTuple):
     evaluations: int
 
 
+class _End(NamedTuple):
+    """Where a descent from a start ended: its sum of squares, coordinates of each recording, the point (p,),
+    and how often all recordings were simulated.
+    """
+
+    cost: float
+    at: tuple[Coordinates, ...]
+    u: np.ndarray
+    evaluations: int
+
+
 def search(setup: Setup) -> Start | None:
     """Scan the candidates on the thinned recordings and descend from the best few of them.
 
@@ -97,24 +109,31 @@ def search(setup: Setup) -> Start | None:
     thinned = [part.only(kept) for part, kept in zip(setup.parts, samples, strict=True)]
     tried = candidates(setup)
     origin = np.zeros(len(setup.free))
-    scanned, evaluations = [], len(tried)
-    for i, values in enumerate(tried):
+
+    def scan(i: int) -> tuple[float, Objective, tuple[Coordinates, ...]]:
         setup.progress(f"searching for a start: {i + 1} of {len(tried)}")
-        at = setup.coordinates(values)
+        at = setup.coordinates(tried[i])
         problem = setup.objective(at, thinned)
-        cost = problem.cost(origin, problem.predict(origin))
-        if np.isfinite(cost):
-            scanned.append((cost, problem, at))
-    scanned.sort(key=lambda entry: entry[0])
-    ends = []
-    for i, (_, problem, at) in enumerate(scanned[:STARTS]):
+        return problem.cost(origin, problem.predict(origin)), problem, at
+
+    def rough(i: int) -> _End:
         setup.progress(f"descending from start {i + 1}")
-        rough = descend(problem, origin, max_steps=ROUGH_STEPS)
-        evaluations += rough.evaluations
-        u = np.where(rough.at_edge, origin, rough.u)
-        ends.append((problem.cost(rough.u, rough.predictions), at, u))
+        _, problem, at = scanned[i]
+        found = descend(problem, origin, max_steps=ROUGH_STEPS)
+        cost = problem.cost(found.u, found.predictions)
+        u = np.where(found.at_edge, origin, found.u)
+        return _End(cost=cost, at=at, u=u, evaluations=found.evaluations)
+
+    scanned = [entry for entry in in_parallel(scan, range(len(tried))) if np.isfinite(entry[0])]
+    scanned.sort(key=lambda entry: entry[0])
+    ends = in_parallel(rough, range(len(scanned[:STARTS])))
     if not ends:
         return None
-    best = min(ends, key=lambda end: end[0])
-    agreed = sum(cost <= best[0] + max(LEVEL, LEVEL * best[0]) for cost, _, _ in ends)
-    return Start(at=best[1], u=best[2], tried=len(ends), agreed=agreed, evaluations=evaluations)
+    best = min(ends, key=lambda end: end.cost)
+    return Start(
+        at=best.at,
+        u=best.u,
+        tried=len(ends),
+        agreed=sum(end.cost <= best.cost + max(LEVEL, LEVEL * best.cost) for end in ends),
+        evaluations=len(tried) + sum(end.evaluations for end in ends),
+    )
