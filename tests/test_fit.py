@@ -253,6 +253,19 @@ def test_derivatives_of_the_prediction(make_config):
     assert at.at(np.asarray(at.values(u))) == pytest.approx(u)
 
 
+def test_what_is_not_asked_for_and_longer_programs_change_nothing(make_config):
+    robot = gtr.build_robot(make_config(PARALLEL))
+    at = coordinates(places(robot, ["mu"]), [number_at(parameter(robot, "mu"), float(robot.value("mu")))])
+    every = Predictor(robot, at, LOOP)(np.zeros(1))
+    tip = Predictor(robot, at, LOOP, channels=("T_tip",))(np.zeros(1))
+    longer = Predictor(robot, at, LOOP, channels=("T_tip", "tip_angle"), length=2 * len(LOOP))(np.zeros(1))
+    assert every is not None and tip is not None and longer is not None
+    for found, rows in ((tip, [0]), (longer, [0, 3])):
+        np.testing.assert_allclose(found.values, every.values[rows], rtol=1e-12)
+        np.testing.assert_allclose(found.jacobian, every.jacobian[rows], rtol=1e-9, atol=1e-12)
+        np.testing.assert_array_equal(found.phases, every.phases)
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
