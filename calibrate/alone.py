@@ -6,7 +6,7 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from gtr_jax.simulation.phases import PULLING, RELEASING
 
@@ -139,7 +139,7 @@ def _scattered(each: list[_Alone], spread: np.ndarray) -> bool:
     ones = np.ones(len(values))
     weights = np.linalg.solve(covariance, ones)
     off = values - float(weights @ values) / float(weights @ ones)
-    return float(off @ np.linalg.solve(covariance, off)) > float(chi2.isf(CHANCE, len(values) - 1))
+    return float(off @ np.linalg.solve(covariance, off)) > float(chdtri(len(values) - 1, CHANCE))
 
 
 def _alone(setup: Setup, answer: Answer, i: int, inside: list[np.ndarray]) -> tuple[_Alone | None, int]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import f
+from scipy.special import fdtri
 
 from gtr_jax.files.numbers import measured, measured_quantity
 from gtr_jax.simulation.phases import PULLING, RELEASING, REST, TRANSITION
@@ -82,7 +82,7 @@ def _by_chance(degrees: float, noise_degrees: float) -> float:
     """What a sum of squares per degree of freedom exceeds by chance in CHANCE of all recordings."""
     if not math.isfinite(degrees):
         return 1.0
-    return float(f.isf(CHANCE, degrees, min(noise_degrees, 1e6)))
+    return float(fdtri(degrees, min(noise_degrees, 1e6), 1 - CHANCE))
 
 
 class Distance(NamedTuple):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from .noise import correlation_time
@@ -179,7 +178,10 @@ def shares(t: np.ndarray, knots: np.ndarray, corner: np.ndarray) -> tuple[np.nda
     share = (t - start) / (end - start)
     near = first[piece][:, None] + np.arange(4)
     weights = np.stack([1 - share, share, np.zeros_like(share), np.zeros_like(share)], axis=1)
-    for j in np.flatnonzero(inner > 0):
+    smooth = np.flatnonzero(inner > 0)
+    if len(smooth):  # few recordings need it, and it takes a quarter of a second to import
+        from scipy.interpolate import BSpline
+    for j in smooth:
         inside = piece == j
         x = t[knots[ends[j] : ends[j + 1] + 1]]
         design = BSpline.design_matrix(t[inside], np.pad(x, 3, mode="edge"), 3)
