@@ -634,6 +634,7 @@ def test_cache_folder_is_per_user_and_per_jaxlib(monkeypatch, tmp_path):
 
 def test_cache_holds_programs(monkeypatch, tmp_path):
     monkeypatch.setenv("GTR_JAX_CACHE", str(tmp_path))
+    monkeypatch.setattr("gtr_jax.stored._root", None)  # as it was, once the test is over
     options = (
         "jax_compilation_cache_dir",
         "jax_persistent_cache_min_compile_time_secs",

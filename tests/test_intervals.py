@@ -12,11 +12,12 @@ import pytest
 import calibrate
 import gtr_jax as gtr
 from benchmarks import intervals
-from calibrate.base_tension import exact
-from calibrate.diagnosis.bench import DISCRETE, Noise, noise_in
+from calibrate.diagnosis.bench import DISCRETE, noise_in
 from calibrate.diagnosis.rig import Rig
 from calibrate.estimate import shares_of_variance
-from calibrate.task import Part
+from calibrate.readings import exact
+from calibrate.readings.noise import Noise
+from calibrate.setup import Part
 from calibrate.weighing import Weighing
 from gtr_jax.files.config import parse_config
 from tests.conftest import SINE

@@ -14,7 +14,7 @@ import pytest
 import calibrate
 import gtr_jax as gtr
 from benchmarks.coverage import RUNS
-from calibrate import base_tension
+from calibrate import readings
 from calibrate.estimate import uncertainty
 from calibrate.identifiability import axes
 from calibrate.posterior import potential_of
@@ -203,11 +203,11 @@ def test_lone_spikes_of_the_base_are_left_out():
     T = PULLED + np.random.default_rng(1).normal(0, 0.02, len(PULLED))
     spiked = np.array(T)
     spiked[[12, 55]] += [6.0, -5.0]
-    clean, count = base_tension.without_spikes(spiked)
+    clean, count = readings.without_spikes(spiked)
     assert count == 2
     np.testing.assert_allclose(clean, T, atol=0.1)
-    assert base_tension.without_spikes(PULLED)[1] == 0, "turning points are no spikes"
-    assert base_tension.without_spikes(np.repeat(np.arange(10.0), 3))[1] == 0, "nor are steps"
+    assert readings.without_spikes(PULLED)[1] == 0, "turning points are no spikes"
+    assert readings.without_spikes(np.repeat(np.arange(10.0), 3))[1] == 0, "nor are steps"
 
 
 def test_what_is_unknown_blurs_the_rest():
@@ -242,12 +242,12 @@ def test_the_sampler_sees_the_sum_of_squares_that_is_minimised(tdcm, monkeypatch
     noisy = dataclasses.replace(rec, T_base=history + rng.normal(0, 0.05, len(history)))
     seen = []
     module = sys.modules["calibrate.fit"]  # calibrate.fit is the function
-    monkeypatch.setattr(module, "sample", lambda task, answer: seen.append((task, answer)))
+    monkeypatch.setattr(module, "sample", lambda setup, answer: seen.append((setup, answer)))
     fit = calibrate.fit(tdcm, noisy, free=("mu", "E"), sampled=True)
     assert "does not determine" not in fit.verdict
-    task, answer = seen[0]
-    assert answer.problem.predict.parts[0].steps < len(history) and answer.problem.weighs[0].sd_base > 0
-    potential = potential_of(task, answer)
+    setup, answer = seen[0]
+    assert answer.problem.predictors[0].steps < len(history) and answer.problem.weighs[0].sd_base > 0
+    potential = potential_of(setup, answer)
     for shift in ([0.0, 0.0], [0.003, -0.01]):
         u = answer.descent.u + np.asarray(shift)
         predictions = answer.problem.predict(u)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import re
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -172,6 +174,8 @@ def solve(
     import calibrate
 
     check_noise(noise, noise_base)
+    # What draws the answer is imported meanwhile: half a second in which the fit needs no interpreter.
+    threading.Thread(target=importlib.import_module, args=("calibrate.report",), daemon=True).start()
     with interruption.patient():  # which leaves the fit without its profiles
         return calibrate.fit(
             robots,

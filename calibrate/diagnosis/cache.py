@@ -16,7 +16,7 @@ import numpy as np
 PATIENCE_S = 1.0
 
 
-class Memory:
+class SimulationCache:
     """A file of arrays by key; threads may share it. One that cannot be read or written is done without.
 
     Args:

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 
 import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig
-from gtr_jax.robot.parameters import Parameter
+from gtr_jax.simulation.history import padded_length
 from gtr_jax.terms import REGISTRY, known_on
 
-from . import noise
-from .base_tension import BaseTension, exact
-from .coordinates import CHANNELS, Coordinates, Prediction, Predictor, Predictors, coordinates
+from .coordinates import Coordinates, coordinates, places
 from .descent import Objective
 from .free import Free
+from .number import Number, number_at
+from .predictor import CHANNELS, Prediction, Predictor
+from .readings import BaseTension, exact, noise
 from .weighing import Weighing
 
 LARGEST_FACTOR = 30.0
@@ -25,6 +27,9 @@ SMALLEST_SIGMA, ROUGH = 1e-6, 0.02
 STRETCH = "tendon-stretch"
 # Recordings longer than this are simulated at about as many samples, or at steps of this share of the range.
 LONG, FINEST = 2000, 1 / 400
+# Steps up to which a thinned recording is simulated by the program of the whole one: to simulate held steps
+# takes 0.03 ms each, to trace and read another program 1.5 s, and to compile it 8 s.
+SHARED = 1024
 # A tip angle beyond so many turns, or a tip farther away than so many lengths, is in another unit.
 MOST_TURNS, MOST_LENGTHS = 2.0, 2.0
 # A base tension that would strain the outermost fibre by so much, on average and without friction, is in
@@ -84,7 +89,7 @@ class Part:
         locked, and without the samples that are not kept, (K,) bool.
         """
         if self.noise_N is not None:
-            return noise.Noise(self.noise_N, "given")
+            return noise.Noise(self.noise_N, source="given")
         base = self.T_base
         if fitted is None:
             return noise.estimate(base.T_base, self.T_tip, self.trial, None)
@@ -102,7 +107,7 @@ class Part:
         """Errors to look for a start with, (C,): the tip's noise, and of the others a share of their range,
         because a wrong stiffness puts them far off.
         """
-        sd = self.least(self.noise().sd)
+        sd = self.least(self.noise().sd_if_known)
         return np.maximum(sd, [0.0, *(ROUGH * np.ptp(self.recorded[1:], axis=1))])
 
     def stretch(self, T_tip: np.ndarray) -> np.ndarray:
@@ -132,11 +137,11 @@ class Part:
 
     def residual(self, prediction: Prediction) -> np.ndarray:
         """Simulated minus recorded, (C, K)."""
-        return prediction.values[self.where] - self.recorded
+        return prediction.values - self.recorded
 
     @property
     def where(self) -> list[int]:
-        """Places of the channels among those of a prediction."""
+        """Places of the channels in CHANNELS."""
         return [CHANNELS.index(name) for name in self.channels]
 
     def nodes(self) -> np.ndarray | None:
@@ -145,6 +150,12 @@ class Part:
             return None
         travel = float(np.sum(np.abs(np.diff(self.T_base.T_base[self.T_base.knots]))))
         return self.T_base.nodes(max(travel / LONG, FINEST * float(np.ptp(self.T_base.T_base)), 1e-9))
+
+    @functools.cached_property
+    def steps(self) -> int:
+        """Steps that it is simulated in, padded."""
+        nodes = self.nodes()
+        return padded_length(self.samples if nodes is None else len(nodes))
 
     def only(self, samples: np.ndarray) -> Part:
         """Some of the samples."""
@@ -155,44 +166,48 @@ class Part:
         )
 
 
-@dataclasses.dataclass
-class Task:
-    """One fit under way.
+@dataclasses.dataclass(frozen=True, eq=False)
+class Setup:
+    """What is fitted to what, and how.
 
     Attributes:
         parts: the recordings.
         free: the p free numbers, those asked for first.
         max_steps: of the optimiser.
         progress: called with a line at each stage.
-        warnings: sentences gathered on the way.
-        evaluations: times that all recordings were simulated.
         profiled: whether profile likelihoods are wanted.
         sampled: whether the posterior is wanted.
         robust: whether outliers are to count less.
     """
 
     parts: tuple[Part, ...]
-    free: list[Free]
+    free: tuple[Free, ...]
     max_steps: int
     progress: Callable[[str], None]
-    warnings: list[str]
-    evaluations: int = 0
     profiled: bool = False
     sampled: bool = False
     robust: bool = False
-    initial: np.ndarray = dataclasses.field(init=False)
-    priors: list[float | None] = dataclasses.field(init=False)
 
-    def __post_init__(self):
-        self.initial = np.asarray([f.initial for f in self.free])
-        self.priors = [f.prior for f in self.free]
-        for f in self.free:
-            config = self.parts[f.parts[0]].config
-            if f.prior is None and config is not None and f.entry.key in config.uncertainty:
-                self.warnings.append(
-                    f"The uncertainty of {f.name} is a share of its value, which is 0, and not used: give it "
-                    f"with its unit{f', {f.entry.unit}' if f.entry.unit else ''}."
-                )
+    @functools.cached_property
+    def initial(self) -> np.ndarray:
+        """Values in the robot file, SI, (p,)."""
+        return np.asarray([f.initial for f in self.free])
+
+    @property
+    def priors(self) -> list[float | None]:
+        """Standard deviations of what the robot file knows of each, SI."""
+        return [f.prior for f in self.free]
+
+    @property
+    def unused_priors(self) -> list[str]:
+        """A sentence for each number whose uncertainty cannot be used."""
+        return [
+            f"The uncertainty of {f.name} is a share of its value, which is 0, and not used: give it "
+            f"with its unit{f', {f.entry.unit}' if f.entry.unit else ''}."
+            for f in self.free
+            for config in (self.parts[f.parts[0]].config,)
+            if f.prior is None and config is not None and f.entry.key in config.uncertainty
+        ]
 
     @property
     def names(self) -> list[str]:
@@ -204,10 +219,9 @@ class Task:
         """Those that were asked for; they come first."""
         return [f for f in self.free if not f.carried]
 
-    @property
-    def chosen(self) -> list[Parameter]:
-        """The parameters they are."""
-        return [f.entry for f in self.free]
+    def numbers(self, values: np.ndarray) -> list[Number]:
+        """The free numbers with the origin of their coordinates at some values (SI, (p,))."""
+        return [number_at(f.entry, float(v), name=f.name) for f, v in zip(self.free, values, strict=True)]
 
     @property
     def samples(self) -> int:
@@ -228,12 +242,17 @@ class Task:
         """Which of the free numbers are friction coefficients."""
         return [i for i, f in enumerate(self.free) if f.entry.name == "mu"]
 
+    @functools.cached_property
+    def _places(self) -> list[np.ndarray]:
+        """Where the free numbers lie in each recording's robot, (p,) each."""
+        return [
+            places(part.robot, [f.entry.name for f in self.free], [k in f.parts for f in self.free])
+            for k, part in enumerate(self.parts)
+        ]
+
     def coordinates(self, values: np.ndarray) -> tuple[Coordinates, ...]:
         """Coordinates of each recording with their origin at some values (SI, (p,))."""
-        return tuple(
-            coordinates(part.robot, self.chosen, values, [k in f.parts for f in self.free])
-            for k, part in enumerate(self.parts)
-        )
+        return tuple(coordinates(index, self.numbers(values)) for index in self._places)
 
     def values_of(self, part: int, values: np.ndarray) -> dict[str, float]:
         """What the free numbers are to one recording's robot, SI, by short name."""
@@ -244,7 +263,7 @@ class Task:
 
         Args:
             at: coordinates of each recording.
-            parts: the recordings; those of the task unless given.
+            parts: the recordings; those of the setup unless given.
         """
         parts = self.parts if parts is None else parts
         log, scale = np.asarray(at[0].log), np.asarray(at[0].scale)
@@ -253,11 +272,18 @@ class Task:
         spread = sd / np.where(log, np.where(self.initial > 0, self.initial, 1.0), scale)
         start = at[0].at(np.where(has, self.initial, np.asarray(at[0].reference)))
         return Objective(
-            predict=Predictors(
-                [
-                    Predictor(p.robot, a, p.T_base.T_base, p.time, p.nodes(), p.trial)
-                    for p, a in zip(parts, at, strict=True)
-                ]
+            predictors=tuple(
+                Predictor(
+                    p.robot,
+                    a,
+                    p.T_base.T_base,
+                    p.time,
+                    p.nodes(),
+                    p.trial,
+                    channels=p.channels,
+                    length=whole.steps if whole.steps <= SHARED else 0,
+                )
+                for p, whole, a in zip(parts, self.parts, at, strict=True)
             ),
             parts=tuple(parts),
             weighs=tuple(Weighing.plain(exact(p.T_base.T_base), p.channels, p.rough()) for p in parts),
@@ -322,21 +348,19 @@ def fitted_to(
     wanted: Sequence[str] | None,
     robot: Robot,
     where: str,
-    warnings: list[str],
-) -> dict[str, np.ndarray]:
-    """The channels that one recording is fitted to.
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """The channels that one recording is fitted to, and a sentence for each that is left out for a fault.
 
     Args:
         channels: those that it has, T_tip first.
         wanted: those beside T_tip that are wanted; all unless given.
         robot: what was recorded.
         where: the recording, for messages.
-        warnings: takes a sentence for each channel that is left out for a fault.
 
     Raises:
         InputError: a position or an angle that no such robot can have.
     """
-    length, kept = float(robot.backbone.length), {"T_tip": channels["T_tip"]}
+    length, kept, warnings = float(robot.backbone.length), {"T_tip": channels["T_tip"]}, []
     for name, values in channels.items():
         if name == "T_tip" or (wanted is not None and name not in wanted):
             continue
@@ -354,4 +378,4 @@ def fitted_to(
             warnings.append(f"{where}: {name} is not fitted to, because the backbone is rigid.")
         else:
             kept[name] = values
-    return kept
+    return kept, warnings

@@ -10,18 +10,28 @@ import numpy as np
 
 from gtr_jax import InputError, RobotConfig
 from gtr_jax.robot.parameters import with_values
+from gtr_jax.simulation.phases import REST
 
-from . import verdict as words
-from .alone import Apart, Phases, by_recording, mu_by_phase
+from .alone import NO_PHASES, NOT_APART, by_recording, mu_by_phase
 from .answer import Answer, Judged
-from .coordinates import CHANNEL_UNITS, CHANNELS, Prediction, is_log
 from .descent import all_converged
 from .estimate import MOSTLY_PRIOR, UNKNOWN, Estimate, Uncertainty, correlation, estimates, transform
 from .identifiability import MINOR, axes, remedy
-from .noise import MAD_TO_SD
-from .result import Channel, FitResult, FittedRecording
+from .number import is_log
+from .predictor import CHANNEL_UNITS, Prediction
+from .readings.noise import MAD_TO_SD
+from .result import FitResult, FittedChannel, FittedRecording
+from .setup import Setup
 from .start import Start
-from .task import Task
+from .verdict import (
+    LACK_OF_FIT,
+    SMALL,
+    Distance,
+    by_phase,
+    disagreement_of_phases,
+    values_apart,
+    verdict,
+)
 
 TRADE_OFF = 0.99
 # Standard deviations of a prior.
@@ -32,63 +42,63 @@ SMALL_MU = 0.05
 FAR_OFF, FEW = 7.0, 0.1
 
 
-def _settings(task: Task, **more: Any) -> dict[str, Any]:
-    priors = {f.name: prior for f, prior in zip(task.free, task.priors, strict=True) if prior is not None}
+def _settings(setup: Setup, **more: Any) -> dict[str, Any]:
+    priors = {f.name: prior for f, prior in zip(setup.free, setup.priors, strict=True) if prior is not None}
     return {
-        "free": [f.name for f in task.asked],
-        "carried": [f.name for f in task.free if f.carried],
-        "samples": task.samples,
-        "peak_T_tip_N": task.peak,
+        "free": [f.name for f in setup.asked],
+        "carried": [f.name for f in setup.free if f.carried],
+        "samples": setup.samples,
+        "peak_T_tip_N": setup.peak,
         "priors_sd_SI": priors,
-        "recordings_of": {f.name: [task.parts[k].name for k in f.parts] for f in task.free},
-        "robust": task.robust,
-        "max_steps": task.max_steps,
-        "optimiser": "optimistix.LevenbergMarquardt",
+        "recordings_of": {f.name: [setup.parts[k].name for k in f.parts] for f in setup.free},
+        "robust": setup.robust,
+        "max_steps": setup.max_steps,
+        "optimiser": "Levenberg-Marquardt",
         **more,
     }
 
 
 def _fitted_config(
-    task: Task, k: int, values: np.ndarray, left: Sequence[float | None]
-) -> RobotConfig | None:
+    setup: Setup, k: int, values: np.ndarray, left: Sequence[float | None]
+) -> tuple[RobotConfig | None, list[str]]:
     """The robot file of recording k with the fitted values, and with what is `left` uncertain of the numbers
-    that it called uncertain, SI; None where that is what it was.
+    that it called uncertain, SI, or None where there is none; and what a reader must know.
     """
-    config = task.parts[k].config
+    config = setup.parts[k].config
     if config is None:
-        return None
+        return None, []
     changed = {
         f.entry.key: float(value)
-        for f, value in zip(task.free, values, strict=True)
+        for f, value in zip(setup.free, values, strict=True)
         if k in f.parts and value != f.initial
     }
     try:
-        return config.with_values(changed).with_deviations(
+        found = config.with_values(changed).with_deviations(
             {
                 f.entry.key: sd
-                for f, sd in zip(task.free, left, strict=True)
+                for f, sd in zip(setup.free, left, strict=True)
                 if k in f.parts and sd is not None and f.entry.key in config.uncertainty
             }
         )
     except InputError as fault:
-        task.warnings.append(f"The fitted values do not make a robot file: {fault}.")
-        return None
+        return None, [f"The fitted values do not make a robot file: {fault}."]
+    return found, []
 
 
-def _largest_mu(task: Task, known: Uncertainty, values: np.ndarray) -> float:
+def _largest_mu(setup: Setup, known: Uncertainty, values: np.ndarray) -> float:
     """Upper limit (95 %) of mu where it is small, from the slope there; infinite if not fitted or unseen."""
-    limits = [float(values[i] * (1 + ONE_SIDED_95 * known.alone[i])) for i in task.friction()]
+    limits = [float(values[i] * (1 + ONE_SIDED_95 * known.alone[i])) for i in setup.friction()]
     return max(limits, default=np.inf)
 
 
-def _notes(task: Task, known: Uncertainty, answer: Answer, values: np.ndarray) -> list[str]:
-    """What a reader must know of each estimate; also gathered as warnings."""
+def _notes(setup: Setup, known: Uncertainty, answer: Answer, values: np.ndarray) -> list[str]:
+    """What a reader must know of each estimate, or ""."""
     notes, problem, descent = [], answer.problem, answer.descent
     drift, stopped = (descent.u - problem.centre) * problem.precision, answer.at[0].stopped(descent.u)
-    for i, free in enumerate(task.free):
+    for i, free in enumerate(setup.free):
         note = ""
         drifted = abs(drift[i]) > DRIFTED
-        most = _largest_mu(task, known, values)
+        most = _largest_mu(setup, known, values)
         if free.carried:
             note = _drifted(drift[i]) if drifted else ""
         elif not known.known[i] and free.entry.name == "mu" and most < SMALL_MU:
@@ -98,15 +108,13 @@ def _notes(task: Task, known: Uncertainty, answer: Answer, values: np.ndarray) -
         elif stopped[i]:
             note = "lies at its bound: the recording asks for no more, so it has no interval"
         elif not known.known[i]:
-            rest = "the prior's" if task.priors[i] is not None else "arbitrary"
+            rest = "the prior's" if setup.priors[i] is not None else "arbitrary"
             note = f"not determined by the recording, the value is {rest}"
         elif known.prior_share[i] > MOSTLY_PRIOR:
             note = f"rests mostly on its prior ({100 * known.prior_share[i]:.0f} % of what is known)"
         elif drifted:
             note = _drifted(drift[i])
         notes.append(note)
-        if note:
-            task.warnings.append(f"{free.name}: {note}.")
     return notes
 
 
@@ -118,19 +126,19 @@ def _drifted(by: float) -> str:
     )
 
 
-def ignorance(task: Task, answer: Answer) -> str:
+def ignorance(setup: Setup, answer: Answer) -> str:
     """Why no parameter is determined; "" if one is. Friction too small to be seen is an answer."""
-    known, values = answer.known(task), np.asarray(answer.at[0].values(answer.descent.u))
-    asked = [f.name for f in task.asked]
+    known, values = answer.known(setup), np.asarray(answer.at[0].values(answer.descent.u))
+    asked = [f.name for f in setup.asked]
     if known.known[: len(asked)].any():
         return ""
-    others_known = all(p is not None for i, p in enumerate(task.priors) if i not in task.friction())
-    if others_known and _largest_mu(task, known, values) < SMALL_MU:
+    others_known = all(p is not None for i, p in enumerate(setup.priors) if i not in setup.friction())
+    if others_known and _largest_mu(setup, known, values) < SMALL_MU:
         return ""
     each = [n for n, a in zip(asked, known.alone, strict=False) if a < UNKNOWN]
     if len(each) > 1:
         names = " and ".join(each)
-        way = _remedy(task, answer, [task.names.index(n) for n in each])
+        way = _remedy(setup, answer, [setup.names.index(n) for n in each])
         return (
             f"the recording determines {names} only in combination; fix one of them, or state its "
             "uncertainty under [uncertainty] in the robot file" + (f"; or measure more: {way}" if way else "")
@@ -138,54 +146,58 @@ def ignorance(task: Task, answer: Answer) -> str:
     return f"the recording does not determine {' or '.join(asked)}"
 
 
-def _remedy(task: Task, answer: Answer, among: list[int]) -> str:
+def _remedy(setup: Setup, answer: Answer, among: list[int]) -> str:
     """The measurement that would tell parameters apart, in a sentence, or ""."""
     sd = [float(np.sqrt(j.weigh.tau[0]) * j.sd[0]) for j in answer.judged]
-    return remedy(task, answer.at, answer.descent.u, answer.information(), sd, among)
+    return remedy(setup, answer.at, answer.descent.u, answer.information(), sd, among)
 
 
-def _steps(task: Task, answer: Answer) -> list[str]:
+def _steps(setup: Setup, answer: Answer) -> list[str]:
     """What a hundredth of a coordinate is of each free number."""
     at = answer.at[0]
     relative = np.asarray(at.log) | (np.asarray(at.reference) != 0)
     scales = np.asarray(at.scale).tolist()
     return [
         "%" if share else f"% of {scale:g} {f.entry.unit}".rstrip()
-        for f, share, scale in zip(task.free, relative, scales, strict=True)
+        for f, share, scale in zip(setup.free, relative, scales, strict=True)
     ]
 
 
-def _unknown_axes(task: Task, answer: Answer, known: Uncertainty) -> None:
-    """Warn of combinations of parameters that nothing is known of, and say which measurement would help."""
-    n = len(task.asked)
+def _unknown_axes(setup: Setup, answer: Answer, known: Uncertainty) -> list[str]:
+    """A sentence for each combination of parameters that nothing is known of, with the measurement that would
+    help.
+    """
+    n, warnings = len(setup.asked), []
     for axis in axes(answer.information_about(n)):
         large = np.abs(axis.direction) > MINOR * np.max(np.abs(axis.direction))
         if axis.sd > UNKNOWN and large.sum() > 1 and not known.known[:n][large].any():
             among = np.flatnonzero(large).tolist()
-            way = _remedy(task, answer, among)
-            task.warnings.append(
+            way = _remedy(setup, answer, among)
+            warnings.append(
                 "Nothing tells these changes from none: "
-                + axis.words(task.names[:n], _steps(task, answer)[:n])
+                + axis.words(setup.names[:n], _steps(setup, answer)[:n])
                 + (f"; {way}." if way else ".")
             )
+    return warnings
 
 
-def _trade_offs(task: Task, answer: Answer, known: Uncertainty) -> None:
-    """Warn of pairs that the recording hardly tells apart, with what would."""
-    n = len(task.asked)
+def _trade_offs(setup: Setup, answer: Answer, known: Uncertainty) -> list[str]:
+    """A sentence for each pair that the recording hardly tells apart, with what would."""
+    n, warnings = len(setup.asked), []
     rho, log = correlation(known.covariance[:n, :n]), np.asarray(answer.at[0].log)
     for i, j in zip(*np.triu_indices(len(rho), 1), strict=True):
         if abs(rho[i, j]) > TRADE_OFF:
-            a, b = task.names[i], task.names[j]
+            a, b = setup.names[i], setup.names[j]
             along = known.covariance[i, j] / known.covariance[i, i]
             sense = "up" if along > 0 else "down"
             little = f": {a} up by 1 % and {b} {sense} by {abs(along):.2g} % changes little"
-            way = _remedy(task, answer, [int(i), int(j)])
-            task.warnings.append(
+            way = _remedy(setup, answer, [int(i), int(j)])
+            warnings.append(
                 f"{a} and {b} trade off (correlation {rho[i, j]:+.3f})"
                 + (little if log[i] and log[j] else "")
                 + (f"; {way}." if way else ".")
             )
+    return warnings
 
 
 def _failure(answer: Answer) -> str:
@@ -193,7 +205,7 @@ def _failure(answer: Answer) -> str:
     if not all_converged(answer.predictions):
         failed, steps = (
             sum(p.failed for p in answer.predictions),
-            sum(p.steps for p in answer.problem.predict.parts),
+            sum(p.steps for p in answer.problem.predictors),
         )
         return f"{failed} of {steps} load steps of the simulation did not converge"
     if not answer.descent.converged:
@@ -202,29 +214,28 @@ def _failure(answer: Answer) -> str:
 
 
 def _fitted(
-    task: Task,
+    setup: Setup,
     k: int,
     prediction: Prediction | None,
     answer: Answer | None,
     values: np.ndarray,
     covariance: np.ndarray | None,
     left: Sequence[float | None],
-) -> FittedRecording:
-    """Recording k beside the model; as it was where there is no answer."""
-    part = task.parts[k]
+) -> tuple[FittedRecording, list[str]]:
+    """Recording k beside the model, as it was where there is no answer; and what a reader must know."""
+    part = setup.parts[k]
     judged = None if answer is None else answer.judged[k]
-    missing = np.full((len(CHANNELS), part.samples), np.nan)
-    shown = missing if prediction is None else prediction.values
-    phases = np.full(part.samples, words.REST) if prediction is None else prediction.phases
+    shown = np.full_like(part.recorded, np.nan) if prediction is None else prediction.values
+    phases = np.full(part.samples, REST) if prediction is None else prediction.phases
     channels = {}
-    every = shown[part.where] - part.recorded
+    every = shown - part.recorded
     if judged is not None:
         every = judged.weigh.left(every)
     for c, (name, at) in enumerate(zip(part.channels, part.where, strict=True)):
         off = every[c]
         simulated = part.recorded[c] + off
         sd = None if judged is None else float(judged.sd[c])
-        channels[name] = Channel(CHANNEL_UNITS[at], simulated, off, sd)
+        channels[name] = FittedChannel(CHANNEL_UNITS[at], simulated, off, sd)
     band = np.zeros(part.samples)
     if prediction is not None and covariance is not None:
         known = np.isfinite(np.diag(covariance))
@@ -233,80 +244,89 @@ def _fitted(
     noise, chosen = part.noise() if judged is None else judged.noise, {}
     if answer is not None and judged is not None:
         chosen = {
-            "samples_simulated": answer.problem.predict.parts[k].steps,
+            "samples_simulated": answer.problem.predictors[k].steps,
             "knots_of_base": part.T_base.size,
             "samples_per_independent_base": part.T_base.tau,
             "samples_per_independent": float(judged.weigh.tau[0]),
         }
-    return FittedRecording(
+    config, warnings = part.config, []
+    if covariance is not None:
+        config, warnings = _fitted_config(setup, k, values, left)
+    fitted = FittedRecording(
         name=part.name,
-        robot=with_values(part.robot, task.values_of(k, values)),
-        config=part.config if covariance is None else _fitted_config(task, k, values, left),
+        robot=with_values(part.robot, setup.values_of(k, values)),
+        config=config,
         channels=channels,
         T_base=part.T_base.T_base,
         band=band,
         phases=phases,
-        by_phase={} if prediction is None else words.by_phase(channels["T_tip"].residual, phases),
-        noise_N=noise.sd,
+        by_phase={} if prediction is None else by_phase(channels["T_tip"].residual, phases),
+        noise_N=noise.sd_if_known,
         noise_from=noise.source,
         noise_base_N=part.T_base.sd,
         chi2_per_n=None if judged is None else judged.chi2_per_n,
         outliers=0 if judged is None else int(np.sum(~judged.kept)),
         settings={"robot": part.robot.name, "path": part.path, **chosen},
     )
+    return fitted, warnings
 
 
-def assemble(task: Task, answer: Answer, iterations: int, start: Start) -> FitResult:
-    """The result of a fit that reached an end, good or bad."""
+def concluded(setup: Setup, answer: Answer, iterations: int, evaluations: int, start: Start) -> FitResult:
+    """The result of a fit that reached an end, good or bad, after so many steps of the optimiser and
+    simulations of all recordings.
+    """
     at, descent = answer.at[0], answer.descent
-    log, scale = np.asarray(at.log), np.asarray(at.scale)
-    known, n = answer.known(task), len(task.asked)
+    known, n = answer.known(setup), len(setup.asked)
     values = np.asarray(at.values(descent.u))
-    notes = _notes(task, known, answer, values)
-    named = [dataclasses.replace(f.entry, name=f.name) for f in task.free]
+    notes = _notes(setup, known, answer, values)
+    numbers = setup.numbers(np.asarray(at.reference))
     # What was carried along is known as before where the recordings say nothing of it.
-    told = known._replace(covariance=answer.spread(task), known=known.known | [f.carried for f in task.free])
-    found = estimates(named, values, task.initial, log, scale, told, notes, answer.sources(task))
-    _unknown_axes(task, answer, known)
-    _trade_offs(task, answer, known)
-    failure = _failure(answer)
-    phases = Phases({}, 0.0)
-    apart = Apart({}, "")
+    every = known._replace(
+        covariance=answer.spread(setup), known=known.known | [f.carried for f in setup.free]
+    )
+    found = estimates(numbers, values, setup.initial, every, notes, answer.sources(setup))
+    warnings = [f"{free.name}: {note}." for free, note in zip(setup.free, notes, strict=True) if note]
+    warnings += _unknown_axes(setup, answer, known) + _trade_offs(setup, answer, known)
+    failure, phases, apart = _failure(answer), NO_PHASES, NOT_APART
     if failure:
         found = [
             dataclasses.replace(e, sd=None, lower95=None, upper95=None, detectable=None, made_of={})
             for e in found
         ]
     else:
-        if known.known[task.friction()].any():
-            phases = mu_by_phase(task, answer)
-        apart = by_recording(task, answer)
-    disagreement = words.disagreement(phases.estimates, phases.apart)
+        if known.known[setup.friction()].any():
+            phases = mu_by_phase(setup, answer)
+        apart = by_recording(setup, answer)
+    disagreement = disagreement_of_phases(phases.estimates, phases.apart)
     if disagreement:
-        task.warnings.append(disagreement[0].upper() + disagreement[1:] + ": more apart than their errors.")
+        warnings.append(disagreement[0].upper() + disagreement[1:] + ": more apart than their errors.")
     clauses = [disagreement] if disagreement else []
     if apart.blamed:
-        clauses.append(f"the recordings disagree: {words.apart(apart.blamed, apart.estimates[apart.blamed])}")
-        task.warnings.append(
+        clauses.append(
+            f"the recordings disagree: {values_apart(apart.blamed, apart.estimates[apart.blamed])}"
+        )
+        warnings.append(
             f"The recordings disagree, most likely about {apart.blamed}: find out what differs between them, "
             f"or fit it to each with --per-recording {apart.blamed}."
         )
     left = [e.sd for e in found]
-    recordings = tuple(
-        _fitted(task, k, prediction, answer, values, known.covariance, left)
+    fitted = [
+        _fitted(setup, k, prediction, answer, values, known.covariance, left)
         for k, prediction in enumerate(answer.predictions)
-    )
+    ]
+    recordings = tuple(recording for recording, _ in fitted)
+    warnings += [sentence for _, more in fitted for sentence in more]
     for r, judged in zip(recordings, answer.judged, strict=True):
         few = f"samples{f' of {r.name}' if len(recordings) > 1 else ''} lie far off"
         if r.outliers:
             many = r.outliers > FEW * len(r.T_base)
-            task.warnings.append(
+            warnings.append(
                 f"{r.outliers} of {len(r.T_base)} {few} and count less than half"
                 + (": too many to be outliers, the model lacks something." if many else ".")
             )
         lone = _outliers(judged)
-        if lone and not task.robust:
-            task.warnings.append(
+        if lone and not setup.robust:
+            warnings.append(
                 f"{lone} of {len(r.T_base)} {few} while the others do not: a robust fit (--robust) lets them "
                 "count less."
             )
@@ -317,26 +337,26 @@ def assemble(task: Task, answer: Answer, iterations: int, start: Start) -> FitRe
         converged=not failure,
         result=descent.result,
         iterations=iterations,
-        evaluations=task.evaluations,
+        evaluations=evaluations + phases.evaluations + apart.evaluations,
         correlation=correlation(known.covariance[:n, :n]),
-        warnings=task.warnings,
-        verdict=words.verdict(
+        warnings=warnings,
+        verdict=verdict(
             found[:n],
-            [_distance(task, answer, r) for r in zip(recordings, answer.judged, strict=True)],
+            [_distance(setup, answer, r) for r in zip(recordings, answer.judged, strict=True)],
             disagreement="; ".join(clauses),
             failure=failure,
         ),
         settings=_settings(
-            task,
-            samples_simulated=sum(p.steps for p in answer.problem.predict.parts),
-            start=dict(zip(task.names, np.asarray(at.values(start.u)).tolist(), strict=True)),
+            setup,
+            samples_simulated=sum(p.steps for p in answer.problem.predictors),
+            start=dict(zip(setup.names, np.asarray(at.values(start.u)).tolist(), strict=True)),
             starts_tried=start.tried,
             starts_that_agree=start.agreed,
         ),
         mu_by_phase=phases.estimates,
         by_recording=apart.estimates,
         axes=[
-            (axis.words(task.names[:n], _steps(task, answer)[:n]), axis.sd)
+            (axis.words(setup.names[:n], _steps(setup, answer)[:n]), axis.sd)
             for axis in axes(answer.information_about(n))
         ],
     )
@@ -350,18 +370,18 @@ def _outliers(judged: Judged) -> int:
     return far if scale > 0 and far <= FEW * len(off) else 0
 
 
-def _distance(task: Task, answer: Answer, of: tuple[FittedRecording, Judged]) -> words.Distance:
+def _distance(setup: Setup, answer: Answer, of: tuple[FittedRecording, Judged]) -> Distance:
     fitted, judged = of
-    used = len(task.free) * len(fitted.T_base) / task.samples
+    used = len(setup.free) * len(fitted.T_base) / setup.samples
     degrees = max(len(fitted.T_base) - used, 1) / float(judged.weigh.tau[0])
-    part = next(p for p in task.parts if p.name == fitted.name)
+    part = next(p for p in setup.parts if p.name == fitted.name)
     others = []
     for c, name in enumerate(part.channels):
-        if c and fitted.channels[name].rms > words.SMALL * float(np.ptp(part.recorded[c])):
+        if c and fitted.channels[name].rms > SMALL * float(np.ptp(part.recorded[c])):
             others.append(
                 (name, fitted.channels[name].rms, float(judged.least[c]), CHANNEL_UNITS[part.where[c]])
             )
-    return words.Distance(
+    return Distance(
         name=fitted.name,
         rms=judged.rms,
         outliers=fitted.outliers,
@@ -370,42 +390,43 @@ def _distance(task: Task, answer: Answer, of: tuple[FittedRecording, Judged]) ->
         chi2=fitted.chi2_per_n,
         degrees=(degrees, judged.noise.degrees),
         table=fitted.by_phase,
-        others=[o for o in others if o[1] ** 2 > words.LACK_OF_FIT * o[2] ** 2],
+        others=[o for o in others if o[1] ** 2 > LACK_OF_FIT * o[2] ** 2],
     )
 
 
-def unanswered(task: Task, predictions: tuple[Prediction, ...] | None, why: str) -> FitResult:
+def unanswered(
+    setup: Setup, predictions: tuple[Prediction, ...] | None, why: str, evaluations: int
+) -> FitResult:
     """The result of a fit that could not begin: the robots as they were, no intervals, and why."""
-    p = len(task.asked)
-    task.warnings.append(why[0].upper() + why[1:] + ".")
+    p = len(setup.asked)
     recordings = tuple(
-        _fitted(task, k, None if predictions is None else predictions[k], None, task.initial, None, ())
-        for k in range(len(task.parts))
+        _fitted(setup, k, None if predictions is None else predictions[k], None, setup.initial, None, ())[0]
+        for k in range(len(setup.parts))
     )
     return FitResult(
         recordings=recordings,
         estimates=[
             Estimate(
-                f.name,
-                f.entry.key,
-                v,
-                None,
-                None,
-                None,
-                v,
-                f.entry.unit,
-                transform(is_log(f.entry, v)),
-                "not fitted",
+                name=f.name,
+                key=f.entry.key,
+                value=v,
+                sd=None,
+                lower95=None,
+                upper95=None,
+                initial=v,
+                unit=f.entry.unit,
+                transform=transform(is_log(f.entry, v)),
+                note="not fitted",
             )
-            for f, v in zip(task.asked, task.initial.tolist(), strict=False)
+            for f, v in zip(setup.asked, setup.initial.tolist(), strict=False)
         ],
         carried=[],
         converged=False,
         result=why,
         iterations=0,
-        evaluations=task.evaluations,
+        evaluations=evaluations,
         correlation=np.full((p, p), np.nan),
-        warnings=task.warnings,
+        warnings=[why[0].upper() + why[1:] + "."],
         verdict=f"No answer: {why}.",
-        settings=_settings(task),
+        settings=_settings(setup),
     )
