@@ -59,9 +59,12 @@ Deviation = Annotated[float | str, BeforeValidator(_deviation)]
 
 
 class Section(BaseModel):
-    """One table of the robot file; unknown keys are refused with the nearest valid name."""
+    """One table of the robot file; unknown keys are refused with the nearest valid name.
 
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+    What stands below a key says what it is, and becomes its description in the JSON Schema (`schema`).
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
     @model_validator(mode="before")
     @classmethod
