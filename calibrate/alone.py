@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2
 
-from gtr_jax.phases import PULLING, RELEASING
+from gtr_jax.simulation.phases import PULLING, RELEASING
 
 from .answer import Answer
 from .descent import descend

@@ -17,9 +17,9 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from gtr_jax import InputError, Robot, Simulation, label_phases, reading, simulate, true_base
-from gtr_jax.equilibrium import known_to_act
-from gtr_jax.history import cycles, padded_length
 from gtr_jax.robot.parameters import Parameter, places_of, term_of
+from gtr_jax.simulation.history import cycles, padded_length
+from gtr_jax.simulation.programs import known_to_act
 
 # What instruments may show, in the order of predictions; names are those of `gtr_jax.Recording`.
 CHANNELS = ("T_tip", "tip_x", "tip_y", "tip_angle", "displacement")

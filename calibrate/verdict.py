@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import f
 
 from gtr_jax.files.numbers import measured, measured_quantity
-from gtr_jax.phases import PULLING, RELEASING, REST, TRANSITION
+from gtr_jax.simulation.phases import PULLING, RELEASING, REST, TRANSITION
 
 from .estimate import Estimate
 

@@ -7,9 +7,9 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.equilibrium import known_to_act
 from gtr_jax.files.config import RobotConfig
 from gtr_jax.robot.parameters import places_of
+from gtr_jax.simulation.programs import known_to_act
 
 from . import limits as L
 from .checks import check_target

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from gtr_jax.small_matrices import inverse, times
+from gtr_jax.mechanics.small_matrices import inverse, times
 
 from .task import Evaluation, Task, evaluate
 

@@ -12,7 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from gtr_jax.channel import turning_rate
+from gtr_jax.mechanics.channel import turning_rate
 from gtr_jax.mechanics.offset import Offset
 from gtr_jax.robot.robot import Robot
 

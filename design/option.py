@@ -9,10 +9,10 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.equilibrium import known_to_act
 from gtr_jax.files.config import RobotConfig
 from gtr_jax.files.numbers import quantity
 from gtr_jax.robot.robot import Robot
+from gtr_jax.simulation.programs import known_to_act
 
 from . import limits as L
 from .assemble import Assembled

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.equilibrium import known_to_act
+from gtr_jax.simulation.programs import known_to_act
 
 from .assemble import Assembled
 from .model import states_of

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from gtr_jax.equilibrium import known_to_act
 from gtr_jax.robot.parameters import Parameter, parameters_of, places_of
+from gtr_jax.simulation.programs import known_to_act
 
 from .assemble import Assembled
 from .model import states_of

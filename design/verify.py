@@ -8,8 +8,8 @@ import dataclasses
 
 import numpy as np
 
-from gtr_jax.equilibrium import known_to_act
-from gtr_jax.history import simulate
+from gtr_jax.simulation.history import simulate
+from gtr_jax.simulation.programs import known_to_act
 
 from .assemble import Assembled
 from .literal import solve_literal

@@ -10,7 +10,7 @@ from matplotlib.patches import Circle
 import gtr_jax as gtr
 from design.report.figures import Mark, Near, plot_targets
 from gtr_jax import plots
-from gtr_jax.phases import label_phases
+from gtr_jax.simulation.phases import label_phases
 
 
 @pytest.fixture(scope="module")

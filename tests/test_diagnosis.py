@@ -27,7 +27,7 @@ from calibrate.diagnosis.rig import Rig
 from calibrate.diagnosis.search import Models, screen
 from calibrate.fit import part_of
 from calibrate.weighing import Weighing
-from gtr_jax.sensing import cells_show
+from gtr_jax.simulation.sensing import cells_show
 from gtr_jax.terms import REGISTRY
 
 REFERENCE = Path(__file__).parent / "data" / "reference"

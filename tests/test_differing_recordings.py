@@ -16,8 +16,8 @@ from calibrate.diagnosis.diagnose import Prepared, prepare
 from calibrate.diagnosis.locate import locate, mu_by_stratum
 from calibrate.diagnosis.rig import Rig, values_in
 from calibrate.diagnosis.robots import _labels
-from gtr_jax.history import padded_length
-from gtr_jax.sensing import cells_show
+from gtr_jax.simulation.history import padded_length
+from gtr_jax.simulation.sensing import cells_show
 from gtr_jax.terms import REGISTRY
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "rig"

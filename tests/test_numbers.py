@@ -65,6 +65,6 @@ def test_a_result_prints_its_name():
     assert str(eq.result) == "successful" and bool(eq.result == optx.RESULTS.successful)
     run = gtr.simulate(robot, [0.0, 2.0, 5.0])
     assert str(run.result) == "3 successful"
-    from gtr_jax.outcome import outcome
+    from gtr_jax.simulation.outcome import outcome
 
     assert str(outcome(optx.RESULTS.nonlinear_divergence)).startswith("nonlinear_divergence: ")

@@ -14,7 +14,7 @@ import numpy as np
 from gtr_jax import Robot
 from gtr_jax.robot.parameters import with_values
 from gtr_jax.robot.robot import sections
-from gtr_jax.sensing import cells_show
+from gtr_jax.simulation.sensing import cells_show
 
 from ..base_tension import exact
 from ..coordinates import CHANNELS

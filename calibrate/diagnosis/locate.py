@@ -7,7 +7,7 @@ import itertools
 
 import numpy as np
 
-from gtr_jax.phases import PULLING, RELEASING, TRANSITION, phases_of_slip
+from gtr_jax.simulation.phases import PULLING, RELEASING, TRANSITION, phases_of_slip
 
 from ..base_tension import turning_points
 from ..coordinates import CHANNEL_UNITS, CHANNELS

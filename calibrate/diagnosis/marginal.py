@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gtr_jax.phases import PULLING
+from gtr_jax.simulation.phases import PULLING
 
 from ..answer import by_source
 from ..coordinates import CHANNELS

@@ -16,8 +16,8 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from gtr_jax import Robot
-from gtr_jax.equilibrium import known_to_act
 from gtr_jax.robot.parameters import places_of
+from gtr_jax.simulation.programs import known_to_act
 from gtr_jax.terms import REGISTRY
 
 from ..coordinates import History, padded_history, shown

@@ -6,16 +6,16 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure as Drawn
 
-from gtr_jax.equilibrium import equilibrium
 from gtr_jax.files.numbers import number, quantity
 from gtr_jax.files.units import display_of
-from gtr_jax.history import Simulation, equilibrium_at, simulate
-from gtr_jax.phases import label_phases
 from gtr_jax.plots.style import png
 from gtr_jax.plots.tension import plot_tension
 from gtr_jax.report.page import Figure, Report, Table
 from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.robot import Robot
+from gtr_jax.simulation.equilibrium import equilibrium
+from gtr_jax.simulation.history import Simulation, equilibrium_at, simulate
+from gtr_jax.simulation.phases import label_phases
 
 from ..compare import Comparison
 from ..limits import LOSS

@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
-from gtr_jax.equilibrium import Equilibrium
 from gtr_jax.files.numbers import number
 from gtr_jax.plots.shape import curve_of, draw_body
 from gtr_jax.plots.style import (
@@ -29,6 +28,7 @@ from gtr_jax.plots.style import (
     phase_keys,
     styled,
 )
+from gtr_jax.simulation.solution import Equilibrium
 
 ARROW = 0.07  # of the larger side of what is drawn
 MAGNIFIED = 4  # places, at most, drawn magnified

@@ -227,8 +227,8 @@ def write_answer(
     from gtr_jax.files.recording import write_recording
     from gtr_jax.report import profile, simulation_report
     from gtr_jax.report.simulation import facts
-    from gtr_jax.sensing import cells_differ
 
+    from ..simulation.sensing import cells_differ
     from .run_folder import write_json, write_report
 
     run, shown = answer.run, answer.run.reading

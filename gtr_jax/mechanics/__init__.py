@@ -7,12 +7,13 @@ through load steps.
 
 from .case import Load, Memory, complete, part_of, untouched
 from .history import FOREVER, Robot, Settled, Step, rest_state, steps
-from .structure import EVERY, Structure, in_order
+from .structure import EVERY, March, Structure, in_order
 
 __all__ = [
     "EVERY",
     "FOREVER",
     "Load",
+    "March",
     "Memory",
     "Robot",
     "Settled",

@@ -8,8 +8,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..problem import Sections, State
 from ..terms import REGISTRY
+from .sections import Sections, State
 from .structure import EVERY, Structure
 
 FOLLOWED = ("slip", "middle", "speed", "mobilised", "stencil", "elements")
@@ -134,9 +134,7 @@ def untouched(
     )
 
 
-def complete(
-    memory: Memory, structure: Structure, state: State, slip: Float[Array, "N *tendons"]
-) -> Memory:
+def complete(memory: Memory, structure: Structure, state: State, slip: Float[Array, "N *tendons"]) -> Memory:
     """The same with everything that a program of another structure may ask for.
 
     Args:

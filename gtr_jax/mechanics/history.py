@@ -12,14 +12,13 @@ import jax.numpy as jnp
 import jax.tree_util as jtu
 from jaxtyping import Array, Bool, Float, Int
 
-from .. import channel
-from ..linear_solver import node_first
-from ..mesh import cumulative, increments
-from ..problem import Sections, State, at_tendons
 from ..terms import REGISTRY
+from . import channel
 from .case import Case, Load, Memory, untouched
+from .mesh import cumulative
+from .sections import Sections, State, at_tendons, node_first
 from .solve import load_step
-from .structure import Structure
+from .structure import March, Structure
 
 FOREVER = 1e15  # s, in which everything that creeps has crept
 
@@ -67,8 +66,13 @@ class Step(eqx.Module):
 
 
 class Settled(eqx.Module):
-    """Before the first load: what is remembered, nu of the channels, (N, *tendons), the tension at which strain
-    counts as none [N], (*tendons,), and the curvature of the robot with slack tendons [1/m], (N,).
+    """The robot before its first load.
+
+    Attributes:
+        memory: what is remembered.
+        metric: nu of the channels with slack tendons, (N, *tendons).
+        preload: tension at which the tendons' strain counts as none [N], (*tendons,).
+        kappa: curvature with slack tendons [1/m], (N,).
     """
 
     memory: Memory
@@ -122,7 +126,7 @@ def steps(
     robot: Robot,
     structure: Structure,
     loads: Load,
-    atol: float,
+    how: March,
     before: Callable[[State, Memory], Memory] | None = None,
 ) -> tuple[Step, Memory, Settled]:
     """Solve load steps, one after another.
@@ -135,7 +139,7 @@ def steps(
         robot: at its nodes.
         structure: which equations act.
         loads: K of them.
-        atol: largest error at which a search stops.
+        how: far a search goes.
         before: what is remembered at the first load, from the settled state and what a robot remembers that
             was never pulled; that unless given.
 
@@ -175,8 +179,10 @@ def steps(
             own = {kind: robot.terms[kind] for kind in structure.terms}
             terms = robot.terms | jtu.tree_map(lambda a, b: jnp.where(stringing, a, b), none, own)
             now = dataclasses.replace(now, mu=jnp.where(stringing, 0.0, case.mu), terms=terms)
-        done = load_step(now, load, settled.memory, atol)
-        met = (done.error <= atol) & jnp.all(jnp.isfinite(load.T_base)) & jnp.isfinite(load.dt + load.time)
+        done = load_step(now, load, settled.memory, how)
+        met = (
+            (done.error <= how.atol) & jnp.all(jnp.isfinite(load.T_base)) & jnp.isfinite(load.dt + load.time)
+        )
         out = Step(
             state=done.state,
             tension=done.memory.tension,

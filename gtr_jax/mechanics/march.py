@@ -14,12 +14,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import jax.tree_util as jtu
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
-from .. import channel
-from ..problem import at_tendons, largest, over_tendons
+from . import channel
 from .case import Case
 from .node import Carry, Equations, Modes, Node, Row, clip, prepared, pressing, total
+from .sections import at_tendons, largest, over_tendons
 
 NEWTON_PLAIN, NEWTON_WITH_TERMS = 2, 3  # steps; two leave rounding where the law is that of the base model
 FLATTEST = 0.3  # slope of the moment balance below which a step is shortened

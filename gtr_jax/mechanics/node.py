@@ -22,17 +22,17 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .. import channel
-from ..linear_solver import node_first
-from ..mesh import STENCIL, Interval
-from ..problem import State, at_tendons, moment_slope, offset_before, over_tendons
 from ..terms import REGISTRY, is_on
 from ..terms.term import STILL, Bent, Channel
+from . import channel
 from .case import Case
+from .mesh import STENCIL, Interval
 from .offset import Offset
+from .sections import State, at_tendons, moment_slope, node_first, offset_before, over_tendons
 
 FLOOR = 1e-4  # of the length: the shortest presliding of several tendons with terms
 HIGHEST = 10.0  # times the largest tension known: none is believed beyond, while the slip is guessed
+Asked = Any  # an array, or None where no law of the structure asks for it
 ((_, mobilise),) = [(term.id, term.mobilise) for term in REGISTRY.values() if term.mobilise]
 
 
@@ -50,17 +50,17 @@ class Row(NamedTuple):
     R_before: Offset
     compliance: Float[Array, " N"]
     rest: Float[Array, " N"]
-    force: tuple[Float[Array, " N"], Float[Array, " N"]] | None
+    force: Asked
     weights: Float[Array, "N 4"]
     interval: Interval
-    metric: Float[Array, "N *tendons"] | None
-    mu: tuple[Float[Array, "N *tendons"], Float[Array, "N *tendons"]] | None
+    metric: Asked
+    mu: Asked
     tension: Float[Array, "N *tendons"]
-    middle: Float[Array, "N *tendons"] | None
-    stencil: Float[Array, "N *tendons"] | None
-    elements: Float[Array, "N elements *tendons"] | None
+    middle: Asked
+    stencil: Asked
+    elements: Asked
     bent: dict[str, Float[Array, "N _"]]
-    kappa: Float[Array, " N"] | None
+    kappa: Asked
 
 
 class Carry(NamedTuple):
@@ -72,11 +72,11 @@ class Carry(NamedTuple):
     ways: tuple
     phi: Float[Array, ""]
     tension: Float[Array, "*tendons"]
-    pulled: Float[Array, "*tendons"] | None
-    released: Float[Array, "*tendons"] | None
-    slip: Float[Array, "*tendons"] | None
+    pulled: Asked
+    released: Asked
+    slip: Asked
     moment: Float[Array, ""]
-    place: Float[Array, ""] | None
+    place: Asked
 
 
 class Node(NamedTuple):
@@ -84,12 +84,12 @@ class Node(NamedTuple):
 
     state: State
     tension: Float[Array, "N *tendons"]
-    slip: Float[Array, "N *tendons"] | None
-    middle: Float[Array, "N *tendons"] | None
-    speed: Float[Array, "N *tendons"] | None
-    mobilised: Float[Array, "N *tendons"] | None
-    stencil: Float[Array, "N *tendons"] | None
-    elements: Float[Array, "N elements *tendons"] | None
+    slip: Asked
+    middle: Asked
+    speed: Asked
+    mobilised: Asked
+    stencil: Asked
+    elements: Asked
     bent: dict[str, Float[Array, "N _"]]
 
 
@@ -123,11 +123,11 @@ class Equations(eqx.Module):
     """
 
     case: Case
-    stop: Float[Array, ""] | None
-    stop_angle: Float[Array, ""] | None
+    stop: Asked
+    stop_angle: Asked
     modes: Modes
-    presliding: dict[str, Float[Array, ""]] | None
-    highest: Float[Array, ""] | None
+    presliding: Asked
+    highest: Asked
 
     def passed(self, tension, sense, turn, speed, row: Row):
         """Tension behind an interval whose friction is mobilised by `sense`, in [-1, 1]."""
@@ -170,18 +170,22 @@ class Equations(eqx.Module):
         midline = at_tendons((turn, kappa, carry.kappas[0]), row.R)
         between = at_tendons(row.interval, row.R)
         wrap = channel.wrap_increment(*midline, row.R, row.R_before, between)
-        gripped, compact = wrap, None
+        gripped: Asked = wrap
+        compact: Asked = None
         if what.creeping:
-            assert row.stencil is not None
             trapezoid = at_tendons(0.5 * row.interval.length * (kappa + carry.kappas[0]), row.R)
             compact = channel.wrap_increment(trapezoid, *midline[1:], row.R, row.R_before, between)
             # From slack the first pull may be long: nothing was laid down that a stencil could shake loose.
             lags = neighbour & jnp.logical_not(by_slip) & (row.tension > 0)
             gripped = jnp.where(lags, compact + row.stencil, wrap)
 
-        known, shortened, middle, speed, z, elements = None, None, None, None, None, row.elements
+        known: Asked = None
+        shortened: Asked = None
+        middle: Asked = None
+        speed: Asked = None
+        z: Asked = None
+        elements = row.elements
         if what.follows_slip:
-            assert row.metric is not None and row.middle is not None and carry.slip is not None
             # Slip first as if the tendon did not stretch here; its strain follows its tension below.
             shortened = row.metric - channel.metric_factor(midline[1], row.R)
             known = carry.slip - w[1] * carry.drawn[0] - w[2] * carry.drawn[1] - w[3] * carry.drawn[2]
@@ -203,7 +207,7 @@ class Equations(eqx.Module):
 
         low, high = behind(1.0, carry.pulled), behind(-1.0, carry.released)
         tension = clip(row.tension, low, high)
-        grip = None
+        grip: Asked = None
         if what.terms:
             grip = jnp.where(tension <= low, 1.0, jnp.where(tension >= high, -1.0, 0.0))
         stencil = None
@@ -218,7 +222,6 @@ class Equations(eqx.Module):
 
         moment, slopes, ways, place = carry.moment, carry.slopes, carry.ways, carry.place
         if what.bends:
-            assert row.force is not None
             force_x, force_y = row.force
             if what.has_stop:
                 angle = self.stop_angle
@@ -262,7 +265,12 @@ class Equations(eqx.Module):
 
 
 def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
-    """The node equations, what they start from, and their rows, for what is unknown at the base (`Closing`)."""
+    """The node equations, what they start from, and their rows.
+
+    Args:
+        case: the load step.
+        x: what is unknown at the base, a `march.Closing`.
+    """
     s, memory, load, what = case.sections, case.memory, case.load, case.structure
     terms, mesh, R = case.terms, s.mesh, node_first(s.R)
     by_slip, neighbour, presliding = False, False, None

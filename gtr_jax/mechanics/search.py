@@ -15,17 +15,18 @@ import jax.numpy as jnp
 import jax.tree_util as jtu
 from jaxtyping import Array, Bool, Float, Int
 
-from ..problem import largest
-from ..small_matrices import inverse as inverse_of
-from ..small_matrices import times
 from .case import Case
 from .march import Closing, Passed, march, march_plainly, passed
+from .sections import largest
+from .small_matrices import inverse as inverse_of
+from .small_matrices import times
+from .structure import March
 
 REACH = 4e-3  # of the length: by how much the displacement is searched at a time
 SHORTEST = 2.0**-12  # share of a Newton step below which the try is given up
 MOST_PLAIN = 8  # marches where nothing is unknown
 PATIENCE, MOST_MARCHES = 60, 800  # at one share of the step, and in all
-SMALLEST_STRIDE, CAREFUL = 2.0**-7, 2.0**-4  # share of the step: given up below, and damped from
+CAREFUL = 2.0**-4  # share of the step below which every Newton step has to bring the next one closer
 
 
 class Search(eqx.Module):
@@ -37,8 +38,8 @@ class Search(eqx.Module):
         error: of what the search stands at, for the share of the step that it is for.
         marches, tries: taken in all, and at this share of the step.
         low, high: displacements at the base known to be too small and too large.
-        point, step, inverse, level, share: the last point that damped steps accepted, the step from there, the
-            inverse of its Jacobian, the length of that step, and the share of it that is tried.
+        point, step, inverse, level, share: the last point that damped steps accepted, the step from there,
+            the inverse of its Jacobian, the length of that step, and the share of it that is tried.
         aim, done, stride: share of the step that is being solved, the largest solved, and the next increase.
         kept: point and curvature at `done`.
     """
@@ -132,15 +133,23 @@ def _where(holds: Bool[Array, ""], this, that):
 def _fresh(at: Search) -> Search:
     """The search before its first try at a share of the step."""
     one = jnp.ones_like(at.error)
-    return _with(at, tries=jnp.zeros_like(at.tries), low=-jnp.inf * one, high=jnp.inf * one, share=one,
-                 level=jnp.inf * one)
+    return _with(
+        at,
+        tries=jnp.zeros_like(at.tries),
+        low=-jnp.inf * one,
+        high=jnp.inf * one,
+        share=one,
+        level=jnp.inf * one,
+    )
 
 
 def case_at(case: Case, aim: Float[Array, ""]) -> Case:
     """The load step as far as a share of it; beyond 1, all of it with `against` from 0 to 1."""
     memory, s = case.memory, case.sections
     share = jnp.minimum(aim, 1.0)
-    T_base = jnp.where(share < 1, memory.T_base + share * (case.load.T_base - memory.T_base), case.load.T_base)
+    T_base = jnp.where(
+        share < 1, memory.T_base + share * (case.load.T_base - memory.T_base), case.load.T_base
+    )
     now = eqx.tree_at(lambda c: c.load.T_base, case, T_base)
     if case.structure.bends:
         carried = memory.carried + share * (1.0 - memory.carried)
@@ -152,8 +161,8 @@ def case_at(case: Case, aim: Float[Array, ""]) -> Case:
 
 
 class Found(NamedTuple):
-    """A load step solved: what was unknown at the base, (n,), curvature [1/m], (N,), what is left at the nodes,
-    the largest error, and the marches taken.
+    """A load step solved: what was unknown at the base, (n,), curvature [1/m], (N,), what is left at the
+    nodes, the largest error, and the marches taken.
     """
 
     unknowns: Float[Array, " n"]
@@ -163,23 +172,23 @@ class Found(NamedTuple):
     marches: Int[Array, ""]
 
 
-def search(case: Case, atol: float) -> Found:
+def search(case: Case, how: March) -> Found:
     """Solve a load step from the one before.
 
     Args:
         case: the load step.
-        atol: largest error at which the search stops.
+        how: far the search goes.
     """
     if case.structure.terms or case.structure.unknowns:
-        return _by_path(case, atol)
-    return _at_once(case, atol)
+        return _by_path(case, how)
+    return _at_once(case, how)
 
 
 def _finite(error):
     return jnp.where(jnp.isnan(error), jnp.inf, error)
 
 
-def _at_once(case: Case, atol: float) -> Found:
+def _at_once(case: Case, how: March) -> Found:
     """The base model without external loads: one march solves it; more mend what rounding left."""
 
     def again(at):
@@ -188,14 +197,14 @@ def _at_once(case: Case, atol: float) -> Found:
 
     def unfinished(at):
         passed, count = at
-        return (passed.error > atol) & (count < MOST_PLAIN)
+        return (passed.error > how.atol) & (count < MOST_PLAIN)
 
     first = march_plainly(case, case.memory.kappa, False)
     passed, count = jax.lax.while_loop(unfinished, again, (first, jnp.asarray(1)))
     return Found(jnp.zeros(0), passed.nodes.state.kappa, passed, _finite(passed.error), count)
 
 
-def _by_path(case: Case, atol: float) -> Found:
+def _by_path(case: Case, how: March) -> Found:
     """Newton's method, on the whole step or in shares of it."""
     what = case.structure
     sizes = scales(case)
@@ -222,7 +231,7 @@ def _by_path(case: Case, atol: float) -> Found:
     )
 
     def unfinished(at: Search):
-        return (at.done < whole) & (at.marches < MOST_MARCHES) & (at.stride >= SMALLEST_STRIDE)
+        return (at.done < whole) & (at.marches < MOST_MARCHES) & (at.stride >= how.smallest_stride)
 
     def improved(at: Search):
         now = case_at(case, at.aim)
@@ -247,7 +256,7 @@ def _by_path(case: Case, atol: float) -> Found:
             on, kappa, error = at, m.nodes.state.kappa, _finite(m.error)
             kappa = jnp.where(jnp.isfinite(kappa), kappa, at.kappa)
             broken = ~jnp.isfinite(error)
-        solved = error <= atol
+        solved = error <= how.atol
         tries = at.tries + 1
         lost = ~solved & ((tries >= PATIENCE) | (on.share <= SHORTEST) | broken)
         stride = jnp.where(solved, jnp.minimum(1.5 * at.stride, 1.0), jnp.where(lost, 0.5, 1.0) * at.stride)

@@ -16,17 +16,17 @@ import jax.numpy as jnp
 import jax.tree_util as jtu
 from jaxtyping import Array, Float, Int
 
-from .. import channel
-from ..adjoint import split_tangents
-from ..linear_solver import node_first
-from ..mesh import increments
-from ..problem import State
-from ..small_matrices import inverse as inverse_of
-from ..small_matrices import times
+from . import channel
 from .case import Case, Load, Memory
 from .march import Passed, described
+from .mesh import increments
 from .node import total
 from .search import scales, search
+from .sections import State, node_first
+from .small_matrices import inverse as inverse_of
+from .small_matrices import times
+from .structure import March
+from .tangents import split_tangents
 
 
 class Solved(NamedTuple):
@@ -106,17 +106,17 @@ def slip_of(
 
 @eqx.filter_custom_jvp
 def _solve(inputs) -> Solved:
-    case, atol = inputs
-    found = search(case, atol)
+    case, how = inputs
+    found = search(case, how)
     return Solved(*_left(case, found.passed, found.unknowns), found.error, found.marches)
 
 
 @_solve.def_jvp
 def _solve_jvp(primals, tangents):
     """Of the march, closed at the tip by the implicit function theorem in what is unknown at the base."""
-    case, atol = primals[0]
+    case, how = primals[0]
     case_dot = tangents[0][0]
-    found = search(case, atol)
+    found = search(case, how)
     moving, fixed = split_tangents(case, case_dot)
 
     def at(moving, flat):
@@ -144,15 +144,15 @@ def _solve_jvp(primals, tangents):
     return solved, zeros._replace(memory=memory_dot, state=state_dot)
 
 
-def load_step(case: Case, load: Load, memory: Memory, atol: float) -> Solved:
+def load_step(case: Case, load: Load, memory: Memory, how: March) -> Solved:
     """Solve one load step; differentiable in everything, through any number of steps.
 
     Args:
         case: the robot; its load and memory are replaced.
         load: the load; a base tension below zero counts as slack.
         memory: what is left of the step before.
-        atol: largest error at which the search stops.
+        how: far the search goes.
     """
     slack = jnp.where(load.T_base < 0.0, 0.0, load.T_base)  # not maximum: its derivative at 0 is one half
     load = dataclasses.replace(load, T_base=slack)
-    return _solve((dataclasses.replace(case, load=load, memory=memory), atol))
+    return _solve((dataclasses.replace(case, load=load, memory=memory), how))

@@ -1,4 +1,6 @@
-"""What a program of the mechanics holds: known before anything is traced, so that it pays for nothing else."""
+"""What a program of the mechanics holds: known before anything is traced, so that it pays for nothing
+else.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +10,21 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from ..terms import REGISTRY
+
+
+@dataclasses.dataclass(frozen=True)
+class March:
+    """How far the search for an equilibrium goes.
+
+    Attributes:
+        atol: largest residual at which it stops, dimensionless: slip by length, the rest as curvature times
+            length.
+        smallest_stride: share of a load step below which it is given up. The whole step is tried first; where
+            that fails it is approached in shares.
+    """
+
+    atol: float = 1e-9
+    smallest_stride: float = 2.0**-7
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,12 +8,12 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.forces import channel_forces
-from gtr_jax.history import simulate
-from gtr_jax.phases import TRANSITION, label_phases
 from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Table
 
+from ..simulation.forces import channel_forces
+from ..simulation.history import simulate
+from ..simulation.phases import TRANSITION, label_phases
 from . import antagonist_figures as draw
 from .antagonists import FILE, HELD, PULL, STEPS, Held, pull_against, strung
 from .study import Statement, Study, beyond

@@ -17,13 +17,14 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.equilibrium import Equilibrium
 from gtr_jax.examples import PAPER
 from gtr_jax.files.config import RobotConfig, load_config
-from gtr_jax.history import Simulation, equilibrium_at, simulate
-from gtr_jax.mesh import increments
 from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.robot import Robot, sections
+
+from ..mechanics.mesh import increments
+from ..simulation.history import Simulation, equilibrium_at, simulate
+from ..simulation.solution import Equilibrium
 
 FILE = PAPER / "antagonists.toml"
 HELD = (0.5, 2.0, 5.0, 8.0)  # N

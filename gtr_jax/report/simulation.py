@@ -11,16 +11,18 @@ import numpy as np
 from jax import Array
 
 from gtr_jax import plots
-from gtr_jax.equilibrium import Equilibrium, equilibrium, known_to_act
 from gtr_jax.files.numbers import number
-from gtr_jax.forces import channel_forces
-from gtr_jax.history import Simulation, equilibrium_at, simulate
-from gtr_jax.phases import RELEASING, TRANSITION, Switch, label_phases, release_switch
 from gtr_jax.robot.overlap import Impossible, impossible
 from gtr_jax.robot.parameters import parameters_of
 from gtr_jax.robot.robot import Robot
-from gtr_jax.sensing import cells_differ
 
+from ..simulation.equilibrium import equilibrium
+from ..simulation.forces import channel_forces
+from ..simulation.history import Simulation, equilibrium_at, simulate
+from ..simulation.phases import RELEASING, TRANSITION, Switch, label_phases, release_switch
+from ..simulation.programs import known_to_act
+from ..simulation.sensing import cells_differ
+from ..simulation.solution import Equilibrium
 from .page import Figure, Report, Table
 
 

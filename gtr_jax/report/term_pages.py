@@ -11,12 +11,11 @@ import numpy as np
 
 from gtr_jax.examples import SIMULATED
 from gtr_jax.files.recording import write_whole
-from gtr_jax.history import simulate
 from gtr_jax.plots.terms import Loops, term_figure
 from gtr_jax.robot.build import load_robot
-from gtr_jax.sensing import reading
 from gtr_jax.terms import REGISTRY, Term
 
+from ..simulation.history import reading, simulate
 from .terms import GROUPS, example, usual_range, value_text
 
 FAST = 116.0  # s, when the fast loop of the pictures begins

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from gtr_jax.mechanics.offset import Offset
-from gtr_jax.mesh import Mesh, build_mesh, panel_index
-from gtr_jax.problem import Sections
 from gtr_jax.terms import REGISTRY
 
+from ..mechanics.mesh import Mesh, build_mesh, panel_index
+from ..mechanics.sections import Sections
 from .parameters import check_bounds, value_of, with_values
 from .parts import Loads, Parts
 

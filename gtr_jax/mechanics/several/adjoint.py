@@ -16,8 +16,10 @@ import jax.numpy as jnp
 import jax.tree_util as jtu
 import optimistix as optx
 
+from ..sections import State
+from ..tangents import split_tangents
 from .linear_solver import linearise, solve_linearised
-from .problem import Problem, State, residual
+from .problem import Problem, residual
 
 ARGS = 3  # optimistix hands adjoints (fn, solver, y0, args, ...)
 
@@ -35,19 +37,6 @@ class CausalAdjoint(optx.AbstractAdjoint):
 @eqx.filter_custom_jvp
 def _solved(primal_fn, inputs):
     return jtu.tree_map(jnp.asarray, primal_fn(inputs))
-
-
-def split_tangents(tree, tangents):
-    """The leaves of a tree that have a tangent, and those that have none, each with None for the others."""
-
-    def chosen(keep):
-        return jtu.tree_map(lambda t, x: x if (t is None) != keep else None, tangents, tree, is_leaf=_is_none)
-
-    return chosen(True), chosen(False)
-
-
-def _is_none(x) -> bool:
-    return x is None
 
 
 @_solved.def_jvp

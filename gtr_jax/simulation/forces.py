@@ -12,7 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .equilibrium import Equilibrium
+from .solution import Equilibrium
 
 
 class ChannelForces(eqx.Module):

@@ -12,13 +12,10 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from gtr_jax.robot.robot import Robot, sections
-
-from .equilibrium import known_to_act, preload_of, problem_of, solve_problem
+from ..robot.robot import Robot
+from .equilibrium import equilibrium
 from .history import Simulation
-from .march import March
-from .mechanics import rest_state
-from .problem import tension_of
+from .programs import known_to_act
 
 PULLING, TRANSITION, RELEASING, REST = "pulling", "transition", "releasing", "rest"
 ALL_RELEASED = 1e4
@@ -97,31 +94,23 @@ def release_switch(robot: Robot, T_base_max: Float[ArrayLike, ""]) -> Switch:
 
 @eqx.filter_jit
 def _switch(robot: Robot, T_max: Float[Array, ""]) -> Switch:
-    solver = March()
-    s = sections(robot)
-    p = problem_of(robot, s, T_max, preload_of(robot, s))
-    pulled = solve_problem(p, rest_state(s), solver)
-    T_tip = tension_of(pulled.value, p)[-1]
-    high = jnp.full(s.rest.shape, ALL_RELEASED) * T_max
+    pulled = equilibrium(robot, T_max, with_terms=False)
+    high = jnp.full_like(pulled.tension, ALL_RELEASED) * T_max
 
     def excess(T_base, args):
-        robot, s, high, start, T_tip = args
-        p = problem_of(robot, s, T_base, high)
-        released = solve_problem(p, start, solver)
-        ok = released.result == optx.RESULTS.successful
-        return tension_of(released.value, p)[-1] - T_tip, ok
+        robot, high, T_tip = args
+        released = equilibrium(robot, T_base, memory=high, with_terms=False)
+        return released.T_tip - T_tip, released.converged
 
     found = optx.root_find(
         excess,
         optx.Bisection(rtol=1e-13, atol=1e-13, flip=False),
         0.5 * T_max,
-        args=(robot, s, high, pulled.value, T_tip),
+        args=(robot, high, pulled.T_tip),
         options={"lower": jnp.zeros_like(T_max), "upper": T_max * (1 + 1e-9) + 1e-12},
         max_steps=100,
         has_aux=True,
         throw=False,
     )
-    solved = (
-        (pulled.result == optx.RESULTS.successful) & (found.result == optx.RESULTS.successful) & found.aux
-    )
-    return Switch(found.value, T_tip, solved)
+    solved = pulled.converged & (found.result == optx.RESULTS.successful) & found.aux
+    return Switch(found.value, pulled.T_tip, solved)

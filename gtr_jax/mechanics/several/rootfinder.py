@@ -19,22 +19,11 @@ import jax.tree_util as jtu
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
-from . import channel
-from .linear_solver import linearise, node_first, response_to_base_moment
-from .mesh import STENCIL
-from .problem import (
-    Problem,
-    State,
-    at_tendons,
-    largest,
-    mobilised,
-    moment_slope,
-    offset_before,
-    over_tendons,
-    residual,
-    residual_norm,
-    tension_at,
-)
+from .. import channel
+from ..mesh import STENCIL
+from ..sections import State, at_tendons, largest, moment_slope, node_first, offset_before, over_tendons
+from .linear_solver import linearise, response_to_base_moment
+from .problem import Problem, mobilised, residual, residual_norm, tension_at
 
 NEWTON_STEPS = 2
 FLATTEST = 0.3
@@ -144,7 +133,7 @@ def _with_share(p: Problem, share: Float[Array, ""]) -> Problem:
     )
 
 
-class March(optx.AbstractRootFinder):
+class RootFinder(optx.AbstractRootFinder):
     """optimistix root finder by marching; `args` must be a `Problem`, `y` a `State`.
 
     Without external force one or two marches solve it. With one, Newton's method shoots for the moment at the

@@ -13,19 +13,10 @@ import jax.numpy as jnp
 import jax.tree_util as jtu
 from jaxtyping import Array, Float
 
-from . import channel
-from .mesh import STENCIL, shifted
-from .problem import (
-    Problem,
-    State,
-    at_tendons,
-    mobilised,
-    moment_slope,
-    offset_before,
-    over_tendons,
-    tension_at,
-    tension_of,
-)
+from .. import channel
+from ..mesh import STENCIL, shifted
+from ..sections import State, at_tendons, moment_slope, node_first, offset_before, over_tendons
+from .problem import Problem, mobilised, tension_at, tension_of
 
 
 class Linearisation(eqx.Module):
@@ -89,11 +80,6 @@ def linearise(y: State, p: Problem) -> Linearisation:
         load=_partials(moment_slope, y.phi, s.force_x, s.force_y)[0] if p.loaded else jnp.zeros_like(y.phi),
         loaded=p.loaded,
     )
-
-
-def node_first(tree):
-    """Arrays (*tendons, N) as the rows of a scan along the nodes, (N, *tendons)."""
-    return jtu.tree_map(lambda v: jnp.moveaxis(v, -1, 0), tree)
 
 
 def _recursion(a: Linearisation, r: State, moment_base) -> State:

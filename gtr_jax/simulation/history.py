@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import equinox as eqx
 import jax
@@ -16,30 +16,22 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from gtr_jax.robot.robot import Robot, sections
 
-from .channel import wrap_increment
-from .equilibrium import (
-    Equilibrium,
-    Loaded,
-    at_nodes,
-    at_preload,
-    by_structure,
-    describe,
-    known_to_act,
-    load_step,
-    loaded_of,
-    metric_of,
-    structure_of,
-)
-from .march import March
-from .mechanics import Load, Structure, steps
-from .mesh import shifted
-from .problem import State, at_tendons, offset_before
-from .sensing import Reading, shown
-from .slip import Kept
-from .terms import REGISTRY, known_on
-from .terms.term import NO_SLIP
+from ..mechanics import Load, March, Structure, steps
+from ..mechanics.channel import wrap_increment
+from ..mechanics.mesh import shifted
+from ..mechanics.sections import State, at_tendons, offset_before
+from ..mechanics.several.rootfinder import RootFinder
+from ..mechanics.several.slip import Kept
+from ..terms import REGISTRY, known_on
+from ..terms.term import NO_SLIP
+from .programs import at_nodes, by_structure, known_to_act, structure_of
+from .sensing import Reading, cells_show, shown
+from .several import at_preload, load_step
+from .solution import Equilibrium, Loaded, describe, loaded_of, metric_of
 
 SHORTEST = 1e-9  # s, between samples that share their time
+SLIP_TOLERANCE = 1e-8  # share of the length, or of the largest tension, below which nothing moved
+MOBILISED = 0.9  # share of its friction at which a tendon with presliding counts as slipping
 
 
 class Simulation(eqx.Module):
@@ -111,8 +103,13 @@ class Simulation(eqx.Module):
         return dataclasses.replace(self, **taken, reading=cells, mobilisation=None)
 
 
-SLIP_TOLERANCE = 1e-8
-MOBILISED = 0.9  # share of its friction at which a tendon with presliding counts as slipping
+def reading(robot: Robot, run: Simulation) -> Reading:
+    """What the robot's load cells show of a simulation; the true tensions where no term says otherwise.
+
+    `run.reading` is that of the robot it was simulated with; this one is of any robot, one whose cells differ
+    for example.
+    """
+    return cells_show(robot, run.T_base, run.T_tip, run.time)
 
 
 def _moves(
@@ -179,7 +176,7 @@ def _where(met: Bool[Array, ""], now, before):
     return jtu.tree_map(lambda new, old: jnp.where(met, new, old), now, before)
 
 
-def _pair(robot: Robot, loads: Load, solver: optx.AbstractRootFinder):
+def _pair(robot: Robot, loads: Load, solver: RootFinder):
     """The steps of the base model of several tendons, and the direction of slip along them in each."""
     s = sections(robot)
     settled, kept = at_preload(robot, s, solver)
@@ -198,10 +195,10 @@ def _pair(robot: Robot, loads: Load, solver: optx.AbstractRootFinder):
     return done, moves
 
 
-def _solved(structure: Structure, robot: Robot, loads: Load, atol: float):
+def _solved(structure: Structure, robot: Robot, loads: Load, how: March):
     """The same of one tendon, or with physics terms."""
     s = sections(robot)
-    done, _, settled = steps(at_nodes(robot, s), structure, loads, atol)
+    done, _, settled = steps(at_nodes(robot, s), structure, loads, how)
     loaded = jax.vmap(lambda step: loaded_of(s, structure, settled, step))(done)
     before = nodes_last(done.before[0])
     if not structure.terms:
@@ -223,10 +220,10 @@ def nodes_last(values: Float[Array, "K N *tendons"]) -> Float[Array, "K *tendons
 
 
 @eqx.filter_jit
-def _run(robot: Robot, loads: Load, atol: float, structure: Structure | None) -> Simulation:
+def _run(robot: Robot, loads: Load, how: March, structure: Structure | None) -> Simulation:
     done, moves = by_structure(
-        lambda structure, robot, loads: _solved(structure, robot, loads, atol),
-        lambda robot, loads: _pair(robot, loads, March(atol=atol)),
+        lambda structure, robot, loads: _solved(structure, robot, loads, how),
+        lambda robot, loads: _pair(robot, loads, RootFinder(atol=how.atol)),
         structure,
         robot,
         loads,
@@ -288,8 +285,8 @@ def simulate(
     *,
     time: ArrayLike | Sequence[float] | None = None,
     cycle: ArrayLike | Sequence[float] | None = None,
-    with_terms: bool | None = None,
-    solver: optx.AbstractRootFinder = March(),  # noqa: B008
+    with_terms: bool | Collection[str] | None = None,
+    solver: March = March(),  # noqa: B008
 ) -> Simulation:
     """Run a robot through a load history; any sequence of pulls, releases, re-pulls and holds.
 
@@ -302,9 +299,9 @@ def simulate(
             values count as slack.
         time: of each step [s], (K,), increasing; needed where a physics term depends on it.
         cycle: pulls and releases done at each step, (K,), for wear; counted from T_base unless given.
-        with_terms: True solves with the physics terms though none may act, False without those that are not
-            of the load cells. Unless given: with them if any acts; under a transformation that traces them,
-            a program that has both and decides when it runs.
+        with_terms: which physics terms the program holds: True for all, though none may act, False for those
+            of the load cells only, or their names. Unless given: those that act; under a transformation that
+            traces them, a program that has the base model and all terms and decides when it runs.
         solver: as for `equilibrium`.
 
     Returns:
@@ -343,7 +340,7 @@ def simulate(
     def padded(values):
         return jnp.concatenate([values, jnp.broadcast_to(values[-1], (missing, *values.shape[1:]))])
 
-    run = _run(robot, jtu.tree_map(padded, loads), solver.atol, structure_of(robot, with_terms))
+    run = _run(robot, jtu.tree_map(padded, loads), solver, structure_of(robot, with_terms))
     run = Simulation(
         **{k: v if k == "s" else jtu.tree_map(lambda a: a[:steps], v) for k, v in vars(run).items()}
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,11 +10,8 @@ from jaxtyping import Array, ArrayLike, Float
 
 from gtr_jax.robot.robot import Robot
 
-from .terms import REGISTRY, known_on
-from .terms.term import Clock
-
-if TYPE_CHECKING:
-    from .history import Simulation
+from ..terms import REGISTRY, known_on
+from ..terms.term import Clock
 
 
 class Reading(NamedTuple):
@@ -22,15 +19,6 @@ class Reading(NamedTuple):
 
     T_base: Float[Array, "K *tendons"]
     T_tip: Float[Array, "K *tendons"]
-
-
-def reading(robot: Robot, run: Simulation) -> Reading:
-    """What the robot's load cells show of a simulation; the true tensions where no term says otherwise.
-
-    `run.reading` is that of the robot it was simulated with; this one is of any robot, one whose cells differ
-    for example.
-    """
-    return cells_show(robot, run.T_base, run.T_tip, run.time)
 
 
 def cells_show(

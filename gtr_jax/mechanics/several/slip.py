@@ -31,19 +31,12 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
-from . import channel
-from .adjoint import CausalAdjoint, split_tangents
-from .mesh import Mesh, increments, shifted
-from .problem import (
-    Problem,
-    Sections,
-    State,
-    at_tendons,
-    largest,
-    offset_before,
-    residual,
-    tension_of,
-)
+from .. import channel
+from ..mesh import Mesh, increments, shifted
+from ..sections import Sections, State, at_tendons, largest, offset_before
+from ..tangents import split_tangents
+from .adjoint import CausalAdjoint
+from .problem import Problem, residual, tension_of
 
 PRESLIDING = 2e-6
 TOLERANCE, EXACT = 1e-3 * PRESLIDING, 1e-8 * PRESLIDING
