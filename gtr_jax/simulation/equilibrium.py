@@ -56,8 +56,8 @@ def _solve(
             same = ("slip", "middle", "bent", "unknowns")
             return dataclasses.replace(kept, **{name: getattr(never_pulled, name) for name in same})
 
-        forever = jnp.full((1,), FOREVER)
-        load = Load(T_base[None], forever, 0 * forever, 0 * forever)
+        once = Load(T_base, FOREVER * one, 0 * one, 0 * one)
+        load = jtu.tree_map(lambda a: a[None], once)
         done, memory, settled = mechanics.steps(at_nodes(robot, s), structure, load, how, remembered)
         step = loaded_of(s, structure, settled, jtu.tree_map(lambda a: a[0], done))
         whole = mechanics.complete(memory, structure, step.state, node_first(step.slip))
