@@ -16,7 +16,7 @@ FOLLOWED = ("slip", "middle", "speed", "mobilised", "stencil", "elements")
 
 
 class Load(eqx.Module):
-    """One step of a load history.
+    """One step of a load history; or several, along a leading axis.
 
     Attributes:
         T_base: base tension [N], (*tendons,).
@@ -25,10 +25,10 @@ class Load(eqx.Module):
         cycle: pulls and releases done, half a cycle each.
     """
 
-    T_base: Float[Array, "*tendons"]
-    dt: Float[Array, ""]
-    time: Float[Array, ""]
-    cycle: Float[Array, ""]
+    T_base: Float[Array, "*steps_tendons"]
+    dt: Float[Array, "*steps"]
+    time: Float[Array, "*steps"]
+    cycle: Float[Array, "*steps"]
 
 
 class Memory(eqx.Module):

@@ -23,10 +23,10 @@ from .small_matrices import times
 from .structure import March
 
 REACH = 4e-3  # of the length: by how much the displacement is searched at a time
-SHORTEST = 2.0**-12  # share of a Newton step below which the try is given up
+SHORTEST = 2.0**-12  # share of a Newton step below which a try is given up
 MOST_PLAIN = 8  # marches where nothing is unknown
-PATIENCE, MOST_MARCHES = 60, 800  # at one share of the step, and in all
-CAREFUL = 2.0**-4  # share of the step below which every Newton step has to bring the next one closer
+PATIENCE, MOST_MARCHES = 60, 6000  # at one part of the step, and in all
+FINER, CAREFUL = 4, 16  # parts of a step: so many times more after a failure; damped beyond so many
 
 
 class Search(eqx.Module):
@@ -40,8 +40,8 @@ class Search(eqx.Module):
         low, high: displacements at the base known to be too small and too large.
         point, step, inverse, level, share: the last point that damped steps accepted, the step from there,
             the inverse of its Jacobian, the length of that step, and the share of it that is tried.
-        aim, done, stride: share of the step that is being solved, the largest solved, and the next increase.
-        kept: point and curvature at `done`.
+        parts, part: in how many parts the step is made, and how many of them are done.
+        solved: whether the last of them is.
     """
 
     trial: Float[Array, " n"]
@@ -56,10 +56,9 @@ class Search(eqx.Module):
     inverse: Float[Array, "n n"]
     level: Float[Array, ""]
     share: Float[Array, ""]
-    aim: Float[Array, ""]
-    done: Float[Array, ""]
-    stride: Float[Array, ""]
-    kept: tuple[Float[Array, " n"], Float[Array, " N"]]
+    parts: Int[Array, ""]
+    part: Int[Array, ""]
+    solved: Bool[Array, ""]
 
 
 def scales(case: Case) -> Float[Array, " n"]:
@@ -205,10 +204,10 @@ def _at_once(case: Case, how: March) -> Found:
 
 
 def _by_path(case: Case, how: March) -> Found:
-    """Newton's method, on the whole step or in shares of it."""
+    """Newton's method on the whole step; where it fails, again in ever more parts."""
     what = case.structure
     sizes = scales(case)
-    whole = 2.0 if what.has("by_speed") else 1.0
+    whole = 2 if what.has("by_speed") else 1
     one, zero = jnp.ones_like(case.tip_moment), jnp.asarray(0)
     first = case.memory.unknowns / sizes
     begin = Search(
@@ -224,33 +223,34 @@ def _by_path(case: Case, how: March) -> Found:
         inverse=jnp.eye(first.shape[0]),
         level=jnp.inf * one,
         share=one,
-        aim=one,
-        done=0.0 * one,
-        stride=one,
-        kept=(first, case.memory.kappa),
+        parts=zero + 1,
+        part=zero,
+        solved=jnp.asarray(False),
     )
 
     def unfinished(at: Search):
-        return (at.done < whole) & (at.marches < MOST_MARCHES) & (at.stride >= how.smallest_stride)
+        return ~at.solved & (at.marches < MOST_MARCHES) & (at.parts <= 1.0 / how.smallest_stride)
 
     def improved(at: Search):
-        now = case_at(case, at.aim)
+        now = case_at(case, (at.part + 1) / at.parts)
         if what.unknowns:
             m = march(now, at.trial * sizes, at.kappa, at.marches > 0)
             left = m.left / sizes
             by_unknowns = m.by_unknowns / sizes[:, None] * sizes[None, :]
             inverse = inverse_of(by_unknowns)
-            on = _damped(at, left, inverse)
+            on = damped = _damped(at, left, inverse)
             if what.seeks_slip and not what.tendons:
-                bracketed = _bracketed(at, left, inverse, by_unknowns)
-                on = _where(at.stride < CAREFUL, on, bracketed)
+                on = _where(at.parts > CAREFUL, damped, _bracketed(at, left, inverse, by_unknowns))
+            elif not what.tendons:
+                on = _where(at.parts > CAREFUL, damped, _with(at, trial=at.trial - times(inverse, left)))
             # The step is believed as far as a pass along what it makes of the curvature confirms it.
             moved = (on.trial - at.trial) * sizes
-            kappa = m.kappa + jnp.sum(m.kappa_by * moved[:, None], axis=0)
-            kappa = jnp.where(jnp.isfinite(kappa), kappa, at.kappa)
-            check = passed(now, on.trial * sizes, kappa)
+            corrected = m.kappa + jnp.sum(m.kappa_by * moved[:, None], axis=0)
+            check = passed(now, on.trial * sizes, corrected)
             error = _finite(jnp.maximum(largest(check.left / sizes), check.error))
-            broken = ~jnp.isfinite(largest(left))
+            kappa = jnp.where(error <= how.atol, corrected, m.kappa)
+            kappa = jnp.where(jnp.isfinite(kappa), kappa, at.kappa)
+            broken = ~jnp.isfinite(largest(on.trial))
         else:
             m = march_plainly(now, at.kappa, at.marches > 0)
             on, kappa, error = at, m.nodes.state.kappa, _finite(m.error)
@@ -258,23 +258,21 @@ def _by_path(case: Case, how: March) -> Found:
             broken = ~jnp.isfinite(error)
         solved = error <= how.atol
         tries = at.tries + 1
-        lost = ~solved & ((tries >= PATIENCE) | (on.share <= SHORTEST) | broken)
-        stride = jnp.where(solved, jnp.minimum(1.5 * at.stride, 1.0), jnp.where(lost, 0.5, 1.0) * at.stride)
-        done = jnp.where(solved, at.aim, at.done)
-        kept = _where(solved, (on.trial, kappa), at.kept)
-        again = solved | lost
-        aim = jnp.where(again, jnp.minimum(done + stride, whole), at.aim)
-        aim = jnp.where((done < 1.0) & (aim > 1.0), 1.0, aim)
+        over = solved | (tries >= PATIENCE) | (on.share <= SHORTEST) | broken
+        part = jnp.where(over, at.part + 1, at.part)
+        last = part >= whole * at.parts
+        # Several tendons often go on well from a part that was not quite solved.
+        failed = over & ~solved & (last if what.tendons else True)
+        again = _where(over, _fresh(on), _with(on, tries=tries))
         return _with(
-            _where(again, _fresh(on), _with(on, tries=tries)),
-            trial=jnp.where(lost, kept[0], on.trial),
-            kappa=jnp.where(lost, kept[1], kappa),
+            again,
+            trial=jnp.where(failed, first, jnp.where(broken, at.trial, on.trial)),
+            kappa=jnp.where(failed, case.memory.kappa, kappa),
             error=error,
             marches=at.marches + 1,
-            aim=aim,
-            done=done,
-            stride=stride,
-            kept=kept,
+            parts=jnp.where(failed, FINER * at.parts, at.parts),
+            part=jnp.where(failed, 0, part),
+            solved=solved & last,
         )
 
     done = jax.lax.while_loop(unfinished, improved, begin)
