@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from gtr_jax.files.config import RobotConfig
     from gtr_jax.files.recording import Recording
-    from gtr_jax.report import SimulationAnswer
+    from gtr_jax.report.simulation import SimulationAnswer
 
 STEPS = 40
 
@@ -196,7 +196,7 @@ def solve(
     """
     import numpy as np
 
-    from gtr_jax.report import answer_simulation
+    from gtr_jax.report.simulation import answer_simulation
     from gtr_jax.robot.build import build_robot
 
     robot = build_robot(config, resolution=resolution)
@@ -225,8 +225,8 @@ def write_answer(
 
     from gtr_jax.files.config import dump_config
     from gtr_jax.files.recording import write_recording
-    from gtr_jax.report import profile, simulation_report
-    from gtr_jax.report.simulation import facts
+    from gtr_jax.report.profile import profile
+    from gtr_jax.report.simulation import facts, simulation_report
 
     from ..simulation.sensing import cells_differ
     from .run_folder import write_json, write_report
