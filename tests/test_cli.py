@@ -409,9 +409,9 @@ def test_an_interrupt_leaves_everything_as_it_was(when, run, tmp_path, monkeypat
     assert run("simulate", SIMULATED, "--pull", "9", "--steps", "8", "-o", "out").status == 0
     before = (tmp_path / "out/run.json").read_bytes()
     if when == "solving":
-        monkeypatch.setattr("gtr_jax.report.answer_simulation", interrupt)
+        monkeypatch.setattr("gtr_jax.report.simulation.answer_simulation", interrupt)
     else:
-        monkeypatch.setattr("gtr_jax.report.render", interrupt)
+        monkeypatch.setattr("gtr_jax.report.page.render", interrupt)
     outcome = run("simulate", SIMULATED, "--pull", "8", "--steps", "8", "-o", "out")
     assert outcome.status == 130
     assert outcome.err.splitlines()[-1] == "interrupted: no run folder was written" and outcome.out == ""

@@ -205,3 +205,14 @@ def test_the_page_of_the_diagnosis_shows_what_the_command_prints(tmp_path, monke
                 assert any(close), f"not printed: {line}\n" + "\n".join(printed)
                 compared += 1
     assert compared >= 5
+
+
+def test_the_files_that_the_map_names_are_there():
+    files = [
+        f"/{path.relative_to(ROOT)}"
+        for f in ("gtr_jax", "calibrate", "design")
+        for path in (ROOT / f).rglob("*.py")
+    ]
+    named = set(re.findall(r"`([\w/]+\.py)`", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")))
+    named -= {"utils.py", "tests/test_imports.py"}
+    assert not [name for name in named if not any(file.endswith(f"/{name}") for file in files)]

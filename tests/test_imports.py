@@ -1,11 +1,14 @@
 """Imports go down only: which folder may import which, and no circle of files or of folders."""
 
 import ast
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+import gtr_jax
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("gtr_jax", "calibrate", "design")
@@ -61,7 +64,7 @@ def room(path: Path) -> str:
     if len(folders) == 1 and file == "__init__":
         return DOOR[folders[0]]
     if folders == ["gtr_jax"]:
-        return "cli" if file == "__main__" else "base"  # `python -m gtr_jax`: the command
+        return "cli" if file == "__main__" else "base"  # `python -m gtr_jax` is the command
     return ".".join(folders[1:] if folders[0] == "gtr_jax" else folders)
 
 
@@ -151,11 +154,76 @@ def test_the_walker_sees_imports_of_every_kind():
     assert "calibrate" in imported(ROOT / "gtr_jax/cli/fit.py")
 
 
-def test_help_imports_nothing_heavy():
-    code = (
-        "import sys; sys.modules['dask'] = None;"  # what JAX imports if it is there, and jinja2 with it
-        "from gtr_jax.cli import main; main(['--help']);"
-        "print(sorted({'calibrate', 'matplotlib', 'pandas', 'rich', 'jinja2'} & set(sys.modules)))"
+HEAVY = {
+    "jax",
+    "numpy",
+    "scipy",
+    "pint",
+    "pydantic",
+    "equinox",
+    "matplotlib",
+    "pandas",
+    "xarray",
+    "rich",
+    "jinja2",
+}
+
+
+def output_of(code: str, **environment: str) -> str:
+    """The last line that a Python process prints."""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
+        env=os.environ | environment,
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
-    assert done.stdout.splitlines()[-1] == "[]"
+    return done.stdout.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["--version"], ["simulate", "--help"], ["sweep", "--help"]]
+)
+def test_the_command_line_is_built_without_anything_heavy(arguments):
+    heavy = HEAVY | {"calibrate", "design", "gtr_jax.files", "gtr_jax.terms"}
+    code = "import sys; from gtr_jax.cli import main;"
+    code += f"main({arguments}); print(sorted({heavy} & {{*sys.modules}}))"
+    assert output_of(code) == "[]"
+
+
+def test_the_package_shows_its_names_and_imports_them_when_they_are_used():
+    code = (
+        "import sys, gtr_jax as gtr; before = 'jax' in sys.modules;"
+        "print(before, {*gtr.__all__} <= {*dir(gtr)}, gtr.InputError.__module__, 'jax' in sys.modules,"
+        "callable(gtr.equilibrium), 'jax' in sys.modules)"
+    )
+    assert output_of(code) == "False True gtr_jax.errors False True True"
+    for name in gtr_jax.__all__:
+        assert getattr(gtr_jax, name).__name__ == name
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        gtr_jax.__getattr__("nothing")
+
+
+def test_type_checkers_and_users_import_names_from_the_same_files():
+    tree = ast.parse((ROOT / "gtr_jax/__init__.py").read_text(encoding="utf-8"))
+    checked = next(node for node in tree.body if isinstance(node, ast.If)).body
+    imports = [node for node in checked if isinstance(node, ast.ImportFrom)]
+    assert {node.module: tuple(a.name for a in node.names) for node in imports} == gtr_jax.FILES
+    assert sorted(name for names in gtr_jax.FILES.values() for name in names) == gtr_jax.__all__
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        "import gtr_jax, jax",
+        "import jax, gtr_jax",
+        "import gtr_jax.files.units, jax",
+        "from gtr_jax import equilibrium; import jax",
+        "import jax, calibrate",
+    ],
+)
+def test_jax_is_set_up_whoever_imports_it(first):
+    code = f"import os; {first}; import jax.numpy as jnp; print(jnp.ones(1).dtype, os.environ['XLA_FLAGS'])"
+    dtype, flags = output_of(code, JAX_ENABLE_X64="0", XLA_FLAGS="").split(" ", 1)
+    assert dtype == "float64" and "small_while_loop" in flags

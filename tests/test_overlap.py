@@ -6,8 +6,7 @@ import pytest
 
 import gtr_jax as gtr
 from gtr_jax.examples import SIMULATED
-from gtr_jax.report import answer_simulation
-from gtr_jax.report.simulation import facts, simulation_report
+from gtr_jax.report.simulation import answer_simulation, facts, simulation_report
 from gtr_jax.robot.overlap import crosses_itself, impossible, outline
 
 RADIUS, LENGTH = 0.01, 0.3

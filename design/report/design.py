@@ -84,7 +84,7 @@ def _figures(answer: Design) -> list[Figure]:
     T = np.asarray(run.T_base)
     top = int(np.argmax(T))
     states, seen = [("at rest", equilibrium(robot, 0.0))], set()
-    for number_, released in sorted(answer.problem.task.states, key=lambda state: state[1]):
+    for number_, released in sorted(answer.problem.objective.states, key=lambda state: state[1]):
         value = float(best.tensions[number_])
         if (value, released) in seen or len(states) > 3:
             continue
@@ -320,7 +320,7 @@ def _alternatives(answer: Design) -> Table:
         if goal is not None and o.goal == o.goal:
             row.append(_quantity(o.goal, GOAL_UNITS[goal.kind]))
         rows.append(tuple(row))
-    robust = answer.problem.task.spread != "nominal"
+    robust = answer.problem.objective.spread != "nominal"
     if answer.verdict not in ("reached", "optimal"):
         note = "None meets the targets within the limits; the nearest stands first."
     elif answer.best.goal == answer.best.goal:

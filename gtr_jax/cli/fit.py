@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
-import numpy as np
 
 from gtr_jax.errors import InputError
 from gtr_jax.interruption import interruption
@@ -28,6 +27,8 @@ from .options import (
 )
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from calibrate import Estimate, FitResult, Posterior
     from gtr_jax.files.config import RobotConfig
     from gtr_jax.files.recording import Recording
@@ -220,6 +221,8 @@ def _named(robots: Sequence[RobotConfig | None], recordings: Sequence[str]) -> d
 
 def _draws(posterior: Posterior, estimates: Sequence[Estimate]) -> dict[str, np.ndarray]:
     """The draws of the posterior as columns, a row each, SI with the unit in the name."""
+    import numpy as np
+
     draws = np.asarray(posterior.draws)
     chains, each, _ = draws.shape
     columns = {

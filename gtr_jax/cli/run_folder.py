@@ -26,7 +26,7 @@ from gtr_jax.interruption import interruption
 from .options import HELD
 
 if TYPE_CHECKING:
-    from gtr_jax.report import Report
+    from gtr_jax.report.page import Report
 
 MARK = "run.json"
 PACKAGES = ("gtr-jax", "jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
@@ -248,7 +248,7 @@ def write_json(path: Path, data: Any) -> None:
 
 def write_report(folder: Path, report: Report, settings: Mapping[str, Any], robot: str) -> None:
     """Write a report's pictures and its page, which shows the text of the robot file."""
-    from gtr_jax.report import render
+    from gtr_jax.report.page import render
 
     for figure in report.figures:
         (folder / f"{figure.name}.png").write_bytes(figure.image)

@@ -12,23 +12,22 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import ConfigDict, Field, PrivateAttr, StrictStr, ValidationError, model_validator
+from pydantic import ConfigDict, Field, ModelWrapValidatorHandler, StrictStr, model_validator
 
 from gtr_jax.errors import InputError
 from gtr_jax.terms import REGISTRY, null_values
 
 from .config_checks import check_robot
 from .config_file import dotted, find_key, place_of, read_toml
-from .config_form import check_strings, check_terms, one_line
+from .config_form import check_strings, check_terms
 from .recording import write_whole
 from .sections import (
-    ROUTINGS,
     BackboneConfig,
     Deviation,
+    FileSection,
     LoadsConfig,
     OneOfSeveralTendons,
     RoutingConfig,
-    Section,
     TendonConfig,
     TermConfig,
 )
@@ -45,7 +44,7 @@ def _one_tendon_or_several(schema: dict[str, Any]) -> None:
     schema["oneOf"] = [{"required": ["routing", "tendon"]}, {"required": ["tendons"]}]
 
 
-class RobotConfig(Section):
+class RobotConfig(FileSection):
     """A robot as its file describes it, in SI units."""
 
     model_config = ConfigDict(title="robot.toml of gtr-jax", json_schema_extra=_one_tendon_or_several)
@@ -71,16 +70,6 @@ class RobotConfig(Section):
     unit."""
     terms: tuple[TermConfig, ...] = ()
     """Physics beyond the paper, each term once."""
-    _source: str = PrivateAttr("robot")
-
-    @property
-    def source(self) -> str:
-        """The file this robot was read from, for messages."""
-        return self._source
-
-    def __eq__(self, other: object) -> bool:
-        """Equal if the numbers are, whichever file they came from."""
-        return isinstance(other, RobotConfig) and self.model_dump() == other.model_dump()
 
     @classmethod
     def _resolved(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -100,9 +89,16 @@ class RobotConfig(Section):
         """Names of several tendons; empty for one."""
         return tuple(tendon.name for tendon in self.tendons)
 
-    @model_validator(mode="after")
-    def _check(self) -> RobotConfig:
-        check_robot(self.backbone, strung=self.strung, loads=self.loads, terms=self.terms)
+    @model_validator(mode="wrap")
+    @classmethod
+    def _checked(cls, data: Any, handler: ModelWrapValidatorHandler[RobotConfig]) -> RobotConfig:
+        """The robot, if it can be one; under [uncertainty] keys as written give way to dotted ones."""
+        config = handler(data)
+        check_robot(config.backbone, strung=config.strung, loads=config.loads, terms=config.terms)
+        return config.model_copy(update={"uncertainty": config._dotted_deviations()})
+
+    def _dotted_deviations(self) -> dict[str, float | str]:
+        """What [uncertainty] says, by dotted key; InputError if it cannot be."""
         resolved: dict[str, float | str] = {}
         for key, deviation in self.uncertainty.items():
             path = find_key(_SHORT.get(key, key), self.numbers(), "uncertainty")
@@ -116,9 +112,7 @@ class RobotConfig(Section):
             if path in resolved:
                 raise InputError(f"uncertainty.{key}: {path} stands twice; keep one")
             resolved[path] = deviation
-        self.uncertainty.clear()  # the keys as written give way to the dotted ones
-        self.uncertainty.update(resolved)
-        return self
+        return resolved
 
     def _unit_of(self, key: str) -> str:
         """SI unit of a number of the robot, by dotted key."""
@@ -204,12 +198,7 @@ def parse_config(
 
     Raises InputError naming source, key and remedy.
     """
-    try:
-        config = RobotConfig.model_validate(data, context={"folder": folder})
-    except ValidationError as error:
-        raise InputError(f"{source}: {one_line(error, ROUTINGS)}") from None
-    config._source = source
-    return config
+    return RobotConfig.parsed(data, source=source, folder=folder)
 
 
 def load_config(path: str | os.PathLike[str]) -> RobotConfig:

@@ -28,7 +28,7 @@ SWAP_FACTOR = 1.3
 """A tip tension peaking above this multiple of the base's suggests swapped columns or wrong units."""
 
 
-class Channel(NamedTuple):
+class Column(NamedTuple):
     """One quantity of a recording: its SI unit, the header it is written under, and other spellings."""
 
     unit: str
@@ -37,15 +37,15 @@ class Channel(NamedTuple):
 
 
 # Spellings are compared in lower case without spaces, dots, underscores and hyphens.
-CHANNELS = {
-    "time": Channel("s", "time_s", frozenset({"time", "t", "timestamp"})),
-    "T_base": Channel("N", "T_base_N", frozenset({"tbase", "basetension", "tensionbase", "tproximal"})),
-    "T_tip": Channel("N", "T_tip_N", frozenset({"ttip", "tiptension", "tensiontip", "tdistal"})),
-    "tip_x": Channel("m", "tip_x_m", frozenset({"tipx", "xtip"})),
-    "tip_y": Channel("m", "tip_y_m", frozenset({"tipy", "ytip"})),
-    "tip_angle": Channel("rad", "tip_angle_rad", frozenset({"tipangle", "angletip", "phitip"})),
-    "displacement": Channel("m", "displacement_m", frozenset({"displacement", "tendondisplacement"})),
-    "trial": Channel("dimensionless", "trial", frozenset({"trial"})),
+COLUMNS = {
+    "time": Column("s", "time_s", frozenset({"time", "t", "timestamp"})),
+    "T_base": Column("N", "T_base_N", frozenset({"tbase", "basetension", "tensionbase", "tproximal"})),
+    "T_tip": Column("N", "T_tip_N", frozenset({"ttip", "tiptension", "tensiontip", "tdistal"})),
+    "tip_x": Column("m", "tip_x_m", frozenset({"tipx", "xtip"})),
+    "tip_y": Column("m", "tip_y_m", frozenset({"tipy", "ytip"})),
+    "tip_angle": Column("rad", "tip_angle_rad", frozenset({"tipangle", "angletip", "phitip"})),
+    "displacement": Column("m", "displacement_m", frozenset({"displacement", "tendondisplacement"})),
+    "trial": Column("dimensionless", "trial", frozenset({"trial"})),
 }
 NEEDED = ("T_base", "T_tip")
 PER_TENDON = ("T_base", "T_tip", "displacement")
@@ -111,7 +111,7 @@ def split_unit(header: str, si: str) -> tuple[str, str | None]:
 def _wanted(tendons: Sequence[str]) -> dict[str, tuple[str, str]]:
     """What may be read: the quantity and the tendon ("" for none) under each name, such as "T_base.left"."""
     wanted = {}
-    for quantity in CHANNELS:
+    for quantity in COLUMNS:
         names = tendons if quantity in PER_TENDON and tendons else ("",)
         wanted |= {f"{quantity}.{name}" if name else quantity: (quantity, name) for name in names}
     return wanted
@@ -130,14 +130,14 @@ def _mapped(table: Table, columns: str, tendons: Sequence[str]) -> dict[str, tup
             )
         plain, _, tendon = name.partition(".")
         spelled = next(
-            (q for q, c in CHANNELS.items() if _plain(plain if tendons else name) in c.spellings), ""
+            (q for q, c in COLUMNS.items() if _plain(plain if tendons else name) in c.spellings), ""
         )
         quantity = f"{spelled}.{tendon}" if tendons and tendon else spelled
         if quantity not in wanted:
             raise InputError(f"{place}: unknown quantity '{name}'; {did_you_mean(name, wanted)}")
         if quantity in chosen:
             raise InputError(f"{place}: {quantity} is mapped twice; keep one")
-        si = CHANNELS[wanted[quantity][0]].unit
+        si = COLUMNS[wanted[quantity][0]].unit
         unit = None
         if source not in table.header:
             bracketed = re.fullmatch(r"(.*?)\s*\[([^\[\]]*)\]", source)
@@ -167,7 +167,7 @@ def _of_tendon(header: str, tendon: str) -> str | None:
 
 def _recognised(table: Table, quantity: str, tendon: str) -> tuple[int, str | None] | None:
     """Column index and unit of a quantity from the headers themselves; None if no header names it."""
-    si, canonical, spellings = CHANNELS[quantity]
+    si, canonical, spellings = COLUMNS[quantity]
     canonical = f"{canonical}.{tendon}" if tendon else canonical
     found: list[tuple[int, str | None]] = []
     for index, header in enumerate(table.header):
@@ -203,20 +203,20 @@ def _missing(table: Table, absent: Sequence[str], tendons: Sequence[str]) -> Inp
     """The error for quantities that are needed and have no column: what may be meant, and in which unit."""
     wanted = _wanted(tendons)
     quantity, tendon = wanted[absent[0]]
-    channel = CHANNELS[quantity]
+    column = COLUMNS[quantity]
     names = [header for header in table.header if header]
-    place = f"{table.path}: no column {_dot(channel.header, tendon)}"
+    place = f"{table.path}: no column {_dot(column.header, tendon)}"
     if tendon and _recognised(table, quantity, "") is not None:
         return InputError(
             f"{place}, but one for a single tendon; of several, {listed(tendons)}, each one's columns end "
-            f"with its name: {channel.header}.{tendon}"
+            f"with its name: {column.header}.{tendon}"
         )
-    ended = [header for header in names if re.match(rf"{re.escape(channel.header)}\.\w", header)]
+    ended = [header for header in names if re.match(rf"{re.escape(column.header)}\.\w", header)]
     if not tendon and ended:
         names = [header.rpartition(".")[2] for header in ended]
         return InputError(
             f"{place}, but {listed(ended)} of several tendons; for one tendon rename its column to "
-            f"{channel.header}; several are named in the robot file, as [[tendons]], or in Python, "
+            f"{column.header}; several are named in the robot file, as [[tendons]], or in Python, "
             f"read_recording(..., tendons=({', '.join(map(repr, names))}))"
         )
     if len(table.rows) and is_data(table.header):
@@ -227,7 +227,7 @@ def _missing(table: Table, absent: Sequence[str], tendons: Sequence[str]) -> Inp
     meant = {key: _meant(table, *wanted[key], tendons) for key in absent}
     entries = []
     for key, index in meant.items():
-        si = CHANNELS[wanted[key][0]].unit
+        si = COLUMNS[wanted[key][0]].unit
         name, unit = ("NAME", si) if index is None else (table.header[index], _unit_meant(table, index, si))
         entries.append(f"{key}={name}[{unit}]")
     near = meant[absent[0]]
@@ -256,8 +256,8 @@ _RARE_NEWTONS = 300.0  # beyond, a tension without a unit is rather in grams-for
 
 def _meant(table: Table, quantity: str, tendon: str, tendons: Sequence[str]) -> int | None:
     """The column that may be a quantity under a name that is not known; None if none suggests itself."""
-    spellings = {s: q for q, channel in CHANNELS.items() for s in channel.spellings}
-    si = CHANNELS[quantity].unit
+    spellings = {s: q for q, column in COLUMNS.items() for s in column.spellings}
+    si = COLUMNS[quantity].unit
     others = [other for other in tendons if other != tendon]
     sides = {word: q for q, words in _SIDES.items() for word in words}
     scores: dict[int, float] = {}
@@ -274,7 +274,7 @@ def _meant(table: Table, quantity: str, tendon: str, tendons: Sequence[str]) -> 
             if quantity in NEEDED and any(w.startswith(word) or w.endswith(word) for w in words):
                 score += 2.0 if side == quantity else -9.0
         score -= 9.0 * len(_NO_FORCES.intersection(words)) * (quantity in NEEDED)
-        alike = [difflib.SequenceMatcher(None, name, s).ratio() for s in CHANNELS[quantity].spellings]
+        alike = [difflib.SequenceMatcher(None, name, s).ratio() for s in COLUMNS[quantity].spellings]
         score += 3.0 * max(alike) if max(alike) > _ALIKE else 0.0
         if score > 0:
             scores[index] = score
@@ -310,7 +310,7 @@ def read_recording(
     """Read a recording (or a base-tension history) from a CSV file.
 
     Args:
-        path: the file; its header names the quantities and their units (CHANNELS), SI where none is given.
+        path: the file; its header names the quantities and their units (COLUMNS), SI where none is given.
         columns: columns under other names, as 'T_base=data_0[gf],T_tip=data_2[gf],time=Time[s]'; the
             quantities it leaves out are still looked for in the header. Columns of no use are ignored.
         need_tip: whether a file without a tip tension is refused.
@@ -342,7 +342,7 @@ def read_recording(
     for key, (quantity, _) in wanted.items():
         if key in chosen:
             index, unit = chosen[key]
-            si = CHANNELS[quantity].unit
+            si = COLUMNS[quantity].unit
             remedy = (
                 f"give its unit with --columns '{key}={table.header[index]}[{_unit_meant(table, index, si)}]'"
             )
@@ -414,7 +414,7 @@ def write_recording(
 ) -> None:
     """Write a recording, or columns by name, as a CSV file that `read_recording` reads back exactly.
 
-    The quantities of CHANNELS (SI) come first, under their headers with units; further columns follow under
+    The quantities of COLUMNS (SI) come first, under their headers with units; further columns follow under
     the names they are given, which should carry their unit. None is left out. A quantity of several tendons,
     (rows, tendons), becomes a column for each of `tendons`, ending with its name. The file is written whole
     or not at all.
@@ -423,16 +423,16 @@ def write_recording(
     """
     if isinstance(recording, Recording):
         given = {field.name: getattr(recording, field.name) for field in fields(recording)}
-        named = {quantity: given[quantity] for quantity in CHANNELS}
+        named = {quantity: given[quantity] for quantity in COLUMNS}
         tendons = recording.tendons
     else:
-        named = {quantity: recording.get(quantity) for quantity in CHANNELS}
-        named |= {name: values for name, values in recording.items() if name not in CHANNELS}
+        named = {quantity: recording.get(quantity) for quantity in COLUMNS}
+        named |= {name: values for name, values in recording.items() if name not in COLUMNS}
     columns = {}
     for name, values in named.items():
         if values is None:
             continue
-        header, table = CHANNELS[name].header if name in CHANNELS else name, np.asarray(values)
+        header, table = COLUMNS[name].header if name in COLUMNS else name, np.asarray(values)
         if table.ndim == 1:
             columns[header] = table.tolist()
         else:

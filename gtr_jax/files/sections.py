@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import functools
 import operator
+import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import (
     BaseModel,
@@ -19,9 +20,11 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
+    PrivateAttr,
     StrictBool,
     StrictStr,
     Tag,
+    ValidationError,
     ValidationInfo,
     create_model,
     model_validator,
@@ -31,7 +34,7 @@ from gtr_jax.errors import InputError
 from gtr_jax.terms import REGISTRY, Term
 
 from .config_file import read_route
-from .config_form import check_keys
+from .config_form import check_keys, one_line
 from .units import Unit, parse_quantity, quantity_text
 
 Length = Annotated[float, Unit("m")]
@@ -59,9 +62,12 @@ Deviation = Annotated[float | str, BeforeValidator(_deviation)]
 
 
 class Section(BaseModel):
-    """One table of the robot file; unknown keys are refused with the nearest valid name."""
+    """One table of the robot file; unknown keys are refused with the nearest valid name.
 
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+    What stands below a key says what it is, and becomes its description in the JSON Schema (`schema`).
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
     @model_validator(mode="before")
     @classmethod
@@ -75,6 +81,46 @@ class Section(BaseModel):
     def _resolved(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
         """The section with what it refers to in other files, relative to `folder`, put in place."""
         return data
+
+
+class FileSection(Section):
+    """The whole of a file: knows which it was read from."""
+
+    _source: str = PrivateAttr("file")
+    _folder: Path = PrivateAttr(Path("."))
+
+    def model_post_init(self, context: Any) -> None:
+        """Note where it was read from, as the context of the validation says."""
+        self._source = (context or {}).get("source", self._source)
+        self._folder = Path((context or {}).get("folder", self._folder))
+
+    @property
+    def source(self) -> str:
+        """The file it was read from, for messages."""
+        return self._source
+
+    @property
+    def folder(self) -> Path:
+        """Where the files that it names lie."""
+        return self._folder
+
+    def __eq__(self, other: object) -> bool:
+        """Equal if the contents are, whichever file they came from."""
+        return isinstance(other, type(self)) and self.model_dump() == other.model_dump()
+
+    @classmethod
+    def parsed(cls, data: Mapping[str, Any], *, source: str, folder: str | os.PathLike[str]) -> Self:
+        """The contents of a file, checked; InputError naming source, key and remedy.
+
+        Args:
+            data: the contents.
+            source: names the file in errors.
+            folder: where the files lie that it names.
+        """
+        try:
+            return cls.model_validate(data, context={"folder": folder, "source": source})
+        except ValidationError as error:
+            raise InputError(f"{source}: {one_line(error, ROUTINGS)}") from None
 
 
 class BoreConfig(Section):

@@ -15,6 +15,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -34,8 +35,10 @@ _NUMERAL = {
     for mark, other in ((".", ","), (",", "."))
 }  # fmt: skip
 _EITHER = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}")  # 1,234: a decimal mark or a thousands separator
-_STAMP = re.compile(r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d(:\d\d([.,]\d+)?)?\s*(Z|[+-]\d\d:?\d\d)?)?")
-_CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
+_STAMP = re.compile(r"(\d{4}-\d\d-\d\d)(?:[T ](\d\d:\d\d)(?:(:\d\d)(?:[.,](\d+))?)?\s*(Z|[+-]\d\d:?\d\d)?)?")
+_CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d)(?:[.,](\d+))?")
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+SECOND = 10**9  # in the nanoseconds that time stamps are counted in
 _NOTHING = frozenset({"nan", "inf", "n/a", "na", "none", "null"})
 
 
@@ -123,18 +126,16 @@ class Table:
 
         Raises InputError naming row and column of a cell that is none.
         """
-        import pandas as pd
-
-        cells = [cell.strip().replace(",", ".") for cell in self.cells(index)]
-        if any(_CLOCK.fullmatch(cell) for cell in cells):
-            values = pd.to_timedelta([c if _CLOCK.fullmatch(c) else None for c in cells])
-        else:
-            stamps = [c if _STAMP.fullmatch(c) else None for c in cells]
-            values = pd.to_datetime(stamps, format="ISO8601", utc=True, errors="coerce")
+        cells = [cell.strip() for cell in self.cells(index)]
+        of_day = any(_CLOCK.fullmatch(cell) for cell in cells)
+        found = [_of_day(cell) if of_day else _since_1970(cell) for cell in cells]
         self._refuse(
-            index, np.asarray(values.isna()), "seconds or a time stamp such as 2026-01-31T14:05:00.25"
+            index,
+            np.array([value is None for value in found]),
+            "seconds or a time stamp such as 2026-01-31T14:05:00.25",
         )
-        return np.asarray((values - values[0]) / pd.Timedelta(seconds=1), dtype=np.float64)
+        values = np.array(found, dtype=np.int64)
+        return (values - values[0]) / float(SECOND)
 
     def quantity(self, index: int, unit: str | None, si: str, *, remedy: str) -> np.ndarray:
         """Column `index` converted from `unit` (None: what the row of units says, or SI) to the SI unit `si`,
@@ -191,6 +192,33 @@ def _number(cell: str, mark: str) -> float:
     if not _NUMERAL[mark].fullmatch(cell):
         return float("nan")
     return float(re.sub(rf"[{_BLANKS}{'.' if mark == ',' else ','}]", "", cell).replace(mark, "."))
+
+
+def _of_day(cell: str) -> int | None:
+    """Nanoseconds that hours:minutes:seconds stand for; None for what is no such time."""
+    clock = _CLOCK.fullmatch(cell)
+    if clock is None:
+        return None
+    hours, minutes, seconds = map(int, clock.groups()[:3])
+    return (3600 * hours + 60 * minutes + seconds) * SECOND + _nanoseconds(clock[4])
+
+
+def _since_1970(cell: str) -> int | None:
+    """Nanoseconds from 1970 to a time stamp, in UTC unless it says otherwise; None for what is none."""
+    stamp = _STAMP.fullmatch(cell)
+    if stamp is None:
+        return None
+    date, minute, second, fraction, zone = stamp.groups()
+    try:
+        moment = datetime.fromisoformat(f"{date}T{minute or '00:00'}{second or ':00'}{zone or 'Z'}")
+    except ValueError:
+        return None
+    return (moment - _EPOCH) // timedelta(seconds=1) * SECOND + _nanoseconds(fraction)
+
+
+def _nanoseconds(fraction: str | None) -> int:
+    """Decimals of a second in nanoseconds; more than nine are cut off."""
+    return int((fraction or "")[:9].ljust(9, "0"))
 
 
 def read_text(path: str | os.PathLike[str]) -> tuple[str, str]:

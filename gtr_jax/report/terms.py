@@ -38,7 +38,7 @@ def usual_range(q: Quantity) -> str:
     return f"{low} to {high}"
 
 
-def listed() -> str:
+def overview() -> str:
     """All terms, one line of law and one of numbers each."""
     lines = []
     for group, belongs in GROUPS.items():
@@ -57,7 +57,7 @@ def _wrapped(label: str, text: str, indent: str) -> list[str]:
     return textwrap.wrap(label + text, WIDTH, initial_indent=indent, subsequent_indent=indent + "    ")
 
 
-def told(term: Term) -> str:
+def description(term: Term) -> str:
     """All that a term's file says, and how to write it in a robot file."""
     rows = [f"{term.id}: {term.says}", ""]
     for label, text in (("law", term.law), ("seen", term.seen), ("told apart", term.told_apart)):

@@ -7,7 +7,6 @@ from collections.abc import Collection, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
-import jax.tree_util as jtu
 from jaxtyping import Array, ArrayLike, Float
 
 from .. import mechanics

@@ -12,10 +12,10 @@ import numpy as np
 from gtr_jax.errors import InputError
 from gtr_jax.robot.build import build_robot
 
-from .assemble import Assembled
 from .gauss_newton import judge_all, search_all
 from .option import Option, look_at
-from .search import ARRIVED, FEW_STEPS, Lanes, ranking
+from .problem import DesignProblem
+from .search import ARRIVED, FEW_STEPS, SearchResult, ranking
 from .space import channel_of
 
 FINER = 4.0  # mesh on which designs are compared, over the default
@@ -35,7 +35,7 @@ class _Seen(NamedTuple):
     R: np.ndarray
 
 
-def options_of(problem: Assembled, found: Lanes) -> list[Option]:
+def distinct_options(problem: DesignProblem, found: SearchResult) -> list[Option]:
     """The distinct designs found, each looked at on a mesh four times finer than the default, best first.
 
     Where any is valid, only such: they keep every limit and, unless they allow for what is not known, are
@@ -56,7 +56,7 @@ def options_of(problem: Assembled, found: Lanes) -> list[Option]:
         cost = found.cost[lane]
         if not np.isfinite(cost) or not is_new(found.z[lane], [seen.z for seen in sound]):
             continue
-        good = found.kept[lane] and (cost < ARRIVED or bool(problem.task.wanted.goal))
+        good = found.kept[lane] and (cost < ARRIVED or bool(problem.objective.wanted.goal))
         if best is not None and not good and cost > 1.5 * best + 0.5:
             continue  # neither arrived nor as near as the nearest: a search that got stuck
         try:
@@ -79,22 +79,22 @@ def options_of(problem: Assembled, found: Lanes) -> list[Option]:
     return sorted((seen.option for seen in sound), key=lambda option: _preference(problem, option))
 
 
-def is_valid(problem: Assembled, option: Option) -> bool:
+def is_valid(problem: DesignProblem, option: Option) -> bool:
     """Whether a design can be offered: limits kept and, but of one that allows for what is not known, targets
     within their tolerances.
     """
-    robust = problem.task.spread != "nominal" and not problem.task.wanted.goal
+    robust = problem.objective.spread != "nominal" and not problem.objective.wanted.goal
     return option.converged and option.kept and (robust or option.reached)
 
 
-def by_loss(problem: Assembled) -> bool:
+def by_loss(problem: DesignProblem) -> bool:
     """Whether valid designs are chosen from by the tension they lose."""
-    return not problem.task.wanted.goal and problem.task.spread == "nominal"
+    return not problem.objective.wanted.goal and problem.objective.spread == "nominal"
 
 
-def _preference(problem: Assembled, option: Option) -> float:
+def _preference(problem: DesignProblem, option: Option) -> float:
     """The less, the better; the same for all where the order of the search stands."""
-    if problem.task.spread != "nominal":
+    if problem.objective.spread != "nominal":
         return 0.0
     if problem.target.goal is not None:
         return option.goal if problem.target.goal.kind == "tension" else -option.goal
@@ -106,7 +106,7 @@ def is_new(z: np.ndarray, others: list[np.ndarray]) -> bool:
     return all(np.max(np.abs(z - other)) >= SAME for other in others)
 
 
-def _same(problem: Assembled, one: _Seen, other: _Seen) -> bool:
+def _same(problem: DesignProblem, one: _Seen, other: _Seen) -> bool:
     """Whether two designs are one: near in all coordinates, or in all but those of the channel, with the same
     channel.
     """
@@ -119,7 +119,7 @@ def _same(problem: Assembled, one: _Seen, other: _Seen) -> bool:
     return False
 
 
-def _looked_at(problem: Assembled, found: Lanes, lane: int) -> _Seen:
+def _looked_at(problem: DesignProblem, found: SearchResult, lane: int) -> _Seen:
     z, _ = settled_on(problem, found.z[lane], found.free[lane])
     values = problem.space.rounded(problem.space.values_at(z))
     option = dataclasses.replace(look_at(problem, values, resolution=FINER), lane=lane)
@@ -127,7 +127,7 @@ def _looked_at(problem: Assembled, found: Lanes, lane: int) -> _Seen:
     return _Seen(z, option, channel_of(build_robot(option.config), np.linspace(0.0, body.length, PLACES)))
 
 
-def settled_on(problem: Assembled, z: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, Option]:
+def settled_on(problem: DesignProblem, z: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, Option]:
     """A design on a mesh no coarser than the default, and its coordinates, (c,).
 
     Where the two meshes differ by more than a share of a tolerance, the search goes on from there for targets
@@ -140,22 +140,22 @@ def settled_on(problem: Assembled, z: np.ndarray, free: np.ndarray) -> tuple[np.
     Raises:
         InputError: no robot has such numbers.
     """
-    task, space = problem.task, problem.space
+    objective, space = problem.objective, problem.space
 
     def built(z):
         return look_at(problem, space.rounded(space.values_at(z)), resolution=1.0)
 
     option = built(z)
-    if task.wanted.goal or task.spread != "nominal" or not task.wanted.pose_state:
+    if objective.wanted.goal or objective.spread != "nominal" or not objective.wanted.pose_state:
         return z, option
     for _ in range(CORRECTIONS):
-        judged = judge_all(task, jnp.asarray(z)[None])
+        judged = judge_all(objective, jnp.asarray(z)[None])
         arrived = 0.5 * float(jnp.sum(judged.residuals**2)) < ARRIVED
         if not arrived or option.miss < MESH_SHARE:
             break
-        at = jnp.asarray(task.wanted.pose_state)
+        at = jnp.asarray(objective.wanted.pose_state)
         shift = jnp.asarray(option.states.pose)[at] - judged.pose[0, at]
-        moved = eqx.tree_at(lambda t: t.wanted.pose, task, task.wanted.pose - shift)
+        moved = eqx.tree_at(lambda t: t.wanted.pose, objective, objective.wanted.pose - shift)
         again = search_all(moved, jnp.asarray(z)[None], jnp.asarray(free)[None], FEW_STEPS)
         try:
             other = built(np.asarray(again.z[0]))

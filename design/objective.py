@@ -52,8 +52,8 @@ class Wanted(eqx.Module):
     goal_state: int = eqx.field(static=True)
 
 
-class Task(eqx.Module):
-    """A design problem.
+class Objective(eqx.Module):
+    """What designs are judged by, as numbers.
 
     Attributes:
         robot: the template. index: places of the p numbers that change in it, flattened, (p,).
@@ -107,11 +107,11 @@ class Evaluation(NamedTuple):
     converged: Bool[Array, ""]
 
 
-def robot_of(task: Task, z: Float[Array, " c"]) -> Robot:
+def robot_of(objective: Objective, z: Float[Array, " c"]) -> Robot:
     """The robot of a design."""
-    flat, unravel = ravel_pytree(task.robot)
-    values = task.lower + z * (task.upper - task.lower)
-    robot = unravel(flat.at[task.index].set(values[: task.index.shape[0]]))
+    flat, unravel = ravel_pytree(objective.robot)
+    values = objective.lower + z * (objective.upper - objective.lower)
+    robot = unravel(flat.at[objective.index].set(values[: objective.index.shape[0]]))
     return _in_order(robot)
 
 
@@ -124,19 +124,19 @@ def _in_order(robot: Robot) -> Robot:
     return eqx.tree_at(lambda r: r.tendons[0].routing.w2, robot, w2)
 
 
-def tensions_of(task: Task, z: Float[Array, " c"]) -> Float[Array, " t"]:
+def tensions_of(objective: Objective, z: Float[Array, " c"]) -> Float[Array, " t"]:
     """Base tensions of a design [N], (t,)."""
-    if not task.free:
-        return task.tensions
-    values = task.lower + z * (task.upper - task.lower)
-    return task.tensions.at[jnp.asarray(task.free)].set(values[task.index.shape[0] :])
+    if not objective.free:
+        return objective.tensions
+    values = objective.lower + z * (objective.upper - objective.lower)
+    return objective.tensions.at[jnp.asarray(objective.free)].set(values[objective.index.shape[0] :])
 
 
-def solve_states(task: Task, robot: Robot, tensions: Float[Array, " t"]) -> States:
+def solve_states(objective: Objective, robot: Robot, tensions: Float[Array, " t"]) -> States:
     """The states of a design."""
-    T = tensions[jnp.asarray([number for number, _ in task.states])]
-    released = tuple(r for _, r in task.states)
-    return states_of(robot, T, released, jnp.max(tensions), task.with_terms)
+    T = tensions[jnp.asarray([number for number, _ in objective.states])]
+    released = tuple(r for _, r in objective.states)
+    return states_of(robot, T, released, jnp.max(tensions), objective.with_terms)
 
 
 def errors_of(wanted: Wanted, states: States) -> Float[Array, " m"]:
@@ -181,63 +181,77 @@ def goal_of(wanted: Wanted, states: States) -> Float[Array, ""]:
     return value / wanted.goal_scale
 
 
-def load_margins(task: Task, states: States) -> dict[str, Float[Array, " _"]]:
+def load_margins(objective: Objective, states: States) -> dict[str, Float[Array, " _"]]:
     """Margins of the limits on tensions, by limit."""
     margins = {}
-    pulled = jnp.asarray([i for i, (_, released) in enumerate(task.states) if not released], dtype=int)
-    if LOSS in task.given:
-        margins[LOSS] = states.T_tip[pulled] / states.T_base[pulled] - (1.0 - task.limits.loss)
-    if TIP in task.given:
-        margins[TIP] = (states.T_tip - task.limits.tip) / jnp.max(task.tensions)
-    if RELEASE in task.given:  # from the last tension, which with all of them free has to stay the largest
-        last = task.tensions.shape[0] - 1
-        others = jnp.asarray([i for i, (number, _) in enumerate(task.states) if number != last])
-        top = states.T_base[task.states.index((last, False))]
-        margins[RELEASE] = (top - states.T_base[others]) / jnp.max(task.tensions)
+    pulled = jnp.asarray([i for i, (_, released) in enumerate(objective.states) if not released], dtype=int)
+    if LOSS in objective.given:
+        margins[LOSS] = states.T_tip[pulled] / states.T_base[pulled] - (1.0 - objective.limits.loss)
+    if TIP in objective.given:
+        margins[TIP] = (states.T_tip - objective.limits.tip) / jnp.max(objective.tensions)
+    if (
+        RELEASE in objective.given
+    ):  # from the last tension, which with all of them free has to stay the largest
+        last = objective.tensions.shape[0] - 1
+        others = jnp.asarray([i for i, (number, _) in enumerate(objective.states) if number != last])
+        top = states.T_base[objective.states.index((last, False))]
+        margins[RELEASE] = (top - states.T_base[others]) / jnp.max(objective.tensions)
     return margins
 
 
-def evaluate(task: Task, z: Float[Array, " c"]) -> Evaluation:
+def evaluate(objective: Objective, z: Float[Array, " c"]) -> Evaluation:
     """Judge one design.
 
     Args:
-        task: the problem.
+        objective: the problem.
         z: coordinates in [0, 1], (c,).
     """
-    robot, tensions = robot_of(task, z), tensions_of(task, z)
-    states = solve_states(task, robot, tensions)
-    margins = channel_margins(robot, stations_of(robot, task.stations), task.limits, task.given)
-    margins |= load_margins(task, states)
+    robot, tensions = robot_of(objective, z), tensions_of(objective, z)
+    states = solve_states(objective, robot, tensions)
+    margins = channel_margins(
+        robot, stations_of(robot, objective.stations), objective.limits, objective.given
+    )
+    margins |= load_margins(objective, states)
     rows = [
-        margins[name] * task.active[i] + (1.0 - task.active[i])
-        for i, name in enumerate(task.given)
+        margins[name] * objective.active[i] + (1.0 - objective.active[i])
+        for i, name in enumerate(objective.given)
         if name in margins
     ]
-    errors, goal, ok = errors_of(task.wanted, states), goal_of(task.wanted, states), states.converged
+    errors, goal, ok = (
+        errors_of(objective.wanted, states),
+        goal_of(objective.wanted, states),
+        states.converged,
+    )
     nominal = errors
-    if task.spread != "nominal":
-        errors, goal, ok = _spread(task, robot, tensions)
-    if task.wanted.goal:
+    if objective.spread != "nominal":
+        errors, goal, ok = _spread(objective, robot, tensions)
+    if objective.wanted.goal:
         rows += [NEAR - nominal, NEAR + nominal] if nominal.shape[0] else []
-        errors = (goal - task.wanted.utopia)[None]
+        errors = (goal - objective.wanted.utopia)[None]
     return Evaluation(errors, goal, jnp.concatenate(rows), states.pose, states.T_tip, ok)
 
 
-def at_draw(task: Task, robot: Robot, draw: Float[Array, "2"]) -> Robot:
+def at_draw(objective: Objective, robot: Robot, draw: Float[Array, "2"]) -> Robot:
     """The robot with friction coefficient and modulus off by relative steps."""
     flat, unravel = ravel_pytree(robot)
-    return unravel(flat.at[task.uncertain].multiply(1.0 + draw))
+    return unravel(flat.at[objective.uncertain].multiply(1.0 + draw))
 
 
-def _spread(task: Task, robot: Robot, tensions):
+def _spread(objective: Objective, robot: Robot, tensions):
     """Residuals and goal over what is not known, and whether all converged."""
 
     def one(draw):
-        states = solve_states(task, at_draw(task, robot, draw), tensions)
-        return errors_of(task.wanted, states), goal_of(task.wanted, states), states.converged
+        states = solve_states(objective, at_draw(objective, robot, draw), tensions)
+        return errors_of(objective.wanted, states), goal_of(objective.wanted, states), states.converged
 
-    errors, goals, ok = jax.lax.map(one, task.draws) if task.with_terms else jax.vmap(one)(task.draws)
-    if task.spread == "expected":
-        return (jnp.sqrt(task.shares)[:, None] * errors).ravel(), jnp.sum(task.shares * goals), jnp.all(ok)
+    errors, goals, ok = (
+        jax.lax.map(one, objective.draws) if objective.with_terms else jax.vmap(one)(objective.draws)
+    )
+    if objective.spread == "expected":
+        return (
+            (jnp.sqrt(objective.shares)[:, None] * errors).ravel(),
+            jnp.sum(objective.shares * goals),
+            jnp.all(ok),
+        )
     worst = jnp.max(jnp.sqrt(jnp.sum(errors**2, axis=1) + 1e-12))
     return worst[None], jnp.max(goals), jnp.all(ok)

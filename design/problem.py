@@ -13,9 +13,9 @@ from gtr_jax.simulation.programs import known_to_act
 
 from . import limits as L
 from .checks import check_target
+from .objective import Objective, Wanted
 from .space import Space, build_space
 from .target import TargetConfig
-from .task import Task, Wanted
 from .uncertainty import Uncertainty, uncertainty_of
 
 RESOLUTION = 0.5  # of the mesh of the search
@@ -25,16 +25,16 @@ UTOPIA = {"reach": -1.0, "bend": -2.0 * np.pi, "tension": 0.0}  # of the goal ov
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Assembled:
+class DesignProblem:
     """A design problem: the files, the space, what is not known, and the numbers to compute with."""
 
     target: TargetConfig
     space: Space
     uncertainty: Uncertainty
-    task: Task
+    objective: Objective
 
 
-def assemble(config: RobotConfig, target: TargetConfig, *, resolution: float = RESOLUTION) -> Assembled:
+def problem_of(config: RobotConfig, target: TargetConfig, *, resolution: float = RESOLUTION) -> DesignProblem:
     """Check the two files against each other and set the problem up.
 
     Args:
@@ -55,7 +55,7 @@ def assemble(config: RobotConfig, target: TargetConfig, *, resolution: float = R
     given = limits_given(target, space)
     draws, shares = known.points(target.robust.optimise, target.robust.deviations)
     variables = [v.name for v in space.variables]
-    task = Task(
+    objective = Objective(
         robot=robot,
         index=places_of(robot, variables) if variables else jnp.zeros(0, dtype=int),
         lower=jnp.asarray(space.lower),
@@ -74,7 +74,7 @@ def assemble(config: RobotConfig, target: TargetConfig, *, resolution: float = R
         stations=_stations(space),
         with_terms=bool(known_to_act(robot)),
     )
-    return Assembled(target, space, known, task)
+    return DesignProblem(target, space, known, objective)
 
 
 def states_asked_for(target: TargetConfig, space: Space) -> tuple[tuple[int, bool], ...]:
