@@ -46,7 +46,7 @@ def turning_rate(kappa, kappa_slope, R: Offset):
 
 
 def _lead_change(a, slope, a_before, slope_before):
-    """Change of psi - phi between two nodes [rad], from 1 - R kappa and R' at both; below a straight angle."""
+    """Change of psi - phi between two nodes [rad], less than pi, from 1 - R kappa and R' at both."""
     return jnp.arctan2(slope * a_before - slope_before * a, a * a_before + slope * slope_before)
 
 

@@ -75,6 +75,22 @@ def _left(case: Case, marched: Passed, unknowns: Float[Array, " n"]) -> tuple[Me
     return memory, nodes.state
 
 
+def _in_one_batch(tree, marches: Int[Array, ""]):
+    """The same; under `vmap` every array with the batch in its first axis.
+
+    JAX 0.10 mixes up the axes of values and tangents of a function with a derivative of its own that is
+    compiled within a batch that is differentiated, where some have a batch and others none, or in another
+    axis. A sum with a zero that has a batch, and a reshape, give all the same.
+    """
+    zero = jnp.where(marches >= 0, 0.0, 1.0)
+
+    def first(a):
+        a = a + zero
+        return jax.lax.squeeze(jax.lax.reshape(a, (1, *a.shape)), (0,)) if a.ndim else a
+
+    return jtu.tree_map(first, tree)
+
+
 def slip_of(
     case: Case,
     kappa: Float[Array, " N"],
@@ -108,7 +124,8 @@ def slip_of(
 def _solve(inputs) -> Solved:
     case, how = inputs
     found = search(case, how)
-    return Solved(*_left(case, found.passed, found.unknowns), found.error, found.marches)
+    left = _in_one_batch(_left(case, found.passed, found.unknowns), found.marches)
+    return Solved(*left, found.error, found.marches)
 
 
 @_solve.def_jvp
@@ -137,10 +154,10 @@ def _solve_jvp(primals, tangents):
         out_dot = jtu.tree_map(lambda d, by: d + by @ flat_dot, out_dot, out_by)
     else:
         out, out_dot = jax.jvp(lambda moving: at(moving, found.unknowns)[1], (moving,), (case_dot,))
-    memory, state = out
+    memory, state = _in_one_batch(out, found.marches)
     solved = Solved(memory, state, found.error, found.marches)
     zeros = jax.custom_derivatives.zero_from_primal(solved, symbolic_zeros=True)
-    memory_dot, state_dot = out_dot
+    memory_dot, state_dot = _in_one_batch(out_dot, found.marches)
     return solved, zeros._replace(memory=memory_dot, state=state_dot)
 
 

@@ -1,4 +1,4 @@
-"""Load histories without derivatives, as native code: what instruments would show, and where friction slips."""
+"""Load histories without derivatives, as native code: what instruments would show, and where slip goes."""
 
 from __future__ import annotations
 
