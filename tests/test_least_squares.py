@@ -77,7 +77,9 @@ def test_where_an_evaluation_fails_shorter_steps_are_tried():
         return None if x[0] > 2.0 else Point(np.array([np.exp(x[0]) - np.exp(1.9)]))
 
     start = np.array([-3.0])
-    found = minimise(at, lambda x, _: np.exp(x)[:, None], start, at(start), rules=BROYDEN, most=100)
+    first = at(start)
+    assert first is not None
+    found = minimise(at, lambda x, _: np.exp(x)[:, None], start, first, rules=BROYDEN, most=100)
     assert found.x[0] == pytest.approx(1.9, abs=1e-4)
 
 

@@ -1,4 +1,4 @@
-"""The native program of a load history is the traced one: to 1e-10, and with the same answers to what slips."""
+"""The native program of a load history is the traced one: to 1e-10, and with the same slip."""
 
 import jax.numpy as jnp
 import numpy as np

@@ -255,7 +255,8 @@ def steps(
     loads, flags = with_steps_before(robot, structure, loads)
 
     def step(settled: Settled, x):
-        return advance(robot, structure, how, settled, *x, before)
+        load, at = x
+        return advance(robot, structure, how, settled, load, at, before)
 
     last, out = jax.lax.scan(step, begin(robot, structure, before), (loads, flags))
     return jtu.tree_map(lambda a: a[steps_before(structure) :], out), last.memory, last

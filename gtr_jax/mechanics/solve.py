@@ -124,8 +124,8 @@ def slip_of(
 def _solve(inputs) -> Solved:
     case, how = inputs
     found = search(case, how)
-    left = _in_one_batch(_left(case, found.passed, found.unknowns), found.marches)
-    return Solved(*left, found.error, found.marches)
+    memory, state = _in_one_batch(_left(case, found.passed, found.unknowns), found.marches)
+    return Solved(memory, state, found.error, found.marches)
 
 
 @_solve.def_jvp

@@ -125,10 +125,9 @@ class Program:
             found = t.run(step.jaxpr, step.consts, [*own, *[read() for _, read, _ in kept], *row])
             place = t.at.mul(i, LONG(width))
             for value in found[len(kept) :]:
-                block = value if isinstance(value, Block) else None
                 size = int(np.prod(value.shape, dtype=int))
                 for k in range(size):
-                    one = t.load(block, k) if block is not None else value.ravel()[k]
+                    one: Any = t.load(value, k) if isinstance(value, Block) else value.ravel()[k]
                     one = t.at.uitofp(one, DOUBLE) if one.type == BOOL else one
                     one = t.at.sitofp(one, DOUBLE) if one.type == LONG else one
                     t.at.store(one, t.at.gep(out, [t.at.add(place, LONG(k))], source_etype=LONG))

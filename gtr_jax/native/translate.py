@@ -44,7 +44,7 @@ Value = Values | Block
 def kind_of(dtype: Any) -> ir.Type:
     """LLVM's type of an element."""
     dtype = np.dtype(dtype)
-    if dtype == bool:
+    if dtype.kind == "b":
         return BOOL
     if np.issubdtype(dtype, np.floating):
         return DOUBLE
@@ -176,7 +176,9 @@ class Translator:
         whole = ir.ArrayType(stored, array.size)
         known = ir.GlobalVariable(self.module, whole, self.module.get_unique_name("known"))
         known.linkage, known.global_constant = "internal", True
-        known.initializer = ir.Constant(whole, [ir.Constant(stored, v.item()) for v in plain.ravel()])
+        known.initializer = ir.Constant(  # pyright: ignore[reportAttributeAccessIssue]
+            whole, [ir.Constant(stored, v.item()) for v in plain.ravel()]
+        )
         return Block(self.at.bitcast(known, ir.PointerType()), array.shape, kind)
 
     def copied(self, value: Value, into: Block) -> None:
@@ -247,15 +249,16 @@ class Translator:
     def kept(self, value: Value) -> tuple[Any, Callable[[], Value], Callable[[Value], None]]:
         """A place that a loop carries: how to read and how to write it."""
         if isinstance(value, np.ndarray):
+            first: Any = value
             slots = np.empty(value.shape, dtype=object)
             for index in np.ndindex(*value.shape):
-                slots[index] = self.slot(value[index].type)
+                slots[index] = self.slot(first[index].type)
                 self.at.store(value[index], slots[index])
 
             def read() -> Value:
                 out = np.empty(slots.shape, dtype=object)
                 for index in np.ndindex(*slots.shape):
-                    out[index] = self.at.load(slots[index], typ=value[index].type)
+                    out[index] = self.at.load(slots[index], typ=first[index].type)
                 return out
 
             def write(new: Value) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -66,8 +66,8 @@ def _program(structure: Structure, how: March, rigid: bool, nodes: int, shapes: 
     """The program of a structure on so many nodes."""
     leaves, tree = shapes
     fixed = jtu.tree_unflatten(tree, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
-    one = jax.ShapeDtypeStruct((), jnp.float64)
-    flag = jax.ShapeDtypeStruct((), jnp.bool_)
+    one: Any = jax.ShapeDtypeStruct((), jnp.float64)
+    flag: Any = jax.ShapeDtypeStruct((), jnp.bool_)
 
     def step(robot: mechanics.Robot, settled: Settled, row: _Row):
         after, out = advance(robot, structure, how, settled, row.load, (row.settling, row.stringing))
