@@ -10,8 +10,7 @@ from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import steps_natively
 from gtr_jax.simulation.programs import structure_of
 from gtr_jax.terms import REGISTRY
-
-from .conftest import SINE
+from tests.conftest import SINE
 
 LOOP = np.array([0.0, 8, 16, 24, 18, 9, 14, 18, 10, 2, 12, 20])
 CLOCK = 0.7 * np.arange(len(LOOP))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -66,16 +66,17 @@ def _program(structure: Structure, how: March, rigid: bool, nodes: int, shapes: 
     """The program of a structure on so many nodes."""
     leaves, tree = shapes
     fixed = jtu.tree_unflatten(tree, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
-    one: Any = jax.ShapeDtypeStruct((), jnp.float64)
-    flag: Any = jax.ShapeDtypeStruct((), jnp.bool_)
 
     def step(robot: mechanics.Robot, settled: Settled, row: _Row):
         after, out = advance(robot, structure, how, settled, row.load, (row.settling, row.stringing))
         return after, _left(robot, structure, rigid, settled, out, row.scale)
 
-    row = _Row(Load(one, one, one, one), flag, flag, one)
+    def row():
+        one, flag = jnp.zeros(()), jnp.asarray(False)
+        return _Row(Load(one, one, one, one), flag, flag, one)
+
     key = (structure, how, rigid, nodes)
-    return Program(lambda robot: begin(robot, structure), step, fixed, row, key)
+    return Program(lambda robot: begin(robot, structure), step, fixed, jax.eval_shape(row), key)
 
 
 @eqx.filter_jit

@@ -54,7 +54,7 @@ def moves_by_slip(slipped, changed, tension, mobilised, wrap, length: Float[Arra
     share = jnp.sum(mobilised * turning, axis=-1, keepdims=True) / whole[..., None]
     at_base = way[..., :1]
     all_of = (share * at_base > MOBILISED) & (at_base != 0.0)
-    slips = (mobilised * way > MOBILISED) | (jnp.arange(way.shape[-1]) == 0)
+    slips = (mobilised * way > MOBILISED) | (jnp.broadcast_to(jnp.arange(way.shape[-1]), way.shape) == 0)
     return jnp.where(all_of, at_base, jnp.where(slips, way, 0.0))
 
 
