@@ -1,6 +1,6 @@
-"""The rivals of the march: other root finders for `gtr_jax.problem.residual`.
+"""The rivals of the march: other root finders for one residual, that of `gtr_jax.mechanics.several.problem`.
 
-All are usable as `solver=` of `gtr_jax.equilibrium`. They solve the same discrete equations from the same
+`equilibrium` takes each of them and the march. They solve the same discrete equations from the same
 start, so their solutions agree and only their cost and their reach differ.
 """
 
@@ -16,10 +16,16 @@ import lineax as lx
 import optimistix as optx
 from jaxtyping import Array, Float, Int
 
-from gtr_jax import March, channel
-from gtr_jax.linear_solver import linearise, solve_linearised
-from gtr_jax.mesh import increments, shifted
-from gtr_jax.problem import Problem, State, moment_slope, offset_before, residual_norm, tension_of
+from gtr_jax import Equilibrium, March, Robot
+from gtr_jax import equilibrium as gtr_equilibrium
+from gtr_jax.mechanics import channel, rest_state
+from gtr_jax.mechanics.mesh import increments, shifted
+from gtr_jax.mechanics.sections import State, moment_slope, offset_before
+from gtr_jax.mechanics.several.linear_solver import linearise, solve_linearised
+from gtr_jax.mechanics.several.problem import Problem, residual_norm, tension_of
+from gtr_jax.robot.robot import sections
+from gtr_jax.simulation.several import problem_of, solve_problem
+from gtr_jax.simulation.solution import Loaded, describe
 
 
 class _RootFinder(optx.AbstractRootFinder):
@@ -142,7 +148,32 @@ class Anderson(_RootFinder):
         )
 
 
-CANDIDATES: dict[str, optx.AbstractRootFinder] = {
+def equilibrium(
+    robot: Robot, T_base: Float[Array, ""], solver: March | optx.AbstractRootFinder
+) -> Equilibrium:
+    """`gtr_jax.equilibrium` of a robot of one tendon, by the march or by one of its rivals."""
+    if isinstance(solver, March):
+        return gtr_equilibrium(robot, T_base, solver=solver)
+    s = sections(robot)
+    slack = jnp.zeros_like(s.rest)
+    found = solve_problem(problem_of(robot, s, jnp.asarray(T_base), slack), rest_state(s), solver)
+    y, p = found.value, problem_of(robot, s, jnp.asarray(T_base), slack)
+    tension = tension_of(y, p)
+    done = Loaded(
+        state=y,
+        tension=tension,
+        T_tip=tension[-1],
+        slip=jnp.zeros_like(tension),
+        wrap=y.wrap,
+        mobilisation=None,
+        result=found.result,
+        residual_norm=found.stats["residual_norm"],
+        iterations=found.stats["num_steps"],
+    )
+    return describe(s, done)
+
+
+CANDIDATES: dict[str, March | optx.AbstractRootFinder] = {
     "march": March(),
     "structured Newton": StructuredNewton(),
     "Anderson": Anderson(),

@@ -30,11 +30,11 @@ import jax.numpy as jnp
 import numpy as np
 
 import gtr_jax as gtr
-from gtr_jax.channel import tangent_lead
-from gtr_jax.config import parse_config
-from gtr_jax.history import Simulation
-from gtr_jax.mesh import increments
-from gtr_jax.robot import Robot, sections
+from gtr_jax.files.config import parse_config
+from gtr_jax.mechanics.channel import tangent_lead
+from gtr_jax.mechanics.mesh import increments
+from gtr_jax.robot.robot import Robot, sections
+from gtr_jax.simulation.history import Simulation
 from gtr_jax.terms import REGISTRY, body_hysteresis, presliding, viscoelastic_body
 from gtr_jax.terms.term import Bent, Quantity, Term
 

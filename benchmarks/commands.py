@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 import gtr_jax as gtr
-from gtr_jax.config import config_text, parse_config
+from gtr_jax.files.config import config_text, parse_config
 
 from . import measure, systems
 from .speed import SAMPLES, Metric

@@ -23,18 +23,18 @@ import numpy as np
 from scipy.optimize import Bounds, least_squares, minimize
 
 import design
-from design.assemble import Assembled, assemble
+from design.distinct import distinct_options, is_new
 from design.gauss_newton import BACK_OFF, judge_all, search_all
 from design.literal import solve_literal
+from design.objective import evaluate
 from design.obstacles import rows_of_limits
 from design.option import look_at
-from design.options import is_new, options_of
-from design.search import ARRIVED, FEW_STEPS, Lanes, find, without_goal
+from design.problem import DesignProblem, problem_of
+from design.search import ARRIVED, FEW_STEPS, SearchResult, find, without_goal
 from design.space import on_common_mesh
 from design.starts import put_in_order, starts
-from design.task import evaluate
-from gtr_jax.config import RobotConfig, load_config, parse_config
 from gtr_jax.errors import InputError
+from gtr_jax.files.config import RobotConfig, load_config, parse_config
 
 from . import measure
 
@@ -78,14 +78,14 @@ def families() -> list[Family]:
     ]
 
 
-def _problem(family: Family, pose: np.ndarray | None) -> Assembled:
+def _problem(family: Family, pose: np.ndarray | None) -> DesignProblem:
     tip = [0.1, 0.1] if pose is None else pose[:2].tolist()
     angle = 0.5 if pose is None else float(pose[2])
     wanted = {"tip": tip, "angle": angle, "angle_tolerance": ANGLE, **family.load}
-    return assemble(family.robot, design.parse_target({**family.target, "pose": [wanted]}))
+    return problem_of(family.robot, design.parse_target({**family.target, "pose": [wanted]}))
 
 
-def hidden(family: Family, count: int, seed: int) -> tuple[Assembled, np.ndarray, np.ndarray]:
+def hidden(family: Family, count: int, seed: int) -> tuple[DesignProblem, np.ndarray, np.ndarray]:
     """A problem of the family, and the coordinates and poses of feasible designs to find again."""
     problem = _problem(family, None)
     rng = np.random.default_rng(seed)
@@ -93,34 +93,34 @@ def hidden(family: Family, count: int, seed: int) -> tuple[Assembled, np.ndarray
     while sum(len(z) for z in zs) < count:
         z = rng.uniform(size=(1024, len(problem.space.all)))
         put_in_order(z, problem.space)
-        judged = judge_all(problem.task, jnp.asarray(z))
+        judged = judge_all(problem.objective, jnp.asarray(z))
         good = np.asarray(judged.converged) & (np.min(np.asarray(judged.margins), axis=1) >= 0.0)
         zs.append(z[good])
-        poses.append(np.asarray(judged.pose)[good, problem.task.wanted.pose_state[0]])
+        poses.append(np.asarray(judged.pose)[good, problem.objective.wanted.pose_state[0]])
     return problem, np.concatenate(zs)[:count], np.concatenate(poses)[:count]
 
 
-def with_pose(problem: Assembled, pose: np.ndarray) -> Assembled:
+def with_pose(problem: DesignProblem, pose: np.ndarray) -> DesignProblem:
     """The same problem with another pose as its target."""
     own = problem.target.pose[0].model_copy(update={"tip": tuple(pose[:2].tolist()), "angle": float(pose[2])})
     target = problem.target.model_copy(update={"pose": (own,)})
     target._source = problem.target.source
-    task = eqx.tree_at(lambda t: t.wanted.pose, problem.task, jnp.asarray(pose)[None])
-    return dataclasses.replace(problem, target=target, task=task)
+    objective = eqx.tree_at(lambda t: t.wanted.pose, problem.objective, jnp.asarray(pose)[None])
+    return dataclasses.replace(problem, target=target, objective=objective)
 
 
-def verified(problem: Assembled, found: Lanes) -> dict[str, Any]:
+def verified(problem: DesignProblem, found: SearchResult) -> dict[str, Any]:
     """The design that is chosen, judged apart from the search."""
     space = problem.space
     try:
-        chosen = options_of(problem, found)[0]
+        chosen = distinct_options(problem, found)[0]
         option = look_at(problem, np.array([chosen.values[v.name] for v in space.all]), resolution=4.0)
     except InputError:
         return {"reached": False, "kept": False, "tip": np.nan, "angle": np.nan, "literal": np.nan}
     error = option.errors[0]
     length = space.config.backbone.length
     robot = on_common_mesh(space, option.config, 1.0)
-    number, released = problem.task.states[problem.task.wanted.pose_state[0]]
+    number, released = problem.objective.states[problem.objective.wanted.pose_state[0]]
     s = np.linspace(0.0, length, 9)
     literal = solve_literal(
         robot,
@@ -139,15 +139,15 @@ def verified(problem: Assembled, found: Lanes) -> dict[str, Any]:
     }
 
 
-def peers(problem: Assembled, z0: np.ndarray) -> dict[str, tuple[float, float]]:
+def peers(problem: DesignProblem, z0: np.ndarray) -> dict[str, tuple[float, float]]:
     """Seconds until the first start arrives within the limits (NaN if none does) and for all starts, of
     scipy's optimisers with differences for derivatives. Each evaluation is the same compiled program, for one
     design; the starts are the same.
     """
-    task = problem.task
+    objective = problem.objective
 
     def rows(z):
-        e = _judge(task, jnp.asarray(np.clip(z, 0.0, 1.0)))
+        e = _judge(objective, jnp.asarray(np.clip(z, 0.0, 1.0)))
         return np.asarray(e.residuals), np.asarray(e.margins) - BACK_OFF
 
     def stacked(z):
@@ -200,23 +200,23 @@ def peers(problem: Assembled, z0: np.ndarray) -> dict[str, tuple[float, float]]:
     return out
 
 
-def first_arrival(problem: Assembled, z0: np.ndarray) -> float:
+def first_arrival(problem: DesignProblem, z0: np.ndarray) -> float:
     """Seconds until the first start arrives, one after another as for the peers; NaN if none does."""
-    task, free = without_goal(problem.task), jnp.ones((1, z0.shape[1]))
+    objective, free = without_goal(problem.objective), jnp.ones((1, z0.shape[1]))
     began = time.perf_counter()
     for z in z0:
-        found = search_all(task, jnp.asarray(z)[None], free, FEW_STEPS)
+        found = search_all(objective, jnp.asarray(z)[None], free, FEW_STEPS)
         if float(found.cost[0]) < ARRIVED and float(jnp.min(found.rows)) >= 0.0:
             return time.perf_counter() - began
     return float("nan")
 
 
 @eqx.filter_jit
-def _judge(task, z):
-    return evaluate(task, z)
+def _judge(objective, z):
+    return evaluate(objective, z)
 
 
-def _blocks(problem: Assembled) -> list[tuple[int, int]]:
+def _blocks(problem: DesignProblem) -> list[tuple[int, int]]:
     sizes = list(rows_of_limits(problem).values())
     ends = np.cumsum(sizes)
     return list(zip(ends - sizes, ends, strict=True))
@@ -263,7 +263,7 @@ def study(family: Family, count: int, peer_count: int, seed: int) -> dict[str, A
     rivals: dict[str, list[tuple[float, float]]] = {}
     firsts = []
     for p in tasks[:peer_count]:
-        z0, _ = starts(without_goal(p.task), p.space, p.target.search.starts, p.target.search.seed)
+        z0, _ = starts(without_goal(p.objective), p.space, p.target.search.starts, p.target.search.seed)
         first_arrival(p, z0)  # compiles
         firsts.append(first_arrival(p, z0))
         for name, got in peers(p, z0).items():
@@ -281,7 +281,7 @@ def study(family: Family, count: int, peer_count: int, seed: int) -> dict[str, A
     return out
 
 
-def _distinct(found: Lanes) -> int:
+def _distinct(found: SearchResult) -> int:
     good = found.z[found.kept & (found.cost < ARRIVED)]
     kept: list[np.ndarray] = []
     for z in good:

@@ -13,11 +13,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gtr_jax import channel, friction
-from gtr_jax.equilibrium import problem_of
-from gtr_jax.march import March
-from gtr_jax.problem import Problem, offset_before
-from gtr_jax.robot import Robot, sections
+from gtr_jax import March
+from gtr_jax.mechanics import channel
+from gtr_jax.mechanics.sections import offset_before
+from gtr_jax.mechanics.several import friction
+from gtr_jax.mechanics.several.problem import Problem
+from gtr_jax.robot.robot import Robot, sections
+from gtr_jax.simulation.several import problem_of
 
 from . import measure, systems
 

@@ -16,10 +16,11 @@ import jax.numpy as jnp
 import numpy as np
 
 import gtr_jax as gtr
-from gtr_jax import build, mesh
+from gtr_jax.mechanics import mesh
+from gtr_jax.robot import build
 
 from . import measure, systems
-from .candidates import CANDIDATES
+from .candidates import CANDIDATES, equilibrium
 from .node_equation import node_equation
 from .systems import System, draws
 
@@ -44,7 +45,7 @@ RULES = {
 
 def tip(robot: gtr.Robot, T_base, solver=None) -> tuple:
     """What is compared: tip tension, tip pose, and whether it converged."""
-    eq = gtr.equilibrium(robot, T_base, solver=solver or gtr.March())
+    eq = equilibrium(robot, T_base, solver or gtr.March())
     return eq.T_tip, eq.tip_pose, eq.converged
 
 
@@ -92,7 +93,7 @@ def work_precision(system: System, quick: bool) -> dict[str, Any]:
                 continue
 
             def solve(robot, T_base, solver=solver):
-                eq = gtr.equilibrium(robot, T_base, solver=solver)
+                eq = equilibrium(robot, T_base, solver)
                 return eq.T_tip, eq.tip_pose, eq.iterations
 
             time = measure.timed(solve, robot, system.T_base, budget=0.15)

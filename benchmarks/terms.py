@@ -21,7 +21,7 @@ import numpy as np
 
 import gtr_jax as gtr
 from gtr_jax.examples import SIMULATED
-from gtr_jax.report.terms import history
+from gtr_jax.report.term_pages import history
 from gtr_jax.terms import REGISTRY
 
 FIXTURES = Path(__file__).parents[1] / "tests/data/reference"

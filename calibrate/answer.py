@@ -9,11 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .coordinates import Coordinates, Prediction
+from .coordinates import Coordinates
 from .descent import Descent, Objective
 from .estimate import UNKNOWN, Uncertainty, shares_of_variance, uncertainty
-from .noise import Noise, correlation_time
-from .task import Part, Task
+from .predictor import Prediction
+from .readings.noise import Noise, correlation_time
+from .setup import Part, Setup
 from .weighing import Weighing
 
 LEVELLING = 12
@@ -104,27 +105,27 @@ class Answer:
         """Derivatives of the weighed residuals there, (D, p)."""
         return self.problem.jacobian(self.predictions)
 
-    def known(self, task: Task) -> Uncertainty:
+    def known(self, setup: Setup) -> Uncertainty:
         """What data and priors say at this point; nothing of what ran to the end of its range."""
         log = np.asarray(self.at[0].log)
-        unknown = np.where(log | (task.initial != 0), UNKNOWN, UNKNOWN_WITHOUT_SCALE)
+        unknown = np.where(log | (setup.initial != 0), UNKNOWN, UNKNOWN_WITHOUT_SCALE)
         unknown = np.where(self.descent.at_edge | self.at[0].stopped(self.descent.u), 0.0, unknown)
         return uncertainty(self.jacobian, 1.0, self.problem.precision, unknown)
 
-    def spread(self, task: Task) -> np.ndarray:
+    def spread(self, setup: Setup) -> np.ndarray:
         """Covariance of the coordinates, (p, p): the data's where they know it, else the prior's, else 0."""
-        covariance, precision = self.known(task).covariance, self.problem.precision
+        covariance, precision = self.known(setup).covariance, self.problem.precision
         seen = np.isfinite(np.diag(covariance))
         alone = np.where(precision > 0, 1 / np.where(precision > 0, precision, 1.0), 0.0) ** 2
         return np.where(np.outer(seen, seen), covariance, 0.0) + np.diag(np.where(seen, 0.0, alone))
 
-    def sources(self, task: Task) -> tuple[list[str], np.ndarray]:
+    def sources(self, setup: Setup) -> tuple[list[str], np.ndarray]:
         """What the variance of each coordinate is made of: noise of the tip's cell, of the other channels, of
         the base's cell, and each prior, as `shares_of_variance`.
         """
         precision = self.problem.precision
-        priors = {f.name: row for f, row in zip(task.free, np.diag(precision), strict=True) if row.any()}
-        return shares_of_variance(by_source(self.jacobian, task.parts), priors)
+        priors = {f.name: row for f, row in zip(setup.free, np.diag(precision), strict=True) if row.any()}
+        return shares_of_variance(by_source(self.jacobian, setup.parts), priors)
 
     def information_about(self, asked: int) -> np.ndarray:
         """Fisher information about the first coordinates, the others being uncertain, (asked, asked)."""
@@ -137,22 +138,21 @@ class Answer:
         return self.jacobian.T @ self.jacobian + np.diag(self.problem.precision**2)
 
     @staticmethod
-    def of(task: Task, at: tuple[Coordinates, ...], problem: Objective, descent: Descent) -> Answer:
+    def of(setup: Setup, at: tuple[Coordinates, ...], problem: Objective, descent: Descent) -> Answer:
         """Judge the point where a descent ended."""
         assert descent.predictions is not None  # the start was simulated before the descent began
-        judged = tuple(map(functools.partial(_judged, task), task.parts, descent.predictions))
-        return Answer(
-            at, dataclasses.replace(problem, weighs=tuple(j.weigh for j in judged)), descent, judged
-        )
+        judged = tuple(map(functools.partial(_judged, setup), setup.parts, descent.predictions))
+        weighed = dataclasses.replace(problem, weighs=tuple(j.weigh for j in judged))
+        return Answer(at=at, problem=weighed, descent=descent, judged=judged)
 
 
-def _judged(task: Task, part: Part, prediction: Prediction) -> Judged:
+def _judged(setup: Setup, part: Part, prediction: Prediction) -> Judged:
     residual, noise = part.residual(prediction), part.noise(prediction)
-    found = _levelled(task, part, prediction, noise.sd)
+    found = _levelled(setup, part, prediction, noise.sd_if_known)
     kept = np.all(found.share >= HALF, axis=0)
     if not kept.all():
         noise = part.noise(prediction, kept)
-        found = _levelled(task, part, prediction, noise.sd)
+        found = _levelled(setup, part, prediction, noise.sd_if_known)
         kept = np.all(found.share >= HALF, axis=0)
     tau = np.asarray([correlation_time(row) for row in found.weigh.split(residual)[0]])
     return Judged(
@@ -161,9 +161,9 @@ def _judged(task: Task, part: Part, prediction: Prediction) -> Judged:
         noise=noise,
         weigh=dataclasses.replace(found.weigh, tau=tau),
         by_noise=found.by_noise,
-        chi2_per_n=found.chi2 if noise.sd else None,
+        chi2_per_n=found.chi2 if noise.sd_if_known else None,
         sd=found.sd,
-        least=part.least(noise.sd),
+        least=part.least(noise.sd_if_known),
         kept=kept,
     )
 
@@ -180,23 +180,23 @@ class _Levelled(NamedTuple):
     share: np.ndarray
 
 
-def _levelled(task: Task, part: Part, prediction: Prediction, noise: float | None) -> _Levelled:
+def _levelled(setup: Setup, part: Part, prediction: Prediction, noise: float | None) -> _Levelled:
     """The weighing that the residual asks for, with the noise of each channel or, where that does not explain
     it, with as much as does.
     """
     residual, least = part.residual(prediction), part.least(noise)
     degrees = np.full(len(least), float(part.samples))
-    degrees[0] = max(part.samples - len(task.free) * part.samples / task.samples, 1.0)
+    degrees[0] = max(part.samples - len(setup.free) * part.samples / setup.samples, 1.0)
     share = np.ones_like(residual)
 
     def weighed(sd: np.ndarray) -> tuple[Weighing, np.ndarray]:
         weigh = part.weighing(prediction, sd)
-        return weigh, _chi2(task, weigh, residual, share, degrees)
+        return weigh, _chi2(setup, weigh, residual, share, degrees)
 
     weigh, chi2 = weighed(least)
     by_noise, sd = weigh, least
     for _ in range(LEVELLING):
-        if task.robust:
+        if setup.robust:
             share = _trust(weigh.trusted(np.sqrt(share)).split(residual)[0], share)
             sd = np.maximum(sd * np.sqrt(np.maximum(chi2, LEAST_STEP)), least)
         elif np.all(chi2 <= 1.0):
@@ -205,8 +205,10 @@ def _levelled(task: Task, part: Part, prediction: Prediction, noise: float | Non
             sd = sd * np.sqrt(np.maximum(chi2, 1.0))
         weigh, chi2 = weighed(sd)
     root = np.sqrt(share)
-    in_noise = float(_chi2(task, by_noise, residual, share, degrees)[0])
-    return _Levelled(weigh.trusted(root), by_noise.trusted(root), in_noise, sd, share)
+    in_noise = float(_chi2(setup, by_noise, residual, share, degrees)[0])
+    return _Levelled(
+        weigh=weigh.trusted(root), by_noise=by_noise.trusted(root), chi2=in_noise, sd=sd, share=share
+    )
 
 
 def _trust(rows: np.ndarray, share: np.ndarray) -> np.ndarray:
@@ -216,13 +218,13 @@ def _trust(rows: np.ndarray, share: np.ndarray) -> np.ndarray:
 
 
 def _chi2(
-    task: Task, weigh: Weighing, residual: np.ndarray, share: np.ndarray, degrees: np.ndarray
+    setup: Setup, weigh: Weighing, residual: np.ndarray, share: np.ndarray, degrees: np.ndarray
 ) -> np.ndarray:
     """Sum of squares per degree of freedom of each channel, the base tension's with the first, (C,); of a
     robust fit that of residuals cut off, in units of what normal ones have.
     """
     rows, base = weigh.trusted(np.sqrt(share)).split(residual)
-    if not task.robust:
+    if not setup.robust:
         rows = rows**2
     else:
         rows = np.minimum(np.abs(rows) / np.sqrt(np.maximum(share, 1e-12)), HUBER) ** 2 / HUBER_SQUARES

@@ -1,31 +1,26 @@
-"""Least squares by optimistix' Levenberg-Marquardt, stepped from the host.
+"""The least squares problem of a fit, and the descent to its minimum.
 
-The residual and its Jacobian are computed once per step by the compiled simulator; the solver is given them
-as the linear model that it would have derived by itself. So the solver's own program is tiny, the simulator
-is compiled once for all uses, and a long fit can report its progress.
+The residual and its Jacobian are computed once per step by the compiled simulator. The variables of the
+descent are chosen so that the data see all directions alike, and no coordinate leaves the range searched.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeGuard
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 
-from .coordinates import Prediction, Predictors
+from .least_squares import WITH_DERIVATIVES, Rules, Step, minimise
+from .predictor import Prediction, Predictor, predict_all
 from .weighing import Weighing
 
 if TYPE_CHECKING:
-    from .task import Part
+    from .setup import Part
 
-# The variables are chosen so that their Hessian is WHITE^2 at the start: the solver's first damping, 1,
-# hardly shortens the step.
+# The variables are chosen so that their Hessian is WHITE^2 at the start: the first damping, 1, hardly
+# shortens the step.
 WHITE = 10.0
 # Directions that the data see this much less than others stay damped.
 DIMMEST = 1e-10
@@ -39,6 +34,7 @@ FAR = 100.0
 PATIENCE, GAIN = 6, 0.01
 # One that gains less than this in as many steps, in variances, walks along a valley without slope.
 NO_GAIN = 0.01
+FAILS = "the simulation fails at the start"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,7 +42,7 @@ class Objective:
     """What is minimised: sum of squares of weighed residuals, and of prior rows ((u - centre) precision)^2.
 
     Attributes:
-        predict: simulates the recordings.
+        predictors: simulate the recordings.
         parts: the recordings.
         weighs: how the residuals of each are weighed.
         centre: prior means of the coordinates, (p,).
@@ -54,12 +50,16 @@ class Objective:
         reach: largest |u|, (p,).
     """
 
-    predict: Predictors
+    predictors: tuple[Predictor, ...]
     parts: tuple[Part, ...]
     weighs: tuple[Weighing, ...]
     centre: np.ndarray
     precision: np.ndarray
     reach: np.ndarray
+
+    def predict(self, u: np.ndarray) -> tuple[Prediction, ...] | None:
+        """The recordings at coordinates u, (p,); None where the simulator breaks down."""
+        return predict_all(self.predictors, u)
 
     def residuals(self, predictions: tuple[Prediction, ...]) -> np.ndarray:
         """Weighed residuals of all recordings, (D,)."""
@@ -73,10 +73,7 @@ class Objective:
     def jacobian(self, predictions: tuple[Prediction, ...]) -> np.ndarray:
         """Their derivatives by the coordinates, (D, p)."""
         return np.concatenate(
-            [
-                weigh(prediction.jacobian[part.where])
-                for part, weigh, prediction in zip(self.parts, self.weighs, predictions, strict=True)
-            ]
+            [weigh(prediction.jacobian) for weigh, prediction in zip(self.weighs, predictions, strict=True)]
         )
 
     def rows(self, u: np.ndarray, predictions: tuple[Prediction, ...]) -> tuple[np.ndarray, np.ndarray]:
@@ -108,6 +105,7 @@ class Descent:
         converged: whether both steps and cost had become small.
         result: in words.
         iterations: steps taken, accepted or not.
+        evaluations: times that all recordings were simulated.
         at_edge: which coordinates ended at their reach, (p,).
     """
 
@@ -116,12 +114,8 @@ class Descent:
     converged: bool
     result: str
     iterations: int
+    evaluations: int
     at_edge: np.ndarray
-
-
-def _linear_model(y, args):
-    y0, value, jacobian = args
-    return value + jacobian @ (y - y0), None
 
 
 def _whitening(jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -142,21 +136,81 @@ def _compressed(value: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np
     return triangle[:, -1], triangle[:, :-1]
 
 
-_SOLVER = optx.LevenbergMarquardt(rtol=RTOL, atol=ATOL)
-_step = eqx.filter_jit(_SOLVER.step)
-_terminate = eqx.filter_jit(_SOLVER.terminate)
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Found:
+    """A point of a descent: the simulations there, and residuals and derivatives compressed."""
+
+    predictions: tuple[Prediction, ...]
+    rows: np.ndarray
+    jacobian: np.ndarray
+    penalty: float = 0.0
+
+    @property
+    def cost(self) -> float:
+        """Sum of squares."""
+        return float(np.sum(self.rows**2))
 
 
-@functools.cache
-def _before_first_step(rows: int, variables: int):
-    """State of the solver before its first step, whose place is still to be put in.
+class _Watch:
+    """Follows a descent step by step: the best point met, and why it ends.
 
-    Kept, because a state carries the traced form of its Jacobian: a new one would compile the step anew.
+    Args:
+        start: where it begins, (p,).
+        first: what is found there.
+        cost: its sum of squares.
+        near: tells of coordinates which of them lie near the end of the range searched, (p,) bool.
+        position: coordinates from the variables of the descent.
+        most: steps after which it gives up.
+        progress: called with a line per step, or None.
     """
-    y = jnp.zeros(variables)
-    model = (y, jnp.zeros(rows), jnp.zeros((rows, variables)))
-    shape = jax.ShapeDtypeStruct((rows,), y.dtype)
-    return _SOLVER.init(_linear_model, y, model, {}, shape, None, frozenset())
+
+    def __init__(
+        self,
+        start: np.ndarray,
+        first: tuple[Prediction, ...],
+        cost: float,
+        *,
+        near: Callable[[np.ndarray], np.ndarray],
+        position: Callable[[np.ndarray], np.ndarray],
+        most: int,
+        progress: Callable[[str], None] | None,
+    ):
+        self.u, self.predictions, self.costs = start, first, [cost]
+        self.near, self.position, self.most, self.progress = near, position, most, progress
+        self.steps, self.converged, self.result = 0, False, f"no convergence within {most} steps"
+
+    def __call__(self, step: Step[_Found]) -> bool:
+        """Take a step that was tried into account; True ends the descent."""
+        self.steps += 1
+        found, best = step.point, self.costs[-1]
+        if found is not None and found.cost <= best:
+            self.u, self.predictions, best = self.position(step.x), found.predictions, found.cost
+        self.costs.append(best)
+        if self.progress is not None:
+            self.progress(f"fitting: step {self.steps}, sum of squares {best:.6g}")
+        patient = self.steps > PATIENCE
+        gained = self.costs[-PATIENCE - 1] - best if patient else np.inf
+        if patient and self.near(self.u).any() and gained < GAIN * best:
+            return self._end("ended at the end of the range searched")
+        if patient and gained < NO_GAIN:
+            return self._end("converged: no further gain")
+        if (
+            found is not None
+            and step.taken
+            and _settled(step.moved, step.x)
+            and _settled(step.change, found.rows)
+        ):
+            return self._end("converged")
+        return self.steps >= self.most
+
+    def _end(self, result: str) -> bool:
+        self.converged, self.result = True, result
+        return True
+
+
+def _settled(change: np.ndarray, size: np.ndarray) -> bool:
+    """Whether a change is small, beside RTOL of what changes."""
+    return bool(np.max(np.abs(change) / (ATOL + RTOL * np.abs(size))) < 1)
 
 
 def descend(
@@ -184,58 +238,72 @@ def descend(
     moving = np.flatnonzero(np.ones(len(start), bool) if active is None else active)
     reach = objective.reach[moving]
     first = objective.predict(start) if known is None else known
+    evaluations = int(known is None)
     if not all_converged(first):
         return Descent(
-            start, first, False, "the simulation fails at the start", 0, np.zeros(len(start), bool)
+            u=start,
+            predictions=first,
+            converged=False,
+            result=FAILS,
+            iterations=0,
+            evaluations=evaluations,
+            at_edge=np.zeros(len(start), bool),
         )
     into_u, into_y = _whitening(objective.rows(start, first)[1][:, moving])
-    failed = np.full(len(moving) + 1, 1e3 * (1 + np.sqrt(objective.cost(start, first))))
 
     def position(y: np.ndarray) -> np.ndarray:
         u = np.array(start)
         u[moving] = reach * np.tanh(into_u @ y / reach)
         return u
 
-    def evaluate(y: np.ndarray) -> tuple[tuple[Prediction, ...] | None, np.ndarray, np.ndarray]:
-        u = position(y)
-        found = first if np.allclose(u, start, rtol=0, atol=1e-13) else objective.predict(u)
-        if not all_converged(found):
-            return None, failed, np.zeros((len(failed), len(moving)))
-        value, jacobian = objective.rows(u, found)
+    def near(u: np.ndarray) -> np.ndarray:
+        edge = np.zeros(len(start), bool)
+        edge[moving] = np.abs(u[moving]) > NEAR_THE_EDGE * reach
+        return edge
+
+    def compressed(y: np.ndarray, found: tuple[Prediction, ...]) -> _Found:
+        value, jacobian = objective.rows(position(y), found)
         far = np.clip(into_u @ y / reach, -FAR, FAR)
-        return found, *_compressed(value, (jacobian[:, moving] / np.cosh(far) ** 2) @ into_u)
+        return _Found(found, *_compressed(value, (jacobian[:, moving] / np.cosh(far) ** 2) @ into_u))
+
+    def evaluate(y: np.ndarray) -> _Found | None:
+        nonlocal evaluations
+        u = position(y)
+        same = np.allclose(u, start, rtol=0, atol=1e-13)
+        evaluations += not same
+        found = first if same else objective.predict(u)
+        return compressed(y, found) if all_converged(found) else None
 
     begin = np.clip(start[moving] / reach, -NEAR_THE_EDGE, NEAR_THE_EDGE)
-    y = jnp.asarray(into_y @ (np.arctanh(begin) * reach))
-    state = eqx.tree_at(lambda s: s.y_eval, _before_first_step(len(failed), len(moving)), y)
-    at_edge = np.zeros(len(start), bool)
-    best, best_cost = (np.array(start), first), objective.cost(start, first)
-    done, result, steps, costs = False, optx.RESULTS.successful, 0, [best_cost]
-    while not done and steps < max_steps:
-        steps += 1
-        trial = np.asarray(state.y_eval)
-        predictions, value, jacobian = evaluate(trial)
-        cost = float(np.sum(value**2))
-        if predictions is not None and cost <= best_cost:
-            best, best_cost = (position(trial), predictions), cost
-        model = (state.y_eval, jnp.asarray(value), jnp.asarray(jacobian))
-        y, state, _ = _step(_linear_model, y, model, {}, state, frozenset())
-        finished, result = _terminate(_linear_model, y, None, {}, state, frozenset())
-        done = bool(finished)
-        if progress is not None:
-            progress(f"fitting: step {steps}, sum of squares {best_cost:.6g}")
-        costs.append(best_cost)
-        at_edge[moving] = np.abs(best[0][moving]) > NEAR_THE_EDGE * reach
-        if at_edge.any() and steps > PATIENCE and costs[-PATIENCE - 1] - costs[-1] < GAIN * costs[-1]:
-            return Descent(*best, True, "ended at the end of the range searched", steps, at_edge)
-        if steps > PATIENCE and costs[-PATIENCE - 1] - costs[-1] < NO_GAIN:
-            return Descent(*best, True, "converged: no further gain", steps, at_edge)
-    converged = done and bool(result == optx.RESULTS.successful)
-    words = (
-        f"no convergence within {max_steps} steps"
-        if not done
-        else "converged"
-        if converged
-        else str(optx.RESULTS[result])
+    y = into_y @ (np.arctanh(begin) * reach)
+    watch = _Watch(
+        start,
+        first,
+        objective.cost(start, first),
+        near=near,
+        position=position,
+        most=max_steps,
+        progress=progress,
     )
-    return Descent(*best, converged, words, steps, at_edge)
+    found = evaluate(y)
+    if found is None:  # it lies beyond the range, at whose end the simulation fails
+        watch.result = FAILS
+    elif not watch(Step(x=y, point=found, moved=np.zeros_like(y), change=found.rows, taken=True)):
+        minimise(
+            evaluate,
+            lambda _, point: point.jacobian,
+            y,
+            found,
+            rules=Rules(WITH_DERIVATIVES),
+            most=max_steps,
+            ended=watch,
+        )
+    return Descent(
+        u=watch.u,
+        predictions=watch.predictions,
+        converged=watch.converged,
+        result=watch.result,
+        iterations=watch.steps,
+        evaluations=evaluations,
+        at_edge=near(watch.u),
+    )

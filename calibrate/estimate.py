@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gtr_jax.parameters import Parameter
+from .number import Number
 
 NORMAL_95 = 1.959963984540054
 # Standard errors of a change that is significant (two sides, 5 %) in 95 of 100 recordings.
@@ -133,7 +133,7 @@ def uncertainty(jacobian: np.ndarray, sd: float, precision: np.ndarray, unknown:
         covariance[np.ix_(kept, kept)] = cov[np.ix_(sure, sure)]
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(precision > 0, precision**2 * np.diag(covariance), 0.0)
-    return Uncertainty(covariance, known, alone, share)
+    return Uncertainty(covariance=covariance, known=known, alone=alone, prior_share=share)
 
 
 def shares_of_variance(
@@ -171,11 +171,9 @@ def correlation(covariance: np.ndarray) -> np.ndarray:
 
 
 def estimates(
-    chosen: Sequence[Parameter],
+    numbers: Sequence[Number],
     values: np.ndarray,
     initial: np.ndarray,
-    log: np.ndarray,
-    scale: np.ndarray,
     found: Uncertainty,
     notes: Sequence[str],
     sources: tuple[Sequence[str], np.ndarray] = ((), np.zeros((0, 0))),
@@ -183,42 +181,39 @@ def estimates(
     """Estimates in SI from coordinates; see `Estimate`.
 
     Args:
-        chosen: the free parameters, p of them.
+        numbers: the free ones, p of them.
         values: fitted values, SI, (p,).
         initial: values before, SI.
-        log: which are on a logarithmic scale, (p,).
-        scale: value per unit of coordinate of the others, (p,).
         found: their uncertainty.
         notes: one per parameter, may be empty.
         sources: what their variance is made of, from `shares_of_variance`.
     """
     out, (labels, shares) = [], sources
-    for i, entry in enumerate(chosen):
+    for i, number in enumerate(numbers):
         value, sd, lower, upper = float(values[i]), None, None, None
         if found.known[i]:
             spread = float(np.sqrt(found.covariance[i, i]))
-            if log[i]:
+            if number.log:
                 sd = value * spread
                 lower, upper = value * np.exp(-NORMAL_95 * spread), value * np.exp(NORMAL_95 * spread)
             else:
-                sd = float(scale[i]) * spread
+                sd = number.sd * spread
                 lower, upper = value - NORMAL_95 * sd, value + NORMAL_95 * sd
             lower, upper = float(lower), float(upper)
-        start, scaled = float(initial[i]), transform(log[i])
         out.append(
             Estimate(
-                entry.name,
-                entry.key,
-                value,
-                sd,
-                lower,
-                upper,
-                start,
-                entry.unit,
-                scaled,
-                notes[i],
-                None if sd is None else DETECTED * sd,
-                {}
+                name=number.name,
+                key=number.key,
+                value=value,
+                sd=sd,
+                lower95=lower,
+                upper95=upper,
+                initial=float(initial[i]),
+                unit=number.unit,
+                transform=transform(number.log),
+                note=notes[i],
+                detectable=None if sd is None else DETECTED * sd,
+                made_of={}
                 if sd is None
                 else {n: float(x[i]) for n, x in zip(labels, shares, strict=True) if x[i] > LITTLE},
             )

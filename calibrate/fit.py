@@ -9,20 +9,20 @@ from typing import Any
 import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot
-from gtr_jax.parameters import term_of
+from gtr_jax.robot.parameters import term_of
 from gtr_jax.terms import REGISTRY, known_on
 
-from . import base_tension
+from . import readings
 from .answer import Answer
-from .assemble import assemble, ignorance, unanswered
-from .coordinates import CHANNELS
+from .conclusion import concluded, ignorance, unanswered
 from .descent import descend
 from .free import Free, carried_by, distinct, free_of
 from .posterior import CHAINS, DRAWS, WARM_UP, require_sampler, sample
+from .predictor import CHANNELS
 from .profiles import profiles
 from .result import FitResult
-from .start import search
-from .task import STRETCH, Part, Task, check_tension, fitted_to, recorded
+from .setup import STRETCH, Part, Setup, check_tension, fitted_to, recorded
+from .start import candidates, search
 
 DEFAULT_FREE = ("mu", "E")
 # Slopes of the tip tension below this share of the largest tension are rounding.
@@ -51,7 +51,7 @@ def fit(
     """Fit parameters of a robot, or of several, to recordings by least squares.
 
     The true base tension is an unknown like the parameters: straight between as few knots as the noise of the
-    recorded one allows (`base_tension.py`), because tendons with friction remember extremes, so that noise
+    recorded one allows (`readings`), because tendons with friction remember extremes, so that noise
     taken for tension biases friction. Minimised is the sum of squares of what is left at the tip and at the
     base, each in units of its noise (`weighing.py`), and of (deviation/standard deviation) of each free
     parameter under [uncertainty] in the robot file, on the scale it is fitted on: logarithmic where positive.
@@ -142,25 +142,34 @@ def fit(
     ]
     for model, recording in zip(prepared, recordings, strict=True):
         _check_times(model, recording, wanted)
-    parts = [
-        part_of(name, model, configs[r], rec, channels, noise_N, noise_base_N, robust, warnings)
-        for name, model, r, rec in zip(names, prepared, of, recordings, strict=True)
-    ]
+    parts = []
+    for name, model, r, rec in zip(names, prepared, of, recordings, strict=True):
+        part, more = part_of(
+            name,
+            model,
+            configs[r],
+            rec,
+            channels,
+            noise_N=noise_N,
+            noise_base_N=noise_base_N,
+            robust=robust,
+        )
+        parts.append(part)
+        warnings += more
     for k, part in enumerate(parts):
         if any(k in f.parts and f.entry.name.startswith(STRETCH) for f in wanted):
             parts[k] = dataclasses.replace(part, stretches=True)
-    silent = progress or (lambda _: None)
-    task = Task(
-        tuple(parts),
-        wanted,
-        max_steps,
-        silent,
-        warnings,
+    setup = Setup(
+        parts=tuple(parts),
+        free=tuple(wanted),
+        max_steps=max_steps,
+        progress=progress or (lambda _: None),
         profiled=profiled,
         sampled=sampled,
         robust=robust,
     )
-    return _run(task)
+    result = _run(setup)
+    return dataclasses.replace(result, warnings=[*warnings, *setup.unused_priors, *result.warnings])
 
 
 def channels_of(
@@ -206,120 +215,145 @@ def part_of(
     config: RobotConfig | None,
     recording: Recording,
     wanted: Sequence[str] | None,
-    noise_N: float | None,
-    noise_base_N: float | None,
-    robust: bool,
-    warnings: list[str],
-) -> Part:
-    """A recording made ready, its base tension estimated."""
+    *,
+    noise_N: float | None = None,
+    noise_base_N: float | None = None,
+    robust: bool = False,
+) -> tuple[Part, list[str]]:
+    """A recording made ready, its base tension estimated, and what a reader must know of it.
+
+    Args:
+        name: of the recording.
+        robot, config: what was recorded, and its file.
+        recording: with T_base and T_tip.
+        wanted: channels to compare beside T_tip; all unless given.
+        noise_N, noise_base_N, robust: as of `fit`.
+    """
     T_base, given = recorded(recording)
     check_tension(T_base, robot, str(recording.path))
-    kept = fitted_to(given, wanted, robot, str(recording.path), warnings)
+    kept, warnings = fitted_to(given, wanted, robot, str(recording.path))
     channels, values = tuple(kept), np.stack(list(kept.values()))
     if robust:
-        T_base, spikes = base_tension.without_spikes(T_base)
+        T_base, spikes = readings.without_spikes(T_base)
         if spikes:
             warnings.append(f"{spikes} lone spikes of the base tension in {recording.path} are left out.")
-    base = base_tension.estimate(T_base, recording.time, noise_base_N, values[0])
-    if noise_base_N is None and base.sd == 0 and base_tension.is_noisy(T_base):
+    base = readings.estimate_base(T_base, recording.time, noise_base_N, values[0])
+    if noise_base_N is None and base.sd == 0 and readings.is_noisy(T_base):
         warnings.append(
             f"{recording.path}: the base tension jumps about so that noise cannot be told from changes: it "
             "is taken as exact, which biases friction if it is noisy; give its noise with --noise-base."
         )
     if noise_base_N:
-        seen = base_tension.estimate(T_base, recording.time, tip=values[0]).sd
+        seen = readings.estimate_base(T_base, recording.time, tip=values[0]).sd
         if 0 < TOO_LARGE * seen < noise_base_N:
             warnings.append(
                 f"The noise given for the base tension, {noise_base_N:.3g} N, is far above the {seen:.2g} N "
                 "that the recording shows: real changes smaller than it may be taken for noise."
             )
-    path, time, trial = str(recording.path), recording.time, recording.trial
-    return Part(name, path, robot, config, base, channels, values, time, trial, noise_N)
+    part = Part(
+        name=name,
+        path=str(recording.path),
+        robot=robot,
+        config=config,
+        T_base=base,
+        channels=channels,
+        recorded=values,
+        time=recording.time,
+        trial=recording.trial,
+        noise_N=noise_N,
+    )
+    return part, warnings
 
 
-def _run(task: Task) -> FitResult:
-    found = search(task)
+def _run(setup: Setup) -> FitResult:
+    found = search(setup)
     if found is None:
-        return unanswered(task, None, "the simulation fails at every start value tried")
+        return unanswered(
+            setup, None, "the simulation fails at every start value tried", len(candidates(setup))
+        )
     at, start = found.at, found.u
-    problem = task.objective(at)
-    task.progress("fitting")
+    problem = setup.objective(at)
+    setup.progress("fitting")
     first = problem.predict(start)
     if first is None:
-        return unanswered(task, None, "the simulation fails at the start values")
+        return unanswered(setup, None, "the simulation fails at the start values", found.evaluations)
     slopes = np.max([np.max(np.abs(p.jacobian[0]), axis=0) for p in first], axis=0)
-    heard = slopes > NO_SLOPE * task.stiff
-    for part, prediction in zip(task.parts, first, strict=True):
-        for c, at_channel in enumerate(part.where):
-            if c:
-                most = np.max(np.abs(prediction.jacobian[at_channel]), axis=0)
-                heard |= most > NO_SLOPE * max(float(np.ptp(part.recorded[c])), 1e-6)
-    if not heard[: len(task.asked)].any():
-        names, still = " and ".join(f.name for f in task.asked), all(np.ptp(p.T_tip) == 0 for p in first)
+    heard = slopes > NO_SLOPE * setup.stiff
+    for part, prediction in zip(setup.parts, first, strict=True):
+        for row, slope in zip(part.recorded[1:], prediction.jacobian[1:], strict=True):
+            most = np.max(np.abs(slope), axis=0)
+            heard |= most > NO_SLOPE * max(float(np.ptp(row)), 1e-6)
+    if not heard[: len(setup.asked)].any():
+        names, still = " and ".join(f.name for f in setup.asked), all(np.ptp(p.T_tip) == 0 for p in first)
         reason = "no slip reaches the tip" if still else "the tip tension does not depend on it"
-        which = "recording says" if len(task.parts) == 1 else "recordings say"
-        return unanswered(task, first, f"the {which} nothing about {names}: {reason}")
+        which = "recording says" if len(setup.parts) == 1 else "recordings say"
+        why = f"the {which} nothing about {names}: {reason}"
+        return unanswered(setup, first, why, found.evaluations + 1)
     weighs = []
-    for part, prediction in zip(task.parts, first, strict=True):
+    for part, prediction in zip(setup.parts, first, strict=True):
         rms = np.sqrt(np.mean(part.residual(prediction) ** 2, axis=1))
-        sd = np.maximum(part.least(part.noise().sd), rms)
+        sd = np.maximum(part.least(part.noise().sd_if_known), rms)
         weighs.append(part.weighing(prediction, sd))
     problem = dataclasses.replace(problem, weighs=tuple(weighs))
-    known, iterations, answer = first, 0, None
-    for k in range(ROBUST_REWEIGHINGS if task.robust else REWEIGHINGS):
+    known, iterations, answer, evaluations = first, 0, None, found.evaluations + 1
+    for k in range(ROBUST_REWEIGHINGS if setup.robust else REWEIGHINGS):
         # Priors of what is asked for wait until it is known how well the model can fit: else one that is
         # wrong passes for noise.
-        carried = np.asarray([f.carried for f in task.free])
+        carried = np.asarray([f.carried for f in setup.free])
         unbiased = dataclasses.replace(problem, precision=np.where(carried, problem.precision, 0.0))
         descent = descend(
             problem if k else unbiased,
             start,
             active=heard,
             known=known,
-            max_steps=task.max_steps,
-            progress=task.progress,
+            max_steps=setup.max_steps,
+            progress=setup.progress,
         )
         iterations += descent.iterations
+        evaluations += descent.evaluations
         # Tip, base and priors are weighed by the errors that the data turn out to have.
-        answer = Answer.of(task, at, problem, descent)
+        answer = Answer.of(setup, at, problem, descent)
         problem = answer.problem
         if descent.converged:
             start, known = descent.u, answer.predictions
         elif k:
             break
     assert answer is not None
-    task.evaluations += problem.predict.count
-    problem.predict.count = 0
-    unknown = ignorance(task, answer)
+    unknown = ignorance(setup, answer)
     if unknown:
-        as_given = np.where(np.asarray(at[0].log), np.maximum(task.initial, 1e-9), task.initial)
-        return unanswered(task, problem.predict(at[0].at(as_given)), unknown)
-    result = assemble(task, answer, iterations, found)
+        as_given = np.where(np.asarray(at[0].log), np.maximum(setup.initial, 1e-9), setup.initial)
+        return unanswered(setup, problem.predict(at[0].at(as_given)), unknown, evaluations)
+    result = concluded(setup, answer, iterations, evaluations, found)
     if not result.converged:
         return result
-    if task.sampled:
-        result = _sampled(task, answer, result)
-    if not task.profiled:
+    if setup.sampled:
+        result = _sampled(setup, answer, result)
+    if not setup.profiled:
         return result
-    found_profiles = profiles(task, answer)
+    more = profiles(setup, answer)
     return dataclasses.replace(
-        result, profiles=found_profiles, evaluations=result.evaluations + problem.predict.count
+        result,
+        profiles=more.of,
+        evaluations=result.evaluations + more.evaluations,
+        warnings=[*result.warnings, *more.warnings],
     )
 
 
-def _sampled(task: Task, answer: Answer, result: FitResult) -> FitResult:
+def _sampled(setup: Setup, answer: Answer, result: FitResult) -> FitResult:
     """The result with draws from its posterior."""
-    task.progress(f"sampling the posterior: {CHAINS} chains of {WARM_UP} steps to settle and {DRAWS} draws")
+    setup.progress(f"sampling the posterior: {CHAINS} chains of {WARM_UP} steps to settle and {DRAWS} draws")
+    found, warning = None, ""
     try:
-        found = sample(task, answer)
+        found = sample(setup, answer)
     except KeyboardInterrupt:
-        task.warnings.append("Interrupted while sampling the posterior: the fit is whole without it.")
-        return result
-    if found is None:
-        task.warnings.append("The posterior is not sampled: the recordings do not determine every parameter.")
-    elif not found.converged:
-        task.warnings.append(
-            f"The chains of the posterior do not agree (R-hat up to {np.max(found.rhat):.3f}, "
-            f"{found.divergences} divergences): do not use its intervals."
-        )
-    return dataclasses.replace(result, posterior=found)
+        warning = "Interrupted while sampling the posterior: the fit is whole without it."
+    else:
+        if found is None:
+            warning = "The posterior is not sampled: the recordings do not determine every parameter."
+        elif not found.converged:
+            warning = (
+                f"The chains of the posterior do not agree (R-hat up to {np.max(found.rhat):.3f}, "
+                f"{found.divergences} divergences): do not use its intervals."
+            )
+    warnings = [*result.warnings, warning] if warning else result.warnings
+    return dataclasses.replace(result, posterior=found, warnings=warnings)

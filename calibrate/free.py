@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 
 from gtr_jax import InputError, Robot, RobotConfig, parameters_of
-from gtr_jax.parameters import Parameter, parameter, term_of
+from gtr_jax.robot.parameters import Parameter, parameter, term_of
 
 # Values in two robot files that differ by less, relative, are one.
 SAME = 1e-9
@@ -108,7 +108,13 @@ def free_of(
             priors = [_prior(configs[r], entry) for r in of]
             _agree(entry, [_file(configs[r], robot_names[r]) for r in of], values, priors)
             found.append(
-                Free(entry, entry.name + ending, tuple(members), _start(entry, values[0]), priors[0])
+                Free(
+                    entry=entry,
+                    name=entry.name + ending,
+                    parts=tuple(members),
+                    initial=_start(entry, values[0]),
+                    prior=priors[0],
+                )
             )
     return found
 
@@ -143,7 +149,16 @@ def carried_by(
             if not prior or taken & set(parts) or (entry.external and not robot.loaded):
                 continue
             name = entry.name if len(robots) == 1 else f"{entry.name}@{robot_names[r]}"
-            found.append(Free(entry, name, parts, float(robot.value(entry.name)), prior, carried=True))
+            found.append(
+                Free(
+                    entry=entry,
+                    name=name,
+                    parts=parts,
+                    initial=float(robot.value(entry.name)),
+                    prior=prior,
+                    carried=True,
+                )
+            )
     return found
 
 
@@ -161,9 +176,9 @@ def _file(config: RobotConfig | None, name: str) -> str:
 
 def _agree(entry: Parameter, names: list[str], values: list[float], priors: list[float | None]) -> None:
     """Refuse a shared parameter about which robot files disagree."""
-    for what, said in (("is", values), ("has the uncertainty", priors)):
-        first = said[0]
-        for name, other in zip(names, said, strict=True):
+    for what, each in (("is", values), ("has the uncertainty", priors)):
+        first = each[0]
+        for name, other in zip(names, each, strict=True):
             same = first == other
             if isinstance(first, float) and isinstance(other, float):
                 same = abs(first - other) <= SAME * max(abs(first), abs(other))

@@ -16,10 +16,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .coordinates import Coordinates, History, history_of, shown
+from gtr_jax.simulation.programs import known_to_act
+
+from .coordinates import Coordinates
 from .estimate import FLAT
+from .predictor import History, padded_history, shown
+from .setup import Part, Setup
 from .start import thin
-from .task import Part, Task
 
 STEPS = 40
 HIGHER = 1.5  # times the largest base tension
@@ -77,8 +80,10 @@ def _measurements(
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Each measurement in words, with its Fisher information in the coordinates, (p, p)."""
 
+    with_terms = bool(at.of_terms or known_to_act(part.robot))
+
     def information(T_base, time, which, error):
-        steps = history_of(part.robot, at, T_base, time)
+        steps = padded_history(T_base, time, None, with_terms=with_terms)
         rows = np.asarray(_jacobians(part.robot, at, steps, jnp.asarray(u))[which])[: len(T_base)]
         return rows.T @ rows / error**2
 
@@ -95,7 +100,7 @@ def _measurements(
 
 
 def remedy(
-    task: Task,
+    setup: Setup,
     at: Sequence[Coordinates],
     u: np.ndarray,
     information: np.ndarray,
@@ -105,7 +110,7 @@ def remedy(
     """The measurement that would tell some of the parameters apart, in a sentence; "" if none here would.
 
     Args:
-        task, at: the fit and the coordinates of its recordings.
+        setup, at: the fit and the coordinates of its recordings.
         u: where it ended, (p,).
         information: the Fisher information of recordings and priors, (p, p).
         sd: of each recording's tip tension [N], as it counts.
@@ -113,11 +118,11 @@ def remedy(
     """
     before = _errors(information)
     best, words = WORTHWHILE, ""
-    several = len(task.parts) > 1
+    several = len(setup.parts) > 1
     offers = itertools.chain(
         *(
             _measurements(part, a, u, error, f" of {part.name}" if several else "")
-            for part, a, error in zip(task.parts, at, sd, strict=True)
+            for part, a, error in zip(setup.parts, at, sd, strict=True)
         )
     )
     for name, more in offers:
@@ -128,9 +133,9 @@ def remedy(
         if gain < best:
             best = gain
             each = ", ".join(
-                f"{task.names[i]} to {100 * after[i]:.2g} %"
+                f"{setup.names[i]} to {100 * after[i]:.2g} %"
                 if bool(np.asarray(at[0].log)[i])
-                else task.names[i]
+                else setup.names[i]
                 for i in among
             )
             words = f"{name} would tell them apart ({each})"

@@ -18,9 +18,10 @@ from scipy.linalg import cho_solve_banded
 from gtr_jax import InputError, Robot
 
 from .answer import Answer
-from .coordinates import Coordinates, History, Predictor, shown
+from .coordinates import Coordinates
 from .posterior_draws import Posterior
-from .task import Part, Task
+from .predictor import History, Predictor, shown
+from .setup import Part, Setup
 from .weighing import Weighing
 
 CHAINS, WARM_UP, DRAWS = 4, 150, 250
@@ -105,27 +106,33 @@ class _Target(eqx.Module):
     share: Float[Array, " K"]
     recorded: Float[Array, "C K"]
     weigher: _Weigher
-    channels: tuple[int, ...] = eqx.field(static=True)
+    channels: tuple[str, ...] = eqx.field(static=True)
 
     @staticmethod
     def of(part: Part, at: Coordinates, predict: Predictor, weigh: Weighing) -> _Target:
         before, after, share = predict.interpolation
-        recorded = jnp.asarray(part.recorded)
-        places = tuple(part.where)
         return _Target(
-            part.robot, at, predict.history, before, after, share, recorded, _Weigher.of(weigh), places
+            robot=part.robot,
+            at=at,
+            history=predict.history,
+            before=before,
+            after=after,
+            share=share,
+            recorded=jnp.asarray(part.recorded),
+            weigher=_Weigher.of(weigh),
+            channels=part.channels,
         )
 
     def squares(self, u: Float[Array, " p"]) -> Float[Array, ""]:
         """Sum of squares at u; infinite where a load step does not converge."""
-        steps, run = shown(self.at.robot_at(self.robot, u), self.history)
-        steps, share = steps[jnp.asarray(self.channels)], self.share[None]
+        steps, run = shown(self.at.robot_at(self.robot, u), self.history, self.channels)
+        share = self.share[None]
         values = (1 - share) * steps[:, self.before] + share * steps[:, self.after]
         ok = jnp.all(run.converged)
         return jnp.where(ok, self.weigher(jnp.where(ok, values, self.recorded) - self.recorded), jnp.inf)
 
 
-def potential_of(task: Task, answer: Answer) -> Callable[[Float[Array, " p"]], Float[Array, ""]]:
+def potential_of(setup: Setup, answer: Answer) -> Callable[[Float[Array, " p"]], Float[Array, ""]]:
     """Minus the logarithm of the posterior density at coordinates u, (p,), but for a constant.
 
     Derivatives are taken forward, because the parameters are few.
@@ -133,7 +140,7 @@ def potential_of(task: Task, answer: Answer) -> Callable[[Float[Array, " p"]], F
     targets = [
         _Target.of(part, at, predict, judged.weigh)
         for part, at, predict, judged in zip(
-            task.parts, answer.at, answer.problem.predict.parts, answer.judged, strict=True
+            setup.parts, answer.at, answer.problem.predictors, answer.judged, strict=True
         )
     ]
     centre, precision, reach = (
@@ -175,7 +182,7 @@ def require_sampler() -> None:
 
 
 def sample(
-    task: Task, answer: Answer, *, chains: int = CHAINS, draws: int = DRAWS, seed: int = 0
+    setup: Setup, answer: Answer, *, chains: int = CHAINS, draws: int = DRAWS, seed: int = 0
 ) -> Posterior | None:
     """Sample the posterior by NUTS from where the fit ended, in coordinates in which the fit's covariance is
     the identity.
@@ -186,10 +193,10 @@ def sample(
     from numpyro.diagnostics import summary
     from numpyro.infer import MCMC, NUTS
 
-    if not answer.known(task).known[: len(task.asked)].all():
+    if not answer.known(setup).known[: len(setup.asked)].all():
         return None
-    best, root = jnp.asarray(answer.descent.u), jnp.asarray(np.linalg.cholesky(answer.spread(task)))
-    potential = potential_of(task, answer)
+    best, root = jnp.asarray(answer.descent.u), jnp.asarray(np.linalg.cholesky(answer.spread(setup)))
+    potential = potential_of(setup, answer)
     kernel = NUTS(
         potential_fn=lambda y: potential(best + root @ y),
         adapt_mass_matrix=False,
@@ -210,20 +217,20 @@ def sample(
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         mcmc.run(jax.random.key(seed), init_params=start, extra_fields=("diverging",))
     y = mcmc.get_samples(group_by_chain=True)
-    told = summary({"y": np.asarray(y)}, prob=0.95)["y"]
+    statistics = summary({"y": np.asarray(y)}, prob=0.95)["y"]
     u = np.asarray(best) + np.asarray(y) @ np.asarray(root).T
     values = np.asarray(jax.vmap(jax.vmap(answer.at[0].values))(jnp.asarray(u)))
-    n = len(task.asked)
+    n = len(setup.asked)
     values = values[..., :n]
     flat = values.reshape(-1, values.shape[-1])
     lower, upper = np.quantile(flat, [0.025, 0.975], axis=0)
     return Posterior(
-        names=tuple(f.name for f in task.asked),
+        names=tuple(f.name for f in setup.asked),
         draws=values,
         lower95=lower,
         upper95=upper,
         sd=flat.std(axis=0, ddof=1),
-        effective=np.asarray(told["n_eff"])[:n],
-        rhat=np.asarray(told["r_hat"])[:n],
+        effective=np.asarray(statistics["n_eff"])[:n],
+        rhat=np.asarray(statistics["r_hat"])[:n],
         divergences=int(np.sum(np.asarray(mcmc.get_extra_fields()["diverging"]))),
     )

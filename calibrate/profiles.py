@@ -7,12 +7,15 @@ the profile shows it.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from .answer import Answer
 from .descent import descend
 from .estimate import Profile
-from .task import Task
+from .parallel import in_parallel
+from .setup import Setup
 
 # Chi-squared of one parameter that 95 % of recordings stay below.
 LEVEL_95 = 3.841458820694124
@@ -20,70 +23,108 @@ FIRST, FARTHEST, POINTS, CLOSE = 1.0, 4.0, 6, 0.05
 MAX_STEPS = 12
 
 
-def profiles(task: Task, answer: Answer) -> dict[str, Profile]:
-    """Profiles of the parameters that the recording determines, by name; of one free parameter too."""
-    known, found = answer.known(task), {}
-    for i, name in enumerate(f.name for f in task.asked):
+class Profiles(NamedTuple):
+    """Profiles of the parameters that the recordings determine.
+
+    Attributes:
+        of: by name.
+        evaluations: times that all recordings were simulated.
+        warnings: what a reader must know.
+    """
+
+    of: dict[str, Profile]
+    evaluations: int
+    warnings: list[str]
+
+
+def profiles(setup: Setup, answer: Answer) -> Profiles:
+    """Profiles of the parameters that the recording determines; of one free parameter too."""
+    known, found, evaluations, warnings = answer.known(setup), {}, 0, []
+    for i, name in enumerate(f.name for f in setup.asked):
         if known.known[i]:
-            task.progress(f"profile of {name}")
+            setup.progress(f"profile of {name}")
             try:
-                found[name] = _profile(answer, i, float(np.sqrt(known.covariance[i, i])))
+                found[name], count = _profile(answer, i, float(np.sqrt(known.covariance[i, i])))
             except KeyboardInterrupt:
-                task.warnings.append(f"Interrupted at the profile of {name}: the fit is whole without it.")
+                warnings.append(f"Interrupted at the profile of {name}: the fit is whole without it.")
                 break
-    return found
+            evaluations += count
+    return Profiles(of=found, evaluations=evaluations, warnings=warnings)
 
 
-def _profile(answer: Answer, i: int, sd: float) -> Profile:
-    best, problem = answer.descent.u, answer.problem
-    lowest = problem.cost(best, answer.predictions)
-    free = _others(answer, i)
-    points, ends = {0.0: 0.0}, []
-    for side in (-1.0, 1.0):
-        start, offset, crossing = best, side * FIRST, None
-        inside, outside = (0.0, 0.0), None
-        for _ in range(POINTS):
-            u = start.copy()
-            u[i] = best[i] + offset * sd
-            if free.any():
-                held = descend(problem, u, active=free, max_steps=MAX_STEPS)
-                u, at = held.u, held.predictions
-            else:
-                at = problem.predict(u)
-            rise = problem.cost(u, at) - lowest
-            if not np.isfinite(rise):
-                break
-            points[offset] = rise
-            start = u
-            if rise > LEVEL_95:
-                outside = (offset, rise)
-            else:
-                inside = (offset, rise)
-            if abs(rise - LEVEL_95) < CLOSE:
-                break
-            if outside is None and abs(offset) >= FARTHEST:
-                break
-            offset = _next(inside, outside, side)
-        if outside is not None:
-            crossing = _crossing(inside, outside)
-        elif LEVEL_95 - inside[1] < CLOSE:
-            crossing = inside[0]
-        ends.append(crossing)
-    offsets = np.asarray(sorted(points))
-    at = answer.at[0]
+def _profile(answer: Answer, i: int, sd: float) -> tuple[Profile, int]:
+    """The profile of coordinate i, whose standard error is sd, and how many simulations of all recordings it
+    took.
+    """
+    sides = in_parallel(lambda side: _one_side(answer, i, sd, side), (-1.0, 1.0))
+    points = {0.0: 0.0} | sides[0].points | sides[1].points
+    offsets, at, best = np.asarray(sorted(points)), answer.at[0], answer.descent.u
 
     def value(offset: float) -> float:
         u = best.copy()
         u[i] += offset * sd
         return float(at.values(u)[i])
 
-    return Profile(
+    lower, upper = (None if side.crossing is None else value(side.crossing) for side in sides)
+    found = Profile(
         values=np.asarray([value(o) for o in offsets]),
         rise=np.asarray([points[o] for o in offsets]),
         parabola=offsets**2,
-        lower95=None if ends[0] is None else value(ends[0]),
-        upper95=None if ends[1] is None else value(ends[1]),
+        lower95=lower,
+        upper95=upper,
     )
+    return found, sum(side.evaluations for side in sides)
+
+
+class _Side(NamedTuple):
+    """A profile on one side of the estimate.
+
+    Attributes:
+        points: rise of the sum of squares by the offset, in standard errors.
+        crossing: offset at which it passes `LEVEL_95`; None where it does not.
+        evaluations: times that all recordings were simulated.
+    """
+
+    points: dict[float, float]
+    crossing: float | None
+    evaluations: int
+
+
+def _one_side(answer: Answer, i: int, sd: float, side: float) -> _Side:
+    """The profile of coordinate i, whose standard error is sd, below (side -1) or above its estimate (1)."""
+    best, problem, free = answer.descent.u, answer.problem, _others(answer, i)
+    lowest = problem.cost(best, answer.predictions)
+    start, offset, evaluations = best, side * FIRST, 0
+    points: dict[float, float] = {}
+    inside, outside = (0.0, 0.0), None
+    for _ in range(POINTS):
+        u = start.copy()
+        u[i] = best[i] + offset * sd
+        if free.any():
+            held = descend(problem, u, active=free, max_steps=MAX_STEPS)
+            u, at, evaluations = held.u, held.predictions, evaluations + held.evaluations
+        else:
+            at, evaluations = problem.predict(u), evaluations + 1
+        rise = problem.cost(u, at) - lowest
+        if not np.isfinite(rise):
+            break
+        points[offset] = rise
+        start = u
+        if rise > LEVEL_95:
+            outside = (offset, rise)
+        else:
+            inside = (offset, rise)
+        if abs(rise - LEVEL_95) < CLOSE:
+            break
+        if outside is None and abs(offset) >= FARTHEST:
+            break
+        offset = _next(inside, outside, side)
+    crossing = None
+    if outside is not None:
+        crossing = _crossing(inside, outside)
+    elif LEVEL_95 - inside[1] < CLOSE:
+        crossing = inside[0]
+    return _Side(points=points, crossing=crossing, evaluations=evaluations)
 
 
 def _others(answer: Answer, i: int) -> np.ndarray:

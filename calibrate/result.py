@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gtr_jax import Robot, RobotConfig
-from gtr_jax.plain import plain
+from gtr_jax.files.plain import plain
 
 from .estimate import Estimate, Profile
 from .posterior_draws import Posterior
@@ -28,7 +28,7 @@ def _posterior(found: Posterior) -> dict[str, Any]:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Channel:
+class FittedChannel:
     """One recorded quantity of K samples beside the fitted model, SI.
 
     Attributes:
@@ -77,7 +77,7 @@ class FittedRecording:
     name: str
     robot: Robot
     config: RobotConfig | None
-    channels: dict[str, Channel]
+    channels: dict[str, FittedChannel]
     T_base: np.ndarray
     band: np.ndarray
     phases: np.ndarray

@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from .coordinates import Coordinates
-from .descent import descend
-from .task import Task
+from .descent import Objective, descend
+from .parallel import in_parallel
+from .setup import Setup
 
 # Factors below 2 between neighbours, from a smooth sheath to full lock.
 MU_GRID = tuple(float(mu) for mu in np.geomspace(0.01, 2.0, 10))
@@ -47,13 +48,13 @@ def thin(T_base: np.ndarray, blocks: int = BLOCKS) -> np.ndarray:
     return np.asarray(sorted(kept))
 
 
-def candidates(task: Task) -> list[np.ndarray]:
+def candidates(setup: Setup) -> list[np.ndarray]:
     """Values worth trying, SI: the robot file's, and a grid over mu and E where they have no prior. Where
     several recordings have their own, all are moved alike.
     """
-    values = task.initial
+    values = setup.initial
     searched = {
-        name: [i for i, f in enumerate(task.free) if f.entry.name == name and task.priors[i] is None]
+        name: [i for i, f in enumerate(setup.free) if f.entry.name == name and setup.priors[i] is None]
         for name in ("mu", "E")
     }
     tried = []
@@ -77,44 +78,62 @@ class Start(NamedTuple):
         u: the point, (p,).
         tried: starts from which a descent was tried.
         agreed: how many of them ended where the best did, or as low.
+        evaluations: times that all recordings were simulated.
     """
 
     at: tuple[Coordinates, ...]
     u: np.ndarray
     tried: int
     agreed: int
+    evaluations: int
 
 
-def search(task: Task) -> Start | None:
+class _End(NamedTuple):
+    """Where a descent from a start ended: its sum of squares, coordinates of each recording, the point (p,),
+    and how often all recordings were simulated.
+    """
+
+    cost: float
+    at: tuple[Coordinates, ...]
+    u: np.ndarray
+    evaluations: int
+
+
+def search(setup: Setup) -> Start | None:
     """Scan the candidates on the thinned recordings and descend from the best few of them.
 
     Returns:
         The best end; None if the simulation fails at every candidate.
     """
-    samples = [thin(part.T_base.T_base) for part in task.parts]
-    thinned = [part.only(kept) for part, kept in zip(task.parts, samples, strict=True)]
-    tried = candidates(task)
-    origin = np.zeros(len(task.free))
-    scanned = []
-    for i, values in enumerate(tried):
-        task.progress(f"searching for a start: {i + 1} of {len(tried)}")
-        at = task.coordinates(values)
-        problem = task.objective(at, thinned)
-        cost = problem.cost(origin, problem.predict(origin))
-        task.evaluations += problem.predict.count
-        problem.predict.count = 0
-        if np.isfinite(cost):
-            scanned.append((cost, problem, at))
+    samples = [thin(part.T_base.T_base) for part in setup.parts]
+    thinned = [part.only(kept) for part, kept in zip(setup.parts, samples, strict=True)]
+    tried = candidates(setup)
+    origin = np.zeros(len(setup.free))
+
+    def scan(i: int) -> tuple[float, Objective, tuple[Coordinates, ...]]:
+        setup.progress(f"searching for a start: {i + 1} of {len(tried)}")
+        at = setup.coordinates(tried[i])
+        problem = setup.objective(at, thinned)
+        return problem.cost(origin, problem.predict(origin)), problem, at
+
+    def rough(i: int) -> _End:
+        setup.progress(f"descending from start {i + 1}")
+        _, problem, at = scanned[i]
+        found = descend(problem, origin, max_steps=ROUGH_STEPS)
+        cost = problem.cost(found.u, found.predictions)
+        u = np.where(found.at_edge, origin, found.u)
+        return _End(cost=cost, at=at, u=u, evaluations=found.evaluations)
+
+    scanned = [entry for entry in in_parallel(scan, range(len(tried))) if np.isfinite(entry[0])]
     scanned.sort(key=lambda entry: entry[0])
-    ends = []
-    for i, (_, problem, at) in enumerate(scanned[:STARTS]):
-        task.progress(f"descending from start {i + 1}")
-        rough = descend(problem, origin, max_steps=ROUGH_STEPS)
-        task.evaluations += problem.predict.count
-        u = np.where(rough.at_edge, origin, rough.u)
-        ends.append((problem.cost(rough.u, rough.predictions), at, u))
+    ends = in_parallel(rough, range(len(scanned[:STARTS])))
     if not ends:
         return None
-    best = min(ends, key=lambda end: end[0])
-    agreed = sum(cost <= best[0] + max(LEVEL, LEVEL * best[0]) for cost, _, _ in ends)
-    return Start(best[1], best[2], len(ends), agreed)
+    best = min(ends, key=lambda end: end.cost)
+    return Start(
+        at=best.at,
+        u=best.u,
+        tried=len(ends),
+        agreed=sum(end.cost <= best.cost + max(LEVEL, LEVEL * best.cost) for end in ends),
+        evaluations=len(tried) + sum(end.evaluations for end in ends),
+    )

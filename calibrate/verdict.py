@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import f
+from scipy.special import fdtri
 
-from gtr_jax.numbers import measured, measured_quantity
-from gtr_jax.phases import PULLING, RELEASING, REST, TRANSITION
+from gtr_jax.files.numbers import measured, measured_quantity
+from gtr_jax.simulation.phases import PULLING, RELEASING, REST, TRANSITION
 
 from .estimate import Estimate
 
@@ -30,7 +30,7 @@ def number(value: float, sd: float | None) -> str:
     return measured(value, sd) if math.isfinite(value) else "unknown"
 
 
-def said(estimate: Estimate) -> str:
+def in_words(estimate: Estimate) -> str:
     """A parameter, its value and unit."""
     if estimate.sd is None and "no friction" in estimate.note:
         return estimate.note
@@ -67,7 +67,7 @@ def by_phase(residual: np.ndarray, phases: np.ndarray) -> dict[str, dict[str, fl
     return table
 
 
-def disagreement(mu_by_phase: dict[str, Estimate], apart: float) -> str:
+def disagreement_of_phases(mu_by_phase: dict[str, Estimate], apart: float) -> str:
     """One clause if the friction of pulling and releasing lie `DISAGREE` standard errors apart, else ""."""
     pull, release = mu_by_phase.get(PULLING), mu_by_phase.get(RELEASING)
     if pull is None or release is None or apart <= DISAGREE:
@@ -82,7 +82,7 @@ def _by_chance(degrees: float, noise_degrees: float) -> float:
     """What a sum of squares per degree of freedom exceeds by chance in CHANCE of all recordings."""
     if not math.isfinite(degrees):
         return 1.0
-    return float(f.isf(CHANCE, degrees, min(noise_degrees, 1e6)))
+    return float(fdtri(degrees, min(noise_degrees, 1e6), 1 - CHANCE))
 
 
 class Distance(NamedTuple):
@@ -134,28 +134,28 @@ class Distance(NamedTuple):
     def clauses(self) -> list[str]:
         """What the model is to this recording; the first clause begins a sentence or follows "but"."""
         if self.noise is None or self.chi2 is None:
-            said = [
+            clauses = [
                 f"the fitted model is {self.off}, from the recording, whose noise cannot be told",
                 self.where,
             ]
         elif self.described and self.others:
-            said = [
+            clauses = [
                 "the fitted model describes only the tensions of the recording to their noise: "
                 f"{self.off}, noise {self.noise:.2g} N"
             ]
         elif self.described:
-            said = [
+            clauses = [
                 f"the fitted model describes the recording to its noise: {self.off}, noise {self.noise:.2g} N"
             ]
         elif self.rms <= SMALL * self.peak:
-            said = [
+            clauses = [
                 f"the fitted model is close to the recording: off by {self.off}; "
                 f"noise explains {self.noise:.2g} N"
             ]
         else:
             begin = f"the fitted model does not describe the recording: it is off by {self.off}"
-            said = [begin, f"noise explains only {self.noise:.2g} N", self.where]
-        return [*said, *(_other(*o) for o in self.others)]
+            clauses = [begin, f"noise explains only {self.noise:.2g} N", self.where]
+        return [*clauses, *(_other(*o) for o in self.others)]
 
     @property
     def bad(self) -> bool:
@@ -182,7 +182,7 @@ def _other(name: str, rms: float, noise: float, unit: str) -> str:
     )
 
 
-def apart(name: str, alone: dict[str, Estimate]) -> str:
+def values_apart(name: str, alone: dict[str, Estimate]) -> str:
     """A parameter's value from each recording alone, as a clause."""
     return f"{name}: " + ", ".join(f"{quantity(e)} from {which}" for which, e in alone.items())
 
@@ -200,7 +200,7 @@ def verdict(
     """
     if failure:
         return f"No answer: {failure}."
-    found = ", ".join(said(e) for e in estimates)
+    found = ", ".join(in_words(e) for e in estimates)
     if len(distances) == 1:
         only = distances[0]
         clauses = [f"{found}{', but' if only.bad else ';'} {only.clauses()[0]}", *only.clauses()[1:]]

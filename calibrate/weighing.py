@@ -2,7 +2,7 @@
 
 While the whole tendon slips, T_tip follows the base tension of that moment with the slope g = dT_tip/dT_base;
 while friction holds the tip, T_tip stays that of the sample at which it slipped last. So the simulated T_tip
-of a sample depends on one true base tension, and through it on a few knots (`base_tension.py`), whose values
+of a sample depends on one true base tension, and through it on a few knots (`readings`), whose values
 v are known from the recording with a banded information matrix. Minimising over v,
 
     min_dv |r + G B dv|^2/sd_tip^2 + |B dv|^2/sd_base^2,
@@ -21,8 +21,8 @@ import functools
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from .base_tension import BaseTension
-from .coordinates import CHANNELS, Prediction
+from .predictor import Prediction
+from .readings import BaseTension
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -75,13 +75,14 @@ class Weighing:
         sd_base: float,
         stretch: np.ndarray,
     ) -> Weighing:
-        """With the slopes of a simulation."""
+        """With the slopes of a simulation of the channels."""
         K = len(base.T_base)
         plain = Weighing.plain(base, channels, sd)
         slipped = np.maximum.accumulate(np.where(prediction.slips, np.arange(K), 0))
         last = [slipped if name == "T_tip" else np.arange(K) for name in channels]
-        slope = prediction.slope[[CHANNELS.index(name) for name in channels]]
-        return dataclasses.replace(plain, slope=slope, last=np.stack(last), sd_base=sd_base, stretch=stretch)
+        return dataclasses.replace(
+            plain, slope=prediction.slope, last=np.stack(last), sd_base=sd_base, stretch=stretch
+        )
 
     @property
     def passed(self) -> np.ndarray:

@@ -9,9 +9,9 @@ from __future__ import annotations
 import itertools
 import math
 
-from gtr_jax.config import RobotConfig
 from gtr_jax.errors import InputError, did_you_mean
-from gtr_jax.units import to_si
+from gtr_jax.files.config import RobotConfig
+from gtr_jax.files.units import to_si
 
 from .target import FAMILIES, Goal, PoseTarget, ShapeTarget, TargetConfig
 

@@ -6,10 +6,10 @@ import dataclasses
 
 import numpy as np
 
-from gtr_jax.config import RobotConfig
+from gtr_jax.files.config import RobotConfig
 
-from .assemble import Assembled
 from .option import Option, judge
+from .problem import DesignProblem
 from .space import on_common_mesh
 
 
@@ -28,7 +28,7 @@ class Comparison:
     actual: Option
 
 
-def compare(problem: Assembled, believed: Option, plain: RobotConfig) -> Comparison:
+def compare(problem: DesignProblem, believed: Option, plain: RobotConfig) -> Comparison:
     """Put a design made with the plain model into the robot as it is.
 
     Args:

@@ -7,8 +7,8 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.build import build_robot
-from gtr_jax.config import RobotConfig
+from gtr_jax.files.config import RobotConfig
+from gtr_jax.robot.build import build_robot
 
 from .limits import stations_of
 

@@ -15,9 +15,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from gtr_jax.small_matrices import inverse, times
+from gtr_jax.mechanics.small_matrices import inverse, times
 
-from .task import Evaluation, Task, evaluate
+from .objective import Evaluation, Objective, evaluate
 
 FIRST_PENALTY, LARGEST_PENALTY, RAISE = 1e4, 1e9, 10.0
 BACK_OFF = 1e-3  # margins aim this far inside, in their scale, so that rounding and meshes keep the limit
@@ -66,7 +66,7 @@ class _Search(NamedTuple):
     steps: Array
 
 
-def value_and_slopes(task: Task, z: Float[Array, " c"]):
+def value_and_slopes(objective: Objective, z: Float[Array, " c"]):
     """Residuals and margins of one design, their derivatives by each coordinate, (c, m) and (c, K), and
     whether all converged.
 
@@ -76,10 +76,10 @@ def value_and_slopes(task: Task, z: Float[Array, " c"]):
     """
 
     def judged(x):
-        e = evaluate(task, x)
+        e = evaluate(objective, x)
         return (e.residuals, e.margins), e.converged
 
-    if not task.with_terms:
+    if not objective.with_terms:
         directions = jnp.eye(z.shape[0])
         return jax.vmap(lambda d: jax.jvp(judged, (z,), (d,), has_aux=True), out_axes=(None, 0, None))(
             directions
@@ -91,8 +91,8 @@ def value_and_slopes(task: Task, z: Float[Array, " c"]):
     return jax.tree_util.tree_map(lambda v: v[0], values), slopes, jnp.all(ok)
 
 
-def _step(task: Task, free, s: _Search) -> _Search:
-    (residuals, margins), (by_residual, by_margin), ok = value_and_slopes(task, s.trial)
+def _step(objective: Objective, free, s: _Search) -> _Search:
+    (residuals, margins), (by_residual, by_margin), ok = value_and_slopes(objective, s.trial)
     root = jnp.sqrt(s.penalty)
     short = s.multipliers / s.penalty - (margins - BACK_OFF)
     bound = jnp.where(short > 0, root * short, 0.0)
@@ -156,17 +156,19 @@ def _step(task: Task, free, s: _Search) -> _Search:
     )
 
 
-def search(task: Task, z: Float[Array, " c"], free: Float[Array, " c"], most_steps: Int[Array, ""]) -> Found:
+def search(
+    objective: Objective, z: Float[Array, " c"], free: Float[Array, " c"], most_steps: Int[Array, ""]
+) -> Found:
     """Search from one start.
 
     Args:
-        task: the problem; its goal is not looked at.
+        objective: the problem; its goal is not looked at.
         z: start, (c,).
         free: 1 for coordinates that may change, 0 for those that stay, (c,).
         most_steps: evaluations after which it gives up.
     """
     c = z.shape[0]
-    shapes = eqx.filter_eval_shape(evaluate, task, z)
+    shapes = eqx.filter_eval_shape(evaluate, objective, z)
     none = jnp.zeros(shapes.margins.shape)
     zero = jnp.zeros(())
     start = _Search(
@@ -187,26 +189,28 @@ def search(task: Task, z: Float[Array, " c"], free: Float[Array, " c"], most_ste
         steps=jnp.asarray(0),
     )
     end = jax.lax.while_loop(
-        lambda s: ~s.done & (s.steps < most_steps), lambda s: _step(task, free, s), start
+        lambda s: ~s.done & (s.steps < most_steps), lambda s: _step(objective, free, s), start
     )
     force = jnp.maximum(0.0, end.multipliers - end.penalty * (end.rows - BACK_OFF))
     return Found(end.z, end.plain, end.rows, force, end.gradient, end.settled, end.steps)
 
 
 @eqx.filter_jit
-def _search_all(task: Task, z, free, most_steps) -> Found:
+def _search_all(objective: Objective, z, free, most_steps) -> Found:
     # One lane after another: each takes the steps it needs, and a lane of a batch costs no less on a CPU.
-    return jax.lax.map(lambda start: search(task, start[0], start[1], most_steps), (z, free))
+    return jax.lax.map(lambda start: search(objective, start[0], start[1], most_steps), (z, free))
 
 
-def search_all(task: Task, z: Float[Array, "L c"], free: Float[Array, "L c"], most_steps: int) -> Found:
+def search_all(
+    objective: Objective, z: Float[Array, "L c"], free: Float[Array, "L c"], most_steps: int
+) -> Found:
     """Search from L starts; one compiled program for tasks of one structure."""
-    return _search_all(task, jnp.asarray(z), jnp.asarray(free), jnp.asarray(most_steps))
+    return _search_all(objective, jnp.asarray(z), jnp.asarray(free), jnp.asarray(most_steps))
 
 
 @eqx.filter_jit
-def judge_all(task: Task, z: Float[Array, "L c"]) -> Evaluation:
+def judge_all(objective: Objective, z: Float[Array, "L c"]) -> Evaluation:
     """Judge L designs at once."""
-    if task.with_terms:
-        return jax.lax.map(lambda z: evaluate(task, z), z)
-    return jax.vmap(lambda z: evaluate(task, z))(z)
+    if objective.with_terms:
+        return jax.lax.map(lambda z: evaluate(objective, z), z)
+    return jax.vmap(lambda z: evaluate(objective, z))(z)

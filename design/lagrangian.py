@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from .gauss_newton import BACK_OFF, KEPT, Found
 from .lbfgsb import minimise
-from .task import Task, evaluate
+from .objective import Objective, evaluate
 
 FIRST_PENALTY, LARGEST_PENALTY, RAISE = 1e2, 1e7, 10.0
 TOLERANCE = 1e-6
@@ -19,20 +19,20 @@ STEPS, ROUNDS = 40, 6
 KNOWN_PENALTY = 1e3  # to start with where multipliers are known
 
 
-def _objective(task: Task, z):
-    e = evaluate(task, z)
-    value = e.goal if task.wanted.goal else 0.5 * jnp.sum(e.residuals**2)
+def _objective(objective: Objective, z):
+    e = evaluate(objective, z)
+    value = e.goal if objective.wanted.goal else 0.5 * jnp.sum(e.residuals**2)
     return jnp.where(e.converged, value, jnp.nan), e.margins
 
 
-def _augmented(z, task: Task, multipliers, penalty, scale):
-    value, rows = _objective(task, z)
+def _augmented(z, objective: Objective, multipliers, penalty, scale):
+    value, rows = _objective(objective, z)
     short = jnp.maximum(0.0, multipliers / penalty - (rows - BACK_OFF))
     return scale * value + 0.5 * penalty * jnp.sum(short**2)
 
 
 @eqx.filter_jit
-def _round(task: Task, z, free, multipliers, penalty, scale):
+def _round(objective: Objective, z, free, multipliers, penalty, scale):
     """One round of every lane: minimise at the present multipliers."""
 
     def one(z, free, multipliers, penalty, scale):
@@ -40,7 +40,7 @@ def _round(task: Task, z, free, multipliers, penalty, scale):
         found = minimise(
             _augmented,
             z,
-            task,
+            objective,
             multipliers,
             penalty,
             scale,
@@ -49,7 +49,7 @@ def _round(task: Task, z, free, multipliers, penalty, scale):
             tol=TOLERANCE,
             steps=STEPS,
         )
-        value, rows = _objective(task, found.z)
+        value, rows = _objective(objective, found.z)
         return found, value, rows
 
     # One lane after another, as in `gauss_newton`.
@@ -57,18 +57,18 @@ def _round(task: Task, z, free, multipliers, penalty, scale):
 
 
 @eqx.filter_jit
-def _gradients(task: Task, z, free, multipliers, penalty, scale):
+def _gradients(objective: Objective, z, free, multipliers, penalty, scale):
     slope = jax.vmap(jax.grad(_augmented), in_axes=(0, None, 0, 0, 0))
-    return free * slope(z, task, multipliers, penalty, scale)
+    return free * slope(z, objective, multipliers, penalty, scale)
 
 
 @eqx.filter_jit
-def _objectives(task: Task, z):
-    return jax.vmap(lambda z: _objective(task, z))(z)
+def _objectives(objective: Objective, z):
+    return jax.vmap(lambda z: _objective(objective, z))(z)
 
 
 def minimise_all(
-    task: Task,
+    objective: Objective,
     z: Float[Array, "L c"],
     free: Float[Array, "L c"],
     multipliers: Float[Array, "L K"] | None = None,
@@ -78,13 +78,13 @@ def minimise_all(
     The rounds of the augmented Lagrangian are taken on the host: one compiled program serves them all.
 
     Args:
-        task: the problem.
+        objective: the problem.
         z: starts, (L, c).
         free: 1 for coordinates that may change, (L, c).
         multipliers: of the limits, of what is minimised, to start with; 0 unless given.
     """
     lanes = z.shape[0]
-    value, rows = _objectives(task, z)
+    value, rows = _objectives(objective, z)
     scale = 1.0 / jnp.maximum(1.0, jnp.abs(jnp.where(jnp.isfinite(value), value, 1.0)))
     known = multipliers is not None
     multipliers = scale[:, None] * multipliers if multipliers is not None else jnp.zeros(rows.shape)
@@ -93,7 +93,7 @@ def minimise_all(
     settled = jnp.zeros(lanes, dtype=bool)
     last = jnp.full(z.shape, jnp.inf)
     for _ in range(ROUNDS):
-        found, value, rows = _round(task, z, free, multipliers, penalty, scale)
+        found, value, rows = _round(objective, z, free, multipliers, penalty, scale)
         done = settled[:, None]
         moved = jnp.max(jnp.abs(found.z - last), axis=1)
         last = jnp.where(done, last, found.z)
@@ -109,7 +109,7 @@ def minimise_all(
         raised = ~settled & (worst > 0.25 * missed)
         penalty = jnp.where(raised, jnp.minimum(RAISE * penalty, LARGEST_PENALTY), penalty)
         missed = worst
-    value, rows = _objectives(task, z)
-    gradient = _gradients(task, z, free, multipliers, penalty, scale)
+    value, rows = _objectives(objective, z)
+    gradient = _gradients(objective, z, free, multipliers, penalty, scale)
     force = jnp.maximum(0.0, multipliers - penalty[:, None] * (rows - BACK_OFF)) / scale[:, None]
     return Found(z, value, rows, force, gradient, settled, steps)

@@ -15,18 +15,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .assemble import Assembled
 from .gauss_newton import BACK_OFF, search_all
 from .limits import LOSS
-from .search import ARRIVED, Lanes, lanes_of, losses
-from .task import Task
+from .objective import Objective
+from .problem import DesignProblem
+from .search import ARRIVED, SearchResult, losses, result_of
 
 HIT = 0.05  # of a tolerance, within which the targets stay: a tolerance is not spent to save tension
 FIRST, LONGEST, SHORTEST = 0.1, 0.3, 0.002  # of the loss, by which its limit is drawn in
 MOST_STEPS = 60  # evaluations of a lane for each limit
 
 
-def with_less_loss(problem: Assembled, found: Lanes) -> Lanes:
+def with_less_loss(problem: DesignProblem, found: SearchResult) -> SearchResult:
     """The lanes of a search, and behind them those of them that could be followed to where they lose less.
 
     Where nothing arrived, where the loss does not decide, and with physics terms, whose derivatives cost ten
@@ -36,18 +36,18 @@ def with_less_loss(problem: Assembled, found: Lanes) -> Lanes:
         problem: what is searched for.
         found: the search.
     """
-    task = problem.task
+    objective = problem.objective
     arrived = found.kept & (found.cost < ARRIVED)
-    decides = not task.wanted.goal and task.spread == "nominal" and LOSS in task.given
-    if not decides or task.with_terms or not np.any(arrived):
+    decides = not objective.wanted.goal and objective.spread == "nominal" and LOSS in objective.given
+    if not decides or objective.with_terms or not np.any(arrived):
         return found
-    least, moved, here = float(np.min(losses(task, found)[arrived])), np.zeros(len(found.z), bool), found
+    least, moved, here = float(np.min(losses(objective, found)[arrived])), np.zeros(len(found.z), bool), found
     step, spent = FIRST, np.zeros(len(found.z), int)
     while step >= SHORTEST and least > 0.0:
         free = jnp.asarray(np.where(arrived[:, None], found.free, 0.0))  # lanes that are held stop at once
-        ends = search_all(_drawn_in(task, (1.0 - step) * least), jnp.asarray(here.z), free, MOST_STEPS)
-        there = lanes_of(problem, ends, found.free, found.method)
-        lost = losses(task, there)
+        ends = search_all(_drawn_in(objective, (1.0 - step) * least), jnp.asarray(here.z), free, MOST_STEPS)
+        there = result_of(problem, ends, found.free, found.method)
+        lost = losses(objective, there)
         good = arrived & (there.cost < 0.5 * HIT**2) & there.kept & (lost < least)
         spent += there.steps
         if np.any(good):
@@ -62,18 +62,18 @@ def with_less_loss(problem: Assembled, found: Lanes) -> Lanes:
     return dataclasses.replace(both, steps=steps)
 
 
-def _drawn_in(task: Task, loss: float) -> Task:
-    """The task with another limit on the loss, to which the search comes by aiming inside its limits."""
-    return eqx.tree_at(lambda t: t.limits.loss, task, jnp.asarray(loss + BACK_OFF, dtype=float))
+def _drawn_in(objective: Objective, loss: float) -> Objective:
+    """The objective with another limit on the loss, to which the search comes by aiming inside its limits."""
+    return eqx.tree_at(lambda t: t.limits.loss, objective, jnp.asarray(loss + BACK_OFF, dtype=float))
 
 
 def _where(own: np.ndarray, new: Any, old: Any) -> np.ndarray:
     return np.where(own.reshape(-1, *[1] * (np.ndim(old) - 1)), new, old)
 
 
-def _each(change: Any, one: Lanes, other: Lanes) -> Lanes:
-    """Lanes whose arrays are those of two, put together."""
-    arrays = [f.name for f in dataclasses.fields(Lanes) if f.name not in ("method", "reachable")]
+def _each(change: Any, one: SearchResult, other: SearchResult) -> SearchResult:
+    """Two searches put together, lane after lane."""
+    arrays = [f.name for f in dataclasses.fields(SearchResult) if f.name not in ("method", "reachable")]
     parts = {
         name: jax.tree_util.tree_map(change, getattr(one, name), getattr(other, name)) for name in arrays
     }

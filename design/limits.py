@@ -12,9 +12,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from gtr_jax.channel import turning_rate
-from gtr_jax.robot import Robot
-from gtr_jax.routing import Offset
+from gtr_jax.mechanics.channel import turning_rate
+from gtr_jax.mechanics.offset import Offset
+from gtr_jax.robot.robot import Robot
 
 LEAST_WAVE = 0.02  # of the length: w2 - w1
 FAR = 1.0

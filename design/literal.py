@@ -11,9 +11,10 @@ from __future__ import annotations
 import dataclasses
 import itertools
 
+import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.robot import Robot, loads_of
+from gtr_jax.robot.robot import Robot, inner_kinks, loads_of
 
 TOLERANCE = 1e-9
 STEPS = 60
@@ -49,10 +50,6 @@ class Literal:
 
 def line_of(robot: Robot, count: int) -> Line:
     """The robot at about `count` even places, and at both sides of every kink."""
-    import jax.numpy as jnp
-
-    from gtr_jax.robot import inner_kinks
-
     body, tendon = robot.backbone, robot.tendon
     length = float(body.length)
     kinks = np.unique(np.asarray(inner_kinks(robot)))

@@ -9,16 +9,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import jax.tree_util as jtu
-import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
-from gtr_jax.equilibrium import equilibrium, preload_of, problem_of, rest_state, solve_problem
-from gtr_jax.march import March
-from gtr_jax.mesh import cumulative
-from gtr_jax.problem import tension_of
-from gtr_jax.robot import Robot, sections
-
-SOLVER = March()
+from gtr_jax.robot.robot import Robot
+from gtr_jax.simulation.equilibrium import equilibrium
 
 
 class States(NamedTuple):
@@ -60,40 +54,23 @@ def states_of(
     Returns:
         The states; `converged` is False if any failed.
     """
-    solve = _with_terms if with_terms else _plain
     on_release = [i for i, r in enumerate(released) if r]
     on_pull = [i for i, r in enumerate(released) if not r]
     parts, before = [], None
-    s = sections(robot)
     ok = jnp.asarray(True)
     if on_release:
-        first, before = solve(robot, s, largest, None)
-        ok = first.converged
+        before = equilibrium(robot, largest, with_terms=with_terms)
+        ok = before.converged
     for at, memory in ((on_pull, None), (on_release, before)):
         if at:
 
             def one(T, memory=memory):
-                return solve(robot, s, T, memory)[0]
+                eq = equilibrium(robot, T, memory=memory, with_terms=with_terms)
+                return States(eq.s, eq.x, eq.y, eq.angle, T, eq.T_tip, eq.converged)
 
-            # Not vmap with terms: their march has arrays of no size, which jax 0.10 cannot lower in a batch.
+            # Not vmap with terms: lanes of a search would wait for the slowest.
             over = jax.lax.map if with_terms else lambda fn, T: jax.vmap(fn)(T)
-            solved = over(one, T_base[jnp.asarray(at)])
-            parts.append(solved)
+            parts.append(over(one, T_base[jnp.asarray(at)]))
     order = jnp.argsort(jnp.asarray(on_pull + on_release))
     joined = jtu.tree_map(lambda *a: jnp.concatenate(a)[order], *parts)
     return joined._replace(s=joined.s[0], converged=ok & jnp.all(joined.converged))
-
-
-def _plain(robot: Robot, s, T_base, memory):
-    p = problem_of(robot, s, T_base, preload_of(robot, s) if memory is None else memory)
-    found = solve_problem(p, rest_state(s), SOLVER)
-    y, weights = found.value, s.mesh.weights
-    tension = tension_of(y, p)
-    x, across = cumulative(weights, jnp.cos(y.phi)), cumulative(weights, jnp.sin(y.phi))
-    state = States(s.mesh.s, x, across, y.phi, T_base, tension[-1], found.result == optx.RESULTS.successful)
-    return state, tension
-
-
-def _with_terms(robot: Robot, s, T_base, memory):
-    eq = equilibrium(robot, T_base, memory=memory, with_terms=True, solver=SOLVER)
-    return States(eq.s, eq.x, eq.y, eq.angle, T_base, eq.T_tip, eq.converged), eq

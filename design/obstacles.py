@@ -11,18 +11,18 @@ import numpy as np
 from gtr_jax.errors import InputError
 
 from . import limits as L
-from .assemble import Assembled
 from .gauss_newton import search_all
 from .limits import channel_margins, stations_of
+from .objective import Objective, load_margins, robot_of, solve_states, tensions_of
 from .option import look_at
+from .problem import DesignProblem
 from .result import Binding, Relaxed
-from .search import LEAST_MARGIN, MANY_STEPS, Lanes, nominal, without_goal
-from .task import Task, load_margins, robot_of, solve_states, tensions_of
+from .search import LEAST_MARGIN, MANY_STEPS, SearchResult, nominal, without_goal
 
 NEAR = 2e-3  # margin, in its scale, under which a limit counts as binding
 
 
-def binding_of(problem: Assembled, found: Lanes, best: int) -> tuple[Binding, ...]:
+def binding_of(problem: DesignProblem, found: SearchResult, best: int) -> tuple[Binding, ...]:
     """Limits and bounds that a lane of the search, the best, leans on, the hardest first."""
     space = problem.space
     if not np.isfinite(found.cost[best]):
@@ -49,41 +49,47 @@ def binding_of(problem: Assembled, found: Lanes, best: int) -> tuple[Binding, ..
     return tuple(sorted(out, key=lambda b: -b.force))
 
 
-def rows_of_limits(problem: Assembled) -> dict[str, int]:
+def rows_of_limits(problem: DesignProblem) -> dict[str, int]:
     """Rows of the margins by limit, in their order."""
-    task = problem.task
+    objective = problem.objective
 
     def margins(z):
-        robot = robot_of(task, z)
-        found = channel_margins(robot, stations_of(robot, task.stations), task.limits, task.given)
-        return found | load_margins(task, solve_states(task, robot, tensions_of(task, z)))
+        robot = robot_of(objective, z)
+        found = channel_margins(
+            robot, stations_of(robot, objective.stations), objective.limits, objective.given
+        )
+        return found | load_margins(objective, solve_states(objective, robot, tensions_of(objective, z)))
 
-    shapes = jax.eval_shape(margins, jnp.zeros(task.lower.shape))
-    return {name: shapes[name].shape[0] for name in task.given if name in shapes}
+    shapes = jax.eval_shape(margins, jnp.zeros(objective.lower.shape))
+    return {name: shapes[name].shape[0] for name in objective.given if name in shapes}
 
 
-def _without(problem: Assembled, task: Task, name: str) -> Task | None:
-    """The task with a limit put aside; of a clearance what was asked for, since the channel stays in the body
-    and out of its bores. None if nothing was.
+def _without(problem: DesignProblem, objective: Objective, name: str) -> Objective | None:
+    """The objective with a limit put aside; of a clearance what was asked for, since the channel stays in the
+    body and out of its bores. None if nothing was.
     """
     own = problem.target.limits
     if name not in (L.WALL, L.BORE):
-        return dataclasses.replace(task, active=task.active.at[task.given.index(name)].set(0.0))
+        return dataclasses.replace(
+            objective, active=objective.active.at[objective.given.index(name)].set(0.0)
+        )
     if getattr(own, name) == 0.0:
         return None
     field = "wall" if name == L.WALL else "bore"
     edge = jnp.asarray(0.5 * own.channel_diameter)
-    return dataclasses.replace(task, limits=dataclasses.replace(task.limits, **{field: edge}))
+    return dataclasses.replace(objective, limits=dataclasses.replace(objective.limits, **{field: edge}))
 
 
-def relaxations(problem: Assembled, found: Lanes, binding: tuple[Binding, ...]) -> tuple[Relaxed, ...]:
+def relaxations(
+    problem: DesignProblem, found: SearchResult, binding: tuple[Binding, ...]
+) -> tuple[Relaxed, ...]:
     """Whether the targets could be met with one of the limits that bind put aside."""
     out = []
-    task = nominal(without_goal(problem.task))
+    objective = nominal(without_goal(problem.objective))
     for bound in binding:
         if bound.kind != "limit" or bound.name in (L.WAVE, L.RELEASE):
             continue
-        eased = _without(problem, task, bound.name)
+        eased = _without(problem, objective, bound.name)
         if eased is None:
             continue
         again = search_all(eased, jnp.asarray(found.z), jnp.asarray(found.free), MANY_STEPS)

@@ -9,17 +9,17 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gtr_jax.config import RobotConfig, load_config
 from gtr_jax.errors import InputError
+from gtr_jax.files.config import RobotConfig, load_config
 
-from .assemble import RESOLUTION, Assembled, assemble
 from .compare import compare
+from .distinct import distinct_options
 from .least_loss import with_less_loss
 from .obstacles import binding_of, relaxations
-from .options import options_of
+from .problem import RESOLUTION, DesignProblem, problem_of
 from .result import NEAREST, Design, SearchFacts
 from .robustness import robustness_of
-from .search import Lanes, find
+from .search import SearchResult, find
 from .target import TargetConfig, load_target
 from .tolerances import tolerance_table
 from .verify import verify
@@ -53,13 +53,13 @@ def optimise(
     began = time.monotonic()
     robot = load_config(robot) if isinstance(robot, str | os.PathLike) else robot
     target = load_target(target) if isinstance(target, str | os.PathLike) else target
-    problem = assemble(robot, target, resolution=resolution)
+    problem = problem_of(robot, target, resolution=resolution)
     plain = against or _without_terms(robot)
-    other = None if plain is None else _assembled_like(problem, plain, resolution)
+    other = None if plain is None else _problem_like(problem, plain, resolution)
     progress("compiling and screening designs")
     starts, found = _searched(problem, progress)
     progress("looking at the designs on a finer mesh")
-    options = options_of(problem, found)
+    options = distinct_options(problem, found)
     best = options[0]
     verified = verify(problem, best)
     progress("sensitivities")
@@ -86,13 +86,13 @@ def optimise(
         answer = dataclasses.replace(answer, relaxed=relaxations(problem, found, answer.binding))
     if plain is not None and other is not None:
         progress("designing with the plain model")
-        option = options_of(other, _searched(other, progress)[1])[0]
+        option = distinct_options(other, _searched(other, progress)[1])[0]
         answer = dataclasses.replace(answer, comparison=compare(problem, option, plain))
     seconds = time.monotonic() - began
     return dataclasses.replace(answer, search=dataclasses.replace(answer.search, seconds=seconds))
 
 
-def _searched(problem: Assembled, progress: Callable[[str], None]) -> tuple[Lanes, Lanes]:
+def _searched(problem: DesignProblem, progress: Callable[[str], None]) -> tuple[SearchResult, SearchResult]:
     """The search from all starts, and the same followed to where less tension is lost."""
     found = find(problem, progress)
     progress("towards less tension lost")
@@ -106,9 +106,9 @@ def _without_terms(robot: RobotConfig) -> RobotConfig | None:
     return robot.model_copy(update={"terms": ()})
 
 
-def _assembled_like(problem: Assembled, plain: RobotConfig, resolution: float) -> Assembled:
+def _problem_like(problem: DesignProblem, plain: RobotConfig, resolution: float) -> DesignProblem:
     """The same problem for a plainer model; InputError if it has not the same numbers to change."""
-    other = assemble(plain, problem.target, resolution=resolution)
+    other = problem_of(plain, problem.target, resolution=resolution)
     if [v.name for v in other.space.all] != [v.name for v in problem.space.all]:
         raise InputError(
             f"{plain.source}: has not the numbers of {problem.space.config.source} that may change; compare "

@@ -9,15 +9,16 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.config import RobotConfig
-from gtr_jax.numbers import quantity
-from gtr_jax.robot import Robot
+from gtr_jax.files.config import RobotConfig
+from gtr_jax.files.numbers import quantity
+from gtr_jax.robot.robot import Robot
+from gtr_jax.simulation.programs import known_to_act
 
 from . import limits as L
-from .assemble import Assembled
 from .model import States, states_of
+from .objective import goal_of, point_at
+from .problem import DesignProblem
 from .space import on_common_mesh
-from .task import goal_of, point_at
 
 PLACES = 2001
 ROUNDING = 1e-9
@@ -149,11 +150,11 @@ def off_by(value: float, tolerance: float, unit: str) -> str:
     return quantity(value, unit, 2 if value <= tolerance else 3)
 
 
-def loads_of(problem: Assembled, tensions: np.ndarray):
+def loads_of(problem: DesignProblem, tensions: np.ndarray):
     """The states of a problem as `states_of` takes them, for base tensions [N], (t,): those of each, whether
     each lies on the releasing branch, and the largest.
     """
-    states = problem.task.states
+    states = problem.objective.states
     T = jnp.asarray([tensions[number] for number, _ in states])
     return T, tuple(released for _, released in states), jnp.asarray(np.max(tensions))
 
@@ -164,7 +165,7 @@ def solve(robot: Robot, T, released: tuple[bool, ...], largest, with_terms: bool
     return states_of(robot, T, released, largest, with_terms)
 
 
-def look_at(problem: Assembled, values: np.ndarray, *, resolution: float) -> Option:
+def look_at(problem: DesignProblem, values: np.ndarray, *, resolution: float) -> Option:
     """Build a design as its file would and solve it.
 
     Args:
@@ -184,20 +185,18 @@ def look_at(problem: Assembled, values: np.ndarray, *, resolution: float) -> Opt
 
 
 def judge(
-    problem: Assembled,
+    problem: DesignProblem,
     config: RobotConfig,
     robot: Robot,
     tensions: np.ndarray,
     values: dict[str, float] | None = None,
 ) -> Option:
     """The states of any robot against the targets and limits of a problem."""
-    from gtr_jax.equilibrium import known_to_act
-
     T, released, largest = loads_of(problem, tensions)
     states = solve(robot, T, released, largest, bool(known_to_act(robot)))
     pulled = [i for i, r in enumerate(released) if not r]
     shares = np.asarray(states.T_tip)[pulled] / np.asarray(T)[pulled]
-    goal = float(goal_of(problem.task.wanted, states) * problem.task.wanted.goal_scale)
+    goal = float(goal_of(problem.objective.wanted, states) * problem.objective.wanted.goal_scale)
     if problem.target.goal is None:
         goal = float("nan")
     elif problem.target.goal.kind != "tension":
@@ -215,8 +214,8 @@ def judge(
     )
 
 
-def _errors(problem: Assembled, states: States, T) -> tuple[TargetError, ...]:
-    target, wanted, length = problem.target, problem.task.wanted, problem.space.config.backbone.length
+def _errors(problem: DesignProblem, states: States, T) -> tuple[TargetError, ...]:
+    target, wanted, length = problem.target, problem.objective.wanted, problem.space.config.backbone.length
     out, nan = [], float("nan")
     poses = np.asarray(states.pose)
     for i, (pose, state) in enumerate(zip(target.pose, wanted.pose_state, strict=True)):
@@ -259,8 +258,10 @@ def _errors(problem: Assembled, states: States, T) -> tuple[TargetError, ...]:
     return tuple(out)
 
 
-def _margins(problem: Assembled, robot: Robot, states: States, tensions: np.ndarray) -> tuple[Margin, ...]:
-    own, given, body = problem.target.limits, problem.task.given, robot.backbone
+def _margins(
+    problem: DesignProblem, robot: Robot, states: States, tensions: np.ndarray
+) -> tuple[Margin, ...]:
+    own, given, body = problem.target.limits, problem.objective.given, robot.backbone
     at = L.stations_of(robot, PLACES)
     s, R = np.asarray(at.s), np.asarray(at.R.value)
     edge, nan = 0.5 * own.channel_diameter, float("nan")
@@ -290,7 +291,7 @@ def _margins(problem: Assembled, robot: Robot, states: States, tensions: np.ndar
         if limit is not None:
             slope = np.abs(np.arctan(np.asarray(at.R.slope)[[place]]))
             most(name, slope, limit, "rad", s[[place]])
-    released = np.asarray([r for _, r in problem.task.states])
+    released = np.asarray([r for _, r in problem.objective.states])
     if own.max_tension_loss is not None and not np.all(released):
         share = np.asarray(states.T_tip)[~released] / np.asarray(states.T_base)[~released]
         most(L.LOSS, 1.0 - share, own.max_tension_loss, "", None)
@@ -300,7 +301,7 @@ def _margins(problem: Assembled, robot: Robot, states: States, tensions: np.ndar
         ends = np.asarray(robot.routing.kinks())
         least(L.WAVE, ends[1:] - ends[:1], L.LEAST_WAVE * float(body.length), "m", None)
     if L.RELEASE in given:
-        others = [tensions[number] for number, _ in problem.task.states if number != len(tensions) - 1]
+        others = [tensions[number] for number, _ in problem.objective.states if number != len(tensions) - 1]
         least(L.RELEASE, np.asarray(tensions[-1:], float), float(max(others)), "N", None)
     if own.max_T_base is not None:
         most("max_T_base", np.asarray(tensions, float), own.max_T_base, "N", None)

@@ -6,20 +6,21 @@ import dataclasses
 import math
 from typing import Any
 
-from gtr_jax.config import RobotConfig
-from gtr_jax.numbers import quantity
-from gtr_jax.plain import plain
+from gtr_jax.files.config import RobotConfig
+from gtr_jax.files.numbers import quantity
+from gtr_jax.files.plain import plain
 
-from .assemble import Assembled
 from .compare import Comparison
+from .distinct import by_loss
 from .limits import BORE, LOSS, WALL
 from .option import Margin, Option, TargetError
-from .options import by_loss
+from .problem import DesignProblem
 from .robustness import Robustness, Spread
 from .tolerances import Sensitivity
 from .verify import Verification
 
 REACHED, NEAREST, OPTIMAL, UNSETTLED = "reached", "not-reached", "optimal", "not-converged"
+GOAL_UNITS = {"reach": "m", "bend": "rad", "tension": "N"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,7 +82,7 @@ class Design:
     Attributes:
         problem: the files and what was searched.
         options: distinct designs, the best first, each on the mesh four times finer than the default; all
-            of them valid, or none is and they are the nearest (`options_of`).
+            of them valid, or none is and they are the nearest (`distinct_options`).
         verification: of the best.
         binding: what it leans on. relaxed: what putting a limit aside would do, if the targets are not met.
         tolerances: of its dimensions. robustness: None if nothing is uncertain.
@@ -89,7 +90,7 @@ class Design:
         search: how it was found.
     """
 
-    problem: Assembled
+    problem: DesignProblem
     options: tuple[Option, ...]
     verification: Verification
     binding: tuple[Binding, ...]
@@ -113,7 +114,7 @@ class Design:
     def verdict(self) -> str:
         """reached, optimal, not-reached or not-converged."""
         goal = self.problem.target.goal is not None
-        robust = self.problem.task.spread != "nominal" and not goal
+        robust = self.problem.objective.spread != "nominal" and not goal
         aims = goal or robust
         arrived = self.best.reached and self.best.kept and not aims  # it needs no more than that
         if not self.verification.converged or (self.search.settled == 0 and not arrived):
@@ -188,8 +189,7 @@ class Design:
     def _goal(self) -> dict[str, Any]:
         goal = self.problem.target.goal
         assert goal is not None
-        unit = {"reach": "m", "bend": "rad", "tension": "N"}[goal.kind]
-        return {"kind": goal.kind, "value": self.best.goal, "unit": unit}
+        return {"kind": goal.kind, "value": self.best.goal, "unit": GOAL_UNITS[goal.kind]}
 
 
 def miss_says(error: TargetError) -> str:
@@ -264,9 +264,9 @@ def _sentences(answer: Design) -> list[str]:
         return out
     lost = f"; {100 * best.loss:.3g} % of the tension is lost" if best.loss == best.loss else ""
     loss = f"{freed_says(answer)}{lost}"
-    if answer.robustness is not None and answer.problem.task.spread != "nominal" and target.goal is None:
+    if answer.robustness is not None and answer.problem.objective.spread != "nominal" and target.goal is None:
         out.append(
-            f"{name}: least {answer.problem.task.spread} error over friction and modulus: "
+            f"{name}: least {answer.problem.objective.spread} error over friction and modulus: "
             f"{'; '.join(_spread_says(s, best.errors) for s in answer.robustness.spreads)}{loss}."
         )
         if worst is not None:
@@ -288,7 +288,7 @@ def _sentences(answer: Design) -> list[str]:
     others = len(answer.options) - 1
     if others:
         keep = "keep" if others > 1 else "keeps"
-        robust = answer.problem.task.spread != "nominal" and target.goal is None
+        robust = answer.problem.objective.spread != "nominal" and target.goal is None
         reach = f"reach{'' if others > 1 else 'es'} the targets and {keep}"
         reach = reach if best.errors and not robust else keep
         least = "; none loses less tension" if by_loss(answer.problem) and best.loss == best.loss else ""

@@ -9,13 +9,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.equilibrium import known_to_act
+from gtr_jax.simulation.programs import known_to_act
 
-from .assemble import Assembled
 from .model import states_of
+from .objective import at_draw
 from .option import Option, loads_of
+from .problem import DesignProblem
 from .space import on_common_mesh
-from .task import at_draw
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -59,15 +59,15 @@ class Robustness:
 
 
 @eqx.filter_jit
-def _poses_at(robot, task, draws, T, released, largest, with_terms):
+def _poses_at(robot, objective, draws, T, released, largest, with_terms):
     def one(draw):
-        states = states_of(at_draw(task, robot, draw), T, released, largest, with_terms)
+        states = states_of(at_draw(objective, robot, draw), T, released, largest, with_terms)
         return states.pose, states.converged
 
     return jax.lax.map(one, draws)
 
 
-def robustness_of(problem: Assembled, option: Option) -> Robustness | None:
+def robustness_of(problem: DesignProblem, option: Option) -> Robustness | None:
     """Spread of the tip at every target; None if nothing is uncertain."""
     known, target = problem.uncertainty, problem.target
     if not known.known:
@@ -76,11 +76,11 @@ def robustness_of(problem: Assembled, option: Option) -> Robustness | None:
     edge, _ = known.edge(target.robust.deviations)
     draws = np.maximum(np.concatenate([normal, edge]), -0.95)
     robot = on_common_mesh(problem.space, option.config, 1.0)
-    states = problem.task.states
+    states = problem.objective.states
     T, released, largest = loads_of(problem, option.tensions)
     poses, ok = _poses_at(
         robot,
-        problem.task,
+        problem.objective,
         jnp.asarray(draws),
         T,
         released,
@@ -90,7 +90,7 @@ def robustness_of(problem: Assembled, option: Option) -> Robustness | None:
     poses = np.asarray(poses)
     nominal = np.asarray(option.states.pose)
     spreads = []
-    asked = list(enumerate(problem.task.wanted.pose_state)) or [(-1, i) for i in range(len(states))]
+    asked = list(enumerate(problem.objective.wanted.pose_state)) or [(-1, i) for i in range(len(states))]
     for i, state in asked:
         pose = target.pose[i] if i >= 0 else None
         at = nominal[state].copy()

@@ -13,8 +13,8 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from gtr_jax import InputError, Robot, equilibrium, parameters_of
-from gtr_jax.equilibrium import known_to_act
-from gtr_jax.parameters import Parameter, parameter, places_of, term_of
+from gtr_jax.robot.parameters import Parameter, parameter, places_of, term_of
+from gtr_jax.simulation.programs import known_to_act
 
 POSE = {"tip_x": "m", "tip_y": "m", "tip_angle": "rad"}
 

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from gtr_jax.build import build_robot
-from gtr_jax.config import RobotConfig, parse_config
-from gtr_jax.config_checks import outer_radius_at
 from gtr_jax.errors import InputError, did_you_mean
-from gtr_jax.parameters import Parameter, parameter, parameters_of
-from gtr_jax.robot import Robot
-from gtr_jax.units import DIMENSIONS, convert, display_of, to_si
+from gtr_jax.files.config import RobotConfig, parse_config
+from gtr_jax.files.config_checks import outer_radius_at
+from gtr_jax.files.units import DIMENSIONS, convert, display_of, to_si
+from gtr_jax.robot.build import build_robot, choose_intervals
+from gtr_jax.robot.parameters import Parameter, parameter, parameters_of
+from gtr_jax.robot.robot import Robot
 
 from .target import SPLINE, T_BASE, TargetConfig
 
@@ -355,8 +355,6 @@ def _with_mesh(space: Space, resolution: float) -> Robot:
     sample of designs asks for.
     """
     from scipy.stats import qmc
-
-    from gtr_jax.build import choose_intervals
 
     robot = space.robot
     draws = qmc.Sobol(max(len(space.variables), 1), scramble=False).random_base2(6)

@@ -6,22 +6,22 @@ import jax.numpy as jnp
 import numpy as np
 
 from .gauss_newton import judge_all
+from .objective import Objective
 from .space import N_SINE, Space
-from .task import Task
 
 SCREENED = 256  # designs judged for each number of half waves
 APART = 0.12  # of the space, between starts
 PENALTY = 1e4
 
 
-def starts(task: Task, space: Space, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def starts(objective: Objective, space: Space, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates to start from, and which of them may change.
 
     A scrambled Sobol sequence is judged at once; the best that lie apart are taken, `count` for each number
     of half waves. The robot as it is is among those judged.
 
     Args:
-        task, space: the problem.
+        objective, space: the problem.
         count: starts for each number of half waves.
         seed: of the sequence.
 
@@ -36,7 +36,7 @@ def starts(task: Task, space: Space, count: int, seed: int) -> tuple[np.ndarray,
     put_in_order(draws, space)
     free = np.ones(len(names))
     if not space.choices:
-        return _best(task, draws, count), np.tile(free, (min(count, len(draws)), 1))
+        return _best(objective, draws, count), np.tile(free, (min(count, len(draws)), 1))
     at = names.index(N_SINE)
     free[at] = 0.0
     chosen = []
@@ -44,7 +44,7 @@ def starts(task: Task, space: Space, count: int, seed: int) -> tuple[np.ndarray,
     for choice in space.choices:
         here = draws.copy()
         here[:, at] = (choice - v.lower) / (v.upper - v.lower)
-        chosen.append(_best(task, here, count))
+        chosen.append(_best(objective, here, count))
     z = np.concatenate(chosen)
     return z, np.tile(free, (len(z), 1))
 
@@ -72,8 +72,8 @@ def merit(e) -> np.ndarray:
     return np.asarray(jnp.where(e.converged & jnp.isfinite(value), value, jnp.inf))
 
 
-def _best(task: Task, draws: np.ndarray, count: int) -> np.ndarray:
-    order = np.argsort(merit(judge_all(task, jnp.asarray(draws))), kind="stable")
+def _best(objective: Objective, draws: np.ndarray, count: int) -> np.ndarray:
+    order = np.argsort(merit(judge_all(objective, jnp.asarray(draws))), kind="stable")
     ranked = draws[order]
     chosen: list[np.ndarray] = []
     for near in (APART, 0.0):  # first those apart, then whatever is left

@@ -10,13 +10,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, PrivateAttr, StrictInt, StrictStr, ValidationError
+from pydantic import Field, StrictInt, StrictStr
 
-from gtr_jax.config import ROUTINGS, Section
-from gtr_jax.config_checks import one_line
-from gtr_jax.config_file import read_toml
-from gtr_jax.errors import InputError
-from gtr_jax.units import Unit
+from gtr_jax.files.config_file import read_toml
+from gtr_jax.files.sections import FileSection, Section
+from gtr_jax.files.units import Unit
 
 Length = Annotated[float, Unit("m")]
 Angle = Annotated[float, Unit("rad")]
@@ -155,7 +153,7 @@ class Robust(Section):
     """Standard deviations up to which the worst case looks."""
 
 
-class TargetConfig(Section):
+class TargetConfig(FileSection):
     """A target file in SI units."""
 
     schema_version: Literal[1] = Field(alias="schema", examples=[1])
@@ -174,22 +172,6 @@ class TargetConfig(Section):
     search: Search = Search()
     limits: Limits = Limits()
     robust: Robust = Robust()
-    _source: str = PrivateAttr("target")
-    _folder: Path = PrivateAttr(Path("."))
-
-    @property
-    def source(self) -> str:
-        """The file it was read from, for messages."""
-        return self._source
-
-    def __eq__(self, other: object) -> bool:
-        """Equal if the numbers are, whichever file they came from."""
-        return isinstance(other, TargetConfig) and self.model_dump() == other.model_dump()
-
-    @property
-    def folder(self) -> Path:
-        """Where the files that it names lie."""
-        return self._folder
 
     @property
     def loads(self) -> tuple[PoseTarget | ShapeTarget | Goal, ...]:
@@ -204,12 +186,7 @@ def parse_target(
 
     Raises InputError naming source, key and remedy.
     """
-    try:
-        target = TargetConfig.model_validate(data, context={"folder": folder})
-    except ValidationError as error:
-        raise InputError(f"{source}: {one_line(error, ROUTINGS)}") from None
-    target._source, target._folder = source, Path(folder)
-    return target
+    return TargetConfig.parsed(data, source=source, folder=folder)
 
 
 def load_target(path: str | os.PathLike[str]) -> TargetConfig:

@@ -10,12 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from gtr_jax.equilibrium import known_to_act
-from gtr_jax.parameters import Parameter, parameters_of, places_of
+from gtr_jax.robot.parameters import Parameter, parameters_of, places_of
+from gtr_jax.simulation.programs import known_to_act
 
-from .assemble import Assembled
 from .model import states_of
 from .option import Option, loads_of
+from .problem import DesignProblem
 from .space import on_common_mesh
 from .target import TIP_TOLERANCE
 
@@ -59,7 +59,7 @@ def _poses_by(robot, index, T, released, largest, with_terms):
     return jax.vmap(along)(jnp.eye(index.shape[0]))
 
 
-def pose_slopes(problem: Assembled, option: Option) -> tuple[list[Parameter], np.ndarray, np.ndarray]:
+def pose_slopes(problem: DesignProblem, option: Option) -> tuple[list[Parameter], np.ndarray, np.ndarray]:
     """Derivatives of the tip's pose at every state by every dimension of body, channel and tendon.
 
     Forward mode through the equilibrium by the implicit function theorem; with physics terms central
@@ -81,10 +81,10 @@ def pose_slopes(problem: Assembled, option: Option) -> tuple[list[Parameter], np
     return found, values, np.asarray(slopes)
 
 
-def tolerance_table(problem: Assembled, option: Option) -> tuple[Sensitivity, ...]:
+def tolerance_table(problem: DesignProblem, option: Option) -> tuple[Sensitivity, ...]:
     """How each dimension moves the tip, those that must be held closest, relative to their size, first."""
     parameters, values, slopes = pose_slopes(problem, option)
-    wanted = problem.task.wanted
+    wanted = problem.objective.wanted
     states = list(wanted.pose_state) or list(range(slopes.shape[1]))
     length = problem.space.config.backbone.length
     by_state = {state: i for i, state in enumerate(wanted.pose_state)}

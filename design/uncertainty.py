@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from gtr_jax.config import RobotConfig
 from gtr_jax.errors import InputError
+from gtr_jax.files.config import RobotConfig
 
 from .target import TargetConfig
 

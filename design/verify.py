@@ -8,13 +8,13 @@ import dataclasses
 
 import numpy as np
 
-from gtr_jax.equilibrium import known_to_act
-from gtr_jax.history import simulate
+from gtr_jax.simulation.history import simulate
+from gtr_jax.simulation.programs import known_to_act
 
-from .assemble import Assembled
+from .distinct import FINER
 from .literal import solve_literal
 from .option import Option, look_at
-from .options import FINER
+from .problem import DesignProblem
 from .space import on_common_mesh
 
 STEPS = 12  # of each branch
@@ -46,7 +46,7 @@ def _apart(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
     return float(np.max(np.hypot(gap[:, 0], gap[:, 1]))), float(np.max(np.abs(gap[:, 2])))
 
 
-def verify(problem: Assembled, option: Option) -> Verification:
+def verify(problem: DesignProblem, option: Option) -> Verification:
     """Solve a design again, three ways.
 
     Args:
@@ -55,7 +55,7 @@ def verify(problem: Assembled, option: Option) -> Verification:
     """
     robot = on_common_mesh(problem.space, option.config, FINER)
     default = look_at(problem, np.array([option.values[v.name] for v in problem.space.all]), resolution=1.0)
-    states = problem.task.states
+    states = problem.objective.states
     top = float(np.max(option.tensions))
     stepped, ok = [], True
     # With physics terms on the default mesh: a march with slip on the finer one takes minutes.

@@ -1,8 +1,12 @@
 """Simulator of tendon-driven continuum manipulators with friction and hysteresis, differentiable through JAX.
 
-Importing it switches JAX to 64-bit floats, which friction memory and implicit gradients need, and lets XLA
-compile the march's loop whole (see `gtr_jax.runtime`): import it before computing anything with JAX.
+Importing it sees to it that JAX computes in 64-bit floats, which friction memory and implicit gradients need,
+and that XLA compiles the march's loop whole (see `gtr_jax.runtime`): import it before computing anything with
+JAX. It imports nothing heavy itself; each name below is imported from its file when it is first used.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from .interruption import heed_in_the_command
 
@@ -12,18 +16,42 @@ from .runtime import set_up  # noqa: E402
 
 set_up()
 
-from .build import build_robot, load_robot  # noqa: E402
-from .config import RobotConfig, dump_config, load_config  # noqa: E402
-from .equilibrium import Equilibrium, equilibrium  # noqa: E402
-from .errors import InputError  # noqa: E402
-from .forces import ChannelForces, channel_forces  # noqa: E402
-from .history import Simulation, equilibrium_at, simulate  # noqa: E402
-from .march import March  # noqa: E402
-from .parameters import Parameter, parameters_of  # noqa: E402
-from .phases import Switch, label_phases, release_switch  # noqa: E402
-from .recording import Recording, read_recording, write_recording  # noqa: E402
-from .robot import Backbone, Loads, Robot, Tendon  # noqa: E402
-from .sensing import Reading, reading, true_base  # noqa: E402
+if TYPE_CHECKING:
+    from .errors import InputError
+    from .files.config import RobotConfig, dump_config, load_config
+    from .files.recording import Recording, read_recording, write_recording
+    from .mechanics.structure import March
+    from .robot.backbone import Backbone
+    from .robot.build import build_robot, load_robot
+    from .robot.parameters import Parameter, parameters_of
+    from .robot.parts import Loads, Tendon
+    from .robot.robot import Robot
+    from .simulation.equilibrium import equilibrium
+    from .simulation.forces import ChannelForces, channel_forces
+    from .simulation.history import Simulation, equilibrium_at, reading, simulate
+    from .simulation.phases import Switch, label_phases, release_switch
+    from .simulation.sensing import Reading, true_base
+    from .simulation.solution import Equilibrium
+
+# The file of each name, as above; a test holds the two to each other.
+FILES = {
+    "errors": ("InputError",),
+    "files.config": ("RobotConfig", "dump_config", "load_config"),
+    "files.recording": ("Recording", "read_recording", "write_recording"),
+    "mechanics.structure": ("March",),
+    "robot.backbone": ("Backbone",),
+    "robot.build": ("build_robot", "load_robot"),
+    "robot.parameters": ("Parameter", "parameters_of"),
+    "robot.parts": ("Loads", "Tendon"),
+    "robot.robot": ("Robot",),
+    "simulation.equilibrium": ("equilibrium",),
+    "simulation.forces": ("ChannelForces", "channel_forces"),
+    "simulation.history": ("Simulation", "equilibrium_at", "reading", "simulate"),
+    "simulation.phases": ("Switch", "label_phases", "release_switch"),
+    "simulation.sensing": ("Reading", "true_base"),
+    "simulation.solution": ("Equilibrium",),
+}
+_FILE_OF = {name: file for file, names in FILES.items() for name in names}
 
 __all__ = [
     "Backbone",
@@ -56,3 +84,16 @@ __all__ = [
     "true_base",
     "write_recording",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """A name of this package, imported from its file."""
+    if name not in _FILE_OF:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    value = getattr(import_module(f".{_FILE_OF[name]}", __name__), name)
+    globals()[name] = value  # so that this function is not asked again
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,5 +1,8 @@
 """How JAX is set up for this package: 64-bit floats, and loops compiled whole on the CPU.
 
+All of it is said in the environment, which JAX reads when it is imported, so that nothing here imports JAX
+and it does not matter who does.
+
 XLA's CPU backend runs every operation of a loop's body as a kernel of its own unless one pass of the body
 touches fewer bytes than a threshold, 1 kB by default. The march over the nodes lies above; with 100 kB the
 whole march is one kernel, and a history of marches too: an equilibrium is then 2 to 4 times faster, a history
@@ -13,21 +16,23 @@ tendons then take 11 s instead of 0.24 s.
 from __future__ import annotations
 
 import os
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read once, when LAPACK is loaded: before jax is
-
-import jax
+import sys
 
 LOOP_OPTION = "xla_backend_extra_options"
 LOOP_THRESHOLD = f"--{LOOP_OPTION}=xla_cpu_small_while_loop_byte_threshold=100000"
 
 
 def set_up() -> None:
-    """Switch to 64-bit floats and raise the loop threshold, unless the environment already sets that option.
+    """Switch to 64-bit floats, raise the loop threshold unless the environment already sets that option, and
+    keep LAPACK to one thread unless the environment says how many.
 
-    XLA reads its flags once, when it is first used: import this package before computing anything with JAX.
+    XLA reads its flags when it is first used, JAX and LAPACK theirs when they are imported: import this
+    package before computing anything with JAX.
     """
-    jax.config.update("jax_enable_x64", True)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     flags = os.environ.get("XLA_FLAGS", "")
     if LOOP_OPTION not in flags:
         os.environ["XLA_FLAGS"] = f"{flags} {LOOP_THRESHOLD}".strip()
+    os.environ["JAX_ENABLE_X64"] = "1"
+    if "jax" in sys.modules:  # which has read its own already
+        sys.modules["jax"].config.update("jax_enable_x64", True)

@@ -10,7 +10,7 @@ import jax
 import pytest
 
 import gtr_jax
-from gtr_jax.config import parse_config
+from gtr_jax.files.config import parse_config
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")

@@ -9,10 +9,12 @@ import pytest
 import calibrate
 import gtr_jax as gtr
 from benchmarks.coverage import Case, noisy, outcome, recorded
-from calibrate.base_tension import BaseTension, estimate, exact, straighten, turning_points
-from calibrate.coordinates import Predictor, coordinates
+from calibrate.coordinates import coordinates, places
+from calibrate.number import number_at
+from calibrate.predictor import Predictor
+from calibrate.readings import BaseTension, estimate_base, exact, sharpened, straighten, turning_points
 from calibrate.weighing import Weighing
-from gtr_jax.parameters import parameter
+from gtr_jax.robot.parameters import parameter
 
 HOLDS = np.concatenate(
     [
@@ -53,8 +55,8 @@ def test_nothing_is_smoothed_that_is_not_straight():
     fit = straighten(with_noise(T, 0.02, 3), 0.02)
     assert np.max(np.abs(fit.T_base - T)) < 0.1
     jumps = np.random.default_rng(0).uniform(0, 40, 60)
-    assert estimate(jumps).sd == 0.0
-    np.testing.assert_array_equal(estimate(jumps).T_base, jumps)
+    assert estimate_base(jumps).sd == 0.0
+    np.testing.assert_array_equal(estimate_base(jumps).T_base, jumps)
 
 
 def test_turning_points_ignore_noise():
@@ -67,17 +69,17 @@ def test_turning_points_ignore_noise():
 
 @pytest.mark.parametrize("sd", [0.03, 0.1])
 def test_its_noise_is_told(sd):
-    found = [estimate(with_noise(HOLDS, sd, seed)) for seed in range(8)]
+    found = [estimate_base(with_noise(HOLDS, sd, seed)) for seed in range(8)]
     assert np.mean([f.sd for f in found]) == pytest.approx(sd, rel=0.05)
-    assert estimate(HOLDS, sd=0.0).sd == 0.0
-    assert estimate(with_noise(HOLDS, sd, 0), sd=sd).sd == sd
+    assert estimate_base(HOLDS, sd=0.0).sd == 0.0
+    assert estimate_base(with_noise(HOLDS, sd, 0), sd=sd).sd == sd
 
 
 def test_noise_that_hangs_together_counts_for_less():
     e = np.random.default_rng(1).normal(size=len(HOLDS))
     for k in range(1, len(e)):
         e[k] += 0.6 * e[k - 1]
-    fit = estimate(HOLDS + 0.05 * e)
+    fit = estimate_base(HOLDS + 0.05 * e)
     assert fit.tau > 1.5
     assert fit.believed > 1.2 * fit.sd
 
@@ -93,7 +95,7 @@ def test_straight_in_time_not_in_samples():
 @pytest.mark.parametrize("K", [2, 3, 4])
 def test_few_samples(K):
     T = np.arange(float(K))
-    for fit in (straighten(T, 0.1), exact(T), estimate(T)):
+    for fit in (straighten(T, 0.1), exact(T), estimate_base(T)):
         np.testing.assert_allclose(fit.T_base, T, atol=1e-12)
         np.testing.assert_allclose(fit.at_samples(fit.T_base[fit.knots]), T, atol=1e-12)
 
@@ -144,7 +146,7 @@ def test_weighed_squares_are_those_of_the_full_covariance():
 
 def test_slope_is_that_of_the_base_tension_last_followed(make_robot):
     robot = make_robot()
-    at = coordinates(robot, [parameter(robot, "mu")], [float(robot.value("mu"))])
+    at = coordinates(places(robot, ["mu"]), [number_at(parameter(robot, "mu"), float(robot.value("mu")))])
     T_base = np.concatenate([np.linspace(0, 40, 21), np.linspace(40, 2, 20)[1:]])
     found = Predictor(robot, at, T_base)(np.zeros(1))
     assert found is not None
@@ -257,7 +259,7 @@ def test_noise_is_told_from_the_tension_of_any_rig(name):
 
 def test_a_swing_takes_few_numbers():
     T = with_noise(swing(300, 1050), 0.1, 0)
-    fit = estimate(T)
+    fit = estimate_base(T)
     assert fit.size < 45 and not fit.corner.all()
     assert np.sqrt(np.mean((fit.T_base - swing(300, 1050)) ** 2)) < 0.03
     nodes = fit.nodes(0.2)
@@ -308,11 +310,11 @@ def test_the_tip_tells_where_a_base_tension_bends():
     true = np.interp(np.arange(120), [0, 50, 55, 75, 119], [0.0, 40.0, 39.7, 39.7, 5.0])
     read = true + 0.25 * rng.normal(size=120)
     fit = straighten(read, 0.25)
-    sharper = fit.sharpened(read, true + 0.02 * rng.normal(size=120), 0.02)
+    sharper = sharpened(fit, read, true + 0.02 * rng.normal(size=120), 0.02)
     assert len(sharper.knots) > len(fit.knots)
     around = slice(46, 60)
     off, sharp = (np.sqrt(np.mean((f.T_base - true)[around] ** 2)) for f in (fit, sharper))
     assert sharp < 0.7 * off
     # The values are still what the cell says: they do not follow an estimate that is off by a constant.
-    shifted = fit.sharpened(read, true + 3.0 + 0.02 * rng.normal(size=120), 0.02)
+    shifted = sharpened(fit, read, true + 3.0 + 0.02 * rng.normal(size=120), 0.02)
     assert abs(np.mean(shifted.T_base - true)) < 0.15

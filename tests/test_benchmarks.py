@@ -13,7 +13,7 @@ import gtr_jax as gtr
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # benchmarks is not installed
 from benchmarks import gate, measure, node_equation, noisy, solver_study, speed, systems
-from benchmarks.candidates import CANDIDATES
+from benchmarks.candidates import CANDIDATES, equilibrium
 
 RIVALS = [name for name in CANDIDATES if name != "march"]
 
@@ -23,7 +23,7 @@ RIVALS = [name for name in CANDIDATES if name != "march"]
 def test_candidates_find_the_march_s_solution(system, name):
     robot = system.robot(0.5)
     march = gtr.equilibrium(robot, system.T_base, solver=gtr.March(atol=1e-12))
-    rival = gtr.equilibrium(robot, system.T_base, solver=CANDIDATES[name])
+    rival = equilibrium(robot, system.T_base, CANDIDATES[name])
     assert bool(rival.converged)
     assert float(rival.T_tip) == pytest.approx(float(march.T_tip), rel=1e-8)
     np.testing.assert_allclose(rival.tip_pose, march.tip_pose, atol=1e-8)

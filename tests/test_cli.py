@@ -30,8 +30,8 @@ import gtr_jax as gtr
 from gtr_jax.cli import cli
 from gtr_jax.cli.cache import cache_folder, enable_cache
 from gtr_jax.cli.progress import Progress
-from gtr_jax.config import json_schema
 from gtr_jax.examples import SIMULATED
+from gtr_jax.files.schema import json_schema
 
 SIMULATION_FILES = {
     *("loop.png", "shape.png", "tension.png", "report.html", "robot.toml", "run.json"),
@@ -191,7 +191,7 @@ def test_answer_goes_to_stdout(run):
 
 
 def test_rigid_sheath(run, tmp_path, make_config):
-    from gtr_jax.config import dump_config
+    from gtr_jax.files.config import dump_config
 
     sheath = {"length": 1.0, "outer_radius": 0.002, "natural_curvature": 11.7, "rigid": True}
     config = make_config(backbone=sheath, routing={"kind": "parallel", "offset": 0.0})
@@ -409,9 +409,9 @@ def test_an_interrupt_leaves_everything_as_it_was(when, run, tmp_path, monkeypat
     assert run("simulate", SIMULATED, "--pull", "9", "--steps", "8", "-o", "out").status == 0
     before = (tmp_path / "out/run.json").read_bytes()
     if when == "solving":
-        monkeypatch.setattr("gtr_jax.report.answer_simulation", interrupt)
+        monkeypatch.setattr("gtr_jax.report.simulation.answer_simulation", interrupt)
     else:
-        monkeypatch.setattr("gtr_jax.report.render", interrupt)
+        monkeypatch.setattr("gtr_jax.report.page.render", interrupt)
     outcome = run("simulate", SIMULATED, "--pull", "8", "--steps", "8", "-o", "out")
     assert outcome.status == 130
     assert outcome.err.splitlines()[-1] == "interrupted: no run folder was written" and outcome.out == ""
@@ -589,7 +589,7 @@ def test_draws_are_kept():
 
     estimates = [SimpleNamespace(name="mu", unit=""), SimpleNamespace(name="E", unit="Pa")]
     draws = np.arange(12.0).reshape(2, 3, 2)
-    columns = _draws(cast(Any, SimpleNamespace(posterior=SimpleNamespace(draws=draws), estimates=estimates)))
+    columns = _draws(cast(Any, SimpleNamespace(draws=draws)), cast(Any, estimates))
     assert list(columns) == ["chain", "draw", "mu", "E [Pa]"]
     assert columns["chain"].tolist() == [1, 1, 1, 2, 2, 2] and columns["draw"].tolist() == [1, 2, 3] * 2
     assert columns["E [Pa]"].tolist() == [1.0, 3.0, 5.0, 7.0, 9.0, 11.0]
@@ -634,6 +634,7 @@ def test_cache_folder_is_per_user_and_per_jaxlib(monkeypatch, tmp_path):
 
 def test_cache_holds_programs(monkeypatch, tmp_path):
     monkeypatch.setenv("GTR_JAX_CACHE", str(tmp_path))
+    monkeypatch.setattr("gtr_jax.stored._root", None)  # as it was, once the test is over
     options = (
         "jax_compilation_cache_dir",
         "jax_persistent_cache_min_compile_time_secs",

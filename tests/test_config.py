@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gtr_jax.config import LoadsConfig, dump_config, json_schema, load_config, parse_config
-from gtr_jax.config_checks import check_channel
 from gtr_jax.errors import InputError
+from gtr_jax.files.channel_check import check_channel
+from gtr_jax.files.config import dump_config, load_config, parse_config
+from gtr_jax.files.schema import json_schema
+from gtr_jax.files.sections import LoadsConfig
+from gtr_jax.files.units import convert, parse_quantity, quantity_text, to_si
 from gtr_jax.terms import REGISTRY
-from gtr_jax.units import convert, parse_quantity, quantity_text, to_si
 
 SHARED_ROBOTS = sorted((Path(__file__).parents[2] / "shared/data").glob("**/robot.toml"))
 
@@ -490,7 +492,9 @@ def test_a_sheath_needs_no_modulus():
 
 @pytest.mark.skipif(not SCHEMA.exists(), reason="needs the repository's docs")
 def test_schema_in_the_docs_is_current():
-    assert json.loads(SCHEMA.read_text(encoding="utf-8")) == json_schema()  # renew: python -m gtr_jax.config
+    assert (
+        json.loads(SCHEMA.read_text(encoding="utf-8")) == json_schema()
+    )  # renew: python -m gtr_jax.files.schema
 
 
 def test_schema_admits_numbers_and_unit_strings():

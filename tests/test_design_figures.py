@@ -8,9 +8,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Circle
 
 import gtr_jax as gtr
-from gtr_jax import plots
-from gtr_jax.phases import label_phases
-from gtr_jax.plots.design import Mark, Near, plot_targets
+from design.report.figures import Mark, Near, plot_targets
+from gtr_jax.plots.tension import plot_tension
+from gtr_jax.simulation.phases import label_phases
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def test_a_tolerance_is_seen_and_the_plain_model_s_tip_told_apart(pulled):
 @pytest.mark.parametrize("name", ["", "the tendon on the outer side"])
 def test_what_names_the_tensions_lies_within_the_figure(name, pulled):
     _, run, phases = pulled
-    fig = plots.plot_tension(run, phases, pulled=(name, np.asarray(run.T_base)))
+    fig = plot_tension(run, phases, pulled=(name, np.asarray(run.T_base)))
     canvas = drawn(fig)
     for text in fig.axes[0].texts:
         box = text.get_window_extent(canvas.get_renderer())

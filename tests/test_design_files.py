@@ -13,8 +13,8 @@ from command_line import run_gtr
 
 import design
 import gtr_jax as gtr
-from design.assemble import assemble
 from design.drawing import draw, dxf, route_csv, svg
+from design.problem import problem_of
 from gtr_jax.errors import InputError
 from tests.conftest import CROSS, PARALLEL, SINE, TABLE
 
@@ -25,7 +25,7 @@ BENT = {"T_base": "20 N", "angle": "30 deg"}
 
 def refused(data, config):
     with pytest.raises(InputError) as fault:
-        assemble(config, design.parse_target({"schema": 1, **data}, source="t.toml"))
+        problem_of(config, design.parse_target({"schema": 1, **data}, source="t.toml"))
     says = str(fault.value)
     assert says.startswith("t.toml: ") or "t.toml" in says
     assert "\n" not in says
@@ -122,8 +122,10 @@ def test_bad_targets_get_one_line_with_key_and_remedy(data, words, make_config):
 def test_weights_count_against_the_least_of_them(make_config):
     """So that a target of little weight is not taken for met while it is outside its tolerance."""
     poses = [BENT | {"weight": 0.01}, {**BENT, "T_base": "10 N", "angle": "15 deg", "weight": 0.04}]
-    task = assemble(make_config(routing=SINE), design.parse_target({"schema": 1, "pose": poses})).task
-    np.testing.assert_allclose(task.wanted.pose_scale[:, 2] * 1e-3, [1.0, 2.0])
+    objective = problem_of(
+        make_config(routing=SINE), design.parse_target({"schema": 1, "pose": poses})
+    ).objective
+    np.testing.assert_allclose(objective.wanted.pose_scale[:, 2] * 1e-3, [1.0, 2.0])
 
 
 def test_a_fit_says_how_well_friction_and_modulus_are_known(tmp_path, make_config):
@@ -139,7 +141,7 @@ def test_a_fit_says_how_well_friction_and_modulus_are_known(tmp_path, make_confi
 
     def known(fit):
         (tmp_path / "fit.json").write_text(json.dumps(fit))
-        return assemble(config, design.parse_target(target, source="t.toml", folder=tmp_path)).uncertainty
+        return problem_of(config, design.parse_target(target, source="t.toml", folder=tmp_path)).uncertainty
 
     found = known(fit)
     np.testing.assert_allclose(found.sd, [0.1, 0.05])
@@ -163,18 +165,20 @@ def test_what_is_within_a_tolerance_of_possible_is_not_refused(make_config):
         {"pose": [{"T_base": "20 N", "tip": ["260 mm", "50 mm"]}], "search": longer},
         {"pose": [POSE], "search": tension, "limits": {"max_T_base": "15 N"}},
     ):
-        assert assemble(config, design.parse_target({"schema": 1, **data})).space.all
+        assert problem_of(config, design.parse_target({"schema": 1, **data})).space.all
 
 
 def test_robots_that_cannot_be_designed(make_config):
-    from gtr_jax.config import load_config, parse_config
+    from gtr_jax.files.config import load_config, parse_config
 
     with pytest.raises(InputError, match="one tendon"):
-        assemble(load_config("examples/antagonists.toml"), design.parse_target({"schema": 1, "pose": [POSE]}))
+        problem_of(
+            load_config("examples/antagonists.toml"), design.parse_target({"schema": 1, "pose": [POSE]})
+        )
     data = make_config(routing=PARALLEL).model_dump(mode="json", by_alias=True, exclude_none=True)
     data["backbone"]["rigid"] = True
     with pytest.raises(InputError, match="rigid"):
-        assemble(parse_config(data), design.parse_target({"schema": 1, "pose": [POSE]}))
+        problem_of(parse_config(data), design.parse_target({"schema": 1, "pose": [POSE]}))
 
 
 @pytest.mark.parametrize(
@@ -190,7 +194,7 @@ def test_robots_that_cannot_be_designed(make_config):
 def test_every_family_can_be_searched(kind, names, make_config):
     search = {"kind": kind} | ({"n_sine": [2, 3]} if "n_sine" in names else {})
     target = design.parse_target({"schema": 1, "pose": [POSE], "search": search})
-    space = assemble(make_config(routing=SINE), target).space
+    space = problem_of(make_config(routing=SINE), target).space
     assert [v.name for v in space.all] == names
     inside = space.design(0.5 * (space.lower + space.upper))
     assert inside.routing.kind == ("table" if kind == "spline" else kind)
@@ -199,7 +203,7 @@ def test_every_family_can_be_searched(kind, names, make_config):
 def test_spline_starts_as_the_channel_it_replaces(make_config):
     config = make_config(routing=CROSS)
     target = design.parse_target({"schema": 1, "pose": [POSE], "search": {"kind": "spline", "knots": 30}})
-    space = assemble(config, target).space
+    space = problem_of(config, target).space
     s = np.linspace(0.0, 0.25, 101)
     from design.space import channel_of
 
@@ -212,7 +216,7 @@ def test_route_reads_back_and_drawings_are_at_scale(tmp_path, make_config):
     (tmp_path / "route.csv").write_text(route_csv(drawn))
     data = config.model_dump(mode="json", by_alias=True, exclude_none=True)
     data["routing"] = {"kind": "table", "file": "route.csv"}
-    from gtr_jax.config import parse_config
+    from gtr_jax.files.config import parse_config
 
     robot = gtr.build_robot(parse_config(data, folder=tmp_path))
     one, other = (gtr.equilibrium(r, 20.0).tip_pose for r in (robot, gtr.build_robot(config)))
@@ -320,7 +324,7 @@ def test_a_run_folder_holds_the_fit_that_its_target_names(files, capsys):
     done = run_gtr(capsys, "design", files / "robot.toml", files / "target.toml", "-o", out)
     assert done.status == 0, done.err
     again = design.load_target(out / "target.toml")
-    found = assemble(gtr.load_config(out / "robot.toml"), again).uncertainty
+    found = problem_of(gtr.load_config(out / "robot.toml"), again).uncertainty
     assert found.sd[0] == pytest.approx(0.1)
     assert json.loads((out / "run.json").read_text())["inputs"].keys() == {"robot", "target", "fit"}
 
@@ -394,12 +398,12 @@ def test_command_refuses_what_is_no_target(target, words, files, capsys):
 def test_example_targets_are_read():
     for path in Path("examples").glob("*-target.toml"):
         config = gtr.load_config(str(path).replace("-target", ""))
-        assert assemble(config, design.load_target(path)).space.all
+        assert problem_of(config, design.load_target(path)).space.all
 
 
 def test_the_target_file_of_the_docs_is_one(make_config):
     text = Path("docs/files.md").read_text(encoding="utf-8").partition("## TARGET.toml")[2]
     data = tomllib.loads(re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)[0])
-    problem = assemble(gtr.load_config("examples/tdcm-1.toml"), design.parse_target(data))
+    problem = problem_of(gtr.load_config("examples/tdcm-1.toml"), design.parse_target(data))
     assert [v.name for v in problem.space.all] == ["r1", "r2", "w1", "w2", "E"]
-    assert problem.task.states == ((0, True), (1, False))
+    assert problem.objective.states == ((0, True), (1, False))

@@ -10,14 +10,14 @@ import pytest
 import design
 import gtr_jax as gtr
 from design import gauss_newton, lagrangian, literal
-from design.assemble import assemble
+from design.distinct import distinct_options
 from design.least_loss import with_less_loss
+from design.objective import evaluate
 from design.option import look_at, off_by
-from design.options import options_of
+from design.problem import problem_of
 from design.search import ARRIVED, find, losses
 from design.space import on_common_mesh
-from design.task import evaluate
-from gtr_jax.units import quantity_text
+from gtr_jax.files.units import quantity_text
 from tests.conftest import CROSS, PARALLEL, SINE, WAVE
 
 LIMITS = {"wall_clearance": "1.5 mm", "min_channel_radius": "10 mm", "max_tension_loss": 0.8}
@@ -55,15 +55,15 @@ def test_derivatives_of_residuals_and_margins(case, make_config):
     """Every coordinate of every family, knots, tension and modulus included, against central differences."""
     routing, sections, load = CASES[case]
     pose = {"T_base": 25.0, "tip": [0.2, 0.05], "angle": 0.4, **load}
-    problem = assemble(make_config(routing=routing), target(pose, **sections))
-    task = problem.task
-    z = jnp.asarray(np.random.default_rng(3).uniform(0.45, 0.6, task.lower.shape[0]))
+    problem = problem_of(make_config(routing=routing), target(pose, **sections))
+    objective = problem.objective
+    z = jnp.asarray(np.random.default_rng(3).uniform(0.45, 0.6, objective.lower.shape[0]))
     if case in ("sine", "releasing"):
         z = z.at[2].set(0.2).at[3].set(0.7)
 
     @jax.jit
     def values(z):
-        e = evaluate(task, z)
+        e = evaluate(objective, z)
         return jnp.concatenate([e.residuals, e.margins[:3], e.T_tip])
 
     found = np.asarray(jax.jacfwd(values)(z))
@@ -89,7 +89,7 @@ def test_a_hidden_routing_s_pose_is_reached_within_the_limits(case, make_config)
     robot = gtr.build_robot(make_config(routing=hidden))
     after = 30.0 if load else None
     pose = pose_of(robot, load.get("T_base", 25.0), after) | load
-    problem = assemble(make_config(routing=routing), target(pose, **sections))
+    problem = problem_of(make_config(routing=routing), target(pose, **sections))
     found = find(problem)
     good = np.flatnonzero(found.kept & (found.cost < 0.125))
     assert len(good) >= 2
@@ -113,16 +113,16 @@ def test_the_least_loss_is_that_of_a_scan(make_config):
     """Of the family of designs that bend the tip to one angle: r1 scanned, r2 solved for each."""
     config = make_config(routing=SINE)
     wanted = {"T_base": 25.0, "angle": 0.3}
-    problem = assemble(config, target(wanted, search={"routing": ["r1", "r2"], "starts": 4}))
+    problem = problem_of(config, target(wanted, search={"routing": ["r1", "r2"], "starts": 4}))
     found = with_less_loss(problem, find(problem))
-    lost = losses(problem.task, found)[found.kept & (found.cost < ARRIVED)]
+    lost = losses(problem.objective, found)[found.kept & (found.cost < ARRIVED)]
     space = problem.space
     least = 1.0
     for r1 in np.linspace(-0.018, 0.018, 73):
         z = np.stack(
             [np.full(161, (r1 - space.lower[0]) / (space.upper - space.lower)[0]), np.linspace(0, 1, 161)]
         )
-        judged = gauss_newton.judge_all(problem.task, jnp.asarray(z.T))
+        judged = gauss_newton.judge_all(problem.objective, jnp.asarray(z.T))
         kept = np.min(np.asarray(judged.margins), axis=1) >= gauss_newton.BACK_OFF
         off, loss = np.asarray(judged.residuals)[:, 2], 1.0 - np.asarray(judged.T_tip)[:, 0] / 25.0
         for i in np.flatnonzero((off[1:] * off[:-1] <= 0) & kept[1:] & kept[:-1]):
@@ -139,9 +139,9 @@ def test_the_design_that_loses_least_is_chosen_with_a_free_tension(make_config):
     limits = {"wall_clearance": 1.5e-4, "bore_clearance": 1e-4, "channel_diameter": 3e-4}
     search = {"free": ["T_base"], "bounds": {"T_base": ["1 N", "10 N"]}}
     pose = {"T_base": "4 N", "tip": ["60 mm", "42 mm"], "tip_tolerance": "0.5 mm"}
-    problem = assemble(config, target(pose, search=search, limits=limits))
+    problem = problem_of(config, target(pose, search=search, limits=limits))
     found = find(problem)
-    options = options_of(problem, found)
+    options = distinct_options(problem, found)
     assert len(options) > 1
     for option in options:
         assert option.reached and option.kept and option.loss >= options[0].loss
@@ -160,7 +160,7 @@ def test_the_design_that_loses_least_is_chosen_with_a_free_tension(make_config):
 
 def test_starts_near_the_targets_are_finished():
     """Points on the way to a design are none: on the example all that arrive stop by themselves."""
-    problem = assemble(
+    problem = problem_of(
         gtr.load_config("examples/tdcm-1.toml"), design.load_target("examples/tdcm-1-target.toml")
     )
     found = find(problem)
@@ -208,7 +208,7 @@ def test_numbers_of_a_space_are_rounded_in_the_units_of_the_files(make_config):
     """To a millionth of what is searched, and so that the file reads back to the equal float."""
     bounds = {"E": ["0.8 MPa", "2 MPa"], "T_base": ["5 N", "50 N"]}
     search = {"free": ["E", "T_base", "natural_curvature"], "bounds": bounds | {"natural_curvature": [-1, 1]}}
-    space = assemble(make_config(routing=SINE), target({"T_base": 20.0, "angle": 0.3}, search=search)).space
+    space = problem_of(make_config(routing=SINE), target({"T_base": 20.0, "angle": 0.3}, search=search)).space
     rng = np.random.default_rng(1)
     for _ in range(50):
         values = space.lower + rng.uniform(size=len(space.all)) * (space.upper - space.lower)
@@ -298,10 +298,10 @@ def test_goal_is_at_its_closed_form(make_config):
 def test_both_optimisers_find_the_same(make_config):
     hidden = {**SINE, "r1": -0.0085, "r2": 0.0096, "w1": 0.05, "w2": 0.17}
     pose = pose_of(gtr.build_robot(make_config(routing=hidden)))
-    task = assemble(make_config(routing=SINE), target(pose)).task
+    objective = problem_of(make_config(routing=SINE), target(pose)).objective
     z = jnp.asarray([[0.3, 0.75, 0.25, 0.6]])
-    one = gauss_newton.search_all(task, z, jnp.ones((1, 4)), 60)
-    other = lagrangian.minimise_all(task, one.z + 0.02, jnp.ones((1, 4)))
+    one = gauss_newton.search_all(objective, z, jnp.ones((1, 4)), 60)
+    other = lagrangian.minimise_all(objective, one.z + 0.02, jnp.ones((1, 4)))
     assert float(one.cost[0]) < 1e-4
     assert float(other.cost[0]) < 0.05
     assert float(jnp.min(other.rows)) >= 0.0
@@ -325,15 +325,15 @@ def test_the_literal_integrals_agree(released, loads, make_config):
 
 def test_margins_of_a_searched_channel_are_those_of_a_fine_one(make_config):
     """What the search takes for the least margin is so on 2001 places too, to its back-off."""
-    problem = assemble(
+    problem = problem_of(
         make_config(routing=WAVE), target({"T_base": 20.0, "angle": 0.3}, search={"n_sine": [6]})
     )
     z = jnp.asarray([[0.8, 0.72, 0.2]])
-    rows = np.asarray(gauss_newton.judge_all(problem.task, z).margins[0])
+    rows = np.asarray(gauss_newton.judge_all(problem.objective, z).margins[0])
     values = problem.space.lower + np.asarray(z[0]) * (problem.space.upper - problem.space.lower)
     option = look_at(problem, values, resolution=1.0)
     wall = next(m for m in option.margins if m.name == "wall_clearance")
-    count = problem.task.stations
+    count = problem.objective.stations
     assert rows[: 2 * count].min() * 0.02 == pytest.approx(wall.margin, abs=gauss_newton.BACK_OFF * 0.02)
 
 
@@ -342,16 +342,20 @@ def test_an_expected_error_is_less_than_that_of_the_nominal_design(make_config):
     known = {"friction_coefficient": 0.2, "youngs_modulus": 0.2}
     pose = {"T_base": 25.0, "angle": 0.9}
     robust = {"optimise": "expected", **known}
-    problem = assemble(make_config(routing=PARALLEL), target(pose, robust=robust, search={"starts": 3}))
+    problem = problem_of(make_config(routing=PARALLEL), target(pose, robust=robust, search={"starts": 3}))
     found = find(problem)
-    nominal = assemble(make_config(routing=PARALLEL), target(pose, search={"starts": 3}))
+    nominal = problem_of(make_config(routing=PARALLEL), target(pose, search={"starts": 3}))
     exact = find(nominal)
     kept = np.flatnonzero(found.kept)
     best = found.z[kept[np.argmin(found.cost[kept])]]
     at = exact.z[np.argmin(exact.cost)]
-    cost = [0.5 * float(jnp.sum(evaluate(problem.task, jnp.asarray(z)).residuals ** 2)) for z in (best, at)]
+    cost = [
+        0.5 * float(jnp.sum(evaluate(problem.objective, jnp.asarray(z)).residuals ** 2)) for z in (best, at)
+    ]
     assert cost[0] < 0.999 * cost[1]
-    slope = jax.grad(lambda z: 0.5 * jnp.sum(evaluate(problem.task, z).residuals ** 2))(jnp.asarray(best))
+    slope = jax.grad(lambda z: 0.5 * jnp.sum(evaluate(problem.objective, z).residuals ** 2))(
+        jnp.asarray(best)
+    )
     assert float(jnp.max(jnp.abs(slope))) < 1e-3 * cost[0]
 
 
@@ -359,10 +363,10 @@ def test_with_free_tensions_a_release_stays_one(make_config):
     """From the last tension of the file: designs in which another is larger break a limit."""
     bounds = {"T_base": ["5 N", "50 N"]}
     pose = {"T_base": 12.0, "branch": "releasing", "angle": 0.3}
-    task = assemble(
+    objective = problem_of(
         make_config(routing=PARALLEL), target(pose, search={"free": ["T_base"], "bounds": bounds}, **TOP)
-    ).task
-    sound, wrong = (evaluate(task, jnp.asarray(z)).margins for z in ([0.7, 0.2, 0.6], [0.7, 0.6, 0.2]))
+    ).objective
+    sound, wrong = (evaluate(objective, jnp.asarray(z)).margins for z in ([0.7, 0.2, 0.6], [0.7, 0.6, 0.2]))
     assert float(jnp.min(sound)) > 0.0
     assert float(jnp.min(wrong)) == pytest.approx(-18.0 / 30.0)
 
@@ -372,10 +376,10 @@ def test_the_least_worst_error_is_that_of_a_scan(make_config):
     """Of one offset, tried at four hundred places, to the share at which the reweighting stops."""
     robust = {"optimise": "worst", "friction_coefficient": 0.2, "youngs_modulus": 0.2}
     pose = {"T_base": 25.0, "angle": 0.9}
-    problem = assemble(make_config(routing=PARALLEL), target(pose, robust=robust, search={"starts": 3}))
+    problem = problem_of(make_config(routing=PARALLEL), target(pose, robust=robust, search={"starts": 3}))
     found = find(problem)
     z = jnp.linspace(0.0, 1.0, 401)[:, None]
-    judged = gauss_newton.judge_all(problem.task, z)
+    judged = gauss_newton.judge_all(problem.objective, z)
     kept = np.asarray(jnp.min(judged.margins, axis=1)) >= 0.0
     scanned = np.where(kept, np.asarray(judged.residuals)[:, 0], np.inf)
     best = int(np.argmin(np.where(found.kept, found.cost, np.inf)))

@@ -13,21 +13,25 @@ from command_line import run_gtr
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.base_tension import exact
 from calibrate.diagnosis import decide
-from calibrate.diagnosis.bench import Bench, Fitted, Noise, noise_of
-from calibrate.diagnosis.diagnose import prepare
+from calibrate.diagnosis.bench import Bench
+from calibrate.diagnosis.cache import SimulationCache
 from calibrate.diagnosis.experiment import checks, menu, propose, turned, weighed, weight_to_hang
-from calibrate.diagnosis.hypotheses import Hypothesis, Number, base_numbers, catalogue, number_of
+from calibrate.diagnosis.hypotheses import Hypothesis, base_numbers, catalogue, number_of
 from calibrate.diagnosis.locate import cycles_of, ratio_of_branches
-from calibrate.diagnosis.memory import Memory
+from calibrate.diagnosis.model import Fitted
+from calibrate.diagnosis.models import Models
 from calibrate.diagnosis.patterns import Pattern, pattern_in
-from calibrate.diagnosis.result import sentence
+from calibrate.diagnosis.prepare import prepare
 from calibrate.diagnosis.rig import Rig
-from calibrate.diagnosis.search import Models, screen
+from calibrate.diagnosis.screen import screen
+from calibrate.diagnosis.sentence import sentence
 from calibrate.fit import part_of
+from calibrate.number import Number
+from calibrate.readings import exact
+from calibrate.readings.noise import Noise, of_residual
 from calibrate.weighing import Weighing
-from gtr_jax.sensing import cells_show
+from gtr_jax.simulation.sensing import cells_show
 from gtr_jax.terms import REGISTRY
 
 REFERENCE = Path(__file__).parent / "data" / "reference"
@@ -46,7 +50,7 @@ def test_noise_is_told_from_a_misfit(rho):
     noise = np.zeros(n)
     for k in range(1, n):
         noise[k] = rho * noise[k - 1] + rng.normal() * np.sqrt(1 - rho**2)
-    found = noise_of(0.05 * noise + 2.0 * np.sin(np.arange(n) / 200), 1e-6)
+    found = of_residual(0.05 * noise + 2.0 * np.sin(np.arange(n) / 200), 1e-6)
     assert found.sd == pytest.approx(0.05, rel=0.1) and found.rho == pytest.approx(rho, abs=0.06)
 
 
@@ -59,7 +63,7 @@ def test_slow_noise_of_short_recordings_is_not_underestimated(rho, least):
         noise = rng.normal(size=80)
         for k in range(1, len(noise)):
             noise[k] = rho * noise[k - 1] + noise[k] * np.sqrt(1 - rho**2)
-        seen = noise_of(noise, 1e-9)
+        seen = of_residual(noise, 1e-9)
         found.append(seen.sd**2 * (1 + seen.rho) / (1 - seen.rho) * (1 - rho) / (1 + rho))
     assert least < np.median(found) < 1.7
 
@@ -109,9 +113,12 @@ def test_a_regularity_is_no_noise():
         part = SimpleNamespace(name="r", samples=K, channels=("T_tip",), T_tip=z + tip, where=[0])
         part.recorded, part.smallest, part.noise_N = (z + tip)[None], [0.0], None
         part.T_base, part.time = SimpleNamespace(T_base=T), 0.5 * np.arange(K) if timed else None
-        bench = Bench([cast(Any, SimpleNamespace(part=part))], ())
-        bench.noise = [[Noise(1.0, 0.0)]]
-        bench.weighs = [Weighing.plain(exact(T), ("T_tip",), np.ones(1))]
+        bench = Bench(
+            rigs=(cast(Any, SimpleNamespace(part=part)),),
+            base=(),
+            noise=[[Noise(1.0, 0.0)]],
+            weighs=[Weighing.plain(exact(T), ("T_tip",), np.ones(1))],
+        )
         rows = np.concatenate([z, np.zeros(K)])
         slope = np.concatenate([tip, np.zeros(K)])[:, None]
         seen = [SimpleNamespace(values=tip[None])]
@@ -444,14 +451,14 @@ def test_an_interrupted_diagnosis_goes_on_where_it_stopped(tmp_path, monkeypatch
 
     with pytest.raises(KeyboardInterrupt):
         calibrate.diagnose(config, recording, steps=steps, progress=interrupt)
-    done, simulated = len(Memory(steps)), []
+    done, simulated = len(SimulationCache(steps)), []
     assert done > 20
     real = Rig._simulated
     monkeypatch.setattr(Rig, "_simulated", lambda *args: simulated.append(1) or real(*args))
     again = calibrate.diagnose(config, recording, steps=steps)
     assert again.to_json() == whole.to_json()
     # What was done is not done again; and once all is, nothing is.
-    assert len(simulated) == len(Memory(steps)) - done
+    assert len(simulated) == len(SimulationCache(steps)) - done
     simulated.clear()
     assert calibrate.diagnose(config, recording, steps=steps).to_json() == whole.to_json() and not simulated
 
@@ -476,15 +483,15 @@ def test_the_file_of_steps_is_left_where_no_answer_was_written(tmp_path, monkeyp
 def test_a_broken_file_of_steps_is_begun_anew(tmp_path):
     path = tmp_path / "steps"
     path.write_bytes(b"no database" * 1000)
-    memory = Memory(path)
+    memory = SimulationCache(path)
     assert len(memory) == 0
     memory.put(b"a", np.arange(3.0))
     memory.close()
-    again = Memory(path)
+    again = SimulationCache(path)
     kept = again.get(b"a")
     assert kept is not None and np.array_equal(kept, np.arange(3.0)) and again.get(b"b") is None
     # Nothing is made before anything is kept.
-    unused = Memory(tmp_path / "no" / "steps")
+    unused = SimulationCache(tmp_path / "no" / "steps")
     assert len(unused) == 0 and unused.get(b"a") is None and not (tmp_path / "no").exists()
 
 
@@ -615,7 +622,7 @@ def test_the_experiment_that_tells_rivals_apart(make_robot, rivals, known, best)
     robot = make_robot(loads={"gravity_angle": "-90 deg"})
     T = np.concatenate([np.linspace(0.0, 20.0, 21), np.linspace(20.0, 0.0, 21)[1:]])
     recording = gtr.Recording(path=Path("r.csv"), sha256="", time=np.arange(41.0), T_base=T, T_tip=0.8 * T)
-    part = part_of("r", robot, None, recording, ("T_tip",), 0.02, 0.02, False, [])
+    part, _ = part_of("r", robot, None, recording, ("T_tip",), noise_N=0.02, noise_base_N=0.02)
     base = base_numbers(robot, {})
     given = {"timed": True, "largest_tip": 20.0, "travel": np.array([0.0, 0.1]), "bend": 5.0}
     of = {h.name: h for h in catalogue(robot, **given)}

@@ -12,12 +12,13 @@ from command_line import run_gtr
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.diagnosis.diagnose import Prepared, prepare
 from calibrate.diagnosis.locate import locate, mu_by_stratum
-from calibrate.diagnosis.rig import Rig, values_in
+from calibrate.diagnosis.prepare import Prepared, prepare
+from calibrate.diagnosis.rig import Rig
 from calibrate.diagnosis.robots import _labels
-from gtr_jax.history import padded_length
-from gtr_jax.sensing import cells_show
+from calibrate.number import values_in
+from gtr_jax.simulation.history import padded_length
+from gtr_jax.simulation.sensing import cells_show
 from gtr_jax.terms import REGISTRY
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "rig"

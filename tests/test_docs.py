@@ -162,7 +162,8 @@ def test_thresholds_of_the_diagnosis_are_those_of_the_code():
     stated = THRESHOLD.findall(page)
     assert len(stated) > 30
     for module, name, place, value in stated:
-        there = getattr(importlib.import_module(f"calibrate.diagnosis.{module}"), name)
+        package = "calibrate.readings" if module == "noise" else "calibrate.diagnosis"
+        there = getattr(importlib.import_module(f"{package}.{module}"), name)
         there = there[int(place)] if place else there
         said = 1e-4 if value == "10⁻⁴" else float(value)
         assert said == there, f"{module}.{name}"
@@ -204,3 +205,14 @@ def test_the_page_of_the_diagnosis_shows_what_the_command_prints(tmp_path, monke
                 assert any(close), f"not printed: {line}\n" + "\n".join(printed)
                 compared += 1
     assert compared >= 5
+
+
+def test_the_files_that_the_map_names_are_there():
+    files = [
+        f"/{path.relative_to(ROOT)}"
+        for f in ("gtr_jax", "calibrate", "design")
+        for path in (ROOT / f).rglob("*.py")
+    ]
+    named = set(re.findall(r"`([\w/]+\.py)`", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")))
+    named -= {"utils.py", "tests/test_imports.py"}
+    assert not [name for name in named if not any(file.endswith(f"/{name}") for file in files)]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from gtr_jax.phases import PULLING, RELEASING, REST, TRANSITION
-from gtr_jax.plots.fit import plot_time
+from calibrate.report.fit_figures import plot_time
+from gtr_jax.simulation.phases import PULLING, RELEASING, REST, TRANSITION
 
 
 @pytest.mark.parametrize("phases", [[PULLING], [PULLING, TRANSITION, RELEASING, REST]])

@@ -9,10 +9,12 @@ import pytest
 
 import calibrate
 import gtr_jax as gtr
-from calibrate import noise
-from calibrate.coordinates import Predictor, coordinates
+from calibrate.coordinates import coordinates, places
+from calibrate.number import number_at
+from calibrate.predictor import Predictor
+from calibrate.readings import noise
 from calibrate.start import thin
-from gtr_jax.parameters import parameter
+from gtr_jax.robot.parameters import parameter
 from tests.conftest import PARALLEL, SINE
 
 DATA = Path(__file__).parent / "data"
@@ -238,7 +240,8 @@ def test_real_recording():
 def test_derivatives_of_the_prediction(make_config):
     robot = gtr.build_robot(make_config(PARALLEL))
     chosen = [parameter(robot, "mu"), parameter(robot, "offset")]
-    at = coordinates(robot, chosen, [float(robot.value(p.name)) for p in chosen])
+    numbers = [number_at(p, float(robot.value(p.name))) for p in chosen]
+    at = coordinates(places(robot, [p.name for p in chosen]), numbers)
     predict = Predictor(robot, at, LOOP)
     u, h = np.asarray([0.02, -0.01]), 1e-5
     exact = predict(u)
@@ -248,6 +251,19 @@ def test_derivatives_of_the_prediction(make_config):
         assert up is not None and down is not None
         assert exact.jacobian[..., i] == pytest.approx((up.values - down.values) / (2 * h), abs=1e-6)
     assert at.at(np.asarray(at.values(u))) == pytest.approx(u)
+
+
+def test_what_is_not_asked_for_and_longer_programs_change_nothing(make_config):
+    robot = gtr.build_robot(make_config(PARALLEL))
+    at = coordinates(places(robot, ["mu"]), [number_at(parameter(robot, "mu"), float(robot.value("mu")))])
+    every = Predictor(robot, at, LOOP)(np.zeros(1))
+    tip = Predictor(robot, at, LOOP, channels=("T_tip",))(np.zeros(1))
+    longer = Predictor(robot, at, LOOP, channels=("T_tip", "tip_angle"), length=2 * len(LOOP))(np.zeros(1))
+    assert every is not None and tip is not None and longer is not None
+    for found, rows in ((tip, [0]), (longer, [0, 3])):
+        np.testing.assert_allclose(found.values, every.values[rows], rtol=1e-12)
+        np.testing.assert_allclose(found.jacobian, every.jacobian[rows], rtol=1e-9, atol=1e-12)
+        np.testing.assert_array_equal(found.phases, every.phases)
 
 
 @pytest.mark.parametrize(

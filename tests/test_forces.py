@@ -9,7 +9,7 @@ import pytest
 
 import gtr_jax as gtr
 from gtr_jax.examples import SIMULATED
-from gtr_jax.forces import channel_forces
+from gtr_jax.simulation.forces import channel_forces
 
 T_BASE = 45.0
 

@@ -21,10 +21,10 @@ import pytest
 import tomli_w
 
 from design.target import load_target, target_text
-from gtr_jax.build import load_robot
-from gtr_jax.config import config_text, load_config
 from gtr_jax.errors import InputError
-from gtr_jax.recording import read_recording
+from gtr_jax.files.config import config_text, load_config
+from gtr_jax.files.recording import read_recording
+from gtr_jax.robot.build import load_robot
 from gtr_jax.sweep.axes import axes_of
 from gtr_jax.sweep.config import load_sweep, sweep_text
 from gtr_jax.sweep.plan import plan_of

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import gtr_jax as gtr
-from gtr_jax.mesh import build_mesh, cumulative, panel_table
-from gtr_jax.robot import distal_mass, lay_out
+from gtr_jax.mechanics.mesh import build_mesh, cumulative, panel_table
+from gtr_jax.robot.robot import distal_mass, lay_out
 from tests.conftest import ROUTINGS, SINE, TABLE
 
 

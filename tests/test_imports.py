@@ -1,38 +1,85 @@
-"""Imports run one way: gtr_jax <- calibrate, design; inside gtr_jax, mechanics <- plots <- report <- paper,
-cli.
-"""
+"""Imports go down only: which folder may import which, and no circle of files or of folders."""
 
 import ast
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+import gtr_jax
+
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("gtr_jax", "calibrate", "design")
-# What each may import of the others, at module level.
-ALLOWED = {"gtr_jax": set(), "calibrate": {"gtr_jax"}, "design": {"gtr_jax"}}
-# Layers of gtr_jax above the mechanics, and which of them each may import at module level.
-LAYERS = {
-    "plots": set(),
-    "sweep": set(),
-    "report": {"plots"},
-    "paper": {"report", "plots", "examples"},
-    "cli": {"report", "plots", "examples", "sweep"},
-    "examples": set(),
-}
 FILES = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
 
+# Names that users import from a package stand in its __init__.py, its door: it imports from the folders what
+# it shows. "base" is what lies beside gtr_jax/__init__.py: errors, Ctrl-C, how JAX is set up.
+DOOR = {package: f"{package} (door)" for package in PACKAGES}
+# What each folder may import besides itself.
+BELOW = {"base", "files", "robot", "mechanics", "simulation", "terms"}
+CALIBRATE = {"gtr_jax (door)", "base", "files", "robot", "simulation", "terms", "calibrate.readings"}
+ALLOWED = {
+    "base": set(),
+    "examples": set(),
+    "terms": set(),
+    "files": {"base", "terms"},
+    "mechanics": {"terms"},
+    "mechanics.several": {"mechanics", "terms"},
+    "native": set(),
+    "robot": {"base", "files", "mechanics", "terms"},
+    "simulation": {"robot", "mechanics", "mechanics.several", "native", "terms"},
+    "gtr_jax (door)": BELOW,
+    "sweep": BELOW,
+    "plots": BELOW | {"sweep"},
+    "report": BELOW | {"sweep", "plots", "examples"},
+    "calibrate.readings": set(),
+    "calibrate": CALIBRATE,
+    "calibrate.diagnosis": CALIBRATE | {"calibrate"},
+    "calibrate (door)": {"calibrate", "calibrate.diagnosis"},
+    "calibrate.report": CALIBRATE | {"calibrate", "calibrate.diagnosis", "plots", "report"},
+    "design": BELOW | {"gtr_jax (door)"},
+    "design (door)": {"design"},
+    "design.report": BELOW | {"gtr_jax (door)", "design", "plots", "report"},
+}
+ALLOWED["paper"] = {*ALLOWED} - {"paper"}
+ALLOWED["cli"] = {*ALLOWED}
 
-def imported(path: Path, *, anywhere: bool = False) -> set[str]:
-    """Full names of what a file imports, at module level or anywhere; not those for type checks only."""
+
+def files_by_module() -> dict[str, Path]:
+    """Every file by the name it is imported under."""
+    found = {}
+    for path in FILES:
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+MODULES = files_by_module()
+
+
+def room(path: Path) -> str:
+    """The folder a file belongs to, as `ALLOWED` names it."""
+    *folders, file = path.relative_to(ROOT).with_suffix("").parts
+    if len(folders) == 1 and file == "__init__":
+        return DOOR[folders[0]]
+    if folders == ["gtr_jax"]:
+        return "cli" if file == "__main__" else "base"  # `python -m gtr_jax` is the command
+    return ".".join(folders[1:] if folders[0] == "gtr_jax" else folders)
+
+
+def imported(path: Path, *, anywhere: bool = True) -> set[str]:
+    """Full names of what a file imports, also within functions unless told otherwise; not what is imported
+    for type checks only.
+    """
     package = path.relative_to(ROOT).parent.parts
     names = set()
     pending: list[ast.AST] = [ast.parse(path.read_text(encoding="utf-8"))]
     while pending:
         node = pending.pop()
         if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            pending += node.orelse
             continue
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda) and not anywhere:
             continue
@@ -41,48 +88,143 @@ def imported(path: Path, *, anywhere: bool = False) -> set[str]:
         elif isinstance(node, ast.ImportFrom):
             stem = package[: len(package) + 1 - node.level] if node.level else ()
             module = ".".join([*stem, *([node.module] if node.module else [])])
-            names |= {module} | {f"{module}.{alias.name}" for alias in node.names}
+            whole = {f"{module}.{alias.name}" for alias in node.names}
+            names |= whole if whole <= {*MODULES} else whole | {module}
         pending += ast.iter_child_nodes(node)
     return names
 
 
+def own_imports(path: Path) -> set[Path]:
+    """The files of this project that a file imports."""
+    return {MODULES[name] for name in imported(path) & {*MODULES}} - {path}
+
+
+def circle(below: dict) -> list:
+    """A way through a graph that comes back to where it began; empty if there is none."""
+    done, way = set(), []
+
+    def visit(node):
+        if node in way:
+            return [*way[way.index(node) :], node]
+        if node in done:
+            return []
+        way.append(node)
+        for other in sorted(below.get(node, ())):
+            if found := visit(other):
+                return found
+        done.add(way.pop())
+        return []
+
+    return next((found for node in below if (found := visit(node))), [])
+
+
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_packages_import_one_way(path):
-    own = path.relative_to(ROOT).parts[0]
-    others = {name.split(".")[0] for name in imported(path)} & set(PACKAGES) - {own}
-    assert others <= ALLOWED[own]
+def test_a_folder_imports_only_what_it_may(path):
+    own = room(path)
+    others = {room(other): other.relative_to(ROOT) for other in own_imports(path)}
+    assert own in ALLOWED, "a new folder: say in ALLOWED what it may import"
+    assert not {name: file for name, file in others.items() if name not in ALLOWED[own] | {own}}
 
 
-def test_only_the_command_imports_calibrate():
-    users = {
-        path.relative_to(ROOT).parts[1]
-        for path in (ROOT / "gtr_jax").rglob("*.py")
-        if {name.split(".")[0] for name in imported(path, anywhere=True)} & {"calibrate", "design"}
-    }
-    assert users <= {"cli"}
+def test_no_file_imports_itself_by_way_of_others():
+    names = {path: str(path.relative_to(ROOT)) for path in FILES}
+    assert circle({names[path]: {names[other] for other in own_imports(path)} for path in FILES}) == []
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_layers_import_one_way(path):
-    parts = path.relative_to(ROOT).parts
-    own = parts[1] if parts[0] == "gtr_jax" and len(parts) > 2 else ""
-    own = "cli" if parts == ("gtr_jax", "__main__.py") else own  # `python -m gtr_jax` is the command
-    above = {n.split(".")[1] for n in imported(path) if n.startswith("gtr_jax.")} & set(LAYERS) - {own}
-    assert above <= LAYERS.get(own, set())
+def test_no_folder_imports_itself_by_way_of_others():
+    below: dict[str, set[str]] = {}
+    for path in FILES:
+        below.setdefault(room(path), set()).update(room(other) for other in own_imports(path))
+    assert circle({own: others - {own} for own, others in below.items()}) == []
 
 
-def test_the_walker_sees_relative_imports():
-    assert "gtr_jax.forces" in imported(ROOT / "gtr_jax/report/simulation.py")
+def test_what_the_table_allows_has_no_circle_either():
+    assert set().union(*ALLOWED.values()) <= {*ALLOWED}
+    assert circle(ALLOWED) == []
+
+
+def test_circles_are_found():
+    assert circle({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == ["b", "c", "b"]
+    assert circle({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []
+
+
+def test_the_walker_sees_imports_of_every_kind():
+    assert "gtr_jax.files.table" in imported(ROOT / "gtr_jax/files/recording.py")
     assert "gtr_jax.cli.fit" in imported(ROOT / "gtr_jax/cli/demo.py")
-    assert "calibrate" not in imported(ROOT / "gtr_jax/cli/fit.py")
-    assert "calibrate" in imported(ROOT / "gtr_jax/cli/fit.py", anywhere=True)
+    assert "calibrate" not in imported(ROOT / "gtr_jax/cli/fit.py", anywhere=False)
+    assert "calibrate" in imported(ROOT / "gtr_jax/cli/fit.py")
 
 
-def test_help_imports_nothing_heavy():
-    code = (
-        "import sys; sys.modules['dask'] = None;"  # what JAX imports if it is there, and jinja2 with it
-        "from gtr_jax.cli import main; main(['--help']);"
-        "print(sorted({'calibrate', 'matplotlib', 'pandas', 'rich', 'jinja2'} & set(sys.modules)))"
+HEAVY = {
+    "jax",
+    "numpy",
+    "scipy",
+    "pint",
+    "pydantic",
+    "equinox",
+    "matplotlib",
+    "pandas",
+    "xarray",
+    "rich",
+    "jinja2",
+}
+
+
+def output_of(code: str, **environment: str) -> str:
+    """The last line that a Python process prints."""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
+        env=os.environ | environment,
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
-    assert done.stdout.splitlines()[-1] == "[]"
+    return done.stdout.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["--version"], ["simulate", "--help"], ["sweep", "--help"]]
+)
+def test_the_command_line_is_built_without_anything_heavy(arguments):
+    heavy = HEAVY | {"calibrate", "design", "gtr_jax.files", "gtr_jax.terms"}
+    code = "import sys; from gtr_jax.cli import main;"
+    code += f"main({arguments}); print(sorted({heavy} & {{*sys.modules}}))"
+    assert output_of(code) == "[]"
+
+
+def test_the_package_shows_its_names_and_imports_them_when_they_are_used():
+    code = (
+        "import sys, gtr_jax as gtr; before = 'jax' in sys.modules;"
+        "print(before, {*gtr.__all__} <= {*dir(gtr)}, gtr.InputError.__module__, 'jax' in sys.modules,"
+        "callable(gtr.equilibrium), 'jax' in sys.modules)"
+    )
+    assert output_of(code) == "False True gtr_jax.errors False True True"
+    for name in gtr_jax.__all__:
+        assert getattr(gtr_jax, name).__name__ == name
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        gtr_jax.__getattr__("nothing")
+
+
+def test_type_checkers_and_users_import_names_from_the_same_files():
+    tree = ast.parse((ROOT / "gtr_jax/__init__.py").read_text(encoding="utf-8"))
+    checked = next(node for node in tree.body if isinstance(node, ast.If)).body
+    imports = [node for node in checked if isinstance(node, ast.ImportFrom)]
+    assert {node.module: tuple(a.name for a in node.names) for node in imports} == gtr_jax.FILES
+    assert sorted(name for names in gtr_jax.FILES.values() for name in names) == gtr_jax.__all__
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        "import gtr_jax, jax",
+        "import jax, gtr_jax",
+        "import gtr_jax.files.units, jax",
+        "from gtr_jax import equilibrium; import jax",
+        "import jax, calibrate",
+    ],
+)
+def test_jax_is_set_up_whoever_imports_it(first):
+    code = f"import os; {first}; import jax.numpy as jnp; print(jnp.ones(1).dtype, os.environ['XLA_FLAGS'])"
+    dtype, flags = output_of(code, JAX_ENABLE_X64="0", XLA_FLAGS="").split(" ", 1)
+    assert dtype == "float64" and "small_while_loop" in flags

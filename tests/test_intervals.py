@@ -12,12 +12,14 @@ import pytest
 import calibrate
 import gtr_jax as gtr
 from benchmarks import intervals
-from calibrate.base_tension import exact
-from calibrate.diagnosis.bench import DISCRETE, Noise, noise_in
+from calibrate.diagnosis.bench import DISCRETE, noise_in
 from calibrate.diagnosis.rig import Rig
 from calibrate.estimate import shares_of_variance
-from calibrate.task import Part
+from calibrate.readings import exact
+from calibrate.readings.noise import Noise
+from calibrate.setup import Part
 from calibrate.weighing import Weighing
+from gtr_jax.files.config import parse_config
 from tests.conftest import SINE
 
 RIG = Path(__file__).parents[1] / "examples/rig"
@@ -33,7 +35,7 @@ def recording():
 
 
 def made(rng):
-    config = gtr.config.parse_config(file_of({}))
+    config = parse_config(file_of({}))
     run = gtr.simulate(gtr.build_robot(config).with_values(**TRUTH), HISTORY)
     T_tip = np.asarray(run.T_tip) + rng.normal(0, 0.03, len(HISTORY))
     return gtr.Recording(HISTORY, Path("rec.csv"), "", T_tip=T_tip)
@@ -49,7 +51,7 @@ def file_of(uncertainty):
 @pytest.fixture(scope="module")
 def fits(recording):
     """The same recording fitted with mu free, and with all that is uncertain free."""
-    config = gtr.config.parse_config(file_of(UNCERTAIN))
+    config = parse_config(file_of(UNCERTAIN))
     asked = ("mu",), ("mu", "E", "r1", "r2")
     return [calibrate.fit(config, recording, free=free, noise_base_N=0.0) for free in asked]
 
@@ -66,7 +68,7 @@ def test_what_is_uncertain_is_in_the_interval_whether_it_is_asked_for_or_not(fit
 
 
 def test_without_uncertainty_the_interval_is_the_noise_alone_and_far_from_the_truth(recording, fits):
-    fit = calibrate.fit(gtr.config.parse_config(file_of({})), recording, free=("mu",), noise_base_N=0.0)
+    fit = calibrate.fit(parse_config(file_of({})), recording, free=("mu",), noise_base_N=0.0)
     assert fit.carried == [] and set(fit["mu"].made_of) == {"noise of the tip cell"}
     assert fit["mu"].sd < 0.2 * fits[0]["mu"].sd
 
@@ -91,7 +93,7 @@ def test_the_fitted_file_keeps_what_is_left_uncertain(fits):
 
 def test_each_robots_file_keeps_what_is_left_uncertain_of_its_own():
     said = UNCERTAIN, {"youngs_modulus": 0.01, "routing.r1": "0.1 mm", "routing.r2": "0.1 mm"}
-    configs = [gtr.config.parse_config(file_of(u) | {"name": n}) for n, u in zip("ab", said, strict=True)]
+    configs = [parse_config(file_of(u) | {"name": n}) for n, u in zip("ab", said, strict=True)]
     recordings = [made(np.random.default_rng(seed)) for seed in (5, 6)]
     fit = calibrate.fit(configs, recordings, free=("mu",), noise_base_N=0.0)
     for name, fitted in zip("ab", fit.recordings, strict=True):
@@ -102,7 +104,7 @@ def test_each_robots_file_keeps_what_is_left_uncertain_of_its_own():
 
 
 def test_a_stretch_that_is_free_is_not_taken_out_beside():
-    rig = gtr.build_robot(gtr.config.parse_config(file_of({})))
+    rig = gtr.build_robot(parse_config(file_of({})))
     channels, recorded = ("T_tip", "displacement"), np.ones((2, len(HISTORY)))
     part = Part("r", "r", rig, None, exact(HISTORY), channels, recorded, None, None, None)
     assert part.stretch(0.6 * HISTORY).max() > 0
@@ -120,7 +122,7 @@ def test_phases_alone_are_no_surer_than_the_whole(fits):
 
 
 def test_deviations_of_a_file_are_set_and_taken_out():
-    config = gtr.config.parse_config(file_of(UNCERTAIN))
+    config = parse_config(file_of(UNCERTAIN))
     keys = (key for key in ("backbone.youngs_modulus", "routing.r1"))  # any iterable
     assert set(config.without_deviations(keys).uncertainty) == {"routing.r2"}
     told = config.with_deviations({"routing.r1": 2e-4, "tendon.preload": 0.5})
@@ -158,7 +160,7 @@ def test_an_unknown_stretch_of_the_tendon_is_taken_out_as_its_prior_lets_it():
 
 def test_a_tendon_that_stretches_a_little_does_not_move_the_channel():
     history = HISTORY
-    config = gtr.config.parse_config(file_of(UNCERTAIN | {"youngs_modulus": 0.02}))
+    config = parse_config(file_of(UNCERTAIN | {"youngs_modulus": 0.02}))
     stretching = gtr.build_robot(config).with_values(**{**TRUTH, "tendon-stretch.compliance": 1e-5})
     run = gtr.simulate(stretching, history)
     rng = np.random.default_rng(0)
@@ -232,7 +234,7 @@ def test_intervals_of_noisy_recordings_hold_the_truth():
         rng = np.random.default_rng([7, seed])
         own = {"E": 1.06e6 * np.exp(0.1 * rng.normal()), "r1": SINE["r1"] + 5e-4 * rng.normal()}
         own["r2"] = SINE["r2"] + 5e-4 * rng.normal()
-        config = gtr.config.parse_config(file_of(UNCERTAIN))
+        config = parse_config(file_of(UNCERTAIN))
         run = gtr.simulate(gtr.build_robot(config).with_values(mu=0.27, **own), HISTORY)
         tip = np.asarray(run.T_tip) + rng.normal(0, 0.03, len(HISTORY))
         shown = gtr.Recording(HISTORY, Path("rec.csv"), "", T_tip=tip)

@@ -14,10 +14,11 @@ import pytest
 import calibrate
 import gtr_jax as gtr
 from benchmarks.coverage import RUNS
-from calibrate import base_tension
+from calibrate import readings
 from calibrate.estimate import uncertainty
 from calibrate.identifiability import axes
 from calibrate.posterior import potential_of
+from gtr_jax.files.config import parse_config
 
 PULLED = np.concatenate([np.linspace(0, 40, 41), np.linspace(40, 5, 36)[1:], np.linspace(5, 25, 11)[1:]])
 POSE = ("tip_x", "tip_y", "tip_angle", "displacement")
@@ -202,11 +203,11 @@ def test_lone_spikes_of_the_base_are_left_out():
     T = PULLED + np.random.default_rng(1).normal(0, 0.02, len(PULLED))
     spiked = np.array(T)
     spiked[[12, 55]] += [6.0, -5.0]
-    clean, count = base_tension.without_spikes(spiked)
+    clean, count = readings.without_spikes(spiked)
     assert count == 2
     np.testing.assert_allclose(clean, T, atol=0.1)
-    assert base_tension.without_spikes(PULLED)[1] == 0, "turning points are no spikes"
-    assert base_tension.without_spikes(np.repeat(np.arange(10.0), 3))[1] == 0, "nor are steps"
+    assert readings.without_spikes(PULLED)[1] == 0, "turning points are no spikes"
+    assert readings.without_spikes(np.repeat(np.arange(10.0), 3))[1] == 0, "nor are steps"
 
 
 def test_what_is_unknown_blurs_the_rest():
@@ -227,7 +228,7 @@ def test_axes_are_those_of_the_information():
 
 def test_a_prior_with_its_unit(tdcm):
     data = tdcm.model_dump(mode="json", by_alias=True, exclude_none=True)
-    known = gtr.config.parse_config(data | {"uncertainty": {"routing.r1": "0.1 mm"}})
+    known = parse_config(data | {"uncertainty": {"routing.r1": "0.1 mm"}})
     fit = fitted(known, recorded(tdcm, 5), free=("mu", "E", "r1"))
     assert fit.settings["priors_sd_SI"] == {"r1": pytest.approx(1e-4)}
     assert error(fit, "r1") <= 1.01e-4
@@ -241,12 +242,12 @@ def test_the_sampler_sees_the_sum_of_squares_that_is_minimised(tdcm, monkeypatch
     noisy = dataclasses.replace(rec, T_base=history + rng.normal(0, 0.05, len(history)))
     seen = []
     module = sys.modules["calibrate.fit"]  # calibrate.fit is the function
-    monkeypatch.setattr(module, "sample", lambda task, answer: seen.append((task, answer)))
+    monkeypatch.setattr(module, "sample", lambda setup, answer: seen.append((setup, answer)))
     fit = calibrate.fit(tdcm, noisy, free=("mu", "E"), sampled=True)
     assert "does not determine" not in fit.verdict
-    task, answer = seen[0]
-    assert answer.problem.predict.parts[0].steps < len(history) and answer.problem.weighs[0].sd_base > 0
-    potential = potential_of(task, answer)
+    setup, answer = seen[0]
+    assert answer.problem.predictors[0].steps < len(history) and answer.problem.weighs[0].sd_base > 0
+    potential = potential_of(setup, answer)
     for shift in ([0.0, 0.0], [0.003, -0.01]):
         u = answer.descent.u + np.asarray(shift)
         predictions = answer.problem.predict(u)
@@ -343,7 +344,7 @@ def test_what_came_from_where_is_in_the_json(tdcm, pair):
 def test_a_value_stops_at_its_bound(tdcm):
     """A tip that is held up asks for less than no payload: it gets none, and that is said."""
     data = tdcm.model_dump(mode="json", by_alias=True, exclude_none=True)
-    hung = gtr.config.parse_config(data | {"loads": {"gravity_angle": "-90 deg"}})
+    hung = parse_config(data | {"loads": {"gravity_angle": "-90 deg"}})
     fit = fitted(hung, recorded(hung, 12, pose=True, payload=0.05), free=("mu", "payload"))
     holds(fit, "payload", 0.05, 0.01)
     held = fitted(hung, recorded(hung, 12, pose=True, tip_force_y=0.5), free=("mu", "payload"))

@@ -8,9 +8,11 @@ import pytest
 import calibrate
 import gtr_jax as gtr
 from benchmarks.coverage import Case, noisy, recorded
-from calibrate.base_tension import estimate, exact
-from calibrate.coordinates import Predictor, coordinates
-from gtr_jax.parameters import parameter
+from calibrate.coordinates import coordinates, places
+from calibrate.number import number_at
+from calibrate.predictor import Predictor
+from calibrate.readings import estimate_base, exact
+from gtr_jax.robot.parameters import parameter
 
 
 @pytest.fixture(scope="module")
@@ -25,10 +27,10 @@ def long():
 def test_nodes_carry_the_history(long):
     config, run, _ = long
     robot = gtr.build_robot(config)
-    base = estimate(run.T_base, run.time, sd=0.01)
+    base = estimate_base(run.T_base, run.time, sd=0.01)
     nodes = base.nodes(0.2)
     assert set(base.knots) <= set(nodes.tolist()) and len(nodes) < len(run.T_base) / 10
-    at = coordinates(robot, [parameter(robot, "mu")], [float(robot.value("mu"))])
+    at = coordinates(places(robot, ["mu"]), [number_at(parameter(robot, "mu"), float(robot.value("mu")))])
     whole = Predictor(robot, at, base.T_base)(np.zeros(1))
     coarse = Predictor(robot, at, base.T_base, nodes=nodes)(np.zeros(1))
     assert whole is not None and coarse is not None
@@ -46,7 +48,7 @@ def test_nodes_carry_the_history(long):
 
 def test_all_samples_as_nodes_change_nothing(make_robot):
     robot = make_robot()
-    at = coordinates(robot, [parameter(robot, "mu")], [float(robot.value("mu"))])
+    at = coordinates(places(robot, ["mu"]), [number_at(parameter(robot, "mu"), float(robot.value("mu")))])
     T_base = np.concatenate([np.linspace(0, 30, 16), np.linspace(30, 5, 16)])
     plain, noded = (Predictor(robot, at, T_base, nodes=nodes)(np.zeros(1)) for nodes in (None, np.arange(32)))
     assert plain is not None and noded is not None

@@ -68,9 +68,9 @@ def test_virtual_work(routing, make_robot):
     robot = make_robot(2.0, routing=routing, loads=LOADS, backbone={**BORES, "natural_curvature": 1.5})
     eq = gtr.equilibrium(robot, 12.0)
     assert bool(eq.converged)
-    from gtr_jax.channel import metric_factor
-    from gtr_jax.mesh import cumulative
-    from gtr_jax.robot import distal_mass, lay_out, sections
+    from gtr_jax.mechanics.channel import metric_factor
+    from gtr_jax.mechanics.mesh import cumulative
+    from gtr_jax.robot.robot import distal_mass, lay_out, sections
 
     s = sections(robot)
     at = lay_out(robot)

@@ -7,9 +7,9 @@ import optimistix as optx
 import pytest
 
 import gtr_jax as gtr
+from calibrate.report.fit import detectable, interval
 from gtr_jax.examples import SIMULATED
-from gtr_jax.numbers import measured, measured_quantity, number, quantity
-from gtr_jax.report.fit import detectable, interval
+from gtr_jax.files.numbers import measured, measured_quantity, number, quantity
 from gtr_jax.terms import REGISTRY
 
 
@@ -65,6 +65,6 @@ def test_a_result_prints_its_name():
     assert str(eq.result) == "successful" and bool(eq.result == optx.RESULTS.successful)
     run = gtr.simulate(robot, [0.0, 2.0, 5.0])
     assert str(run.result) == "3 successful"
-    from gtr_jax.outcome import outcome
+    from gtr_jax.simulation.outcome import outcome
 
     assert str(outcome(optx.RESULTS.nonlinear_divergence)).startswith("nonlinear_divergence: ")

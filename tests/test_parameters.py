@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import gtr_jax as gtr
-from gtr_jax.parameters import parameter
+from gtr_jax.robot.parameters import parameter
 from tests.conftest import ROUTINGS
 
 

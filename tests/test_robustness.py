@@ -115,7 +115,7 @@ def test_a_batched_solution_reads_like_a_single_one(make_robot):
 
 
 def test_padding_changes_nothing(make_robot):
-    from gtr_jax.history import padded_length
+    from gtr_jax.simulation.history import padded_length
 
     robot = make_robot(routing=SINE)
     history = np.linspace(0, 20, 23)

@@ -11,7 +11,8 @@ import pytest
 
 import gtr_jax as gtr
 from benchmarks.terms import compared
-from gtr_jax.report.terms import page, told
+from gtr_jax.report.term_pages import page
+from gtr_jax.report.terms import description
 from gtr_jax.terms import REGISTRY, null_values
 from tests.conftest import SINE
 
@@ -221,13 +222,13 @@ def test_terms_are_documented():
         assert (DOCS / f"{term.id}.png").exists()
         assert term.says.endswith(".") and term.law and term.seen and term.told_apart
         for q in term.quantities:
-            assert q.usual[0] < q.usual[1] and (q.name in told(term))
+            assert q.usual[0] < q.usual[1] and (q.name in description(term))
 
 
 def test_files_hold_any_term(make_robot, tmp_path):
     text = (Path(__file__).parents[1] / "examples" / "tdcm-1.toml").read_text()
     for term in REGISTRY.values():
-        table = told(term).split("in a robot file:\n\n")[1]
+        table = description(term).split("in a robot file:\n\n")[1]
         file = tmp_path / f"{term.id}.toml"
         file.write_text(text + "\n" + table + "\n")
         config = gtr.load_config(file)

@@ -15,9 +15,9 @@ from typing import Any
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.diagnosis import search
-from calibrate.diagnosis.diagnose import prepare
-from calibrate.diagnosis.memory import Memory
+from calibrate.diagnosis.cache import SimulationCache
+from calibrate.diagnosis.prepare import prepare
+from calibrate.parallel import use_threads
 from gtr_jax.cli.cache import enable_cache
 
 from . import baselines
@@ -50,7 +50,7 @@ def answer(folder: Path) -> dict[str, Any]:
         began = time.perf_counter()
         found = calibrate.diagnose(robot, recording, experiment=False, steps=steps)
         took = time.perf_counter() - began
-        ready = prepare(robot, recording, memory=Memory(steps))
+        ready = prepare(robot, recording, cache=SimulationCache(steps))
         simpler = {} if isinstance(ready, calibrate.Diagnosis) else baselines.of(ready)
     return {
         "verdict": found.verdict,
@@ -81,7 +81,7 @@ def answer(folder: Path) -> dict[str, Any]:
 def alone() -> None:
     """One thread for each process."""
     enable_cache()
-    search.THREADS = 1
+    use_threads(1)
 
 
 def only_features(folder: Path) -> dict[str, Any]:

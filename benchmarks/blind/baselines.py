@@ -16,8 +16,8 @@ from scipy import stats
 
 from calibrate.diagnosis.bench import Model
 from calibrate.diagnosis.decide import structured
-from calibrate.diagnosis.diagnose import Prepared
 from calibrate.diagnosis.locate import PHASES, cycles_of, misfit, phases_of
+from calibrate.diagnosis.prepare import Prepared
 
 # Step at null, in standard deviations of the prior; share of sound recordings that may be called otherwise.
 SMALL, FALSE = 0.05, 0.02

@@ -11,12 +11,16 @@ from typing import Any
 import numpy as np
 
 import gtr_jax as gtr
-from calibrate.diagnosis.bench import Bench, Fitted, Noise
-from calibrate.diagnosis.diagnose import deviations_of, dimensions_of, hypotheses_of
+from calibrate.diagnosis.bench import Bench
+from calibrate.diagnosis.follow import dimensions_of
 from calibrate.diagnosis.hypotheses import base_numbers
+from calibrate.diagnosis.model import Fitted
+from calibrate.diagnosis.prepare import deviations_of, hypotheses_of
 from calibrate.diagnosis.rig import Rig
-from calibrate.diagnosis.search import STARTS_EACH, refit_best, screen
+from calibrate.diagnosis.screen import STARTS_EACH, screen
+from calibrate.diagnosis.search import refit_best
 from calibrate.fit import part_of
+from calibrate.readings.noise import Noise
 
 # Rivals refitted to find the nearest, and friction coefficients to refit the base model from.
 NEAREST, OTHERS = 6, (0.1, 0.2, 0.35, 0.6)
@@ -37,7 +41,7 @@ def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
     recording = gtr.read_recording(folder / "recording.csv")
     robot = gtr.build_robot(config)
     channels = tuple(key["clean"])
-    part = part_of("clean", robot, config, recording, channels, None, None, False, [])
+    part, _ = part_of("clean", robot, config, recording, channels)
     clean = np.stack([np.asarray(key["clean"][name]) for name in part.channels])
     noise = [_noise(row) for row in part.recorded - clean]
     # The base tension as it was, its knots and noise as they are estimated.
@@ -45,12 +49,12 @@ def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
     part = dataclasses.replace(part, recorded=clean, T_base=base)
     dimensions = dimensions_of(config, robot)
     rig = Rig(part, robot, [d.name for d in dimensions])
-    bench = Bench([rig], base_numbers(robot, deviations_of(config)), dimensions)
+    bench = Bench((rig,), base_numbers(robot, deviations_of(config)), tuple(dimensions))
     values = {n.name: key[n.name] for n in bench.base}
     true = rig(values)
     if true is None:
         raise RuntimeError(f"{folder}: the base model cannot be simulated with the true mu and E")
-    bench.weigh(values, [true], [noise])
+    bench = bench.weighed(values, [true], [noise])
     found = _least(bench, np.asarray([n.at(values[n.name]) for n in bench.base]))
     if found is None:
         raise RuntimeError(f"{folder}: the base model cannot be refitted")

@@ -2,83 +2,35 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
-from gtr_jax.parameters import parameters_of
-
-from ..base_tension import exact
-from ..coordinates import CHANNELS
-from ..noise import MAD_TO_SD, resolution
+from ..least_squares import BY_DIFFERENCES, Rules, minimise
+from ..number import Number
+from ..predictor import CHANNELS, Seen
+from ..readings import exact
+from ..readings.noise import Noise, of_residual, resolution, whitened
 from ..weighing import Weighing
-from .hypotheses import Hypothesis, Number
-from .rig import Rig, Seen
+from .follow import Follow
+from .hypotheses import Hypothesis
+from .model import Fitted, Model, Point, model_of
+from .rig import Rig
 
 # Steps of differences, in coordinates, and of the descent.
 STEP, LARGEST_STEP = 0.02, 1.5
 MOST_ITERATIONS, TRIES, SETTLED = 14, 6, 0.05
-# A simulation that fails counts as this many variances per sample.
-FAILED = 1e3
-# Differences beyond so many standard deviations are jumps.
-TRIMMED = 3.5
-# Correlation of neighbouring readings that is expected, and how many samples that expectation counts for.
-# Taken as zero below 120 samples, the variance of slow noise came out at half its size in the median over 190
-# recordings of the blind benchmark (0.07 of it in one of fifty); with this within 10 % (0.3).
-USUAL_RHO, SAID = 0.25, 60
+RULES = Rules(BY_DIFFERENCES, tries=TRIES, longest=LARGEST_STEP, settled=SETTLED, updated=True)
 # Error that simulations keep once corrected to a fine mesh, as a share of a channel's range.
 DISCRETE = 1e-4
-
-
-@dataclasses.dataclass(frozen=True)
-class Noise:
-    """Error of one channel as an AR(1) process.
-
-    Attributes:
-        sd: standard deviation of noise and of what the mesh leaves out.
-        rho: correlation between neighbours.
-        mesh: standard deviation of the latter alone.
-    """
-
-    sd: float
-    rho: float
-    mesh: float = 0.0
-
-    @property
-    def cell(self) -> float:
-        """Standard deviation of the noise alone."""
-        return float(np.sqrt(max(self.sd**2 - self.mesh**2, 0.0)))
-
-
-def _spread(x: np.ndarray) -> float:
-    """Standard deviation without what lies far off."""
-    rough = MAD_TO_SD * float(np.median(np.abs(x)))
-    inside = np.abs(x) < TRIMMED * rough
-    return float(np.sqrt(np.mean(x[inside] ** 2))) if inside.any() else rough
-
-
-def noise_of(residual: np.ndarray, least: float) -> Noise:
-    """Noise from the differences of a residual between samples one and two apart.
-
-    A misfit varies slowly from sample to sample and hardly enters; where it jumps is left out. Few samples
-    say little of how far neighbours hang together, so that what they say is drawn towards `USUAL_RHO`.
-    """
-    near, far = (_spread(residual[k:] - residual[:-k]) for k in (1, 2))
-    if near <= 0 or len(residual) < 16:
-        return Noise(max(float(near) / np.sqrt(2), least), 0.0)
-    K = len(residual)
-    rho = float(np.clip((K * ((far / near) ** 2 - 1) + SAID * USUAL_RHO) / (K + SAID), 0.0, 0.8))
-    return Noise(max(float(near) / np.sqrt(2 * (1 - rho)), least), rho)
 
 
 def noise_in(rig: Rig, residual: np.ndarray) -> list[Noise]:
     """Noise of the channels of a recording, and what is left of discretisation, which counts as such."""
     part = rig.part
     least = np.maximum(part.smallest, [resolution(row) / np.sqrt(12) for row in part.recorded])
-    noise = [noise_of(row, low) for row, low in zip(residual, least, strict=True)]
+    noise = [of_residual(row, low) for row, low in zip(residual, least, strict=True)]
     if part.noise_N is not None:
         noise[0] = Noise(part.noise_N, noise[0].rho)
     size = [float(np.max(np.abs(part.T_base.T_base))), *np.ptp(part.recorded[1:], axis=1)]
@@ -105,137 +57,28 @@ def passing(rig: Rig, seen: Seen, noise: list[Noise], values: Mapping[str, float
     return dataclasses.replace(plain, slope=slope, last=np.stack(last), sd_base=base.believed)
 
 
-class Dimension(NamedTuple):
-    """A number of the robot file that is uncertain: name, unit, value and standard deviation, SI."""
-
-    name: str
-    unit: str
-    value: float
-    sd: float
-
-
-class Follow(NamedTuple):
-    """How the recordings answer to the uncertain dimensions, each moved by its standard deviation.
-
-    Attributes:
-        change: of the channels of each recording, (C, K, D) each.
-        left, sizes, right: of the white rows, (n, D), by singular values: (n, m), (m,), (m, D).
-    """
-
-    change: list[np.ndarray]
-    left: np.ndarray
-    sizes: np.ndarray
-    right: np.ndarray
-
-    def freed(self, rows: np.ndarray) -> np.ndarray:
-        """Rows of unit variance, (n, ...), once the dimensions are allowed to follow."""
-        shares = 1 - 1 / np.sqrt(1 + self.sizes**2)
-        return rows - (self.left * shares) @ (self.left.T @ rows)
-
-    def moved(self, freed: np.ndarray) -> np.ndarray:
-        """By how many standard deviations they then do, (D,)."""
-        return -self.right.T @ (self.sizes / np.sqrt(1 + self.sizes**2) * (self.left.T @ freed))
-
-
-class Model(NamedTuple):
-    """What acts: names of hypotheses, the free numbers, mu and E first, and those that are set."""
-
-    names: tuple[str, ...]
-    numbers: tuple[Number, ...]
-    fixed: Mapping[str, float]
-
-    def values(self, x: np.ndarray) -> dict[str, float]:
-        """Values at coordinates, SI, by name."""
-        return dict(self.fixed) | {n.name: n.value(v) for n, v in zip(self.numbers, x, strict=True)}
-
-
-def model_of(base: tuple[Number, ...], hypotheses: Sequence[Hypothesis]) -> Model:
-    """The base numbers, and those of some hypotheses."""
-    fixed = {name: value for h in hypotheses for name, value in h.fixed.items()}
-    numbers = (*base, *(n for h in hypotheses for n in h.numbers))
-    return Model(tuple(h.name for h in hypotheses), numbers, fixed)
-
-
-class Point(NamedTuple):
-    """A model at coordinates: values by name [SI], simulations, and white residuals (n,)."""
-
-    values: Mapping[str, float]
-    seen: tuple[Seen, ...]
-    rows: np.ndarray
-
-    @property
-    def failed(self) -> int:
-        """Load steps that did not converge."""
-        return sum(s.failed for s in self.seen)
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
-class Fitted:
-    """A set of hypotheses refitted.
-
-    Attributes:
-        names: of the hypotheses; none for the base model.
-        numbers: free ones, mu and E first.
-        x: their coordinates.
-        values: the same and the fixed ones, SI, by name.
-        rows: white residuals at the solution.
-        jacobian: of the rows by x.
-        chi2: sum of squares of the rows.
-        prior: sum of squares of the coordinates under their priors.
-        seen: the simulations, the uncertain dimensions moved as fits best.
-        failed: steps that did not converge.
-        dimensions: their values [SI], by name.
-    """
-
-    names: tuple[str, ...]
-    numbers: tuple[Number, ...]
-    x: np.ndarray
-    values: Mapping[str, float]
-    rows: np.ndarray
-    jacobian: np.ndarray
-    chi2: float
-    prior: float
-    seen: tuple[Seen, ...]
-    failed: int
-    dimensions: Mapping[str, float]
-
-    @property
-    def cost(self) -> float:
-        """What is minimised; load steps that failed count against it."""
-        return self.chi2 + self.prior + FAILED * self.failed
-
-    def volume(self) -> float:
-        """Log of the share of the prior that the data leave, by Laplace's approximation, and of the prior's
-        density there.
-        """
-        # Half a normal distribution, of a size that cannot be negative, is twice as dense.
-        halves = sum(n.size and not n.log and n.bounds[0] > -0.5 for n in self.numbers)
-        logdet = np.linalg.slogdet(self.information())[1]
-        return float(-0.5 * self.prior - 0.5 * logdet + halves * np.log(2.0))
-
-    def information(self, scale: float = 1.0) -> np.ndarray:
-        """Of data and priors about the coordinates."""
-        return self.jacobian.T @ self.jacobian / scale + np.eye(len(self.x))
-
-
 class Bench:
     """Recordings with their residuals made white.
 
-    Args:
+    Attributes:
         rigs: the recordings.
         base: numbers fitted whatever the hypothesis.
         dimensions: numbers that follow a little, to first order.
+        noise: of the channels of each recording, once it is weighed.
+        weighs: how the residuals of each weigh, likewise.
+        follow: how the white rows answer to the dimensions, likewise; None without dimensions.
+        corrections: what a fine mesh shows more than the coarse one, of each recording, by the effects that
+            act.
     """
 
-    def __init__(self, rigs: Sequence[Rig], base: tuple[Number, ...], dimensions: Sequence[Dimension] = ()):
-        self.rigs, self.base, self.dimensions = tuple(rigs), base, tuple(dimensions)
-        self.follow: Follow | None = None
-        self.noise: list[list[Noise]] = []
-        self.weighs: list[Weighing] = []
-        # What a fine mesh shows more than the coarse one, of each recording, by the effects that act.
-        self.corrections: dict[tuple[str, ...], list[np.ndarray]] = {
-            (): [np.zeros((len(CHANNELS), r.part.samples)) for r in self.rigs]
-        }
+    rigs: tuple[Rig, ...]
+    base: tuple[Number, ...]
+    dimensions: tuple[Number, ...] = ()
+    noise: Sequence[list[Noise]] = ()
+    weighs: Sequence[Weighing] = ()
+    follow: Follow | None = None
+    corrections: Mapping[tuple[str, ...], list[np.ndarray]] = dataclasses.field(default_factory=dict)
 
     def simulate(self, values: Mapping[str, float], names: Sequence[str] = ()) -> tuple[Seen, ...] | None:
         """All recordings with some numbers changed; None where one breaks down.
@@ -254,50 +97,54 @@ class Bench:
 
     def correction(self, names: Sequence[str]) -> list[np.ndarray]:
         """What a fine mesh shows more where some hypotheses act: as computed, or the sum of each one's."""
-        key, plain = tuple(sorted(names)), self.corrections[()]
-        if key in self.corrections:
-            return self.corrections[key]
-        of = [self.corrections[(name,)] for name in key if (name,) in self.corrections]
+        key, known = tuple(sorted(names)), self.corrections
+        plain = known.get(()) or [np.zeros((len(CHANNELS), rig.part.samples)) for rig in self.rigs]
+        if key in known:
+            return known[key]
+        of = [known[(name,)] for name in key if (name,) in known]
         return [p + sum((c[k] - p for c in of), np.zeros_like(p)) for k, p in enumerate(plain)]
+
+    def corrected(self, more: Mapping[tuple[str, ...], list[np.ndarray]]) -> Bench:
+        """The same with further corrections, by names of the effects that act."""
+        known = dict(self.corrections) | {tuple(sorted(names)): c for names, c in more.items()}
+        return dataclasses.replace(self, corrections=known)
 
     def residuals(self, seen: Sequence[Seen]) -> list[np.ndarray]:
         """Simulated minus recorded of each recording, (C, K)."""
         return [s.values[rig.part.where] - rig.part.recorded for rig, s in zip(self.rigs, seen, strict=True)]
 
-    def weigh(
+    def weighed(
         self, values: Mapping[str, float], seen: Sequence[Seen], known: Sequence[list[Noise]] | None = None
-    ) -> None:
-        """Take noise, and how it passes from the base to the tip, from a fit.
+    ) -> Bench:
+        """The same with noise, and how it passes from the base to the tip, taken from a fit.
 
         Args:
             values, seen: SI, by name, and what was simulated with them.
             known: noise of the channels of each recording; estimated unless given.
         """
-        self.noise = [noise_in(*of) for of in zip(self.rigs, self.residuals(seen), strict=True)]
-        if known is not None:
-            self.noise = list(known)
-        self.weighs = [passing(*of, values) for of in zip(self.rigs, seen, self.noise, strict=True)]
-        self.answer_of_dimensions(values)
+        noise = known
+        if noise is None:
+            noise = [noise_in(*of) for of in zip(self.rigs, self.residuals(seen), strict=True)]
+        weighs = [passing(*of, values) for of in zip(self.rigs, seen, noise, strict=True)]
+        other = dataclasses.replace(self, noise=list(noise), weighs=weighs)
+        return dataclasses.replace(other, follow=other.answer_of_dimensions(values))
 
-    def answer_of_dimensions(self, values: Mapping[str, float]) -> None:
-        """Find how the dimensions change what is simulated at some values."""
+    def answer_of_dimensions(self, values: Mapping[str, float]) -> Follow | None:
+        """How the dimensions change what is simulated at some values; None without dimensions."""
 
-        def change(rig: Rig, d: Dimension, here: Seen | None) -> np.ndarray:
-            there = rig(dict(values) | {d.name: d.value + d.sd})
-            shape = rig.part.recorded.shape
-            return (
-                np.zeros(shape)
-                if here is None or there is None
-                else (there.values - here.values)[rig.part.where]
-            )
+        def change(rig: Rig, d: Number, here: Seen | None) -> np.ndarray:
+            there = rig(dict(values) | {d.name: d.centre + d.sd})
+            if here is None or there is None:
+                return np.zeros(rig.part.recorded.shape)
+            return (there.values - here.values)[rig.part.where]
 
         if not self.dimensions:
-            return
+            return None
         by_rig = []
         for rig in self.rigs:
             here = rig(values)
             by_rig.append(np.stack([change(rig, d, here) for d in self.dimensions], axis=-1))
-        self.follow = self.following(by_rig)
+        return self.following(by_rig)
 
     def following(self, change: list[np.ndarray]) -> Follow:
         """How the white rows answer to dimensions that change the channels."""
@@ -331,7 +178,7 @@ class Bench:
         found = []
         channels, base = self.weighs[k].split(residual)
         for row, n in zip(channels, self.noise[k], strict=True):
-            found.append(np.concatenate([row[:1], (row[1:] - n.rho * row[:-1]) / np.sqrt(1 - n.rho**2)]))
+            found.append(whitened(row, n.rho))
         return np.concatenate([*found, base])
 
     def at(self, model: Model, x: np.ndarray) -> Point | None:
@@ -382,55 +229,26 @@ class Bench:
             exact: whether the Jacobian is taken anew at the end.
         """
         model = model_of(self.base, hypotheses)
-        numbers = model.numbers
-        low, high = (np.asarray([n.bounds[k] for n in numbers]) for k in (0, 1))
-        x = np.clip(start, low, high)
-        here = self.at(model, x)
-        if here is None:
+        low, high = model.bounds
+        start = np.clip(start, low, high)
+        first = self.at(model, start)
+        if first is None:
             return None
-
-        def cost(point: Point, x: np.ndarray) -> float:
-            return float(np.sum(point.rows**2) + firm * np.sum(x**2) + FAILED * point.failed)
-
-        best, damping, fresh = cost(here, x), 1e-3, False
-        for _ in range(most):
-            if jacobian is None:
-                jacobian, fresh = self.slopes(model, x, here.rows, known), known is None
-                known = None
-            gradient = jacobian.T @ here.rows + firm * x
-            hessian = jacobian.T @ jacobian + firm * np.eye(len(x))
-            free = ~(((x <= low) & (gradient > 0)) | ((x >= high) & (gradient < 0)))
-            if not free.any():
-                break
-            A = hessian[np.ix_(free, free)]
-            gained, promised = 0.0, 0.0
-            for _ in range(TRIES):
-                step = np.zeros(len(x))
-                step[free] = -np.linalg.solve(A + damping * np.diag(np.diag(A)), gradient[free])
-                shorter = min(1.0, LARGEST_STEP / max(float(np.max(np.abs(step))), 1e-300))
-                trial = np.clip(x + shorter * step, low, high)
-                moved = trial - x
-                promised = float(-2 * gradient @ moved - moved @ hessian @ moved)
-                if promised < SETTLED:
-                    break
-                there = self.at(model, trial)
-                new = np.inf if there is None else cost(there, trial)
-                if there is not None and new < best:
-                    gained, best = best - new, new
-                    change = there.rows - here.rows - jacobian @ moved
-                    jacobian = jacobian + np.outer(change, moved) / max(float(moved @ moved), 1e-300)
-                    x, here = trial, there
-                    damping = max(damping / 10, 1e-6)
-                    break
-                damping = min(damping * 10, 1e6)
-                if not fresh:
-                    break
-            if gained < 0.25 * promised or gained < SETTLED:
-                if fresh and gained < SETTLED:
-                    break
-                jacobian = None
-            fresh = False
-        if jacobian is None or (exact and not fresh):
+        if jacobian is None and known is not None:
+            jacobian = self.slopes(model, start, first.rows, known)
+        end = minimise(
+            lambda x: self.at(model, x),
+            lambda x, point: self.slopes(model, x, point.rows),
+            start,
+            first,
+            rules=RULES,
+            most=most,
+            bounds=(low, high),
+            weight=firm,
+            jacobian=jacobian,
+        )
+        x, here, jacobian = end.x, end.point, end.jacobian
+        if jacobian is None or (exact and not end.fresh):
             jacobian = self.slopes(model, x, here.rows)
         seen, dimensions = here.seen, {}
         if self.follow is not None:
@@ -440,20 +258,20 @@ class Bench:
                 for s, rig, c in zip(seen, self.rigs, self.follow.change, strict=True)
             )
             dimensions = {
-                d.name: d.value + d.sd * float(m) for d, m in zip(self.dimensions, moved, strict=True)
+                d.name: d.centre + d.sd * float(m) for d, m in zip(self.dimensions, moved, strict=True)
             }
         return Fitted(
-            model.names,
-            numbers,
-            x,
-            here.values,
-            here.rows,
-            jacobian,
-            float(np.sum(here.rows**2)),
-            float(np.sum(x**2)),
-            seen,
-            here.failed,
-            dimensions,
+            names=model.names,
+            numbers=model.numbers,
+            x=x,
+            values=here.values,
+            rows=here.rows,
+            jacobian=jacobian,
+            chi2=float(np.sum(here.rows**2)),
+            prior=float(np.sum(x**2)),
+            seen=seen,
+            failed=here.failed,
+            dimensions=dimensions,
         )
 
     def by_channel(self, rows: np.ndarray) -> list[np.ndarray]:
@@ -469,23 +287,21 @@ class Bench:
 
     def without(self, held: Sequence[np.ndarray]) -> Bench:
         """The same with samples of each recording, (K,) bool each, left out of everything."""
-        other = copy.copy(self)
-        other.weighs = [weigh.only(~out) for weigh, out in zip(self.weighs, held, strict=True)]
-        if self.follow is not None:
-            other.follow = other.following(self.follow.change)
-        return other
+        weighs = [weigh.only(~out) for weigh, out in zip(self.weighs, held, strict=True)]
+        other = dataclasses.replace(self, weighs=weighs)
+        if self.follow is None:
+            return other
+        return dataclasses.replace(other, follow=other.following(self.follow.change))
+
+    def with_base(self, base: Sequence[Number]) -> Bench:
+        """The same with other base numbers."""
+        return dataclasses.replace(self, base=tuple(base))
 
     def with_dimensions_free(self) -> Bench:
         """The same recordings with the uncertain dimensions among the base numbers: their derivatives are too
         rough for values and errors.
         """
-        other, known, numbers = copy.copy(self), parameters_of(self.rigs[0].robot), []
-        for d in self.dimensions:
-            low, high = known[d.name].lower, known[d.name].upper
-            lower, upper = (-np.inf if low is None else low), (np.inf if high is None else high)
-            numbers.append(Number(d.name, d.unit, d.value, d.sd, False, lower, upper))
-        other.base, other.dimensions, other.follow = (*self.base, *numbers), (), None
-        return other
+        return dataclasses.replace(self, base=(*self.base, *self.dimensions), dimensions=(), follow=None)
 
     @property
     def readings(self) -> int:

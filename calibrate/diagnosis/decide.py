@@ -8,10 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
-from .bench import Fitted
 from .locate import misfit
+from .model import Fitted
+from .models import HOW_MANY, Models
 from .patterns import Pattern, pattern_in
-from .search import HOW_MANY, SEEN, Models, Screened
+from .screen import SEEN, Screened
 
 UNSEEN = "an effect too small to see"
 ADEQUATE, MISSING, AMBIGUOUS, UNEXPLAINED = "adequate", "missing-physics", "ambiguous", "unexplained"
@@ -91,11 +92,27 @@ def decide(models: Models) -> Decision:
     if not best.names or 1 - nothing < CLAIMED or base.cost - best.cost < SEEN**2:
         pattern = pattern_in(models.bench, base)
         verdict = UNEXPLAINED if structured(base_left) or pattern else ADEQUATE
-        return Decision(verdict, base, [], probability, base_left, base_left, pattern)
+        return Decision(
+            verdict=verdict,
+            chosen=base,
+            confusion=[],
+            probability=probability,
+            left=base_left,
+            base_left=base_left,
+            pattern=pattern,
+        )
     if left[0] > STAYS_SHARE[left[0] > MUCH] * base_left[0]:
         pattern = pattern_in(models.bench, best)
         if pattern or structured(left, STAYS_Z, STAYS_SIZE):
-            return Decision(UNEXPLAINED, best, [], probability, left, base_left, pattern)
+            return Decision(
+                verdict=UNEXPLAINED,
+                chosen=best,
+                confusion=[],
+                probability=probability,
+                left=left,
+                base_left=base_left,
+                pattern=pattern,
+            )
 
     def kinds(names: tuple[str, ...]) -> frozenset[str]:
         return frozenset(models.of[name].kind for name in names)
@@ -115,7 +132,14 @@ def decide(models: Models) -> Decision:
     confusion += [f.names for f in ranked if f.names not in confusion and _nearly(f, best, base)]
     # Variants of a term are one.
     alone = holds >= ALONE and len({kinds(names) for names in confusion}) == 1
-    return Decision(MISSING if alone else AMBIGUOUS, best, confusion, probability, left, base_left)
+    return Decision(
+        verdict=MISSING if alone else AMBIGUOUS,
+        chosen=best,
+        confusion=confusion,
+        probability=probability,
+        left=left,
+        base_left=base_left,
+    )
 
 
 def _nearly(fitted: Fitted, best: Fitted, base: Fitted) -> bool:

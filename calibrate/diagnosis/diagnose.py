@@ -2,88 +2,33 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot, simulate
-from gtr_jax.parameters import parameters_of
+from gtr_jax import Recording, Robot, RobotConfig
 
-from ..base_tension import BEND
-from ..coordinates import CHANNELS
-from ..fit import channels_of, part_of
-from ..free import distinct
-from ..task import Part, recorded
-from .bench import Bench, Dimension, Fitted, model_of, passing
+from ..parallel import in_parallel
+from .bench import Bench
+from .cache import SimulationCache
 from .decide import Decision, decide, with_unseen
-from .differ import MOST as MOST_DIFFER
-from .differ import Difference, differing, names_to_split, still_differ
+from .differ import still_differ
 from .experiment import Experiment, propose
 from .heldout import held_out
-from .hypotheses import Hypothesis, Number, base_numbers, catalogue
 from .locate import cycles_of, locate, mu_by_stratum, phases_of, ratio_of_branches
 from .marginal import Marginal, jointly
-from .memory import Memory
+from .model import Fitted
+from .models import Models
+from .prepare import Prepared, prepare
+from .refine import refine
 from .result import BAD_DATA, Diagnosis, Loop, Rival
-from .rig import OWN, Rig, resolution_of, some_samples, values_in
-from .sanity import faults
-from .search import (
-    SHORTLIST,
-    STARTS_EACH,
-    WORTH,
-    Models,
-    Screened,
-    base_fit,
-    combine,
-    firm_fit,
-    in_parallel,
-    merged,
-    refit_best,
-    screen,
-)
+from .rig import Rig
+from .screen import STARTS_EACH, Screened, firm_fit, merged, screen
+from .search import SHORTLIST, WORTH, combine, refit_best
 
-# Samples of each recording on which hypotheses are tried, and on which the best are refitted.
-FEW, MANY = 140, 1200
-# Samples of each recording on which hypotheses are tried where there are several: together they tell more.
-FEW_OF_SEVERAL = 96
-# Models that are refitted to all samples.
+# Models that are refitted to all samples, and those that are corrected to a fine mesh before that.
 FINAL, REFINED = 4, 3
-# Resolution of the mesh that they are corrected to.
-FINEST = 1.5
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Prepared:
-    """What the search starts from.
-
-    Attributes:
-        config: the robot file, or None.
-        fine: the robot on its own mesh.
-        parts, full: the recordings, and those samples of them that are used.
-        kept: those of them on the bench.
-        warnings: what the reader must know.
-        bench: few samples on a coarse mesh.
-        rough, exact: all samples on the coarse mesh, and on a fine one.
-        base: fit of the base model.
-        hypotheses: what may be missing.
-        differ: the numbers that differ between the recordings.
-    """
-
-    config: RobotConfig | None
-    fine: Robot
-    parts: list[Part]
-    full: list[Part]
-    kept: list[np.ndarray]
-    warnings: list[str]
-    bench: Bench
-    rough: list[Rig]
-    exact: list[Rig]
-    base: Fitted
-    hypotheses: list[Hypothesis]
-    differ: list[Difference] = dataclasses.field(default_factory=list)
 
 
 def diagnose(
@@ -125,11 +70,11 @@ def diagnose(
         InputError: a recording without tip tension or too short, a robot of several tendons.
     """
     say = progress or (lambda _: None)
-    memory = None if steps is None else Memory(steps)
+    cache = None if steps is None else SimulationCache(steps)
     try:
         for may_differ in (True, False):
             ready = prepare(
-                robot, recording, channels, noise_N, noise_base_N, say, memory, may_differ=may_differ
+                robot, recording, channels, noise_N, noise_base_N, say, cache, may_differ=may_differ
             )
             if isinstance(ready, Diagnosis):
                 return ready
@@ -139,8 +84,8 @@ def diagnose(
             say("with what was found the recordings agree: trying again with one value for all")
         raise AssertionError("a search in which nothing differs has an answer")
     finally:
-        if memory is not None:
-            memory.close()
+        if cache is not None:
+            cache.close()
 
 
 def _search(ready: Prepared, experiment: bool | None, say: Callable[[str], None]) -> Diagnosis | None:
@@ -159,7 +104,7 @@ def _search(ready: Prepared, experiment: bool | None, say: Callable[[str], None]
         models.add(refit_best(bench, (), base, short, STARTS_EACH))
         # What the coarse mesh, and the fewer samples, leave out of an effect would pass for a second one.
         top = [f for f in models.ranked() if f.names][:REFINED]
-        _refine(bench, models, {f.names: f for f in top}, ready.exact, ready.kept)
+        models.bench = refine(bench, models, {f.names: f for f in top}, ready.exact, ready.kept)
         models.reweigh()
         combine(models, say)
     say("refitting the best to all samples, on a fine mesh")
@@ -177,255 +122,9 @@ def _search(ready: Prepared, experiment: bool | None, say: Callable[[str], None]
     return _answer(ready, decision, whole, screened, experiment=experiment, say=say)
 
 
-def prepare(
-    robot: RobotConfig | Robot,
-    recording: Recording | Sequence[Recording],
-    channels: Sequence[str] | str | None = None,
-    noise_N: float | None = None,
-    noise_base_N: float | None = None,
-    say: Callable[[str], None] = lambda _: None,
-    memory: Memory | None = None,
-    *,
-    may_differ: bool = True,
-) -> Prepared | Diagnosis:
-    """Read the recordings, fit the base model, ask whether a number differs between them, and list what may
-    be missing; arguments as of `diagnose`.
-
-    Args:
-        may_differ: whether that is asked.
-
-    Returns:
-        What the search starts from; a diagnosis where the data do not allow one.
-    """
-    recordings = [recording] if isinstance(recording, Recording) else list(recording)
-    if not recordings:
-        raise InputError("diagnose: no recording is given")
-    channels = channels_of(channels, recordings)
-    config = robot if isinstance(robot, RobotConfig) else None
-    fine = build_robot(robot) if isinstance(robot, RobotConfig) else robot
-    if fine.tendon_names:
-        raise InputError(
-            f"diagnose: {fine.name} has {len(fine.tendons)} tendons; this version diagnoses one tendon; take "
-            "the others out of the robot file"
-        )
-    warnings: list[str] = []
-    names = distinct([r.path.stem for r in recordings])
-    parts = [
-        part_of(name, fine, config, r, channels, noise_N, noise_base_N, False, warnings)
-        for name, r in zip(names, recordings, strict=True)
-    ]
-    found = [fault for part in parts for fault in faults(part)]
-    if found:
-        return Diagnosis.without_answer(BAD_DATA, found, parts, warnings, config)
-    coarse = build_robot(config, resolution=resolution_of(fine)) if config else fine
-    finest = build_robot(config, resolution=FINEST) if config else fine
-    deviations = deviations_of(config)
-    dimensions = dimensions_of(config, fine)
-    several = len(parts) > 1
-    free = [*(d.name for d in dimensions), *(names_to_split(dimensions) if several else [])]
-
-    def fitted(
-        parts: list[Part],
-        start: np.ndarray | None,
-        numbers: tuple[Number, ...] = base_numbers(fine, deviations),
-        dimensions: Sequence[Dimension] = dimensions,
-    ) -> _Start | None:
-        """Recordings on the bench, and the base model fitted to them; None if that fails."""
-        full = [part if part.samples <= MANY else part.only(some_samples(part, MANY)) for part in parts]
-        kept = [some_samples(part, FEW_OF_SEVERAL if several else FEW) for part in full]
-        small = [p if len(k) == p.samples else p.only(k) for p, k in zip(full, kept, strict=True)]
-        rigs = [Rig(p, coarse, free, memory) for p in small]
-        bench = Bench(rigs, numbers, dimensions)
-        base = base_fit(bench, start)
-        if base is None:
-            return None
-        exact = [Rig(p, finest, free, memory) for p in full]
-        _refine(bench, Models(bench, ()), {(): base}, exact, kept)
-        base = base_fit(bench, base.x)
-        return None if base is None else _Start(full, kept, bench, exact, base)
-
-    say("fitting mu" if fine.backbone.rigid else "fitting mu and E")
-    start = fitted(parts, None)
-    differ: list[Difference] = []
-    while start is not None and may_differ and several and len(differ) < MOST_DIFFER:
-        say("asking whether one number differs between the recordings")
-        found_split = differing(start.bench, start.base, fine, hypotheses_of(fine, start.base, start.full))
-        if found_split is None:
-            break
-        numbers, left, at, difference = found_split
-        again = fitted(parts, at, numbers, left)
-        if again is None:
-            break
-        start, differ = again, [*differ, difference]
-    if start is not None:
-        sharper = _sharpened(start, [recorded(r)[0] for r in recordings])
-        if sharper is not None:
-            say("fitting again, the base tension's corners put where the tip tells")
-            again = fitted(sharper, start.base.x, start.bench.base, start.bench.dimensions)
-            start = again if again is not None and _worth(start, again) else start
-    if start is None:
-        return Diagnosis.without_answer(
-            BAD_DATA, ["the simulation fails at every start value tried"], parts, warnings, config
-        )
-    full, kept, bench, exact, base = start
-    own = {n.name.partition(OWN)[0] for n in base.numbers}
-    hypotheses = [
-        h for h in hypotheses_of(fine, base, full) if not own & {*h.fixed, *(n.name for n in h.numbers)}
-    ]
-    return Prepared(
-        config,
-        fine,
-        parts,
-        full,
-        kept,
-        warnings,
-        bench,
-        [Rig(p, coarse, free, memory) for p in full],
-        exact,
-        base,
-        hypotheses,
-        differ,
-    )
-
-
-class _Start(NamedTuple):
-    """Recordings on the bench: all their samples, those on the bench, the bench, all on a fine mesh, and the
-    base model fitted.
-    """
-
-    full: list[Part]
-    kept: list[np.ndarray]
-    bench: Bench
-    exact: list[Rig]
-    base: Fitted
-
-
-def _worth(before: _Start, after: _Start) -> bool:
-    """Whether corners of the base tension that were added take enough of the misfit away, noise as before."""
-    own, values = after.bench.noise, after.base.values
-    seen = after.bench.simulate(values)
-    if seen is None:
-        return False
-    after.bench.weigh(values, seen, before.bench.noise)
-    squares = float(np.sum(after.bench.rows(seen) ** 2))
-    after.bench.weigh(values, seen, own)
-    sizes = [sum(rig.part.T_base.size for rig in s.bench.rigs) for s in (before, after)]
-    return before.base.chi2 - squares > BEND * max(sizes[1] - sizes[0], 1)
-
-
-def _sharpened(start: _Start, readings: Sequence[np.ndarray]) -> list[Part] | None:
-    """The recordings with corners of the base tension where all channels together put them: a noisy base
-    cell alone misses small steps and turns that the tip follows. None where the cell tells more.
-
-    Args:
-        start: the base model fitted.
-        readings: base tension of each recording as recorded [N], (K,).
-    """
-    found, changed = [], False
-    values = dict(start.base.values) | dict(start.base.dimensions)
-    for part, rig, noise, read in zip(start.full, start.exact, start.bench.noise, readings, strict=True):
-        base, here = part.T_base, rig(values)
-        found.append(part)
-        if base.sd == 0 or here is None or part.samples != len(read):
-            continue
-        weigh = passing(rig, here, noise, values)
-        own = (weigh.last == np.arange(part.samples)) * weigh.slope * weigh.weight**2
-        told, residual = (
-            np.sum(own * weigh.slope, axis=0),
-            weigh.centred(here.values[part.where] - part.recorded),
-        )
-        cell = base.sd**-2
-        if np.median(told) < cell:
-            continue
-        shift = (cell * (read - base.T_base) - np.sum(own * residual, axis=0)) / (told + cell)
-        informed = told > cell
-        sd = float(np.sqrt(np.mean(1 / (told + cell)[informed])))
-        sharper = base.sharpened(read, base.T_base + np.where(informed, shift, 0.0), sd)
-        changed = changed or sharper is not base
-        found[-1] = dataclasses.replace(part, T_base=sharper)
-    return found if changed else None
-
-
-def deviations_of(config: RobotConfig | None) -> dict[str, float]:
-    """Standard deviations of ln mu and ln E that the robot file states."""
-    if config is None:
-        return {}
-    found, values = {}, config.numbers()
-    for name, key in (("mu", "tendon.friction_coefficient"), ("E", "backbone.youngs_modulus")):
-        sd = config.deviation(key)
-        if sd:
-            found[name] = float(np.log1p(sd / abs(values[key])))
-    return found
-
-
-def dimensions_of(config: RobotConfig | None, robot: Robot) -> list[Dimension]:
-    """What else the robot file says is uncertain, and acts."""
-    if config is None:
-        return []
-    found = []
-    for entry in parameters_of(robot).values():
-        sd = config.deviation(entry.key) if entry.name not in ("mu", "E") else None
-        if sd and not (entry.external and not robot.loaded):
-            found.append(Dimension(entry.name, entry.unit, float(robot.value(entry.name)), sd))
-    return found
-
-
-def hypotheses_of(fine: Robot, base: Fitted, parts: Sequence[Part]) -> list[Hypothesis]:
-    """What may be missing in these recordings, given a fit of the base model."""
-    tip_y = np.concatenate([seen.values[CHANNELS.index("tip_y")] for seen in base.seen])
-    return catalogue(
-        fine,
-        timed=all(p.time is not None for p in parts),
-        largest_tip=max(float(np.max(p.T_tip)) for p in parts),
-        travel=np.asarray([tip_y.min(), tip_y.max()]),
-        bend=_bend(fine, base, parts[0]),
-    )
-
-
-def _bend(fine: Robot, fitted: Fitted, part: Part) -> float:
-    values = values_in(fitted.values, part.name)
-    own = {name: values[name] for name in ("mu", "E") if name in values}
-    top = np.asarray([0.0, float(part.T_base.T_base.max())])
-    run = simulate(fine.with_values(**own), top, with_terms=False)
-    return float(np.max(np.abs(run.curvature[-1] - run.curvature[0])))
-
-
-def _refine(
-    bench: Bench,
-    models: Models,
-    wanted: Mapping[tuple[str, ...], Fitted],
-    fine: Sequence[Rig],
-    kept: Sequence[np.ndarray] | None = None,
-) -> None:
-    """Correct a bench for what its mesh and samples leave out of some models.
-
-    Args:
-        bench: to correct.
-        models: of which they are.
-        wanted: by names of hypotheses, a fit that has the values of these.
-        fine: all samples, on a fine mesh.
-        kept: those of them on the bench; all unless given.
-    """
-
-    def correction(item):
-        names, f = item
-        values = model_of(bench.base, models.hypotheses(names)).values(models.coordinates(names, f))
-        found = []
-        for k, (rough, exact) in enumerate(zip(bench.rigs, fine, strict=True)):
-            here, there = rough(values), exact(values)
-            if here is None or there is None:
-                return None
-            found.append((there.values if kept is None else there.values[:, kept[k]]) - here.values)
-        return found
-
-    for names, more in zip(wanted, in_parallel(correction, list(wanted.items())), strict=True):
-        if more is not None:
-            bench.corrections[tuple(sorted(names))] = more
-
-
 def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models | None:
     """The most probable models, and the base model, refitted to all samples; None if that fails."""
-    bench = Bench(rigs, models.bench.base, models.bench.dimensions)
+    bench = Bench(rigs=tuple(rigs), base=models.bench.base, dimensions=models.bench.dimensions)
     whole = Models(bench, list(models.of.values()))
     ranked = models.ranked()
     wanted: dict[tuple[str, ...], Fitted] = {(): models.base}
@@ -434,16 +133,17 @@ def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models | None:
         # What fewer samples need two effects for may need one on all of them.
         for name in f.names:
             wanted[(name,)] = models.fits.get((name,), f)
-    _refine(bench, whole, wanted, fine)
+    bench = refine(bench, whole, wanted, fine)
     top = ranked[0]
     seen = bench.simulate(top.values, top.names)
     if seen is None:
         return None
-    bench.weigh(top.values, seen)
+    bench = bench.weighed(top.values, seen)
     if bench.dimensions:  # what they do must not pass for noise
         first = bench.refit(whole.hypotheses(top.names), whole.coordinates(top.names, top), most=4)
         if first is not None:
-            bench.weigh(first.values, first.seen)
+            bench = bench.weighed(first.values, first.seen)
+    whole.bench = bench
 
     def refit(item):
         names, f = item
@@ -487,30 +187,30 @@ def _answer(
         T = part.T_base.T_base
         loops.append(
             Loop(
-                part.name,
-                part.channels,
-                part.time,
-                T,
-                part.recorded,
-                plain,
-                shown,
-                phases,
-                cycles_of(T),
-                [ratio_of_branches(T, tip, phases) for tip in (part.T_tip, plain[0], shown[0])],
-                float(bench.noise[k][0].sd),
-                float(part.T_base.sd),
+                name=part.name,
+                channels=part.channels,
+                time=part.time,
+                T_base=T,
+                recorded=part.recorded,
+                before=plain,
+                after=shown,
+                phases=phases,
+                cycles=cycles_of(T),
+                branches=[ratio_of_branches(T, tip, phases) for tip in (part.T_tip, plain[0], shown[0])],
+                noise_N=float(bench.noise[k][0].sd),
+                noise_base_N=float(part.T_base.sd),
             )
         )
     probability = decision.probability
     rivals = [
         Rival(
-            f.names,
-            probability[f.names],
-            float(np.sqrt(max(base.chi2 - f.chi2, 0.0))),
-            bench.mean_square(f),
-            dict(f.values),
-            f.failed,
-            models.log_posterior(f),
+            names=f.names,
+            probability=probability[f.names],
+            delta=float(np.sqrt(max(base.chi2 - f.chi2, 0.0))),
+            chi2_per_n=bench.mean_square(f),
+            values=dict(f.values),
+            failed=f.failed,
+            log_posterior=models.log_posterior(f),
         )
         for f in models.ranked()
     ]

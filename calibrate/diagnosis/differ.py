@@ -8,7 +8,6 @@ priors are the same.
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
@@ -18,24 +17,18 @@ import numpy as np
 from scipy import stats
 
 from gtr_jax import Robot
+from gtr_jax.robot.parameters import parameter
 from gtr_jax.terms import REGISTRY, known_on
 
-from ..noise import correlation_time
-from .bench import Bench, Dimension, Fitted, model_of
-from .hypotheses import Hypothesis, Number, number_of
-from .rig import OWN, values_in
-from .search import (
-    BELIEVED,
-    HOW_MANY,
-    LARGEST_SCALE,
-    ONE_EACH,
-    SEEN,
-    Models,
-    base_fit,
-    in_parallel,
-    refit_best,
-    screen,
-)
+from ..number import OWN, Number, number_at, values_in
+from ..parallel import in_parallel
+from ..readings.noise import correlation_time
+from .bench import Bench
+from .hypotheses import Hypothesis, number_of
+from .model import Fitted, model_of
+from .models import BELIEVED, HOW_MANY, LARGEST_SCALE, Models
+from .screen import SEEN, screen
+from .search import ONE_EACH, base_fit, refit_best
 
 # Beside the base numbers and the uncertain dimensions: what may be another from one session to the next, and
 # the standard deviation of a preload as a share of the largest base tension.
@@ -88,7 +81,7 @@ class Split(NamedTuple):
     """
 
     base: tuple[Number, ...]
-    dimensions: tuple[Dimension, ...]
+    dimensions: tuple[Number, ...]
     start: np.ndarray
     difference: Difference
 
@@ -104,7 +97,7 @@ class _Tried(NamedTuple):
     own: Fitted
 
 
-def names_to_split(dimensions: Sequence[Dimension]) -> list[str]:
+def names_to_split(dimensions: Sequence[Number]) -> list[str]:
     """Names of further numbers that rigs must be able to change, for `candidates`."""
     return [PRELOAD] if PRELOAD not in {d.name for d in dimensions} else []
 
@@ -114,11 +107,13 @@ def candidates(bench: Bench, robot: Robot) -> list[Number]:
     the preload and the zeros of the cells.
     """
     found = [n for n in bench.base if OWN not in n.name]
-    taken = {n.name.partition(OWN)[0] for n in bench.base}
+    taken = {n.parameter for n in bench.base}
     if PRELOAD not in taken:
         largest = max(float(np.max(rig.part.T_base.T_base)) for rig in bench.rigs)
-        value = float(robot.value(PRELOAD))
-        found.append(Number(PRELOAD, "N", value, PRELOAD_SHARE * largest, False, 0.0, size=True))
+        preload = number_at(
+            parameter(robot, PRELOAD), float(robot.value(PRELOAD)), sd=PRELOAD_SHARE * largest
+        )
+        found.append(dataclasses.replace(preload, size=True))
     for kind in ZEROS:
         term = REGISTRY[kind]
         number = number_of(term, term.quantities[0])
@@ -129,14 +124,7 @@ def candidates(bench: Bench, robot: Robot) -> list[Number]:
 
 def split(number: Number, recordings: Sequence[str]) -> list[Number]:
     """A number once for each recording."""
-    return [dataclasses.replace(number, name=f"{number.name}{OWN}{name}") for name in recordings]
-
-
-def with_base(bench: Bench, base: tuple[Number, ...]) -> Bench:
-    """The same bench with other base numbers."""
-    other = copy.copy(bench)
-    other.base = base
-    return other
+    return [number.of(name) for name in recordings]
 
 
 def _base_with(bench: Bench, number: Number, *, each: bool) -> tuple[Number, ...]:
@@ -151,23 +139,23 @@ def _base_with(bench: Bench, number: Number, *, each: bool) -> tuple[Number, ...
 
 def _by_itself(bench: Bench, k: int, shared: np.ndarray) -> tuple[Bench, Fitted] | None:
     """One of the recordings, and the base model fitted to it, noise and all; None where that fails."""
-    found = []
-    for start in (shared, np.zeros(len(shared))):
-        other = copy.copy(bench)
-        other.rigs, other.noise, other.weighs = (bench.rigs[k],), [bench.noise[k]], [bench.weighs[k]]
-        other.corrections = {(): [bench.corrections[()][k]]}
-        fitted = base_fit(other, start)
-        if fitted is not None:
-            found.append((other, fitted))
+    alone = dataclasses.replace(
+        bench,
+        rigs=(bench.rigs[k],),
+        noise=[bench.noise[k]],
+        weighs=[bench.weighs[k]],
+        corrections={(): [bench.correction(())[k]]},
+    )
+    fits = [base_fit(alone, start) for start in (shared, np.zeros(len(shared)))]
+    found = [fit for fit in fits if fit is not None]
     return min(found, key=lambda one: one[0].mean_square(one[1]), default=None)
 
 
 def _together(bench: Bench, alone: Sequence[tuple[Bench, Fitted]]) -> Bench:
     """The bench with the noise that each recording shows by itself: a wrong value passes for noise."""
-    other = copy.copy(bench)
-    other.noise = [own.noise[0] for own, _ in alone]
-    other.weighs = [own.weighs[0] for own, _ in alone]
-    return other
+    return dataclasses.replace(
+        bench, noise=[own.noise[0] for own, _ in alone], weighs=[own.weighs[0] for own, _ in alone]
+    )
 
 
 def _refitted(bench: Bench, starts: Sequence[np.ndarray]) -> Fitted | None:
@@ -190,13 +178,12 @@ def _starts(
     }
 
     def mean(n: Number) -> float:
-        name, own, recording = n.name.partition(OWN)
-        if own:
-            return apart[recording].get(name, n.centre)
-        return float(np.mean([values.get(name, n.centre) for values in apart.values()]))
+        if n.owner:
+            return apart[n.owner].get(n.parameter, n.centre)
+        return float(np.mean([values.get(n.parameter, n.centre) for values in apart.values()]))
 
     values = [
-        [together.get(n.name, together.get(n.name.partition(OWN)[0], n.centre)) for n in base],
+        [together.get(n.name, together.get(n.parameter, n.centre)) for n in base],
         [mean(n) for n in base],
     ]
     return [
@@ -211,7 +198,7 @@ def _tried(
 
     def split_fit(start: Fitted, *, each: bool) -> tuple[Bench, Fitted | None]:
         base = _base_with(bench, number, each=each)
-        own = with_base(bench, base)
+        own = bench.with_base(base)
         return own, _refitted(own, _starts(own, base, start, alone))
 
     _, shared = split_fit(fitted, each=False)
@@ -287,7 +274,7 @@ def differing(bench: Bench, base: Fitted, robot: Robot, hypotheses: Sequence[Hyp
     numbers = _base_with(bench, best.number, each=True)
     start = np.asarray([np.clip(n.at(best.own.values[n.name]), *n.bounds) for n in numbers])
     dimensions = tuple(d for d in bench.dimensions if d.name != best.number.name)
-    return Split(numbers, dimensions, start, difference)
+    return Split(base=numbers, dimensions=dimensions, start=start, difference=difference)
 
 
 def still_differ(
@@ -302,9 +289,8 @@ def still_differ(
     """
     base: dict[str, Number] = {}
     for n in bench.base:
-        name = n.name.partition(OWN)[0]
-        base.setdefault(name, dataclasses.replace(n, name=name))
-    one = with_base(bench, tuple(base.values()))
+        base.setdefault(n.parameter, dataclasses.replace(n, name=n.parameter))
+    one = bench.with_base(tuple(base.values()))
     numbers = model_of(one.base, hypotheses).numbers
     values = dict(fitted.values) | {d.name: float(np.mean(list(d.own.values()))) for d in differ}
     shared = one.refit(hypotheses, np.asarray([n.at(values[n.name]) for n in numbers]), exact=False)
@@ -361,14 +347,14 @@ def _difference(best: _Tried, standard_errors: float, others: list[str]) -> Diff
     name, names = best.number.name, [rig.part.name for rig in best.each.rigs]
     own = {k: best.own.values[f"{name}{OWN}{k}"] for k in names}
     return Difference(
-        name,
-        best.number.unit,
-        best.shared.values[name],
-        own,
-        groups(best, names),
-        standard_errors,
-        others,
-        [],
+        name=name,
+        unit=best.number.unit,
+        shared=best.shared.values[name],
+        own=own,
+        groups=groups(best, names),
+        standard_errors=standard_errors,
+        or_numbers=others,
+        or_effects=[],
     )
 
 
@@ -378,9 +364,8 @@ def groups(tried: _Tried, recordings: Sequence[str]) -> list[list[str]]:
     """
     fitted, of = tried.own, {}
     for i, n in enumerate(fitted.numbers):
-        name, _, recording = n.name.partition(OWN)
-        if name == tried.number.name:
-            of[recording] = i
+        if n.parameter == tried.number.name:
+            of[n.owner] = i
     covariance = np.linalg.inv(fitted.information(_scale(tried.each, fitted)))
     ordered = sorted(recordings, key=lambda k: fitted.x[of[k]])
     found = [[ordered[0]]]

@@ -12,16 +12,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax import Robot
-from gtr_jax.parameters import with_values
-from gtr_jax.robot import sections
-from gtr_jax.sensing import cells_show
+from gtr_jax.robot.parameters import with_values
+from gtr_jax.robot.robot import sections
+from gtr_jax.simulation.sensing import cells_show
 
-from ..base_tension import exact
-from ..coordinates import CHANNELS
-from .bench import Fitted
+from ..number import values_in
+from ..parallel import in_parallel
+from ..predictor import CHANNELS
+from ..readings import exact
 from .decide import UNEXPLAINED, Decision
-from .rig import Rig, values_in
-from .search import Models, in_parallel
+from .model import Fitted
+from .models import Models
+from .rig import Rig
 
 # Noise assumed of instruments that were not used: m, m, rad, m.
 POSE_NOISE = {"tip_x": 3e-4, "tip_y": 3e-4, "tip_angle": 5e-3, "displacement": 1e-4}
@@ -230,7 +232,7 @@ def _options(models: Models, rig: Rig) -> list[_Option]:
     for name, done, changed in _drives(list(histories), rig.robot, float(T.max())):
         time, load = histories[name]
         driven = dataclasses.replace(part, T_base=exact(load), time=time, trial=None)
-        other = Rig(driven, rig.robot, rig.more, rig.memory)
+        other = Rig(driven, rig.robot, rig.more, rig.cache)
         # Simulated once, whatever of it is recorded.
         seen = functools.cache(lambda values, other=other: other(dict(values)))
         for channels in dict.fromkeys((tuple(part.channels), every)):
@@ -242,7 +244,18 @@ def _options(models: Models, rig: Rig) -> list[_Option]:
                 return np.concatenate([shown.values[CHANNELS.index(c)] / sd[c] for c in channels])
 
             added = tuple(c for c in channels if c not in part.channels)
-            found.append(_Option(name, done, time, load, None, channels, added, shows))
+            found.append(
+                _Option(
+                    name=name,
+                    done=done,
+                    time=time,
+                    T_base=load,
+                    T_tip=None,
+                    record=channels,
+                    added=added,
+                    shows=shows,
+                )
+            )
     sd_base = max(part.T_base.sd, 1e-6) if part.T_base.sd > 0 else sd["T_tip"]
     for name, (time, base, tip) in checks(float(T.max()), duration).items():
 
@@ -251,7 +264,18 @@ def _options(models: Models, rig: Rig) -> list[_Option]:
             shown = cells_show(robot, jnp.asarray(base), jnp.asarray(tip), jnp.asarray(time))
             return np.concatenate([np.asarray(shown.T_base) / sd_base, np.asarray(shown.T_tip) / sd["T_tip"]])
 
-        found.append(_Option(name, REMOVED, time, base, tip, ("T_base", "T_tip"), (), cells))
+        found.append(
+            _Option(
+                name=name,
+                done=REMOVED,
+                time=time,
+                T_base=base,
+                T_tip=tip,
+                record=("T_base", "T_tip"),
+                added=(),
+                shows=cells,
+            )
+        )
     return found
 
 
@@ -297,17 +321,17 @@ def propose(models: Models, decision: Decision, rig: Rig) -> Experiment | None:
     least, best = scored[0]
     expected = 1 / (1 + (len(rivals) - 1) * np.exp(-0.5 * min(least, 20.0) ** 2))
     which = " and ".join(" + ".join(f.names) if f.names else "nothing missing" for f in rivals)
-    told = "would tell" if least > 3 else "is the best of the menu, but hardly tells"
+    verb = "would tell" if least > 3 else "is the best of the menu, but hardly tells"
     return Experiment(
-        f"{_in_words(best)}: it {told} {which} apart ({least:.1f} standard errors)."
+        says=f"{_in_words(best)}: it {verb} {which} apart ({least:.1f} standard errors)."
         + ("" if decision.verdict == UNEXPLAINED else _then(best)),
-        [f.names for f in rivals],
-        float(expected),
-        best.time,
-        best.T_base,
-        best.T_tip,
-        best.record,
-        [(", ".join((o.name, *o.needs)), v) for v, o in scored],
+        separates=[f.names for f in rivals],
+        expected_probability=float(expected),
+        time=best.time,
+        T_base=best.T_base,
+        T_tip=best.T_tip,
+        record=best.record,
+        menu=[(", ".join((o.name, *o.needs)), v) for v, o in scored],
     )
 
 

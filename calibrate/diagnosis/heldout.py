@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .bench import Bench, Fitted
+from ..number import OWN
+from ..parallel import in_parallel
+from .bench import Bench
 from .hypotheses import Hypothesis
 from .locate import cycles_of
-from .rig import OWN
-from .search import in_parallel
+from .model import Fitted
 
 FOLDS = 4
 

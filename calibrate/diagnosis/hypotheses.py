@@ -12,50 +12,12 @@ from gtr_jax import Robot
 from gtr_jax.terms import REGISTRY, Term, known_on
 from gtr_jax.terms.term import Quantity
 
+from ..number import Number
+
 # Standard deviations to each end of a range that holds nine of ten values.
 NINE_OF_TEN = 1.645
 # Prior standard deviation of ln mu, and of ln E where the robot file states none.
 ANY_MU, ANY_E = 1.5, 1.0
-
-
-@dataclasses.dataclass(frozen=True)
-class Number:
-    """A free number: value = centre exp(sd x) or centre + sd x, with x ~ N(0, 1) before anything is seen.
-
-    Attributes:
-        name: of the parameter, as `gtr_jax.parameters_of` lists it.
-        unit: SI.
-        centre, sd: see above; of a size, the centre is its null.
-        log: which of the two.
-        lower, upper: bounds of the value.
-        size: whether it says how strong an effect is.
-    """
-
-    name: str
-    unit: str
-    centre: float
-    sd: float
-    log: bool
-    lower: float = -np.inf
-    upper: float = np.inf
-    size: bool = False
-
-    def value(self, x: float) -> float:
-        """The value at a coordinate, within its bounds."""
-        value = self.centre * np.exp(min(self.sd * x, 700.0)) if self.log else self.centre + self.sd * x
-        return float(np.clip(value, self.lower, self.upper))
-
-    def at(self, value: float) -> float:
-        """The coordinate of a value."""
-        return float(np.log(value / self.centre) if self.log else value - self.centre) / self.sd
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """Range of the coordinate; logarithmic ones reach no further than 8."""
-        if self.log:
-            low = self.at(self.lower) if self.lower > 0 else -8.0
-            return max(low, -8.0), min(self.at(self.upper) if np.isfinite(self.upper) else 8.0, 8.0)
-        return self.at(self.lower), self.at(self.upper)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,16 +75,23 @@ def number_of(term: Term, q: Quantity) -> Number:
     """A term's number as a free one."""
     name, low, high = f"{term.id}.{q.name}", *q.usual
     lower, upper = (-np.inf if q.lower is None else q.lower), (np.inf if q.upper is None else q.upper)
-    if q.size and q.log:
-        far = max(abs(np.log(low / q.null)), abs(np.log(high / q.null)))
-        return Number(name, q.unit, q.null, far / NINE_OF_TEN, True, lower, upper, True)
     if q.size:
-        far = max(abs(low - q.null), abs(high - q.null))
-        return Number(name, q.unit, q.null, far / NINE_OF_TEN, False, lower, upper, True)
-    if q.log:
-        sd = 0.5 * np.log(high / low) / NINE_OF_TEN
-        return Number(name, q.unit, float(np.sqrt(low * high)), sd, True, lower, upper)
-    return Number(name, q.unit, 0.5 * (low + high), 0.5 * (high - low) / NINE_OF_TEN, False, lower, upper)
+        ends = [np.log(end / q.null) if q.log else end - q.null for end in (low, high)]
+        centre, far = q.null, max(map(abs, ends))
+    elif q.log:
+        centre, far = float(np.sqrt(low * high)), 0.5 * np.log(high / low)
+    else:
+        centre, far = 0.5 * (low + high), 0.5 * (high - low)
+    return Number(
+        name=name,
+        unit=q.unit,
+        centre=centre,
+        sd=far / NINE_OF_TEN,
+        log=q.log,
+        lower=lower,
+        upper=upper,
+        size=q.size,
+    )
 
 
 def catalogue(
@@ -176,11 +145,12 @@ def _started(
             for f in (2.5, 0.45)
             for a, b in windows
         ]
-        return Hypothesis(name, term.id, free, tuple(starts))
+        return Hypothesis(name=name, kind=term.id, numbers=free, starts=tuple(starts))
     if term.id == "saturation":
         own = dataclasses.replace(free[0], centre=largest, sd=0.15, log=True, lower=1e-3, size=False)
         shares = (0.97, 0.9, 0.75)
-        return Hypothesis(name, term.id, (own,), tuple({own.name: s * largest} for s in shares))
+        starts = tuple({own.name: s * largest} for s in shares)
+        return Hypothesis(name=name, kind=term.id, numbers=(own,), starts=starts)
     if term.id == "contact":
         stiffness, distance = free
         stiffness = dataclasses.replace(stiffness, centre=200.0, sd=1.5, log=True, lower=1.0, size=False)
@@ -192,7 +162,9 @@ def _started(
         starts = [
             {stiffness.name: k, distance.name: d * reach} for d in (0.3, 0.6, 0.85) for k in (100.0, 600.0)
         ]
-        return Hypothesis(name, term.id, (stiffness, distance), tuple(starts), fixed)
+        return Hypothesis(
+            name=name, kind=term.id, numbers=(stiffness, distance), starts=tuple(starts), fixed=fixed
+        )
     if term.id == "presliding":
         # Shorter than what slips in a sample it is Coulomb friction, and hard to solve.
         free = (dataclasses.replace(free[0], lower=SHORTEST), *free[1:])
@@ -202,15 +174,14 @@ def _started(
         x, y = free
         directions = [(0, 1), (0, -1), (1, 0), (-1, 0)]
         starts = [{x.name: s * x.sd * a, y.name: s * y.sd * b} for s in (0.1, 0.5) for a, b in directions]
-        return Hypothesis(name, term.id, free, tuple(starts), fixed)
+        return Hypothesis(name=name, kind=term.id, numbers=free, starts=tuple(starts), fixed=fixed)
     if term.id == "stiffening":
         # Sized by what it does at the largest bend. Softer than -4/27 of that the moment has a maximum below
         # what is asked of it, and the body would buckle.
         far = max(bend, 1e-6) ** -2
         own = dataclasses.replace(free[0], sd=0.4 * far, lower=-0.13 * far)
-        return Hypothesis(
-            name, term.id, (own,), tuple({own.name: c * far} for c in (0.12, 0.4, -0.05, -0.11))
-        )
+        starts = tuple({own.name: c * far} for c in (0.12, 0.4, -0.05, -0.11))
+        return Hypothesis(name=name, kind=term.id, numbers=(own,), starts=starts)
     first, shapes = free[0], free[1:]
     signs = [s for s in (1.0, -1.0) if first.bounds[0] < s * SIZES[0] < first.bounds[1]]
     ends = [[n.value(-0.9), n.value(0.9)] for n in shapes]
@@ -220,7 +191,7 @@ def _started(
         for size in SIZES
         for shape in itertools.product(*ends)
     ]
-    return Hypothesis(name, term.id, free, tuple(starts), fixed)
+    return Hypothesis(name=name, kind=term.id, numbers=free, starts=tuple(starts), fixed=fixed)
 
 
 def base_numbers(robot: Robot, deviations: Mapping[str, float]) -> tuple[Number, ...]:
@@ -231,7 +202,8 @@ def base_numbers(robot: Robot, deviations: Mapping[str, float]) -> tuple[Number,
         deviations: relative standard deviations of the file, by name of the parameter.
     """
     mu = max(float(robot.value("mu")), 0.02)
-    found = [Number("mu", "", mu, deviations.get("mu", ANY_MU), True)]
+    found = [Number(name="mu", unit="", centre=mu, sd=deviations.get("mu", ANY_MU), log=True)]
     if not robot.backbone.rigid:
-        found.append(Number("E", "Pa", float(robot.value("E")), deviations.get("E", ANY_E), True))
+        E = float(robot.value("E"))
+        found.append(Number(name="E", unit="Pa", centre=E, sd=deviations.get("E", ANY_E), log=True))
     return tuple(found)

@@ -7,12 +7,13 @@ import itertools
 
 import numpy as np
 
-from gtr_jax.phases import PULLING, RELEASING, TRANSITION, phases_of_slip
+from gtr_jax.simulation.phases import PULLING, RELEASING, TRANSITION, phases_of_slip
 
-from ..base_tension import turning_points
-from ..coordinates import CHANNEL_UNITS, CHANNELS
-from .bench import Bench, Fitted
-from .rig import OWN
+from ..number import OWN
+from ..predictor import CHANNEL_UNITS, CHANNELS
+from ..readings import turning_points
+from .bench import Bench
+from .model import Fitted
 
 PHASES = (PULLING, TRANSITION, RELEASING)
 FEWEST, SEEN = 4, 3.5
@@ -112,17 +113,17 @@ def locate(bench: Bench, fitted: Fitted) -> list[Where]:
                 unit = CHANNEL_UNITS[CHANNELS.index(name)]
                 found.append(
                     Where(
-                        part.name,
-                        name,
-                        phase,
-                        reach,
-                        number,
-                        mean,
-                        excess,
-                        unit,
-                        float(z),
-                        share,
-                        ("" if len(bench.rigs) == 1 else f"{part.name}: ")
+                        recording=part.name,
+                        channel=name,
+                        phase=phase,
+                        T_base_N=reach,
+                        cycle=number,
+                        mean=mean,
+                        excess_rms=excess,
+                        unit=unit,
+                        z=float(z),
+                        share=share,
+                        says=("" if len(bench.rigs) == 1 else f"{part.name}: ")
                         + _words(name, phase, reach, number, mean, excess, unit),
                     )
                 )

@@ -12,17 +12,19 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gtr_jax.phases import PULLING
+from gtr_jax.simulation.phases import PULLING
 
 from ..answer import by_source
-from ..coordinates import CHANNELS
 from ..estimate import NORMAL_95, shares_of_variance
-from ..noise import correlation_time
-from ..task import STRETCH
-from .bench import LARGEST_STEP, Bench, Fitted, Model, model_of
+from ..parallel import in_parallel
+from ..predictor import CHANNELS
+from ..readings.noise import correlation_time
+from ..setup import STRETCH
+from .bench import LARGEST_STEP, Bench
 from .hypotheses import Hypothesis
 from .locate import phases_of
-from .search import Models, in_parallel
+from .model import Fitted, Model, model_of
+from .models import Models
 
 # Iterations of the fit, and step of the central differences at its end, in standard deviations of the priors.
 MOST, HALF_STEP = 8, 1e-3
@@ -78,7 +80,7 @@ def jointly(models: Models, fitted: Fitted, finer: float) -> Marginal:
     model = model_of(bench.base, hypotheses)
     own = {n.name: x for n, x in zip(fitted.numbers, fitted.x, strict=True)}
     own |= {
-        d.name: (fitted.dimensions.get(d.name, d.value) - d.value) / d.sd for d in models.bench.dimensions
+        d.name: (fitted.dimensions.get(d.name, d.centre) - d.centre) / d.sd for d in models.bench.dimensions
     }
     start = np.asarray([own[n.name] for n in model.numbers])
     found = _polished(bench, model, hypotheses, start)
@@ -109,13 +111,14 @@ def _freed(bench: Bench, fitted: Fitted) -> Bench:
     in the displacement unless that is among the effects.
     """
     other = bench.with_dimensions_free()
-    if not any(name.startswith(STRETCH) for name in fitted.names):
-        at = CHANNELS.index("T_tip")
-        other.weighs = [
-            dataclasses.replace(weigh, stretch=rig.part.stretch(seen.values[at]))
-            for weigh, rig, seen in zip(bench.weighs, bench.rigs, fitted.seen, strict=True)
-        ]
-    return other
+    if any(name.startswith(STRETCH) for name in fitted.names):
+        return other
+    at = CHANNELS.index("T_tip")
+    weighs = [
+        dataclasses.replace(weigh, stretch=rig.part.stretch(seen.values[at]))
+        for weigh, rig, seen in zip(bench.weighs, bench.rigs, fitted.seen, strict=True)
+    ]
+    return dataclasses.replace(other, weighs=weighs)
 
 
 def _polished(
@@ -214,7 +217,7 @@ def _as_they_show(bench: Bench, fitted: Fitted) -> np.ndarray:
 
 def _law(models: Models, bench: Bench, found: Fitted, fitted: Fitted) -> np.ndarray:
     """White rows of what the effects' laws may have wrong, (n, ways): what they do while pulling and not, at
-    low tension and high, each with the share that the evidence leaves (`search.INEXACT`).
+    low tension and high, each with the share that the evidence leaves (`models.INEXACT`).
     """
     nothing = np.zeros((len(found.rows), 0))
     if not found.names:

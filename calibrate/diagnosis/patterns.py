@@ -16,9 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from ..coordinates import CHANNELS
-from ..noise import MAD_TO_SD, resolution
-from .bench import Bench, Fitted, noise_in
+from ..predictor import CHANNELS
+from ..readings.noise import MAD_TO_SD, resolution
+from .bench import Bench, noise_in
+from .model import Fitted
 
 SAMPLE, TIME, NAN = "sample", "time", float("nan")
 # Chance below which a pattern is no noise, and the share of the residual that it has to explain: in long
@@ -122,7 +123,15 @@ def pattern_in(bench: Bench, fitted: Fitted) -> Pattern | None:
                     share = _share(c.changes, rig.part.T_tip - tip)
                 if chance < CHANCE / len(bench.rigs) and share > SHARE:
                     found.append(
-                        Pattern(rig.part.name, c.along, chance, share, c.period_N, c.at_N, c.width_N)
+                        Pattern(
+                            recording=rig.part.name,
+                            along=c.along,
+                            chance=chance,
+                            share=share,
+                            period_N=c.period_N,
+                            at_N=c.at_N,
+                            width_N=c.width_N,
+                        )
                     )
     return min(found, key=lambda pattern: pattern.chance, default=None)
 

@@ -9,27 +9,22 @@ from typing import Any
 import numpy as np
 
 from gtr_jax import Robot, RobotConfig
-from gtr_jax.numbers import measured_quantity
-from gtr_jax.plain import plain
-from gtr_jax.terms import REGISTRY
+from gtr_jax.files.plain import plain
 
-from ..task import Part
-from .decide import ADEQUATE, AMBIGUOUS, MISSING, UNEXPLAINED, Decision, structured
+from ..number import OWN
+from ..setup import Part
+from .decide import ADEQUATE, AMBIGUOUS, MISSING, Decision
 from .differ import Difference
 from .experiment import Experiment
 from .locate import Where
 from .marginal import Marginal
+from .models import Models
 from .patterns import Pattern
-from .rig import OWN
 from .robots import RobotFile, kinds, robot_files
-from .search import SEEN, Models, Screened
+from .screen import SEEN, Screened
+from .sentence import DIFFER, sentence
 
-BAD_DATA, DIFFER = "bad-data", "recordings-differ"
-# Residual in units of the noise from which it is said to be more: of 86 sound recordings of the blind
-# benchmark, from which this is taken, one with a bad repeat reached 1.49.
-MORE = 1.5
-# What the mesh leaves out is told from this share of the noise on.
-COUNTS = 0.5
+BAD_DATA = "bad-data"
 Names = tuple[str, ...]
 
 
@@ -182,22 +177,33 @@ class Diagnosis:
         config: RobotConfig | None,
     ) -> Diagnosis:
         """A diagnosis of data that cannot be diagnosed."""
-        nothing = (float("nan"), float("nan"))
+        unknown = float("nan")
         return Diagnosis(
-            verdict,
-            "These recordings cannot be diagnosed: " + "; ".join(faults).rstrip(".?") + ".",
-            *([], [], {}, 0.0, [], [], []),
-            nothing,
-            [],
-            float("nan"),
-            float("nan"),
-            nothing,
-            nothing,
-            *(None, [], [], {}, None, []),
-            config,
-            True,
-            warnings,
-            {"samples": sum(p.samples for p in parts)},
+            verdict=verdict,
+            says="These recordings cannot be diagnosed: " + "; ".join(faults).rstrip(".?") + ".",
+            named=[],
+            confusion_set=[],
+            probability={},
+            named_probability=0.0,
+            where=[],
+            rest=[],
+            parameters=[],
+            rms_N=(unknown, unknown),
+            held_out=[],
+            noise_N=unknown,
+            expected_N=unknown,
+            left=(unknown, unknown),
+            base_left=(unknown, unknown),
+            pattern=None,
+            rivals=[],
+            strata=[],
+            smallest_detectable={},
+            experiment=None,
+            loops=[],
+            config=config,
+            converged=True,
+            warnings=list(warnings),
+            settings={"samples": sum(p.samples for p in parts)},
         )
 
     @staticmethod
@@ -224,47 +230,47 @@ class Diagnosis:
     ) -> Diagnosis:
         """Gather a diagnosis."""
         chosen = decision.chosen
-        off = [
-            np.concatenate([v[0] - loop.recorded[0] for loop in loops for v in (getattr(loop, which),)])
-            for which in ("before", "after")
-        ]
-        rms = (float(np.sqrt(np.mean(off[0] ** 2))), float(np.sqrt(np.mean(off[1] ** 2))))
+        before_N, after_N, read_N = (
+            np.concatenate([tips[0] for tips in each])
+            for each in zip(*((loop.before, loop.after, loop.recorded) for loop in loops), strict=True)
+        )
         verdict = DIFFER if differ and decision.verdict == ADEQUATE else decision.verdict
         named = kinds(chosen.names) if verdict in (MISSING, AMBIGUOUS) else []
         confusion = list(map(list, dict.fromkeys(tuple(kinds(names)) for names in decision.confusion)))
+        variants = []
         if verdict == MISSING and len(decision.confusion) > len(confusion):
-            warnings.append(
-                "Where is not told: " + " or ".join(" + ".join(n) for n in decision.confusion) + "."
-            )
-        parameters = _changes(before, after)
-        noise, expected = models.bench.expected_rms(mesh=False), models.bench.expected_rms()
-        files = robot_files(decision, after, refitted, differ, config, fine, warnings)
+            variants = ["Where is not told: " + " or ".join(" + ".join(n) for n in decision.confusion) + "."]
+        files, faults = robot_files(decision, after, refitted, differ, config, fine)
         diagnosis = Diagnosis(
-            verdict,
-            "",
-            named if verdict == MISSING else [],
-            confusion if verdict == AMBIGUOUS else ([named] if named else []),
-            {" + ".join(names): p for names, p in decision.probability.items()},
-            sum(p for names, p in decision.probability.items() if named and set(named) <= set(kinds(names))),
-            where,
-            rest,
-            parameters,
-            rms,
-            held,
-            noise,
-            expected,
-            decision.left,
-            decision.base_left,
-            decision.pattern,
-            rivals,
-            strata,
-            {s.hypothesis.numbers[0].name: float(s.smallest) for s in screened if np.isfinite(s.smallest)},
-            experiment,
-            loops,
-            files[0].config if files else None,
-            after.fitted.failed == 0,
-            warnings,
-            {
+            verdict=verdict,
+            says="",
+            named=named if verdict == MISSING else [],
+            confusion_set=confusion if verdict == AMBIGUOUS else ([named] if named else []),
+            probability={" + ".join(names): p for names, p in decision.probability.items()},
+            named_probability=sum(
+                p for names, p in decision.probability.items() if named and set(named) <= set(kinds(names))
+            ),
+            where=where,
+            rest=rest,
+            parameters=_changes(before, after),
+            rms_N=(_rms(before_N - read_N), _rms(after_N - read_N)),
+            held_out=held,
+            noise_N=models.bench.expected_rms(mesh=False),
+            expected_N=models.bench.expected_rms(),
+            left=decision.left,
+            base_left=decision.base_left,
+            pattern=decision.pattern,
+            rivals=rivals,
+            strata=strata,
+            smallest_detectable={
+                s.hypothesis.numbers[0].name: float(s.smallest) for s in screened if np.isfinite(s.smallest)
+            },
+            experiment=experiment,
+            loops=loops,
+            config=files[0].config if files else None,
+            converged=after.fitted.failed == 0,
+            warnings=[*warnings, *variants, *faults],
+            settings={
                 "samples": sum(p.samples for p in parts),
                 "samples_simulated": sum(r.part.samples for r in models.bench.rigs),
                 "mesh_intervals": sum(models.bench.rigs[0].robot.intervals),
@@ -273,8 +279,8 @@ class Diagnosis:
                 "free_of_the_base_model": [n.name for n in models.bench.base],
                 "variance_scale": models.scale,
             },
-            [d.at(after.fitted.values) for d in differ],
-            files,
+            differ=[d.at(after.fitted.values) for d in differ],
+            files=files,
         )
         return dataclasses.replace(diagnosis, says=sentence(diagnosis, chosen.names))
 
@@ -377,6 +383,10 @@ class Diagnosis:
         return plain(answer)
 
 
+def _rms(x: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(x**2)))
+
+
 def _changes(before: Marginal, after: Marginal) -> list[Change]:
     """The numbers of the robot before and after, dimensions last but for what was set."""
     was = {n.name: before.fitted.values[n.name] for n in before.fitted.numbers}
@@ -385,96 +395,19 @@ def _changes(before: Marginal, after: Marginal) -> list[Change]:
         value = after.fitted.values[n.name]
         lower, upper = after.interval(i)
         found.append(
-            Change(n.name, n.unit, was.get(n.name), value, after.sd(i), lower, upper, after.made_of[i])
+            Change(
+                name=n.name,
+                unit=n.unit,
+                before=was.get(n.name),
+                after=value,
+                sd=after.sd(i),
+                lower95=lower,
+                upper95=upper,
+                made_of=after.made_of[i],
+            )
         )
     free = {n.name for n in after.fitted.numbers}
     assumed = {k: v for k, v in after.fitted.values.items() if k not in free}
-    return found + [Change(name, "", None, value, None) for name, value in assumed.items()]
-
-
-def difference_in_words(d: Diagnosis, difference: Difference) -> str:
-    """Which number differs, by how much and between which recordings."""
-    own = d.own(difference)
-
-    def said(recording: str) -> str:
-        shown = measured_quantity(difference.own[recording], own[recording].sd, difference.unit)
-        return f"{shown} in {recording}"
-
-    parts = [" and ".join(map(said, group)) for group in difference.groups]
-    apart = f"{difference.standard_errors:.0f} standard errors, what is unknown of all alike left out"
-    words = f"{difference.name} differs between the recordings: {', but '.join(parts)} ({apart})."
-    others = [f"{name} that differs" for name in difference.or_numbers]
-    others += [f"{name} in all of them" for name in difference.or_effects]
-    if others:
-        words += f" {' or '.join(others)} would explain them nearly as well."
-    return words
-
-
-def _noise(d: Diagnosis, verb: str = "") -> str:
-    """The noise in words, and what the mesh leaves out where that counts."""
-    mesh = float(np.sqrt(max(d.expected_N**2 - d.noise_N**2, 0.0)))
-    also = f" and the mesh leaves out {mesh:.1g} N" if mesh > COUNTS * d.noise_N else ""
-    return f"noise{verb} {d.noise_N:.2g} N{also}"
-
-
-def sentence(d: Diagnosis, chosen: Names) -> str:
-    """The verdict in words that its numbers carry."""
-    before = "".join(f"{difference_in_words(d, difference)} " for difference in d.differ)
-    return before + _of_physics(d, chosen)
-
-
-def _of_physics(d: Diagnosis, chosen: Names) -> str:
-    held = d.held_out
-    better = ""
-    if len(held) > 1 and np.isfinite(held[1]["rms_N"]):
-        better = (
-            f" On samples the fit has not seen, the residual goes from {held[0]['rms_N']:.2g} to "
-            f"{held[1]['rms_N']:.2g} N ({_noise(d)})."
-        )
-    if d.verdict in (ADEQUATE, DIFFER):
-        best = d.rivals[0] if d.rivals else None
-        hint = ""
-        if best is not None and best.names and best.probability > 0.5:
-            hint = f" {' with '.join(best.names)} would fit a little better, too little to be claimed."
-        more = ""
-        if d.rms_N[0] > MORE * d.expected_N:
-            more = ", which is more, with too little structure in it to claim anything"
-        what = "Nothing else is missing" if d.verdict == DIFFER else "Nothing is missing"
-        return (
-            f"{what} that these recordings could show: the residual is {d.rms_N[0]:.2g} N where "
-            f"the {_noise(d, ' is')}{more}.{hint}"
-        )
-    if d.verdict == UNEXPLAINED:
-        nearest = ""
-        if chosen:
-            nearest = (
-                f" The nearest, {' with '.join(chosen)}, leaves structure of {d.left[0]:.2g} standard "
-                f"deviations of the noise.{better}"
-            )
-        what = "Something is missing that no term of the catalogue explains:"
-        if d.pattern is not None:
-            by_chance = f"by chance: {max(d.pattern.chance, 1e-99):.1g}"
-            where = f" (in {d.pattern.recording})" if len(d.loops) > 1 else ""
-            what += f" {d.pattern.says}{where} ({by_chance}), {100 * d.pattern.share:.0f} % of it;"
-        at = f" Most of it: {d.where[0].says}." if d.where else ""
-        off = f"the fit is off by {d.rms_N[0]:.2g} N where the {_noise(d, ' is')}"
-        return f"{what} {off}.{at}{nearest}"
-    mu = next((c for c in d.parameters if c.name == "mu"), None)
-    moved = f" Friction goes from {mu.before:.3g} to {mu.after:.3g}." if mu and mu.before and mu.after else ""
-    stays = ""
-    if structured(d.left):
-        stays = (
-            f" Structure of {d.left[0]:.2g} standard deviations of the noise stays: a law is not quite "
-            "right, or something more is missing."
-        )
-    if d.verdict == AMBIGUOUS:
-        sets = " or ".join(" with ".join(s) for s in d.confusion_set)
-        return f"Missing is {sets}: these recordings do not tell which.{better}{moved}{stays}"
-    effects = "; ".join(REGISTRY[kind].says.rstrip(".") for kind in d.named)
-    sure = "above 0.99" if d.named_probability > 0.99 else f"{d.named_probability:.2f}"
-    sizes = ", ".join(
-        f"{c.name} = {measured_quantity(c.after, c.sd, c.unit)}{' (assumed)' if c.sd is None else ''}"
-        for c in d.parameters
-        if c.before is None
-    )
-    return f"Missing: {' and '.join(d.named)} (probability {sure}). {effects}: {sizes}.{better}{moved}{stays}"
+    return found + [
+        Change(name=name, unit="", before=None, after=value, sd=None) for name, value in assumed.items()
+    ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import hashlib
 from collections.abc import Iterable, Mapping
@@ -16,20 +15,19 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from gtr_jax import Robot
-from gtr_jax.equilibrium import known_to_act
-from gtr_jax.parameters import places_of
+from gtr_jax.robot.parameters import places_of
+from gtr_jax.simulation.programs import known_to_act
 from gtr_jax.terms import REGISTRY
 
-from ..coordinates import History, padded_history, shown
-from ..task import Part
-from .memory import Memory
+from ..number import values_in
+from ..predictor import History, Seen, padded_history, shown
+from ..setup import Part
+from .cache import SimulationCache
 
 # Numbers that may differ from the robot's own in one simulation.
 PLACES = 24
 # Intervals of the mesh that hypotheses are tried on, and least share of the robot's own.
 INTERVALS, COARSEST = 22, 0.35
-# Between a number's name and that of the recording that has it to itself, as in the answers of a fit.
-OWN = "@"
 # Simulations that a rig has at hand: a number of one recording leaves those of the others as they were.
 AT_HAND = 64
 # Samples kept behind each bend of the base tension: there friction that depends on the speed changes fast.
@@ -42,16 +40,6 @@ def _shown(robot: Robot, places: Int[Array, " P"], values: Float[Array, " P"], h
     changed = unravel(jnp.append(flat, 0.0).at[places].set(values)[:-1])
     seen, run = shown(changed, history)
     return seen, run.converged, run.slip_front, run.slip_direction
-
-
-def values_in(values: Mapping[str, float], recording: str) -> dict[str, float]:
-    """Values by name as one recording has them: of numbers that differ, "mu@monday", its own, "mu"."""
-    own = {
-        name.partition(OWN)[0]: value
-        for name, value in values.items()
-        if name.partition(OWN)[1:] == (OWN, recording)
-    }
-    return {name: value for name, value in values.items() if OWN not in name} | own
 
 
 def resolution_of(robot: Robot) -> float:
@@ -76,41 +64,6 @@ def some_samples(part: Part, most: int) -> np.ndarray:
     return np.unique(np.concatenate([[0, K - 1], behind[behind < K], np.minimum(even, K - 1)]))
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Seen:
-    """What a simulation shows of a recording of K samples.
-
-    Attributes:
-        values: SI, in the order of `coordinates.CHANNELS`, (C, K).
-        failed: steps that did not converge.
-        slips: whether slip reaches the tip, (K,).
-        direction: of the slip at the base, (K,).
-    """
-
-    values: np.ndarray
-    failed: int
-    slips: np.ndarray
-    direction: np.ndarray
-
-    def flat(self) -> np.ndarray:
-        """All in one array."""
-        return np.concatenate([self.values.ravel(), self.slips, self.direction, [self.failed]])
-
-    @staticmethod
-    def of(flat: np.ndarray, samples: int) -> Seen | None:
-        """The same from it; None from an empty one."""
-        if not len(flat):
-            return None
-        rows = flat[:-1].reshape(-1, samples)
-        return Seen(np.array(rows[:-2]), int(flat[-1]), rows[-2] > 0, np.array(rows[-1]))
-
-    def plus(self, channels: list[int], more: np.ndarray) -> Seen:
-        """The same with some channels higher by (channels, K)."""
-        values = np.array(self.values)
-        values[channels] += more
-        return dataclasses.replace(self, values=values)
-
-
 class Rig:
     """One recording, and the robot it is of, coarsely meshed.
 
@@ -121,11 +74,13 @@ class Rig:
         part: the recording.
         robot: the robot to simulate it with.
         more: names of further numbers that may change, beside mu, E and those of the terms.
-        memory: of simulations done before.
+        cache: of simulations done before.
     """
 
-    def __init__(self, part: Part, robot: Robot, more: Iterable[str] = (), memory: Memory | None = None):
-        self.part, self.robot, self.memory, self.more = part, robot, memory, tuple(more)
+    def __init__(
+        self, part: Part, robot: Robot, more: Iterable[str] = (), cache: SimulationCache | None = None
+    ):
+        self.part, self.robot, self.cache, self.more = part, robot, cache, tuple(more)
         self._acting = bool(known_to_act(robot))
         names = [*robot_names(robot), *self.more]
         places = np.asarray(places_of(robot, names))
@@ -145,15 +100,15 @@ class Rig:
 
     def _remembered(self, items: tuple[tuple[str, float], ...], more_base: float) -> Seen | None:
         values = dict(items)
-        if self.memory is None:
+        if self.cache is None:
             return self._simulated(values, more_base)
         said = [f"{name}={float(value).hex()}" for name, value in items]
         key = hashlib.blake2b("|".join([*said, float(more_base).hex()]).encode(), key=self.mark).digest()
-        known = self.memory.get(key)
+        known = self.cache.get(key)
         if known is not None:
             return Seen.of(known, self.part.samples)
         seen = self._simulated(values, more_base)
-        self.memory.put(key, np.zeros(0) if seen is None else seen.flat())
+        self.cache.put(key, np.zeros(0) if seen is None else seen.flat())
         return seen
 
     @functools.cached_property

@@ -8,13 +8,13 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 from gtr_jax import InputError, Robot, RobotConfig
-from gtr_jax.parameters import parameters_of
+from gtr_jax.robot.parameters import parameters_of
 
 from ..free import distinct
+from ..number import values_in
 from .decide import UNEXPLAINED, Decision
 from .differ import Difference
 from .marginal import Marginal
-from .rig import values_in
 
 STEM = "diagnosed"
 
@@ -51,8 +51,8 @@ def _labels(sets: Sequence[tuple[str, ...]]) -> list[str]:
     """A name for each set of hypotheses: its terms; where two sets have the same, the variants as well."""
     short = ["-and-".join(kinds(names)) for names in sets]
     return [
-        said if short.count(said) == 1 else "-and-".join(name.replace(".", "-") for name in names)
-        for said, names in zip(short, sets, strict=True)
+        label if short.count(label) == 1 else "-and-".join(name.replace(".", "-") for name in names)
+        for label, names in zip(short, sets, strict=True)
     ]
 
 
@@ -63,20 +63,18 @@ def robot_files(
     differ: Sequence[Difference],
     config: RobotConfig | None,
     fine: Robot,
-    warnings: list[str],
-) -> list[RobotFile]:
+) -> tuple[list[RobotFile], list[str]]:
     """`diagnosed.toml` first, then those of the rivals and recordings, where there are several; none where
-    nothing is explained or no robot file was given.
+    nothing is explained or no robot file was given. And a sentence for values that do not make a robot file.
 
     Args:
         decision: the verdict, the model that is shown and its rivals.
         after, refitted: the model that is shown, and each rival, with all that is uncertain fitted together.
         differ: numbers that differ between the recordings.
         config, fine: the robot file, and the robot.
-        warnings: gets a sentence where values do not make a robot file.
     """
     if config is None or decision.verdict == UNEXPLAINED:
-        return []
+        return [], []
     recordings = [rig.part.name for rig in after.bench.rigs] if differ else [""]
     sets = list(refitted)
     wanted = [("", after, recordings[0])]
@@ -85,33 +83,38 @@ def robot_files(
     if not sets and differ:
         wanted += [(k, after, k) for k in recordings]
     endings = ["", *distinct([ending for ending, _, _ in wanted[1:]])]
-    found = []
+    found, warnings = [], []
     for ending, (_, model, recording) in zip(endings, wanted, strict=True):
-        robot = _diagnosed(config, model, recording, fine, warnings)
-        if robot is not None:
-            name, effects = f"{STEM}-{ending}.toml" if ending else f"{STEM}.toml", model.fitted.names
-            probability = decision.probability[effects]
-            found.append(RobotFile(name, effects, recording, probability, robot, not sets, ""))
-    return [dataclasses.replace(f, note=_note(f, found, differ)) for f in found]
+        effects = model.fitted.names
+        try:
+            robot = _diagnosed(config, model, recording, fine)
+        except (InputError, KeyError) as fault:
+            warnings.append(f"What was found does not make a robot file: {fault}.")
+            continue
+        found.append(
+            RobotFile(
+                name=f"{STEM}-{ending}.toml" if ending else f"{STEM}.toml",
+                effects=effects,
+                recording=recording,
+                probability=decision.probability[effects],
+                config=robot,
+                settled=not sets,
+                note="",
+            )
+        )
+    noted = [dataclasses.replace(f, note=_note(f, found, differ)) for f in found]
+    return noted, list(dict.fromkeys(warnings))
 
 
-def _diagnosed(
-    config: RobotConfig, model: Marginal, recording: str, fine: Robot, warnings: list[str]
-) -> RobotConfig | None:
+def _diagnosed(config: RobotConfig, model: Marginal, recording: str, fine: Robot) -> RobotConfig:
     """The robot file with the numbers of a fit, those of one recording where they differ; what it called
     uncertain is known as well as the fit says.
     """
     known, fitted = parameters_of(fine), model.fitted
-    try:
-        values = {known[k].key: v for k, v in values_in(fitted.values, recording).items()}
-        sds = values_in({n.name: model.sd(i) for i, n in enumerate(fitted.numbers)}, recording)
-        left = {known[k].key: sd for k, sd in sds.items() if known[k].key in config.uncertainty}
-        return config.with_values(values).with_deviations(left)
-    except (InputError, KeyError) as fault:
-        said = f"What was found does not make a robot file: {fault}."
-        if said not in warnings:
-            warnings.append(said)
-        return None
+    values = {known[k].key: v for k, v in values_in(fitted.values, recording).items()}
+    sds = values_in({n.name: model.sd(i) for i, n in enumerate(fitted.numbers)}, recording)
+    left = {known[k].key: sd for k, sd in sds.items() if known[k].key in config.uncertainty}
+    return config.with_values(values).with_deviations(left)
 
 
 def holds(file: RobotFile) -> str:
@@ -124,16 +127,16 @@ def _note(
     files: Sequence[RobotFile],
     differ: Sequence[Difference],
 ) -> str:
-    said = []
+    sentences = []
     if not file.settled:
         each = dict.fromkeys(f"{holds(f)} (probability {f.probability:.2f})" for f in files[1:])
-        said.append(f"Not settled: these recordings do not tell which is missing, {' or '.join(each)}.")
-        said.append(f"This file holds {holds(file)}.")
+        sentences.append(f"Not settled: these recordings do not tell which is missing, {' or '.join(each)}.")
+        sentences.append(f"This file holds {holds(file)}.")
     if differ:
         names = " and ".join(d.name for d in differ)
-        said.append(f"{names} differ{'s' if len(differ) == 1 else ''} between the recordings.")
-        said.append(f"This file has what fits {file.recording}.")
+        sentences.append(f"{names} differ{'s' if len(differ) == 1 else ''} between the recordings.")
+        sentences.append(f"This file has what fits {file.recording}.")
     others = [f.name for f in files if f is not file]
-    if said and file is files[0]:
-        said.append(f"One for each: {', '.join(others)}.")
-    return " ".join(said)
+    if sentences and file is files[0]:
+        sentences.append(f"One for each: {', '.join(others)}.")
+    return " ".join(sentences)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..task import Part
+from ..setup import Part
 
 FEWEST = 20
 # A tip that reads this many times the base throughout, or a stretch of equal extremes this long, is no data.

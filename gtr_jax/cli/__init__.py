@@ -12,7 +12,6 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
-from importlib.metadata import version
 from typing import Any
 
 import click
@@ -45,7 +44,7 @@ class Commands(click.Group):
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Exit status: 0 answered, 1 not converged, 2 bad input, 130 interrupted.",
 )
-@click.version_option(version("gtr-jax"), prog_name="gtr", message="%(prog)s %(version)s")
+@click.version_option(package_name="gtr-jax", prog_name="gtr", message="%(prog)s %(version)s")
 def cli() -> None:
     """Simulate tendon-driven continuum manipulators with tendon friction, fit them to recordings,
     tell which physics a recording asks for that the model leaves out, design their routing, and sweep their

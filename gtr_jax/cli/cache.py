@@ -43,6 +43,9 @@ def enable_cache() -> Path | None:
         return None
     import jax
 
+    from gtr_jax import stored
+
+    stored.enable(folder)
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

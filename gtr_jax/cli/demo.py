@@ -19,7 +19,7 @@ from .simulate import solve as solve_simulation
 from .simulate import write_answer as write_simulation
 
 if TYPE_CHECKING:
-    from gtr_jax.report import Link
+    from gtr_jax.report.page import Link
 
 PULL = 45.0
 
@@ -30,10 +30,10 @@ def demo(output: Path, force: bool) -> int:
     """Simulate a manipulator through a full loop; fit friction and modulus to the tensions of a recording,
     which a missing effect makes wrong though the fit looks good; and diagnose it. All ship with the package.
     """
-    from gtr_jax.config import load_config
     from gtr_jax.examples import CONCEALED, CONCEALED_ROBOT, MADE_WITH, SIMULATED
-    from gtr_jax.recording import read_recording
-    from gtr_jax.report import render_index
+    from gtr_jax.files.config import load_config
+    from gtr_jax.files.recording import read_recording
+    from gtr_jax.report.page import render_index
     from gtr_jax.report.simulation import verdict
 
     from .cache import enable_cache
@@ -88,7 +88,7 @@ ABOUT = (
 
 def _links(simulated: str, fitted: str, diagnosed: str) -> list[Link]:
     """The three reports, in the order to read them, with what each answered."""
-    from gtr_jax.report import Link
+    from gtr_jax.report.page import Link
 
     return [
         Link(

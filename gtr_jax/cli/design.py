@@ -12,7 +12,8 @@ from gtr_jax.errors import InputError
 from .options import check_resolution, output_option, robot_argument
 
 if TYPE_CHECKING:
-    from gtr_jax.config import RobotConfig
+    from design import Design, TargetConfig
+    from gtr_jax.files.config import RobotConfig
 
 RESOLUTION = 0.5
 
@@ -45,7 +46,7 @@ def design(
     Where no design does, the nearest is written and what stands in the way is said; the exit status is
     then 1.
     """
-    from gtr_jax.config import load_config
+    from gtr_jax.files.config import load_config
 
     from .cache import enable_cache
     from .progress import Progress
@@ -70,7 +71,7 @@ def design(
     return 0 if answer.verdict in ("reached", "optimal") else 1
 
 
-def _load_target(path: Path) -> Any:
+def _load_target(path: Path) -> TargetConfig:
     from design import load_target
 
     if path.suffix.lower() == ".csv":
@@ -78,20 +79,20 @@ def _load_target(path: Path) -> Any:
     return load_target(path)
 
 
-def solve(config: RobotConfig, target: Any, *, progress: Any, **options: Any) -> Any:
+def solve(config: RobotConfig, target: TargetConfig, *, progress: Any, **options: Any) -> Design:
     """Design, reporting progress."""
     import design
 
     return design.optimise(config, target, progress=progress, **options)
 
 
-def write_answer(folder: Path, answer: Any, config: RobotConfig, settings: dict[str, Any]) -> None:
+def write_answer(folder: Path, answer: Design, config: RobotConfig, settings: dict[str, Any]) -> None:
     """Write all that a design leaves into a folder."""
     from design.drawing import draw, dxf, route_csv, svg
+    from design.report.design import design_report
     from design.target import target_text
-    from gtr_jax.config import config_text, dump_config
-    from gtr_jax.recording import write_whole
-    from gtr_jax.report.design import design_report
+    from gtr_jax.files.config import config_text, dump_config
+    from gtr_jax.files.recording import write_whole
 
     from .run_folder import write_json, write_report
 

@@ -22,7 +22,9 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from gtr_jax.config import RobotConfig
+    from calibrate import Diagnosis
+    from gtr_jax.files.config import RobotConfig
+    from gtr_jax.files.recording import Recording
 
 
 @click.command()
@@ -52,8 +54,8 @@ def diagnose(
     """Tell which physics a robot's model leaves out of its recordings: where they differ, what is missing,
     whether a fit with it is better on samples it has not seen, and what to measure next.
     """
-    from gtr_jax.config import load_config
-    from gtr_jax.recording import read_recording
+    from gtr_jax.files.config import load_config
+    from gtr_jax.files.recording import read_recording
 
     from .cache import enable_cache
     from .progress import Progress, kept
@@ -95,13 +97,13 @@ def diagnose(
 
 def solve(
     config: RobotConfig,
-    recordings: Sequence[Any],
+    recordings: Sequence[Recording],
     *,
     noise: float | None = None,
     noise_base: float | None = None,
     progress: Any,
     **options: Any,
-) -> Any:
+) -> Diagnosis:
     """Diagnose, reporting progress."""
     import calibrate
 
@@ -111,7 +113,7 @@ def solve(
     )
 
 
-def summary(answer: Any) -> list[str]:
+def summary(answer: Diagnosis) -> list[str]:
     """The verdict, where, the robot files, and what to measure next, as lines for the terminal."""
     lines = [f"{answer.verdict}: {answer.says}"]
     lines += [f"where: {w.says}" for w in answer.where[:3]]
@@ -122,11 +124,11 @@ def summary(answer: Any) -> list[str]:
     return [*lines, *(f"warning: {text}" for text in answer.warnings)]
 
 
-def write_answer(folder: Path, answer: Any, config: RobotConfig, settings: dict[str, Any]) -> None:
+def write_answer(folder: Path, answer: Diagnosis, config: RobotConfig, settings: dict[str, Any]) -> None:
     """Write all that a diagnosis leaves into a folder."""
-    from gtr_jax.config import config_text, dump_config
-    from gtr_jax.recording import write_recording
-    from gtr_jax.report import diagnosis_report
+    from calibrate.report.diagnosis import diagnosis_report
+    from gtr_jax.files.config import config_text, dump_config
+    from gtr_jax.files.recording import write_recording
 
     from .run_folder import write_json, write_report
 

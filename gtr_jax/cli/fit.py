@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 import re
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
-import numpy as np
 
 from gtr_jax.errors import InputError
 from gtr_jax.interruption import interruption
@@ -26,9 +27,11 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from gtr_jax.config import RobotConfig
-    from gtr_jax.recording import Recording
-    from gtr_jax.report import FitAnswer
+    import numpy as np
+
+    from calibrate import Estimate, FitResult, Posterior
+    from gtr_jax.files.config import RobotConfig
+    from gtr_jax.files.recording import Recording
 
 
 class Inputs(NamedTuple):
@@ -84,8 +87,8 @@ def fit(
     """Fit a robot, which has one tendon, to recordings of base and tip tension, starting from the values in
     its file. Several recordings share the parameters; each belongs to the ROBOT.toml before it.
     """
-    from gtr_jax.config import load_config
-    from gtr_jax.recording import read_recording
+    from gtr_jax.files.config import load_config
+    from gtr_jax.files.recording import read_recording
 
     from .cache import enable_cache
     from .progress import Progress
@@ -167,11 +170,13 @@ def solve(
     noise_base: float | None = None,
     progress: Any,
     **options: Any,
-) -> FitAnswer:
+) -> FitResult:
     """Fit, reporting progress."""
     import calibrate
 
     check_noise(noise, noise_base)
+    # What draws the answer is imported meanwhile: half a second in which the fit needs no interpreter.
+    threading.Thread(target=importlib.import_module, args=("calibrate.report",), daemon=True).start()
     with interruption.patient():  # which leaves the fit without its profiles
         return calibrate.fit(
             robots,
@@ -184,10 +189,10 @@ def solve(
         )
 
 
-def summary(result: FitAnswer) -> list[str]:
+def summary(result: FitResult) -> list[str]:
     """The estimates, then the verdict, as lines for the terminal."""
-    from gtr_jax.numbers import measured_quantity
-    from gtr_jax.report.fit import interval
+    from calibrate.report.fit import interval
+    from gtr_jax.files.numbers import measured_quantity
 
     lines = []
     for e in result.estimates:
@@ -214,22 +219,24 @@ def _named(robots: Sequence[RobotConfig | None], recordings: Sequence[str]) -> d
     return {f"-{name}": robot for name, robot in zip(recordings, robots, strict=True) if robot is not None}
 
 
-def _draws(result: FitAnswer) -> dict[str, np.ndarray]:
+def _draws(posterior: Posterior, estimates: Sequence[Estimate]) -> dict[str, np.ndarray]:
     """The draws of the posterior as columns, a row each, SI with the unit in the name."""
-    draws = np.asarray(result.posterior.draws)
+    import numpy as np
+
+    draws = np.asarray(posterior.draws)
     chains, each, _ = draws.shape
     columns = {
         "chain": np.repeat(np.arange(1, chains + 1), each),
         "draw": np.tile(np.arange(1, each + 1), chains),
     }
-    for i, e in enumerate(result.estimates):
+    for i, e in enumerate(estimates):
         columns[f"{e.name} [{e.unit}]" if e.unit else e.name] = draws[..., i].reshape(-1)
     return columns
 
 
 def write_answer(
     folder: Path,
-    result: FitAnswer,
+    result: FitResult,
     recordings: Sequence[Recording],
     configs: Sequence[RobotConfig],
     settings: dict[str, Any],
@@ -237,9 +244,9 @@ def write_answer(
     """Write all that a fit leaves into a folder: of one recording fit.csv, of several fit-NAME.csv of each;
     robot.toml and fitted.toml likewise where there are several robots; draws.csv of a posterior.
     """
-    from gtr_jax.config import config_text, dump_config
-    from gtr_jax.recording import write_recording
-    from gtr_jax.report import fit_report
+    from calibrate.report.fit import fit_report
+    from gtr_jax.files.config import config_text, dump_config
+    from gtr_jax.files.recording import write_recording
 
     from .run_folder import write_json, write_report
 
@@ -266,7 +273,7 @@ def write_answer(
             folder / f"fit{ending}.csv", {name: v for name, v in columns.items() if v is not None}
         )
     if result.posterior is not None:
-        write_recording(folder / "draws.csv", _draws(result))
+        write_recording(folder / "draws.csv", _draws(result.posterior, result.estimates))
     data = result.to_json()
     write_json(folder / "fit.json", {**data, "settings": {**data["settings"], **settings}})
     report = fit_report(result, recordings, " and ".join(dict.fromkeys(c.name for c in configs)))

@@ -11,7 +11,6 @@ from typing import Any
 import click
 
 from gtr_jax.errors import InputError
-from gtr_jax.units import to_si
 
 
 class Quantity(click.ParamType):
@@ -23,6 +22,8 @@ class Quantity(click.ParamType):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """The value in SI; InputError naming the option."""
+        from gtr_jax.files.units import to_si
+
         where = param.opts[0] if param else self.name
         try:
             value = float(value)

@@ -19,7 +19,8 @@ def paper(output: Path, force: bool) -> int:
     Writes report.html, paper.md with its pictures (the page of the docs), paper.json with every number, and
     the robot files. Takes a minute or two.
     """
-    from gtr_jax.paper import pages, studies
+    from gtr_jax.paper import pages
+    from gtr_jax.paper.studies import studies
 
     from .cache import enable_cache
     from .progress import Progress

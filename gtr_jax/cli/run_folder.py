@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gtr_jax.errors import InputError, listed
+from gtr_jax.files.plain import plain
 from gtr_jax.interruption import interruption
-from gtr_jax.plain import plain
 
 from .options import HELD
 
 if TYPE_CHECKING:
-    from gtr_jax.report import Report
+    from gtr_jax.report.page import Report
 
 MARK = "run.json"
 PACKAGES = ("gtr-jax", "jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
@@ -248,7 +248,7 @@ def write_json(path: Path, data: Any) -> None:
 
 def write_report(folder: Path, report: Report, settings: Mapping[str, Any], robot: str) -> None:
     """Write a report's pictures and its page, which shows the text of the robot file."""
-    from gtr_jax.report import render
+    from gtr_jax.report.page import render
 
     for figure in report.figures:
         (folder / f"{figure.name}.png").write_bytes(figure.image)

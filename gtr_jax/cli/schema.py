@@ -8,6 +8,6 @@ import click
 @click.command()
 def schema() -> None:
     """Print the JSON Schema of the robot file, with which editors complete and check it."""
-    from gtr_jax.config import json_schema
+    from gtr_jax.files.schema import json_schema
 
     click.echo(json.dumps(json_schema(), indent=2))

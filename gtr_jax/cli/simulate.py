@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-import numpy as np
 
 from gtr_jax.errors import InputError, did_you_mean, listed
 
@@ -21,9 +20,11 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from gtr_jax.config import RobotConfig
-    from gtr_jax.recording import Recording
-    from gtr_jax.report import SimulationAnswer
+    import numpy as np
+
+    from gtr_jax.files.config import RobotConfig
+    from gtr_jax.files.recording import Recording
+    from gtr_jax.report.simulation import SimulationAnswer
 
 STEPS = 40
 
@@ -70,7 +71,7 @@ def simulate(
     number is in newtons. Of several tendons, --tendon names the one to pull; a history has a column
     T_base_N.NAME for each.
     """
-    from gtr_jax.config import load_config
+    from gtr_jax.files.config import load_config
 
     from .cache import enable_cache
     from .progress import Progress
@@ -85,13 +86,13 @@ def simulate(
         T_base = pulls_of(config, tendon, pull, release, steps)
         if dt is not None and dt <= 0:
             raise InputError(f"--dt: must be positive, is {dt:g} s; 0.1 s for example")
-        time = None if dt is None else dt * np.arange(len(T_base))
+        time = None if dt is None else times_of(dt, len(T_base))
     else:
         alone = {"--pull": pull, "--release": release, "--steps": steps, "--dt": dt, "--tendon": tendon}
         for name, value in alone.items():
             if value is not None:
                 raise InputError(f"{name}: has no effect with --history; leave one of the two out")
-        from gtr_jax.recording import read_recording
+        from gtr_jax.files.recording import read_recording
 
         given = read_recording(history, columns, need_tip=False, tendons=config.tendon_names)
         T_base, time = given.T_base, given.time
@@ -117,6 +118,8 @@ def pulls_of(
     config: RobotConfig, tendon: str | None, pull: float | None, release: float | None, steps: int | None
 ) -> np.ndarray:
     """Base tension [N] of a pull and release of one tendon, the others at their preload, (K, *tendons)."""
+    import numpy as np
+
     names = config.tendon_names
     if tendon is not None and tendon not in names:
         remedy = did_you_mean(tendon, names) if names else "the robot has one tendon; leave --tendon out"
@@ -137,6 +140,8 @@ def pull_and_release(
     pull: float | None, release: float | None, steps: int | None, *, preload: float = 0.0
 ) -> np.ndarray:
     """Base tension [N] of a pull from the preload and, if asked for, a release, with `steps` steps each."""
+    import numpy as np
+
     if pull is None:
         raise InputError(
             "--pull: missing; give a tension, for example --pull 45 --release 0, or --history H.csv"
@@ -154,6 +159,13 @@ def pull_and_release(
             f"--release: must lie between 0 N and the {pull:g} N of --pull, is {release:g} N; change one"
         )
     return np.concatenate([history, np.linspace(pull, release, count + 1)[1:]])
+
+
+def times_of(dt: float, count: int) -> np.ndarray:
+    """Times [s] of so many steps of `dt` [s], the first at zero."""
+    import numpy as np
+
+    return dt * np.arange(count)
 
 
 def check_times(config: RobotConfig, time: np.ndarray | None) -> None:
@@ -182,8 +194,10 @@ def solve(
     Raises:
         InputError: tensions so large that no finite state is left to draw.
     """
-    from gtr_jax.build import build_robot
-    from gtr_jax.report import answer_simulation
+    import numpy as np
+
+    from gtr_jax.report.simulation import answer_simulation
+    from gtr_jax.robot.build import build_robot
 
     robot = build_robot(config, resolution=resolution)
     progress("compiling and simulating")
@@ -207,12 +221,14 @@ def write_answer(
     time: np.ndarray | None = None,
 ) -> None:
     """Write all that a simulation leaves into a folder."""
-    from gtr_jax.config import dump_config
-    from gtr_jax.recording import write_recording
-    from gtr_jax.report import profile, simulation_report
-    from gtr_jax.report.simulation import facts
-    from gtr_jax.sensing import cells_differ
+    import numpy as np
 
+    from gtr_jax.files.config import dump_config
+    from gtr_jax.files.recording import write_recording
+    from gtr_jax.report.profile import profile
+    from gtr_jax.report.simulation import facts, simulation_report
+
+    from ..simulation.sensing import cells_differ
     from .run_folder import write_json, write_report
 
     run, shown = answer.run, answer.run.reading

@@ -200,8 +200,8 @@ def _finish(
     folder: RunFolder, output: Path, task: Task, store: Store, done: Done, plot: bool, progress: Any
 ) -> int:
     """Write all that a sweep leaves, beside it everything that its file names."""
-    from gtr_jax.config import config_text, dump_config
-    from gtr_jax.recording import write_whole
+    from gtr_jax.files.config import config_text, dump_config
+    from gtr_jax.files.recording import write_whole
     from gtr_jax.report.sweep import sweep_report
     from gtr_jax.sweep.config import sweep_text
     from gtr_jax.sweep.store import STORE, open_sweep

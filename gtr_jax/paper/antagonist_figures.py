@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -22,8 +21,7 @@ from gtr_jax.plots.style import (
     styled,
 )
 
-if TYPE_CHECKING:
-    from .antagonists import Held
+from .antagonists import Held
 
 COLOURS = (BLUE, GREEN, ORANGE, PURPLE)
 TIMES = ((0, INK), (8, VERMILLION), (24, BLUE), (48, GREEN))  # steps after the top

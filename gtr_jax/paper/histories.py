@@ -15,14 +15,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.channel import metric_factor
-from gtr_jax.history import SLIP_TOLERANCE, Simulation, simulate
-from gtr_jax.mesh import increments
-from gtr_jax.phases import PULLING, RELEASING, label_phases
 from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Table
-from gtr_jax.robot import Robot, sections
+from gtr_jax.robot.robot import Robot, sections
 
+from ..mechanics.channel import metric_factor
+from ..mechanics.mesh import increments
+from ..simulation.history import Simulation, simulate
+from ..simulation.phases import PULLING, RELEASING, label_phases
+from ..simulation.slipping import SLIP_TOLERANCE
 from . import memory_figures as draw
 from .manipulators import case_of, family, robot_of, solved_robot, template
 from .study import Statement, Study, beyond

@@ -16,13 +16,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.equilibrium import equilibrium
-from gtr_jax.history import simulate
-from gtr_jax.phases import release_switch
 from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Table
-from gtr_jax.robot import STANDARD_GRAVITY, Robot
+from gtr_jax.robot.robot import STANDARD_GRAVITY, Robot
 
+from ..simulation.equilibrium import equilibrium
+from ..simulation.history import simulate
+from ..simulation.phases import release_switch
 from . import manipulator_figures as draw
 from .manipulators import GRAVITIES, T_MAX, solved_robot
 from .study import Study, beyond

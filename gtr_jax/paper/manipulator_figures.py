@@ -8,8 +8,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from gtr_jax.history import Simulation
-from gtr_jax.phases import label_phases
 from gtr_jax.plots.style import (
     BLUE,
     GREEN,
@@ -24,6 +22,9 @@ from gtr_jax.plots.style import (
     phase_keys,
     styled,
 )
+
+from ..simulation.history import Simulation
+from ..simulation.phases import label_phases
 
 NO_FRICTION = (0, (4, 3))
 BORE_RADIUS = 7.0  # mm

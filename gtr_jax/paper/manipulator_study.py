@@ -7,14 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from gtr_jax.config import config_text
-from gtr_jax.equilibrium import equilibrium, rest_state, tendon_length
-from gtr_jax.numbers import number
-from gtr_jax.phases import PULLING, RELEASING, TRANSITION, label_phases, release_switch
+from gtr_jax.files.config import config_text
+from gtr_jax.files.numbers import number
+from gtr_jax.mechanics import rest_state
 from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Table
-from gtr_jax.robot import sections
+from gtr_jax.robot.robot import sections
 
+from ..simulation.equilibrium import equilibrium
+from ..simulation.phases import PULLING, RELEASING, TRANSITION, label_phases, release_switch
+from ..simulation.solution import tendon_length
 from . import manipulator_figures as draw
 from .manipulators import (
     FINE_STEP,

@@ -21,13 +21,14 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from gtr_jax.build import build_robot
-from gtr_jax.config import RobotConfig, load_config
-from gtr_jax.equilibrium import equilibrium
 from gtr_jax.examples import PAPER
-from gtr_jax.history import Simulation, simulate
-from gtr_jax.phases import ALL_RELEASED, release_switch
-from gtr_jax.robot import STANDARD_GRAVITY, Robot
+from gtr_jax.files.config import RobotConfig, load_config
+from gtr_jax.robot.build import build_robot
+from gtr_jax.robot.robot import STANDARD_GRAVITY, Robot
+
+from ..simulation.equilibrium import equilibrium
+from ..simulation.history import Simulation, simulate
+from ..simulation.phases import ALL_RELEASED, release_switch
 
 T_MAX = 45.0
 READINGS = np.arange(0.0, T_MAX + 1e-9, 5.0)

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from gtr_jax.history import SLIP_TOLERANCE, Simulation
 from gtr_jax.plots.style import (
     BLUE,
     GREEN,
@@ -24,6 +23,9 @@ from gtr_jax.plots.style import (
     phase_keys,
     styled,
 )
+
+from ..simulation.history import Simulation
+from ..simulation.slipping import SLIP_TOLERANCE
 
 DOTS = (0, (1, 1.5))
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from gtr_jax.numbers import number
+from gtr_jax.files.numbers import number
 from gtr_jax.plots.shape import along_curve, curve_of, draw_body, draw_ribbon
 from gtr_jax.plots.style import (
     BLUE,

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from gtr_jax.config import config_text
-from gtr_jax.numbers import number
+from gtr_jax.files.config import config_text
+from gtr_jax.files.numbers import number
 from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Table
 

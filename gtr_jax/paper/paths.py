@@ -17,12 +17,14 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from gtr_jax.build import build_robot
-from gtr_jax.config import RobotConfig, load_config
-from gtr_jax.equilibrium import Equilibrium, equilibrium
 from gtr_jax.examples import PAPER
-from gtr_jax.forces import ChannelForces, channel_forces
-from gtr_jax.robot import Robot
+from gtr_jax.files.config import RobotConfig, load_config
+from gtr_jax.robot.build import build_robot
+from gtr_jax.robot.robot import Robot
+
+from ..simulation.equilibrium import equilibrium
+from ..simulation.forces import ChannelForces, channel_forces
+from ..simulation.solution import Equilibrium
 
 WAVES = (1, 2, 3, 4)  # Fig. 2
 SEGMENTS = (5, 6, 7, 8)  # Fig. 3: straight, sine, straight

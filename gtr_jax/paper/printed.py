@@ -20,11 +20,11 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from gtr_jax import channel
-from gtr_jax.mesh import cumulative, shifted
-from gtr_jax.problem import Sections, offset_before
-from gtr_jax.robot import Robot, sections
+from gtr_jax.robot.robot import Robot, sections
 
+from ..mechanics import channel
+from ..mechanics.mesh import cumulative, shifted
+from ..mechanics.sections import Sections, offset_before
 from .paths import T_BASE, states
 
 SOLVER = optx.Newton(rtol=1e-10, atol=1e-10)

@@ -15,10 +15,10 @@ from matplotlib.lines import Line2D
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 from scipy.interpolate import CubicSpline
 
-from gtr_jax.equilibrium import Equilibrium
-from gtr_jax.forces import ChannelForces
-from gtr_jax.numbers import number
+from gtr_jax.files.numbers import number
 
+from ..simulation.forces import ChannelForces
+from ..simulation.solution import Equilibrium
 from .style import (
     BLUE,
     GREEN,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import numpy as np
@@ -13,8 +13,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from gtr_jax.numbers import number
-from gtr_jax.units import display_of
+from gtr_jax.files.numbers import number
+from gtr_jax.files.units import display_of
+from gtr_jax.sweep.sensitivity import Index
 
 from .style import BLUE, GREY, INK, ORANGE, PALE, WIDTH, figure, styled
 
@@ -177,7 +178,9 @@ def plot_parallel(points: Mapping[str, xarray.DataArray], output: xarray.DataArr
     return fig
 
 
-def _parallel_axes(axes: Axes, columns: Sequence[Any], ends: Sequence[tuple[float, float]]) -> None:
+def _parallel_axes(
+    axes: Axes, columns: Sequence[xarray.DataArray], ends: Sequence[tuple[float, float]]
+) -> None:
     last = len(columns) - 1
     for i, (low, high) in enumerate(ends):
         axes.plot([i, i], [0, 1], color=INK if i == last else GREY, linewidth=1.6 if i == last else 1.0)
@@ -194,11 +197,11 @@ def _parallel_axes(axes: Axes, columns: Sequence[Any], ends: Sequence[tuple[floa
 
 
 @styled
-def plot_sensitivity(indices: Mapping[str, Mapping[str, Any]]) -> Figure:
+def plot_sensitivity(indices: Mapping[str, Mapping[str, Index]]) -> Figure:
     """Sensitivity indices as bars: total effects behind, first-order ones in front, or mean changes.
 
     Args:
-        indices: `gtr_jax.sweep.sensitivity.Index` by parameter, by output.
+        indices: by parameter, by output.
     """
     names = list(next(iter(indices.values())))
     fig, panels = figure(
@@ -229,5 +232,5 @@ def plot_sensitivity(indices: Mapping[str, Mapping[str, Any]]) -> Figure:
     return fig
 
 
-def _shares(indices: Mapping[str, Mapping[str, Any]]) -> bool:
+def _shares(indices: Mapping[str, Mapping[str, Index]]) -> bool:
     return all(index.effect is None for of in indices.values() for index in of.values())

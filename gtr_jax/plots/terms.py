@@ -2,17 +2,34 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import dataclasses
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from gtr_jax.terms import Term
+
 from .style import BLUE, GREY, PALE, VERMILLION, legend_above, png, styled
 
-if TYPE_CHECKING:
-    from gtr_jax.report.terms import Loops
-    from gtr_jax.terms import Term
+
+@dataclasses.dataclass(frozen=True)
+class Loops:
+    """A load history with and without a term, for its picture.
+
+    Attributes:
+        time: (K,), [s].
+        true_base, T_base: tension at the base, and what its cell shows with the term [N], (K,).
+        T_tip, angle, displacement: what the tip's cell shows [N], the tip's angle [rad] and the tendon drawn
+            out at the base [m], without and with it, (K,) each.
+    """
+
+    time: np.ndarray
+    true_base: np.ndarray
+    T_base: np.ndarray
+    T_tip: tuple[np.ndarray, np.ndarray]
+    angle: tuple[np.ndarray, np.ndarray]
+    displacement: tuple[np.ndarray, np.ndarray]
 
 
 @styled
@@ -50,8 +67,6 @@ def plot_term(term: Term, loops: Loops, fast: float) -> Figure:
     return fig
 
 
-def term_figure(term: Term, loops: Loops) -> bytes:
+def term_figure(term: Term, loops: Loops, fast: float) -> bytes:
     """The same as PNG."""
-    from gtr_jax.report.terms import FAST
-
-    return png(plot_term(term, loops, FAST), dots=110)
+    return png(plot_term(term, loops, fast), dots=110)

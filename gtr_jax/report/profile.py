@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import jax
 import numpy as np
 
-from gtr_jax.equilibrium import Equilibrium
-from gtr_jax.forces import channel_forces
+from ..simulation.forces import channel_forces
+from ..simulation.solution import Equilibrium
 
 
 def profile(state: Equilibrium) -> Mapping[str, np.ndarray]:

@@ -10,17 +10,23 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from gtr_jax import plots
-from gtr_jax.equilibrium import Equilibrium, equilibrium, known_to_act
-from gtr_jax.forces import channel_forces
-from gtr_jax.history import Simulation, equilibrium_at, simulate
-from gtr_jax.numbers import number
-from gtr_jax.overlap import Impossible, impossible
-from gtr_jax.parameters import parameters_of
-from gtr_jax.phases import RELEASING, TRANSITION, Switch, label_phases, release_switch
-from gtr_jax.robot import Robot
-from gtr_jax.sensing import cells_differ
+from gtr_jax.files.numbers import number
+from gtr_jax.plots.loop import plot_loop
+from gtr_jax.plots.shape import Posture, Pressed, plot_shape
+from gtr_jax.plots.style import png
+from gtr_jax.plots.tendons import plot_tendons
+from gtr_jax.plots.tension import plot_tension
+from gtr_jax.robot.overlap import Impossible, impossible
+from gtr_jax.robot.parameters import parameters_of
+from gtr_jax.robot.robot import Robot
 
+from ..simulation.equilibrium import equilibrium
+from ..simulation.forces import channel_forces
+from ..simulation.history import Simulation, equilibrium_at, simulate
+from ..simulation.phases import RELEASING, TRANSITION, Switch, label_phases, release_switch
+from ..simulation.programs import known_to_act
+from ..simulation.sensing import cells_differ
+from ..simulation.solution import Equilibrium
 from .page import Figure, Report, Table
 
 
@@ -121,7 +127,9 @@ def answer_simulation(
         loaded=equilibrium_at(robot, run, top),
         last=equilibrium_at(robot, run, -1),
         top=top,
-        impossible=impossible(robot, run),
+        impossible=impossible(
+            robot.backbone, run.s, curvature=run.curvature, angle=run.angle, T_base=run.T_base
+        ),
     )
 
 
@@ -296,16 +304,16 @@ def _suffix(answer: SimulationAnswer) -> tuple[str, str]:
 def _overview(answer: SimulationAnswer) -> list[Figure]:
     run = answer.run
     T_base, T_tip, angle = (np.asarray(v) for v in (run.T_base, run.T_tip, run.tip_pose[:, 2]))
-    picture = plots.plot_tendons(T_base, T_tip, angle, answer.robot.tendon_names)
+    picture = plot_tendons(T_base, T_tip, angle, answer.robot.tendon_names)
     caption = "Tension of every tendon at the tip (full) and at the base (dashed), and the angle of the tip."
-    return [Figure("tendons", plots.png(picture), caption)]
+    return [Figure("tendons", png(picture), caption)]
 
 
 def _loop(answer: SimulationAnswer) -> Figure:
     run = answer.run
     at = answer.switch if answer.released else None
     switch = (float(at.T_base), float(at.T_tip)) if at else None
-    loop = plots.plot_loop(
+    loop = plot_loop(
         np.asarray(run.T_base),
         np.asarray(run.T_tip),
         phases=answer.phases,
@@ -315,7 +323,7 @@ def _loop(answer: SimulationAnswer) -> Figure:
     ending, who = _suffix(answer)
     return Figure(
         f"loop{ending}",
-        plots.png(loop),
+        png(loop),
         f"{who}Tension at the tip against tension at the base, coloured by phase; dashed, without friction"
         + ("; the cross marks where release reaches the tip." if switch else "."),
     )
@@ -325,7 +333,7 @@ def _along(answer: SimulationAnswer, pulled: tuple[str, np.ndarray]) -> Figure:
     ending, who = _suffix(answer)
     return Figure(
         f"tension{ending}",
-        plots.png(plots.plot_tension(answer.run, answer.phases, pulled=pulled)),
+        png(plot_tension(answer.run, answer.phases, pulled=pulled)),
         f"{who}Tension along the tendon at several steps, numbered in the order of the history; dotted where "
         "the tendon is locked.",
     )
@@ -334,26 +342,26 @@ def _along(answer: SimulationAnswer, pulled: tuple[str, np.ndarray]) -> Figure:
 def _shape(answer: SimulationAnswer) -> Figure:
     run, robot = answer.run, answer.robot
     if robot.backbone.rigid:
-        postures = [plots.Posture("sheath", answer.loaded)]
+        postures = [Posture("sheath", answer.loaded)]
     else:
         top, last = (float(jnp.max(run.T_base[step])) for step in (answer.top, -1))
         ended = answer.top != len(run.T_base) - 1
         apart = _differ(answer.rest, answer.last)
         rest = "at rest" if apart or not ended else "at rest, and at the end"
-        postures = [plots.Posture(rest, answer.rest), plots.Posture(f"at {top:.3g} N", answer.loaded)]
+        postures = [Posture(rest, answer.rest), Posture(f"at {top:.3g} N", answer.loaded)]
         if ended and apart:
-            postures.append(plots.Posture(f"at the end, {last:.3g} N", answer.last))
-    pressed = [plots.Pressed(p.tendon, p.loaded, channel_forces(p.loaded)) for p in _parts(answer)]
+            postures.append(Posture(f"at the end, {last:.3g} N", answer.last))
+    pressed = [Pressed(p.tendon, p.loaded, channel_forces(p.loaded)) for p in _parts(answer)]
     body = robot.backbone
     bores = np.stack([body.bore_start, body.bore_end, body.bore_diameter], axis=1).tolist()
-    shape = plots.plot_shape(
+    shape = plot_shape(
         postures, radius=np.asarray(body.radius(run.s)), pressed=pressed, bores=[tuple(b) for b in bores]
     )
     kinks = max(float(jnp.max(tendon.forces.kink_normal)) for tendon in pressed)
     at_kinks = f" Kinks of the channel carry up to {kinks:.2g} N besides." if kinks > 1e-9 else ""
     return Figure(
         "shape",
-        plots.png(shape),
+        png(shape),
         "Midline, body"
         + (", bores (dotted)" if bores else "")
         + " and tendon. At the largest base tension, along the tendon and below against s: "

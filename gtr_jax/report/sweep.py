@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gtr_jax import plots
-from gtr_jax.numbers import number, quantity
+from gtr_jax.files.numbers import number, quantity
+from gtr_jax.plots.style import png
 from gtr_jax.plots.sweep import plot_curves, plot_maps, plot_parallel, plot_sensitivity
+from gtr_jax.sweep.axes import Axis
+from gtr_jax.sweep.sensitivity import Index
+from gtr_jax.sweep.summary import Summary
+from gtr_jax.sweep.task import Task
 
 from .page import Figure, Report, Table
 
@@ -18,11 +22,11 @@ if TYPE_CHECKING:
 SHOWN = 6  # outputs in pictures
 
 
-def sweep_report(answer: Any, task: Any, data: xarray.Dataset, *, plot: bool = True) -> Report:
+def sweep_report(answer: Summary, task: Task, data: xarray.Dataset, *, plot: bool = True) -> Report:
     """Verdict, figures and tables of a sweep.
 
     Args:
-        answer: `gtr_jax.sweep.summary.Summary`.
+        answer: what it found.
         task: the sweep.
         data: its dataset.
         plot: whether to draw.
@@ -41,7 +45,7 @@ def sweep_report(answer: Any, task: Any, data: xarray.Dataset, *, plot: bool = T
     )
 
 
-def _figures(answer: Any, task: Any, data: xarray.Dataset) -> list[Figure]:
+def _figures(answer: Summary, task: Task, data: xarray.Dataset) -> list[Figure]:
     outputs = [v.name for v in task.outputs if v.name in answer.ranges][:SHOWN]
     arrays = {name: _pulled(data[name], task) for name in outputs}
     figures = []
@@ -53,32 +57,32 @@ def _figures(answer: Any, task: Any, data: xarray.Dataset) -> list[Figure]:
         figures += [
             Figure(
                 f"parallel-{name}",
-                plots.png(plot_parallel(points, array[some])),
+                png(plot_parallel(points, array[some])),
                 f"Each line is a point of the sample, coloured by {name}, the last column.",
             )
             for name, array in list(arrays.items())[:3]
         ]
     indices = {k: v for k, v in answer.sensitivity.indices.items() if k in outputs}
     if indices:
-        figures.append(Figure("sensitivity", plots.png(plot_sensitivity(indices)), answer.sensitivity.says))
+        figures.append(Figure("sensitivity", png(plot_sensitivity(indices)), answer.sensitivity.says))
     return figures
 
 
-def _pulled(array: xarray.DataArray, task: Any) -> xarray.DataArray:
+def _pulled(array: xarray.DataArray, task: Task) -> xarray.DataArray:
     return array.isel(step=task.history.shown) if "step" in array.dims else array
 
 
-def _of_grid(task: Any, arrays: dict[str, xarray.DataArray]) -> Figure:
+def _of_grid(task: Task, arrays: dict[str, xarray.DataArray]) -> Figure:
     last = " at the largest base tension kept" if len(task.history.kept) > 1 else ""
     if sum(n > 1 for n in task.plan.shape) < 2:
-        return Figure("curves", plots.png(plot_curves(arrays)), f"What was computed{last}.")
+        return Figure("curves", png(plot_curves(arrays)), f"What was computed{last}.")
     others = " Other parameters are at their middle values." if len(task.plan.shape) > 2 else ""
     return Figure(
-        "maps", plots.png(plot_maps(arrays)), f"What was computed{last}.{others} Tinted: no number there."
+        "maps", png(plot_maps(arrays)), f"What was computed{last}.{others} Tinted: no number there."
     )
 
 
-def _tables(answer: Any, task: Any) -> list[Table]:
+def _tables(answer: Summary, task: Task) -> list[Table]:
     varied = [(axis.name, axis.parameter.key, *_range(axis)) for axis in task.axes]
     by_name = {v.name: v for v in task.stored}
     found = [
@@ -101,13 +105,13 @@ def _tables(answer: Any, task: Any) -> list[Table]:
     return tables
 
 
-def _columns(index: Any) -> tuple[float | None, ...]:
+def _columns(index: Index) -> tuple[float | None, ...]:
     if index.effect is not None:
         return index.effect, index.spread
     return index.first, index.first_sd, index.total, index.total_sd
 
 
-def _range(axis: Any) -> tuple[str, str, str]:
+def _range(axis: Axis) -> tuple[str, str, str]:
     low, high = (quantity(value, axis.parameter.unit) for value in axis.ends)
     if axis.values is None:
         words = {"normal": "normal", "log": "drawn on a log scale"}.get(axis.scale, "drawn")

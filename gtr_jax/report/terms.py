@@ -1,21 +1,13 @@
-"""What there is to say of the physics terms: at the command line, and on the pages of the docs.
-
-`python -m gtr_jax.report.terms` writes the pages and their pictures again, into docs/terms.
-"""
+"""What there is to say of the physics terms at the command line."""
 
 from __future__ import annotations
 
-import dataclasses
 import textwrap
-from pathlib import Path
 
-import numpy as np
-
+from gtr_jax.files.units import DIMENSIONS, convert, quantity_text
 from gtr_jax.terms import REGISTRY, Quantity, Term
-from gtr_jax.units import DIMENSIONS, convert, quantity_text
 
 WIDTH = 100
-FAST = 116.0  # s, when the fast loop of the pictures begins
 GROUPS = {
     "Friction and tendon": lambda term: not term.of_cells and not _of_body(term) and not _of_loads(term),
     "Body": lambda term: _of_body(term),
@@ -40,12 +32,13 @@ def value_text(value: float, unit: str) -> str:
     return f"{value / convert(1.0, display, unit):.4g} {display}"
 
 
-def _range(q: Quantity) -> str:
+def usual_range(q: Quantity) -> str:
+    """The usual values of a number of a term, as people write them."""
     low, high = (value_text(v, q.unit) for v in q.usual)
     return f"{low} to {high}"
 
 
-def listed() -> str:
+def overview() -> str:
     """All terms, one line of law and one of numbers each."""
     lines = []
     for group, belongs in GROUPS.items():
@@ -64,7 +57,7 @@ def _wrapped(label: str, text: str, indent: str) -> list[str]:
     return textwrap.wrap(label + text, WIDTH, initial_indent=indent, subsequent_indent=indent + "    ")
 
 
-def told(term: Term) -> str:
+def description(term: Term) -> str:
     """All that a term's file says, and how to write it in a robot file."""
     rows = [f"{term.id}: {term.says}", ""]
     for label, text in (("law", term.law), ("seen", term.seen), ("told apart", term.told_apart)):
@@ -74,141 +67,15 @@ def told(term: Term) -> str:
     rows += ["", "numbers:"]
     for q in term.quantities:
         null = "does nothing at" if q.size else "unless given"
-        said = f"{q.says} {null} {value_text(float(q.null), q.unit)}; usually {_range(q)}"
+        said = f"{q.says} {null} {value_text(float(q.null), q.unit)}; usually {usual_range(q)}"
         rows += _wrapped(f"{q.name}: ", said, "  ")
-    return "\n".join([*rows, "", "in a robot file:", "", *_example(term)])
+    return "\n".join([*rows, "", "in a robot file:", "", *example(term)])
 
 
-def _example(term: Term) -> list[str]:
+def example(term: Term) -> list[str]:
     """The table of a robot file."""
     lines = ["[[terms]]", f'kind = "{term.id}"']
     for q in term.quantities:
         text = quantity_text(float(q.typical), q.unit)
         lines.append(f"{q.name} = " + (f'"{text}"' if isinstance(text, str) else f"{text:g}"))
     return lines
-
-
-@dataclasses.dataclass(frozen=True)
-class Loops:
-    """A load history with and without a term, for its picture.
-
-    Attributes:
-        time: (K,), [s].
-        true_base, T_base: tension at the base, and what its cell shows with the term [N], (K,).
-        T_tip, angle, displacement: what the tip's cell shows [N], the tip's angle [rad] and the tendon drawn
-            out at the base [m], without and with it, (K,) each.
-    """
-
-    time: np.ndarray
-    true_base: np.ndarray
-    T_base: np.ndarray
-    T_tip: tuple[np.ndarray, np.ndarray]
-    angle: tuple[np.ndarray, np.ndarray]
-    displacement: tuple[np.ndarray, np.ndarray]
-
-
-# What the pictures show where a typical value would not be seen, or lies elsewhere on this robot.
-SHOWN: dict[str, dict[str, float]] = {
-    "local-friction": {"base": 0.15, "tip": 0.0, "factor": 1.0},
-    "tendon-stretch": {"compliance": 5e-4, "anchor": 0.0},
-    "contact": {"stiffness": 400.0, "distance": 0.02},
-    "saturation": {"tip": 15.0, "base": 0.0},
-    "quantisation": {"tip": 1.0, "base": 0.0},
-    "low-pass": {"tip": 4.0, "base": 0.0},
-    "time-skew": {"delay": 2.0},
-    "zero-drift": {"tip": 1e-2, "base": 0.0},
-    "cell-hysteresis": {"tip": 0.7, "base": 0.0},
-    "crosstalk": {"share": 0.03},
-    "tip-gain": {"gain": 1.08},
-    "base-gain": {"gain": 1.08},
-    "tip-offset": {"force": 1.0},
-    "base-offset": {"force": 1.0},
-    "tip-load": {"x": 0.0, "y": -0.2},
-    "gravity-error": {"x": 0.0, "y": -9.81},
-    "friction-drift": {"rate": 1e-3},
-    "wear": {"rate": 0.1},
-    "friction-asymmetry": {"ratio": 1.15},
-    "viscous-friction": {"coefficient": 60.0},
-    "stiffening": {"coefficient": 0.02},
-    "body-hysteresis": {"ratio": 0.5, "curvature": 1.0},
-}
-
-
-def history() -> tuple[np.ndarray, np.ndarray]:
-    """Time [s] and base tension [N]: a loop with an inner loop and a hold, then a faster one."""
-    corners = [(0, 0), (40, 40), (60, 40), (80, 18), (90, 28), (100, 18), (FAST, 2), (126, 40), (136, 2)]
-    at, T = np.asarray(corners, float).T
-    time = np.linspace(0.0, at[-1], 341)
-    return time, np.interp(time, at, T)
-
-
-def loops_of(term: Term) -> Loops:
-    """The picture's data; the robot is TD-CM I without gravity."""
-    from gtr_jax import load_robot, reading, simulate
-    from gtr_jax.examples import SIMULATED
-
-    time, T_base = history()
-    robot = load_robot(SIMULATED).with_values(density=1070.0)
-    values = {f"{term.id}.{q.name}": float(q.typical) for q in term.quantities}
-    values |= {f"{term.id}.{name}": v for name, v in SHOWN.get(term.id, {}).items()}
-    shown, angles, drawn, bases = [], [], [], []
-    for case in (robot, robot.with_values(**values)):
-        run = simulate(case, T_base, time=time, with_terms=True)
-        cells = reading(case, run)
-        shown.append(np.asarray(cells.T_tip))
-        bases.append(np.asarray(cells.T_base))
-        angles.append(np.asarray(run.tip_pose[:, 2]))
-        drawn.append(np.asarray(run.displacement))
-    return Loops(time, T_base, bases[1], (shown[0], shown[1]), (angles[0], angles[1]), (drawn[0], drawn[1]))
-
-
-def page(term: Term, *, heading: int = 2) -> str:
-    """A term's page of the docs, in Markdown; its picture is beside it."""
-    rows = [
-        f"| `{q.name}` | {q.says} | {value_text(float(q.null), q.unit)} "
-        f"| {value_text(float(q.typical), q.unit)} | {_range(q)} |"
-        for q in term.quantities
-    ]
-    source = f"\n\n**Source.** {term.source}." if term.source else ""
-    return (
-        f"{'#' * heading} {term.id}\n\n{term.says}\n\n"
-        f"**Law.** {term.law}\n\n**Seen in a recording.** {term.seen}\n\n"
-        f"**Told apart.** {term.told_apart}{source}\n\n"
-        f"| number | what it is | does nothing at, or default | typical | usual |\n|---|---|---|---|---|\n"
-        + "\n".join(rows)
-        + f"\n\n![What {term.id} does to a loop]({term.id}.png)\n\n```toml\n"
-        + "\n".join(_example(term))
-        + "\n```\n"
-    )
-
-
-def write_pages(folder: Path) -> None:
-    """Write one page per term, its picture, and an index."""
-    from gtr_jax.plots.terms import term_figure
-    from gtr_jax.recording import write_whole
-
-    folder.mkdir(parents=True, exist_ok=True)
-    index = [
-        "# Physics terms\n",
-        "Effects beyond friction in a fully constrained channel. Each is dormant until a `[[terms]]` table",
-        "of the robot file gives it numbers; any of them can be fitted (`--free mu,presliding.length`).",
-        "`gtr terms` lists them at the command line. These pages are written from the terms' own files by",
-        "`python -m gtr_jax.report.terms`.\n",
-        "The pictures show TD-CM I through one history: a loop at 1 N/s with a hold and an inner loop, then",
-        "one at 4 N/s; without the term in grey.\n",
-    ]
-    for group, belongs in GROUPS.items():
-        index += [f"\n## {group}\n", "| term | what it is | law |", "|---|---|---|"]
-        for term in REGISTRY.values():
-            if belongs(term):
-                law = term.law.replace("|", "\\|")
-                index.append(f"| [{term.id}]({term.id}.md) | {term.says} | {law} |")
-                (folder / f"{term.id}.png").write_bytes(term_figure(term, loops_of(term)))
-                write_whole(folder / f"{term.id}.md", page(term, heading=1))
-    write_whole(folder / "index.md", "\n".join(index) + "\n")
-
-
-if __name__ == "__main__":
-    import sys
-
-    write_pages(Path(sys.argv[1] if len(sys.argv) > 1 else "docs/terms"))

@@ -11,13 +11,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, PrivateAttr, StrictInt, StrictStr, ValidationError
+from pydantic import Field, StrictInt, StrictStr
 
-from gtr_jax.config import ROUTINGS, Section
-from gtr_jax.config_checks import one_line
-from gtr_jax.config_file import read_toml
 from gtr_jax.errors import InputError
-from gtr_jax.units import Unit
+from gtr_jax.files.config_file import read_toml
+from gtr_jax.files.sections import FileSection, Section
+from gtr_jax.files.units import Unit
 
 Force = Annotated[float, Unit("N")]
 Time = Annotated[float, Unit("s")]
@@ -46,7 +45,7 @@ class HistorySection(Section):
     """Which steps of the history are kept: the end of each branch, all, or the last."""
 
 
-class SweepConfig(Section):
+class SweepConfig(FileSection):
     """A sweep file."""
 
     schema_version: Literal[1] = Field(alias="schema", examples=[1])
@@ -71,18 +70,6 @@ class SweepConfig(Section):
     vary: dict[str, Any] = Field(default_factory=dict)
     """What is varied, by name or key: a list of values, { from, to, count, scale }, or { mean, sd }."""
     history: HistorySection = HistorySection()
-    _source: str = PrivateAttr("sweep")
-    _folder: Path = PrivateAttr(Path("."))
-
-    @property
-    def source(self) -> str:
-        """The file it was read from, for messages."""
-        return self._source
-
-    @property
-    def folder(self) -> Path:
-        """Where the files that it names lie."""
-        return self._folder
 
     def fault(self, key: str, says: str) -> InputError:
         """An error at one of its keys."""
@@ -96,11 +83,7 @@ def parse_sweep(
 
     Raises InputError naming source, key and remedy.
     """
-    try:
-        sweep = SweepConfig.model_validate(data, context={"folder": folder})
-    except ValidationError as error:
-        raise InputError(f"{source}: {one_line(error, ROUTINGS)}") from None
-    sweep._source, sweep._folder = source, Path(folder)
+    sweep = SweepConfig.parsed(data, source=source, folder=folder)
     _check(sweep)
     return sweep
 

@@ -10,15 +10,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from jaxtyping import Array, Float
 
-from gtr_jax.equilibrium import equilibrium
-from gtr_jax.history import simulate
-from gtr_jax.march import March
-from gtr_jax.robot import Robot
+from gtr_jax.robot.robot import Robot
 from gtr_jax.terms import REGISTRY
 
+from ..mechanics import March
+from ..simulation.equilibrium import equilibrium
+from ..simulation.history import simulate
 from .outputs import along, at_rest
 from .switch import switch_tension
 from .task import LOADED, Task
@@ -43,7 +42,7 @@ class Lanes:
         self._lock = threading.Lock()
         self._first = self._program(BRIEF if self._brief else March(), task.batch)
 
-    def _program(self, solver: optx.AbstractRootFinder, batch: int) -> Callable:
+    def _program(self, solver: March, batch: int) -> Callable:
         """The compiled program for `batch` points."""
         task, (numbers, structure) = self.task, eqx.partition(self.task.robot, eqx.is_array)
 

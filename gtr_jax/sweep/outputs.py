@@ -9,13 +9,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from gtr_jax.equilibrium import Equilibrium
 from gtr_jax.errors import did_you_mean
-from gtr_jax.history import Simulation
-from gtr_jax.mesh import cumulative
-from gtr_jax.robot import Robot, lay_out
-from gtr_jax.sensing import cells_show
+from gtr_jax.robot.robot import Robot, lay_out
 
+from ..mechanics.mesh import cumulative
+from ..simulation.history import Simulation
+from ..simulation.sensing import cells_show
+from ..simulation.solution import Equilibrium
 from .config import SweepConfig
 
 STEP, NODE = "step", "node"

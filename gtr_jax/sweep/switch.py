@@ -10,9 +10,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from gtr_jax.equilibrium import equilibrium
-from gtr_jax.phases import ALL_RELEASED
-from gtr_jax.robot import Robot
+from gtr_jax.robot.robot import Robot
+
+from ..simulation.equilibrium import equilibrium
+from ..simulation.phases import ALL_RELEASED
 
 SECANTS = 12  # at most
 TOLERANCE = 1e-11  # of the tip tension, relative

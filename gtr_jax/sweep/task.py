@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from gtr_jax.build import build_robot, choose_intervals
-from gtr_jax.config import RobotConfig, config_text, load_config
 from gtr_jax.errors import InputError, listed
-from gtr_jax.parameters import term_of
-from gtr_jax.recording import read_recording, split_unit
-from gtr_jax.robot import Robot
-from gtr_jax.table import read_table
+from gtr_jax.files.config import RobotConfig, config_text, load_config
+from gtr_jax.files.recording import read_recording, split_unit
+from gtr_jax.files.table import read_table
+from gtr_jax.robot.build import build_robot, choose_intervals
+from gtr_jax.robot.parameters import term_of
+from gtr_jax.robot.robot import Robot
 from gtr_jax.terms import REGISTRY
 
 from .axes import Axis, axes_of, check_values, find

@@ -7,8 +7,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from gtr_jax.robot import Robot, lay_out
-from gtr_jax.routing import StraightSineStraight
+from gtr_jax.robot.robot import Robot, lay_out
+from gtr_jax.robot.routing import StraightSineStraight
 
 
 def is_robot(robot: Robot) -> Bool[Array, ""]:

@@ -35,5 +35,6 @@ TERM = Term(
     ),
     timed=True,
     creeps=True,
+    reads_speed=True,
     friction=friction,
 )

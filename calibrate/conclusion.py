@@ -1,0 +1,432 @@
+"""From the point where a fit ended to what is reported of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from gtr_jax import InputError, RobotConfig
+from gtr_jax.robot.parameters import with_values
+from gtr_jax.simulation.phases import REST
+
+from .alone import NO_PHASES, NOT_APART, by_recording, mu_by_phase
+from .answer import Answer, Judged
+from .descent import all_converged
+from .estimate import MOSTLY_PRIOR, UNKNOWN, Estimate, Uncertainty, correlation, estimates, transform
+from .identifiability import MINOR, axes, remedy
+from .number import is_log
+from .predictor import CHANNEL_UNITS, Prediction
+from .readings.noise import MAD_TO_SD
+from .result import FitResult, FittedChannel, FittedRecording
+from .setup import Setup
+from .start import Start
+from .verdict import (
+    LACK_OF_FIT,
+    SMALL,
+    Distance,
+    by_phase,
+    disagreement_of_phases,
+    values_apart,
+    verdict,
+)
+
+TRADE_OFF = 0.99
+# Standard deviations of a prior.
+DRIFTED = 2.5
+ONE_SIDED_95 = 1.6449
+SMALL_MU = 0.05
+# Residuals beyond so many standard deviations of the bulk are outliers, if they are at most such a share.
+FAR_OFF, FEW = 7.0, 0.1
+
+
+def _settings(setup: Setup, **more: Any) -> dict[str, Any]:
+    priors = {f.name: prior for f, prior in zip(setup.free, setup.priors, strict=True) if prior is not None}
+    return {
+        "free": [f.name for f in setup.asked],
+        "carried": [f.name for f in setup.free if f.carried],
+        "samples": setup.samples,
+        "peak_T_tip_N": setup.peak,
+        "priors_sd_SI": priors,
+        "recordings_of": {f.name: [setup.parts[k].name for k in f.parts] for f in setup.free},
+        "robust": setup.robust,
+        "max_steps": setup.max_steps,
+        "optimiser": "Levenberg-Marquardt",
+        **more,
+    }
+
+
+def _fitted_config(
+    setup: Setup, k: int, values: np.ndarray, left: Sequence[float | None]
+) -> tuple[RobotConfig | None, list[str]]:
+    """The robot file of recording k with the fitted values, and with what is `left` uncertain of the numbers
+    that it called uncertain, SI, or None where there is none; and what a reader must know.
+    """
+    config = setup.parts[k].config
+    if config is None:
+        return None, []
+    changed = {
+        f.entry.key: float(value)
+        for f, value in zip(setup.free, values, strict=True)
+        if k in f.parts and value != f.initial
+    }
+    try:
+        found = config.with_values(changed).with_deviations(
+            {
+                f.entry.key: sd
+                for f, sd in zip(setup.free, left, strict=True)
+                if k in f.parts and sd is not None and f.entry.key in config.uncertainty
+            }
+        )
+    except InputError as fault:
+        return None, [f"The fitted values do not make a robot file: {fault}."]
+    return found, []
+
+
+def _largest_mu(setup: Setup, known: Uncertainty, values: np.ndarray) -> float:
+    """Upper limit (95 %) of mu where it is small, from the slope there; infinite if not fitted or unseen."""
+    limits = [float(values[i] * (1 + ONE_SIDED_95 * known.alone[i])) for i in setup.friction()]
+    return max(limits, default=np.inf)
+
+
+def _notes(setup: Setup, known: Uncertainty, answer: Answer, values: np.ndarray) -> list[str]:
+    """What a reader must know of each estimate, or ""."""
+    notes, problem, descent = [], answer.problem, answer.descent
+    drift, stopped = (descent.u - problem.centre) * problem.precision, answer.at[0].stopped(descent.u)
+    for i, free in enumerate(setup.free):
+        note = ""
+        drifted = abs(drift[i]) > DRIFTED
+        most = _largest_mu(setup, known, values)
+        if free.carried:
+            note = _drifted(drift[i]) if drifted else ""
+        elif not known.known[i] and free.entry.name == "mu" and most < SMALL_MU:
+            note = f"no friction is seen, mu is below {most:.2g} (95 %)"
+        elif descent.at_edge[i]:
+            note = "ran to the end of the range searched, so it has no interval"
+        elif stopped[i]:
+            note = "lies at its bound: the recording asks for no more, so it has no interval"
+        elif not known.known[i]:
+            rest = "the prior's" if setup.priors[i] is not None else "arbitrary"
+            note = f"not determined by the recording, the value is {rest}"
+        elif known.prior_share[i] > MOSTLY_PRIOR:
+            note = f"rests mostly on its prior ({100 * known.prior_share[i]:.0f} % of what is known)"
+        elif drifted:
+            note = _drifted(drift[i])
+        notes.append(note)
+    return notes
+
+
+def _drifted(by: float) -> str:
+    """What is said of a number that lies so many standard deviations of its prior from where it started."""
+    return (
+        f"lies {abs(by):.1f} standard deviations of its prior from the robot file's value: either that is "
+        "wrong, or the model lacks something that this makes up for"
+    )
+
+
+def ignorance(setup: Setup, answer: Answer) -> str:
+    """Why no parameter is determined; "" if one is. Friction too small to be seen is an answer."""
+    known, values = answer.known(setup), np.asarray(answer.at[0].values(answer.descent.u))
+    asked = [f.name for f in setup.asked]
+    if known.known[: len(asked)].any():
+        return ""
+    others_known = all(p is not None for i, p in enumerate(setup.priors) if i not in setup.friction())
+    if others_known and _largest_mu(setup, known, values) < SMALL_MU:
+        return ""
+    each = [n for n, a in zip(asked, known.alone, strict=False) if a < UNKNOWN]
+    if len(each) > 1:
+        names = " and ".join(each)
+        way = _remedy(setup, answer, [setup.names.index(n) for n in each])
+        return (
+            f"the recording determines {names} only in combination; fix one of them, or state its "
+            "uncertainty under [uncertainty] in the robot file" + (f"; or measure more: {way}" if way else "")
+        )
+    return f"the recording does not determine {' or '.join(asked)}"
+
+
+def _remedy(setup: Setup, answer: Answer, among: list[int]) -> str:
+    """The measurement that would tell parameters apart, in a sentence, or ""."""
+    sd = [float(np.sqrt(j.weigh.tau[0]) * j.sd[0]) for j in answer.judged]
+    return remedy(setup, answer.at, answer.descent.u, answer.information(), sd, among)
+
+
+def _steps(setup: Setup, answer: Answer) -> list[str]:
+    """What a hundredth of a coordinate is of each free number."""
+    at = answer.at[0]
+    relative = np.asarray(at.log) | (np.asarray(at.reference) != 0)
+    scales = np.asarray(at.scale).tolist()
+    return [
+        "%" if share else f"% of {scale:g} {f.entry.unit}".rstrip()
+        for f, share, scale in zip(setup.free, relative, scales, strict=True)
+    ]
+
+
+def _unknown_axes(setup: Setup, answer: Answer, known: Uncertainty) -> list[str]:
+    """A sentence for each combination of parameters that nothing is known of, with the measurement that would
+    help.
+    """
+    n, warnings = len(setup.asked), []
+    for axis in axes(answer.information_about(n)):
+        large = np.abs(axis.direction) > MINOR * np.max(np.abs(axis.direction))
+        if axis.sd > UNKNOWN and large.sum() > 1 and not known.known[:n][large].any():
+            among = np.flatnonzero(large).tolist()
+            way = _remedy(setup, answer, among)
+            warnings.append(
+                "Nothing tells these changes from none: "
+                + axis.words(setup.names[:n], _steps(setup, answer)[:n])
+                + (f"; {way}." if way else ".")
+            )
+    return warnings
+
+
+def _trade_offs(setup: Setup, answer: Answer, known: Uncertainty) -> list[str]:
+    """A sentence for each pair that the recording hardly tells apart, with what would."""
+    n, warnings = len(setup.asked), []
+    rho, log = correlation(known.covariance[:n, :n]), np.asarray(answer.at[0].log)
+    for i, j in zip(*np.triu_indices(len(rho), 1), strict=True):
+        if abs(rho[i, j]) > TRADE_OFF:
+            a, b = setup.names[i], setup.names[j]
+            along = known.covariance[i, j] / known.covariance[i, i]
+            sense = "up" if along > 0 else "down"
+            little = f": {a} up by 1 % and {b} {sense} by {abs(along):.2g} % changes little"
+            way = _remedy(setup, answer, [int(i), int(j)])
+            warnings.append(
+                f"{a} and {b} trade off (correlation {rho[i, j]:+.3f})"
+                + (little if log[i] and log[j] else "")
+                + (f"; {way}." if way else ".")
+            )
+    return warnings
+
+
+def _failure(answer: Answer) -> str:
+    """Why there is no answer; "" if there is."""
+    if not all_converged(answer.predictions):
+        failed, steps = (
+            sum(p.failed for p in answer.predictions),
+            sum(p.steps for p in answer.problem.predictors),
+        )
+        return f"{failed} of {steps} load steps of the simulation did not converge"
+    if not answer.descent.converged:
+        return f"the optimiser did not finish ({answer.descent.result}); the values are where it stopped"
+    return ""
+
+
+def _fitted(
+    setup: Setup,
+    k: int,
+    prediction: Prediction | None,
+    answer: Answer | None,
+    values: np.ndarray,
+    covariance: np.ndarray | None,
+    left: Sequence[float | None],
+) -> tuple[FittedRecording, list[str]]:
+    """Recording k beside the model, as it was where there is no answer; and what a reader must know."""
+    part = setup.parts[k]
+    judged = None if answer is None else answer.judged[k]
+    shown = np.full_like(part.recorded, np.nan) if prediction is None else prediction.values
+    phases = np.full(part.samples, REST) if prediction is None else prediction.phases
+    channels = {}
+    every = shown - part.recorded
+    if judged is not None:
+        every = judged.weigh.left(every)
+    for c, (name, at) in enumerate(zip(part.channels, part.where, strict=True)):
+        off = every[c]
+        simulated = part.recorded[c] + off
+        sd = None if judged is None else float(judged.sd[c])
+        channels[name] = FittedChannel(CHANNEL_UNITS[at], simulated, off, sd)
+    band = np.zeros(part.samples)
+    if prediction is not None and covariance is not None:
+        known = np.isfinite(np.diag(covariance))
+        slopes = prediction.jacobian[0][:, known]
+        band = np.sqrt(np.einsum("kp,pq,kq->k", slopes, covariance[np.ix_(known, known)], slopes))
+    noise, chosen = part.noise() if judged is None else judged.noise, {}
+    if answer is not None and judged is not None:
+        chosen = {
+            "samples_simulated": answer.problem.predictors[k].steps,
+            "knots_of_base": part.T_base.size,
+            "samples_per_independent_base": part.T_base.tau,
+            "samples_per_independent": float(judged.weigh.tau[0]),
+        }
+    config, warnings = part.config, []
+    if covariance is not None:
+        config, warnings = _fitted_config(setup, k, values, left)
+    fitted = FittedRecording(
+        name=part.name,
+        robot=with_values(part.robot, setup.values_of(k, values)),
+        config=config,
+        channels=channels,
+        T_base=part.T_base.T_base,
+        band=band,
+        phases=phases,
+        by_phase={} if prediction is None else by_phase(channels["T_tip"].residual, phases),
+        noise_N=noise.sd_if_known,
+        noise_from=noise.source,
+        noise_base_N=part.T_base.sd,
+        chi2_per_n=None if judged is None else judged.chi2_per_n,
+        outliers=0 if judged is None else int(np.sum(~judged.kept)),
+        settings={"robot": part.robot.name, "path": part.path, **chosen},
+    )
+    return fitted, warnings
+
+
+def concluded(setup: Setup, answer: Answer, iterations: int, evaluations: int, start: Start) -> FitResult:
+    """The result of a fit that reached an end, good or bad, after so many steps of the optimiser and
+    simulations of all recordings.
+    """
+    at, descent = answer.at[0], answer.descent
+    known, n = answer.known(setup), len(setup.asked)
+    values = np.asarray(at.values(descent.u))
+    notes = _notes(setup, known, answer, values)
+    numbers = setup.numbers(np.asarray(at.reference))
+    # What was carried along is known as before where the recordings say nothing of it.
+    every = known._replace(
+        covariance=answer.spread(setup), known=known.known | [f.carried for f in setup.free]
+    )
+    found = estimates(numbers, values, setup.initial, every, notes, answer.sources(setup))
+    warnings = [f"{free.name}: {note}." for free, note in zip(setup.free, notes, strict=True) if note]
+    warnings += _unknown_axes(setup, answer, known) + _trade_offs(setup, answer, known)
+    failure, phases, apart = _failure(answer), NO_PHASES, NOT_APART
+    if failure:
+        found = [
+            dataclasses.replace(e, sd=None, lower95=None, upper95=None, detectable=None, made_of={})
+            for e in found
+        ]
+    else:
+        if known.known[setup.friction()].any():
+            phases = mu_by_phase(setup, answer)
+        apart = by_recording(setup, answer)
+    disagreement = disagreement_of_phases(phases.estimates, phases.apart)
+    if disagreement:
+        warnings.append(disagreement[0].upper() + disagreement[1:] + ": more apart than their errors.")
+    clauses = [disagreement] if disagreement else []
+    if apart.blamed:
+        clauses.append(
+            f"the recordings disagree: {values_apart(apart.blamed, apart.estimates[apart.blamed])}"
+        )
+        warnings.append(
+            f"The recordings disagree, most likely about {apart.blamed}: find out what differs between them, "
+            f"or fit it to each with --per-recording {apart.blamed}."
+        )
+    left = [e.sd for e in found]
+    fitted = [
+        _fitted(setup, k, prediction, answer, values, known.covariance, left)
+        for k, prediction in enumerate(answer.predictions)
+    ]
+    recordings = tuple(recording for recording, _ in fitted)
+    warnings += [sentence for _, more in fitted for sentence in more]
+    for r, judged in zip(recordings, answer.judged, strict=True):
+        few = f"samples{f' of {r.name}' if len(recordings) > 1 else ''} lie far off"
+        if r.outliers:
+            many = r.outliers > FEW * len(r.T_base)
+            warnings.append(
+                f"{r.outliers} of {len(r.T_base)} {few} and count less than half"
+                + (": too many to be outliers, the model lacks something." if many else ".")
+            )
+        lone = _outliers(judged)
+        if lone and not setup.robust:
+            warnings.append(
+                f"{lone} of {len(r.T_base)} {few} while the others do not: a robust fit (--robust) lets them "
+                "count less."
+            )
+    return FitResult(
+        recordings=recordings,
+        estimates=found[:n],
+        carried=found[n:],
+        converged=not failure,
+        result=descent.result,
+        iterations=iterations,
+        evaluations=evaluations + phases.evaluations + apart.evaluations,
+        correlation=correlation(known.covariance[:n, :n]),
+        warnings=warnings,
+        verdict=verdict(
+            found[:n],
+            [_distance(setup, answer, r) for r in zip(recordings, answer.judged, strict=True)],
+            disagreement="; ".join(clauses),
+            failure=failure,
+        ),
+        settings=_settings(
+            setup,
+            samples_simulated=sum(p.steps for p in answer.problem.predictors),
+            start=dict(zip(setup.names, np.asarray(at.values(start.u)).tolist(), strict=True)),
+            starts_tried=start.tried,
+            starts_that_agree=start.agreed,
+        ),
+        mu_by_phase=phases.estimates,
+        by_recording=apart.estimates,
+        axes=[
+            (axis.words(setup.names[:n], _steps(setup, answer)[:n]), axis.sd)
+            for axis in axes(answer.information_about(n))
+        ],
+    )
+
+
+def _outliers(judged: Judged) -> int:
+    """Samples far off where most are not; 0 where the model misses more than a few."""
+    off = np.abs(judged.residual[0] - np.median(judged.residual[0]))
+    scale = MAD_TO_SD * float(np.median(off))
+    far = int(np.sum(off > FAR_OFF * scale))
+    return far if scale > 0 and far <= FEW * len(off) else 0
+
+
+def _distance(setup: Setup, answer: Answer, of: tuple[FittedRecording, Judged]) -> Distance:
+    fitted, judged = of
+    used = len(setup.free) * len(fitted.T_base) / setup.samples
+    degrees = max(len(fitted.T_base) - used, 1) / float(judged.weigh.tau[0])
+    part = next(p for p in setup.parts if p.name == fitted.name)
+    others = []
+    for c, name in enumerate(part.channels):
+        if c and fitted.channels[name].rms > SMALL * float(np.ptp(part.recorded[c])):
+            others.append(
+                (name, fitted.channels[name].rms, float(judged.least[c]), CHANNEL_UNITS[part.where[c]])
+            )
+    return Distance(
+        name=fitted.name,
+        rms=judged.rms,
+        outliers=fitted.outliers,
+        peak=float(np.max(part.T_tip)),
+        noise=fitted.noise_N,
+        chi2=fitted.chi2_per_n,
+        degrees=(degrees, judged.noise.degrees),
+        table=fitted.by_phase,
+        others=[o for o in others if o[1] ** 2 > LACK_OF_FIT * o[2] ** 2],
+    )
+
+
+def unanswered(
+    setup: Setup, predictions: tuple[Prediction, ...] | None, why: str, evaluations: int
+) -> FitResult:
+    """The result of a fit that could not begin: the robots as they were, no intervals, and why."""
+    p = len(setup.asked)
+    recordings = tuple(
+        _fitted(setup, k, None if predictions is None else predictions[k], None, setup.initial, None, ())[0]
+        for k in range(len(setup.parts))
+    )
+    return FitResult(
+        recordings=recordings,
+        estimates=[
+            Estimate(
+                name=f.name,
+                key=f.entry.key,
+                value=v,
+                sd=None,
+                lower95=None,
+                upper95=None,
+                initial=v,
+                unit=f.entry.unit,
+                transform=transform(is_log(f.entry, v)),
+                note="not fitted",
+            )
+            for f, v in zip(setup.asked, setup.initial.tolist(), strict=False)
+        ],
+        carried=[],
+        converged=False,
+        result=why,
+        iterations=0,
+        evaluations=evaluations,
+        correlation=np.full((p, p), np.nan),
+        warnings=[why[0].upper() + why[1:] + "."],
+        verdict=f"No answer: {why}.",
+        settings=_settings(setup),
+    )

@@ -1,0 +1,47 @@
+"""How recordings answer to the uncertain dimensions of the robot file, to first order."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from gtr_jax import Robot, RobotConfig
+from gtr_jax.robot.parameters import parameters_of
+
+from ..number import Number, number_at
+
+
+class Follow(NamedTuple):
+    """How the recordings answer to the uncertain dimensions, each moved by its standard deviation.
+
+    Attributes:
+        change: of the channels of each recording, (C, K, D) each.
+        left, sizes, right: of the white rows, (n, D), by singular values: (n, m), (m,), (m, D).
+    """
+
+    change: list[np.ndarray]
+    left: np.ndarray
+    sizes: np.ndarray
+    right: np.ndarray
+
+    def freed(self, rows: np.ndarray) -> np.ndarray:
+        """Rows of unit variance, (n, ...), once the dimensions are allowed to follow."""
+        shares = 1 - 1 / np.sqrt(1 + self.sizes**2)
+        return rows - (self.left * shares) @ (self.left.T @ rows)
+
+    def moved(self, freed: np.ndarray) -> np.ndarray:
+        """By how many standard deviations they then do, (D,)."""
+        return -self.right.T @ (self.sizes / np.sqrt(1 + self.sizes**2) * (self.left.T @ freed))
+
+
+def dimensions_of(config: RobotConfig | None, robot: Robot) -> list[Number]:
+    """What the robot file says is uncertain beside mu and E, and acts."""
+    if config is None:
+        return []
+    found = []
+    for entry in parameters_of(robot).values():
+        sd = config.deviation(entry.key) if entry.name not in ("mu", "E") else None
+        if sd and not (entry.external and not robot.loaded):
+            found.append(number_at(entry, float(robot.value(entry.name)), sd=sd))
+    return found

@@ -1,0 +1,275 @@
+"""What a diagnosis starts from: recordings on the bench, the base model fitted, and what may be missing."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot, simulate
+
+from ..fit import channels_of, part_of
+from ..free import distinct
+from ..number import Number, values_in
+from ..predictor import CHANNELS
+from ..readings import BEND, sharpened
+from ..setup import Part, recorded
+from .bench import Bench, passing
+from .cache import SimulationCache
+from .differ import MOST as MOST_DIFFER
+from .differ import Difference, differing, names_to_split
+from .follow import dimensions_of
+from .hypotheses import Hypothesis, base_numbers, catalogue
+from .model import Fitted
+from .models import Models
+from .refine import refine
+from .result import BAD_DATA, Diagnosis
+from .rig import Rig, resolution_of, some_samples
+from .sanity import faults
+from .search import base_fit
+
+# Samples of each recording on which hypotheses are tried, and on which the best are refitted.
+FEW, MANY = 140, 1200
+# Samples of each recording on which hypotheses are tried where there are several: together they tell more.
+FEW_OF_SEVERAL = 96
+# Resolution of the mesh that the best models are corrected to, relative to the robot's own.
+FINEST = 1.5
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Prepared:
+    """What the search starts from.
+
+    Attributes:
+        config: the robot file, or None.
+        fine: the robot on its own mesh.
+        parts, full: the recordings, and those samples of them that are used.
+        kept: those of them on the bench.
+        warnings: what the reader must know.
+        bench: few samples on a coarse mesh.
+        rough, exact: all samples on the coarse mesh, and on a fine one.
+        base: fit of the base model.
+        hypotheses: what may be missing.
+        differ: the numbers that differ between the recordings.
+    """
+
+    config: RobotConfig | None
+    fine: Robot
+    parts: list[Part]
+    full: list[Part]
+    kept: list[np.ndarray]
+    warnings: list[str]
+    bench: Bench
+    rough: list[Rig]
+    exact: list[Rig]
+    base: Fitted
+    hypotheses: list[Hypothesis]
+    differ: list[Difference] = dataclasses.field(default_factory=list)
+
+
+def prepare(
+    robot: RobotConfig | Robot,
+    recording: Recording | Sequence[Recording],
+    channels: Sequence[str] | str | None = None,
+    noise_N: float | None = None,
+    noise_base_N: float | None = None,
+    say: Callable[[str], None] = lambda _: None,
+    cache: SimulationCache | None = None,
+    *,
+    may_differ: bool = True,
+) -> Prepared | Diagnosis:
+    """Read the recordings, fit the base model, ask whether a number differs between them, and list what may
+    be missing; arguments as of `diagnose`.
+
+    Args:
+        may_differ: whether that is asked.
+
+    Returns:
+        What the search starts from; a diagnosis where the data do not allow one.
+    """
+    recordings = [recording] if isinstance(recording, Recording) else list(recording)
+    if not recordings:
+        raise InputError("diagnose: no recording is given")
+    channels = channels_of(channels, recordings)
+    config = robot if isinstance(robot, RobotConfig) else None
+    fine = build_robot(robot) if isinstance(robot, RobotConfig) else robot
+    if fine.tendon_names:
+        raise InputError(
+            f"diagnose: {fine.name} has {len(fine.tendons)} tendons; this version diagnoses one tendon; take "
+            "the others out of the robot file"
+        )
+    warnings: list[str] = []
+    names = distinct([r.path.stem for r in recordings])
+    parts: list[Part] = []
+    for name, r in zip(names, recordings, strict=True):
+        part, more = part_of(name, fine, config, r, channels, noise_N=noise_N, noise_base_N=noise_base_N)
+        parts.append(part)
+        warnings += more
+    found = [fault for part in parts for fault in faults(part)]
+    if found:
+        return Diagnosis.without_answer(BAD_DATA, found, parts, warnings, config)
+    coarse = build_robot(config, resolution=resolution_of(fine)) if config else fine
+    finest = build_robot(config, resolution=FINEST) if config else fine
+    deviations = deviations_of(config)
+    dimensions = dimensions_of(config, fine)
+    several = len(parts) > 1
+    free = [*(d.name for d in dimensions), *(names_to_split(dimensions) if several else [])]
+
+    def fitted(
+        parts: list[Part],
+        start: np.ndarray | None,
+        numbers: tuple[Number, ...] = base_numbers(fine, deviations),
+        dimensions: Sequence[Number] = dimensions,
+    ) -> _Start | None:
+        """Recordings on the bench, and the base model fitted to them; None if that fails."""
+        full = [part if part.samples <= MANY else part.only(some_samples(part, MANY)) for part in parts]
+        kept = [some_samples(part, FEW_OF_SEVERAL if several else FEW) for part in full]
+        small = [p if len(k) == p.samples else p.only(k) for p, k in zip(full, kept, strict=True)]
+        rigs = [Rig(p, coarse, free, cache) for p in small]
+        rough = base_fit(Bench(rigs=tuple(rigs), base=numbers, dimensions=tuple(dimensions)), start)
+        if rough is None:
+            return None
+        bench, base = rough
+        exact = [Rig(p, finest, free, cache) for p in full]
+        found = base_fit(refine(bench, Models(bench, ()), {(): base}, exact, kept), base.x)
+        if found is None:
+            return None
+        bench, base = found
+        return _Start(full=full, kept=kept, bench=bench, exact=exact, base=base)
+
+    say("fitting mu" if fine.backbone.rigid else "fitting mu and E")
+    start = fitted(parts, None)
+    differ: list[Difference] = []
+    while start is not None and may_differ and several and len(differ) < MOST_DIFFER:
+        say("asking whether one number differs between the recordings")
+        found_split = differing(start.bench, start.base, fine, hypotheses_of(fine, start.base, start.full))
+        if found_split is None:
+            break
+        numbers, left, at, difference = found_split
+        again = fitted(parts, at, numbers, left)
+        if again is None:
+            break
+        start, differ = again, [*differ, difference]
+    if start is not None:
+        sharper = _sharpened(start, [recorded(r)[0] for r in recordings])
+        if sharper is not None:
+            say("fitting again, the base tension's corners put where the tip tells")
+            again = fitted(sharper, start.base.x, start.bench.base, start.bench.dimensions)
+            start = start if again is None else _better(start, again)
+    if start is None:
+        return Diagnosis.without_answer(
+            BAD_DATA, ["the simulation fails at every start value tried"], parts, warnings, config
+        )
+    full, kept, bench, exact, base = start
+    own = {n.parameter for n in base.numbers}
+    hypotheses = [
+        h for h in hypotheses_of(fine, base, full) if not own & {*h.fixed, *(n.name for n in h.numbers)}
+    ]
+    return Prepared(
+        config=config,
+        fine=fine,
+        parts=parts,
+        full=full,
+        kept=kept,
+        warnings=warnings,
+        bench=bench,
+        rough=[Rig(p, coarse, free, cache) for p in full],
+        exact=exact,
+        base=base,
+        hypotheses=hypotheses,
+        differ=differ,
+    )
+
+
+class _Start(NamedTuple):
+    """Recordings on the bench: all their samples, those on the bench, the bench, all on a fine mesh, and the
+    base model fitted.
+    """
+
+    full: list[Part]
+    kept: list[np.ndarray]
+    bench: Bench
+    exact: list[Rig]
+    base: Fitted
+
+
+def _better(before: _Start, after: _Start) -> _Start:
+    """What there is after corners of the base tension were added, if these take enough of the misfit away,
+    the noise as before; else what there was before.
+    """
+    bench, values = after.bench, after.base.values
+    seen = bench.simulate(values)
+    if seen is None:
+        return before
+    squares = float(np.sum(bench.weighed(values, seen, before.bench.noise).rows(seen) ** 2))
+    sizes = [sum(rig.part.T_base.size for rig in s.bench.rigs) for s in (before, after)]
+    if before.base.chi2 - squares <= BEND * max(sizes[1] - sizes[0], 1):
+        return before
+    return after._replace(bench=bench.weighed(values, seen, bench.noise))
+
+
+def _sharpened(start: _Start, readings: Sequence[np.ndarray]) -> list[Part] | None:
+    """The recordings with corners of the base tension where all channels together put them: a noisy base
+    cell alone misses small steps and turns that the tip follows. None where the cell tells more.
+
+    Args:
+        start: the base model fitted.
+        readings: base tension of each recording as recorded [N], (K,).
+    """
+    found, changed = [], False
+    values = dict(start.base.values) | dict(start.base.dimensions)
+    for part, rig, noise, read in zip(start.full, start.exact, start.bench.noise, readings, strict=True):
+        base, here = part.T_base, rig(values)
+        found.append(part)
+        if base.sd == 0 or here is None or part.samples != len(read):
+            continue
+        weigh = passing(rig, here, noise, values)
+        own = (weigh.last == np.arange(part.samples)) * weigh.slope * weigh.weight**2
+        from_channels, residual = (
+            np.sum(own * weigh.slope, axis=0),
+            weigh.centred(here.values[part.where] - part.recorded),
+        )
+        cell = base.sd**-2
+        if np.median(from_channels) < cell:
+            continue
+        shift = (cell * (read - base.T_base) - np.sum(own * residual, axis=0)) / (from_channels + cell)
+        informed = from_channels > cell
+        sd = float(np.sqrt(np.mean(1 / (from_channels + cell)[informed])))
+        sharper = sharpened(base, read, base.T_base + np.where(informed, shift, 0.0), sd)
+        changed = changed or sharper is not base
+        found[-1] = dataclasses.replace(part, T_base=sharper)
+    return found if changed else None
+
+
+def deviations_of(config: RobotConfig | None) -> dict[str, float]:
+    """Standard deviations of ln mu and ln E that the robot file states."""
+    if config is None:
+        return {}
+    found, values = {}, config.numbers()
+    for name, key in (("mu", "tendon.friction_coefficient"), ("E", "backbone.youngs_modulus")):
+        sd = config.deviation(key)
+        if sd:
+            found[name] = float(np.log1p(sd / abs(values[key])))
+    return found
+
+
+def hypotheses_of(fine: Robot, base: Fitted, parts: Sequence[Part]) -> list[Hypothesis]:
+    """What may be missing in these recordings, given a fit of the base model."""
+    tip_y = np.concatenate([seen.values[CHANNELS.index("tip_y")] for seen in base.seen])
+    return catalogue(
+        fine,
+        timed=all(p.time is not None for p in parts),
+        largest_tip=max(float(np.max(p.T_tip)) for p in parts),
+        travel=np.asarray([tip_y.min(), tip_y.max()]),
+        bend=_bend(fine, base, parts[0]),
+    )
+
+
+def _bend(fine: Robot, fitted: Fitted, part: Part) -> float:
+    values = values_in(fitted.values, part.name)
+    own = {name: values[name] for name in ("mu", "E") if name in values}
+    top = np.asarray([0.0, float(part.T_base.T_base.max())])
+    run = simulate(fine.with_values(**own), top, with_terms=False)
+    return float(np.max(np.abs(run.curvature[-1] - run.curvature[0])))

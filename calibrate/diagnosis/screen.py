@@ -1,0 +1,234 @@
+"""Hypotheses tried beside a fit at finite sizes, before any is refitted."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..parallel import in_parallel
+from .bench import Bench
+from .hypotheses import Hypothesis
+from .model import FAILED, Fitted, Model
+
+# Starts by how many numbers a hypothesis has: shapes have optima of their own.
+STARTS_EACH = {1: 2, 2: 3, 3: 5}
+
+
+class Start(NamedTuple):
+    """Where to refit a hypothesis from.
+
+    Attributes:
+        x: coordinates, those of the numbers fitted so far first.
+        known: columns of the Jacobian there, roughly, by place.
+    """
+
+    x: np.ndarray
+    known: dict[int, np.ndarray]
+
+
+class Screened(NamedTuple):
+    """A hypothesis before it is refitted.
+
+    Attributes:
+        hypothesis: what may be missing.
+        gain: drop of the sum of squares at its best start.
+        starts: to refit from, best first.
+        smallest: size of its first number that would change the white residuals by `SEEN` in all once the
+            others follow; infinite where it changes nothing.
+    """
+
+    hypothesis: Hypothesis
+    gain: float
+    starts: list[Start]
+    smallest: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Tried:
+    """A start of a hypothesis: coordinates, drop of the sum of squares that it promises, power of what it
+    changes beside the numbers fitted, and the least sum of squares simulated.
+    """
+
+    hypothesis: Hypothesis
+    named: Mapping[str, float]
+    start: Start
+    gain: float = -np.inf
+    power: float = 0.0
+    cost: float = np.inf
+
+
+# Standard errors that count as seen, and how far the numbers fitted may follow at once.
+SEEN, FAR = 6.0, 1.5
+# Sum of squares of the coordinates from which a base model counts as far off its priors.
+FAR_OFF = 9.0
+# Share of the drop that a slope promises which is counted on; how many starts are tried a second time;
+# iterations of a third try; sum of squares, in those of the fit, from which a start with shapes gets none
+# (presliding that is far too short is hard to solve: half a minute).
+PROMISED, AGAIN, QUICK, AMISS = 0.3, 24, 3, 5.0
+
+
+def firm_fit(bench: Bench, base: Fitted) -> Fitted | None:
+    """The base model fitted with its priors as heavy as the data, where those have drawn it far off: what is
+    missing may be much more like it there. None where it is not far off.
+    """
+    if base.prior < FAR_OFF:
+        return None
+    return bench.refit((), np.clip(base.x, -FAR, FAR), firm=max(bench.mean_square(base), base.prior))
+
+
+def merged(one: Sequence[Screened], other: Sequence[Screened]) -> list[Screened]:
+    """Two screens of the same hypotheses, the better starts first."""
+    by_name, found = {s.hypothesis.name: s for s in other}, []
+    for s in one:
+        o = by_name[s.hypothesis.name]
+        first, second = (s, o) if s.gain >= o.gain else (o, s)
+        found.append(
+            Screened(
+                s.hypothesis,
+                first.gain,
+                [start for pair in zip(first.starts, second.starts, strict=False) for start in pair],
+                s.smallest,
+            )
+        )
+    return sorted(found, key=lambda s: -s.gain)
+
+
+def screen(
+    bench: Bench,
+    fitted: Fitted,
+    hypotheses: Sequence[Hypothesis],
+    *,
+    thorough: bool = True,
+    reference: float | None = None,
+) -> list[Screened]:
+    """Try hypotheses beside a fit at finite sizes; the most promising again once the numbers fitted have
+    followed; best first.
+
+    Args:
+        bench: the recordings.
+        fitted: the model that they are added to.
+        hypotheses: what to add.
+        thorough: whether all starts are tried, or few.
+        reference: sum of squares from which the drop counts; that of the fit unless given, and then nothing
+            is tried a third time.
+    """
+    standing = fitted.cost if reference is None else reference
+    J = np.concatenate([fitted.jacobian, np.eye(len(fitted.x))])
+    q, upper = np.linalg.qr(J)
+    r0, still = np.concatenate([fitted.rows, fitted.x]), np.zeros(len(fitted.x))
+    left, n = r0 - q @ (q.T @ r0), len(fitted.x)
+    low, high = (np.asarray([n.bounds[k] for n in fitted.numbers]) for k in (0, 1))
+    columns = {i: fitted.jacobian[:, i] for i in range(n)}
+
+    def simulated(numbers, x, fixed):
+        values = dict(fitted.values) | Model((), numbers, fixed).values(x)
+        seen = bench.simulate(values, fitted.names)
+        if seen is None or sum(s.failed for s in seen) > fitted.failed:
+            return None
+        return bench.rows(seen), sum(s.failed for s in seen)
+
+    def cost(rows, x, failed):
+        return float(np.sum(rows**2) + np.sum(x**2) + FAILED * failed)
+
+    def first_try(tried: _Tried) -> _Tried:
+        h = tried.hypothesis
+        x = tried.start.x[n:]
+        ran = simulated(h.numbers, x, h.fixed)
+        if ran is None:
+            return tried
+        rows, failed = ran
+        moved = np.concatenate([rows - fitted.rows, still])
+        across = moved - q @ (q.T @ moved)
+        power = float(across @ across)
+        # As large as tried, or as its slope asks for, within a factor; the numbers fitted follow.
+        wanted = float(np.clip(-(left @ across) / power, 0.2, 2.0)) if power > 0 else 1.0
+        share = min((float(np.sum((left + s * across) ** 2)), s) for s in (1.0, wanted))[1]
+        sizes = np.asarray([number.size and not number.log for number in h.numbers])
+        own = np.where(sizes, share * x, x)
+        share = share if sizes.any() else 1.0
+        follow = np.linalg.solve(upper, -(q.T @ (r0 + share * moved)))
+        both = np.concatenate([np.clip(fitted.x + np.clip(follow, -FAR, FAR), low, high), own])
+        # Far from the fit a slope promises too much, but not nothing.
+        promised = PROMISED * (standing - cost(left + share * across, still, failed))
+        known = dict(columns)
+        if h.numbers[0].size and x[0] != 0:
+            known[n] = (rows - fitted.rows) / x[0]
+        first = cost(rows, fitted.x, failed)
+        return dataclasses.replace(
+            tried,
+            start=Start(both, known),
+            gain=max(standing - first, promised),
+            power=power,
+            cost=first,
+        )
+
+    def second_try(tried: _Tried) -> _Tried:
+        h, both = tried.hypothesis, tried.start.x
+        ran = simulated((*fitted.numbers, *h.numbers), both, h.fixed)
+        if ran is None:
+            return tried
+        rows, failed = ran
+        second = min(tried.cost, cost(rows, both[:n], failed))
+        return dataclasses.replace(tried, gain=max(tried.gain, standing - second), cost=second)
+
+    def third_try(tried: _Tried) -> _Tried | None:
+        # Where the numbers fitted make up for most of an effect they follow along a valley too bent for one
+        # step. Of several shapes each start has its own.
+        h, known = tried.hypothesis, tried.start.known
+        if n not in known or (len(h.numbers) > 1 and tried.cost > AMISS * standing):
+            return None
+        free = h.numbers if len(h.numbers) <= 2 else h.numbers[:1]
+        shape = {m.name: tried.named[m.name] for m in h.numbers[len(free) :]}
+        own = dataclasses.replace(h, numbers=free, fixed={**h.fixed, **shape})
+        x = np.concatenate([fitted.x, [m.at(tried.named[m.name]) for m in free]])
+        found = bench.refit((own,), x, known=known, exact=False, most=QUICK)
+        if found is None:
+            return None
+        at = np.asarray([m.at(shape[m.name]) for m in h.numbers[len(free) :]])
+        start = Start(np.concatenate([found.x, at]), dict(enumerate(found.jacobian.T)))
+        return dataclasses.replace(tried, start=start, gain=standing - found.cost - float(at @ at))
+
+    all_tried = [
+        _Tried(h, s, Start(np.concatenate([fitted.x, [m.at(s[m.name]) for m in h.numbers]]), {}))
+        for h in hypotheses
+        for s in (h.starts if thorough else h.few)
+    ]
+    found = in_parallel(first_try, all_tried)
+
+    def ranked_places(places: Iterable[int]) -> list[int]:
+        return sorted(places, key=lambda i: -found[i].gain)
+
+    def try_again(places: Sequence[int]) -> None:
+        for i, tried in zip(places, in_parallel(second_try, [found[i] for i in places]), strict=True):
+            found[i] = tried
+
+    thirds: list[_Tried] = []
+    promising = ranked_places(range(len(found)))[: AGAIN if thorough else AGAIN // 2]
+    try_again(promising)
+    if thorough and reference is None and not fitted.names:
+        best: list[int] = []
+        for h in hypotheses:
+            mine = ranked_places(i for i, t in enumerate(found) if t.hypothesis is h)
+            best += mine[: STARTS_EACH[len(h.numbers)]]
+        try_again([i for i in best if i not in promising])
+        thirds = [t for t in in_parallel(third_try, [found[i] for i in best]) if t is not None]
+    screened = []
+    for h in hypotheses:
+        mine, first = [t for t in (*found, *thirds) if t.hypothesis is h], h.numbers[0]
+        least = [
+            abs(first.value(first.at(t.named[first.name]) * SEEN / np.sqrt(t.power)) - first.centre)
+            for t in mine
+            if t.power > 0 and first.size and t.named[first.name] != first.centre
+        ]
+        ranked = sorted(mine, key=lambda t: -t.gain)
+        # The best, then of the others one of each size: from where small ones lead, shapes go astray.
+        by_size: dict[float, _Tried] = {}
+        for t in ranked:
+            if t not in thirds and np.isfinite(t.gain):
+                by_size.setdefault(t.named[first.name], t)
+        starts = [t.start for t in dict.fromkeys([ranked[0], *by_size.values(), *ranked])]
+        screened.append(Screened(h, float(ranked[0].gain), starts, min(least, default=np.inf)))
+    return sorted(screened, key=lambda s: -s.gain)

@@ -1,0 +1,191 @@
+"""A base tension as its values at knots: how samples depend on them, and what samples say of them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from scipy.linalg import cho_solve_banded, cholesky_banded
+
+from .noise import correlation_time
+
+# Least that samples must say of a number of the base tension, as a share of one sample.
+LEAST_SAID = 1e-3
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BaseTension:
+    """A base tension of K samples, straight between knots.
+
+    Attributes:
+        t: time of the samples, in any unit, (K,).
+        T_base: estimate of the true base tension [N], (K,).
+        knots: samples at which it may bend, increasing, first 0 and last K-1, (M,).
+        corner: knots at which the slope may jump, (M,); between others the curve is a smooth cubic.
+        near: the four numbers that each sample depends on, (K, 4); of straight runs the values at the knots.
+        weights: how much it depends on them, (K, 4).
+        size: how many numbers there are, M.
+        sd: standard deviation of the recorded base tension [N].
+        misfit: sum of squares of what the recording is off, in units of `sd`.
+        tau: samples per independent one of what it is off.
+        counted: samples that each of these stands for.
+    """
+
+    t: np.ndarray
+    T_base: np.ndarray
+    knots: np.ndarray
+    corner: np.ndarray
+    near: np.ndarray
+    weights: np.ndarray
+    size: int
+    sd: float
+    misfit: float
+    tau: float = 1.0
+    counted: float = 1.0
+
+    @property
+    def believed(self) -> float:
+        """Standard deviation [N] that one sample counts with, its neighbours being as wrong."""
+        return self.sd * float(np.sqrt(self.tau / self.counted))
+
+    @property
+    def degrees(self) -> int:
+        """Degrees of freedom of `misfit`."""
+        return len(self.T_base) - self.size
+
+    def at_samples(self, values: np.ndarray) -> np.ndarray:
+        """From values at the knots, (M, ...), to the samples, (K, ...)."""
+        weights = self.weights.reshape(*self.weights.shape, *[1] * (np.ndim(values) - 1))
+        return np.sum(weights * values[self.near], axis=1)
+
+    def to_knots(self, values: np.ndarray, samples: np.ndarray | None = None) -> np.ndarray:
+        """The transpose of `at_samples`: sums of values at samples, (S, ...), weighted by their shares, (M,
+        ...).
+
+        Args:
+            values: at the samples.
+            samples: which they are, (S,); all unless given. One may stand several times.
+        """
+        near, weights = (a if samples is None else a[samples] for a in (self.near, self.weights))
+        out = np.zeros((self.size, *values.shape[1:]))
+        for knot, weight in zip(near.T, weights.T, strict=True):
+            np.add.at(out, knot, weight.reshape(-1, *[1] * (values.ndim - 1)) * values)
+        return out
+
+    def only(self, samples: np.ndarray) -> BaseTension:
+        """The same at some samples, increasing, (S,), which count for all of them; taken as exact where these
+        do not say enough of every number.
+        """
+        K, S = len(self.T_base), len(samples)
+        if self.sd == 0 or S == K:
+            return exact(self.T_base[samples]) if self.sd == 0 else self
+        near, weights = self.near[samples], self.weights[samples]
+        kept = np.searchsorted(samples, self.knots)
+        found = dataclasses.replace(
+            self,
+            t=self.t[samples],
+            T_base=self.T_base[samples],
+            knots=np.minimum(kept, S - 1),
+            near=near,
+            weights=weights,
+            counted=self.counted * K / S,
+        )
+        information = found.information(np.ones(S))
+        try:
+            factor = cholesky_banded(information)
+        except np.linalg.LinAlgError:
+            return exact(self.T_base[samples])
+        return found if np.min(factor[-1]) ** 2 > LEAST_SAID else exact(self.T_base[samples])
+
+    def nodes(self, spacing: float) -> np.ndarray:
+        """Samples that carry the history: all knots and turning points, and between them as many as keep the
+        base tension from changing by more than about `spacing` [N] from one to the next, (J,), increasing.
+        """
+        steps = np.diff(self.T_base)
+        turns = 1 + np.flatnonzero(steps[1:] * steps[:-1] < 0)
+        travel = np.floor(np.concatenate([[0.0], np.cumsum(np.abs(steps))]) / spacing)
+        return np.unique(np.concatenate([self.knots, turns, 1 + np.flatnonzero(np.diff(travel) > 0)]))
+
+    def with_correlation(self, recorded: np.ndarray) -> BaseTension:
+        """The same with the samples per independent one of what the recorded tension [N], (K,), is off."""
+        return dataclasses.replace(self, tau=correlation_time(recorded - self.T_base))
+
+    def information(self, weight: np.ndarray, samples: np.ndarray | None = None) -> np.ndarray:
+        """Sum of weighted outer products of the shares: a symmetric banded matrix of the knots, its diagonal
+        the last row, its upper bands above, (4, M).
+        """
+        near, weights = (a if samples is None else a[samples] for a in (self.near, self.weights))
+        bands = np.zeros((4, self.size))
+        for c in range(4):
+            for d in range(c, 4):
+                np.add.at(bands[3 - (d - c)], near[:, d], weight * weights[:, c] * weights[:, d])
+        return bands
+
+
+def exact(T: np.ndarray) -> BaseTension:
+    """The base tension taken as recorded."""
+    K = len(T)
+    at, near = np.arange(K), np.minimum(np.arange(K)[:, None] + np.arange(4), K - 1)
+    weights = np.broadcast_to(np.asarray([1.0, 0.0, 0.0, 0.0]), (K, 4))
+    return BaseTension(
+        t=at.astype(float),
+        T_base=T,
+        knots=at,
+        corner=np.ones(K, bool),
+        near=near,
+        weights=weights,
+        size=K,
+        sd=0.0,
+        misfit=0.0,
+    )
+
+
+def runs(
+    t: np.ndarray, T: np.ndarray, knots: np.ndarray, corner: np.ndarray | None, sd: float
+) -> BaseTension:
+    """Least squares with given knots; all are corners unless it is said which."""
+    corner = np.ones(len(knots), bool) if corner is None else corner
+    near, weights, size = shares(t, knots, corner)
+    fit = BaseTension(
+        t=t,
+        T_base=T,
+        knots=knots,
+        corner=corner,
+        near=near,
+        weights=weights,
+        size=size,
+        sd=sd,
+        misfit=0.0,
+    )
+    bands = fit.information(np.ones(len(T)))
+    values = cho_solve_banded((cholesky_banded(bands), False), fit.to_knots(T))
+    smooth = fit.at_samples(values)
+    return dataclasses.replace(fit, T_base=smooth, misfit=float(np.sum(((T - smooth) / sd) ** 2)))
+
+
+def shares(t: np.ndarray, knots: np.ndarray, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """The numbers that the curve depends on: which four of them each sample does, how much, (K, 4) each, and
+    how many there are. They are the values at the corners, and between two of these, where there are other
+    knots, the coefficients of a cubic spline; straight where there are none.
+    """
+    ends = np.flatnonzero(corner)
+    inner = np.diff(ends) - 1
+    sizes = np.where(inner > 0, inner + 3, 1)  # numbers of each piece but for the last, which the next has
+    first = np.concatenate([[0], np.cumsum(sizes)])
+    at, stops = np.arange(len(t)), knots[ends]
+    piece = np.clip(np.searchsorted(stops, at, side="right") - 1, 0, len(inner) - 1)
+    start, end = t[stops[piece]], t[stops[piece + 1]]
+    share = (t - start) / (end - start)
+    near = first[piece][:, None] + np.arange(4)
+    weights = np.stack([1 - share, share, np.zeros_like(share), np.zeros_like(share)], axis=1)
+    smooth = np.flatnonzero(inner > 0)
+    if len(smooth):  # few recordings need it, and it takes a quarter of a second to import
+        from scipy.interpolate import BSpline
+    for j in smooth:
+        inside = piece == j
+        x = t[knots[ends[j] : ends[j + 1] + 1]]
+        design = BSpline.design_matrix(t[inside], np.pad(x, 3, mode="edge"), 3)
+        near[inside] = first[j] + design.indices.reshape(-1, 4)
+        weights[inside] = design.data.reshape(-1, 4)
+    size = int(first[-1]) + 1
+    return np.minimum(near, size - 1), weights, size

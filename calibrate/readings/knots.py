@@ -1,0 +1,204 @@
+"""Where a base tension bends: knots set where they help, moved, merged, and taken out where they do not."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from scipy.linalg import cho_solve_banded, cholesky_banded
+
+from .base_tension import BaseTension, runs
+from .smooth import smoothed
+
+# A reversal smaller than so many standard deviations is noise.
+HYSTERESIS = 5.0
+# A bend must lower the sum of squares, in variances, by more than this, and by 2 ln(K/1000) more in
+# recordings longer than 1000 samples: the best place of a run does so by chance in fewer than 1 of 100 runs.
+BEND, SHORT = 14.0, 1000
+# Rounds of setting, or taking out, knots, and of moving them: what has not settled by then gains little.
+ROUNDS, REFINEMENTS = 40, 4
+# Samples of each stretch in which needless knots are looked for first, where every sample is one.
+BLOCK = 400
+# Knots beyond which none is taken out again: the work grows with their square.
+MOST_PRUNED = 3000
+
+
+def turning_points(T: np.ndarray, hysteresis: float) -> np.ndarray:
+    """Samples at which a signal turns, with those at both ends; reversals smaller than `hysteresis` are none.
+
+    Args:
+        T: the signal, (K,), K >= 1.
+        hysteresis: in the unit of the signal.
+    """
+    turns, low, high, rising = [0], 0, 0, 0
+    for k in range(1, len(T)):
+        low = k if T[k] < T[low] else low
+        high = k if T[k] > T[high] else high
+        if rising >= 0 and T[high] - T[k] > hysteresis:
+            turns.append(high)
+            rising, low = -1, k
+        elif rising <= 0 and T[k] - T[low] > hysteresis:
+            turns.append(low)
+            rising, high = 1, k
+        if rising > 0:
+            low = k
+        elif rising < 0:
+            high = k
+    return np.unique([*turns, len(T) - 1])
+
+
+def _best_bend(t: np.ndarray, T: np.ndarray) -> tuple[int, float]:
+    """Sample at which one bend lowers the sum of squares of a straight line most, and by how much.
+
+    Args:
+        t, T: times and values of a run, (n,), n >= 3.
+    """
+    t = t - t.mean()
+    spread = np.sqrt(np.sum(t**2))
+    ones, slope = np.full(len(t), 1 / np.sqrt(len(t))), t / spread
+    residual = T - ones * (ones @ T) - slope * (slope @ T)
+
+    def after(values):
+        """Sum over the samples after each."""
+        return np.append(np.cumsum(values[:0:-1])[::-1], 0.0)
+
+    n, first, second = after(np.ones(len(t))), after(t), after(t**2)
+    ramp = second - 2 * t * first + n * t**2  # sums of ((t - t_k)+)^2, and of its products below
+    ramp = ramp - ((first - n * t) / np.sqrt(len(t))) ** 2 - ((second - t * first) / spread) ** 2
+    moment = after(residual * t) - t * after(residual)
+    inside = np.arange(1, len(t) - 1)
+    gain = moment[inside] ** 2 / np.maximum(ramp[inside], 1e-12 * np.maximum(second[0], 1e-300))
+    best = int(np.argmax(gain))
+    return int(inside[best]), float(gain[best])
+
+
+def _removable(fit: BaseTension, values: np.ndarray) -> np.ndarray:
+    """By how much the sum of squares, in variances, would rise without each knot, (M,); inf at the ends."""
+    M = len(values)
+    bands = fit.information(np.full(len(fit.T_base), fit.sd**-2))
+    inverse = cho_solve_banded((cholesky_banded(bands), False), np.eye(M))
+    t = fit.t[fit.knots]
+    share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])
+    weights = np.stack([share - 1, np.ones(M - 2), -share])
+    at = np.arange(M - 2) + np.arange(3)[:, None]
+    bend = np.sum(weights * values[at], axis=0)
+    variance = np.einsum("am,bm,abm->m", weights, weights, inverse[at[:, None], at[None]])
+    return np.concatenate([[np.inf], bend**2 / variance, [np.inf]])
+
+
+def straighten(T: np.ndarray, sd: float, time: np.ndarray | None = None) -> BaseTension:
+    """Estimate the true base tension.
+
+    Knots are set one by one in each run where they help most, then moved to where they help most between
+    their neighbours, and taken out again where they no longer help.
+
+    Args:
+        T: recorded base tension [N], (K,), K >= 2.
+        sd: its standard deviation [N], positive.
+        time: of the samples [s], (K,); equal steps unless given and increasing.
+    """
+    t, threshold = _clock(T, time), _threshold(len(T))
+    knots = _with_bends(t, T, turning_points(T, HYSTERESIS * sd), sd, threshold)
+    for _ in range(REFINEMENTS):
+        before = knots
+        knots = _merged(t, T, _moved(t, T, knots), sd, threshold)
+        knots = _with_bends(t, T, _without_needless(t, T, knots, sd, threshold), sd, threshold)
+        if np.array_equal(knots, before):
+            break
+    return smoothed(runs(t, T, knots, None, sd), T)
+
+
+def _clock(T: np.ndarray, time: np.ndarray | None) -> np.ndarray:
+    """Time of the samples; their number where they have none that increases."""
+    numbers = np.arange(len(T), dtype=float)
+    return numbers if time is None or np.any(np.diff(time) <= 0) else np.asarray(time, float)
+
+
+def _threshold(K: int) -> float:
+    return BEND + 2.0 * max(0.0, float(np.log(K / SHORT)))
+
+
+def from_all(T: np.ndarray, sd: float, time: np.ndarray | None = None) -> BaseTension:
+    """The same found the other way round: every sample a knot, and needless ones taken out. Slower, but it
+    sees a staircase, in which no single bend helps.
+    """
+    t, threshold, K = _clock(T, time), _threshold(len(T)), len(T)
+    edges = np.unique(np.linspace(0, K - 1, max(2, 1 + -(-K // BLOCK))).astype(int))
+    kept = [
+        a + _without_needless(t[a : b + 1], T[a : b + 1], np.arange(b - a + 1), sd, threshold)
+        for a, b in itertools.pairwise(edges.tolist())
+    ]
+    knots = _without_needless(t, T, np.unique(np.concatenate(kept)), sd, threshold)
+    return runs(t, T, knots, None, sd)
+
+
+def _with_bends(t: np.ndarray, T: np.ndarray, knots: np.ndarray, sd: float, threshold: float) -> np.ndarray:
+    settled: set[tuple[int, int]] = set()
+    for _ in range(ROUNDS):
+        residual = (T - runs(t, T, knots, None, sd).T_base) / sd
+        more = []
+        for a, b in zip(knots[:-1].tolist(), knots[1:].tolist(), strict=True):
+            if b - a < 2 or (a, b) in settled:
+                continue
+            at, gain = _best_bend(t[a : b + 1], residual[a : b + 1])
+            if gain > threshold:
+                more.append(a + at)
+            else:
+                settled.add((a, b))
+        if not more:
+            return knots
+        knots = np.union1d(knots, more)
+    return knots
+
+
+def _moved(t: np.ndarray, T: np.ndarray, knots: np.ndarray) -> np.ndarray:
+    """Every second knot, and then the others, put where it bends best between its neighbours."""
+    knots = knots.copy()
+    for first in (1, 2):
+        for m in range(first, len(knots) - 1, 2):
+            a, b = int(knots[m - 1]), int(knots[m + 1])
+            knots[m] = a + _best_bend(t[a : b + 1], T[a : b + 1])[0]
+    return knots
+
+
+def _left(t: np.ndarray, T: np.ndarray, bends: list[int]) -> float:
+    """Sum of squares that a line with bends at some samples leaves of a run."""
+    columns = [np.ones(len(t)), t - t[0], *(np.maximum(t - t[k], 0.0) for k in bends)]
+    scaled = np.stack([c / max(np.linalg.norm(c), 1e-300) for c in columns], axis=1)
+    q, _ = np.linalg.qr(scaled)
+    return float(np.sum((T - q @ (q.T @ T)) ** 2))
+
+
+def _merged(t: np.ndarray, T: np.ndarray, knots: np.ndarray, sd: float, threshold: float) -> np.ndarray:
+    """Two neighbouring knots made one where one, put where it is best, does as well: a corner missed by a
+    sample is otherwise held by a second knot beside it.
+    """
+    found = knots.tolist()
+    m = 1
+    while m + 2 < len(found):
+        a, b = found[m - 1], found[m + 2]
+        times, values = t[a : b + 1], T[a : b + 1]
+        at = _best_bend(times, values)[0]
+        two = _left(times, values, [found[m] - a, found[m + 1] - a])
+        if _left(times, values, [at]) - two < threshold * sd**2:
+            found[m : m + 2] = [a + at]
+        else:
+            m += 1
+    return np.asarray(found)
+
+
+def _without_needless(
+    t: np.ndarray, T: np.ndarray, knots: np.ndarray, sd: float, threshold: float
+) -> np.ndarray:
+    if len(knots) > MOST_PRUNED:
+        return knots
+    for _ in range(ROUNDS):
+        fit = runs(t, T, knots, None, sd)
+        loss = _removable(fit, fit.T_base[knots])
+        least = (loss < threshold) & (
+            loss <= np.minimum(np.roll(loss, 1), np.roll(loss, -1))
+        )  # no two neighbours
+        if not least.any():
+            return knots
+        knots = knots[~least]
+    return knots

@@ -1,0 +1,1 @@
+"""Fits and diagnoses in words, tables and pictures."""

@@ -1,0 +1,212 @@
+"""A diagnosis in words, tables and pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gtr_jax.files.numbers import measured, measured_quantity, number, quantity
+from gtr_jax.plots.style import png
+from gtr_jax.report.page import Figure, Report, Table
+from gtr_jax.terms import REGISTRY
+
+from ..diagnosis.result import Diagnosis
+from . import diagnosis_figures as draw
+from .fit import detectable, noise_band, sources
+
+SHOWN = 8
+# Share of a variance from which its source is named.
+NAMED = 0.01
+
+
+def diagnosis_report(answer: Diagnosis, name: str) -> Report:
+    """Verdict, figures and tables of a diagnosis.
+
+    Args:
+        answer: from `calibrate.diagnose`.
+        name: of the robot.
+    """
+    next_step = [] if answer.experiment is None else [f"Measure next: {answer.experiment.says}"]
+    return Report(
+        title=f"{name}: diagnosis",
+        verdict=answer.says,
+        warnings=[*next_step, *answer.warnings],
+        figures=_figures(answer),
+        tables=_tables(answer),
+    )
+
+
+def _found(answer: Diagnosis) -> bool:
+    """Whether a model with something missing is shown; where the verdict is "unexplained", the nearest."""
+    return len(answer.held_out) > 1
+
+
+def _figures(answer: Diagnosis) -> list[Figure]:
+    label = "with the nearest term" if answer.verdict == "unexplained" else "with what was missing"
+    figures = []
+    for loop in answer.loops:
+        several = len(answer.loops) > 1
+        ending, whose = (f"-{loop.name}", f"{loop.name}: ") if several else ("", "")
+        recorded, before = np.asarray(loop.recorded[0]), np.asarray(loop.before[0])
+        after = np.asarray(loop.after[0]) if _found(answer) else None
+        figures.append(
+            Figure(
+                f"loop{ending}",
+                png(draw.plot_before_after(loop.T_base, recorded, before, after, label)),
+                f"{whose}The recording and the model, refitted to it"
+                + (f" without and {label}." if after is not None else "."),
+            )
+        )
+        left = None if after is None else after - recorded
+        drawn = draw.plot_residual_map(
+            loop.T_base,
+            before - recorded,
+            left,
+            phases=np.asarray(loop.phases),
+            noise=loop.noise_N,
+            label=label,
+        )
+        figures.append(
+            Figure(
+                f"residual{ending}",
+                png(drawn),
+                f"{whose}Where they differ{noise_band(loop.noise_N, before - recorded)}.",
+            )
+        )
+        branches = loop.branches if after is not None else loop.branches[:2]
+        if all(len(at) > 1 for at, _, _ in branches):
+            figures.append(
+                Figure(
+                    f"branches{ending}",
+                    png(draw.plot_branches(branches, label)),
+                    f"{whose}Release against pull at the same base tension: half the difference of "
+                    "ln(T_tip/T_base) is friction, half the sum what friction cannot do.",
+                )
+            )
+    top = answer.rivals[:SHOWN]
+    if len(top) > 1:
+        names = [" + ".join(r.names) or "nothing missing" for r in top]
+        chart = draw.plot_rivals(
+            names, np.asarray([r.probability for r in top]), np.asarray([r.delta for r in top])
+        )
+        figures.append(Figure("rivals", png(chart), "What else it could be: models refitted with mu and E."))
+    if answer.experiment is not None:
+        drawn = draw.plot_history(answer.experiment.time, answer.experiment.T_base, answer.experiment.T_tip)
+        figures.append(Figure("next-experiment", png(drawn), answer.experiment.says))
+    return figures
+
+
+def _differing(answer: Diagnosis) -> list[Table]:
+    """The numbers that differ between recordings, and the robot files where there are several."""
+    tables = []
+    for d in answer.differ:
+        rows = [
+            (recording, quantity(change.after, d.unit), quantity(change.sd, d.unit, 2))
+            for recording, change in answer.own(d).items()
+        ]
+        alike = "; ".join(" and ".join(group) for group in d.groups)
+        note = (
+            f"One value for all recordings would be {quantity(d.shared, d.unit)}, and leaves "
+            f"{d.standard_errors:.0f} standard errors more. By value: {alike}. The standard deviations hold "
+            "what is uncertain of all recordings in common, which a difference does not."
+        )
+        others = [*(f"{n} that differs" for n in d.or_numbers), *(f"{n} in all" for n in d.or_effects)]
+        if others:
+            note += f" Nearly as well: {', '.join(others)}."
+        heads = ("recording", d.name, "standard deviation")
+        tables.append(Table(f"What differs between the recordings: {d.name}", heads, rows, note=note))
+    if len(answer.files) > 1:
+        rows = [
+            (f.name, " + ".join(f.effects) or "nothing missing", f.recording or "all", f"{f.probability:.3g}")
+            for f in answer.files
+        ]
+        heads = ("file", "holds", "numbers of recording", "probability")
+        tables.append(Table("Robot files", heads, rows, note=answer.files[0].note))
+    return tables
+
+
+def _tables(answer: Diagnosis) -> list[Table]:
+    tables = _differing(answer)
+    if answer.where:
+        rows = [(w.says, number(w.z, digits=3), f"{100 * w.share:.0f} %") for w in answer.where]
+        tables.append(
+            Table(
+                "Where",
+                ("part of the recording", "mean, standard errors", "share of the misfit"),
+                rows,
+                note="Of the best fit without anything missing. Refitting mu and E spreads a misfit over the "
+                "whole loop: look at what is missing before you believe a place.",
+            )
+        )
+    if answer.parameters:
+        rows = [
+            (
+                c.name,
+                quantity(c.before, c.unit),
+                measured_quantity(c.after, c.sd, c.unit),
+            )
+            for c in answer.parameters
+        ]
+        tables.append(Table("Numbers", ("", "before", "after ± standard deviation"), rows))
+        rows = [(c.name, sources(c.made_of, NAMED)) for c in answer.parameters if c.made_of]
+        note = (
+            "Shares of the variance. Names of numbers stand for what is known of them beforehand; what the "
+            "mesh and a law that is not quite right may do is counted too."
+        )
+        tables.append(Table("What the standard deviations are made of", ("", "sources"), rows, note=note))
+    if len(answer.held_out) > 1:
+        before, after = answer.held_out
+        rows = [
+            ("residual of T_tip on what was fitted, rms", *(number(v, "N", 3) for v in answer.rms_N)),
+            ("on what was held out, rms", *(number(h["rms_N"], "N", 3) for h in answer.held_out)),
+            ("chi² per sample, held out", *(number(h["chi2_per_n"], digits=3) for h in answer.held_out)),
+            ("noise, as it should be left, rms", *(number(answer.expected_N, "N", 3),) * 2),
+        ]
+        note = (
+            f"Held out in turn: {after['folds']:.0f} parts (cycles, recordings, or stretches of one loop); "
+            f"better with in {after['best_in']:.0f}, without in {before['best_in']:.0f}."
+        )
+        tables.append(Table("On data the fit has not seen", ("", "without", "with"), rows, note=note))
+    if answer.rivals:
+        rows = [
+            (
+                " + ".join(r.names) or "nothing missing",
+                f"{r.probability:.3g}",
+                number(r.delta, digits=3),
+                number(r.chi2_per_n, digits=3),
+                f"{r.failed} steps" if r.failed else "",
+            )
+            for r in answer.rivals[: 2 * SHOWN]
+        ]
+        refitted = {" + ".join(r.names) for r in answer.rivals}
+        rows += [
+            (what, f"{p:.3g}", "", "", "") for what, p in answer.probability.items() if what not in refitted
+        ]
+        heads = ("model", "probability", "better by [standard errors]", "chi² per sample", "not converged")
+        tables.append(Table("Rivals", heads, rows))
+        kinds = dict.fromkeys(name.partition(".")[0] for r in answer.rivals[:4] for name in r.names)
+        told = [(kind, REGISTRY[kind].says, REGISTRY[kind].told_apart) for kind in kinds]
+        if told:
+            tables.append(Table("How to tell them apart", ("term", "what it is", "experiment"), told))
+    if answer.strata:
+        rows = [(part, measured(v, sd), number(own, digits=2)) for part, v, sd, own in answer.strata]
+        heads = ("part", "mu ± standard error", "of it the part's own")
+        note = (
+            "All other numbers as fitted, nothing added. What is uncertain of them moves all parts together: "
+            "to compare two parts, take the last column."
+        )
+        title = "Friction from parts of the recording, by the base model"
+        tables.append(Table(title, heads, rows, note=note))
+    if answer.experiment is not None:
+        rows = [(what, number(v, digits=3)) for what, v in answer.experiment.menu]
+        tables.append(Table("What to measure next", ("experiment", "tells apart by [standard errors]"), rows))
+    if answer.smallest_detectable:
+        units = {f"{t.id}.{q.name}": q.unit for t in REGISTRY.values() for q in t.quantities}
+        rows = [
+            (name, detectable(name, v, units[name])) for name, v in sorted(answer.smallest_detectable.items())
+        ]
+        note = (
+            "Changes from null that move the recordings by "
+            f"{answer.settings['seen_standard_errors']:g} standard errors once mu and E have followed."
+        )
+        tables.append(Table("Smallest effects that would have been seen", ("", "size"), rows, note=note))
+    return tables

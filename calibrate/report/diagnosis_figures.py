@@ -1,0 +1,152 @@
+"""Where a model and a recording differ, before and after what was missing is put in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from gtr_jax.plots.style import (
+    BLUE,
+    GREY,
+    INK,
+    PALE,
+    VERMILLION,
+    WIDTH,
+    figure,
+    legend_above,
+    phase_keys,
+    styled,
+)
+
+from .fit_figures import by_phase
+
+FOUND = "with what was missing"
+
+
+@styled
+def plot_before_after(
+    T_base: np.ndarray, recorded: np.ndarray, before: np.ndarray, after: np.ndarray | None, label: str = FOUND
+) -> Figure:
+    """The loop: recorded, and the model refitted without and with what was missing.
+
+    Args:
+        T_base: base tension [N], (K,).
+        recorded, before, after: tip tension [N], (K,); `after` None where nothing was found.
+        label: what the model after has.
+    """
+    fig, (axes,) = figure(3.9)
+    axes.plot(T_base, recorded, linestyle="", marker="o", markersize=2.4, color=GREY, alpha=0.55)
+    axes.plot(T_base, before, color=VERMILLION, linewidth=1.0)
+    keys = [
+        Line2D([], [], marker="o", linestyle="", markersize=4, color=GREY, label="recorded"),
+        Line2D([], [], color=VERMILLION, label="best fit without" if after is not None else "best fit"),
+    ]
+    if after is not None:
+        axes.plot(T_base, after, color=BLUE, linewidth=1.2)
+        keys.append(Line2D([], [], color=BLUE, label=label))
+    axes.set_xlabel("tension at the base $T_{base}$ [N]")
+    axes.set_ylabel("tension at the tip $T_{tip}$ [N]")
+    legend_above(fig, keys)
+    return fig
+
+
+@styled
+def plot_residual_map(
+    T_base: np.ndarray,
+    before: np.ndarray,
+    after: np.ndarray | None,
+    *,
+    phases: np.ndarray,
+    noise: float,
+    label: str = FOUND,
+) -> Figure:
+    """Simulated minus recorded tip tension against base tension, before and after, on one scale.
+
+    Args:
+        T_base: base tension [N], (K,).
+        before, after: residuals [N], (K,).
+        phases: label of each sample, (K,).
+        noise: standard deviation of the tip's cell [N].
+        label: what the model after has.
+    """
+    panels = [("without", before)] + ([] if after is None else [(label, after)])
+    fig, rows = figure(0.9 + 2.2 * len(panels), len(panels), sharex=True, sharey=True)
+    for axes, (which, residual) in zip(rows, panels, strict=True):
+        axes.axhspan(-2 * noise, 2 * noise, color=PALE, linewidth=0, zorder=0)
+        by_phase(axes, T_base, residual, phases)
+        axes.set_ylabel("simulated − recorded [N]")
+        axes.set_title(f"best fit {which}" if after is not None else "best fit", loc="left", fontsize=9)
+    rows[-1].set_xlabel("tension at the base $T_{base}$ [N]")
+    legend_above(fig, phase_keys(phases, marker="o"))
+    return fig
+
+
+@styled
+def plot_branches(
+    branches: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], label: str = FOUND
+) -> Figure:
+    """Half the difference D and half the sum S of ln(T_tip/T_base) on release and pull, at matched tension.
+
+    Args:
+        branches: base tension [N], D and S, (n,) each: of the recording, the model before, and after.
+        label: what the model after has.
+    """
+    fig, rows = figure(4.2, 2, sharex=True)
+    styles = [
+        ({"marker": "o", "linestyle": "", "markersize": 4, "color": GREY}, "recorded"),
+        ({"color": VERMILLION, "linewidth": 1.2}, "best fit without"),
+        ({"color": BLUE, "linewidth": 1.2}, label),
+    ]
+    for (at, D, S), (style, _) in zip(branches, styles, strict=False):
+        rows[0].plot(at, D, **style)
+        rows[1].plot(at, S, **style)
+    rows[0].set_ylabel("D: friction [–]")
+    rows[1].set_ylabel("S: gains, offsets [–]")
+    rows[1].set_xlabel("tension at the base $T_{base}$ [N]")
+    legend_above(fig, [Line2D([], [], label=what, **style) for style, what in styles[: len(branches)]])
+    return fig
+
+
+@styled
+def plot_rivals(names: Sequence[str], probability: np.ndarray, delta: np.ndarray) -> Figure:
+    """How probable each model is, and by how much it fits better than the base model.
+
+    Args:
+        names: of the models, the most probable first.
+        probability: of each, (n,).
+        delta: root of the drop of the sum of squares, (n,).
+    """
+    n = len(names)
+    fig = Figure(figsize=(WIDTH, 1.1 + 0.34 * n), layout="constrained")
+    left, right = fig.subplots(1, 2, sharey=True)
+    at = np.arange(n)[::-1]
+    left.barh(at, delta, color=[BLUE if i == 0 else GREY for i in range(n)], height=0.6)
+    right.barh(at, probability, color=[BLUE if i == 0 else GREY for i in range(n)], height=0.6)
+    left.set_yticks(at, names, fontsize=8)
+    left.set_xlabel("better by [standard errors]")
+    right.set_xlabel("probability")
+    right.set_xlim(0, 1)
+    for y, p in zip(at, probability, strict=True):
+        right.text(min(p + 0.02, 0.8), y, f"{p:.2g}", va="center", fontsize=8, color=INK)
+    return fig
+
+
+@styled
+def plot_history(time: np.ndarray, T_base: np.ndarray, T_tip: np.ndarray | None = None) -> Figure:
+    """A load history to drive: base tension [N] over time [s], (K,) each; or, of a check of the cells, the
+    weights on that of the base and on that of the tip.
+    """
+    fig, (axes,) = figure(2.2)
+    axes.set_xlabel("time [s]")
+    if T_tip is None:
+        axes.plot(time, T_base, color=BLUE)
+        axes.set_ylabel("$T_{base}$ [N]")
+        return fig
+    axes.plot(time, T_base, color=BLUE, marker="o", ms=3, label="base cell")
+    axes.plot(time, T_tip, color=VERMILLION, marker="s", ms=3, ls="--", label="tip cell")
+    axes.set_ylabel("weight on the cell [N]")
+    axes.legend(frameon=False, fontsize=8)
+    return fig

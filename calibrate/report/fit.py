@@ -1,0 +1,342 @@
+"""A fit in words, tables and pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from gtr_jax.files.numbers import measured_quantity, number, quantity
+from gtr_jax.files.recording import Recording
+from gtr_jax.files.units import display_of
+from gtr_jax.plots.style import is_seen, png
+from gtr_jax.report.page import Figure, Report, Table
+from gtr_jax.terms import REGISTRY
+
+from ..result import FitResult, FittedRecording
+from . import fit_figures as draw
+
+NAMES = {"mu": "μ"}  # as pictures write them
+
+
+def fit_report(fit: FitResult, recordings: Sequence[Recording], name: str) -> Report:
+    """Verdict, figures and tables of a fit.
+
+    Args:
+        fit: from `calibrate.fit`.
+        recordings: what was fitted.
+        name: of the robot.
+    """
+    figures = [
+        figure
+        for fitted, recording in zip(fit.recordings, recordings, strict=True)
+        for figure in _figures(fit, fitted, recording, several=len(recordings) > 1)
+    ]
+    return Report(
+        title=f"{name}: fit",
+        verdict=fit.verdict,
+        warnings=fit.warnings,
+        figures=[*figures, *_profile_figure(fit), *_posterior_figure(fit)],
+        tables=_tables(fit),
+    )
+
+
+def _figures(fit: FitResult, fitted: FittedRecording, recording: Recording, *, several: bool) -> list[Figure]:
+    if recording.T_tip is None:
+        raise ValueError("a recording without T_tip cannot have been fitted")
+    ending, whose = (f"-{fitted.name}", f"{fitted.name}: ") if several else ("", "")
+    phases = np.asarray(fitted.phases)
+    model = np.asarray(fitted.T_base), np.asarray(fitted.T_tip)
+    band = _band(fitted)
+    loop = draw.plot_fit(
+        recording.T_base,
+        recording.T_tip,
+        simulated=model,
+        phases=phases,
+        band=band,
+        found=[
+            f"{NAMES.get(e.name, e.name)} = {measured_quantity(e.value, e.sd, e.unit)}" for e in fit.estimates
+        ],
+    )
+    over_time = draw.plot_time(
+        recording.time, recording.T_base, recording.T_tip, simulated=model[1], phases=phases
+    )
+    left = np.asarray(fitted.residual)
+    residual = draw.plot_residual(recording.T_base, left, phases=phases, noise=fitted.noise_N)
+    figures = [
+        Figure(
+            f"fit{ending}",
+            png(loop),
+            f"{whose}The recording, coloured by the fitted model's phase, and the model's "
+            f"loop{_within(band, model[1])}.",
+        ),
+        Figure(
+            f"time{ending}",
+            png(over_time),
+            f"{whose}The same {'sample by sample' if recording.time is None else 'over time'}, with the "
+            "tension at the base.",
+        ),
+        Figure(
+            f"residual{ending}",
+            png(residual),
+            f"{whose}Simulated minus recorded tip tension, against base tension and along it"
+            f"{noise_band(fitted.noise_N, left)}. A pattern means that the model lacks something.",
+        ),
+    ]
+    others = {
+        name: (np.asarray(getattr(recording, name)), np.asarray(channel.simulated))
+        for name, channel in fitted.channels.items()
+        if name != "T_tip"
+    }
+    if others:
+        figures.append(
+            Figure(
+                f"channels{ending}",
+                png(draw.plot_channels(recording.T_base, model[0], others, phases=phases)),
+                f"{whose}What else was recorded, and the fitted model.",
+            )
+        )
+    return figures
+
+
+def noise_band(noise: float | None, residual: np.ndarray) -> str:
+    """What the caption of a residual says of the band of the noise, [N]."""
+    if not noise:
+        return ""
+    if is_seen(2 * noise, residual):
+        return "; the grey band is two standard deviations of the noise"
+    return f"; the noise, {number(noise, 'N', 2)}, is too small to be seen here"
+
+
+def _within(band: np.ndarray, T_tip: np.ndarray) -> str:
+    """What the caption of a loop says of the band about it, [N], (K,)."""
+    if is_seen(float(np.max(band)), T_tip):
+        return "; 95 in 100 samples lie within the grey band if the model is right"
+    return f"; 95 in 100 samples lie within {number(float(np.max(band)), 'N', 2)} of it if the model is right"
+
+
+def _band(fitted: FittedRecording) -> np.ndarray:
+    """Half width of the band that holds 95 % of samples: noise and the parameters' uncertainty, (K,) [N]."""
+    return 1.96 * np.hypot(np.asarray(fitted.band), fitted.noise_N or 0.0)
+
+
+def _profile_figure(fit: FitResult) -> list[Figure]:
+    if not fit.profiles:
+        return []
+    curves = {}
+    for e in fit.estimates:
+        if e.name in fit.profiles:
+            p = fit.profiles[e.name]
+            display, factor = display_of(e.unit)
+            label = f"{e.name} [{display}]" if display else e.name
+            curves[label] = (np.asarray(p.values) / factor, np.asarray(p.rise), np.asarray(p.parabola))
+    return [
+        Figure(
+            "profiles",
+            png(draw.plot_profiles(curves)),
+            "Rise of the sum of squares as one parameter is held and the others are fitted anew. Where it "
+            "leaves the parabola of the standard error, believe the profile.",
+        )
+    ]
+
+
+def _posterior_figure(fit: FitResult) -> list[Figure]:
+    if fit.posterior is None:
+        return []
+    draws = np.asarray(fit.posterior.draws)
+    draws = draws.reshape(-1, draws.shape[-1])
+    columns = {}
+    for e, values in zip(fit.estimates, draws.T, strict=True):
+        display, factor = display_of(e.unit)
+        columns[f"{e.name} [{display}]" if display else e.name] = values / factor
+    return [Figure("posterior", png(draw.plot_draws(columns)), "Draws from the posterior, and their shares.")]
+
+
+def _posterior_table(fit: FitResult) -> list[Table]:
+    if fit.posterior is None:
+        return []
+    p = fit.posterior
+    rows = [
+        (
+            e.name,
+            quantity(float(p.sd[i]), e.unit, 2),
+            interval(float(p.lower95[i]), float(p.upper95[i]), float(p.sd[i]), e.unit),
+            f"{p.effective[i]:.0f}",
+            f"{p.rhat[i]:.3f}",
+        )
+        for i, e in enumerate(fit.estimates)
+    ]
+    chains, draws, _ = p.draws.shape
+    note = f"{chains} chains of {draws} draws, {p.divergences} divergences; chains agree below R-hat 1.01."
+    columns = ("parameter", "standard deviation", "95 % interval", "effective draws", "R-hat")
+    return [Table("Posterior, by NUTS", columns, rows, note=note)]
+
+
+def interval(low: float | None, high: float | None, sd: float | None, unit: str) -> str:
+    """The ends of an interval, to the digits that the standard error leaves, with their unit once."""
+    ends = [measured_quantity(end, sd, unit, error=False) for end in (low, high)]
+    display = ends[1].partition(" ")[2]
+    return f"{ends[0].removesuffix(display).rstrip()} to {ends[1]}"
+
+
+def detectable(name: str, size: float | None, unit: str) -> str:
+    """The smallest change of a number that would be seen; of a term's, whether any usual one would be."""
+    kind, _, own = name.partition(".")
+    quantities = {q.name: q for q in REGISTRY[kind].quantities} if kind in REGISTRY else {}
+    if size is not None and own in quantities:
+        q = quantities[own]
+        farthest = max(abs(end - float(q.null)) for end in q.usual)
+        if not size <= farthest:
+            return f"not visible at any usual size (up to {quantity(farthest, unit, 2)} from none)"
+    return quantity(size, unit, 2)
+
+
+def _tables(fit: FitResult) -> list[Table]:
+    estimates = [
+        (
+            e.name,
+            measured_quantity(e.value, e.sd, e.unit),
+            interval(e.lower95, e.upper95, e.sd, e.unit),
+            detectable(e.name, e.detectable, e.unit),
+            quantity(e.initial, e.unit),
+            e.note,
+        )
+        for e in fit.estimates
+    ]
+    columns = (
+        *("parameter", "fitted ± standard error", "95 % interval", "smallest change seen", "before", "note"),
+    )
+    note = (
+        "Intervals count the noise of the cells and all that the robot file calls uncertain; they are those "
+        "of the model as it stands. The smallest change seen is found significant at 5 % "
+        "in 95 of 100 recordings like these."
+    )
+    tables = [
+        Table("Estimates", columns, estimates, note=note),
+        *_made_of(fit),
+        *_posterior_table(fit),
+        *_agreement(fit),
+        *_correlations(fit),
+        *_distances(fit.recordings),
+    ]
+    several = len(fit.recordings) > 1
+    phases = [
+        (
+            *([r.name] if several else []),
+            phase,
+            str(p["count"]),
+            number(p["rms_N"], digits=3),
+            number(p["mean_N"], digits=3),
+        )
+        for r in fit.recordings
+        for phase, p in r.by_phase.items()
+    ]
+    heads = (*(["recording"] if several else []), "phase", "samples", "rms [N]", "mean [N]")
+    solver = [
+        ("result", fit.result if fit.converged else f"not converged: {fit.result}"),
+        ("iterations, evaluations", f"{fit.iterations}, {fit.evaluations}"),
+    ]
+    return [*tables, Table("By phase", heads, phases), Table("Solver", ("", ""), solver)]
+
+
+def _made_of(fit: FitResult) -> list[Table]:
+    """What the intervals are made of, and the uncertain numbers that were carried along."""
+    rows = [(e.name, sources(e.made_of)) for e in fit.estimates if e.made_of]
+    tables = []
+    if rows:
+        note = "Shares of the variance. A number's own name is what the robot file says of it beforehand."
+        tables.append(
+            Table("What the standard errors are made of", ("parameter", "sources"), rows, note=note)
+        )
+    carried = [
+        (
+            e.name,
+            measured_quantity(e.value, e.sd, e.unit),
+            quantity(e.initial, e.unit),
+            e.note,
+        )
+        for e in fit.carried
+    ]
+    if carried:
+        note = (
+            "Nobody asked for these: the robot file calls them uncertain, so they are fitted within what it "
+            "says of them. What is left of their uncertainty is in the intervals of the others."
+        )
+        heads = ("parameter", "fitted ± standard error", "before", "note")
+        tables.append(Table("Carried along", heads, carried, note=note))
+    return tables
+
+
+def sources(made_of: Mapping[str, float], least: float = 0.0) -> str:
+    """Sources of a variance with their shares from the least on, the largest first."""
+    largest = sorted(made_of.items(), key=lambda item: -item[1])
+    return ", ".join(f"{source} {100 * share:.0f} %" for source, share in largest if share >= least)
+
+
+def _agreement(fit: FitResult) -> list[Table]:
+    """Parameters from part of the samples alone."""
+    rows = [
+        (e.name, part, measured_quantity(e.value, e.sd, e.unit))
+        for part, e in [
+            *((f"{phase} alone", e) for phase, e in fit.mu_by_phase.items()),
+            *((f"{which} alone", e) for each in fit.by_recording.values() for which, e in each.items()),
+        ]
+    ]
+    columns = ("parameter", "from", "fitted ± standard error")
+    return (
+        [
+            Table(
+                "Do the parts agree?",
+                columns,
+                rows,
+                note="All other parameters as fitted; what is uncertain of them is in the errors.",
+            )
+        ]
+        if rows
+        else []
+    )
+
+
+def _correlations(fit: FitResult) -> list[Table]:
+    names = [e.name for e in fit.estimates]
+    if len(names) < 2:
+        return []
+    rows = [
+        (name, *(number(float(rho), digits=3) for rho in row))
+        for name, row in zip(names, np.asarray(fit.correlation), strict=True)
+    ]
+    known = [(says, f"{number(100 * sd, digits=2)} %") for says, sd in fit.axes]
+    return [
+        Table("Correlations of the estimates", ("", *names), rows),
+        Table(
+            "What is known independently",
+            ("change", "standard error"),
+            known,
+            note="Combinations of the parameters, the least known first.",
+        ),
+    ]
+
+
+def _distances(recordings: Sequence[FittedRecording]) -> list[Table]:
+    tables = []
+    for r in recordings:
+        base_noise = number(r.noise_base_N, "N", 3) if r.noise_base_N else "none: taken as exact"
+        rows = [
+            ("residual, root mean square", number(r.rms_N, "N", 3)),
+            ("noise of the tip cell, one sd", number(r.noise_N, "N", 3)),
+            ("noise of the base cell, one sd", base_noise),
+            ("chi² per sample", number(r.chi2_per_n, digits=3)),
+        ]
+        steps = r.settings.get("samples_simulated", len(r.T_base))
+        if steps < len(r.T_base):
+            rows.append(("samples compared, simulated", f"{len(r.T_base)}, {steps}"))
+        if r.outliers:
+            rows.append(("samples that count less than half", str(r.outliers)))
+        rows += [
+            (f"{name}, root mean square", quantity(channel.rms, channel.unit, 3))
+            for name, channel in r.channels.items()
+            if name != "T_tip"
+        ]
+        of = f" {r.name}" if len(recordings) > 1 else " the recording"
+        tables.append(Table(f"Distance from{of}", ("", ""), rows))
+    return tables

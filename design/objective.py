@@ -1,0 +1,257 @@
+"""The design problem as numbers to compute with: residuals of the targets, the goal, and the margins of the
+limits, as functions of the coordinates of the search.
+
+The coordinates z run from 0 to 1 between the bounds. Residuals are in units of the tolerances.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Bool, Float, Int
+
+from gtr_jax.robot.robot import Robot
+from gtr_jax.robot.routing import StraightSineStraight
+
+from .limits import LEAST_WAVE, LOSS, RELEASE, TIP, LimitValues, channel_margins, stations_of
+from .model import States, states_of
+
+NEAR = 0.9  # of its tolerance, to which a target is kept where there is a goal
+
+
+class Wanted(eqx.Module):
+    """What the targets ask for, of P poses and Q points.
+
+    Attributes:
+        pose: x [m], y [m], angle [rad], (P, 3); any number where not asked for.
+        pose_scale: 1/tolerance times the root of the weight, (P, 3); 0 where not asked for.
+        pose_state: state of each pose (static).
+        point_s: arc length of the points [m], (Q,). point: where they are to be [m], (Q, 2).
+        point_scale: as of poses, (Q,). point_state: state of each (static).
+        direction: of the goal [rad], ().
+        goal_scale: size of the goal that counts as 1: m, rad or N, ().
+        utopia: of the goal over its scale, no design is beyond it, ().
+        goal: "reach", "bend", "tension" or "" (static). goal_state: its state (static).
+    """
+
+    pose: Float[Array, "P 3"]
+    pose_scale: Float[Array, "P 3"]
+    point_s: Float[Array, " Q"]
+    point: Float[Array, "Q 2"]
+    point_scale: Float[Array, " Q"]
+    direction: Float[Array, ""]
+    goal_scale: Float[Array, ""]
+    pose_state: tuple[int, ...] = eqx.field(static=True)
+    point_state: tuple[int, ...] = eqx.field(static=True)
+    utopia: Float[Array, ""]
+    goal: str = eqx.field(static=True)
+    goal_state: int = eqx.field(static=True)
+
+
+class Objective(eqx.Module):
+    """What designs are judged by, as numbers.
+
+    Attributes:
+        robot: the template. index: places of the p numbers that change in it, flattened, (p,).
+        lower, upper: bounds of all coordinates, SI, (p+q,).
+        tensions: base tensions of the file, increasing [N], (t,).
+        free: which of them are coordinates (static), q of them.
+        states: number of the tension, and whether on the releasing branch, of each state (static).
+        wanted: the targets. limits: the numbers of the limits.
+        given: which limits are looked at (static). active: 1 for each that holds, 0 for one put aside, (k,).
+        draws: steps of friction coefficient and modulus that the design allows for, relative, (D, 2).
+        shares: weight of each, (D,).
+        uncertain: places of those two in the robot, (2,).
+        spread: "nominal", "expected" or "worst" (static).
+        stations: places at which the channel is looked at (static).
+        with_terms: whether physics terms act (static).
+    """
+
+    robot: Robot
+    index: Int[Array, " p"]
+    lower: Float[Array, " c"]
+    upper: Float[Array, " c"]
+    tensions: Float[Array, " t"]
+    wanted: Wanted
+    limits: LimitValues
+    active: Float[Array, " k"]
+    draws: Float[Array, "D 2"]
+    shares: Float[Array, " D"]
+    uncertain: Int[Array, " 2"]
+    free: tuple[int, ...] = eqx.field(static=True)
+    states: tuple[tuple[int, bool], ...] = eqx.field(static=True)
+    given: tuple[str, ...] = eqx.field(static=True)
+    spread: str = eqx.field(static=True)
+    stations: int = eqx.field(static=True)
+    with_terms: bool = eqx.field(static=True)
+
+
+class Evaluation(NamedTuple):
+    """One design, judged.
+
+    residuals: in units of the tolerances, (m,); with a goal, how far that is from utopia, (1,), and the
+    targets are margins. goal: the smaller the better, about 1, (). margins: of the limits in their scales,
+    (K,), those put aside far away. pose: of the states, (S, 3). T_tip: (S,).
+    converged: ().
+    """
+
+    residuals: Float[Array, " m"]
+    goal: Float[Array, ""]
+    margins: Float[Array, " K"]
+    pose: Float[Array, "S 3"]
+    T_tip: Float[Array, " S"]
+    converged: Bool[Array, ""]
+
+
+def robot_of(objective: Objective, z: Float[Array, " c"]) -> Robot:
+    """The robot of a design."""
+    flat, unravel = ravel_pytree(objective.robot)
+    values = objective.lower + z * (objective.upper - objective.lower)
+    robot = unravel(flat.at[objective.index].set(values[: objective.index.shape[0]]))
+    return _in_order(robot)
+
+
+def _in_order(robot: Robot) -> Robot:
+    """A wave that would end before it begins gets a length; a limit of its own keeps designs away from it."""
+    if not isinstance(robot.routing, StraightSineStraight):
+        return robot
+    least = robot.routing.w1 + 0.5 * LEAST_WAVE * robot.backbone.length
+    w2 = jnp.where(robot.routing.w2 < least, least, robot.routing.w2)
+    return eqx.tree_at(lambda r: r.tendons[0].routing.w2, robot, w2)
+
+
+def tensions_of(objective: Objective, z: Float[Array, " c"]) -> Float[Array, " t"]:
+    """Base tensions of a design [N], (t,)."""
+    if not objective.free:
+        return objective.tensions
+    values = objective.lower + z * (objective.upper - objective.lower)
+    return objective.tensions.at[jnp.asarray(objective.free)].set(values[objective.index.shape[0] :])
+
+
+def solve_states(objective: Objective, robot: Robot, tensions: Float[Array, " t"]) -> States:
+    """The states of a design."""
+    T = tensions[jnp.asarray([number for number, _ in objective.states])]
+    released = tuple(r for _, r in objective.states)
+    return states_of(robot, T, released, jnp.max(tensions), objective.with_terms)
+
+
+def errors_of(wanted: Wanted, states: States) -> Float[Array, " m"]:
+    """Residuals of all targets in units of their tolerances: poses, then points."""
+    parts = []
+    if wanted.pose_state:
+        pose = states.pose[jnp.asarray(wanted.pose_state)]
+        parts.append(((pose - wanted.pose) * wanted.pose_scale).ravel())
+    if wanted.point_state:
+        at = jnp.asarray(wanted.point_state)
+        there = jax.vmap(lambda i, s: point_at(states, i, s))(at, wanted.point_s)
+        parts.append(((there - wanted.point) * wanted.point_scale[:, None]).ravel())
+    return jnp.concatenate(parts) if parts else jnp.zeros(0)
+
+
+def point_at(states: States, i, s) -> Float[Array, "2"]:
+    """The midline of state i at arc length s [m]: a cubic between the nodes, with their directions."""
+    node = jnp.clip(jnp.searchsorted(states.s, s, side="left"), 1, states.s.shape[0] - 1)
+    start, end = states.s[node - 1], states.s[node]
+    h = jnp.where(end > start, end - start, 1.0)
+    u = jnp.clip((s - start) / h, 0.0, 1.0)
+
+    def along(values, slopes):
+        a, b, da, db = values[i, node - 1], values[i, node], slopes[i, node - 1], slopes[i, node]
+        rise = u * u * (3.0 - 2.0 * u)
+        return a + (b - a) * rise + h * u * (1.0 - u) * (da * (1.0 - u) - db * u)
+
+    return jnp.stack([along(states.x, jnp.cos(states.angle)), along(states.y, jnp.sin(states.angle))])
+
+
+def goal_of(wanted: Wanted, states: States) -> Float[Array, ""]:
+    """What is to be made small, about 1; 0 without a goal."""
+    if not wanted.goal:
+        return jnp.zeros(())
+    x, y, angle = states.pose[wanted.goal_state]
+    if wanted.goal == "reach":
+        value = -(x * jnp.cos(wanted.direction) + y * jnp.sin(wanted.direction))
+    elif wanted.goal == "bend":
+        value = -jnp.sqrt(angle**2 + 1e-8)
+    else:
+        value = jnp.max(states.T_base)
+    return value / wanted.goal_scale
+
+
+def load_margins(objective: Objective, states: States) -> dict[str, Float[Array, " _"]]:
+    """Margins of the limits on tensions, by limit."""
+    margins = {}
+    pulled = jnp.asarray([i for i, (_, released) in enumerate(objective.states) if not released], dtype=int)
+    if LOSS in objective.given:
+        margins[LOSS] = states.T_tip[pulled] / states.T_base[pulled] - (1.0 - objective.limits.loss)
+    if TIP in objective.given:
+        margins[TIP] = (states.T_tip - objective.limits.tip) / jnp.max(objective.tensions)
+    if (
+        RELEASE in objective.given
+    ):  # from the last tension, which with all of them free has to stay the largest
+        last = objective.tensions.shape[0] - 1
+        others = jnp.asarray([i for i, (number, _) in enumerate(objective.states) if number != last])
+        top = states.T_base[objective.states.index((last, False))]
+        margins[RELEASE] = (top - states.T_base[others]) / jnp.max(objective.tensions)
+    return margins
+
+
+def evaluate(objective: Objective, z: Float[Array, " c"]) -> Evaluation:
+    """Judge one design.
+
+    Args:
+        objective: the problem.
+        z: coordinates in [0, 1], (c,).
+    """
+    robot, tensions = robot_of(objective, z), tensions_of(objective, z)
+    states = solve_states(objective, robot, tensions)
+    margins = channel_margins(
+        robot, stations_of(robot, objective.stations), objective.limits, objective.given
+    )
+    margins |= load_margins(objective, states)
+    rows = [
+        margins[name] * objective.active[i] + (1.0 - objective.active[i])
+        for i, name in enumerate(objective.given)
+        if name in margins
+    ]
+    errors, goal, ok = (
+        errors_of(objective.wanted, states),
+        goal_of(objective.wanted, states),
+        states.converged,
+    )
+    nominal = errors
+    if objective.spread != "nominal":
+        errors, goal, ok = _spread(objective, robot, tensions)
+    if objective.wanted.goal:
+        rows += [NEAR - nominal, NEAR + nominal] if nominal.shape[0] else []
+        errors = (goal - objective.wanted.utopia)[None]
+    return Evaluation(errors, goal, jnp.concatenate(rows), states.pose, states.T_tip, ok)
+
+
+def at_draw(objective: Objective, robot: Robot, draw: Float[Array, "2"]) -> Robot:
+    """The robot with friction coefficient and modulus off by relative steps."""
+    flat, unravel = ravel_pytree(robot)
+    return unravel(flat.at[objective.uncertain].multiply(1.0 + draw))
+
+
+def _spread(objective: Objective, robot: Robot, tensions):
+    """Residuals and goal over what is not known, and whether all converged."""
+
+    def one(draw):
+        states = solve_states(objective, at_draw(objective, robot, draw), tensions)
+        return errors_of(objective.wanted, states), goal_of(objective.wanted, states), states.converged
+
+    errors, goals, ok = (
+        jax.lax.map(one, objective.draws) if objective.with_terms else jax.vmap(one)(objective.draws)
+    )
+    if objective.spread == "expected":
+        return (
+            (jnp.sqrt(objective.shares)[:, None] * errors).ravel(),
+            jnp.sum(objective.shares * goals),
+            jnp.all(ok),
+        )
+    worst = jnp.max(jnp.sqrt(jnp.sum(errors**2, axis=1) + 1e-12))
+    return worst[None], jnp.max(goals), jnp.all(ok)

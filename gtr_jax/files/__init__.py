@@ -1,0 +1,1 @@
+"""Text, units, tables, recordings and robot files: read, checked and written."""

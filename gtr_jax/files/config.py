@@ -1,0 +1,221 @@
+"""The robot file: `robot.toml` read, checked and written.
+
+Its tables are in `sections`, how they are written in `config_form`, what fits into what in `config_checks`,
+its JSON Schema in `schema`.
+"""
+
+from __future__ import annotations
+
+import os
+import textwrap
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from pydantic import ConfigDict, Field, ModelWrapValidatorHandler, StrictStr, model_validator
+
+from gtr_jax.errors import InputError
+from gtr_jax.terms import REGISTRY, null_values
+
+from .config_checks import check_robot
+from .config_file import dotted, find_key, place_of, read_toml
+from .config_form import check_strings, check_terms
+from .recording import write_whole
+from .sections import (
+    BackboneConfig,
+    Deviation,
+    FileSection,
+    LoadsConfig,
+    OneOfSeveralTendons,
+    RoutingConfig,
+    TendonConfig,
+    TermConfig,
+)
+from .units import DIMENSIONS, parse_quantity, to_si
+
+# Columns of a comment in a robot file.
+NOTE_WIDTH = 110
+
+# Names by which people call the two numbers that are fitted most.
+_SHORT = {"mu": "friction_coefficient", "E": "youngs_modulus"}
+
+
+def _one_tendon_or_several(schema: dict[str, Any]) -> None:
+    schema["oneOf"] = [{"required": ["routing", "tendon"]}, {"required": ["tendons"]}]
+
+
+class RobotConfig(FileSection):
+    """A robot as its file describes it, in SI units."""
+
+    model_config = ConfigDict(title="robot.toml of gtr-jax", json_schema_extra=_one_tendon_or_several)
+
+    schema_version: Literal[1] = Field(alias="schema", examples=[1])
+    """Version of the file format."""
+    name: StrictStr = "robot"
+    """Name in reports."""
+    backbone: BackboneConfig
+    if TYPE_CHECKING:  # so that whoever knows that a robot has one tendon need not say so again
+        routing: RoutingConfig
+        tendon: TendonConfig
+    else:
+        routing: RoutingConfig | None = None
+        """The channel of a robot with one tendon; of several each has its own."""
+        tendon: TendonConfig | None = None
+        """The tendon of a robot with one; None where `tendons` has several."""
+    tendons: tuple[OneOfSeveralTendons, ...] = ()
+    """The tendons of a robot with several, instead of routing and tendon."""
+    loads: LoadsConfig = LoadsConfig()
+    uncertainty: dict[str, Deviation] = Field(default_factory=dict)
+    """Prior knowledge of numbers of the robot ("youngs_modulus"): one standard deviation, relative or with a
+    unit."""
+    terms: tuple[TermConfig, ...] = ()
+    """Physics beyond the paper, each term once."""
+
+    @classmethod
+    def _resolved(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
+        check_terms(data, REGISTRY)
+        check_strings(data)
+        return data
+
+    @property
+    def strung(self) -> tuple[tuple[str, TendonConfig, Any], ...]:
+        """Name (of an only one: ""), tendon and routing of every tendon, in the order of the file."""
+        if not self.tendons:
+            return (("", self.tendon, self.routing),)
+        return tuple((tendon.name, tendon, tendon.routing) for tendon in self.tendons)
+
+    @property
+    def tendon_names(self) -> tuple[str, ...]:
+        """Names of several tendons; empty for one."""
+        return tuple(tendon.name for tendon in self.tendons)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _checked(cls, data: Any, handler: ModelWrapValidatorHandler[RobotConfig]) -> RobotConfig:
+        """The robot, if it can be one; under [uncertainty] keys as written give way to dotted ones."""
+        config = handler(data)
+        check_robot(config.backbone, strung=config.strung, loads=config.loads, terms=config.terms)
+        return config.model_copy(update={"uncertainty": config._dotted_deviations()})
+
+    def _dotted_deviations(self) -> dict[str, float | str]:
+        """What [uncertainty] says, by dotted key; InputError if it cannot be."""
+        resolved: dict[str, float | str] = {}
+        for key, deviation in self.uncertainty.items():
+            path = find_key(_SHORT.get(key, key), self.numbers(), "uncertainty")
+            size = deviation
+            if isinstance(size, str):
+                size = to_si(size, self._unit_of(path), f"uncertainty.{key}")
+            if size <= 0:
+                raise InputError(
+                    f"uncertainty.{key}: must be positive, is {deviation}; remove it if known exactly"
+                )
+            if path in resolved:
+                raise InputError(f"uncertainty.{key}: {path} stands twice; keep one")
+            resolved[path] = deviation
+        return resolved
+
+    def _unit_of(self, key: str) -> str:
+        """SI unit of a number of the robot, by dotted key."""
+        data = self.model_dump(mode="json", by_alias=True, exclude_none=True, context={"unit_strings": True})
+        text = next(value for path, value in dotted(data) if path == key)
+        shown = text.split(" ", 1)[1] if isinstance(text, str) else "dimensionless"
+        return next(si for si, d in DIMENSIONS.items() if shown in (d.display, si))
+
+    def without_deviations(self, keys: Iterable[str]) -> RobotConfig:
+        """A copy in which [uncertainty] says nothing of some numbers, by dotted key."""
+        gone = set(keys)
+        left = {key: said for key, said in self.uncertainty.items() if key not in gone}
+        return self.model_copy(update={"uncertainty": left})
+
+    def with_deviations(self, deviations: Mapping[str, float]) -> RobotConfig:
+        """A copy in which [uncertainty] says other things of some numbers: standard deviations in SI, by
+        dotted key. They are written as shares, to three digits, but those of a number that is zero with their
+        unit; of one that is zero and has no unit nothing can be said.
+        """
+        values = self.numbers()
+        said = {
+            key: float(f"{sd / abs(values[key]):.3g}") if values[key] else f"{sd:.3g} {self._unit_of(key)}"
+            for key, sd in deviations.items()
+            if values[key] or self._unit_of(key) != "dimensionless"
+        }
+        return self.model_copy(update={"uncertainty": {**self.uncertainty, **said}})
+
+    def deviation(self, key: str) -> float | None:
+        """What [uncertainty] says of a number, by dotted key: one standard deviation in SI; None if it says
+        nothing, or gives a share of zero.
+        """
+        said = self.uncertainty.get(key)
+        if isinstance(said, str):
+            return parse_quantity(said, self._unit_of(key))
+        return None if said is None else abs(said * self.numbers()[key]) or None
+
+    @property
+    def term_values(self) -> dict[str, dict[str, float]]:
+        """The numbers of all terms, those of absent ones at their null values, by term and name, SI."""
+        values = null_values()
+        for term in self.terms:
+            values[term.kind] |= {name: getattr(term, name) for name in values[term.kind]}
+        return values
+
+    def numbers(self) -> dict[str, float]:
+        """Every number of the robot in SI, by dotted key such as "backbone.outer_radius.0",
+        "tendons.left.friction_coefficient" or "terms.tip-gain.gain" of a term that the file has.
+        """
+        data = self.model_dump(
+            mode="json", by_alias=True, exclude_none=True, exclude={"schema_version", "uncertainty"}
+        )
+        return {key: value for key, value in dotted(data) if isinstance(value, float)}
+
+    def with_values(self, values: Mapping[str, Any]) -> RobotConfig:
+        """A copy with some values changed, checked like a file.
+
+        Args:
+            values: SI numbers or unit strings, by dotted key ("tendon.friction_coefficient",
+                "backbone.outer_radius.0", "tendons.left.preload", "terms.tip-gain.gain") or by a bare key
+                where it is the only one. A term that is not there is added.
+
+        Raises InputError naming the key that is unknown or whose value does not fit.
+        """
+        data = self.model_dump(mode="json", by_alias=True, exclude_none=True)
+        there = {term["kind"] for term in data.get("terms", ())}
+        for kind, null in null_values().items():
+            if kind not in there and any(key.startswith(f"terms.{kind}.") for key in values):
+                data.setdefault("terms", []).append({"kind": kind, **null})
+        keys = {key: value for key, value in dotted(data) if not key.startswith("uncertainty.")}
+        for key, value in values.items():
+            *parents, last = find_key(key, keys, self.source).split(".")
+            node: Any = data
+            for parent in parents:
+                node = node[place_of(parent, node)]
+            node[place_of(last, node)] = value
+        return parse_config(data, source=self.source)
+
+
+def parse_config(
+    data: Mapping[str, Any], *, source: str = "robot", folder: str | os.PathLike[str] = "."
+) -> RobotConfig:
+    """Check the contents of a robot file. `source` names it in errors; `folder` is where its files lie.
+
+    Raises InputError naming source, key and remedy.
+    """
+    return RobotConfig.parsed(data, source=source, folder=folder)
+
+
+def load_config(path: str | os.PathLike[str]) -> RobotConfig:
+    """Read a robot file. Raises InputError naming file, key and remedy."""
+    return parse_config(read_toml(path), source=str(path), folder=Path(path).parent)
+
+
+def config_text(config: RobotConfig) -> str:
+    """A robot file as TOML, with unit strings; it reads back to equal SI values."""
+    import tomli_w
+
+    return tomli_w.dumps(
+        config.model_dump(by_alias=True, exclude_defaults=True, context={"unit_strings": True})
+    )
+
+
+def dump_config(config: RobotConfig, path: str | os.PathLike[str], *, note: str = "") -> None:
+    """Write a robot file, whole or not at all, with a note as comment at its top; see `config_text`."""
+    comment = "".join(f"# {line}\n" for line in textwrap.wrap(note, NOTE_WIDTH, break_on_hyphens=False))
+    write_whole(path, comment + config_text(config))

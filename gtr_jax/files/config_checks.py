@@ -1,0 +1,225 @@
+"""What can be wrong with a robot, and the one line that says so.
+
+The physics here is only geometry: whether the body, its bores and the tendon channel fit into each other.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from gtr_jax.errors import InputError
+from gtr_jax.terms import REGISTRY, Term
+from gtr_jax.terms.term import NO_SLIP
+
+from .sections import BackboneConfig, LoadsConfig, TendonConfig, TermConfig
+
+# What floats can compute with: least length [m] and bending stiffness of a full section [N m^2].
+_LEAST_LENGTH, _LEAST_STIFFNESS = 1e-9, 1e-60
+_NEAR = 1e-9  # relative: the same length written in two units may differ by a rounding error
+
+
+def _check_terms(
+    terms: Sequence[TermConfig], backbone: BackboneConfig, several: bool, known: Mapping[str, Term]
+) -> None:
+    kinds, rigid = {term.kind for term in terms}, backbone.rigid
+    for term in terms:
+        law, key = known[term.kind], f"terms.{term.kind}"
+        bends = law.bend or law.loads or law.stop
+        _require(not (rigid and bends), key, "has no effect on a backbone with rigid = true; remove it")
+        moved = not rigid or "tendon-stretch" in kinds
+        _require(law.mobilise is None or moved, key, NO_SLIP)
+        _require(not (rigid and several and not law.of_cells), key, "is for one tendon where rigid = true")
+        _require(
+            any(getattr(term, q.name) != q.null for q in law.sizes) or len(law.sizes) == 1,
+            key,
+            f"has no effect; give one of {', '.join(q.name for q in law.sizes)}",
+        )
+        wrong = (
+            law.fault({q.name: getattr(term, q.name) for q in law.quantities}, backbone.length)
+            if law.fault
+            else ""
+        )
+        _require(not wrong, key, wrong)
+        for q in law.quantities:
+            value = getattr(term, q.name)
+            low = q.lower is not None and (value < q.lower or (q.log and value == q.lower))
+            if low or (q.upper is not None and value > q.upper):
+                least = "above" if q.log else "at least"
+                bounds = f"{least} {q.lower:g}" if low else f"at most {q.upper:g}"
+                raise InputError(f"terms.{term.kind}.{q.name}: must be {bounds}, is {value:g}; correct it")
+
+
+def check_robot(
+    backbone: BackboneConfig,
+    *,
+    strung: Sequence[tuple[str, TendonConfig, Any]],
+    loads: LoadsConfig,
+    terms: Sequence[TermConfig],
+) -> None:
+    """Refuse values that no robot can have; InputError naming the key and the remedy.
+
+    Args:
+        backbone: the body.
+        strung: name, tendon and routing of every tendon.
+        loads: the external loads.
+        terms: physics beyond the paper.
+    """
+    _check_backbone(backbone)
+    _check_terms(terms, backbone, len(strung) > 1, REGISTRY)
+    for name, tendon, routing in strung:
+        table, channel = (f"tendons.{name}", f"tendons.{name}.routing") if name else ("tendon", "routing")
+        _check_routing(routing, backbone.length, channel)
+        friction, preload = tendon.friction_coefficient, tendon.preload
+        _require(friction >= 0, f"{table}.friction_coefficient", f"cannot be negative, is {friction:g}")
+        _require(
+            preload >= 0, f"{table}.preload", f"cannot be negative, is {preload:g} N: a tendon only pulls"
+        )
+    _check_loads(loads, backbone)
+
+
+def _require(holds: bool, key: str, says: str) -> None:
+    if not holds:
+        raise InputError(f"{key}: {says}")
+
+
+def outer_radius_at(backbone: BackboneConfig, s: np.ndarray | float) -> np.ndarray:
+    """Outer radius [m] at arc length s [m], linear from base to tip."""
+    return np.asarray(np.interp(s, [0.0, backbone.length], backbone.outer_radius))
+
+
+def _check_backbone(backbone: BackboneConfig) -> None:
+    length = backbone.length
+    _check_length(length, "backbone.length")
+    for radius in backbone.outer_radius:
+        _check_length(radius, "backbone.outer_radius")
+    modulus = backbone.youngs_modulus
+    given = "youngs_modulus" in backbone.model_fields_set
+    _require(
+        given or backbone.rigid,
+        "backbone",
+        "missing key 'youngs_modulus'; add for example youngs_modulus = \"1.06 MPa\", or rigid = true",
+    )
+    _require(
+        modulus > 0 or (backbone.rigid and modulus == 0),
+        "backbone.youngs_modulus",
+        f"must be positive, is {modulus:g} Pa",
+    )
+    stiffness = 0.25 * np.pi * modulus * min(backbone.outer_radius) ** 4
+    _require(
+        backbone.rigid or stiffness > _LEAST_STIFFNESS,
+        "backbone.youngs_modulus",
+        f"{modulus:g} Pa leaves a bending stiffness of {stiffness:g} N m^2, too little to compute with; "
+        "check the units",
+    )
+    _require(backbone.density >= 0, "backbone.density", f"cannot be negative, is {backbone.density:g} kg/m^3")
+    if isinstance(backbone.natural_curvature, tuple):
+        _check_knots("backbone.natural_curvature", backbone.natural_curvature, length)
+    _check_bores(backbone)
+
+
+def _check_length(length: float, key: str) -> None:
+    _require(length > 0, key, f"must be positive, is {length:g} m")
+    _require(length >= _LEAST_LENGTH, key, f"is {length:g} m, too small to compute with; check the unit")
+
+
+def _check_bores(backbone: BackboneConfig) -> None:
+    length = backbone.length
+    for i, bore in enumerate(backbone.bores):
+        key = f"backbone.bores[{i}]"
+        _require(bore.diameter > 0, f"{key}.diameter", f"must be positive, is {bore.diameter:g} m")
+        ends = f"{mm(bore.from_)} to {mm(bore.to)}"
+        _require(bore.from_ < bore.to, key, f"runs from {ends}; 'from' must lie before 'to'")
+        _require(
+            bore.from_ >= 0 and bore.to <= length * (1 + _NEAR),
+            key,
+            f"runs from {ends}, outside the backbone; keep it within 0 mm and {mm(length)}",
+        )
+        stations = np.array([bore.from_, bore.to])
+        radii = outer_radius_at(backbone, stations)  # linear, so narrowest at one of the ends
+        narrowest = int(np.argmin(radii))
+        _require(
+            bore.diameter < 2 * radii[narrowest],
+            f"{key}.diameter",
+            f"the bore is {mm(bore.diameter)} wide and the body {mm(2 * radii[narrowest])} at "
+            f"s = {mm(stations[narrowest])}; narrow the bore or widen the body",
+        )
+    order = sorted(range(len(backbone.bores)), key=lambda i: backbone.bores[i].from_)
+    for i, j in itertools.pairwise(order):
+        end, start = backbone.bores[i].to, backbone.bores[j].from_
+        _require(
+            start >= end - _NEAR * length,
+            f"backbone.bores[{j}]",
+            f"starts at {mm(start)}, before bores[{i}] ends at {mm(end)}; part the two",
+        )
+
+
+def _check_routing(routing: Any, length: float, table: str) -> None:
+    if routing.kind == "straight-sine-straight":
+        for key, w in (("w1", routing.w1), ("w2", routing.w2)):
+            _require(
+                0 <= w <= length * (1 + _NEAR),
+                f"{table}.{key}",
+                f"{mm(w)} lies outside the backbone; keep it within 0 mm and {mm(length)}",
+            )
+        _require(
+            routing.w1 < routing.w2,
+            f"{table}.w1",
+            f"w1 = {mm(routing.w1)} must be less than w2 = {mm(routing.w2)}; swap or move them",
+        )
+    elif routing.kind == "converging-sine" or routing.kind == "crossing-sine":
+        _require(routing.n_sine > 0, f"{table}.n_sine", f"must be positive, is {routing.n_sine:g}")
+    elif routing.kind == "table":
+        _check_knots(f"{table}.knots", routing.knots, length)
+
+
+def _check_knots(key: str, knots: tuple[tuple[float, float], ...], length: float) -> None:
+    """Knots must be at least two, in increasing s, and cover the backbone from 0 to its length [m]."""
+    _require(len(knots) >= 2, key, f"needs at least two knots, has {len(knots)}")
+    stations = np.array([s for s, _ in knots])
+    back = np.flatnonzero(np.diff(stations) <= 0)
+    if back.size:
+        i = int(back[0])
+        _require(
+            False,
+            f"{key}[{i + 1}]",
+            f"s = {mm(stations[i + 1])} follows {mm(stations[i])}; s must increase",
+        )
+    _require(
+        stations[0] <= _NEAR * length and stations[-1] >= length * (1 - _NEAR),
+        key,
+        f"knots span {mm(stations[0])} to {mm(stations[-1])}; they must cover 0 mm to {mm(length)}",
+    )
+
+
+def _check_loads(loads: LoadsConfig, backbone: BackboneConfig) -> None:
+    _require(
+        loads.gravity_angle is None or backbone.rigid or backbone.density > 0,
+        "backbone",
+        "missing key 'density', which gravity_angle needs; add for example density = \"1070 kg/m^3\"",
+    )
+    _require(loads.payload >= 0, "loads.payload", f"cannot be negative, is {loads.payload:g} kg")
+    _require(
+        loads.payload == 0 or loads.gravity_angle is not None,
+        "loads.payload",
+        'needs the direction of gravity to weigh; add for example gravity_angle = "-90 deg"',
+    )
+    acting = {
+        "gravity_angle": loads.gravity_angle is not None,
+        "tip_force": any(loads.tip_force),
+        "tip_moment": loads.tip_moment != 0,
+    }
+    for key, acts in acting.items():
+        _require(
+            not (acts and backbone.rigid),
+            f"loads.{key}",
+            "has no effect on a backbone with rigid = true; remove one of the two",
+        )
+
+
+def mm(length: float) -> str:
+    """A length [m] in millimetres, for a message."""
+    return f"{1e3 * length:.6g} mm"

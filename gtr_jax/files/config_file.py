@@ -1,0 +1,96 @@
+"""The robot file as it lies on the disk: TOML and routing tables read, nested keys found by dotted names."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from gtr_jax.errors import InputError, did_you_mean, excerpt, listed
+
+from .recording import split_unit
+from .table import read_table, read_text
+
+
+def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Contents of a TOML file; InputError if it is absent, empty or not TOML."""
+    text, _ = read_text(path)
+    try:
+        data = tomllib.loads(text)
+    except RecursionError:
+        raise InputError(f"{path}: not TOML: brackets nested too deep; close them") from None
+    except ValueError as fault:  # TOMLDecodeError, and what int and datetime raise
+        raise InputError(
+            f'{path}: not TOML: {fault}; write key = "value unit" under [section] lines'
+        ) from None
+    _check_integers(data, str(path))
+    return data
+
+
+def _check_integers(node: Any, place: str, sign: str = ": ") -> None:
+    """InputError naming the key of an integer of more than 64 bits, which TOML does not have."""
+    if isinstance(node, int) and not -(2**63) <= node < 2**63:
+        raise InputError(f"{place}: {excerpt(node)} has too many digits for an integer; correct it")
+    if isinstance(node, dict):
+        for key, value in node.items():
+            _check_integers(value, f"{place}{sign}{key}", ".")
+    elif isinstance(node, list):
+        for i, value in enumerate(node):
+            _check_integers(value, f"{place}[{i}]", ".")
+
+
+def read_route(path: Path) -> tuple[tuple[float, float], ...]:
+    """Knots (s, R) [m] of a routing table; InputError naming file, row and column."""
+    table = read_table(path)
+    parted = [split_unit(header, "m") for header in table.header]
+    columns = []
+    for name in ("s", "R"):
+        found = [i for i, (header, _) in enumerate(parted) if header == name]
+        if len(found) != 1:
+            columns_found = listed(table.header)
+            raise InputError(
+                f"{path}: needs one column for {name}; columns found: {columns_found}; name them s_mm,R_mm"
+            )
+        unit = parted[found[0]][1]
+        columns.append(table.quantity(found[0], unit, "m", remedy="name the columns s_mm,R_mm").tolist())
+    return tuple(zip(*columns, strict=True))
+
+
+def dotted(node: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Every key of nested tables and lists with its dotted path; a table in a list stands under its name or
+    its kind, if it has one, else under its number.
+    """
+    if isinstance(node, dict):
+        items = list(node.items())
+    else:
+        items = [
+            (_name_in_list(value, i), value) for i, value in enumerate(node if isinstance(node, list) else ())
+        ]
+    for key, value in items:
+        below = f"{path}.{key}" if path else str(key)
+        yield below, value
+        yield from dotted(value, below)
+
+
+def _name_in_list(value: Any, number: int) -> str:
+    return str(value.get("name", value.get("kind", number))) if isinstance(value, dict) else str(number)
+
+
+def place_of(part: str, node: Any) -> str | int:
+    """Where in a table or a list the next part of a dotted path leads."""
+    if isinstance(node, dict):
+        return part
+    return [_name_in_list(value, i) for i, value in enumerate(node)].index(part)
+
+
+def find_key(key: str, known: Mapping[str, Any], where: str) -> str:
+    """The dotted key meant by a dotted or bare `key`; InputError if none or several are."""
+    found = [key] if key in known else [path for path in known if path.endswith(f".{key}")]
+    if not found:
+        parts = [path.split(".", 1)[-1] for path in known]
+        raise InputError(f"{where}: unknown key '{key}'; {did_you_mean(key, [*known, *parts])}")
+    if len(found) > 1:
+        raise InputError(f"{where}: '{key}' may be any of {listed(found)}; write one of them")
+    return found[0]

@@ -1,0 +1,45 @@
+"""The mechanics: one node equation, one march from the base to the tip, one implicit derivative.
+
+`structure` says what a program has to hold, `node` has the equations of a node, `march` takes them from the
+base to the tip, `search` finds what is unknown at the base, `solve` makes it differentiable, `history` goes
+through load steps.
+"""
+
+from .case import Load, Memory, complete, part_of, untouched
+from .history import (
+    FOREVER,
+    Robot,
+    Settled,
+    Step,
+    advance,
+    begin,
+    one_step,
+    rest_state,
+    steps,
+    with_steps_before,
+)
+from .mesh import increments
+from .structure import EVERY, March, Structure, in_order
+
+__all__ = [
+    "EVERY",
+    "FOREVER",
+    "Load",
+    "March",
+    "Memory",
+    "Robot",
+    "Settled",
+    "Step",
+    "Structure",
+    "advance",
+    "begin",
+    "complete",
+    "in_order",
+    "increments",
+    "one_step",
+    "part_of",
+    "rest_state",
+    "steps",
+    "untouched",
+    "with_steps_before",
+]

@@ -1,0 +1,189 @@
+"""One load step: the robot at its nodes, its load, and what is left of the step before."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..terms import REGISTRY
+from .sections import Sections, State
+from .structure import EVERY, Structure
+
+FOLLOWED = ("slip", "middle", "speed", "mobilised", "stencil", "elements")
+
+
+class Load(eqx.Module):
+    """One step of a load history; or several, along a leading axis.
+
+    Attributes:
+        T_base: base tension [N], (*tendons,).
+        dt: time since the step before [s].
+        time: since the first sample [s].
+        cycle: pulls and releases done, half a cycle each.
+    """
+
+    T_base: Float[Array, "*steps_tendons"]
+    dt: Float[Array, "*steps"]
+    time: Float[Array, "*steps"]
+    cycle: Float[Array, "*steps"]
+
+
+class Memory(eqx.Module):
+    """What is left of the step before, the nodes first; None where no law of the structure asks for it.
+
+    Attributes:
+        tension: at the nodes [N], (N, *tendons).
+        kappa: curvature [1/m], (N,).
+        slip: towards the base, at the nodes [m], (N, *tendons).
+        middle: the same in the middle between each node and the one before it, (N, *tendons).
+        speed: of the slip there [m/s], (N, *tendons).
+        mobilised: how far friction is, there, in [-1, 1], (N, *tendons).
+        stencil: turning since the node before [rad], less that by the trapezoidal rule, when the tendon
+            slipped there last, (N, *tendons).
+        elements: what presliding remembers, (N, elements, *tendons).
+        bent: what the bending laws remember, (N, numbers) each.
+        entry: tension behind what grips ahead of the channel [N], (*tendons,).
+        T_tip: tension at the anchor [N], (*tendons,).
+        T_base: base tension [N], (*tendons,).
+        carried: share of the external loads that the body carries: 0 before it settles, 1 from then on.
+        unknowns: what the march was closed with, (n,): see `march.Closing`; None where nothing is unknown.
+    """
+
+    tension: Float[Array, "N *tendons"]
+    kappa: Float[Array, " N"]
+    slip: Float[Array, "N *tendons"] | None
+    middle: Float[Array, "N *tendons"] | None
+    speed: Float[Array, "N *tendons"] | None
+    mobilised: Float[Array, "N *tendons"] | None
+    stencil: Float[Array, "N *tendons"] | None
+    elements: Float[Array, "N elements *tendons"] | None
+    bent: dict[str, Float[Array, "N _"]]
+    entry: Float[Array, "*tendons"]
+    T_tip: Float[Array, "*tendons"]
+    T_base: Float[Array, "*tendons"]
+    carried: Float[Array, ""]
+    unknowns: Float[Array, " n"] | None
+
+
+class Case(eqx.Module):
+    """One load step.
+
+    Attributes:
+        sections: the robot at the nodes.
+        mu: friction coefficient [-], (*tendons,).
+        preload: tension at which the tendon's strain counts as none [N], (*tendons,).
+        tip_moment: external moment at the tip [N m].
+        terms: the numbers of the physics terms, by term and name.
+        metric: nu of the channels before the first load, (N, *tendons); None where no slip is asked for.
+        load: the load.
+        memory: of the step before.
+        against: share of the speed that counts where the tendon slips against the friction that holds it: 1,
+            but less on the way to the solution.
+        structure: which equations act (static).
+    """
+
+    sections: Sections
+    mu: Float[Array, "*tendons"]
+    preload: Float[Array, "*tendons"]
+    tip_moment: Float[Array, ""]
+    terms: dict[str, dict[str, Float[Array, ""]]]
+    metric: Float[Array, "N *tendons"] | None
+    load: Load
+    memory: Memory
+    against: Float[Array, ""]
+    structure: Structure = eqx.field(static=True)
+
+
+def untouched(
+    structure: Structure, state: State, tension: Float[Array, "N *tendons"], carried: Float[Array, ""]
+) -> Memory:
+    """What a robot remembers that was never pulled.
+
+    Args:
+        structure: what the program holds.
+        state: of the body without tension in its tendons.
+        tension: along the tendons [N], (N, *tendons).
+        carried: share of the external loads that the state carries.
+    """
+    none, at_base, nodes = jnp.zeros_like(tension), tension[0], tension.shape[0]
+    told = none if structure.terms else None
+    followed = none if structure.follows_slip else None
+    count = max(term.elements for term in REGISTRY.values())
+    moment = state.moment[0]
+    unknowns = [jnp.zeros(at_base.size)] if structure.seeks_slip else []
+    unknowns += [moment[None]] if structure.bends else []
+    unknowns += [jnp.zeros(1)] if structure.has_stop else []
+    return Memory(
+        tension=tension,
+        kappa=state.kappa,
+        slip=told,
+        middle=followed,
+        speed=followed,
+        mobilised=told,
+        stencil=none if structure.creeping else None,
+        elements=jnp.zeros((nodes, count, *at_base.shape)) if structure.presliding else None,
+        bent={kind: jnp.zeros((nodes, REGISTRY[kind].remembers)) for kind, _ in structure.hooks("bend")},
+        entry=at_base,
+        T_tip=at_base,
+        T_base=jnp.zeros_like(at_base),
+        carried=carried,
+        unknowns=jnp.concatenate(unknowns) if unknowns else None,
+    )
+
+
+def complete(memory: Memory, structure: Structure, state: State, slip: Float[Array, "N *tendons"]) -> Memory:
+    """The same with everything that a program of another structure may ask for.
+
+    Args:
+        memory: what a program of `structure` left.
+        structure: of that program.
+        state: of the body, the nodes in its first or only axis.
+        slip: of the tendons [m], (N, *tendons).
+    """
+    every = Structure(EVERY, structure.tendons, loaded=True)
+    full = untouched(every, state, memory.tension, memory.carried)
+    before = jnp.concatenate([slip[:1], slip[:-1]])
+    known = {name: value for name in FOLLOWED if (value := getattr(memory, name)) is not None}
+    displacement, moment, stop = _split(memory.unknowns, structure, slip[0].ravel(), state.moment[0])
+    return dataclasses.replace(
+        full,
+        **{"slip": slip, "middle": 0.5 * (slip + before)} | known,
+        bent=full.bent | memory.bent,
+        unknowns=jnp.concatenate([displacement, moment[None], stop[None]]),
+        **{name: getattr(memory, name) for name in ("kappa", "entry", "T_tip", "T_base")},
+    )
+
+
+def part_of(memory: Memory, structure: Structure) -> Memory:
+    """What a program of a structure asks for of a complete memory."""
+    every = Structure(EVERY, structure.tendons, loaded=True)
+    displacement, moment, stop = _split(memory.unknowns, every, jnp.zeros(0), jnp.zeros(()))
+    unknowns = [displacement] * structure.seeks_slip + [moment[None]] * structure.bends
+    unknowns += [stop[None]] * structure.has_stop
+    asked = {
+        "slip": bool(structure.terms),
+        "mobilised": bool(structure.terms),
+        "middle": structure.follows_slip,
+        "speed": structure.follows_slip,
+        "stencil": structure.creeping,
+        "elements": structure.presliding,
+    }
+    return dataclasses.replace(
+        memory,
+        **{name: None for name, wanted in asked.items() if not wanted},
+        bent={kind: memory.bent[kind] for kind, _ in structure.hooks("bend")},
+        unknowns=jnp.concatenate(unknowns) if unknowns else None,
+    )
+
+
+def _split(unknowns: Float[Array, " n"] | None, structure: Structure, displacement, moment):
+    """Displacements, moment and stop of what was unknown; those given where the structure knew them."""
+    if unknowns is None:
+        return displacement, moment, jnp.zeros_like(moment)
+    count = max(structure.tendons, 1) * structure.seeks_slip
+    displacement = unknowns[:count] if structure.seeks_slip else displacement
+    moment = unknowns[count] if structure.bends else moment
+    return displacement, moment, unknowns[count + 1] if structure.has_stop else jnp.zeros_like(moment)

@@ -1,0 +1,288 @@
+"""Load steps, one after another, from a robot that was never pulled."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.tree_util as jtu
+from jaxtyping import Array, Bool, Float, Int
+
+from ..terms import REGISTRY
+from . import channel
+from .case import Case, Load, Memory, untouched
+from .mesh import cumulative
+from .sections import Sections, State, at_tendons, node_first
+from .solve import load_step
+from .structure import March, Structure
+
+FOREVER = 1e15  # s, in which everything that creeps has crept
+
+
+class Robot(NamedTuple):
+    """What the mechanics needs to know of a robot.
+
+    Attributes:
+        sections: the robot at the nodes.
+        mu: friction coefficient [-], (*tendons,).
+        preload: tension before the first load [N], (*tendons,).
+        tip_moment: external moment at the tip [N m].
+        terms: numbers of the physics terms, by term and name.
+    """
+
+    sections: Sections
+    mu: Float[Array, "*tendons"]
+    preload: Float[Array, "*tendons"]
+    tip_moment: Float[Array, ""]
+    terms: dict[str, dict[str, Float[Array, ""]]]
+
+
+class Step(eqx.Module):
+    """One load step solved, the nodes first.
+
+    Attributes:
+        state: at the nodes; its wrap is the turning since the node before.
+        tension, slip, mobilised: along the tendons, (N, *tendons); the last two None in the base model.
+        before: tension and slip that were remembered.
+        T_tip: tension at the anchor [N], (*tendons,).
+        met: whether it met its tolerance.
+        error: largest residual, see `Solved`.
+        marches: taken.
+    """
+
+    state: State
+    tension: Float[Array, "N *tendons"]
+    slip: Float[Array, "N *tendons"] | None
+    mobilised: Float[Array, "N *tendons"] | None
+    before: tuple[Float[Array, "N *tendons"], Float[Array, "N *tendons"] | None]
+    T_tip: Float[Array, "*tendons"]
+    met: Bool[Array, ""]
+    error: Float[Array, ""]
+    marches: Int[Array, ""]
+
+
+class Settled(eqx.Module):
+    """The robot before its first load.
+
+    Attributes:
+        memory: what is remembered.
+        metric: nu of the channels with slack tendons, (N, *tendons).
+        preload: tension at which the tendons' strain counts as none [N], (*tendons,).
+        kappa: curvature with slack tendons [1/m], (N,).
+    """
+
+    memory: Memory
+    metric: Float[Array, "N *tendons"]
+    preload: Float[Array, "*tendons"]
+    kappa: Float[Array, " N"]
+
+
+def rest_state(s: Sections) -> State:
+    """The stress-free shape, with the moment the external load would have on a straight arm."""
+    phi = cumulative(s.mesh.weights, s.rest)
+    lever = jnp.sum(s.mesh.interval.length * (s.force_y * jnp.cos(phi) - s.force_x * jnp.sin(phi)))
+    moment = jnp.where(jnp.any(s.compliance > 0), lever, 0.0)
+    return State(s.rest, phi, jnp.zeros_like(s.R.value), jnp.broadcast_to(moment, s.rest.shape))
+
+
+def metric_of(s: Sections, kappa: Float[Array, " N"]) -> Float[Array, "N *tendons"]:
+    """nu = ds_c/ds of the channels, the nodes first."""
+    return node_first(channel.metric_factor(at_tendons(kappa, s.R), s.R))
+
+
+def _case(robot: Robot, structure: Structure, memory: Memory) -> Case:
+    one, slack = jnp.ones_like(robot.tip_moment), jnp.zeros_like(robot.preload)
+    return Case(
+        sections=robot.sections,
+        mu=robot.mu,
+        preload=slack,
+        tip_moment=robot.tip_moment,
+        terms=robot.terms,
+        metric=jnp.ones_like(memory.tension) if structure.terms else None,
+        load=Load(slack, FOREVER * one, 0 * one, 0 * one),
+        memory=memory,
+        against=one,
+        structure=structure,
+    )
+
+
+def _without_friction(robot: Robot) -> dict[str, dict[str, Array]]:
+    """The numbers of the terms, those that are friction at null."""
+    hooks = ("drag", "base_grip", "tip_grip", "by_speed")
+
+    def values(term):
+        if all(getattr(term, hook) is None for hook in hooks):
+            return robot.terms[term.id]
+        return {q.name: jnp.full_like(robot.terms[term.id][q.name], q.null) for q in term.quantities}
+
+    return {term.id: values(term) for term in REGISTRY.values()}
+
+
+Before = Callable[[State, Memory], Memory]
+
+
+def steps_before(structure: Structure) -> int:
+    """Load steps before the first: the robot settles with slack tendons under its external loads, then they
+    are strung. Without terms the strung tendons remember their tension only, and without external loads the
+    settled robot is known.
+    """
+    return 2 if structure.terms else int(structure.bends)
+
+
+def begin(robot: Robot, structure: Structure, before: Before | None = None) -> Settled:
+    """The robot before the steps of `steps_before`.
+
+    Args:
+        robot: at its nodes.
+        structure: which equations act.
+        before: as for `steps`.
+    """
+    s, strung_to = robot.sections, robot.preload
+    one, zero = jnp.ones_like(robot.tip_moment), jnp.zeros_like(robot.tip_moment)
+    slack = jnp.zeros((s.rest.shape[0], *strung_to.shape))
+    at_rest = rest_state(s)
+    if not steps_before(structure):
+        at_rest = dataclasses.replace(at_rest, kappa=s.rest + s.compliance * robot.tip_moment)
+        memory = untouched(structure, at_rest, jnp.broadcast_to(strung_to, slack.shape), one)
+        memory = memory if before is None else before(at_rest, memory)
+        return Settled(memory, metric_of(s, at_rest.kappa), strung_to, at_rest.kappa)
+    # What bends the body has bent it from its natural shape; only the search starts from that moment.
+    memory = untouched(structure, jax.lax.stop_gradient(at_rest), slack, zero)
+    memory = dataclasses.replace(memory, kappa=s.rest)
+    return Settled(memory, jnp.ones_like(slack), jnp.zeros_like(strung_to), s.rest)
+
+
+def advance(
+    robot: Robot,
+    structure: Structure,
+    how: March,
+    settled: Settled,
+    load: Load,
+    at: tuple[Bool[Array, ""], Bool[Array, ""]],
+    before: Before | None = None,
+) -> tuple[Settled, Step]:
+    """One load step.
+
+    Args:
+        robot, structure, how, before: as for `steps`.
+        settled: what is remembered, and the robot as it settled.
+        load: the load.
+        at: whether the robot settles in this step, and whether its tendons are strung.
+    """
+    settling, stringing = at
+    s, strung_to, prefix = robot.sections, robot.preload, steps_before(structure)
+    one = jnp.ones_like(robot.tip_moment)
+    now = _case(robot, structure, settled.memory)
+    if structure.terms:
+        now = dataclasses.replace(now, metric=settled.metric, preload=settled.preload)
+    if prefix == 2:
+        none = {kind: _without_friction(robot)[kind] for kind in structure.terms}
+        own = {kind: robot.terms[kind] for kind in structure.terms}
+        terms = robot.terms | jtu.tree_map(lambda a, b: jnp.where(stringing, a, b), none, own)
+        now = dataclasses.replace(now, mu=jnp.where(stringing, 0.0, robot.mu), terms=terms)
+    done = load_step(now, load, settled.memory, how)
+    met = (done.error <= how.atol) & jnp.all(jnp.isfinite(load.T_base)) & jnp.isfinite(load.dt + load.time)
+    out = Step(
+        state=done.state,
+        tension=done.memory.tension,
+        slip=done.memory.slip,
+        mobilised=done.memory.mobilised,
+        before=(settled.memory.tension, settled.memory.slip),
+        T_tip=done.memory.T_tip,
+        met=met,
+        error=done.error,
+        marches=done.marches,
+    )
+    after = _where(met, dataclasses.replace(settled, memory=done.memory), settled)
+    if prefix:
+        slack = jnp.zeros_like(settled.metric)
+        tension = slack if prefix == 2 else jnp.broadcast_to(strung_to, slack.shape)
+        found = done.memory.unknowns
+        if structure.seeks_slip:
+            assert found is not None
+            found = jnp.concatenate([jnp.zeros(strung_to.size), found[strung_to.size :]])
+        fresh = untouched(structure, done.state, tension, one)
+        fresh = dataclasses.replace(fresh, bent=done.memory.bent, unknowns=found)
+        if prefix == 1 and before is not None:
+            fresh = before(done.state, fresh)
+        fresh = Settled(fresh, metric_of(s, done.state.kappa), strung_to, done.state.kappa)
+        after = _where(settling, fresh, after)
+    if prefix == 2:
+        # The tendons are strung, and nothing has slipped.
+        names = [n for n in ("speed", "mobilised", "elements") if getattr(done.memory, n) is not None]
+        memory = dataclasses.replace(done.memory, **{n: 0 * getattr(done.memory, n) for n in names})
+        memory = memory if before is None else before(done.state, memory)
+        after = _where(stringing, dataclasses.replace(settled, memory=memory), after)
+    return after, out
+
+
+def with_steps_before(robot: Robot, structure: Structure, loads: Load):
+    """Loads with those of `steps_before` ahead, and what `advance` is told of each, (K,) bool both."""
+    prefix = steps_before(structure)
+    one, slack = jnp.ones_like(robot.tip_moment), jnp.zeros_like(robot.preload)
+    first = [Load(T_base, FOREVER * one, 0 * one, 0 * one) for T_base in (slack, robot.preload)[:prefix]]
+    if first:
+        ahead = jtu.tree_map(lambda *a: jnp.stack(a), *first)
+        loads = jtu.tree_map(lambda a, b: jnp.concatenate([a, b]), ahead, loads)
+    at = jnp.arange(loads.time.shape[0])
+    return loads, (at < min(prefix, 1), (at == 1) & (prefix == 2))
+
+
+def steps(
+    robot: Robot, structure: Structure, loads: Load, how: March, before: Before | None = None
+) -> tuple[Step, Memory, Settled]:
+    """Solve load steps, one after another.
+
+    The robot first settles with slack tendons, which are then strung to their preloads without friction:
+    steps like any other, so that one program does all.
+
+    Args:
+        robot: at its nodes.
+        structure: which equations act.
+        loads: K of them.
+        how: far a search goes.
+        before: what is remembered at the first load, from the settled state and what a robot remembers that
+            was never pulled; that unless given.
+
+    Returns:
+        The steps, with a leading axis K; what is remembered after the last; the robot before the first. A
+        step that does not converge leaves the memory as it was.
+    """
+    loads, flags = with_steps_before(robot, structure, loads)
+
+    def step(settled: Settled, x):
+        load, at = x
+        return advance(robot, structure, how, settled, load, at, before)
+
+    last, out = jax.lax.scan(step, begin(robot, structure, before), (loads, flags))
+    return jtu.tree_map(lambda a: a[steps_before(structure) :], out), last.memory, last
+
+
+def one_step(
+    robot: Robot, structure: Structure, load: Load, how: March, before: Before | None = None
+) -> tuple[Step, Memory, Settled]:
+    """The same for one load step, without the axis K."""
+    loads, flags = with_steps_before(robot, structure, jtu.tree_map(lambda a: a[None], load))
+    start = begin(robot, structure, before)
+
+    def step(settled: Settled, load: Load, at):
+        return advance(robot, structure, how, settled, load, at, before)
+
+    if not steps_before(structure):
+        last, out = step(start, load, (jnp.asarray(False), jnp.asarray(False)))
+        return out, last.memory, last
+    # The last step is carried on, not stacked: indexing a stack whose tangents are constant fails in a batch.
+    shape = jax.eval_shape(step, start, load, (jnp.asarray(False), jnp.asarray(False)))[1]
+    nothing = jtu.tree_map(lambda a: jnp.zeros(a.shape, a.dtype), shape)
+    (last, out), _ = jax.lax.scan(
+        lambda carry, x: (step(carry[0], *x), None), (start, nothing), (loads, flags)
+    )
+    return out, last.memory, last
+
+
+def _where(holds: Bool[Array, ""], this, that):
+    return jtu.tree_map(lambda a, b: jnp.where(holds, a, b), this, that)

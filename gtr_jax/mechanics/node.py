@@ -1,0 +1,370 @@
+"""The equations of a node: its curvature from what lies between it and the base.
+
+Given the tension, the angle, the external moment and, where a law asks for it, the slip at the node before,
+everything at a node follows from its curvature. What is left is one scalar equation, the balance of moments
+
+    kappa - kappa_0 + (bending laws) = (sum of T b(kappa) + M_ext)/EI,     b = R (1 - R kappa)/nu.
+
+Three laws hold a tendon. *Held* against the base: T = clip(tension before, P, Q), with P and Q the tensions
+if all of it slipped towards the base, or the tip. *Creeping*, where the body or friction goes on changing
+while the tendon is locked: the same with P and Q from the tension of the node before. *Presliding*: friction
+follows the slip, u(s) = u(0) - integral over [0, s] of (nu_0 - nu + nu_0 strain), T' = -mu z(u) T |psi'|.
+"""
+
+from __future__ import annotations
+
+import functools
+import operator
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ..terms import REGISTRY, is_on
+from ..terms.term import STILL, Bent, Channel
+from . import channel
+from .case import Case
+from .mesh import STENCIL, Interval
+from .offset import Offset
+from .sections import State, at_tendons, moment_slope, node_first, offset_before, over_tendons
+
+FLOOR = 1e-4  # of the length: the shortest presliding of several tendons with terms
+FRICTION = ("friction", "by_pressure", "by_speed", "drag", "wrap")  # hooks that change what an interval holds
+HIGHEST = 10.0  # times the largest tension known: none is believed beyond, while the slip is guessed
+Asked = Any  # an array, or None where no law of the structure asks for it
+((_, mobilise),) = [(term.id, term.mobilise) for term in REGISTRY.values() if term.mobilise]
+
+
+class Modes(NamedTuple):
+    """Which law holds the tendon: presliding, or creeping; neither: held. False where it cannot be."""
+
+    by_slip: Bool[Array, ""] | bool
+    neighbour: Bool[Array, ""] | bool
+
+
+class Row(NamedTuple):
+    """What a node's equations need, the nodes first; None where none of them does."""
+
+    R: Offset
+    R_before: Offset
+    compliance: Float[Array, " N"]
+    rest: Float[Array, " N"]
+    force: Asked
+    weights: Float[Array, "N 4"]
+    interval: Interval
+    metric: Asked
+    mu: Asked
+    tension: Float[Array, "N *tendons"]
+    middle: Asked
+    stencil: Asked
+    elements: Asked
+    bent: dict[str, Float[Array, "N _"]]
+    kappa: Asked
+
+
+class Carry(NamedTuple):
+    """What a node's equations need of its predecessors, latest first where a stencil needs several."""
+
+    kappas: tuple
+    drawn: tuple
+    slopes: tuple
+    ways: tuple
+    phi: Float[Array, ""]
+    tension: Float[Array, "*tendons"]
+    pulled: Asked
+    released: Asked
+    slip: Asked
+    moment: Float[Array, ""]
+    place: Asked
+
+
+class Node(NamedTuple):
+    """What a march leaves at each node; None where no law asks for it."""
+
+    state: State
+    tension: Float[Array, "N *tendons"]
+    slip: Asked
+    middle: Asked
+    speed: Asked
+    mobilised: Asked
+    stencil: Asked
+    elements: Asked
+    bent: dict[str, Float[Array, "N _"]]
+
+
+def clip(value, low, high):
+    """Not jnp.clip: where the bounds coincide, derivatives must follow the bound that is met."""
+    return jnp.where(value <= low, low, jnp.where(value >= high, high, value))
+
+
+def product(case: Case, name: str, *args) -> Any:
+    """Factors of all terms with a hook, multiplied; 1.0 without any."""
+    factors = [hook(case.terms[kind], *args) for kind, hook in case.structure.hooks(name)]
+    return functools.reduce(operator.mul, factors) if factors else 1.0
+
+
+def total(case: Case, name: str, *args) -> Any:
+    """Additions of all terms with a hook; 0.0 without any."""
+    added = [hook(case.terms[kind], *args) for kind, hook in case.structure.hooks(name)]
+    return functools.reduce(operator.add, added) if added else 0.0
+
+
+class Equations(eqx.Module):
+    """The equations of a node, given a case and what is unknown at its base.
+
+    Attributes:
+        case: the load step.
+        stop: force of the stop on the tip [N].
+        stop_angle: direction it is run into [rad].
+        modes: which law holds the tendon.
+        presliding: numbers of that law.
+        highest: no tension is believed above it [N].
+    """
+
+    case: Case
+    stop: Asked
+    stop_angle: Asked
+    modes: Modes
+    presliding: Asked
+    highest: Asked
+
+    def passed(self, tension, sense, turn, speed, row: Row):
+        """Tension behind an interval whose friction is mobilised by `sense`, in [-1, 1]."""
+        case, length = self.case, row.interval.length
+        wrap = turn * product(case, "wrap", tension)
+        mu = case.mu
+        if row.mu is not None:
+            pulling, releasing = row.mu
+            mu = jnp.where(sense >= 0, pulling, releasing)
+        if case.structure.has("by_pressure"):
+            there = length > 0
+            pressure = tension * wrap / jnp.where(there, length, 1.0)
+            mu = mu * jnp.where(there, product(case, "by_pressure", pressure), 1.0)
+        held = sense * mu
+        if case.structure.has("by_speed"):
+            # The coefficient depends on how fast the slip is, whichever way. Of the two branches of |v| the
+            # one where slip opposes the friction that holds it has to be approached from the other.
+            fast = jnp.where(speed * sense >= -STILL, speed, -case.against * speed)
+            fast = jnp.where(self.modes.by_slip, speed, fast)
+            held = held + total(case, "by_speed", fast)
+        left = tension * jnp.exp(-held * wrap)
+        if case.structure.has("drag"):
+            left = left - sense * total(case, "drag") * length
+            left = jnp.where(left > 0, left, 0.0)
+        return left if self.highest is None else jnp.where(left < self.highest, left, self.highest)
+
+    def __call__(self, carry: Carry, row: Row, kappa) -> tuple[Array, Carry, Node]:
+        """Error of the moment balance at a curvature [1/m], what goes on to the next node, and what stays."""
+        case, what, w = self.case, self.case.structure, row.weights
+        by_slip, neighbour = self.modes
+
+        def increment(now, before):
+            return w[0] * now + w[1] * before[0] + w[2] * before[1] + w[3] * before[2]
+
+        def later(now, before):
+            return (now, *before[: STENCIL - 2])
+
+        turn = increment(kappa, carry.kappas)
+        phi = carry.phi + turn
+        midline = at_tendons((turn, kappa, carry.kappas[0]), row.R)
+        between = at_tendons(row.interval, row.R)
+        wrap = channel.wrap_increment(*midline, row.R, row.R_before, between)
+        gripped: Asked = wrap
+        compact: Asked = None
+        if what.creeping:
+            trapezoid = at_tendons(0.5 * row.interval.length * (kappa + carry.kappas[0]), row.R)
+            compact = channel.wrap_increment(trapezoid, *midline[1:], row.R, row.R_before, between)
+            # From slack the first pull may be long: nothing was laid down that a stencil could shake loose.
+            lags = jnp.logical_and(neighbour, jnp.logical_not(by_slip)) & (row.tension > 0)
+            gripped = jnp.where(lags, compact + row.stencil, wrap)
+
+        known: Asked = None
+        shortened: Asked = None
+        middle: Asked = None
+        speed: Asked = None
+        z: Asked = None
+        elements = row.elements
+        if what.follows_slip:
+            # Slip first as if the tendon did not stretch here; its strain follows its tension below.
+            shortened = row.metric - channel.metric_factor(midline[1], row.R)
+            known = carry.slip - w[1] * carry.drawn[0] - w[2] * carry.drawn[1] - w[3] * carry.drawn[2]
+            # The strain of this node counts with the tension before it: an error of second order.
+            near = known - w[0] * self.strained(shortened, carry.tension, row)
+            middle = 0.5 * (carry.slip + near)
+            speed = (middle - row.middle) / case.load.dt
+            if what.presliding:
+                z, elements = mobilise(self.presliding, middle - row.middle, row.elements)
+
+        def behind(sense, bound):
+            """Tension behind the interval if friction is mobilised by `sense`."""
+            tension = carry.tension if bound is None else bound
+            if what.creeping or what.presliding:
+                tension = jnp.where(jnp.logical_or(by_slip, neighbour), carry.tension, tension)
+            if what.presliding:
+                sense = jnp.where(by_slip, z, sense)
+            return self.passed(tension, sense, gripped, speed, row)
+
+        grip: Asked = None
+        stencil: Asked = row.stencil
+        if by_slip is True:
+            low = high = tension = self.passed(carry.tension, z, gripped, speed, row)
+            grip = z
+        else:
+            low, high = self.bounds(behind, gripped, carry)
+            tension = clip(row.tension, low, high)
+            if what.terms:
+                grip = jnp.where(tension <= low, 1.0, jnp.where(tension >= high, -1.0, 0.0))
+            if what.creeping:
+                stencil = jnp.where(grip == 0.0, row.stencil, wrap - compact)
+            if what.presliding:
+                tension, grip = jnp.where(by_slip, low, tension), jnp.where(by_slip, z, grip)
+        drawn, slip = carry.drawn, None
+        if what.follows_slip:
+            now = self.strained(shortened, tension, row)
+            drawn, slip = later(now, carry.drawn), known - w[0] * now
+
+        moment, slopes, ways, place = carry.moment, carry.slopes, carry.ways, carry.place
+        if what.bends:
+            force_x, force_y = row.force
+            if what.has_stop:
+                angle = self.stop_angle
+                force_x, force_y = force_x - self.stop * jnp.cos(angle), force_y - self.stop * jnp.sin(angle)
+                way = jnp.cos(phi - angle)
+                place, ways = carry.place + increment(way, carry.ways), later(way, carry.ways)
+            slope = moment_slope(phi, force_x, force_y)
+            moment, slopes = carry.moment + increment(slope, carry.slopes), later(slope, carry.slopes)
+
+        bent, more = {}, 0.0
+        for kind, bend in what.hooks("bend"):
+            at = Bent(row.rest, row.kappa, row.bent[kind], case.load.dt)
+            extra, bent[kind] = bend(case.terms[kind], kappa, at)
+            more = more + extra
+        pulls = over_tendons(tension * channel.moment_arm(midline[1], row.R), 0)
+        error = kappa - row.rest - row.compliance * (pulls + moment)
+        error = error + more if bent else error
+
+        new = Carry(
+            kappas=later(kappa, carry.kappas),
+            drawn=drawn,
+            slopes=slopes,
+            ways=ways,
+            phi=phi,
+            tension=tension,
+            pulled=None if carry.pulled is None else low,
+            released=None if carry.released is None else high,
+            slip=slip,
+            moment=moment,
+            place=place,
+        )
+        state = State(kappa, phi, wrap, moment)
+        return error, new, Node(state, tension, slip, middle, speed, grip, stencil, elements, bent)
+
+    def bounds(self, behind, turn, carry: Carry):
+        """Tension behind the interval if all of it slipped towards the base, and towards the tip."""
+        what = self.case.structure
+        if any(what.has(hook) for hook in FRICTION) or what.creeping or what.presliding:
+            return behind(1.0, carry.pulled), behind(-1.0, carry.released)
+        left = jnp.exp(-self.case.mu * turn)
+        return carry.pulled * left, carry.released / left
+
+    def strained(self, shortened, tension, row: Row):
+        """What the channel has lost of its length, and the tendon gained by its strain, per midline."""
+        if not self.case.structure.has("strain"):
+            return shortened
+        strain = total(self.case, "strain", tension) - total(self.case, "strain", self.case.preload)
+        return shortened + strain * row.metric
+
+
+def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
+    """The node equations, what they start from, and their rows.
+
+    Args:
+        case: the load step.
+        x: what is unknown at the base, a `march.Closing`.
+    """
+    s, memory, load, what = case.sections, case.memory, case.load, case.structure
+    terms, mesh, R = case.terms, s.mesh, node_first(s.R)
+    by_slip, neighbour, presliding = False, False, None
+    if what.presliding:
+        kind = next(term.id for term in REGISTRY.values() if term.mobilise)
+        presliding = terms[kind]
+        by_slip = True
+        if case.mu.ndim:
+            least = FLOOR * mesh.s[-1]
+            length = presliding["length"]
+            presliding = presliding | {"length": jnp.where(length > least, length, least)}
+        elif not (what.acting and kind in what.terms):
+            by_slip = is_on(REGISTRY[kind], terms[kind])
+    if what.creeping and what.acting:
+        neighbour = True
+    elif what.creeping:
+        on = [is_on(REGISTRY[kind], terms[kind]) for kind in what.terms if REGISTRY[kind].creeps]
+        neighbour = functools.reduce(jnp.logical_or, on)
+    over = (-1, *[1] * case.mu.ndim)
+
+    def grip(sense):
+        start = (mesh.s - mesh.interval.length).reshape(over)
+        speed = jnp.zeros(()) if memory.speed is None else jnp.abs(memory.speed)
+        at = Channel(start, mesh.s.reshape(over), speed, sense, load.time, load.cycle)
+        factor = jnp.broadcast_to(product(case, "friction", at), R.value.shape)
+        factor = jnp.where(factor > 0, factor, 0.0)  # friction that wears or drifts away is gone
+        return jnp.broadcast_to(case.mu, R.value.shape) * factor
+
+    row = Row(
+        R=R,
+        R_before=node_first(offset_before(s.R)),
+        compliance=s.compliance,
+        rest=s.rest,
+        force=(s.force_x, s.force_y) if what.bends else None,
+        weights=mesh.weights,
+        interval=mesh.interval,
+        metric=case.metric if what.follows_slip else None,
+        mu=(grip(1.0), grip(-1.0)) if what.has("friction") else None,
+        tension=memory.tension,
+        middle=memory.middle,
+        stencil=memory.stencil,
+        elements=memory.elements,
+        bent=memory.bent,
+        kappa=memory.kappa if what.has("bend") else None,
+    )
+    low = high = entry = load.T_base
+    if what.has("base_grip"):
+        base_grip = total(case, "base_grip")
+        low, high = load.T_base * jnp.exp(-base_grip), load.T_base * jnp.exp(base_grip)
+        entry = clip(memory.entry, low, high)
+    zero, none = jnp.zeros_like(case.tip_moment), jnp.zeros_like(case.mu)
+    back = STENCIL - 1
+    local = what.presliding and bool(case.mu.ndim)  # the tension of the node before is all that counts
+    carry = Carry(
+        kappas=(zero,) * back,
+        drawn=(none,) * back if what.follows_slip else (),
+        slopes=(zero,) * back if what.bends else (),
+        ways=(zero,) * back if what.has_stop else (),
+        phi=zero,
+        tension=entry,
+        pulled=None if local else low,
+        released=None if local else high,
+        slip=x.slip if what.follows_slip else None,
+        moment=x.moment,
+        place=zero if what.has_stop else None,
+    )
+    highest = None
+    if what.seeks_slip:
+        # While the slip is guessed too low, a speed may raise the tension without end.
+        highest = HIGHEST * jnp.maximum(jnp.max(load.T_base), jnp.max(memory.tension))
+        highest = jax.lax.stop_gradient(highest)
+    stop = angle = None
+    if what.has_stop:
+        ((kind, find),) = what.hooks("stop_angle")
+        stop, angle = pressing(x.stop), find(terms[kind])
+    return Equations(case, stop, angle, Modes(by_slip, neighbour), presliding, highest), carry, row
+
+
+def pressing(stop: Float[Array, ""]) -> Float[Array, ""]:
+    """Force of the stop [N] from its unknown: that where positive. Where negative, the unknown is the
+    distance from the stop, in such units that what is left at the tip falls evenly through zero: Newton's
+    method would otherwise hop between touching and not.
+    """
+    return jnp.where(stop > 0, stop, 0.0)

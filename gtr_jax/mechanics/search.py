@@ -1,0 +1,283 @@
+"""The search for what is unknown at the base: Newton's method along a path that leads to the load step.
+
+Without unknowns one march or two solve the step. With some, Newton's method is tried on the whole step first;
+where it does not settle, the step is approached from the one before in shares of the change of base tension
+and external loads, each started from the last one solved.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.tree_util as jtu
+from jaxtyping import Array, Bool, Float, Int
+
+from .case import Case
+from .march import Closing, Passed, march, march_plainly, passed
+from .sections import largest
+from .small_matrices import inverse as inverse_of
+from .small_matrices import times
+from .structure import March
+
+REACH = 4e-3  # of the length: by how much the displacement is searched at a time
+SHORTEST = 2.0**-12  # share of a Newton step below which a try is given up
+MOST_PLAIN = 8  # marches where nothing is unknown
+PATIENCE, MOST_MARCHES = 60, 6000  # at one part of the step, and in all
+FINER, CAREFUL = 4, 16  # parts of a step: so many times more after a failure; damped beyond so many
+
+
+class Search(eqx.Module):
+    """Where the search stands.
+
+    Attributes:
+        trial: the next point to try, in scaled unknowns, (n,).
+        kappa: curvature to go with it [1/m], (N,).
+        error: of what the search stands at, for the share of the step that it is for.
+        marches, tries: taken in all, and at this share of the step.
+        low, high: displacements at the base known to be too small and too large.
+        point, step, inverse, level, share: the last point that damped steps accepted, the step from there,
+            the inverse of its Jacobian, the length of that step, and the share of it that is tried.
+        parts, part: in how many parts the step is made, and how many of them are done.
+        solved: whether the last of them is.
+    """
+
+    trial: Float[Array, " n"]
+    kappa: Float[Array, " N"]
+    error: Float[Array, ""]
+    marches: Int[Array, ""]
+    tries: Int[Array, ""]
+    low: Float[Array, ""]
+    high: Float[Array, ""]
+    point: Float[Array, " n"]
+    step: Float[Array, " n"]
+    inverse: Float[Array, "n n"]
+    level: Float[Array, ""]
+    share: Float[Array, ""]
+    parts: Int[Array, ""]
+    part: Int[Array, ""]
+    solved: Bool[Array, ""]
+
+
+def scales(case: Case) -> Float[Array, " n"]:
+    """Sizes of the unknowns and of what is left: length; moment and force that bend by about a radian."""
+    what, length = case.structure, case.sections.mesh.s[-1]
+    compliance = jnp.max(case.sections.compliance) * length
+    moment = 1.0 / jnp.where(compliance > 0, compliance, 1.0)
+    return Closing(
+        jnp.broadcast_to(length, case.mu.shape) if what.seeks_slip else None,
+        moment if what.bends else None,
+        moment / length if what.has_stop else None,
+    ).flat()
+
+
+def _bracketed(at: Search, left: Float[Array, " n"], inverse, by_unknowns) -> Search:
+    """The next point for one tendon: Newton's, with the displacement kept between those known to be too small
+    and too large. What is left of the slip rises with it, but so unevenly, where friction builds up over a
+    short slip, that Newton's method alone would not find the root.
+    """
+    u = at.trial[0]
+    low = jnp.where(left[0] < 0, jnp.maximum(at.low, u), at.low)
+    high = jnp.where(left[0] > 0, jnp.minimum(at.high, u), at.high)
+    # Moments and forces found meanwhile may have moved the root out of the bracket.
+    lost = high - low < 1e-15
+    low, high = jnp.where(lost, -jnp.inf, low), jnp.where(lost, jnp.inf, high)
+    step = -times(inverse, left)
+    new = u + step[0]
+    both = jnp.isfinite(low) & jnp.isfinite(high)
+    farther = jnp.where(left[0] < 0, u + REACH, u - REACH)
+    within = jnp.where(both, 0.5 * (low + high), farther)
+    known = both | (jnp.abs(step[0]) > REACH) | ~jnp.isfinite(new)
+    cut = known & ~((new > low) & (new < high))
+    new = jnp.where(cut, within, new)
+    if left.shape[0] > 1:
+        # With the displacement cut short, the others do what they can.
+        others = -times(inverse_of(by_unknowns[1:, 1:]), left[1:] + by_unknowns[1:, 0] * (new - u))
+        step = jnp.where(cut, jnp.concatenate([(new - u)[None], others]), step)
+    else:
+        step = (new - u)[None]
+    return _with(at, trial=at.trial + step, low=low, high=high)
+
+
+def _damped(at: Search, left: Float[Array, " n"], inverse) -> Search:
+    """The next point: Newton's, so far that every step brings the next one closer (Deuflhard's natural
+    monotonicity test).
+    """
+    good = largest(times(at.inverse, left)) <= (1.0 - 0.25 * at.share) * at.level
+    step = -times(inverse, left)
+    share = jnp.where(good, jnp.minimum(1.0, 2.0 * at.share), 0.5 * at.share)
+    share = jnp.where(at.tries == 0, 1.0, share)
+    point, step = jnp.where(good, at.trial, at.point), jnp.where(good, step, at.step)
+    return _with(
+        at,
+        trial=point + share * step,
+        point=point,
+        step=step,
+        inverse=jnp.where(good, inverse, at.inverse),
+        level=jnp.where(good, largest(step), at.level),
+        share=share,
+    )
+
+
+def _with(at: Search, **changed) -> Search:
+    return eqx.tree_at(lambda a: [getattr(a, name) for name in changed], at, list(changed.values()))
+
+
+def _where(holds: Bool[Array, ""], this, that):
+    return jtu.tree_map(lambda a, b: jnp.where(holds, a, b), this, that)
+
+
+def _fresh(at: Search) -> Search:
+    """The search before its first try at a share of the step."""
+    one = jnp.ones_like(at.error)
+    return _with(
+        at,
+        tries=jnp.zeros_like(at.tries),
+        low=-jnp.inf * one,
+        high=jnp.inf * one,
+        share=one,
+        level=jnp.inf * one,
+    )
+
+
+def case_at(case: Case, aim: Float[Array, ""]) -> Case:
+    """The load step as far as a share of it; beyond 1, all of it with `against` from 0 to 1."""
+    memory, s = case.memory, case.sections
+    share = jnp.minimum(aim, 1.0)
+    T_base = jnp.where(
+        share < 1, memory.T_base + share * (case.load.T_base - memory.T_base), case.load.T_base
+    )
+    now = eqx.tree_at(lambda c: c.load.T_base, case, T_base)
+    if case.structure.bends:
+        carried = memory.carried + share * (1.0 - memory.carried)
+        forces = (s.force_x * carried, s.force_y * carried, case.tip_moment * carried)
+        now = eqx.tree_at(lambda c: (c.sections.force_x, c.sections.force_y, c.tip_moment), now, forces)
+    if case.structure.has("by_speed"):
+        now = eqx.tree_at(lambda c: c.against, now, jnp.clip(aim - 1.0, 0.0, 1.0))
+    return now
+
+
+class Found(NamedTuple):
+    """A load step solved: what was unknown at the base, (n,), curvature [1/m], (N,), what is left at the
+    nodes, the largest error, and the marches taken.
+    """
+
+    unknowns: Float[Array, " n"]
+    kappa: Float[Array, " N"]
+    passed: Passed
+    error: Float[Array, ""]
+    marches: Int[Array, ""]
+
+
+def search(case: Case, how: March) -> Found:
+    """Solve a load step from the one before.
+
+    Args:
+        case: the load step.
+        how: far the search goes.
+    """
+    if case.structure.terms or case.structure.unknowns:
+        return _by_path(case, how)
+    return _at_once(case, how)
+
+
+def _finite(error):
+    return jnp.where(jnp.isnan(error), jnp.inf, error)
+
+
+def _at_once(case: Case, how: March) -> Found:
+    """The base model without external loads: one march solves it; more mend what rounding left."""
+
+    def again(at):
+        passed, count = at
+        return march_plainly(case, passed.nodes.state.kappa, True), count + 1
+
+    def unfinished(at):
+        passed, count = at
+        return (passed.error > how.atol) & (count < MOST_PLAIN)
+
+    first = march_plainly(case, case.memory.kappa, False)
+    passed, count = jax.lax.while_loop(unfinished, again, (first, jnp.asarray(1)))
+    return Found(jnp.zeros(0), passed.nodes.state.kappa, passed, _finite(passed.error), count)
+
+
+def _by_path(case: Case, how: March) -> Found:
+    """Newton's method on the whole step; where it fails, again in ever more parts."""
+    what = case.structure
+    sizes = scales(case)
+    whole = 2 if what.has("by_speed") else 1
+    one, zero = jnp.ones_like(case.tip_moment), jnp.asarray(0)
+    known = case.memory.unknowns
+    first = jnp.zeros(0) if known is None else known / sizes
+    begin = Search(
+        trial=first,
+        kappa=case.memory.kappa,
+        error=jnp.inf * one,
+        marches=zero,
+        tries=zero,
+        low=-jnp.inf * one,
+        high=jnp.inf * one,
+        point=first,
+        step=jnp.zeros_like(first),
+        inverse=jnp.eye(first.shape[0]),
+        level=jnp.inf * one,
+        share=one,
+        parts=zero + 1,
+        part=zero,
+        solved=jnp.asarray(False),
+    )
+
+    def unfinished(at: Search):
+        return ~at.solved & (at.marches < MOST_MARCHES) & (at.parts <= 1.0 / how.smallest_stride)
+
+    def improved(at: Search):
+        now = case_at(case, (at.part + 1) / at.parts)
+        if what.unknowns:
+            m = march(now, at.trial * sizes, at.kappa, at.marches > 0)
+            left = m.left / sizes
+            by_unknowns = m.by_unknowns / sizes[:, None] * sizes[None, :]
+            inverse = inverse_of(by_unknowns)
+            on = damped = _damped(at, left, inverse)
+            if what.seeks_slip and not what.tendons:
+                on = _where(at.parts > CAREFUL, damped, _bracketed(at, left, inverse, by_unknowns))
+            elif not what.tendons:
+                on = _where(at.parts > CAREFUL, damped, _with(at, trial=at.trial - times(inverse, left)))
+            # The step is believed as far as a pass along what it makes of the curvature confirms it.
+            moved = (on.trial - at.trial) * sizes
+            corrected = m.kappa + jnp.sum(m.kappa_by * moved[:, None], axis=0)
+            check = passed(now, on.trial * sizes, corrected)
+            error = _finite(jnp.maximum(largest(check.left / sizes), check.error))
+            kappa = jnp.where(error <= how.atol, corrected, m.kappa)
+            kappa = jnp.where(jnp.isfinite(kappa), kappa, at.kappa)
+            broken = ~jnp.isfinite(largest(on.trial))
+        else:
+            m = march_plainly(now, at.kappa, at.marches > 0)
+            on, kappa, error = at, m.nodes.state.kappa, _finite(m.error)
+            kappa = jnp.where(jnp.isfinite(kappa), kappa, at.kappa)
+            broken = ~jnp.isfinite(error)
+        solved = error <= how.atol
+        tries = at.tries + 1
+        over = solved | (tries >= PATIENCE) | (on.share <= SHORTEST) | broken
+        part = jnp.where(over, at.part + 1, at.part)
+        last = part >= whole * at.parts
+        # Several tendons often go on well from a part that was not quite solved.
+        failed = over & ~solved & (last if what.tendons else True)
+        again = _where(over, _fresh(on), _with(on, tries=tries))
+        return _with(
+            again,
+            trial=jnp.where(failed, first, jnp.where(broken, at.trial, on.trial)),
+            kappa=jnp.where(failed, case.memory.kappa, kappa),
+            error=error,
+            marches=at.marches + 1,
+            parts=jnp.where(failed, FINER * at.parts, at.parts),
+            part=jnp.where(failed, 0, part),
+            solved=solved & last,
+        )
+
+    done = jax.lax.while_loop(unfinished, improved, begin)
+    unknowns = done.trial * sizes
+    last = passed(case_at(case, whole * one), unknowns, done.kappa)
+    error = _finite(jnp.maximum(largest(last.left / sizes), last.error) if what.unknowns else last.error)
+    return Found(unknowns, done.kappa, last, error, done.marches)

@@ -1,0 +1,175 @@
+"""One load step solved, with its derivatives by the implicit function theorem.
+
+optimistix's own `ImplicitAdjoint` solves through lineax, which reports failures by calling back into Python:
+such programs cannot be kept in JAX's compilation cache, and pay for the call. Here the Jacobian by what is
+unknown at the base is small, and the march does the rest.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.tree_util as jtu
+from jaxtyping import Array, Float, Int
+
+from . import channel
+from .case import Case, Load, Memory
+from .march import Passed, described
+from .mesh import increments
+from .node import total
+from .search import scales, search
+from .sections import State, node_first
+from .small_matrices import inverse as inverse_of
+from .small_matrices import times
+from .structure import March
+from .tangents import split_tangents
+
+
+class Solved(NamedTuple):
+    """A load step solved.
+
+    Attributes:
+        memory: what is left of it.
+        state: at the nodes first; its wrap is the turning since the node before.
+        error: largest residual, dimensionless: slip by length, the rest as curvature times length.
+        marches: taken.
+    """
+
+    memory: Memory
+    state: State
+    error: Float[Array, ""]
+    marches: Int[Array, ""]
+
+
+def _left(case: Case, marched: Passed, unknowns: Float[Array, " n"]) -> tuple[Memory, State]:
+    """What a march leaves behind."""
+    nodes, what = marched.nodes, case.structure
+    slip, middle, speed = nodes.slip, nodes.middle, nodes.speed
+    if what.follows_slip and not what.seeks_slip:
+        # Nothing depends on the slip of this step, so that it was counted from the base: now from the tip.
+        away = marched.slip - total(case, "anchor", marched.T_tip) + total(case, "anchor", case.preload)
+        slip, middle = slip - away, middle - away
+        speed = (middle - case.memory.middle) / case.load.dt
+    if what.terms and not what.follows_slip:
+        slip = slip_of(case, nodes.state.kappa, nodes.tension, marched.T_tip)
+    memory = Memory(
+        tension=nodes.tension,
+        kappa=nodes.state.kappa,
+        slip=slip,
+        middle=middle,
+        speed=speed,
+        mobilised=nodes.mobilised,
+        stencil=nodes.stencil,
+        elements=nodes.elements,
+        bent=nodes.bent,
+        entry=marched.entry,
+        T_tip=marched.T_tip,
+        T_base=case.load.T_base,
+        carried=jnp.ones_like(case.tip_moment),
+        unknowns=jax.lax.stop_gradient(unknowns) if what.unknowns else None,
+    )
+    return memory, nodes.state
+
+
+def _in_one_batch(tree, marches: Int[Array, ""]):
+    """The same; under `vmap` every array with the batch in its first axis.
+
+    JAX 0.10 mixes up the axes of values and tangents of a function with a derivative of its own that is
+    compiled within a batch that is differentiated, where some have a batch and others none, or in another
+    axis. A sum with a zero that has a batch, and a reshape, give all the same.
+    """
+    zero = jnp.where(marches >= 0, 0.0, 1.0)
+
+    def first(a):
+        a = a + zero
+        return jax.lax.squeeze(jax.lax.reshape(a, (1, *a.shape)), (0,)) if a.ndim else a
+
+    return jtu.tree_map(first, tree)
+
+
+def slip_of(
+    case: Case,
+    kappa: Float[Array, " N"],
+    tension: Float[Array, "N *tendons"],
+    T_tip: Float[Array, "*tendons"],
+) -> Float[Array, "N *tendons"]:
+    """Slip of the tendons towards the base since the robot settled [m], (N, *tendons), from the shape: what
+    the channel beyond has lost of its length, the tendon gained by its strain, and the anchor given way.
+
+    Args:
+        case: the robot, whose metric is that of the settled robot.
+        kappa: curvature [1/m], (N,).
+        tension, T_tip: along the tendons and at the anchor [N].
+    """
+    R, s = node_first(case.sections.R), case.sections
+    assert case.metric is not None
+    bent = jnp.broadcast_to(kappa.reshape(-1, *[1] * case.mu.ndim), R.value.shape)
+    gone = case.metric - channel.metric_factor(bent, R)
+    away = jnp.zeros_like(T_tip)
+    if case.structure.has("strain"):
+        gone = gone + (total(case, "strain", tension) - total(case, "strain", case.preload)) * case.metric
+    if case.structure.has("anchor"):
+        away = total(case, "anchor", T_tip) - total(case, "anchor", case.preload)
+    along = jnp.moveaxis(gone, 0, -1)
+    step = increments if along.ndim == 1 else jax.vmap(increments, in_axes=(None, 0))
+    drawn = jnp.moveaxis(jnp.cumsum(step(s.mesh.weights, along), axis=-1), -1, 0)
+    return drawn[-1] - drawn + away
+
+
+@eqx.filter_custom_jvp
+def _solve(inputs) -> Solved:
+    case, how = inputs
+    found = search(case, how)
+    memory, state = _in_one_batch(_left(case, found.passed, found.unknowns), found.marches)
+    return Solved(memory, state, found.error, found.marches)
+
+
+@_solve.def_jvp
+def _solve_jvp(primals, tangents):
+    """Of the march, closed at the tip by the implicit function theorem in what is unknown at the base."""
+    case, how = primals[0]
+    case_dot = tangents[0][0]
+    found = search(case, how)
+    moving, fixed = split_tangents(case, case_dot)
+
+    def at(moving, flat):
+        now = eqx.combine(moving, fixed)
+        marched = described(now, flat, found.kappa)
+        return marched.left, _left(now, marched, flat)
+
+    if case.structure.unknowns:
+        # One linearisation for all directions: where nothing slips the laws have a kink, and two of them
+        # might be of different sides.
+        (_, out), linear = jax.linearize(at, moving, found.unknowns)
+        zero, still = jnp.zeros_like(found.unknowns), jtu.tree_map(jnp.zeros_like, moving)
+        left_dot, out_dot = linear(case_dot, zero)
+        by_unknowns, out_by = jax.vmap(lambda d: linear(still, d), out_axes=-1)(jnp.eye(zero.shape[0]))
+        sizes = scales(case)
+        scaled = by_unknowns / sizes[:, None] * sizes[None, :]
+        flat_dot = -times(inverse_of(scaled), left_dot / sizes) * sizes
+        out_dot = jtu.tree_map(lambda d, by: d + by @ flat_dot, out_dot, out_by)
+    else:
+        out, out_dot = jax.jvp(lambda moving: at(moving, found.unknowns)[1], (moving,), (case_dot,))
+    memory, state = _in_one_batch(out, found.marches)
+    solved = Solved(memory, state, found.error, found.marches)
+    zeros = jax.custom_derivatives.zero_from_primal(solved, symbolic_zeros=True)
+    memory_dot, state_dot = _in_one_batch(out_dot, found.marches)
+    return solved, zeros._replace(memory=memory_dot, state=state_dot)
+
+
+def load_step(case: Case, load: Load, memory: Memory, how: March) -> Solved:
+    """Solve one load step; differentiable in everything, through any number of steps.
+
+    Args:
+        case: the robot; its load and memory are replaced.
+        load: the load; a base tension below zero counts as slack.
+        memory: what is left of the step before.
+        how: far the search goes.
+    """
+    slack = jnp.where(load.T_base < 0.0, 0.0, load.T_base)  # not maximum: its derivative at 0 is one half
+    load = dataclasses.replace(load, T_base=slack)
+    return _solve((dataclasses.replace(case, load=load, memory=memory), how))

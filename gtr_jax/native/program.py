@@ -1,0 +1,233 @@
+"""A loop over steps as native code: translated once, kept on disk, run on arrays."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import functools
+import hashlib
+import os
+import tempfile
+import threading
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.extend
+import jax.tree_util as jtu
+import llvmlite.binding as llvm
+import numpy as np
+from llvmlite import ir
+
+from .translate import BOOL, DOUBLE, LONG, Block, Translator, Value, kind_of
+
+NAME = "steps"
+BYTE = ir.IntType(8)
+_lock = threading.Lock()
+
+
+class Program:
+    """Goes through K steps natively.
+
+    Args:
+        begin: from the fixed values to what is carried, traced by JAX.
+        step: from the fixed values, what is carried and the row of a step to what is carried on and what the
+            step leaves.
+        fixed: the shapes of the fixed values, as a pytree of `jax.ShapeDtypeStruct`.
+        row: those of a step.
+        key: tells this program from every other; the same key means the same code.
+    """
+
+    def __init__(
+        self,
+        begin: Callable[[Any], Any],
+        step: Callable[[Any, Any, Any], tuple[Any, Any]],
+        fixed: Any,
+        row: Any,
+        key: Sequence[Any],
+    ):
+        self._begin, self._step, self._fixed, self._row = begin, step, fixed, row
+        self._key = hashlib.blake2b(repr((*key, _surroundings())).encode(), digest_size=16).hexdigest()
+        self._lock = threading.Lock()
+
+    @functools.cached_property
+    def _ready(self) -> tuple[Any, int, int, Any]:
+        """The function, bytes of its workspace, numbers that a step leaves, and the engine that holds it."""
+        with self._lock:
+            held = _read(self._key)
+            if held is None:
+                held = self._compiled()
+                _write(self._key, held)
+        size, width, code = (
+            int.from_bytes(held[:8], "little"),
+            int.from_bytes(held[8:16], "little"),
+            held[16:],
+        )
+        with _lock:
+            engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine())
+            engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+            engine.finalize_object()
+            address = engine.get_function_address(NAME)
+        function = ctypes.CFUNCTYPE(None, ctypes.c_int64, *[ctypes.c_void_p] * 4)(address)
+        return function, size, width, engine
+
+    def __call__(self, fixed: Sequence[np.ndarray], rows: np.ndarray) -> np.ndarray:
+        """Run the steps; other threads go on meanwhile.
+
+        Args:
+            fixed: the leaves of the fixed values.
+            rows: the leaves of each step one behind the other, (K, numbers), float64.
+
+        Returns:
+            What each step leaves, (K, numbers), float64; truth values as 0 and 1.
+        """
+        function, size, width, _ = self._ready
+        given = np.concatenate([_words(leaf) for leaf in fixed])
+        rows = np.ascontiguousarray(rows, dtype=float)
+        out = np.empty((len(rows), width))
+        workspace = np.zeros(size, dtype=np.uint8)
+        function(len(rows), given.ctypes.data, rows.ctypes.data, out.ctypes.data, workspace.ctypes.data)
+        return out
+
+    def _compiled(self) -> bytes:
+        """Workspace and width in 8 bytes each, then the object code."""
+        carried = jax.eval_shape(self._begin, self._fixed)
+        begin = jax.make_jaxpr(self._begin)(self._fixed)
+        step = jax.make_jaxpr(self._step)(self._fixed, carried, self._row)
+        left = jax.eval_shape(self._step, self._fixed, carried, self._row)[1]
+        module = ir.Module(NAME)
+        pointer = ir.PointerType()
+        function = ir.Function(module, ir.FunctionType(ir.VoidType(), [LONG, *[pointer] * 4]), NAME)
+        count, given, rows, out, workspace = function.args
+        for argument in function.args[1:]:
+            argument.add_attribute("noalias")
+        t = Translator(module, function, workspace)
+        leaves, own = jtu.tree_leaves(self._fixed), []
+        place = 0
+        for leaf in leaves:
+            start = t.at.gep(given, [LONG(place)], source_etype=LONG)
+            own.append(t.gathered(Block(start, leaf.shape, kind_of(leaf.dtype))))
+            place += int(np.prod(leaf.shape, dtype=int))
+        kept = [t.kept(value) for value in t.run(begin.jaxpr, begin.consts, own)]
+        inputs, width = jtu.tree_leaves(self._row), len(kept)
+        wide = sum(int(np.prod(leaf.shape, dtype=int)) for leaf in inputs)
+        outputs = jtu.tree_leaves(left)
+        width = sum(int(np.prod(leaf.shape, dtype=int)) for leaf in outputs)
+
+        def body(i: Any) -> None:
+            row, place = [], 0
+            for leaf in inputs:
+                start = t.at.gep(rows, [t.at.add(t.at.mul(i, LONG(wide)), LONG(place))], source_etype=LONG)
+                row.append(_of_doubles(t, start, leaf))
+                place += int(np.prod(leaf.shape, dtype=int))
+            found = t.run(step.jaxpr, step.consts, [*own, *[read() for _, read, _ in kept], *row])
+            place = t.at.mul(i, LONG(width))
+            for value in found[len(kept) :]:
+                size = int(np.prod(value.shape, dtype=int))
+                for k in range(size):
+                    one: Any = t.load(value, k) if isinstance(value, Block) else value.ravel()[k]
+                    one = t.at.uitofp(one, DOUBLE) if one.type == BOOL else one
+                    one = t.at.sitofp(one, DOUBLE) if one.type == LONG else one
+                    t.at.store(one, t.at.gep(out, [t.at.add(place, LONG(k))], source_etype=LONG))
+                place = t.at.add(place, LONG(size))
+            t.exchanged(kept, found[: len(kept)])
+
+        t.loop(count, body)
+        t.at.ret_void()
+        code = _object_code(str(module))
+        return t.taken.to_bytes(8, "little") + width.to_bytes(8, "little") + code
+
+
+def _of_doubles(t: Translator, start: Any, leaf: Any) -> Value:
+    """A leaf of a row, whose numbers are all doubles."""
+    whole = Block(start, leaf.shape, DOUBLE)
+    kind = kind_of(leaf.dtype)
+    if kind == DOUBLE:
+        return t.gathered(whole)
+    out = np.empty(leaf.shape, dtype=object)
+    for k, index in enumerate(np.ndindex(*leaf.shape)):
+        value = t.load(whole, k)
+        out[index] = (
+            t.at.fcmp_unordered("!=", value, DOUBLE(0.0)) if kind == BOOL else t.at.fptosi(value, LONG)
+        )
+    return out
+
+
+def _words(leaf: np.ndarray) -> np.ndarray:
+    """A leaf as doubles of the same bits."""
+    leaf = np.asarray(leaf)
+    if leaf.dtype.kind == "f":
+        return leaf.astype(float).ravel()
+    return leaf.astype(np.int64).ravel().view(float)
+
+
+@functools.cache
+def _surroundings() -> tuple[str, ...]:
+    """What compiled code depends on beside its program."""
+    files = sorted(Path(__file__).parents[1].glob("mechanics/**/*.py"))
+    files += sorted(Path(__file__).parents[1].glob("terms/*.py")) + sorted(Path(__file__).parent.glob("*.py"))
+    files += sorted(Path(__file__).parents[1].glob("simulation/*.py"))
+    source = hashlib.blake2b(b"".join(path.read_bytes() for path in files), digest_size=16).hexdigest()
+    features = str(llvm.get_host_cpu_features().flatten())
+    return source, llvm.get_host_cpu_name(), features, version("llvmlite"), version("jax")
+
+
+def _machine() -> Any:
+    _initialise()
+    target = llvm.Target.from_default_triple()
+    return target.create_target_machine(
+        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=2, reloc="pic"
+    )
+
+
+@functools.cache
+def _initialise() -> None:
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+
+
+def _object_code(text: str) -> bytes:
+    with _lock:
+        machine = _machine()
+        module = llvm.parse_assembly(text)
+        module.verify()
+        options = llvm.create_pipeline_tuning_options(speed_level=2)
+        builder = llvm.create_pass_builder(machine, options)
+        builder.getModulePassManager().run(module, builder)
+        return machine.emit_object(module)
+
+
+# --- on disk ----------------------------------------------------------------------------------------------
+
+
+def folder() -> Path | None:
+    """Where compiled programs are kept: below `jax_compilation_cache_dir`; None where JAX keeps none."""
+    kept = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+    return Path(kept) / "native" if kept else None
+
+
+def _read(key: str) -> bytes | None:
+    where = folder()
+    if where is None:
+        return None
+    try:
+        whole = (where / f"{key}.o").read_bytes()
+    except OSError:
+        return None
+    held, check = whole[:-16], whole[-16:]
+    return held if hashlib.blake2b(held, digest_size=16).digest() == check else None
+
+
+def _write(key: str, held: bytes) -> None:
+    """Whole or not at all; where nothing can be written, the program is compiled again next time."""
+    where = folder()
+    if where is None:
+        return
+    with contextlib.suppress(OSError):
+        where.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=where)
+        with os.fdopen(handle, "wb") as file:
+            file.write(held + hashlib.blake2b(held, digest_size=16).digest())
+        os.replace(name, where / f"{key}.o")

@@ -1,0 +1,122 @@
+"""Shapes that no body takes: a body that passes through itself, and a wall strained beyond belief.
+
+The mechanics knows a midline in a plane, linearly elastic, that does not touch itself. Pulled hard enough it
+winds up into itself; the equations hold and their solution means nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Array, Float
+
+from .backbone import Backbone
+
+STRAIN_LIMIT = 0.5  # of the wall, beyond which a linear law of bending is not to be believed
+LOOKED_AT = 200  # steps of a history at most
+
+
+@dataclass(frozen=True)
+class Impossible:
+    """Why a simulation is not one of a body.
+
+    Attributes:
+        overlap_step: first of the steps looked at in which the body's outline crosses itself, from 0; None if
+            none does.
+        overlap_T_base: largest base tension in that step [N].
+        strain: largest bending strain of the wall, |kappa - kappa_0| r, in any step.
+        strain_step: where, from 0.
+    """
+
+    overlap_step: int | None
+    overlap_T_base: float
+    strain: float
+    strain_step: int
+
+    @property
+    def overlaps(self) -> bool:
+        """Whether the body passes through itself."""
+        return self.overlap_step is not None
+
+    @property
+    def says(self) -> tuple[str, ...]:
+        """What is wrong, as sentences."""
+        said = []
+        if self.overlap_step is not None:
+            said.append(
+                f"The body passes through itself from step {self.overlap_step + 1} on (base tension "
+                f"{self.overlap_T_base:.3g} N), which the model does not hinder: no robot takes this shape; "
+                "do not use what follows, pull less."
+            )
+        if self.strain > STRAIN_LIMIT:
+            said.append(
+                f"The wall is strained by {100 * self.strain:.2g} % in step {self.strain_step + 1}; beyond "
+                f"{100 * STRAIN_LIMIT:.0f} % the model's linear law of bending is not to be believed."
+            )
+        return tuple(said)
+
+
+def impossible(
+    backbone: Backbone,
+    s: Float[Array, " N"],
+    *,
+    curvature: Float[Array, "K N"],
+    angle: Float[Array, "K N"],
+    T_base: Float[Array, "K *tendons"],
+) -> Impossible:
+    """What of a simulation no body does; nothing of a rigid sheath.
+
+    Args:
+        backbone: the body.
+        s: its nodes [m], (N,).
+        curvature: of the midline in every step [1/m], (K, N).
+        angle: of the midline [rad], (K, N).
+        T_base: base tension of every tendon [N], (K, *tendons).
+    """
+    if backbone.rigid:
+        return Impossible(None, 0.0, 0.0, 0)
+    radius, rest = np.asarray(backbone.radius(s)), np.asarray(backbone.curvature_at_rest(s))
+    kappa, phi, nodes = np.asarray(curvature), np.asarray(angle), np.asarray(s)
+    pull = np.asarray(T_base).reshape(len(phi), -1).max(axis=1)
+    bent = np.abs(kappa - rest) * radius
+    strain = np.where(np.all(np.isfinite(bent), axis=1), bent.max(axis=1), 0.0)
+    # A curve in a plane that turns by less than half a turn in all, and nowhere more sharply than its wall
+    # allows, does not cross itself, nor do its walls.
+    turned = np.sum(np.abs(np.diff(phi, axis=1)), axis=1)
+    able = np.flatnonzero((turned > 0.5 * np.pi) | (np.abs(kappa) * radius >= 1.0).any(axis=1))
+    some = able[:: -(-len(able) // LOOKED_AT)] if len(able) else able
+    found = next((int(k) for k in some if crosses_itself(outline(nodes, phi[k], radius))), None)
+    at = 0.0 if found is None else float(pull[found])
+    return Impossible(found, at, float(strain.max()), int(strain.argmax()))
+
+
+def outline(s: np.ndarray, angle: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """The body's outline from the base along one wall, over the tip and back along the other, (2N, 2) [m].
+
+    Args:
+        s: nodes [m], (N,).
+        angle: of the midline there [rad], (N,).
+        radius: of the body there [m], (N,).
+    """
+    tangent = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+    steps = np.diff(s)[:, None] * 0.5 * (tangent[1:] + tangent[:-1])
+    middle = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    wall = radius[:, None] * normal
+    return np.concatenate([middle + wall, (middle - wall)[::-1]])
+
+
+def crosses_itself(points: np.ndarray) -> bool:
+    """Whether two sides of an open polygon (n, 2) that do not follow one another cross."""
+    if not np.all(np.isfinite(points)):
+        return False
+    a, b = points[:-1], points[1:]
+
+    def side(p, q, r):
+        """Sign of the area of each triangle of a side (p, q) and each point r, (n, n)."""
+        u, v = q - p, r[None, :, :] - p[:, None, :]
+        return np.sign(u[:, None, 0] * v[..., 1] - u[:, None, 1] * v[..., 0])
+
+    apart = side(a, b, a) * side(a, b, b)  # < 0 where the other side's ends lie to both sides of this one
+    return bool(np.any(np.triu((apart < 0) & (apart.T < 0), k=2)))

@@ -1,0 +1,1 @@
+"""One equilibrium, a load history, what load cells show of it, and its phases."""

@@ -1,0 +1,110 @@
+"""One equilibrium of rod and tendons."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from .. import mechanics
+from ..mechanics import FOREVER, Load, March, Structure, rest_state, untouched
+from ..mechanics.sections import node_first
+from ..mechanics.several.rootfinder import RootFinder
+from ..mechanics.several.slip import Kept
+from ..robot.robot import Robot, sections
+from .programs import at_nodes, by_structure, structure_of
+from .several import at_preload, load_step
+from .solution import Equilibrium, describe, loaded_of
+
+
+@eqx.filter_jit
+def _solve(
+    robot: Robot,
+    T_base: Float[Array, "*tendons"],
+    before: Equilibrium | Float[Array, " N"] | None,
+    how: March,
+    structure: Structure | None,
+) -> Equilibrium:
+    one = jnp.ones_like(robot.loads.tip_moment)
+
+    def pair(robot, T_base, before):
+        s, solver = sections(robot), RootFinder(atol=how.atol)
+        settled, kept = at_preload(robot, s, solver)
+        if isinstance(before, Equilibrium):
+            kept = Kept(before.tension, before.metric, before.mobilisation)
+        none = jnp.zeros_like(kept.tension)
+        done, _ = load_step(robot, s, T_base, kept, rest_state(s), settled, solver, none)
+        plain = Structure((), len(robot.tendon_names), robot.loaded)
+        memory = untouched(plain, done.state, node_first(done.tension), one)
+        memory = dataclasses.replace(memory, T_base=T_base)
+        return describe(s, done, mechanics.complete(memory, plain, done.state, node_first(done.slip)))
+
+    def solved(structure: Structure, robot, T_base, before):
+        s = sections(robot)
+
+        def remembered(settled, never_pulled):
+            if isinstance(before, Equilibrium) and before.memory is not None:
+                return mechanics.part_of(before.memory, structure)
+            if before is None:
+                return never_pulled
+            tension = before.tension if isinstance(before, Equilibrium) else before
+            kept = untouched(structure, settled, node_first(tension), one)
+            same = ("slip", "middle", "bent", "unknowns")
+            return dataclasses.replace(kept, **{name: getattr(never_pulled, name) for name in same})
+
+        load = Load(T_base, FOREVER * one, 0 * one, 0 * one)
+        done, memory, settled = mechanics.one_step(at_nodes(robot, s), structure, load, how, remembered)
+        step = loaded_of(s, structure, settled, done)
+        whole = mechanics.complete(memory, structure, step.state, node_first(step.slip))
+        return describe(s, step, whole)
+
+    return by_structure(solved, pair, structure, robot, T_base, before)
+
+
+def equilibrium(
+    robot: Robot,
+    T_base: ArrayLike | Sequence[float],
+    *,
+    memory: Equilibrium | Float[Array, " N"] | None = None,
+    with_terms: bool | Collection[str] | None = None,
+    solver: March = March(),  # noqa: B008
+) -> Equilibrium:
+    """Equilibrium of the robot under a base tension.
+
+    Physics terms act as they do once everything has come to rest: nothing moves, what creeps has crept.
+
+    Without `memory` the tendon is pulled once from its preload (slack unless the robot says otherwise);
+    several tendons are pulled together, in one step.
+    Differentiable in every number of the robot and in T_base, by the implicit function theorem; one-sided at
+    stick fronts.
+
+    Args:
+        robot: from `load_robot`, or built in Python.
+        T_base: tension at the base [N], scalar; with several tendons one each, (tendons,).
+        memory: the equilibrium before this load; for one tendon its tension [N], (N,), will do.
+        with_terms: as for `simulate`.
+        solver: how far the search goes; its tolerance.
+
+    Returns:
+        The solution. It never raises on non-convergence: look at `result`, `converged` and `residual_norm`.
+
+    Raises:
+        ValueError: T_base has another shape, or the memory of several tendons is no equilibrium.
+    """
+    load, names = jnp.asarray(T_base, dtype=float), robot.tendon_names
+    if names and load.shape != (len(names),):
+        raise ValueError(
+            f"T_base: one base tension for each of the tendons {', '.join(names)}, not shape {load.shape}"
+        )
+    if not names and load.ndim != 0:
+        raise ValueError(
+            f"T_base: one base tension, not shape {load.shape}; jax.vmap over several, or simulate"
+        )
+    if names and memory is not None and not isinstance(memory, Equilibrium):
+        raise ValueError(
+            "memory: several tendons remember more than their tension; give the equilibrium before"
+        )
+    return _solve(robot, load, memory, solver, structure_of(robot, with_terms))

@@ -1,0 +1,337 @@
+"""A load history, step by step: base tension in; tip tension, pose and the state of the tendon out."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.tree_util as jtu
+import numpy as np
+import optimistix as optx
+from jax.core import Tracer
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
+
+from gtr_jax.robot.robot import Robot, sections
+
+from ..mechanics import Load, March, Structure, steps
+from ..mechanics.channel import wrap_increment
+from ..mechanics.mesh import shifted
+from ..mechanics.sections import State, at_tendons, offset_before
+from ..mechanics.several.rootfinder import RootFinder
+from ..mechanics.several.slip import Kept
+from ..terms import REGISTRY, known_on
+from ..terms.term import NO_SLIP
+from .programs import at_nodes, by_structure, known_to_act, structure_of
+from .sensing import Reading, cells_show, shown
+from .several import at_preload, load_step
+from .slipping import front_of, moves_by_tension, moves_of
+from .solution import Equilibrium, Loaded, describe, loaded_of, metric_of
+
+SHORTEST = 1e-9  # s, between samples that share their time
+
+
+class Simulation(eqx.Module):
+    """A load history of K steps on N nodes, SI units. What belongs to a tendon has a tendon axis where the
+    robot has several.
+
+    Tensions are true ones, as the tendon has them, but for `reading`: what the load cells show of them, as
+    `simulation.csv` of the command `gtr simulate` and every recording hold it. The two differ where a physics
+    term of the cells (`tip-gain`, `zero-drift`, ...) acts.
+
+    Attributes:
+        T_base: true tension at the base, as given, (K, *tendons).
+        time: since the first step [s], (K,); without given times one second per step.
+        T_tip: true tension at the anchor, (K, *tendons).
+        reading: T_base and T_tip as the load cells show them, (K, *tendons) each.
+        tip_pose: x, y, angle of the midline's tip, (K, 3).
+        displacement: tendon drawn out at the base since the robot settled with slack tendons, (K, *tendons).
+        slip_direction: +1 where the tendon at the base slips towards the base in the step, -1 towards the
+            tip, 0 at rest, (K, *tendons).
+        slip_front: the tendon slips on [0, slip_front] and is locked beyond, (K, *tendons); L when all of it
+            slips. Several tendons may make a tendon slip farther out again; this is the first front.
+        s: nodes, (N,).
+        tension: along the tendons, (K, *tendons, N).
+        slip: of the tendons towards the base, since the robot settled with slack tendons, (K, *tendons, N).
+        curvature, angle: along the robot, (K, N).
+        external_moment: of the external loads, along the robot, (K, N).
+        mobilisation: of friction, (K, tendons, N), as `Equilibrium.mobilisation`; None for one tendon.
+        result: optimistix result per step.
+        residual_norm, iterations: per step, (K,).
+    """
+
+    T_base: Float[Array, "K *tendons"]
+    time: Float[Array, " K"]
+    T_tip: Float[Array, "K *tendons"]
+    reading: Reading
+    tip_pose: Float[Array, "K 3"]
+    displacement: Float[Array, "K *tendons"]
+    slip_direction: Float[Array, "K *tendons"]
+    slip_front: Float[Array, "K *tendons"]
+    s: Float[Array, " N"]
+    tension: Float[Array, "K *tendons N"]
+    slip: Float[Array, "K *tendons N"]
+    curvature: Float[Array, "K N"]
+    angle: Float[Array, "K N"]
+    external_moment: Float[Array, "K N"]
+    mobilisation: Float[Array, "K tendons N"] | None
+    result: optx.RESULTS
+    residual_norm: Float[Array, " K"]
+    iterations: Int[Array, " K"]
+
+    @property
+    def converged(self) -> Bool[Array, " K"]:
+        """True for each step that met the tolerance."""
+        return self.result == optx.RESULTS.successful
+
+    @property
+    def slip_speed(self) -> Float[Array, "K *tendons N"]:
+        """Speed of the slip towards the base in each step [m/s], (K, *tendons, N); at the first nothing."""
+        dt = jnp.diff(self.time, prepend=self.time[:1])
+        rate = 1.0 / jnp.where(dt > 0, dt, jnp.inf)
+        change = jnp.diff(self.slip, axis=0, prepend=self.slip[:1])
+        return change * rate.reshape(-1, *[1] * (change.ndim - 1))
+
+    def of_tendon(self, index: int) -> Simulation:
+        """What this run is for one of several tendons: the same, without the tendon axis."""
+        own = ("T_base", "T_tip", "displacement", "slip_direction", "slip_front", "tension", "slip")
+        taken = {name: getattr(self, name)[:, index] for name in own}
+        cells = Reading(*(column[:, index] for column in self.reading))
+        return dataclasses.replace(self, **taken, reading=cells, mobilisation=None)
+
+
+def reading(robot: Robot, run: Simulation) -> Reading:
+    """What the robot's load cells show of a simulation; the true tensions where no term says otherwise.
+
+    `run.reading` is that of the robot it was simulated with; this one is of any robot, one whose cells differ
+    for example.
+    """
+    return cells_show(robot, run.T_base, run.T_tip, run.time)
+
+
+def padded_length(steps: int) -> int:
+    """Length a history is padded to, at most a quarter more, so that a few compiled programs serve all."""
+    if steps <= 16:
+        return 16
+    unit = 2 ** ((steps - 1).bit_length() - 3)
+    return -(-steps // unit) * unit
+
+
+def _where(met: Bool[Array, ""], now, before):
+    return jtu.tree_map(lambda new, old: jnp.where(met, new, old), now, before)
+
+
+def _pair(robot: Robot, loads: Load, solver: RootFinder):
+    """The steps of the base model of several tendons, and the direction of slip along them in each."""
+    s = sections(robot)
+    settled, kept = at_preload(robot, s, solver)
+    scale = jnp.maximum(jnp.max(loads.T_base), jnp.maximum(jnp.max(kept.tension), 1e-6))
+
+    def step(carry, T_base):
+        kept, start, xi = carry
+        done, gripped = load_step(robot, s, T_base, kept, start, settled, solver, xi)
+        memory = Kept(done.tension, metric_of(s, done.state), done.mobilisation)
+        now = (memory, *jax.lax.stop_gradient((done.state, gripped)))
+        return _where(done.converged, now, carry), (done, kept.tension, gripped)
+
+    start = (kept, *jax.lax.stop_gradient((settled, jnp.zeros_like(kept.tension))))
+    done, before, gripped = jax.lax.scan(step, start, loads.T_base)[1]
+    moves = jax.vmap(lambda done, before, xi: moves_by_tension(done.tension, before, scale, xi))(
+        done, before, gripped
+    )
+    return done, moves
+
+
+def _solved(structure: Structure, robot: Robot, loads: Load, how: March):
+    """The same of one tendon, or with physics terms."""
+    s = sections(robot)
+    done, _, settled = steps(at_nodes(robot, s), structure, loads, how)
+    loaded = jax.vmap(lambda step: loaded_of(s, structure, settled, step))(done)
+    scale = jnp.maximum(jnp.max(loads.T_base), jnp.maximum(jnp.max(settled.preload), 1e-6))
+    rigid = robot.backbone.rigid
+    return loaded, jax.vmap(lambda step, now: moves_of(s, structure, rigid, step, now, scale))(done, loaded)
+
+
+@eqx.filter_jit
+def _run(robot: Robot, loads: Load, how: March, structure: Structure | None) -> Simulation:
+    done, moves = by_structure(
+        lambda structure, robot, loads: _solved(structure, robot, loads, how),
+        lambda robot, loads: _pair(robot, loads, RootFinder(atol=how.atol)),
+        structure,
+        robot,
+        loads,
+    )
+    # What is read off the states is computed for all steps at once, outside the loop.
+    s = sections(robot)
+    eq = jax.vmap(lambda done: describe(s, done))(done)
+    fronts = jax.vmap(lambda sign: front_of(s.mesh.s, sign))
+    direction, front = (fronts if moves.ndim == 2 else jax.vmap(fronts))(moves)
+    return Simulation(
+        T_base=loads.T_base,
+        time=loads.time,
+        T_tip=eq.T_tip,
+        reading=Reading(loads.T_base, eq.T_tip),
+        tip_pose=eq.tip_pose,
+        displacement=eq.slip[..., 0],
+        slip_direction=direction,
+        slip_front=front,
+        s=s.mesh.s,
+        tension=eq.tension,
+        slip=eq.slip,
+        curvature=eq.curvature,
+        angle=eq.angle,
+        external_moment=eq.external_moment,
+        mobilisation=eq.mobilisation,
+        result=eq.result,
+        residual_norm=eq.residual_norm,
+        iterations=eq.iterations,
+    )
+
+
+def loads_of(
+    T_base: Float[Array, "K *tendons"], time: Float[Array, " K"], cycle: Float[Array, " K"] | None
+) -> Load:
+    """A load history, its steps of time and its cycles."""
+    first = jnp.where(time.shape[0] > 1, time[1:2] - time[:1], 1.0) if time.shape[0] > 1 else jnp.ones(1)
+    dt = jnp.concatenate([first, jnp.diff(time)])
+    dt = jnp.where(dt > 0, dt, SHORTEST)
+    return Load(T_base, dt, time - time[0], cycles(T_base) if cycle is None else cycle)
+
+
+def cycles(T_base: Float[Array, "K *tendons"]) -> Float[Array, " K"]:
+    """Pulls and releases done at each step of a history, half a cycle each, (K,): the way that the base
+    tension has gone, in units of twice its range. Of several tendons, that of the one that has gone farthest.
+    """
+    known = jnp.isfinite(T_base)
+    change = jnp.abs(jnp.diff(T_base, axis=0, prepend=T_base[:1]))
+    gone = jnp.cumsum(jnp.where(jnp.isfinite(change), change, 0.0), axis=0)
+    most, least = (jnp.max, jnp.inf), (jnp.min, -jnp.inf)
+    top, bottom = (f(jnp.where(known, T_base, -far), axis=0, keepdims=True) for f, far in (most, least))
+    span = top - bottom
+    done = gone / jnp.where(span > 0, 2 * span, 1.0)
+    return done if done.ndim == 1 else jnp.max(done, axis=1)
+
+
+def simulate(
+    robot: Robot,
+    T_base: ArrayLike | Sequence[float] | Sequence[Sequence[float]],
+    *,
+    time: ArrayLike | Sequence[float] | None = None,
+    cycle: ArrayLike | Sequence[float] | None = None,
+    with_terms: bool | Collection[str] | None = None,
+    solver: March = March(),  # noqa: B008
+) -> Simulation:
+    """Run a robot through a load history; any sequence of pulls, releases, re-pulls and holds.
+
+    The tendon starts at its preload (slack unless the robot file says otherwise), the robot settled under its
+    external loads. Differentiable in every number of the robot and in T_base.
+
+    Args:
+        robot: from `load_robot`, or built in Python.
+        T_base: base tension at each step [N], (K,), K >= 1; with several tendons (K, tendons). Negative
+            values count as slack.
+        time: of each step [s], (K,), increasing; needed where a physics term depends on it.
+        cycle: pulls and releases done at each step, (K,), for wear; counted from T_base unless given.
+        with_terms: which physics terms the program holds: True for all, though none may act, False for those
+            of the load cells only, or their names. Unless given: those that act; under a transformation that
+            traces them, a program that has the base model and all terms and decides when it runs.
+        solver: as for `equilibrium`.
+
+    Returns:
+        One entry per step: true tensions, and in `reading` what the load cells show of them. A step that
+        does not converge is flagged in `result` and leaves the tendon's memory as it was.
+
+    Raises:
+        ValueError: T_base is not a history of at least one step, time or cycle not of its length, or there is
+            no time for a term that needs it; time that goes back; presliding in a rigid sheath with a tendon
+            that does not stretch, which never slips.
+    """
+    history, names = jnp.asarray(T_base, dtype=float), robot.tendon_names
+    if names and history.shape[1:] != (len(names),):
+        raise ValueError(
+            f"T_base: a history of the tendons {', '.join(names)} has shape (steps, {len(names)}), "
+            f"not {history.shape}"
+        )
+    if history.size == 0 or (not names and history.ndim != 1):
+        raise ValueError(f"T_base: a history is one row of at least one tension, not shape {history.shape}")
+    steps = history.shape[0]
+    if time is None:
+        _refuse_timed(robot)
+    clock = jnp.arange(steps, dtype=float) if time is None else jnp.asarray(time, dtype=float)
+    given = {"time": clock} | ({} if cycle is None else {"cycle": jnp.asarray(cycle, dtype=float)})
+    for name, values in given.items():
+        if values.shape != (steps,):
+            raise ValueError(f"{name}: one value for each of the {steps} steps, not shape {values.shape}")
+    back = np.zeros(0) if isinstance(clock, Tracer) else np.diff(np.asarray(clock)) < 0
+    if np.any(back):
+        at = int(np.argmax(back)) + 1
+        raise ValueError(f"time: goes back at step {at + 1}; put the steps in the order of time")
+    _refuse_unable(robot)
+    loads = loads_of(history, clock, given.get("cycle"))
+    missing = padded_length(steps) - steps
+
+    def padded(values):
+        return jnp.concatenate([values, jnp.broadcast_to(values[-1], (missing, *values.shape[1:]))])
+
+    run = _run(robot, jtu.tree_map(padded, loads), solver, structure_of(robot, with_terms))
+    run = Simulation(
+        **{k: v if k == "s" else jtu.tree_map(lambda a: a[:steps], v) for k, v in vars(run).items()}
+    )
+    # Of the steps alone: a cell that looks ahead or lags would see those that the history is padded with.
+    return dataclasses.replace(run, reading=shown(robot, run.T_base, run.T_tip, run.time))
+
+
+def _refuse_unable(robot: Robot) -> None:
+    """ValueError if friction is to build up over a slip that cannot be."""
+    if not robot.backbone.rigid:
+        return
+    stretch = REGISTRY["tendon-stretch"]
+    if known_on(stretch, robot.terms[stretch.id]) is False:
+        for term in REGISTRY.values():
+            if term.mobilise is not None and known_on(term, robot.terms[term.id]):
+                raise ValueError(f"{term.id}: {NO_SLIP}")
+    if robot.tendon_names and known_to_act(robot):
+        raise ValueError("physics terms: a rigid sheath of several tendons takes those of the cells only")
+
+
+def _refuse_timed(robot: Robot) -> None:
+    """ValueError if a term acts that needs times; nothing is said of values that are being traced."""
+    for term in REGISTRY.values():
+        if term.timed and known_on(term, robot.terms[term.id]):
+            raise ValueError(f"time: {term.id} depends on it; give the time of each step")
+
+
+@eqx.filter_jit
+def equilibrium_at(robot: Robot, run: Simulation, step: int) -> Equilibrium:
+    """The equilibrium of one step of a simulation, with all that `Equilibrium` offers.
+
+    Args:
+        robot: as simulated.
+        run: its simulation.
+        step: counted from 0; negative ones from the end.
+    """
+    s = sections(robot)
+    at = {
+        name: getattr(run, name)[step]
+        for name in ("curvature", "angle", "external_moment", "tension", "T_tip", "slip", "mobilisation")
+        if getattr(run, name) is not None
+    }
+    shape = at_tendons((at["angle"] - shifted(at["angle"]), at["curvature"], shifted(at["curvature"])), s.R)
+    turned = wrap_increment(*shape, s.R, offset_before(s.R), at_tendons(s.mesh.interval, s.R))
+    wrap = jnp.cumsum(turned, axis=-1)
+    return describe(
+        s,
+        Loaded(
+            state=State(at["curvature"], at["angle"], wrap, at["external_moment"]),
+            tension=at["tension"],
+            T_tip=at["T_tip"],
+            slip=at["slip"],
+            wrap=wrap,
+            mobilisation=at.get("mobilisation"),
+            result=jtu.tree_map(lambda a: a[step], run.result),
+            residual_norm=run.residual_norm[step],
+            iterations=run.iterations[step],
+        ),
+    )

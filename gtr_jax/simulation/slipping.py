@@ -1,0 +1,87 @@
+"""Where along the tendons slip goes, and which way, read off load steps."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..mechanics import Step, Structure
+from ..mechanics.sections import Sections
+from .solution import Loaded
+
+SLIP_TOLERANCE = 1e-8  # share of the length, or of the largest tension, below which nothing moved
+MOBILISED = 0.9  # share of its friction at which a tendon with presliding counts as slipping
+
+
+def moves_by_tension(
+    tension: Float[Array, "*tendons N"],
+    before: Float[Array, "*tendons N"],
+    scale: Float[Array, ""],
+    xi: Float[Array, "*tendons N"] | None,
+):
+    """Direction of slip along the tendons, (*tendons, N): told by the change of tension of one tendon, by the
+    slip itself of several.
+    """
+    if xi is None:
+        change = tension - before
+        return jnp.where(jnp.abs(change) > SLIP_TOLERANCE * scale, jnp.sign(change), 0.0)
+    slipped = jnp.concatenate([xi[..., 1:2], xi[..., 1:]], axis=-1)
+    return jnp.where(jnp.abs(slipped) > 1.0 + SLIP_TOLERANCE, jnp.sign(slipped), 0.0)
+
+
+def moves_by_slip(slipped, changed, tension, mobilised, wrap, length: Float[Array, ""], rigid: bool):
+    """Direction of slip along the tendons, (*tendons, N), of a step with physics terms.
+
+    A tendon slips where nearly all its friction is mobilised, and at the base once it moves there. It slips
+    as a whole if all its friction nearly is: next to its anchor, where it hardly moves, presliding never gets
+    far.
+
+    Args:
+        slipped, changed: slip [m] and change of tension [N] in the step, (*tendons, N).
+        tension: after it [N].
+        mobilised: share of friction that is, in [-1, 1].
+        wrap: turning since the base [rad].
+        length: of the body [m].
+        rigid: whether its shape is fixed.
+    """
+    if rigid:  # nothing slips, but for a stretch
+        slipped, length = changed, jnp.max(jnp.abs(tension)) + 1e-6
+    way = jnp.where(jnp.abs(slipped) > SLIP_TOLERANCE * length, jnp.sign(slipped), 0.0)
+    if rigid:
+        return way
+    turning = jnp.diff(wrap, axis=-1, prepend=jnp.zeros_like(wrap[..., :1]))
+    whole = jnp.where(wrap[..., -1] > 0, wrap[..., -1], 1.0)
+    share = jnp.sum(mobilised * turning, axis=-1, keepdims=True) / whole[..., None]
+    at_base = way[..., :1]
+    all_of = (share * at_base > MOBILISED) & (at_base != 0.0)
+    slips = (mobilised * way > MOBILISED) | (jnp.arange(way.shape[-1]) == 0)
+    return jnp.where(all_of, at_base, jnp.where(slips, way, 0.0))
+
+
+def front_of(s, sign):
+    """Direction of slip of one tendon at the base and arc length up to which it reaches."""
+    at = jnp.arange(s.shape[0])
+    first_locked = jnp.min(jnp.where(sign != sign[0], at, s.shape[0]))
+    front = jnp.max(jnp.where(at < first_locked, s, 0.0))
+    return sign[0], jnp.where(sign[0] == 0.0, 0.0, front)
+
+
+def moves_of(s: Sections, structure: Structure, rigid: bool, step: Step, done: Loaded, scale):
+    """Direction of slip along the tendons in a step, (*tendons, N): by tension in the base model, by slip
+    with physics terms.
+
+    Args:
+        s: the robot at its nodes.
+        structure: which equations act.
+        rigid: whether the body's shape is fixed.
+        step, done: the step.
+        scale: a tension that counts as large [N].
+    """
+    before = jnp.moveaxis(step.before[0], 0, -1)
+    if not structure.terms:
+        return moves_by_tension(done.tension, before, scale, None)
+    assert step.slip is not None and step.before[1] is not None and step.mobilised is not None
+    slipped = jnp.moveaxis(step.slip - step.before[1], 0, -1)
+    mobilised = jnp.moveaxis(step.mobilised, 0, -1)
+    changed = done.tension - before
+    return moves_by_slip(slipped, changed, done.tension, mobilised, done.wrap, s.mesh.s[-1], rigid)
