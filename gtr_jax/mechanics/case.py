@@ -113,9 +113,6 @@ def untouched(
     followed = none if structure.follows_slip else None
     count = max(term.elements for term in REGISTRY.values())
     moment = state.moment[0]
-    unknowns = [jnp.zeros(at_base.size)] if structure.seeks_slip else []
-    unknowns += [moment[None]] if structure.bends else []
-    unknowns += [jnp.zeros(1)] if structure.has_stop else []
     return Memory(
         tension=tension,
         kappa=state.kappa,
@@ -130,7 +127,7 @@ def untouched(
         T_tip=at_base,
         T_base=jnp.zeros_like(at_base),
         carried=carried,
-        unknowns=jnp.concatenate(unknowns) if unknowns else None,
+        unknowns=_unknowns(structure, jnp.zeros(at_base.size), moment, jnp.zeros_like(moment)),
     )
 
 
@@ -152,7 +149,7 @@ def complete(memory: Memory, structure: Structure, state: State, slip: Float[Arr
         full,
         **{"slip": slip, "middle": 0.5 * (slip + before)} | known,
         bent=full.bent | memory.bent,
-        unknowns=jnp.concatenate([displacement, moment[None], stop[None]]),
+        unknowns=_unknowns(every, displacement, moment, stop),
         **{name: getattr(memory, name) for name in ("kappa", "entry", "T_tip", "T_base")},
     )
 
@@ -161,8 +158,6 @@ def part_of(memory: Memory, structure: Structure) -> Memory:
     """What a program of a structure asks for of a complete memory."""
     every = Structure(EVERY, structure.tendons, loaded=True)
     displacement, moment, stop = _split(memory.unknowns, every, jnp.zeros(0), jnp.zeros(()))
-    unknowns = [displacement] * structure.seeks_slip + [moment[None]] * structure.bends
-    unknowns += [stop[None]] * structure.has_stop
     asked = {
         "slip": bool(structure.terms),
         "mobilised": bool(structure.terms),
@@ -175,8 +170,15 @@ def part_of(memory: Memory, structure: Structure) -> Memory:
         memory,
         **{name: None for name, wanted in asked.items() if not wanted},
         bent={kind: memory.bent[kind] for kind, _ in structure.hooks("bend")},
-        unknowns=jnp.concatenate(unknowns) if unknowns else None,
+        unknowns=_unknowns(structure, displacement, moment, stop),
     )
+
+
+def _unknowns(structure: Structure, displacement, moment, stop) -> Float[Array, " n"] | None:
+    """Displacements, moment and stop in one, as far as they are unknown; None where nothing is."""
+    parts = [displacement] * structure.seeks_slip + [moment[None]] * structure.bends
+    parts += [stop[None]] * structure.has_stop
+    return jnp.concatenate(parts) if parts else None
 
 
 def _split(unknowns: Float[Array, " n"] | None, structure: Structure, displacement, moment):

@@ -10,9 +10,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from gtr_jax.mechanics.offset import Offset
-
 from .mesh import Interval
+from .offset import Offset
 
 SMALLEST_TURN = 1e-14
 

@@ -16,7 +16,7 @@ from ..terms import REGISTRY
 from . import channel
 from .case import Case, Load, Memory, untouched
 from .mesh import cumulative
-from .sections import Sections, State, at_tendons, node_first
+from .sections import Sections, State, at_tendons, either_of, node_first
 from .solve import load_step
 from .structure import March, Structure
 
@@ -89,9 +89,9 @@ def rest_state(s: Sections) -> State:
     return State(s.rest, phi, jnp.zeros_like(s.R.value), jnp.broadcast_to(moment, s.rest.shape))
 
 
-def metric_of(s: Sections, kappa: Float[Array, " N"]) -> Float[Array, "N *tendons"]:
-    """nu = ds_c/ds of the channels, the nodes first."""
-    return node_first(channel.metric_factor(at_tendons(kappa, s.R), s.R))
+def metric_of(s: Sections, kappa: Float[Array, " N"]) -> Float[Array, "*tendons N"]:
+    """nu = ds_c/ds of the channels, (*tendons, N)."""
+    return channel.metric_factor(at_tendons(kappa, s.R), s.R)
 
 
 def _case(robot: Robot, structure: Structure, memory: Memory) -> Case:
@@ -149,7 +149,7 @@ def begin(robot: Robot, structure: Structure, before: Before | None = None) -> S
         at_rest = dataclasses.replace(at_rest, kappa=s.rest + s.compliance * robot.tip_moment)
         memory = untouched(structure, at_rest, jnp.broadcast_to(strung_to, slack.shape), one)
         memory = memory if before is None else before(at_rest, memory)
-        return Settled(memory, metric_of(s, at_rest.kappa), strung_to, at_rest.kappa)
+        return Settled(memory, node_first(metric_of(s, at_rest.kappa)), strung_to, at_rest.kappa)
     # What bends the body has bent it from its natural shape; only the search starts from that moment.
     memory = untouched(structure, jax.lax.stop_gradient(at_rest), slack, zero)
     memory = dataclasses.replace(memory, kappa=s.rest)
@@ -197,7 +197,7 @@ def advance(
         error=done.error,
         marches=done.marches,
     )
-    after = _where(met, dataclasses.replace(settled, memory=done.memory), settled)
+    after = either_of(met, dataclasses.replace(settled, memory=done.memory), settled)
     if prefix:
         slack = jnp.zeros_like(settled.metric)
         tension = slack if prefix == 2 else jnp.broadcast_to(strung_to, slack.shape)
@@ -209,14 +209,14 @@ def advance(
         fresh = dataclasses.replace(fresh, bent=done.memory.bent, unknowns=found)
         if prefix == 1 and before is not None:
             fresh = before(done.state, fresh)
-        fresh = Settled(fresh, metric_of(s, done.state.kappa), strung_to, done.state.kappa)
-        after = _where(settling, fresh, after)
+        fresh = Settled(fresh, node_first(metric_of(s, done.state.kappa)), strung_to, done.state.kappa)
+        after = either_of(settling, fresh, after)
     if prefix == 2:
         # The tendons are strung, and nothing has slipped.
         names = [n for n in ("speed", "mobilised", "elements") if getattr(done.memory, n) is not None]
         memory = dataclasses.replace(done.memory, **{n: 0 * getattr(done.memory, n) for n in names})
         memory = memory if before is None else before(done.state, memory)
-        after = _where(stringing, dataclasses.replace(settled, memory=memory), after)
+        after = either_of(stringing, dataclasses.replace(settled, memory=memory), after)
     return after, out
 
 
@@ -282,7 +282,3 @@ def one_step(
         lambda carry, x: (step(carry[0], *x), None), (start, nothing), (loads, flags)
     )
     return out, last.memory, last
-
-
-def _where(holds: Bool[Array, ""], this, that):
-    return jtu.tree_map(lambda a, b: jnp.where(holds, a, b), this, that)

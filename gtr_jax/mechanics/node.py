@@ -34,7 +34,7 @@ FLOOR = 1e-4  # of the length: the shortest presliding of several tendons with t
 FRICTION = ("friction", "by_pressure", "by_speed", "drag", "wrap")  # hooks that change what an interval holds
 HIGHEST = 10.0  # times the largest tension known: none is believed beyond, while the slip is guessed
 Asked = Any  # an array, or None where no law of the structure asks for it
-((_, mobilise),) = [(term.id, term.mobilise) for term in REGISTRY.values() if term.mobilise]
+((PRESLIDING, mobilise),) = [(term.id, term.mobilise) for term in REGISTRY.values() if term.mobilise]
 
 
 class Modes(NamedTuple):
@@ -288,15 +288,14 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
     terms, mesh, R = case.terms, s.mesh, node_first(s.R)
     by_slip, neighbour, presliding = False, False, None
     if what.presliding:
-        kind = next(term.id for term in REGISTRY.values() if term.mobilise)
-        presliding = terms[kind]
+        presliding = terms[PRESLIDING]
         by_slip = True
         if case.mu.ndim:
             least = FLOOR * mesh.s[-1]
             length = presliding["length"]
             presliding = presliding | {"length": jnp.where(length > least, length, least)}
-        elif not (what.acting and kind in what.terms):
-            by_slip = is_on(REGISTRY[kind], terms[kind])
+        elif not (what.acting and PRESLIDING in what.terms):
+            by_slip = is_on(REGISTRY[PRESLIDING], presliding)
     if what.creeping and what.acting:
         neighbour = True
     elif what.creeping:

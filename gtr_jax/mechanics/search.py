@@ -12,12 +12,11 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import jax.tree_util as jtu
 from jaxtyping import Array, Bool, Float, Int
 
 from .case import Case
 from .march import Closing, Passed, march, march_plainly, passed
-from .sections import largest
+from .sections import either_of, largest
 from .small_matrices import inverse as inverse_of
 from .small_matrices import times
 from .structure import March
@@ -123,10 +122,6 @@ def _damped(at: Search, left: Float[Array, " n"], inverse) -> Search:
 
 def _with(at: Search, **changed) -> Search:
     return eqx.tree_at(lambda a: [getattr(a, name) for name in changed], at, list(changed.values()))
-
-
-def _where(holds: Bool[Array, ""], this, that):
-    return jtu.tree_map(lambda a, b: jnp.where(holds, a, b), this, that)
 
 
 def _fresh(at: Search) -> Search:
@@ -241,9 +236,9 @@ def _by_path(case: Case, how: March) -> Found:
             inverse = inverse_of(by_unknowns)
             on = damped = _damped(at, left, inverse)
             if what.seeks_slip and not what.tendons:
-                on = _where(at.parts > CAREFUL, damped, _bracketed(at, left, inverse, by_unknowns))
+                on = either_of(at.parts > CAREFUL, damped, _bracketed(at, left, inverse, by_unknowns))
             elif not what.tendons:
-                on = _where(at.parts > CAREFUL, damped, _with(at, trial=at.trial - times(inverse, left)))
+                on = either_of(at.parts > CAREFUL, damped, _with(at, trial=at.trial - times(inverse, left)))
             # The step is believed as far as a pass along what it makes of the curvature confirms it.
             moved = (on.trial - at.trial) * sizes
             corrected = m.kappa + jnp.sum(m.kappa_by * moved[:, None], axis=0)
@@ -264,7 +259,7 @@ def _by_path(case: Case, how: March) -> Found:
         last = part >= whole * at.parts
         # Several tendons often go on well from a part that was not quite solved.
         failed = over & ~solved & (last if what.tendons else True)
-        again = _where(over, _fresh(on), _with(on, tries=tries))
+        again = either_of(over, _fresh(on), _with(on, tries=tries))
         return _with(
             again,
             trial=jnp.where(failed, first, jnp.where(broken, at.trial, on.trial)),

@@ -11,7 +11,7 @@ from typing import TypeVar
 import equinox as eqx
 import jax.numpy as jnp
 import jax.tree_util as jtu
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .mesh import Mesh, shifted
 from .offset import Offset
@@ -73,6 +73,11 @@ def moment_slope(phi, force_x, force_y):
 def node_first(tree):
     """Arrays (*tendons, N) as the rows of a scan along the nodes, (N, *tendons)."""
     return jtu.tree_map(lambda v: jnp.moveaxis(v, -1, 0), tree)
+
+
+def either_of(holds: Bool[Array, ""], this: Tree, that: Tree) -> Tree:
+    """`this` where something holds, else `that`, leaf by leaf."""
+    return jtu.tree_map(lambda a, b: jnp.where(holds, a, b), this, that)
 
 
 def largest(values: Float[Array, " N"]) -> Float[Array, ""]:

@@ -14,21 +14,20 @@ import optimistix as optx
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from gtr_jax.robot.robot import Robot, sections
-
-from ..mechanics import Load, March, Structure, steps
+from ..mechanics import Load, March, Structure, metric_of, steps
 from ..mechanics.channel import wrap_increment
 from ..mechanics.mesh import shifted
-from ..mechanics.sections import State, at_tendons, offset_before
+from ..mechanics.sections import State, at_tendons, either_of, offset_before
 from ..mechanics.several.rootfinder import RootFinder
 from ..mechanics.several.slip import Kept
+from ..robot.robot import Robot, sections
 from ..terms import REGISTRY, known_on
 from ..terms.term import NO_SLIP
 from .programs import at_nodes, by_structure, known_to_act, structure_of
 from .sensing import Reading, cells_show, shown
 from .several import at_preload, load_step
-from .slipping import front_of, moves_by_tension, moves_of
-from .solution import Equilibrium, Loaded, describe, loaded_of, metric_of
+from .slipping import front_of, large_tension, moves_by_friction, moves_of
+from .solution import Equilibrium, Loaded, describe, loaded_of
 
 SHORTEST = 1e-9  # s, between samples that share their time
 
@@ -119,29 +118,21 @@ def padded_length(steps: int) -> int:
     return -(-steps // unit) * unit
 
 
-def _where(met: Bool[Array, ""], now, before):
-    return jtu.tree_map(lambda new, old: jnp.where(met, new, old), now, before)
-
-
 def _pair(robot: Robot, loads: Load, solver: RootFinder):
     """The steps of the base model of several tendons, and the direction of slip along them in each."""
     s = sections(robot)
     settled, kept = at_preload(robot, s, solver)
-    scale = jnp.maximum(jnp.max(loads.T_base), jnp.maximum(jnp.max(kept.tension), 1e-6))
 
     def step(carry, T_base):
         kept, start, xi = carry
         done, gripped = load_step(robot, s, T_base, kept, start, settled, solver, xi)
-        memory = Kept(done.tension, metric_of(s, done.state), done.mobilisation)
+        memory = Kept(done.tension, metric_of(s, done.state.kappa), done.mobilisation)
         now = (memory, *jax.lax.stop_gradient((done.state, gripped)))
-        return _where(done.converged, now, carry), (done, kept.tension, gripped)
+        return either_of(done.converged, now, carry), (done, gripped)
 
     start = (kept, *jax.lax.stop_gradient((settled, jnp.zeros_like(kept.tension))))
-    done, before, gripped = jax.lax.scan(step, start, loads.T_base)[1]
-    moves = jax.vmap(lambda done, before, xi: moves_by_tension(done.tension, before, scale, xi))(
-        done, before, gripped
-    )
-    return done, moves
+    done, gripped = jax.lax.scan(step, start, loads.T_base)[1]
+    return done, jax.vmap(moves_by_friction)(gripped)
 
 
 def _solved(structure: Structure, robot: Robot, loads: Load, how: March):
@@ -149,7 +140,7 @@ def _solved(structure: Structure, robot: Robot, loads: Load, how: March):
     s = sections(robot)
     done, _, settled = steps(at_nodes(robot, s), structure, loads, how)
     loaded = jax.vmap(lambda step: loaded_of(s, structure, settled, step))(done)
-    scale = jnp.maximum(jnp.max(loads.T_base), jnp.maximum(jnp.max(settled.preload), 1e-6))
+    scale = large_tension(loads.T_base, settled.preload)
     rigid = robot.backbone.rigid
     return loaded, jax.vmap(lambda step, now: moves_of(s, structure, rigid, step, now, scale))(done, loaded)
 

@@ -17,7 +17,7 @@ from ..mechanics import Load, March, Settled, Step, Structure, advance, begin, w
 from ..native.program import Program
 from ..robot.robot import Robot, sections
 from .programs import at_nodes
-from .slipping import front_of, moves_of
+from .slipping import front_of, large_tension, moves_of
 from .solution import loaded_of
 
 
@@ -82,8 +82,7 @@ def _program(structure: Structure, how: March, rigid: bool, nodes: int, shapes: 
 @eqx.filter_jit
 def _prepared(robot: Robot, loads: Load):
     at = at_nodes(robot, sections(robot))
-    scale = jnp.maximum(jnp.max(loads.T_base), jnp.maximum(jnp.max(at.preload), 1e-6))
-    return at, scale
+    return at, large_tension(loads.T_base, at.preload)
 
 
 def steps_natively(robot: Robot, structure: Structure, loads: Load, how: March = March()) -> Brief:  # noqa: B008
@@ -96,19 +95,12 @@ def steps_natively(robot: Robot, structure: Structure, loads: Load, how: March =
         how: far a search goes.
     """
     at, scale = _prepared(robot, loads)
-    return run_natively(at, structure, loads, float(scale), robot.backbone.rigid, how)
-
-
-def run_natively(
-    at: mechanics.Robot, structure: Structure, loads: Load, scale: float, rigid: bool, how: March
-) -> Brief:
-    """The same of a robot at its nodes; `scale` is a tension that counts as large [N]."""
     leaves, tree = jtu.tree_flatten(at)
     shapes = (tuple((leaf.shape, leaf.dtype) for leaf in leaves), tree)
-    program = _program(structure, how, rigid, at.sections.rest.shape[0], shapes)
+    program = _program(structure, how, robot.backbone.rigid, at.sections.rest.shape[0], shapes)
     whole, (settling, stringing) = with_steps_before(at, structure, loads)
     K = whole.time.shape[0]
-    columns = [whole.T_base, whole.dt, whole.time, whole.cycle, settling, stringing, np.full(K, scale)]
+    columns = [whole.T_base, whole.dt, whole.time, whole.cycle, settling, stringing, np.full(K, float(scale))]
     out = program([np.asarray(leaf) for leaf in leaves], np.stack([np.asarray(c, float) for c in columns], 1))
     out = out[K - loads.time.shape[0] :]
     return Brief(

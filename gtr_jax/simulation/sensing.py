@@ -8,8 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from gtr_jax.robot.robot import Robot
-
+from ..robot.robot import Robot
 from ..terms import REGISTRY, known_on
 from ..terms.term import Clock
 

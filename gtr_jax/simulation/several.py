@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from ..mechanics import rest_state
+from ..mechanics import metric_of, rest_state
 from ..mechanics.sections import Sections, State
 from ..mechanics.several import slip
 from ..mechanics.several.adjoint import CausalAdjoint
 from ..mechanics.several.problem import Problem, residual, tension_of
 from ..robot.robot import Robot
-from .solution import Loaded, metric_of, slip_of
+from .solution import Loaded, slip_of
 
 MAX_STEPS = 256
 
@@ -108,4 +108,4 @@ def at_preload(robot: Robot, s: Sections, solver: optx.AbstractRootFinder) -> tu
     preload = jnp.broadcast_to(robot.per_tendon(lambda tendon: tendon.preload)[..., None], slack.shape)
     p = problem_of(robot, s, preload[..., 0], None, slack)
     strung = solve_problem(p, settled, solver).value
-    return settled, slip.Kept(preload, metric_of(s, strung), slack)
+    return settled, slip.Kept(preload, metric_of(s, strung.kappa), slack)

@@ -13,18 +13,25 @@ SLIP_TOLERANCE = 1e-8  # share of the length, or of the largest tension, below w
 MOBILISED = 0.9  # share of its friction at which a tendon with presliding counts as slipping
 
 
+def large_tension(T_base: Float[Array, "K *tendons"], preload: Float[Array, "*any"]) -> Float[Array, ""]:
+    """A tension that counts as large in a history [N]."""
+    return jnp.maximum(jnp.max(T_base), jnp.maximum(jnp.max(preload), 1e-6))
+
+
 def moves_by_tension(
     tension: Float[Array, "*tendons N"],
     before: Float[Array, "*tendons N"],
     scale: Float[Array, ""],
-    xi: Float[Array, "*tendons N"] | None,
 ):
-    """Direction of slip along the tendons, (*tendons, N): told by the change of tension of one tendon, by the
-    slip itself of several.
+    """Direction of slip along one tendon, (*tendons, N), from its tension and that before [N]; `scale` is a
+    tension that counts as large [N].
     """
-    if xi is None:
-        change = tension - before
-        return jnp.where(jnp.abs(change) > SLIP_TOLERANCE * scale, jnp.sign(change), 0.0)
+    change = tension - before
+    return jnp.where(jnp.abs(change) > SLIP_TOLERANCE * scale, jnp.sign(change), 0.0)
+
+
+def moves_by_friction(xi: Float[Array, "tendons N"]):
+    """Direction of slip along several tendons, (tendons, N), from the unknown of their friction law."""
     slipped = jnp.concatenate([xi[..., 1:2], xi[..., 1:]], axis=-1)
     return jnp.where(jnp.abs(slipped) > 1.0 + SLIP_TOLERANCE, jnp.sign(slipped), 0.0)
 
@@ -79,7 +86,7 @@ def moves_of(s: Sections, structure: Structure, rigid: bool, step: Step, done: L
     """
     before = jnp.moveaxis(step.before[0], 0, -1)
     if not structure.terms:
-        return moves_by_tension(done.tension, before, scale, None)
+        return moves_by_tension(done.tension, before, scale)
     assert step.slip is not None and step.before[1] is not None and step.mobilised is not None
     slipped = jnp.moveaxis(step.slip - step.before[1], 0, -1)
     mobilised = jnp.moveaxis(step.mobilised, 0, -1)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
-from ..mechanics import Memory, Settled, Step, Structure, channel
+from ..mechanics import Memory, Settled, Step, Structure, channel, metric_of
 from ..mechanics.mesh import cumulative, increments
 from ..mechanics.sections import Sections, State, at_tendons
 from .outcome import outcome
@@ -78,18 +78,13 @@ class Equilibrium(eqx.Module):
         return dataclasses.replace(self, **taken, mobilisation=None, memory=None)
 
 
-def metric_of(s: Sections, y: State) -> Float[Array, "*tendons N"]:
-    """nu = ds_c/ds of the channels, (*tendons, N)."""
-    return channel.metric_factor(at_tendons(y.kappa, s.R), s.R)
-
-
 def tendon_length(s: Sections, y: State) -> Float[Array, "*tendons"]:
     """Length of the channels from base to tip [m], (*tendons,)."""
 
     def length(metric):
         return jnp.sum(increments(s.mesh.weights, metric))
 
-    metric = metric_of(s, y)
+    metric = metric_of(s, y.kappa)
     return length(metric) if metric.ndim == 1 else jax.vmap(length)(metric)
 
 
@@ -100,7 +95,7 @@ def slip_of(s: Sections, settled: State, y: State) -> Float[Array, "*tendons N"]
         drawn = cumulative(s.mesh.weights, shortened)
         return drawn[-1] - drawn
 
-    shortened = metric_of(s, settled) - metric_of(s, y)
+    shortened = metric_of(s, settled.kappa) - metric_of(s, y.kappa)
     return beyond(shortened) if shortened.ndim == 1 else jax.vmap(beyond)(shortened)
 
 
@@ -167,7 +162,7 @@ def describe(s: Sections, loaded: Loaded, memory: Memory | None = None) -> Equil
         y=cumulative(s.mesh.weights, jnp.sin(y.phi)),
         wrap=loaded.wrap,
         tendon_angle=at_tendons(y.phi, s.R) + channel.tangent_lead(at_tendons(y.kappa, s.R), s.R),
-        metric=metric_of(s, y),
+        metric=metric_of(s, y.kappa),
         R=s.R.value,
         tendon_length=tendon_length(s, y),
         mobilisation=loaded.mobilisation,
