@@ -28,9 +28,9 @@ def _solve(
     how: March,
     structure: Structure | None,
 ) -> Equilibrium:
-    one = jnp.ones_like(robot.loads.tip_moment)
-
+    # What these two need comes by their arguments: arrays of this scope must not reach a custom derivative.
     def pair(robot, T_base, before):
+        one = jnp.ones_like(robot.loads.tip_moment)
         s, solver = sections(robot), RootFinder(atol=how.atol)
         settled, kept = at_preload(robot, s, solver)
         if isinstance(before, Equilibrium):
@@ -44,6 +44,7 @@ def _solve(
 
     def solved(structure: Structure, robot, T_base, before):
         s = sections(robot)
+        one = jnp.ones_like(robot.loads.tip_moment)
 
         def remembered(settled, never_pulled):
             if isinstance(before, Equilibrium) and before.memory is not None:
