@@ -192,7 +192,7 @@ def solve(
     """Build the robot and simulate.
 
     Raises:
-        InputError: tensions so large that no finite state is left to draw.
+        InputError: tensions so large that no state is left to draw.
     """
     import numpy as np
 
@@ -202,11 +202,15 @@ def solve(
     robot = build_robot(config, resolution=resolution)
     progress("compiling and simulating")
     answer = answer_simulation(robot, T_base, time)
-    lost = ~np.all(np.isfinite(np.asarray(answer.run.tip_pose)), axis=-1)
+    # Lost where nothing is finite, or where no solution is found and the rod would turn by more than half a
+    # turn from one node to the next.
+    run = answer.run
+    turns = np.max(np.abs(np.diff(np.asarray(run.angle), axis=-1)), axis=-1) > np.pi
+    lost = ~np.all(np.isfinite(np.asarray(run.tip_pose)), axis=-1) | (turns & ~np.asarray(run.converged))
     if lost.any():
         first = float(np.max(np.asarray(T_base)[int(np.argmax(lost))]))
         raise InputError(
-            f"{config.source}: at a base tension of {first:.3g} N no finite shape is found; is the unit "
+            f"{config.source}: at a base tension of {first:.3g} N no shape is found; is the unit "
             "right? give less in --pull or in the history"
         )
     return answer
