@@ -4,23 +4,28 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from importlib.metadata import version
+from typing import NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
+import jax.tree_util as jtu
 import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
-from gtr_jax import Robot
+from gtr_jax import Robot, true_base
+from gtr_jax.mechanics import EVERY, Load, Structure, in_order
 from gtr_jax.robot.parameters import places_of
-from gtr_jax.simulation.programs import known_to_act
+from gtr_jax.simulation.history import loads_of
+from gtr_jax.simulation.natively import Native, Ready, ready
+from gtr_jax.simulation.programs import structure_of
+from gtr_jax.simulation.sensing import cells_differ, cells_show
 from gtr_jax.terms import REGISTRY
 
 from ..number import values_in
-from ..predictor import History, Seen, padded_history, shown
+from ..predictor import History, Seen, padded_history
 from ..setup import Part
 from .cache import SimulationCache
 
@@ -34,12 +39,51 @@ AT_HAND = 64
 AFTER = (1, 2, 3, 5, 8, 12, 18)
 
 
-@eqx.filter_jit
-def _shown(robot: Robot, places: Int[Array, " P"], values: Float[Array, " P"], history: History):
+# What the programs hold that simulate a recording, from the fastest to the slowest: a hypothesis takes the
+# first that has all its terms. Load steps a second on the demo's mesh: 90,000, 40,000, 23,000, 20,000 and
+# 11,000; each compiles in 0.7 to 1.8 s. A program of its own for every hypothesis would take 0.7 s each.
+_BESIDE_LOADS = [kind for kind in EVERY if not REGISTRY[kind].loads and REGISTRY[kind].stop is None]
+_BY_SLIP = ("presliding", "viscous-friction")
+PROGRAMS = (
+    (),
+    tuple(kind for kind in _BESIDE_LOADS if kind not in (*_BY_SLIP, "viscoelastic-body")),
+    tuple(kind for kind in EVERY if kind not in _BY_SLIP),
+    tuple(kind for kind in EVERY if kind != "viscous-friction"),
+    EVERY,
+)
+
+
+def program_for(kinds: Collection[str]) -> tuple[str, ...]:
+    """Names of the physics terms of the fastest program that has all of these."""
+    return next(held for held in PROGRAMS if set(kinds) <= set(held))
+
+
+class _Changed(NamedTuple):
+    """A robot with some numbers changed, ready for load steps, (P,)."""
+
+    ready: Ready
+    loads: Load
+
+
+def _with(robot: Robot, places: Int[Array, " P"], values: Float[Array, " P"]) -> Robot:
     flat, unravel = ravel_pytree(robot)
-    changed = unravel(jnp.append(flat, 0.0).at[places].set(values)[:-1])
-    seen, run = shown(changed, history)
-    return seen, run.converged, run.slip_front, run.slip_direction
+    return unravel(jnp.append(flat, 0.0).at[places].set(values)[:-1])
+
+
+@eqx.filter_jit
+def _changed(
+    robot: Robot, places: Int[Array, " P"], values: Float[Array, " P"], history: History, more_base
+) -> _Changed:
+    now = _with(robot, places, values)
+    T_base = true_base(now, history.T_base + more_base, history.time)
+    return _Changed(ready(now, T_base), loads_of(T_base, history.time, history.cycle))
+
+
+@eqx.filter_jit
+def _tip_cell(
+    robot: Robot, places: Int[Array, " P"], values: Float[Array, " P"], loads: Load, T_tip: Float[Array, " K"]
+) -> Float[Array, " K"]:
+    return cells_show(_with(robot, places, values), loads.T_base, T_tip, loads.time).T_tip
 
 
 def resolution_of(robot: Robot) -> float:
@@ -67,8 +111,8 @@ def some_samples(part: Part, most: int) -> np.ndarray:
 class Rig:
     """One recording, and the robot it is of, coarsely meshed.
 
-    Per robot structure and padded length, one compiled program serves every hypothesis of the load cells, and
-    a second, ten times slower, all others: without physics terms the two agree to 1e-9 N on any mesh.
+    The native programs of `PROGRAMS` serve all hypotheses and recordings of a robot structure: where two of
+    them hold the terms of a hypothesis, they agree to 1e-9 N on any mesh.
 
     Args:
         part: the recording.
@@ -81,7 +125,11 @@ class Rig:
         self, part: Part, robot: Robot, more: Iterable[str] = (), cache: SimulationCache | None = None
     ):
         self.part, self.robot, self.cache, self.more = part, robot, cache, tuple(more)
-        self._acting = bool(known_to_act(robot))
+        acting = structure_of(robot, None)
+        if acting is None:
+            raise TypeError("a rig simulates a robot whose numbers are known")
+        self._acting, self._cells = set(acting.terms), bool(cells_differ(robot))
+        self._native = Native(robot)
         names = [*robot_names(robot), *self.more]
         places = np.asarray(places_of(robot, names))
         self._places = dict(zip(names, places.tolist(), strict=True))
@@ -122,33 +170,28 @@ class Rig:
         return whole.digest()
 
     def _simulated(self, values: Mapping[str, float], more_base: float) -> Seen | None:
-        part = self.part
-        acting = any(
-            not REGISTRY[kind].of_cells
-            for name in values
-            for kind in [name.partition(".")[0]]
-            if kind in REGISTRY
-        )
-        history = padded_history(
-            part.T_base.T_base + more_base, part.time, part.trial, with_terms=self._acting or acting
-        )
+        part, K = self.part, self.part.samples
+        asked = {name.partition(".")[0] for name in values} & REGISTRY.keys()
+        kinds = {kind for kind in asked if not REGISTRY[kind].of_cells} | self._acting
+        history = padded_history(part.T_base.T_base, part.time, part.trial, with_terms=True)
         places, numbers = np.full(PLACES, self._none), np.zeros(PLACES)
         for i, (name, value) in enumerate(values.items()):
             places[i], numbers[i] = self._places[name], value
-        try:
-            seen, converged, front, direction = jax.block_until_ready(
-                _shown(self.robot, jnp.asarray(places), jnp.asarray(numbers), history)
-            )
-        except RuntimeError as fault:  # a linear solve given NaN raises, from within the compiled program
-            if "non-finite" not in str(fault):
-                raise
-            return None
-        K = part.samples
-        shown = np.asarray(seen)[:, :K]
+        ready, loads = _changed(self.robot, places, numbers, history, more_base)
+        held = in_order(program_for(kinds))
+        loaded = self.robot.loaded or any(REGISTRY[kind].loads for kind in held)
+        # What the history is padded with is not simulated.
+        steps = jtu.tree_map(lambda column: np.asarray(column)[:K], loads)
+        run = self._native(ready, Structure(held, 0, loaded), steps)
+        T_tip = run.T_tip
+        if self._cells or any(REGISTRY[kind].of_cells for kind in asked):
+            held_on = np.concatenate([T_tip, np.full(len(loads.time) - K, T_tip[-1])])
+            T_tip = np.asarray(_tip_cell(self.robot, places, numbers, loads, held_on))[:K]
+        shown = np.stack([T_tip, *run.tip_pose.T, run.displacement])
         if not np.all(np.isfinite(shown)):
             return None
-        whole = np.asarray(front)[:K] >= float(self.robot.backbone.length) * (1 - 1e-12)
-        return Seen(shown, int(np.sum(~np.asarray(converged)[:K])), whole, np.asarray(direction)[:K])
+        whole = run.slip_front >= float(self.robot.backbone.length) * (1 - 1e-12)
+        return Seen(shown, int(np.sum(~run.converged)), whole, run.slip_direction)
 
 
 def robot_names(robot: Robot) -> list[str]:

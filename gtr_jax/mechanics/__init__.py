@@ -17,6 +17,7 @@ from .history import (
     one_step,
     rest_state,
     steps,
+    steps_before,
     with_steps_before,
 )
 from .mesh import increments
@@ -42,6 +43,7 @@ __all__ = [
     "part_of",
     "rest_state",
     "steps",
+    "steps_before",
     "untouched",
     "with_steps_before",
 ]

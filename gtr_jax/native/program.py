@@ -15,15 +15,19 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.extend
+import jax.numpy as jnp
 import jax.tree_util as jtu
 import llvmlite.binding as llvm
 import numpy as np
+from jaxtyping import Array, Float
 from llvmlite import ir
 
 from .translate import BOOL, DOUBLE, LONG, Block, Translator, Value, kind_of
 
 NAME = "steps"
+# The program of all physics terms compiles in 1.8 s and does 400 load steps in 35 ms; with LLVM's level 2 in
+# 13 s and 32 ms, with its level 2 without vectorisation and unrolling in 3.8 s and 34 ms.
+PASSES = ("sroa", "instruction_combine", "simplify_cfg", "new_gvn", "dead_store_elimination")
 BYTE = ir.IntType(8)
 _lock = threading.Lock()
 
@@ -73,18 +77,18 @@ class Program:
         function = ctypes.CFUNCTYPE(None, ctypes.c_int64, *[ctypes.c_void_p] * 4)(address)
         return function, size, width, engine
 
-    def __call__(self, fixed: Sequence[np.ndarray], rows: np.ndarray) -> np.ndarray:
+    def __call__(self, fixed: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Run the steps; other threads go on meanwhile.
 
         Args:
-            fixed: the leaves of the fixed values.
+            fixed: the fixed values, `packed`.
             rows: the leaves of each step one behind the other, (K, numbers), float64.
 
         Returns:
             What each step leaves, (K, numbers), float64; truth values as 0 and 1.
         """
         function, size, width, _ = self._ready
-        given = np.concatenate([_words(leaf) for leaf in fixed])
+        given = np.ascontiguousarray(fixed, dtype=float)
         rows = np.ascontiguousarray(rows, dtype=float)
         out = np.empty((len(rows), width))
         workspace = np.zeros(size, dtype=np.uint8)
@@ -155,12 +159,16 @@ def _of_doubles(t: Translator, start: Any, leaf: Any) -> Value:
     return out
 
 
-def _words(leaf: np.ndarray) -> np.ndarray:
-    """A leaf as doubles of the same bits."""
-    leaf = np.asarray(leaf)
-    if leaf.dtype.kind == "f":
-        return leaf.astype(float).ravel()
-    return leaf.astype(np.int64).ravel().view(float)
+def packed(tree: Any) -> Float[Array, " n"]:
+    """The leaves of a tree as one array of doubles; whole numbers and truth values by their bits."""
+
+    def words(leaf: Array) -> Array:
+        leaf = jnp.asarray(leaf).ravel()
+        if jnp.issubdtype(leaf.dtype, jnp.floating):
+            return leaf.astype(jnp.float64)
+        return jax.lax.bitcast_convert_type(leaf.astype(jnp.int64), jnp.float64)
+
+    return jnp.concatenate([words(leaf) for leaf in jtu.tree_leaves(tree)])
 
 
 @functools.cache
@@ -193,9 +201,11 @@ def _object_code(text: str) -> bytes:
         machine = _machine()
         module = llvm.parse_assembly(text)
         module.verify()
-        options = llvm.create_pipeline_tuning_options(speed_level=2)
-        builder = llvm.create_pass_builder(machine, options)
-        builder.getModulePassManager().run(module, builder)
+        builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options())
+        passes = llvm.create_new_module_pass_manager()
+        for name in PASSES:
+            getattr(passes, f"add_{name}_pass")()
+        passes.run(module, builder)
         return machine.emit_object(module)
 
 

@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .. import mechanics
-from ..mechanics import Load, March, Settled, Step, Structure, advance, begin, with_steps_before
-from ..native.program import Program
+from ..mechanics import FOREVER, Load, March, Settled, Step, Structure, advance, begin, steps_before
+from ..native.program import Program, packed
 from ..robot.robot import Robot, sections
 from .programs import at_nodes
 from .slipping import front_of, large_tension, moves_of
@@ -79,37 +79,71 @@ def _program(structure: Structure, how: March, rigid: bool, nodes: int, shapes: 
     return Program(lambda robot: begin(robot, structure), step, fixed, jax.eval_shape(row), key)
 
 
-@eqx.filter_jit
-def _prepared(robot: Robot, loads: Load):
+class Ready(NamedTuple):
+    """What a native program is given of a robot of one tendon and a load history.
+
+    Attributes:
+        given: the robot at its nodes, `packed`, (n,).
+        preload: of its tendon [N].
+        large: a tension that counts as large in the history [N].
+    """
+
+    given: Float[Array, " n"]
+    preload: Float[Array, ""]
+    large: Float[Array, ""]
+
+
+def ready(robot: Robot, T_base: Float[Array, " K"]) -> Ready:
+    """A robot made ready for a history of base tensions [N]; to be compiled."""
     at = at_nodes(robot, sections(robot))
-    return at, large_tension(loads.T_base, at.preload)
+    return Ready(packed(at), at.preload, large_tension(T_base, at.preload))
+
+
+_ready = eqx.filter_jit(ready)
+
+
+class Native:
+    """The native programs of a robot of one tendon: one for each structure, whatever its numbers are.
+
+    Args:
+        robot: the robot, or another with other numbers.
+    """
+
+    def __init__(self, robot: Robot):
+        shapes = eqx.filter_eval_shape(lambda robot: at_nodes(robot, sections(robot)), robot)
+        leaves, tree = jtu.tree_flatten(shapes)
+        self._shapes = (tuple((leaf.shape, leaf.dtype) for leaf in leaves), tree)
+        self._nodes, self._rigid = shapes.sections.rest.shape[0], robot.backbone.rigid
+
+    def __call__(self, ready: Ready, structure: Structure, loads: Load, how: March = March()) -> Brief:  # noqa: B008
+        """Go through K load steps.
+
+        Args:
+            ready: of the robot and these loads.
+            structure: which equations act.
+            loads: K of them.
+            how: far a search goes.
+        """
+        program = _program(structure, how, self._rigid, self._nodes, self._shapes)
+        prefix, preload = steps_before(structure), float(ready.preload)
+        columns = [np.asarray(column, float) for column in (loads.T_base, loads.dt, loads.time, loads.cycle)]
+        # Of each step: T_base, dt, time, cycle, whether the robot settles, and whether it is strung.
+        ahead = np.asarray([[0.0, FOREVER, 0, 0, 1, 0], [preload, FOREVER, 0, 0, 0, 1]])[:prefix]
+        rows = np.concatenate([ahead, np.pad(np.stack(columns, axis=1), ((0, 0), (0, 2)))])
+        rows = np.concatenate([rows, np.full((len(rows), 1), float(ready.large))], axis=1)
+        out = program(np.asarray(ready.given), rows)[prefix:]
+        return Brief(
+            T_tip=out[:, 0],
+            tip_pose=out[:, 1:4],
+            displacement=out[:, 4],
+            slip_direction=out[:, 5],
+            slip_front=out[:, 6],
+            converged=out[:, 7] != 0,
+            residual_norm=out[:, 8],
+            iterations=out[:, 9].astype(int),
+        )
 
 
 def steps_natively(robot: Robot, structure: Structure, loads: Load, how: March = March()) -> Brief:  # noqa: B008
-    """Go through load steps natively.
-
-    Args:
-        robot: of one tendon, its numbers known.
-        structure: which equations act.
-        loads: K of them.
-        how: far a search goes.
-    """
-    at, scale = _prepared(robot, loads)
-    leaves, tree = jtu.tree_flatten(at)
-    shapes = (tuple((leaf.shape, leaf.dtype) for leaf in leaves), tree)
-    program = _program(structure, how, robot.backbone.rigid, at.sections.rest.shape[0], shapes)
-    whole, (settling, stringing) = with_steps_before(at, structure, loads)
-    K = whole.time.shape[0]
-    columns = [whole.T_base, whole.dt, whole.time, whole.cycle, settling, stringing, np.full(K, float(scale))]
-    out = program([np.asarray(leaf) for leaf in leaves], np.stack([np.asarray(c, float) for c in columns], 1))
-    out = out[K - loads.time.shape[0] :]
-    return Brief(
-        out[:, 0],
-        out[:, 1:4],
-        out[:, 4],
-        out[:, 5],
-        out[:, 6],
-        out[:, 7] != 0,
-        out[:, 8],
-        out[:, 9].astype(int),
-    )
+    """The same of a robot whose numbers are known."""
+    return Native(robot)(_ready(robot, loads.T_base), structure, loads, how)
