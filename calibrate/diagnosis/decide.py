@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtr
 
 from .locate import misfit
 from .model import Fitted
@@ -71,7 +71,7 @@ def with_unseen(decision: Decision, models: Models, screened: Sequence[Screened]
         first = s.hypothesis.numbers[0]
         # Of what was refitted the probability has its small sizes in it; contact and saturation have no size.
         if first.size and np.isfinite(s.smallest) and (s.hypothesis.name,) not in models.fits:
-            share += float(2 * stats.norm.cdf(abs(first.at(first.centre + s.smallest))) - 1)
+            share += float(2 * ndtr(abs(first.at(first.centre + s.smallest))) - 1)
     unseen = decision.probability[()] * HOW_MANY[1] / HOW_MANY[0] * share / n
     scaled = {names: p / (1 + unseen) for names, p in decision.probability.items()}
     return dataclasses.replace(decision, probability=scaled | {(UNSEEN,): unseen / (1 + unseen)})

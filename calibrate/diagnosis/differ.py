@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc, chdtri
 
 from gtr_jax import Robot
 from gtr_jax.robot.parameters import parameter
@@ -223,7 +223,7 @@ def least_drop(recordings: int) -> float:
     """Drop of the sum of squares from which a number of so many recordings differs: as improbable by chance
     as what is claimed of an effect.
     """
-    return float(stats.chi2.isf(stats.chi2.sf(SEEN**2, 1), recordings - 1))
+    return float(chdtri(recordings - 1, chdtrc(1, SEEN**2)))
 
 
 def differing(bench: Bench, base: Fitted, robot: Robot, hypotheses: Sequence[Hypothesis]) -> Split | None:

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy.special import fdtrc, ndtr, ndtri
 
 from ..predictor import CHANNELS
 from ..readings.noise import MAD_TO_SD, resolution
@@ -212,7 +212,7 @@ class _Beside:
             return 1.0, 0.0
         explained = float(np.sum((u.T @ self.left) ** 2))
         unexplained = max(self.total - explained, 1e-9 * self.total)
-        chance = float(stats.f.sf(explained / m / (unexplained / rest), m, rest))
+        chance = float(fdtrc(m, rest, explained / m / (unexplained / rest)))
         return chance, min(explained / self.total, 1.0)
 
 
@@ -231,7 +231,7 @@ def _standing(bench: Bench, k: int, residual: np.ndarray) -> list[Pattern]:
     # Readings that stand still make noise large where it is taken from another fit than this.
     sd = min(bench.noise[k][0].sd, noise_in(bench.rigs[k], residual)[0].sd)
     left = residual[0] / np.hypot(sd, bench.weighs[k].passed[0])
-    beyond = float(stats.norm.isf(0.5 * CHANCE / len(bench.rigs) / K))
+    beyond = float(-ndtri(0.5 * CHANCE / len(bench.rigs) / K))
     sides = np.where(np.abs(left) > beyond, np.sign(left), 0.0)
     edges = np.flatnonzero(np.diff(sides, prepend=0.0, append=0.0))
     still, counted, far, stands = STILL_SD * sd + resolution(read), np.ones(K, bool), np.zeros(K, bool), []
@@ -251,7 +251,7 @@ def _standing(bench: Bench, k: int, residual: np.ndarray) -> list[Pattern]:
     if share < SHARE:
         return []
     least = float(np.min(np.abs(left[far])))
-    chance = float(min(1.0, 2 * K * len(bench.rigs) * stats.norm.sf(least)))
+    chance = float(min(1.0, 2 * K * len(bench.rigs) * ndtr(-least)))
     return [Pattern(part.name, TIME, chance, share, stands=tuple(stands))]
 
 

@@ -6,9 +6,13 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot, simulate
+from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot
+from gtr_jax.mechanics import Structure
+from gtr_jax.simulation.history import loads_of
+from gtr_jax.simulation.natively import steps_natively
 
 from ..fit import channels_of, part_of
 from ..free import distinct
@@ -144,7 +148,7 @@ def prepare(
     differ: list[Difference] = []
     while start is not None and may_differ and several and len(differ) < MOST_DIFFER:
         say("asking whether one number differs between the recordings")
-        found_split = differing(start.bench, start.base, fine, hypotheses_of(fine, start.base, start.full))
+        found_split = differing(start.bench, start.base, fine, hypotheses_of(coarse, start.base, start.full))
         if found_split is None:
             break
         numbers, left, at, difference = found_split
@@ -165,7 +169,7 @@ def prepare(
     full, kept, bench, exact, base = start
     own = {n.parameter for n in base.numbers}
     hypotheses = [
-        h for h in hypotheses_of(fine, base, full) if not own & {*h.fixed, *(n.name for n in h.numbers)}
+        h for h in hypotheses_of(coarse, base, full) if not own & {*h.fixed, *(n.name for n in h.numbers)}
     ]
     return Prepared(
         config=config,
@@ -255,21 +259,22 @@ def deviations_of(config: RobotConfig | None) -> dict[str, float]:
     return found
 
 
-def hypotheses_of(fine: Robot, base: Fitted, parts: Sequence[Part]) -> list[Hypothesis]:
+def hypotheses_of(robot: Robot, base: Fitted, parts: Sequence[Part]) -> list[Hypothesis]:
     """What may be missing in these recordings, given a fit of the base model."""
     tip_y = np.concatenate([seen.values[CHANNELS.index("tip_y")] for seen in base.seen])
     return catalogue(
-        fine,
+        robot,
         timed=all(p.time is not None for p in parts),
         largest_tip=max(float(np.max(p.T_tip)) for p in parts),
         travel=np.asarray([tip_y.min(), tip_y.max()]),
-        bend=_bend(fine, base, parts[0]),
+        bend=_bend(robot, base, parts[0]),
     )
 
 
-def _bend(fine: Robot, fitted: Fitted, part: Part) -> float:
+def _bend(robot: Robot, fitted: Fitted, part: Part) -> float:
     values = values_in(fitted.values, part.name)
     own = {name: values[name] for name in ("mu", "E") if name in values}
     top = np.asarray([0.0, float(part.T_base.T_base.max())])
-    run = simulate(fine.with_values(**own), top, with_terms=False)
-    return float(np.max(np.abs(run.curvature[-1] - run.curvature[0])))
+    loads = loads_of(jnp.asarray(top), jnp.arange(2.0), None)
+    run = steps_natively(robot.with_values(**own), Structure((), 0, robot.loaded), loads)
+    return float(run.bent[-1])

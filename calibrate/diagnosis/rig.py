@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from importlib.metadata import version
 from typing import NamedTuple
 
-import equinox as eqx
+import jax
 import jax.numpy as jnp
 import jax.tree_util as jtu
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from gtr_jax import Robot, true_base
 from gtr_jax.mechanics import EVERY, Load, Structure, in_order
@@ -25,12 +25,10 @@ from gtr_jax.simulation.sensing import cells_differ, cells_show
 from gtr_jax.terms import REGISTRY
 
 from ..number import values_in
-from ..predictor import History, Seen, padded_history
+from ..predictor import Seen, padded_history
 from ..setup import Part
 from .cache import SimulationCache
 
-# Numbers that may differ from the robot's own in one simulation.
-PLACES = 24
 # Intervals of the mesh that hypotheses are tried on, and least share of the robot's own.
 INTERVALS, COARSEST = 22, 0.35
 # Simulations that a rig has at hand: a number of one recording leaves those of the others as they were.
@@ -58,32 +56,32 @@ def program_for(kinds: Collection[str]) -> tuple[str, ...]:
     return next(held for held in PROGRAMS if set(kinds) <= set(held))
 
 
-class _Changed(NamedTuple):
-    """A robot with some numbers changed, ready for load steps, (P,)."""
+class _Traced(NamedTuple):
+    """What is compiled for all robots of a structure, given their numbers as `ravel_pytree` flattens them.
 
-    ready: Ready
-    loads: Load
+    Attributes:
+        begin: from a robot, the base tension that its cell shows [N], time and cycles, (P,) each, to what the
+            native programs take of both.
+        tip_cell: what the tip's cell shows [N], from a robot, its load steps and true tip tensions [N], (P,).
+    """
 
-
-def _with(robot: Robot, places: Int[Array, " P"], values: Float[Array, " P"]) -> Robot:
-    flat, unravel = ravel_pytree(robot)
-    return unravel(jnp.append(flat, 0.0).at[places].set(values)[:-1])
-
-
-@eqx.filter_jit
-def _changed(
-    robot: Robot, places: Int[Array, " P"], values: Float[Array, " P"], history: History, more_base
-) -> _Changed:
-    now = _with(robot, places, values)
-    T_base = true_base(now, history.T_base + more_base, history.time)
-    return _Changed(ready(now, T_base), loads_of(T_base, history.time, history.cycle))
+    begin: Callable[..., tuple[Ready, Load]]
+    tip_cell: Callable[..., Float[Array, " P"]]
 
 
-@eqx.filter_jit
-def _tip_cell(
-    robot: Robot, places: Int[Array, " P"], values: Float[Array, " P"], loads: Load, T_tip: Float[Array, " K"]
-) -> Float[Array, " K"]:
-    return cells_show(_with(robot, places, values), loads.T_base, T_tip, loads.time).T_tip
+@functools.lru_cache(maxsize=16)
+def _traced(tree, shapes: tuple[tuple[int, ...], ...]) -> _Traced:
+    unravel = ravel_pytree(jtu.tree_unflatten(tree, [jnp.zeros(shape) for shape in shapes]))[1]
+
+    def begin(flat, T_base, time, cycle):
+        robot = unravel(flat)
+        T_base = true_base(robot, T_base, time)
+        return ready(robot, T_base), loads_of(T_base, time, cycle)
+
+    def tip_cell(flat, loads: Load, T_tip):
+        return cells_show(unravel(flat), loads.T_base, T_tip, loads.time).T_tip
+
+    return _Traced(jax.jit(begin), jax.jit(tip_cell))
 
 
 def resolution_of(robot: Robot) -> float:
@@ -129,18 +127,19 @@ class Rig:
         if acting is None:
             raise TypeError("a rig simulates a robot whose numbers are known")
         self._acting, self._cells = set(acting.terms), bool(cells_differ(robot))
-        self._native = Native(robot)
+        leaves, tree = jtu.tree_flatten(robot)
+        self._traced = _traced(tree, tuple(jnp.shape(leaf) for leaf in leaves))
+        self._native, self._flat = Native(robot), np.asarray(ravel_pytree(robot)[0])
         names = [*robot_names(robot), *self.more]
         places = np.asarray(places_of(robot, names))
         self._places = dict(zip(names, places.tolist(), strict=True))
-        self._none = int(ravel_pytree(robot)[0].shape[0])
         self._at_hand = functools.lru_cache(AT_HAND)(self._remembered)
 
     def __call__(self, values: Mapping[str, float], more_base: float = 0.0) -> Seen | None:
         """The recording with some numbers of the robot changed; None where the simulation breaks down.
 
         Args:
-            values: SI, by name of the parameter; at most PLACES of this recording.
+            values: SI, by name of the parameter.
             more_base: by how much the base tension is higher throughout [N].
         """
         own = values_in(values, self.part.name)
@@ -162,9 +161,9 @@ class Rig:
     @functools.cached_property
     def mark(self) -> bytes:
         """What tells this rig from others."""
-        part, flat = self.part, ravel_pytree(self.robot)[0]
+        part = self.part
         whole = hashlib.blake2b(digest_size=32)
-        for array in (part.T_base.T_base, part.time, part.trial, np.asarray(flat)):
+        for array in (part.T_base.T_base, part.time, part.trial, self._flat):
             whole.update(b"-" if array is None else np.ascontiguousarray(array, float).tobytes())
         whole.update(repr((version("gtr-jax"), self.robot.intervals, self._places)).encode())
         return whole.digest()
@@ -174,10 +173,11 @@ class Rig:
         asked = {name.partition(".")[0] for name in values} & REGISTRY.keys()
         kinds = {kind for kind in asked if not REGISTRY[kind].of_cells} | self._acting
         history = padded_history(part.T_base.T_base, part.time, part.trial, with_terms=True)
-        places, numbers = np.full(PLACES, self._none), np.zeros(PLACES)
-        for i, (name, value) in enumerate(values.items()):
-            places[i], numbers[i] = self._places[name], value
-        ready, loads = _changed(self.robot, places, numbers, history, more_base)
+        flat = self._flat.copy()
+        for name, value in values.items():
+            flat[self._places[name]] = value
+        shown_base = np.asarray(history.T_base) + more_base
+        ready, loads = self._traced.begin(flat, shown_base, history.time, history.cycle)
         held = in_order(program_for(kinds))
         loaded = self.robot.loaded or any(REGISTRY[kind].loads for kind in held)
         # What the history is padded with is not simulated.
@@ -186,7 +186,7 @@ class Rig:
         T_tip = run.T_tip
         if self._cells or any(REGISTRY[kind].of_cells for kind in asked):
             held_on = np.concatenate([T_tip, np.full(len(loads.time) - K, T_tip[-1])])
-            T_tip = np.asarray(_tip_cell(self.robot, places, numbers, loads, held_on))[:K]
+            T_tip = np.asarray(self._traced.tip_cell(flat, loads, held_on))[:K]
         shown = np.stack([T_tip, *run.tip_pose.T, run.displacement])
         if not np.all(np.isfinite(shown)):
             return None

@@ -54,7 +54,9 @@ def read_route(path: Path) -> tuple[tuple[float, float], ...]:
                 f"{path}: needs one column for {name}; columns found: {columns_found}; name them s_mm,R_mm"
             )
         unit = parted[found[0]][1]
-        columns.append(table.quantity(found[0], unit, "m", remedy="name the columns s_mm,R_mm").tolist())
+        columns.append(
+            table.quantity(found[0], unit, "m", remedy=lambda: "name the columns s_mm,R_mm").tolist()
+        )
     return tuple(zip(*columns, strict=True))
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import difflib
+import functools
 import io
 import itertools
 import os
@@ -282,6 +283,11 @@ def _meant(table: Table, quantity: str, tendon: str, tendons: Sequence[str]) -> 
     return best[0] if len(best) == 1 else None
 
 
+def _with_unit(table: Table, key: str, index: int, si: str) -> str:
+    """What to add to the command for a column whose unit is not understood."""
+    return f"give its unit with --columns '{key}={table.header[index]}[{_unit_meant(table, index, si)}]'"
+
+
 def _unit_meant(table: Table, index: int, si: str) -> str:
     """The unit that a column is likely to be in: as its header or a row of units has it, for tensions with
     the force for the mass; grams-force where newtons would be many.
@@ -343,9 +349,7 @@ def read_recording(
         if key in chosen:
             index, unit = chosen[key]
             si = COLUMNS[quantity].unit
-            remedy = (
-                f"give its unit with --columns '{key}={table.header[index]}[{_unit_meant(table, index, si)}]'"
-            )
+            remedy = functools.partial(_with_unit, table, key, index, si)
             data[key] = table.quantity(index, unit, si, remedy=remedy)
     headers = {key: table.header[index] for key, (index, _) in chosen.items()}
     for name in tendons or ("",):

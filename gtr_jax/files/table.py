@@ -13,7 +13,7 @@ import io
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -137,9 +137,9 @@ class Table:
         values = np.array(found, dtype=np.int64)
         return (values - values[0]) / float(SECOND)
 
-    def quantity(self, index: int, unit: str | None, si: str, *, remedy: str) -> np.ndarray:
+    def quantity(self, index: int, unit: str | None, si: str, *, remedy: Callable[[], str]) -> np.ndarray:
         """Column `index` converted from `unit` (None: what the row of units says, or SI) to the SI unit `si`,
-        read-only. Times may be time stamps.
+        read-only. Times may be time stamps. `remedy` says what to do about a unit that is not understood.
         """
         if si == "s" and not self.has_numbers(index):
             values = self.times(index)
@@ -148,7 +148,7 @@ class Table:
             try:
                 values = values if unit in (None, si) else convert(values, unit, si)
             except InputError as fault:
-                raise InputError(f"{self.path}: column '{self.header[index]}': {fault}; {remedy}") from None
+                raise InputError(f"{self.path}: column '{self.header[index]}': {fault}; {remedy()}") from None
         values.setflags(write=False)
         return values
 

@@ -32,6 +32,7 @@ class Brief(NamedTuple):
         slip_front: the tendon slips up to there, (K,).
         converged: whether each step met its tolerance, (K,).
         residual_norm, iterations: per step, (K,).
+        bent: largest curvature that the tendon gave the body since it settled [1/m], (K,).
     """
 
     T_tip: Float[np.ndarray, " K"]
@@ -42,6 +43,7 @@ class Brief(NamedTuple):
     converged: Bool[np.ndarray, " K"]
     residual_norm: Float[np.ndarray, " K"]
     iterations: Int[np.ndarray, " K"]
+    bent: Float[np.ndarray, " K"]
 
 
 class _Row(NamedTuple):
@@ -57,8 +59,9 @@ def _left(robot: mechanics.Robot, structure: Structure, rigid: bool, settled: Se
     done = loaded_of(s, structure, settled, step)
     direction, front = front_of(s.mesh.s, moves_of(s, structure, rigid, step, done, scale))
     x, y = (jnp.sum(mechanics.increments(s.mesh.weights, f(done.state.phi))) for f in (jnp.cos, jnp.sin))
+    bent = jnp.max(jnp.abs(done.state.kappa - settled.kappa))
     pose = jnp.stack([x, y, done.state.phi[-1]])
-    return step.T_tip, pose, done.slip[0], direction, front, step.met, step.error, step.marches
+    return step.T_tip, pose, done.slip[0], direction, front, step.met, step.error, step.marches, bent
 
 
 @functools.lru_cache(maxsize=256)
@@ -141,6 +144,7 @@ class Native:
             converged=out[:, 7] != 0,
             residual_norm=out[:, 8],
             iterations=out[:, 9].astype(int),
+            bent=out[:, 10],
         )
 
 
