@@ -178,6 +178,8 @@ def _unknowns(structure: Structure, displacement, moment, stop) -> Float[Array, 
     """Displacements, moment and stop in one, as far as they are unknown; None where nothing is."""
     parts = [displacement] * structure.seeks_slip + [moment[None]] * structure.bends
     parts += [stop[None]] * structure.has_stop
+    # Every step starts from the tension that is remembered.
+    parts += [jnp.zeros(1)] * structure.carries
     return jnp.concatenate(parts) if parts else None
 
 

@@ -28,12 +28,14 @@ FLATTEST = 0.3  # slope of the moment balance below which a step is shortened
 class Closing(NamedTuple):
     """What is unknown at the base, and what must vanish at the tip, in the same order: displacement of every
     tendon [m] and its anchor's slip; external moment at the base and error of that at the tip [N m]; force of
-    the stop (`node.pressing`) and its error [N]. None where the structure knows it.
+    the stop (`node.pressing`) and its error [N]; share by which the tension of what is held rises, and by
+    how much the channel gets longer there, beyond its tendon [m]. None where the structure knows it.
     """
 
     slip: Float[Array, "*tendons"] | None
     moment: Float[Array, ""] | None
     stop: Float[Array, ""] | None
+    level: Float[Array, ""] | None
 
     def flat(self) -> Float[Array, " n"]:
         """As one vector."""
@@ -46,7 +48,8 @@ def closing_of(case: Case, flat: Float[Array, " n"]) -> Closing:
     what, count = case.structure, case.mu.size * case.structure.seeks_slip
     slip = flat[:count].reshape(case.mu.shape) if what.seeks_slip else jnp.zeros_like(case.mu)
     moment = flat[count] if what.bends else case.tip_moment
-    return Closing(slip, moment, flat[count + 1] if what.has_stop else None)
+    stop = flat[count + 1] if what.has_stop else None
+    return Closing(slip, moment, stop, flat[-1] if what.carries else None)
 
 
 class Marched(NamedTuple):
@@ -98,7 +101,7 @@ def closed(case: Case, flat: Float[Array, " n"], end: Carry, modes: Modes):
     if what.has("tip_grip"):
         grip = jnp.exp(-total(case, "tip_grip"))
         T_tip = clip(case.memory.T_tip, low * grip, high / grip)
-    slip = moment = stop = None
+    slip = moment = stop = level = None
     if what.seeks_slip:
         slip = end.slip
         if what.has("anchor"):
@@ -114,7 +117,11 @@ def closed(case: Case, flat: Float[Array, " n"], end: Carry, modes: Modes):
         length = case.sections.mesh.s[-1]
         eased = 1.0 + stiffness * jnp.max(case.sections.compliance) * length**3 / 3
         stop = (pressing(x.stop) + eased * (x.stop - pressing(x.stop)) - pushed) / eased
-    return Closing(slip, moment, stop).flat(), T_tip
+    if what.carries:
+        # Where nothing is held, the level is of no effect, and stays.
+        still = case.sections.mesh.s[-1] * (x.level - jax.lax.stop_gradient(x.level))
+        level = end.held.longer + jnp.where(end.held.length > 0, 0.0, still)
+    return Closing(slip, moment, stop, level).flat(), T_tip
 
 
 def _without_friction(carry: Carry, row: Row):
@@ -147,29 +154,29 @@ def march(case: Case, flat: Float[Array, " n"], guess: Float[Array, " N"], use_g
 
     def start(flat):
         equations, carry, rows = prepared(case, closing_of(case, flat))
-        return (equations.stop, carry), (equations, rows)
+        return ((equations.stop, equations.level), carry), (equations, rows)
 
     directions = jnp.eye(flat.shape[0])
-    (stop, carry), along, (equations, rows) = jax.linearize(start, flat, has_aux=True)
-    stop_dot, carry_dot = jax.vmap(along)(directions)
+    (given, carry), along, (equations, rows) = jax.linearize(start, flat, has_aux=True)
+    given_dot, carry_dot = jax.vmap(along)(directions)
 
     def node(state, x):
         (carry, carry_dot), (row, guess) = state, x
         kappa = _solved(equations, carry, row, guess, use_guess, NEWTON_WITH_TERMS)
 
-        def at(kappa, carry, stop):
-            now = eqx.tree_at(lambda e: e.stop, equations, stop, is_leaf=lambda x: x is None)
+        def at(kappa, carry, given):
+            now = eqx.tree_at(lambda e: (e.stop, e.level), equations, given, is_leaf=lambda x: x is None)
             return now(carry, row, kappa)[:2]
 
-        (error, new), tangent = jax.linearize(at, kappa, carry, stop)
-        nothing = jtu.tree_map(jnp.zeros_like, (carry, stop))
+        (error, new), tangent = jax.linearize(at, kappa, carry, given)
+        nothing = jtu.tree_map(jnp.zeros_like, (carry, given))
         slope, by_kappa = tangent(jnp.ones_like(kappa), *nothing)
 
-        def along(carry_dot, stop_dot):
-            error_dot, new_dot = tangent(jnp.zeros_like(kappa), carry_dot, stop_dot)
+        def along(carry_dot, given_dot):
+            error_dot, new_dot = tangent(jnp.zeros_like(kappa), carry_dot, given_dot)
             return jtu.tree_map(lambda d, k: d - error_dot / slope * k, new_dot, by_kappa)
 
-        new_dot = jax.vmap(along)(carry_dot, stop_dot)
+        new_dot = jax.vmap(along)(carry_dot, given_dot)
         return (new, new_dot), (kappa, new_dot.kappas[0], error)
 
     (end, end_dot), (kappa, kappa_by, error) = jax.lax.scan(node, (carry, carry_dot), (rows, guess))

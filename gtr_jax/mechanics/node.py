@@ -28,13 +28,14 @@ from . import channel
 from .case import Case
 from .mesh import STENCIL, Interval
 from .offset import Offset
+from .structure import PRESLIDING, mobilise
 from .sections import State, at_tendons, moment_slope, node_first, offset_before, over_tendons
 
 FLOOR = 1e-4  # of the length: the shortest presliding of several tendons with terms
 FRICTION = ("friction", "by_pressure", "by_speed", "drag", "wrap")  # hooks that change what an interval holds
 HIGHEST = 10.0  # times the largest tension known: none is believed beyond, while the slip is guessed
 Asked = Any  # an array, or None where no law of the structure asks for it
-((PRESLIDING, mobilise),) = [(term.id, term.mobilise) for term in REGISTRY.values() if term.mobilise]
+RIGID = 1e-9  # strain per newton of a tendon whose stretch is not stated
 
 
 class Modes(NamedTuple):
@@ -62,6 +63,24 @@ class Row(NamedTuple):
     elements: Asked
     bent: dict[str, Float[Array, "N _"]]
     kappa: Asked
+    nu: Asked
+
+
+class Held(NamedTuple):
+    """What a march gathers of the stretch that friction holds.
+
+    Attributes:
+        longer: by how much the channel got longer there since the step before, beyond its tendon [m].
+        length: of the midline there [m].
+        change: of the same at the last node, per midline.
+        margin: by how much the tension of what is held lies within what friction allows there [N]; negative
+            where the tendon slips.
+    """
+
+    longer: Float[Array, ""]
+    length: Float[Array, ""]
+    change: Float[Array, ""]
+    margin: Float[Array, ""]
 
 
 class Carry(NamedTuple):
@@ -78,6 +97,7 @@ class Carry(NamedTuple):
     slip: Asked
     moment: Float[Array, ""]
     place: Asked
+    held: Held | None
 
 
 class Node(NamedTuple):
@@ -118,6 +138,7 @@ class Equations(eqx.Module):
         case: the load step.
         stop: force of the stop on the tip [N].
         stop_angle: direction it is run into [rad].
+        level: share by which the tension of what is held rises.
         modes: which law holds the tendon.
         presliding: numbers of that law.
         highest: no tension is believed above it [N].
@@ -126,6 +147,7 @@ class Equations(eqx.Module):
     case: Case
     stop: Asked
     stop_angle: Asked
+    level: Asked
     modes: Modes
     presliding: Asked
     highest: Asked
@@ -213,7 +235,8 @@ class Equations(eqx.Module):
             grip = z
         else:
             low, high = self.bounds(behind, gripped, carry)
-            tension = clip(row.tension, low, high)
+            kept = row.tension if self.level is None else (1.0 + self.level) * row.tension
+            tension = clip(kept, low, high)
             if what.terms:
                 grip = jnp.where(tension <= low, 1.0, jnp.where(tension >= high, -1.0, 0.0))
             if what.creeping:
@@ -236,6 +259,10 @@ class Equations(eqx.Module):
             slope = moment_slope(phi, force_x, force_y)
             moment, slopes = carry.moment + increment(slope, carry.slopes), later(slope, carry.slopes)
 
+        held = None
+        if what.carries:
+            held = self.held(carry.held, row, midline[1], tension, jnp.minimum(kept - low, high - kept))
+
         bent, more = {}, 0.0
         for kind, bend in what.hooks("bend"):
             at = Bent(row.rest, row.kappa, row.bent[kind], case.load.dt)
@@ -257,6 +284,7 @@ class Equations(eqx.Module):
             slip=slip,
             moment=moment,
             place=place,
+            held=held,
         )
         state = State(kappa, phi, wrap, moment)
         return error, new, Node(state, tension, slip, middle, speed, grip, stencil, elements, bent)
@@ -268,6 +296,22 @@ class Equations(eqx.Module):
             return behind(1.0, carry.pulled), behind(-1.0, carry.released)
         left = jnp.exp(-self.case.mu * turn)
         return carry.pulled * left, carry.released / left
+
+    def held(self, before: Held, row: Row, kappa, tension, margin) -> Held:
+        """What is held so far: of the interval, the share between where the tendon begins to be held and the
+        node that is.
+        """
+        by_slip, neighbour = self.modes
+        margin = jnp.where(jnp.logical_or(by_slip, neighbour), -1.0, margin)
+        change = channel.metric_factor(kappa, row.R) - row.nu
+        stretched = RIGID * (tension - row.tension)
+        if self.case.structure.has("strain"):
+            stretched = stretched + total(self.case, "strain", tension) - total(self.case, "strain", row.tension)
+        change = change - stretched * row.nu
+        here, there = jnp.where(margin > 0, margin, 0.0), jnp.where(before.margin > 0, before.margin, 0.0)
+        span = jnp.abs(margin) + jnp.abs(before.margin)
+        length = row.interval.length * (here + there) / jnp.where(span > 0, span, 1.0)
+        return Held(before.longer + length * 0.5 * (change + before.change), before.length + length, change, margin)
 
     def strained(self, shortened, tension, row: Row):
         """What the channel has lost of its length, and the tendon gained by its strain, per midline."""
@@ -327,6 +371,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         elements=memory.elements,
         bent=memory.bent,
         kappa=memory.kappa if what.has("bend") else None,
+        nu=node_first(channel.metric_factor(at_tendons(memory.kappa, s.R), s.R)) if what.carries else None,
     )
     low = high = entry = load.T_base
     if what.has("base_grip"):
@@ -348,6 +393,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         slip=x.slip if what.follows_slip else None,
         moment=x.moment,
         place=zero if what.has_stop else None,
+        held=Held(zero, zero, zero, -jnp.ones_like(zero)) if what.carries else None,
     )
     highest = None
     if what.seeks_slip:
@@ -358,7 +404,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
     if what.has_stop:
         ((kind, find),) = what.hooks("stop_angle")
         stop, angle = pressing(x.stop), find(terms[kind])
-    return Equations(case, stop, angle, Modes(by_slip, neighbour), presliding, highest), carry, row
+    return Equations(case, stop, angle, x.level, Modes(by_slip, neighbour), presliding, highest), carry, row
 
 
 def pressing(stop: Float[Array, ""]) -> Float[Array, ""]:

@@ -60,16 +60,18 @@ class Search(eqx.Module):
     solved: Bool[Array, ""]
 
 
-def scales(case: Case) -> Float[Array, " n"]:
-    """Sizes of the unknowns and of what is left: length; moment and force that bend by about a radian."""
+def scales(case: Case) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    """Sizes of the unknowns, and of what is left: length; moment and force that bend by about a radian."""
     what, length = case.structure, case.sections.mesh.s[-1]
     compliance = jnp.max(case.sections.compliance) * length
     moment = 1.0 / jnp.where(compliance > 0, compliance, 1.0)
-    return Closing(
+    both = (
         jnp.broadcast_to(length, case.mu.shape) if what.seeks_slip else None,
         moment if what.bends else None,
         moment / length if what.has_stop else None,
-    ).flat()
+    )
+    one, slip = (jnp.ones_like(length), length) if what.carries else (None, None)
+    return Closing(*both, one).flat(), Closing(*both, slip).flat()
 
 
 def _bracketed(at: Search, left: Float[Array, " n"], inverse, by_unknowns) -> Search:
@@ -201,7 +203,7 @@ def _at_once(case: Case, how: March) -> Found:
 def _by_path(case: Case, how: March) -> Found:
     """Newton's method on the whole step; where it fails, again in ever more parts."""
     what = case.structure
-    sizes = scales(case)
+    sizes, lefts = scales(case)
     whole = 2 if what.has("by_speed") else 1
     one, zero = jnp.ones_like(case.tip_moment), jnp.asarray(0)
     known = case.memory.unknowns
@@ -231,8 +233,8 @@ def _by_path(case: Case, how: March) -> Found:
         now = case_at(case, (at.part + 1) / at.parts)
         if what.unknowns:
             m = march(now, at.trial * sizes, at.kappa, at.marches > 0)
-            left = m.left / sizes
-            by_unknowns = m.by_unknowns / sizes[:, None] * sizes[None, :]
+            left = m.left / lefts
+            by_unknowns = m.by_unknowns / lefts[:, None] * sizes[None, :]
             inverse = inverse_of(by_unknowns)
             on = damped = _damped(at, left, inverse)
             if what.seeks_slip and not what.tendons:
@@ -243,7 +245,7 @@ def _by_path(case: Case, how: March) -> Found:
             moved = (on.trial - at.trial) * sizes
             corrected = m.kappa + jnp.sum(m.kappa_by * moved[:, None], axis=0)
             check = passed(now, on.trial * sizes, corrected)
-            error = _finite(jnp.maximum(largest(check.left / sizes), check.error))
+            error = _finite(jnp.maximum(largest(check.left / lefts), check.error))
             kappa = jnp.where(error <= how.atol, corrected, m.kappa)
             kappa = jnp.where(jnp.isfinite(kappa), kappa, at.kappa)
             broken = ~jnp.isfinite(largest(on.trial))
@@ -274,5 +276,5 @@ def _by_path(case: Case, how: March) -> Found:
     done = jax.lax.while_loop(unfinished, improved, begin)
     unknowns = done.trial * sizes
     last = passed(case_at(case, whole * one), unknowns, done.kappa)
-    error = _finite(jnp.maximum(largest(last.left / sizes), last.error) if what.unknowns else last.error)
+    error = _finite(jnp.maximum(largest(last.left / lefts), last.error) if what.unknowns else last.error)
     return Found(unknowns, done.kappa, last, error, done.marches)

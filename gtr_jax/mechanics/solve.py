@@ -56,6 +56,8 @@ def _left(case: Case, marched: Passed, unknowns: Float[Array, " n"]) -> tuple[Me
         speed = (middle - case.memory.middle) / case.load.dt
     if what.terms and not what.follows_slip:
         slip = slip_of(case, nodes.state.kappa, nodes.tension, marched.T_tip)
+    if what.carries:
+        unknowns = unknowns.at[-1].set(0.0)
     memory = Memory(
         tension=nodes.tension,
         kappa=nodes.state.kappa,
@@ -148,9 +150,9 @@ def _solve_jvp(primals, tangents):
         zero, still = jnp.zeros_like(found.unknowns), jtu.tree_map(jnp.zeros_like, moving)
         left_dot, out_dot = linear(case_dot, zero)
         by_unknowns, out_by = jax.vmap(lambda d: linear(still, d), out_axes=-1)(jnp.eye(zero.shape[0]))
-        sizes = scales(case)
-        scaled = by_unknowns / sizes[:, None] * sizes[None, :]
-        flat_dot = -times(inverse_of(scaled), left_dot / sizes) * sizes
+        sizes, lefts = scales(case)
+        scaled = by_unknowns / lefts[:, None] * sizes[None, :]
+        flat_dot = -times(inverse_of(scaled), left_dot / lefts) * sizes
         out_dot = jtu.tree_map(lambda d, by: d + by @ flat_dot, out_dot, out_by)
     else:
         out, out_dot = jax.jvp(lambda moving: at(moving, found.unknowns)[1], (moving,), (case_dot,))

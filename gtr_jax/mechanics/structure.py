@@ -11,6 +11,8 @@ from typing import Any
 
 from ..terms import REGISTRY
 
+((PRESLIDING, mobilise),) = [(term.id, term.mobilise) for term in REGISTRY.values() if term.mobilise]
+
 
 @dataclasses.dataclass(frozen=True)
 class March:
@@ -83,9 +85,18 @@ class Structure:
         return self.loaded or self.has_stop
 
     @functools.cached_property
+    def carries(self) -> bool:
+        """Whether the body may bend where friction holds the tendon, whose tension there then changes with
+        its stretch.
+        """
+        if self.tendons or (self.acting and PRESLIDING in self.terms):
+            return False
+        return self.bends or any(REGISTRY[kind].relaxes for kind in self.terms)
+
+    @functools.cached_property
     def unknowns(self) -> int:
         """How many numbers are unknown at the base."""
-        return max(self.tendons, 1) * self.seeks_slip + self.bends + self.has_stop
+        return max(self.tendons, 1) * self.seeks_slip + self.bends + self.has_stop + self.carries
 
 
 @functools.cache

@@ -114,6 +114,7 @@ class Term:
         timed: whether it needs the time of the samples.
         creeps: whether the body or friction goes on changing where the tendon is locked, so that friction
             must be held against the neighbouring section instead of against the base.
+        relaxes: whether the body goes on bending while nothing else changes.
         reads_speed: whether `friction` depends on the speed of the slip in the load step before.
         friction: factor on the friction coefficient of an interval, from a `Channel`.
         by_pressure: factor on it from the line pressure [N/m].
@@ -147,6 +148,7 @@ class Term:
     source: str = ""
     timed: bool = False
     creeps: bool = False
+    relaxes: bool = False
     reads_speed: bool = False
     friction: Callable[[Values, Channel], Array] | None = None
     by_pressure: Callable[[Values, Array], Array] | None = None

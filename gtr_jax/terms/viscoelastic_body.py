@@ -37,7 +37,7 @@ TERM = Term(
         ),
     ),
     timed=True,
-    creeps=True,
+    relaxes=True,
     bend=bend,
     remembers=1,
 )
