@@ -6,8 +6,10 @@ everything at a node follows from its curvature. What is left is one scalar equa
     kappa - kappa_0 + (bending laws) = (sum of T b(kappa) + M_ext)/EI,     b = R (1 - R kappa)/nu.
 
 Three laws hold a tendon. *Held* against the base: T = clip(tension before, P, Q), with P and Q the tensions
-if all of it slipped towards the base, or the tip. *Creeping*, where the body or friction goes on changing
-while the tendon is locked: the same with P and Q from the tension of the node before. *Presliding*: friction
+if all of it slipped towards the base, or the tip. Where a stop or the body's own creep bends the stretch that
+is held, it is *carried along*: (1 + level) times the tension before, with the level at which the channel
+there is as long as the tendon in it. *Creeping*, where friction goes on changing while the tendon is locked:
+the same with P and Q from the tension of the node before. *Presliding*: friction
 follows the slip, u(s) = u(0) - integral over [0, s] of (nu_0 - nu + nu_0 strain), T' = -mu z(u) T |psi'|.
 """
 
@@ -28,8 +30,8 @@ from . import channel
 from .case import Case
 from .mesh import STENCIL, Interval
 from .offset import Offset
-from .structure import PRESLIDING, mobilise
 from .sections import State, at_tendons, moment_slope, node_first, offset_before, over_tendons
+from .structure import PRESLIDING, carried, mobilise
 
 FLOOR = 1e-4  # of the length: the shortest presliding of several tendons with terms
 FRICTION = ("friction", "by_pressure", "by_speed", "drag", "wrap")  # hooks that change what an interval holds
@@ -39,10 +41,13 @@ RIGID = 1e-9  # strain per newton of a tendon whose stretch is not stated
 
 
 class Modes(NamedTuple):
-    """Which law holds the tendon: presliding, or creeping; neither: held. False where it cannot be."""
+    """Which law holds the tendon: presliding, or creeping; neither: held, and whether what is held is carried
+    along. False where it cannot be.
+    """
 
     by_slip: Bool[Array, ""] | bool
     neighbour: Bool[Array, ""] | bool
+    carried: Bool[Array, ""] | bool
 
 
 class Row(NamedTuple):
@@ -180,7 +185,7 @@ class Equations(eqx.Module):
     def __call__(self, carry: Carry, row: Row, kappa) -> tuple[Array, Carry, Node]:
         """Error of the moment balance at a curvature [1/m], what goes on to the next node, and what stays."""
         case, what, w = self.case, self.case.structure, row.weights
-        by_slip, neighbour = self.modes
+        by_slip, neighbour, _ = self.modes
 
         def increment(now, before):
             return w[0] * now + w[1] * before[0] + w[2] * before[1] + w[3] * before[2]
@@ -301,17 +306,20 @@ class Equations(eqx.Module):
         """What is held so far: of the interval, the share between where the tendon begins to be held and the
         node that is.
         """
-        by_slip, neighbour = self.modes
-        margin = jnp.where(jnp.logical_or(by_slip, neighbour), -1.0, margin)
+        margin = jnp.where(self.modes.carried, margin, -1.0)
         change = channel.metric_factor(kappa, row.R) - row.nu
         stretched = RIGID * (tension - row.tension)
         if self.case.structure.has("strain"):
-            stretched = stretched + total(self.case, "strain", tension) - total(self.case, "strain", row.tension)
+            stretched = (
+                stretched + total(self.case, "strain", tension) - total(self.case, "strain", row.tension)
+            )
         change = change - stretched * row.nu
         here, there = jnp.where(margin > 0, margin, 0.0), jnp.where(before.margin > 0, before.margin, 0.0)
         span = jnp.abs(margin) + jnp.abs(before.margin)
         length = row.interval.length * (here + there) / jnp.where(span > 0, span, 1.0)
-        return Held(before.longer + length * 0.5 * (change + before.change), before.length + length, change, margin)
+        return Held(
+            before.longer + length * 0.5 * (change + before.change), before.length + length, change, margin
+        )
 
     def strained(self, shortened, tension, row: Row):
         """What the channel has lost of its length, and the tendon gained by its strain, per midline."""
@@ -340,11 +348,10 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
             presliding = presliding | {"length": jnp.where(length > least, length, least)}
         elif not (what.acting and PRESLIDING in what.terms):
             by_slip = is_on(REGISTRY[PRESLIDING], presliding)
-    if what.creeping and what.acting:
-        neighbour = True
-    elif what.creeping:
-        on = [is_on(REGISTRY[kind], terms[kind]) for kind in what.terms if REGISTRY[kind].creeps]
-        neighbour = functools.reduce(jnp.logical_or, on)
+    creeping = [kind for kind in what.terms if REGISTRY[kind].creeps]
+    neighbour, along = (_any_on(case, kinds) for kinds in (creeping, carried(what.terms)))
+    if what.carries:
+        along = jnp.logical_and(along, jnp.logical_not(jnp.logical_or(by_slip, neighbour)))
     over = (-1, *[1] * case.mu.ndim)
 
     def grip(sense):
@@ -404,7 +411,19 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
     if what.has_stop:
         ((kind, find),) = what.hooks("stop_angle")
         stop, angle = pressing(x.stop), find(terms[kind])
-    return Equations(case, stop, angle, x.level, Modes(by_slip, neighbour), presliding, highest), carry, row
+    return (
+        Equations(case, stop, angle, x.level, Modes(by_slip, neighbour, along), presliding, highest),
+        carry,
+        row,
+    )
+
+
+def _any_on(case: Case, kinds: list[str]) -> Bool[Array, ""] | bool:
+    """Whether any of some terms acts; where a program holds those only that do, without looking."""
+    if not kinds or case.structure.acting:
+        return bool(kinds)
+    on = [is_on(REGISTRY[kind], case.terms[kind]) for kind in kinds]
+    return functools.reduce(jnp.logical_or, on)
 
 
 def pressing(stop: Float[Array, ""]) -> Float[Array, ""]:

@@ -61,7 +61,7 @@ class Structure:
 
     @functools.cached_property
     def creeping(self) -> bool:
-        """Whether a locked stretch may change on its own, so that its neighbour holds it."""
+        """Whether friction may change where the tendon is locked, so that its neighbour holds it."""
         return any(REGISTRY[kind].creeps for kind in self.terms)
 
     @functools.cached_property
@@ -86,17 +86,19 @@ class Structure:
 
     @functools.cached_property
     def carries(self) -> bool:
-        """Whether the body may bend where friction holds the tendon, whose tension there then changes with
-        its stretch.
-        """
-        if self.tendons or (self.acting and PRESLIDING in self.terms):
-            return False
-        return self.bends or any(REGISTRY[kind].relaxes for kind in self.terms)
+        """Whether a stretch of a tendon that friction holds may be bent, and is carried along."""
+        by_slip = self.tendons or (self.acting and PRESLIDING in self.terms)
+        return bool(carried(self.terms)) and not by_slip
 
     @functools.cached_property
     def unknowns(self) -> int:
         """How many numbers are unknown at the base."""
         return max(self.tendons, 1) * self.seeks_slip + self.bends + self.has_stop + self.carries
+
+
+def carried(terms: Iterable[str]) -> list[str]:
+    """Those of some terms that bend the body where friction holds its tendon."""
+    return [kind for kind in terms if REGISTRY[kind].stop or REGISTRY[kind].relaxes]
 
 
 @functools.cache

@@ -112,9 +112,9 @@ class Term:
         quantities: its numbers.
         source: where the law comes from.
         timed: whether it needs the time of the samples.
-        creeps: whether the body or friction goes on changing where the tendon is locked, so that friction
-            must be held against the neighbouring section instead of against the base.
-        relaxes: whether the body goes on bending while nothing else changes.
+        creeps: whether friction goes on changing where the tendon is locked, so that it must be held against
+            the neighbouring section instead of against the base.
+        relaxes: whether the body goes on bending where the tendon is locked, and carries it along.
         reads_speed: whether `friction` depends on the speed of the slip in the load step before.
         friction: factor on the friction coefficient of an interval, from a `Channel`.
         by_pressure: factor on it from the line pressure [N/m].
