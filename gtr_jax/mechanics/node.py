@@ -303,23 +303,20 @@ class Equations(eqx.Module):
         return carry.pulled * left, carry.released / left
 
     def held(self, before: Held, row: Row, kappa, tension, margin) -> Held:
-        """What is held so far: of the interval, the share between where the tendon begins to be held and the
-        node that is.
+        """What is held so far. Each end of an interval counts with its own margin: where only one is held, as
+        far as the margin, going evenly, stays positive; what slips at the other is not of the held stretch.
         """
         margin = jnp.where(self.modes.carried, margin, -1.0)
-        change = channel.metric_factor(kappa, row.R) - row.nu
         stretched = RIGID * (tension - row.tension)
         if self.case.structure.has("strain"):
-            stretched = (
-                stretched + total(self.case, "strain", tension) - total(self.case, "strain", row.tension)
-            )
-        change = change - stretched * row.nu
-        here, there = jnp.where(margin > 0, margin, 0.0), jnp.where(before.margin > 0, before.margin, 0.0)
+            own = [total(self.case, "strain", T) for T in (tension, row.tension)]
+            stretched = stretched + own[0] - own[1]
+        change = channel.metric_factor(kappa, row.R) - (1.0 + stretched) * row.nu
         span = jnp.abs(margin) + jnp.abs(before.margin)
-        length = row.interval.length * (here + there) / jnp.where(span > 0, span, 1.0)
-        return Held(
-            before.longer + length * 0.5 * (change + before.change), before.length + length, change, margin
-        )
+        share = row.interval.length / jnp.where(span > 0, span, 1.0)
+        here, there = (share * jnp.where(m > 0, m, 0.0) for m in (margin, before.margin))
+        longer = before.longer + here * change + there * before.change
+        return Held(longer, before.length + here + there, change, margin)
 
     def strained(self, shortened, tension, row: Row):
         """What the channel has lost of its length, and the tendon gained by its strain, per midline."""

@@ -57,7 +57,7 @@ def _left(case: Case, marched: Passed, unknowns: Float[Array, " n"]) -> tuple[Me
     if what.terms and not what.follows_slip:
         slip = slip_of(case, nodes.state.kappa, nodes.tension, marched.T_tip)
     if what.carries:
-        unknowns = unknowns.at[-1].set(0.0)
+        unknowns = jnp.concatenate([unknowns[:-1], jnp.zeros(1)])
     memory = Memory(
         tension=nodes.tension,
         kappa=nodes.state.kappa,
