@@ -37,6 +37,7 @@ FLOOR = 1e-4  # of the length: the shortest presliding of several tendons with t
 FRICTION = ("friction", "by_pressure", "by_speed", "drag", "wrap")  # hooks that change what an interval holds
 HIGHEST = 10.0  # times the largest tension known: none is believed beyond, while the slip is guessed
 Asked = Any  # an array, or None where no law of the structure asks for it
+STIFF = 3e5
 RIGID = 1e-9  # strain per newton of a tendon whose stretch is not stated
 
 
@@ -240,7 +241,7 @@ class Equations(eqx.Module):
             grip = z
         else:
             low, high = self.bounds(behind, gripped, carry)
-            kept = row.tension if self.level is None else (1.0 + self.level) * row.tension
+            kept = row.tension if self.level is None else (1.0 + self.level) * self.stuck(row)
             tension = clip(kept, low, high)
             if what.terms:
                 grip = jnp.where(tension <= low, 1.0, jnp.where(tension >= high, -1.0, 0.0))
@@ -301,6 +302,16 @@ class Equations(eqx.Module):
             return behind(1.0, carry.pulled), behind(-1.0, carry.released)
         left = jnp.exp(-self.case.mu * turn)
         return carry.pulled * left, carry.released / left
+
+    def stuck(self, row: Row):
+        kappa, case = row.kappa, self.case
+        gone = 0.0
+        for kind, bend in case.structure.hooks("bend"):
+            if REGISTRY[kind].relaxes:
+                at = Bent(row.rest, kappa, row.bent[kind], case.load.dt)
+                gone = gone + bend(case.terms[kind], kappa, at)[0] - row.bent[kind][0]
+        arm = channel.moment_arm(at_tendons(kappa, row.R), row.R)
+        return row.tension + STIFF * arm * gone / (1.0 + STIFF * row.compliance * arm**2)
 
     def held(self, before: Held, row: Row, kappa, tension, margin) -> Held:
         """What is held so far. Each end of an interval counts with its own margin: where only one is held, as
@@ -374,7 +385,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         stencil=memory.stencil,
         elements=memory.elements,
         bent=memory.bent,
-        kappa=memory.kappa if what.has("bend") else None,
+        kappa=memory.kappa if what.has("bend") or what.carries else None,
         nu=node_first(channel.metric_factor(at_tendons(memory.kappa, s.R), s.R)) if what.carries else None,
     )
     low = high = entry = load.T_base
