@@ -8,7 +8,7 @@ everything at a node follows from its curvature. What is left is one scalar equa
 Three laws hold a tendon. *Held* against the base: T = clip(tension before, P, Q), with P and Q the tensions
 if all of it slipped towards the base, or the tip. Where a stop or the body's own creep bends the stretch that
 is held, it is *carried along*: (1 + level) times the tension before, with the level at which the channel
-there is as long as the tendon in it. *Creeping*, where friction goes on changing while the tendon is locked:
+there is as long as the tendon in it (docs/mechanics.md). *Creeping*, where friction goes on changing while the tendon is locked:
 the same with P and Q from the tension of the node before. *Presliding*: friction
 follows the slip, u(s) = u(0) - integral over [0, s] of (nu_0 - nu + nu_0 strain), T' = -mu z(u) T |psi'|.
 """
@@ -37,8 +37,7 @@ FLOOR = 1e-4  # of the length: the shortest presliding of several tendons with t
 FRICTION = ("friction", "by_pressure", "by_speed", "drag", "wrap")  # hooks that change what an interval holds
 HIGHEST = 10.0  # times the largest tension known: none is believed beyond, while the slip is guessed
 Asked = Any  # an array, or None where no law of the structure asks for it
-STIFF = 3e5
-RIGID = 1e-9  # strain per newton of a tendon whose stretch is not stated
+RIGID = 1e-6  # strain per newton of a tendon whose stretch is not stated: next to none
 
 
 class Modes(NamedTuple):
@@ -241,7 +240,7 @@ class Equations(eqx.Module):
             grip = z
         else:
             low, high = self.bounds(behind, gripped, carry)
-            kept = row.tension if self.level is None else (1.0 + self.level) * self.stuck(row)
+            kept = row.tension if self.level is None else (1.0 + self.level) * self.remembered(row)
             tension = clip(kept, low, high)
             if what.terms:
                 grip = jnp.where(tension <= low, 1.0, jnp.where(tension >= high, -1.0, 0.0))
@@ -303,26 +302,33 @@ class Equations(eqx.Module):
         left = jnp.exp(-self.case.mu * turn)
         return carry.pulled * left, carry.released / left
 
-    def stuck(self, row: Row):
-        kappa, case = row.kappa, self.case
-        gone = 0.0
+    def remembered(self, row: Row):
+        """Tension before [N]; where the body relaxes, that which keeps its bend: what its own moment has lost,
+        the tendon takes, but for as much as the tendon gives.
+        """
+        case, lost = self.case, 0.0
         for kind, bend in case.structure.hooks("bend"):
             if REGISTRY[kind].relaxes:
-                at = Bent(row.rest, kappa, row.bent[kind], case.load.dt)
-                gone = gone + bend(case.terms[kind], kappa, at)[0] - row.bent[kind][0]
-        arm = channel.moment_arm(at_tendons(kappa, row.R), row.R)
-        return row.tension + STIFF * arm * gone / (1.0 + STIFF * row.compliance * arm**2)
+                at = Bent(row.rest, row.kappa, row.bent[kind], case.load.dt)
+                lost = lost + row.bent[kind][0] - bend(case.terms[kind], row.kappa, at)[0]
+        arm = channel.moment_arm(at_tendons(row.kappa, row.R), row.R)
+        gives = self.strain(row.tension + 1.0, row.tension)
+        return row.tension - arm * lost / (gives + row.compliance * arm**2)
+
+    def strain(self, tension, before):
+        """Strain of the tendon since a tension before [N]; next to none where no term states it."""
+        strain = RIGID * (tension - before)
+        if self.case.structure.has("strain"):
+            own = [total(self.case, "strain", T) for T in (tension, before)]
+            strain = strain + own[0] - own[1]
+        return strain
 
     def held(self, before: Held, row: Row, kappa, tension, margin) -> Held:
         """What is held so far. Each end of an interval counts with its own margin: where only one is held, as
         far as the margin, going evenly, stays positive; what slips at the other is not of the held stretch.
         """
         margin = jnp.where(self.modes.carried, margin, -1.0)
-        stretched = RIGID * (tension - row.tension)
-        if self.case.structure.has("strain"):
-            own = [total(self.case, "strain", T) for T in (tension, row.tension)]
-            stretched = stretched + own[0] - own[1]
-        change = channel.metric_factor(kappa, row.R) - (1.0 + stretched) * row.nu
+        change = channel.metric_factor(kappa, row.R) - (1.0 + self.strain(tension, row.tension)) * row.nu
         span = jnp.abs(margin) + jnp.abs(before.margin)
         share = row.interval.length / jnp.where(span > 0, span, 1.0)
         here, there = (share * jnp.where(m > 0, m, 0.0) for m in (margin, before.margin))

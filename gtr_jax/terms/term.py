@@ -114,7 +114,8 @@ class Term:
         timed: whether it needs the time of the samples.
         creeps: whether friction goes on changing where the tendon is locked, so that it must be held against
             the neighbouring section instead of against the base.
-        relaxes: whether the body goes on bending where the tendon is locked, and carries it along.
+        relaxes: whether the body goes on bending where the tendon is locked, and carries it along; the first
+            number that `bend` remembers is then its moment over EI.
         reads_speed: whether `friction` depends on the speed of the slip in the load step before.
         friction: factor on the friction coefficient of an interval, from a `Channel`.
         by_pressure: factor on it from the line pressure [N/m].
