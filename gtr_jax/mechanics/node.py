@@ -8,8 +8,8 @@ everything at a node follows from its curvature. What is left is one scalar equa
 Three laws hold a tendon. *Held* against the base: T = clip(tension before, P, Q), with P and Q the tensions
 if all of it slipped towards the base, or the tip. Where a stop or the body's own creep bends the stretch that
 is held, it is *carried along*: (1 + level) times the tension before, with the level at which the channel
-there is as long as the tendon in it (docs/mechanics.md). *Creeping*, where friction goes on changing while the tendon is locked:
-the same with P and Q from the tension of the node before. *Presliding*: friction
+there is as long as the tendon in it (docs/mechanics.md). *Creeping*, where friction goes on changing while
+the tendon is locked: the same with P and Q from the tension of the node before. *Presliding*: friction
 follows the slip, u(s) = u(0) - integral over [0, s] of (nu_0 - nu + nu_0 strain), T' = -mu z(u) T |psi'|.
 """
 
@@ -303,8 +303,8 @@ class Equations(eqx.Module):
         return carry.pulled * left, carry.released / left
 
     def remembered(self, row: Row):
-        """Tension before [N]; where the body relaxes, that which keeps its bend: what its own moment has lost,
-        the tendon takes, but for as much as the tendon gives.
+        """Tension before [N]; where the body relaxes, that which keeps its bend: what the body's own moment has
+        lost, the tendon takes, but for as much as the tendon gives.
         """
         case, lost = self.case, 0.0
         for kind, bend in case.structure.hooks("bend"):
