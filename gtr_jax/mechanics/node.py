@@ -303,8 +303,8 @@ class Equations(eqx.Module):
         return carry.pulled * left, carry.released / left
 
     def remembered(self, row: Row):
-        """Tension before [N]; where the body relaxes, that which keeps its bend: the tendon takes what the moment
-        of the body has lost, but for as much as it gives.
+        """Tension before [N]; where the body relaxes, that which keeps its bend: the tendon takes what the
+        moment of the body has lost, but for as much as it gives.
         """
         case, lost = self.case, 0.0
         for kind, bend in case.structure.hooks("bend"):
