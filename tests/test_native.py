@@ -49,5 +49,5 @@ def test_what_is_not_known_is_refused_by_name():
     shape = translate.jax.ShapeDtypeStruct((3,), jnp.float64)
     with pytest.raises(translate.Untranslatable, match="sort"):
         program.Program(lambda robot: robot * 0, _double, shape, shape, ("test",))(
-            [np.zeros(3)], np.zeros((2, 3))
+            np.zeros(3), np.zeros((2, 3))
         )

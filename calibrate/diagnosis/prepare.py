@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot
-from gtr_jax.mechanics import Structure
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import steps_natively
+from gtr_jax.simulation.programs import structure_with
 
 from ..fit import channels_of, part_of
 from ..free import distinct
@@ -276,5 +276,5 @@ def _bend(robot: Robot, fitted: Fitted, part: Part) -> float:
     own = {name: values[name] for name in ("mu", "E") if name in values}
     top = np.asarray([0.0, float(part.T_base.T_base.max())])
     loads = loads_of(jnp.asarray(top), jnp.arange(2.0), None)
-    run = steps_natively(robot.with_values(**own), Structure((), 0, robot.loaded), loads)
+    run = steps_natively(robot.with_values(**own), structure_with(robot, ()), loads)
     return float(run.bent[-1])

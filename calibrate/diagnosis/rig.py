@@ -6,7 +6,7 @@ import functools
 import hashlib
 from collections.abc import Callable, Collection, Iterable, Mapping
 from importlib.metadata import version
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,11 +16,10 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from gtr_jax import Robot, true_base
-from gtr_jax.mechanics import EVERY, Load, Structure, in_order
 from gtr_jax.robot.parameters import places_of
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import Native, Ready, ready
-from gtr_jax.simulation.programs import structure_of
+from gtr_jax.simulation.programs import structure_of, structure_with
 from gtr_jax.simulation.sensing import cells_differ, cells_show
 from gtr_jax.terms import REGISTRY
 
@@ -40,6 +39,7 @@ AFTER = (1, 2, 3, 5, 8, 12, 18)
 # What the programs hold that simulate a recording, from the fastest to the slowest: a hypothesis takes the
 # first that has all its terms. Load steps a second on the demo's mesh: 90,000, 40,000, 23,000, 20,000 and
 # 11,000; each compiles in 0.7 to 1.8 s. A program of its own for every hypothesis would take 0.7 s each.
+EVERY = tuple(kind for kind, term in REGISTRY.items() if not term.of_cells)
 _BESIDE_LOADS = [kind for kind in EVERY if not REGISTRY[kind].loads and REGISTRY[kind].stop is None]
 _BY_SLIP = ("presliding", "viscous-friction")
 PROGRAMS = (
@@ -65,7 +65,7 @@ class _Traced(NamedTuple):
         tip_cell: what the tip's cell shows [N], from a robot, its load steps and true tip tensions [N], (P,).
     """
 
-    begin: Callable[..., tuple[Ready, Load]]
+    begin: Callable[..., tuple[Ready, Any]]
     tip_cell: Callable[..., Float[Array, " P"]]
 
 
@@ -78,7 +78,7 @@ def _traced(tree, shapes: tuple[tuple[int, ...], ...]) -> _Traced:
         T_base = true_base(robot, T_base, time)
         return ready(robot, T_base), loads_of(T_base, time, cycle)
 
-    def tip_cell(flat, loads: Load, T_tip):
+    def tip_cell(flat, loads, T_tip):
         return cells_show(unravel(flat), loads.T_base, T_tip, loads.time).T_tip
 
     return _Traced(jax.jit(begin), jax.jit(tip_cell))
@@ -178,11 +178,10 @@ class Rig:
             flat[self._places[name]] = value
         shown_base = np.asarray(history.T_base) + more_base
         ready, loads = self._traced.begin(flat, shown_base, history.time, history.cycle)
-        held = in_order(program_for(kinds))
-        loaded = self.robot.loaded or any(REGISTRY[kind].loads for kind in held)
+        structure = structure_with(self.robot, program_for(kinds))
         # What the history is padded with is not simulated.
         steps = jtu.tree_map(lambda column: np.asarray(column)[:K], loads)
-        run = self._native(ready, Structure(held, 0, loaded), steps)
+        run = self._native(ready, structure, steps)
         T_tip = run.T_tip
         if self._cells or any(REGISTRY[kind].of_cells for kind in asked):
             held_on = np.concatenate([T_tip, np.full(len(loads.time) - K, T_tip[-1])])

@@ -118,6 +118,7 @@ def closed(case: Case, flat: Float[Array, " n"], end: Carry, modes: Modes):
         eased = 1.0 + stiffness * jnp.max(case.sections.compliance) * length**3 / 3
         stop = (pressing(x.stop) + eased * (x.stop - pressing(x.stop)) - pushed) / eased
     if what.carries:
+        assert x.level is not None and end.held is not None
         # Where nothing is held, the level is of no effect, and stays.
         still = case.sections.mesh.s[-1] * (x.level - jax.lax.stop_gradient(x.level))
         level = end.held.longer + jnp.where(end.held.length > 0, 0.0, still)

@@ -266,6 +266,7 @@ class Equations(eqx.Module):
 
         held = None
         if what.carries:
+            assert carry.held is not None
             held = self.held(carry.held, row, midline[1], tension, jnp.minimum(kept - low, high - kept))
 
         bent, more = {}, 0.0

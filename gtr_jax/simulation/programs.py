@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Collection
 
@@ -33,9 +34,18 @@ def structure_of(robot: Robot, with_terms: bool | Collection[str] | None) -> Str
         with_terms = [kind for kind, on in acting.items() if on]
     elif isinstance(with_terms, bool):
         with_terms = EVERY if with_terms else ()
-    terms = in_order(with_terms)
+    return dataclasses.replace(structure_with(robot, with_terms), acting=known)
+
+
+def structure_with(robot: Robot, terms: Collection[str]) -> Structure:
+    """The equations of some terms, acting or not.
+
+    Args:
+        robot: the robot.
+        terms: their names; those of the load cells have no equations.
+    """
     loads = any(REGISTRY[kind].loads for kind in terms)
-    return Structure(terms, len(robot.tendon_names), robot.loaded or loads, known)
+    return Structure(in_order(terms), len(robot.tendon_names), robot.loaded or loads)
 
 
 def at_nodes(robot: Robot, s: Sections) -> mechanics.Robot:

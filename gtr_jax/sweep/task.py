@@ -442,7 +442,9 @@ def _table(file: SweepConfig, robot: Robot) -> tuple[tuple[Axis, ...], np.ndarra
         unit = split_unit(header, si)[1] if "[" in header else None
         if "[" in header and unit is None:
             raise InputError(f"{where}: cannot read its unit; write for example {bare}[{si}]")
-        values = np.array(table.quantity(i, unit, si, remedy=f"write for example {bare}[{si}]"))
+        values = np.array(
+            table.quantity(i, unit, si, remedy=lambda bare=bare, si=si: f"write for example {bare}[{si}]")
+        )
         if any(parameter == other.parameter for other in axes):
             raise InputError(f"{where}: {parameter.name} stands twice; keep one")
         axes.append(Axis(parameter, low=float(values.min()), high=float(values.max())))
