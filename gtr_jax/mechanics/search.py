@@ -61,7 +61,9 @@ class Search(eqx.Module):
 
 
 def scales(case: Case) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """Sizes of the unknowns, and of what is left: length; moment and force that bend by about a radian."""
+    """Sizes of the unknowns, and of what is left: length; moment and force that bend by about a radian; for
+    the level of what is held, one, and a hundredth of the length: about as much as it bends the channel.
+    """
     what, length = case.structure, case.sections.mesh.s[-1]
     compliance = jnp.max(case.sections.compliance) * length
     moment = 1.0 / jnp.where(compliance > 0, compliance, 1.0)
@@ -70,7 +72,7 @@ def scales(case: Case) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         moment if what.bends else None,
         moment / length if what.has_stop else None,
     )
-    one, slip = (jnp.ones_like(length), length) if what.carries else (None, None)
+    one, slip = (jnp.ones_like(length), 0.01 * length) if what.carries else (None, None)
     return Closing(*both, one).flat(), Closing(*both, slip).flat()
 
 
