@@ -53,3 +53,27 @@ def test_a_stop_turns_the_held_tension_as_a_whole(make_robot):
         ratio = (tension[k] / tension[k - 1])[s > front + 0.02]
         np.testing.assert_allclose(ratio, ratio[-1], rtol=1e-9)
         assert abs(ratio[-1] - 1) > 1e-5
+
+
+@pytest.mark.parametrize("kind", ["contact", "creep"])
+def test_every_program_holds_alike(make_robot, kind):
+    robot = make_robot(routing=SINE)
+    way = float(gtr.simulate(robot, LOOP, time=CLOCK).tip_pose[16, 1])
+    stop = {"contact.stiffness": 200.0, "contact.distance": 0.5 * abs(way)}
+    stop |= {"contact.angle": np.sign(way) * np.pi / 2}
+    robot = robot.with_values(**(stop if kind == "contact" else CREEP))
+    runs = [gtr.simulate(robot, LOOP, time=CLOCK, with_terms=names) for names in (None, True)]
+    for name in ("T_tip", "tension", "tip_pose", "displacement"):
+        own, every = (np.asarray(getattr(run, name)) for run in runs)
+        np.testing.assert_allclose(every, own, rtol=1e-7, atol=1e-7, err_msg=name)
+
+
+def test_an_anchor_that_gives_counts_in_what_is_held(make_robot):
+    robot = make_robot(routing=SINE).with_values(**CREEP)
+    stiff, soft = (
+        gtr.simulate(robot.with_values(**{"tendon-stretch.anchor": give}), LOOP, time=CLOCK)
+        for give in (0.0, 5e-5)
+    )
+    assert bool(np.all(soft.converged))
+    changes = [np.abs(np.diff(np.asarray(run.T_tip)))[17:22].max() for run in (stiff, soft)]
+    assert 1e-4 < changes[1] < changes[0]  # it takes a part of what the held tendon would have to

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import hashlib
 from collections.abc import Callable, Collection, Iterable, Mapping
-from importlib.metadata import version
 from typing import Any, NamedTuple
 
 import jax
@@ -18,7 +17,7 @@ from jaxtyping import Array, Float
 from gtr_jax import Robot, true_base
 from gtr_jax.robot.parameters import places_of
 from gtr_jax.simulation.history import loads_of
-from gtr_jax.simulation.natively import Native, Ready, ready
+from gtr_jax.simulation.natively import Native, Ready, ready, sources
 from gtr_jax.simulation.programs import structure_of, structure_with
 from gtr_jax.simulation.sensing import cells_differ, cells_show
 from gtr_jax.terms import REGISTRY
@@ -165,7 +164,7 @@ class Rig:
         whole = hashlib.blake2b(digest_size=32)
         for array in (part.T_base.T_base, part.time, part.trial, self._flat):
             whole.update(b"-" if array is None else np.ascontiguousarray(array, float).tobytes())
-        whole.update(repr((version("gtr-jax"), self.robot.intervals, self._places)).encode())
+        whole.update(repr((sources(), self.robot.intervals, self._places)).encode())
         return whole.digest()
 
     def _simulated(self, values: Mapping[str, float], more_base: float) -> Seen | None:

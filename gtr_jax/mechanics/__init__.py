@@ -18,7 +18,6 @@ from .history import (
     rest_state,
     steps,
     steps_before,
-    with_steps_before,
 )
 from .mesh import increments
 from .structure import EVERY, March, Structure, in_order
@@ -45,5 +44,4 @@ __all__ = [
     "steps",
     "steps_before",
     "untouched",
-    "with_steps_before",
 ]

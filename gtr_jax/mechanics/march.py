@@ -100,7 +100,11 @@ def closed(case: Case, flat: Float[Array, " n"], end: Carry, modes: Modes):
     T_tip = end.tension
     if what.has("tip_grip"):
         grip = jnp.exp(-total(case, "tip_grip"))
-        T_tip = clip(case.memory.T_tip, low * grip, high / grip)
+        before = case.memory.T_tip
+        if end.held is not None:
+            # What is held at the last node is held at the anchor.
+            before = before * jnp.where(modes.carried, end.held.share, 1.0)
+        T_tip = clip(before, low * grip, high / grip)
     slip = moment = stop = level = None
     if what.seeks_slip:
         slip = end.slip
@@ -121,7 +125,10 @@ def closed(case: Case, flat: Float[Array, " n"], end: Carry, modes: Modes):
         assert x.level is not None and end.held is not None
         # Where nothing is held, the level is of no effect, and stays.
         still = case.sections.mesh.s[-1] * (x.level - jax.lax.stop_gradient(x.level))
-        level = end.held.longer + jnp.where(end.held.length > 0, 0.0, still)
+        longer = end.held.longer
+        if what.has("anchor"):
+            longer = longer - total(case, "anchor", T_tip) + total(case, "anchor", case.memory.T_tip)
+        level = jnp.where(end.held.length > 0, longer, still)
     return Closing(slip, moment, stop, level).flat(), T_tip
 
 

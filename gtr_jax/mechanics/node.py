@@ -80,12 +80,14 @@ class Held(NamedTuple):
         change: of the same at the last node, per midline.
         margin: by how much the tension of what is held lies within what friction allows there [N]; negative
             where the tendon slips.
+        share: of the tension before that is held at the last node.
     """
 
     longer: Float[Array, ""]
     length: Float[Array, ""]
     change: Float[Array, ""]
     margin: Float[Array, ""]
+    share: Float[Array, ""]
 
 
 class Carry(NamedTuple):
@@ -267,7 +269,8 @@ class Equations(eqx.Module):
         held = None
         if what.carries:
             assert carry.held is not None
-            held = self.held(carry.held, row, midline[1], tension, jnp.minimum(kept - low, high - kept))
+            margin = jnp.minimum(kept - low, high - kept)
+            held = self.held(carry.held, row, midline[1], tension, kept, margin)
 
         bent, more = {}, 0.0
         for kind, bend in what.hooks("bend"):
@@ -324,17 +327,18 @@ class Equations(eqx.Module):
             strain = strain + own[0] - own[1]
         return strain
 
-    def held(self, before: Held, row: Row, kappa, tension, margin) -> Held:
+    def held(self, before: Held, row: Row, kappa, tension, kept, margin) -> Held:
         """What is held so far. Each end of an interval counts with its own margin: where only one is held, as
         far as the margin, going evenly, stays positive; what slips at the other is not of the held stretch.
         """
         margin = jnp.where(self.modes.carried, margin, -1.0)
         change = channel.metric_factor(kappa, row.R) - (1.0 + self.strain(tension, row.tension)) * row.nu
         span = jnp.abs(margin) + jnp.abs(before.margin)
-        share = row.interval.length / jnp.where(span > 0, span, 1.0)
-        here, there = (share * jnp.where(m > 0, m, 0.0) for m in (margin, before.margin))
+        each = row.interval.length / jnp.where(span > 0, span, 1.0)
+        here, there = (each * jnp.where(m > 0, m, 0.0) for m in (margin, before.margin))
         longer = before.longer + here * change + there * before.change
-        return Held(longer, before.length + here + there, change, margin)
+        share = jnp.where(row.tension > 0, kept / jnp.where(row.tension > 0, row.tension, 1.0), 1.0)
+        return Held(longer, before.length + here + there, change, margin, share)
 
     def strained(self, shortened, tension, row: Row):
         """What the channel has lost of its length, and the tendon gained by its strain, per midline."""
@@ -415,7 +419,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         slip=x.slip if what.follows_slip else None,
         moment=x.moment,
         place=zero if what.has_stop else None,
-        held=Held(zero, zero, zero, -jnp.ones_like(zero)) if what.carries else None,
+        held=Held(zero, zero, zero, zero - 1.0, zero + 1.0) if what.carries else None,
     )
     highest = None
     if what.seeks_slip:

@@ -172,14 +172,18 @@ def packed(tree: Any) -> Float[Array, " n"]:
 
 
 @functools.cache
+def sources() -> str:
+    """A mark of the source that simulations come from: it changes with every line."""
+    root, rooms = Path(__file__).parents[1], ("mechanics", "native", "robot", "simulation", "terms")
+    files = sorted(path for room in rooms for path in (root / room).glob("**/*.py"))
+    return hashlib.blake2b(b"".join(path.read_bytes() for path in files), digest_size=16).hexdigest()
+
+
+@functools.cache
 def _surroundings() -> tuple[str, ...]:
     """What compiled code depends on beside its program."""
-    files = sorted(Path(__file__).parents[1].glob("mechanics/**/*.py"))
-    files += sorted(Path(__file__).parents[1].glob("terms/*.py")) + sorted(Path(__file__).parent.glob("*.py"))
-    files += sorted(Path(__file__).parents[1].glob("simulation/*.py"))
-    source = hashlib.blake2b(b"".join(path.read_bytes() for path in files), digest_size=16).hexdigest()
     features = str(llvm.get_host_cpu_features().flatten())
-    return source, llvm.get_host_cpu_name(), features, version("llvmlite"), version("jax")
+    return sources(), llvm.get_host_cpu_name(), features, version("llvmlite"), version("jax")
 
 
 def _machine() -> Any:

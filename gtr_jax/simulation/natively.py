@@ -14,11 +14,13 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .. import mechanics
 from ..mechanics import FOREVER, Load, March, Settled, Step, Structure, advance, begin, steps_before
-from ..native.program import Program, packed
+from ..native.program import Program, packed, sources
 from ..robot.robot import Robot, sections
 from .programs import at_nodes
 from .slipping import front_of, large_tension, moves_of
 from .solution import loaded_of
+
+__all__ = ["Brief", "Native", "Ready", "ready", "sources", "steps_natively"]
 
 
 class Brief(NamedTuple):
