@@ -312,7 +312,8 @@ def allowed(d: Drawn, seen: Seen) -> dict[str, str]:
         return found
     timed = [kind for kind in d.terms if REGISTRY[kind].timed or kind == "wear"]
     if seen.against > TURNS_STEPS:
-        found["tip tension against the base's"] = "friction or body changes with time" if timed else ""
+        stopped = "a stop bends what friction holds" if "contact" in d.terms else ""
+        found["tip tension against the base's"] = "friction or body changes with time" if timed else stopped
     turned = seen.back > SLIPS_BACK and "presliding" not in d.terms
     if seen.gained < -GIVES_BACK:
         found["energy given back"] = "a load turns the slip against the pull" if turned else ""
