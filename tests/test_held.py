@@ -27,6 +27,13 @@ def test_the_tip_tension_is_that_of_an_elastic_thread(kind, build):
     assert np.sqrt(np.mean(off[whole] ** 2)) < 0.001
 
 
+def stop_of(robot):
+    """A stop halfway to where the tip goes freely."""
+    way = float(gtr.simulate(robot, LOOP, time=CLOCK).tip_pose[16, 1])
+    stop = {"contact.stiffness": 200.0, "contact.distance": 0.5 * abs(way)}
+    return stop | {"contact.angle": np.sign(way) * np.pi / 2}
+
+
 def test_a_creeping_body_turns_the_held_tension(make_robot):
     robot = make_robot(routing=SINE).with_values(**CREEP)
     run = gtr.simulate(robot, LOOP, time=CLOCK)
@@ -39,11 +46,7 @@ def test_a_creeping_body_turns_the_held_tension(make_robot):
 
 def test_a_stop_turns_the_held_tension_as_a_whole(make_robot):
     robot = make_robot(routing=SINE)
-    free = gtr.simulate(robot, LOOP, time=CLOCK)
-    way = float(free.tip_pose[16, 1])
-    stop = {"contact.stiffness": 200.0, "contact.distance": 0.5 * abs(way)}
-    stop |= {"contact.angle": np.sign(way) * np.pi / 2}
-    run = gtr.simulate(robot.with_values(**stop), LOOP, time=CLOCK)
+    run = gtr.simulate(robot.with_values(**stop_of(robot)), LOOP, time=CLOCK)
     assert bool(np.all(run.converged))
     tension, s = np.asarray(run.tension), np.asarray(run.s)
     for k in range(17, 24):
@@ -58,10 +61,7 @@ def test_a_stop_turns_the_held_tension_as_a_whole(make_robot):
 @pytest.mark.parametrize("kind", ["contact", "creep"])
 def test_every_program_holds_alike(make_robot, kind):
     robot = make_robot(routing=SINE)
-    way = float(gtr.simulate(robot, LOOP, time=CLOCK).tip_pose[16, 1])
-    stop = {"contact.stiffness": 200.0, "contact.distance": 0.5 * abs(way)}
-    stop |= {"contact.angle": np.sign(way) * np.pi / 2}
-    robot = robot.with_values(**(stop if kind == "contact" else CREEP))
+    robot = robot.with_values(**(stop_of(robot) if kind == "contact" else CREEP))
     runs = [gtr.simulate(robot, LOOP, time=CLOCK, with_terms=names) for names in (None, True)]
     for name in ("T_tip", "tension", "tip_pose", "displacement"):
         own, every = (np.asarray(getattr(run, name)) for run in runs)

@@ -18,7 +18,7 @@ from gtr_jax import Robot, true_base
 from gtr_jax.robot.parameters import places_of
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import Native, Ready, ready, sources
-from gtr_jax.simulation.programs import structure_of, structure_with
+from gtr_jax.simulation.programs import EVERY, structure_of, structure_with
 from gtr_jax.simulation.sensing import cells_differ, cells_show
 from gtr_jax.terms import REGISTRY
 
@@ -38,7 +38,6 @@ AFTER = (1, 2, 3, 5, 8, 12, 18)
 # What the programs hold that simulate a recording, from the fastest to the slowest: a hypothesis takes the
 # first that has all its terms. Load steps a second on the demo's mesh: 90,000, 40,000, 23,000, 20,000 and
 # 11,000; each compiles in 0.7 to 1.8 s. A program of its own for every hypothesis would take 0.7 s each.
-EVERY = tuple(kind for kind, term in REGISTRY.items() if not term.of_cells)
 _BESIDE_LOADS = [kind for kind in EVERY if not REGISTRY[kind].loads and REGISTRY[kind].stop is None]
 _BY_SLIP = ("presliding", "viscous-friction")
 PROGRAMS = (
@@ -109,7 +108,7 @@ class Rig:
     """One recording, and the robot it is of, coarsely meshed.
 
     The native programs of `PROGRAMS` serve all hypotheses and recordings of a robot structure: where two of
-    them hold the terms of a hypothesis, they agree to 1e-9 N on any mesh.
+    them hold the terms of a hypothesis, they agree to the tolerance of the solver on any mesh.
 
     Args:
         part: the recording.

@@ -321,11 +321,11 @@ class Equations(eqx.Module):
 
     def strain(self, tension, before):
         """Strain of the tendon since a tension before [N]; next to none where no term states it."""
-        strain = RIGID * (tension - before)
-        if self.case.structure.has("strain"):
-            own = [total(self.case, "strain", T) for T in (tension, before)]
-            strain = strain + own[0] - own[1]
-        return strain
+        return RIGID * (tension - before) + self.stated(tension, before)
+
+    def stated(self, tension, before):
+        """The same as far as terms state it; 0.0 without any."""
+        return total(self.case, "strain", tension) - total(self.case, "strain", before)
 
     def held(self, before: Held, row: Row, kappa, tension, kept, margin) -> Held:
         """What is held so far. Each end of an interval counts with its own margin: where only one is held, as
@@ -344,8 +344,7 @@ class Equations(eqx.Module):
         """What the channel has lost of its length, and the tendon gained by its strain, per midline."""
         if not self.case.structure.has("strain"):
             return shortened
-        strain = total(self.case, "strain", tension) - total(self.case, "strain", self.case.preload)
-        return shortened + strain * row.metric
+        return shortened + self.stated(tension, self.case.preload) * row.metric
 
 
 def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
