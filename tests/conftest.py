@@ -1,4 +1,4 @@
-"""Strict numerics for every test: float64, no silent promotion of dtype or rank."""
+"""For every test: float64, no silent promotion of dtype or rank, and programs that compile quickly."""
 
 import ctypes
 import gc
@@ -12,6 +12,14 @@ import pytest
 import gtr_jax
 from gtr_jax.files.config import parse_config
 
+# Nearly all of the time goes into compiling: without optimisation it takes half as long, and runs take twice.
+os.environ["XLA_FLAGS"] = " ".join(
+    [
+        os.environ.get("XLA_FLAGS", ""),
+        "--xla_backend_optimization_level=0",
+        "--xla_cpu_use_fusion_emitters=false",
+    ]
+)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 

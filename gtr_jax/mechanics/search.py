@@ -25,8 +25,8 @@ REACH = 4e-3  # of the length: by how much the displacement is searched at a tim
 SHORTEST = 2.0**-12  # share of a Newton step below which a try is given up
 MOST_PLAIN = 8  # marches where nothing is unknown
 PATIENCE, MOST_MARCHES = 60, 6000  # at one part of the step, and in all
-# Parts of a step: so many times more after plain and damped steps have failed.
-FINER = 4
+SHORTENED = 0.25  # length of a Newton step, of the one before, at which it is trusted more than the bracket
+FINER = 4  # parts of a step: so many times more where it could not be made in fewer
 
 
 class Search(eqx.Module):
@@ -38,8 +38,9 @@ class Search(eqx.Module):
         error: of what the search stands at, for the share of the step that it is for.
         marches, tries: taken in all, and at this share of the step.
         low, high: displacements at the base known to be too small and too large.
-        point, step, inverse, level, share: the last point that damped steps accepted, the step from there,
-            the inverse of its Jacobian, the length of that step, and the share of it that is tried.
+        step: the last one taken; with damped steps the whole one, of which a share is tried.
+        point, inverse, level, share: the last point that damped steps accepted, the inverse of its Jacobian,
+            the length of the step from there, and the share of it that is tried.
         parts, part: in how many parts the step is made, and how many of them are done.
         damped: whether Newton's steps are damped.
         solved: whether the last part is solved.
@@ -97,6 +98,9 @@ def _bracketed(at: Search, left: Float[Array, " n"], inverse, by_unknowns) -> Se
     within = jnp.where(both, 0.5 * (low + high), farther)
     known = both | (jnp.abs(step[0]) > REACH) | ~jnp.isfinite(new)
     cut = known & ~((new > low) & (new < high))
+    if left.shape[0] > 1:
+        # The other unknowns move the root, too: where Newton's steps become short, the bracket is no longer true.
+        cut = cut & ~((at.tries > 0) & (jnp.abs(step[0]) <= SHORTENED * jnp.abs(at.step[0])))
     new = jnp.where(cut, within, new)
     if left.shape[0] > 1:
         # With the displacement cut short, the others do what they can.
@@ -104,7 +108,7 @@ def _bracketed(at: Search, left: Float[Array, " n"], inverse, by_unknowns) -> Se
         step = jnp.where(cut, jnp.concatenate([(new - u)[None], others]), step)
     else:
         step = (new - u)[None]
-    return _with(at, trial=at.trial + step, low=low, high=high)
+    return _with(at, trial=at.trial + step, step=step, low=low, high=high)
 
 
 def _damped(at: Search, left: Float[Array, " n"], inverse) -> Search:
@@ -206,11 +210,12 @@ def _at_once(case: Case, how: March) -> Found:
 
 
 def _by_path(case: Case, how: March) -> Found:
-    """Newton's method on the whole step; where it fails, damped; where that fails too, again in more parts.
+    """Newton's method on the whole step; where it fails, in ever more parts, each first damped, then plainly.
 
-    Neither of the two is the better one. Of 155 tip forces on soft robots (`tests/test_sweep.py`), plain steps
-    alone missed 3 and damped ones from four parts on 6; of the two robots of `tests/test_census.py` that do
-    not settle, plain steps missed 24 steps and damped ones 12.
+    Neither is the better one. Of 155 tip forces on soft robots (`tests/test_sweep.py`), plain steps alone missed
+    3 and damped ones from four parts on 6, both in turn 2; of the two robots of `tests/test_census.py` that do
+    not settle, plain steps missed 24 steps and damped ones 12. Damped steps without parts are not tried: beside
+    a stop they went to a root far from the step before.
     """
     what = case.structure
     sizes, lefts = scales(case)
@@ -279,7 +284,7 @@ def _by_path(case: Case, how: March) -> Found:
             kappa=jnp.where(failed, case.memory.kappa, kappa),
             error=error,
             marches=at.marches + 1,
-            parts=jnp.where(failed & at.damped, FINER * at.parts, at.parts),
+            parts=jnp.where(failed & (at.damped == bool(what.tendons)), FINER * at.parts, at.parts),
             damped=at.damped if what.tendons else at.damped ^ failed,
             part=jnp.where(failed, 0, part),
             solved=solved & last,
