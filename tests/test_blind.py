@@ -122,6 +122,7 @@ def test_laws_do_the_same_in_machine_and_simulator(law):
         assert np.sqrt(np.mean((effect - (theirs - plain_)) ** 2)) < 0.05 * size + slack
 
 
+@pytest.mark.slow
 def test_cases_are_drawn_alike_and_keys_are_sealed(tmp_path):
     # The seed decides everything; the robot file is read, and the recording has what the key says.
     for folder in ("a", "b"):

@@ -267,6 +267,7 @@ def test_spread_is_that_of_draws(answer):
     assert spread.worst > spread.rms
 
 
+@pytest.mark.slow
 def test_what_cannot_be_reached_is_said_with_what_binds(make_config):
     """A parallel channel bends further the farther out it lies: the wall is what stands in the way."""
     config = make_config(routing=PARALLEL)
@@ -282,6 +283,7 @@ def test_what_cannot_be_reached_is_said_with_what_binds(make_config):
     assert "wall_clearance" in answer.says and "not reachable" in answer.says
 
 
+@pytest.mark.slow
 def test_goal_is_at_its_closed_form(make_config):
     """The largest bend of a parallel tendon lies as far out as the wall allows: ln(1 + mu R T L/EI)/mu."""
     backbone = {"outer_radius": [0.012, 0.012]}

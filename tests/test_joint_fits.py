@@ -234,6 +234,7 @@ def test_a_prior_with_its_unit(tdcm):
     assert error(fit, "r1") <= 1.01e-4
 
 
+@pytest.mark.slow
 def test_the_sampler_sees_the_sum_of_squares_that_is_minimised(tdcm, monkeypatch):
     """With a noisy base tension, a displacement of unknown zero, a prior and interpolation between steps."""
     history = np.repeat(PULLED, 30)

@@ -65,6 +65,7 @@ def test_the_work_of_a_closed_loop_is_frictions(loop):
     assert pull["put_in_J"] == pytest.approx(pull["friction_J"] + pull["stored_J"], rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_load_with_the_bend_costs_tension_and_one_against_it_brings_some(robot):
     loaded = robot_of(template(True), case_of("TD-CM I"), MU, E)
     cases = [loads.Load(), loads.Load(tip_force_y=0.3), loads.Load(tip_force_y=-0.3)]

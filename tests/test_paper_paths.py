@@ -20,6 +20,7 @@ from gtr_jax.paper.paths import (
 )
 
 
+@pytest.mark.slow
 def test_the_two_losses_are_met_and_by_one_material_only():
     found = solved()
     assert found.starts.settled.all() and found.corners.settled.all()

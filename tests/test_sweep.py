@@ -259,7 +259,6 @@ pull = "2 N"
     task = task_of(load_sweep(file))
     lanes = Lanes(task)
     blocks = [task.plan.on_grid(i) for i in range(task.plan.blocks)]
-    points = np.concatenate(blocks)
     first = np.concatenate([lanes._padded(lanes._first, b, task.batch)["result"] for b in blocks])
     whole = {k: np.concatenate([lanes.solve(b)[k] for b in blocks]) for k in ("tip_x", "result")}
     done = whole["result"] == 0

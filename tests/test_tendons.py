@@ -131,6 +131,7 @@ def test_a_tendon_on_the_axis_and_a_rigid_sheath_still_slip():
     np.testing.assert_allclose(run.T_tip[18], 4.0 / loss, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_gradients_through_a_history():
     robot = strung(
         tendon("a", parallel(0.008), 0.3, 1.0),

@@ -374,6 +374,7 @@ def numbers(robot):
     return values, scales, bounded
 
 
+@pytest.mark.slow
 def test_gradients_at_null(mixture):
     robot, total, with_gradient = mixture
     values, scales, bounded = numbers(robot)
@@ -387,6 +388,7 @@ def test_gradients_at_null(mixture):
             )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(CREEPING))
 def test_gradients_just_beyond_null(mixture, name):
     robot, total, with_gradient = mixture
@@ -398,6 +400,7 @@ def test_gradients_just_beyond_null(mixture, name):
     assert float(gradient[name]) * scales[name] == pytest.approx(exact * scales[name], rel=0.02, abs=5e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("term", MECHANICAL, ids=lambda t: t.id)
 def test_gradients_at_typical_values(mixture, term):
     robot, total, with_gradient = mixture
@@ -461,6 +464,7 @@ def test_what_the_tips_cell_shows(robot):
     np.testing.assert_allclose(all_of, 0.5 * np.round(np.minimum(1.1 * T + 0.2, 8.1) / 0.5))
 
 
+@pytest.mark.slow
 def test_gradients_of_cells_in_action(mixture):
     robot, total, with_gradient = mixture
     values, scales, _ = numbers(robot)

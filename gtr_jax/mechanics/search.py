@@ -99,7 +99,8 @@ def _bracketed(at: Search, left: Float[Array, " n"], inverse, by_unknowns) -> Se
     known = both | (jnp.abs(step[0]) > REACH) | ~jnp.isfinite(new)
     cut = known & ~((new > low) & (new < high))
     if left.shape[0] > 1:
-        # The other unknowns move the root, too: where Newton's steps become short, the bracket is no longer true.
+        # The other unknowns move the root, too. Kept where Newton's steps become short, it took 10 to 40
+        # marches beside a stop instead of 4 to 6.
         cut = cut & ~((at.tries > 0) & (jnp.abs(step[0]) <= SHORTENED * jnp.abs(at.step[0])))
     new = jnp.where(cut, within, new)
     if left.shape[0] > 1:
@@ -212,10 +213,10 @@ def _at_once(case: Case, how: March) -> Found:
 def _by_path(case: Case, how: March) -> Found:
     """Newton's method on the whole step; where it fails, in ever more parts, each first damped, then plainly.
 
-    Neither is the better one. Of 155 tip forces on soft robots (`tests/test_sweep.py`), plain steps alone missed
-    3 and damped ones from four parts on 6, both in turn 2; of the two robots of `tests/test_census.py` that do
-    not settle, plain steps missed 24 steps and damped ones 12. Damped steps without parts are not tried: beside
-    a stop they went to a root far from the step before.
+    Neither is the better one. Of 155 tip forces on soft robots (`tests/test_sweep.py`), plain steps alone
+    missed 3 and damped ones from four parts on 6, both in turn 2; of the two robots of `tests/test_census.py`
+    that do not settle, plain steps missed 24 steps and damped ones 12. Damped steps without parts are not
+    tried: beside a stop they went to a root far from the step before.
     """
     what = case.structure
     sizes, lefts = scales(case)

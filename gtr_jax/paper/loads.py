@@ -80,7 +80,7 @@ def solve_loads(robot: Robot, loads: Load) -> Point:
 
     def one(load):
         mine = under(robot, load)
-        pulled = equilibrium(mine, T_MAX)
+        pulled = equilibrium(mine, T_MAX, with_terms=False)
         switch = release_switch(mine, T_MAX)
         return Point(
             T_tip=pulled.T_tip,

@@ -89,7 +89,7 @@ def fit_material(
 
     def missed(logs, aims):
         mu, E = jnp.exp(logs)
-        states = [equilibrium(robot.with_values(mu=mu, E=E), T_BASE[1]) for robot in fitted]
+        states = [equilibrium(robot.with_values(mu=mu, E=E), T_BASE[1], with_terms=False) for robot in fitted]
         return jnp.stack([jnp.log(state.T_tip / T_BASE[1]) for state in states]) - jnp.log1p(-aims)
 
     def one(aims, start):
