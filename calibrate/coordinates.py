@@ -16,7 +16,6 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from gtr_jax import InputError, Robot
 from gtr_jax.robot.parameters import places_of
-from gtr_jax.terms import REGISTRY
 
 from .number import Number
 
@@ -30,7 +29,6 @@ class Coordinates(eqx.Module):
         scale: value per unit of u where not logarithmic, SI, (p,).
         log: whether value = reference exp(u), (p,).
         lower, upper: bounds of the others, at which values stop, SI, (p,); infinite where open.
-        of_terms: whether any is a number of a physics term that is not of the load cells.
     """
 
     index: Int[Array, " p"]
@@ -39,7 +37,6 @@ class Coordinates(eqx.Module):
     log: Bool[Array, " p"]
     lower: Float[Array, " p"]
     upper: Float[Array, " p"]
-    of_terms: bool = eqx.field(static=True)
 
     def values(self, u: Float[ArrayLike, " p"]) -> Float[Array, " p"]:
         """SI values at the coordinates u."""
@@ -103,11 +100,4 @@ def coordinates(index: np.ndarray, numbers: Sequence[Number]) -> Coordinates:
         log=jnp.asarray([n.log for n in numbers]),
         lower=jnp.asarray([n.lower for n in numbers]),
         upper=jnp.asarray([n.upper for n in numbers]),
-        of_terms=any(is_of_body(n) for n in numbers),
     )
-
-
-def is_of_body(number: Number) -> bool:
-    """Whether a number is one of a physics term that is not of the load cells."""
-    term = REGISTRY.get(number.name.partition(".")[0])
-    return term is not None and not term.of_cells

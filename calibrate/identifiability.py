@@ -16,8 +16,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.simulation.programs import known_to_act
-
 from .coordinates import Coordinates
 from .estimate import FLAT
 from .predictor import History, padded_history, shown
@@ -80,10 +78,8 @@ def _measurements(
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Each measurement in words, with its Fisher information in the coordinates, (p, p)."""
 
-    with_terms = bool(at.of_terms or known_to_act(part.robot))
-
     def information(T_base, time, which, error):
-        steps = padded_history(T_base, time, None, with_terms=with_terms)
+        steps = padded_history(T_base, time, None)
         rows = np.asarray(_jacobians(part.robot, at, steps, jnp.asarray(u))[which])[: len(T_base)]
         return rows.T @ rows / error**2
 

@@ -16,7 +16,6 @@ from jaxtyping import Array, Float, Int
 from gtr_jax import Robot, Simulation, reading, simulate, true_base
 from gtr_jax.simulation.history import cycles, padded_length
 from gtr_jax.simulation.phases import phases_of_slip
-from gtr_jax.simulation.programs import known_to_act
 from gtr_jax.stored import Stored
 
 from .coordinates import Coordinates
@@ -36,13 +35,11 @@ class History(eqx.Module):
         T_base: base tension as its cell shows it [N], (P,).
         time: [s], (P,).
         cycle: pulls and releases done, (P,); see `gtr_jax.simulate`.
-        with_terms: whether to simulate with the physics terms (static).
     """
 
     T_base: Float[Array, " P"]
     time: Float[Array, " P"]
     cycle: Float[Array, " P"]
-    with_terms: bool = eqx.field(static=True)
 
 
 def shown(
@@ -50,30 +47,23 @@ def shown(
 ) -> tuple[Float[Array, "C P"], Simulation]:
     """What the instruments show of a load history on some channels, SI, and the simulation."""
     T_base = true_base(robot, history.T_base, history.time)
-    run = simulate(robot, T_base, time=history.time, cycle=history.cycle, with_terms=history.with_terms)
+    run = simulate(robot, T_base, time=history.time, cycle=history.cycle)
     every = (reading(robot, run).T_tip, *run.tip_pose.T, run.displacement)
     return jnp.stack([row for name, row in zip(CHANNELS, every, strict=True) if name in channels]), run
 
 
 def padded_history(
-    T_base: np.ndarray,
-    time: np.ndarray | None,
-    trial: np.ndarray | None,
-    *,
-    with_terms: bool,
-    length: int = 0,
+    T_base: np.ndarray, time: np.ndarray | None, trial: np.ndarray | None, length: int = 0
 ) -> History:
     """A load history of K samples; a second each without their times. Trials count as cycles where there is
     more than one. It is as long as a compiled program of so many samples, or `length` if that is more.
     """
     contents = [None if a is None else np.asarray(a, float).tobytes() for a in (T_base, time, trial)]
-    return _padded_history(*contents, with_terms, max(length, padded_length(len(T_base))))
+    return _padded_history(*contents, max(length, padded_length(len(T_base))))
 
 
 @functools.lru_cache(HISTORIES)
-def _padded_history(
-    T_base: bytes, time: bytes | None, trial: bytes | None, with_terms: bool, length: int
-) -> History:
+def _padded_history(T_base: bytes, time: bytes | None, trial: bytes | None, length: int) -> History:
     tensions = np.frombuffer(T_base)
     clock = np.arange(len(tensions), dtype=float) if time is None else np.frombuffer(time)
     missing = length - len(tensions)
@@ -85,7 +75,6 @@ def _padded_history(
         T_base=jnp.asarray(np.concatenate([tensions, np.full(missing, tensions[-1])])),
         time=jnp.asarray(np.concatenate([clock, clock[-1] + last * np.arange(1, missing + 1)])),
         cycle=jnp.asarray(np.concatenate([done, np.full(missing, done[-1])]), float),
-        with_terms=with_terms,
     )
 
 
@@ -229,8 +218,7 @@ class Predictor:
         nodes = np.arange(self.samples) if nodes is None else nodes
         self.steps = len(nodes)
         clock, number = (None if v is None else v[nodes] for v in (time, trial))
-        with_terms = bool(at.of_terms or known_to_act(robot))
-        self.history = padded_history(T_base[nodes], clock, number, with_terms=with_terms, length=length)
+        self.history = padded_history(T_base[nodes], clock, number, length)
         self._next = np.searchsorted(nodes, np.arange(self.samples))
         self._before = np.maximum(self._next - (nodes[self._next] != np.arange(self.samples)), 0)
         low, high = T_base[nodes[self._before]], T_base[nodes[self._next]]

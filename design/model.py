@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float
 
 from gtr_jax.robot.robot import Robot
 from gtr_jax.simulation.equilibrium import equilibrium
+from gtr_jax.simulation.programs import terms_act
 
 
 class States(NamedTuple):
@@ -36,9 +37,7 @@ class States(NamedTuple):
         return jnp.stack([self.x[:, -1], self.y[:, -1], self.angle[:, -1]], axis=-1)
 
 
-def states_of(
-    robot: Robot, T_base: Float[Array, " S"], released: tuple[bool, ...], largest, with_terms: bool
-) -> States:
+def states_of(robot: Robot, T_base: Float[Array, " S"], released: tuple[bool, ...], largest) -> States:
     """Solve the states.
 
     Each is reached in one step: pulled from the preload, or pulled to the largest tension and from there
@@ -49,7 +48,6 @@ def states_of(
         T_base: base tension of each state [N], (S,).
         released: for each state, whether it lies on the releasing branch (static).
         largest: base tension before release [N], ().
-        with_terms: whether the robot's physics terms act (static).
 
     Returns:
         The states; `converged` is False if any failed.
@@ -59,17 +57,17 @@ def states_of(
     parts, before = [], None
     ok = jnp.asarray(True)
     if on_release:
-        before = equilibrium(robot, largest, with_terms=with_terms)
+        before = equilibrium(robot, largest)
         ok = before.converged
     for at, memory in ((on_pull, None), (on_release, before)):
         if at:
 
             def one(T, memory=memory):
-                eq = equilibrium(robot, T, memory=memory, with_terms=with_terms)
+                eq = equilibrium(robot, T, memory=memory)
                 return States(eq.s, eq.x, eq.y, eq.angle, T, eq.T_tip, eq.converged)
 
             # Not vmap with terms: lanes of a search would wait for the slowest.
-            over = jax.lax.map if with_terms else lambda fn, T: jax.vmap(fn)(T)
+            over = jax.lax.map if terms_act(robot) else lambda fn, T: jax.vmap(fn)(T)
             parts.append(over(one, T_base[jnp.asarray(at)]))
     order = jnp.argsort(jnp.asarray(on_pull + on_release))
     joined = jtu.tree_map(lambda *a: jnp.concatenate(a)[order], *parts)

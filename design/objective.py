@@ -136,7 +136,7 @@ def solve_states(objective: Objective, robot: Robot, tensions: Float[Array, " t"
     """The states of a design."""
     T = tensions[jnp.asarray([number for number, _ in objective.states])]
     released = tuple(r for _, r in objective.states)
-    return states_of(robot, T, released, jnp.max(tensions), objective.with_terms)
+    return states_of(robot, T, released, jnp.max(tensions))
 
 
 def errors_of(wanted: Wanted, states: States) -> Float[Array, " m"]:

@@ -12,7 +12,6 @@ import numpy as np
 from gtr_jax.files.config import RobotConfig
 from gtr_jax.files.numbers import quantity
 from gtr_jax.robot.robot import Robot
-from gtr_jax.simulation.programs import known_to_act
 
 from . import limits as L
 from .model import States, states_of
@@ -160,9 +159,9 @@ def loads_of(problem: DesignProblem, tensions: np.ndarray):
 
 
 @eqx.filter_jit
-def solve(robot: Robot, T, released: tuple[bool, ...], largest, with_terms: bool) -> States:
+def solve(robot: Robot, T, released: tuple[bool, ...], largest) -> States:
     """The states of a robot, compiled."""
-    return states_of(robot, T, released, largest, with_terms)
+    return states_of(robot, T, released, largest)
 
 
 def look_at(problem: DesignProblem, values: np.ndarray, *, resolution: float) -> Option:
@@ -193,7 +192,7 @@ def judge(
 ) -> Option:
     """The states of any robot against the targets and limits of a problem."""
     T, released, largest = loads_of(problem, tensions)
-    states = solve(robot, T, released, largest, bool(known_to_act(robot)))
+    states = solve(robot, T, released, largest)
     pulled = [i for i, r in enumerate(released) if not r]
     shares = np.asarray(states.T_tip)[pulled] / np.asarray(T)[pulled]
     goal = float(goal_of(problem.objective.wanted, states) * problem.objective.wanted.goal_scale)

@@ -9,8 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.simulation.programs import known_to_act
-
 from .model import states_of
 from .objective import at_draw
 from .option import Option, loads_of
@@ -59,9 +57,9 @@ class Robustness:
 
 
 @eqx.filter_jit
-def _poses_at(robot, objective, draws, T, released, largest, with_terms):
+def _poses_at(robot, objective, draws, T, released, largest):
     def one(draw):
-        states = states_of(at_draw(objective, robot, draw), T, released, largest, with_terms)
+        states = states_of(at_draw(objective, robot, draw), T, released, largest)
         return states.pose, states.converged
 
     return jax.lax.map(one, draws)
@@ -78,15 +76,7 @@ def robustness_of(problem: DesignProblem, option: Option) -> Robustness | None:
     robot = on_common_mesh(problem.space, option.config, 1.0)
     states = problem.objective.states
     T, released, largest = loads_of(problem, option.tensions)
-    poses, ok = _poses_at(
-        robot,
-        problem.objective,
-        jnp.asarray(draws),
-        T,
-        released,
-        largest,
-        bool(known_to_act(robot)),
-    )
+    poses, ok = _poses_at(robot, problem.objective, jnp.asarray(draws), T, released, largest)
     poses = np.asarray(poses)
     nominal = np.asarray(option.states.pose)
     spreads = []

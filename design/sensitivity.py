@@ -13,8 +13,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from gtr_jax import InputError, Robot, equilibrium, parameters_of
-from gtr_jax.robot.parameters import Parameter, parameter, places_of, term_of
-from gtr_jax.simulation.programs import known_to_act
+from gtr_jax.robot.parameters import Parameter, parameter, places_of
 
 POSE = {"tip_x": "m", "tip_y": "m", "tip_angle": "rad"}
 
@@ -72,11 +71,11 @@ class Sensitivities:
 
 
 @eqx.filter_jit
-def _slopes(robot: Robot, T_base: Float[Array, "*tendons"], index: Int[Array, " p"], with_terms: bool):
+def _slopes(robot: Robot, T_base: Float[Array, "*tendons"], index: Int[Array, " p"]):
     flat, unravel = ravel_pytree(robot)
 
     def tip(values):
-        eq = equilibrium(unravel(flat.at[index].set(values)), T_base, with_terms=with_terms)
+        eq = equilibrium(unravel(flat.at[index].set(values)), T_base)
         return jnp.concatenate([eq.tip_pose, jnp.atleast_1d(eq.T_tip)]), eq.converged
 
     def along(direction):
@@ -116,8 +115,7 @@ def pose_sensitivity(
     robot = robot.with_values(**{p.name: robot.value(p.name) for p in chosen})
     index = places_of(robot, [p.name for p in chosen])
     tensions = [f"T_tip.{name}" for name in robot.tendon_names] or ["T_tip"]
-    with_terms = known_to_act(robot) is not False or any(term_of(p) for p in chosen)
-    value, slope, converged = _slopes(robot, jnp.asarray(T_base, dtype=float), index, with_terms)
+    value, slope, converged = _slopes(robot, jnp.asarray(T_base, dtype=float), index)
     return Sensitivities(
         T_base=np.asarray(T_base, dtype=float),
         outputs=(*POSE, *tensions),

@@ -11,7 +11,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from gtr_jax.robot.parameters import Parameter, parameters_of, places_of
-from gtr_jax.simulation.programs import known_to_act
+from gtr_jax.simulation.programs import terms_act
 
 from .model import states_of
 from .option import Option, loads_of
@@ -41,13 +41,13 @@ class Sensitivity:
 
 
 @eqx.filter_jit
-def _poses_by(robot, index, T, released, largest, with_terms):
+def _poses_by(robot, index, T, released, largest):
     flat, unravel = ravel_pytree(robot)
 
     def poses(values):
-        return states_of(unravel(flat.at[index].set(values)), T, released, largest, with_terms).pose
+        return states_of(unravel(flat.at[index].set(values)), T, released, largest).pose
 
-    if with_terms:  # as in `gauss_newton.value_and_slopes`
+    if terms_act(robot):  # as in `gauss_newton.value_and_slopes`
         values = flat[index]
         steps = DIFFERENCE * jnp.where(values == 0.0, 1.0, jnp.abs(values))
         ends = jax.lax.map(lambda d: poses(values + d), jnp.concatenate([jnp.diag(steps), -jnp.diag(steps)]))
@@ -72,12 +72,8 @@ def pose_slopes(problem: DesignProblem, option: Option) -> tuple[list[Parameter]
     found = [p for p in parameters_of(robot).values() if p.key.startswith(SECTIONS) and p.name != "preload"]
     found = [p for p in found if p.name != "density" or robot.loaded]
     values = np.array([float(robot.value(p.name)) for p in found])
-    slopes = _poses_by(
-        robot,
-        places_of(robot, [p.name for p in found]),
-        *loads_of(problem, option.tensions),
-        bool(known_to_act(robot)),
-    )
+    index = places_of(robot, [p.name for p in found])
+    slopes = _poses_by(robot, index, *loads_of(problem, option.tensions))
     return found, values, np.asarray(slopes)
 
 

@@ -9,7 +9,7 @@ import dataclasses
 import numpy as np
 
 from gtr_jax.simulation.history import simulate
-from gtr_jax.simulation.programs import known_to_act
+from gtr_jax.simulation.programs import terms_act
 
 from .distinct import FINER
 from .literal import solve_literal
@@ -59,7 +59,7 @@ def verify(problem: DesignProblem, option: Option) -> Verification:
     top = float(np.max(option.tensions))
     stepped, ok = [], True
     # With physics terms on the default mesh: a march with slip on the finer one takes minutes.
-    acting = bool(known_to_act(robot))
+    acting = terms_act(robot)
     along = on_common_mesh(problem.space, option.config, 1.0) if acting else robot
     for number, released in states:
         T = float(option.tensions[number])

@@ -34,7 +34,12 @@ CLOCK = 0.7 * np.arange(len(LOOP))
 
 def typical(term, **changes):
     """A term's typical numbers, by name of the parameter."""
-    return {f"{term.id}.{q.name}": float(q.typical) for q in term.quantities} | changes
+    return {name: float(q.typical) for name, q in named(term).items()} | changes
+
+
+def named(term):
+    """Its quantities by name of the parameter."""
+    return {f"{term.id}.{q.name}": q for q in term.quantities}
 
 
 @pytest.fixture
@@ -51,11 +56,14 @@ def test_null_is_the_base_model(make_robot, loads):
         np.testing.assert_allclose(getattr(null, name), getattr(plain, name), atol=1e-8, err_msg=name)
 
 
-def test_switching_terms_compiles_nothing(robot):
+def test_switching_terms_that_may_act_compiles_nothing(robot):
     run = jax.jit(lambda robot: gtr.simulate(robot, LOOP, time=CLOCK).T_tip)
-    tips = [run(robot)]
+    null = {name: float(q.null) for term in MECHANICAL for name, q in named(term).items()}
+    every = robot.with_values(**null)
+    assert robot.acting == () and set(every.acting) == {term.id for term in MECHANICAL}
+    tips = [run(every)]
     for term in MECHANICAL:
-        tips.append(run(robot.with_values(**typical(term))))
+        tips.append(run(every.with_values(**typical(term))))
     assert run._cache_size() == 1  # pyright: ignore[reportAttributeAccessIssue]
     tips.append(gtr.simulate(robot, LOOP).T_tip)
     np.testing.assert_allclose(tips[-1], tips[0], rtol=1e-12)
@@ -63,6 +71,23 @@ def test_switching_terms_compiles_nothing(robot):
     silent = {"gravity-error", "tendon-stretch", "contact"}  # no weight, no data in tensions, not touched
     for term, change in zip(MECHANICAL, changed, strict=True):
         assert change > 1e-4 or term.id in silent, (term.id, change)
+
+
+def test_a_traced_robot_holds_the_terms_that_may_act(robot):
+    """Those of its file and those that were set, inside the traced function too."""
+    acting = robot.with_values(**typical(REGISTRY["stribeck-friction"]))
+    exact = gtr.simulate(acting, LOOP, time=CLOCK).T_tip
+    run = jax.jit(lambda robot: gtr.simulate(robot, LOOP, time=CLOCK).T_tip)
+    np.testing.assert_allclose(run(acting), exact, rtol=1e-9)
+    assert np.max(np.abs(run(robot) - exact)) > 1e-3
+
+    def set_inside(robot, ratio):
+        changed = robot.with_values(**{"stribeck-friction.ratio": ratio})
+        return gtr.simulate(changed, LOOP, time=CLOCK).T_tip
+
+    ratio = acting.value("stribeck-friction.ratio")
+    others = {n: v for n, v in typical(REGISTRY["stribeck-friction"]).items() if not n.endswith(".ratio")}
+    np.testing.assert_allclose(jax.jit(set_inside)(robot.with_values(**others), ratio), exact, rtol=1e-9)
 
 
 @pytest.mark.parametrize("folder", sorted(REFERENCE.iterdir()), ids=lambda p: p.name)

@@ -121,10 +121,7 @@ class Rig:
         self, part: Part, robot: Robot, more: Iterable[str] = (), cache: SimulationCache | None = None
     ):
         self.part, self.robot, self.cache, self.more = part, robot, cache, tuple(more)
-        acting = structure_of(robot, None)
-        if acting is None:
-            raise TypeError("a rig simulates a robot whose numbers are known")
-        self._acting, self._cells = set(acting.terms), bool(cells_differ(robot))
+        self._acting, self._cells = set(structure_of(robot, None).terms), cells_differ(robot)
         leaves, tree = jtu.tree_flatten(robot)
         self._traced = _traced(tree, tuple(jnp.shape(leaf) for leaf in leaves))
         self._native, self._flat = Native(robot), np.asarray(ravel_pytree(robot)[0])
@@ -170,7 +167,7 @@ class Rig:
         part, K = self.part, self.part.samples
         asked = {name.partition(".")[0] for name in values} & REGISTRY.keys()
         kinds = {kind for kind in asked if not REGISTRY[kind].of_cells} | self._acting
-        history = padded_history(part.T_base.T_base, part.time, part.trial, with_terms=True)
+        history = padded_history(part.T_base.T_base, part.time, part.trial)
         flat = self._flat.copy()
         for name, value in values.items():
             flat[self._places[name]] = value

@@ -24,7 +24,7 @@ from ..simulation.equilibrium import equilibrium
 from ..simulation.forces import channel_forces
 from ..simulation.history import Simulation, equilibrium_at, simulate
 from ..simulation.phases import RELEASING, TRANSITION, Switch, label_phases, release_switch
-from ..simulation.programs import known_to_act
+from ..simulation.programs import terms_act
 from ..simulation.sensing import cells_differ
 from ..simulation.solution import Equilibrium
 from .page import Figure, Report, Table
@@ -122,7 +122,7 @@ def answer_simulation(
         run=run,
         frictionless=simulate(robot.with_values(**slippery), history, time=time, cycle=cycle),
         phases=label_phases(run),
-        switch=None if robot.tendon_names or known_to_act(robot) else _switch(robot, jnp.max(run.T_base)),
+        switch=None if robot.tendon_names or terms_act(robot) else _switch(robot, jnp.max(run.T_base)),
         rest=equilibrium(robot, jnp.zeros_like(history[0])),
         loaded=equilibrium_at(robot, run, top),
         last=equilibrium_at(robot, run, -1),

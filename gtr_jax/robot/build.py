@@ -12,6 +12,7 @@ import numpy as np
 
 from gtr_jax.files.channel_check import check_channel
 from gtr_jax.files.config import RobotConfig, load_config
+from gtr_jax.terms import REGISTRY
 
 from . import routing
 from .backbone import Backbone
@@ -25,6 +26,12 @@ FEWEST = 6
 
 def _array(x) -> jnp.ndarray:
     return jnp.asarray(x, dtype=float)
+
+
+def _acting(config: RobotConfig) -> tuple[str, ...]:
+    values = config.term_values
+    on = (kind for kind, term in REGISTRY.items() if any(values[kind][q.name] != q.null for q in term.sizes))
+    return tuple(sorted(on))
 
 
 def _routing(config, length: float) -> routing.Routing:
@@ -117,6 +124,7 @@ def build_robot(config: RobotConfig, *, resolution: float = 1.0) -> Robot:
         intervals=(),
         bore_kinks=kinks,
         loaded=(has_gravity or bool(np.any(np.asarray(tip_force) != 0))) and not body.rigid,
+        acting=_acting(config),
     )
 
     for tendon in robot.tendons:

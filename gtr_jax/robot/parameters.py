@@ -207,7 +207,7 @@ def with_values(robot: AnyRobot, values: Mapping[str, Float[Array, ""] | float])
     Raises:
         InputError: unknown name, or the modulus of a rigid sheath.
     """
-    loaded = robot.loaded
+    loaded, acting = robot.loaded, robot.acting
     for name, value in values.items():
         entry = parameter(robot, name)
         where, index = _locate(entry.at)
@@ -216,8 +216,11 @@ def with_values(robot: AnyRobot, values: Mapping[str, Float[Array, ""] | float])
         new = new if index is None else leaf.at[index].set(new)
         robot = eqx.tree_at(where, robot, new)
         loaded = loaded or entry.external
-    if loaded != robot.loaded:
-        robot = dataclasses.replace(robot, loaded=loaded)
+        term = term_of(entry)
+        if term is not None and any(entry.name == f"{term.id}.{q.name}" for q in term.sizes):
+            acting = tuple(sorted({*acting, term.id}))
+    if (loaded, acting) != (robot.loaded, robot.acting):
+        robot = dataclasses.replace(robot, loaded=loaded, acting=acting)
     return robot
 
 

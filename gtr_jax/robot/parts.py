@@ -58,6 +58,8 @@ class Parts(eqx.Module):
         intervals: mesh intervals per panel (static).
         bore_kinks: which bore starts and ends lie inside the body (static).
         loaded: whether gravity or a tip force may act (static); without, the equilibrium is a single march.
+        acting: names of the physics terms that may act, sorted (static): those of the robot file that do, and
+            those that `with_values` was asked to set. Where numbers are traced, a program holds these only.
     """
 
     backbone: Backbone
@@ -68,6 +70,7 @@ class Parts(eqx.Module):
     intervals: tuple[int, ...] = eqx.field(static=True)
     bore_kinks: tuple[tuple[str, int], ...] = eqx.field(static=True)
     loaded: bool = eqx.field(static=True)
+    acting: tuple[str, ...] = eqx.field(static=True)
 
     @property
     def tendon(self) -> Tendon:

@@ -26,7 +26,7 @@ def _solve(
     T_base: Float[Array, "*tendons"],
     before: Equilibrium | Float[Array, " N"] | None,
     how: March,
-    structure: Structure | None,
+    structure: Structure,
 ) -> Equilibrium:
     # What these two need comes by their arguments: arrays of this scope must not reach a custom derivative.
     def pair(robot, T_base, before):

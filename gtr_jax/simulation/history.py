@@ -23,7 +23,7 @@ from ..mechanics.several.slip import Kept
 from ..robot.robot import Robot, sections
 from ..terms import REGISTRY, known_on
 from ..terms.term import NO_SLIP
-from .programs import at_nodes, by_structure, known_to_act, structure_of
+from .programs import at_nodes, by_structure, structure_of, terms_act
 from .sensing import Reading, cells_show, shown
 from .several import at_preload, load_step
 from .slipping import front_of, large_tension, moves_by_friction, moves_of
@@ -146,7 +146,7 @@ def _solved(structure: Structure, robot: Robot, loads: Load, how: March):
 
 
 @eqx.filter_jit
-def _run(robot: Robot, loads: Load, how: March, structure: Structure | None) -> Simulation:
+def _run(robot: Robot, loads: Load, how: March, structure: Structure) -> Simulation:
     done, moves = by_structure(
         lambda structure, robot, loads: _solved(structure, robot, loads, how),
         lambda robot, loads: _pair(robot, loads, RootFinder(atol=how.atol)),
@@ -227,7 +227,8 @@ def simulate(
         cycle: pulls and releases done at each step, (K,), for wear; counted from T_base unless given.
         with_terms: which physics terms the program holds: True for all, though none may act, False for those
             of the load cells only, or their names. Unless given: those that act; under a transformation that
-            traces them, a program that has the base model and all terms and decides when it runs.
+            traces their numbers, those that may act (`robot.acting`): of the robot file, or set by
+            `robot.with_values`. A number of another term has no effect there, and a derivative of zero.
         solver: as for `equilibrium`.
 
     Returns:
@@ -283,7 +284,7 @@ def _refuse_unable(robot: Robot) -> None:
         for term in REGISTRY.values():
             if term.mobilise is not None and known_on(term, robot.terms[term.id]):
                 raise ValueError(f"{term.id}: {NO_SLIP}")
-    if robot.tendon_names and known_to_act(robot):
+    if robot.tendon_names and terms_act(robot):
         raise ValueError("physics terms: a rigid sheath of several tendons takes those of the cells only")
 
 

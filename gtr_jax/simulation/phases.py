@@ -15,7 +15,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from ..robot.robot import Robot
 from .equilibrium import equilibrium
 from .history import Simulation
-from .programs import known_to_act
+from .programs import terms_act
 
 PULLING, TRANSITION, RELEASING, REST = "pulling", "transition", "releasing", "rest"
 ALL_RELEASED = 1e4
@@ -85,7 +85,7 @@ def release_switch(robot: Robot, T_base_max: Float[ArrayLike, ""]) -> Switch:
         ValueError: the robot has several tendons, whose transitions depend on the paths of all, or a physics
             term acts: both ask for the whole history.
     """
-    if known_to_act(robot):
+    if terms_act(robot):
         raise ValueError("release_switch: only without physics terms; simulate the history")
     if robot.tendon_names:
         raise ValueError("release_switch: only for robots of one tendon; simulate the history of all tendons")

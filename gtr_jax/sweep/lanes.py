@@ -152,11 +152,11 @@ def _solved(task: Task, robot: Robot, point: Float[Array, " axes"], solver):
     varied = {axis.name: point[i] for i, axis in enumerate(task.axes) if axis.of_history}
     T_base = base_tension(task, robot, varied)
     if task.single:
-        eq = equilibrium(robot, T_base[0], with_terms=task.by_slip, solver=solver)
+        eq = equilibrium(robot, T_base[0], solver=solver)
         said, met = at_rest(robot, eq, T_base[0]), eq.converged
     else:
         time = None if path.time is None else jnp.asarray(path.time) * varied.get("dt", 1.0)
-        run = simulate(robot, T_base, time=time, with_terms=task.by_slip, solver=solver)
+        run = simulate(robot, T_base, time=time, solver=solver)
         shapes = any(v.name == "x" for v in task.outputs)
         said, met = along(robot, run, path.kept, shapes), jnp.all(run.converged)
     if any(v.name == "T_base_switch" for v in task.outputs):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool
 
 from . import (
     adhesion,
@@ -92,9 +92,4 @@ def known_on(term: Term, values: Values) -> bool | None:
     return any(bool(np.any(np.asarray(values[q.name]) != q.null)) for q in term.sizes)
 
 
-def any_on(terms: dict[str, dict[str, Float[Array, ""]]], which) -> Bool[Array, ""]:
-    """Whether any term is on of those that `which` picks."""
-    return jnp.any(jnp.stack([is_on(term, terms[term.id]) for term in REGISTRY.values() if which(term)]))
-
-
-__all__ = ["REGISTRY", "Quantity", "Term", "any_on", "is_on", "known_on", "null_values"]
+__all__ = ["REGISTRY", "Quantity", "Term", "is_on", "known_on", "null_values"]
