@@ -125,19 +125,20 @@ def cost_rows() -> list[str]:
     at = np.linspace(0.0, clock[-1], 1000)
     T_base, robot = np.interp(at, clock, T_base), gtr.load_robot(SIMULATED)
     cold, plain = _seconds(lambda: gtr.simulate(robot, T_base, time=at, with_terms=False))
-    both = jax.jit(lambda robot: gtr.simulate(robot, T_base, time=at))
+    traced = jax.jit(lambda robot: gtr.simulate(robot, T_base, time=at))
     rows = [f"| without the terms | {cold:.1f} | {1e3 * plain:.1f} | 1 |"]
-    cold, seconds = _seconds(lambda: both(robot))
+    cold, seconds = _seconds(lambda: traced(robot))
     rows.append(
-        f"| one program for both, no term acting | {cold:.1f} | {1e3 * seconds:.1f} | {seconds / plain:.2f} |"
+        f"| the robot's numbers traced, no term acting | {cold:.1f} | {1e3 * seconds:.1f} "
+        f"| {seconds / plain:.2f} |"
     )
     cold, seconds = _seconds(lambda: gtr.simulate(robot, T_base, time=at, with_terms=True))
-    rows.append(f"| with the terms, none acting | {cold:.1f} | {1e3 * seconds:.1f} | {seconds / plain:.1f} |")
+    rows.append(f"| with all terms, none acting | {cold:.1f} | {1e3 * seconds:.1f} | {seconds / plain:.1f} |")
     for term in REGISTRY.values():
         if not term.of_cells:
             on = robot.with_values(**{f"{term.id}.{q.name}": float(q.typical) for q in term.quantities})
-            _, seconds = _seconds(lambda on=on: gtr.simulate(on, T_base, time=at))
-            rows.append(f"| {term.id} | | {1e3 * seconds:.1f} | {seconds / plain:.1f} |")
+            cold, seconds = _seconds(lambda on=on: gtr.simulate(on, T_base, time=at))
+            rows.append(f"| {term.id} | {cold:.1f} | {1e3 * seconds:.1f} | {seconds / plain:.1f} |")
     return rows
 
 

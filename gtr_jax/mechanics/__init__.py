@@ -13,11 +13,11 @@ from .history import (
     Step,
     advance,
     begin,
+    loads_before,
     metric_of,
     one_step,
     rest_state,
     steps,
-    steps_before,
 )
 from .mesh import increments
 from .structure import EVERY, March, Structure, in_order
@@ -37,11 +37,11 @@ __all__ = [
     "complete",
     "in_order",
     "increments",
+    "loads_before",
     "metric_of",
     "one_step",
     "part_of",
     "rest_state",
     "steps",
-    "steps_before",
     "untouched",
 ]

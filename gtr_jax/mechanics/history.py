@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import jax.tree_util as jtu
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..terms import REGISTRY
@@ -133,6 +134,13 @@ def steps_before(structure: Structure) -> int:
     return 2 if structure.terms else int(structure.bends)
 
 
+def loads_before(structure: Structure, preload: Any) -> list[tuple[Any, bool, bool]]:
+    """Base tension of each step of `steps_before`, whether the robot settles in it, and whether the tendons
+    are strung.
+    """
+    return [(0.0 * preload, True, False), (preload, False, True)][: steps_before(structure)]
+
+
 def begin(robot: Robot, structure: Structure, before: Before | None = None) -> Settled:
     """The robot before the steps of `steps_before`.
 
@@ -222,14 +230,14 @@ def advance(
 
 def with_steps_before(robot: Robot, structure: Structure, loads: Load):
     """Loads with those of `steps_before` ahead, and what `advance` is told of each, (K,) bool both."""
-    prefix = steps_before(structure)
-    one, slack = jnp.ones_like(robot.tip_moment), jnp.zeros_like(robot.preload)
-    first = [Load(T_base, FOREVER * one, 0 * one, 0 * one) for T_base in (slack, robot.preload)[:prefix]]
+    first, one = loads_before(structure, robot.preload), jnp.ones_like(robot.tip_moment)
     if first:
-        ahead = jtu.tree_map(lambda *a: jnp.stack(a), *first)
+        each = [Load(T_base, FOREVER * one, 0 * one, 0 * one) for T_base, _, _ in first]
+        ahead = jtu.tree_map(lambda *a: jnp.stack(a), *each)
         loads = jtu.tree_map(lambda a, b: jnp.concatenate([a, b]), ahead, loads)
-    at = jnp.arange(loads.time.shape[0])
-    return loads, (at < min(prefix, 1), (at == 1) & (prefix == 2))
+    flags = np.zeros((2, loads.time.shape[0]), bool)
+    flags[:, : len(first)] = [[settling for _, settling, _ in first], [strung for _, _, strung in first]]
+    return loads, (jnp.asarray(flags[0]), jnp.asarray(flags[1]))
 
 
 def steps(

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .. import mechanics
-from ..mechanics import FOREVER, Load, March, Settled, Step, Structure, advance, begin, steps_before
+from ..mechanics import FOREVER, Load, March, Settled, Step, Structure, advance, begin, loads_before
 from ..native.program import Program, packed, sources
 from ..robot.robot import Robot, sections
 from .programs import at_nodes
@@ -130,13 +130,14 @@ class Native:
             how: far a search goes.
         """
         program = _program(structure, how, self._rigid, self._nodes, self._shapes)
-        prefix, preload = steps_before(structure), float(ready.preload)
         columns = [np.asarray(column, float) for column in (loads.T_base, loads.dt, loads.time, loads.cycle)]
-        # Of each step: T_base, dt, time, cycle, whether the robot settles, and whether it is strung.
-        ahead = np.asarray([[0.0, FOREVER, 0, 0, 1, 0], [preload, FOREVER, 0, 0, 0, 1]])[:prefix]
-        rows = np.concatenate([ahead, np.pad(np.stack(columns, axis=1), ((0, 0), (0, 2)))])
-        rows = np.concatenate([rows, np.full((len(rows), 1), float(ready.large))], axis=1)
-        out = program(np.asarray(ready.given), rows)[prefix:]
+        # Of each step: T_base, dt, time, cycle, whether the robot settles, whether it is strung, and `large`.
+        large = float(ready.large)
+        before = loads_before(structure, float(ready.preload))
+        ahead = np.asarray([[T_base, FOREVER, 0, 0, *flags, large] for T_base, *flags in before], float)
+        rows = np.pad(np.stack(columns, axis=1), ((0, 0), (0, 3)))
+        rows[:, -1] = large
+        out = program(np.asarray(ready.given), np.concatenate([ahead.reshape(-1, 7), rows]))[len(before) :]
         return Brief(
             T_tip=out[:, 0],
             tip_pose=out[:, 1:4],

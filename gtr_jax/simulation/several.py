@@ -15,7 +15,7 @@ from ..mechanics.several import slip
 from ..mechanics.several.adjoint import CausalAdjoint
 from ..mechanics.several.problem import Problem, residual, tension_of
 from ..robot.robot import Robot
-from .solution import Loaded, slip_of
+from .solution import Loaded, slip_without_stretch
 
 MAX_STEPS = 256
 
@@ -88,7 +88,7 @@ def load_step(
         state=sol.value,
         tension=tension,
         T_tip=tension[..., -1],
-        slip=slip_of(s, settled, sol.value),
+        slip=slip_without_stretch(s, settled, sol.value),
         wrap=jnp.cumsum(slip.turning(sol.value, p), axis=-1),
         mobilisation=slip.mobilisation(grip.xi),
         result=held,

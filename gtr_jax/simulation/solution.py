@@ -88,7 +88,7 @@ def tendon_length(s: Sections, y: State) -> Float[Array, "*tendons"]:
     return length(metric) if metric.ndim == 1 else jax.vmap(length)(metric)
 
 
-def slip_of(s: Sections, settled: State, y: State) -> Float[Array, "*tendons N"]:
+def slip_without_stretch(s: Sections, settled: State, y: State) -> Float[Array, "*tendons N"]:
     """Slip of the tendons towards the base since the robot settled [m], if they do not stretch."""
 
     def beyond(shortened):
@@ -128,7 +128,7 @@ def loaded_of(s: Sections, structure: Structure, settled: Settled, done: Step) -
 
     wrap = nodes_last(jnp.cumsum(done.state.wrap, axis=0))
     if done.slip is None:
-        slipped = slip_of(s, dataclasses.replace(done.state, kappa=settled.kappa), done.state)
+        slipped = slip_without_stretch(s, dataclasses.replace(done.state, kappa=settled.kappa), done.state)
     else:
         slipped = nodes_last(done.slip)
     several = done.mobilised is not None and bool(structure.tendons)
