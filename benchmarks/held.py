@@ -18,7 +18,7 @@ import numpy as np
 
 import gtr_jax as gtr
 
-from .blind.cases import BUILDS, _loads, _robot_file, built, protocol
+from .blind.cases import BUILDS, built, forces_on, protocol, robot_file
 from .blind.effects import Scene
 from .blind.machine import Shown, run
 
@@ -86,12 +86,12 @@ def compared(kind: str, name: str, way: str, *, samples: int = 160, links: int |
         scene.tip_force = TIP
         numbers |= {"tip-load.x": TIP[0], "tip-load.y": TIP[1]}
     arm = dataclasses.replace(
-        scene.arm, laws=dataclasses.replace(scene.arm.laws, forces=_loads(scene, 0, height))
+        scene.arm, laws=dataclasses.replace(scene.arm.laws, forces=forces_on(scene, 0, height))
     )
     shown = run(arm, time, T_base, parts=2 if "creep" in kind else 1)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "robot.toml"
-        file.write_text(_robot_file(build, down=False), encoding="utf-8")
+        file.write_text(robot_file(build, down=False), encoding="utf-8")
         robot = gtr.load_robot(file).with_values(mu=MU, **own, **numbers)
     return Compared(gtr.simulate(robot, T_base, time=time), shown)
 

@@ -155,7 +155,7 @@ def coloured(rng: np.random.Generator, rho: float, K: int, heavy: bool) -> np.nd
     return found
 
 
-def _loads(scene: Scene, density: float, height: float | None):
+def forces_on(scene: Scene, density: float, height: float | None):
     """Forces on the body of gravity, the tip load and a stop; None without any."""
     arm = scene.arm
     if scene.gravity is None and not any(scene.tip_force) and scene.stop is None:
@@ -246,7 +246,7 @@ def make(kind: str, hidden: tuple[str, ...], rng: np.random.Generator) -> Case |
         far = free.pose[int(np.argmax(np.abs(free.pose[:, 1]))), 1]
         height = float(scene.stop[1] * far)
         scene.hidden["contact.height_m"] = height
-    forces = _loads(scene, 1070.0, height)
+    forces = forces_on(scene, 1070.0, height)
     arm = scene.arm
     if forces is not None:
         arm = dataclasses.replace(arm, laws=dataclasses.replace(arm.laws, forces=forces))
@@ -318,10 +318,10 @@ def _recorded(build, scene, shown, true, rng, kind, hidden, name, posed, down, n
         "clean": {k: np.round(v, 8).tolist() for k, v in clean.items()},
         "newton": shown.worst,
     }
-    return Case(_robot_file(build, down), rows, key)
+    return Case(robot_file(build, down), rows, key)
 
 
-def _robot_file(build: Build, down: bool) -> str:
+def robot_file(build: Build, down: bool) -> str:
     kind = "parallel" if "offset" in build.routing else "crossing-sine"
     kind = "straight-sine-straight" if "r1" in build.routing else kind
     bores = ", ".join(
