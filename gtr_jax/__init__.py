@@ -1,8 +1,9 @@
 """Simulator of tendon-driven continuum manipulators with friction and hysteresis, differentiable through JAX.
 
-Importing it sees to it that JAX computes in 64-bit floats, which friction memory and implicit gradients need,
-and that XLA compiles the march's loop whole (see `gtr_jax.runtime`): import it before computing anything with
-JAX. It imports nothing heavy itself; each name below is imported from its file when it is first used.
+Importing this package switches JAX to 64-bit floats, which friction memory and implicit gradients need, and
+makes XLA compile the loop of the march as one kernel (see `gtr_jax.runtime`). Import it before computing
+anything with JAX. The package itself imports nothing heavy; each name below is imported from its file when it
+is first used.
 """
 
 from importlib import import_module
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from .simulation.sensing import Reading, true_base
     from .simulation.solution import Equilibrium
 
-# The file of each name, as above; a test holds the two to each other.
+# The names of each file; a test checks this table against the imports above.
 FILES = {
     "errors": ("InputError",),
     "files.config": ("RobotConfig", "dump_config", "load_config"),
@@ -91,7 +92,7 @@ def __getattr__(name: str) -> Any:
     if name not in _FILE_OF:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
     value = getattr(import_module(f".{_FILE_OF[name]}", __name__), name)
-    globals()[name] = value  # so that this function is not asked again
+    globals()[name] = value  # so that this function is not called again for this name
     return value
 
 

@@ -4,16 +4,16 @@ import difflib
 import re
 from collections.abc import Iterable
 
-_LONG_QUOTE = re.compile(r"'([^']{100})[^']{200,}'")
-_ENOUGH = 80  # letters of a name to tell what it is like
+_LONG_QUOTE = re.compile(r"'([^']{100})[^']{200,}'")  # from 300 characters on, of which 100 are kept
+_ENOUGH = 80  # characters of a name that are compared: difflib takes quadratic time
 
 
 class InputError(ValueError):
     """Bad input: what is wrong, where (file, row, column or key) and the remedy, in one line.
 
     The command line prints ``error: <message>`` and exits with status 2. Line breaks in the message are
-    folded into spaces, long quotes are cut and what cannot be printed is marked, so that whatever was quoted
-    from a file cannot break the line.
+    folded into spaces, long quotes are cut and unprintable characters are replaced, so that text quoted from
+    a file cannot break the line.
     """
 
     def __init__(self, message: str) -> None:
@@ -22,7 +22,7 @@ class InputError(ValueError):
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
-    """The known name most like `name`, ignoring case, or None when none is alike."""
+    """The known name most similar to `name`, ignoring case, or None if none is similar."""
     by_folded = {candidate.casefold(): candidate for candidate in known}
     alike = difflib.get_close_matches(name.casefold()[:_ENOUGH], by_folded, n=1, cutoff=0.5)
     return by_folded[alike[0]] if alike else None
@@ -36,7 +36,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def nearest_first(name: str, known: Iterable[str]) -> list[str]:
-    """All known names, those most like `name` first."""
+    """All known names, the most similar to `name` first."""
     folded = name.casefold()
     return sorted(known, key=lambda k: -difflib.SequenceMatcher(None, folded, k.casefold()).ratio())
 
@@ -48,7 +48,7 @@ def listed(names: Iterable[str], most: int = 12) -> str:
 
 
 def excerpt(text: object, most: int = 60) -> str:
-    """What was found, short enough to be quoted in a message."""
+    """The text of a value, shortened so that a message can quote it."""
     try:
         text = str(text)
     except ValueError:  # Python does not write out integers of thousands of digits

@@ -1,9 +1,9 @@
-"""Ctrl-C in the command `gtr`: heeded from the first moment, before any heavy import, and never lost.
+"""Ctrl-C in the command `gtr`: handled from the start, before any heavy import, and never lost.
 
 Python raises KeyboardInterrupt wherever the main thread happens to be. In a callback of the garbage collector
 it is then lost, in the import of an extension module it becomes another error, and while XLA compiles or
-computes it waits. Here it is raised where it is safe to raise, again where it was lost all the same; and
-where the main thread does not answer, a thread of its own ends the process.
+computes it is delayed. Here it is raised only where that is safe, and raised again if it was lost all the
+same. If the main thread does not respond, a watching thread ends the process.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Any
 
-INTERRUPTED = 130
+INTERRUPTED = 130  # exit status: 128 + SIGINT, as shells have it
 NOTHING_WRITTEN = "interrupted: no run folder was written"
-# By this signal, which nothing else uses and which does nothing by itself, the main thread is asked again.
+# The signal that asks the main thread again; nothing else uses it, and by default it does nothing.
 AGAIN = getattr(signal, "SIGURG", None) or signal.Signals["SIGBREAK"]
-POLL = 0.05  # seconds between two looks at whether an interruption has arrived
-TWICE = 0.5  # seconds within which two signals are one: `timeout` sends two, so does a shell to a group
-STUCK, UNWINDING = 2.0, 10.0  # seconds until the process is ended: not answering, answering too slowly
+POLL = 0.05  # seconds between two checks on a pending interruption
+TWICE = 0.5  # seconds within which two signals count as one: `timeout` and some shells send two
+STUCK, UNWINDING = 2.0, 10.0  # seconds until the process is ended: no response, too slow a response
 
 
 class Interruption:
-    """What Ctrl-C does to this process; one of a process, `interruption`.
+    """What Ctrl-C does to this process. There is one instance, `interruption`.
 
     Attributes:
-        running: whether a command runs; before, while modules are imported, the process is simply ended.
-        says: the line an interruption leaves.
-        undo: what is called, last first, if the process has to be ended on the spot.
+        running: whether a command is running; before that, during imports, Ctrl-C ends the process at once.
+        says: the line printed when an interruption ends the process.
+        undo: functions called, last first, if the process is ended at once.
     """
 
     def __init__(self) -> None:
@@ -44,13 +44,13 @@ class Interruption:
         self.says = NOTHING_WRITTEN
         self.undo: list[Callable[[], object]] = []
         self._ear: socket.socket | None = None
-        self._asked = self._raised = 0.0  # when it was asked for, and when raised; 0 for never
-        self._again = 0.0  # when it was asked for again
+        self._asked = self._raised = 0.0  # when it was requested, and when raised; 0: never
+        self._again = 0.0  # when it was last requested again
         self._held = self._patient = 0
         self._told = self._ending = False
 
     def install(self) -> None:
-        """Heed the signal from now on, unless this process is to ignore it, or is not the one to say."""
+        """Handle the signal from now on, unless this process ignores it or this is not the main thread."""
         elsewhere = threading.current_thread() is not threading.main_thread()
         if self._ear is not None or elsewhere or signal.getsignal(signal.SIGINT) in (signal.SIG_IGN, None):
             return
@@ -66,24 +66,24 @@ class Interruption:
 
     @property
     def arrived(self) -> bool:
-        """Whether KeyboardInterrupt was raised: an error that follows may be what was made of it."""
+        """Whether KeyboardInterrupt was raised: a later error may be a consequence of it."""
         return self._raised > 0
 
     @contextlib.contextmanager
     def held(self) -> Iterator[None]:
-        """Do something whole: an interruption waits until it is done."""
+        """Protect a block of code: an interruption waits until it is done."""
         self._held += 1
         try:
             yield
         finally:
             self._held -= 1
             if self._asked and not self._delivered():
-                self._asked = time.monotonic()  # it could not be answered before
+                self._asked = time.monotonic()  # the time to respond starts here
 
     @contextlib.contextmanager
     def patient(self) -> Iterator[None]:
-        """Do what makes good use of KeyboardInterrupt itself, as a fit that ends without its profiles: wait
-        for it, however long; a second signal then ends the process.
+        """Run code that handles KeyboardInterrupt itself, such as a fit that ends without its profiles. It
+        may take as long as it needs; a second signal ends the process.
         """
         self._patient += 1
         try:
@@ -93,7 +93,7 @@ class Interruption:
 
     @contextlib.contextmanager
     def undoing(self, undo: Callable[[], object]) -> Iterator[None]:
-        """Have something undone should the process be ended on the spot."""
+        """Call `undo` if the process is ended at once within this block."""
         self.undo.append(undo)
         try:
             yield
@@ -103,7 +103,7 @@ class Interruption:
     def _heed(self, number: int, frame: FrameType | None) -> None:
         now = time.monotonic()
         if number == AGAIN and not self._asked:
-            return  # it has arrived meanwhile
+            return  # delivered in the meantime
         self._asked = self._asked or now
         if not self.running:
             self._end()
@@ -116,7 +116,7 @@ class Interruption:
         return self._raised > self._asked - TWICE
 
     def _lost(self, unraisable: Any) -> None:
-        """Take note of a KeyboardInterrupt that got out of nowhere; all else is reported as ever."""
+        """Note a KeyboardInterrupt that Python could not propagate; report everything else as usual."""
         if issubclass(unraisable.exc_type, KeyboardInterrupt):
             self._raised = 0.0
         else:
@@ -144,7 +144,7 @@ class Interruption:
             self._end()
 
     def _follow(self) -> None:
-        """See how an interruption fares."""
+        """Check on a pending interruption."""
         delivered = self._delivered()
         waited = time.monotonic() - (self._raised if delivered else self._asked)
         if delivered and self._patient:
@@ -161,7 +161,7 @@ class Interruption:
             self._ask()
 
     def _ask(self) -> None:
-        """Have the main thread call the handler, also from the midst of a wait."""
+        """Make the main thread call the handler, even while it waits."""
         main = threading.main_thread().ident
         if hasattr(signal, "pthread_kill") and main is not None:
             signal.pthread_kill(main, AGAIN)
@@ -169,7 +169,7 @@ class Interruption:
             _thread.interrupt_main(AGAIN)
 
     def _end(self) -> None:
-        """End the process, from whatever thread, unless it is in the middle of what must be done whole."""
+        """End the process, from any thread, unless a protected block is running (`held`)."""
         if self._held or self._ending:
             return
         self._ending = True
@@ -181,7 +181,7 @@ class Interruption:
 
 
 def _safe(frame: FrameType | None) -> bool:
-    """Whether an exception raised in this frame reaches the command as it is."""
+    """Whether an exception raised in this frame reaches the command unchanged."""
     swallowing = {getattr(callback, "__code__", None) for callback in gc.callbacks}
     while frame is not None:
         code = frame.f_code
@@ -205,7 +205,7 @@ interruption = Interruption()
 
 
 def heed_in_the_command() -> None:
-    """Heed the signal from now on if this process is the command, which imports this package first of all."""
+    """Handle the signal from now on if this process is the command `gtr`, which imports this first."""
     script = os.path.basename(sys.argv[0]) if sys.argv else ""
     if script in ("gtr", "gtr.exe") or sys.orig_argv[1:3] == ["-m", "gtr_jax"]:
         interruption.install()

@@ -1,16 +1,16 @@
-"""How JAX is set up for this package: 64-bit floats, and loops compiled whole on the CPU.
+"""How JAX is set up for this package: 64-bit floats, and loops compiled as one kernel on the CPU.
 
-All of it is said in the environment, which JAX reads when it is imported, so that nothing here imports JAX
-and it does not matter who does.
+All settings are environment variables, which JAX reads when it is imported. So this module does not import
+JAX, and it does not matter which module imports it first.
 
 XLA's CPU backend runs every operation of a loop's body as a kernel of its own unless one pass of the body
-touches fewer bytes than a threshold, 1 kB by default. The march over the nodes lies above; with 100 kB the
-whole march is one kernel, and a history of marches too: an equilibrium is then 2 to 4 times faster, a history
-5 times (`python -m benchmarks --only loops`).
+touches fewer bytes than a threshold, 1 kB by default. The march over the nodes touches more. With a threshold
+of 100 kB the whole march is one kernel, and so is a history of marches: an equilibrium is then 2 to 4 times
+faster, a history 5 times (`python -m benchmarks --only loops`).
 
-The friction of several tendons solves dense systems of some hundred unknowns through LAPACK, whose threads
-are of no use at that size and, on a machine that is busy otherwise, wait for one another: 25 steps of three
-tendons then take 11 s instead of 0.24 s.
+With several tendons, friction needs dense solves of some hundred unknowns in LAPACK. Threads do not speed
+these up, and on a machine that is busy with other work they wait for one another: 25 steps of three tendons
+then take 11 s instead of 0.24 s.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from __future__ import annotations
 import os
 import sys
 
-LOOP_OPTION = "xla_backend_extra_options"
-LOOP_THRESHOLD = f"--{LOOP_OPTION}=xla_cpu_small_while_loop_byte_threshold=100000"
+LOOP_OPTION = "xla_backend_extra_options"  # XLA flag that holds the options of a backend
+LOOP_THRESHOLD = f"--{LOOP_OPTION}=xla_cpu_small_while_loop_byte_threshold=100000"  # bytes, see above
 
 
 def set_up() -> None:
@@ -34,5 +34,5 @@ def set_up() -> None:
     if LOOP_OPTION not in flags:
         os.environ["XLA_FLAGS"] = f"{flags} {LOOP_THRESHOLD}".strip()
     os.environ["JAX_ENABLE_X64"] = "1"
-    if "jax" in sys.modules:  # which has read its own already
+    if "jax" in sys.modules:  # JAX is imported already and has read its settings
         sys.modules["jax"].config.update("jax_enable_x64", True)

@@ -1,7 +1,8 @@
-"""Compiled programs kept whole on the disk, so that a later run of a command need not trace them again.
+"""Compiled programs kept on disk, so that a later run of a command need not trace them again.
 
-JAX's persistent cache spares the compiler, but a program must be traced and lowered before it is looked up
-there: 2.2 s of processor time for the derivatives of a load history, where reading it whole takes 0.3 s.
+JAX's persistent cache saves compilation, but a program must be traced and lowered before it is looked up
+there: 2.2 s of processor time for the derivatives of a load history. Reading the compiled program takes 0.3
+s.
 """
 
 from __future__ import annotations
@@ -24,28 +25,31 @@ import jax
 from jax.core import Tracer
 from jax.experimental import serialize_executable
 
-# Packages whose versions decide what a program is, beside the sources of this project.
+# Packages whose versions determine a compiled program, besides the sources of this project.
 VERSIONS = ("jax", "jaxlib", "equinox", "lineax", "optimistix", "numpy")
-# Settings of JAX that do.
+# JAX settings that determine it.
 FLAGS = ("jax_enable_x64", "jax_numpy_dtype_promotion", "jax_numpy_rank_promotion")
-# Folders of programs of earlier sources, or flags, that are kept beside the current one.
+# How many folders with programs of earlier sources or flags are kept besides the current one.
 EARLIER = 2
 
 _root: Path | None = None
 
 
 def enable(folder: Path) -> None:
-    """Keep programs in a folder of this user's from now on: what is read there is run."""
+    """From now on keep programs in this folder. It must belong to the user: programs read from it are
+    executed.
+    """
     global _root
     _root = folder
 
 
 class Stored:
-    """A function compiled as by `equinox.filter_jit`, its programs kept on the disk where that is enabled.
+    """A function compiled as by `equinox.filter_jit`, whose programs are kept on disk once `enable` was
+    called.
 
     Args:
-        function: of positional arguments, whose arrays are traced and all else is static; returns a tuple of
-            arrays.
+        function: takes positional arguments, of which arrays are traced and everything else is static;
+            returns a tuple of arrays.
     """
 
     def __init__(self, function: Callable[..., tuple[jax.Array, ...]]):
@@ -72,8 +76,8 @@ class Stored:
                     return self._function(*eqx.combine(jax.tree_util.tree_unflatten(tree, leaves), rest))
 
                 around = _surroundings(self.__module__.partition(".")[0])
-                # JAX's cache tells programs by their name as well: what it returns cannot be written again,
-                # so that a program of these sources must not be taken from there.
+                # JAX's cache also tells programs apart by name. A program taken from it cannot be serialised
+                # again, so this one gets a name that JAX's cache does not hold.
                 flat.__name__ = f"{self._function.__name__}_{around}"
                 path = _root / f"programs-{around}" / key
                 self._programs[key] = _read(path, leaves) or _made(flat, leaves, path)
@@ -81,15 +85,15 @@ class Stored:
 
 
 def _read(path: Path, leaves: Sequence[Any]) -> Callable[..., Sequence[jax.Array]] | None:
-    """The program that a file holds; None where there is none that can be read and run."""
+    """The program in a file; None if there is none that can be read and run."""
     try:
         return _tried(path.read_bytes(), leaves)
-    except Exception:  # of whatever kind: the program is then made anew
+    except Exception:  # of any kind: the program is then compiled again
         return None
 
 
 def _tried(contents: bytes, leaves: Sequence[Any]) -> Callable[..., Sequence[jax.Array]]:
-    """The program that these bytes hold, once it has run."""
+    """The program in these bytes, after a trial run."""
     program = serialize_executable.deserialize_and_load(*pickle.loads(contents))
     jax.block_until_ready(program(*leaves))
     return program
@@ -102,17 +106,17 @@ def _made(flat: Callable[..., Any], leaves: Sequence[Any], path: Path) -> Callab
         contents = pickle.dumps(serialize_executable.serialize(program))
         _tried(contents, leaves)
         _make_room(path.parent)
-        # Whole or not at all, whoever else writes it.
+        # Replaced atomically: another process may write the same file.
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
             file.write(contents)
         os.replace(file.name, path)
-    except Exception:  # of whatever kind: the program is then not kept
+    except Exception:  # of any kind: the program is then not kept
         return program
     return program
 
 
 def _make_room(folder: Path) -> None:
-    """Make the folder, and take away those of earlier sources but for the latest few."""
+    """Create the folder, and delete those of earlier sources except the latest few."""
     if folder.exists():
         return
     others = sorted(folder.parent.glob("programs-*"), key=lambda f: f.stat().st_mtime)
@@ -125,8 +129,8 @@ def _make_room(folder: Path) -> None:
 
 @functools.cache
 def _surroundings(package: str) -> str:
-    """All that decides what a function of a package compiles to beside its arguments: sources, versions,
-    flags and the processor.
+    """Hash of all that determines what a package's functions compile to, besides their arguments: sources,
+    versions, flags and processor.
     """
     whole = hashlib.sha256()
     for name in dict.fromkeys(("gtr_jax", package)):
@@ -143,7 +147,7 @@ def _surroundings(package: str) -> str:
 
 
 def _processor() -> str:
-    """What the processor can do: a program made for one may not run on another."""
+    """The processor's features: a program compiled for one processor may not run on another."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:

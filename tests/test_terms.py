@@ -4,6 +4,7 @@ import itertools
 import json
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -85,6 +86,14 @@ def test_a_traced_robot_holds_the_terms_that_may_act(robot):
         changed = robot.with_values(**{"stribeck-friction.ratio": ratio})
         return gtr.simulate(changed, LOOP, time=CLOCK).T_tip
 
+    # What was set past `with_values` counts as soon as that, or an untraced call, sees it.
+    past = eqx.tree_at(lambda r: r.terms["stribeck-friction"], robot, acting.terms["stribeck-friction"])
+    assert past.acting == () and past.with_values(mu=past.value("mu")).acting == acting.acting
+    np.testing.assert_array_equal(gtr.simulate(past, LOOP, time=CLOCK).T_tip, exact)
+    # A term that may act, but is at its null, is no reason to refuse.
+    null = robot.with_values(**{"stribeck-friction.ratio": 0.0})
+    switch = jax.jit(lambda robot: gtr.release_switch(robot, 30.0).T_base)
+    assert float(switch(null)) == pytest.approx(float(gtr.release_switch(robot, 30.0).T_base), rel=1e-9)
     ratio = acting.value("stribeck-friction.ratio")
     others = {n: v for n, v in typical(REGISTRY["stribeck-friction"]).items() if not n.endswith(".ratio")}
     np.testing.assert_allclose(jax.jit(set_inside)(robot.with_values(**others), ratio), exact, rtol=1e-9)

@@ -1,8 +1,8 @@
 """The mechanics: one node equation, one march from the base to the tip, one implicit derivative.
 
-`structure` says what a program has to hold, `node` has the equations of a node, `march` takes them from the
-base to the tip, `search` finds what is unknown at the base, `solve` makes it differentiable, `history` goes
-through load steps.
+`structure` determines what a compiled program contains, `node` has the equations of a node, `march` solves
+them from the base to the tip, `search` finds the unknowns at the base, `solve` makes the solution
+differentiable, `history` goes through load steps.
 """
 
 from .case import Load, Memory, complete, part_of, untouched

@@ -1,4 +1,4 @@
-"""One load step: the robot at its nodes, its load, and what is left of the step before."""
+"""One load step: the robot at its nodes, its load, and the memory of the previous step."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..terms import REGISTRY
 from .sections import Sections, State
 from .structure import EVERY, Structure
 
-FOLLOWED = ("slip", "middle", "speed", "mobilised", "stencil", "elements")
+FOLLOWED = ("slip", "middle", "speed", "mobilised", "stencil", "elements")  # of `Memory`, may be None
 
 
 class Load(eqx.Module):
@@ -20,7 +20,7 @@ class Load(eqx.Module):
 
     Attributes:
         T_base: base tension [N], (*tendons,).
-        dt: time since the step before [s].
+        dt: time since the previous step [s].
         time: since the first sample [s].
         cycle: pulls and releases done, half a cycle each.
     """
@@ -32,24 +32,27 @@ class Load(eqx.Module):
 
 
 class Memory(eqx.Module):
-    """What is left of the step before, the nodes first; None where no law of the structure asks for it.
+    """What is remembered of the previous step, nodes along the first axis; None where no law of the structure
+    needs it.
 
     Attributes:
         tension: at the nodes [N], (N, *tendons).
         kappa: curvature [1/m], (N,).
         slip: towards the base, at the nodes [m], (N, *tendons).
-        middle: the same in the middle between each node and the one before it, (N, *tendons).
-        speed: of the slip there [m/s], (N, *tendons).
-        mobilised: how far friction is, there, in [-1, 1], (N, *tendons).
-        stencil: turning since the node before [rad], less that by the trapezoidal rule, when the tendon
-            slipped there last, (N, *tendons).
-        elements: what presliding remembers, (N, elements, *tendons).
-        bent: what the bending laws remember, (N, numbers) each.
-        entry: tension behind what grips ahead of the channel [N], (*tendons,).
+        middle: slip midway between each node and its predecessor [m], (N, *tendons).
+        speed: of the slip at these midpoints [m/s], (N, *tendons).
+        mobilised: share of friction mobilised there, in [-1, 1], (N, *tendons).
+        stencil: turning since the preceding node minus its value by the trapezoidal rule [rad], from the step
+            in which the tendon last slipped there, (N, *tendons).
+        elements: memory of the presliding law, (N, elements, *tendons).
+        bent: memory of the bending laws, (N, numbers) each.
+        entry: tension where the tendon enters the channel, past the friction lumped ahead of it [N],
+            (*tendons,).
         T_tip: tension at the anchor [N], (*tendons,).
         T_base: base tension [N], (*tendons,).
         carried: share of the external loads that the body carries: 0 before it settles, 1 from then on.
-        unknowns: what the march was closed with, (n,): see `march.Closing`; None where nothing is unknown.
+        unknowns: solution for the unknowns at the base, (n,), see `march.Closing`; None where nothing is
+            unknown.
     """
 
     tension: Float[Array, "N *tendons"]
@@ -74,14 +77,14 @@ class Case(eqx.Module):
     Attributes:
         sections: the robot at the nodes.
         mu: friction coefficient [-], (*tendons,).
-        preload: tension at which the tendon's strain counts as none [N], (*tendons,).
+        preload: tension at which the tendon's strain counts as zero [N], (*tendons,).
         tip_moment: external moment at the tip [N m].
         terms: the numbers of the physics terms, by term and name.
-        metric: nu of the channels before the first load, (N, *tendons); None where no slip is asked for.
+        metric: nu of the channels before the first load, (N, *tendons); None where no slip is needed.
         load: the load.
-        memory: of the step before.
-        against: share of the speed that counts where the tendon slips against the friction that holds it: 1,
-            but less on the way to the solution.
+        memory: of the previous step.
+        against: factor on the speed where the tendon slips opposite to the sense for which friction is
+            evaluated: 1 at the solution, less on the way to it.
         structure: which equations act (static).
     """
 
@@ -100,7 +103,7 @@ class Case(eqx.Module):
 def untouched(
     structure: Structure, state: State, tension: Float[Array, "N *tendons"], carried: Float[Array, ""]
 ) -> Memory:
-    """What a robot remembers that was never pulled.
+    """The memory of a robot that was never pulled.
 
     Args:
         structure: what the program holds.
@@ -132,7 +135,7 @@ def untouched(
 
 
 def complete(memory: Memory, structure: Structure, state: State, slip: Float[Array, "N *tendons"]) -> Memory:
-    """The same with everything that a program of another structure may ask for.
+    """A memory extended by everything that a program of another structure may need.
 
     Args:
         memory: what a program of `structure` left.
@@ -155,7 +158,7 @@ def complete(memory: Memory, structure: Structure, state: State, slip: Float[Arr
 
 
 def part_of(memory: Memory, structure: Structure) -> Memory:
-    """What a program of a structure asks for of a complete memory."""
+    """The part of a complete memory that a program of a structure needs."""
     every = Structure(EVERY, structure.tendons, loaded=True)
     displacement, moment, stop = _split(memory.unknowns, every, jnp.zeros(0), jnp.zeros(()))
     asked = {
@@ -175,16 +178,16 @@ def part_of(memory: Memory, structure: Structure) -> Memory:
 
 
 def _unknowns(structure: Structure, displacement, moment, stop) -> Float[Array, " n"] | None:
-    """Displacements, moment and stop in one, as far as they are unknown; None where nothing is."""
+    """Displacements, moment and stop force as one vector, as far as they are unknown; None where none is."""
     parts = [displacement] * structure.seeks_slip + [moment[None]] * structure.bends
     parts += [stop[None]] * structure.has_stop
-    # Every step starts from the tension that is remembered.
+    # The level starts from 0 in every step: the remembered tension itself.
     parts += [jnp.zeros(1)] * structure.carries
     return jnp.concatenate(parts) if parts else None
 
 
 def _split(unknowns: Float[Array, " n"] | None, structure: Structure, displacement, moment):
-    """Displacements, moment and stop of what was unknown; those given where the structure knew them."""
+    """Displacements, moment and stop force from a vector of unknowns; the given ones where known."""
     if unknowns is None:
         return displacement, moment, jnp.zeros_like(moment)
     count = max(structure.tendons, 1) * structure.seeks_slip

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from .mesh import Interval
 from .offset import Offset
 
-SMALLEST_TURN = 1e-14
+SMALLEST_TURN = 1e-14  # rad; the sign of a smaller turn is that of rounding
 
 
 def metric_factor(kappa: Float[Array, "*nodes"], R: Offset) -> Float[Array, "*nodes"]:
@@ -55,8 +55,8 @@ def wrap_increment(angle_change, kappa, kappa_before, R: Offset, R_before: Offse
     |psi_i - psi_(i-1)| is exact while psi is monotone between the nodes. Where psi' changes sign inside, the
     parabola through the end slopes adds the turn there and back; the sum is continuously differentiable
     through that event. Across a panel boundary it is the kink angle of the channel. Where nothing turns (a
-    panel of no length between two kinks that coincide, a bore's end where the channel runs straight) the
-    sense is that which a turn would have as the kinks part, so that derivatives hold there too.
+    panel of no length between two kinks that coincide, a bore's end where the channel runs straight) the sign
+    is the one the turn takes as the kinks move apart, so that derivatives are right there too.
 
     Args:
         angle_change: phi_i - phi_(i-1) [rad].

@@ -21,7 +21,7 @@ from .sections import Sections, State, at_tendons, either_of, node_first
 from .solve import load_step
 from .structure import March, Structure
 
-FOREVER = 1e15  # s, in which everything that creeps has crept
+FOREVER = 1e15  # s, a time after which all creep has ended
 
 
 class Robot(NamedTuple):
@@ -43,16 +43,16 @@ class Robot(NamedTuple):
 
 
 class Step(eqx.Module):
-    """One load step solved, the nodes first.
+    """A solved load step, nodes along the first axis.
 
     Attributes:
-        state: at the nodes; its wrap is the turning since the node before.
+        state: at the nodes; its wrap is the turning since the preceding node.
         tension, slip, mobilised: along the tendons, (N, *tendons); the last two None in the base model.
-        before: tension and slip that were remembered.
+        before: tension and slip after the previous step.
         T_tip: tension at the anchor [N], (*tendons,).
         met: whether it met its tolerance.
         error: largest residual, see `Solved`.
-        marches: taken.
+        marches: number of marches taken.
     """
 
     state: State
@@ -72,7 +72,7 @@ class Settled(eqx.Module):
     Attributes:
         memory: what is remembered.
         metric: nu of the channels with slack tendons, (N, *tendons).
-        preload: tension at which the tendons' strain counts as none [N], (*tendons,).
+        preload: tension at which the tendons' strain counts as zero [N], (*tendons,).
         kappa: curvature with slack tendons [1/m], (N,).
     """
 
@@ -112,7 +112,7 @@ def _case(robot: Robot, structure: Structure, memory: Memory) -> Case:
 
 
 def _without_friction(robot: Robot) -> dict[str, dict[str, Array]]:
-    """The numbers of the terms, those that are friction at null."""
+    """The numbers of the terms, with those terms that are friction set to null."""
     hooks = ("drag", "base_grip", "tip_grip", "by_speed")
 
     def values(term):
@@ -127,9 +127,9 @@ Before = Callable[[State, Memory], Memory]
 
 
 def steps_before(structure: Structure) -> int:
-    """Load steps before the first: the robot settles with slack tendons under its external loads, then they
-    are strung. Without terms the strung tendons remember their tension only, and without external loads the
-    settled robot is known.
+    """Number of load steps before the first load: the robot settles with slack tendons under its external
+    loads, then the tendons are strung. Without terms stringing takes no step, because tendons remember their
+    tension only; without external loads settling takes none either, because the settled shape is known.
     """
     return 2 if structure.terms else int(structure.bends)
 
@@ -158,7 +158,8 @@ def begin(robot: Robot, structure: Structure, before: Before | None = None) -> S
         memory = untouched(structure, at_rest, jnp.broadcast_to(strung_to, slack.shape), one)
         memory = memory if before is None else before(at_rest, memory)
         return Settled(memory, node_first(metric_of(s, at_rest.kappa)), strung_to, at_rest.kappa)
-    # What bends the body has bent it from its natural shape; only the search starts from that moment.
+    # Bending laws start from the natural shape; the moment of `at_rest` is a starting point of the search
+    # only.
     memory = untouched(structure, jax.lax.stop_gradient(at_rest), slack, zero)
     memory = dataclasses.replace(memory, kappa=s.rest)
     return Settled(memory, jnp.ones_like(slack), jnp.zeros_like(strung_to), s.rest)
@@ -229,7 +230,7 @@ def advance(
 
 
 def with_steps_before(robot: Robot, structure: Structure, loads: Load):
-    """Loads with those of `steps_before` ahead, and what `advance` is told of each, (K,) bool both."""
+    """Loads with those of `steps_before` ahead, and the two flags `at` of `advance` for each, (K,) bool."""
     first, one = loads_before(structure, robot.preload), jnp.ones_like(robot.tip_moment)
     if first:
         each = [Load(T_base, FOREVER * one, 0 * one, 0 * one) for T_base, _, _ in first]
@@ -245,16 +246,16 @@ def steps(
 ) -> tuple[Step, Memory, Settled]:
     """Solve load steps, one after another.
 
-    The robot first settles with slack tendons, which are then strung to their preloads without friction:
-    steps like any other, so that one program does all.
+    The robot first settles with slack tendons, which are then strung to their preloads without friction. Both
+    are load steps like any other, so that one program does everything.
 
     Args:
         robot: at its nodes.
         structure: which equations act.
         loads: K of them.
-        how: far a search goes.
-        before: what is remembered at the first load, from the settled state and what a robot remembers that
-            was never pulled; that unless given.
+        how: when a search stops.
+        before: gives the memory at the first load from the settled state and the memory of a robot that was
+            never pulled; the latter unless given.
 
     Returns:
         The steps, with a leading axis K; what is remembered after the last; the robot before the first. A
@@ -273,7 +274,7 @@ def steps(
 def one_step(
     robot: Robot, structure: Structure, load: Load, how: March, before: Before | None = None
 ) -> tuple[Step, Memory, Settled]:
-    """The same for one load step, without the axis K."""
+    """As `steps`, for one load step and without the axis K."""
     loads, flags = with_steps_before(robot, structure, jtu.tree_map(lambda a: a[None], load))
     start = begin(robot, structure, before)
 

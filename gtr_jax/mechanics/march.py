@@ -1,9 +1,10 @@
-"""The march: one pass from the base to the tip, with its derivatives by what is unknown at the base.
+"""The march: one pass from the base to the tip, with its derivatives with respect to the unknowns at the
+base.
 
-Each node's moment balance is one scalar equation in its curvature with a slope close to 1. It starts from the
-curvature the node would have without friction since its predecessor (or from a guess) and takes a few Newton
-steps. Angle, tension, moment and slip follow exactly from the curvature, so that the error of the node
-equations and what is left at the tip are the whole residual.
+Each node's moment balance is one scalar equation in its curvature with a slope close to 1. Its solution
+starts from the curvature the node would have without friction since its predecessor (or from a guess) and
+takes a few Newton steps. Angle, tension, moment and slip follow exactly from the curvature, so the residuals
+of the node equations and those at the tip are the whole residual.
 """
 
 from __future__ import annotations
@@ -21,15 +22,15 @@ from .case import Case
 from .node import Carry, Equations, Modes, Node, Row, clip, prepared, pressing, total
 from .sections import at_tendons, largest, over_tendons
 
-NEWTON_PLAIN, NEWTON_WITH_TERMS = 2, 3  # steps; two leave rounding where the law is that of the base model
+NEWTON_PLAIN, NEWTON_WITH_TERMS = 2, 3  # steps per node; two reach rounding in the base model
 FLATTEST = 0.3  # slope of the moment balance below which a step is shortened
 
 
 class Closing(NamedTuple):
-    """What is unknown at the base, and what must vanish at the tip, in the same order: displacement of every
-    tendon [m] and its anchor's slip; external moment at the base and error of that at the tip [N m]; force of
-    the stop (`node.pressing`) and its error [N]; share by which the tension of what is held rises, and by
-    how much the channel gets longer there, beyond its tendon [m]. None where the structure knows it.
+    """The unknowns at the base, or the residuals at the tip that belong to them: displacement of each tendon
+    at the base, or slip at its anchor [m]; external moment at the base, or its error at the tip [N m]; force
+    of the stop (`node.pressing`), or its error [N]; relative rise of the tension of the held stretch, or
+    growth of the channel there minus that of its tendon [m]. None where the structure has no such unknown.
     """
 
     slip: Float[Array, "*tendons"] | None
@@ -44,7 +45,7 @@ class Closing(NamedTuple):
 
 
 def closing_of(case: Case, flat: Float[Array, " n"]) -> Closing:
-    """The same from a vector; what is known is filled in."""
+    """The unknowns from a vector; known values are filled in."""
     what, count = case.structure, case.mu.size * case.structure.seeks_slip
     slip = flat[:count].reshape(case.mu.shape) if what.seeks_slip else jnp.zeros_like(case.mu)
     moment = flat[count] if what.bends else case.tip_moment
@@ -53,13 +54,13 @@ def closing_of(case: Case, flat: Float[Array, " n"]) -> Closing:
 
 
 class Marched(NamedTuple):
-    """One march, the nodes' curvatures found on the way.
+    """One march that solves for the nodes' curvatures.
 
     Attributes:
         kappa: curvature [1/m], (N,).
-        left: at the tip, (n,).
-        by_unknowns: its derivatives by what is unknown at the base, (n, n).
-        kappa_by: those of the curvature, (n, N).
+        left: residuals at the tip, (n,).
+        by_unknowns: their derivatives with respect to the unknowns at the base, (n, n).
+        kappa_by: derivatives of the curvature with respect to the same unknowns, (n, N).
         error: largest error of the node equations, as curvature times length.
     """
 
@@ -71,12 +72,13 @@ class Marched(NamedTuple):
 
 
 class Passed(NamedTuple):
-    """One pass along known curvatures.
+    """One pass with given curvatures.
 
     Attributes:
-        left: at the tip, (n,).
+        left: residuals at the tip, (n,).
         nodes: what it leaves at the nodes.
-        entry, T_tip: tension behind what grips ahead of the channel, and at the anchor [N], (*tendons,).
+        entry, T_tip: tension past the friction lumped ahead of the channel, and at the anchor [N],
+            (*tendons,).
         slip: of the tendon at the anchor [m], (*tendons,); None where no slip is followed.
         error: largest error of the node equations, as curvature times length.
     """
@@ -90,7 +92,7 @@ class Passed(NamedTuple):
 
 
 def closed(case: Case, flat: Float[Array, " n"], end: Carry, modes: Modes):
-    """What is left at the tip, (n,), and the tension at the anchor."""
+    """Residuals at the tip, (n,), and tension at the anchor [N]."""
     what, terms, x = case.structure, case.terms, closing_of(case, flat)
     low, high = end.tension if end.pulled is None else end.pulled, end.released
     high = end.tension if high is None else high
@@ -102,7 +104,7 @@ def closed(case: Case, flat: Float[Array, " n"], end: Carry, modes: Modes):
         grip = jnp.exp(-total(case, "tip_grip"))
         before = case.memory.T_tip
         if end.held is not None:
-            # What is held at the last node is held at the anchor.
+            # The anchor's tension is scaled like that held at the last node.
             before = before * jnp.where(modes.carried, end.held.share, 1.0)
         T_tip = clip(before, low * grip, high / grip)
     slip = moment = stop = level = None
@@ -123,7 +125,7 @@ def closed(case: Case, flat: Float[Array, " n"], end: Carry, modes: Modes):
         stop = (pressing(x.stop) + eased * (x.stop - pressing(x.stop)) - pushed) / eased
     if what.carries:
         assert x.level is not None and end.held is not None
-        # Where nothing is held, the level is of no effect, and stays.
+        # Where nothing is held, the level has no effect; this residual keeps it as it is.
         still = case.sections.mesh.s[-1] * (x.level - jax.lax.stop_gradient(x.level))
         longer = end.held.longer
         if what.has("anchor"):
@@ -151,11 +153,11 @@ def _solved(equations: Equations, carry: Carry, row: Row, guess, use_guess, step
 
 
 def march(case: Case, flat: Float[Array, " n"], guess: Float[Array, " N"], use_guess) -> Marched:
-    """One march base to tip, with its derivatives by what is unknown at the base, n > 0.
+    """One march from base to tip, with its derivatives with respect to the n > 0 unknowns at the base.
 
     Args:
         case: the load step.
-        flat: what is unknown at the base, (n,).
+        flat: the unknowns at the base, (n,).
         guess: curvature to start from [1/m], (N,).
         use_guess: whether to start from it.
     """
@@ -198,19 +200,19 @@ def march(case: Case, flat: Float[Array, " n"], guess: Float[Array, " N"], use_g
 
 
 def march_plainly(case: Case, guess: Float[Array, " N"], use_guess) -> Passed:
-    """The same where nothing is unknown at the base; arguments as of `march`."""
+    """One march where nothing is unknown at the base; arguments as for `march`."""
     steps = NEWTON_WITH_TERMS if case.structure.terms else NEWTON_PLAIN
     return _along(case, jnp.zeros(0), guess, lambda e, c, r, k: _solved(e, c, r, k, use_guess, steps))
 
 
 def passed(case: Case, flat: Float[Array, " n"], kappa: Float[Array, " N"]) -> Passed:
-    """One pass along curvatures [1/m], (N,)."""
+    """One pass with the given curvatures [1/m], (N,)."""
     return _along(case, flat, kappa, lambda equations, carry, row, kappa: kappa)
 
 
 def described(case: Case, flat: Float[Array, " n"], kappa: Float[Array, " N"]) -> Passed:
-    """The same at a solution, differentiable in all: each node's curvature follows what lies before it by one
-    step of Newton's method from `kappa`, which is its root.
+    """One pass at a solution, differentiable in everything: one Newton step from `kappa`, which is its root,
+    makes each node's curvature depend on the preceding nodes.
 
     The slope of that step is taken here, not from the march: where nothing slips the laws have a kink, and
     rounding may have put the march on the other side of it.
@@ -224,7 +226,7 @@ def described(case: Case, flat: Float[Array, " n"], kappa: Float[Array, " N"]) -
 
 
 def _along(case: Case, flat: Float[Array, " n"], kappa: Float[Array, " N"], at_node) -> Passed:
-    """One pass whose curvature at a node is what `at_node` makes of the one given."""
+    """One pass in which `at_node` gives each node's curvature from the one in `kappa`."""
     equations, carry, rows = prepared(case, closing_of(case, flat))
 
     def node(carry, x):

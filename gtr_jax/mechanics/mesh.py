@@ -18,7 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-STENCIL = 4
+STENCIL = 4  # nodes of a quadrature weight's stencil, hence order four
+# First intervals of a panel, relative to the others; without grading the error of TD-CM I is 11 times larger.
 GRADING = (0.06, 0.2, 0.5)
 
 

@@ -1,16 +1,22 @@
-"""The equations of a node: its curvature from what lies between it and the base.
+"""The equations of a node, which give its curvature from the state at its predecessors.
 
-Given the tension, the angle, the external moment and, where a law asks for it, the slip at the node before,
-everything at a node follows from its curvature. What is left is one scalar equation, the balance of moments
+Given the tension, the angle, the external moment and, where a law needs it, the slip at the preceding node,
+everything at a node follows from its curvature. One scalar equation remains, the balance of moments
 
     kappa - kappa_0 + (bending laws) = (sum of T b(kappa) + M_ext)/EI,     b = R (1 - R kappa)/nu.
 
-Three laws hold a tendon. *Held* against the base: T = clip(tension before, P, Q), with P and Q the tensions
-if all of it slipped towards the base, or the tip. Where a stop or the body's own creep bends the stretch that
-is held, it is *carried along*: (1 + level) times the tension before, with the level at which the channel
-there is as long as the tendon in it (docs/mechanics.md). *Creeping*, where friction goes on changing while
-the tendon is locked: the same with P and Q from the tension of the node before. *Presliding*: friction
-follows the slip, u(s) = u(0) - integral over [0, s] of (nu_0 - nu + nu_0 strain), T' = -mu z(u) T |psi'|.
+Friction holds a tendon by one of three laws.
+
+*Held* against the base: T = clip(T_before, P, Q), where T_before is the tension after the previous step, and
+P and Q are the tensions if the whole tendon slipped towards the base or towards the tip. Where a stop or
+creep of the body bends the held stretch, it is *carried along*: (1 + level) T_before replaces T_before, with
+the level at which the channel there is as long as the tendon in it (docs/mechanics.md).
+
+*Creeping*, where friction goes on changing while the tendon is locked: the same, with P and Q computed from
+the tension at the preceding node.
+
+*Presliding*: friction follows the slip, u(s) = u(0) - integral over [0, s] of (nu_0 - nu + nu_0
+strain), T' = -mu z(u) T |psi'|.
 """
 
 from __future__ import annotations
@@ -33,16 +39,16 @@ from .offset import Offset
 from .sections import State, at_tendons, moment_slope, node_first, offset_before, over_tendons
 from .structure import PRESLIDING, carried, mobilise
 
-FLOOR = 1e-4  # of the length: the shortest presliding of several tendons with terms
-FRICTION = ("friction", "by_pressure", "by_speed", "drag", "wrap")  # hooks that change what an interval holds
-HIGHEST = 10.0  # times the largest tension known: none is believed beyond, while the slip is guessed
-Asked = Any  # an array, or None where no law of the structure asks for it
-RIGID = 1e-6  # strain per newton of a tendon whose stretch is not stated: next to none
+FLOOR = 1e-4  # of the length: least presliding length of several tendons with terms
+FRICTION = ("friction", "by_pressure", "by_speed", "drag", "wrap")  # hooks that change an interval's friction
+HIGHEST = 10.0  # times the largest known tension: upper limit while the slip is only a guess
+Asked = Any  # an array, or None where no law of the structure needs it
+RIGID = 1e-6  # 1/N, strain per tension of a tendon whose stretch no term states: almost rigid
 
 
 class Modes(NamedTuple):
-    """Which law holds the tendon: presliding, or creeping; neither: held, and whether what is held is carried
-    along. False where it cannot be.
+    """Which law holds the tendon: `by_slip` presliding, `neighbour` creeping, neither of them held against
+    the base; and whether a held stretch is `carried` along. Plain False where the structure rules it out.
     """
 
     by_slip: Bool[Array, ""] | bool
@@ -51,7 +57,7 @@ class Modes(NamedTuple):
 
 
 class Row(NamedTuple):
-    """What a node's equations need, the nodes first; None where none of them does."""
+    """What a node's equations need, nodes along the first axis; None where no law needs it."""
 
     R: Offset
     R_before: Offset
@@ -72,15 +78,15 @@ class Row(NamedTuple):
 
 
 class Held(NamedTuple):
-    """What a march gathers of the stretch that friction holds.
+    """What a march accumulates along the stretch that friction holds.
 
     Attributes:
-        longer: by how much the channel got longer there since the step before, beyond its tendon [m].
-        length: of the midline there [m].
-        change: of the same at the last node, per midline.
-        margin: by how much the tension of what is held lies within what friction allows there [N]; negative
+        longer: growth of the channel there since the previous step, minus that of the tendon in it [m].
+        length: of the midline of the held stretch [m].
+        change: growth as in `longer`, at the last node, per length of midline [-].
+        margin: distance of the held tension from the nearer limit of friction at the last node [N]; negative
             where the tendon slips.
-        share: of the tension before that is held at the last node.
+        share: held tension at the last node, over the tension there after the previous step [-].
     """
 
     longer: Float[Array, ""]
@@ -108,7 +114,7 @@ class Carry(NamedTuple):
 
 
 class Node(NamedTuple):
-    """What a march leaves at each node; None where no law asks for it."""
+    """What a march leaves at each node; None where no law needs it."""
 
     state: State
     tension: Float[Array, "N *tendons"]
@@ -122,18 +128,18 @@ class Node(NamedTuple):
 
 
 def clip(value, low, high):
-    """Not jnp.clip: where the bounds coincide, derivatives must follow the bound that is met."""
+    """In place of jnp.clip: where the bounds coincide, derivatives must follow the bound that is met."""
     return jnp.where(value <= low, low, jnp.where(value >= high, high, value))
 
 
 def product(case: Case, name: str, *args) -> Any:
-    """Factors of all terms with a hook, multiplied; 1.0 without any."""
+    """Product of the factors of all terms that have the hook `name`; 1.0 without any."""
     factors = [hook(case.terms[kind], *args) for kind, hook in case.structure.hooks(name)]
     return functools.reduce(operator.mul, factors) if factors else 1.0
 
 
 def total(case: Case, name: str, *args) -> Any:
-    """Additions of all terms with a hook; 0.0 without any."""
+    """Sum of the additions of all terms that have the hook `name`; 0.0 without any."""
     added = [hook(case.terms[kind], *args) for kind, hook in case.structure.hooks(name)]
     return functools.reduce(operator.add, added) if added else 0.0
 
@@ -144,11 +150,11 @@ class Equations(eqx.Module):
     Attributes:
         case: the load step.
         stop: force of the stop on the tip [N].
-        stop_angle: direction it is run into [rad].
-        level: share by which the tension of what is held rises.
+        stop_angle: direction in which the tip runs into the stop [rad].
+        level: relative rise of the tension of the held stretch [-].
         modes: which law holds the tendon.
-        presliding: numbers of that law.
-        highest: no tension is believed above it [N].
+        presliding: numbers of the presliding law.
+        highest: upper limit of the tension while the slip is a guess [N].
     """
 
     case: Case
@@ -160,7 +166,7 @@ class Equations(eqx.Module):
     highest: Asked
 
     def passed(self, tension, sense, turn, speed, row: Row):
-        """Tension behind an interval whose friction is mobilised by `sense`, in [-1, 1]."""
+        """Tension past an interval whose friction is mobilised to `sense`, in [-1, 1]."""
         case, length = self.case, row.interval.length
         wrap = turn * product(case, "wrap", tension)
         mu = case.mu
@@ -173,8 +179,8 @@ class Equations(eqx.Module):
             mu = mu * jnp.where(there, product(case, "by_pressure", pressure), 1.0)
         held = sense * mu
         if case.structure.has("by_speed"):
-            # The coefficient depends on how fast the slip is, whichever way. Of the two branches of |v| the
-            # one where slip opposes the friction that holds it has to be approached from the other.
+            # The coefficient depends on the magnitude of the slip speed v. The branch of |v| on which the
+            # tendon slips opposite to `sense` has to be approached from the other branch (`Case.against`).
             fast = jnp.where(speed * sense >= -STILL, speed, -case.against * speed)
             fast = jnp.where(self.modes.by_slip, speed, fast)
             held = held + total(case, "by_speed", fast)
@@ -185,7 +191,9 @@ class Equations(eqx.Module):
         return left if self.highest is None else jnp.where(left < self.highest, left, self.highest)
 
     def __call__(self, carry: Carry, row: Row, kappa) -> tuple[Array, Carry, Node]:
-        """Error of the moment balance at a curvature [1/m], what goes on to the next node, and what stays."""
+        """Residual of the moment balance at a curvature [1/m], the carry to the next node, and the node's
+        outputs.
+        """
         case, what, w = self.case, self.case.structure, row.weights
         by_slip, neighbour, _ = self.modes
 
@@ -205,7 +213,8 @@ class Equations(eqx.Module):
         if what.creeping:
             trapezoid = at_tendons(0.5 * row.interval.length * (kappa + carry.kappas[0]), row.R)
             compact = channel.wrap_increment(trapezoid, *midline[1:], row.R, row.R_before, between)
-            # From slack the first pull may be long: nothing was laid down that a stencil could shake loose.
+            # Not from slack: no held tension is there that the wider stencil could disturb, and the first
+            # pull may be long.
             lags = jnp.logical_and(neighbour, jnp.logical_not(by_slip)) & (row.tension > 0)
             gripped = jnp.where(lags, compact + row.stencil, wrap)
 
@@ -216,10 +225,11 @@ class Equations(eqx.Module):
         z: Asked = None
         elements = row.elements
         if what.follows_slip:
-            # Slip first as if the tendon did not stretch here; its strain follows its tension below.
+            # First the slip without the tendon's strain at this node, which is added below, once its tension
+            # is known.
             shortened = row.metric - channel.metric_factor(midline[1], row.R)
             known = carry.slip - w[1] * carry.drawn[0] - w[2] * carry.drawn[1] - w[3] * carry.drawn[2]
-            # The strain of this node counts with the tension before it: an error of second order.
+            # The strain at this node is taken at the preceding node's tension: a second-order error.
             near = known - w[0] * self.strained(shortened, carry.tension, row)
             middle = 0.5 * (carry.slip + near)
             speed = (middle - row.middle) / case.load.dt
@@ -227,7 +237,7 @@ class Equations(eqx.Module):
                 z, elements = mobilise(self.presliding, middle - row.middle, row.elements)
 
         def behind(sense, bound):
-            """Tension behind the interval if friction is mobilised by `sense`."""
+            """Tension past the interval if friction is mobilised to `sense`."""
             tension = carry.tension if bound is None else bound
             if what.creeping or what.presliding:
                 tension = jnp.where(jnp.logical_or(by_slip, neighbour), carry.tension, tension)
@@ -299,7 +309,7 @@ class Equations(eqx.Module):
         return error, new, Node(state, tension, slip, middle, speed, grip, stencil, elements, bent)
 
     def bounds(self, behind, turn, carry: Carry):
-        """Tension behind the interval if all of it slipped towards the base, and towards the tip."""
+        """Tension past the interval if the whole tendon slipped towards the base, and towards the tip."""
         what = self.case.structure
         if any(what.has(hook) for hook in FRICTION) or what.creeping or what.presliding:
             return behind(1.0, carry.pulled), behind(-1.0, carry.released)
@@ -307,8 +317,8 @@ class Equations(eqx.Module):
         return carry.pulled * left, carry.released / left
 
     def remembered(self, row: Row):
-        """Tension before [N]; where the body relaxes, that which keeps its bend: the tendon takes what the
-        moment of the body has lost, but for as much as it gives.
+        """Tension after the previous step [N]. Where the body relaxes, the tension that keeps its bend: the
+        tendon takes over the moment that the body has lost, less what the tendon's own stretch gives up.
         """
         case, lost = self.case, 0.0
         for kind, bend in case.structure.hooks("bend"):
@@ -320,16 +330,18 @@ class Equations(eqx.Module):
         return row.tension - arm * lost / (gives + row.compliance * arm**2)
 
     def strain(self, tension, before):
-        """Strain of the tendon since a tension before [N]; next to none where no term states it."""
+        """Change of the tendon's strain from the tension `before` to `tension` [N]; almost zero where no term
+        states it.
+        """
         return RIGID * (tension - before) + self.stated(tension, before)
 
     def stated(self, tension, before):
-        """The same as far as terms state it; 0.0 without any."""
+        """The part of this change that terms state; 0.0 without any."""
         return total(self.case, "strain", tension) - total(self.case, "strain", before)
 
     def held(self, before: Held, row: Row, kappa, tension, kept, margin) -> Held:
-        """What is held so far. Each end of an interval counts with its own margin: where only one is held, as
-        far as the margin, going evenly, stays positive; what slips at the other is not of the held stretch.
+        """The held stretch up to this node. Where only one end of an interval is held, the interval counts as
+        far as the margin, interpolated linearly between its ends, stays positive.
         """
         margin = jnp.where(self.modes.carried, margin, -1.0)
         change = channel.metric_factor(kappa, row.R) - (1.0 + self.strain(tension, row.tension)) * row.nu
@@ -341,18 +353,18 @@ class Equations(eqx.Module):
         return Held(longer, before.length + here + there, change, margin, share)
 
     def strained(self, shortened, tension, row: Row):
-        """What the channel has lost of its length, and the tendon gained by its strain, per midline."""
+        """The channel's loss of length plus the tendon's gain by strain, per length of midline."""
         if not self.case.structure.has("strain"):
             return shortened
         return shortened + self.stated(tension, self.case.preload) * row.metric
 
 
 def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
-    """The node equations, what they start from, and their rows.
+    """The node equations, their carry at the base, and their rows.
 
     Args:
         case: the load step.
-        x: what is unknown at the base, a `march.Closing`.
+        x: the unknowns at the base, a `march.Closing`.
     """
     s, memory, load, what = case.sections, case.memory, case.load, case.structure
     terms, mesh, R = case.terms, s.mesh, node_first(s.R)
@@ -377,7 +389,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         speed = jnp.zeros(()) if memory.speed is None else jnp.abs(memory.speed)
         at = Channel(start, mesh.s.reshape(over), speed, sense, load.time, load.cycle)
         factor = jnp.broadcast_to(product(case, "friction", at), R.value.shape)
-        factor = jnp.where(factor > 0, factor, 0.0)  # friction that wears or drifts away is gone
+        factor = jnp.where(factor > 0, factor, 0.0)  # friction that wears or drifts below zero counts as zero
         return jnp.broadcast_to(case.mu, R.value.shape) * factor
 
     row = Row(
@@ -405,7 +417,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         entry = clip(memory.entry, low, high)
     zero, none = jnp.zeros_like(case.tip_moment), jnp.zeros_like(case.mu)
     back = STENCIL - 1
-    local = what.presliding and bool(case.mu.ndim)  # the tension of the node before is all that counts
+    local = what.presliding and bool(case.mu.ndim)  # only the preceding node's tension counts
     carry = Carry(
         kappas=(zero,) * back,
         drawn=(none,) * back if what.follows_slip else (),
@@ -422,7 +434,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
     )
     highest = None
     if what.seeks_slip:
-        # While the slip is guessed too low, a speed may raise the tension without end.
+        # While the guess of the slip is too low, its speed may raise the tension without bound.
         highest = HIGHEST * jnp.maximum(jnp.max(load.T_base), jnp.max(memory.tension))
         highest = jax.lax.stop_gradient(highest)
     stop = angle = None
@@ -437,7 +449,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
 
 
 def _any_on(case: Case, kinds: list[str]) -> Bool[Array, ""] | bool:
-    """Whether any of some terms acts; where a program holds those only that do, without looking."""
+    """Whether any of these terms acts; known without their numbers if all terms of the program act."""
     if not kinds or case.structure.acting:
         return bool(kinds)
     on = [is_on(REGISTRY[kind], case.terms[kind]) for kind in kinds]
@@ -445,8 +457,8 @@ def _any_on(case: Case, kinds: list[str]) -> Bool[Array, ""] | bool:
 
 
 def pressing(stop: Float[Array, ""]) -> Float[Array, ""]:
-    """Force of the stop [N] from its unknown: that where positive. Where negative, the unknown is the
-    distance from the stop, in such units that what is left at the tip falls evenly through zero: Newton's
-    method would otherwise hop between touching and not.
+    """Force of the stop [N] from its unknown: the unknown itself where positive. A negative unknown is the
+    distance from the stop, scaled so that the residual at the tip has about the same slope on both sides of
+    contact. Newton's method would otherwise jump between contact and none.
     """
     return jnp.where(stop > 0, stop, 0.0)

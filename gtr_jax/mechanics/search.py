@@ -1,8 +1,8 @@
-"""The search for what is unknown at the base: Newton's method along a path that leads to the load step.
+"""The search for the unknowns at the base: Newton's method along a path that leads to the load step.
 
-Without unknowns one march or two solve the step. With some, Newton's method is tried on the whole step first;
-where it does not settle, the step is approached from the one before in shares of the change of base tension
-and external loads, each started from the last one solved.
+Without unknowns one or two marches solve the step. Otherwise Newton's method is tried on the whole step
+first. If it does not converge, the change of base tension and external loads since the previous step is made
+in parts, each started from the last one solved.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from .small_matrices import inverse as inverse_of
 from .small_matrices import times
 from .structure import March
 
-REACH = 4e-3  # of the length: by how much the displacement is searched at a time
+REACH = 4e-3  # of the length: largest change of the displacement at a time while it is not bracketed
 SHORTEST = 2.0**-12  # share of a Newton step below which a try is given up
-MOST_PLAIN = 8  # marches where nothing is unknown
-PATIENCE, MOST_MARCHES = 60, 6000  # at one part of the step, and in all
-SHORTENED = 0.25  # length of a Newton step, of the one before, at which it is trusted more than the bracket
-FINER = 4  # parts of a step: so many times more where it could not be made in fewer
+MOST_PLAIN = 8  # most marches where nothing is unknown
+PATIENCE, MOST_MARCHES = 60, 6000  # most marches at one part of the step, and in all
+SHORTENED = 0.25  # Newton step over the previous one, below which it is trusted more than the bracket
+FINER = 4  # factor on the number of parts of a load step that could not be solved
 
 
 class Search(eqx.Module):
@@ -35,13 +35,13 @@ class Search(eqx.Module):
     Attributes:
         trial: the next point to try, in scaled unknowns, (n,).
         kappa: curvature to go with it [1/m], (N,).
-        error: of what the search stands at, for the share of the step that it is for.
-        marches, tries: taken in all, and at this share of the step.
+        error: largest residual of the latest point, for its part of the load step.
+        marches, tries: marches taken in all, and tries at this part of the load step.
         low, high: displacements at the base known to be too small and too large.
-        step: the last one taken; with damped steps the whole one, of which a share is tried.
+        step: the last Newton step; if damped, the whole one, of which a share is tried.
         point, inverse, level, share: the last point that damped steps accepted, the inverse of its Jacobian,
             the length of the step from there, and the share of it that is tried.
-        parts, part: in how many parts the step is made, and how many of them are done.
+        parts, part: number of parts of the load step, and how many of them are done.
         damped: whether Newton's steps are damped.
         solved: whether the last part is solved.
     """
@@ -65,8 +65,9 @@ class Search(eqx.Module):
 
 
 def scales(case: Case) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """Sizes of the unknowns, and of what is left: length; moment and force that bend by about a radian; for
-    the level of what is held, one, and a hundredth of the length: about as much as it bends the channel.
+    """Scales of the unknowns, and of the residuals at the tip: the length for slip; moment and force that
+    bend the body by about one radian; for the held stretch one for its level, and for its residual a
+    hundredth of the length, about what that level changes the channel by.
     """
     what, length = case.structure, case.sections.mesh.s[-1]
     compliance = jnp.max(case.sections.compliance) * length
@@ -81,9 +82,9 @@ def scales(case: Case) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
 
 
 def _bracketed(at: Search, left: Float[Array, " n"], inverse, by_unknowns) -> Search:
-    """The next point for one tendon: Newton's, with the displacement kept between those known to be too small
-    and too large. What is left of the slip rises with it, but so unevenly, where friction builds up over a
-    short slip, that Newton's method alone would not find the root.
+    """The next point for one tendon: a Newton step whose displacement is kept between values known to be too
+    small and too large. The slip at the anchor rises with the displacement, but where friction builds up over
+    a short slip its slope changes so much that Newton's method alone would not find the root.
     """
     u = at.trial[0]
     low = jnp.where(left[0] < 0, jnp.maximum(at.low, u), at.low)
@@ -99,12 +100,12 @@ def _bracketed(at: Search, left: Float[Array, " n"], inverse, by_unknowns) -> Se
     known = both | (jnp.abs(step[0]) > REACH) | ~jnp.isfinite(new)
     cut = known & ~((new > low) & (new < high))
     if left.shape[0] > 1:
-        # The other unknowns move the root, too. Kept where Newton's steps become short, it took 10 to 40
-        # marches beside a stop instead of 4 to 6.
+        # The other unknowns move the root, too. Keeping the bracket once Newton steps become short took 10 to
+        # 40 marches beside a stop instead of 4 to 6.
         cut = cut & ~((at.tries > 0) & (jnp.abs(step[0]) <= SHORTENED * jnp.abs(at.step[0])))
     new = jnp.where(cut, within, new)
     if left.shape[0] > 1:
-        # With the displacement cut short, the others do what they can.
+        # With the displacement cut, the other unknowns take the Newton step for this displacement.
         others = -times(inverse_of(by_unknowns[1:, 1:]), left[1:] + by_unknowns[1:, 0] * (new - u))
         step = jnp.where(cut, jnp.concatenate([(new - u)[None], others]), step)
     else:
@@ -113,10 +114,10 @@ def _bracketed(at: Search, left: Float[Array, " n"], inverse, by_unknowns) -> Se
 
 
 def _damped(at: Search, left: Float[Array, " n"], inverse) -> Search:
-    """The next point: Newton's, so far that every step brings the next one closer (Deuflhard's natural
-    monotonicity test).
+    """The next point: a damped Newton step, shortened until the step that follows it is shorter (Deuflhard's
+    natural monotonicity test).
     """
-    good = largest(times(at.inverse, left)) <= (1.0 - 0.25 * at.share) * at.level
+    good = (at.tries == 0) | (largest(times(at.inverse, left)) <= (1.0 - 0.25 * at.share) * at.level)
     step = -times(inverse, left)
     share = jnp.where(good, jnp.minimum(1.0, 2.0 * at.share), 0.5 * at.share)
     share = jnp.where(at.tries == 0, 1.0, share)
@@ -137,7 +138,7 @@ def _with(at: Search, **changed) -> Search:
 
 
 def _fresh(at: Search) -> Search:
-    """The search before its first try at a share of the step."""
+    """The search before its first try at a part of the load step."""
     one = jnp.ones_like(at.error)
     return _with(
         at,
@@ -150,7 +151,9 @@ def _fresh(at: Search) -> Search:
 
 
 def case_at(case: Case, aim: Float[Array, ""]) -> Case:
-    """The load step as far as a share of it; beyond 1, all of it with `against` from 0 to 1."""
+    """The load step up to the share `aim`; for an `aim` from 1 to 2 the whole step, with `against` from 0 to
+    1.
+    """
     memory, s = case.memory, case.sections
     share = jnp.minimum(aim, 1.0)
     T_base = jnp.where(
@@ -167,8 +170,8 @@ def case_at(case: Case, aim: Float[Array, ""]) -> Case:
 
 
 class Found(NamedTuple):
-    """A load step solved: what was unknown at the base, (n,), curvature [1/m], (N,), what is left at the
-    nodes, the largest error, and the marches taken.
+    """A solved load step: the unknowns at the base, (n,), curvature [1/m], (N,), the last pass, the largest
+    residual, and the number of marches.
     """
 
     unknowns: Float[Array, " n"]
@@ -195,7 +198,7 @@ def _finite(error):
 
 
 def _at_once(case: Case, how: March) -> Found:
-    """The base model without external loads: one march solves it; more mend what rounding left."""
+    """The base model without external loads: one march solves it; further ones remove rounding."""
 
     def again(at):
         passed, count = at
@@ -211,15 +214,17 @@ def _at_once(case: Case, how: March) -> Found:
 
 
 def _by_path(case: Case, how: March) -> Found:
-    """Newton's method on the whole step; where it fails, in ever more parts, each first damped, then plainly.
+    """Newton's method on the whole step; where it fails, on more and more parts, for one tendon first with
+    damped steps, then with plain ones.
 
-    Neither is the better one. Of 155 tip forces on soft robots (`tests/test_sweep.py`), plain steps alone
-    missed 3 and damped ones from four parts on 6, both in turn 2; of the two robots of `tests/test_census.py`
-    that do not settle, plain steps missed 24 steps and damped ones 12. Damped steps without parts are not
-    tried: beside a stop they went to a root far from the step before.
+    Neither is better everywhere. Of 155 tip forces on soft robots, like those of `tests/test_sweep.py`, plain
+    steps alone missed 3 and damped ones from four parts on 6, both in turn 2; of the two robots of
+    `tests/test_census.py` that do not converge, plain steps missed 24 steps and damped ones 12. Damped steps
+    without parts are not tried: beside a stop they went to a root far from the previous step.
     """
     what = case.structure
     sizes, lefts = scales(case)
+    both = bool(what.unknowns) and not what.tendons  # damped steps and plain ones
     whole = 2 if what.has("by_speed") else 1
     one, zero = jnp.ones_like(case.tip_moment), jnp.asarray(0)
     known = case.memory.unknowns
@@ -258,7 +263,7 @@ def _by_path(case: Case, how: March) -> Found:
                 on = either_of(at.damped, damped, _bracketed(at, left, inverse, by_unknowns))
             elif not what.tendons:
                 on = either_of(at.damped, damped, _with(at, trial=at.trial - times(inverse, left)))
-            # The step is believed as far as a pass along what it makes of the curvature confirms it.
+            # The step counts as solved only if a pass with the curvature that it predicts confirms it.
             moved = (on.trial - at.trial) * sizes
             corrected = m.kappa + jnp.sum(m.kappa_by * moved[:, None], axis=0)
             check = passed(now, on.trial * sizes, corrected)
@@ -285,8 +290,8 @@ def _by_path(case: Case, how: March) -> Found:
             kappa=jnp.where(failed, case.memory.kappa, kappa),
             error=error,
             marches=at.marches + 1,
-            parts=jnp.where(failed & (at.damped == bool(what.tendons)), FINER * at.parts, at.parts),
-            damped=at.damped if what.tendons else at.damped ^ failed,
+            parts=jnp.where(failed & (~at.damped if both else True), FINER * at.parts, at.parts),
+            damped=at.damped ^ failed if both else at.damped,
             part=jnp.where(failed, 0, part),
             solved=solved & last,
         )

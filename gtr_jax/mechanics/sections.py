@@ -1,7 +1,7 @@
 """The robot at its nodes, its state there, and what tendons and midline share.
 
-Tendons act on one another only through the curvature they share. What belongs to a tendon has a leading
-tendon axis where the robot has several, and none where it has one: shapes say `*tendons`.
+Tendons act on one another only through the curvature they share. Quantities of a tendon have a leading tendon
+axis where the robot has several tendons, and none where it has one: `*tendons` in shapes.
 """
 
 from __future__ import annotations
@@ -51,17 +51,17 @@ class State(eqx.Module):
 
 
 def offset_before(R: Offset) -> Offset:
-    """Channel offset at each node's predecessor; the base stands for itself."""
+    """Channel offset at each node's predecessor; at the base its own."""
     return Offset(*(shifted(r, 1, r[..., :1]) for r in R))
 
 
 def at_tendons(tree: Tree, R: Offset) -> Tree:
-    """What belongs to the midline, as every tendon sees it: with the shape of the offsets."""
+    """Quantities of the midline, broadcast to the shape of the channel offsets."""
     return jtu.tree_map(lambda v: jnp.broadcast_to(v, R.value.shape), tree)
 
 
 def over_tendons(values: Float[Array, "*any"], axes: int) -> Float[Array, "*midline"]:
-    """Sum over the tendons of an array that has `axes` axes without them."""
+    """Sum over the tendons of an array that has `axes` axes besides the tendon axis."""
     return values if values.ndim == axes else jnp.sum(values, axis=0)
 
 

@@ -1,8 +1,8 @@
 """One load step solved, with its derivatives by the implicit function theorem.
 
 optimistix's own `ImplicitAdjoint` solves through lineax, which reports failures by calling back into Python:
-such programs cannot be kept in JAX's compilation cache, and pay for the call. Here the Jacobian by what is
-unknown at the base is small, and the march does the rest.
+such programs cannot be kept in JAX's compilation cache, and pay for the call. Here the Jacobian with respect
+to the unknowns at the base is small, and the march does the rest.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ class Solved(NamedTuple):
     """A load step solved.
 
     Attributes:
-        memory: what is left of it.
-        state: at the nodes first; its wrap is the turning since the node before.
-        error: largest residual, dimensionless: slip by length, the rest as curvature times length.
-        marches: taken.
+        memory: what the next step remembers of it.
+        state: nodes along the first axis; its wrap is the turning since the preceding node.
+        error: largest residual, dimensionless: slip over length; all others as curvature times length.
+        marches: number of marches taken.
     """
 
     memory: Memory
@@ -46,11 +46,12 @@ class Solved(NamedTuple):
 
 
 def _left(case: Case, marched: Passed, unknowns: Float[Array, " n"]) -> tuple[Memory, State]:
-    """What a march leaves behind."""
+    """Memory and state after a march."""
     nodes, what = marched.nodes, case.structure
     slip, middle, speed = nodes.slip, nodes.middle, nodes.speed
     if what.follows_slip and not what.seeks_slip:
-        # Nothing depends on the slip of this step, so that it was counted from the base: now from the tip.
+        # No law depends on the slip of this step, so the march counted it from the base; count it from the
+        # anchor.
         away = marched.slip - total(case, "anchor", marched.T_tip) + total(case, "anchor", case.preload)
         slip, middle = slip - away, middle - away
         speed = (middle - case.memory.middle) / case.load.dt
@@ -78,11 +79,11 @@ def _left(case: Case, marched: Passed, unknowns: Float[Array, " n"]) -> tuple[Me
 
 
 def _in_one_batch(tree, marches: Int[Array, ""]):
-    """The same; under `vmap` every array with the batch in its first axis.
+    """The tree itself; under `vmap`, with the batch in the first axis of every array.
 
-    JAX 0.10 mixes up the axes of values and tangents of a function with a derivative of its own that is
-    compiled within a batch that is differentiated, where some have a batch and others none, or in another
-    axis. A sum with a zero that has a batch, and a reshape, give all the same.
+    JAX 0.10 confuses the axes of values and tangents when a function with a custom derivative is compiled
+    inside a differentiated batch and its arrays have the batch in different axes or not at all. Adding a zero
+    that has the batch, and a reshape, give all arrays the same batch axis.
     """
     zero = jnp.where(marches >= 0, 0.0, 1.0)
 
@@ -99,8 +100,9 @@ def slip_of(
     tension: Float[Array, "N *tendons"],
     T_tip: Float[Array, "*tendons"],
 ) -> Float[Array, "N *tendons"]:
-    """Slip of the tendons towards the base since the robot settled [m], (N, *tendons), from the shape: what
-    the channel beyond has lost of its length, the tendon gained by its strain, and the anchor given way.
+    """Slip of the tendons towards the base since the robot settled [m], (N, *tendons), from the shape: loss
+    of length of the channel beyond the node, plus gain of the tendon there by strain, plus displacement of
+    the anchor.
 
     Args:
         case: the robot, whose metric is that of the settled robot.
@@ -132,7 +134,9 @@ def _solve(inputs) -> Solved:
 
 @_solve.def_jvp
 def _solve_jvp(primals, tangents):
-    """Of the march, closed at the tip by the implicit function theorem in what is unknown at the base."""
+    """Derivative of the march; that of the unknowns at the base follows from the conditions at the tip by the
+    implicit function theorem.
+    """
     case, how = primals[0]
     case_dot = tangents[0][0]
     found = search(case, how)
@@ -144,8 +148,8 @@ def _solve_jvp(primals, tangents):
         return marched.left, _left(now, marched, flat)
 
     if case.structure.unknowns:
-        # One linearisation for all directions: where nothing slips the laws have a kink, and two of them
-        # might be of different sides.
+        # One linearisation for all directions: where nothing slips the laws have a kink, and two
+        # linearisations might be on different sides of it.
         (_, out), linear = jax.linearize(at, moving, found.unknowns)
         zero, still = jnp.zeros_like(found.unknowns), jtu.tree_map(jnp.zeros_like, moving)
         left_dot, out_dot = linear(case_dot, zero)
@@ -169,8 +173,8 @@ def load_step(case: Case, load: Load, memory: Memory, how: March) -> Solved:
     Args:
         case: the robot; its load and memory are replaced.
         load: the load; a base tension below zero counts as slack.
-        memory: what is left of the step before.
-        how: far the search goes.
+        memory: of the previous step.
+        how: when the search stops.
     """
     slack = jnp.where(load.T_base < 0.0, 0.0, load.T_base)  # not maximum: its derivative at 0 is one half
     load = dataclasses.replace(load, T_base=slack)

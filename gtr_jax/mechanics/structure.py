@@ -1,5 +1,5 @@
-"""What a program of the mechanics holds: known before anything is traced, so that it pays for nothing
-else.
+"""What a compiled program of the mechanics contains. It is known before tracing, so that a program does not
+compute what its robot does not need.
 """
 
 from __future__ import annotations
@@ -11,18 +11,19 @@ from typing import Any
 
 from ..terms import REGISTRY
 
+# The one term by which friction builds up with slip.
 ((PRESLIDING, mobilise),) = [(term.id, term.mobilise) for term in REGISTRY.values() if term.mobilise]
 
 
 @dataclasses.dataclass(frozen=True)
 class March:
-    """How far the search for an equilibrium goes.
+    """When the search for an equilibrium stops.
 
     Attributes:
-        atol: largest residual at which it stops, dimensionless: slip by length, the rest as curvature times
-            length.
-        smallest_stride: share of a load step below which it is given up. The whole step is tried first; where
-            that fails, it is made in 4, 16 and at last 64 parts.
+        atol: largest residual that counts as solved, dimensionless: slip over length; all others as curvature
+            times length.
+        smallest_stride: smallest share of a load step that is tried. The whole step is tried first; if that
+            fails, it is divided into 4, then 16, then 64 parts.
     """
 
     atol: float = 1e-9
@@ -31,12 +32,13 @@ class March:
 
 @dataclasses.dataclass(frozen=True)
 class Structure:
-    """The static side of a load step. A program serves all values; another structure is another program.
+    """The static part of a load step. One compiled program serves all numerical values; another structure
+    needs another program.
 
     Attributes:
-        terms: names of the physics terms whose equations it holds, in the order of the registry; each still
-            does nothing at its null value.
-        tendons: how many tendons have an axis; 0 for one tendon, which has none.
+        terms: names of the physics terms whose equations the program contains, in registry order; each still
+            has no effect at its null value.
+        tendons: length of the tendon axis; 0 for one tendon, whose arrays have no such axis.
         loaded: whether external forces may act, so that the external moment changes along the body.
         acting: whether all its terms are known to act, so that the law that holds a tendon is known.
     """
@@ -47,26 +49,28 @@ class Structure:
     acting: bool = False
 
     def hooks(self, name: str) -> list[tuple[str, Callable[..., Any]]]:
-        """Its terms that have a hook, and the hook."""
+        """The terms that have the hook `name`, and their hooks."""
         return _hooks(self.terms, name)
 
     def has(self, name: str) -> bool:
-        """Whether any of its terms has a hook."""
+        """Whether any term has the hook `name`."""
         return bool(self.hooks(name))
 
     @functools.cached_property
     def presliding(self) -> bool:
-        """Whether friction may build up over a slip. Several tendons with terms always have that."""
+        """Whether friction may build up over a slip, as it always does for several tendons with terms."""
         return self.has("mobilise") or (bool(self.tendons) and bool(self.terms))
 
     @functools.cached_property
     def creeping(self) -> bool:
-        """Whether friction may change where the tendon is locked, so that its neighbour holds it."""
+        """Whether friction may change where the tendon is locked, so that a node is held against its
+        neighbour.
+        """
         return any(REGISTRY[kind].creeps for kind in self.terms)
 
     @functools.cached_property
     def follows_slip(self) -> bool:
-        """Whether a law of a node depends on the slip or its speed, in this step or the one before."""
+        """Whether a law of a node depends on the slip or its speed, in this step or the previous one."""
         return self.presliding or any(REGISTRY[kind].reads_speed for kind in self.terms) or self.seeks_slip
 
     @functools.cached_property
@@ -86,7 +90,9 @@ class Structure:
 
     @functools.cached_property
     def carries(self) -> bool:
-        """Whether a stretch of a tendon that friction holds may be bent, and is carried along."""
+        """Whether the body may bend where friction holds the tendon, so that the held stretch is carried
+        along.
+        """
         by_slip = self.tendons or (self.acting and PRESLIDING in self.terms)
         return bool(carried(self.terms)) and not by_slip
 
@@ -97,7 +103,7 @@ class Structure:
 
 
 def carried(terms: Iterable[str]) -> list[str]:
-    """Those of some terms that bend the body where friction holds its tendon."""
+    """The terms among `terms` that bend the body where friction holds its tendon."""
     return [kind for kind in terms if REGISTRY[kind].stop or REGISTRY[kind].relaxes]
 
 
@@ -107,9 +113,9 @@ def _hooks(terms: tuple[str, ...], name: str) -> list[tuple[str, Callable[..., A
 
 
 def in_order(kinds: Iterable[str]) -> tuple[str, ...]:
-    """Names of terms that are not of the load cells, in the order of the registry, each once."""
+    """The given names of terms in registry order, each once, without the terms of the load cells."""
     wanted = set(kinds)
     return tuple(kind for kind, term in REGISTRY.items() if kind in wanted and not term.of_cells)
 
 
-EVERY = in_order(REGISTRY)
+EVERY = in_order(REGISTRY)  # all terms but those of the load cells

@@ -24,7 +24,7 @@ from llvmlite import ir
 
 from .translate import BOOL, DOUBLE, LONG, Block, Translator, Value, kind_of
 
-NAME = "steps"
+NAME = "steps"  # of the compiled function
 # The program of all physics terms compiles in 1.8 s and does 400 load steps in 35 ms; with LLVM's level 2 in
 # 13 s and 32 ms, with its level 2 without vectorisation and unrolling in 3.8 s and 34 ms.
 PASSES = ("sroa", "instruction_combine", "simplify_cfg", "new_gvn", "dead_store_elimination")
@@ -33,14 +33,14 @@ _lock = threading.Lock()
 
 
 class Program:
-    """Goes through K steps natively.
+    """Runs K steps as native code.
 
     Args:
-        begin: from the fixed values to what is carried, traced by JAX.
-        step: from the fixed values, what is carried and the row of a step to what is carried on and what the
-            step leaves.
+        begin: function from the fixed values to the carry; traced by JAX.
+        step: function from the fixed values, the carry and the row of a step to the new carry and the outputs
+            of the step.
         fixed: the shapes of the fixed values, as a pytree of `jax.ShapeDtypeStruct`.
-        row: those of a step.
+        row: the shapes of the row of a step.
         key: tells this program from every other; the same key means the same code.
     """
 
@@ -58,7 +58,7 @@ class Program:
 
     @functools.cached_property
     def _ready(self) -> tuple[Any, int, int, Any]:
-        """The function, bytes of its workspace, numbers that a step leaves, and the engine that holds it."""
+        """The function, bytes of its workspace, number of outputs per step, and the engine that holds it."""
         with self._lock:
             held = _read(self._key)
             if held is None:
@@ -78,14 +78,14 @@ class Program:
         return function, size, width, engine
 
     def __call__(self, fixed: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Run the steps; other threads go on meanwhile.
+        """Run the steps; other Python threads run meanwhile.
 
         Args:
             fixed: the fixed values, `packed`.
-            rows: the leaves of each step one behind the other, (K, numbers), float64.
+            rows: the leaves of each step one after the other, (K, numbers), float64.
 
         Returns:
-            What each step leaves, (K, numbers), float64; truth values as 0 and 1.
+            Outputs of each step, (K, numbers), float64; Booleans as 0 and 1.
         """
         function, size, width, _ = self._ready
         given = np.ascontiguousarray(fixed, dtype=float)
@@ -160,7 +160,7 @@ def _of_doubles(t: Translator, start: Any, leaf: Any) -> Value:
 
 
 def packed(tree: Any) -> Float[Array, " n"]:
-    """The leaves of a tree as one array of doubles; whole numbers and truth values by their bits."""
+    """The leaves of a tree as one array of doubles; integers and Booleans by their bits."""
 
     def words(leaf: Array) -> Array:
         leaf = jnp.asarray(leaf).ravel()
@@ -173,7 +173,7 @@ def packed(tree: Any) -> Float[Array, " n"]:
 
 @functools.cache
 def sources() -> str:
-    """A mark of the source that simulations come from: it changes with every line."""
+    """Hash of the sources that simulations depend on: it changes with every edit."""
     root, rooms = Path(__file__).parents[1], ("mechanics", "native", "robot", "simulation", "terms")
     files = sorted(path for room in rooms for path in (root / room).glob("**/*.py"))
     return hashlib.blake2b(b"".join(path.read_bytes() for path in files), digest_size=16).hexdigest()
@@ -181,7 +181,7 @@ def sources() -> str:
 
 @functools.cache
 def _surroundings() -> tuple[str, ...]:
-    """What compiled code depends on beside its program."""
+    """What compiled code depends on besides its program."""
     features = str(llvm.get_host_cpu_features().flatten())
     return sources(), llvm.get_host_cpu_name(), features, version("llvmlite"), version("jax")
 
@@ -235,7 +235,7 @@ def _read(key: str) -> bytes | None:
 
 
 def _write(key: str, held: bytes) -> None:
-    """Whole or not at all; where nothing can be written, the program is compiled again next time."""
+    """Written atomically; where nothing can be written, the program is compiled again next time."""
     where = folder()
     if where is None:
         return

@@ -1,8 +1,8 @@
-"""From a traced JAX program to LLVM's intermediate language.
+"""From a traced JAX program to LLVM's intermediate representation.
 
-Arrays of a few elements become one value each, so that the equations of a node turn into straight code;
-larger ones lie in a workspace and are gone through in loops. Only what the mechanics uses is known: another
-primitive raises `Untranslatable`, and the caller takes JAX instead.
+Arrays of a few elements become one LLVM value per element, so that the equations of a node turn into
+straight-line code; larger ones lie in a workspace and are processed in loops. Only primitives that the
+mechanics uses are supported: any other raises `Untranslatable`, and the caller uses JAX instead.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import jax.extend
 import numpy as np
 from llvmlite import ir
 
-# Arrays of up to so many elements become one value each.
+# Arrays of up to so many elements become one LLVM value per element.
 FEW = 24
 DOUBLE, LONG, BOOL = ir.DoubleType(), ir.IntType(64), ir.IntType(1)
 BYTES = 8  # of every element in the workspace
@@ -26,7 +26,7 @@ Values = np.ndarray  # of one LLVM value per element, dtype object
 
 
 class Untranslatable(NotImplementedError):
-    """A primitive, or a use of one, that is not known here."""
+    """A primitive, or a use of one, that is not supported here."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Translator:
 
     Args:
         module: what it belongs to.
-        function: that is being written; the workspace is its argument `workspace`.
+        function: the function being written; the workspace is its argument `workspace`.
     """
 
     def __init__(self, module: ir.Module, function: ir.Function, workspace: ir.Value):
@@ -112,7 +112,7 @@ class Translator:
         self.at.position_at_end(after)
 
     def filled(self, shape: tuple[int, ...], kind: ir.Type, element: Callable[[list[Any]], Any]) -> Value:
-        """An array from what gives an element at indices, one per axis."""
+        """An array from a function that gives the element at indices, one per axis."""
         if _size(shape) <= FEW:
             out = np.empty(shape, dtype=object)
             for index in np.ndindex(*shape):
@@ -134,7 +134,7 @@ class Translator:
         return block
 
     def element(self, value: Value, index: Sequence[Any]) -> Any:
-        """Of an array at indices."""
+        """The element of an array at indices, one per axis."""
         index = [LONG(0) if n == 1 else i for i, n in zip(index, value.shape, strict=True)]
         if isinstance(value, np.ndarray):
             if all(isinstance(i, ir.Constant) for i in index):
@@ -146,7 +146,7 @@ class Translator:
         return self.load(value, linear)
 
     def spilled(self, values: Values) -> Block:
-        """A small array in memory."""
+        """A small array, stored in the workspace."""
         flat = values.ravel()
         block = self.room(values.shape, flat[0].type)
         for i, value in enumerate(flat):
@@ -154,7 +154,7 @@ class Translator:
         return block
 
     def gathered(self, block: Block) -> Value:
-        """A small array out of memory; a larger one stays there."""
+        """A small array, loaded from memory; a larger one stays there."""
         if _size(block.shape) > FEW:
             return block
         out = np.empty(block.shape, dtype=object)
@@ -163,7 +163,7 @@ class Translator:
         return out
 
     def constant(self, array: Any) -> Value:
-        """A known array."""
+        """A constant array."""
         array = np.asarray(array)
         kind = kind_of(array.dtype)
         plain = array.astype({DOUBLE: float, LONG: int, BOOL: int}[kind])
@@ -247,7 +247,7 @@ class Translator:
         raise Untranslatable(name)
 
     def kept(self, value: Value) -> tuple[Any, Callable[[], Value], Callable[[Value], None]]:
-        """A place that a loop carries: how to read and how to write it."""
+        """Storage of a value that a loop carries, and how to read and write it."""
         if isinstance(value, np.ndarray):
             first: Any = value
             slots = np.empty(value.shape, dtype=object)
@@ -272,7 +272,7 @@ class Translator:
         return block, lambda: block, lambda new: self.copied(new, block)
 
     def exchanged(self, kept: Sequence[Any], new: Sequence[Value]) -> None:
-        """Write all carried places at once; what is read from one of them is saved before."""
+        """Write all carried values at once; a new value that lies in another's storage is copied first."""
         saved = []
         homes = {id(place.start) for place, _, _ in kept if isinstance(place, Block)}
         for (place, _, _), value in zip(kept, new, strict=True):
@@ -314,7 +314,7 @@ class Translator:
         return Block(self.at.gep(block.start, [start], source_etype=LONG), block.shape[1:], block.kind)
 
     def row(self, value: Value, i: Any) -> Value:
-        """The same, out of memory where it is small."""
+        """Entry i of an array along its first axis, loaded from memory where it is small."""
         if isinstance(value, np.ndarray):  # of no elements
             return np.empty(value.shape[1:], dtype=object)
         return self.gathered(self.row_of(value, i))
@@ -362,7 +362,7 @@ def _long(index: Any) -> Any:
 
 
 def _outs(inner: Any, carries: int, length: int) -> list[Any]:
-    """What a scan stacks, with the shapes of the stacks."""
+    """The outputs that a scan stacks, with the shapes of the stacks."""
 
     @dataclasses.dataclass
     class Stacked:
@@ -403,7 +403,7 @@ def _function(name: str) -> Callable[..., Any]:
 
 
 def _larger(sign: str) -> Callable[..., Any]:
-    """max or min; not a number if either is none."""
+    """max or min; NaN if either argument is NaN."""
 
     def write(t: Translator, params: Any, kinds: list[ir.Type], a: Any, b: Any) -> Any:
         if a.type != DOUBLE:

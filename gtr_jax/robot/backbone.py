@@ -37,12 +37,12 @@ class Backbone(eqx.Module):
         return self.outer_radius[0] + (self.outer_radius[1] - self.outer_radius[0]) * s / self.length
 
     def area(self, s: Float[Array, " N"], bored: Bool[Array, "bores N"]) -> Float[Array, " N"]:
-        """Cross-section area [m^2] at s; `bored` says which bores the node lies in."""
+        """Cross-section area [m^2] at s; `bored` tells which bores the node lies in."""
         radii = jnp.where(bored, 0.5 * self.bore_diameter[:, None], 0.0)
         return jnp.pi * (self.radius(s) ** 2 - jnp.sum(radii**2, axis=0))
 
     def bending_stiffness(self, s: Float[Array, " N"], bored: Bool[Array, "bores N"]) -> Float[Array, " N"]:
-        """EI [N m^2] at s; `bored` says which bores the node lies in."""
+        """EI [N m^2] at s; `bored` tells which bores the node lies in."""
         radii = jnp.where(bored, 0.5 * self.bore_diameter[:, None], 0.0)
         return self.youngs_modulus * jnp.pi / 4 * (self.radius(s) ** 4 - jnp.sum(radii**4, axis=0))
 

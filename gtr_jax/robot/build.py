@@ -19,6 +19,8 @@ from .backbone import Backbone
 from .parts import Loads, Tendon
 from .robot import STANDARD_GRAVITY, Robot, inner_kinks
 
+# Mesh intervals along the body, per half wave of a channel, and at least in each panel; errors of this mesh
+# are in docs/solver.md.
 INTERVALS_ALONG = 48
 INTERVALS_PER_HALF_WAVE = 20
 FEWEST = 6

@@ -1,7 +1,8 @@
-"""Shapes that no body takes: a body that passes through itself, and a wall strained beyond belief.
+"""Shapes that no real body takes: a body that passes through itself, or a wall strained beyond the linear
+law.
 
-The mechanics knows a midline in a plane, linearly elastic, that does not touch itself. Pulled hard enough it
-winds up into itself; the equations hold and their solution means nothing.
+The mechanics models a planar, linearly elastic midline and knows no contact of the body with itself. Pulled
+hard enough, the body winds up into itself: the equations still have a solution, but it means nothing.
 """
 
 from __future__ import annotations
@@ -13,20 +14,20 @@ from jaxtyping import Array, Float
 
 from .backbone import Backbone
 
-STRAIN_LIMIT = 0.5  # of the wall, beyond which a linear law of bending is not to be believed
-LOOKED_AT = 200  # steps of a history at most
+STRAIN_LIMIT = 0.5  # strain of the wall beyond which the linear law of bending is not credible
+LOOKED_AT = 200  # most steps of a history checked for overlap; a check takes (2 nodes)^2 comparisons
 
 
 @dataclass(frozen=True)
 class Impossible:
-    """Why a simulation is not one of a body.
+    """Why no real body can follow a simulation.
 
     Attributes:
         overlap_step: first of the steps looked at in which the body's outline crosses itself, from 0; None if
             none does.
         overlap_T_base: largest base tension in that step [N].
         strain: largest bending strain of the wall, |kappa - kappa_0| r, in any step.
-        strain_step: where, from 0.
+        strain_step: the step of that strain, from 0.
     """
 
     overlap_step: int | None
@@ -65,7 +66,7 @@ def impossible(
     angle: Float[Array, "K N"],
     T_base: Float[Array, "K *tendons"],
 ) -> Impossible:
-    """What of a simulation no body does; nothing of a rigid sheath.
+    """What no real body can do of a simulation; nothing for a rigid sheath.
 
     Args:
         backbone: the body.
@@ -108,7 +109,7 @@ def outline(s: np.ndarray, angle: np.ndarray, radius: np.ndarray) -> np.ndarray:
 
 
 def crosses_itself(points: np.ndarray) -> bool:
-    """Whether two sides of an open polygon (n, 2) that do not follow one another cross."""
+    """Whether any two non-adjacent sides of an open polygon (n, 2) cross."""
     if not np.all(np.isfinite(points)):
         return False
     a, b = points[:-1], points[1:]
@@ -118,5 +119,5 @@ def crosses_itself(points: np.ndarray) -> bool:
         u, v = q - p, r[None, :, :] - p[:, None, :]
         return np.sign(u[:, None, 0] * v[..., 1] - u[:, None, 1] * v[..., 0])
 
-    apart = side(a, b, a) * side(a, b, b)  # < 0 where the other side's ends lie to both sides of this one
+    apart = side(a, b, a) * side(a, b, b)  # (i, j) < 0: ends of j on opposite sides of i
     return bool(np.any(np.triu((apart < 0) & (apart.T < 0), k=2)))

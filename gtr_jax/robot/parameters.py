@@ -18,7 +18,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from gtr_jax.errors import InputError, excerpt
-from gtr_jax.terms import REGISTRY, Term
+from gtr_jax.terms import REGISTRY, Term, known_on
 
 from .parts import Parts
 
@@ -55,10 +55,11 @@ class Parameter:
 
     @property
     def positive(self) -> bool:
-        """Whether its lower bound is excluded: not that of friction and density, which may vanish."""
+        """Whether its lower bound is excluded; friction and density are the exception: they may vanish."""
         return self.log and self.name.partition(".")[0] not in ("mu", "density")
 
 
+# Parameters of every robot that are not of a tendon.
 _COMMON = (
     Parameter("E", "backbone.youngs_modulus", "Pa", 0.0, None, log=True),
     Parameter("length", "backbone.length", "m", 0.0, None, log=True),
@@ -71,7 +72,7 @@ _COMMON = (
     Parameter("tip_moment", "loads.tip_moment", "N m"),
     Parameter("payload", "loads.payload", "kg", 0.0, None),
 )
-_ROUTING_UNITS = {"n_sine": "", "sigma": ""}
+_ROUTING_UNITS = {"n_sine": "", "sigma": ""}  # all others are lengths
 
 
 def _of_tendon(robot: Parts, index: int) -> Iterator[Parameter]:
@@ -119,7 +120,7 @@ def parameters_of(robot: Parts) -> dict[str, Parameter]:
 
 
 def term_of(entry: Parameter) -> Term | None:
-    """The physics term whose number a parameter is; None if it is of none."""
+    """The physics term that a parameter belongs to; None if it belongs to none."""
     return REGISTRY.get(entry.name.partition(".")[0])
 
 
@@ -143,7 +144,7 @@ def parameter(robot: Parts, name: str) -> Parameter:
 
 
 def _locate(at: str) -> tuple[Callable[[Parts], Array], int | None]:
-    """How to get at the array that holds a number, and the number's index in it, if it has one."""
+    """A function that gets the array that holds a number, and the number's index in it, if it has one."""
     parts = at.split(".")
     index = int(parts.pop()) if parts[-1].isdigit() else None
 
@@ -166,11 +167,11 @@ def value_of(robot: Parts, name: str) -> Float[Array, ""]:
     return leaf if index is None else leaf[index]
 
 
-_ROUNDING = 1e-9  # relative, of a bound that a transform reached
+_ROUNDING = 1e-9  # relative error of a bound that a transform reached
 
 
 def check_bounds(robot: Parts, values: Mapping[str, Any]) -> None:
-    """Refuse concrete values [SI], of any shape, that a parameter cannot have; traced ones are let pass.
+    """Refuse concrete values [SI], of any shape, that a parameter cannot have; traced ones are not checked.
 
     Raises:
         InputError: unknown name, no number, or out of bounds.
@@ -201,13 +202,14 @@ def _check_bounds(entry: Parameter, value: Any) -> None:
 
 
 def with_values(robot: AnyRobot, values: Mapping[str, Float[Array, ""] | float]) -> AnyRobot:
-    """The robot with named parameters replaced; traced values are welcome, nothing is checked against bounds,
-    which `Robot.with_values` does.
+    """The robot with named parameters replaced. Values may be traced; only `Robot.with_values` checks them
+    against bounds. Physics terms whose size is named, at whatever value, and those known to act join
+    `robot.acting`, external forces make the robot `loaded`: the pytree's structure changes with them.
 
     Raises:
         InputError: unknown name, or the modulus of a rigid sheath.
     """
-    loaded, acting = robot.loaded, robot.acting
+    loaded, acting = robot.loaded, {*robot.acting}
     for name, value in values.items():
         entry = parameter(robot, name)
         where, index = _locate(entry.at)
@@ -218,7 +220,8 @@ def with_values(robot: AnyRobot, values: Mapping[str, Float[Array, ""] | float])
         loaded = loaded or entry.external
         term = term_of(entry)
         if term is not None and any(entry.name == f"{term.id}.{q.name}" for q in term.sizes):
-            acting = tuple(sorted({*acting, term.id}))
+            acting.add(term.id)
+    acting = tuple(sorted(acting | {k for k, t in REGISTRY.items() if known_on(t, robot.terms[k])}))
     if (loaded, acting) != (robot.loaded, robot.acting):
         robot = dataclasses.replace(robot, loaded=loaded, acting=acting)
     return robot

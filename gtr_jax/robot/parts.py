@@ -53,13 +53,14 @@ class Parts(eqx.Module):
 
     Attributes:
         backbone, tendons, loads: physical parameters (traced).
-        terms: numbers of every physics term, by term and name; at their null values none does anything.
+        terms: numbers of every physics term, by term and name; at its null values a term has no effect.
         name: for reports (static).
         intervals: mesh intervals per panel (static).
         bore_kinks: which bore starts and ends lie inside the body (static).
         loaded: whether gravity or a tip force may act (static); without, the equilibrium is a single march.
-        acting: names of the physics terms that may act, sorted (static): those of the robot file that do, and
-            those that `with_values` was asked to set. Where numbers are traced, a program holds these only.
+        acting: names of the physics terms that may act, sorted (static): those that act in the robot file,
+            and those whose size `with_values` has set, to any value. Where their numbers are traced, a
+            program contains these terms only.
     """
 
     backbone: Backbone
@@ -90,7 +91,7 @@ class Parts(eqx.Module):
         return tuple(tendon.name for tendon in self.tendons) if len(self.tendons) > 1 else ()
 
     def per_tendon(self, read: Callable[[Tendon], Array]) -> Array:
-        """What `read` takes of each tendon, along a leading tendon axis; without it for one tendon."""
+        """What `read` returns for each tendon, along a leading tendon axis; no such axis for one tendon."""
         if len(self.tendons) == 1:
             return read(self.tendons[0])
         return jnp.stack([read(tendon) for tendon in self.tendons])

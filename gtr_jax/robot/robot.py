@@ -14,7 +14,7 @@ from ..mechanics.sections import Sections
 from .parameters import check_bounds, value_of, with_values
 from .parts import Loads, Parts
 
-STANDARD_GRAVITY = 9.80665
+STANDARD_GRAVITY = 9.80665  # m/s^2
 
 
 class Robot(Parts):
@@ -23,7 +23,7 @@ class Robot(Parts):
     def with_values(self, **values) -> Robot:
         """The robot with named parameters replaced, e.g. `mu=0.3, E=1.2e6, r1=-0.01`, or with several
         tendons `**{"mu.left": 0.3}`; see `gtr_jax.robot.parameters`. Concrete values out of bounds raise
-        InputError; traced ones are taken as they are.
+        InputError; traced ones are taken as they are. A physics term whose size is named joins `acting`.
         """
         check_bounds(self, values)
         return with_values(self, values)
@@ -34,7 +34,7 @@ class Robot(Parts):
 
 
 class Layout(eqx.Module):
-    """Where the nodes lie with respect to what changes along the robot.
+    """Where the nodes lie relative to the kinks and bores along the robot.
 
     Attributes:
         mesh: the nodes.
@@ -58,11 +58,11 @@ def inner_kinks(robot: Robot) -> Float[Array, " kinks"]:
 
 
 def lay_out(robot: Robot) -> Layout:
-    """Mesh and sides of the robot.
+    """The mesh of a robot, and on which side of each kink its nodes lie.
 
-    A node's side of a kink is told by the order of the panels, not by comparing arc lengths, so that kinks
-    that coincide (a bore that ends where the wave starts) stay consistent, and so do derivatives as they move
-    through each other.
+    A node's side of a kink is determined by the order of the panels, not by comparing arc lengths, so that
+    kinks that coincide (a bore that ends where the wave starts) stay consistent, and so do derivatives as
+    they move through each other.
     """
     body = robot.backbone
     kinks = inner_kinks(robot)

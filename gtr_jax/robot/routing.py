@@ -92,8 +92,8 @@ class CrossingSine(Routing):
 
 
 class StraightSineStraight(Routing):
-    """Eq. (21), with the half cosine that joins r1 and r2 without a step (the printed phase steps when r1 <
-    0).
+    """Eq. (21), with the half cosine that joins r1 and r2 without a step (with the phase as printed, R steps
+    when r1 < 0).
 
     R = r1 on [0, w1), (r1+r2)/2 - (r2-r1)/2 cos(pi (s-w1)/(w2-w1)) on [w1, w2), r2 on [w2, L].
     """

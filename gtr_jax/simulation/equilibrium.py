@@ -28,7 +28,8 @@ def _solve(
     how: March,
     structure: Structure,
 ) -> Equilibrium:
-    # What these two need comes by their arguments: arrays of this scope must not reach a custom derivative.
+    # Both functions take all they need as arguments: a custom derivative must not capture arrays of this
+    # scope.
     def pair(robot, T_base, before):
         one = jnp.ones_like(robot.loads.tip_moment)
         s, solver = sections(robot), RootFinder(atol=how.atol)
@@ -75,22 +76,23 @@ def equilibrium(
 ) -> Equilibrium:
     """Equilibrium of the robot under a base tension.
 
-    Physics terms act as they do once everything has come to rest: nothing moves, what creeps has crept.
+    Physics terms act as at rest: nothing moves, and all creep has ended.
 
     Without `memory` the tendon is pulled once from its preload (slack unless the robot says otherwise);
     several tendons are pulled together, in one step.
-    Differentiable in every number of the robot and in T_base, by the implicit function theorem; one-sided at
+    Differentiable in T_base and in every number of the robot but those of terms that the program does not
+    hold (`with_terms` of `simulate`), by the implicit function theorem; one-sided at
     stick fronts.
 
     Args:
         robot: from `load_robot`, or built in Python.
         T_base: tension at the base [N], scalar; with several tendons one each, (tendons,).
-        memory: the equilibrium before this load; for one tendon its tension [N], (N,), will do.
+        memory: the equilibrium before this load; for one tendon its tension [N], (N,), is enough.
         with_terms: as for `simulate`.
         solver: how far the search goes; its tolerance.
 
     Returns:
-        The solution. It never raises on non-convergence: look at `result`, `converged` and `residual_norm`.
+        The solution. It never raises on non-convergence: check `result`, `converged` and `residual_norm`.
 
     Raises:
         ValueError: T_base has another shape, or the memory of several tendons is no equilibrium.

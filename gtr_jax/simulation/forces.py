@@ -1,9 +1,9 @@
 """What the tendon does to its channel: the distributed forces of eqs. (12)-(14), from one equilibrium.
 
-The paper writes both as f = P F_tl T_base (eq. 14): the base tension, the share F_tl of it that friction has
-left on the way, and a factor P that projects tension onto the channel's normal or tangent. Here they are
-evaluated between the nodes, so that every newton lost along the tendon is accounted for, in any history:
-where friction is not exhausted the tangential factor is what it takes to hold the tendon.
+The paper writes both as f = P F_tl T_base (eq. 14): the base tension, the share F_tl of it that friction
+leaves, and a factor P that projects tension onto the channel's normal or tangent. Here they are evaluated
+between the nodes, so that every newton lost along the tendon is accounted for, in any history: where friction
+is not exhausted, the tangential factor is the one that holds the tendon.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class ChannelForces(eqx.Module):
         normal: f_n = T kappa_c, per length of tendon [N/m], (M,).
         friction: f_f = -dT/ds_c, per length of tendon [N/m], (M,), with the sign of `friction_projection`.
         length: length of tendon in the interval [m], (M,); 0 between the two nodes of a panel boundary.
-        kink_normal, kink_friction: force at a kink of the channel, and what friction takes away there [N],
-            (M,); 0 but on intervals of no length, which have no density.
+        kink_normal, kink_friction: normal force and friction at a kink of the channel [N], (M,); 0 except on
+            intervals of zero length, where forces per length are not defined.
     """
 
     s: Float[Array, " M"]

@@ -23,22 +23,22 @@ from ..mechanics.several.slip import Kept
 from ..robot.robot import Robot, sections
 from ..terms import REGISTRY, known_on
 from ..terms.term import NO_SLIP
-from .programs import at_nodes, by_structure, structure_of, terms_act
+from .programs import at_nodes, by_structure, known_to_act, structure_of
 from .sensing import Reading, cells_show, shown
 from .several import at_preload, load_step
 from .slipping import front_of, large_tension, moves_by_friction, moves_of
 from .solution import Equilibrium, Loaded, describe, loaded_of
 
-SHORTEST = 1e-9  # s, between samples that share their time
+SHORTEST = 1e-9  # s, assumed between samples with equal times
 
 
 class Simulation(eqx.Module):
-    """A load history of K steps on N nodes, SI units. What belongs to a tendon has a tendon axis where the
-    robot has several.
+    """A load history of K steps on N nodes, SI units. Quantities of a tendon have a tendon axis where the
+    robot has several tendons.
 
-    Tensions are true ones, as the tendon has them, but for `reading`: what the load cells show of them, as
-    `simulation.csv` of the command `gtr simulate` and every recording hold it. The two differ where a physics
-    term of the cells (`tip-gain`, `zero-drift`, ...) acts.
+    Tensions are true tensions, except in `reading`, which holds what the load cells show, as do
+    `simulation.csv` of the command `gtr simulate` and every recording. The two differ where a physics term of
+    the cells (`tip-gain`, `zero-drift`, ...) acts.
 
     Attributes:
         T_base: true tension at the base, as given, (K, *tendons).
@@ -50,7 +50,7 @@ class Simulation(eqx.Module):
         slip_direction: +1 where the tendon at the base slips towards the base in the step, -1 towards the
             tip, 0 at rest, (K, *tendons).
         slip_front: the tendon slips on [0, slip_front] and is locked beyond, (K, *tendons); L when all of it
-            slips. Several tendons may make a tendon slip farther out again; this is the first front.
+            slips. Beside others, a tendon may slip again farther out; this is the front nearest the base.
         s: nodes, (N,).
         tension: along the tendons, (K, *tendons, N).
         slip: of the tendons towards the base, since the robot settled with slack tendons, (K, *tendons, N).
@@ -87,14 +87,14 @@ class Simulation(eqx.Module):
 
     @property
     def slip_speed(self) -> Float[Array, "K *tendons N"]:
-        """Speed of the slip towards the base in each step [m/s], (K, *tendons, N); at the first nothing."""
+        """Speed of the slip towards the base in each step [m/s], (K, *tendons, N); zero in the first."""
         dt = jnp.diff(self.time, prepend=self.time[:1])
         rate = 1.0 / jnp.where(dt > 0, dt, jnp.inf)
         change = jnp.diff(self.slip, axis=0, prepend=self.slip[:1])
         return change * rate.reshape(-1, *[1] * (change.ndim - 1))
 
     def of_tendon(self, index: int) -> Simulation:
-        """What this run is for one of several tendons: the same, without the tendon axis."""
+        """This run for one of several tendons, without the tendon axis."""
         own = ("T_base", "T_tip", "displacement", "slip_direction", "slip_front", "tension", "slip")
         taken = {name: getattr(self, name)[:, index] for name in own}
         cells = Reading(*(column[:, index] for column in self.reading))
@@ -102,16 +102,18 @@ class Simulation(eqx.Module):
 
 
 def reading(robot: Robot, run: Simulation) -> Reading:
-    """What the robot's load cells show of a simulation; the true tensions where no term says otherwise.
+    """What the robot's load cells show of a simulation; the true tensions where no term of the cells acts.
 
-    `run.reading` is that of the robot it was simulated with; this one is of any robot, one whose cells differ
-    for example.
+    `run.reading` belongs to the robot that was simulated; this function takes any robot, for example one with
+    other load cells.
     """
     return cells_show(robot, run.T_base, run.T_tip, run.time)
 
 
 def padded_length(steps: int) -> int:
-    """Length a history is padded to, at most a quarter more, so that a few compiled programs serve all."""
+    """Length that a history is padded to, so that a few compiled programs serve all: 16, or at most a quarter
+    more than its own.
+    """
     if steps <= 16:
         return 16
     unit = 2 ** ((steps - 1).bit_length() - 3)
@@ -136,7 +138,7 @@ def _pair(robot: Robot, loads: Load, solver: RootFinder):
 
 
 def _solved(structure: Structure, robot: Robot, loads: Load, how: March):
-    """The same of one tendon, or with physics terms."""
+    """Steps and directions of slip for one tendon, or with physics terms."""
     s = sections(robot)
     done, _, settled = steps(at_nodes(robot, s), structure, loads, how)
     loaded = jax.vmap(lambda step: loaded_of(s, structure, settled, step))(done)
@@ -184,7 +186,7 @@ def _run(robot: Robot, loads: Load, how: March, structure: Structure) -> Simulat
 def loads_of(
     T_base: Float[Array, "K *tendons"], time: Float[Array, " K"], cycle: Float[Array, " K"] | None
 ) -> Load:
-    """A load history, its steps of time and its cycles."""
+    """A load history with its time steps and cycles."""
     first = jnp.where(time.shape[0] > 1, time[1:2] - time[:1], 1.0) if time.shape[0] > 1 else jnp.ones(1)
     dt = jnp.concatenate([first, jnp.diff(time)])
     dt = jnp.where(dt > 0, dt, SHORTEST)
@@ -192,8 +194,8 @@ def loads_of(
 
 
 def cycles(T_base: Float[Array, "K *tendons"]) -> Float[Array, " K"]:
-    """Pulls and releases done at each step of a history, half a cycle each, (K,): the way that the base
-    tension has gone, in units of twice its range. Of several tendons, that of the one that has gone farthest.
+    """Pulls and releases done at each step of a history, half a cycle each, (K,): the sum of the changes of
+    base tension so far, over twice its range; of several tendons, the largest.
     """
     known = jnp.isfinite(T_base)
     change = jnp.abs(jnp.diff(T_base, axis=0, prepend=T_base[:1]))
@@ -227,8 +229,9 @@ def simulate(
         cycle: pulls and releases done at each step, (K,), for wear; counted from T_base unless given.
         with_terms: which physics terms the program holds: True for all, though none may act, False for those
             of the load cells only, or their names. Unless given: those that act; under a transformation that
-            traces their numbers, those that may act (`robot.acting`): of the robot file, or set by
-            `robot.with_values`. A number of another term has no effect there, and a derivative of zero.
+            traces their numbers, those that may act (`robot.acting`). There the numbers of another term that
+            is not of the load cells have no effect, and derivatives of zero. Several tendons have presliding
+            wherever the program holds a term, even at its null.
         solver: as for `equilibrium`.
 
     Returns:
@@ -271,12 +274,12 @@ def simulate(
     run = Simulation(
         **{k: v if k == "s" else jtu.tree_map(lambda a: a[:steps], v) for k, v in vars(run).items()}
     )
-    # Of the steps alone: a cell that looks ahead or lags would see those that the history is padded with.
+    # Without the padding, which a cell that lags or reads ahead would see.
     return dataclasses.replace(run, reading=shown(robot, run.T_base, run.T_tip, run.time))
 
 
 def _refuse_unable(robot: Robot) -> None:
-    """ValueError if friction is to build up over a slip that cannot be."""
+    """ValueError if friction would build up over a slip that cannot occur."""
     if not robot.backbone.rigid:
         return
     stretch = REGISTRY["tendon-stretch"]
@@ -284,12 +287,12 @@ def _refuse_unable(robot: Robot) -> None:
         for term in REGISTRY.values():
             if term.mobilise is not None and known_on(term, robot.terms[term.id]):
                 raise ValueError(f"{term.id}: {NO_SLIP}")
-    if robot.tendon_names and terms_act(robot):
+    if robot.tendon_names and known_to_act(robot):
         raise ValueError("physics terms: a rigid sheath of several tendons takes those of the cells only")
 
 
 def _refuse_timed(robot: Robot) -> None:
-    """ValueError if a term acts that needs times; nothing is said of values that are being traced."""
+    """ValueError if a term acts that needs times; values that are traced are not checked."""
     for term in REGISTRY.values():
         if term.timed and known_on(term, robot.terms[term.id]):
             raise ValueError(f"time: {term.id} depends on it; give the time of each step")

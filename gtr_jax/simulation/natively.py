@@ -1,4 +1,4 @@
-"""Load histories without derivatives, as native code: what instruments would show, and where slip goes."""
+"""Load histories without derivatives, as native code: tip tension, pose, displacement and slip."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Brief(NamedTuple):
         tip_pose: x, y, angle of the midline's tip, (K, 3).
         displacement: tendon drawn out at the base, (K,).
         slip_direction: of the tendon at the base, (K,).
-        slip_front: the tendon slips up to there, (K,).
+        slip_front: the tendon slips on [0, slip_front], (K,).
         converged: whether each step met its tolerance, (K,).
         residual_norm, iterations: per step, (K,).
         bent: largest curvature that the tendon gave the body since it settled [1/m], (K,).
@@ -68,7 +68,7 @@ def _left(robot: mechanics.Robot, structure: Structure, rigid: bool, settled: Se
 
 @functools.lru_cache(maxsize=256)
 def _program(structure: Structure, how: March, rigid: bool, nodes: int, shapes: tuple) -> Program:
-    """The program of a structure on so many nodes."""
+    """The program for a structure and a number of nodes."""
     leaves, tree = shapes
     fixed = jtu.tree_unflatten(tree, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
 
@@ -85,7 +85,7 @@ def _program(structure: Structure, how: March, rigid: bool, nodes: int, shapes: 
 
 
 class Ready(NamedTuple):
-    """What a native program is given of a robot of one tendon and a load history.
+    """Inputs of a native program: a robot of one tendon, and a load history.
 
     Attributes:
         given: the robot at its nodes, `packed`, (n,).
@@ -108,10 +108,10 @@ _ready = eqx.filter_jit(ready)
 
 
 class Native:
-    """The native programs of a robot of one tendon: one for each structure, whatever its numbers are.
+    """The native programs of a robot of one tendon: one for each structure, for any numbers.
 
     Args:
-        robot: the robot, or another with other numbers.
+        robot: the robot, or one that differs from it in its numbers only.
     """
 
     def __init__(self, robot: Robot):
@@ -127,7 +127,7 @@ class Native:
             ready: of the robot and these loads.
             structure: which equations act.
             loads: K of them.
-            how: far a search goes.
+            how: when a search stops.
         """
         program = _program(structure, how, self._rigid, self._nodes, self._shapes)
         columns = [np.asarray(column, float) for column in (loads.T_base, loads.dt, loads.time, loads.cycle)]
@@ -152,5 +152,5 @@ class Native:
 
 
 def steps_natively(robot: Robot, structure: Structure, loads: Load, how: March = March()) -> Brief:  # noqa: B008
-    """The same of a robot whose numbers are known."""
+    """As `Native`, for a robot whose numbers are known."""
     return Native(robot)(_ready(robot, loads.T_base), structure, loads, how)

@@ -1,4 +1,4 @@
-"""How a solution ended, as people read it: `print(equilibrium.result)` says `successful`."""
+"""The outcome of a solve in readable form: `print(equilibrium.result)` prints `successful`."""
 
 from __future__ import annotations
 
@@ -25,5 +25,5 @@ class Outcome(EnumerationItem):
 
 
 def outcome(result: optx.RESULTS) -> Any:
-    """The same result, which prints its name."""
+    """The result as an `Outcome`, which prints its name."""
     return Outcome(result._value, result._enumeration)

@@ -15,10 +15,10 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from ..robot.robot import Robot
 from .equilibrium import equilibrium
 from .history import Simulation
-from .programs import terms_act
+from .programs import known_to_act
 
 PULLING, TRANSITION, RELEASING, REST = "pulling", "transition", "releasing", "rest"
-ALL_RELEASED = 1e4
+ALL_RELEASED = 1e4  # times the pull: a remembered tension so high that the whole tendon releases
 
 
 def label_phases(run: Simulation) -> np.ndarray:
@@ -38,7 +38,7 @@ def label_phases(run: Simulation) -> np.ndarray:
 
 
 def phases_of_slip(whole: np.ndarray, direction: np.ndarray, first: str = REST) -> np.ndarray:
-    """The same from what slips.
+    """Phase of every step, from where and in which direction the tendon slips.
 
     Args:
         whole: whether slip reaches the tip, (K,).
@@ -83,9 +83,9 @@ def release_switch(robot: Robot, T_base_max: Float[ArrayLike, ""]) -> Switch:
 
     Raises:
         ValueError: the robot has several tendons, whose transitions depend on the paths of all, or a physics
-            term acts: both ask for the whole history.
+            term acts: both need the whole history.
     """
-    if terms_act(robot):
+    if known_to_act(robot):
         raise ValueError("release_switch: only without physics terms; simulate the history")
     if robot.tendon_names:
         raise ValueError("release_switch: only for robots of one tendon; simulate the history of all tendons")

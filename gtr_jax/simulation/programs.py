@@ -1,4 +1,4 @@
-"""Which program solves a robot: the equations that it asks for, known before anything is traced."""
+"""Which program solves a robot: the equations that it needs, known before tracing."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..terms import REGISTRY, known_on
 
 
 def structure_of(robot: Robot, with_terms: bool | Collection[str] | None) -> Structure:
-    """The equations that a robot asks for.
+    """The equations that a robot needs.
 
     Args:
         robot: the robot.
@@ -29,7 +29,7 @@ def structure_of(robot: Robot, with_terms: bool | Collection[str] | None) -> Str
 
 
 def structure_with(robot: Robot, terms: Collection[str]) -> Structure:
-    """The equations of some terms, acting or not.
+    """The structure that has the equations of some terms, whether they act or not.
 
     Args:
         robot: the robot.
@@ -51,11 +51,11 @@ def at_nodes(robot: Robot, s: Sections) -> mechanics.Robot:
 
 
 def by_structure(solved, pair, structure: Structure, robot: Robot, *rest):
-    """What a program of some structure gives.
+    """The result of the solver that suits a structure.
 
     Args:
-        solved: from a structure, the robot and the rest.
-        pair: the base model of several tendons, from the robot and the rest.
+        solved: solver for one tendon, or with terms; takes the structure, the robot and the rest.
+        pair: solver for the base model of several tendons; takes the robot and the rest.
         structure: which equations act.
         robot, rest: the arguments.
     """
@@ -64,6 +64,13 @@ def by_structure(solved, pair, structure: Structure, robot: Robot, *rest):
     return solved(structure, robot, *rest)
 
 
+def known_to_act(robot: Robot) -> bool:
+    """Whether any physics term that is not of the load cells is known to act; none is while it is traced."""
+    return any(known_on(REGISTRY[kind], robot.terms[kind]) for kind in EVERY)
+
+
 def terms_act(robot: Robot) -> bool:
-    """Whether any physics term acts that is not of the load cells; where that is traced, whether any may."""
+    """Whether any physics term acts that is not of the load cells; where their numbers are traced, whether
+    any may.
+    """
     return bool(structure_of(robot, None).terms)

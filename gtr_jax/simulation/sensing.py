@@ -35,12 +35,12 @@ def cells_show(
     return Reading(T_base, T_tip)
 
 
-def cells_differ(robot: Robot) -> bool:
-    """Whether a term of the load cells acts, so that they show something else than the true tensions; where
-    that is being traced, whether any may.
+def cells_differ(robot: Robot) -> bool | None:
+    """Whether a term of the load cells acts, so that readings differ from the true tensions; None if that is
+    being traced.
     """
-    known = {kind: known_on(term, robot.terms[kind]) for kind, term in REGISTRY.items() if term.of_cells}
-    return any(kind in robot.acting if on is None else on for kind, on in known.items())
+    acting = [known_on(term, robot.terms[term.id]) for term in REGISTRY.values() if term.of_cells]
+    return True if True in acting else None if None in acting else False
 
 
 def shown(
@@ -50,7 +50,7 @@ def shown(
     time: Float[Array, " K"],
 ) -> Reading:
     """As `cells_show`, compiled, and without computing anything where no term of the cells acts."""
-    if not cells_differ(robot):
+    if cells_differ(robot) is False:
         return Reading(T_base, T_tip)
     return _shown(robot, T_base, T_tip, time)
 
@@ -63,7 +63,7 @@ def true_base(
 ) -> Float[Array, "K *tendons"]:
     """The base tension [N] behind what its cell shows, (K, *tendons): the inverse of `reading`.
 
-    What the cell cuts off or rounds is lost: saturation and quantisation are taken as shown.
+    Saturation and quantisation cannot be inverted: they are left as shown.
 
     Args:
         robot: the robot.

@@ -17,7 +17,7 @@ from ..mechanics.several.problem import Problem, residual, tension_of
 from ..robot.robot import Robot
 from .solution import Loaded, slip_without_stretch
 
-MAX_STEPS = 256
+MAX_STEPS = 256  # most marches of one equilibrium with known mobilisation
 
 
 def problem_of(
@@ -67,11 +67,11 @@ def load_step(
     """Solve one load step.
 
     Args:
-        robot, s: the robot, and it at its nodes.
+        robot, s: the robot, and its values at the nodes.
         T_base: base tension [N], (tendons,).
-        kept: what the tendons remember of the step before.
+        kept: what the tendons remember of the previous step.
         start: state to start from.
-        settled: state with slack tendons, from which slip counts.
+        settled: state with slack tendons, from which slip is counted.
         solver: of the equilibrium with known mobilisation.
         xi: unknown of the friction law to start from.
 

@@ -1,4 +1,4 @@
-"""Where along the tendons slip goes, and which way, read off load steps."""
+"""Where, and in which direction, the tendons slip in a load step."""
 
 from __future__ import annotations
 
@@ -39,19 +39,19 @@ def moves_by_friction(xi: Float[Array, "tendons N"]):
 def moves_by_slip(slipped, changed, tension, mobilised, wrap, length: Float[Array, ""], rigid: bool):
     """Direction of slip along the tendons, (*tendons, N), of a step with physics terms.
 
-    A tendon slips where nearly all its friction is mobilised, and at the base once it moves there. It slips
-    as a whole if all its friction nearly is: next to its anchor, where it hardly moves, presliding never gets
-    far.
+    A tendon slips where nearly all its friction is mobilised, and at the base once it moves there. It counts
+    as slipping as a whole once nearly all friction along it is mobilised: next to its anchor, where it hardly
+    moves, friction is never mobilised in full.
 
     Args:
         slipped, changed: slip [m] and change of tension [N] in the step, (*tendons, N).
         tension: after it [N].
-        mobilised: share of friction that is, in [-1, 1].
+        mobilised: share of friction that is mobilised, in [-1, 1].
         wrap: turning since the base [rad].
         length: of the body [m].
         rigid: whether its shape is fixed.
     """
-    if rigid:  # nothing slips, but for a stretch
+    if rigid:  # nothing slips except by stretch of the tendon
         slipped, length = changed, jnp.max(jnp.abs(tension)) + 1e-6
     way = jnp.where(jnp.abs(slipped) > SLIP_TOLERANCE * length, jnp.sign(slipped), 0.0)
     if rigid:

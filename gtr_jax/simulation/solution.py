@@ -1,4 +1,4 @@
-"""What one equilibrium offers, and what is read off its state."""
+"""The solution of one equilibrium, and the quantities computed from its state."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from .outcome import outcome
 
 
 class Equilibrium(eqx.Module):
-    """Solution of one equilibrium, SI units; N nodes from base to tip, panel ends twice. May carry batch axes
-    in front. What belongs to a tendon has a tendon axis where the robot has several.
+    """Solution of one equilibrium, SI units; N nodes from base to tip; panel ends appear twice. May carry
+    batch axes in front. Quantities of a tendon have a tendon axis where the robot has several tendons.
 
     Attributes:
         s: arc length of the nodes, (N,).
         curvature, angle: of the midline, (N,).
         tension: of the tendon, (*tendons, N).
-        T_tip: tension at the tip's anchor, (*tendons,); what grips there may hold some of it back.
+        T_tip: tension at the tip's anchor, past any friction lumped there, (*tendons,).
         slip: of the tendon towards the base, since the robot settled with slack tendons, (*tendons, N).
         external_moment: moment of the external loads, (N,).
         x, y: midline, (N,).
@@ -72,7 +72,7 @@ class Equilibrium(eqx.Module):
         return self.result == optx.RESULTS.successful
 
     def of_tendon(self, index: int) -> Equilibrium:
-        """What this solution is for one of several tendons: the same, without the tendon axis."""
+        """This solution for one of several tendons, without the tendon axis."""
         own = ("tension", "T_tip", "slip", "wrap", "tendon_angle", "metric", "R", "tendon_length")
         taken = {name: getattr(self, name)[index] for name in own}
         return dataclasses.replace(self, **taken, mobilisation=None, memory=None)
@@ -100,7 +100,7 @@ def slip_without_stretch(s: Sections, settled: State, y: State) -> Float[Array, 
 
 
 class Loaded(eqx.Module):
-    """A load step solved: the state, the tendons, and how far the solver came; attributes as those of
+    """A solved load step: the state, the tendons, and the outcome of the solver; attributes as in
     `Equilibrium`.
     """
 
@@ -121,7 +121,7 @@ class Loaded(eqx.Module):
 
 
 def loaded_of(s: Sections, structure: Structure, settled: Settled, done: Step) -> Loaded:
-    """A load step, the nodes last; its slip in the base model is that of tendons that do not stretch."""
+    """A solved load step with nodes along the last axis; in the base model, slip is without stretch."""
 
     def nodes_last(values):
         return jnp.moveaxis(values, 0, -1)
@@ -148,7 +148,7 @@ def loaded_of(s: Sections, structure: Structure, settled: Settled, done: Step) -
 
 
 def describe(s: Sections, loaded: Loaded, memory: Memory | None = None) -> Equilibrium:
-    """Everything an equilibrium offers, from the solved state."""
+    """The `Equilibrium` of a solved load step."""
     y = loaded.state
     return Equilibrium(
         s=s.mesh.s,

@@ -19,6 +19,7 @@ from .config import SweepConfig
 
 SCALES = ("linear", "log")
 MOST_VALUES = 10**8  # along a parameter: they are held in memory
+# Parameters of the load history.
 HISTORY = {
     "pull": Parameter("pull", "history.pull", "N", 0.0, None),
     "release": Parameter("release", "history.release", "N", 0.0, None),
@@ -76,7 +77,7 @@ class Axis:
         return min(self.low, self.high), max(self.low, self.high)
 
     def at(self, share: np.ndarray) -> np.ndarray:
-        """Values [SI] at shares of its probability in [0, 1], of any shape."""
+        """Values [SI] at cumulative probabilities in [0, 1], of any shape."""
         if self.values is not None:
             return self.values[np.minimum((share * len(self.values)).astype(int), len(self.values) - 1)]
         if self.scale == "normal":

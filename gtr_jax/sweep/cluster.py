@@ -26,10 +26,11 @@ from .task import Task, task_of
 if TYPE_CHECKING:
     from distributed import Client
 
-AHEAD = 4  # blocks for each worker that wait for one
-WATCHED = 0.5  # seconds between two looks of a worker at whether the main process is there
+AHEAD = 4  # blocks queued or running for each worker
+WATCHED = 0.5  # seconds between two checks of a worker whether the main process still runs
 RETRIES = 3  # of a block whose worker was lost
-# One executing thread in each worker: threads of several on the same cores would wait for one another.
+# One executing thread in each worker: the threads of several workers on the same cores would wait for one
+# another.
 ALONE = {
     "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false",
     "OMP_NUM_THREADS": "1",
@@ -53,13 +54,13 @@ def local_cluster(workers: int) -> Iterator[Client]:
         ) as cluster,
         distributed.Client(cluster) as client,
     ):
-        # Of those that replace a lost one, too.
+        # Also for workers that replace a lost one.
         client.register_worker_callbacks(functools.partial(_end_with, os.getpid()))
         yield client
 
 
 def _end_with(pid: int) -> None:
-    """In a worker on this machine: end as soon as the process that started it is gone, however it went."""
+    """In a worker on this machine: end as soon as the process that started it is gone, however it ended."""
 
     def watch() -> None:
         while _runs(pid):
@@ -83,7 +84,7 @@ def _runs(pid: int) -> bool:
 def _cache() -> dict[str, str]:
     """Where this process keeps compiled programs, as the environment of a worker.
 
-    With its limit of size: a program that is kept without one cannot be dropped by those who have one.
+    With its size limit: a program stored without a limit cannot be evicted by processes that have one.
     """
     import jax
 
@@ -121,7 +122,7 @@ def _distributed() -> Any:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """A local cluster's remarks on its own beginning and end kept off stderr."""
+    """Keep a local cluster's messages about its start and end off stderr."""
     import logging
 
     names = ("distributed", "distributed.nanny", "distributed.scheduler", "distributed.worker")
@@ -145,7 +146,7 @@ def run_there(
         file: the sweep file, which the workers read too, as they write the store.
         task, store: the sweep.
         blocks: which.
-        progress: is told what goes on.
+        progress: called with a line on the progress.
     """
     if not blocks:
         return Done(0, 0.0)

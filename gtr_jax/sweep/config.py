@@ -1,7 +1,7 @@
-"""The sweep file: `SWEEP.toml` read and checked by itself; `sweep.task` holds it against the robot.
+"""The sweep file: `SWEEP.toml` read and checked by itself; `sweep.task` checks it against the robot.
 
 The classes below are the file's sections; after validation they hold SI floats (N, s). What is varied stays
-as written until its unit is known, which is the robot's to say.
+as written until its unit is known, which depends on the robot.
 """
 
 from __future__ import annotations

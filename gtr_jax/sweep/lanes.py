@@ -23,7 +23,7 @@ from .switch import switch_tension
 from .task import LOADED, Task
 from .validity import is_robot
 
-CONVERGED, NOT_CONVERGED, NOT_FINITE, NO_ROBOT = 0, 1, 2, 3
+CONVERGED, NOT_CONVERGED, NOT_FINITE, NO_ROBOT = 0, 1, 2, 3  # result codes in the store
 # The whole load at once, or not at all: lanes that need it in shares would hold up the others of their batch.
 BRIEF = March(smallest_stride=0.4)
 
@@ -107,7 +107,7 @@ class Lanes:
 def _lane(
     task: Task, robot: Robot, solver, usual: np.ndarray, point: Float[Array, " axes"]
 ) -> dict[str, Array]:
-    """What one point of the sweep leaves, by name; `usual` is a point at which the robot is one."""
+    """The outputs of one point of the sweep, by name; `usual` is a point at which the robot is valid."""
     within = jnp.stack([axis.allows(point[i]) for i, axis in enumerate(task.axes)])
     there = is_robot(_robot_at(task, robot, point)) & jnp.all(within)
     point = jnp.where(there, point, jnp.asarray(usual))
@@ -135,7 +135,7 @@ def _lane(
 
 
 def _usual(task: Task) -> np.ndarray:
-    """Values [SI] at which the robot is one: those of its file, and the least of the history's."""
+    """Values [SI] at which the robot is valid: those of its file, and the least ones of the load history."""
     return np.array(
         [axis.ends[0] if axis.of_history else float(task.robot.value(axis.name)) for axis in task.axes]
     )
@@ -147,7 +147,7 @@ def _robot_at(task: Task, robot: Robot, point: Float[Array, " axes"]) -> Robot:
 
 
 def _solved(task: Task, robot: Robot, point: Float[Array, " axes"], solver):
-    """What the states of one point say by name, and whether all of them were solved."""
+    """The outputs of one point by name, and whether all its states were solved."""
     robot, path = _robot_at(task, robot, point), task.history
     varied = {axis.name: point[i] for i, axis in enumerate(task.axes) if axis.of_history}
     T_base = base_tension(task, robot, varied)

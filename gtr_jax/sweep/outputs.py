@@ -18,7 +18,7 @@ from ..simulation.sensing import cells_show
 from ..simulation.solution import Equilibrium
 from .config import SweepConfig
 
-STEP, NODE = "step", "node"
+STEP, NODE = "step", "node"  # names of dimensions in the store
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,8 +67,8 @@ OUTPUTS: dict[str, tuple[Variable, ...]] = {
     ),
     "dissipation": (Variable("dissipation", "J", "work lost to the tendon's friction over the history", ()),),
 }
-GRADIENTS = "gradients"
-PER_TENDON = ("T_tip", "loss", "displacement", "tension", "T_base")
+GRADIENTS = "gradients"  # the output that asks for derivatives of the others
+PER_TENDON = ("T_tip", "loss", "displacement", "tension", "T_base")  # of each tendon
 RESULT = Variable("result", "", "0 converged, 1 not converged, 2 not finite, 3 no such robot", ())
 BASE = Variable("T_base", "N", "tension at the tendon's base")
 
@@ -103,7 +103,7 @@ def of_tendons(variable: Variable, tendons: Sequence[str]) -> tuple[Variable, ..
 
 
 def at_rest(robot: Robot, eq: Equilibrium, T_base: Array) -> dict[str, Array]:
-    """What one equilibrium says, by name, with a leading axis of one step."""
+    """The outputs of one equilibrium, by name, with a leading axis of one step."""
     time = jnp.zeros(1)
     shown = cells_show(robot, T_base[None], eq.T_tip[None], time)
     pose = eq.tip_pose
@@ -127,7 +127,7 @@ def at_rest(robot: Robot, eq: Equilibrium, T_base: Array) -> dict[str, Array]:
 
 
 def along(robot: Robot, run: Simulation, kept: Sequence[int], shapes: bool) -> dict[str, Array]:
-    """What some steps of a load history say, by name.
+    """The outputs of some steps of a load history, by name.
 
     Args:
         robot: as simulated.
@@ -165,8 +165,9 @@ def midline(robot: Robot, phi: Array) -> tuple[Array, Array]:
 def dissipation(run: Simulation) -> Array:
     """Work lost to friction of the tendon in its channel over a load history [J], ().
 
-    Between two nodes friction takes up the change of tension; it does work where the tendon slips. Trapezoids
-    in both; what grips the tendon's ends is not counted.
+    The friction force between two nodes is the drop of tension between them; it does work where the tendon
+    slips. Integrated by the trapezoidal rule along the tendon and over the steps; friction lumped at the
+    tendon's ends is not counted.
     """
     grip = run.tension[..., :-1] - run.tension[..., 1:]
     slip = 0.5 * (run.slip[..., :-1] + run.slip[..., 1:])

@@ -1,4 +1,4 @@
-"""The points of a sweep and how they are parted into blocks: what is computed, stored and resumed at once."""
+"""The points of a sweep, and their division into blocks, each computed, stored and resumed as a whole."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from .axes import Axis
 from .config import SweepConfig
 
 POINT = "point"
-MOST_AT_ONCE = 20_000_000  # points of a design that is drawn in memory
-DRAWN_AT_ONCE = 2**16
+MOST_AT_ONCE = 20_000_000  # most points of a sample that can only be drawn as a whole, in memory
+DRAWN_AT_ONCE = 2**16  # points of any other sample that are drawn at a time
 LEVELS = 6  # of the elementary effects' grid
+# Work of a block in equilibria without external loads, and bytes that it leaves; see `block_size`.
 LEAST_WORK = 2**8
-MOST_WORK, MOST_BYTES = 2**17, 64 * 2**20  # of a block: equilibria without external loads, bytes left
+MOST_WORK, MOST_BYTES = 2**17, 64 * 2**20
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,7 +97,7 @@ def plan_of(sweep: SweepConfig, axes: Sequence[Axis], points: int | None, block:
 
 
 def _chunk(shape: tuple[int, ...], block: int) -> tuple[int, ...]:
-    """Blocks whole in the last dimensions, as large as fits, and about even in the first that does not."""
+    """Shape of a block: the last dimensions whole, as many as fit, and the next one in about even parts."""
     chunk, room = [], max(block, 1)
     for n in reversed(shape):
         most = min(n, max(room, 1))
@@ -145,7 +146,7 @@ def _shares(sweep: SweepConfig, axes: int) -> Iterator[np.ndarray]:
 
 
 def _quietly(drawer, some: int) -> np.ndarray:
-    """The next points; that a number other than a power of two is less even is the user's to choose."""
+    """The next points; no warning if their number is not a power of two, which is the user's choice."""
     import warnings
 
     with warnings.catch_warnings():
@@ -174,7 +175,7 @@ def block_size(total: int, weight: float, bytes_each: float, lanes: int) -> int:
     Args:
         total: points of the sweep.
         weight: work of a point, in equilibria without external loads.
-        bytes_each: of what a point leaves.
+        bytes_each: bytes that a point leaves.
         lanes: points solved side by side, the least block.
     """
     most = min(MOST_WORK / weight, MOST_BYTES / bytes_each)

@@ -22,7 +22,7 @@ from .task import Task, task_of
 if TYPE_CHECKING:
     import xarray
 
-AHEAD = 2  # blocks for each thread that wait for one
+AHEAD = 2  # blocks queued for each thread
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,9 +31,9 @@ class Done:
 
     Attributes:
         points: in this run.
-        seconds: it took, without compiling.
+        seconds: that they took, without compiling.
         compiling: seconds until the program was compiled; None where workers did it.
-        lost: blocks that failed, with what was said.
+        lost: blocks that failed, with the error message.
     """
 
     points: int
@@ -98,10 +98,10 @@ def cores() -> int:
 
 
 def threads_of(task: Task, wanted: int) -> int:
-    """Threads to solve a sweep in: as many as wanted, or as cores; one where more would not serve.
+    """Threads to solve a sweep in: as many as wanted, or one per core; one where more would not help.
 
-    Several tendons hold dense systems, and batches of those, solved by LAPACK in two threads at once, wait
-    for one another for ever on XLA's CPU (jaxlib 0.10.2). Another device is busy with one batch.
+    Several tendons need batches of dense systems; when two threads solve these by LAPACK at once, they wait
+    for each other for ever on XLA's CPU backend (jaxlib 0.10.2). An accelerator is busy with one batch.
     """
     import jax
 
@@ -111,7 +111,7 @@ def threads_of(task: Task, wanted: int) -> int:
 
 
 def in_turn(blocks: Iterable[int], submit, first_done, ahead: int) -> Iterator:
-    """Finished futures of blocks of which `ahead` at most wait or run at a time."""
+    """Futures of blocks as they finish; at most `ahead` of them are queued or running at a time."""
     left, pending = iter(blocks), set()
     while True:
         for block in left:
@@ -126,12 +126,12 @@ def in_turn(blocks: Iterable[int], submit, first_done, ahead: int) -> Iterator:
 
 
 class Meter:
-    """Tells how much is done, how fast and how long the rest takes.
+    """Reports how much is done, how fast, and how long the rest takes.
 
     Args:
         task, blocks: the sweep, and which blocks of it are computed.
         progress: is told.
-        unsettled: blocks that tell nothing of the speed: each worker's first, before which it compiles.
+        unsettled: number of blocks that are not timed: each worker's first, before which it compiles.
     """
 
     def __init__(self, task: Task, blocks: Sequence[int], progress: Report, unsettled: int = 0) -> None:
@@ -155,7 +155,7 @@ class Meter:
 
 
 def duration(seconds: float) -> str:
-    """A time for people."""
+    """A duration in readable form."""
     if seconds < 1:
         return "less than 1 s"
     if seconds < 120:
@@ -170,10 +170,10 @@ class Estimate:
     """What a sweep will take.
 
     Attributes:
-        points, blocks: of it.
-        bytes: that it leaves, before compression.
-        seconds: for its points on this machine, compiled.
-        compiling: seconds before.
+        points, blocks: of the sweep.
+        bytes: size of its outputs before compression.
+        seconds: for its points on this machine, without compiling.
+        compiling: seconds for compiling.
     """
 
     points: int
@@ -213,10 +213,10 @@ def sweep(
     threads: int = 0,
     progress: Report = lambda says: None,
 ) -> xarray.Dataset:
-    """Compute a sweep into a Zarr store, or go on with one that was interrupted.
+    """Compute a sweep into a Zarr store, or resume one that was interrupted.
 
     Args:
-        file: a sweep file, or where it lies.
+        file: a sweep file, or its path.
         store: folder of the Zarr store to write.
         threads: of this process; as many as cores unless given.
         progress: is told what goes on.

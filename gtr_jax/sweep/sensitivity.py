@@ -15,8 +15,8 @@ from .store import Store
 from .task import Task
 
 MOST = 2_000_000  # points whose indices are computed: all are held at once
-MOST_GIVEN = 20_000  # of a sample: its bootstrap takes longer than the sweep beyond
-FEWEST = 64  # points of a sample from which shares of the variance can be told
+MOST_GIVEN = 20_000  # points given to RBD-FAST: with more, its bootstrap takes longer than the sweep
+FEWEST = 64  # least points of a sample from which shares of the variance can be estimated
 TWO_SIDED = 1.959964  # standard deviations in SALib's half widths, of 95 %
 _METHODS = {
     "grid": "Shares of the variance over the grid, exact for its points.",
@@ -32,9 +32,9 @@ class Index:
     """How much one parameter matters to one output.
 
     Attributes:
-        first: share of the variance that goes with it alone (Sobol's first-order index); NaN with `morris`.
-        total: share that goes with it, alone and together with others; None where the sample cannot tell.
-        first_sd, total_sd: how well these are known, one standard deviation; None on a grid, which is all.
+        first: share of the variance due to it alone (Sobol's first-order index); NaN with `morris`.
+        total: share due to it alone and together with others; None where the sample cannot give it.
+        first_sd, total_sd: standard deviations of these estimates; None on a grid, where they are exact.
         effect, spread: of a `morris` sample the mean size and the standard deviation of the output's change
             over the parameter's whole range [SI].
     """

@@ -1,5 +1,5 @@
 """The store of a sweep: a Zarr group that xarray opens as a labelled dataset. Each block is a region, and a
-chunk, of its own; its results are written last, so that what is there is whole.
+chunk, of its own; its result codes are written last, so that a block that has them is complete.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     import xarray
     import zarr
 
-STORE = "sweep.zarr"
-PART = ".part"
-NOT_COMPUTED = 255
+STORE = "sweep.zarr"  # name in a run folder
+PART = ".part"  # ending of a store that is being created
+NOT_COMPUTED = 255  # result code of a point that is not computed yet
 NUMBERS: dict[str, Any] = {"dtype": "float64", "fill_value": np.nan}
 RESULTS: dict[str, Any] = {"dtype": "uint8", "fill_value": NOT_COMPUTED}
 FLAGS = {
@@ -48,7 +48,7 @@ class Store:
         self._open: zarr.Group | None = None
 
     def create(self) -> None:
-        """Make the store, empty, unless it is there; in one piece, though others make it at the same time.
+        """Create an empty store unless it exists; atomically, as other workers may do so at the same time.
 
         Raises:
             InputError: there is one of another sweep.
@@ -91,7 +91,7 @@ class Store:
             ) from None
 
     def same(self) -> bool:
-        """Whether what is there is of this sweep."""
+        """Whether the existing store belongs to this sweep."""
         return self.group.attrs.get("fingerprint") == self.task.fingerprint
 
     def _refuse_another(self) -> None:
@@ -203,7 +203,7 @@ class Store:
         return np.stack([self.array(axis.name)[plan.region(block)] for axis in plan.axes], axis=1)
 
     def write(self, block: int, found: dict[str, np.ndarray]) -> None:
-        """Store what a block gave, its results last."""
+        """Store the outputs of a block, its result codes last."""
         task, region = self.task, self.task.plan.region(block)
         size = tuple(part.stop - part.start for part in region)
         for v in task.stored:

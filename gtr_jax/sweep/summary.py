@@ -1,4 +1,4 @@
-"""What a finished sweep says as a whole."""
+"""Counts, ranges and sensitivities of a finished sweep."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Summary:
         counts: points by result code.
         ranges: least, mean and largest value [SI] of every array without nodes, over the points that
             converged.
-        sensitivity: how much each parameter matters to each of them; with why not, where there is none.
+        sensitivity: how much each parameter matters to each of them, or why that is not known.
         done: what the last run computed.
     """
 

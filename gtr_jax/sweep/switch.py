@@ -1,7 +1,7 @@
 """T_base_switch for many robots at once.
 
-The same root that `gtr_jax.release_switch` bisects, by secants in the logarithms of the tensions, where it is
-almost a straight line: six equilibria instead of three hundred.
+The root that `gtr_jax.release_switch` finds by bisection, here by secants in the logarithms of the tensions,
+one of which is almost linear in the other: six equilibria instead of three hundred.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from gtr_jax.robot.robot import Robot
 from ..simulation.equilibrium import equilibrium
 from ..simulation.phases import ALL_RELEASED
 
-SECANTS = 12  # at most
+SECANTS = 12  # most secant steps
 TOLERANCE = 1e-11  # of the tip tension, relative
 
 
@@ -45,7 +45,7 @@ def switch_tension(robot: Robot, T_max: Float[Array, ""], solver) -> tuple[Float
     def goes_on(carry):
         return (jnp.abs(carry[1]) > TOLERANCE) & (carry[-1] < SECANTS)
 
-    # With the wrap of the pull the tension falls by the same share once more.
+    # First guess: with the wrap of the pull, T_base/T_tip = T_tip/T_max.
     x = 2.0 * wanted - jnp.log(T_max)
     y, met = excess(x)
     x, y, _, _, met, _ = jax.lax.while_loop(goes_on, secant, (x, y, x, y, met, jnp.asarray(0)))

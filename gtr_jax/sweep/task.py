@@ -1,4 +1,4 @@
-"""A sweep held against its robot: what varies, which points, which history, what comes out."""
+"""A sweep checked against its robot: varied parameters, points, load history and outputs."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from .outputs import (
 )
 from .plan import Plan, block_size, plan_of
 
-STEPS = 40
+STEPS = 40  # load steps of each branch unless given
 # Work of a load step in equilibria without external loads, and lanes solved side by side:
 # benchmarks/results/lanes.md has the measurements.
 PLAIN, LOADED, SLIP = 1.0, 5.0, 250.0
@@ -76,7 +76,7 @@ class LoadPath:
 
     @property
     def shown(self) -> int:
-        """Which of the steps kept has the largest base tension: that of pictures and indices."""
+        """Which of the steps kept has the largest base tension: used for figures and sensitivity indices."""
         if self.given is not None:
             pulled = self.given if self.given.ndim == 1 else self.given.sum(axis=1)
         else:
@@ -132,7 +132,7 @@ class Task:
 
     @property
     def lanes(self) -> int:
-        """Points solved side by side: as many as serve, even over the largest block."""
+        """Points solved side by side: as many as help, spread evenly over the largest block."""
         return -(-self.plan.largest // self._rounds)
 
     @property
@@ -220,8 +220,8 @@ def _size(variable: Variable) -> int:
 
 
 def lanes_of(kind: float, steps: int) -> int:
-    """Points solved side by side: those that stay in the caches, and one where lanes would wait for the
-    slowest at every step of the march with slip; many on an accelerator.
+    """Points solved side by side: as many as stay in the caches; one where slip is solved for, since lanes
+    would wait for the slowest at every step; many on an accelerator.
     """
     import jax
 
@@ -231,7 +231,7 @@ def lanes_of(kind: float, steps: int) -> int:
 
 
 def task_of(file: SweepConfig) -> Task:
-    """Hold a sweep file against its robot.
+    """Check a sweep file against its robot, and plan it.
 
     Raises:
         InputError: naming file and key.
@@ -280,7 +280,7 @@ def _ready(file: SweepConfig, robot: Robot, axes: Sequence[Axis]) -> Robot:
 
 
 def _by_slip(config: RobotConfig, axes: Sequence[Axis]) -> bool:
-    """Whether any physics term acts at any point that is not of the load cells."""
+    """Whether at any point a physics term acts that is not of the load cells."""
     for term in REGISTRY.values():
         null = {q.name: q.null for q in term.quantities}
         there = any(config.term_values[term.id][q.name] != q.null for q in term.sizes)
@@ -295,7 +295,7 @@ def _by_slip(config: RobotConfig, axes: Sequence[Axis]) -> bool:
 
 
 def _check_rigid(file: SweepConfig, config: RobotConfig, axes: Sequence[Axis]) -> None:
-    """InputError if a rigid sheath is to have a physics term that it cannot have."""
+    """InputError if a physics term is varied that a rigid sheath cannot have."""
     for axis in axes if config.backbone.rigid else ():
         if term_of(axis.parameter) is not None:
             try:
@@ -469,7 +469,7 @@ def named_beside(file: SweepConfig) -> SweepConfig:
 
 
 def settings_of(task: Task) -> dict[str, Any]:
-    """What the store says of how it was made."""
+    """Attributes of the store: how it was made."""
     return {
         "title": task.file.name,
         "sweep": sweep_text(task.file),

@@ -1,5 +1,5 @@
-"""Whether numbers make a robot at all, told inside the compiled program: a grid may hold combinations, such
-as a wave that ends before it begins, that its ends alone do not show.
+"""Whether numbers make a valid robot, checked inside the compiled program: a grid may contain invalid
+combinations, such as a wave that ends before it begins, which a check of its ends does not find.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from gtr_jax.robot.routing import StraightSineStraight
 
 
 def is_robot(robot: Robot) -> Bool[Array, ""]:
-    """Whether the channels lie inside the body, the bores too, and everything is in its order."""
+    """Whether the channels lie inside the body, the bores too, and positions along the body are in order."""
     body, at = robot.backbone, lay_out(robot)
     radius = body.radius(at.mesh.s)
     holds = [body.length > 0, jnp.all(body.outer_radius > 0), jnp.all(jnp.isfinite(radius))]
@@ -33,4 +33,4 @@ def is_robot(robot: Robot) -> Bool[Array, ""]:
     return jnp.all(jnp.stack(holds))
 
 
-NEAR = 1e-9  # relative, as when a robot file is checked
+NEAR = 1e-9  # relative tolerance of positions, as in the check of a robot file

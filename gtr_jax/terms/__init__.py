@@ -1,4 +1,4 @@
-"""Physics beyond the paper, a term in each file. A new term is its file and one line here."""
+"""Physics beyond the paper, one term per file. A new term needs its file and its entry in REGISTRY below."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from . import (
 )
 from .term import Quantity, Term, Values
 
-# Terms of the load cells act in this order, from the true tension to what is shown.
+# Terms of the load cells act in this order, from the true tension to the tension shown.
 REGISTRY: dict[str, Term] = {
     module.TERM.id: module.TERM
     for module in (
@@ -76,17 +76,17 @@ REGISTRY: dict[str, Term] = {
 
 
 def null_values() -> dict[str, dict[str, float]]:
-    """The numbers of all terms at which none does anything, by term and name, SI."""
+    """The numbers of all terms at which no term has an effect, by term and name [SI]."""
     return {term.id: {q.name: float(q.null) for q in term.quantities} for term in REGISTRY.values()}
 
 
 def is_on(term: Term, values: Values) -> Bool[Array, ""]:
-    """Whether any of the numbers that say how strong a term is differs from its null."""
+    """Whether any size of a term, a number that sets its strength, differs from its null value."""
     return jnp.any(jnp.stack([values[q.name] != q.null for q in term.sizes]))
 
 
 def known_on(term: Term, values: Values) -> bool | None:
-    """The same on the host; None if any of these numbers is being traced."""
+    """As `is_on`, but on the host; None if any of these numbers is traced."""
     if any(isinstance(values[q.name], Tracer) for q in term.sizes):
         return None
     return any(bool(np.any(np.asarray(values[q.name]) != q.null)) for q in term.sizes)

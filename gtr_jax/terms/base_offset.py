@@ -1,4 +1,4 @@
-"""The base's load cell shows a constant more."""
+"""The base's load cell shows the tension plus a constant."""
 
 from .term import Quantity, Term
 

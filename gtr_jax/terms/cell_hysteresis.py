@@ -11,7 +11,7 @@ def _clipped(z):
 
 
 def lagging(force, width, T):
-    """What a cell shows that holds back up to a force after each reversal; it starts relaxed."""
+    """Reading of a cell that holds back up to `force` after each reversal; it starts relaxed."""
 
     def step(carry, now):
         z, before = carry
@@ -35,7 +35,7 @@ def leading(force, width, shown):
 
 
 def fault(values, length):
-    """Why no cell does this."""
+    """Why no cell can have these numbers; empty if one can."""
     return "" if max(values["tip"], values["base"]) < values["width"] else "width must exceed the forces"
 
 

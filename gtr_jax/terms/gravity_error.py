@@ -1,4 +1,4 @@
-"""Gravity acts otherwise than the model says."""
+"""Gravity differs from that of the model."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Friction that the model spreads over the channel sits in one place."""
+"""Friction that the model spreads over the channel is concentrated in one place."""
 
 import jax.numpy as jnp
 
@@ -6,7 +6,7 @@ from .term import Quantity, Term
 
 
 def friction(p, at):
-    """Factor on the friction coefficient of an interval, by how much of it lies in the stretch."""
+    """Factor on the friction coefficient of an interval, from the share of the interval in the stretch."""
     first = jnp.where(at.start > p["start"], at.start, p["start"])
     last = jnp.where(at.end < p["end"], at.end, p["end"])
     length = at.end - at.start
@@ -16,7 +16,7 @@ def friction(p, at):
 
 
 def fault(values, length):
-    """Why the stretch is none."""
+    """Why the numbers bound no stretch of the body; empty if they do."""
     if values["factor"] == 1:
         return ""
     if not 0 <= values["start"] < values["end"]:

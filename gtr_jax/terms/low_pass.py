@@ -15,11 +15,11 @@ def filtered(time, T, clock):
         now, dt = x
         steps = dt / jnp.where(time > 0, time, 1.0)
         fading = jnp.exp(-steps)
-        # The response to a ramp, less its lag of one time constant, plus what is left of the start.
+        # The response to a ramp, less its lag of one time constant, plus the remainder of the initial value.
         slow = steps > 1e-3
         share = jnp.where(slow, (1 - fading) / jnp.where(slow, steps, 1.0), 1 - steps / 2 + steps**2 / 6)
         y = now - (now - before) * share + (y - before) * fading
-        # Without a lag, of first order in it: there it has a derivative.
+        # For a vanishing time constant the expansion to first order, which has a derivative there.
         plain = now - time * (now - before) / jnp.where(dt > 0, dt, jnp.inf)
         y = jnp.where((time > 0) & (dt > 0), y, plain)
         return (now, y), y

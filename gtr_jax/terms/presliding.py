@@ -6,7 +6,7 @@ from .term import STILL, Quantity, Term
 
 # Break-away slips of the elements, in units of the length; equal shares of friction.
 BREAK_AWAY = (0.35, 0.8, 1.5, 2.8)
-FULL = 1 - 1e-9
+FULL = 1 - 1e-9  # mobilisation from which an element slips; the margin is for rounding
 
 
 def mobilise(p, slip, was):

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 
 from .term import Quantity, Term
 
-LEAST = 1e-6
+LEAST = 1e-6  # of the reference pressure: below it the factor, which would diverge at 0, is constant
 
 
 def by_pressure(p, pressure):

@@ -7,7 +7,7 @@ from .term import Quantity, Term
 
 
 def stepped(step, T):
-    """T to the nearest multiple of a step; its derivative is that of T. A step of 0 is none."""
+    """T to the nearest multiple of a step; its derivative is that of T. A step of 0 changes nothing."""
     size = jnp.where(step > 0, step, 1.0)
     whole = jnp.round(T / size) * size
     return jnp.where(step > 0, T + jax.lax.stop_gradient(whole - T), T)

@@ -6,7 +6,7 @@ from .term import Quantity, Term
 
 
 def cut(limit, T):
-    """T, or the limit where it is higher; a limit of 0 is none."""
+    """T, or the limit where it is higher; a limit of 0 cuts nothing."""
     return jnp.where((limit > 0) & (limit < T), limit, T)
 
 

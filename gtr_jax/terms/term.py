@@ -1,7 +1,7 @@
 """What a physics term is: an effect that the base model leaves out, dormant at its null value.
 
-A term says at which places it changes the equations: its hooks, below. Every hook takes the term's numbers
-first, works on arrays of any shape, and at the null values leaves everything as it is.
+A term changes the equations through its hooks, listed below. Every hook takes the term's numbers first, works
+on arrays of any shape, and has no effect at the null values.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from jaxtyping import Array, Float
 
 Values = Mapping[str, Float[Array, ""]]
 
-# What rounding leaves of a slip [m], a speed [m/s] or a curvature [1/m] while nothing moves. Laws that have
-# another derivative in each direction count it as forward, so that all programs take the same.
+# A slip [m], a speed [m/s] or a curvature [1/m] that is only rounding, while nothing moves. Laws whose
+# derivative differs between the directions count it as forward, so that all programs take the same one.
 STILL = 1e-13
 NO_SLIP = "no tendon slips in a rigid sheath unless it stretches; add the term tendon-stretch"
 
@@ -27,14 +27,15 @@ class Quantity:
     Attributes:
         name: its key in the robot file.
         unit: SI unit, "dimensionless" if it has none.
-        null: value at which the term does nothing; of a number that is no size (see `size`), its default.
-        typical: a value that people meet.
+        null: value at which the term has no effect; for a number that is not a size (see `size`), its
+            default.
+        typical: a value that is common in practice.
         says: what it is, for people.
-        usual: range in which nine of ten values lie that people meet; the prior of a diagnosis.
+        usual: range of nine in ten values met in practice; the prior of a diagnosis.
         lower, upper: bounds in SI; None where open.
         log: whether it is estimated on a logarithmic scale.
-        size: whether it says how strong the effect is; the others say how it looks, and have no effect while
-            all sizes are null.
+        size: whether it sets the strength of the effect; the other numbers set its form, and have no effect
+            while all sizes are null.
     """
 
     name: str
@@ -54,7 +55,7 @@ class Channel(NamedTuple):
 
     Attributes:
         start, end: arc length [m].
-        speed: of the slip in the load step before [m/s], non-negative.
+        speed: of the slip in the previous load step [m/s], non-negative.
         sense: +1 for slip towards the base, -1 towards the tip.
         time: [s] since the first sample.
         cycle: pulls and releases done since then; a pull or a release counts half.
@@ -73,9 +74,9 @@ class Bent(NamedTuple):
 
     Attributes:
         rest: natural curvature [1/m].
-        before: curvature after the load step before [1/m].
+        before: curvature after the previous load step [1/m].
         kept: what the law remembers, (remembers, ...).
-        dt: time since the step before [s].
+        dt: time since the previous step [s].
     """
 
     rest: Float[Array, "..."]
@@ -108,7 +109,7 @@ class Term:
         says: one sentence for people.
         law: its equation.
         seen: what it looks like in a recording.
-        told_apart: which experiment tells it from its rivals.
+        told_apart: which experiment distinguishes it from effects that look alike.
         quantities: its numbers.
         source: where the law comes from.
         timed: whether it needs the time of the samples.
@@ -116,16 +117,16 @@ class Term:
             the neighbouring section instead of against the base.
         relaxes: whether the body goes on bending where the tendon is locked, and carries it along; the first
             number that `bend` remembers is then its moment over EI.
-        reads_speed: whether `friction` depends on the speed of the slip in the load step before.
+        reads_speed: whether `friction` depends on the speed of the slip in the previous load step.
         friction: factor on the friction coefficient of an interval, from a `Channel`.
-        by_pressure: factor on it from the line pressure [N/m].
-        by_speed: addition to it from the signed speed of the slip towards the base [m/s].
+        by_pressure: factor on the friction coefficient, from the line pressure [N/m].
+        by_speed: addition to the friction coefficient, from the signed speed of slip towards the base [m/s].
         drag: force per length that opposes slip, whatever the tension [N/m].
         wrap: share of the turning that counts, from the tension [N].
         mobilise: how far friction is mobilised after a slip [m], and its memory, from the slip and the
             memory (elements, ...).
         elements: how many numbers `mobilise` remembers.
-        base_grip, tip_grip: mu times angle lumped ahead of the channel and at the anchor.
+        base_grip, tip_grip: friction lumped ahead of the channel and at the anchor, as mu times wrap angle.
         bend: addition to the elastic bending moment over EI [1/m], and what it remembers, from the curvature
             and a `Bent`.
         remembers: how many numbers `bend` remembers.
@@ -179,10 +180,10 @@ class Term:
 
     @property
     def sizes(self) -> tuple[Quantity, ...]:
-        """The numbers that say how strong it is."""
+        """The numbers that set its strength."""
         return tuple(q for q in self.quantities if q.size)
 
 
 def along(time: Float[Array, " K"], values: Float[Array, "K *tendons"]) -> Float[Array, "K *one"]:
-    """Times of the samples, so shaped that they go with values of one tendon or of several."""
+    """Times of the samples, shaped to broadcast with values of one tendon or of several."""
     return time.reshape(-1, *[1] * (values.ndim - 1))

@@ -1,4 +1,4 @@
-"""The tip's load cell shows a constant more."""
+"""The tip's load cell shows the tension plus a constant."""
 
 from .term import Quantity, Term
 

@@ -21,7 +21,7 @@ from ..tangents import split_tangents
 from .linear_solver import linearise, solve_linearised
 from .problem import Problem, residual
 
-ARGS = 3  # optimistix hands adjoints (fn, solver, y0, args, ...)
+ARGS = 3  # place of args in what optimistix passes to adjoints: (fn, solver, y0, args, ...)
 
 
 class CausalAdjoint(optx.AbstractAdjoint):

@@ -6,19 +6,19 @@ import jax.numpy as jnp
 
 
 def tension(T_base, wrap, memory, mu):
-    """Tension [N] along a tendon of a robot that has no other: what it was, unless that lies outside what
-    friction can hold against the base.
+    """Tension [N] along the only tendon of a robot: the previous tension, clipped to what friction can hold
+    against the base.
 
     T_k(s) = clip(T_(k-1)(s), T_base exp(-mu theta), T_base exp(+mu theta)). Where the memory lies below the
     band the tendon slips towards the base (pulling, lambda = +1 in eq. 6), above it towards the tip
     (releasing, lambda = -1), inside it is locked and keeps its tension. For a sequence
-    pull-transition-release this is Algorithm 1 of Liu & Alambeigi; re-pulls and inner loops follow without
+    pull-transition-release this is Algorithm 1 of Liu & Alambeigi; re-pulls and inner loops need nothing
     more.
 
     Args:
         T_base: tension at the base [N].
         wrap: theta, total turning of the tendon since the base [rad], non-negative.
-        memory: tension there after the load step before this one [N].
+        memory: tension at the same places after the previous load step [N].
         mu: friction coefficient [-].
     """
     grip = jnp.exp(mu * wrap)

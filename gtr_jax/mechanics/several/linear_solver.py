@@ -20,7 +20,7 @@ from .problem import Problem, mobilised, tension_at, tension_of
 
 
 class Linearisation(eqx.Module):
-    """Partial derivatives of the node equations at a state, each (N,), or (*tendons, N) where said.
+    """Partial derivatives of the node equations at a state, each (N,), or (*tendons, N) where stated.
 
     Attributes:
         weights: quadrature weights (N, 4).
@@ -119,7 +119,7 @@ def _recursion(a: Linearisation, r: State, moment_base) -> State:
 
 
 def response_to_base_moment(a: Linearisation) -> State:
-    """Change of the state per external moment at the base [1/(N m)]; only the tip's equation fails."""
+    """Change of the state per external moment at the base [1/(N m)]; only the tip's equation is violated."""
     zero = jnp.zeros_like(a.diagonal)
     return _recursion(a, State(zero, zero, jnp.zeros_like(a.rate), zero), 1.0)
 

@@ -1,12 +1,12 @@
 """The equilibrium of rod and tendon as one residual, local in the nodes.
 
 Unknowns at each node: curvature, angle, wrap of each tendon, external moment; the tension follows from the
-wrap. Each residual ties a node to its predecessors only, but for one: the external moment is known at the tip
-and carried from the base. So the Jacobian is causal with one bordered column (the external moment at the
-base), and a linear solve is one forward recursion with two right-hand sides (`linear_solver.py`).
+wrap. Each residual ties a node to its predecessors only, with one exception: the external moment is known at
+the tip but integrated from the base. So the Jacobian is causal with one bordered column (the external moment
+at the base), and a linear solve is one forward recursion with two right-hand sides (`linear_solver.py`).
 
-Tendons act on one another only through the curvature they share. What belongs to a tendon has a leading
-tendon axis where the robot has several, and none where it has one: shapes say `*tendons`.
+Tendons act on one another only through the curvature they share. Quantities of a tendon have a leading tendon
+axis where the robot has several tendons, and none where it has one: `*tendons` in shapes.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ class Problem(eqx.Module):
         sections: the robot at the nodes.
         mu: friction coefficient [-], (*tendons,).
         T_base: tension at the base [N], (*tendons,).
-        memory: tension at the nodes after the previous load step [N], (*tendons, N). With it the wrap of the
-            state is the total turning, and the tension is held against it (`friction.tension`).
+        memory: tension at the nodes after the previous load step [N], (*tendons, N). If given, the wrap of
+            the state is the total turning, and the tension follows `friction.tension`.
         mobilisation: of friction between each node and the one before it, in [-1, 1], (*tendons, N), instead
-            of `memory`. With it the wrap of the state is the turning weighted by it
+            of `memory`. If given, the wrap of the state is the turning weighted by the mobilisation
             (`friction.mobilised_tension`).
         tip_moment: external moment at the tip [N m].
         loaded: False (static) where no external force acts, so that the external moment is the tip moment

@@ -1,10 +1,10 @@
 """The march: the equilibrium solver, from the base to the tip, one scalar equation per node.
 
-Given the external moment at the base, every node's curvature is the root of one scalar equation in what lies
-between it and the base, so a single pass solves the nonlinear problem, whatever the tension loss, and needs
-no good start. With external forces the moment at the base is shot for: the closing error at the tip, divided
-by its derivative along the linearised pass, updates it, and the pass repeats. Written as an optimistix root
-finder, so that results, step counts and implicit gradients are optimistix's.
+Given the external moment at the base, every node's curvature is the root of one scalar equation that depends
+on the preceding nodes only, so a single pass solves the nonlinear problem, whatever the tension loss, and
+needs no good start. With external forces the moment at the base is found by shooting: the closing error at
+the tip, divided by its derivative along the linearised pass, updates it, and the pass repeats. Written as an
+optimistix root finder, so that results, step counts and implicit gradients are optimistix's.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from ..sections import State, at_tendons, largest, moment_slope, node_first, off
 from .linear_solver import linearise, response_to_base_moment
 from .problem import Problem, mobilised, residual, residual_norm, tension_at
 
-NEWTON_STEPS = 2
-FLATTEST = 0.3
+NEWTON_STEPS = 2  # per node; see `march`
+FLATTEST = 0.3  # slope of the moment balance below which a step is shortened
 
 
 class Marched(NamedTuple):
-    """What a march leaves: the state, and what is still missing in each node's moment balance [1/m], (N,)."""
+    """Result of a march: the state, and the residual of each node's moment balance [1/m], (N,)."""
 
     state: State
     error: Float[Array, " N"]
@@ -43,7 +43,7 @@ def march(
 
     Each node's moment balance is one scalar equation in its curvature with a slope close to 1. It starts from
     the curvature the node would have without friction since its predecessor (or from `guess`) and takes two
-    Newton steps, which leave rounding: cheaper rules often need a second pass
+    Newton steps, which reach rounding; cheaper rules often need a second pass
     (`benchmarks/node_equation.py`). Angle, tension and moment follow exactly from the curvature, so the error
     returned is the whole residual.
 
@@ -136,8 +136,8 @@ def _with_share(p: Problem, share: Float[Array, ""]) -> Problem:
 class RootFinder(optx.AbstractRootFinder):
     """optimistix root finder by marching; `args` must be a `Problem`, `y` a `State`.
 
-    Without external force one or two marches solve it. With one, Newton's method shoots for the moment at the
-    base, starting from `y`; if that does not settle, the load is applied in shares, each started from the
+    Without external force one or two marches solve it. With one, Newton's method finds the moment at the
+    base, starting from `y`; if that does not converge, the load is applied in shares, each started from the
     last one solved.
 
     Attributes:
@@ -194,7 +194,7 @@ class RootFinder(optx.AbstractRootFinder):
             moment=jnp.where(lost, moment_done, new.moment),
         )
         tries = jnp.where(onward | lost, 0, state.tries + 1)
-        # An intermediate share solved is not the problem solved.
+        # Solving an intermediate share does not solve the problem.
         error = jnp.where(onward, jnp.inf, error)
         return y, _MarchState(error, share, share_done, stride, tries, (kappa_done, moment_done)), aux
 

@@ -1,23 +1,23 @@
 """Coulomb friction by slip: the law for several tendons, which slide because the body bends under the others.
 
-A tendon alone slips only where its own tension outgrows what friction holds, so its tension can be clipped
-against the base (`friction.tension`). Beside others it may slide with its base tension held: the body carries
-its channel along. What decides then is the slip. A tendon anchored at the tip slips towards the base, in a
-load step, by
+A single tendon slips only where its tension exceeds what friction can hold, so its tension can be clipped
+against the base (`friction.tension`). Beside others, a tendon may slip although its base tension is held,
+because the body moves its channel. Then the slip itself decides. A tendon anchored at the tip slips towards
+the base, in a load step, by
 
     u(s) = integral over [s, L] of (nu_before - nu) + STRETCH (T - T_before)/T_unit,
 
-to which the anchor adds as much of its own tension over L. Friction opposes it: ln T falls by mu z |psi'| per
-length, where the mobilisation z follows u until friction is exhausted:
+to which the anchor adds STRETCH L (T - T_before)/T_unit of its own tension. Friction opposes the slip: ln T
+falls by mu z |psi'| per length, where the mobilisation z follows u until friction is exhausted:
 
     z = clip(z_before + u/(PRESLIDING L), -1, 1)
 
-Coulomb's law on a tendon that does not stretch is the limit PRESLIDING, STRETCH -> 0, and not unique: two
-tendons locked at one place may share the moment in any proportion, and a channel that never changes length
-(straight through the axis, a rigid sheath) would never slip. T_unit bends the robot by about one radian.
-Written with one unknown xi per interval (z = clip(xi), u = PRESLIDING L (z - z_before) + L (xi - z)),
-Newton's method needs neither smoothing nor a list of what sticks.
-Each evaluation marches once; the Jacobian is dense.
+Coulomb's law on a tendon that does not stretch is the limit PRESLIDING, STRETCH -> 0, which is not unique:
+two tendons locked at one place may share the moment in any proportion, and a channel that never changes
+length (straight through the axis, a rigid sheath) would never slip. T_unit is the tension that bends the
+robot by about one radian. Written with one unknown xi per interval (z = clip(xi), u = PRESLIDING L (z -
+z_before) + L (xi - z)), Newton's method needs neither smoothing nor a list of sticking intervals. Each
+evaluation marches once; the Jacobian is dense.
 """
 
 from __future__ import annotations
@@ -38,18 +38,21 @@ from ..tangents import split_tangents
 from .adjoint import CausalAdjoint
 from .problem import Problem, residual, tension_of
 
+# Slip over length at which friction is exhausted. For a pair that is pulled and released, a tenth of it and
+# of STRETCH changes tip tensions by up to 3e-3 of the base tension (docs/mechanics.md).
 PRESLIDING = 2e-6
-TOLERANCE, EXACT = 1e-3 * PRESLIDING, 1e-8 * PRESLIDING
-MAX_STEPS = 64
-STRETCH = 1e-4
-SMALLEST_ARM = 1e-3  # of the length
-LEFT = 1.0 + 1e-9
-MOST_PARTS = 64
-ROUND, WHOLE, SHORT = 30, 18, 0.4  # now and then shorter steps, which break cycles
+TOLERANCE, EXACT = 1e-3 * PRESLIDING, 1e-8 * PRESLIDING  # mismatch: solved; search ends
+MAX_STEPS = 64  # most Newton steps of one search
+STRETCH = 1e-4  # strain of a tendon at T_unit, about that of a steel wire
+SMALLEST_ARM = 1e-3  # of the length: least moment arm from which T_unit is computed
+LEFT = 1.0 + 1e-9  # |xi| just beyond the limit of friction, where a step from stick to slip is cut
+MOST_PARTS = 64  # most parts of the change of base tension
+# Of every ROUND Newton steps the first WHOLE are full and the others SHORT of that, which breaks cycles.
+ROUND, WHOLE, SHORT = 30, 18, 0.4
 
 
 class Kept(eqx.Module):
-    """What tendons remember of the step before, each (*tendons, N).
+    """What tendons remember of the previous step, each (*tendons, N).
 
     Attributes:
         tension: [N].
@@ -93,9 +96,9 @@ def slip(mesh: Mesh, change: Float[Array, "*tendons N"]) -> Float[Array, "*tendo
 
     Args:
         mesh: the nodes.
-        change: what the channel has lost of its length, and the tendon gained, per length of the midline at
-            the nodes, (*tendons, N). It counts for half of both intervals at a node: with any wider stencil
-            a stretch without slip would leave `change` free to alternate.
+        change: the channel's loss of length plus the tendon's gain, per length of the midline, at the nodes,
+            (*tendons, N). The value at a node counts for half of both adjacent intervals: with any wider
+            stencil, a stretch without slip would leave `change` free to alternate from node to node.
     """
     half = 0.5 * mesh.interval.length
     cells = half + jnp.concatenate([half[1:], jnp.zeros(1)])
@@ -137,7 +140,7 @@ def unit_tension(s: Sections) -> Float[Array, ""]:
 
 
 def mismatch(xi: Float[Array, "*tendons N"], a: _Args) -> Float[Array, "*tendons N"]:
-    """Slip that the friction law wants less the slip that the body's shape gives, relative to its length."""
+    """Slip required by the friction law minus slip that follows from the body's shape, over its length."""
     y, p = _march(xi, a)
     s, z, kept = p.sections, mobilisation(xi), a.kept
     assert kept.mobilisation is not None, "several tendons remember how far friction is mobilised"
@@ -158,7 +161,9 @@ def _jacobian(xi, a: _Args):
 
 
 def _kept_near(new, old):
-    """A Newton step cut where an interval changes between locked and slipping, so that none overshoots."""
+    """The unknown after a Newton step, cut where an interval changes between stick and slip, against
+    overshoot.
+    """
     leaving = jnp.where(new > 1.0, LEFT, jnp.where(new < -1.0, -LEFT, new))
     slipping = jnp.where(old > 0, jnp.maximum(new, 0.0), jnp.minimum(new, 0.0))
     return jnp.where(jnp.abs(old) <= 1.0, leaving, slipping)
@@ -187,7 +192,7 @@ def _newton(xi, a: _Args) -> Grip:
 
 @eqx.filter_custom_jvp
 def _solve(inputs) -> Grip:
-    """Newton's method; where it fails, again through ever more base tensions in between."""
+    """Newton's method; where it fails, again by way of more and more base tensions in between."""
     xi, a = inputs
     before, after = a.kept.tension[..., 0], a.problem.T_base
 
@@ -240,7 +245,7 @@ def hold(
         p: the problem, whose mobilisation is ignored.
         kept: what the tendons remember.
         start: state to start from.
-        xi: unknown to start from, that of the step before or zero.
+        xi: unknown to start from, that of the previous step or zero.
         solver, max_steps: for the equilibrium with known mobilisation.
     """
     a = _Args(p, kept, start, solver, max_steps)
