@@ -1,4 +1,4 @@
-"""Recordings in; out come fitted parameters, how certain they are, and which physics the model leaves out."""
+"""Fit parameters to recordings, with their uncertainty, and find which physics the model leaves out."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +24,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """What a fit does not need is imported when it is first asked for."""
+    """Import the diagnosis, which a fit does not need, only when it is first used."""
     if name in ("Diagnosis", "diagnose"):
         from . import diagnosis
 

@@ -17,17 +17,20 @@ from .parallel import in_parallel
 from .readings.noise import correlation_time
 from .setup import Setup
 
+# Samples that a phase needs for an estimate of its own.
 FEWEST = 8
+# Steps of the optimiser for one parameter, which starts from the joint fit.
 MAX_STEPS = 12
-# Shared values that scatter more than chance gives in so many of all joint fits are said to disagree.
+# Recordings are said to disagree if their values scatter more than they would by chance in this share of
+# fits.
 CHANCE = 0.01
 
 
 class Phases(NamedTuple):
-    """What phases alone say of mu.
+    """Estimates of mu from single phases.
 
     Attributes:
-        estimates: by phase; one that is short, or knows nothing of mu, is left out.
+        estimates: by phase; a phase that is too short, or does not determine mu, is left out.
         apart: by how many standard errors pulling and releasing differ; 0 where one is left out.
         evaluations: times that all recordings were simulated.
     """
@@ -38,8 +41,8 @@ class Phases(NamedTuple):
 
 
 def mu_by_phase(setup: Setup, answer: Answer) -> Phases:
-    """mu from pulling alone and from releasing alone; other parameters and the phases stay as fitted, and
-    what is uncertain of them counts in the errors. Nothing where recordings have their own mu.
+    """Estimate mu from pulling alone and from releasing alone. The other parameters and the phases stay as
+    fitted, and the uncertainty of these parameters counts in the errors. Empty unless a single mu is free.
     """
     if len(setup.friction()) != 1:
         return NO_PHASES
@@ -63,13 +66,13 @@ def mu_by_phase(setup: Setup, answer: Answer) -> Phases:
 
 
 class Apart(NamedTuple):
-    """What recordings alone say of the parameters that they share, the others as fitted; what is uncertain of
-    these counts in the errors.
+    """Estimates of shared parameters from each recording alone. The other parameters stay as fitted, and
+    their uncertainty counts in the errors.
 
     Attributes:
-        estimates: by parameter, then recording; those left out that know nothing of it.
-        blamed: the parameter about which they disagree, if they do: of those that they give different values,
-            the one whose values describe them best; "" if they agree.
+        estimates: by parameter, then recording; recordings that do not determine it are left out.
+        blamed: of the parameters whose values disagree, the one whose separate fits describe the recordings
+            best; "" if all agree.
         evaluations: times that all recordings were simulated.
     """
 
@@ -82,7 +85,7 @@ NO_PHASES, NOT_APART = Phases({}, 0.0, 0), Apart({}, "", 0)
 
 
 def by_recording(setup: Setup, answer: Answer) -> Apart:
-    """Each parameter that recordings share, from each of them alone."""
+    """Estimate each shared parameter from each recording alone."""
     known, found, left, evaluations = answer.known(setup), {}, {}, 0
     for i, free in enumerate(setup.asked):
         if len(free.parts) < 2 or not known.known[i]:
@@ -108,14 +111,14 @@ def by_recording(setup: Setup, answer: Answer) -> Apart:
 
 
 class _Alone(NamedTuple):
-    """One number from some of the samples.
+    """One number estimated from some of the samples.
 
     Attributes:
-        estimate: the errors of the other numbers counted in.
-        u: its coordinate.
-        own: variance of that, the other numbers being known.
-        lean: its change per change of the other coordinates, (p,).
-        squares: what is left.
+        estimate: the number, with the errors of the other numbers counted in.
+        u: coordinate of the number.
+        own: variance of u if the other numbers were known.
+        lean: change of u per change of each other coordinate, (p,).
+        squares: sum of squared residuals that is left.
     """
 
     estimate: Estimate
@@ -126,8 +129,8 @@ class _Alone(NamedTuple):
 
 
 def _together(each: list[_Alone], spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates of one number from several parts, (m,), and their covariance, (m, m): what is uncertain of
-    the other numbers, by their covariance `spread`, (p, p), moves all of them together.
+    """Coordinates of one number from several parts, (m,), and their covariance, (m, m): errors of the other
+    numbers, whose covariance is `spread`, (p, p), move all parts together.
     """
     lean = np.stack([a.lean for a in each])
     return np.asarray([a.u for a in each]), np.diag([a.own for a in each]) + lean @ spread @ lean.T
@@ -143,8 +146,8 @@ def _scattered(each: list[_Alone], spread: np.ndarray) -> bool:
 
 
 def _alone(setup: Setup, answer: Answer, i: int, inside: list[np.ndarray]) -> tuple[_Alone | None, int]:
-    """Free number i from some of the samples, of each recording, None where they know nothing of it; and how
-    many simulations of all recordings it took.
+    """Estimate free number i from some of the samples of each recording, None if they do not determine it;
+    and count how often all recordings were simulated.
     """
     active = np.arange(len(setup.free)) == i
     weighs = tuple(j.by_noise.only(kept) for j, kept in zip(answer.judged, inside, strict=True))
@@ -154,7 +157,7 @@ def _alone(setup: Setup, answer: Answer, i: int, inside: list[np.ndarray]) -> tu
     )
     if found.predictions is None or found.at_edge.any():
         return None, found.evaluations
-    # The noise counts here, not the misfit of all samples: these may be described where the others are not.
+    # Weighed by the noise, not by the misfit of all samples: the model may describe these and not the others.
     squares, count, tau = 0.0, 0, 1.0
     for part, weigh, kept, prediction in zip(setup.parts, weighs, inside, found.predictions, strict=True):
         channels, base = weigh.split(part.residual(prediction))

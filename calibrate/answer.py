@@ -1,4 +1,4 @@
-"""What the residual at the end of a descent says of the errors, and what these leave of the parameters."""
+"""The errors that the residuals at the end of a descent show, and the parameters' uncertainty from them."""
 
 from __future__ import annotations
 
@@ -17,24 +17,28 @@ from .readings.noise import Noise, correlation_time
 from .setup import Part, Setup
 from .weighing import Weighing
 
+# Rounds, at most, of scaling the errors until chi-square per degree of freedom is 1.
 LEVELLING = 12
-# Huber's estimator: 95 % as efficient as least squares for normal errors; and what their squares, cut off
-# there, are on average.
+# Threshold of Huber's estimator, in standard deviations, at which it is 95 % as efficient as least squares
+# for normal errors; and the mean square of normal errors clipped there.
 HUBER, HUBER_SQUARES = 1.345, 0.7102
+# Least factor on a variance in one round of a robust fit; share of its weight below which a sample is an
+# outlier.
 LEAST_STEP, HALF = 0.25, 0.5
-# Sources of the variance of an estimate, beside the numbers that are uncertain.
+# Sources of the variance of an estimate, besides the uncertain numbers.
 TIP_CELL, OTHERS, BASE_CELL = (
     "noise of the tip cell",
     "noise of pose and displacement",
     "noise of the base cell",
 )
-# A parameter that is zero in the robot file has no size to compare its error with: so many of its units.
+# A parameter that is zero in the robot file has no size to compare its error with: it counts as unknown if
+# its standard error reaches this many coordinate units (`number.UNIT_SCALE`).
 UNKNOWN_WITHOUT_SCALE = 10.0
 
 
 def by_source(rows: np.ndarray, parts: Sequence[Part]) -> dict[str, np.ndarray]:
-    """Weighed rows of all recordings, (D, ...), by the noise that is in them: of each recording C channels of
-    K samples, T_tip first, and K of the base tension.
+    """Split the weighed rows of all recordings, (D, ...), by the source of their noise. Each recording has C
+    channels of K rows, T_tip first, and then K rows of the base tension.
     """
     found: dict[str, list[np.ndarray]] = {}
     start = 0
@@ -48,18 +52,18 @@ def by_source(rows: np.ndarray, parts: Sequence[Part]) -> dict[str, np.ndarray]:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Judged:
-    """What the residual of one recording says of its errors.
+    """The errors of one recording, as its residual shows them.
 
     Attributes:
         residual: simulated minus recorded, (C, K).
         phases: (K,).
         noise: of the recorded tip tension.
-        weigh: residuals weighed with errors as large, and as long, as they show.
-        by_noise: weighed with the noise alone.
-        chi2_per_n: sum of squares per degree of freedom, in units of the noise; None if that cannot be told.
-        sd: error that each channel is given, (C,).
-        least: error of each channel that its neighbouring samples, or its noise, show, (C,).
-        kept: samples that count at least half, (K,); all but in a robust fit.
+        weigh: weighing by errors with the size and correlation time that the residual shows.
+        by_noise: weighing by the noise alone.
+        chi2_per_n: sum of squares per degree of freedom, in units of the noise; None if the noise is unknown.
+        sd: standard deviation that each channel's errors are given, (C,).
+        least: least standard deviation of each channel, from its noise or its neighbouring samples, (C,).
+        kept: samples that count at least half, (K,); all of them unless the fit is robust.
     """
 
     residual: np.ndarray
@@ -74,19 +78,19 @@ class Judged:
 
     @property
     def rms(self) -> float:
-        """Of the tip tension [N], where it counts."""
+        """Root mean square of the residual of T_tip over the kept samples [N]."""
         return float(np.sqrt(np.mean(self.residual[0][self.kept] ** 2)))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Answer:
-    """A point and what the residuals there say of the errors.
+    """The point where a descent ended, and the errors that the residuals there show.
 
     Attributes:
         at: coordinates of each recording.
         problem: the least squares problem, weighed by the errors as the residuals show them.
         descent: where its descent ended.
-        judged: of each recording.
+        judged: errors of each recording.
     """
 
     at: tuple[Coordinates, ...]
@@ -106,29 +110,31 @@ class Answer:
         return self.problem.jacobian(self.predictions)
 
     def known(self, setup: Setup) -> Uncertainty:
-        """What data and priors say at this point; nothing of what ran to the end of its range."""
+        """Uncertainty from data and priors at this point; a coordinate at the end of its range counts as
+        unknown.
+        """
         log = np.asarray(self.at[0].log)
         unknown = np.where(log | (setup.initial != 0), UNKNOWN, UNKNOWN_WITHOUT_SCALE)
         unknown = np.where(self.descent.at_edge | self.at[0].stopped(self.descent.u), 0.0, unknown)
         return uncertainty(self.jacobian, 1.0, self.problem.precision, unknown)
 
     def spread(self, setup: Setup) -> np.ndarray:
-        """Covariance of the coordinates, (p, p): the data's where they know it, else the prior's, else 0."""
+        """Covariance of the coordinates, (p, p): of the fit where it is known, else of the prior, else 0."""
         covariance, precision = self.known(setup).covariance, self.problem.precision
         seen = np.isfinite(np.diag(covariance))
         alone = np.where(precision > 0, 1 / np.where(precision > 0, precision, 1.0), 0.0) ** 2
         return np.where(np.outer(seen, seen), covariance, 0.0) + np.diag(np.where(seen, 0.0, alone))
 
     def sources(self, setup: Setup) -> tuple[list[str], np.ndarray]:
-        """What the variance of each coordinate is made of: noise of the tip's cell, of the other channels, of
-        the base's cell, and each prior, as `shares_of_variance`.
+        """Shares of the variance of each coordinate by source: noise of the tip cell, of the other channels,
+        of the base cell, and each prior; see `shares_of_variance`.
         """
         precision = self.problem.precision
         priors = {f.name: row for f, row in zip(setup.free, np.diag(precision), strict=True) if row.any()}
         return shares_of_variance(by_source(self.jacobian, setup.parts), priors)
 
     def information_about(self, asked: int) -> np.ndarray:
-        """Fisher information about the first coordinates, the others being uncertain, (asked, asked)."""
+        """Marginal Fisher information about the first `asked` coordinates, (asked, asked)."""
         whole = self.information()
         cross, rest = whole[:asked, asked:], whole[asked:, asked:]
         return whole[:asked, :asked] - cross @ np.linalg.solve(rest, cross.T)
@@ -169,8 +175,9 @@ def _judged(setup: Setup, part: Part, prediction: Prediction) -> Judged:
 
 
 class _Levelled(NamedTuple):
-    """Weighings by errors as large as they show, and by the noise; sum of squares of the tensions in units of
-    the noise; errors, (C,); and the share of its weight that each residual counts with, (C, K).
+    """Weighing by errors scaled to the residual; weighing by the noise alone; chi-square of the tensions per
+    degree of freedom, in units of the noise; errors, (C,); and the share of its weight that each residual
+    keeps, (C, K).
     """
 
     weigh: Weighing
@@ -181,8 +188,8 @@ class _Levelled(NamedTuple):
 
 
 def _levelled(setup: Setup, part: Part, prediction: Prediction, noise: float | None) -> _Levelled:
-    """The weighing that the residual asks for, with the noise of each channel or, where that does not explain
-    it, with as much as does.
+    """Weigh the residual by the noise of each channel; where the noise does not explain it, by an error
+    scaled up until it does.
     """
     residual, least = part.residual(prediction), part.least(noise)
     degrees = np.full(len(least), float(part.samples))
@@ -212,7 +219,9 @@ def _levelled(setup: Setup, part: Part, prediction: Prediction, noise: float | N
 
 
 def _trust(rows: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Shares of the weight that Huber's estimator gives residuals, from those weighed so far."""
+    """Shares of their weight that Huber's estimator gives residuals; the rows are weighed with the present
+    shares.
+    """
     size = np.abs(rows) / np.sqrt(np.maximum(share, 1e-12))
     return np.minimum(1.0, HUBER / np.maximum(size, 1e-12))
 
@@ -220,8 +229,8 @@ def _trust(rows: np.ndarray, share: np.ndarray) -> np.ndarray:
 def _chi2(
     setup: Setup, weigh: Weighing, residual: np.ndarray, share: np.ndarray, degrees: np.ndarray
 ) -> np.ndarray:
-    """Sum of squares per degree of freedom of each channel, the base tension's with the first, (C,); of a
-    robust fit that of residuals cut off, in units of what normal ones have.
+    """Chi-square per degree of freedom of each channel, (C,); the rows of the base tension count with the
+    first. In a robust fit, residuals are clipped and compared with clipped normal errors.
     """
     rows, base = weigh.trusted(np.sqrt(share)).split(residual)
     if not setup.robust:

@@ -33,12 +33,16 @@ from .verdict import (
     verdict,
 )
 
+# Correlation of two estimates from which they are said to trade off.
 TRADE_OFF = 0.99
-# Standard deviations of a prior.
+# Distance from the prior's mean, in its standard deviations, beyond which the reader is warned.
 DRIFTED = 2.5
+# 95 % quantile of the standard normal distribution.
 ONE_SIDED_95 = 1.6449
+# Friction whose upper limit is below this counts as too small to be seen.
 SMALL_MU = 0.05
-# Residuals beyond so many standard deviations of the bulk are outliers, if they are at most such a share.
+# Residuals beyond this many standard deviations of the bulk are outliers, if at most this share of samples
+# is.
 FAR_OFF, FEW = 7.0, 0.1
 
 
@@ -61,8 +65,8 @@ def _settings(setup: Setup, **more: Any) -> dict[str, Any]:
 def _fitted_config(
     setup: Setup, k: int, values: np.ndarray, left: Sequence[float | None]
 ) -> tuple[RobotConfig | None, list[str]]:
-    """The robot file of recording k with the fitted values, and with what is `left` uncertain of the numbers
-    that it called uncertain, SI, or None where there is none; and what a reader must know.
+    """The robot file of recording k with the fitted values, None if it has none or refuses them; and
+    warnings. `left` holds the standard deviations that the fit leaves, SI, which replace those of the file.
     """
     config = setup.parts[k].config
     if config is None:
@@ -92,7 +96,7 @@ def _largest_mu(setup: Setup, known: Uncertainty, values: np.ndarray) -> float:
 
 
 def _notes(setup: Setup, known: Uncertainty, answer: Answer, values: np.ndarray) -> list[str]:
-    """What a reader must know of each estimate, or ""."""
+    """A note for the reader on each estimate, or ""."""
     notes, problem, descent = [], answer.problem, answer.descent
     drift, stopped = (descent.u - problem.centre) * problem.precision, answer.at[0].stopped(descent.u)
     for i, free in enumerate(setup.free):
@@ -119,7 +123,7 @@ def _notes(setup: Setup, known: Uncertainty, answer: Answer, values: np.ndarray)
 
 
 def _drifted(by: float) -> str:
-    """What is said of a number that lies so many standard deviations of its prior from where it started."""
+    """The note on a number that moved by this many standard deviations of its prior."""
     return (
         f"lies {abs(by):.1f} standard deviations of its prior from the robot file's value: either that is "
         "wrong, or the model lacks something that this makes up for"
@@ -153,7 +157,7 @@ def _remedy(setup: Setup, answer: Answer, among: list[int]) -> str:
 
 
 def _steps(setup: Setup, answer: Answer) -> list[str]:
-    """What a hundredth of a coordinate is of each free number."""
+    """The unit of a change by a hundredth of a coordinate, in words, for each free number."""
     at = answer.at[0]
     relative = np.asarray(at.log) | (np.asarray(at.reference) != 0)
     scales = np.asarray(at.scale).tolist()
@@ -164,8 +168,8 @@ def _steps(setup: Setup, answer: Answer) -> list[str]:
 
 
 def _unknown_axes(setup: Setup, answer: Answer, known: Uncertainty) -> list[str]:
-    """A sentence for each combination of parameters that nothing is known of, with the measurement that would
-    help.
+    """A sentence for each combination of parameters about which nothing is known, with the measurement that
+    would help.
     """
     n, warnings = len(setup.asked), []
     for axis in axes(answer.information_about(n)):
@@ -182,7 +186,9 @@ def _unknown_axes(setup: Setup, answer: Answer, known: Uncertainty) -> list[str]
 
 
 def _trade_offs(setup: Setup, answer: Answer, known: Uncertainty) -> list[str]:
-    """A sentence for each pair that the recording hardly tells apart, with what would."""
+    """A sentence for each pair of parameters that the recording hardly tells apart, with a measurement that
+    would.
+    """
     n, warnings = len(setup.asked), []
     rho, log = correlation(known.covariance[:n, :n]), np.asarray(answer.at[0].log)
     for i, j in zip(*np.triu_indices(len(rho), 1), strict=True):
@@ -222,7 +228,7 @@ def _fitted(
     covariance: np.ndarray | None,
     left: Sequence[float | None],
 ) -> tuple[FittedRecording, list[str]]:
-    """Recording k beside the model, as it was where there is no answer; and what a reader must know."""
+    """Recording k beside the fitted model, or the initial one where there is no answer; and warnings."""
     part = setup.parts[k]
     judged = None if answer is None else answer.judged[k]
     shown = np.full_like(part.recorded, np.nan) if prediction is None else prediction.values
@@ -272,15 +278,15 @@ def _fitted(
 
 
 def concluded(setup: Setup, answer: Answer, iterations: int, evaluations: int, start: Start) -> FitResult:
-    """The result of a fit that reached an end, good or bad, after so many steps of the optimiser and
-    simulations of all recordings.
+    """The result of a fit that reached an end, good or bad. `iterations` counts steps of the optimiser,
+    `evaluations` simulations of all recordings.
     """
     at, descent = answer.at[0], answer.descent
     known, n = answer.known(setup), len(setup.asked)
     values = np.asarray(at.values(descent.u))
     notes = _notes(setup, known, answer, values)
     numbers = setup.numbers(np.asarray(at.reference))
-    # What was carried along is known as before where the recordings say nothing of it.
+    # A carried number keeps its prior where the recordings say nothing about it.
     every = known._replace(
         covariance=answer.spread(setup), known=known.known | [f.carried for f in setup.free]
     )
@@ -363,7 +369,7 @@ def concluded(setup: Setup, answer: Answer, iterations: int, evaluations: int, s
 
 
 def _outliers(judged: Judged) -> int:
-    """Samples far off where most are not; 0 where the model misses more than a few."""
+    """Number of samples that are far off while most are not; 0 where more than a few are far off."""
     off = np.abs(judged.residual[0] - np.median(judged.residual[0]))
     scale = MAD_TO_SD * float(np.median(off))
     far = int(np.sum(off > FAR_OFF * scale))

@@ -24,11 +24,12 @@ class Coordinates(eqx.Module):
     """Where the p free parameters lie and how they are scaled.
 
     Attributes:
-        index: places in the flattened robot, (p,); the one after its last for a parameter it does not have.
+        index: places in the flattened robot, (p,); one past the end for a parameter that it does not have.
         reference: values at u = 0, SI, (p,).
         scale: value per unit of u where not logarithmic, SI, (p,).
         log: whether value = reference exp(u), (p,).
-        lower, upper: bounds of the others, at which values stop, SI, (p,); infinite where open.
+        lower, upper: bounds to which values that are not logarithmic are clipped, SI, (p,); infinite where
+            open.
     """
 
     index: Int[Array, " p"]
@@ -67,7 +68,7 @@ class Coordinates(eqx.Module):
 
 
 def places(robot: Robot, names: Sequence[str], has: Sequence[bool] | None = None) -> np.ndarray:
-    """Where parameters lie in the flattened robot, (p,); one after its last for those it does not have.
+    """Where parameters lie in the flattened robot, (p,); one past the end for those that it does not have.
 
     Args:
         robot: whose parameters they are.

@@ -1,7 +1,8 @@
 """The least squares problem of a fit, and the descent to its minimum.
 
 The residual and its Jacobian are computed once per step by the compiled simulator. The variables of the
-descent are chosen so that the data see all directions alike, and no coordinate leaves the range searched.
+descent are scaled so that the data constrain all directions equally, and so that no coordinate leaves the
+range searched.
 """
 
 from __future__ import annotations
@@ -22,17 +23,20 @@ if TYPE_CHECKING:
 # The variables are chosen so that their Hessian is WHITE^2 at the start: the first damping, 1, hardly
 # shortens the step.
 WHITE = 10.0
-# Directions that the data see this much less than others stay damped.
+# Eigenvalues of the Hessian are raised to this share of the largest, so that directions of little effect stay
+# damped.
 DIMMEST = 1e-10
 # Steps of ATOL WHITE = 0.02 standard errors end the descent. Much less is not met reliably: where samples
 # change from locked to slipping, slopes jump.
 ATOL, RTOL = 2e-3, 1e-5
+# Share of its reach from which a coordinate counts as at the end of the range searched.
 NEAR_THE_EDGE = 0.85
+# Limit of the argument of cosh, which would overflow.
 FAR = 100.0
-# A descent that near the end of the range gains less than this share in so many steps has found that there is
-# no end.
+# A descent that lowers the cost by less than this share in PATIENCE steps near the end of the range ends
+# there.
 PATIENCE, GAIN = 6, 0.01
-# One that gains less than this in as many steps, in variances, walks along a valley without slope.
+# A descent that lowers the cost by less than this in as many steps, in variances, follows a flat valley.
 NO_GAIN = 0.01
 FAILS = "the simulation fails at the start"
 
@@ -71,7 +75,7 @@ class Objective:
         )
 
     def jacobian(self, predictions: tuple[Prediction, ...]) -> np.ndarray:
-        """Their derivatives by the coordinates, (D, p)."""
+        """Derivatives of the weighed residuals with respect to the coordinates, (D, p)."""
         return np.concatenate(
             [weigh(prediction.jacobian) for weigh, prediction in zip(self.weighs, predictions, strict=True)]
         )
@@ -119,7 +123,9 @@ class Descent:
 
 
 def _whitening(jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Matrices from y to u and back, with a Hessian in y of WHITE^2 along all that the data see."""
+    """Matrices from y to u and back, such that the Hessian in y is WHITE^2 along all directions that the data
+    constrain.
+    """
     size = np.linalg.norm(jacobian, axis=0)
     unit = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), 1.0)
     values, vectors = np.linalg.eigh((jacobian * unit).T @ (jacobian * unit))
@@ -128,8 +134,8 @@ def _whitening(jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _compressed(value: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """As many rows as columns and one more, with the same sums of squares and products: the solver needs no
-    other, and its program then depends on the number of parameters alone.
+    """Residuals and Jacobian compressed to one row more than there are columns, with the same sums of squares
+    and products: the solver needs nothing else.
     """
     triangle = np.linalg.qr(np.concatenate([jacobian, value[:, None]], axis=1), mode="r")
     triangle = np.pad(triangle, ((0, jacobian.shape[1] + 1 - len(triangle)), (0, 0)))
@@ -156,10 +162,10 @@ class _Watch:
 
     Args:
         start: where it begins, (p,).
-        first: what is found there.
+        first: simulations there.
         cost: its sum of squares.
-        near: tells of coordinates which of them lie near the end of the range searched, (p,) bool.
-        position: coordinates from the variables of the descent.
+        near: maps coordinates to whether each lies near the end of the range searched, (p,) bool.
+        position: maps the variables of the descent to coordinates.
         most: steps after which it gives up.
         progress: called with a line per step, or None.
     """
@@ -180,7 +186,7 @@ class _Watch:
         self.steps, self.converged, self.result = 0, False, f"no convergence within {most} steps"
 
     def __call__(self, step: Step[_Found]) -> bool:
-        """Take a step that was tried into account; True ends the descent."""
+        """Record a step that was tried; True ends the descent."""
         self.steps += 1
         found, best = step.point, self.costs[-1]
         if found is not None and found.cost <= best:
@@ -209,7 +215,7 @@ class _Watch:
 
 
 def _settled(change: np.ndarray, size: np.ndarray) -> bool:
-    """Whether a change is small, beside RTOL of what changes."""
+    """Whether each entry of a change is below ATOL plus RTOL of what changes."""
     return bool(np.max(np.abs(change) / (ATOL + RTOL * np.abs(size))) < 1)
 
 
@@ -229,7 +235,7 @@ def descend(
         start: coordinates, (p,).
         active: which coordinates may move, (p,) bool; all unless given.
         known: the simulations at the start, if they have been done.
-        max_steps: simulations after which it gives up.
+        max_steps: steps after which it gives up.
         progress: called with a line per step.
 
     Returns:
@@ -286,7 +292,7 @@ def descend(
         progress=progress,
     )
     found = evaluate(y)
-    if found is None:  # it lies beyond the range, at whose end the simulation fails
+    if found is None:  # the start lies beyond the range, and at its end the simulation fails
         watch.result = FAILS
     elif not watch(Step(x=y, point=found, moved=np.zeros_like(y), change=found.rows, taken=True)):
         minimise(

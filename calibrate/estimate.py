@@ -1,4 +1,4 @@
-"""Estimates with their uncertainty, and which parameters the recording does not know."""
+"""Estimates with their uncertainty, and which parameters the recording does not determine."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ import numpy as np
 
 from .number import Number
 
+# Half width of a 95 % interval, in standard errors.
 NORMAL_95 = 1.959963984540054
 # Standard errors of a change that is significant (two sides, 5 %) in 95 of 100 recordings.
 DETECTED = NORMAL_95 + 1.6448536269514722
 # A relative standard deviation this large (a factor of e) from the data alone is no knowledge.
 UNKNOWN = 1.0
-# Eigenvalues of the scaled information below this are none; and what has a larger part in their directions is
-# unknown.
+# Eigenvalues of the scaled information below this count as zero; a coordinate with a larger component than
+# this in their directions is unknown.
 FLAT, INVOLVED = 1e-12, 1e-3
-# Share of a variance that is not worth naming.
+# Share of a variance below which its source is not named.
 LITTLE = 0.005
 # Above this share of the prior's precision, the estimate is said to rest on the prior.
 MOSTLY_PRIOR = 0.5
@@ -102,7 +103,8 @@ def uncertainty(jacobian: np.ndarray, sd: float, precision: np.ndarray, unknown:
 
     Args:
         jacobian: derivatives of the weighed residuals by the coordinates, (D, p).
-        sd: standard deviation of a weighed residual; 1 where weighed by errors as large as they show.
+        sd: standard deviation of a weighed residual; 1 where the rows are weighed by the errors that the
+            residual shows.
         precision: 1/sd of the priors, (p,); 0 without prior.
         unknown: standard deviation of each coordinate from the data alone at which it counts as unknown,
             (p,).
@@ -125,7 +127,7 @@ def uncertainty(jacobian: np.ndarray, sd: float, precision: np.ndarray, unknown:
         flat = values < FLAT
         inverse = (vectors[:, ~flat] / values[~flat]) @ vectors[:, ~flat].T
         cov = inverse * np.outer(unit, unit)
-        # What takes part in a flat direction has no variance; what is unknown still blurs the others.
+        # A coordinate in a flat direction has no finite variance; unknown coordinates still widen the others.
         lost = (np.abs(vectors[:, flat]) > INVOLVED).any(axis=1)
         sure = ~lost & (np.sqrt(np.diag(cov)) <= unknown[heard]) & (alone[heard] < unknown[heard])
         known[heard] = sure
@@ -141,9 +143,9 @@ def shares_of_variance(
 ) -> tuple[list[str], np.ndarray]:
     """Where the variance of each coordinate comes from.
 
-    The estimate is linear in the errors of the readings and of what the priors are centred on, which are
-    independent: with A = sum J_k'J_k + sum p_j p_j' its covariance is the sum of A^-1 J_k'J_k A^-1 over the
-    sources of noise and of A^-1 p_j p_j' A^-1 over the priors.
+    The estimate is linear in the errors of the readings and of the prior means, which are independent: with A
+    = sum J_k'J_k + sum p_j p_j' its covariance is the sum of A^-1 J_k'J_k A^-1 over the sources of noise and
+    of A^-1 p_j p_j' A^-1 over the priors.
 
     Args:
         rows: derivatives of the weighed residuals by the coordinates, by source of noise, (D_k, p) each.

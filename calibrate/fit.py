@@ -27,8 +27,9 @@ from .start import candidates, search
 DEFAULT_FREE = ("mu", "E")
 # Slopes of the tip tension below this share of the largest tension are rounding.
 NO_SLOPE = 1e-9
+# Rounds of fitting and estimating the errors; a robust fit needs more, because its weights change too.
 REWEIGHINGS, ROBUST_REWEIGHINGS = 3, 8
-# A noise given that is so many times the one seen deserves a warning.
+# A given noise that is this many times the observed one deserves a warning.
 TOO_LARGE = 3.0
 
 
@@ -51,26 +52,27 @@ def fit(
     """Fit parameters of a robot, or of several, to recordings by least squares.
 
     The true base tension is an unknown like the parameters: straight between as few knots as the noise of the
-    recorded one allows (`readings`), because tendons with friction remember extremes, so that noise
-    taken for tension biases friction. Minimised is the sum of squares of what is left at the tip and at the
-    base, each in units of its noise (`weighing.py`), and of (deviation/standard deviation) of each free
-    parameter under [uncertainty] in the robot file, on the scale it is fitted on: logarithmic where positive.
-    Base tensions below zero count as slack.
+    recorded one allows (`readings`). Tendons with friction remember extremes, so noise taken for tension
+    would bias friction. The cost is the sum of squares of the residuals at the tip and at the base, each in
+    units of its noise (`weighing.py`), and of (deviation/standard deviation) of each free parameter under
+    [uncertainty] in the robot file, on the scale it is fitted on: logarithmic where positive. Base tensions
+    below zero count as slack.
 
-    The tip's position and angle and the tendon's displacement are fitted to where a recording has them, with
-    errors as large as their residuals show; the zero of the displacement is taken as unknown.
+    The tip's position and angle and the tendon's displacement are fitted as well where a recording has them,
+    with errors scaled to their residuals. The zero of the displacement is unknown.
 
     Several recordings share every parameter that is not named in `per_recording` or `per_robot`.
 
-    Every other number that [uncertainty] in the robot file names is fitted as well, within what the file says
-    of it (`FitResult.carried`), so that its uncertainty enters the intervals of the free ones.
+    Every other number that [uncertainty] in the robot file names is fitted as well, with the file's standard
+    deviation as its prior (`FitResult.carried`), so that its uncertainty enters the intervals of the free
+    ones.
 
-    Standard errors. The covariance is (J'J + P)^-1 at the solution, J the weighed derivatives by forward
-    mode through the solver, P the priors' precision. The errors are taken as large as the residual shows, be
-    it noise or misfit, and K samples count as K/tau, where tau = 1 + 2 sum of the residual's autocorrelations
+    Standard errors. The covariance is (J'J + P)^-1 at the solution, with J the weighed derivatives by forward
+    mode through the solver and P the precision of the priors. The errors are scaled to the residual, be it
+    noise or misfit, and K samples count as K/tau, where tau = 1 + 2 sum of the residual's autocorrelations
     (Geyer's initial positive sequence) is the number of samples per independent one. Where the model misses
     physics this measures scatter, not bias: believe the verdict first. Slopes jump where a sample changes
-    from locked to slipping, so errors are those on one side of it. A parameter that the data alone leave
+    from locked to slipping, so the errors hold on one side of the jump. A parameter that the data alone leave
     uncertain by a factor of e, or that ran to the end of the range searched, gets no interval.
 
     Args:
@@ -197,7 +199,7 @@ def _listed(names: Sequence[str] | str | None) -> Any:
 
 
 def _check_times(robot: Robot, recording: Recording, wanted: Sequence[Free]) -> None:
-    """InputError if the recording has no times and a term acts, or is free, that needs them."""
+    """Raise InputError if the recording has no times although a term that needs them acts or is free."""
     if recording.time is not None:
         return
     free = {term.id for f in wanted if (term := term_of(f.entry)) is not None}
@@ -220,7 +222,7 @@ def part_of(
     noise_base_N: float | None = None,
     robust: bool = False,
 ) -> tuple[Part, list[str]]:
-    """A recording made ready, its base tension estimated, and what a reader must know of it.
+    """Prepare a recording, with an estimate of its base tension; also return warnings for the reader.
 
     Args:
         name: of the recording.
@@ -297,8 +299,8 @@ def _run(setup: Setup) -> FitResult:
     problem = dataclasses.replace(problem, weighs=tuple(weighs))
     known, iterations, answer, evaluations = first, 0, None, found.evaluations + 1
     for k in range(ROBUST_REWEIGHINGS if setup.robust else REWEIGHINGS):
-        # Priors of what is asked for wait until it is known how well the model can fit: else one that is
-        # wrong passes for noise.
+        # The first round omits the priors of the requested parameters, until it is known how well the model
+        # can fit: otherwise the misfit due to a wrong prior passes for noise.
         carried = np.asarray([f.carried for f in setup.free])
         unbiased = dataclasses.replace(problem, precision=np.where(carried, problem.precision, 0.0))
         descent = descend(

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from gtr_jax import InputError, Robot, RobotConfig, parameters_of
 from gtr_jax.robot.parameters import Parameter, parameter, term_of
 
-# Values in two robot files that differ by less, relative, are one.
+# Values in two robot files that differ by less than this, relative, count as equal.
 SAME = 1e-9
 
 
@@ -18,13 +18,13 @@ class Free:
 
     Attributes:
         entry: the robots' parameter.
-        name: its name in answers: the parameter's, and where each recording or robot has its own, after an @
-            the name of that.
+        name: its name in answers: the parameter's; where each recording or robot has its own, followed by @
+            and the recording's or robot's name.
         parts: recordings it belongs to, by number.
         initial: its value in the robot file, SI.
-        prior: standard deviation of what the robot file knows of it, SI; None where nothing.
-        carried: whether nobody asked for it: the robot file calls it uncertain, so it is fitted too, within
-            what the file says of it, and its uncertainty enters that of the others.
+        prior: its standard deviation by the robot file, SI; None if the file states none.
+        carried: whether it was not requested but is fitted too, with a prior, because the robot file calls it
+            uncertain; its uncertainty thus enters that of the others.
     """
 
     entry: Parameter
@@ -70,7 +70,8 @@ def free_of(
         robot_of_part: robot of each recording.
         part_names, robot_names: distinct names of the recordings and robots.
         free: parameters, by short name or key.
-        per_recording, per_robot: which of them are fitted anew in each; they need not stand in `free`.
+        per_recording, per_robot: parameters of which each has its own value; they need not be listed in
+            `free`.
 
     Raises:
         InputError: no robot has the parameter, one is named twice, or it is shared and the robots' files
@@ -136,7 +137,7 @@ def carried_by(
 
     Returns:
         One for each robot and number. A force is left out where the robot carries no external load, because
-        it acts on nothing there; so is a share of a number that is zero.
+        it acts on nothing there; so is a relative uncertainty of a number that is zero.
     """
     found = []
     for r, (robot, config) in enumerate(zip(robots, configs, strict=True)):

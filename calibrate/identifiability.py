@@ -22,30 +22,32 @@ from .predictor import History, padded_history, shown
 from .setup import Part, Setup
 from .start import thin
 
+# Blocks of the thinned recording, and samples of each branch of the simulated pull.
 STEPS = 40
 HIGHER = 1.5  # times the largest base tension
+# Standard deviation of the tip angle in a proposed measurement [rad].
 ANGLE_SD = np.radians(1.0)
 # Components below this share of the largest are left out of words.
 MINOR = 0.1
-# Shortest gain worth telling: the largest standard error falls below this share.
+# A measurement is worth naming if the largest standard error falls below this share of its present value.
 WORTHWHILE = 0.7
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Axis:
-    """A combination of the free numbers that data and priors know independently of the others.
+    """A combination of the free numbers whose error is independent of those of the others.
 
     Attributes:
         direction: in coordinates, of unit length, (p,).
-        sd: standard deviation along it, in coordinates: relative, where a number has a size; infinite where
-            nothing is known.
+        sd: standard deviation along it, in coordinates: relative where a number is fitted on its own scale;
+            infinite where nothing is known.
     """
 
     direction: np.ndarray
     sd: float
 
     def words(self, names: Sequence[str], steps: Sequence[str]) -> str:
-        """The combination, scaled to a change of 1 % of its largest part; `steps` say of what."""
+        """The combination, scaled to a change of 1 % of its largest part; `steps` holds the unit for each."""
         part = self.direction / self.direction[np.argmax(np.abs(self.direction))]
         return ", ".join(
             f"{names[i]} {'up' if part[i] > 0 else 'down'} by {abs(part[i]):.2g} {steps[i]}"
@@ -109,7 +111,7 @@ def remedy(
         setup, at: the fit and the coordinates of its recordings.
         u: where it ended, (p,).
         information: the Fisher information of recordings and priors, (p, p).
-        sd: of each recording's tip tension [N], as it counts.
+        sd: effective standard deviation of each recording's tip tension [N].
         among: the parameters in question.
     """
     before = _errors(information)
@@ -139,7 +141,7 @@ def remedy(
 
 
 def _errors(information: np.ndarray) -> np.ndarray:
-    """Standard errors, (p,); infinite along directions that nothing is known of."""
+    """Standard errors, (p,); infinite along directions about which nothing is known."""
     size = np.sqrt(np.diag(information))
     if np.any(size == 0):
         return np.where(size == 0, np.inf, np.nan)

@@ -18,7 +18,7 @@ import numpy as np
 
 
 class Evaluated(Protocol):
-    """What is known of a point."""
+    """The result of an evaluation at a point."""
 
     @property
     def rows(self) -> np.ndarray:
@@ -32,7 +32,7 @@ class Evaluated(Protocol):
 
 
 P = TypeVar("P", bound=Evaluated)
-# Share of the promised drop below which a Jacobian that was kept up to date is taken anew.
+# An updated Jacobian is recomputed if a step achieves less than this share of the promised drop.
 TRUSTED = 0.25
 
 
@@ -46,8 +46,8 @@ class Damping:
             along all of them (Levenberg).
         taken: share of the promised drop that a step must exceed to be taken.
         good: share of it from which the damping is eased.
-        eased, raised: what divides the damping after a good step, and what multiplies it after a step that
-            is refused.
+        eased, raised: factors that divide the damping after a good step, and multiply it after a refused
+            step.
         least, most: limits of the damping.
         rounding: share of the cost by which rounding may make a step seem worse than it is, so that one that
             promises less is taken.
@@ -96,7 +96,7 @@ class Rules:
 
     Attributes:
         damping: at the start, and how it changes.
-        tries: steps tried with the same derivatives before these are taken anew.
+        tries: steps tried with the same derivatives before these are recomputed.
         longest: largest change of a coordinate in one step.
         settled: promised drop below which no step is tried; minus infinity: the caller ends the descent.
         updated: whether the Jacobian is kept up to date by Broyden's formula while that serves.
@@ -151,7 +151,7 @@ class LinearModel:
         damped = A + damping.value * np.diag(np.diag(A) if damping.by_curvature else np.ones(len(A)))
         try:
             step[free] = -np.linalg.solve(damped, self.gradient[free])
-        except np.linalg.LinAlgError:  # a coordinate of no effect whose damping has gone
+        except np.linalg.LinAlgError:  # a coordinate without effect, no longer damped
             step[free] = -np.linalg.lstsq(damped, self.gradient[free], rcond=None)[0]
         shorter = min(1.0, longest / max(float(np.max(np.abs(step))), 1e-300))
         return np.clip(self.x + shorter * step, self.low, self.high)
@@ -186,7 +186,7 @@ class Minimum(NamedTuple, Generic[P]):
         x: coordinates, (p,).
         point: what was found there.
         jacobian: derivatives there, (n, p), maybe updated by Broyden's formula; None where given up.
-        fresh: whether they were taken at the last point but for the updates of its last step.
+        fresh: whether they were computed in the last iteration, apart from an update by its step.
         cost: sum of squares with priors and penalty.
     """
 
@@ -222,7 +222,7 @@ def minimise(
         bounds: lower and upper, (p,) each; none unless given.
         weight: of the standard normal priors.
         jacobian: derivatives at the start, if known, maybe roughly.
-        ended: called after each step that was tried; ends the descent by True.
+        ended: called after each step that was tried; True ends the descent.
 
     Returns:
         The last point taken, which has the lowest cost.

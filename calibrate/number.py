@@ -9,9 +9,9 @@ import numpy as np
 
 from gtr_jax.robot.parameters import Parameter
 
-# Between a number's name and that of the recording, or robot, that has it to itself.
+# Separates a number's name from that of the recording or robot that has its own value of it.
 OWN = "@"
-# One unit of a parameter that is neither positive nor has a value to be measured by.
+# Unit of the coordinate, by SI unit, for a parameter on a linear scale whose value is zero.
 UNIT_SCALE = {"N": 1.0, "N m": 0.1, "m": 1e-3, "rad": 0.1, "rad/m": 1.0, "": 0.1}
 
 
@@ -25,7 +25,7 @@ class Number:
         name: of the parameter, as `gtr_jax.parameters_of` lists it; where one recording, or one robot, has
             the number to itself, with its name after an @.
         unit: SI.
-        centre, sd: see above; of a size, the centre is its null.
+        centre, sd: see above; for a size, the centre is its null value.
         log: whether it is logarithmic.
         lower, upper: bounds of the value.
         size: whether it says how strong an effect is.
@@ -67,7 +67,7 @@ class Number:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Range of the coordinate; logarithmic ones reach no further than 8."""
+        """Range of the coordinate; on a logarithmic scale at most from -8 to 8."""
         if self.log:
             low = self.at(self.lower) if self.lower > 0 else -8.0
             return max(low, -8.0), min(self.at(self.upper) if np.isfinite(self.upper) else 8.0, 8.0)
@@ -80,8 +80,8 @@ def number_at(entry: Parameter, value: float, *, sd: float | None = None, name: 
     Args:
         entry: the parameter.
         value: where the coordinate is zero.
-        sd: standard deviation of what is known of it [SI], as the unit of the coordinate, which is then
-            linear; else the unit is the value's own size.
+        sd: prior standard deviation [SI], which is then the unit of the coordinate, on a linear scale; unless
+            given, the unit is the value's own size.
         name: of the number; the parameter's unless given.
     """
     log = sd is None and is_log(entry, value)
@@ -103,7 +103,7 @@ def is_log(entry: Parameter, initial: float) -> bool:
 
 
 def values_in(values: Mapping[str, float], recording: str) -> dict[str, float]:
-    """Values by name as one recording has them: of numbers that differ, "mu@monday", its own, "mu"."""
+    """Values by name as one recording has them: its own "mu@monday" becomes "mu"."""
     own = {
         name.partition(OWN)[0]: value
         for name, value in values.items()

@@ -11,11 +11,12 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
+# Set by `use_threads`; None allows one thread for each core.
 _most: int | None = None
 
 
 def use_threads(most: int) -> None:
-    """Use at most so many threads in this process: for processes that share the cores among them."""
+    """Use at most this many threads in this process, for processes that share the cores."""
     global _most
     _most = most
 

@@ -1,7 +1,7 @@
-"""The posterior sampled by NUTS: what the errors leave of the parameters where no parabola describes it.
+"""The posterior sampled by NUTS, for parameters whose likelihood no parabola describes.
 
-Errors are those of the fit (`answer.py`), priors those of the robot file; beyond the range searched there is
-none. The sampler, NumPyro's, is an extra: `pip install 'gtr-jax[posterior]'`.
+Errors are those of the fit (`answer.py`), priors those of the robot file; outside the range searched the
+density is zero. The sampler, NumPyro's, is an extra: `pip install 'gtr-jax[posterior]'`.
 """
 
 from __future__ import annotations
@@ -24,8 +24,11 @@ from .predictor import History, Predictor, shown
 from .setup import Part, Setup
 from .weighing import Weighing
 
+# Chains, steps of each to settle, and draws of each.
 CHAINS, WARM_UP, DRAWS = 4, 150, 250
+# Knots of the base tension, at most: the program holds a dense matrix of them, 32 MB for this number.
 MOST_KNOTS = 2000
+# Depth of the sampler's tree: at most 2^6 simulations with derivatives for each draw.
 DEEPEST = 6
 
 
@@ -133,7 +136,7 @@ class _Target(eqx.Module):
 
 
 def potential_of(setup: Setup, answer: Answer) -> Callable[[Float[Array, " p"]], Float[Array, ""]]:
-    """Minus the logarithm of the posterior density at coordinates u, (p,), but for a constant.
+    """Minus the logarithm of the posterior density at coordinates u, (p,), up to a constant.
 
     Derivatives are taken forward, because the parameters are few.
     """
@@ -213,7 +216,7 @@ def sample(
     )
     rng = np.random.default_rng(seed)
     start = jnp.asarray(0.5 * rng.normal(size=(chains, len(best))))
-    # NumPyro relies on JAX's ordinary promotion, whatever is set.
+    # NumPyro relies on JAX's standard promotion rules, whatever the process has set.
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         mcmc.run(jax.random.key(seed), init_params=start, extra_fields=("diverging",))
     y = mcmc.get_samples(group_by_chain=True)

@@ -21,7 +21,7 @@ class Posterior:
         sd: standard deviations, (p,).
         effective: effective sample sizes, (p,).
         rhat: split potential scale reductions, (p,).
-        divergences: steps of the sampler that broke off.
+        divergences: divergent transitions of the sampler.
     """
 
     names: tuple[str, ...]
@@ -35,5 +35,5 @@ class Posterior:
 
     @property
     def converged(self) -> bool:
-        """Whether the chains agree and none broke off."""
+        """Whether the chains agree and none diverged."""
         return self.divergences == 0 and bool(np.all(self.rhat < AGREED))

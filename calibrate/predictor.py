@@ -24,7 +24,7 @@ from .parallel import in_parallel
 # What instruments may show, with its units; names are those of `gtr_jax.Recording`.
 CHANNELS = ("T_tip", "tip_x", "tip_y", "tip_angle", "displacement")
 CHANNEL_UNITS = ("N", "m", "m", "rad", "m")
-# Load histories kept as they are simulated: a fit and a diagnosis come back to the same few.
+# Padded load histories kept in memory: a fit and a diagnosis reuse the same few.
 HISTORIES = 64
 
 
@@ -55,8 +55,9 @@ def shown(
 def padded_history(
     T_base: np.ndarray, time: np.ndarray | None, trial: np.ndarray | None, length: int = 0
 ) -> History:
-    """A load history of K samples; a second each without their times. Trials count as cycles where there is
-    more than one. It is as long as a compiled program of so many samples, or `length` if that is more.
+    """A load history of K samples, one second apart where times are missing. Trials count as cycles where
+    there is more than one. It is padded to a length for which programs are compiled, or to `length` if that
+    is more.
     """
     contents = [None if a is None else np.asarray(a, float).tobytes() for a in (T_base, time, trial)]
     return _padded_history(*contents, max(length, padded_length(len(T_base))))
@@ -118,7 +119,7 @@ class Seen:
 
     @staticmethod
     def of(flat: np.ndarray, samples: int) -> Seen | None:
-        """The same from it; None from an empty one."""
+        """The inverse of `flat`; None for an empty array."""
         if not len(flat):
             return None
         rows = flat[:-1].reshape(-1, samples)
@@ -127,7 +128,7 @@ class Seen:
         )
 
     def plus(self, channels: list[int], more: np.ndarray) -> Seen:
-        """The same with some channels higher by (channels, K)."""
+        """A copy with `more`, (channels, K), added to some channels."""
         values = np.array(self.values)
         values[channels] += more
         return dataclasses.replace(self, values=values)
@@ -139,8 +140,8 @@ class Prediction(Seen):
 
     Attributes:
         jacobian: derivatives of the values by u, (C, K, p).
-        slope: change of the values if the base tension were higher by one newton throughout, (C, K): of
-            T_tip, while friction holds the tip, that at the sample where it slipped last.
+        slope: derivative of the values with respect to a uniform shift of the base tension, per newton, (C,
+            K); while friction holds the tip, that of T_tip is the one at the sample where it slipped last.
     """
 
     jacobian: np.ndarray
@@ -190,9 +191,10 @@ class Predictor:
         robot: robot whose other parameters stay.
         at: coordinates of the free ones.
         T_base: base tension as its cell shows it [N], (K,).
-        time: of the samples [s], (K,); a second each unless given.
-        nodes: samples that are simulated, (J,), increasing from the first to the last; all unless given. What
-            lies between two is interpolated along T_base, which must not turn there; in a hold along time.
+        time: of the samples [s], (K,); one second apart unless given.
+        nodes: samples that are simulated, (J,), increasing from the first to the last; all unless given.
+            Samples between two nodes are interpolated in T_base, which must not turn there; during a hold, in
+            time.
         trial: number of the trial, (K,), or None.
         channels: what is predicted, in the order of CHANNELS; all unless given.
         length: least number of steps that the program is compiled for, so that recordings can share one.
@@ -223,7 +225,7 @@ class Predictor:
         self._before = np.maximum(self._next - (nodes[self._next] != np.arange(self.samples)), 0)
         low, high = T_base[nodes[self._before]], T_base[nodes[self._next]]
         rise = np.where(high == low, 1.0, high - low)
-        # In a hold only what takes time goes on.
+        # During a hold only time-dependent effects go on.
         clock = np.arange(self.samples) if time is None else time
         first, last = clock[nodes[self._before]], clock[nodes[self._next]]
         held = np.where(last > first, (clock - first) / np.where(last > first, last - first, 1.0), 1.0)

@@ -17,9 +17,12 @@ from .estimate import Profile
 from .parallel import in_parallel
 from .setup import Setup
 
-# Chi-squared of one parameter that 95 % of recordings stay below.
+# 95 % quantile of chi-square with one degree of freedom.
 LEVEL_95 = 3.841458820694124
+# First and farthest offset tried [standard errors]; points on each side; how near to the level a rise must
+# be.
 FIRST, FARTHEST, POINTS, CLOSE = 1.0, 4.0, 6, 0.05
+# Steps of the optimiser at each point, which starts from the point before it.
 MAX_STEPS = 12
 
 
@@ -38,7 +41,7 @@ class Profiles(NamedTuple):
 
 
 def profiles(setup: Setup, answer: Answer) -> Profiles:
-    """Profiles of the parameters that the recording determines; of one free parameter too."""
+    """Profiles of the parameters that the recording determines, also if only one is free."""
     known, found, evaluations, warnings = answer.known(setup), {}, 0, []
     for i, name in enumerate(f.name for f in setup.asked):
         if known.known[i]:
@@ -128,7 +131,9 @@ def _one_side(answer: Answer, i: int, sd: float, side: float) -> _Side:
 
 
 def _others(answer: Answer, i: int) -> np.ndarray:
-    """Which coordinates adapt while coordinate i is held, (p,): all but it and those at their end."""
+    """Which coordinates adapt while coordinate i is held, (p,): all but i and those at the end of their
+    range.
+    """
     free = ~answer.descent.at_edge
     free[i] = False
     return free

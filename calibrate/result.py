@@ -1,4 +1,4 @@
-"""What a fit answers."""
+"""The result of a fit."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ class FittedChannel:
     Attributes:
         unit: SI unit.
         simulated: (K,).
-        residual: simulated minus recorded, (K,); of a displacement less the zero of its instrument, which is
-            unknown.
-        sd: error that it was given, one standard deviation; None where nothing was fitted.
+        residual: simulated minus recorded, (K,); for a displacement, with the unknown zero of its instrument
+            taken off.
+        sd: standard deviation that its errors were given; None where nothing was fitted.
     """
 
     unit: str
@@ -61,12 +61,11 @@ class FittedRecording:
         channels: what was fitted to, T_tip first.
         T_base: base tension without noise [N], (K,), as its cell shows it: a gain or offset of the cell is
             taken off for the simulation.
-        band: standard error of the simulated T_tip that the parameters' uncertainty makes [N], (K,).
+        band: standard error of the simulated T_tip due to the parameters' uncertainty [N], (K,).
         phases: "pulling", "transition", "releasing" or "rest", (K,).
         by_phase: per phase its "count", "rms_N" and "mean_N" of the residual.
-        noise_N: standard deviation of the recorded tip tension [N], given or estimated; None if it cannot be
-            told.
-        noise_from: where it was seen.
+        noise_N: standard deviation of the recorded tip tension [N], given or estimated; None if unknown.
+        noise_from: what it was estimated from.
         noise_base_N: standard deviation of the recorded base tension [N]; 0 if it is taken as exact.
         chi2_per_n: sum of squared residuals of the tensions in units of the noise per degree of freedom; None
             without noise.
@@ -112,7 +111,8 @@ class FitResult:
     Attributes:
         recordings: each recording beside its fitted robot.
         estimates: one per free number.
-        carried: the other numbers that the robot file calls uncertain, fitted within what it says of them.
+        carried: the other numbers that the robot file calls uncertain, fitted with its standard deviations as
+            priors.
         converged: whether there is an answer: the optimiser and every load step converged, and something was
             to be fitted.
         result: how the optimiser ended, in words.
@@ -189,7 +189,7 @@ class FitResult:
 
     @property
     def by_phase(self) -> dict[str, dict[str, float]]:
-        """Of one recording; ValueError if there are several."""
+        """Count, rms and mean of the residual per phase; ValueError if there are several recordings."""
         return self._only().by_phase
 
     @property
@@ -199,7 +199,7 @@ class FitResult:
 
     @property
     def noise_base_N(self) -> float:
-        """That of the base tension [N]; ValueError if there are several recordings."""
+        """Standard deviation of the recorded base tension [N]; ValueError if there are several recordings."""
         return self._only().noise_base_N
 
     @property

@@ -21,20 +21,24 @@ from .predictor import CHANNELS, Prediction, Predictor
 from .readings import BaseTension, exact, noise
 from .weighing import Weighing
 
+# Range searched: this factor up and down for a positive parameter; this many scales to each side for others.
 LARGEST_FACTOR = 30.0
 LARGEST_SHIFT = 2.0
+# Least error of a channel, as a share of its size; and its error in the search for a start, as a share of its
+# range.
 SMALLEST_SIGMA, ROUGH = 1e-6, 0.02
 STRETCH = "tendon-stretch"
-# Recordings longer than this are simulated at about as many samples, or at steps of this share of the range.
+# Recordings with more samples than LONG are simulated at about LONG of them, or, if that is fewer, at steps
+# of the base tension of FINEST of its range.
 LONG, FINEST = 2000, 1 / 400
 # Steps up to which a thinned recording is simulated by the program of the whole one: to simulate held steps
 # takes 0.03 ms each, to trace and read another program 1.5 s, and to compile it 8 s.
 SHARED = 1024
-# A tip angle beyond so many turns, or a tip farther away than so many lengths, is in another unit.
+# A tip angle beyond so many turns, or a tip farther away than so many lengths, must be in another unit.
 MOST_TURNS, MOST_LENGTHS = 2.0, 2.0
-# A base tension that would strain the outermost fibre by so much, on average and without friction, is in
-# another unit. The shared and shipped recordings reach 0.07 to 0.13, and 102 times that if their newtons
-# are grams-force.
+# A base tension that would strain the outermost fibre by so much, on average and without friction, must be in
+# another unit. The shared and shipped recordings reach 0.07 to 0.13, and 102 times that if their newtons are
+# grams-force. OFTEN is the percentile of the base tension that is checked, so that lone spikes do not count.
 MOST_STRAIN, OFTEN = 2.0, 99.0
 
 
@@ -46,9 +50,9 @@ class Part:
         name, path: of the recording.
         robot: with the values it starts from.
         config: its file, or None.
-        T_base: estimate of the true base tension, and what the recorded one says of it.
+        T_base: estimate of the true base tension, and how well the recorded one determines it.
         channels: names of what is fitted to, T_tip first.
-        recorded: the same, SI, (C, K).
+        recorded: their readings, SI, (C, K).
         time: of the samples [s], (K,), or None.
         trial: number of the trial, (K,), or None.
         noise_N: standard deviation of T_tip [N] if given.
@@ -85,8 +89,8 @@ class Part:
         return SMALLEST_SIGMA * np.maximum(size, 1e-6)
 
     def noise(self, fitted: Prediction | None = None, kept: np.ndarray | None = None) -> noise.Noise:
-        """The tip's noise given, or estimated; better so once a fitted model tells which stretches are
-        locked, and without the samples that are not kept, (K,) bool.
+        """Noise of the tip tension, given or estimated. A fitted model improves the estimate: it shows which
+        stretches are locked, and replaces the samples that are not kept, (K,) bool.
         """
         if self.noise_N is not None:
             return noise.Noise(self.noise_N, source="given")
@@ -97,25 +101,25 @@ class Part:
         return noise.estimate(base.T_base, T_tip, self.trial, ~fitted.slips)
 
     def least(self, tip: float | None) -> np.ndarray:
-        """Smallest standard deviation that each channel's errors may be given, (C,): of the tip tension its
-        noise, of the others what neighbouring samples differ by.
+        """Smallest standard deviation that each channel's errors may be given, (C,): the noise of the tip
+        tension; for other channels, the difference between neighbouring samples.
         """
         others = [noise.from_differences(row) or 0.0 for row in self.recorded[1:]]
         return np.maximum([tip or 0.0, *others], self.smallest)
 
     def rough(self) -> np.ndarray:
-        """Errors to look for a start with, (C,): the tip's noise, and of the others a share of their range,
-        because a wrong stiffness puts them far off.
+        """Errors used in the search for a start, (C,): the tip's noise, and for other channels a share of
+        their range, because a wrong stiffness puts them far off.
         """
         sd = self.least(self.noise().sd_if_known)
         return np.maximum(sd, [0.0, *(ROUGH * np.ptp(self.recorded[1:], axis=1))])
 
     def stretch(self, T_tip: np.ndarray) -> np.ndarray:
-        """What is unknown of the tendon's own stretch, one standard deviation [m], (K,).
+        """Uncertain stretch of the tendon itself, one standard deviation [m], (K,).
 
-        Every tendon stretches. Unless the robot has a compliance, or no displacement is fitted to, it is
-        taken as uncertain by the term's typical one, times the length and the mean tension between base and
-        tip, which is the logarithmic one where friction is even.
+        Every tendon stretches. Unless the robot has a compliance, or no displacement is fitted, the stretch
+        is uncertain by the term's typical compliance times the length and the mean tension between base and
+        tip. Even friction makes that the logarithmic mean.
 
         Args:
             T_tip: simulated [N], (K,).
@@ -131,7 +135,7 @@ class Part:
         return term.quantities[0].typical * float(self.robot.backbone.length) * mean
 
     def weighing(self, prediction: Prediction, sd: np.ndarray) -> Weighing:
-        """How residuals weigh beside a simulation, with an error of each channel, (C,)."""
+        """The weighing of residuals for a simulation, with one error for each channel, (C,)."""
         stretch = self.stretch(prediction.T_tip)
         return Weighing.of(self.T_base, prediction, self.channels, sd, self.T_base.believed, stretch)
 
@@ -195,7 +199,7 @@ class Setup:
 
     @property
     def priors(self) -> list[float | None]:
-        """Standard deviations of what the robot file knows of each, SI."""
+        """Standard deviation of each free number by the robot file, SI; None without prior."""
         return [f.prior for f in self.free]
 
     @property
@@ -216,7 +220,7 @@ class Setup:
 
     @property
     def asked(self) -> list[Free]:
-        """Those that were asked for; they come first."""
+        """The free numbers that were requested; they come first."""
         return [f for f in self.free if not f.carried]
 
     def numbers(self, values: np.ndarray) -> list[Number]:
@@ -255,11 +259,11 @@ class Setup:
         return tuple(coordinates(index, self.numbers(values)) for index in self._places)
 
     def values_of(self, part: int, values: np.ndarray) -> dict[str, float]:
-        """What the free numbers are to one recording's robot, SI, by short name."""
+        """Values of the free numbers of one recording's robot, SI, by short name."""
         return {f.entry.name: float(v) for f, v in zip(self.free, values, strict=True) if part in f.parts}
 
     def objective(self, at: Sequence[Coordinates], parts: Sequence[Part] | None = None) -> Objective:
-        """Least squares on recordings, each of their channels with one error, and on the priors.
+        """The least squares problem: residuals of recordings, with one error for each channel, and priors.
 
         Args:
             at: coordinates of each recording.
@@ -320,7 +324,7 @@ def recorded(recording: Recording) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 
 
 def check_tension(T_base: np.ndarray, robot: Robot, where: str) -> None:
-    """Refuse base tensions [N], (K,), that no such robot can take: a unit that was forgotten.
+    """Refuse base tensions [N], (K,), that no such robot can take: a sign of a forgotten unit.
 
     The strain of the outermost fibre is T R r/(E I), here without bores, which only soften the body.
 

@@ -1,7 +1,8 @@
 """Where to start: the cost scanned over friction, and stiffness, on a thinned recording.
 
 The tip tension is a play operator of the base tension: locked stretches have no slope, and friction that is
-much too high explains a recording by locking it. Descent alone ends there, so the start is searched for.
+much too high explains a recording by locking it. A descent alone would end there, so the start is searched
+for.
 """
 
 from __future__ import annotations
@@ -16,20 +17,24 @@ from .descent import Objective, descend
 from .parallel import in_parallel
 from .setup import Setup
 
-# Factors below 2 between neighbours, from a smooth sheath to full lock.
+# Friction coefficients tried: factors below 2 between neighbours, from a smooth sheath to full lock.
 MU_GRID = tuple(float(mu) for mu in np.geomspace(0.01, 2.0, 10))
+# Factors on the modulus of the robot file that are tried.
 E_FACTORS = (1.0, 0.4, 2.5)
+# Blocks of a thinned recording, with two samples each.
 BLOCKS = 60
+# Candidates from which a descent is tried.
 STARTS = 3
-# Ends whose sums of squares differ by less than this, in variances or relative, are one.
+# Ends whose sums of squares differ by less than this, in variances or relative, count as one.
 LEVEL = 0.01
+# Steps of a descent on the thinned recordings.
 ROUGH_STEPS = 25
 
 
 def thin(T_base: np.ndarray, blocks: int = BLOCKS) -> np.ndarray:
     """Samples that carry the load history: of each of so many blocks the lowest and the highest base tension.
 
-    What a tendon with friction remembers are the extremes; nothing is averaged.
+    A tendon with friction remembers extremes, so nothing is averaged.
 
     Args:
         T_base: base tension [N], (K,).
@@ -50,7 +55,7 @@ def thin(T_base: np.ndarray, blocks: int = BLOCKS) -> np.ndarray:
 
 def candidates(setup: Setup) -> list[np.ndarray]:
     """Values worth trying, SI: the robot file's, and a grid over mu and E where they have no prior. Where
-    several recordings have their own, all are moved alike.
+    recordings have values of their own, all are changed alike.
     """
     values = setup.initial
     searched = {

@@ -14,12 +14,12 @@ from gtr_jax.simulation.phases import PULLING, RELEASING, REST, TRANSITION
 
 from .estimate import Estimate
 
-# Above this sum of squares per sample the residual is more than noise, 1.22 times the noise; or above what
-# chance gives in 1 of 100 recordings, where the noise is not well known.
+# Above this chi-square per sample the residual is more than noise (1.22 times the noise); where the noise is
+# poorly known, above the value that chance exceeds in 1 of 100 recordings.
 LACK_OF_FIT, CHANCE = 1.5, 0.01
 # A residual below this share of the peak is called small even if the noise is smaller still.
 SMALL = 0.0025
-# Standard errors of a difference.
+# Standard errors of the difference between pulling and releasing from which they disagree.
 DISAGREE = 3.0
 # Share of a variance above which uncertain numbers make most of it, and from which each of them is named.
 MOST_OF_IT, NAMED = 0.5, 0.1
@@ -79,7 +79,7 @@ def disagreement_of_phases(mu_by_phase: dict[str, Estimate], apart: float) -> st
 
 
 def _by_chance(degrees: float, noise_degrees: float) -> float:
-    """What a sum of squares per degree of freedom exceeds by chance in CHANCE of all recordings."""
+    """Value that chi-square per degree of freedom exceeds by chance in a share CHANCE of recordings."""
     if not math.isfinite(degrees):
         return 1.0
     return float(fdtri(degrees, min(noise_degrees, 1e6), 1 - CHANCE))
@@ -132,7 +132,7 @@ class Distance(NamedTuple):
         return self.chi2 <= max(LACK_OF_FIT, _by_chance(*self.degrees))
 
     def clauses(self) -> list[str]:
-        """What the model is to this recording; the first clause begins a sentence or follows "but"."""
+        """How the model describes this recording; the first clause begins a sentence or follows "but"."""
         if self.noise is None or self.chi2 is None:
             clauses = [
                 f"the fitted model is {self.off}, from the recording, whose noise cannot be told",

@@ -1,16 +1,16 @@
-"""Residuals weighed with the noise of the cells: the base tension's passes on to the tip wherever it slips.
+"""Residuals weighed by the noise of both cells: that of the base cell passes on to the tip wherever it slips.
 
 While the whole tendon slips, T_tip follows the base tension of that moment with the slope g = dT_tip/dT_base;
-while friction holds the tip, T_tip stays that of the sample at which it slipped last. So the simulated T_tip
-of a sample depends on one true base tension, and through it on a few knots (`readings`), whose values
-v are known from the recording with a banded information matrix. Minimising over v,
+while friction holds the tip, T_tip keeps the value of the sample at which it slipped last. So the simulated
+T_tip of a sample depends on one true base tension, and through it on a few knots (`readings`), whose values v
+are known from the recording with a banded information matrix. Minimising over v,
 
     min_dv |r + G B dv|^2/sd_tip^2 + |B dv|^2/sd_base^2,
 
-is linear in the residual r and costs as much as a banded solve. The errors that a plateau has in common
-with the peak before it are thus counted once, and a plateau says of friction what it should: nothing, beyond
-what the peak says. The tip's pose and the tendon's displacement, which follow the base tension of their own
-sample, come into the sum likewise.
+is linear in the residual r and costs as much as a banded solve. Errors that a plateau has in common with the
+peak before it are thus counted once, and the plateau adds no information about friction to that of the peak.
+The tip's pose and the tendon's displacement, which follow the base tension of their own sample, come into the
+sum likewise.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ class Weighing:
         slope: change of each channel per change of the base tension at sample `last`, (C, K).
         last: sample whose base tension a value depends on, (C, K).
         weight: 1/sd, in 1/(unit of the channel), (C, K); 0 leaves a sample out.
-        floating: channels whose zero is unknown, so that a constant off is nothing, (C,).
-        stretch: what the tendon's own stretch adds to these, one standard deviation of what is unknown of it
-            [m], (K,); zero where it is known.
-        sd_base: standard deviation of the recorded base tension [N], to be believed; 0: it is exact.
+        floating: channels whose zero is unknown, so that a constant offset does not count, (C,).
+        stretch: uncertain stretch of the tendon in these channels, one standard deviation [m], (K,); zero
+            where the stretch is known.
+        sd_base: effective standard deviation of the recorded base tension [N]; 0 if it is exact.
         tau: samples per independent one, of each channel, (C,).
     """
 
@@ -53,7 +53,7 @@ class Weighing:
 
     @staticmethod
     def plain(base: BaseTension, channels: tuple[str, ...], sd: np.ndarray) -> Weighing:
-        """All samples of a channel alike, the base tension taken as it is."""
+        """Equal weights for all samples of a channel, and an exact base tension."""
         C, K = len(channels), len(base.T_base)
         return Weighing(
             base=base,
@@ -75,7 +75,7 @@ class Weighing:
         sd_base: float,
         stretch: np.ndarray,
     ) -> Weighing:
-        """With the slopes of a simulation of the channels."""
+        """Weighing with the slopes of a simulation."""
         K = len(base.T_base)
         plain = Weighing.plain(base, channels, sd)
         slipped = np.maximum.accumulate(np.where(prediction.slips, np.arange(K), 0))
@@ -86,19 +86,19 @@ class Weighing:
 
     @property
     def passed(self) -> np.ndarray:
-        """Standard deviation of the channels, by sign, that the base tension's noise brings, (C, K)."""
+        """Signed standard deviation of the channels due to the base tension's noise, (C, K)."""
         return self.slope * self.sd_base
 
     def only(self, inside: np.ndarray) -> Weighing:
-        """The same with the other samples, (K,) bool, left out."""
+        """A copy that counts only the samples inside, (K,) bool."""
         return dataclasses.replace(self, weight=np.where(inside, self.weight, 0.0))
 
     def trusted(self, share: np.ndarray) -> Weighing:
-        """The same with each residual, (C, K), counted by a share of its weight."""
+        """A copy with each weight multiplied by a share, (C, K)."""
         return dataclasses.replace(self, weight=self.weight * share)
 
     def shift(self, rows: np.ndarray) -> np.ndarray:
-        """By how much the base tension is best corrected for residuals, (C, K, ...), in (K, ...) [N]."""
+        """Best correction of the base tension [N], (K, ...), for residuals, (C, K, ...)."""
         K = len(self.base.T_base)
         if self.sd_base <= 0:
             return np.zeros((K, *rows.shape[2:]))
@@ -109,7 +109,9 @@ class Weighing:
 
     @functools.cached_property
     def factor(self) -> np.ndarray:
-        """Cholesky factor of what both cells say of the knots, banded, as `BaseTension.information`."""
+        """Cholesky factor of the information of both cells about the knots, banded, as
+        `BaseTension.information`.
+        """
         found = self.base.information(np.full(len(self.base.T_base), self.sd_base**-2))
         for passed, last in zip(self.slope**2 * self.weight**2, self.last, strict=True):
             found = found + self.base.information(passed, last)
@@ -117,7 +119,7 @@ class Weighing:
 
     @functools.cached_property
     def unknown(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of the channels whose zero is unknown, shares of the samples in their mean, and the stretch of the
+        """For channels whose zero is unknown, shares of the samples in their mean, and the stretch of the
         tendon less its own mean, in the units of the channels, (C, K) each; zero in the others.
         """
         share = np.where(self.floating[:, None], self.weight**2, 0.0)
@@ -127,9 +129,9 @@ class Weighing:
         return share, np.where(self.floating[:, None], self.stretch - mean, 0.0)
 
     def centred(self, rows: np.ndarray) -> np.ndarray:
-        """Without the constant of the channels whose zero is unknown, nor, as far as its prior lets it, a
-        stretch of the tendon: in units of the noise rows r become r - (1 - 1/sqrt(1 + |g|^2)) g (g'r)/|g|^2,
-        the square of which is the least that a stretch and its prior leave.
+        """Residuals without the constant of channels whose zero is unknown and, as far as its prior allows,
+        without a stretch of the tendon: in units of the noise rows r become r - (1 - 1/sqrt(1 + |g|^2)) g
+        (g'r)/|g|^2, the square of which is the least that a stretch and its prior leave.
         """
         if not self.floating.any():
             return rows
@@ -159,7 +161,7 @@ class Weighing:
         return _along(self.weight, rows) * moved, shift / self.sd_base if self.sd_base > 0 else shift
 
     def __call__(self, rows: np.ndarray) -> np.ndarray:
-        """Both in one, (C K + K, ...), counted by independent samples."""
+        """All weighed rows in one array, (C K + K, ...), scaled to independent samples."""
         channels, base = self.split(rows)
         counted = channels / np.sqrt(self.tau).reshape(-1, *[1] * (rows.ndim - 1))
         return np.concatenate([counted.reshape(-1, *rows.shape[2:]), base / np.sqrt(self.tau[0])])

@@ -1,7 +1,7 @@
 """What can be wrong with a target for a robot, and the one line that says so.
 
-Only what no search is needed for: whether an arm of this length could be there at all, and whether the file
-asks for two things at once.
+These are only the checks that need no search: whether an arm of this length could be there at all, and
+whether the file asks for two things at once.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from gtr_jax.files.units import to_si
 
 from .target import FAMILIES, Goal, PoseTarget, ShapeTarget, TargetConfig
 
-FINEST = 1e-5  # tolerance, of the length or in rad: what meshes leave open
+FINEST = 1e-5  # finest tolerance, of the length or in rad: meshes are not more exact
+# Turns of the tip, and half waves of the channel, beyond which the file must be mistaken.
 MOST_TURNS, MOST_WAVES = 2, 100
 
 
@@ -88,7 +89,7 @@ def _check_pose(key: str, pose: PoseTarget, length: float, refuse) -> None:
 
 
 def _check_numbers(key: str, load: PoseTarget | ShapeTarget, length: float, refuse) -> None:
-    """Weight and tolerances: positive, and no finer than what a design can be looked at with."""
+    """Weight and tolerances: positive, and no finer than a design can be verified."""
     for name in ("tip_tolerance", "angle_tolerance", "tolerance", "weight"):
         value = getattr(load, name, None)
         if value is not None and value <= 0:
@@ -100,7 +101,7 @@ def _check_numbers(key: str, load: PoseTarget | ShapeTarget, length: float, refu
 
 
 def _check_chord(key: str, tip, angle: float, length: float, refuse) -> None:
-    """Only a straight arm reaches as far as it is long; what else cannot be is for the search."""
+    """Only a straight arm reaches as far as it is long; other impossible poses are left to the search."""
     if math.hypot(*tip) > length * (1 - 1e-6) and abs(angle) > 0.02:
         refuse(
             f"{key}.angle",

@@ -1,4 +1,4 @@
-"""What a design made with a plainer model does under the physics that was found."""
+"""How a design made with a plainer model performs under the physics that was found."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .space import on_common_mesh
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Comparison:
-    """A design by the plain model, believed and in truth.
+    """A design made with the plain model: as that model predicts it, and as it really is.
 
     Attributes:
         source: of the plain model.

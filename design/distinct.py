@@ -20,11 +20,11 @@ from .space import channel_of
 
 FINER = 4.0  # mesh on which designs are compared, over the default
 MESH_SHARE = 0.1  # of a tolerance, by which the mesh of the search may be off
-CORRECTIONS = 2
-SAME = 0.02  # of the space, between two designs that count as one
-SAME_CHANNEL = 1e-3  # of the largest radius, between two channels that count as one
-PLACES = 201  # at which they are compared
-LISTED = 8
+CORRECTIONS = 2  # searches for targets moved by the mesh's error, at most
+SAME = 0.02  # difference in any coordinate, of the range searched, below which two designs count as one
+SAME_CHANNEL = 1e-3  # of the largest radius: difference below which two channels count as one
+PLACES = 201  # stations along the body, at which channels are compared
+LISTED = 8  # designs, at most
 
 
 class _Seen(NamedTuple):
@@ -38,9 +38,10 @@ class _Seen(NamedTuple):
 def distinct_options(problem: DesignProblem, found: SearchResult) -> list[Option]:
     """The distinct designs found, each looked at on a mesh four times finer than the default, best first.
 
-    Where any is valid, only such: they keep every limit and, unless they allow for what is not known, are
-    within every tolerance. The first then loses the least tension of them; of a goal it is the best; of a
-    design that allows for what is not known it has the least error. Where none is, those that came nearest.
+    If any design is valid, only valid ones are returned: they keep every limit and, unless they are robust
+    designs (which allow for uncertain friction and modulus), every tolerance. The first one loses the least
+    tension; with a goal it is the best; of robust designs it has the least error. If none is valid, the
+    nearest ones are returned.
 
     Args:
         problem: what they are designs for.
@@ -80,7 +81,7 @@ def distinct_options(problem: DesignProblem, found: SearchResult) -> list[Option
 
 
 def is_valid(problem: DesignProblem, option: Option) -> bool:
-    """Whether a design can be offered: limits kept and, but of one that allows for what is not known, targets
+    """Whether a design can be offered: it keeps its limits and, unless it is a robust design, its targets are
     within their tolerances.
     """
     robust = problem.objective.spread != "nominal" and not problem.objective.wanted.goal
@@ -93,7 +94,7 @@ def by_loss(problem: DesignProblem) -> bool:
 
 
 def _preference(problem: DesignProblem, option: Option) -> float:
-    """The less, the better; the same for all where the order of the search stands."""
+    """Sorting key, the less the better; constant where the order of the search is kept."""
     if problem.objective.spread != "nominal":
         return 0.0
     if problem.target.goal is not None:
@@ -102,7 +103,7 @@ def _preference(problem: DesignProblem, option: Option) -> float:
 
 
 def is_new(z: np.ndarray, others: list[np.ndarray]) -> bool:
-    """Whether coordinates, (c,), are a design apart from others."""
+    """Whether coordinates, (c,), differ from those of all other designs."""
     return all(np.max(np.abs(z - other)) >= SAME for other in others)
 
 

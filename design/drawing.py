@@ -12,7 +12,7 @@ from gtr_jax.robot.build import build_robot
 
 from .limits import stations_of
 
-PLACES = 401
+PLACES = 401  # stations along the body
 MARGIN = 5.0  # mm around the drawing
 
 

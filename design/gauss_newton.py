@@ -1,9 +1,9 @@
 """Least squares within bounds and limits: Levenberg and Marquardt's method on the residuals of the targets
 and on those of an augmented Lagrangian for the limits, many starts at once.
 
-Of the limits c(z) >= 0 with multipliers l and penalty r, the augmented Lagrangian is half the sum of squares
-of  sqrt(r) max(0, l/r - c)  (Hestenes, Powell, Rockafellar), so that with the targets it is one least squares
-problem. Where the targets are met the multipliers vanish and one round does.
+For limits c(z) >= 0 with multipliers l and penalty r, the augmented Lagrangian is half the sum of squares of
+sqrt(r) max(0, l/r - c) (Hestenes, Powell, Rockafellar), so that with the targets it is one least squares
+problem. Where the targets are met, the multipliers vanish and one round is enough.
 """
 
 from __future__ import annotations
@@ -19,14 +19,15 @@ from gtr_jax.mechanics.small_matrices import inverse, times
 
 from .objective import Evaluation, Objective, evaluate
 
+# Penalty of the augmented Lagrangian: at first, at most, and the factor by which it is raised.
 FIRST_PENALTY, LARGEST_PENALTY, RAISE = 1e4, 1e9, 10.0
-BACK_OFF = 1e-3  # margins aim this far inside, in their scale, so that rounding and meshes keep the limit
+BACK_OFF = 1e-3  # margins aim this far inside, in their scale, to keep limits despite rounding and meshes
 KEPT = 1e-4  # by which the aim may be missed
 MET = 1e-3  # residual, in tolerances, at which there is nothing left to do
-SMALLEST_STEP = 1e-7
-LONGEST_STEP = 0.25
+SMALLEST_STEP = 1e-7  # of the space; a shorter step ends a round
+LONGEST_STEP = 0.25  # of the space
 DIFFERENCE = 1e-5  # of the space
-HARDEST = 1e10
+HARDEST = 1e10  # damping beyond which a round is given up
 ROUNDS = 8  # of the augmented Lagrangian
 
 
@@ -162,7 +163,7 @@ def search(
     """Search from one start.
 
     Args:
-        objective: the problem; its goal is not looked at.
+        objective: the problem; a goal counts by its distance from utopia.
         z: start, (c,).
         free: 1 for coordinates that may change, 0 for those that stay, (c,).
         most_steps: evaluations after which it gives up.

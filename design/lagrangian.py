@@ -13,9 +13,10 @@ from .gauss_newton import BACK_OFF, KEPT, Found
 from .lbfgsb import minimise
 from .objective import Objective, evaluate
 
+# Penalty of the augmented Lagrangian: at first, at most, and the factor by which it is raised.
 FIRST_PENALTY, LARGEST_PENALTY, RAISE = 1e2, 1e7, 10.0
-TOLERANCE = 1e-6
-STEPS, ROUNDS = 40, 6
+TOLERANCE = 1e-6  # largest entry of the projected gradient at which a minimisation stops
+STEPS, ROUNDS = 40, 6  # iterations of a minimisation; rounds of the augmented Lagrangian
 KNOWN_PENALTY = 1e3  # to start with where multipliers are known
 
 
@@ -81,7 +82,7 @@ def minimise_all(
         objective: the problem.
         z: starts, (L, c).
         free: 1 for coordinates that may change, (L, c).
-        multipliers: of the limits, of what is minimised, to start with; 0 unless given.
+        multipliers: of the limits at the start, for the unscaled objective; 0 unless given.
     """
     lanes = z.shape[0]
     value, rows = _objectives(objective, z)

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-LARGE = 1e12
+LARGE = 1e12  # value where the function is not finite
 
 
 class Minimum(NamedTuple):
@@ -35,7 +35,8 @@ def minimise(
     tol: float,
     steps: int,
 ) -> Minimum:
-    """Minimise a function within bounds by L-BFGS-B (Byrd, Lu, Nocedal and Zhu 1995); may be mapped.
+    """Minimise a function within bounds by L-BFGS-B (Byrd, Lu, Nocedal and Zhu 1995); works under vmap and
+    lax.map.
 
     Args:
         fun: of the point and `args`; where it is not finite it counts as large.
@@ -71,7 +72,7 @@ def minimise(
 
 @contextlib.contextmanager
 def _permissive() -> Iterator[None]:
-    """jaxopt mixes ranks and dtypes, and says when it is imported that nobody maintains it."""
+    """Allow jaxopt to mix ranks and dtypes, and ignore its deprecation warning at import."""
     with warnings.catch_warnings(), jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
         warnings.filterwarnings("ignore", category=DeprecationWarning)
         yield

@@ -1,8 +1,8 @@
-"""From designs that meet the targets along their family to those that lose less tension.
+"""From designs that meet the targets, along their family, to designs that lose less tension.
 
 Where more numbers are free than the targets fix, the designs that meet them are a family, and a search for
-the targets ends anywhere in it. Here the limit on the loss is drawn in step by step, and the search goes on
-from where it ended, as long as any lane still arrives.
+the targets ends anywhere in it. Here the limit on the loss is lowered step by step, and the search continues
+from where it ended as long as any lane still arrives.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from .problem import DesignProblem
 from .search import ARRIVED, SearchResult, losses, result_of
 
 HIT = 0.05  # of a tolerance, within which the targets stay: a tolerance is not spent to save tension
-FIRST, LONGEST, SHORTEST = 0.1, 0.3, 0.002  # of the loss, by which its limit is drawn in
+FIRST, LONGEST, SHORTEST = 0.1, 0.3, 0.002  # steps of the limit on the loss, of the loss
 MOST_STEPS = 60  # evaluations of a lane for each limit
 
 
 def with_less_loss(problem: DesignProblem, found: SearchResult) -> SearchResult:
-    """The lanes of a search, and behind them those of them that could be followed to where they lose less.
+    """The lanes of a search, followed by copies of the lanes that could be moved to less tension loss.
 
-    Where nothing arrived, where the loss does not decide, and with physics terms, whose derivatives cost ten
-    designs each, the lanes stay alone.
+    There are no copies where nothing arrived, where the loss does not decide, or with physics terms, whose
+    derivatives cost ten evaluations each.
 
     Args:
         problem: what is searched for.
@@ -63,7 +63,9 @@ def with_less_loss(problem: DesignProblem, found: SearchResult) -> SearchResult:
 
 
 def _drawn_in(objective: Objective, loss: float) -> Objective:
-    """The objective with another limit on the loss, to which the search comes by aiming inside its limits."""
+    """The objective with another limit on the loss, raised by BACK_OFF because the search aims inside its
+    limits.
+    """
     return eqx.tree_at(lambda t: t.limits.loss, objective, jnp.asarray(loss + BACK_OFF, dtype=float))
 
 

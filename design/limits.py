@@ -1,7 +1,7 @@
 """The limits of a design as margins: non-negative where kept, 1 where a whole scale away.
 
-What belongs to the channel alone is looked at on stations of its own, close together and on both sides of
-every kink, so that no bend hides between the nodes of the mesh.
+Limits on the channel alone are checked at stations of their own, close together and on both sides of every
+kink, so that no bend hides between the nodes of the mesh.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from gtr_jax.mechanics.channel import turning_rate
 from gtr_jax.mechanics.offset import Offset
 from gtr_jax.robot.robot import Robot
 
-LEAST_WAVE = 0.02  # of the length: w2 - w1
-FAR = 1.0
+LEAST_WAVE = 0.02  # least w2 - w1, of the length
+FAR = 1.0  # margin at places that a limit does not concern
 BETWEEN = 48  # stations between the kinks, where the channel bends
 
 WALL, BORE, RADIUS, BASE_SLOPE, TIP_SLOPE, WAVE = (
@@ -32,7 +32,7 @@ LOSS, TIP, RELEASE = "max_tension_loss", "min_T_tip", "T_base before release"
 
 
 class LimitValues(eqx.Module):
-    """The numbers of the limits, SI; those that are not given are not looked at.
+    """The numbers of the limits, SI; limits that are not given are ignored.
 
     Attributes:
         wall, bore: least distance of the channel's centre line from the outer surface and from a bore [m].
@@ -63,8 +63,8 @@ class Stations(NamedTuple):
 
 
 def stations_of(robot: Robot, count: int) -> Stations:
-    """The channel of a robot at `count` even places, close together between its kinks, and at everything that
-    stands out.
+    """The channel of a robot at `count` even places, close together between its kinks, and at kinks and ends
+    of bores.
     """
     body, routing = robot.backbone, robot.routing
     kinks = routing.kinks()
@@ -92,7 +92,7 @@ def channel_margins(
         robot: the design.
         at: its channel.
         limits: their numbers.
-        given: those that are looked at (static).
+        given: names of those that are checked (static).
     """
     body, R = robot.backbone, at.R
     size = jnp.max(body.outer_radius)

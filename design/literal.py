@@ -1,4 +1,4 @@
-"""The equilibrium from the paper's own integrals, solved apart from the simulator.
+"""The equilibrium from the paper's own integrals, solved independently of the simulator.
 
 Moments are the anchor's (15) and that of the distributed forces (16), with the factor nu that the printed
 form lacks, force by force; gravity and tip loads likewise by their arms. Nothing of the local moment
@@ -16,9 +16,9 @@ import numpy as np
 
 from gtr_jax.robot.robot import Robot, inner_kinks, loads_of
 
-TOLERANCE = 1e-9
-STEPS = 60
-COARSE = 120
+TOLERANCE = 1e-9  # largest residual: error of a curvature times the length
+STEPS = 60  # of Newton's method, at most
+COARSE = 120  # intervals of the coarser mesh, about
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -157,7 +157,8 @@ def solve_literal(
 ) -> Literal:
     """One state by the literal integrals.
 
-    Two meshes, one of half the spacing, are extrapolated, for trapezoids are of second order.
+    The results of two meshes, one of half the spacing, are extrapolated: the trapezoidal rule is of second
+    order.
 
     Args:
         robot: of one tendon, without physics terms.

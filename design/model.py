@@ -41,7 +41,8 @@ def states_of(robot: Robot, T_base: Float[Array, " S"], released: tuple[bool, ..
     """Solve the states.
 
     Each is reached in one step: pulled from the preload, or pulled to the largest tension and from there
-    released. For a tendon alone, friction without physics terms gives the same as any number of steps.
+    released. For a single tendon with friction and no physics terms, any number of steps gives the same
+    result.
 
     Args:
         robot: of one tendon.

@@ -20,7 +20,7 @@ from gtr_jax.robot.routing import StraightSineStraight
 from .limits import LEAST_WAVE, LOSS, RELEASE, TIP, LimitValues, channel_margins, stations_of
 from .model import States, states_of
 
-NEAR = 0.9  # of its tolerance, to which a target is kept where there is a goal
+NEAR = 0.9  # of its tolerance, within which a target is kept where there is a goal
 
 
 class Wanted(eqx.Module):
@@ -34,7 +34,7 @@ class Wanted(eqx.Module):
         point_scale: as of poses, (Q,). point_state: state of each (static).
         direction: of the goal [rad], ().
         goal_scale: size of the goal that counts as 1: m, rad or N, ().
-        utopia: of the goal over its scale, no design is beyond it, ().
+        utopia: value of the goal, over its scale, that no design exceeds, ().
         goal: "reach", "bend", "tension" or "" (static). goal_state: its state (static).
     """
 
@@ -62,8 +62,10 @@ class Objective(eqx.Module):
         free: which of them are coordinates (static), q of them.
         states: number of the tension, and whether on the releasing branch, of each state (static).
         wanted: the targets. limits: the numbers of the limits.
-        given: which limits are looked at (static). active: 1 for each that holds, 0 for one put aside, (k,).
-        draws: steps of friction coefficient and modulus that the design allows for, relative, (D, 2).
+        given: which limits are checked (static). active: 1 for each limit in force, 0 for one put aside,
+            (k,).
+        draws: relative deviations of friction coefficient and modulus for which a design is evaluated, (D,
+            2).
         shares: weight of each, (D,).
         uncertain: places of those two in the robot, (2,).
         spread: "nominal", "expected" or "worst" (static).
@@ -93,10 +95,9 @@ class Objective(eqx.Module):
 class Evaluation(NamedTuple):
     """One design, judged.
 
-    residuals: in units of the tolerances, (m,); with a goal, how far that is from utopia, (1,), and the
-    targets are margins. goal: the smaller the better, about 1, (). margins: of the limits in their scales,
-    (K,), those put aside far away. pose: of the states, (S, 3). T_tip: (S,).
-    converged: ().
+    residuals: in units of the tolerances, (m,); with a goal, its distance from utopia, (1,), while the
+    targets become margins. goal: the smaller the better, about 1, (). margins: of the limits in their scales,
+    (K,), those put aside far away. pose: of the states, (S, 3). T_tip: (S,). converged: ().
     """
 
     residuals: Float[Array, " m"]
@@ -116,7 +117,9 @@ def robot_of(objective: Objective, z: Float[Array, " c"]) -> Robot:
 
 
 def _in_order(robot: Robot) -> Robot:
-    """A wave that would end before it begins gets a length; a limit of its own keeps designs away from it."""
+    """Give a wave that would end before it begins a least length; a separate limit keeps designs away from
+    this.
+    """
     if not isinstance(robot.routing, StraightSineStraight):
         return robot
     least = robot.routing.w1 + 0.5 * LEAST_WAVE * robot.backbone.length
@@ -238,7 +241,7 @@ def at_draw(objective: Objective, robot: Robot, draw: Float[Array, "2"]) -> Robo
 
 
 def _spread(objective: Objective, robot: Robot, tensions):
-    """Residuals and goal over what is not known, and whether all converged."""
+    """Residuals and goal over the draws of friction and modulus, and whether all converged."""
 
     def one(draw):
         states = solve_states(objective, at_draw(objective, robot, draw), tensions)

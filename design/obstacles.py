@@ -1,4 +1,4 @@
-"""What a design leans on, and what would happen without it."""
+"""Which limits and bounds bind a design, and what would happen without them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NEAR = 2e-3  # margin, in its scale, under which a limit counts as binding
 
 
 def binding_of(problem: DesignProblem, found: SearchResult, best: int) -> tuple[Binding, ...]:
-    """Limits and bounds that a lane of the search, the best, leans on, the hardest first."""
+    """Limits and bounds that bind the best lane of the search, the strongest first."""
     space = problem.space
     if not np.isfinite(found.cost[best]):
         return ()
@@ -65,8 +65,8 @@ def rows_of_limits(problem: DesignProblem) -> dict[str, int]:
 
 
 def _without(problem: DesignProblem, objective: Objective, name: str) -> Objective | None:
-    """The objective with a limit put aside; of a clearance what was asked for, since the channel stays in the
-    body and out of its bores. None if nothing was.
+    """The objective with a limit put aside. Of a clearance only the wall that was asked for is dropped,
+    because the channel must stay in the body and out of its bores; None if no wall was asked for.
     """
     own = problem.target.limits
     if name not in (L.WALL, L.BORE):
@@ -83,7 +83,7 @@ def _without(problem: DesignProblem, objective: Objective, name: str) -> Objecti
 def relaxations(
     problem: DesignProblem, found: SearchResult, binding: tuple[Binding, ...]
 ) -> tuple[Relaxed, ...]:
-    """Whether the targets could be met with one of the limits that bind put aside."""
+    """Whether the targets could be met if one of the binding limits were put aside."""
     out = []
     objective = nominal(without_goal(problem.objective))
     for bound in binding:

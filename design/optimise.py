@@ -38,11 +38,12 @@ def optimise(
     Args:
         robot: robot file, or its path; of one tendon.
         target: target file, or its path.
-        against: a plainer model of the same robot: it is designed with too, and what that design does in
-            `robot` is told. A robot with physics terms is compared with itself without them unless given.
+        against: a plainer model of the same robot. A second design is made with it, and the answer tells how
+            this design performs in `robot`. A robot with physics terms is compared with itself without them
+            unless given.
         resolution: factor on the mesh of the search; what is found is looked at on one four times finer than
             the default.
-        progress: is told each stage.
+        progress: called with a line of text at each stage.
 
     Returns:
         The design; where the targets cannot be met, the nearest there is, and what stands in the way.
@@ -93,7 +94,7 @@ def optimise(
 
 
 def _searched(problem: DesignProblem, progress: Callable[[str], None]) -> tuple[SearchResult, SearchResult]:
-    """The search from all starts, and the same followed to where less tension is lost."""
+    """The search from all starts, and the same with its lanes followed to less tension loss."""
     found = find(problem, progress)
     progress("towards less tension lost")
     return found, with_less_loss(problem, found)
@@ -107,7 +108,7 @@ def _without_terms(robot: RobotConfig) -> RobotConfig | None:
 
 
 def _problem_like(problem: DesignProblem, plain: RobotConfig, resolution: float) -> DesignProblem:
-    """The same problem for a plainer model; InputError if it has not the same numbers to change."""
+    """The same problem for a plainer model; InputError if its free numbers differ."""
     other = problem_of(plain, problem.target, resolution=resolution)
     if [v.name for v in other.space.all] != [v.name for v in problem.space.all]:
         raise InputError(

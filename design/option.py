@@ -19,9 +19,9 @@ from .objective import goal_of, point_at
 from .problem import DesignProblem
 from .space import on_common_mesh
 
-PLACES = 2001
-ROUNDING = 1e-9
-NOTHING = 0.01  # of a tolerance, below which a miss has no digits
+PLACES = 2001  # stations along the body, at which limits are checked
+ROUNDING = 1e-9  # relative excess over a tolerance or limit that still counts as kept
+NOTHING = 0.01  # of a tolerance: a smaller miss is given as "less than" this
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,7 +108,7 @@ class Option:
         goal: value of the goal, SI; NaN without one.
         loss: largest share of the base tension lost while pulling; NaN if nothing pulls.
         converged: whether every equilibrium met its tolerance.
-        lane: of the search, that led to it; -1 of a robot that was not searched for.
+        lane: of the search that led to it; -1 for a robot that was not searched for.
     """
 
     config: RobotConfig
@@ -139,7 +139,7 @@ class Option:
 
 
 def off_by(value: float, tolerance: float, unit: str) -> str:
-    """An error in words: nothing is made of what is less than a hundredth of its tolerance.
+    """An error in words: below a hundredth of its tolerance, only that bound is given.
 
     Args:
         value: of the error, not negative. tolerance: its tolerance. unit: SI, of both.

@@ -18,9 +18,10 @@ from .space import Space, build_space
 from .target import TargetConfig
 from .uncertainty import Uncertainty, uncertainty_of
 
-RESOLUTION = 0.5  # of the mesh of the search
+RESOLUTION = 0.5  # factor on the default mesh, for the search
+# Stations of the channel, at least: in all, and for each half wave.
 STATIONS, PER_HALF_WAVE = 65, 40
-ANY_LOSS = 2.0  # a limit on the share that is lost, that no design comes near
+ANY_LOSS = 2.0  # limit on the share of tension lost that no design comes near
 UTOPIA = {"reach": -1.0, "bend": -2.0 * np.pi, "tension": 0.0}  # of the goal over its scale
 
 
@@ -78,8 +79,8 @@ def problem_of(config: RobotConfig, target: TargetConfig, *, resolution: float =
 
 
 def states_asked_for(target: TargetConfig, space: Space) -> tuple[tuple[int, bool], ...]:
-    """Number of the tension and whether on the releasing branch, of every state that is asked for; where a
-    limit on tensions is set, the pull before a release too.
+    """Number of the tension and whether on the releasing branch, of every state that is asked for; where any
+    is a release, the pull before it too.
     """
     asked = []
     for load in target.loads:
@@ -145,7 +146,8 @@ def _wanted(target: TargetConfig, space: Space, states: tuple[tuple[int, bool], 
     def state(load) -> int:
         return states.index((space.tensions.index(load.T_base), load.branch == "releasing"))
 
-    # Weights over the least of them: what has arrived by the sum of squares is within every tolerance.
+    # Weights over the least of them: a design whose sum of squares counts as arrived is then within every
+    # tolerance.
     least = min((t.weight for t in (*target.pose, *target.shape)), default=1.0)
     pose, scale = np.zeros((len(target.pose), 3)), np.zeros((len(target.pose), 3))
     for i, p in enumerate(target.pose):
@@ -160,7 +162,7 @@ def _wanted(target: TargetConfig, space: Space, states: tuple[tuple[int, bool], 
         point_state += [state(shape)] * len(shape.points)
     at = np.asarray(points, float).reshape(-1, 3)
     goal = target.goal
-    if goal is not None:  # a target within a goal is kept in x and y apart: a square within its circle
+    if goal is not None:  # with a goal, a target is kept in x and y separately: a square within its circle
         scale[:, :2] *= np.sqrt(2.0)
         point_scale = [np.sqrt(2.0) * v for v in point_scale]
     sizes = {"reach": length, "bend": 1.0, "tension": max(space.tensions)}

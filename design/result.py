@@ -25,12 +25,12 @@ GOAL_UNITS = {"reach": "m", "bend": "rad", "tension": "N"}
 
 @dataclasses.dataclass(frozen=True)
 class Binding:
-    """A limit or a bound that the design leans on.
+    """A limit or a bound that binds the design.
 
     Attributes:
         name: of the limit, or of the number at its bound.
         kind: "limit", "least" or "largest".
-        force: of the multiplier, by which they are ordered.
+        force: size of the multiplier, by which bindings are ordered.
         bound, unit: of the number at its bound, SI.
     """
 
@@ -63,8 +63,8 @@ class Relaxed:
 
 @dataclasses.dataclass(frozen=True)
 class SearchFacts:
-    """How it was found: method, lanes and how many of them settled, evaluations of all; whether the targets
-    can be met, of a design that allows for what is not known; seconds.
+    """How it was found: method, lanes and how many of them settled, evaluations of all; for a robust design,
+    whether the targets can be met without uncertainty; seconds.
     """
 
     method: str
@@ -209,7 +209,7 @@ def limit_says(name: str, value: float, unit: str, digits: int = 3) -> str:
 
 def freed_says(answer: Design) -> str:
     """What was chosen besides the channel, tensions first: " with T_base 12.3 N, E 1.1 MPa"; "" if nothing
-    was. Of several tensions, each with the targets that it is of.
+    was. Each of several tensions is followed by its targets.
     """
     space, best = answer.problem.space, answer.best
     names = [v.name for v in space.free_tensions]

@@ -17,22 +17,22 @@ from .objective import Evaluation, Objective, tensions_of
 from .problem import DesignProblem
 from .starts import starts
 
+# Evaluations of a lane: at first, and where more are needed.
 FEW_STEPS, MANY_STEPS = 25, 250
-WITHIN = 0.5  # of a tolerance, that a search has to come to, so that a finer mesh still finds it there
-ARRIVED = 0.5 * WITHIN**2  # half the sum of squares below which a search has
+WITHIN = 0.5  # of a tolerance that a search must reach, so that a finer mesh still meets it
+ARRIVED = 0.5 * WITHIN**2  # half the sum of squares below which a search has arrived
 LEAST_MARGIN = -1e-6  # least margin with which a limit counts as kept
-LANES = 4  # that a second search goes on with
+LANES = 4  # with which a second search continues
 NEARBY = 20.0  # tolerances (root of the sum of squares) within which a start that ran out of steps goes on
-REWEIGHTED = 30  # times, at most, towards the least worst case
-EVEN = 1e-3  # share by which the weighted error then falls short of the largest
+REWEIGHTED = 30  # reweightings, at most, towards the least worst case
+EVEN = 1e-3  # they end once the weighted error is within this share of the largest
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SearchResult:
     """All lanes of a search: coordinates (L, c), merit (L,), how they are judged, multipliers (L, K),
-    gradient (L, c), whether they settled (L,), evaluations (L,); the method that found them. reachable:
-    whether the targets can be met, of a design that allows for what is not known; such a design itself meets
-    none exactly.
+    gradient (L, c), whether they settled (L,), evaluations (L,); the method that found them. reachable: for a
+    robust design, whether the targets can be met without uncertainty; the design itself meets none exactly.
     """
 
     z: np.ndarray
@@ -59,8 +59,8 @@ def find(problem: DesignProblem, progress: Callable[[str], None] = lambda stage:
     """Search from all starts.
 
     Targets are a least squares problem: Gauss-Newton from every start, a few steps, more where none has
-    arrived, and once more with residuals of a smaller scale where nothing ever will. Designs that allow for
-    what is not known start from those that meet the targets without. Goals go on from there by L-BFGS-B.
+    arrived, and once more with residuals of a smaller scale where nothing ever will. Robust designs start
+    from those that meet the targets without uncertainty. Goals continue from there by L-BFGS-B.
     """
     objective, target = problem.objective, problem.target
     goal = bool(objective.wanted.goal)
@@ -144,8 +144,8 @@ def _meet(objective: Objective, z, free) -> Found:
 
 
 def _finished(objective: Objective, found: Found, free) -> Found:
-    """The same with the starts that ran out of steps near the targets gone on with, so that what is compared
-    and listed are designs and not points on the way to one.
+    """Continue the starts that ran out of steps near the targets, so that finished designs are compared and
+    listed, not points on the way to one.
     """
     near = ~found.settled & (found.cost < 0.5 * NEARBY**2)
     if not bool(jnp.any(near)):
@@ -179,8 +179,8 @@ def _any_reached(found: Found) -> bool:
 
 
 def _nearest(objective: Objective, found: Found, free) -> Found:
-    """The same search with residuals divided by their size: where a target is far out of reach, the limits
-    would else weigh too little against it.
+    """The same search with residuals divided by their size: otherwise, where a target is far out of reach,
+    the limits would weigh too little against it.
     """
     size = _size_of(found)
     again = search_all(_in_units_of(objective, size), found.z, free, MANY_STEPS)
@@ -203,7 +203,7 @@ def _in_units_of(objective: Objective, size: float) -> Objective:
 
 
 def result_of(problem: DesignProblem, found: Found, free: np.ndarray, method: str) -> SearchResult:
-    """Where searches ended, judged: those lanes that may change what `free` says, (L, c)."""
+    """Judge the ends of searches; `free`, (L, c), marks the coordinates that each lane may change."""
     judged = judge_all(problem.objective, found.z)
     margins = np.asarray(judged.margins)
     kept = np.min(margins, axis=1, initial=1.0) >= LEAST_MARGIN

@@ -1,4 +1,4 @@
-"""How the tip's pose and tension answer to each number of the design."""
+"""How the tip's pose and tension respond to each number of the design."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Sensitivities:
             T_tip.left and the like.
         output_units: SI unit of each.
         values: each of them at the present design, SI, (q,).
-        parameters: the p numbers derived by, with key and unit.
+        parameters: the p numbers with respect to which they are derived, with key and unit.
         parameter_values: their present values, SI, (p,).
         derivatives: d output/d parameter, SI, (p, q).
         converged: whether the equilibrium met its tolerance; if not, believe nothing here.
@@ -91,7 +91,7 @@ def pose_sensitivity(
     """Derivatives of the tip's pose and tension by numbers of the design, on the first pull.
 
     Forward mode through the equilibrium by the implicit function theorem: the bent shape, the friction along
-    it and the tension all answer. One compiled program per robot structure and number of parameters.
+    it and the tension all respond. One compiled program per robot structure and number of parameters.
 
     Args:
         robot: the design.

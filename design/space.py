@@ -18,7 +18,8 @@ from gtr_jax.robot.robot import Robot
 from .target import SPLINE, T_BASE, TargetConfig
 
 N_SINE = "n_sine"
-KNOTS = 6
+KNOTS = 6  # of a spline, unless given
+# Sections of the robot file whose numbers may be free.
 SECTIONS = ("backbone.", "routing.", "tendon.")
 ROUNDED = 1e-6  # of the distance between the bounds, to which the numbers of a design are rounded
 
@@ -236,8 +237,8 @@ def _choices(config: RobotConfig, target: TargetConfig) -> tuple[float, ...]:
 
 
 def _default_bounds(entry: Parameter, config: RobotConfig) -> tuple[float, float] | None:
-    """Bounds of a number of the channel that the body itself sets; None of any other number. How far inside
-    the body the channel stays is for the limits, so that these are seen to bind.
+    """Bounds of a number of the channel that the body itself sets; None of any other number. The limits
+    decide how far inside the body the channel stays, so that they are seen to bind.
     """
     if not entry.key.startswith("routing."):
         return None

@@ -11,14 +11,14 @@ from .space import N_SINE, Space
 
 SCREENED = 256  # designs judged for each number of half waves
 APART = 0.12  # of the space, between starts
-PENALTY = 1e4
+PENALTY = 1e4  # on the squares of broken limits
 
 
 def starts(objective: Objective, space: Space, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates to start from, and which of them may change.
 
     A scrambled Sobol sequence is judged at once; the best that lie apart are taken, `count` for each number
-    of half waves. The robot as it is is among those judged.
+    of half waves. The present robot is among those judged.
 
     Args:
         objective, space: the problem.
@@ -55,7 +55,7 @@ def _present(space: Space) -> np.ndarray:
 
 
 def put_in_order(draws: np.ndarray, space: Space) -> None:
-    """A wave begins before it ends."""
+    """Sort w1 and w2 in place, so that a wave begins before it ends."""
     names = [v.name for v in space.all]
     if not {"w1", "w2"} <= set(names):
         return
@@ -66,7 +66,7 @@ def put_in_order(draws: np.ndarray, space: Space) -> None:
 
 
 def merit(e) -> np.ndarray:
-    """How bad designs are, (L,): half the sum of squares and the goal, with a price on what is not kept."""
+    """How bad designs are, (L,): half the sum of squares and the goal, with a penalty on broken limits."""
     short = jnp.maximum(0.0, -e.margins)
     value = 0.5 * jnp.sum(e.residuals**2, axis=1) + e.goal + PENALTY * jnp.sum(short**2, axis=1)
     return np.asarray(jnp.where(e.converged & jnp.isfinite(value), value, jnp.inf))

@@ -1,4 +1,6 @@
-"""The manufacturing tolerance table: what each dimension moves the tip by, and how far it may be off."""
+"""The manufacturing tolerance table: how far each dimension moves the tip, and how far the dimension may be
+off.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +22,7 @@ from .space import on_common_mesh
 from .target import TIP_TOLERANCE
 
 DIFFERENCE = 1e-4  # relative
+# Sections of the robot file whose numbers are dimensions.
 SECTIONS = ("backbone.", "routing.", "tendon.")
 
 
@@ -78,7 +81,7 @@ def pose_slopes(problem: DesignProblem, option: Option) -> tuple[list[Parameter]
 
 
 def tolerance_table(problem: DesignProblem, option: Option) -> tuple[Sensitivity, ...]:
-    """How each dimension moves the tip, those that must be held closest, relative to their size, first."""
+    """How each dimension moves the tip, the tightest tolerance, relative to the value, first."""
     parameters, values, slopes = pose_slopes(problem, option)
     wanted = problem.objective.wanted
     states = list(wanted.pose_state) or list(range(slopes.shape[1]))

@@ -1,4 +1,4 @@
-"""How well friction coefficient and modulus are known, and the values at which a design is tried for it."""
+"""How well friction coefficient and modulus are known, and the values with which a robust design is tried."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from gtr_jax.files.config import RobotConfig
 
 from .target import TargetConfig
 
+# Names in fit.json, and keys in the robot file.
 NAMES = ("mu", "E")
 KEYS = ("tendon.friction_coefficient", "backbone.youngs_modulus")
 
@@ -41,8 +42,8 @@ class Uncertainty:
         return np.diag(self.sd) @ np.array([[1.0, 0.0], [rho, np.sqrt(max(0.0, 1.0 - rho**2))]])
 
     def gaussian(self) -> tuple[np.ndarray, np.ndarray]:
-        """Points and weights that integrate over a normal distribution: Gauss and Hermite's of order 3 in
-        each direction; steps (9, 2), relative, and weights (9,), which sum to 1.
+        """Points and weights that integrate over a normal distribution: three-point Gauss-Hermite quadrature
+        in each direction; steps (9, 2), relative, and weights (9,), which sum to 1.
         """
         x, w = np.array([-np.sqrt(3.0), 0.0, np.sqrt(3.0)]), np.array([1.0, 4.0, 1.0]) / 6.0
         grid = np.array([(a, b) for a in x for b in x])

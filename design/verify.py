@@ -1,5 +1,5 @@
-"""The winner once more: on a mesh four times finer, step by step along its loads, and by the paper's own
-integrals.
+"""The chosen design solved again: on a mesh four times finer, step by step along its loads, and by the
+paper's own integrals.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ STEPS = 12  # of each branch
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Verification:
-    """How far independent solutions of the winner are from the one that was looked at.
+    """How far independent solutions of the chosen design are from the first one.
 
     Attributes:
         fine_moved: largest distance of a tip [m], and angle [rad], from the default mesh to the finer one.
         steps_moved: the same from one load step to many.
         literal_moved: the same from the simulator, on the finer mesh, to the literal integrals; NaN where
-            these say nothing.
-        literal_says: why they say nothing; "".
+            these do not apply.
+        literal_says: why they do not apply, or "".
         converged: whether all of it was solved.
     """
 

@@ -1,4 +1,4 @@
-"""All recordings on the bench: residuals made white, and hypotheses refitted to them."""
+"""The bench: all recordings with whitened residuals, to which hypotheses are refitted."""
 
 from __future__ import annotations
 
@@ -18,16 +18,17 @@ from .hypotheses import Hypothesis
 from .model import Fitted, Model, Point, model_of
 from .rig import Rig
 
-# Steps of differences, in coordinates, and of the descent.
+# Step of the finite differences, and largest step of the descent, in coordinates.
 STEP, LARGEST_STEP = 0.02, 1.5
+# Iterations of a refit; damped steps with one Jacobian; promised drop of the cost below which it ends.
 MOST_ITERATIONS, TRIES, SETTLED = 14, 6, 0.05
 RULES = Rules(BY_DIFFERENCES, tries=TRIES, longest=LARGEST_STEP, settled=SETTLED, updated=True)
-# Error that simulations keep once corrected to a fine mesh, as a share of a channel's range.
+# Discretisation error that remains after the correction to a fine mesh, as a share of a channel's range.
 DISCRETE = 1e-4
 
 
 def noise_in(rig: Rig, residual: np.ndarray) -> list[Noise]:
-    """Noise of the channels of a recording, and what is left of discretisation, which counts as such."""
+    """Noise of the channels of a recording, with the remaining discretisation error counted as noise."""
     part = rig.part
     least = np.maximum(part.smallest, [resolution(row) / np.sqrt(12) for row in part.recorded])
     noise = [of_residual(row, low) for row, low in zip(residual, least, strict=True)]
@@ -41,7 +42,7 @@ def noise_in(rig: Rig, residual: np.ndarray) -> list[Noise]:
 
 
 def passing(rig: Rig, seen: Seen, noise: list[Noise], values: Mapping[str, float]) -> Weighing:
-    """How a recording's residuals weigh, the noise of the base tension passed on."""
+    """The weighing of a recording's residuals, with the base tension's noise passed on to the channels."""
     part, K = rig.part, rig.part.samples
     sd, base = np.asarray([n.sd for n in noise]), part.T_base
     plain = Weighing.plain(exact(base.T_base) if base.sd == 0 else base, part.channels, sd)
@@ -59,17 +60,17 @@ def passing(rig: Rig, seen: Seen, noise: list[Noise], values: Mapping[str, float
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Bench:
-    """Recordings with their residuals made white.
+    """Recordings with whitened residuals.
 
     Attributes:
         rigs: the recordings.
-        base: numbers fitted whatever the hypothesis.
-        dimensions: numbers that follow a little, to first order.
+        base: numbers that every hypothesis fits.
+        dimensions: uncertain dimensions, which follow every fit to first order.
         noise: of the channels of each recording, once it is weighed.
-        weighs: how the residuals of each weigh, likewise.
-        follow: how the white rows answer to the dimensions, likewise; None without dimensions.
-        corrections: what a fine mesh shows more than the coarse one, of each recording, by the effects that
-            act.
+        weighs: weighing of the residuals of each recording, likewise.
+        follow: response of the whitened rows to the dimensions, likewise; None without dimensions.
+        corrections: values on a fine mesh minus those on the coarse one, of each recording, by the effects
+            that act.
     """
 
     rigs: tuple[Rig, ...]
@@ -96,7 +97,9 @@ class Bench:
         return tuple(found)
 
     def correction(self, names: Sequence[str]) -> list[np.ndarray]:
-        """What a fine mesh shows more where some hypotheses act: as computed, or the sum of each one's."""
+        """Values on a fine mesh minus those on the coarse one if some hypotheses act: as computed, or the sum
+        over the single hypotheses.
+        """
         key, known = tuple(sorted(names)), self.corrections
         plain = known.get(()) or [np.zeros((len(CHANNELS), rig.part.samples)) for rig in self.rigs]
         if key in known:
@@ -116,7 +119,7 @@ class Bench:
     def weighed(
         self, values: Mapping[str, float], seen: Sequence[Seen], known: Sequence[list[Noise]] | None = None
     ) -> Bench:
-        """The same with noise, and how it passes from the base to the tip, taken from a fit.
+        """A copy with the noise, and how it passes from the base to the tip, taken from a fit.
 
         Args:
             values, seen: SI, by name, and what was simulated with them.
@@ -147,17 +150,17 @@ class Bench:
         return self.following(by_rig)
 
     def following(self, change: list[np.ndarray]) -> Follow:
-        """How the white rows answer to dimensions that change the channels."""
+        """Response of the whitened rows to dimensions that change the channels."""
         white = [self.white([c[..., k] for c in change]) for k in range(len(self.dimensions))]
         return Follow(change, *np.linalg.svd(np.stack(white, axis=1), full_matrices=False))
 
     def expected_rms(self, *, mesh: bool = True) -> float:
-        """What the residual of T_tip should be if nothing but noise is left in it, and, where wanted, what
-        the mesh leaves out [N].
+        """Expected rms residual of T_tip [N] if only noise is left in it and, with `mesh`, the discretisation
+        error.
         """
         total, count = 0.0, 0
         for rig, noise, weigh in zip(self.rigs, self.noise, self.weighs, strict=True):
-            # Of the base cell's noise only what its straight runs leave stays.
+            # The straight runs average the base cell's noise: their numbers stand for all samples.
             passed = weigh.passed[0] ** 2 * rig.part.T_base.size / rig.part.samples
             own = noise[0].sd if mesh else noise[0].cell
             total += rig.part.samples * own**2 + float(np.sum(passed))
@@ -165,16 +168,18 @@ class Bench:
         return float(np.sqrt(total / count))
 
     def rows(self, seen: Sequence[Seen]) -> np.ndarray:
-        """White residuals of all recordings in one, the uncertain dimensions free to follow, (n,)."""
+        """Whitened residuals of all recordings in one array, with the uncertain dimensions free to follow,
+        (n,).
+        """
         rows = self.white(self.residuals(seen))
         return rows if self.follow is None else self.follow.freed(rows)
 
     def white(self, residuals: Sequence[np.ndarray]) -> np.ndarray:
-        """Rows of residuals, (C, K) each, with nothing free to follow."""
+        """Whitened rows of residuals, (C, K) each, with the dimensions fixed."""
         return np.concatenate([self.white_of(k, residual) for k, residual in enumerate(residuals)])
 
     def white_of(self, k: int, residual: np.ndarray) -> np.ndarray:
-        """The same of recording k alone."""
+        """Whitened rows of recording k alone."""
         found = []
         channels, base = self.weighs[k].split(residual)
         for row, n in zip(channels, self.noise[k], strict=True):
@@ -190,8 +195,8 @@ class Bench:
     def slopes(
         self, model: Model, x: np.ndarray, rows: np.ndarray, known: Mapping[int, np.ndarray] | None = None
     ) -> np.ndarray:
-        """Derivatives of the rows by differences, over steps that cross the kinks of friction; but for those
-        known, by place.
+        """Derivatives of the rows by finite differences, with steps that cross the kinks of friction; `known`
+        columns, by index, are not recomputed.
         """
         columns = []
         for i, n in enumerate(model.numbers):
@@ -226,7 +231,7 @@ class Bench:
             known: some of its columns, roughly.
             firm: weight of the priors against the rows.
             most: iterations.
-            exact: whether the Jacobian is taken anew at the end.
+            exact: whether the Jacobian is recomputed at the end.
         """
         model = model_of(self.base, hypotheses)
         low, high = model.bounds
@@ -298,8 +303,8 @@ class Bench:
         return dataclasses.replace(self, base=tuple(base))
 
     def with_dimensions_free(self) -> Bench:
-        """The same recordings with the uncertain dimensions among the base numbers: their derivatives are too
-        rough for values and errors.
+        """The same recordings with the uncertain dimensions among the base numbers: following to first order
+        is too rough for values and standard errors.
         """
         return dataclasses.replace(self, base=(*self.base, *self.dimensions), dimensions=(), follow=None)
 
@@ -309,6 +314,6 @@ class Bench:
         return sum(len(rig.part.channels) * rig.part.samples for rig in self.rigs)
 
     def mean_square(self, fitted: Fitted) -> float:
-        """Of the white residuals of the channels, per degree of freedom."""
+        """Mean square of the whitened residuals of the channels, per degree of freedom."""
         total = sum(float(np.sum(z**2)) for z in self.by_channel(fitted.rows))
         return total / max(self.readings - len(fitted.x), 1)

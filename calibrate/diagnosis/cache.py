@@ -13,11 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
+# Wait for a file that another process has locked [s].
 PATIENCE_S = 1.0
 
 
 class SimulationCache:
-    """A file of arrays by key; threads may share it. One that cannot be read or written is done without.
+    """A file of arrays by key; threads may share it. Where the file cannot be read or written, nothing is
+    kept.
 
     Args:
         path: of the file; made when the first array is put.
@@ -56,7 +58,7 @@ class SimulationCache:
         return 0
 
     def get(self, key: bytes) -> np.ndarray | None:
-        """What was put under a key, flat; None if nothing was."""
+        """The array stored under a key, flattened; None if there is none."""
         with self._lock, contextlib.suppress(sqlite3.Error):
             file = self._opened(make=False)
             row = file and file.execute("SELECT value FROM done WHERE key = ?", (key,)).fetchone()
@@ -64,14 +66,14 @@ class SimulationCache:
         return None
 
     def put(self, key: bytes, value: np.ndarray) -> None:
-        """Keep an array of float64."""
+        """Store an array of float64."""
         with self._lock, contextlib.suppress(sqlite3.Error):
             file = self._opened(make=True)
             if file is not None:
                 file.execute("INSERT OR REPLACE INTO done VALUES (?, ?)", (key, value.tobytes()))
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         with self._lock:
             if self._file is not None:
                 with contextlib.suppress(sqlite3.Error):

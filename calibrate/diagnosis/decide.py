@@ -16,25 +16,27 @@ from .screen import SEEN, Screened
 
 UNSEEN = "an effect too small to see"
 ADEQUATE, MISSING, AMBIGUOUS, UNEXPLAINED = "adequate", "missing-physics", "ambiguous", "unexplained"
-# An effect is named alone above this probability; a set holds the models that together reach the second, of
-# those above the third.
+# An effect is named alone above the first probability. Otherwise a set holds the models that together reach
+# the second, each of them above the third.
 ALONE, TOGETHER, LEAST = 0.8, 0.98, 0.03
-# Models of a set at most, where the best is no more probable than many together.
+# Most models in a set if less probable ones are taken in because the best cannot be named alone.
 MOST = 5
-# Models whose predictions differ by less than this many standard errors are one to these data.
+# Models whose predictions differ by less than this many standard errors count as one for these data.
 ALIKE = 2.5
-# Structure left by the base model: significance, and size in standard deviations of the noise.
+# Structure left by the base model counts above this significance and this size in standard deviations of the
+# noise.
 LEFT_Z, LEFT_SIZE = 6.0, 0.35
-# Size beyond which it is no noise even where neighbours do not go together. One repeat in four with three
-# times the noise has a size of 1.4; one of 206 sound recordings reached 1.47.
+# Size above which structure counts even if neighbouring samples are not correlated. One repeat in four with
+# three times the noise has a size of 1.4; one of 206 sound recordings reached 1.47.
 VAST = 2.5
-# Structure where an effect was found that leaves more than this share of the base model's size; the second
-# share where what it leaves is larger than `MUCH`.
+# Structure left by the best effect counts above this significance, size and share of the size that the base
+# model leaves; the second share holds where the size exceeds `MUCH`.
 STAYS_Z, STAYS_SIZE, STAYS_SHARE, MUCH = 2.2, 0.3, (0.55, 0.42), 1.35
-# Share of what several effects explain from which one of them may be all there is: laws are not exact.
+# Some of several effects may be all there is if they explain this share of what all explain: laws are not
+# exact.
 NEARLY_ALL = 0.95
-# Below this probability of anything missing nothing is claimed; nor is it below a drop of `SEEN` standard
-# errors: what the mesh and the derivatives by uncertain dimensions leave out may be as large.
+# Nothing is claimed below this probability that something is missing, nor below a drop of `SEEN` standard
+# errors: errors of the mesh and of the first-order dimensions may be as large.
 CLAIMED = 0.97
 
 
@@ -49,8 +51,8 @@ class Decision:
         probability: of each model, the most probable first; `with_unseen` adds that of an effect too small to
             see.
         left: structure the chosen model leaves: size in standard deviations of the noise, and significance.
-        base_left: the same of the base model.
-        pattern: a regularity in what the chosen model leaves that no noise has; None unless there is one.
+        base_left: the same for the base model.
+        pattern: a regularity in the chosen model's residual that noise does not have; None if there is none.
     """
 
     verdict: str
@@ -63,13 +65,14 @@ class Decision:
 
 
 def with_unseen(decision: Decision, models: Models, screened: Sequence[Screened]) -> Decision:
-    """The same with the probability that an effect is there which is too small for these recordings to show:
-    where nothing is seen that is not nothing. It takes its share from that of nothing missing and the others.
+    """Add the probability of an effect that is too small for these recordings to show, which is not
+    negligible where nothing is seen. All other probabilities are scaled down for it.
     """
     n, share = len(models.of), 0.0
     for s in screened:
         first = s.hypothesis.numbers[0]
-        # Of what was refitted the probability has its small sizes in it; contact and saturation have no size.
+        # The probability of a refitted hypothesis already covers small sizes; contact and saturation have no
+        # size.
         if first.size and np.isfinite(s.smallest) and (s.hypothesis.name,) not in models.fits:
             share += float(2 * ndtr(abs(first.at(first.centre + s.smallest))) - 1)
     unseen = decision.probability[()] * HOW_MANY[1] / HOW_MANY[0] * share / n
@@ -117,7 +120,7 @@ def decide(models: Models) -> Decision:
     def kinds(names: tuple[str, ...]) -> frozenset[str]:
         return frozenset(models.of[name].kind for name in names)
 
-    # A model with more effects that holds the best speaks for the best as well.
+    # A larger model that contains the effects of the best one supports it as well.
     holds = sum(p for names, p in probability.items() if kinds(best.names) <= kinds(names))
     confusion, total = [], 0.0
     for f in ranked:
@@ -130,7 +133,7 @@ def decide(models: Models) -> Decision:
             confusion.append(f.names)
         total += probability[f.names]
     confusion += [f.names for f in ranked if f.names not in confusion and _nearly(f, best, base)]
-    # Variants of a term are one.
+    # Variants of a term count as one effect.
     alone = holds >= ALONE and len({kinds(names) for names in confusion}) == 1
     return Decision(
         verdict=MISSING if alone else AMBIGUOUS,
@@ -150,5 +153,5 @@ def _nearly(fitted: Fitted, best: Fitted, base: Fitted) -> bool:
 
 
 def structured(left: tuple[float, float], z: float = LEFT_Z, size: float = LEFT_SIZE) -> bool:
-    """Whether what is left, by size and significance, or by size alone, is more than noise."""
+    """Whether the structure left is more than noise, by size and significance or by size alone."""
     return (left[1] > z and left[0] > size) or left[0] > VAST

@@ -1,4 +1,4 @@
-"""`diagnose`: which physics a robot's model leaves out, told from recordings."""
+"""`diagnose`: find from recordings which physics a robot's model leaves out."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from .rig import Rig
 from .screen import STARTS_EACH, Screened, firm_fit, merged, screen
 from .search import SHORTLIST, WORTH, combine, refit_best
 
-# Models that are refitted to all samples, and those that are corrected to a fine mesh before that.
+# Number of best models that are refitted to all samples, and that are corrected to a fine mesh before.
 FINAL, REFINED = 4, 3
 
 
@@ -42,14 +42,14 @@ def diagnose(
     steps: Path | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
-    """Tell which physics a model leaves out of recordings.
+    """Find from recordings which physics a model leaves out.
 
-    The base model (mu and, unless the backbone is rigid, E) is fitted; every term of the catalogue is tried
-    beside it at finite sizes; the most promising are refitted with mu and E, alone and up to three together;
-    what is more probable than nothing by its evidence (Laplace's approximation, with a prior for every number
-    and for how many effects there are) is named, or the set of rivals that the data do not tell apart, or,
-    where structure is left that no term explains, nothing. What is named is refitted to part of the samples
-    and judged on the rest.
+    The base model (mu and, unless the backbone is rigid, E) is fitted, and every term of the catalogue is
+    tried beside it at finite sizes. The most promising terms are refitted with mu and E, alone and up to
+    three together. Models are compared by their evidence (Laplace's approximation, with a prior for every
+    number and for how many effects there are). The verdict names an effect that is more probable than
+    nothing, or the set of rivals that the data do not tell apart; it names nothing where structure is left
+    that no term explains. The model that is named is refitted to part of the samples and judged on the rest.
 
     Args:
         robot: from `gtr_jax.load_config`; or a `Robot`, whose mu and E then have no priors.
@@ -59,8 +59,8 @@ def diagnose(
         noise_N, noise_base_N: standard deviations of the recorded tensions [N]; estimated unless given.
         experiment: whether to propose the experiment that separates the rivals; only where there are some,
             unless given.
-        steps: file that keeps what is done, so that the same call goes on from there if it is interrupted, or
-            fails while the answer is written; delete it once that is safe.
+        steps: file that keeps finished simulations, so that the same call resumes from there if it is
+            interrupted, or fails while the answer is written; delete it once the answer is safe.
         progress: called with a line of text at each stage.
 
     Returns:
@@ -89,7 +89,7 @@ def diagnose(
 
 
 def _search(ready: Prepared, experiment: bool | None, say: Callable[[str], None]) -> Diagnosis | None:
-    """The answer; None where recordings do not differ any more once there is what was found."""
+    """The answer; None if the recordings no longer differ once the model has the effects that were found."""
     bench, base, hypotheses = ready.bench, ready.base, ready.hypotheses
     models = Models(bench, hypotheses)
     models.add([base])
@@ -102,7 +102,7 @@ def _search(ready: Prepared, experiment: bool | None, say: Callable[[str], None]
     if short:
         say(f"refitting the {len(short)} most promising")
         models.add(refit_best(bench, (), base, short, STARTS_EACH))
-        # What the coarse mesh, and the fewer samples, leave out of an effect would pass for a second one.
+        # Errors of the coarse mesh and of the fewer samples would pass for a second effect.
         top = [f for f in models.ranked() if f.names][:REFINED]
         models.bench = refine(bench, models, {f.names: f for f in top}, ready.exact, ready.kept)
         models.reweigh()
@@ -130,7 +130,7 @@ def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models | None:
     wanted: dict[tuple[str, ...], Fitted] = {(): models.base}
     for f in [f for f in ranked if f.names][:FINAL]:
         wanted[f.names] = f
-        # What fewer samples need two effects for may need one on all of them.
+        # Where few samples need two effects, all samples may need only one.
         for name in f.names:
             wanted[(name,)] = models.fits.get((name,), f)
     bench = refine(bench, whole, wanted, fine)
@@ -139,7 +139,7 @@ def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models | None:
     if seen is None:
         return None
     bench = bench.weighed(top.values, seen)
-    if bench.dimensions:  # what they do must not pass for noise
+    if bench.dimensions:  # their effect must not pass for noise
         first = bench.refit(whole.hypotheses(top.names), whole.coordinates(top.names, top), most=4)
         if first is not None:
             bench = bench.weighed(first.values, first.seen)

@@ -1,9 +1,9 @@
-"""Whether one number differs between recordings: asked before anything is held to be missing.
+"""Whether one number differs between recordings: tested before any physics is called missing.
 
 A tendon that was oiled, a warmer body or a cell's zero that has moved make recordings of one robot disagree.
-No term of the catalogue, which is the same for all recordings, explains that. So each number that may differ
-is fitted once with one value for all recordings, and once with a value for each; the mesh, the noise and the
-priors are the same.
+No term of the catalogue explains that, because its numbers are the same for all recordings. So each number
+that may differ is fitted once with one value for all recordings, and once with a value for each; the mesh,
+the noise and the priors are the same.
 """
 
 from __future__ import annotations
@@ -30,19 +30,20 @@ from .models import BELIEVED, HOW_MANY, LARGEST_SCALE, Models
 from .screen import SEEN, screen
 from .search import ONE_EACH, base_fit, refit_best
 
-# Beside the base numbers and the uncertain dimensions: what may be another from one session to the next, and
-# the standard deviation of a preload as a share of the largest base tension.
+# Besides the base numbers and the uncertain dimensions, the preload and the zeros of the cells may differ
+# between sessions. Standard deviation of the preload as a share of the largest base tension.
 PRELOAD, PRELOAD_SHARE = "preload", 0.05
 ZEROS = ("tip-offset", "base-offset")
 # Numbers that may differ at once.
 MOST = 2
-# Share of the drop by a number that differs from which an effect is refitted that might be the cause instead.
+# An effect that may be the cause instead is refitted if it promises this share of the drop that the differing
+# number brings.
 PROMISING = 0.3
-# Standard errors from which two recordings are said to differ; log of the odds up to which another cause is
-# told of as well; effects refitted as such, and iterations.
+# Standard errors from which two recordings are said to differ; log odds within which another cause is
+# reported as well; number of effects refitted as other causes, and iterations of each refit.
 DISAGREE, ODDS, INSTEAD, ITERATIONS = 3.0, 3.0, 3, 8
-# Load histories are alike whose base tensions differ by less than this share of their range, in the rms, and
-# whose durations by less than this share.
+# Two load histories are alike if the rms difference of their base tensions is below this share of the range,
+# and if their durations differ by less than this share.
 ALIKE = 0.03
 
 
@@ -52,11 +53,11 @@ class Difference:
 
     Attributes:
         name, unit: of the parameter.
-        shared: its value where all recordings are given one, SI.
+        shared: its value if all recordings share one, SI.
         own: its value in each recording, SI.
         groups: recordings that do not differ by `DISAGREE` standard errors, lowest value first.
-        standard_errors: root of the drop of the sum of squares, in variances of what is left, by samples that
-            are independent.
+        standard_errors: root of the drop of the sum of squares, in variances of the residual, counting
+            independent samples.
         or_numbers, or_effects: what would explain the recordings nearly as well: another number that differs,
             or an effect with one value of every number for all.
     """
@@ -71,7 +72,7 @@ class Difference:
     or_effects: list[str]
 
     def at(self, values: Mapping[str, float]) -> Difference:
-        """The same with the values of a model, by name."""
+        """The difference with the values of a model, by name."""
         return dataclasses.replace(self, own={k: values[f"{self.name}{OWN}{k}"] for k in self.own})
 
 
@@ -87,8 +88,8 @@ class Split(NamedTuple):
 
 
 class _Tried(NamedTuple):
-    """A number with one value, and with a value for each recording: fits of the base model, and the bench of
-    the latter.
+    """A number with one shared value, and with a value for each recording: both fits of the base model, and
+    the bench of the second.
     """
 
     number: Number
@@ -123,7 +124,7 @@ def candidates(bench: Bench, robot: Robot) -> list[Number]:
 
 
 def split(number: Number, recordings: Sequence[str]) -> list[Number]:
-    """A number once for each recording."""
+    """One copy of a number for each recording."""
     return [number.of(name) for name in recordings]
 
 
@@ -138,7 +139,7 @@ def _base_with(bench: Bench, number: Number, *, each: bool) -> tuple[Number, ...
 
 
 def _by_itself(bench: Bench, k: int, shared: np.ndarray) -> tuple[Bench, Fitted] | None:
-    """One of the recordings, and the base model fitted to it, noise and all; None where that fails."""
+    """One of the recordings, and the base model fitted to it with noise of its own; None where that fails."""
     alone = dataclasses.replace(
         bench,
         rigs=(bench.rigs[k],),
@@ -152,14 +153,18 @@ def _by_itself(bench: Bench, k: int, shared: np.ndarray) -> tuple[Bench, Fitted]
 
 
 def _together(bench: Bench, alone: Sequence[tuple[Bench, Fitted]]) -> Bench:
-    """The bench with the noise that each recording shows by itself: a wrong value passes for noise."""
+    """The bench with the noise that each recording shows by itself: in a joint fit, a wrong shared value
+    passes for noise.
+    """
     return dataclasses.replace(
         bench, noise=[own.noise[0] for own, _ in alone], weighs=[own.weighs[0] for own, _ in alone]
     )
 
 
 def _refitted(bench: Bench, starts: Sequence[np.ndarray]) -> Fitted | None:
-    """The base model of a bench, from the best of some starts: kinks of friction hold up a descent."""
+    """The base model of a bench, refitted from the best of some starts, because a descent may stop at a kink
+    of friction.
+    """
     fits = [bench.refit((), start, exact=False) for start in starts]
     best = min((f for f in fits if f is not None), key=lambda f: f.cost, default=None)
     return best and bench.refit((), best.x)
@@ -168,8 +173,8 @@ def _refitted(bench: Bench, starts: Sequence[np.ndarray]) -> Fitted | None:
 def _starts(
     bench: Bench, base: tuple[Number, ...], fitted: Fitted, alone: Sequence[tuple[Bench, Fitted]]
 ) -> list[np.ndarray]:
-    """Coordinates of base numbers to start from: as fitted to all recordings, and as in each by itself, those
-    that are shared in the mean.
+    """Starting coordinates of the base numbers: as fitted to all recordings, and as fitted to each by itself,
+    with the mean for shared numbers.
     """
     together = fitted.values
     apart = {
@@ -194,7 +199,7 @@ def _starts(
 def _tried(
     bench: Bench, fitted: Fitted, alone: Sequence[tuple[Bench, Fitted]], number: Number
 ) -> _Tried | None:
-    """A number with one value, and with one for each recording, fitted; None where that fails."""
+    """Fit a number with one shared value, and with one value for each recording; None where that fails."""
 
     def split_fit(start: Fitted, *, each: bool) -> tuple[Bench, Fitted | None]:
         base = _base_with(bench, number, each=each)
@@ -209,7 +214,7 @@ def _tried(
 
 
 def _scale(bench: Bench, fitted: Fitted) -> float:
-    """Variance of the white residuals that a fit leaves, by samples that are independent, at least 1."""
+    """Variance of the whitened residuals of a fit, counting independent samples, at least 1."""
     rows = bench.by_channel(fitted.rows)
     slow = max(correlation_time(row) for z in rows for row in z)
     return max(1.0, bench.mean_square(fitted) * slow)
@@ -220,8 +225,8 @@ def _log_evidence(fitted: Fitted, scale: float) -> float:
 
 
 def least_drop(recordings: int) -> float:
-    """Drop of the sum of squares from which a number of so many recordings differs: as improbable by chance
-    as what is claimed of an effect.
+    """Drop of the sum of squares from which a number differs between this many recordings: as improbable by
+    chance as the drop from which an effect is claimed.
     """
     return float(chdtri(recordings - 1, chdtrc(1, SEEN**2)))
 
@@ -247,7 +252,7 @@ def differing(bench: Bench, base: Fitted, robot: Robot, hypotheses: Sequence[Hyp
         return None
     free = _together(free, alone)
     again = _refitted(free, [x, *_starts(free, free.base, alone[0][1], alone)[1:]])
-    # No number that differs takes away more than all of them together.
+    # A single number that differs cannot explain more than separate fits of all numbers do.
     if again is None or again.cost - sum(f.chi2 for _, f in alone) < least_drop(K):
         return None
     numbers = candidates(free, robot)
@@ -255,7 +260,7 @@ def differing(bench: Bench, base: Fitted, robot: Robot, hypotheses: Sequence[Hyp
     tried = [t for t in found if t is not None]
     if not tried:
         return None
-    # Of all models alike, so that they can be compared.
+    # One scale for all models, so that they can be compared.
     scale = float(np.clip(min(t.each.mean_square(t.own) for t in tried), 1.0, LARGEST_SCALE))
     tried.sort(key=lambda t: -_log_evidence(t.own, scale))
     best = tried[0]
@@ -280,7 +285,7 @@ def differing(bench: Bench, base: Fitted, robot: Robot, hypotheses: Sequence[Hyp
 def still_differ(
     bench: Bench, fitted: Fitted, hypotheses: Sequence[Hypothesis], differ: Sequence[Difference]
 ) -> bool:
-    """Whether recordings differ in a number once effects that were found with it differing are there.
+    """Whether recordings still differ in some numbers once the model has the effects that were found.
 
     Args:
         bench, fitted: the recordings, and a model fitted to them in which the numbers differ.
@@ -323,8 +328,8 @@ def _driven_alike(bench: Bench, groups: Sequence[Sequence[str]]) -> bool:
 def _effects_instead(
     bench: Bench, base: Fitted, own: Fitted, numbers: int, hypotheses: Sequence[Hypothesis]
 ) -> dict[str, float]:
-    """Log of the odds of the effects that best explain recordings with one value of every number, against one
-    of so many numbers having a value of its own in each.
+    """Log odds of the effects that best explain the recordings with one value of every number, against one of
+    `numbers` numbers having a value of its own in each recording.
     """
     models = Models(bench, hypotheses)
     models.add([base])
@@ -359,8 +364,8 @@ def _difference(best: _Tried, standard_errors: float, others: list[str]) -> Diff
 
 
 def groups(tried: _Tried, recordings: Sequence[str]) -> list[list[str]]:
-    """Recordings in order of their value, apart where neighbours differ by `DISAGREE` standard errors; each
-    by itself where none does.
+    """Recordings ordered by their value, in groups that are `DISAGREE` standard errors apart; each in a group
+    of its own if no neighbours are.
     """
     fitted, of = tried.own, {}
     for i, n in enumerate(fitted.numbers):

@@ -25,16 +25,19 @@ from .model import Fitted
 from .models import Models
 from .rig import Rig
 
-# Noise assumed of instruments that were not used: m, m, rad, m.
+# Standard deviation assumed for instruments that were not used: m, m, rad, m.
 POSE_NOISE = {"tip_x": 3e-4, "tip_y": 3e-4, "tip_angle": 5e-3, "displacement": 1e-4}
+# Rivals to separate, the most probable ones.
 MOST_RIVALS = 3
+# Step of the finite differences, in coordinates.
 STEP = 0.05
-# Standard errors beyond which more is no better.
+# Separation [standard errors] above which more brings no advantage.
 ENOUGH = 6.0
-# Many loops; a long rest, and how long the cells are left to themselves, in durations of a loop.
+# Number of equal loops; a long rest, and the time for which unloaded cells are read, both in durations of a
+# loop.
 LOOPS, REST, ALONE = 8, 20.0, 60.0
-# What the weight to hang from the tip would deflect it by, were it across a straight body, as a share of the
-# length; and the heaviest, as a share of the largest base tension.
+# The weight to hang from the tip would deflect a straight body, across it, by this share of the length; it is
+# at most this share of the largest base tension.
 DEFLECTION, HEAVIEST = 0.1, 0.2
 REMOVED = "the tendon taken off"
 TURNED = "the rig turned to the left by a right angle"
@@ -48,10 +51,10 @@ class Experiment:
     Attributes:
         says: in a sentence.
         separates: the models it tells apart, by names of hypotheses.
-        expected_probability: that the true one of them then has, in the mean.
+        expected_probability: expected probability of the true model after the experiment.
         time: of the load history [s], (K,).
-        T_base: base tension to drive [N], (K,); of a check of the cells, the weight on the base's.
-        T_tip: of a check of the cells, the weight on the tip's [N], (K,); else None.
+        T_base: base tension to drive [N], (K,); for a check of the cells, the weight on the base cell.
+        T_tip: for a check of the cells, the weight on the tip cell [N], (K,); else None.
         record: channels to record.
         menu: all that was considered, with the separation each reaches [standard errors].
     """
@@ -67,7 +70,7 @@ class Experiment:
 
 
 def menu(largest: float, samples: int, duration: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Load histories that a rig could follow: time [s] and base tension [N], by what they are.
+    """Load histories that a rig could follow: time [s] and base tension [N], by description.
 
     Args:
         largest: base tension not to exceed [N].
@@ -110,8 +113,8 @@ def menu(largest: float, samples: int, duration: float) -> dict[str, tuple[np.nd
 
 
 def checks(largest: float, duration: float) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Checks of the cells by themselves: time [s], and true tension of the base's cell and of the tip's [N],
-    (K,) each, by what they are.
+    """Checks of the cells by themselves: time [s], and true tension at the base cell and at the tip cell [N],
+    (K,) each, by description.
 
     Args:
         largest, duration: as of `menu`.
@@ -134,14 +137,14 @@ def _down(robot: Robot) -> np.ndarray:
 
 
 def _acts(robot: Robot, values: Values, kind: str) -> np.ndarray:
-    """Components of a term that turns with gravity: of some values, else of the robot's own."""
+    """Components of a term that turns with gravity, from `values` if they are there, else from the robot."""
     names = [f"{kind}.{axis}" for axis in "xy"]
     return np.asarray([float(values.get(name, robot.value(name))) for name in names])
 
 
 def turned(robot: Robot, values: Values) -> dict[str, float]:
-    """Values of a robot with what gravity and dead forces do once its rig is turned to the left by a right
-    angle: what pulled to the right of the base tangent then pulls against it.
+    """Values of a robot whose rig is turned to the left by a right angle. Gravity and dead forces keep their
+    direction in space: what pulled to the right of the base tangent then pulls against it.
     """
     loads = robot.loads
     known = {"gravity-error": float(loads.gravity) * _down(robot), "tip-load": np.asarray(loads.tip_force)}
@@ -280,8 +283,8 @@ def _options(models: Models, rig: Rig) -> list[_Option]:
 
 
 def _separation(option: _Option, rivals: Sequence[Fitted]) -> float:
-    """Least distance [standard errors] between any two rivals once the one refitted follows the other, given
-    what it already knows.
+    """Least distance [standard errors] between any two rivals after one is refitted to the other, within what
+    the present recordings say about its numbers.
     """
     shown = []
     for f in rivals:
@@ -316,7 +319,7 @@ def propose(models: Models, decision: Decision, rig: Rig) -> Experiment | None:
     scored = [(v, o) for v, o in zip(reached, options, strict=True) if np.isfinite(v)]
     if not scored:
         return None
-    # Without anything more if that is enough.
+    # Prefer what needs nothing beyond a load history, if it separates the rivals well enough.
     scored.sort(key=lambda s: (-min(s[0], ENOUGH) + 0.5 * len(s[1].needs), -s[0], s[1].name))
     least, best = scored[0]
     expected = 1 / (1 + (len(rivals) - 1) * np.exp(-0.5 * min(least, 20.0) ** 2))
@@ -336,7 +339,7 @@ def propose(models: Models, decision: Decision, rig: Rig) -> Experiment | None:
 
 
 def _in_words(option: _Option) -> str:
-    """What to do."""
+    """The experiment as an instruction."""
     if option.T_tip is not None:
         return f"Take the tendon off and {option.name}"
     done = f", with {option.done}" if option.done else ""
@@ -345,7 +348,7 @@ def _in_words(option: _Option) -> str:
 
 
 def _then(option: _Option) -> str:
-    """What to do with a recording that cannot be diagnosed together with those there are."""
+    """What to do with a new recording that cannot be diagnosed together with the present ones."""
     if option.T_tip is not None or not option.done:
         return ""
     return (

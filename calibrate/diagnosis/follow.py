@@ -1,4 +1,4 @@
-"""How recordings answer to the uncertain dimensions of the robot file, to first order."""
+"""How recordings respond to the uncertain dimensions of the robot file, to first order."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from ..number import Number, number_at
 
 
 class Follow(NamedTuple):
-    """How the recordings answer to the uncertain dimensions, each moved by its standard deviation.
+    """How the recordings respond to the uncertain dimensions, each moved by its standard deviation.
 
     Attributes:
         change: of the channels of each recording, (C, K, D) each.
-        left, sizes, right: of the white rows, (n, D), by singular values: (n, m), (m,), (m, D).
+        left, sizes, right: singular value decomposition of the change of the whitened rows, (n, D): (n, m),
+            (m,), (m, D).
     """
 
     change: list[np.ndarray]
@@ -31,12 +32,12 @@ class Follow(NamedTuple):
         return rows - (self.left * shares) @ (self.left.T @ rows)
 
     def moved(self, freed: np.ndarray) -> np.ndarray:
-        """By how many standard deviations they then do, (D,)."""
+        """By how many standard deviations the dimensions then move, (D,)."""
         return -self.right.T @ (self.sizes / np.sqrt(1 + self.sizes**2) * (self.left.T @ freed))
 
 
 def dimensions_of(config: RobotConfig | None, robot: Robot) -> list[Number]:
-    """What the robot file says is uncertain beside mu and E, and acts."""
+    """Numbers other than mu and E that the robot file calls uncertain and that have an effect."""
     if config is None:
         return []
     found = []

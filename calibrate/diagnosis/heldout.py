@@ -13,6 +13,7 @@ from .hypotheses import Hypothesis
 from .locate import cycles_of
 from .model import Fitted
 
+# Parts held out in turn, at most.
 FOLDS = 4
 
 
@@ -36,16 +37,16 @@ def folds(bench: Bench) -> list[tuple[str, list[np.ndarray]]]:
 
 
 def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]) -> list[dict[str, float]]:
-    """Score of each model on what it was not fitted to.
+    """Score of each model on samples to which it was not fitted.
 
     Args:
         bench: the recordings.
         models: hypotheses, and their fit to everything.
 
     Returns:
-        For each model: "rms_N" of the tip tension, and "chi2_per_n" of all channels, over all folds, and the
-        number of folds in which the first was the lowest of all models, "best_in". A fold in which
-        a refit fails does not count; NaN where none is left.
+        For each model: "rms_N" of the tip tension, and "chi2_per_n" of all channels, over all folds; "folds",
+        how many there are; and "best_in", the number of folds in which the rms of this model was the lowest.
+        A fold in which a refit fails does not count; NaN where none is left.
     """
     parts = folds(bench)
     jobs = [(m, f) for m in range(len(models)) for f in range(len(parts))]

@@ -14,7 +14,7 @@ from gtr_jax.terms.term import Quantity
 
 from ..number import Number
 
-# Standard deviations to each end of a range that holds nine of ten values.
+# Half width of a range that holds 90 % of a normal distribution, in standard deviations.
 NINE_OF_TEN = 1.645
 # Prior standard deviation of ln mu, and of ln E where the robot file states none.
 ANY_MU, ANY_E = 1.5, 1.0
@@ -40,7 +40,7 @@ class Hypothesis:
 
     @property
     def few(self) -> tuple[Mapping[str, float], ...]:
-        """Some of the starts: those of a middling size where there are many."""
+        """A few of the starts: those of medium size where there are many."""
         if len(self.starts) <= 2:
             return self.starts
         by_size = sorted({s[self.numbers[0].name] for s in self.starts}, key=abs)
@@ -51,7 +51,7 @@ class Hypothesis:
         )
 
 
-# Terms that are several hypotheses: the numbers of each that are free.
+# Terms that stand for several hypotheses, or have fixed numbers: the free numbers of each hypothesis.
 VARIANTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "local-friction": {"base": ("base",), "tip": ("tip",), "stretch": ("factor", "start", "end")},
     "tendon-stretch": {"": ("compliance",)},
@@ -59,23 +59,24 @@ VARIANTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "zero-drift": {"tip": ("tip",), "base": ("base",)},
     "low-pass": {"tip": ("tip",), "base": ("base",)},
     "saturation": {"tip": ("tip",), "base": ("base",)},
-    # The reference goes with mu; the direction of a stop is that of the bend, one way or the other.
+    # The reference cannot be told from mu; the direction of a stop is set by the direction of the bend.
     "pressure-dependent-friction": {"": ("exponent",)},
     "contact": {"": ("stiffness", "distance")},
 }
-# Of no effect on anything that varies, or read off the samples themselves.
+# Terms without an effect on anything that varies, or read from the samples themselves.
 NEVER = {"quantisation"}
-# Shortest presliding length [m]: a little below what is usual. Shooting from the base loses its hold on
-# shorter ones: slip at the tip changes 2e5 times as much as at the base at 5e-5 m, 2e12 times at 1.5e-5 m.
+# Shortest presliding length [m]: a little below what is usual. Shooting from the base becomes ill-conditioned
+# for shorter ones: at 5e-5 m slip at the tip changes 2e5 times as much as at the base, at 1.5e-5 m 2e12
+# times.
 SHORTEST = 4e-5
-# Compliance of a tendon in a rigid sheath whose file states none [1/N].
+# Compliance assumed for a tendon in a rigid sheath whose file states none [1/N].
 COMPLIANCE = 5e-5
 # Sizes to try, in standard deviations of the prior.
 SIZES = (0.3, 1.0)
 
 
 def number_of(term: Term, q: Quantity) -> Number:
-    """A term's number as a free one."""
+    """A term's quantity as a free number with a prior."""
     name, low, high = f"{term.id}.{q.name}", *q.usual
     lower, upper = (-np.inf if q.lower is None else q.lower), (np.inf if q.upper is None else q.upper)
     if q.size:
@@ -100,7 +101,7 @@ def number_of(term: Term, q: Quantity) -> Number:
 def catalogue(
     robot: Robot, *, timed: bool, largest_tip: float, travel: np.ndarray, bend: float
 ) -> list[Hypothesis]:
-    """The hypotheses that can act on a robot, but for those that its file has.
+    """The hypotheses that can act on a robot, except those that its file already has.
 
     Args:
         robot: the robot.
@@ -169,7 +170,7 @@ def _started(
             name=name, kind=term.id, numbers=(stiffness, distance), starts=tuple(starts), fixed=fixed
         )
     if term.id == "presliding":
-        # Shorter than what slips in a sample it is Coulomb friction, and hard to solve.
+        # A presliding length shorter than the slip between samples is Coulomb friction, and hard to solve.
         free = (dataclasses.replace(free[0], lower=SHORTEST), *free[1:])
         stretches = float(robot.terms["tendon-stretch"]["compliance"]) > 0
         fixed = {"tendon-stretch.compliance": COMPLIANCE} if robot.backbone.rigid and not stretches else {}
@@ -179,8 +180,8 @@ def _started(
         starts = [{x.name: s * x.sd * a, y.name: s * y.sd * b} for s in (0.1, 0.5) for a, b in directions]
         return Hypothesis(name=name, kind=term.id, numbers=free, starts=tuple(starts), fixed=fixed)
     if term.id == "stiffening":
-        # Sized by what it does at the largest bend. Softer than -4/27 of that the moment has a maximum below
-        # what is asked of it, and the body would buckle.
+        # In units of 1/(largest change of curvature)^2. Below -4/27 of this unit, the moment has a maximum
+        # below the applied moment, and the body would buckle.
         far = max(bend, 1e-6) ** -2
         own = dataclasses.replace(free[0], sd=0.4 * far, lower=-0.13 * far)
         starts = tuple({own.name: c * far} for c in (0.12, 0.4, -0.05, -0.11))
@@ -198,7 +199,7 @@ def _started(
 
 
 def base_numbers(robot: Robot, deviations: Mapping[str, float]) -> tuple[Number, ...]:
-    """What is fitted whatever the hypothesis: mu and, unless the backbone is rigid, E.
+    """The numbers that every hypothesis fits: mu and, unless the backbone is rigid, E.
 
     Args:
         robot: with the values of its file.

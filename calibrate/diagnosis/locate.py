@@ -16,9 +16,11 @@ from .bench import Bench
 from .model import Fitted
 
 PHASES = (PULLING, TRANSITION, RELEASING)
+# Samples that a part needs; significance, in standard errors, from which it is reported.
 FEWEST, SEEN = 4, 3.5
-# Single readings count for their size up to so many standard deviations, unless one in fifty is beyond.
+# Single residuals are clipped at this many standard deviations, or at this quantile of all if that is larger.
 LONE, RARE = 4.0, 0.98
+# Parts reported by range of tension; half as many by cycle.
 MOST = 6
 
 
@@ -28,7 +30,7 @@ class Where:
 
     Attributes:
         recording: its name.
-        channel: what differs there, "T_tip" unless pose or displacement show it better.
+        channel: the channel that differs: "T_tip", one of the pose or "displacement".
         phase: "pulling", "transition" or "releasing", or "" for all.
         T_base_N: range of the base tension [N].
         cycle: number of the cycle, from 1; None for all.
@@ -69,7 +71,7 @@ def cycles_of(T_base: np.ndarray) -> np.ndarray:
 
 
 def _strata(T: np.ndarray, phases: np.ndarray, cycle: np.ndarray):
-    """Phases by ranges of tension, and cycles: label, phase, cycle and samples of each."""
+    """Phases by range of tension, and phases by cycle: phase, cycle or None, and samples of each."""
     edges = np.linspace(float(T.min()), float(T.max()) + 1e-9, 5)
     for phase in PHASES:
         inside = phases == phase
@@ -92,7 +94,8 @@ def locate(bench: Bench, fitted: Fitted) -> list[Where]:
         for c, (name, row) in enumerate(zip(part.channels, residual, strict=True)):
             noise = bench.noise[k][c]
             off = row - row.mean() if name == "displacement" else row
-            # Samples per independent one, and the base tension's noise, which passes on where the tip slips.
+            # Samples per independent one; and variance with the base tension's noise, which passes on where
+            # the tip slips.
             tau = (1 + noise.rho) / (1 - noise.rho)
             variance = noise.sd**2 + bench.weighs[k].passed[c] ** 2
             total = float(np.sum(np.maximum(off**2 - variance, 0.0)))
@@ -149,7 +152,7 @@ def misfit(bench: Bench, fitted: Fitted) -> tuple[float, float]:
     """How much structure a fit leaves: rms of the white residuals beyond noise, in standard deviations of it,
     and its significance in standard errors.
 
-    Significance is that of sums over neighbouring samples, whose noise is independent once white.
+    The significance is that of sums over neighbouring samples, whose noise is independent after whitening.
     """
     energy, count, blocks, squares = 0.0, 0, 0, 0.0
     for z in bench.by_channel(fitted.rows):
@@ -167,7 +170,7 @@ def misfit(bench: Bench, fitted: Fitted) -> tuple[float, float]:
 
 def ratio_of_branches(T_base: np.ndarray, T_tip: np.ndarray, phases: np.ndarray, bins: int = 14):
     """D and S at matched base tension: half the difference, and half the sum, of ln(T_tip/T_base) on release
-    and pull. The first points to friction, the second to gains, offsets and asymmetry.
+    and pull. D points to friction, S to gains, offsets and asymmetry.
 
     Returns:
         Base tension [N], D and S, (n,) each, of the bins in which both branches have samples.
@@ -195,11 +198,12 @@ def mu_by_stratum(
     Args:
         bench: the recordings.
         fitted: the base model; mu is its first number, or that of each recording is among its numbers.
-        covariance: of its coordinates, (p, p): what is uncertain of the others counts in the errors.
+        covariance: of its coordinates, (p, p): the uncertainty of the other numbers counts in the errors.
 
     Returns:
-        Label, value, standard error, and what of it is the part's own noise, of each part that knows
-        anything. The rest is common to all parts: what is uncertain of the other numbers moves them together.
+        Label, value, standard error, and the standard error from the part's own noise alone, for each part
+        that determines mu. The rest is common to all parts, because errors of the other numbers move them
+        together.
     """
     found, names = [], [n.name for n in fitted.numbers]
     white, columns = bench.by_channel(fitted.rows), bench.by_channel(fitted.jacobian)

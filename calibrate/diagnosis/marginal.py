@@ -1,8 +1,8 @@
-"""The numbers of a diagnosis and their errors: all that is uncertain fitted together.
+"""The numbers of a diagnosis and their errors, from a joint fit of all uncertain numbers.
 
 The search lets the uncertain dimensions of the robot file follow to first order, which is enough to rank
-hypotheses. Where dimensions and modulus do nearly the same that is too rough for values and errors, so the
-base model and the one chosen are fitted once more with the dimensions as free as every other number.
+hypotheses. Where dimensions and modulus have nearly the same effect, that is too rough for values and errors,
+so the base model and the one chosen are fitted once more with the dimensions as free as every other number.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LAW, MESH = "the law's inexactness", "mesh"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Marginal:
-    """A model with all that is uncertain fitted together.
+    """A model with all uncertain numbers fitted jointly.
 
     Attributes:
         bench: the recordings, with the uncertain dimensions among the numbers that are fitted.
@@ -62,15 +62,15 @@ class Marginal:
 def jointly(models: Models, fitted: Fitted, finer: float) -> Marginal:
     """Fit a model with the dimensions free as well, from where the search left it.
 
-    The covariance is A^-1 with A = J'J + 1, derivatives by central differences, rows weighed by errors as
-    large and as long as they show. To it comes what laws that are not exact, and what is left of the mesh, do
-    to the estimates: they move by A^-1 J'd where d is the change of the readings by one standard deviation
-    of either.
+    The covariance is A^-1 with A = J'J + 1, derivatives by central differences, rows weighed by errors with
+    the size and correlation time of the residual. Two terms are added: laws that are not exact, and the
+    remaining error of the mesh, move the estimates by A^-1 J'd, where d is the change of the readings by one
+    standard deviation of either.
 
     Args:
         models: all samples on the bench, corrected to a fine mesh.
         fitted: the model.
-        finer: intervals of that mesh over those of the bench.
+        finer: number of intervals of that mesh over that of the bench.
 
     Returns:
         The fit; as the search left it where no better one is found.
@@ -107,8 +107,8 @@ def jointly(models: Models, fitted: Fitted, finer: float) -> Marginal:
 
 
 def _freed(bench: Bench, fitted: Fitted) -> Bench:
-    """The same recordings with the uncertain dimensions among the base numbers, and a stretch of the tendon
-    in the displacement unless that is among the effects.
+    """The same recordings with the uncertain dimensions among the base numbers, and with an uncertain stretch
+    of the tendon in the displacement, unless stretch is among the effects.
     """
     other = bench.with_dimensions_free()
     if any(name.startswith(STRETCH) for name in fitted.names):
@@ -124,7 +124,7 @@ def _freed(bench: Bench, fitted: Fitted) -> Bench:
 def _polished(
     bench: Bench, model: Model, hypotheses: Sequence[Hypothesis], start: np.ndarray
 ) -> Fitted | None:
-    """The model refitted, its derivatives taken anew by central differences, and one last step by these."""
+    """The model refitted, with derivatives recomputed by central differences and one last step with these."""
     here = bench.at(model, start)
     if here is None:
         return None
@@ -181,7 +181,7 @@ def _slopes(
 
 
 def _as_left(bench: Bench, model: Model, fitted: Fitted, x: np.ndarray) -> Fitted:
-    """A fit of the search in the coordinates of a model with the dimensions free: to first order."""
+    """The search's fit in the coordinates of the model with free dimensions, to first order."""
     rows, jacobian = fitted.rows, fitted.jacobian
     columns = {n.name: jacobian[:, i] for i, n in enumerate(fitted.numbers)}
     if bench.follow is not None:
@@ -200,9 +200,8 @@ def _as_left(bench: Bench, model: Model, fitted: Fitted, x: np.ndarray) -> Fitte
 
 
 def _as_they_show(bench: Bench, fitted: Fitted) -> np.ndarray:
-    """Weights of the white rows, (n,), by which errors are as large, and as long, as the residual of each
-    channel shows, as in `gtr fit`: noise is told from neighbouring samples, which a slow misfit of law or
-    machine does not enter.
+    """Weights of the whitened rows, (n,), that give errors the size and correlation time of each channel's
+    residual, as in `gtr fit`. The noise alone comes from neighbouring samples and misses a slow misfit.
     """
     found = []
     for z in bench.by_channel(fitted.rows):
@@ -216,8 +215,9 @@ def _as_they_show(bench: Bench, fitted: Fitted) -> np.ndarray:
 
 
 def _law(models: Models, bench: Bench, found: Fitted, fitted: Fitted) -> np.ndarray:
-    """White rows of what the effects' laws may have wrong, (n, ways): what they do while pulling and not, at
-    low tension and high, each with the share that the evidence leaves (`models.INEXACT`).
+    """Whitened rows of possible errors of the effects' laws, (n, ways): the effect while pulling and
+    otherwise, at low and at high tension, each times the relative error that the evidence leaves
+    (`models.INEXACT`).
     """
     nothing = np.zeros((len(found.rows), 0))
     if not found.names:
@@ -242,8 +242,8 @@ def _law(models: Models, bench: Bench, found: Fitted, fitted: Fitted) -> np.ndar
 
 
 def _mesh(bench: Bench, found: Fitted, finer: float) -> np.ndarray:
-    """White rows of what the fine mesh leaves out, (n, 1), from what it corrects: errors fall with the square
-    of the interval.
+    """Whitened rows of the error left on the fine mesh, (n, 1), extrapolated from its correction: errors fall
+    with the square of the interval.
     """
     left = 1 / (finer**2 - 1) if finer > 1 else 1.0
     corrected = bench.correction(found.names)

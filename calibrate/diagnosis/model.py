@@ -12,12 +12,12 @@ from ..number import Number
 from ..predictor import Seen
 from .hypotheses import Hypothesis
 
-# A simulation that fails counts as this many variances per sample.
+# Each load step that fails adds this many variances to the cost.
 FAILED = 1e3
 
 
 class Model(NamedTuple):
-    """What acts: names of hypotheses, the free numbers, mu and E first, and those that are set."""
+    """Names of the hypotheses that act, the free numbers, mu and E first, and the fixed numbers."""
 
     names: tuple[str, ...]
     numbers: tuple[Number, ...]
@@ -55,7 +55,7 @@ class Point(NamedTuple):
 
     @property
     def penalty(self) -> float:
-        """What these add to the sum of squares."""
+        """What failed load steps add to the sum of squares."""
         return FAILED * self.failed
 
 
@@ -67,14 +67,14 @@ class Fitted:
         names: of the hypotheses; none for the base model.
         numbers: free ones, mu and E first.
         x: their coordinates.
-        values: the same and the fixed ones, SI, by name.
+        values: of the free and the fixed numbers, SI, by name.
         rows: white residuals at the solution.
         jacobian: of the rows by x.
         chi2: sum of squares of the rows.
         prior: sum of squares of the coordinates under their priors.
-        seen: the simulations, the uncertain dimensions moved as fits best.
+        seen: the simulations, with the uncertain dimensions moved to fit best.
         failed: steps that did not converge.
-        dimensions: their values [SI], by name.
+        dimensions: values of the uncertain dimensions [SI], by name.
     """
 
     names: tuple[str, ...]
@@ -95,14 +95,14 @@ class Fitted:
         return self.chi2 + self.prior + FAILED * self.failed
 
     def volume(self) -> float:
-        """Log of the share of the prior that the data leave, by Laplace's approximation, and of the prior's
-        density there.
+        """Log of the Occam factor, by Laplace's approximation: of the share of the prior that the data leave,
+        and of the prior's density there.
         """
-        # Half a normal distribution, of a size that cannot be negative, is twice as dense.
+        # The prior of a size that cannot be negative is half a normal distribution, twice as dense.
         halves = sum(n.size and not n.log and n.bounds[0] > -0.5 for n in self.numbers)
         logdet = np.linalg.slogdet(self.information())[1]
         return float(-0.5 * self.prior - 0.5 * logdet + halves * np.log(2.0))
 
     def information(self, scale: float = 1.0) -> np.ndarray:
-        """Of data and priors about the coordinates."""
+        """Fisher information of data and priors about the coordinates, (p, p)."""
         return self.jacobian.T @ self.jacobian / scale + np.eye(len(self.x))

@@ -13,16 +13,17 @@ from .model import Fitted, model_of
 
 # Prior probability of no, one, two and three missing effects.
 HOW_MANY = (0.5, 0.35, 0.12, 0.03)
-# No law is exact: shares of what an effect does that its law may have wrong, with their probabilities, in so
-# many independent ways. A rival must not win, nor a second effect be named, by what a law misses; nor must a
-# law that leaves much be taken for right where another leaves nothing.
+# No law is exact: relative errors of an effect's law, with their probabilities, in this many independent
+# directions. The error of a law must not let a rival win or name a second effect; nor must a law that leaves
+# much be accepted where another leaves nothing.
 INEXACT, WAYS = {0.0: 0.55, 0.03: 0.2, 0.07: 0.15, 0.15: 0.07, 0.3: 0.03}, 4
-# By how much the noise may be taken too small, in variance; and how far log-probabilities are believed: noise
-# is not quite what it is taken for. Both chosen on some 350 blind recordings of development for the mean log
-# of the probability given to the truth; less scale or more belief called more of the sound ones otherwise.
+# Largest factor by which the noise variance may be underestimated; and factor on log probabilities, because
+# the model of the noise is not exact. Both were chosen on some 350 blind development recordings, by the mean
+# log probability given to the truth; a smaller scale or a larger factor misjudged more of the sound
+# recordings.
 LARGEST_SCALE, BELIEVED = 1.3, 0.8
-# Models this much less likely than the best, in log, are not refitted once the noise is known better; but of
-# single effects so many are.
+# Models whose log posterior is this far below the best are not refitted once the noise is known better; but
+# at least this many single effects are.
 HOPELESS, HEADS = 40.0, 5
 
 
@@ -43,7 +44,7 @@ class Models:
         self._excess: float | None = None
 
     def add(self, fits: Sequence[Fitted]) -> None:
-        """Keep fits; of two of the same model the better."""
+        """Add fits; of two fits of one model, the better is kept."""
         self._scale = self._excess = None
         for f in fits:
             key = tuple(sorted(f.names))
@@ -64,14 +65,14 @@ class Models:
         return self._scale
 
     def log_likelihood(self, fitted: Fitted) -> float:
-        """Log of the probability of the data at the fit, up to a constant: of white noise, and in `WAYS`
-        directions of what the effects' laws may have wrong.
+        """Log likelihood of the data at the fit, up to a constant: for white noise, and errors of the
+        effects' laws in `WAYS` directions.
         """
         each = self._by_share(fitted)
         return float(np.logaddexp.reduce(each)) - 0.5 * (fitted.cost - fitted.prior - fitted.chi2)
 
     def _by_share(self, fitted: Fitted) -> np.ndarray:
-        """Log of the probability of the data and of each share that the laws may have wrong (`INEXACT`)."""
+        """Log of the joint probability of the data and each relative error of the laws (`INEXACT`)."""
         squares = fitted.chi2 / self.scale
         explained = max(self.base.chi2 - fitted.chi2, 0.0) / self.scale
         beyond = max(squares - self.bench.readings, 0.0) + WAYS
@@ -83,7 +84,7 @@ class Models:
         return np.asarray(each)
 
     def inexactness(self, fitted: Fitted) -> float:
-        """Share of what the effects do that their laws have wrong, root mean square, given the data."""
+        """Root mean square of the relative error of the effects' laws, given the data."""
         each = self._by_share(fitted)
         weights = np.exp(each - np.logaddexp.reduce(each))
         return float(np.sqrt(np.sum(weights * np.square(list(INEXACT)))))
@@ -91,8 +92,8 @@ class Models:
     def log_posterior(self, fitted: Fitted) -> float:
         """Log of the posterior probability, up to a constant.
 
-        What laws may have wrong must not make an effect of what noise does: against the base model the best
-        effect counts no more than it would if laws were exact and all that it leaves were noise.
+        The allowance for inexact laws must not turn noise into an effect: against the base model, the best
+        effect counts no more than it would if laws were exact and its whole residual were noise.
         """
         if self._excess is None:
             effects = [f for f in self.fits.values() if f.names]
@@ -105,7 +106,7 @@ class Models:
         return BELIEVED * (self.log_likelihood(fitted) + fitted.volume() + self.log_prior(fitted))
 
     def _plain_odds(self, fitted: Fitted) -> float:
-        """Log of the odds against the base model, laws being exact and what the best leaves noise."""
+        """Log odds against the base model if laws were exact and the residual of the best fit were noise."""
         scale = max(1.0, min(self.bench.mean_square(f) for f in self.fits.values()))
         gain = 0.5 * (self.base.cost - self.base.prior - fitted.cost + fitted.prior) / scale
         return (
@@ -130,17 +131,17 @@ class Models:
         return {f.names: float(p) for f, p in zip(ranked, share / share.sum(), strict=True)}
 
     def hypotheses(self, names: Sequence[str]) -> list[Hypothesis]:
-        """Of a model."""
+        """The hypotheses of a model."""
         return [self.of[name] for name in names]
 
     def coordinates(self, names: Sequence[str], fitted: Fitted) -> np.ndarray:
-        """Coordinates of a model from a fit of one with the same effects and more."""
+        """Coordinates of a model, taken from the fit of a model with the same effects and more."""
         known = {n.name: v for n, v in zip(fitted.numbers, fitted.x, strict=True)}
         numbers = model_of(self.bench.base, self.hypotheses(names)).numbers
         return np.asarray([known[n.name] for n in numbers])
 
     def reweigh(self) -> None:
-        """Take the noise anew from the best model, and refit those that matter."""
+        """Estimate the noise again from the best model, and refit the models that matter."""
         ranked = self.ranked()
         top = ranked[0]
         self.bench = self.bench.weighed(top.values, top.seen)

@@ -1,10 +1,10 @@
-"""Regularities in what a fit leaves of T_tip that no noise has, of causes that the catalogue does not hold.
+"""Regularities in the residual of T_tip that noise does not have, from causes outside the catalogue.
 
-Noise is taken from the differences of neighbouring readings, and so are swings from sample to sample and
-waves over a tension. These tests take it from what is left beside the pattern instead: each pattern is a few
-rows that are fitted beside the model's own numbers, the base tension, the uncertain dimensions and a smooth
-misfit of each branch, and what they explain is held against the rest (an F test). Readings that stand still
-for a while need no such care: they are far off on end.
+The noise is estimated from differences of neighbouring readings, which contain swings from sample to sample
+and waves over a tension as well. These tests estimate it from what is left beside the pattern instead: each
+pattern is a few rows that are fitted beside the model's own numbers, the base tension, the uncertain
+dimensions and a smooth misfit of each branch, and what they explain is compared with the rest (an F test).
+Readings that stand still for a while need no such test: many in a row are far off.
 """
 
 from __future__ import annotations
@@ -22,30 +22,31 @@ from .bench import Bench, noise_in
 from .model import Fitted
 
 SAMPLE, TIME, NAN = "sample", "time", float("nan")
-# Chance below which a pattern is no noise, and the share of the residual that it has to explain: in long
-# recordings the least that noise is not what it is taken for is significant.
+# Probability by chance below which a pattern is not noise, and least share of the residual that it has to
+# explain: in long recordings, the smallest error in the model of the noise is significant.
 CHANCE, SHARE = 1e-4, 0.3
-# Residuals count up to so many standard deviations.
+# Residuals are clipped at this many standard deviations.
 MOST = 3.0
-# Rms of the white residual below which nothing is asked: of what a model leaves that is less than the noise,
-# most is smooth.
+# Rms of the whitened residual below which no pattern is sought: a residual smaller than the noise is mostly
+# smooth.
 LEAST = 0.5
-# Powers of the base tension, on each branch, that are no pattern: a smooth misfit while pulling and releasing
-# would be taken for one.
+# Highest power of the base tension, on each branch, that is not a pattern: otherwise a smooth misfit while
+# pulling and releasing would be taken for one.
 SMOOTH = 3
-# Changes of the tip that a reading may follow; waves over the range of a tension, from and to, by so many.
+# Latest changes of the tip tension that a reading may follow; fewest and most waves over the range of a
+# tension, and the step between.
 LAGS, FEWEST_WAVES, MOST_WAVES, STEP = 8, 2.0, 60.0, 0.25
-# Widths of bumps over the range of a tension, in shares of it; samples at the top of one, at least.
+# Widths of bumps, as shares of the range of a tension; least number of samples at the top of one.
 WIDTHS, TOP = (0.015, 0.03, 0.06), 4
-# Readings that stand still: so many on end beyond noise, all of them within so many standard deviations of
-# it, and with the one before by less than this share of what the model moves; so many stretches are told of.
-# Of four readings on end, all on one side of the base model, the nearest was at most 2.3 standard deviations
-# off in 86 sound recordings of the blind benchmark, bad repeats among them, and 5.5 to 94 where readings
-# stand still (noise as of the base fit).
+# Readings that stand still: at least this many in a row beyond the noise, all within this many standard
+# deviations of noise, and moving, with the reading before, by less than this share of the model's change; and
+# number of stretches that are named. Of four readings in a row on one side of the base model, the nearest was
+# at most 2.3 standard deviations off in 86 sound recordings of the blind benchmark, bad repeats among them,
+# and 5.5 to 94 where readings stand still (noise of the base fit).
 ON_END, STILL_SD, LESS, TOLD = 4, 6.0, 0.5, 4
-# Rows that the fit's own numbers explain but for this share say nothing.
+# Rows of which the fit's own numbers explain all but this share are left out.
 OWN = 0.05
-# Samples for each number of a pattern.
+# Samples needed for each number of a pattern.
 EACH = 3
 
 
@@ -67,10 +68,17 @@ class Stand(NamedTuple):
 
 
 class Pattern(NamedTuple):
-    """A regularity: recording; along what, "sample", "time", "T_tip" or "T_base"; how probable it is by
-    chance, or where readings stand still, that a single one is as far from the model as the nearest of them;
-    the share of the residual that it explains, or that those readings hold; the period of waves [N], where a
-    bump is and how wide [N], else NaN; and where readings stand still.
+    """A regularity in the residual of T_tip.
+
+    Attributes:
+        recording: its name.
+        along: "sample", "time", "T_tip" or "T_base".
+        chance: its probability by chance; where readings stand still, that of a single reading as far from
+            the model as the nearest of them.
+        share: share of the residual that it explains, or that those readings hold.
+        period_N: period of waves [N], else NaN.
+        at_N, width_N: place and width of a bump [N], else NaN.
+        stands: where readings stand still.
     """
 
     recording: str
@@ -101,7 +109,7 @@ class Pattern(NamedTuple):
 
 
 def pattern_in(bench: Bench, fitted: Fitted) -> Pattern | None:
-    """The least probable regularity of what a fit leaves of T_tip; None where there is none."""
+    """The regularity in the residual of T_tip that is least probable by chance; None if there is none."""
     found: list[Pattern] = []
     for k, (rig, residual) in enumerate(zip(bench.rigs, bench.residuals(fitted.seen), strict=True)):
         found += _standing(bench, k, residual)
@@ -137,7 +145,7 @@ def pattern_in(bench: Bench, fitted: Fitted) -> Pattern | None:
 
 
 class Candidate(NamedTuple):
-    """A pattern to look for: along what; changes of T_tip [N], (m, K); and the rest as of `Pattern`."""
+    """A pattern to look for: along what; changes of T_tip [N], (m, K); and the rest as in `Pattern`."""
 
     along: str
     changes: np.ndarray
@@ -147,8 +155,8 @@ class Candidate(NamedTuple):
 
 
 class _Beside:
-    """What the model's own numbers, and what is as smooth, leave of a recording's T_tip: numbers as free as
-    this recording alone leaves them, the others count nothing.
+    """The residual of a recording's T_tip that neither the model's own numbers nor a smooth misfit explain.
+    The numbers are as free as this recording alone leaves them; other recordings do not count.
 
     Attributes:
         rms: of the white residual of T_tip.
@@ -173,7 +181,7 @@ class _Beside:
         self.total = float(np.sum(self.left[both] ** 2))
 
     def _white(self, changes: np.ndarray) -> np.ndarray:
-        """Changes of T_tip [N], (m, K), as white rows, those of the model's numbers below, (n, m)."""
+        """Changes of T_tip [N], (m, K), as whitened rows, with those of the model's numbers below, (n, m)."""
         residual = np.zeros((*self.bench.rigs[self.k].part.recorded.shape, len(changes)))
         residual[0] = changes.T
         white = self.bench.white_of(self.k, residual)
@@ -186,8 +194,8 @@ class _Beside:
         return rows - self.known @ (self.known.T @ rows)
 
     def explained(self, patterns: Sequence[np.ndarray]) -> list[tuple[float, float]]:
-        """Of each pattern, changes of T_tip [N], (m, K): how probable it is that noise goes with it as well,
-        and the share of the residual that it explains.
+        """For each pattern, changes of T_tip [N], (m, K): the probability that noise fits it as well, and the
+        share of the residual that it explains.
         """
         if not patterns or self.total == 0:
             return [(1.0, 0.0)] * len(patterns)
@@ -228,7 +236,7 @@ def _standing(bench: Bench, k: int, residual: np.ndarray) -> list[Pattern]:
     part = bench.rigs[k].part
     read, T_base, K = part.T_tip, part.T_base.T_base, part.samples
     tip = read + residual[0]
-    # Readings that stand still make noise large where it is taken from another fit than this.
+    # Readings that stand still inflate the noise if it is estimated from another fit.
     sd = min(bench.noise[k][0].sd, noise_in(bench.rigs[k], residual)[0].sd)
     left = residual[0] / np.hypot(sd, bench.weighs[k].passed[0])
     beyond = float(-ndtri(0.5 * CHANCE / len(bench.rigs) / K))
@@ -241,7 +249,7 @@ def _standing(bench: Bench, k: int, residual: np.ndarray) -> list[Pattern]:
         counted[first] = after - first > 1
         run = slice(max(first - 1, 0), after)
         stood = np.ptp(read[first:after]) < still and np.ptp(read[run]) < LESS * np.ptp(tip[run])
-        # What a recording begins with may come from before it.
+        # A stretch at the start may come from before the recording.
         if after - first >= ON_END and stood and np.ptp(read[:after]) >= still:
             far[first:after] = True
             ends = [first, after - 1]
@@ -256,8 +264,8 @@ def _standing(bench: Bench, k: int, residual: np.ndarray) -> list[Pattern]:
 
 
 def _share(changes: np.ndarray, left: np.ndarray) -> float:
-    """Share of what is left [N], (K,), that changes (m, K) explain. Not of the white residual: where samples
-    are dense, what a bump is in it is small.
+    """Share of the residual [N], (K,), that changes (m, K) explain. The whitened residual is not used,
+    because a bump in it is small where samples are dense.
     """
     left = left - np.median(left)
     follow = changes.T @ np.linalg.lstsq(changes.T, left, rcond=None)[0]
@@ -265,7 +273,7 @@ def _share(changes: np.ndarray, left: np.ndarray) -> float:
 
 
 def _smooth(T_base: np.ndarray) -> np.ndarray:
-    """Powers of the base tension, all samples alike and with the sign of its last change, (m, K)."""
+    """Powers of the base tension, and the same times the sign of its last change, (m, K)."""
     u = 2 * (T_base - T_base.min()) / max(float(np.ptp(T_base)), 1e-300) - 1
     powers = np.stack([u**k for k in range(SMOOTH + 1)])
     return np.concatenate([powers, _way(T_base) * powers])
@@ -284,7 +292,7 @@ def _lagged(tip: np.ndarray) -> np.ndarray:
 
 
 def _waves(name: str, along: np.ndarray, step: float) -> list[Candidate]:
-    """Waves over a tension that its samples, and readings of such steps [N], can show."""
+    """Waves over a tension that its samples, and readings with this resolution `step` [N], can show."""
     span, K = float(np.ptp(along)), len(along)
     if span <= 0:
         return []
@@ -298,7 +306,7 @@ def _waves(name: str, along: np.ndarray, step: float) -> list[Candidate]:
 
 
 def _bumps(name: str, along: np.ndarray, way: np.ndarray) -> list[Candidate]:
-    """Bumps over a tension, while pulling and releasing, where enough samples are to show them."""
+    """Bumps over a tension, while pulling and releasing, where there are enough samples to show them."""
     low, span = float(along.min()), float(np.ptp(along))
     if span <= 0:
         return []

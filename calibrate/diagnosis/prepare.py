@@ -36,7 +36,8 @@ from .search import base_fit
 
 # Samples of each recording on which hypotheses are tried, and on which the best are refitted.
 FEW, MANY = 140, 1200
-# Samples of each recording on which hypotheses are tried where there are several: together they tell more.
+# Samples of each recording on which hypotheses are tried where there are several: together they hold more
+# information.
 FEW_OF_SEVERAL = 96
 # Resolution of the mesh that the best models are corrected to, relative to the robot's own.
 FINEST = 1.5
@@ -50,7 +51,7 @@ class Prepared:
         config: the robot file, or None.
         fine: the robot on its own mesh.
         parts, full: the recordings, and those samples of them that are used.
-        kept: those of them on the bench.
+        kept: indices of the samples on the bench.
         warnings: what the reader must know.
         bench: few samples on a coarse mesh.
         rough, exact: all samples on the coarse mesh, and on a fine one.
@@ -88,7 +89,7 @@ def prepare(
     be missing; arguments as of `diagnose`.
 
     Args:
-        may_differ: whether that is asked.
+        may_differ: whether numbers that differ are looked for.
 
     Returns:
         What the search starts from; a diagnosis where the data do not allow one.
@@ -200,8 +201,8 @@ class _Start(NamedTuple):
 
 
 def _better(before: _Start, after: _Start) -> _Start:
-    """What there is after corners of the base tension were added, if these take enough of the misfit away,
-    the noise as before; else what there was before.
+    """The start with added corners of the base tension if these reduce the misfit enough at the same noise;
+    else the start before.
     """
     bench, values = after.bench, after.base.values
     seen = bench.simulate(values)
@@ -216,7 +217,7 @@ def _better(before: _Start, after: _Start) -> _Start:
 
 def _sharpened(start: _Start, readings: Sequence[np.ndarray]) -> list[Part] | None:
     """The recordings with corners of the base tension where all channels together put them: a noisy base
-    cell alone misses small steps and turns that the tip follows. None where the cell tells more.
+    cell alone misses small steps and turns that the tip follows. None where the cell determines it better.
 
     Args:
         start: the base model fitted.

@@ -1,4 +1,4 @@
-"""What the mesh and the samples of a bench leave out, and how the bench is corrected for it."""
+"""Errors due to the mesh and the few samples of a bench, and the correction of the bench for them."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def refine(
     fine: Sequence[Rig],
     kept: Sequence[np.ndarray] | None = None,
 ) -> Bench:
-    """The bench corrected for what its mesh and samples leave out of some models.
+    """The bench with corrections for its mesh and samples, computed for some models.
 
     Args:
         bench: to correct.
-        models: of which they are.
-        wanted: by names of hypotheses, a fit that has the values of these.
+        models: all models.
+        wanted: models to correct for: by names of hypotheses, a fit that has their values.
         fine: all samples, on a fine mesh.
-        kept: those of them on the bench; all unless given.
+        kept: indices of the samples on the bench; all unless given.
     """
 
     def correction(item):

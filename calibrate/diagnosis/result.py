@@ -64,7 +64,7 @@ class Rival:
 
     Attributes:
         names: of its hypotheses.
-        probability: of it, beside the other models refitted and an effect too small to see.
+        probability: of the model, among the models refitted and an effect too small to see.
         delta: root of the drop of the sum of squares from the base model.
         chi2_per_n: mean square of the white residuals.
         values: SI, by name.
@@ -88,8 +88,8 @@ class Change:
     Attributes:
         name, unit: of it.
         before, after: values.
-        sd: standard deviation of the latter, all else that is uncertain counted in.
-        lower95, upper95: its interval of 95 %.
+        sd: standard deviation of `after`, with all other uncertainty counted in.
+        lower95, upper95: ends of its 95 % interval.
         made_of: share of its variance by source: noise, uncertain numbers of the robot file, the law, the
             mesh.
     """
@@ -113,20 +113,20 @@ class Diagnosis:
         says: the same in one or two sentences.
         named: terms that are missing: kinds, as robot files write them.
         confusion_set: sets of terms that the recordings do not tell apart, the most probable first.
-        probability: of each model; "" for the base model; and that an effect is there too small to see.
+        probability: of each model, where "" is the base model, and of an effect too small to see.
         named_probability: of all models that hold what is named.
         where: where the base model and the recordings differ, most of the misfit first.
-        rest: the same of the model that is shown.
+        rest: the same for the model that is shown.
         parameters: numbers before and after.
         rms_N, held_out: residual of T_tip before and after; see `heldout.held_out`.
-        noise_N: of T_tip, the base cell's carried on to it.
-        expected_N: what the residual of T_tip should be: the same and what the mesh leaves out.
+        noise_N: standard deviation of the noise in T_tip, with the base cell's noise passed on to it.
+        expected_N: expected rms residual of T_tip: `noise_N` and the error of the mesh.
         left, base_left: structure left by the model shown, and by the base model: size in standard deviations
             of the noise, and significance.
-        pattern: a regularity in what the model shown leaves of T_tip that no noise has, or None.
+        pattern: a regularity in the residual of T_tip that noise does not have, or None.
         rivals: models refitted, the most probable first.
         strata: friction coefficient of the base model from parts of the samples: label, value, standard
-            error, and what of it is the part's own noise.
+            error, and the standard error from the part's own noise alone.
         smallest_detectable: smallest size of each effect that these recordings would have shown, SI.
         experiment: what to measure next, or None.
         loops: for pictures.
@@ -285,12 +285,12 @@ class Diagnosis:
         return dataclasses.replace(diagnosis, says=sentence(diagnosis, chosen.names))
 
     def own(self, difference: Difference) -> dict[str, Change]:
-        """A number that differs, in each recording."""
+        """The values of a number that differs, by recording."""
         of = {c.name: c for c in self.parameters}
         return {k: of[f"{difference.name}{OWN}{k}"] for k in difference.own}
 
     def to_json(self) -> dict[str, Any]:
-        """What `diagnosis.json` holds."""
+        """The contents of `diagnosis.json`."""
         held = self.held_out
         fit: dict[str, Any] = {
             "rms_N": {"before": self.rms_N[0], "after": self.rms_N[1]},
@@ -388,7 +388,7 @@ def _rms(x: np.ndarray) -> float:
 
 
 def _changes(before: Marginal, after: Marginal) -> list[Change]:
-    """The numbers of the robot before and after, dimensions last but for what was set."""
+    """The numbers of the robot before and after; fixed numbers last."""
     was = {n.name: before.fitted.values[n.name] for n in before.fitted.numbers}
     found = []
     for i, n in enumerate(after.fitted.numbers):

@@ -27,16 +27,17 @@ from ..predictor import Seen, padded_history
 from ..setup import Part
 from .cache import SimulationCache
 
-# Intervals of the mesh that hypotheses are tried on, and least share of the robot's own.
+# Mesh intervals with which hypotheses are tried, and their least share of the robot's own intervals.
 INTERVALS, COARSEST = 22, 0.35
-# Simulations that a rig has at hand: a number of one recording leaves those of the others as they were.
+# Simulations that a rig keeps in memory: a change in a number of one recording leaves those of the others
+# valid.
 AT_HAND = 64
-# Samples kept behind each bend of the base tension: there friction that depends on the speed changes fast.
+# Samples kept after each bend of the base tension, where speed-dependent friction changes fast.
 AFTER = (1, 2, 3, 5, 8, 12, 18)
 
 
-# What the programs hold that simulate a recording, from the fastest to the slowest: a hypothesis takes the
-# first that has all its terms. Load steps a second on the demo's mesh: 90,000, 40,000, 23,000, 20,000 and
+# Terms in each program that simulates a recording, from the fastest to the slowest program: a hypothesis uses
+# the first that has all its terms. Load steps a second on the demo's mesh: 90,000, 40,000, 23,000, 20,000 and
 # 11,000; each compiles in 0.7 to 1.8 s. A program of its own for every hypothesis would take 0.7 s each.
 _BESIDE_LOADS = [kind for kind in EVERY if not REGISTRY[kind].loads and REGISTRY[kind].stop is None]
 _BY_SLIP = ("presliding", "viscous-friction")
@@ -58,9 +59,10 @@ class _Traced(NamedTuple):
     """What is compiled for all robots of a structure, given their numbers as `ravel_pytree` flattens them.
 
     Attributes:
-        begin: from a robot, the base tension that its cell shows [N], time and cycles, (P,) each, to what the
-            native programs take of both.
-        tip_cell: what the tip's cell shows [N], from a robot, its load steps and true tip tensions [N], (P,).
+        begin: maps a robot, the base tension that its cell shows [N], time and cycles, (P,) each, to the
+            inputs of the native programs.
+        tip_cell: maps a robot, its load steps and true tip tensions [N], (P,), to the tensions that the tip
+            cell shows [N].
     """
 
     begin: Callable[..., tuple[Ready, Any]]
@@ -83,13 +85,13 @@ def _traced(tree, shapes: tuple[tuple[int, ...], ...]) -> _Traced:
 
 
 def resolution_of(robot: Robot) -> float:
-    """Mesh resolution to search with, of a robot meshed finely."""
+    """Mesh resolution for the search, from a robot on its own fine mesh."""
     return float(np.clip(INTERVALS / sum(robot.intervals), COARSEST, 1.0))
 
 
 def some_samples(part: Part, most: int) -> np.ndarray:
-    """About so many samples that carry a recording, increasing from first to last: the bends of its base
-    tension, some behind each, and others between, evenly in tension and in time.
+    """Indices of about `most` samples that represent a recording, increasing from first to last: the bends of
+    its base tension, some after each, and others between, evenly in tension and in time.
     """
     base, K = part.T_base, part.samples
     if most >= K:
@@ -105,7 +107,7 @@ def some_samples(part: Part, most: int) -> np.ndarray:
 
 
 class Rig:
-    """One recording, and the robot it is of, coarsely meshed.
+    """One recording, and its robot on a coarse mesh.
 
     The native programs of `PROGRAMS` serve all hypotheses and recordings of a robot structure: where two of
     them hold the terms of a hypothesis, they agree to the tolerance of the solver on any mesh.
@@ -121,7 +123,7 @@ class Rig:
         self, part: Part, robot: Robot, more: Iterable[str] = (), cache: SimulationCache | None = None
     ):
         self.part, self.robot, self.cache, self.more = part, robot, cache, tuple(more)
-        self._acting, self._cells = set(structure_of(robot, None).terms), cells_differ(robot)
+        self._acting, self._cells = set(structure_of(robot, None).terms), bool(cells_differ(robot))
         leaves, tree = jtu.tree_flatten(robot)
         self._traced = _traced(tree, tuple(jnp.shape(leaf) for leaf in leaves))
         self._native, self._flat = Native(robot), np.asarray(ravel_pytree(robot)[0])
@@ -135,7 +137,7 @@ class Rig:
 
         Args:
             values: SI, by name of the parameter.
-            more_base: by how much the base tension is higher throughout [N].
+            more_base: shift added to the base tension throughout [N].
         """
         own = values_in(values, self.part.name)
         return self._at_hand(tuple(sorted(own.items())), more_base)
@@ -155,7 +157,7 @@ class Rig:
 
     @functools.cached_property
     def mark(self) -> bytes:
-        """What tells this rig from others."""
+        """A hash that tells this rig from others in the cache."""
         part = self.part
         whole = hashlib.blake2b(digest_size=32)
         for array in (part.T_base.T_base, part.time, part.trial, self._flat):
@@ -174,7 +176,7 @@ class Rig:
         shown_base = np.asarray(history.T_base) + more_base
         ready, loads = self._traced.begin(flat, shown_base, history.time, history.cycle)
         structure = structure_with(self.robot, program_for(kinds))
-        # What the history is padded with is not simulated.
+        # The padding of the history is not simulated.
         steps = jtu.tree_map(lambda column: np.asarray(column)[:K], loads)
         run = self._native(ready, structure, steps)
         T_tip = run.T_tip

@@ -16,6 +16,7 @@ from .decide import UNEXPLAINED, Decision
 from .differ import Difference
 from .marginal import Marginal
 
+# First part of the names of the robot files.
 STEM = "diagnosed"
 
 
@@ -29,8 +30,8 @@ class RobotFile:
         recording: whose numbers it has, where some differ between recordings; else "".
         probability: of the model.
         config: the robot.
-        settled: whether it is not one of rivals that are not told apart.
-        note: what must be known before it is used, in sentences; "" where it is settled and all there is.
+        settled: False if it is one of several rivals that the recordings do not tell apart.
+        note: what a user must know before using it, in sentences; "" if it is settled and the only file.
     """
 
     name: str
@@ -43,7 +44,7 @@ class RobotFile:
 
 
 def kinds(names: Sequence[str]) -> list[str]:
-    """The terms that hypotheses are of."""
+    """The terms to which hypotheses belong, each once."""
     return list(dict.fromkeys(name.partition(".")[0] for name in names))
 
 
@@ -107,8 +108,8 @@ def robot_files(
 
 
 def _diagnosed(config: RobotConfig, model: Marginal, recording: str, fine: Robot) -> RobotConfig:
-    """The robot file with the numbers of a fit, those of one recording where they differ; what it called
-    uncertain is known as well as the fit says.
+    """The robot file with the numbers of a fit, those of one recording where they differ; the numbers that it
+    called uncertain get the standard deviations of the fit.
     """
     known, fitted = parameters_of(fine), model.fitted
     values = {known[k].key: v for k, v in values_in(fitted.values, recording).items()}

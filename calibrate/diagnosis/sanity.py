@@ -1,4 +1,4 @@
-"""What must hold of a recording before any physics is asked of it."""
+"""Checks that a recording must pass before it is diagnosed."""
 
 from __future__ import annotations
 
@@ -6,15 +6,19 @@ import numpy as np
 
 from ..setup import Part
 
+# Samples that a diagnosis needs.
 FEWEST = 20
-# A tip that reads this many times the base throughout, or a stretch of equal extremes this long, is no data.
+# Ratio of tip to base tension above which columns or units are wrong; share of samples at the largest reading
+# above which a cell is stuck; ratio of the largest tip to the largest base tension below which the units are
+# wrong.
 SWAPPED, STUCK, LOST = 1.15, 0.6, 1 / 200
-# Shares of the tension that friction may hold back, and the least correlation with what then gets through.
+# Shares of the tension that friction may hold back, and the least correlation of the tip with the tension
+# that then gets through.
 HELD_BACK, LEAST = (0.0, 0.3, 0.5, 0.7, 0.85), 0.3
 
 
 def _held_back(T: np.ndarray, share: float) -> np.ndarray:
-    """What gets through friction: it stays while between (1 - share) T and T / (1 - share)."""
+    """The tension that gets through friction: constant while between (1 - share) T and T / (1 - share)."""
     held, found = (1 - share) * max(float(T[0]), 0.0), []
     for now in np.maximum(T, 0.0).tolist():
         held = min(max(held, (1 - share) * now), now / (1 - share))

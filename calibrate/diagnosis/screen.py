@@ -13,7 +13,7 @@ from .bench import Bench
 from .hypotheses import Hypothesis
 from .model import FAILED, Fitted, Model
 
-# Starts by how many numbers a hypothesis has: shapes have optima of their own.
+# Starts that are refitted, by how many numbers a hypothesis has: each shape may have an optimum of its own.
 STARTS_EACH = {1: 2, 2: 3, 3: 5}
 
 
@@ -36,8 +36,8 @@ class Screened(NamedTuple):
         hypothesis: what may be missing.
         gain: drop of the sum of squares at its best start.
         starts: to refit from, best first.
-        smallest: size of its first number that would change the white residuals by `SEEN` in all once the
-            others follow; infinite where it changes nothing.
+        smallest: size of its first number that would change the whitened residuals by a norm of `SEEN` once
+            the other numbers follow; infinite where it changes nothing.
     """
 
     hypothesis: Hypothesis
@@ -60,19 +60,20 @@ class _Tried:
     cost: float = np.inf
 
 
-# Standard errors that count as seen, and how far the numbers fitted may follow at once.
+# Standard errors from which an effect is seen; and how far the fitted numbers may follow in one step, in
+# coordinates.
 SEEN, FAR = 6.0, 1.5
 # Sum of squares of the coordinates from which a base model counts as far off its priors.
 FAR_OFF = 9.0
-# Share of the drop that a slope promises which is counted on; how many starts are tried a second time;
-# iterations of a third try; sum of squares, in those of the fit, from which a start with shapes gets none
+# Share of the drop promised by a slope that is counted on; number of starts tried a second time; iterations
+# of a third try; ratio to the fit's sum of squares above which a start with shapes gets no third try
 # (presliding that is far too short is hard to solve: half a minute).
 PROMISED, AGAIN, QUICK, AMISS = 0.3, 24, 3, 5.0
 
 
 def firm_fit(bench: Bench, base: Fitted) -> Fitted | None:
-    """The base model fitted with its priors as heavy as the data, where those have drawn it far off: what is
-    missing may be much more like it there. None where it is not far off.
+    """The base model fitted with its priors as heavy as the data, if the data have drawn it far off: the
+    residual there may resemble the missing effect much more. None if it is not far off.
     """
     if base.prior < FAR_OFF:
         return None
@@ -112,8 +113,8 @@ def screen(
         fitted: the model that they are added to.
         hypotheses: what to add.
         thorough: whether all starts are tried, or few.
-        reference: sum of squares from which the drop counts; that of the fit unless given, and then nothing
-            is tried a third time.
+        reference: sum of squares from which the drop counts, that of the fit unless given; if it is given,
+            nothing is tried a third time.
     """
     standing = fitted.cost if reference is None else reference
     J = np.concatenate([fitted.jacobian, np.eye(len(fitted.x))])
@@ -143,7 +144,7 @@ def screen(
         moved = np.concatenate([rows - fitted.rows, still])
         across = moved - q @ (q.T @ moved)
         power = float(across @ across)
-        # As large as tried, or as its slope asks for, within a factor; the numbers fitted follow.
+        # The size as tried, or as a linear model asks for within limits; the fitted numbers follow.
         wanted = float(np.clip(-(left @ across) / power, 0.2, 2.0)) if power > 0 else 1.0
         share = min((float(np.sum((left + s * across) ** 2)), s) for s in (1.0, wanted))[1]
         sizes = np.asarray([number.size and not number.log for number in h.numbers])
@@ -175,8 +176,8 @@ def screen(
         return dataclasses.replace(tried, gain=max(tried.gain, standing - second), cost=second)
 
     def third_try(tried: _Tried) -> _Tried | None:
-        # Where the numbers fitted make up for most of an effect they follow along a valley too bent for one
-        # step. Of several shapes each start has its own.
+        # Where the fitted numbers make up for most of an effect, they follow along a valley too curved for
+        # one step. With several shape numbers, each start keeps its own shape.
         h, known = tried.hypothesis, tried.start.known
         if n not in known or (len(h.numbers) > 1 and tried.cost > AMISS * standing):
             return None
@@ -224,7 +225,7 @@ def screen(
             if t.power > 0 and first.size and t.named[first.name] != first.centre
         ]
         ranked = sorted(mine, key=lambda t: -t.gain)
-        # The best, then of the others one of each size: from where small ones lead, shapes go astray.
+        # The best, then one of each size among the others: shapes go astray from where small sizes lead.
         by_size: dict[float, _Tried] = {}
         for t in ranked:
             if t not in thirds and np.isfinite(t.gain):

@@ -17,24 +17,25 @@ from .screen import Screened, screen
 
 # Friction coefficients that the base model is tried from.
 MU_STARTS = (0.03, 0.08, 0.15, 0.25, 0.4, 0.65)
-# Hypotheses refitted, and those added to one that is known.
+# Number of hypotheses refitted beside the base model, and beside a model that has effects already.
 SHORTLIST, SECOND = 14, 3
 # Starts of a second effect by how many numbers it has.
 ONE_EACH = {1: 1, 2: 1, 3: 2}
-# A drop of the sum of squares that is worth a refit.
+# Drop of the sum of squares that is worth a refit: of a first effect, and of a further one.
 WORTH, SECOND_WORTH = 6.0, 9.0
-# Iterations of a refit from each start and before some are given up: those that lack this share of what the
-# best explains, first after so many, then after as many again, and are `HOPELESS` above it. Friction at the
-# base of a catheter explained 0.94 of what the best did after four; in the end it left half as much as that.
+# Iterations of each of the first two stages of a refit. After each stage, hypotheses are given up that lag
+# the best by more than this share of what it explains, and by more than `HOPELESS`. Friction at the base of a
+# catheter explained 0.94 of what the best did after four iterations; in the end it left half as much as the
+# best.
 BEGIN, BEHIND = 4, (0.2, 0.05)
-# Single effects to which others are added: those as close to the best in log, or `HEADS` of them where even
-# the best leaves structure of this significance.
+# Others are added to single effects whose log posterior is this close to the best, or to `HEADS` of them
+# where even the best leaves structure of this significance.
 CLOSE, ASTRAY = 12.0, 4.0
 
 
 def base_fit(bench: Bench, start: np.ndarray | None = None) -> tuple[Bench, Fitted] | None:
-    """The bench weighed and the base model fitted, noise and fit in turn, from the best of several starts
-    unless one is given; None where that fails.
+    """Weigh the bench and fit the base model, in turn, from the best of several starts unless one is given;
+    None where that fails.
     """
     model = model_of(bench.base, ())
     numbers = model.numbers
@@ -131,7 +132,8 @@ def combine(models: Models, progress: Callable[[str], None]) -> None:
     singles = [f for f in models.ranked() if len(f.names) == 1]
     if not singles:
         return
-    # What two effects do may be done half by a third: where one is not enough, more than the best are tried.
+    # A third effect may do half of what two others do together: where one effect is not enough, others are
+    # added to more than the best.
     size, significance = misfit(models.bench, singles[0])
     astray = significance > ASTRAY and size > 0.2
     least = models.log_posterior(singles[0]) - CLOSE
@@ -144,8 +146,8 @@ def combine(models: Models, progress: Callable[[str], None]) -> None:
     best, tried = models.ranked()[0], {f.names for f in heads}
     if len(best.names) < 2:
         return
-    # A refit can stop short in a narrow valley that those of several effects have come through: what is left
-    # of these starts where they end.
+    # A refit can stop short in a narrow valley that a refit of more effects has passed: so the parts of the
+    # best model are refitted from where it ended.
     for name in best.names:
         alone = _part(models, (name,), best)
         if alone is not None and (name,) not in tried:
@@ -155,7 +157,9 @@ def combine(models: Models, progress: Callable[[str], None]) -> None:
 
 
 def _part(models: Models, names: tuple[str, ...], whole: Fitted) -> Fitted | None:
-    """Refit some of the effects of a model from where that is; the better of this and any earlier fit."""
+    """Refit some of the effects of a model, starting from its fit; return the better of this and any earlier
+    fit.
+    """
     if tuple(sorted(names)) != tuple(sorted(whole.names)):
         start = models.coordinates(names, whole)
         found = models.bench.refit(models.hypotheses(names), start, exact=len(names) == 1)

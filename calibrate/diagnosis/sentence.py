@@ -1,4 +1,4 @@
-"""A diagnosis in words that its numbers carry."""
+"""A diagnosis in words that its numbers support."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from .result import Diagnosis
 
 DIFFER = "recordings-differ"
-# Residual in units of the noise from which it is said to be more: of 86 sound recordings of the blind
-# benchmark, from which this is taken, one with a bad repeat reached 1.49.
+# Residual, in units of the expected noise, above which the sentence calls it more than noise: of 86 sound
+# recordings of the blind benchmark, from which this is taken, one with a bad repeat reached 1.49.
 MORE = 1.5
-# What the mesh leaves out is told from this share of the noise on.
+# The error of the mesh is mentioned from this share of the noise on.
 COUNTS = 0.5
 
 
@@ -49,7 +49,7 @@ def _noise(d: Diagnosis, verb: str = "") -> str:
 
 
 def sentence(d: Diagnosis, chosen: tuple[str, ...]) -> str:
-    """The verdict in words that its numbers carry."""
+    """The verdict in words that its numbers support."""
     before = "".join(f"{difference_in_words(d, difference)} " for difference in d.differ)
     return before + _of_physics(d, chosen)
 

@@ -1,13 +1,13 @@
-"""What recorded readings say by themselves: how noisy they are, and the true base tension behind a noisy one.
+"""What recorded readings alone show: their noise, and the true base tension behind a noisy one.
 
-The true base tension is straight runs, or smooth curves, with as few knots as the noise allows. A tendon with
-friction remembers extremes, so noise in the base tension does not average out: taken as exact, every noisy
-peak ratchets the simulated tip tension up, and friction with it. The true base tension is therefore an
-unknown of the fit. Actuators ramp, hold and swing: between corners it is straight in time, or a cubic spline
-where it bends on and on in one sense. A knot is set wherever the recording contradicts that beyond its noise,
-first of all at every turning point; nothing is smoothed across a corner. What is left must not be followed by
-the tip, which follows true changes and no noise: else steps are looked for, and where nothing helps the
-readings are taken as they are.
+The true base tension is modelled as straight runs, or smooth curves, with as few knots as the noise allows. A
+tendon with friction remembers extremes, so noise in the base tension does not average out: taken as exact,
+every noisy peak ratchets the simulated tip tension up, and friction with it. The true base tension is
+therefore an unknown of the fit. Actuators ramp, hold and swing: between corners it is straight in time, or a
+cubic spline where it keeps bending in one direction. A knot is set wherever the recording contradicts that
+beyond its noise, first of all at every turning point; nothing is smoothed across a corner. The tip follows
+true changes but not noise, so it must not follow the residual. If it does, a search for steps is tried; where
+nothing helps, the readings are taken as exact.
 """
 
 from .acceptance import estimate_base, is_noisy, sharpened

@@ -1,4 +1,4 @@
-"""Whether what an estimate leaves of a recorded base tension is noise, and what is done where it is not."""
+"""Whether the residual of a base tension estimate is noise, and what is done where it is not."""
 
 from __future__ import annotations
 
@@ -12,22 +12,25 @@ from .base_tension import BaseTension, exact, runs
 from .knots import from_all, straighten
 from .noise import FEWEST_DEGREES, correlation_time, from_differences, resolution
 
-# Noise above this share of the range may be readings that jump about, if nothing is known of the tip; and is
-# in any case.
+# Largest noise, as a share of the range: above it, the readings may jump about and are taken as exact. The
+# first holds where the tip tension is unknown, the second where it is known.
 LARGEST_NOISE, LARGEST_UNLIKE_TIP = 0.02, 0.2
 # Noise below this share of the range does little to friction.
 MATTERS = 0.001
-# Shares of the first guess that are tried for the noise: steps of the tension make it too large.
+# Shares of the first estimate that are tried for the noise: steps of the tension make that estimate too
+# large.
 SHARES = (1.0, 0.5, 0.25)
-# Correlation of what is left with the tip's own remainder, at least: the tip does not follow noise. And how
-# many steps of the tip, of so many standard deviations, tell.
+# Least correlation, between steps of the residual and of the tip's own residual, at which the tip follows it.
+# Size of a large step of the tip, in standard deviations; and how many large steps suffice for a test on
+# these alone.
 ALIKE, STEP, FEWEST_STEPS = 0.2, 4.0, 8
-# Standard errors by which a sum of squares is too large, the first guess of the variance having a relative
-# variance of GUESSED per sample; unless it is that of a filtered noise: so many times what that has.
+# A residual is not noise if its chi-square is too large by this many standard errors, where the first
+# estimate of the variance has a relative variance of GUESSED/K; unless it is below this many times the value
+# of filtered noise.
 FAR_MORE, GUESSED, MORE_THAN_FILTERED = 4.0, 8.0, 1.5
-# Passes in which the noise is taken anew from what is left, and the relative change that ends them.
+# Passes in which the noise is estimated again from the residual, and the relative change that ends them.
 PASSES, SETTLED = 4, 0.05
-# How many times as many knots a better estimate may ask for.
+# A better estimate may have up to this many times as many knots.
 MORE_KNOTS = 2
 
 Search = Callable[[np.ndarray, float, np.ndarray | None], BaseTension]
@@ -46,8 +49,8 @@ def estimate_base(
 ) -> BaseTension:
     """The true base tension behind a recorded one.
 
-    What straight runs leave must be noise: no larger than `sd` unless its errors hang together over a few
-    samples, and nothing that the tip follows. Where it is not, more bends are set and a smaller noise is
+    The residual of the straight runs must be noise: no larger than `sd`, unless it is correlated over a few
+    samples, and not followed by the tip. Where it is not, the other search for knots and a smaller noise are
     tried; where nothing helps, the readings are taken as exact.
 
     Args:
@@ -73,7 +76,7 @@ def estimate_base(
 
 
 def _refined(fit: BaseTension, T: np.ndarray, time: np.ndarray | None, search: Search) -> BaseTension:
-    """The fit with the noise that it leaves itself."""
+    """The fit with the noise estimated from its own residual."""
     floor, found = resolution(T) / np.sqrt(12.0), fit.sd
     for _ in range(PASSES):
         before, found = found, max(fit.sd * np.sqrt(fit.misfit / fit.degrees), floor)
@@ -88,12 +91,12 @@ def _refined(fit: BaseTension, T: np.ndarray, time: np.ndarray | None, search: S
 
 
 def _only_noise(fit: BaseTension, T: np.ndarray, tip: np.ndarray | None) -> bool:
-    """Whether what straight runs leave of a base tension is noise."""
+    """Whether the residual of straight runs is noise."""
     left = T - fit.T_base
     if tip is not None and _followed(fit, left, tip):
         return False
     ratio = fit.misfit / fit.degrees
-    # How much third differences underestimate a noise that is filtered (AR(1)) and so has this memory.
+    # Factor by which third differences underestimate the variance of AR(1) noise with this correlation time.
     tau = correlation_time(left)
     rho = (tau - 1) / (tau + 1)
     filtered = 20 / (20 - 30 * rho + 12 * rho**2 - 2 * rho**3)
@@ -102,7 +105,9 @@ def _only_noise(fit: BaseTension, T: np.ndarray, tip: np.ndarray | None) -> bool
 
 
 def _followed(fit: BaseTension, left: np.ndarray, tip: np.ndarray) -> bool:
-    """Whether the tip follows what straight runs leave of the base tension, in all steps or in large ones."""
+    """Whether the tip follows the residual of straight runs of the base tension, in all steps or in large
+    ones.
+    """
     steps = np.diff(tip - runs(fit.t, tip, fit.knots, fit.corner, 1.0).T_base)
     large = np.abs(steps) > STEP * np.sqrt(2.0) * max(from_differences(tip) or 0.0, 1e-12)
     if _alike(np.diff(left), steps):
@@ -111,18 +116,18 @@ def _followed(fit: BaseTension, left: np.ndarray, tip: np.ndarray) -> bool:
 
 
 def _alike(a: np.ndarray, b: np.ndarray) -> bool:
-    """Whether two series go together by more than chance."""
+    """Whether two series are correlated by more than chance."""
     a, b = a - a.mean(), b - b.mean()
     size = float(np.linalg.norm(a) * np.linalg.norm(b))
     return size > 0 and float(a @ b) > max(ALIKE, min(0.9, 4 / np.sqrt(len(a)))) * size
 
 
 def sharpened(base: BaseTension, recorded: np.ndarray, better: np.ndarray, sd: float) -> BaseTension:
-    """The same with knots where a better estimate bends; the values are still the recording's.
+    """The recording fitted again, with knots where a better estimate of the base tension bends.
 
     Args:
         recorded: base tension as recorded [N], (K,).
-        better: an estimate of the true one that knows more, of the tip's answer to it, (K,).
+        better: an estimate of the true base tension that uses the tip's response too [N], (K,).
         sd: its standard deviation [N].
     """
     found = straighten(better, sd, base.t)

@@ -1,4 +1,4 @@
-"""A base tension as its values at knots: how samples depend on them, and what samples say of them."""
+"""A base tension as its values at knots: how samples depend on them, and how well samples determine them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from .noise import correlation_time
 
-# Least that samples must say of a number of the base tension, as a share of one sample.
+# Least information that samples must hold about a number of the base tension, as a share of one sample's.
 LEAST_SAID = 1e-3
 
 
@@ -22,13 +22,14 @@ class BaseTension:
         T_base: estimate of the true base tension [N], (K,).
         knots: samples at which it may bend, increasing, first 0 and last K-1, (M,).
         corner: knots at which the slope may jump, (M,); between others the curve is a smooth cubic.
-        near: the four numbers that each sample depends on, (K, 4); of straight runs the values at the knots.
+        near: the four numbers that each sample depends on, (K, 4); for straight runs, the values at the
+            knots.
         weights: how much it depends on them, (K, 4).
         size: how many numbers there are, M.
         sd: standard deviation of the recorded base tension [N].
-        misfit: sum of squares of what the recording is off, in units of `sd`.
-        tau: samples per independent one of what it is off.
-        counted: samples that each of these stands for.
+        misfit: sum of squared residuals of the recording, in units of `sd`.
+        tau: samples per independent residual.
+        counted: recorded samples that each sample stands for.
     """
 
     t: np.ndarray
@@ -45,7 +46,7 @@ class BaseTension:
 
     @property
     def believed(self) -> float:
-        """Standard deviation [N] that one sample counts with, its neighbours being as wrong."""
+        """Effective standard deviation of one sample [N], which allows for correlated neighbours."""
         return self.sd * float(np.sqrt(self.tau / self.counted))
 
     @property
@@ -64,7 +65,7 @@ class BaseTension:
 
         Args:
             values: at the samples.
-            samples: which they are, (S,); all unless given. One may stand several times.
+            samples: their indices, (S,), which may repeat; all samples unless given.
         """
         near, weights = (a if samples is None else a[samples] for a in (self.near, self.weights))
         out = np.zeros((self.size, *values.shape[1:]))
@@ -73,8 +74,8 @@ class BaseTension:
         return out
 
     def only(self, samples: np.ndarray) -> BaseTension:
-        """The same at some samples, increasing, (S,), which count for all of them; taken as exact where these
-        do not say enough of every number.
+        """The base tension at some samples, increasing, (S,), which stand for all of them; taken as exact
+        where these do not determine every number well enough.
         """
         K, S = len(self.T_base), len(samples)
         if self.sd == 0 or S == K:
@@ -107,7 +108,7 @@ class BaseTension:
         return np.unique(np.concatenate([self.knots, turns, 1 + np.flatnonzero(np.diff(travel) > 0)]))
 
     def with_correlation(self, recorded: np.ndarray) -> BaseTension:
-        """The same with the samples per independent one of what the recorded tension [N], (K,), is off."""
+        """A copy with `tau` from the residual of the recorded tension [N], (K,)."""
         return dataclasses.replace(self, tau=correlation_time(recorded - self.T_base))
 
     def information(self, weight: np.ndarray, samples: np.ndarray | None = None) -> np.ndarray:
@@ -143,7 +144,7 @@ def exact(T: np.ndarray) -> BaseTension:
 def runs(
     t: np.ndarray, T: np.ndarray, knots: np.ndarray, corner: np.ndarray | None, sd: float
 ) -> BaseTension:
-    """Least squares with given knots; all are corners unless it is said which."""
+    """Least squares fit with given knots; all are corners unless `corner` is given."""
     corner = np.ones(len(knots), bool) if corner is None else corner
     near, weights, size = shares(t, knots, corner)
     fit = BaseTension(
@@ -164,13 +165,13 @@ def runs(
 
 
 def shares(t: np.ndarray, knots: np.ndarray, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """The numbers that the curve depends on: which four of them each sample does, how much, (K, 4) each, and
-    how many there are. They are the values at the corners, and between two of these, where there are other
-    knots, the coefficients of a cubic spline; straight where there are none.
+    """For each sample, the four numbers of the curve that it depends on and their weights, (K, 4) each; and
+    how many numbers there are. The numbers are the values at the corners, and between two of these, where
+    there are other knots, the coefficients of a cubic spline; straight where there are none.
     """
     ends = np.flatnonzero(corner)
     inner = np.diff(ends) - 1
-    sizes = np.where(inner > 0, inner + 3, 1)  # numbers of each piece but for the last, which the next has
+    sizes = np.where(inner > 0, inner + 3, 1)  # numbers of each piece but the last, which the next one has
     first = np.concatenate([[0], np.cumsum(sizes)])
     at, stops = np.arange(len(t)), knots[ends]
     piece = np.clip(np.searchsorted(stops, at, side="right") - 1, 0, len(inner) - 1)

@@ -17,14 +17,14 @@ HYSTERESIS = 5.0
 BEND, SHORT = 14.0, 1000
 # Rounds of setting, or taking out, knots, and of moving them: what has not settled by then gains little.
 ROUNDS, REFINEMENTS = 40, 4
-# Samples of each stretch in which needless knots are looked for first, where every sample is one.
+# Samples of each block in which needless knots are removed first, if every sample starts as a knot.
 BLOCK = 400
-# Knots beyond which none is taken out again: the work grows with their square.
+# Number of knots above which none are taken out again: the work grows with their square.
 MOST_PRUNED = 3000
 
 
 def turning_points(T: np.ndarray, hysteresis: float) -> np.ndarray:
-    """Samples at which a signal turns, with those at both ends; reversals smaller than `hysteresis` are none.
+    """Samples at which a signal turns, and both ends; reversals smaller than `hysteresis` are ignored.
 
     Args:
         T: the signal, (K,), K >= 1.
@@ -119,8 +119,8 @@ def _threshold(K: int) -> float:
 
 
 def from_all(T: np.ndarray, sd: float, time: np.ndarray | None = None) -> BaseTension:
-    """The same found the other way round: every sample a knot, and needless ones taken out. Slower, but it
-    sees a staircase, in which no single bend helps.
+    """The same estimate found the other way round: every sample starts as a knot, and needless ones are taken
+    out. Slower, but it finds a staircase, in which no single bend helps.
     """
     t, threshold, K = _clock(T, time), _threshold(len(T)), len(T)
     edges = np.unique(np.linspace(0, K - 1, max(2, 1 + -(-K // BLOCK))).astype(int))
@@ -152,7 +152,7 @@ def _with_bends(t: np.ndarray, T: np.ndarray, knots: np.ndarray, sd: float, thre
 
 
 def _moved(t: np.ndarray, T: np.ndarray, knots: np.ndarray) -> np.ndarray:
-    """Every second knot, and then the others, put where it bends best between its neighbours."""
+    """Move every second knot, and then the others, to the best bend between its neighbours."""
     knots = knots.copy()
     for first in (1, 2):
         for m in range(first, len(knots) - 1, 2):
@@ -170,8 +170,8 @@ def _left(t: np.ndarray, T: np.ndarray, bends: list[int]) -> float:
 
 
 def _merged(t: np.ndarray, T: np.ndarray, knots: np.ndarray, sd: float, threshold: float) -> np.ndarray:
-    """Two neighbouring knots made one where one, put where it is best, does as well: a corner missed by a
-    sample is otherwise held by a second knot beside it.
+    """Merge two neighbouring knots where one knot at the best place fits as well. Otherwise a knot that
+    misses a corner by one sample keeps a second knot beside it.
     """
     found = knots.tolist()
     m = 1

@@ -1,4 +1,4 @@
-"""How noisy a recording is, before and after a fit, and how far its errors hang together."""
+"""How noisy a recording is, before and after a fit, and how its errors are correlated."""
 
 from __future__ import annotations
 
@@ -6,18 +6,23 @@ import dataclasses
 
 import numpy as np
 
+# Standard deviation of a normal distribution over its median absolute deviation.
 MAD_TO_SD = 1.4826
+# Samples, without both ends, from which a locked stretch is used.
 SHORTEST_LOCK = 6
+# Degrees of freedom, and samples, from which a noise estimate is used.
 FEWEST_DEGREES, FEWEST_SAMPLES = 12, 16
-# Locked stretches that scatter this much more than neighbours differ are not straight: friction creep, not
-# noise.
+# Locked stretches that scatter this much more than neighbouring samples differ are not straight: that is
+# friction creep, not noise.
 CREEP = 2.0
+# Correlations of neighbouring samples that are tried.
 CORRELATIONS = np.linspace(0.0, 0.95, 20)
-# Differences beyond so many standard deviations are jumps.
+# Differences beyond this many standard deviations count as jumps.
 TRIMMED = 3.5
-# Correlation of neighbouring readings that is expected, and how many samples that expectation counts for.
-# Taken as zero below 120 samples, the variance of slow noise came out at half its size in the median over 190
-# recordings of the blind benchmark (0.07 of it in one of fifty); with this within 10 % (0.3).
+# Expected correlation of neighbouring readings, and the number of samples that this prior counts for. With
+# the correlation taken as zero below 120 samples, the estimated variance of slow noise was half the true one
+# in the median over 190 recordings of the blind benchmark (0.07 of it in one of fifty); with this prior it is
+# within 10 % (0.3).
 USUAL_RHO, SAID = 0.25, 60
 
 
@@ -26,11 +31,11 @@ class Noise:
     """How noisy a recorded channel is: a process whose neighbouring errors are correlated (AR(1)).
 
     Attributes:
-        sd: standard deviation, in the unit of the channel, of the noise and of what the mesh leaves out; NaN
-            where it cannot be told.
+        sd: standard deviation, in the unit of the channel, of the noise and the mesh's error together; NaN if
+            unknown.
         rho: correlation between neighbouring samples; 0 unless it was estimated.
-        mesh: standard deviation of what the mesh leaves out; 0 unless it was estimated.
-        source: where the noise was seen.
+        mesh: standard deviation of the mesh's error; 0 unless it was estimated.
+        source: what the noise was estimated from.
         degrees: effective degrees of freedom of the estimate; infinite if it was given.
     """
 
@@ -42,7 +47,7 @@ class Noise:
 
     @property
     def sd_if_known(self) -> float | None:
-        """The standard deviation; None where it cannot be told."""
+        """The standard deviation; None if unknown."""
         return None if np.isnan(self.sd) else self.sd
 
     @property
@@ -58,7 +63,8 @@ def resolution(x: np.ndarray) -> float:
 
 
 def from_differences(x: np.ndarray) -> float | None:
-    """Noise from third differences of neighbouring samples, by the median: reversals are too few to count.
+    """Noise from third differences of neighbouring samples, by the median, which a few reversals do not
+    change.
 
     Third differences cancel a smooth signal up to quadratic. Noise correlated between neighbours is
     underestimated, and a coarsely sampled loop is mistaken for noise.
@@ -72,7 +78,7 @@ def from_differences(x: np.ndarray) -> float | None:
 
 def from_locked(x: np.ndarray, locked: np.ndarray) -> tuple[float, float] | None:
     """Noise from stretches in which the tip is held by friction: scatter about each stretch's own straight
-    line, by restricted maximum likelihood with errors that hang together from sample to sample (AR(1)).
+    line, by restricted maximum likelihood with errors that are correlated from sample to sample (AR(1)).
 
     Args:
         x: recorded tip tension [N], (K,).
@@ -105,7 +111,7 @@ def from_locked(x: np.ndarray, locked: np.ndarray) -> tuple[float, float] | None
 
 
 def whitened(rows: np.ndarray, rho: float) -> np.ndarray:
-    """AR(1) errors of unit variance, (n, ...), made independent, of unit variance."""
+    """Turn AR(1) errors of unit variance, (n, ...), into independent ones of unit variance."""
     return np.concatenate([rows[:1], (rows[1:] - rho * rows[:-1]) / np.sqrt(1 - rho**2)])
 
 
@@ -136,11 +142,11 @@ def estimate(
 ) -> Noise:
     """The best estimate the recording offers: repeats and locked stretches, else differences of neighbours.
 
-    Noise of the base cell is in none of them: the tip follows the true tension.
+    The noise of the base cell enters none of these, because the tip follows the true tension.
 
     Args:
         T_base, T_tip: as recorded [N], (K,).
-        trial: number of the trial, (K,); None if there is one.
+        trial: number of the trial, (K,); None if there is only one.
         locked: where the fitted model holds the tip, (K,) bool; None before a fit.
     """
     floor = resolution(T_tip) / np.sqrt(12.0)
@@ -162,7 +168,7 @@ def estimate(
 
 
 def _spread(x: np.ndarray) -> float:
-    """Standard deviation without what lies far off."""
+    """Standard deviation without outliers."""
     rough = MAD_TO_SD * float(np.median(np.abs(x)))
     inside = np.abs(x) < TRIMMED * rough
     return float(np.sqrt(np.mean(x[inside] ** 2))) if inside.any() else rough
@@ -171,8 +177,8 @@ def _spread(x: np.ndarray) -> float:
 def of_residual(residual: np.ndarray, least: float) -> Noise:
     """Noise from the differences of a residual between samples one and two apart.
 
-    A misfit varies slowly from sample to sample and hardly enters; where it jumps is left out. Few samples
-    say little of how far neighbours hang together, so that what they say is drawn towards `USUAL_RHO`.
+    A misfit varies slowly from sample to sample and hardly enters; its jumps are left out. Few samples
+    determine the correlation of neighbours poorly, so the estimate is drawn towards `USUAL_RHO`.
     """
     near, far = (_spread(residual[k:] - residual[:-k]) for k in (1, 2))
     if near <= 0 or len(residual) < 16:

@@ -1,4 +1,4 @@
-"""Smooth curves in place of many short runs, where a base tension bends on and on in one sense."""
+"""Smooth curves in place of many short runs, where a base tension keeps bending in one direction."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import numpy as np
 
 from .base_tension import BaseTension, runs
 
-# Knots below which nothing is smoothed; a bend this many times its neighbours' is a corner; and what a smooth
-# knot must be worth, in variances, and how many samples it takes.
+# Number of knots below which nothing is smoothed; ratio of a bend to its neighbours' from which it is a
+# corner; drop of the sum of squares that a smooth knot must bring, in variances; and samples per smooth knot.
 FEWEST_SMOOTH, SUDDEN, WORTH, ROOM = 8, 4.0, 6.0, 2
-# Shares of the knots that are tried.
+# Shares of the knots with which a smooth stretch is tried.
 DENSITIES = (1.0, 0.8, 0.65, 0.5, 0.4, 0.3, 0.2)
 
 
 def smoothed(fit: BaseTension, T: np.ndarray) -> BaseTension:
-    """The same with smooth knots where the base tension bends on and on in one sense, as a sinusoid does,
-    and with fewer of them; the fit as it is where that is no better for the knots it takes.
+    """The fit with fewer, smooth knots where the base tension keeps bending in one direction, as a sinusoid
+    does; the fit unchanged where that is no better for the number of knots.
     """
     if len(fit.knots) < FEWEST_SMOOTH:
         return fit
@@ -36,8 +36,8 @@ def smoothed(fit: BaseTension, T: np.ndarray) -> BaseTension:
 
 
 def _resampled(knots: np.ndarray, corner: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
-    """Knots of which a share is left between each two corners, evenly, and which of them are corners. A
-    stretch with too few samples stays as it is, straight.
+    """Keep a share of the knots between every two corners, evenly spaced; return them, and which of them are
+    corners. A stretch with too few samples stays as it is, straight.
     """
     stops = np.flatnonzero(corner)
     chosen, corners = [knots[stops]], [knots[stops]]

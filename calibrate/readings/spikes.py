@@ -6,17 +6,17 @@ import numpy as np
 
 from .noise import from_differences
 
-# A lone spike is so many standard deviations off all that its neighbours say, and so many times as far as
-# they differ among each other.
+# A lone spike is this many standard deviations off every value that its neighbours predict, and this many
+# times as far off as these predictions differ.
 SPIKE, SPIKE_APART = 10.0, 3.0
 
 
 def without_spikes(T: np.ndarray) -> tuple[np.ndarray, int]:
     """A base tension without lone spikes, and how many there were.
 
-    A spike is a sample far from where the two before it point to, from where the two after it point to, and
-    from between its neighbours; where a tension turns, one side points at the turn. Spikes are put between
-    their neighbours.
+    A spike is a sample far from the line through the two samples before it, from the line through the two
+    after it, and from the mean of its neighbours. At a turn of the tension one of the lines meets the sample.
+    Spikes are replaced by the mean of their neighbours.
     """
     sd = from_differences(T)
     if not sd or len(T) < 5:

@@ -13,6 +13,7 @@ from ..diagnosis.result import Diagnosis
 from . import diagnosis_figures as draw
 from .fit import detectable, noise_band, sources
 
+# Rivals drawn, at most; twice as many are listed.
 SHOWN = 8
 # Share of a variance from which its source is named.
 NAMED = 0.01

@@ -136,8 +136,8 @@ def plot_rivals(names: Sequence[str], probability: np.ndarray, delta: np.ndarray
 
 @styled
 def plot_history(time: np.ndarray, T_base: np.ndarray, T_tip: np.ndarray | None = None) -> Figure:
-    """A load history to drive: base tension [N] over time [s], (K,) each; or, of a check of the cells, the
-    weights on that of the base and on that of the tip.
+    """A load history to drive: base tension [N] over time [s], (K,) each; or, for a check of the cells, the
+    weights on the base cell and on the tip cell [N].
     """
     fig, (axes,) = figure(2.2)
     axes.set_xlabel("time [s]")

@@ -100,7 +100,7 @@ def _figures(fit: FitResult, fitted: FittedRecording, recording: Recording, *, s
 
 
 def noise_band(noise: float | None, residual: np.ndarray) -> str:
-    """What the caption of a residual says of the band of the noise, [N]."""
+    """Words about the noise [N] for the caption of a residual."""
     if not noise:
         return ""
     if is_seen(2 * noise, residual):
@@ -109,7 +109,7 @@ def noise_band(noise: float | None, residual: np.ndarray) -> str:
 
 
 def _within(band: np.ndarray, T_tip: np.ndarray) -> str:
-    """What the caption of a loop says of the band about it, [N], (K,)."""
+    """Words about the band [N], (K,), for the caption of a loop."""
     if is_seen(float(np.max(band)), T_tip):
         return "; 95 in 100 samples lie within the grey band if the model is right"
     return f"; 95 in 100 samples lie within {number(float(np.max(band)), 'N', 2)} of it if the model is right"
@@ -180,7 +180,9 @@ def interval(low: float | None, high: float | None, sd: float | None, unit: str)
 
 
 def detectable(name: str, size: float | None, unit: str) -> str:
-    """The smallest change of a number that would be seen; of a term's, whether any usual one would be."""
+    """The smallest change of a number that would be seen; for a term's number, "not visible" beyond its usual
+    range.
+    """
     kind, _, own = name.partition(".")
     quantities = {q.name: q for q in REGISTRY[kind].quantities} if kind in REGISTRY else {}
     if size is not None and own in quantities:
@@ -240,7 +242,7 @@ def _tables(fit: FitResult) -> list[Table]:
 
 
 def _made_of(fit: FitResult) -> list[Table]:
-    """What the intervals are made of, and the uncertain numbers that were carried along."""
+    """What the intervals are made of, and the uncertain numbers that were fitted unasked."""
     rows = [(e.name, sources(e.made_of)) for e in fit.estimates if e.made_of]
     tables = []
     if rows:

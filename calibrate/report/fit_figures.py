@@ -53,7 +53,7 @@ def plot_fit(
         found: what was estimated, a line each, written into the picture.
     """
     fig, (axes,) = figure(3.9)
-    if found:  # where no loop comes: below its pull
+    if found:  # in the corner below the pulling branch, where no loop passes
         where = {"ha": "right", "va": "bottom", "multialignment": "left", "transform": axes.transAxes}
         axes.text(0.98, 0.04, "\n".join(found), fontsize=9, color=INK, zorder=6, **where)
     if band is not None and np.any(band > 0):
@@ -84,7 +84,7 @@ def plot_time(
     """Tension at base and tip over time, as recorded, with the fitted model's at the tip.
 
     Args:
-        time: of the samples [s], (K,); None where it was not recorded: they are counted.
+        time: of the samples [s], (K,); None if it was not recorded: the axis then counts samples.
         T_base, T_tip: as recorded [N], (K,).
         simulated: tip tension of the fitted model [N], (K,).
         phases: label of each sample, (K,).
@@ -105,6 +105,7 @@ def plot_time(
     return fig
 
 
+# Label, unit shown, and its size: units shown per SI unit.
 CHANNEL_LABELS = {
     "tip_x": ("tip $x$", "mm", 1e3),
     "tip_y": ("tip $y$", "mm", 1e3),
@@ -141,6 +142,7 @@ def plot_channels(
     return fig
 
 
+# 95 % quantile of chi-square with one degree of freedom.
 LEVEL_95 = 3.84
 
 

@@ -24,8 +24,8 @@ from ..result import GOAL_UNITS, Design
 from ..robustness import Robustness
 from .figures import Mark, Near, plot_channels, plot_targets, plot_tip
 
-STEPS = 40
-SHOWN = 12
+STEPS = 40  # load steps of the pull in the figures
+SHOWN = 12  # designs listed, at most
 LEAST = 1e-4  # mm or degrees, below which a check has no digits
 
 
@@ -59,7 +59,7 @@ def _limit(name: str, value: float, unit: str, digits: int = 4) -> str:
 
 
 def _check(value: float, unit: str) -> str:
-    """A small number that says that two solutions agree."""
+    """A small difference between two solutions, in words."""
     display, size = display_of(unit)
     if value < LEAST * size:
         return f"less than {LEAST:g} {display}"

@@ -1,4 +1,4 @@
-"""Figures of a design: the shape against its target, the tip's way through pull and release, the channel."""
+"""Figures of a design: the shape against its target, the tip's path through pull and release, the channel."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def plot_targets(
     near: Sequence[Near] = (),
     cloud: np.ndarray | None = None,
 ) -> Figure:
-    """The deformed shape at each target, and the way of the tip through the whole pull and release; below,
+    """The deformed shape at each target, and the path of the tip through the whole pull and release; below,
     magnified, the places that are wanted with their tolerances.
 
     Args:
