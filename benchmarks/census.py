@@ -190,7 +190,8 @@ def draw(seed: int, index: int) -> Drawn:
 def simulated(d: Drawn) -> tuple[Robot, Simulation]:
     """The robot, and its run with physics terms."""
     robot = template(d.kind, d.rigid).with_values(**d.values)
-    return robot, gtr.simulate(robot, d.T_base, time=d.time, with_terms=True)
+    # One program for all robots of a kind, whichever terms act.
+    return robot.for_any_terms(), gtr.simulate(robot, d.T_base, time=d.time, with_terms=True)
 
 
 @jax.jit

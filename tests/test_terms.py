@@ -441,7 +441,9 @@ def test_gradients_at_typical_values(mixture, term):
     values, scales, bounded = numbers(robot)
     values |= typical(term)
     if term.id == "contact":
-        values["contact.distance"] = 0.015
+        # From 0.010 to 0.016 m the step that leaves the stop has two roots, some 0.5 N apart, and rounding
+        # decides which is found.
+        values["contact.distance"] = 0.018
     (_, converged), gradient = with_gradient(values)
     assert bool(converged)
     own = [f"{term.id}.{q.name}" for q in term.quantities]

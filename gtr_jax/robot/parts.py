@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 
 import equinox as eqx
@@ -72,6 +73,12 @@ class Parts(eqx.Module):
     bore_kinks: tuple[tuple[str, int], ...] = eqx.field(static=True)
     loaded: bool = eqx.field(static=True)
     acting: tuple[str, ...] = eqx.field(static=True)
+
+    def for_any_terms(self):
+        """The same without the names of what may act, for programs whose structure is decided: one compiled
+        program then serves robots of which other terms may act.
+        """
+        return dataclasses.replace(self, acting=())
 
     @property
     def tendon(self) -> Tendon:

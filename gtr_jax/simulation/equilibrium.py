@@ -110,4 +110,4 @@ def equilibrium(
         raise ValueError(
             "memory: several tendons remember more than their tension; give the equilibrium before"
         )
-    return _solve(robot, load, memory, solver, structure_of(robot, with_terms))
+    return _solve(robot.for_any_terms(), load, memory, solver, structure_of(robot, with_terms))

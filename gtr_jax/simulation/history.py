@@ -270,7 +270,7 @@ def simulate(
     def padded(values):
         return jnp.concatenate([values, jnp.broadcast_to(values[-1], (missing, *values.shape[1:]))])
 
-    run = _run(robot, jtu.tree_map(padded, loads), solver, structure_of(robot, with_terms))
+    run = _run(robot.for_any_terms(), jtu.tree_map(padded, loads), solver, structure_of(robot, with_terms))
     run = Simulation(
         **{k: v if k == "s" else jtu.tree_map(lambda a: a[:steps], v) for k, v in vars(run).items()}
     )

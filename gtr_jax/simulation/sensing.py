@@ -52,7 +52,7 @@ def shown(
     """As `cells_show`, compiled, and without computing anything where no term of the cells acts."""
     if cells_differ(robot) is False:
         return Reading(T_base, T_tip)
-    return _shown(robot, T_base, T_tip, time)
+    return _shown(robot.for_any_terms(), T_base, T_tip, time)
 
 
 _shown = eqx.filter_jit(cells_show)

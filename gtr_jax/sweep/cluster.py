@@ -31,11 +31,8 @@ WATCHED = 0.5  # seconds between two checks of a worker whether the main process
 RETRIES = 3  # of a block whose worker was lost
 # One executing thread in each worker: the threads of several workers on the same cores would wait for one
 # another.
-ALONE = {
-    "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false",
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-}
+ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+ALONE_IN_XLA = "--xla_cpu_multi_thread_eigen=false"
 
 
 @contextlib.contextmanager
@@ -50,7 +47,7 @@ def local_cluster(workers: int) -> Iterator[Client]:
             processes=True,
             dashboard_address=None,
             silence_logs="CRITICAL",
-            env=ALONE | _cache(),
+            env=ALONE | {"XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} {ALONE_IN_XLA}".strip()} | _cache(),
         ) as cluster,
         distributed.Client(cluster) as client,
     ):
