@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gtr_jax.robot.robot import Robot
 from gtr_jax.robot.routing import StraightSineStraight
+from gtr_jax.simulation.programs import terms_act
 
 from .limits import LEAST_WAVE, LOSS, RELEASE, TIP, LimitValues, channel_margins, stations_of
 from .model import States, states_of
@@ -70,7 +71,6 @@ class Objective(eqx.Module):
         uncertain: places of those two in the robot, (2,).
         spread: "nominal", "expected" or "worst" (static).
         stations: places at which the channel is looked at (static).
-        with_terms: whether physics terms act (static).
     """
 
     robot: Robot
@@ -89,7 +89,11 @@ class Objective(eqx.Module):
     given: tuple[str, ...] = eqx.field(static=True)
     spread: str = eqx.field(static=True)
     stations: int = eqx.field(static=True)
-    with_terms: bool = eqx.field(static=True)
+
+    @property
+    def with_terms(self) -> bool:
+        """Whether physics terms act."""
+        return terms_act(self.robot)
 
 
 class Evaluation(NamedTuple):

@@ -9,7 +9,6 @@ import numpy as np
 
 from gtr_jax.files.config import RobotConfig
 from gtr_jax.robot.parameters import places_of
-from gtr_jax.simulation.programs import terms_act
 
 from . import limits as L
 from .checks import check_target
@@ -73,7 +72,6 @@ def problem_of(config: RobotConfig, target: TargetConfig, *, resolution: float =
         given=given,
         spread=target.robust.optimise,
         stations=_stations(space),
-        with_terms=terms_act(robot),
     )
     return DesignProblem(target, space, known, objective)
 

@@ -120,7 +120,6 @@ def _damped(at: Search, left: Float[Array, " n"], inverse) -> Search:
     good = (at.tries == 0) | (largest(times(at.inverse, left)) <= (1.0 - 0.25 * at.share) * at.level)
     step = -times(inverse, left)
     share = jnp.where(good, jnp.minimum(1.0, 2.0 * at.share), 0.5 * at.share)
-    share = jnp.where(at.tries == 0, 1.0, share)
     point, step = jnp.where(good, at.trial, at.point), jnp.where(good, step, at.step)
     return _with(
         at,
@@ -146,7 +145,6 @@ def _fresh(at: Search) -> Search:
         low=-jnp.inf * one,
         high=jnp.inf * one,
         share=one,
-        level=jnp.inf * one,
     )
 
 

@@ -56,6 +56,11 @@ class Structure:
         """Whether any term has the hook `name`."""
         return bool(self.hooks(name))
 
+    @property
+    def plain_pair(self) -> bool:
+        """Whether it is that of several tendons without terms, which `mechanics.several` solves."""
+        return bool(self.tendons) and not self.terms
+
     @functools.cached_property
     def presliding(self) -> bool:
         """Whether friction may build up over a slip, as it always does for several tendons with terms."""

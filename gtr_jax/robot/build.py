@@ -12,7 +12,8 @@ import numpy as np
 
 from gtr_jax.files.channel_check import check_channel
 from gtr_jax.files.config import RobotConfig, load_config
-from gtr_jax.terms import REGISTRY
+from gtr_jax.mechanics.structure import in_order
+from gtr_jax.terms import known_acting
 
 from . import routing
 from .backbone import Backbone
@@ -28,12 +29,6 @@ FEWEST = 6
 
 def _array(x) -> jnp.ndarray:
     return jnp.asarray(x, dtype=float)
-
-
-def _acting(config: RobotConfig) -> tuple[str, ...]:
-    values = config.term_values
-    on = (kind for kind, term in REGISTRY.items() if any(values[kind][q.name] != q.null for q in term.sizes))
-    return tuple(sorted(on))
 
 
 def _routing(config, length: float) -> routing.Routing:
@@ -94,6 +89,7 @@ def build_robot(config: RobotConfig, *, resolution: float = 1.0) -> Robot:
     knots = np.asarray(rest if isinstance(rest, (list, tuple)) else [(0.0, rest)], float)
     has_gravity = loads.gravity_angle is not None
     tip_force = _array(loads.tip_force)
+    terms = {kind: {name: _array(v) for name, v in p.items()} for kind, p in config.term_values.items()}
     robot = Robot(
         backbone=Backbone(
             length=_array(length),
@@ -121,12 +117,12 @@ def build_robot(config: RobotConfig, *, resolution: float = 1.0) -> Robot:
             tip_moment=_array(loads.tip_moment),
             payload=_array(loads.payload),
         ),
-        terms={kind: {name: _array(v) for name, v in p.items()} for kind, p in config.term_values.items()},
+        terms=terms,
         name=config.name,
         intervals=(),
         bore_kinks=kinks,
         loaded=(has_gravity or bool(np.any(np.asarray(tip_force) != 0))) and not body.rigid,
-        acting=_acting(config),
+        acting=in_order(known_acting(terms)),
     )
 
     for tendon in robot.tendons:

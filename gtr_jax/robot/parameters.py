@@ -18,7 +18,8 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from gtr_jax.errors import InputError, excerpt
-from gtr_jax.terms import REGISTRY, Term, known_on
+from gtr_jax.mechanics.structure import in_order
+from gtr_jax.terms import REGISTRY, Term, known_acting
 
 from .parts import Parts
 
@@ -209,7 +210,7 @@ def with_values(robot: AnyRobot, values: Mapping[str, Float[Array, ""] | float])
     Raises:
         InputError: unknown name, or the modulus of a rigid sheath.
     """
-    loaded, acting = robot.loaded, {*robot.acting}
+    loaded, acting = robot.loaded, [*robot.acting]
     for name, value in values.items():
         entry = parameter(robot, name)
         where, index = _locate(entry.at)
@@ -219,12 +220,9 @@ def with_values(robot: AnyRobot, values: Mapping[str, Float[Array, ""] | float])
         robot = eqx.tree_at(where, robot, new)
         loaded = loaded or entry.external
         term = term_of(entry)
-        if term is not None and any(entry.name == f"{term.id}.{q.name}" for q in term.sizes):
-            acting.add(term.id)
-    acting = tuple(sorted(acting | {k for k, t in REGISTRY.items() if known_on(t, robot.terms[k])}))
-    if (loaded, acting) != (robot.loaded, robot.acting):
-        robot = dataclasses.replace(robot, loaded=loaded, acting=acting)
-    return robot
+        if term is not None and entry.name.partition(".")[2] in [q.name for q in term.sizes]:
+            acting.append(term.id)
+    return dataclasses.replace(robot, loaded=loaded, acting=in_order([*acting, *known_acting(robot.terms)]))
 
 
 def places_of(robot: Parts, names: Sequence[str]) -> Int[Array, " p"]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 
 import equinox as eqx
@@ -59,9 +58,10 @@ class Parts(eqx.Module):
         intervals: mesh intervals per panel (static).
         bore_kinks: which bore starts and ends lie inside the body (static).
         loaded: whether gravity or a tip force may act (static); without, the equilibrium is a single march.
-        acting: names of the physics terms that may act, sorted (static): those that act in the robot file,
-            and those whose size `with_values` has set, to any value. Where their numbers are traced, a
-            program contains these terms only.
+        acting: names of the physics terms that may act, in the order of the registry, without those of the
+            load cells, which always do (static): those that act in the robot file, and those whose size
+            `with_values` has set, to any value. Where their numbers are traced, a program contains these
+            terms only.
     """
 
     backbone: Backbone
@@ -73,12 +73,6 @@ class Parts(eqx.Module):
     bore_kinks: tuple[tuple[str, int], ...] = eqx.field(static=True)
     loaded: bool = eqx.field(static=True)
     acting: tuple[str, ...] = eqx.field(static=True)
-
-    def for_any_terms(self):
-        """The same without the names of what may act, for programs whose structure is decided: one compiled
-        program then serves robots of which other terms may act.
-        """
-        return dataclasses.replace(self, acting=())
 
     @property
     def tendon(self) -> Tendon:

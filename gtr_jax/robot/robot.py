@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -27,6 +29,12 @@ class Robot(Parts):
         """
         check_bounds(self, values)
         return with_values(self, values)
+
+    def for_any_terms(self) -> Robot:
+        """The same without the names of what may act, for programs whose structure is decided: one compiled
+        program then serves robots of which other terms may act.
+        """
+        return dataclasses.replace(self, acting=())
 
     def value(self, name: str) -> Float[Array, ""]:
         """The named parameter's value in SI units."""

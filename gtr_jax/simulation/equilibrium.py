@@ -15,9 +15,25 @@ from ..mechanics.sections import node_first
 from ..mechanics.several.rootfinder import RootFinder
 from ..mechanics.several.slip import Kept
 from ..robot.robot import Robot, sections
-from .programs import at_nodes, by_structure, structure_of
+from .programs import at_nodes, structure_of
 from .several import at_preload, load_step
 from .solution import Equilibrium, describe, loaded_of
+
+
+def _pair(
+    robot: Robot, T_base: Float[Array, " tendons"], before, how: March, structure: Structure
+) -> Equilibrium:
+    """Several tendons without physics terms."""
+    one = jnp.ones_like(robot.loads.tip_moment)
+    s, solver = sections(robot), RootFinder(atol=how.atol)
+    settled, kept = at_preload(robot, s, solver)
+    if isinstance(before, Equilibrium):
+        kept = Kept(before.tension, before.metric, before.mobilisation)
+    none = jnp.zeros_like(kept.tension)
+    done, _ = load_step(robot, s, T_base, kept, rest_state(s), settled, solver, none)
+    memory = untouched(structure, done.state, node_first(done.tension), one)
+    memory = dataclasses.replace(memory, T_base=T_base)
+    return describe(s, done, mechanics.complete(memory, structure, done.state, node_first(done.slip)))
 
 
 @eqx.filter_jit
@@ -28,42 +44,26 @@ def _solve(
     how: March,
     structure: Structure,
 ) -> Equilibrium:
-    # Both functions take all they need as arguments: a custom derivative must not capture arrays of this
-    # scope.
-    def pair(robot, T_base, before):
-        one = jnp.ones_like(robot.loads.tip_moment)
-        s, solver = sections(robot), RootFinder(atol=how.atol)
-        settled, kept = at_preload(robot, s, solver)
-        if isinstance(before, Equilibrium):
-            kept = Kept(before.tension, before.metric, before.mobilisation)
-        none = jnp.zeros_like(kept.tension)
-        done, _ = load_step(robot, s, T_base, kept, rest_state(s), settled, solver, none)
-        plain = Structure((), len(robot.tendon_names), robot.loaded)
-        memory = untouched(plain, done.state, node_first(done.tension), one)
-        memory = dataclasses.replace(memory, T_base=T_base)
-        return describe(s, done, mechanics.complete(memory, plain, done.state, node_first(done.slip)))
+    if structure.plain_pair:
+        return _pair(robot, T_base, before, how, structure)
+    s = sections(robot)
+    one = jnp.ones_like(robot.loads.tip_moment)
 
-    def solved(structure: Structure, robot, T_base, before):
-        s = sections(robot)
-        one = jnp.ones_like(robot.loads.tip_moment)
+    def remembered(settled, never_pulled):
+        if isinstance(before, Equilibrium) and before.memory is not None:
+            return mechanics.part_of(before.memory, structure)
+        if before is None:
+            return never_pulled
+        tension = before.tension if isinstance(before, Equilibrium) else before
+        kept = untouched(structure, settled, node_first(tension), one)
+        same = ("slip", "middle", "bent", "unknowns")
+        return dataclasses.replace(kept, **{name: getattr(never_pulled, name) for name in same})
 
-        def remembered(settled, never_pulled):
-            if isinstance(before, Equilibrium) and before.memory is not None:
-                return mechanics.part_of(before.memory, structure)
-            if before is None:
-                return never_pulled
-            tension = before.tension if isinstance(before, Equilibrium) else before
-            kept = untouched(structure, settled, node_first(tension), one)
-            same = ("slip", "middle", "bent", "unknowns")
-            return dataclasses.replace(kept, **{name: getattr(never_pulled, name) for name in same})
-
-        load = Load(T_base, FOREVER * one, 0 * one, 0 * one)
-        done, memory, settled = mechanics.one_step(at_nodes(robot, s), structure, load, how, remembered)
-        step = loaded_of(s, structure, settled, done)
-        whole = mechanics.complete(memory, structure, step.state, node_first(step.slip))
-        return describe(s, step, whole)
-
-    return by_structure(solved, pair, structure, robot, T_base, before)
+    load = Load(T_base, FOREVER * one, 0 * one, 0 * one)
+    done, memory, settled = mechanics.one_step(at_nodes(robot, s), structure, load, how, remembered)
+    step = loaded_of(s, structure, settled, done)
+    whole = mechanics.complete(memory, structure, step.state, node_first(step.slip))
+    return describe(s, step, whole)
 
 
 def equilibrium(

@@ -23,7 +23,7 @@ from ..mechanics.several.slip import Kept
 from ..robot.robot import Robot, sections
 from ..terms import REGISTRY, known_on
 from ..terms.term import NO_SLIP
-from .programs import at_nodes, by_structure, known_to_act, structure_of
+from .programs import at_nodes, known_to_act, structure_of
 from .sensing import Reading, cells_show, shown
 from .several import at_preload, load_step
 from .slipping import front_of, large_tension, moves_by_friction, moves_of
@@ -149,13 +149,10 @@ def _solved(structure: Structure, robot: Robot, loads: Load, how: March):
 
 @eqx.filter_jit
 def _run(robot: Robot, loads: Load, how: March, structure: Structure) -> Simulation:
-    done, moves = by_structure(
-        lambda structure, robot, loads: _solved(structure, robot, loads, how),
-        lambda robot, loads: _pair(robot, loads, RootFinder(atol=how.atol)),
-        structure,
-        robot,
-        loads,
-    )
+    if structure.plain_pair:
+        done, moves = _pair(robot, loads, RootFinder(atol=how.atol))
+    else:
+        done, moves = _solved(structure, robot, loads, how)
     # What is read off the states is computed for all steps at once, outside the loop.
     s = sections(robot)
     eq = jax.vmap(lambda done: describe(s, done))(done)

@@ -9,7 +9,7 @@ from .. import mechanics
 from ..mechanics import EVERY, Structure, in_order
 from ..mechanics.sections import Sections
 from ..robot.robot import Robot
-from ..terms import REGISTRY, known_on
+from ..terms import REGISTRY, known_acting, known_on
 
 
 def structure_of(robot: Robot, with_terms: bool | Collection[str] | None) -> Structure:
@@ -19,11 +19,11 @@ def structure_of(robot: Robot, with_terms: bool | Collection[str] | None) -> Str
         robot: the robot.
         with_terms: as for `simulate`.
     """
-    known = {kind: known_on(REGISTRY[kind], robot.terms[kind]) for kind in EVERY}
     if isinstance(with_terms, bool):
         return structure_with(robot, EVERY if with_terms else ())
     if with_terms is not None:
         return structure_with(robot, with_terms)
+    known = {kind: known_on(REGISTRY[kind], robot.terms[kind]) for kind in EVERY}
     acting = [kind for kind, on in known.items() if (kind in robot.acting if on is None else on)]
     return dataclasses.replace(structure_with(robot, acting), acting=all(known[kind] for kind in acting))
 
@@ -50,23 +50,9 @@ def at_nodes(robot: Robot, s: Sections) -> mechanics.Robot:
     )
 
 
-def by_structure(solved, pair, structure: Structure, robot: Robot, *rest):
-    """The result of the solver that suits a structure.
-
-    Args:
-        solved: solver for one tendon, or with terms; takes the structure, the robot and the rest.
-        pair: solver for the base model of several tendons; takes the robot and the rest.
-        structure: which equations act.
-        robot, rest: the arguments.
-    """
-    if structure.tendons and not structure.terms:
-        return pair(robot, *rest)
-    return solved(structure, robot, *rest)
-
-
 def known_to_act(robot: Robot) -> bool:
     """Whether any physics term that is not of the load cells is known to act; none is while it is traced."""
-    return any(known_on(REGISTRY[kind], robot.terms[kind]) for kind in EVERY)
+    return bool(in_order(known_acting(robot.terms)))
 
 
 def terms_act(robot: Robot) -> bool:

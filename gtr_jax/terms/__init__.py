@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
@@ -92,4 +94,9 @@ def known_on(term: Term, values: Values) -> bool | None:
     return any(bool(np.any(np.asarray(values[q.name]) != q.null)) for q in term.sizes)
 
 
-__all__ = ["REGISTRY", "Quantity", "Term", "is_on", "known_on", "null_values"]
+def known_acting(terms: Mapping[str, Values]) -> list[str]:
+    """Names of the terms that are known to act."""
+    return [kind for kind, term in REGISTRY.items() if known_on(term, terms[kind])]
+
+
+__all__ = ["REGISTRY", "Quantity", "Term", "is_on", "known_acting", "known_on", "null_values"]
