@@ -128,8 +128,8 @@ def test_the_good_sample_between_two_glitches_is_kept():
 
 def test_dropouts():
     rng = np.random.default_rng(0)
-    x = 5 + np.sin(np.arange(600) / 20) + 0.01 * rng.standard_normal(600)
-    y = 0.6 * x + 0.01 * rng.standard_normal(600)
+    x = 5 + np.sin(np.arange(6000) / 20) + 0.01 * rng.standard_normal(6000)
+    y = 0.6 * x + 0.01 * rng.standard_normal(6000)
     for values in (x, y):
         values[100] = 0.0
         values[300 : 300 + LONGEST] = 0.0
