@@ -17,7 +17,8 @@ import numpy as np
 
 from gtr_jax.errors import InputError, listed
 from gtr_jax.files.config import RobotConfig, config_text, load_config
-from gtr_jax.files.recording import read_recording, split_unit
+from gtr_jax.files.quantities import split_unit
+from gtr_jax.files.recording import read_recording
 from gtr_jax.files.table import read_table
 from gtr_jax.robot.build import build_robot, choose_intervals
 from gtr_jax.robot.parameters import term_of
