@@ -25,7 +25,7 @@ import tomli_w
 from gtr_jax.errors import InputError, did_you_mean, excerpt
 
 from .config_file import read_toml
-from .quantities import COLUMNS, plain_name, quantities_of, split_unit
+from .quantities import COLUMNS, plain_name, quantities_of, split_unit, with_tendon
 from .table import Table
 from .whole import write_whole
 
@@ -86,14 +86,13 @@ def _of_file(path: Path) -> Columns:
     columns, clean = _section(path, data, "columns"), _section(path, data, "clean")
     entries: list[tuple[str, str]] = []
     for name, source in columns.items():
-        named = (
-            {f"{name}.{tendon}": text for tendon, text in source.items()} if isinstance(source, dict) else {}
-        )
-        for quantity, text in (named or {name: source}).items():
+        parts = source if isinstance(source, dict) else {"": source}  # T_base.left = "cell 1"
+        for tendon, text in parts.items():
+            quantity = with_tendon(name, tendon)
             if not isinstance(text, str) or not text.strip():
                 raise InputError(
-                    f"{path}: columns.{quantity}: expected the name of a column, found '{excerpt(text)}'; write "
-                    f'for example {quantity} = "data_0 [gf]"'
+                    f"{path}: columns.{quantity}: expected the name of a column, found '{excerpt(text)}'; "
+                    f'write for example {quantity} = "data_0 [gf]"'
                 )
             entries.append((quantity, text.strip()))
     if not entries:

@@ -40,9 +40,8 @@ def recognised(table: Table, quantity: str, tendon: str) -> tuple[int, str | Non
         first = table.header[found[0][0]]
         alike = any(table.header[index] == first for index, _ in found[1:])
         remedy = f"choose one with --columns '{with_tendon(quantity, tendon)}={first}' or rename the others"
-        raise InputError(
-            f"{table.path}: {names} all name {with_tendon(quantity, tendon)}; {'rename one' if alike else remedy}"
-        )
+        remedy = "rename one" if alike else remedy
+        raise InputError(f"{table.path}: {names} all name {with_tendon(quantity, tendon)}; {remedy}")
     return found[0] if found else None
 
 
@@ -98,7 +97,17 @@ _NO_FORCES = frozenset(
 _ALIKE = 0.7  # of a misspelt header to one that is known
 # Words for units of tension, and the unit meant.
 _MEANT = {"g": "gf", "gr": "gf", "gram": "gf", "grams": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf"}
-_RARE_NEWTONS = 300.0  # beyond, a tension without a unit is rather in grams-force
+RARE_NEWTONS = 300.0  # beyond, a tension without a unit is rather in grams-force
+
+
+def words_of(header: str) -> list[str]:
+    """The words of a header in lower case: "TipForce_N" has tip, force and n."""
+    return [w.lower() for w in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", header)]
+
+
+def force_meant(unit: str) -> str:
+    """The unit of force that a unit of mass stands for; the unit itself if it is none."""
+    return _MEANT.get(unit.lower(), unit)
 
 
 def meant_column(table: Table, quantity: str, tendon: str, tendons: Sequence[str]) -> int | None:
@@ -115,7 +124,7 @@ def meant_column(table: Table, quantity: str, tendon: str, tendons: Sequence[str
             continue
         if spellings.get(name, quantity) != quantity:
             continue  # it is another quantity
-        words = [w.lower() for w in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", header)]
+        words = words_of(header)
         score = 1.0 if quantity in NEEDED and _FORCES.intersection(words) else 0.0
         for word, side in sides.items():
             if quantity in NEEDED and any(w.startswith(word) or w.endswith(word) for w in words):
@@ -142,11 +151,11 @@ def unit_meant(table: Table, index: int, si: str) -> str:
     ending = re.split(r"[\s_]+", header)[-1]
     for said in (split_unit(header, si)[1], table.unit(index), ending):
         word = "" if said is None else said.strip("[]() ")
-        word = _MEANT.get(word.lower(), word) if si == "N" else word
+        word = force_meant(word) if si == "N" else word
         if measures(word, si):
             return word
     try:
-        large = si == "N" and float(np.max(np.abs(table.column(index)))) > _RARE_NEWTONS
+        large = si == "N" and float(np.max(np.abs(table.column(index)))) > RARE_NEWTONS
     except InputError:
         large = False
     return "gf" if large else si

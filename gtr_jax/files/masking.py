@@ -1,4 +1,4 @@
-"""Which samples of a recording are left out: glitches, cells without a number, stretches that a user drops."""
+"""Samples that are left out of a recording: glitches, cells without a number, stretches a user drops."""
 
 from __future__ import annotations
 

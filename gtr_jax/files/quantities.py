@@ -38,6 +38,7 @@ _HEADER_ENDINGS = {
 
 
 def plain_name(name: str) -> str:
+    """A name as spellings are compared: in lower case, without blanks, dots, underscores and hyphens."""
     return re.sub(r"[\s._-]", "", name).lower()
 
 
@@ -60,6 +61,7 @@ def quantities_of(tendons: Sequence[str]) -> dict[str, tuple[str, str]]:
 
 
 def with_tendon(name: str, tendon: str) -> str:
+    """The name of a tendon's quantity, "T_base.left"; the quantity's own where there is one tendon."""
     return f"{name}.{tendon}" if tendon else name
 
 

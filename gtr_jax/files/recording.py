@@ -14,12 +14,16 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from gtr_jax.errors import InputError
 
 from .columns import mapped, read_columns
+from .guessing import Guess as Guess
+from .guessing import Guessed as Guessed
+from .guessing import guess as guess
 from .headers import missing, recognised, unit_remedy
 from .masking import Masked, masks
 from .quantities import COLUMNS, NEEDED, PER_TENDON, quantities_of
@@ -39,7 +43,8 @@ class Recording:
     T_base and T_tip [N], time [s], tip_x and tip_y [m], tip_angle [rad] against the base tangent,
     displacement [m] of the tendon pulled out at the base, and the number of the trial. Of several tendons,
     named in `tendons`, T_base, T_tip and displacement are (rows, tendons). `rows` are the numbers of the
-    samples' rows in the file, and `masked` what was left out of it.
+    samples' rows in the file, `masked` is what was left out of it, `thinned_from` how many samples it had
+    before it was thinned (0: it was not), and `notes` are sentences on how it was read.
     """
 
     T_base: np.ndarray
@@ -55,6 +60,8 @@ class Recording:
     tendons: tuple[str, ...] = ()
     rows: np.ndarray | None = None
     masked: tuple[Masked, ...] = ()
+    thinned_from: int = 0
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.T_base)
@@ -145,7 +152,7 @@ def read_recording(
     )
 
 
-def _by_quantity(data: Mapping[str, np.ndarray], tendons: Sequence[str]) -> dict[str, np.ndarray]:
+def _by_quantity(data: Mapping[str, np.ndarray], tendons: Sequence[str]) -> dict[str, Any]:
     """Columns by quantity; those of several tendons side by side."""
     out = {key: values for key, values in data.items() if "." not in key}
     for quantity in PER_TENDON if tendons else ():

@@ -395,7 +395,9 @@ def _tendon(file: SweepConfig, config: RobotConfig) -> int | None:
 def _given(file: SweepConfig, config: RobotConfig) -> LoadPath:
     """A history from a CSV file."""
     path = file.folder / str(file.history.file)
-    read = read_recording(path, need_tip=False, tendons=config.tendon_names)
+    read = read_recording(path, need_tip=False, tendons=config.tendon_names, keep_glitches=True)
+    if read.masked:
+        raise InputError(f"{path}: {read.masked[0].says}; complete the history or delete the row")
     T = np.asarray(read.T_base, dtype=float)
     moves = np.sign(np.diff(T if T.ndim == 1 else T.sum(axis=1)))
     moving = np.flatnonzero(moves)
