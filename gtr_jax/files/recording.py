@@ -149,6 +149,7 @@ def read_recording(
         tendons=tuple(tendons),
         rows=rows,
         masked=masked,
+        notes=table.notes,
     )
 
 
