@@ -91,9 +91,7 @@ def test_large_files_are_read_as_small_ones(name, tmp_path, large, monkeypatch):
     assert found == as_text(read_table(path))
 
 
-@pytest.mark.parametrize(
-    "text", [EXPORTED, EXPORTS["decimal comma"], EXPORTS["units below"]]
-)
+@pytest.mark.parametrize("text", [EXPORTED, EXPORTS["decimal comma"], EXPORTS["units below"]])
 def test_large_files_are_not_left_to_the_small_way(text, tmp_path, large):
     path = tmp_path / "recording.csv"
     path.write_text(text.removesuffix("# done\n"))

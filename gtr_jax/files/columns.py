@@ -59,7 +59,7 @@ def read_columns(columns: str | os.PathLike[str], where: str = "") -> Columns:
 
     Raises InputError, in one line, if the text or the file cannot be read, or the file has unknown keys.
     """
-    if _is_file(columns):
+    if is_file(columns):
         return _of_file(Path(columns))
     entries = []
     for entry in re.split(r",(?=[^,=]*=)", str(columns)):
@@ -70,7 +70,8 @@ def read_columns(columns: str | os.PathLike[str], where: str = "") -> Columns:
     return Columns("--columns", tuple(entries))
 
 
-def _is_file(columns: str | os.PathLike[str]) -> bool:
+def is_file(columns: str | os.PathLike[str]) -> bool:
+    """Whether a value of `--columns` is the path of a mapping file."""
     if not isinstance(columns, str):
         return True
     if not columns.lower().endswith(".toml"):
