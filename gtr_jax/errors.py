@@ -54,3 +54,8 @@ def excerpt(text: object, most: int = 60) -> str:
     except ValueError:  # Python does not write out integers of thousands of digits
         return "an integer of thousands of digits"
     return text if len(text) <= most else f"{text[: most - 1]}…"
+
+
+def reason(fault: BaseException) -> str:
+    """What a library says is wrong, cut short; the kind of its error if it says nothing."""
+    return excerpt(fault) if str(fault).strip() else type(fault).__name__

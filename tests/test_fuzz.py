@@ -22,8 +22,10 @@ import tomli_w
 
 from design.target import load_target, target_text
 from gtr_jax.errors import InputError
+from gtr_jax.files import large_csv
 from gtr_jax.files.config import config_text, load_config
 from gtr_jax.files.recording import read_recording
+from gtr_jax.files.table import read_table
 from gtr_jax.robot.build import load_robot
 from gtr_jax.sweep.axes import axes_of
 from gtr_jax.sweep.config import load_sweep, sweep_text
@@ -282,6 +284,93 @@ READERS = {
     "sweep": ("sweep.toml", [SWEEP], sweep),
     "recording": ("recording.csv", [RECORDING, RECORDING.replace(",", ";").replace(".", ",")], recording),
 }
+
+
+MAPPED_BAG = "T_base=/cells.force.x[N],T_tip=/cells.force.y[N]"
+FORMAT_MUTANTS = 10_000
+
+
+def binary_files(folder: Path) -> dict[str, tuple[str, bytes, str | None]]:
+    """A sound recording of each format but CSV: its name, its bytes, its mapping."""
+    import polars as pl
+    from scipy.io import savemat
+    from test_formats import DATA, bag, hdf5
+
+    pl.DataFrame(DATA | {"note": ["x"] * 50}).write_parquet(folder / "a.parquet")
+    savemat(
+        folder / "a.mat", DATA | {"s": {"a": DATA["time_s"]}, "names": np.array(["a", "b"], dtype=object)}
+    )
+    hdf5(folder / "b.mat", DATA)
+    bag(folder / "a.bag", "bag")
+    bag(folder / "mcap", "mcap")
+    bag(folder / "sqlite3", "sqlite3")
+    files = {"parquet": "a.parquet", "mat": "a.mat", "mat 7.3": "b.mat", "bag": "a.bag"}
+    files |= {"mcap": "mcap/mcap.mcap", "db3": "sqlite3/sqlite3.db3"}
+    mapped = dict.fromkeys(("bag", "mcap", "db3"), MAPPED_BAG)
+    return {
+        kind: (
+            f"recording{Path(name).suffix}",
+            (folder / name).read_bytes(),
+            MAPPED_BAG if kind in ros else None,
+        )
+        for kind, name in files.items()
+    }
+
+
+def mutants_of_format(kind: str, folder: Path, number: int) -> None:
+    """Read so many mutants of a format."""
+    name, sound, columns = binary_files(folder)[kind]
+    path = folder / name
+    path.write_bytes(sound)
+    assert len(read_recording(path, columns)) == 50
+    read_whole = 0
+    for seed in range(number):
+        path.write_bytes(spoil_bytes(sound, random.Random(f"{kind} {seed}")))
+        read_whole += answers(lambda path: read_recording(path, columns), path, seed)
+    assert 0.01 * number < read_whole < 0.9 * number
+
+
+FORMATS = ("parquet", "mat", "mat 7.3", "bag", "mcap", "db3")
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_few_mutants_of_formats(kind, folder):
+    mutants_of_format(kind, folder, 200)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", FORMATS)
+def test_mutants_of_formats(kind, folder):
+    mutants_of_format(kind, folder, FORMAT_MUTANTS)
+
+
+def read_both_ways(number: int, folder: Path, monkeypatch) -> None:
+    """Read mutants of CSV files as small and as large ones: what is said of them is the same."""
+    from test_formats import as_text
+
+    path = folder / "recording.csv"
+    read_large = 0
+    for seed in range(number):
+        rng = random.Random(f"large {seed}")
+        path.write_bytes(spoilt(rng.choice(READERS["recording"][1]), rng))
+        said = []
+        for least in (10**9, 0):
+            monkeypatch.setattr(large_csv, "LARGE", least)
+            try:
+                table = read_table(path)
+                said.append(as_text(table))
+                read_large += isinstance(table.columns[0], large_csv.ManyWritten)
+            except InputError as fault:
+                said.append(str(fault))
+        assert said[0] == said[1], (seed, path.read_bytes())
+    assert read_large > 0.2 * number
+
+
+@pytest.mark.parametrize("number", [200, pytest.param(FORMAT_MUTANTS, marks=pytest.mark.slow)])
+def test_mutants_are_read_as_large_files_as_they_are_as_small_ones(number, folder, monkeypatch):
+    monkeypatch.setattr(large_csv, "_HEAD", 4)
+    monkeypatch.setattr(large_csv, "_FIRST", 2)
+    read_both_ways(number, folder, monkeypatch)
 
 
 SPOILT = {

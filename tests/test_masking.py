@@ -43,6 +43,7 @@ def spoilt():
 def test_glitches_and_empty_cells_are_left_out(tmp_path):
     recording = read_recording(recorded(tmp_path, *spoilt()))
     assert len(recording) == K - 4 and recording.T_tip is not None and recording.time is not None
+    assert recording.rows is not None
     assert recording.T_tip.max() < 10 and recording.T_base.max() < 16
     gone = sorted(set(range(2, K + 2)) - set(recording.rows.tolist()))
     assert gone == [102, 152, 202, 203]
@@ -162,7 +163,7 @@ def test_several_tendons_are_masked_together(tmp_path):
     rows = [",".join([*c, str(float(c[1]) + 1 if i != 50 else 90), c[2]]) for i, c in enumerate(cells)]
     path.write_text("\n".join([text[0] + ",T_base_N.b,T_tip_N.b", *rows]))
     recording = read_recording(path, tendons=("a", "b"))
-    assert recording.T_base.shape == recording.T_tip.shape == (K - 4, 2)
+    assert recording.T_tip is not None and recording.T_base.shape == recording.T_tip.shape == (K - 4, 2)
     assert {m.channel for m in recording.masked} >= {"T_base.b", "T_tip.a", "T_base.a"}
 
 
@@ -337,6 +338,7 @@ def test_thinned_recordings_keep_their_corners(tmp_path):
         data["T_base_N"], tmp_path / "a.csv", "", data["T_tip_N"], data["time_s"], rows=np.arange(2, K + 2)
     )
     few = thinned(whole, most)
+    assert few.rows is not None
     assert len(few) <= most and few.thinned_from == K and len(few) > 0.95 * most
     assert few.rows[0] == 2 and few.rows[-1] == K + 1
     at = few.rows - 2

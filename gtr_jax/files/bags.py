@@ -13,12 +13,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gtr_jax.errors import InputError, excerpt, listed
+from gtr_jax.errors import InputError, listed, reason
 
 from .cells import SECOND, Numbers
 from .headers import FORCES, words_of
 from .sheet import Table
 
+ENDINGS = (".bag", ".mcap", ".db3")
 MAGICS = (b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\x00")
 _LONGEST = 64  # numbers of an array that become columns
 _DEEPEST = 6  # messages in messages
@@ -44,7 +45,7 @@ def read_bag(path: Path, sha256: str) -> Table:
             f"{path}: a recording of ROS; pip install 'gtr-jax[ros]', or export its topics as CSV"
         ) from None
     except Exception as fault:
-        raise InputError(f"{path}: not a whole recording of ROS ({excerpt(fault)}); reindex it") from None
+        raise InputError(f"{path}: not a whole recording of ROS ({reason(fault)}); reindex it") from None
     if not topics:
         raise InputError(
             f"{path}: no topic of this recording holds numbers that can be read; export it as CSV"

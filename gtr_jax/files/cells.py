@@ -24,6 +24,7 @@ EITHER = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}")  # 1,234: a decimal mark or a
 STAMP = re.compile(r"(\d{4}-\d\d-\d\d)(?:[T ](\d\d:\d\d)(?:(:\d\d)(?:[.,](\d+))?)?\s*(Z|[+-]\d\d:?\d\d)?)?")
 CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d)(?:[.,](\d+))?")
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_YEARS = 290  # from 1970 that nanoseconds of 64 bits reach
 SECOND = 10**9  # in the nanoseconds that time stamps are counted in
 ABSENT = frozenset({"", "nan"})  # cells of samples that are left out
 NOTHING = frozenset({"nan", "inf", "n/a", "na", "none", "null"})
@@ -195,6 +196,8 @@ def since_1970(cell: str) -> int | None:
     try:
         moment = datetime.fromisoformat(f"{date}T{minute or '00:00'}{second or ':00'}{zone or 'Z'}")
     except ValueError:
+        return None
+    if abs(moment.year - 1970) > _YEARS:
         return None
     return (moment - _EPOCH) // timedelta(seconds=1) * SECOND + nanoseconds_of(fraction)
 

@@ -8,6 +8,7 @@ their *forms* are looked at, of which there are few: the first digit as 0 or 1, 
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -24,12 +25,13 @@ if TYPE_CHECKING:
 LARGE = 2_000_000  # characters from which a file is read so
 _HEAD = 400  # lines in which the header and the first rows are looked for
 _FIRST = 1000  # cells that are looked at before all of them
+_FOREIGN = re.compile(r"(?![0-9])\d")  # a digit, but of another script
 _CLOCK = r"^\d{1,2}:\d\d:\d\d(?:[.,]\d+)?$"
 
 
 def read_large(path: Path, text: str, sha256: str) -> Table | None:
     """The table in the text of a large CSV file; None if it is not large, or is odd in any way: quotes or
-    comments among the rows, blank lines, rows of another length.
+    comments among the rows, blank lines, rows of another length, digits of other scripts.
     """
     if len(text) < LARGE:
         return None
@@ -50,20 +52,35 @@ def read_large(path: Path, text: str, sha256: str) -> Table | None:
         begin = text.find("\n", begin) + 1
     body = text[begin:].rstrip("\n")
     del text
-    if '"' in body or "#" in body:
-        return None
-    series = _split(body.encode(), delimiter)
-    if len(series) != len(header) or body.count(delimiter) != len(series[0]) * (len(header) - 1):
-        return None
-    if any(s.null_count() for s in series) and _blank_rows(series):
+    if '"' in body or "#" in body or (not body.isascii() and _FOREIGN.search(body)):
         return None
     plain = delimiter == "," or "," not in body
+    data = body.encode()
+    del body
+    if not _even(data, delimiter, len(header)):
+        return None
+    series = _split(data, delimiter)
+    if len(series) != len(header) or (any(s.null_count() for s in series) and _blank_rows(series)):
+        return None
     columns = [ManyWritten(s) for s in series]
     return Table(path, sha256, header, columns, np.arange(first, first + len(series[0])), units, plain)
 
 
+def _even(body: bytes, delimiter: str, width: int) -> bool:
+    """Whether every row has so many cells."""
+    characters = np.frombuffer(body, dtype=np.uint8)
+    ends = np.append(np.flatnonzero(characters == ord("\n")), len(body))
+    marks = np.flatnonzero(characters == ord(delimiter))
+    if len(marks) != len(ends) * (width - 1):
+        return False
+    if not len(marks):
+        return True
+    first, last = marks[:: width - 1], marks[width - 2 :: width - 1]
+    return bool(np.all(first[1:] > ends[:-1]) and np.all(last < ends))
+
+
 def _split(body: bytes, delimiter: str) -> list[pl.Series]:
-    """Columns of text; none if the rows differ in length."""
+    """Columns of text; none where polars finds a fault."""
     import polars as pl
 
     try:

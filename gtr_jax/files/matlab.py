@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from gtr_jax.errors import InputError, excerpt
+from gtr_jax.errors import InputError, reason
 
 from .cells import Numbers
 from .sheet import Table
 
 MAGIC = b"MATLAB 5.0 MAT-file"
 MAGIC_HDF5 = b"MATLAB 7.3 MAT-file"
+ENDINGS = (".mat",)
 _DEEPEST = 8  # structs in structs
 _WIDEST = 1000  # columns of an array
 _REMEDY = "export the signals as vectors of one length, or as CSV with writetable"
@@ -38,7 +39,7 @@ def read_matlab(path: Path, data: bytes, sha256: str) -> Table:
     except InputError:
         raise
     except Exception as fault:
-        raise InputError(f"{path}: not a whole MATLAB file ({excerpt(fault)}); save it again") from None
+        raise InputError(f"{path}: not a whole MATLAB file ({reason(fault)}); save it again") from None
     found = dict(_vectors(variables))
     lengths = Counter(len(values) for values in found.values() if len(values) > 1)
     if not lengths:

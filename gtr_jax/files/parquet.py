@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from gtr_jax.errors import InputError, excerpt
+from gtr_jax.errors import InputError, reason
 
 from .cells import Cells, Numbers
 from .large_csv import ManyWritten
 from .sheet import Table
 
-MAGIC = b"PAR1"
+MAGIC, ENDINGS = b"PAR1", (".parquet", ".pq")
 
 
 def read_parquet(path: Path, data: bytes, sha256: str) -> Table:
@@ -28,7 +28,7 @@ def read_parquet(path: Path, data: bytes, sha256: str) -> Table:
     try:
         frame = pl.read_parquet(io.BytesIO(data))
     except (Exception, pl.exceptions.PanicException) as fault:
-        raise InputError(f"{path}: not a whole Parquet file ({excerpt(fault)}); export it again") from None
+        raise InputError(f"{path}: not a whole Parquet file ({reason(fault)}); export it again") from None
     header: list[str] = []
     columns: list[Cells] = []
     for series in frame.get_columns():

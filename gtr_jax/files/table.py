@@ -18,7 +18,7 @@ from .text import digest, read_bytes, text_of
 def read_table(path: str | os.PathLike[str]) -> Table:
     """A table with named columns from a file: CSV, Parquet, MATLAB, or a bag of ROS, which may be a folder.
 
-    What a file is, its first bytes tell.
+    What a file is, its first bytes or its name's ending tell.
 
     Raises InputError if it is absent, empty, of no format that is read, has a header only, or a row of
     another length.
@@ -28,11 +28,12 @@ def read_table(path: str | os.PathLike[str]) -> Table:
         return _of_folder(path)
     data = read_bytes(path)
     sha256 = hashlib.sha256(data).hexdigest()
-    if data.startswith(parquet.MAGIC):
+    ending = path.suffix.lower()
+    if data.startswith(parquet.MAGIC) or ending in parquet.ENDINGS:
         return parquet.read_parquet(path, data, sha256)
-    if data.startswith((matlab.MAGIC, matlab.MAGIC_HDF5)) or path.suffix.lower() == ".mat":
+    if data.startswith((matlab.MAGIC, matlab.MAGIC_HDF5)) or ending in matlab.ENDINGS:
         return matlab.read_matlab(path, data, sha256)
-    if data.startswith(bags.MAGICS):
+    if data.startswith(bags.MAGICS) or ending in bags.ENDINGS:
         del data
         return bags.read_bag(path, sha256)
     text = text_of(path, data)
