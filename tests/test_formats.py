@@ -125,6 +125,7 @@ def test_parquet_of_times_and_texts(tmp_path):
         {**DATA, "time_s": stamps, "T_tip_N": texts, "T_base_N": DATA["T_base_N"].astype("f4")}
     ).write_parquet(path)
     recording = read_recording(path)
+    assert recording.time is not None
     np.testing.assert_allclose(recording.time, 0.01 * np.arange(50), rtol=1e-12)
     np.testing.assert_array_equal(recording.T_tip, DATA["T_tip_N"])
     np.testing.assert_array_equal(recording.T_base, DATA["T_base_N"].astype("f4"))

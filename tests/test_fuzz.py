@@ -306,15 +306,9 @@ def binary_files(folder: Path) -> dict[str, tuple[str, bytes, str | None]]:
     bag(folder / "sqlite3", "sqlite3")
     files = {"parquet": "a.parquet", "mat": "a.mat", "mat 7.3": "b.mat", "bag": "a.bag"}
     files |= {"mcap": "mcap/mcap.mcap", "db3": "sqlite3/sqlite3.db3"}
-    mapped = dict.fromkeys(("bag", "mcap", "db3"), MAPPED_BAG)
-    return {
-        kind: (
-            f"recording{Path(name).suffix}",
-            (folder / name).read_bytes(),
-            MAPPED_BAG if kind in ros else None,
-        )
-        for kind, name in files.items()
-    }
+    mapped: dict[str, str] = dict.fromkeys(("bag", "mcap", "db3"), MAPPED_BAG)
+    endings = {kind: (f"recording{Path(name).suffix}", folder / name) for kind, name in files.items()}
+    return {kind: (name, path.read_bytes(), mapped.get(kind)) for kind, (name, path) in endings.items()}
 
 
 def mutants_of_format(kind: str, folder: Path, number: int) -> None:
