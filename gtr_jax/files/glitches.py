@@ -86,6 +86,11 @@ def find_glitches(channels: Mapping[str, np.ndarray], time: np.ndarray | None) -
         channels: readings by name, (K,) each, in any unit; NaN where a number is missing.
         time: of the samples [s], (K,), or None.
     """
+    with np.errstate(over="ignore", invalid="ignore"):  # readings of 1e308: what is not finite is no glitch
+        return _found(channels, time)
+
+
+def _found(channels: Mapping[str, np.ndarray], time: np.ndarray | None) -> list[Glitch]:
     arrays = {name: np.asarray(values, dtype=float) for name, values in channels.items()}
     read = {name: _channel(values) for name, values in arrays.items()}
     found = [glitch for name, values in arrays.items() for glitch in _missing(name, values)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import io
 import warnings
 from collections import Counter
@@ -11,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from gtr_jax.errors import InputError, reason
+from gtr_jax.errors import InputError
 
+from .apart import Unreadable, read_apart
 from .cells import Numbers
 from .sheet import Table
 
@@ -32,41 +34,39 @@ def read_matlab(path: Path, data: bytes, sha256: str) -> Table:
 
     Raises InputError naming the file if it is damaged, of version 7.3 without h5py, or holds no vectors.
     """
+    hdf5 = data.startswith(MAGIC_HDF5)
+    if hdf5 and importlib.util.find_spec("h5py") is None:
+        raise InputError(
+            f"{path}: MATLAB version 7.3; pip install 'gtr-jax[hdf5]', or save it with save(..., '-v7')"
+        )
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            variables = _of_hdf5(path, data) if data.startswith(MAGIC_HDF5) else _of_mat(data)
-    except InputError:
-        raise
-    except Exception as fault:
-        raise InputError(f"{path}: not a whole MATLAB file ({reason(fault)}); save it again") from None
-    found = dict(_vectors(variables))
+        struct, found = read_apart(vectors_of_hdf5 if hdf5 else vectors_of_mat, data)
+    except Unreadable as fault:
+        raise InputError(f"{path}: not a whole MATLAB file ({fault}); save it again") from None
     lengths = Counter(len(values) for values in found.values() if len(values) > 1)
     if not lengths:
         raise InputError(f"{path}: holds no vectors of numbers (tables and objects are not read); {_REMEDY}")
     most = max(lengths, key=lambda length: (lengths[length], length))
     columns = {name: values for name, values in found.items() if len(values) == most}
-    names = [name.strip() for name in columns]
-    struct = names[0].split(".")[0]
-    if isinstance(variables.get(struct), Mapping) and all(name.startswith(f"{struct}.") for name in names):
-        names = [name.removeprefix(f"{struct}.") for name in names]
+    names = [name.strip().removeprefix(struct) for name in columns]
     cells = [Numbers(values) for values in columns.values()]
     return Table(path, sha256, names, cells, np.arange(1, most + 1), plain=True)
 
 
-def _of_mat(data: bytes) -> dict[str, Any]:
+def vectors_of_mat(data: bytes) -> tuple[str, dict[str, np.ndarray]]:
+    """The vectors of a file of version 4 to 7 by name; before them what all names begin with, if they are
+    fields of one struct.
+    """
     from scipy.io import loadmat
 
-    return loadmat(io.BytesIO(data), simplify_cells=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return _named(loadmat(io.BytesIO(data), simplify_cells=True))
 
 
-def _of_hdf5(path: Path, data: bytes) -> dict[str, Any]:
-    try:
-        import h5py
-    except ImportError:
-        raise InputError(
-            f"{path}: MATLAB version 7.3; pip install 'gtr-jax[hdf5]', or save it with save(..., '-v7')"
-        ) from None
+def vectors_of_hdf5(data: bytes) -> tuple[str, dict[str, np.ndarray]]:
+    """The same of a file of version 7.3."""
+    import h5py
 
     def contents(group: Any, depth: int = 0) -> dict[str, Any]:
         out = {}
@@ -78,7 +78,14 @@ def _of_hdf5(path: Path, data: bytes) -> dict[str, Any]:
         return out
 
     with h5py.File(io.BytesIO(data), "r") as file:
-        return contents(file)
+        return _named(contents(file))
+
+
+def _named(variables: Mapping[str, Any]) -> tuple[str, dict[str, np.ndarray]]:
+    found = dict(_vectors(variables))
+    struct = next(iter(found), "").partition(".")[0]
+    alone = isinstance(variables.get(struct), Mapping) and all(n.startswith(f"{struct}.") for n in found)
+    return (f"{struct}." if alone else ""), found
 
 
 def _vectors(node: Mapping[str, Any], before: str = "", depth: int = 0) -> Iterator[tuple[str, np.ndarray]]:

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gtr_jax.errors import InputError, reason
+from gtr_jax.errors import InputError
 
-from .cells import Cells, Numbers
+from .apart import Unreadable, read_apart
+from .cells import Numbers
 from .large_csv import ManyWritten
 from .sheet import Table
+
+if TYPE_CHECKING:
+    import polars as pl
 
 MAGIC, ENDINGS = b"PAR1", (".parquet", ".pq")
 
@@ -23,34 +28,36 @@ def read_parquet(path: Path, data: bytes, sha256: str) -> Table:
 
     Raises InputError naming the file if it is damaged, or holds no rows or no such columns.
     """
+    try:
+        rows, found = read_apart(columns_of, data)
+    except Unreadable as fault:
+        raise InputError(f"{path}: not a whole Parquet file ({fault}); export it again") from None
+    if not found or not rows:
+        raise InputError(f"{path}: holds no rows of numbers; at least one column and one row are needed")
+    header = [name.strip() for name, _ in found]
+    columns = [Numbers(cells) if isinstance(cells, np.ndarray) else ManyWritten(cells) for _, cells in found]
+    return Table(path, sha256, header, columns, np.arange(1, rows + 1), plain=True)
+
+
+def columns_of(data: bytes) -> tuple[int, list[tuple[str, np.ndarray | pl.Series]]]:
+    """The number of rows, and the columns of numbers, as float64, and of text, by name."""
     import polars as pl
 
-    try:
-        frame = pl.read_parquet(io.BytesIO(data))
-    except (Exception, pl.exceptions.PanicException) as fault:
-        raise InputError(f"{path}: not a whole Parquet file ({reason(fault)}); export it again") from None
-    header: list[str] = []
-    columns: list[Cells] = []
+    frame = pl.read_parquet(io.BytesIO(data))
+    found: list[tuple[str, np.ndarray | pl.Series]] = []
     for series in frame.get_columns():
         kind = series.dtype
         if kind.is_numeric() or kind == pl.Boolean:
             values = series.cast(pl.Float64, strict=False).fill_null(float("nan")).to_numpy()
+            found.append((series.name, values))
         elif kind in (pl.Datetime, pl.Duration):
-            values = _seconds(series)
+            found.append((series.name, _seconds(series)))
         elif kind == pl.String:
-            header.append(series.name.strip())
-            columns.append(ManyWritten(series))
-            continue
-        else:
-            continue
-        header.append(series.name.strip())
-        columns.append(Numbers(values))
-    if not columns or not frame.height:
-        raise InputError(f"{path}: holds no rows of numbers; at least one column and one row are needed")
-    return Table(path, sha256, header, columns, np.arange(1, frame.height + 1), plain=True)
+            found.append((series.name, series))
+    return frame.height, found
 
 
-def _seconds(series) -> np.ndarray:
+def _seconds(series: pl.Series) -> np.ndarray:
     """Times in seconds, (K,): dates since the first of them; NaN where there is none."""
     import polars as pl
 
