@@ -23,6 +23,7 @@ import tomli_w
 from design.target import load_target, target_text
 from gtr_jax.errors import InputError
 from gtr_jax.files import large_csv
+from gtr_jax.files.columns import read_columns, write_columns
 from gtr_jax.files.config import config_text, load_config
 from gtr_jax.files.recording import read_recording
 from gtr_jax.files.table import read_table
@@ -123,6 +124,16 @@ pull = "45 N"
 release = "0 N"
 steps = 40
 keep = "all"
+"""
+MAPPING = """schema = 1
+[columns]
+time = "Time [s]"
+T_base = "data_0 [gf]"
+"T_tip.left" = "data_2 [gf]"
+T_tip.right = "data_3"
+[clean]
+keep_glitches = true
+drop = ["12.5 s:13 s", ":2"]
 """
 HEADER = "Timestamp,time_s,T_base_N,T_tip_N,tip_angle [deg],displacement_mm,trial,note\n"
 RECORDING = HEADER + "".join(
@@ -276,12 +287,21 @@ def recording(path: Path) -> None:
         assert values is None or (np.all(np.isfinite(values)) and values.shape == (len(read),))
 
 
+def mapping(path: Path) -> None:
+    read = read_columns(path)
+    again = path.with_name("again.toml")
+    write_columns(again, dict(read.entries), keep_glitches=read.keep_glitches, drop=read.drop)
+    assert {*read_columns(again).entries} == {*dict(read.entries).items()}
+    assert read_columns(again).drop == read.drop
+
+
 SWEPT = load_robot(ROOT / "examples/tdcm-1.toml")
 
 READERS = {
     "robot": ("robot.toml", [ROBOT, *ROBOTS], robot),
     "target": ("target.toml", [TARGET], target),
     "sweep": ("sweep.toml", [SWEEP], sweep),
+    "mapping": ("mapping.toml", [MAPPING], mapping),
     "recording": ("recording.csv", [RECORDING, RECORDING.replace(",", ";").replace(".", ",")], recording),
 }
 
