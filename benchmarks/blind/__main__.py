@@ -9,7 +9,7 @@ import argparse
 from pathlib import Path
 
 # The scored set, and the one that the classifier of the baselines is trained on.
-SEED, CASES, TRAINING, TRAINED = 26_11_22_02, 320, 2, 160
+SEED, CASES, TRAINING, TRAINED = 26_11_23_22, 320, 2, 160
 STEPS = ("draw", "answer", "train", "score")
 
 
