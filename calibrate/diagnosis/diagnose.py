@@ -12,9 +12,10 @@ from gtr_jax import Recording, Robot, RobotConfig
 from ..parallel import in_parallel
 from .bench import Bench
 from .cache import SimulationCache
-from .decide import Decision, decide, with_unseen
+from .decide import Decision, decide, decide_partly, structured, with_unseen
 from .differ import still_differ
 from .experiment import Experiment, propose
+from .further import with_further
 from .heldout import held_out
 from .locate import cycles_of, locate, mu_by_stratum, phases_of, ratio_of_branches
 from .marginal import Marginal, jointly
@@ -113,7 +114,13 @@ def _search(ready: Prepared, experiment: bool | None, say: Callable[[str], None]
         return Diagnosis.without_answer(
             BAD_DATA, ["the simulation fails"], ready.parts, ready.warnings, ready.config
         )
-    decision = with_unseen(decide(whole), whole, screened)
+    decision = decide(whole)
+    if structured(decision.left) and decision.pattern is None:
+        best = with_further(whole, decision.chosen, say)
+        decision = decide_partly(whole, best, decision)
+        if not structured(decision.left):
+            decision = decide(whole)
+    decision = with_unseen(decision, whole, screened)
     chosen = decision.chosen
     if ready.differ and chosen.names and decision.verdict != "unexplained":
         if not still_differ(whole.bench, chosen, whole.hypotheses(chosen.names), ready.differ):

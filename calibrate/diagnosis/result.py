@@ -13,7 +13,7 @@ from gtr_jax.files.plain import plain
 
 from ..number import OWN
 from ..setup import Part
-from .decide import ADEQUATE, AMBIGUOUS, MISSING, Decision
+from .decide import ADEQUATE, AMBIGUOUS, MISSING, PARTLY, Decision
 from .differ import Difference
 from .experiment import Experiment
 from .locate import Where
@@ -109,7 +109,8 @@ class Diagnosis:
     """What is missing from a robot's model.
 
     Attributes:
-        verdict: "adequate", "recordings-differ", "missing-physics", "ambiguous", "unexplained" or "bad-data".
+        verdict: "adequate", "recordings-differ", "missing-physics", "ambiguous", "partly-explained",
+            "unexplained" or "bad-data".
         says: the same in one or two sentences.
         named: terms that are missing: kinds, as robot files write them.
         confusion_set: sets of terms that the recordings do not tell apart, the most probable first.
@@ -235,17 +236,18 @@ class Diagnosis:
             for each in zip(*((loop.before, loop.after, loop.recorded) for loop in loops), strict=True)
         )
         verdict = DIFFER if differ and decision.verdict == ADEQUATE else decision.verdict
-        named = kinds(chosen.names) if verdict in (MISSING, AMBIGUOUS) else []
+        named = kinds(chosen.names) if verdict in (MISSING, AMBIGUOUS, PARTLY) else []
         confusion = list(map(list, dict.fromkeys(tuple(kinds(names)) for names in decision.confusion)))
+        alone = verdict == MISSING or (verdict == PARTLY and len(confusion) == 1)
         variants = []
-        if verdict == MISSING and len(decision.confusion) > len(confusion):
+        if alone and len(decision.confusion) > len(confusion):
             variants = ["Where is not told: " + " or ".join(" + ".join(n) for n in decision.confusion) + "."]
         files, faults = robot_files(decision, after, refitted, differ, config, fine)
         diagnosis = Diagnosis(
             verdict=verdict,
             says="",
-            named=named if verdict == MISSING else [],
-            confusion_set=confusion if verdict == AMBIGUOUS else ([named] if named else []),
+            named=named if alone else [],
+            confusion_set=([named] if named else []) if alone else confusion,
             probability={" + ".join(names): p for names, p in decision.probability.items()},
             named_probability=sum(
                 p for names, p in decision.probability.items() if named and set(named) <= set(kinds(names))
@@ -283,6 +285,15 @@ class Diagnosis:
             files=files,
         )
         return dataclasses.replace(diagnosis, says=sentence(diagnosis, chosen.names))
+
+    @property
+    def share_explained(self) -> float | None:
+        """Share of the misfit of T_tip beyond the noise, in squares, that the model shown takes: on samples the
+        fit has not seen where there are such, else on those fitted. None where nothing is missing.
+        """
+        ends = [h["rms_N"] for h in self.held_out] if len(self.held_out) > 1 else list(self.rms_N)
+        before, after = (max(end**2 - self.expected_N**2, 0.0) for end in (ends[0], ends[-1]))
+        return 1 - after / before if before > 0 and np.isfinite(before + after) else None
 
     def own(self, difference: Difference) -> dict[str, Change]:
         """The values of a number that differs, by recording."""
@@ -363,6 +374,7 @@ class Diagnosis:
                 for f in self.files
             ],
             "named": self.named,
+            "share_explained": self.share_explained,
             "confusion_set": self.confusion_set,
             "probability": self.probability,
             "named_probability": self.named_probability,

@@ -9,7 +9,7 @@ import numpy as np
 from gtr_jax.files.numbers import measured_quantity
 from gtr_jax.terms import REGISTRY
 
-from .decide import ADEQUATE, AMBIGUOUS, UNEXPLAINED, structured
+from .decide import ADEQUATE, AMBIGUOUS, PARTLY, UNEXPLAINED, structured
 from .differ import Difference
 
 if TYPE_CHECKING:
@@ -90,6 +90,13 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
         at = f" Most of it: {d.where[0].says}." if d.where else ""
         off = f"the fit is off by {d.rms_N[0]:.2g} N where the {_noise(d, ' is')}"
         return f"{what} {off}.{at}{nearest}"
+    sizes = ", ".join(
+        f"{c.name} = {measured_quantity(c.after, c.sd, c.unit)}{' (assumed)' if c.sd is None else ''}"
+        for c in d.parameters
+        if c.before is None
+    )
+    if d.verdict == PARTLY:
+        return _partly(d, sizes) + better
     mu = next((c for c in d.parameters if c.name == "mu"), None)
     moved = f" Friction goes from {mu.before:.3g} to {mu.after:.3g}." if mu and mu.before and mu.after else ""
     stays = ""
@@ -103,9 +110,20 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
         return f"Missing is {sets}: these recordings do not tell which.{better}{moved}{stays}"
     effects = "; ".join(REGISTRY[kind].says.rstrip(".") for kind in d.named)
     sure = "above 0.99" if d.named_probability > 0.99 else f"{d.named_probability:.2f}"
-    sizes = ", ".join(
-        f"{c.name} = {measured_quantity(c.after, c.sd, c.unit)}{' (assumed)' if c.sd is None else ''}"
-        for c in d.parameters
-        if c.before is None
-    )
     return f"Missing: {' and '.join(d.named)} (probability {sure}). {effects}: {sizes}.{better}{moved}{stays}"
+
+
+def _partly(d: Diagnosis, sizes: str) -> str:
+    """What explains part of the misfit, how much of it, and what is left and where."""
+    sets = [" with ".join(s) for s in d.confusion_set]
+    first = d.confusion_set[0]
+    what = f"{sets[0]} {'is' if len(first) == 1 else 'are'} missing ({sizes})"
+    if len(sets) > 1:
+        what += f"; these recordings do not rule out {' or '.join(sets[1:])} instead"
+    share = d.share_explained
+    takes = "" if share is None else f" That takes {100 * share:.0f} % of the misfit beyond the noise."
+    where = f", most of it {d.rest[0].says}" if d.rest else ""
+    return (
+        f"Part of the misfit is explained: {what}.{takes} Structure of {d.left[0]:.2g} standard deviations of the "
+        f"noise is left{where}: something more is missing."
+    )
