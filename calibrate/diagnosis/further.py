@@ -20,13 +20,14 @@ from .models import HOW_MANY, Models
 from .screen import Screened, screen
 from .search import ONE_EACH, SECOND_WORTH, refit_best
 
-# Effects that are tried at each stage, those of them that are judged on unseen samples, and the iterations of a
+# Effects that are tried at each stage, those of them that are judged on unseen samples, and iterations of a
 # refit.
 TRIED, JUDGED, ITERATIONS = 8, 3, 10
-# An effect is kept if it lowers the sum of squares of T_tip on unseen samples by this share. It has to be better
-# in most parts as well.
+# An effect is kept if it lowers the sum of squares of T_tip on unseen samples by this share, and is better in
+# most parts.
 PAYS = 0.1
-# Effects whose refits differ by less than this many variances of what is left are tried in one another's place.
+# Effects whose refits differ by less than this many variances of what is left are tried in place of each
+# other.
 NEAR = 8.0
 
 

@@ -288,8 +288,8 @@ class Diagnosis:
 
     @property
     def share_explained(self) -> float | None:
-        """Share of the misfit of T_tip beyond the noise, in squares, that the model shown takes: on samples the
-        fit has not seen where there are such, else on those fitted. None where nothing is missing.
+        """Share of the misfit of T_tip beyond the noise, in squares, that the model shown takes: on samples
+        the fit has not seen where there are such, else on those fitted. None where nothing is missing.
         """
         ends = [h["rms_N"] for h in self.held_out] if len(self.held_out) > 1 else list(self.rms_N)
         before, after = (max(end**2 - self.expected_N**2, 0.0) for end in (ends[0], ends[-1]))

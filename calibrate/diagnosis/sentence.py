@@ -124,6 +124,6 @@ def _partly(d: Diagnosis, sizes: str) -> str:
     takes = "" if share is None else f" That takes {100 * share:.0f} % of the misfit beyond the noise."
     where = f", most of it {d.rest[0].says}" if d.rest else ""
     return (
-        f"Part of the misfit is explained: {what}.{takes} Structure of {d.left[0]:.2g} standard deviations of the "
-        f"noise is left{where}: something more is missing."
+        f"Part of the misfit is explained: {what}.{takes} Structure of {d.left[0]:.2g} standard deviations of "
+        f"the noise is left{where}: something more is missing."
     )

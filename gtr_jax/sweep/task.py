@@ -22,7 +22,7 @@ from gtr_jax.files.table import read_table
 from gtr_jax.robot.build import build_robot, choose_intervals
 from gtr_jax.robot.parameters import term_of
 from gtr_jax.robot.robot import Robot
-from gtr_jax.terms import REGISTRY
+from gtr_jax.terms import REGISTRY, known_on
 
 from .axes import Axis, axes_of, check_values, find
 from .config import SweepConfig, sweep_text
