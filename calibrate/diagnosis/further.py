@@ -9,12 +9,12 @@ not seen.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from ..parallel import in_parallel
-from .heldout import held_out
+from .heldout import by_fold
 from .model import Fitted, model_of
 from .models import HOW_MANY, Models
 from .screen import Screened, screen
@@ -22,10 +22,10 @@ from .search import ONE_EACH, SECOND_WORTH, refit_best
 
 # Effects that are tried at each stage, those of them that are judged on unseen samples, and iterations of a
 # refit.
-TRIED, JUDGED, ITERATIONS = 8, 3, 10
+TRIED, JUDGED, ITERATIONS = 6, 2, 8
 # An effect is kept if it lowers the sum of squares of T_tip on unseen samples by this share, and is better in
-# most parts.
-PAYS = 0.1
+# more than this share of the parts.
+PAYS, MOST_PARTS = 0.1, 0.5
 # Effects whose refits differ by less than this many variances of what is left are tried in place of each
 # other.
 NEAR = 8.0
@@ -43,19 +43,19 @@ def with_further(models: Models, start: Fitted, progress: Callable[[str], None])
     Returns:
         The best model found: `start` if nothing pays.
     """
-    head, instead = start, _alike(models, start)
+    head, instead, unseen = start, _alike(models, start), _Unseen(models)
     while len(head.names) + 1 < len(HOW_MANY):
         progress(f"adding to {' + '.join(head.names) or 'the base model'} what pays on unseen samples")
         fits = _refitted_beside(models, head)
         models.add(fits)
-        best = _paying(models, head, fits[:JUDGED])
+        best = unseen.best(head, fits[:JUDGED])
         if best is None:
             break
         new = _new(best, head)
         near = NEAR * models.scale_beside(best)
         instead[new] = tuple(_new(f, head) for f in fits if f is not best and f.cost - best.cost < near)
         head = best
-    head = _without_idle(models, head, start)
+    head = _without_idle(models, unseen, head, start)
     _swapped(models, head, instead)
     return head
 
@@ -86,21 +86,42 @@ def _refitted_beside(models: Models, head: Fitted) -> list[Fitted]:
     return sorted((f for f in fits if f.cost < head.cost), key=lambda f: f.cost)
 
 
-def _paying(models: Models, head: Fitted, fits: list[Fitted]) -> Fitted | None:
-    """The fit that predicts unseen samples best, if it does so better than the head by enough; else None."""
-    if not fits:
-        return None
-    judged = [head, *fits]
-    scores = held_out(models.bench, [(models.hypotheses(f.names), f) for f in judged])
-    squares = [score["rms_N"] ** 2 for score in scores]
-    best = int(np.nanargmin(squares)) if np.isfinite(squares).any() else 0
-    if best == 0 or not squares[best] < (1 - PAYS) * squares[0]:
-        return None
-    better = held_out(models.bench, [(models.hypotheses(f.names), f) for f in (head, judged[best])])
-    return judged[best] if better[1]["best_in"] > better[1]["folds"] / 2 else None
+class _Unseen:
+    """How well models predict unseen samples; each is judged once.
+
+    Args:
+        models: all that were refitted.
+    """
+
+    def __init__(self, models: Models):
+        self.models = models
+        self._known: dict[tuple[str, ...], np.ndarray] = {}
+
+    def squares(self, fits: Sequence[Fitted]) -> np.ndarray:
+        """Sum of squares of T_tip [N²] of each model on each part, (models, folds); infinite where a refit
+        fails.
+        """
+        new = [f for f in fits if f.names not in self._known]
+        if new:
+            found = by_fold(self.models.bench, [(self.models.hypotheses(f.names), f) for f in new])
+            for f, folds in zip(new, found, strict=True):
+                self._known[f.names] = np.where(folds[:, 1] > 0, folds[:, 0], np.inf)
+        return np.stack([self._known[f.names] for f in fits])
+
+    def best(self, head: Fitted, fits: Sequence[Fitted]) -> Fitted | None:
+        """The fit that predicts unseen samples best, if it does so better than the head by enough, and in most
+        parts; else None.
+        """
+        if not fits:
+            return None
+        squares = self.squares([head, *fits])
+        total = squares.sum(axis=1)
+        best = 1 + int(np.argmin(total[1:]))
+        better = np.mean(squares[best] < squares[0])
+        return fits[best - 1] if total[best] < (1 - PAYS) * total[0] and better > MOST_PARTS else None
 
 
-def _without_idle(models: Models, head: Fitted, start: Fitted) -> Fitted:
+def _without_idle(models: Models, unseen: _Unseen, head: Fitted, start: Fitted) -> Fitted:
     """The model without effects that no longer pay beside the others."""
     while len(head.names) > max(len(start.names), 1):
         smaller = [tuple(n for n in head.names if n != name) for name in head.names]
@@ -111,13 +132,13 @@ def _without_idle(models: Models, head: Fitted, start: Fitted) -> Fitted:
 
         fits = [f for f in in_parallel(refit, smaller) if f is not None]
         models.add(fits)
-        judged = [head, *fits]
-        scores = held_out(models.bench, [(models.hypotheses(f.names), f) for f in judged])
-        squares = np.asarray([score["rms_N"] ** 2 for score in scores])
-        least = 1 + int(np.argmin(squares[1:])) if fits else 0
-        if least == 0 or not squares[0] > (1 - PAYS) * squares[least]:
+        if not fits:
             return head
-        head = judged[least]
+        total = unseen.squares([head, *fits]).sum(axis=1)
+        least = 1 + int(np.argmin(total[1:]))
+        if total[0] < (1 - PAYS) * total[least]:
+            return head
+        head = fits[least - 1]
     return head
 
 
