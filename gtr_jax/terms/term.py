@@ -10,6 +10,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 Values = Mapping[str, Float[Array, ""]]
@@ -117,6 +118,8 @@ class Term:
             the neighbouring section instead of against the base.
         relaxes: whether the body goes on bending where the tendon is locked, and carries it along; the first
             number that `bend` remembers is then its moment over EI.
+        loosens: whether `friction` falls with time where the tendon is locked, so that the tension held there
+            relaxes.
         reads_speed: whether `friction` depends on the speed of the slip in the previous load step.
         friction: factor on the friction coefficient of an interval, from a `Channel`.
         by_pressure: factor on the friction coefficient, from the line pressure [N/m].
@@ -151,6 +154,7 @@ class Term:
     timed: bool = False
     creeps: bool = False
     relaxes: bool = False
+    loosens: bool = False
     reads_speed: bool = False
     friction: Callable[[Values, Channel], Array] | None = None
     by_pressure: Callable[[Values, Array], Array] | None = None
@@ -187,3 +191,9 @@ class Term:
 def along(time: Float[Array, " K"], values: Float[Array, "K *tendons"]) -> Float[Array, "K *one"]:
     """Times of the samples, shaped to broadcast with values of one tendon or of several."""
     return time.reshape(-1, *[1] * (values.ndim - 1))
+
+
+def rise(x: Float[Array, "..."]) -> Float[Array, "..."]:
+    """A smooth step from 0 at x = 0 to 1 at x = 1, continuously differentiable."""
+    x = jnp.where(x > 0, jnp.where(x < 1, x, 1.0), 0.0)
+    return x * x * (3.0 - 2.0 * x)
