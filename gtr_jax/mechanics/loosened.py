@@ -46,8 +46,8 @@ def after_loosening(case: Case, load: Load, memory: Memory) -> Float[Array, " N"
     left = steep * jnp.where(loosens, now / jnp.where(was > 0, was, 1.0), 1.0)
     turn = _turning(case)
     holds = [friction(case, sense) * turn for sense in (1.0, -1.0)]
-    down, up = (jnp.exp(jnp.where(hold > left, hold, left)) for hold in holds)
-    return jnp.where(jnp.any(loosens), _relaxed(case, tension, 1 / down, up), memory.tension)
+    down, up = (jnp.where(hold > left, hold, left) for hold in holds)
+    return jnp.where(jnp.any(loosens), _relaxed(case, tension, down, up), memory.tension)
 
 
 def _factor(case: Case, time: Float[Array, ""]) -> Float[Array, " N"]:
@@ -71,38 +71,38 @@ def _turning(case: Case) -> Float[Array, " N"]:
 
 
 def _relaxed(case: Case, tension, down, up) -> Float[Array, " N"]:
-    """The tension after the slip, from that before it [N], which may fall from each node to the next by no more
-    than a factor `down` and rise by no more than `up`.
+    """The tension after the slip, from that before it [N], where friction since the preceding node can hold that
+    its logarithm falls by `down` or rises by `up`, (N,) each.
     """
-    s, kappa, nodes = case.sections, case.memory.kappa, jnp.arange(tension.shape[0])
+    s, kappa, nodes = case.sections, case.memory.kappa, jnp.arange(tension.shape[0])[None, :]
     gives = RIGID + total(case, "strain", tension + 1.0) - total(case, "strain", tension)
     nu = channel.metric_factor(kappa, s.R)
     compliance = gives * nu + s.compliance * channel.moment_arm(kappa, s.R) ** 2
-    at_anchor = total(case, "anchor", tension[-1] + 1.0) - total(case, "anchor", tension[-1])
+    anchor = total(case, "anchor", tension[-1] + 1.0) - total(case, "anchor", tension[-1])
     # Rows: slip from the base towards the base, and towards the tip. Columns: the node of the front.
-    lines = tension[0] * jnp.stack([jnp.cumprod(down), jnp.cumprod(up)])
-    scale = lines / tension
+    lines = tension[0] * jnp.exp(jnp.stack([-jnp.cumsum(down), jnp.cumsum(up)]))
+    scale = lines / tension[None, :]
 
     def node(carry, row):
-        now, drawn, longer = carry
+        now, slip, longer = carry
         at, own, line, fall, climb, weight, length = row
-        held = clip(scale * own, now * fall, now * climb)
-        new = jnp.where(nodes[None, :] >= at, line[:, None], held)
+        held = clip(scale * own, now * jnp.exp(-fall), now * jnp.exp(climb))
+        new = jnp.where(nodes >= at, line[:, None], held)
         more = weight * (new - own)
-        drawn = drawn + jnp.where(nodes[None, :] >= at, 0.0, 0.5 * length * (more + longer))
-        return (new, drawn, more), new
+        slip = slip + jnp.where(nodes >= at, 0.0, 0.5 * length * (more + longer))
+        return (new, slip, more), new
 
-    rows = (nodes, tension, lines.T, down, up, compliance, s.mesh.interval.length)
-    start = (jnp.zeros_like(lines) + tension[0], jnp.zeros_like(lines), jnp.zeros_like(lines))
-    (last, drawn, _), profiles = jax.lax.scan(node, start, rows)
-    drawn = drawn + at_anchor * (last - tension[-1])
-    towards_base = drawn[0, 0] > 0
-    slip = jnp.where(towards_base, drawn[0], -drawn[1])
-    along = jnp.where(towards_base, profiles[:, 0], profiles[:, 1])
-    over = slip <= 0
-    first = over & (jnp.cumsum(jnp.where(over, 1.0, 0.0)) == 1.0)
-    earlier = shifted(slip)
-    gap = earlier - slip
-    share = jnp.where(first & (nodes > 0), slip / jnp.where(gap > 0, gap, 1.0), 0.0)
-    # Where no slip at all is needed, the front is at the base.
-    return jnp.sum(along * (jnp.where(first, 1.0, 0.0) + share - shifted(share[::-1])[::-1])[None, :], axis=1)
+    nothing = jnp.zeros_like(lines)
+    rows = (nodes[0], tension, lines.T, down, up, compliance, s.mesh.interval.length)
+    (last, slip, _), profiles = jax.lax.scan(node, (nothing + tension[0], nothing, nothing), rows)
+    slip = slip + anchor * (last - tension[-1])
+    pulls = slip[0, 0] > 0
+    left = jnp.where(pulls, slip[0], -slip[1])
+    profiles = jnp.where(pulls, profiles[:, 0], profiles[:, 1])
+    # The first front whose slip has changed its sign, and the share of the front before it.
+    turned = left <= 0
+    first = turned & (jnp.cumsum(jnp.where(turned, 1.0, 0.0)) == 1.0)
+    gap = shifted(left) - left
+    earlier = jnp.where(first & (nodes[0] > 0), -left / jnp.where(gap > 0, gap, 1.0), 0.0)
+    shares = jnp.where(first, 1.0, 0.0) - earlier + shifted(earlier[::-1])[::-1]
+    return jnp.sum(profiles * shares[None, :], axis=1)

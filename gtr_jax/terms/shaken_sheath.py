@@ -9,11 +9,6 @@ def shaking(p, time):
     return rise((time - p["time"]) / p["edge"]) * rise((end - time) / p["edge"])
 
 
-def fault(values, length):
-    """Why no shaking can have these numbers; empty if one can."""
-    return "" if values["duration"] > 0 and values["edge"] > 0 else "duration and edge must be above 0"
-
-
 TERM = Term(
     id="shaken-sheath",
     says="The sheath is shaken or knocked for a while, and friction is lower meanwhile.",
@@ -39,7 +34,6 @@ TERM = Term(
             size=False,
         ),
     ),
-    fault=fault,
     timed=True,
     loosens=True,
     friction=lambda p, at: 1 - p["share"] * shaking(p, at.time),

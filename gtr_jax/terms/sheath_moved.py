@@ -3,11 +3,6 @@
 from .term import Quantity, Term, rise
 
 
-def fault(values, length):
-    """Why no move can have these numbers; empty if one can."""
-    return "" if values["duration"] > 0 else "duration must be above 0"
-
-
 TERM = Term(
     id="sheath-moved",
     says="The sheath is moved, or a clamp slips: its wrap, and with it friction, differs from then on.",
@@ -23,7 +18,6 @@ TERM = Term(
             "duration", "s", 0.1, 0.5, "How long the move takes.", (0.01, 5.0), 0.0, log=True, size=False
         ),
     ),
-    fault=fault,
     timed=True,
     loosens=True,
     friction=lambda p, at: 1 + p["change"] * rise((at.time - p["time"]) / p["duration"]),
