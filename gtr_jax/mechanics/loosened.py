@@ -41,13 +41,19 @@ def after_loosening(case: Case, load: Load, memory: Memory) -> Float[Array, " N"
     case = dataclasses.replace(case, load=load, memory=memory)
     now, was = (_factor(case, time) for time in (load.time, load.time - load.dt))
     loosens = now < was
+    return jax.lax.cond(jnp.any(loosens), lambda: _after(case, now, was), lambda: memory.tension)
+
+
+def _after(case: Case, now: Float[Array, " N"], was: Float[Array, " N"]) -> Float[Array, " N"]:
+    """The tension after friction has fallen to a share `now`, from a share `was`, of what it is without."""
+    memory, loosens = case.memory, now < was
     tension = jnp.where(memory.tension > LEAST, memory.tension, LEAST)
     steep = jnp.abs(jnp.diff(jnp.log(tension), prepend=jnp.log(tension[:1])))
     left = steep * jnp.where(loosens, now / jnp.where(was > 0, was, 1.0), 1.0)
     turn = _turning(case)
     holds = [friction(case, sense) * turn for sense in (1.0, -1.0)]
     down, up = (jnp.where(hold > left, hold, left) for hold in holds)
-    return jnp.where(jnp.any(loosens), _relaxed(case, tension, down, up), memory.tension)
+    return _relaxed(case, tension, down, up)
 
 
 def _factor(case: Case, time: Float[Array, ""]) -> Float[Array, " N"]:

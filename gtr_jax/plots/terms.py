@@ -47,7 +47,7 @@ def plot_term(term: Term, loops: Loops, fast: float) -> Figure:
     slow = loops.time <= fast
     both = (slow, np.append(~slow[1:], True))
     right, scale, label = loops.angle, 180 / np.pi, "angle of the tip [°]"
-    if term.strain is not None:
+    if term.strain is not None or term.ahead is not None:
         right, scale, label = loops.displacement, 1e3, "tendon drawn out at the base [mm]"
     for ax, (without, with_it) in zip(axes, (loops.T_tip, tuple(scale * a for a in right)), strict=True):
         for part in both:

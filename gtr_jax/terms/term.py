@@ -135,6 +135,7 @@ class Term:
         remembers: how many numbers `bend` remembers.
         strain: of the tendon, from its tension [N].
         anchor: how far the anchor gives way [m], from the tension there [N].
+        ahead: stretch of the tendon ahead of the channel [m], from the base tension [N].
         loads: the external loads, from those of the robot.
         stop: force of a stop on the tip [N] against `stop_angle`, from the tip's place along it [m], affine;
             none acts where that is negative.
@@ -169,6 +170,7 @@ class Term:
     remembers: int = 0
     strain: Callable[[Values, Array], Array] | None = None
     anchor: Callable[[Values, Array], Array] | None = None
+    ahead: Callable[[Values, Array], Array] | None = None
     loads: Callable[[Values, Any], Any] | None = None
     stop: Callable[[Values, Array], Array] | None = None
     stop_angle: Callable[[Values], Array] | None = None
@@ -179,8 +181,8 @@ class Term:
 
     @property
     def of_cells(self) -> bool:
-        """Whether it concerns the load cells only, not what they measure."""
-        return bool(self.tip or self.base)
+        """Whether it concerns only the load cells, or the place where displacement is measured, not the robot."""
+        return bool(self.tip or self.base or self.ahead)
 
     @property
     def sizes(self) -> tuple[Quantity, ...]:
