@@ -65,7 +65,7 @@ VARIANTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "contact": {"": ("stiffness", "distance")},
 }
 # Events: their free time lets them fit any bump, so that none is offered until a misfit is located in time.
-EVENTS = {"shaken-sheath", "sheath-moved"}
+EVENTS = {kind for kind, term in REGISTRY.items() if term.event}
 # Terms without an effect on anything that varies, or read from the samples themselves.
 NEVER = {"quantisation"}
 # Shortest presliding length [m]: a little below what is usual. Shooting from the base becomes ill-conditioned

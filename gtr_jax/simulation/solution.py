@@ -103,7 +103,10 @@ def slip_without_stretch(s: Sections, settled: State, y: State) -> Float[Array, 
 
 
 def drawn_out(
-    terms: Mapping[str, Values], slip: Float[Array, "*at"], T_base: Float[Array, "*at"], preload: Float[Array, "*any"]
+    terms: Mapping[str, Values],
+    slip: Float[Array, "*at"],
+    T_base: Float[Array, "*at"],
+    preload: Float[Array, "*any"],
 ) -> Float[Array, "*at"]:
     """Tendon drawn out at the base since it was strung [m]: its slip into the channel, and what it has stretched
     ahead of it.

@@ -19,7 +19,9 @@ TERM = Term(
     told_apart="Shake the rig on purpose, in a hold, and look at a video or an accelerometer.",
     source="dither lowers Coulomb friction: Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30, 1994",
     quantities=(
-        Quantity("share", "dimensionless", 0.0, 0.5, "Share of friction that is lost.", (0.05, 1.0), 0.0, 1.0),
+        Quantity(
+            "share", "dimensionless", 0.0, 0.5, "Share of friction that is lost.", (0.05, 1.0), 0.0, 1.0
+        ),
         Quantity("time", "s", 0.0, 50.0, "When it begins.", (0.0, 600.0), size=False),
         Quantity("duration", "s", 1.0, 2.0, "How long it lasts.", (0.05, 20.0), 0.0, log=True, size=False),
         Quantity(
@@ -35,6 +37,7 @@ TERM = Term(
         ),
     ),
     timed=True,
+    event=True,
     loosens=True,
     friction=lambda p, at: 1 - p["share"] * shaking(p, at.time),
 )

@@ -19,6 +19,7 @@ TERM = Term(
         ),
     ),
     timed=True,
+    event=True,
     loosens=True,
     friction=lambda p, at: 1 + p["change"] * rise((at.time - p["time"]) / p["duration"]),
 )

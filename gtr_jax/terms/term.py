@@ -118,6 +118,7 @@ class Term:
             the neighbouring section instead of against the base.
         relaxes: whether the body goes on bending where the tendon is locked, and carries it along; the first
             number that `bend` remembers is then its moment over EI.
+        event: whether it happens once, at a time of its own.
         loosens: whether `friction` falls with time where the tendon is locked, so that the tension held there
             relaxes.
         reads_speed: whether `friction` depends on the speed of the slip in the previous load step.
@@ -155,6 +156,7 @@ class Term:
     timed: bool = False
     creeps: bool = False
     relaxes: bool = False
+    event: bool = False
     loosens: bool = False
     reads_speed: bool = False
     friction: Callable[[Values, Channel], Array] | None = None

@@ -25,7 +25,9 @@ TERM = Term(
     "rate.",
     quantities=(
         Quantity("delay", "s", 0.0, 0.05, "How late the tip's cell is at the start.", (-1.0, 1.0)),
-        Quantity("rate", "dimensionless", 0.0, 1e-3, "How much later it gets per time, in s per s.", (-1e-2, 1e-2)),
+        Quantity(
+            "rate", "dimensionless", 0.0, 1e-3, "How much later it gets per time, in s per s.", (-1e-2, 1e-2)
+        ),
     ),
     timed=True,
     tip=lambda p, T, at: late(p, T, at.time),
