@@ -277,6 +277,7 @@ def hypotheses_of(robot: Robot, base: Fitted, parts: Sequence[Part]) -> list[Hyp
         largest_tip=max(float(np.max(p.T_tip)) for p in parts),
         travel=np.asarray([tip_y.min(), tip_y.max()]),
         bend=_bend(robot, base, parts[0]),
+        displaced=any("displacement" in p.channels for p in parts),
     )
 
 
