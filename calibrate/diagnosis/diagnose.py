@@ -32,8 +32,8 @@ from .search import SHORTLIST, WORTH, combine, refit_best
 
 # Number of best models that are refitted to all samples, and that are corrected to a fine mesh before.
 FINAL, REFINED = 4, 3
-# Samples above which episodes are left out though no effect explains the rest: in few, an episode is one reading
-# in ten.
+# Samples above which episodes are left out though no effect explains the rest: in a short recording, an
+# episode would be one reading in ten.
 LONG = 1000
 
 

@@ -1,8 +1,8 @@
 """Where in time a simulation and a recording part: episodes, each with what both cells did and what the model
 thought.
 
-The map by phase and tension (`locate`) shows laws that are wrong wherever they apply. What happens once, a knock
-on the sheath, a tip end that is moved, a burst of stick-slip, shows in time.
+The map by phase and tension (`locate`) shows laws that are wrong wherever they apply. What happens once, a
+knock on the sheath, a tip end that is moved, a burst of stick-slip, shows in time.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from ..setup import Part
 from .bench import Bench
 from .model import Fitted
 
-# A sample belongs to an episode beyond this many standard deviations of its noise, and beyond this many of the
-# misfit elsewhere: a law that is wrong everywhere makes no episodes.
+# A sample belongs to an episode beyond this many standard deviations of its noise, and beyond this many of
+# the misfit elsewhere: a law that is wrong everywhere makes no episodes.
 NOISE, ELSEWHERE = 4.0, 3.0
-# An episode goes on through this many samples within these limits; it has this many samples beyond them, and this
-# share of the misfit of its recording.
+# An episode goes on through this many samples within these limits; it has this many samples beyond them, and
+# this share of the misfit of its recording.
 GAP, FEWEST, LEAST = 3, 3, 0.02
 # Episodes reported for each recording.
 MOST = 8
@@ -39,7 +39,7 @@ ALONE, RELAXES, TOGETHER, SLIPPING, MIXED = (
     "mixed",
 )
 WORDS = {
-    ALONE: "the tip's tension moves while the base's stands and friction should hold it: was the tip end moved?",
+    ALONE: "the tip moves while the base stands and friction should hold it: was the tip end moved?",
     RELAXES: "both tensions relax towards each other while friction should hold them: was the sheath shaken?",
     TOGETHER: "the tip follows the base while friction should hold it",
     SLIPPING: "the loss differs while the tendon slips",
@@ -101,12 +101,13 @@ def episodes(bench: Bench, fitted: Fitted) -> list[Episode]:
 
 
 def _runs(row: np.ndarray, sd: np.ndarray, counted: np.ndarray) -> list[tuple[int, int]]:
-    """First and last samples of the stretches in which a residual stands out, (K,) each given."""
+    """First and last samples of the stretches in which a residual stands out on one side, (K,) each given."""
     usual = MAD_TO_SD * float(np.median(np.abs(row[counted]))) if counted.any() else 0.0
     out = np.flatnonzero(counted & (np.abs(row) > np.maximum(NOISE * sd, ELSEWHERE * usual)))
     if not out.size:
         return []
-    groups = np.split(out, 1 + np.flatnonzero(np.diff(out) > GAP))
+    apart = (np.diff(out) > GAP) | (np.diff(np.sign(row[out])) != 0)
+    groups = np.split(out, 1 + np.flatnonzero(apart))
     return [(int(g[0]), int(g[-1])) for g in groups if len(g) >= FEWEST]
 
 

@@ -14,7 +14,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..parallel import in_parallel
+from .episodes import episodes
+from .events import event_hypotheses
 from .heldout import by_fold
+from .hypotheses import EVENTS
 from .model import Fitted, model_of
 from .models import HOW_MANY, Models
 from .screen import Screened, screen
@@ -26,6 +29,11 @@ TRIED, JUDGED, ITERATIONS = 6, 2, 8
 # An effect is kept if it lowers the sum of squares of T_tip on unseen samples by this share, and is better in
 # more than this share of the parts.
 PAYS, MOST_PARTS = 0.1, 0.5
+# Other cycles do not tell when an event happens. It is kept if the cost drops by this many variances of what
+# is left, correlation counted, and by `PAYS`.
+SURE = 25.0
+# The rivals are refitted until the cost falls by less than this, at most so often.
+SMALL, MOST_ROUNDS = 0.5, 4
 # Effects whose refits differ by less than this many variances of what is left are tried in place of each
 # other.
 NEAR = 8.0
@@ -48,7 +56,7 @@ def with_further(models: Models, start: Fitted, progress: Callable[[str], None])
         progress(f"adding to {' + '.join(head.names) or 'the base model'} what pays on unseen samples")
         fits = _refitted_beside(models, head)
         models.add(fits)
-        best = unseen.best(head, fits[:JUDGED])
+        best = _event(models, head, fits) or unseen.best(head, fits[:JUDGED])
         if best is None:
             break
         new = _new(best, head)
@@ -56,13 +64,15 @@ def with_further(models: Models, start: Fitted, progress: Callable[[str], None])
         instead[new] = tuple(_new(f, head) for f in fits if f is not best and f.cost - best.cost < near)
         head = best
     head = _without_idle(models, unseen, head, start)
-    _swapped(models, head, instead)
-    return head
+    rivals = _settled(models, [head, *_swapped(models, head, instead)])
+    probability = models.beside(head)
+    return max(rivals, key=lambda f: probability[f.names])
 
 
 def _alike(models: Models, start: Fitted) -> dict[str, tuple[str, ...]]:
     """For each effect of a model, those with which it would be about as good instead."""
-    near, found = NEAR * models.scale_beside(start), dict.fromkeys(start.names, ())
+    near = NEAR * models.scale_beside(start)
+    found: dict[str, tuple[str, ...]] = dict.fromkeys(start.names, ())
     for f in models.fits.values():
         other, own = set(f.names) - set(start.names), set(start.names) - set(f.names)
         if len(f.names) == len(start.names) and len(other) == 1 and abs(f.cost - start.cost) < near:
@@ -77,13 +87,27 @@ def _new(fitted: Fitted, head: Fitted) -> str:
 def _refitted_beside(models: Models, head: Fitted) -> list[Fitted]:
     """The most promising further effects, refitted beside those of a model, the best first."""
     bench, taken = models.bench, {n.name for n in head.numbers}
-    others = [h for h in models.of.values() if not taken & {n.name for n in h.numbers}]
-    screened = screen(bench, head, others, thorough=False)
-    wanted: list[Screened] = [s for s in screened if s.gain > SECOND_WORTH][:TRIED]
+    others = [
+        h for h in models.of.values() if h.kind not in EVENTS and not taken & {n.name for n in h.numbers}
+    ]
+    events = event_hypotheses(bench, episodes(bench, head), [models.of[n].kind for n in head.names])
+    models.of |= {h.name: h for h in events}
+    screened: list[Screened] = [*screen(bench, head, others, thorough=False), *screen(bench, head, events)]
+    screened.sort(key=lambda s: -s.gain)
+    wanted = [s for s in screened if s.gain > SECOND_WORTH][:TRIED]
     own = models.hypotheses(head.names)
     fits = refit_best(bench, own, head, wanted, ONE_EACH, ITERATIONS)
     # A fit with more effects must not be worse than its parent: that is where it is null.
     return sorted((f for f in fits if f.cost < head.cost), key=lambda f: f.cost)
+
+
+def _event(models: Models, head: Fitted, fits: Sequence[Fitted]) -> Fitted | None:
+    """The best of some fits, if it adds an event that is sure beside all that is left."""
+    best = next(iter(fits), None)
+    if best is None or models.of[_new(best, head)].kind not in EVENTS:
+        return None
+    sure = head.cost - best.cost > SURE * models.scale_beside(best)
+    return best if sure and best.chi2 < (1 - PAYS) * head.chi2 else None
 
 
 class _Unseen:
@@ -109,8 +133,8 @@ class _Unseen:
         return np.stack([self._known[f.names] for f in fits])
 
     def best(self, head: Fitted, fits: Sequence[Fitted]) -> Fitted | None:
-        """The fit that predicts unseen samples best, if it does so better than the head by enough, and in most
-        parts; else None.
+        """The fit that predicts unseen samples best, if it does so better than the head by enough, and in
+        most parts; else None.
         """
         if not fits:
             return None
@@ -142,8 +166,24 @@ def _without_idle(models: Models, unseen: _Unseen, head: Fitted, start: Fitted) 
     return head
 
 
-def _swapped(models: Models, head: Fitted, instead: dict[str, tuple[str, ...]]) -> None:
-    """Refit the model with each of its effects replaced by one that did nearly as well."""
+def _settled(models: Models, fits: Sequence[Fitted]) -> list[Fitted]:
+    """Models refitted until the cost no longer falls: twins must not differ by where a descent stopped."""
+
+    def settle(f: Fitted) -> Fitted:
+        for _ in range(MOST_ROUNDS):
+            again = models.bench.refit(models.hypotheses(f.names), f.x)
+            if again is None or again.cost > f.cost - SMALL:
+                break
+            f = again
+        return f
+
+    settled = in_parallel(settle, list(fits))
+    models.add(settled)
+    return settled
+
+
+def _swapped(models: Models, head: Fitted, instead: dict[str, tuple[str, ...]]) -> list[Fitted]:
+    """The model with each of its effects replaced by one that did nearly as well, refitted."""
     known = {n.name: v for n, v in zip(head.numbers, head.x, strict=True)}
 
     def refit(item):
@@ -156,4 +196,4 @@ def _swapped(models: Models, head: Fitted, instead: dict[str, tuple[str, ...]]) 
         return models.bench.refit(models.hypotheses(names), start, exact=False)
 
     items = [(name, o) for name in head.names for o in instead.get(name, ()) if o not in head.names]
-    models.add([f for f in in_parallel(refit, items) if f is not None])
+    return [f for f in in_parallel(refit, items) if f is not None]

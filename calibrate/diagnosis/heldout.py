@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from ..number import OWN
 from ..parallel import in_parallel
 from .bench import Bench
-from .hypotheses import Hypothesis
+from .hypotheses import EVENTS, Hypothesis
 from .locate import cycles_of
 from .model import Fitted
 
@@ -36,10 +37,27 @@ def folds(bench: Bench) -> list[tuple[str, list[np.ndarray]]]:
     return [(f"stretch {f + 1} of {FOLDS}", [s == f for s in shares]) for f in range(FOLDS)]
 
 
+def _when_known(hypotheses: Sequence[Hypothesis], fitted: Fitted) -> tuple[list[Hypothesis], np.ndarray]:
+    """The hypotheses with the times of events fixed where the whole recording puts them, and where to start:
+    nothing in other cycles tells when an event happens, as a note in the lab book would.
+    """
+    fixed = {n.name for h in hypotheses if h.kind in EVENTS for n in h.numbers[1:]}
+    own = [
+        dataclasses.replace(
+            h,
+            numbers=tuple(n for n in h.numbers if n.name not in fixed),
+            fixed={**h.fixed, **{n.name: fitted.values[n.name] for n in h.numbers if n.name in fixed}},
+        )
+        for h in hypotheses
+    ]
+    kept = [n.name not in fixed for n in fitted.numbers]
+    return own, fitted.x[np.asarray(kept)]
+
+
 def by_fold(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]) -> np.ndarray:
-    """What each model leaves of each part when it is refitted to the others, (models, folds, 4): sum of squares
-    [N²] and number of the samples of T_tip, sum of squares and number of all whitened rows; zeros where the
-    refit fails.
+    """What each model leaves of each part when it is refitted to the others, (models, folds, 4): sum of
+    squares [N²] and number of the samples of T_tip, sum of squares and number of all whitened rows; zeros
+    where the refit fails.
 
     Args:
         bench: the recordings.
@@ -47,11 +65,12 @@ def by_fold(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]])
     """
     parts = folds(bench)
     jobs = [(m, f) for m in range(len(models)) for f in range(len(parts))]
+    known = [_when_known(hypotheses, fitted) for hypotheses, fitted in models]
 
     def one(job):
         m, f = job
-        hypotheses, fitted = models[m]
-        again = bench.without(parts[f][1]).refit(hypotheses, fitted.x, most=4, exact=False)
+        hypotheses, start = known[m]
+        again = bench.without(parts[f][1]).refit(hypotheses, start, most=4, exact=False)
         squares, n, chi, rows = 0.0, 0, 0.0, 0
         if again is None:
             return squares, n, chi, rows

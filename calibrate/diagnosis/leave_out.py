@@ -60,18 +60,21 @@ def asked_for(
         InputError: a stretch that holds no sample of any recording, or recordings without time.
     """
     found: dict[str, list[Stretch]] = {name: [] for name in recordings}
-    for start, end in exclude:
-        for name, recording in recordings.items():
-            if recording.time is None:
-                raise InputError(f"{recording.path}: --exclude needs a column time_s; add it")
-            inside = np.flatnonzero((recording.time >= start) & (recording.time <= end))
-            if inside.size:
-                found[name].append(Stretch(int(inside[0]), int(inside[-1]), ASKED))
-        if not any(stretch for stretches in found.values() for stretch in stretches):
-            times = ", ".join(f"{r.time[0]:g} to {r.time[-1]:g} s" for r in recordings.values())
+    times = {}
+    for name, recording in recordings.items() if exclude else ():
+        if recording.time is None:
             raise InputError(
-                f"--exclude {start:g}:{end:g}: no sample lies there; the recordings last {times}"
+                f"{recording.path}: --exclude needs the time of the samples; add a column time_s"
             )
+        times[name] = recording.time
+    for start, end in exclude:
+        inside = {name: np.flatnonzero((t >= start) & (t <= end)) for name, t in times.items()}
+        if not any(places.size for places in inside.values()):
+            last = ", ".join(f"from {t[0]:g} to {t[-1]:g} s" for t in times.values())
+            raise InputError(f"--exclude {start:g}:{end:g}: no sample lies there; the recordings last {last}")
+        for name, places in inside.items():
+            if places.size:
+                found[name].append(Stretch(int(places[0]), int(places[-1]), ASKED))
     return found
 
 

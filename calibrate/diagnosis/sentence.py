@@ -103,8 +103,9 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
     outside = any(e.why != ASKED for e in d.left_out)
     if d.verdict == UNEXPLAINED and outside and not structured(d.left):
         return (
-            "Something from outside acts on the tendon in short episodes, which no term of the catalogue explains. "
-            f"In the rest nothing is missing: the residual is {d.rms_N[0]:.2g} N where the {_noise(d, ' is')}."
+            "Something from outside acts on the tendon in short episodes, which no term of the catalogue "
+            f"explains. In the rest nothing is missing: the residual is {d.rms_N[0]:.2g} N where the "
+            f"{_noise(d, ' is')}."
         )
     if d.verdict == UNEXPLAINED:
         nearest = ""
@@ -157,7 +158,7 @@ def _partly(d: Diagnosis, sizes: str) -> str:
     rest = " In the rest nothing is left but noise."
     if structured(d.left):
         rest = (
-            f" Structure of {d.left[0]:.2g} standard deviations of the noise is left{where}: something more is "
-            "missing."
+            f" Structure of {d.left[0]:.2g} standard deviations of the noise is left{where}: something more "
+            "is missing."
         )
     return f"Part of the misfit is explained: {what}.{takes}{rest}"
