@@ -202,7 +202,7 @@ def _tables(answer: Diagnosis) -> list[Table]:
         (
             "Episodes",
             [(e.says, f"{100 * e.share:.0f} %") for e in answer.episodes],
-            "Stretches of time in which the model that is shown and the recording part, by more than the noise "
+            "Stretches of time in which the model that is shown and the recording part, by more than noise "
             "and by more than elsewhere.",
         ),
         (
