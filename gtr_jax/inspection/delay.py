@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 from scipy.signal import correlate
@@ -136,7 +137,7 @@ def _pieces(base: np.ndarray, tip: np.ndarray, reach: int) -> list[tuple[np.ndar
     """Pieces of rates, of LONG times the longest delay."""
     count = max(len(base) // (2 * LONG * reach), 1)
     ends = np.linspace(0, len(base), count + 1).astype(int)
-    cut = [(base[a:b], tip[a:b]) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    cut = [(base[a:b], tip[a:b]) for a, b in itertools.pairwise(ends.tolist())]
     return [pair for pair in cut if len(pair[0]) > 3 * reach]
 
 

@@ -20,6 +20,7 @@ from .stretches import Stretch
 
 PROBLEM, NOTE, FINE = "problem", "note", "fine"
 SEVERITIES = (PROBLEM, NOTE, FINE)
+DROPPED = "dropped"  # kind of what was left out because the user asked for it
 END = {"T_base": "base", "T_tip": "tip"}
 # Noise, resolution and zeros are problems from these shares of the range on, and worth a note from the
 # second.
@@ -47,21 +48,22 @@ class Finding:
 
 
 @dataclasses.dataclass(frozen=True)
-class Masked:
-    """Samples of one cell that were left out: how many, of which kind, and the largest.
+class LeftOut:
+    """Samples that were left out for one channel.
 
     Attributes:
-        channel, kind: "T_base" or "T_tip"; "glitch" or "dropout".
+        channel: "T_base", "T_tip" or another quantity; "" where a stretch was dropped.
+        kind: "glitch", "dropout" or "dropped".
         samples: number of them.
-        largest: size of the largest, in `unit`.
-        unit: of the size.
-        at_s: times of them [s], as far as there is a clock.
+        largest: the largest deviation, in `unit`, with its sign; None where there is no number.
+        unit: of the deviation.
+        at_s: where each begins [s], as far as there is a clock.
     """
 
     channel: str
     kind: str
     samples: int
-    largest: float
+    largest: float | None
     unit: str
     at_s: tuple[float, ...] = ()
 
@@ -70,7 +72,7 @@ def findings(
     sampling: Sampling,
     cells: tuple[Cell, Cell],
     *,
-    masked: Sequence[Masked],
+    masked: Sequence[LeftOut],
     phases: Phases,
     cycles: Cycles,
     friction: Friction,
@@ -136,7 +138,7 @@ def _clock(sampling: Sampling) -> Iterator[Finding]:
             NOTE,
             f"The sampling is uneven: 90 % of the steps lie between {number(low, digits=3)} and "
             f"{number(high, 'ms', 3)}.",
-            "Keep the column of time; where it says when a sample was written rather than taken, stamp at the "
+            "Keep the column of time; if it says when a sample was written, rather than taken, stamp at the "
             "amplifier.",
         )
 
@@ -157,8 +159,8 @@ def _stuck(cell: Cell) -> Iterator[Finding]:
         yield Finding(
             PROBLEM,
             f"The cell at the {end} repeats one reading in {len(cell.dead)} stretches of "
-            f"{sum(len(s.where) for s in cell.dead)} samples, {times([s.where for s in cell.dead])}, while the "
-            f"other cell moves by up to {number(moved, 'N', 3)}.",
+            f"{sum(len(s.where) for s in cell.dead)} samples, {times([s.where for s in cell.dead])}, while "
+            f"the other cell moves by up to {number(moved, 'N', 3)}.",
             "Leave these samples out with --drop; look for a loose plug or a logger that stalls.",
         )
 
@@ -206,20 +208,26 @@ def _branches(phases: Phases, cycles: Cycles) -> Iterator[Finding]:
             )
 
 
-def _masked(masked: Sequence[Masked], samples: int) -> Iterator[Finding]:
+def _masked(masked: Sequence[LeftOut], samples: int) -> Iterator[Finding]:
     for m in masked:
-        kinds = {"glitch": ("glitch", "glitches"), "dropout": ("dropout", "dropouts")}
-        one, many = kinds.get(m.kind, (f"sample left out ({m.kind})", f"samples left out ({m.kind})"))
-        says = f"{m.samples} {one if m.samples == 1 else many} in the cell at the {END.get(m.channel, '')}"
-        if m.largest == m.largest and m.largest != 0:
-            says += f", the largest {number(m.largest, m.unit, 3)}"
-        if m.at_s:
-            says += ", at " + listed([number(t, "s") for t in m.at_s], 3)
-        yield Finding(
-            PROBLEM if m.samples > MISSING * samples else NOTE,
-            f"{says}: left out.",
-            "Look at them in the picture; --keep-glitches keeps them.",
-        )
+        plural = "" if m.samples == 1 else "s"
+        at = ", at " + listed([number(t, "s") for t in m.at_s], 3) if m.at_s else ""
+        severity = PROBLEM if m.samples > MISSING * samples else NOTE
+        if m.kind == DROPPED:
+            yield Finding(NOTE, f"{m.samples} sample{plural} dropped as asked{at}.")
+        elif m.largest is None:
+            yield Finding(
+                severity,
+                f"{m.samples} sample{plural} of {m.channel} without a number{at}: left out.",
+                "Look for a loose plug, or a logger that skips.",
+            )
+        else:
+            yield Finding(
+                severity,
+                f"{m.samples} sample{plural} of {m.channel} left out as {m.kind}{plural}, up to "
+                f"{number(abs(m.largest), m.unit, 3)} off{at}.",
+                "Look at them in the pictures; --keep-glitches keeps them.",
+            )
 
 
 def _noise(cell: Cell) -> Iterator[Finding]:
@@ -266,7 +274,7 @@ def _zeros(cells: tuple[Cell, Cell]) -> Iterator[Finding]:
         if drift is not None and sd is not None and abs(drift) > max(SURE * sd, WORTH * reach):
             yield Finding(
                 PROBLEM if abs(drift) > LARGE * reach else NOTE,
-                f"The zero of the cell at the {end} moved by {measured(drift, sd, 'N')} from before to after.",
+                f"The zero of the cell at the {end} moved by {measured(drift, sd, 'N')} over the recording.",
                 "Let the amplifier warm up, or take tension that friction keeps in the tendon into account.",
             )
     if all(cell.zero_before is None and cell.zero_after is None for cell in cells):

@@ -16,7 +16,7 @@ from gtr_jax.files.recording import Recording
 from .cell import Cell
 from .cycles import Cycles, cycles, rates
 from .delay import Delay, delay
-from .findings import FINE, PROBLEM, Finding, Masked, findings
+from .findings import FINE, PROBLEM, Finding, LeftOut, findings
 from .friction import Friction, friction
 from .needs import Need, needs
 from .noise import Noise, from_differences, noise, resolution
@@ -30,7 +30,7 @@ from .zero import unloaded, zero
 
 FEWEST = 20
 """Samples of the shortest recording that can be inspected."""
-# Turning points of the base tension: reversals of so many standard deviations, and of this share of its range.
+# Reversals of the base tension that count: by so many standard deviations, and by this share of its range.
 OF_NOISE, OF_RANGE = 6.0, 0.02
 PULLED = 0.1  # share of the range of the base tension above which the tendon is pulled
 RAMP = (0.05, 0.95)  # of a way from turn to turn: the part that counts as ramp, without the rest before it
@@ -62,7 +62,7 @@ class Inspection:
     sampling: Sampling
     base: Cell
     tip: Cell
-    masked: tuple[Masked, ...]
+    masked: tuple[LeftOut, ...]
     phases: Phases
     holds: tuple[Stretch, ...]
     rest: tuple[Stretch, ...]
@@ -109,7 +109,7 @@ def inspect(recording: Recording) -> Inspection:
     _check(recording)
     assert T_tip is not None
     clock = sampling(*_all_times(recording))
-    masked = _masked(recording)
+    masked = _left_out(recording)
     ordered = time if time is not None and not clock.reversed and clock.rate_Hz is not None else None
     step = None if clock.rate_Hz is None else 1 / clock.rate_Hz
     rough = from_differences(T_base), from_differences(T_tip)
@@ -190,15 +190,35 @@ def _check(recording: Recording) -> None:
 
 
 def _all_times(recording: Recording) -> tuple[np.ndarray | None, int]:
-    """Stamps of all samples, with those that were masked, and their number."""
-    masked = getattr(recording, "masked", ())
-    if not masked or recording.time is None:
-        return recording.time, len(recording)
-    raise NotImplementedError
+    """Stamps of all samples, with those that were left out, and their number."""
+    left_out = {m.rows: m.time for m in recording.masked}
+    counts = [b - a + 1 for a, b in left_out]
+    samples = len(recording) + sum(counts)
+    if recording.time is None:
+        return None, samples
+    lost = [np.linspace(*ends, n) for ends, n in zip(left_out.values(), counts, strict=True) if ends]
+    if not lost:
+        return recording.time, samples
+    extra = np.concatenate(lost)
+    return np.insert(recording.time, np.searchsorted(recording.time, extra), extra), samples
 
 
-def _masked(recording: Recording) -> tuple[Masked, ...]:
-    return ()
+def _left_out(recording: Recording) -> tuple[LeftOut, ...]:
+    """What was left out, by channel and kind."""
+    groups: dict[tuple[str, str, bool], list] = {}
+    for m in recording.masked:
+        groups.setdefault((m.channel, m.kind, m.size != m.size), []).append(m)
+    return tuple(
+        LeftOut(
+            channel,
+            kind,
+            samples=sum(m.rows[1] - m.rows[0] + 1 for m in own),
+            largest=None if numberless else max((m.size for m in own), key=abs),
+            unit=own[0].unit,
+            at_s=tuple(m.time[0] for m in own if m.time is not None),
+        )
+        for (channel, kind, numberless), own in groups.items()
+    )
 
 
 def _hysteresis(T: np.ndarray, sd: float) -> float:

@@ -14,10 +14,10 @@ from .cell import Cell
 from .cycles import Cycles
 from .delay import Delay
 from .friction import FEWEST, Friction
-from .slip import LOCKED, TRANSITION, Phases
+from .slip import TRANSITION, Phases
 from .stretches import Stretch, runs
 
-# Decades that rates must span, samples of a reversal in the middle, seconds of a hold, and cycles that repeat.
+# Decades that rates must span, samples of a reversal (median), seconds of a hold, and cycles that repeat.
 DECADES, OF_REVERSAL, OF_HOLD, REPEATS = 1.0, 10, 2.0, 3
 POSE = ("tip_x", "tip_y", "tip_angle", "displacement")
 
@@ -48,7 +48,7 @@ def needs(
     delay: Delay,
 ) -> tuple[Need, ...]:
     """Every question, answered for a recording that was inspected."""
-    reversals = [b - a + 1 for a, b in runs(np.isin(phases.label, (LOCKED, TRANSITION)))]
+    reversals = [b - a + 1 for a, b in runs(phases.label == TRANSITION)]
     within = int(np.median(reversals)) if reversals else 0
     posed = [name for name in POSE if getattr(recording, name) is not None]
     levels = int(np.sum(np.isfinite(friction.pulling) & np.isfinite(friction.releasing)))
@@ -69,8 +69,8 @@ def needs(
         Need(
             "presliding",
             within >= OF_REVERSAL,
-            f"Presliding needs reversals that are sampled finely: {len(reversals)} stretches between slip and "
-            f"slip, of {within} samples in the middle (median); {OF_REVERSAL} are needed.",
+            f"Presliding needs reversals that are sampled finely: {len(reversals)} stretches in which "
+            f"friction holds the tip, of {within} samples (median); {OF_REVERSAL} are needed.",
         ),
         _zeros(cells),
         _holds(holds, recording.time),

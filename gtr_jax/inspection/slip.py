@@ -1,5 +1,5 @@
 """Phases by a rule without a model: the tendon slips where the tip follows the base in the ratio of the two
-tensions, and friction holds it where the tip does not follow.
+tensions; where it does not, friction holds it.
 """
 
 from __future__ import annotations
@@ -9,18 +9,17 @@ import itertools
 
 import numpy as np
 
-PULLING, RELEASING, LOCKED, TRANSITION, HOLD, SLACK = range(1, 7)
+PULLING, RELEASING, TRANSITION, HOLD, SLACK = range(1, 6)
 NAMES = {
     PULLING: "pulling",
     RELEASING: "releasing",
-    LOCKED: "locked",
     TRANSITION: "transition",
     HOLD: "hold",
     SLACK: "slack",
 }
-# On Coulomb's law dT_tip/dT_base equals T_tip/T_base while the tendon slips, and is 0 while friction holds the
-# tip. Above the first share of that ratio it slips, below the second it is locked, between it is neither yet.
-SLIPS, LOCKS = 0.5, 0.25
+SLIPS = 0.5
+"""On Coulomb's law dT_tip/dT_base equals T_tip/T_base while the tendon slips, and is 0 while friction holds
+the tip: above this share of that ratio it slips."""
 # The two tensions are compared over steps of the base tension of this share of its range, or of so many
 # standard deviations of the noise of either cell.
 STEP, OF_NOISE = 0.015, 6.0
@@ -33,7 +32,7 @@ class Phases:
     """Phase of each sample.
 
     Attributes:
-        label: PULLING, RELEASING, LOCKED, TRANSITION, HOLD or SLACK, (K,).
+        label: PULLING, RELEASING, TRANSITION, HOLD or SLACK, (K,).
         step_N: change of the base tension over which the tip was asked to follow.
         steps: first and last sample of each step, (S, 2), and `of_step` their phases, (S,).
     """
@@ -54,7 +53,7 @@ class Phases:
         found: list[tuple[int, int]] = []
         for own, group in itertools.groupby(range(len(self.of_step)), key=lambda i: self.of_step[i]):
             places = list(group)
-            held = places[0] == 0 or self.of_step[places[0] - 1] in (LOCKED, TRANSITION, SLACK)
+            held = places[0] == 0 or self.of_step[places[0] - 1] in (TRANSITION, SLACK)
             places = places[1:] if held else places
             if own == phase and places:
                 found.append((int(self.steps[places[0], 0]), int(self.steps[places[-1], 1])))
@@ -89,7 +88,6 @@ def phases(
         follows = (tip / base) / (middle_tip / middle_base)
     of_step = np.where(base > 0, PULLING, RELEASING)
     of_step[follows < SLIPS] = TRANSITION
-    of_step[follows < LOCKS] = LOCKED
     near = np.minimum(T_base[first], T_base[last]) - min(float(np.min(T_base)), 0.0) < NEAR_ZERO * reach
     of_step[near | ~np.isfinite(follows)] = SLACK
     label = np.empty(len(T_base), np.int8)

@@ -11,12 +11,11 @@ from .stretches import Stretch, runs, stretches
 # Runs of equal readings so improbable in noise, over the whole recording, are no chance.
 CHANCE = 1e-4
 SHORTEST = 4
-# A cell without noise that is wider than its resolution may well repeat its readings; it is stuck if the other
-# cell meanwhile moves by so much of its own range. The tip may stand still while the base moves, held by
-# friction, until the base is pulled back to where it came from: it has to follow a rise of so much more.
+# A cell whose noise is narrower than its resolution may well repeat its readings. It is stuck if the other
+# cell meanwhile moves by so much of its range. The tip, which friction holds while the base moves, is stuck if
+# it does not follow a rise of the base by so much of the base's range.
 OTHER_MOVES, BASE_RISES = 0.05, 0.5
-# Where its noise hides, a cell repeats a reading: noise narrower than this share of the resolution.
-HIDDEN = 0.5
+HIDDEN = 0.5  # noise below this share of the resolution does not show
 
 
 @dataclasses.dataclass(frozen=True)
