@@ -8,15 +8,17 @@ import itertools
 import numpy as np
 from scipy.signal import correlate
 
-# Longest delay that is looked for: so many samples, and at least so many seconds.
-SAMPLES, SECONDS = 6, 0.06
+from gtr_jax.files.numbers import number
+
+# Longest delay that is looked for: so many steps of time, and at least so many seconds.
+STEPS, SECONDS = 6, 0.06
 # A stretch is used from so many times the longest delay on, and cut into pieces of twice as many.
 LONG = 6
-# Rates are taken over as few samples as leave the noise this share of what varies in them, and at most over
-# so many.
-NOISE_SHARE, WIDEST = 0.3, 33
+# Neighbouring samples are averaged until noise is at most this share of how the changes of either tension
+# vary, and at most so many.
+NOISE_SHARE, MOST_AVERAGED = 0.3, 256
 # A delay is told from a peak of at least this correlation, from at least so many pieces, to within this many
-# samples.
+# steps.
 LEAST, FEWEST, CERTAIN = 0.4, 4, 1.0
 
 
@@ -65,20 +67,22 @@ def delay(
         noise: standard deviations of both cells from sample to sample [N].
     """
     usual = float(np.median(np.diff(time)))
-    reach = max(SAMPLES, int(np.ceil(SECONDS / usual)))
-    even = [_evenly(T_base, T_tip, time, a, b, usual) for a, b in slipping if b - a >= LONG * reach]
-    if not even:
-        longest = max((b - a + 1 for a, b in slipping), default=0)
-        return Delay(
-            why_not=f"the longest stretch of slip has {longest} samples, and {LONG * reach + 1} are needed"
-        )
-    width = _smoothing(even, noise)
-    pieces = [p for base, tip in even for p in _pieces(_rate(base, width), _rate(tip, width), reach)]
+    even = [_evenly(T_base, T_tip, time, a, b, usual) for a, b in slipping if b > a + 1]
+    averaged = _averaging(even, noise)
+    step = averaged * usual
+    reach = max(STEPS, int(np.ceil(SECONDS / step)))
+    changes = [tuple(np.diff(_mean_of(x, averaged)) for x in pair) for pair in even]
+    pieces = [piece for base, tip in changes for piece in _pieces(base, tip, reach)]
     if len(pieces) < FEWEST:
-        return Delay(pieces=len(pieces), why_not=f"slip lasts for {len(pieces)} of {FEWEST} pieces needed")
+        return Delay(
+            pieces=len(pieces),
+            why_not=f"{len(pieces)} pieces of steady slip last for {number(LONG * reach * step, 's', 2)} or "
+            f"more, and {FEWEST} are needed",
+        )
     parts = np.stack([_products(base, tip, reach) for base, tip in pieces])
-    curve = _curve(parts.sum(axis=0))
-    lags = np.arange(-reach, reach + 1) * usual
+    total = parts.sum(axis=0)
+    curve = _curve(total)
+    lags = np.arange(-reach, reach + 1) * step
     peak, at = float(curve.max()), _peak(curve)
     shown = {"pieces": len(pieces), "correlation": peak, "lags_s": lags, "correlations": curve}
     if peak < LEAST:
@@ -89,7 +93,6 @@ def delay(
         )
     if at is None:
         return Delay(**shown, why_not="the correlation of the rates has no peak within the lags tried")
-    total = parts.sum(axis=0)
     left_out = [_peak(_curve(total - part)) for part in parts]
     if any(value is None for value in left_out):
         return Delay(**shown, why_not="the peak of the correlation hangs on one stretch of slip")
@@ -97,9 +100,9 @@ def delay(
     n = len(values)
     sd = float(np.sqrt((n - 1) / n * np.sum((values - values.mean()) ** 2)))
     if sd > CERTAIN:
-        return Delay(**shown, why_not=f"its standard error is {sd:.1f} samples")
+        return Delay(**shown, why_not=f"its standard error is {number(sd * step, 's', 2)}")
     offset = at - reach
-    return Delay(seconds=offset * usual, sd_s=sd * usual, samples=offset, **shown)
+    return Delay(seconds=offset * step, sd_s=sd * step, samples=offset * averaged, **shown)
 
 
 def _evenly(
@@ -111,34 +114,35 @@ def _evenly(
     return np.interp(even, time[own], T_base[own]), np.interp(even, time[own], T_tip[own])
 
 
-def _rate(x: np.ndarray, width: int) -> np.ndarray:
-    """Change from sample to sample of the mean over `width` samples: the change over them, up to a factor."""
-    return x[width:] - x[:-width]
+def _mean_of(x: np.ndarray, count: int) -> np.ndarray:
+    """Means of so many neighbouring samples each."""
+    return x[: len(x) // count * count].reshape(-1, count).mean(axis=1)
 
 
-def _smoothing(even: list[tuple[np.ndarray, np.ndarray]], noise: tuple[float, float]) -> int:
-    """Samples over which rates are taken: the fewest over which noise makes up no more than NOISE_SHARE of
-    how the changes of either tension vary.
+def _averaging(even: list[tuple[np.ndarray, np.ndarray]], noise: tuple[float, float]) -> int:
+    """How many samples are averaged: the fewest that make noise a small share of how the changes of both
+    tensions vary.
     """
-    width = 1
-    while width < WIDEST:
-        spread = [
-            float(np.sqrt(np.mean(np.concatenate([_rate(pair[i], width) - _rate(pair[i], width).mean()
-                                                  for pair in even if len(pair[i]) > width]) ** 2)))
-            for i in (0, 1)
-        ]  # fmt: skip
-        if all(np.sqrt(2.0) * sd <= NOISE_SHARE * s for sd, s in zip(noise, spread, strict=True)):
-            break
-        width += 2
-    return width
+    for count in (2**k for k in range(int(np.log2(MOST_AVERAGED)) + 1)):
+        small = True
+        for sd, own in zip(noise, zip(*even, strict=True), strict=True):
+            changes = [np.diff(_mean_of(x, count)) for x in own if len(x) > 2 * count]
+            if not changes:
+                return count
+            spread = float(np.sqrt(np.mean(np.concatenate([c - c.mean() for c in changes]) ** 2)))
+            small &= np.sqrt(2.0 / count) * sd <= NOISE_SHARE * spread
+        if small:
+            return count
+    return MOST_AVERAGED
 
 
 def _pieces(base: np.ndarray, tip: np.ndarray, reach: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Pieces of rates, of LONG times the longest delay."""
+    """Pieces of the changes of a stretch, none shorter than LONG times the longest delay."""
+    if len(base) < LONG * reach:
+        return []
     count = max(len(base) // (2 * LONG * reach), 1)
     ends = np.linspace(0, len(base), count + 1).astype(int)
-    cut = [(base[a:b], tip[a:b]) for a, b in itertools.pairwise(ends.tolist())]
-    return [pair for pair in cut if len(pair[0]) > 3 * reach]
+    return [(base[a:b], tip[a:b]) for a, b in itertools.pairwise(ends.tolist())]
 
 
 def _products(base: np.ndarray, tip: np.ndarray, reach: int) -> np.ndarray:

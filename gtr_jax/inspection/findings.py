@@ -29,7 +29,8 @@ SURE = 3.0  # standard errors
 UNEVEN = 0.2  # of the sampling step
 SEEN = 2.0  # times the noise: an error of this size shows
 SHAKES = 3.0  # times the noise at rest, of that in motion
-MISSING = 0.02  # of the duration, in gaps
+MISSING = 0.02  # of the duration, in gaps, and of the samples left out
+CHANGES = 0.1  # of ln(T_tip/T_base) on the pull, from low tension to high
 
 
 @dataclasses.dataclass(frozen=True)
@@ -167,13 +168,21 @@ def _stuck(cell: Cell) -> Iterator[Finding]:
 
 def _swapped(friction: Friction) -> Iterator[Finding]:
     ratio = friction.pulling[np.isfinite(friction.pulling)]
-    if ratio.size and float(np.median(ratio)) > 1.0:
+    larger = float(np.median(ratio)) if ratio.size else np.nan
+    remedy = (
+        "Swap the columns, check their units, or, if the tendon is pulled at the tip, call that end the base."
+    )
+    if friction.base_leads is False:
         yield Finding(
             PROBLEM,
-            f"On the pull the tip shows {number(float(np.median(ratio)), digits=3)} times the base; friction "
-            "makes it show less.",
-            "Swap the two columns, check their units, or, if the tendon is pulled at the tip, call that end "
-            "the base.",
+            "The loop of T_tip over T_base runs the wrong way round: it is the tip that leads.",
+            remedy,
+        )
+    elif larger > 1.0:
+        yield Finding(
+            PROBLEM,
+            f"On the pull the tip shows {number(larger, digits=3)} times the base; friction makes it less.",
+            remedy,
         )
 
 
@@ -286,6 +295,18 @@ def _zeros(cells: tuple[Cell, Cell]) -> Iterator[Finding]:
 
 
 def _friction(friction: Friction) -> Iterator[Finding]:
+    known = np.flatnonzero(np.isfinite(friction.pulling))
+    if known.size >= 8:
+        quarter = known.size // 4
+        low, high = (float(np.median(friction.pulling[own])) for own in (known[:quarter], known[-quarter:]))
+        if abs(np.log(high / low)) > CHANGES:
+            yield Finding(
+                NOTE,
+                f"T_tip/T_base on the pull goes from {number(low, digits=2)} to {number(high, digits=2)} as "
+                "the tension rises; by Coulomb's law in a channel of fixed shape it stays.",
+                "Bending of the robot, a zero of a cell, or friction that depends on load does that; compare "
+                "with a simulation.",
+            )
     if friction.mu_theta is None or friction.both is None:
         return
     says = f"Apparent friction mu·theta {measured(friction.mu_theta, friction.mu_theta_sd)}"

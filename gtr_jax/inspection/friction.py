@@ -14,6 +14,7 @@ LEVELS, LOWEST = 24, 0.15
 FEWEST = 4  # steps of a branch at one level, and levels with both branches
 # The sum of the branches is none if it is within so many standard errors, or this share of the friction.
 SURE, LITTLE = 3.0, 0.05
+THIN = 0.02  # a loop of less than this share of the rectangle around it has no sense
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -28,12 +29,15 @@ class Friction:
         mu_theta_sd: its standard error, from how the levels scatter.
         both: half the sum: what friction that is alike both ways cannot do.
         both_sd: its standard error.
+        base_leads: whether the loop of T_tip over T_base runs as friction makes it run if the base drives:
+            the tip lower on the pull; None where the loop is too thin to tell.
         symmetric: whether pull and release lie as far from 1, in logarithms; None where it is not known.
     """
 
     T_base: np.ndarray
     pulling: np.ndarray
     releasing: np.ndarray
+    base_leads: bool | None = None
     mu_theta: float | None = None
     mu_theta_sd: float | None = None
     both: float | None = None
@@ -67,13 +71,23 @@ def friction(T_base: np.ndarray, T_tip: np.ndarray, phases: Phases) -> Friction:
     logs = np.log(pulling), np.log(releasing)
     half_difference, half_sum = 0.5 * (logs[1] - logs[0]), 0.5 * (logs[1] + logs[0])
     known = np.isfinite(half_difference)
+    leads = _base_leads(T_base, T_tip)
     n = int(known.sum())
     if n < FEWEST:
-        return Friction(at, pulling, releasing)
+        return Friction(at, pulling, releasing, leads)
     (D, D_sd), (S, S_sd) = (_middle(values[known]) for values in (half_difference, half_sum))
     return Friction(
-        at, pulling, releasing, D, D_sd, S, S_sd, symmetric=abs(S) <= max(SURE * S_sd, LITTLE * abs(D))
+        at, pulling, releasing, leads, D, D_sd, S, S_sd, symmetric=abs(S) <= max(SURE * S_sd, LITTLE * abs(D))
     )
+
+
+def _base_leads(T_base: np.ndarray, T_tip: np.ndarray) -> bool | None:
+    """The sense in which the loop runs, by the area it encloses."""
+    own = 0.5 * (T_tip[1:] + T_tip[:-1]) * np.diff(T_base)
+    area = float(np.sum(own)) - 0.5 * float(T_tip[0] + T_tip[-1]) * float(T_base[-1] - T_base[0])
+    if abs(area) < THIN * float(np.ptp(T_base) * np.ptp(T_tip)):
+        return None
+    return area < 0
 
 
 def _middle(values: np.ndarray) -> tuple[float, float]:

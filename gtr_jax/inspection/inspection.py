@@ -312,6 +312,6 @@ def _sentence(clock: Sampling, base: Cell, load: Cycles, ratio: Friction, found:
         what += f", apparent mu·theta {number(ratio.mu_theta, digits=2)}"
     first = next((f for f in found if f.severity != FINE), None)
     if problems == 0:
-        return f"Fit for use: {what}." + (f" {first.says}" if first else "")
+        return f"No problem found: {what}." + (f" {first.says}" if first else "")
     count = "1 problem" if problems == 1 else f"{problems} problems"
-    return f"Look before use, {count}: {what}. {first.says if first else ''}".rstrip()
+    return f"Look before use: {count}. {what[0].upper()}{what[1:]}. {first.says if first else ''}".rstrip()

@@ -12,8 +12,8 @@ from .stretches import Stretch, runs, stretches
 CHANCE = 1e-4
 SHORTEST = 4
 # A cell whose noise is narrower than its resolution may well repeat its readings. It is stuck if the other
-# cell meanwhile moves by so much of its range. The tip, which friction holds while the base moves, is stuck if
-# it does not follow a rise of the base by so much of the base's range.
+# cell meanwhile moves by so much of its range. The tip, which friction holds while the base moves, is stuck
+# if it does not follow a rise of the base by so much of the base's range.
 OTHER_MOVES, BASE_RISES = 0.05, 0.5
 HIDDEN = 0.5  # noise below this share of the resolution does not show
 
