@@ -70,8 +70,8 @@ def _figures(found: Inspection, recording: Recording, ending: str) -> list[Figur
         Figure(
             f"channels{ending}",
             png(draw.plot_channels(recording, found)),
-            "Both cells over time. The strip shows the phase: pulling and releasing, where the tip follows "
-            "the base; transition, where friction holds the tip; rest, where the base stands still or the tendon "
+            "Both cells over time. The strip shows the phase: in pulling and releasing the tip follows the "
+            "base; in transition friction holds it; at rest the base stands still, or the tendon "
             "is slack. Numbers count the pulls.",
         ),
         Figure(
