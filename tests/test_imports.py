@@ -28,6 +28,8 @@ ALLOWED = {
     "mechanics": {"terms"},
     "mechanics.several": {"mechanics", "terms"},
     "native": set(),
+    "inspection": {"base", "files"},
+    "inspection.report": {"base", "files", "inspection", "plots", "report"},
     "robot": {"base", "files", "mechanics", "terms"},
     "simulation": {"robot", "mechanics", "mechanics.several", "native", "terms"},
     "gtr_jax (door)": BELOW,

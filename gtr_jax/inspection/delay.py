@@ -71,6 +71,8 @@ def delay(
     """
     usual = float(np.median(np.diff(time)))
     even = [_evenly(T_base, T_tip, time, a, b, usual) for a, b in slipping if b > a + 1]
+    if not even:
+        return Delay(why_not="there is no stretch of steady slip")
     averaged = _averaging(even, noise)
     step = averaged * usual
     reach = max(STEPS, int(np.ceil(SECONDS / step)))
@@ -81,6 +83,10 @@ def delay(
     ]
     changes = [tuple(np.diff(x) for x in pair) for pair in means]
     pieces = _pieces(changes, LONG * reach)
+    if averaged == MOST_AVERAGED:
+        return Delay(
+            why_not="the tension changes too evenly where the tendon slips, for the noise of the cells"
+        )
     if len(pieces) < FEWEST:
         return Delay(
             pieces=len(pieces),
@@ -103,8 +109,8 @@ def delay(
     if peak - max(curve[0], curve[-1]) < DROP:
         return Delay(
             **shown,
-            why_not=f"the correlation of the rates falls by less than {DROP:g} over the lags tried: the rates "
-            "change too slowly",
+            why_not=f"the correlation of the rates falls by less than {DROP:g} over the lags tried: the "
+            "rates change too slowly",
         )
     if at is None:
         return Delay(**shown, why_not="the correlation of the rates has no peak within the lags tried")

@@ -197,7 +197,7 @@ def _all_times(recording: Recording) -> tuple[np.ndarray | None, int]:
     if recording.time is None:
         return None, samples
     lost = [np.linspace(*ends, n) for ends, n in zip(left_out.values(), counts, strict=True) if ends]
-    if not lost:
+    if not lost or np.any(np.diff(recording.time) < 0):
         return recording.time, samples
     extra = np.concatenate(lost)
     return np.insert(recording.time, np.searchsorted(recording.time, extra), extra), samples

@@ -10,7 +10,7 @@ import numpy as np
 # Standard deviation of a normal distribution over its median absolute deviation.
 MAD_TO_SD = 1.4826
 # Samples to a piece of a still stretch, whose line is taken off, and the fewest of a piece that is used.
-PIECE, SHORTEST = 64, 16
+PIECE, SHORTEST = 256, 16
 # Steps up to so many times the resolution must be whole multiples of it, within this share of one, for
 # nearly all of them; of readings that are not quantised 30 % would be.
 MULTIPLES, OFF, NEARLY_ALL, FEWEST = 20, 0.15, 0.9, 4
@@ -24,7 +24,7 @@ class Noise:
 
     Attributes:
         white_N: standard deviation [N] of what changes from sample to sample.
-        slow_N: of what changes over some samples, up to 64, where the signal stands still; None where it
+        slow_N: of what changes over some samples, up to 256, where the signal stands still; None where it
             nowhere does.
         moving_N: of what changes from sample to sample where the signal moves; None where it never does.
         samples: from which the noise is estimated.

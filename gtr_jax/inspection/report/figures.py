@@ -186,7 +186,7 @@ def plot_loop(recording: Recording, found: Inspection) -> Figure:
     line_by_phase(axes, T_base[at], T_tip[at], words, width=1.2)
     keys = phase_keys(words)
     axes.set_xlim(min(0.0, float(T_base.min())), None)
-    axes.set_ylim(min(0.0, float(T_tip.min())), 1.05 * float(T_tip.max()))
+    axes.set_ylim(min(0.0, float(T_tip.min())), max(1.05 * float(T_tip.max()), 1e-9))
     friction = found.friction
     if friction.mu_theta is not None and friction.both is not None:
         zeros = [(c.zero_before or c.zero_after) for c in (found.base, found.tip)]

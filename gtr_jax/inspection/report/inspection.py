@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gtr_jax.errors import listed
 from gtr_jax.files.numbers import measured, number
 from gtr_jax.files.recording import Recording
 from gtr_jax.plots.style import png
@@ -14,6 +15,7 @@ from gtr_jax.report.page import Figure, Report, Section, Table
 from ..cell import Cell
 from ..findings import PROBLEM
 from ..inspection import Inspection
+from ..mapping import Mapping
 from ..sampling import GAP
 from ..slip import NAMES
 from ..zero import Zero
@@ -28,7 +30,7 @@ def inspection_report(
     recordings: Sequence[Recording],
     *,
     names: Sequence[str],
-    mapped: Sequence[Table],
+    mappings: Sequence[Mapping],
 ) -> Report:
     """The page of one inspection or of several.
 
@@ -36,18 +38,21 @@ def inspection_report(
         found: inspections.
         recordings: what was inspected, in the same order.
         names: what the recordings are called, one different from another.
-        mapped: a table for each on its columns.
+        mappings: which of its columns were taken for what, of each.
     """
     several = len(found) > 1
     sections = [
         Section(
             title=name,
             verdict=own.says,
-            warnings=[f"{f.says} {f.remedy}".rstrip() for f in own.findings if f.severity == PROBLEM],
+            warnings=[
+                *([f"Confirm in columns.toml: {' '.join(mapping.doubts)}"] if mapping.doubts else []),
+                *(f"{f.says} {f.remedy}".rstrip() for f in own.findings if f.severity == PROBLEM),
+            ],
             figures=_figures(own, recording, f"-{name}" if several else ""),
-            tables=[*_tables(own), table],
+            tables=[*_tables(own), _columns(mapping)],
         )
-        for own, recording, name, table in zip(found, recordings, names, mapped, strict=True)
+        for own, recording, name, mapping in zip(found, recordings, names, mappings, strict=True)
     ]
     if several:
         problems = [own.name for own in found if any(f.severity == PROBLEM for f in own.findings)]
@@ -63,6 +68,13 @@ def inspection_report(
         figures=one.figures,
         tables=one.tables,
     )
+
+
+def _columns(mapping: Mapping) -> Table:
+    """Which column was taken for what."""
+    rows = [(t.quantity, t.header, t.unit or "time stamps", t.why) for t in mapping.taken]
+    note = f"Of no use: {listed(mapping.unused)}." if mapping.unused else ""
+    return Table("Columns", ("quantity", "column", "unit", "why"), rows, note=note)
 
 
 def _figures(found: Inspection, recording: Recording, ending: str) -> list[Figure]:
