@@ -19,7 +19,9 @@ def pulled(T_base: np.ndarray, *, pull: float = MU_THETA, release: float = MU_TH
     return np.asarray(found)
 
 
-def ramps(*legs: tuple[float, float], rate: float = 2000.0, start: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def ramps(
+    *legs: tuple[float, float], rate: float = 2000.0, start: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     """A base tension that goes to each value in so many seconds: fine time [s] and tension [N]."""
     ends = np.cumsum([0.0, *(seconds for _, seconds in legs)])
     time = np.arange(0.0, ends[-1], 1 / rate)

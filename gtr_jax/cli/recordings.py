@@ -51,7 +51,8 @@ def mapping_of_each(paths: Sequence[Path], columns: Sequence[str]) -> list[str |
             f"--columns: {len(columns)} mappings, but {len(paths)} recordings; give one for all, or one for "
             "each in their order"
         )
-    return list(columns) * len(paths) if len(columns) == 1 else list(columns) or [None] * len(paths)
+    given: list[str | None] = list(columns) or [None]
+    return given * len(paths) if len(given) == 1 else given
 
 
 def read_recordings(

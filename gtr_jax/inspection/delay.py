@@ -6,7 +6,6 @@ import dataclasses
 import itertools
 
 import numpy as np
-from scipy.signal import correlate
 
 from gtr_jax.files.numbers import number
 
@@ -199,7 +198,7 @@ def _shifted(fixed: np.ndarray, moved: np.ndarray, reach: int, variances: tuple[
     centred = moved - moved.mean()
     sums, squares = (np.concatenate([[0.0], np.cumsum(x)]) for x in (centred, centred**2))
     own = squares[n:] - squares[:-n] - (sums[n:] - sums[:-n]) ** 2 / n
-    products = correlate(centred, middle, mode="valid", method="auto")
+    products = np.correlate(centred, middle, "valid")
     noise_of_fixed, noise_of_moved = (n * variance for variance in variances)
     return np.stack(
         [products, np.full(len(products), middle @ middle - noise_of_fixed), own - noise_of_moved]

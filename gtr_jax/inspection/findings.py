@@ -20,6 +20,7 @@ from .stretches import Stretch
 
 PROBLEM, NOTE, FINE = "problem", "note", "fine"
 SEVERITIES = (PROBLEM, NOTE, FINE)
+PLURAL = {"glitch": "es", "dropout": "s"}
 DROPPED = "dropped"  # kind of what was left out because the user asked for it
 END = {"T_base": "base", "T_tip": "tip"}
 # Noise, resolution and zeros are problems from these shares of the range on, and worth a note from the
@@ -30,6 +31,7 @@ UNEVEN = 0.2  # of the sampling step
 SEEN = 2.0  # times the noise: an error of this size shows
 SHAKES = 3.0  # times the noise at rest, of that in motion
 MISSING = 0.02  # of the duration, in gaps, and of the samples left out
+DROPS = 3  # stretches for which the remedy spells the options out
 CHANGES = 0.1  # of ln(T_tip/T_base) on the pull, from low tension to high
 
 
@@ -101,6 +103,18 @@ def times(where: Sequence[Stretch], most: int = 3) -> str:
     return "at sample " + listed([str(w.first + 1) for w in where], most)
 
 
+def counted(count: int, one: str, many: str = "") -> str:
+    """A number of things: "1 gap", "3 gaps"."""
+    return f"{count} {one}" if count == 1 else f"{count} {many or one + 's'}"
+
+
+def _drop(where: Sequence[Stretch]) -> str:
+    """The options that leave stretches out, as far as there is a clock."""
+    if where[0].start_s is None or len(where) > DROPS:
+        return "--drop"
+    return " ".join(f"--drop {w.start_s:.6g}:{w.end_s:.6g}" for w in where)
+
+
 def _clock(sampling: Sampling) -> Iterator[Finding]:
     if sampling.rate_Hz is None:
         if sampling.repeated or sampling.reversed:
@@ -115,7 +129,7 @@ def _clock(sampling: Sampling) -> Iterator[Finding]:
     if sampling.reversed:
         yield Finding(
             PROBLEM,
-            f"The stamps run backwards {sampling.reversed} times, first at sample "
+            f"The stamps run backwards {counted(sampling.reversed, 'time')}, first at sample "
             f"{(sampling.reversed_at or 0) + 1}.",
             "Put the rows in the order of time, or give each trial its own file.",
         )
@@ -123,14 +137,14 @@ def _clock(sampling: Sampling) -> Iterator[Finding]:
         lost = sampling.missing_s / (sampling.duration_s or 1.0)
         yield Finding(
             PROBLEM if lost > MISSING else NOTE,
-            f"{len(sampling.gaps)} gaps, together {number(sampling.missing_s, 's', 3)}, "
+            f"{counted(len(sampling.gaps), 'gap')}, {number(sampling.missing_s, 's', 3)} in all, "
             f"{times(sampling.gaps)}.",
             "What the tendon did meanwhile is not known: judge the loop after a gap with care.",
         )
     if sampling.repeated:
         yield Finding(
             NOTE,
-            f"{sampling.repeated} stamps repeat the one before.",
+            f"{counted(sampling.repeated, 'stamp repeats', 'stamps repeat')} the one before.",
             "The clock is coarser than the samples, or rows are logged twice: give the time more digits.",
         )
     if (sampling.jitter or 0.0) > UNEVEN:
@@ -145,24 +159,24 @@ def _clock(sampling: Sampling) -> Iterator[Finding]:
 
 
 def _stuck(cell: Cell) -> Iterator[Finding]:
-    end = END[cell.name]
-    if cell.saturated:
-        values = sorted({number(s.value_N, "N") for s in cell.saturated})
+    for own, what, remedy in (
+        (
+            cell.saturated,
+            "stays at the end of its range",
+            "and use a cell, or a range of the amplifier, that reaches farther.",
+        ),
+        (cell.dead, "repeats one reading", "and look for a loose plug or a logger that stalls."),
+    ):
+        if not own:
+            continue
+        where = [s.where for s in own]
+        values = listed(sorted({number(s.value_N, "N") for s in own}), 2)
+        places = f"{counted(len(own), 'stretch', 'stretches')} of {sum(map(len, where))} samples in all"
         yield Finding(
             PROBLEM,
-            f"The cell at the {end} stays at the end of its range, {listed(values, 2)}, in "
-            f"{len(cell.saturated)} stretches of {sum(len(s.where) for s in cell.saturated)} samples, "
-            f"{times([s.where for s in cell.saturated])}.",
-            "Leave these samples out with --drop, and use a cell or an amplifier range that reaches farther.",
-        )
-    if cell.dead:
-        moved = max(s.other_N for s in cell.dead)
-        yield Finding(
-            PROBLEM,
-            f"The cell at the {end} repeats one reading in {len(cell.dead)} stretches of "
-            f"{sum(len(s.where) for s in cell.dead)} samples, {times([s.where for s in cell.dead])}, while "
-            f"the other cell moves by up to {number(moved, 'N', 3)}.",
-            "Leave these samples out with --drop; look for a loose plug or a logger that stalls.",
+            f"The cell at the {END[cell.name]} {what} ({values}) in {places}, {times(where)}; neither "
+            "tension nor noise explains it.",
+            f"Leave these samples out with {_drop(where)}, {remedy}",
         )
 
 
@@ -189,11 +203,12 @@ def _swapped(friction: Friction) -> Iterator[Finding]:
 def _late(delay: Delay, cells: tuple[Cell, Cell], cycles: Cycles) -> Iterator[Finding]:
     if delay.seconds is None or delay.sd_s is None or not cycles.rates_N_per_s:
         return
-    says = f"The tip's cell is late by {measured(1e3 * delay.seconds, 1e3 * delay.sd_s, 'ms')}"
+    late = measured(1e3 * abs(delay.seconds), 1e3 * delay.sd_s, "ms")
+    says = f"The tip's cell is {'late' if delay.seconds > 0 else 'early'} by {late}"
     fast = cycles.rates_N_per_s["95%"]
     error = abs(delay.seconds) * fast
     if abs(delay.seconds) <= SURE * delay.sd_s:
-        yield Finding(FINE, f"{says}: none to be seen.")
+        yield Finding(FINE, f"{says}, which may be nothing.")
         return
     worst = error > SEEN * cells[1].noise.total_N and error > WORTH * cells[1].highest_N
     yield Finding(
@@ -219,21 +234,21 @@ def _branches(phases: Phases, cycles: Cycles) -> Iterator[Finding]:
 
 def _masked(masked: Sequence[LeftOut], samples: int) -> Iterator[Finding]:
     for m in masked:
-        plural = "" if m.samples == 1 else "s"
         at = ", at " + listed([number(t, "s") for t in m.at_s], 3) if m.at_s else ""
         severity = PROBLEM if m.samples > MISSING * samples else NOTE
         if m.kind == DROPPED:
-            yield Finding(NOTE, f"{m.samples} sample{plural} dropped as asked{at}.")
+            yield Finding(NOTE, f"{counted(m.samples, 'sample')} dropped as asked{at}.")
         elif m.largest is None:
             yield Finding(
                 severity,
-                f"{m.samples} sample{plural} of {m.channel} without a number{at}: left out.",
+                f"{counted(m.samples, 'sample')} of {m.channel} without a number{at}: left out.",
                 "Look for a loose plug, or a logger that skips.",
             )
         else:
             yield Finding(
                 severity,
-                f"{m.samples} sample{plural} of {m.channel} left out as {m.kind}{plural}, up to "
+                f"{counted(m.samples, 'sample')} of {m.channel} left out as {m.kind}"
+                f"{'' if m.samples == 1 else PLURAL.get(m.kind, '')}, up to "
                 f"{number(abs(m.largest), m.unit, 3)} off{at}.",
                 "Look at them in the pictures; --keep-glitches keeps them.",
             )

@@ -14,6 +14,7 @@ LEVELS, LOWEST = 24, 0.15
 FEWEST = 4  # steps of a branch at one level, and levels with both branches
 # The sum of the branches is none if it is within so many standard errors, or this share of the friction.
 SURE, LITTLE = 3.0, 0.05
+IN_COMMON = 0.005  # of ln(T_tip/T_base): what all levels may have in common, as the zeros of the cells
 THIN = 0.02  # a loop of less than this share of the rectangle around it has no sense
 
 
@@ -94,4 +95,4 @@ def _middle(values: np.ndarray) -> tuple[float, float]:
     """The median of the levels, which a few with little slip do not move, and its standard error."""
     middle = float(np.median(values))
     spread = MAD_TO_SD * float(np.median(np.abs(values - middle)))
-    return middle, float(np.sqrt(np.pi / 2) * spread / np.sqrt(len(values)))
+    return middle, float(np.hypot(np.sqrt(np.pi / 2) * spread / np.sqrt(len(values)), IN_COMMON))

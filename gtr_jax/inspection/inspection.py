@@ -16,7 +16,7 @@ from gtr_jax.files.recording import Recording
 from .cell import Cell
 from .cycles import Cycles, cycles, rates
 from .delay import Delay, delay
-from .findings import FINE, PROBLEM, Finding, LeftOut, findings
+from .findings import FINE, PROBLEM, Finding, LeftOut, counted, findings
 from .friction import Friction, friction
 from .needs import Need, needs
 from .noise import Noise, from_differences, noise, resolution
@@ -32,6 +32,7 @@ FEWEST = 20
 """Samples of the shortest recording that can be inspected."""
 # Reversals of the base tension that count: by so many standard deviations, and by this share of its range.
 OF_NOISE, OF_RANGE = 6.0, 0.02
+FEWEST_HELD = 8  # samples of a hold, next to where the base is stuck
 PULLED = 0.1  # share of the range of the base tension above which the tendon is pulled
 RAMP = (0.05, 0.95)  # of a way from turn to turn: the part that counts as ramp, without the rest before it
 RAMPS = 50  # ways that are looked at, the longest
@@ -143,7 +144,10 @@ def inspect(recording: Recording) -> Inspection:
     load = cycles(T_base, T_tip, ordered, turns=turns, moves=moves)
     late = _delay(T_base, T_tip, ordered, labelled, clock, rough)
     ratio = friction(true_base, true_tip, labelled)
-    holds = stretches(runs(labelled.label == HOLD), ordered)
+    held = labelled.label == HOLD
+    for s in (*base.saturated, *base.dead):
+        held[s.where.rows] = False
+    holds = stretches(runs(held, FEWEST_HELD), ordered)
     found = findings(
         clock, (base, tip), masked=masked, phases=labelled, cycles=load, friction=ratio, delay=late
     )
@@ -303,7 +307,7 @@ def _sentence(clock: Sampling, base: Cell, load: Cycles, ratio: Friction, found:
     """The whole in a sentence or two."""
     problems = sum(f.severity == PROBLEM for f in found)
     pulls = len(load.cycles)
-    what = f"{pulls} pull{'s' if pulls != 1 else ''} up to {number(base.highest_N, 'N', 3)}"
+    what = f"{counted(pulls, 'pull')} up to {number(base.highest_N, 'N', 3)}"
     if clock.rate_Hz is not None:
         what += f" in {number(clock.duration_s, 's', 3)} at {number(clock.rate_Hz, 'Hz', 3)}"
     else:
@@ -311,7 +315,7 @@ def _sentence(clock: Sampling, base: Cell, load: Cycles, ratio: Friction, found:
     if ratio.mu_theta is not None:
         what += f", apparent mu·theta {number(ratio.mu_theta, digits=2)}"
     first = next((f for f in found if f.severity != FINE), None)
+    begins = f" {first.says}" if first else ""
     if problems == 0:
-        return f"No problem found: {what}." + (f" {first.says}" if first else "")
-    count = "1 problem" if problems == 1 else f"{problems} problems"
-    return f"Look before use: {count}. {what[0].upper()}{what[1:]}. {first.says if first else ''}".rstrip()
+        return f"No problem found: {what}.{begins}"
+    return f"Look before use: {counted(problems, 'problem')}.{begins} The recording: {what}."

@@ -13,6 +13,7 @@ from gtr_jax.files.recording import Recording
 from .cell import Cell
 from .cycles import Cycles
 from .delay import Delay
+from .findings import counted
 from .friction import FEWEST, Friction
 from .slip import TRANSITION, Phases
 from .stretches import Stretch, runs
@@ -139,7 +140,11 @@ def _holds(holds: Sequence[Stretch], time: np.ndarray | None) -> Need:
         question,
         longest >= OF_HOLD,
         f"Creep needs holds under load of {OF_HOLD:g} s or more: "
-        + (f"{len(holds)} holds, the longest {number(longest, 's', 3)}." if holds else "there is none."),
+        + (
+            f"{counted(len(holds), 'hold')}, the longest {number(longest, 's', 3)}."
+            if holds
+            else "there is none."
+        ),
     )
 
 
@@ -153,6 +158,6 @@ def _skew(delay: Delay) -> Need:
     return Need(
         "clocks of the two cells",
         True,
-        "The delay between the cells needs slip at rates that change: the tip's cell is late by "
+        "The delay between the cells needs slip at rates that change: the tip's cell lags by "
         f"{measured(1e3 * delay.seconds, 1e3 * delay.sd_s, 'ms')}.",
     )

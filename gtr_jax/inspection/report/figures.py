@@ -84,7 +84,7 @@ def plot_channels(recording: Recording, found: Inspection) -> Figure:
     low, high = (f(f(T_base), f(T_tip)) for f in (min, max))
     axes.set_ylim(low - 0.06 * (high - low), high + 0.12 * (high - low))
     for gap in gaps:
-        axes.axvspan(gap.start_s, gap.end_s, color=PALE, hatch="///", linewidth=0, zorder=0)
+        axes.axvspan(gap.start_s or 0.0, gap.end_s or 0.0, color=PALE, hatch="///", linewidth=0, zorder=0)
     if gaps:
         keys.append(Patch(facecolor=PALE, hatch="///", label="gap"))
     for hold in found.holds:
@@ -245,16 +245,16 @@ def plot_ratio(recording: Recording, found: Inspection) -> Figure:
     axes.set_yscale("log")
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, 0.8), max(high, 1.25))
-    _plain_ticks(axes.yaxis)
+    _plain_ticks(axes.yaxis, (1.0, 1.5, 2.0, 3.0, 5.0, 7.0))
     axes.set_xlabel("tension at the base $T_{base}$ [N]")
     axes.set_ylabel("$T_{tip}/T_{base}$ [–], log scale")
     legend_above(fig, keys)
     return fig
 
 
-def _plain_ticks(axis: Axis) -> None:
-    """Ticks of a logarithmic axis at 1, 2 and 5, written out."""
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+def _plain_ticks(axis: Axis, at: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
+    """Ticks of a logarithmic axis at these multiples of powers of ten, written out."""
+    axis.set_major_locator(LogLocator(subs=at))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 
@@ -305,9 +305,10 @@ def plot_rates(recording: Recording, found: Inspection) -> Figure:
         end = {"T_base": "base", "T_tip": "tip"}[cell.name]
         scatter.plot(at, 1e3 * values, "o-", color=colour, markersize=4, linewidth=1, label=end)
         scatter.axhline(1e3 * cell.noise.white_N, color=colour, linestyle=(0, (1, 2)), linewidth=1)
-    scatter.set_yscale("log")
     _plain_ticks(scatter.xaxis)
-    _plain_ticks(scatter.yaxis)
+    if np.any(np.concatenate(own) > 0):
+        scatter.set_yscale("log")
+        _plain_ticks(scatter.yaxis)
     scatter.set_ylabel("scatter [mN], log scale")
     scatter.set_xlabel("size of the rate of the base tension [N/s], log scale")
     scatter.legend()
