@@ -1,6 +1,7 @@
 """What an inspection says of recordings whose truth is known."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -114,12 +115,12 @@ def test_white_and_slow_noise_are_told_apart():
     white = rng.normal(0, 0.02, 20_000)
     slow = np.zeros(20_000)
     for k in range(1, len(slow)):
-        slow[k] = 0.9 * slow[k - 1] + rng.normal(0, 0.03 * np.sqrt(1 - 0.81))
+        slow[k] = 0.8 * slow[k - 1] + rng.normal(0, 0.03 * np.sqrt(1 - 0.64))
     quiet = [(0, 19_999)]
     assert noise(white, quiet).white_N == pytest.approx(0.02, rel=0.05)
     assert (noise(white, quiet).slow_N or 0.0) < 0.006
     both = noise(white + slow, quiet)
-    assert both.white_N == pytest.approx(0.02, rel=0.15)
+    assert both.white_N == pytest.approx(0.02, rel=0.2)
     assert both.slow_N == pytest.approx(0.03, rel=0.25)
     assert from_differences(white) == pytest.approx(0.02, rel=0.05)
 
@@ -130,6 +131,13 @@ def test_noise_of_a_recording_is_that_of_its_cells():
         assert cell.noise.white_N == pytest.approx(0.02, rel=0.1)
         assert cell.noise.moving_N == pytest.approx(0.02, rel=0.1)
         assert cell.resolution_N is None and not cell.saturated and not cell.dead
+
+
+def test_creeping_ends_of_still_stretches_are_no_noise():
+    found = inspect(read_recording(Path(__file__).parents[1] / "examples/rig/monday.csv"))
+    assert found.base.noise.total_N == pytest.approx(0.1, rel=0.2)  # as record.py beside it made them
+    assert found.tip.noise.total_N == pytest.approx(0.05, rel=0.2)
+    assert found.base.resolution_N == pytest.approx(0.01)
 
 
 def test_noise_in_motion_only_is_noticed():

@@ -142,10 +142,10 @@ def _summary(inspected: Sequence[Inspected], output: Path) -> Iterator[str]:
     """What the terminal shows: the whole first, then problems and notes with their remedies."""
     several = len(inspected) > 1
     for own in inspected:
-        yield f"{own.name}: {own.found.says}" if several else own.found.says
-        if own.mapping.doubts:
-            file = output / (f"columns-{own.name}.toml" if several else "columns.toml")
-            yield f"to confirm in {file}: {' '.join(own.mapping.doubts)}"
+        file = output / (f"columns-{own.name}.toml" if several else "columns.toml")
+        guessed = f" Columns or units are guessed: confirm them in {file}." if own.mapping.doubts else ""
+        yield (f"{own.name}: " if several else "") + own.found.says + guessed
+        yield from (f"confirm: {doubt}" for doubt in own.mapping.doubts)
         for finding in own.found.findings:
             yield f"{finding.severity}: {finding.says} {finding.remedy}".rstrip()
         missing = [need.question for need in own.found.needs if not need.there]

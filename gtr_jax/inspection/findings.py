@@ -89,9 +89,10 @@ def findings(
         *_late(delay, cells, cycles),
         *_branches(phases, cycles),
         *_masked(masked, sampling.samples),
-        *(finding for cell in cells for finding in _noise(cell)),
-        *_zeros(cells),
         *_friction(friction),
+        *_level(friction),
+        *_zeros(cells),
+        *(finding for cell in cells for finding in _noise(cell)),
     ]
     return tuple(sorted(found, key=lambda finding: SEVERITIES.index(finding.severity)))
 
@@ -309,7 +310,7 @@ def _zeros(cells: tuple[Cell, Cell]) -> Iterator[Finding]:
         )
 
 
-def _friction(friction: Friction) -> Iterator[Finding]:
+def _level(friction: Friction) -> Iterator[Finding]:
     known = np.flatnonzero(np.isfinite(friction.pulling))
     if known.size >= 8:
         quarter = known.size // 4
@@ -322,6 +323,9 @@ def _friction(friction: Friction) -> Iterator[Finding]:
                 "Bending of the robot, a zero of a cell, or friction that depends on load does that; compare "
                 "with a simulation.",
             )
+
+
+def _friction(friction: Friction) -> Iterator[Finding]:
     if friction.mu_theta is None or friction.both is None:
         return
     says = f"Apparent friction mu·theta {measured(friction.mu_theta, friction.mu_theta_sd)}"

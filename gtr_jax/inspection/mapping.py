@@ -6,13 +6,13 @@ import dataclasses
 
 import numpy as np
 
-from gtr_jax.errors import listed
+from gtr_jax.errors import InputError, listed
 from gtr_jax.files.columns import Columns, mapped
 from gtr_jax.files.guessing import Guess, Guessed
 from gtr_jax.files.numbers import number
 from gtr_jax.files.quantities import COLUMNS, NEEDED, split_unit
 from gtr_jax.files.table import Table
-from gtr_jax.files.units import convert
+from gtr_jax.files.units import convert, measures
 
 FORCES = ("N", "gf", "mN")
 """Units of force in which cells are read out."""
@@ -73,7 +73,8 @@ def mapping(table: Table, guessed: Guess, said: Columns | None) -> Mapping:
         said: what the user says, or None.
 
     Raises:
-        InputError: the user names a quantity or a column that there is none of.
+        InputError: the user names a quantity or a column that there is none of, or the file holds volts or
+            counts in place of forces.
     """
     own = {} if said is None else mapped(table, said, ())
     taken = {
@@ -90,6 +91,8 @@ def mapping(table: Table, guessed: Guess, said: Columns | None) -> Mapping:
     for quantity, g in guessed.quantities.items():
         # Where the user maps anything, only headers that name their quantity count beside it.
         if quantity not in taken and g.index not in used and (said is None or g.found == "header"):
+            if quantity in NEEDED and g.unit is not None and not measures(g.unit, COLUMNS[quantity].unit):
+                raise InputError(f"{table.path}: {'; '.join(g.notes) or g.says}")
             taken[quantity] = Taken(quantity, g.header, g.unit, _why(g), g.sure or _plainly(g))
     ordered = tuple(taken[q] for q in COLUMNS if q in taken)
     headers = {t.header for t in ordered}

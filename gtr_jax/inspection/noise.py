@@ -10,7 +10,9 @@ import numpy as np
 # Standard deviation of a normal distribution over its median absolute deviation.
 MAD_TO_SD = 1.4826
 # Samples to a piece of a still stretch, whose line is taken off, and the fewest of a piece that is used.
-PIECE, SHORTEST = 256, 16
+PIECE, SHORTEST = 64, 16
+# Share of a still stretch that is left out at either end, where the signal may have begun to move.
+EDGE = 0.125
 # Steps up to so many times the resolution must be whole multiples of it, within this share of one, for
 # nearly all of them; of readings that are not quantised 30 % would be.
 MULTIPLES, OFF, NEARLY_ALL, FEWEST = 20, 0.15, 0.9, 4
@@ -24,7 +26,7 @@ class Noise:
 
     Attributes:
         white_N: standard deviation [N] of what changes from sample to sample.
-        slow_N: of what changes over some samples, up to 256, where the signal stands still; None where it
+        slow_N: of what changes over some samples, up to 64, where the signal stands still; None where it
             nowhere does.
         moving_N: of what changes from sample to sample where the signal moves; None where it never does.
         samples: from which the noise is estimated.
@@ -86,11 +88,12 @@ def noise(x: np.ndarray, quiet: Sequence[tuple[int, int]]) -> Noise:
     third = third_differences(x)
     moving = third[moves[3:] & moves[:-3]]
     in_motion = MAD_TO_SD * float(np.median(np.abs(moving))) if moving.size >= SHORTEST else None
-    found = [_of_pieces(x[a : b + 1]) for a, b in quiet if b - a + 1 >= SHORTEST]
+    inner = [(a + int(EDGE * (b - a)), b - int(EDGE * (b - a))) for a, b in quiet]
+    found = [_of_pieces(x[a : b + 1]) for a, b in inner if b - a + 1 >= SHORTEST]
     if not found:
         return Noise(from_differences(x), None, in_motion, len(x), "differences of neighbouring samples")
     white, total = (np.concatenate([f[i] for f in found]) for i in (0, 1))
-    counted = sum(b - a + 1 for a, b in quiet)
+    counted = sum(b - a + 1 for a, b in inner)
     # The median of the pieces is not moved by the few in which the signal creeps.
     fast, all_of_it = float(np.median(white)), float(np.median(total))
     return Noise(

@@ -62,10 +62,10 @@ def zero(x: np.ndarray, where: Stretch | None, noise: float) -> Zero | None:
     Args:
         x: its readings [N], (K,).
         where: an unloaded stretch, or None.
-        noise: standard deviation of the cell where it stands still [N], which counts as if 256 neighbouring
+        noise: standard deviation of the cell where it stands still [N], which counts as if 64 neighbouring
             samples had one error in common: the slow part is not averaged out.
     """
     if where is None:
         return None
     own = x[where.rows]
-    return Zero(float(np.mean(own)), noise / np.sqrt(max(len(own) / 256, 1.0)), where)
+    return Zero(float(np.mean(own)), noise / np.sqrt(max(len(own) / 64, 1.0)), where)

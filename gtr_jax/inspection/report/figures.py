@@ -52,6 +52,7 @@ HELD = "#F6EBD2"
 MOST_NAMED = 24  # cycles that are numbered
 CLOSE_UPS, AROUND = 6, 12  # glitches that are shown, and samples to each side
 RATE_BINS = 8
+EVEN = 0.02  # spread of the sampling steps, as a share of their median, up to which they are all alike
 
 
 def thinned(*channels: np.ndarray) -> np.ndarray:
@@ -266,15 +267,16 @@ def plot_steps(time: np.ndarray, found: Inspection) -> Figure:
     steps = 1e3 * np.diff(time)
     usual = 1e3 / (found.sampling.rate_Hz or 1.0)
     low, high = float(steps.min()), float(steps.max())
-    if high - low < 0.02 * usual:
+    uneven = high - low > EVEN * usual
+    if not uneven:
         low, high = usual * 0.9, usual * 1.1
-    axes.hist(np.clip(steps, low, high), bins=np.linspace(low, high, 121).tolist(), color=BLUE, log=True)
+    axes.hist(np.clip(steps, low, high), bins=np.linspace(low, high, 122).tolist(), color=BLUE, log=uneven)
     keys = []
     if high > GAP * usual:
         axes.axvline(GAP * usual, color=VERMILLION, linewidth=1.2)
         keys = [Line2D([], [], color=VERMILLION, label=f"gap: {GAP:g} median steps")]
     axes.set_xlabel("step from sample to sample [ms]")
-    axes.set_ylabel("samples, log scale")
+    axes.set_ylabel("samples, log scale" if uneven else "samples")
     if keys:
         legend_above(fig, keys)
     return fig

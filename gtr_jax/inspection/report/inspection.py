@@ -55,9 +55,13 @@ def inspection_report(
         for own, recording, name, mapping in zip(found, recordings, names, mappings, strict=True)
     ]
     if several:
-        problems = [own.name for own in found if any(f.severity == PROBLEM for f in own.findings)]
+        problems = [
+            name
+            for own, name in zip(found, names, strict=True)
+            if any(f.severity == PROBLEM for f in own.findings)
+        ]
         verdict = f"{len(found)} recordings: " + (
-            f"look at {', '.join(problems)} before use." if problems else "all are fit for use."
+            f"look at {', '.join(problems)} before use." if problems else "no problem found in any."
         )
         return Report(title="Inspection", verdict=verdict, sections=sections)
     (one,) = sections
