@@ -13,6 +13,14 @@ from command_line import run_gtr
 from rigs import CYCLE, REST, ramps, recorded
 
 from gtr_jax.files.recording import read_recording, write_recording
+from gtr_jax.inspection.cycles import PULL, RELEASED
+from gtr_jax.inspection.delay import LEAST_SD
+from gtr_jax.inspection.noise import NEARLY_ALL, PIECE
+from gtr_jax.inspection.sampling import GAP
+from gtr_jax.inspection.slip import OF_NOISE, SLIPS, STEP
+from gtr_jax.inspection.still import BAND, OF_RAMP, SAMPLES, SECONDS, SHARE
+from gtr_jax.inspection.stuck import CHANCE
+from gtr_jax.inspection.zero import NEAR
 
 ROOT = Path(__file__).parents[1]
 GF = 9.80665e-3
@@ -183,3 +191,30 @@ def test_the_command_needs_no_jax(recording, tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert done.stdout.splitlines()[-1] == "0 []"
+
+
+def test_the_page_shows_what_the_command_prints(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    page = (ROOT / "docs/inspect.md").read_text(encoding="utf-8")
+    shown = re.search(r"```text\n(.*?)```", page, re.DOTALL)
+    assert shown is not None
+    done = run_gtr(capsys, "inspect", "examples/rig/monday.csv", "-o", tmp_path / "look")
+    assert done.out.replace(str(tmp_path / "look"), "out/look") == shown[1]
+
+
+def test_the_page_names_the_thresholds_of_the_code():
+    page = (ROOT / "docs/inspect.md").read_text(encoding="utf-8")
+    for said in (
+        f"longer than {GAP:g} median steps",
+        f"at least {100 * NEARLY_ALL:g} % of the small differences",
+        f"within {BAND:g} standard deviations of its noise (at least {100 * SHARE:g} % of its range) "
+        f"for {SECONDS:g} s, {SAMPLES} samples and {100 * OF_RAMP:g} % of the longest ramp",
+        f"straight line over {PIECE} samples",
+        f"within {100 * NEAR:g} % of their least reading",
+        f"once in {1 / CHANCE:,.0f} recordings",
+        f"by {100 * STEP:g} % of its range or {OF_NOISE:g} standard deviations",
+        f"exceeds {SLIPS:g} times T_tip/T_base",
+        f"by {100 * PULL:g} % of the range; an inner loop if it starts above {100 * RELEASED:g} %",
+        f"least {LEAST_SD:g} of a sampling step",
+    ):
+        assert said in " ".join(page.split()), said

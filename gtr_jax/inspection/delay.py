@@ -155,7 +155,7 @@ def _averaging(even: list[tuple[np.ndarray, np.ndarray]], noise: tuple[float, fl
         for sd, own in zip(noise, zip(*even, strict=True), strict=True):
             changes = [np.diff(_mean_of(x, count)) for x in own if len(x) > 2 * count]
             if not changes:
-                return count
+                return MOST_AVERAGED
             spread = float(np.sqrt(np.mean(np.concatenate([c - c.mean() for c in changes]) ** 2)))
             small &= np.sqrt(2.0 / count) * sd <= NOISE_SHARE * spread
         if small:

@@ -328,14 +328,14 @@ def _level(friction: Friction) -> Iterator[Finding]:
 def _friction(friction: Friction) -> Iterator[Finding]:
     if friction.mu_theta is None or friction.both is None:
         return
-    says = f"Apparent friction mu·theta {measured(friction.mu_theta, friction.mu_theta_sd)}"
+    theta = measured(friction.mu_theta, friction.mu_theta_sd)
     if friction.symmetric:
-        yield Finding(FINE, f"{says}, alike on pull and release.")
+        yield Finding(FINE, f"Apparent friction mu·theta is {theta}, alike on pull and release.")
         return
     yield Finding(
         NOTE,
-        f"{says}, but ln(T_tip/T_base) is not alike on pull and release: half their sum is "
-        f"{measured(friction.both, friction.both_sd)}.",
+        f"Friction is not alike on pull and release: half the sum of ln(T_tip/T_base) is "
+        f"{measured(friction.both, friction.both_sd)}, half the difference, mu·theta, {theta}.",
         "A gain or zero of a cell, friction that differs by direction, or bending does that; swap the cells "
         "to tell.",
     )

@@ -22,7 +22,7 @@ SLIPS = 0.5
 the tip: above this share of that ratio it slips."""
 # The two tensions are compared over steps of the base tension of this share of its range, or of so many
 # standard deviations of the noise of either cell.
-STEP, OF_NOISE = 0.015, 6.0
+STEP, OF_NOISE = 0.015, 10.0
 # Below this share of the range of the base tension the ratio means nothing.
 NEAR_ZERO = 0.03
 
