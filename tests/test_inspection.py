@@ -10,7 +10,10 @@ from rigs import CYCLE, MU_THETA, REST, pulled, ramps, recorded, recording
 from gtr_jax.errors import InputError
 from gtr_jax.files.recording import read_recording, write_recording
 from gtr_jax.inspection.inspection import inspect
+from gtr_jax.inspection.mapping import Mapping
 from gtr_jax.inspection.noise import from_differences, noise, resolution
+from gtr_jax.inspection.report.figures import close_up
+from gtr_jax.inspection.report.inspection import inspection_report
 from gtr_jax.inspection.sampling import sampling
 from gtr_jax.inspection.slip import PULLING, RELEASING, TRANSITION
 from gtr_jax.inspection.still import still
@@ -318,6 +321,18 @@ def test_a_delay_that_matters_is_a_problem():
 
 
 # The whole
+
+
+def test_many_cycles_are_drawn_all_and_a_few_close_up():
+    fine = np.arange(0.0, 60.0, 1 / 500)
+    columns = recorded(fine, 8 * (1 - np.cos(2 * np.pi * fine / 2)))
+    rig = recording(columns)
+    found = inspect(rig)
+    assert len(found.cycles.cycles) == 30
+    report = inspection_report([found], [rig], names=["rig"], mappings=[Mapping((), (), ())])
+    assert [f.name for f in report.figures][:3] == ["channels", "cycles", "loop"]
+    largest = close_up(found)
+    assert 6.0 < columns["time"][largest][-1] - columns["time"][largest][0] < 11.0
 
 
 def test_a_sound_recording_has_no_problem():

@@ -49,7 +49,7 @@ PHASES = {
     SLACK: "rest",
 }
 HELD = "#F6EBD2"
-MOST_NAMED = 24  # cycles that are numbered
+MOST_NAMED, CLOSE_CYCLES = 24, 4  # cycles that are numbered, and about as many in a close-up of more
 CLOSE_UPS, AROUND = 6, 12  # glitches that are shown, and samples to each side
 RATE_BINS = 8
 EVEN = 0.02  # spread of the sampling steps, as a share of their median, up to which they are all alike
@@ -67,14 +67,28 @@ def clock(recording: Recording) -> tuple[np.ndarray, str]:
     return recording.time, "time [s]"
 
 
+def close_up(found: Inspection) -> slice:
+    """Samples of a few cycles around the largest peak."""
+    cycles = found.cycles.cycles
+    largest = max(range(len(cycles)), key=lambda i: cycles[i].peak_N)
+    first, last = max(largest - CLOSE_CYCLES // 2, 0), min(largest + CLOSE_CYCLES // 2, len(cycles) - 1)
+    return slice(cycles[first].where.first, cycles[last].where.last + 1)
+
+
 @styled
-def plot_channels(recording: Recording, found: Inspection) -> Figure:
-    """Both cells over time, the phase of each sample below, and everything odd marked."""
+def plot_channels(recording: Recording, found: Inspection, *, rows: slice = slice(None)) -> Figure:
+    """Both cells over time, the phase of each sample below, and everything odd marked.
+
+    Args:
+        recording, found: what was inspected, and what was found.
+        rows: samples that are shown; all unless given.
+    """
     fig, (axes, strip) = figure(4.2, 2, sharex=True, height_ratios=(12, 1))
     t, name = clock(recording)
     T_base, T_tip = recording.T_base, recording.T_tip
     assert T_tip is not None
-    at = thinned(T_base, T_tip)
+    shown = np.arange(len(recording))[rows]
+    at = shown[thinned(T_base[rows], T_tip[rows])]
     gaps = found.sampling.gaps
     for values, colour in ((T_base, INK), (T_tip, VERMILLION)):
         axes.plot(*_broken(t[at], values[at], [g.start_s for g in gaps]), color=colour, linewidth=1.0)
@@ -101,8 +115,8 @@ def plot_channels(recording: Recording, found: Inspection) -> Figure:
         keys.append(Line2D([], [], color=PURPLE, linewidth=5, alpha=0.6, label="stuck"))
     if _mark_left_out(axes, recording):
         keys.append(_cross("left out"))
-    named = found.cycles.cycles if len(found.cycles.cycles) <= MOST_NAMED else ()
-    for number, cycle in enumerate(named, 1):
+    named = [c for c in enumerate(found.cycles.cycles, 1) if shown[0] <= c[1].peak <= shown[-1]]
+    for number, cycle in named if len(named) <= MOST_NAMED else ():
         axes.annotate(
             str(number),
             (t[cycle.peak], cycle.peak_N),
@@ -114,9 +128,10 @@ def plot_channels(recording: Recording, found: Inspection) -> Figure:
         )
     axes.set_ylabel("tension [N]")
     label = found.phases.label
-    _strip(strip, t, label)
+    _strip(strip, t[rows], label[rows])
+    axes.set_xlim(float(t[shown[0]]), float(t[shown[-1]]))
     strip.set_xlabel(name)
-    words = np.asarray([PHASES[p] for p in np.unique(label).tolist()])
+    words = np.asarray([PHASES[p] for p in np.unique(label[rows]).tolist()])
     legend_above(fig, [*keys, *phase_keys(words)])
     return fig
 

@@ -90,6 +90,7 @@ def _figures(found: Inspection, recording: Recording, ending: str) -> list[Figur
             "base; in transition friction holds it; at rest the base stands still, or the tendon "
             "is slack. Numbers count the pulls.",
         ),
+        *_close_up(found, recording, ending),
         Figure(
             f"loop{ending}",
             png(draw.plot_loop(recording, found)),
@@ -144,6 +145,14 @@ def _figures(found: Inspection, recording: Recording, ending: str) -> list[Figur
             )
         )
     return shown
+
+
+def _close_up(found: Inspection, recording: Recording, ending: str) -> list[Figure]:
+    """A few cycles, where the picture of all is too dense to tell one from another."""
+    if len(found.cycles.cycles) <= draw.MOST_NAMED:
+        return []
+    drawn = png(draw.plot_channels(recording, found, rows=draw.close_up(found)))
+    return [Figure(f"cycles{ending}", drawn, "The same, around the largest pull.")]
 
 
 def _tables(found: Inspection) -> list[Table]:
