@@ -204,6 +204,12 @@ def test_friction_that_holds_a_coarse_tip_is_no_dead_cell():
     assert found.base.resolution_N == pytest.approx(0.05)
 
 
+@pytest.mark.parametrize("name", ["coulomb", "adhesion", "viscous-friction", "stribeck-friction"])
+def test_simulations_without_noise_have_no_stuck_cell(name):
+    found = inspect(read_recording(Path(__file__).parent / "data/reference" / name / "recording.csv"))
+    assert not says(found, "problem")
+
+
 # Load
 
 

@@ -224,10 +224,10 @@ def _branches(phases: Phases, cycles: Cycles) -> Iterator[Finding]:
     if not cycles.cycles:
         yield Finding(PROBLEM, "The base tension never rises: there is no pull.", "Record a pull.")
         return
-    for phase, name in ((PULLING, "pull"), (RELEASING, "release")):
+    for phase, name, severity in ((PULLING, "pull", PROBLEM), (RELEASING, "release", NOTE)):
         if not np.any(phases.of_step == phase):
             yield Finding(
-                PROBLEM,
+                severity,
                 f"The tendon never slips on {name}.",
                 f"{name.capitalize()} farther, or sample faster: friction is told from slip both ways.",
             )

@@ -11,11 +11,11 @@ from .stretches import Stretch, runs, stretches
 # Runs of equal readings so improbable in noise, over the whole recording, are no chance.
 CHANCE = 1e-4
 SHORTEST = 4
-# A cell whose noise is narrower than its resolution may well repeat its readings. It is stuck if the other
-# cell meanwhile moves by so much of its range. The tip, which friction holds while the base moves, is stuck
-# if it does not follow a rise of the base by so much of the base's range.
-OTHER_MOVES, BASE_RISES = 0.05, 0.5
-HIDDEN = 0.5  # noise below this share of the resolution does not show
+# A cell repeats its readings where no noise shows: noise below the first share of the resolution, or below
+# the second of the range, as in simulations. It is then stuck if the other cell meanwhile moves by the third
+# share of its range, more than it creeps in a hold; the tip, which friction holds while the base moves, if
+# the base is pulled so much farther than ever before.
+HIDDEN, NOISELESS, OTHER_MOVES = 0.5, 5e-5, 0.25
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,7 +51,7 @@ def stuck(
         is_tip: whether it is the cell at the tip, which friction may hold while the base moves.
         time: of the samples [s], (K,), or None.
     """
-    shown = white > HIDDEN * (step or 0.0) > 0 or (step is None and white > 0)
+    shown = white > max(HIDDEN * (step or 0.0), NOISELESS * float(np.ptp(x)))
     if shown:
         again = 0.5 if step is None else min(step / (2 * np.sqrt(np.pi) * white), 0.9)
         shortest = int(np.ceil(np.log(CHANCE / len(x)) / np.log(again))) + 1
@@ -63,10 +63,10 @@ def stuck(
     for a, b in ends:
         within = other[a : b + 2]
         moved = float(np.ptp(within))
-        risen = float(within[-1] - within[0])
-        if not shown and (risen < BASE_RISES * reach if is_tip else moved < OTHER_MOVES * reach):
+        farther = float(within.max() - other[: a + 1].max()) if is_tip else moved
+        if not shown and farther < OTHER_MOVES * reach:
             continue
-        at_end = x[a] in (high, low) and (moved >= OTHER_MOVES * reach or shown)
+        at_end = x[a] in (high, low)
         (where,) = stretches([(a, b + 1)], time)
         found[0 if at_end else 1].append(Stuck(where, float(x[a]), moved))
     return tuple(found[0]), tuple(found[1])
