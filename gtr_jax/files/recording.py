@@ -80,10 +80,12 @@ def read_recording(
     """Read a recording (or a base-tension history) from a file.
 
     Args:
-        path: the file, or the table read from it; its header names the quantities and their units (COLUMNS), SI where none is given.
+        path: the file, or the table read from it; its header names the quantities and their units (COLUMNS),
+            SI where none is given.
         columns: columns under other names, as 'T_base=data_0[gf],T_tip=data_2[gf],time=Time[s]', or the path
-            of a mapping file, or either as read (see `columns`), which may also ask for what the last two arguments do; the
-            quantities it leaves out are still looked for in the header. Columns of no use are ignored.
+            of a mapping file, or either as read (see `columns`). It may also ask for what the last arguments
+            do; the quantities it leaves out are still looked for in the header. Columns of no use are
+            ignored.
         need_tip: whether a file without a tip tension is refused.
         tendons: names of the tendons, if the robot has several: then T_base, T_tip and displacement are
             looked for as T_base_N.left and the like, for all of them or none, and are (rows, tendons).

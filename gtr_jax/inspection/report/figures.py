@@ -129,7 +129,8 @@ def plot_channels(recording: Recording, found: Inspection, *, rows: slice = slic
     axes.set_ylabel("tension [N]")
     label = found.phases.label
     _strip(strip, t[rows], label[rows])
-    axes.set_xlim(float(t[shown[0]]), float(t[shown[-1]]))
+    if t[shown[-1]] > t[shown[0]]:
+        axes.set_xlim(float(t[shown[0]]), float(t[shown[-1]]))
     strip.set_xlabel(name)
     words = np.asarray([PHASES[p] for p in np.unique(label[rows]).tolist()])
     legend_above(fig, [*keys, *phase_keys(words)])
