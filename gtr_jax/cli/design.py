@@ -92,7 +92,7 @@ def write_answer(folder: Path, answer: Design, config: RobotConfig, settings: di
     from design.report.design import design_report
     from design.target import target_text
     from gtr_jax.files.config import config_text, dump_config
-    from gtr_jax.files.recording import write_whole
+    from gtr_jax.files.whole import write_whole
 
     from .run_folder import write_json, write_report
 

@@ -14,12 +14,12 @@ from .fit import inputs
 from .options import (
     channels_option,
     check_noise,
-    columns_option,
     files_argument,
     noise_base_option,
     noise_option,
     output_option,
 )
+from .recordings import left_out, read_recordings, recording_options
 
 if TYPE_CHECKING:
     from calibrate import Diagnosis
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     default=None,
     help="Propose the experiment that would tell the rivals apart even where one is named.",
 )
-@columns_option
+@recording_options
 @output_option
 def diagnose(
     files: Sequence[Path],
@@ -47,7 +47,9 @@ def diagnose(
     noise: float | None,
     noise_base: float | None,
     experiment: bool | None,
-    columns: str | None,
+    columns: Sequence[str],
+    keep_glitches: bool,
+    drop: Sequence[str],
     output: Path,
     force: bool,
 ) -> int:
@@ -55,7 +57,7 @@ def diagnose(
     whether a fit with it is better on samples it has not seen, and what to measure next.
     """
     from gtr_jax.files.config import load_config
-    from gtr_jax.files.recording import read_recording
+    from gtr_jax.files.thinning import MOST
 
     from .cache import enable_cache
     from .progress import Progress, kept
@@ -65,7 +67,14 @@ def diagnose(
     if len(given.robots) > 1:
         raise InputError(f"{given.robots[1]}: a diagnosis is of one robot; run it once for each")
     config = load_config(given.robots[0])
-    recordings = [read_recording(path, columns, tendons=config.tendon_names) for path in given.recordings]
+    recordings = read_recordings(
+        given.recordings,
+        [config.tendon_names] * len(given.recordings),
+        columns=columns,
+        keep_glitches=keep_glitches,
+        drop=drop,
+        most=MOST,
+    )
     paths = {"robot": given.robots[0]}
     paths |= {f"recording {i + 1}": path for i, path in enumerate(given.recordings)}
     folder = RunFolder(output, paths, force=force)
@@ -85,7 +94,7 @@ def diagnose(
         )
         progress("drawing")
         with folder.write() as part:
-            write_answer(part, answer, config, folder.settings())
+            write_answer(part, answer, config, folder.settings() | left_out(recordings))
         folder.steps.unlink(missing_ok=True)
     for line in summary(answer):
         click.echo(line)

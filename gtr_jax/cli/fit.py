@@ -18,13 +18,13 @@ from .options import (
     STDIN,
     channels_option,
     check_noise,
-    columns_option,
     files_argument,
     held_stdin,
     noise_base_option,
     noise_option,
     output_option,
 )
+from .recordings import left_out, read_recordings, recording_options
 
 if TYPE_CHECKING:
     import numpy as np
@@ -68,7 +68,7 @@ class Inputs(NamedTuple):
     is_flag=True,
     help="Sample the posterior by NUTS too: minutes; needs pip install 'gtr-jax[posterior]'.",
 )
-@columns_option
+@recording_options
 @output_option
 def fit(
     files: Sequence[Path],
@@ -80,7 +80,9 @@ def fit(
     noise_base: float | None,
     robust: bool,
     posterior: bool,
-    columns: str | None,
+    columns: Sequence[str],
+    keep_glitches: bool,
+    drop: Sequence[str],
     output: Path,
     force: bool,
 ) -> int:
@@ -88,7 +90,7 @@ def fit(
     its file. Several recordings share the parameters; each belongs to the ROBOT.toml before it.
     """
     from gtr_jax.files.config import load_config
-    from gtr_jax.files.recording import read_recording
+    from gtr_jax.files.thinning import MOST
 
     from .cache import enable_cache
     from .progress import Progress
@@ -97,10 +99,14 @@ def fit(
     given = inputs(files)
     configs = [load_config(path) for path in given.robots]
     of = [configs[r] for r in given.of]
-    recordings = [
-        read_recording(path, columns, tendons=config.tendon_names)
-        for path, config in zip(given.recordings, of, strict=True)
-    ]
+    recordings = read_recordings(
+        given.recordings,
+        [config.tendon_names for config in of],
+        columns=columns,
+        keep_glitches=keep_glitches,
+        drop=drop,
+        most=MOST,
+    )
     options = {
         "free": None if free is None else _some(free, "--free"),
         "per_recording": () if per_recording is None else _some(per_recording, "--per-recording"),
@@ -117,7 +123,7 @@ def fit(
         result = solve(of, recordings, noise=noise, noise_base=noise_base, progress=progress, **options)
         progress("drawing")
         with folder.write() as part:
-            write_answer(part, result, recordings, of, folder.settings())
+            write_answer(part, result, recordings, of, folder.settings() | left_out(recordings))
     for line in summary(result):
         click.echo(line)
     click.echo(f"report: {output / 'report.html'}")

@@ -93,11 +93,6 @@ def output_option(command: Callable) -> Callable:
     return place(force_option(command))
 
 
-columns_option = click.option(
-    "--columns",
-    metavar="MAP",
-    help="Columns under other names or in other units: 'T_base=data_0[gf],T_tip=data_2[gf],time=Time[s]'.",
-)
 files_argument = click.argument(
     "files", nargs=-1, required=True, metavar="ROBOT.toml REC.csv ...", type=click.Path(path_type=Path)
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,11 +14,11 @@ from .options import (
     InputFile,
     Quantity,
     check_resolution,
-    columns_option,
     output_option,
     resolution_option,
     robot_argument,
 )
+from .recordings import left_out, read_recordings, recording_options
 
 if TYPE_CHECKING:
     import numpy as np
@@ -49,7 +50,7 @@ STEPS = 40
     help="Take the base tension from this file (column T_base_N, or T_base_N.NAME for each of several "
     "tendons) instead.",
 )
-@columns_option
+@recording_options
 @resolution_option
 @output_option
 def simulate(
@@ -60,7 +61,9 @@ def simulate(
     steps: int | None,
     dt: float | None,
     history: Path | None,
-    columns: str | None,
+    columns: Sequence[str],
+    keep_glitches: bool,
+    drop: Sequence[str],
     resolution: float,
     output: Path,
     force: bool,
@@ -81,8 +84,9 @@ def simulate(
     config = load_config(robot)
     given: Recording | None = None
     if history is None:
-        if columns is not None:
-            raise InputError("--columns: has no effect without --history; leave it out")
+        for name, value in (("--columns", columns), ("--keep-glitches", keep_glitches), ("--drop", drop)):
+            if value:
+                raise InputError(f"{name}: has no effect without --history; leave it out")
         T_base = pulls_of(config, tendon, pull, release, steps)
         if dt is not None and dt <= 0:
             raise InputError(f"--dt: must be positive, is {dt:g} s; 0.1 s for example")
@@ -92,9 +96,14 @@ def simulate(
         for name, value in alone.items():
             if value is not None:
                 raise InputError(f"{name}: has no effect with --history; leave one of the two out")
-        from gtr_jax.files.recording import read_recording
-
-        given = read_recording(history, columns, need_tip=False, tendons=config.tendon_names)
+        given = read_recordings(
+            [history],
+            [config.tendon_names],
+            columns=columns,
+            keep_glitches=keep_glitches,
+            drop=drop,
+            need_tip=False,
+        )[0]
         T_base, time = given.T_base, given.time
     check_times(config, time)
     folder = RunFolder(output, {"robot": robot} | ({"history": history} if history else {}), force=force)
@@ -103,7 +112,8 @@ def simulate(
         answer = solve(config, T_base, time, resolution=resolution, progress=progress)
         progress("drawing")
         with folder.write() as part:
-            write_answer(part, answer, config, folder.settings(), time=time)
+            settings = folder.settings() | left_out([given] if given else [])
+            write_answer(part, answer, config, settings, time=time)
     from gtr_jax.report.simulation import verdict
 
     said = verdict(answer)

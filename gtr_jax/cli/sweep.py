@@ -201,7 +201,7 @@ def _finish(
 ) -> int:
     """Write all that a sweep leaves, beside it everything that its file names."""
     from gtr_jax.files.config import config_text, dump_config
-    from gtr_jax.files.recording import write_whole
+    from gtr_jax.files.whole import write_whole
     from gtr_jax.report.sweep import sweep_report
     from gtr_jax.sweep.config import sweep_text
     from gtr_jax.sweep.store import STORE, open_sweep

@@ -20,7 +20,6 @@ from gtr_jax.terms import REGISTRY, null_values
 from .config_checks import check_robot
 from .config_file import dotted, find_key, place_of, read_toml
 from .config_form import check_strings, check_terms
-from .recording import write_whole
 from .sections import (
     BackboneConfig,
     Deviation,
@@ -32,6 +31,7 @@ from .sections import (
     TermConfig,
 )
 from .units import DIMENSIONS, parse_quantity, to_si
+from .whole import write_whole
 
 # Columns of a comment in a robot file.
 NOTE_WIDTH = 110

@@ -10,7 +10,7 @@ from typing import Any
 
 from gtr_jax.errors import InputError, did_you_mean, excerpt, listed
 
-from .recording import split_unit
+from .quantities import split_unit
 from .table import read_table, read_text
 
 

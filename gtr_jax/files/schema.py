@@ -17,8 +17,8 @@ from typing import Any
 from pydantic.json_schema import GenerateJsonSchema
 
 from .config import RobotConfig
-from .recording import write_whole
 from .sections import Section
+from .whole import write_whole
 
 
 class Described(GenerateJsonSchema):

@@ -39,6 +39,7 @@ _STAMP = re.compile(r"(\d{4}-\d\d-\d\d)(?:[T ](\d\d:\d\d)(?:(:\d\d)(?:[.,](\d+))
 _CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d)(?:[.,](\d+))?")
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 SECOND = 10**9  # in the nanoseconds that time stamps are counted in
+_ABSENT = frozenset({"", "nan"})  # cells of samples that are left out
 _NOTHING = frozenset({"nan", "inf", "n/a", "na", "none", "null"})
 
 
@@ -109,8 +110,15 @@ class Table:
             )
         return next(iter(marks), ".")
 
-    def column(self, index: int) -> np.ndarray:
-        """Column `index` as float64; InputError naming row and column of a cell that is no number."""
+    def column(self, index: int, most_absent: float = 0.0) -> np.ndarray:
+        """Column `index` as float64; cells that are empty or NaN are NaN.
+
+        Args:
+            index: of the column.
+            most_absent: share of the cells that may be empty or NaN.
+
+        Raises InputError naming row and column of another cell that is no number.
+        """
         cells = self.cells(index)
         try:
             if not self.plain and (self.decimal == "," or any("," in c or "_" in c for c in cells)):
@@ -118,7 +126,15 @@ class Table:
             values = np.array(cells, dtype=np.float64)
         except ValueError:
             values = np.array([_number(cell, self.decimal) for cell in cells])
-        self._refuse(index, ~np.isfinite(values), "a number")
+        bad = ~np.isfinite(values)
+        if np.any(bad):
+            absent = np.array([cells[i].strip().lower() in _ABSENT for i in np.flatnonzero(bad)])
+            share = float(np.mean(bad)) if absent.all() else 1.0
+            if share > most_absent:
+                if most_absent and not absent.all():
+                    bad[np.flatnonzero(bad)[absent]] = False
+                few = f"; up to {100 * most_absent:g} % of a column may be empty, not {100 * share:.2g} %"
+                self._refuse(index, bad, "a number", few if most_absent and absent.all() else "")
         return values
 
     def times(self, index: int) -> np.ndarray:
@@ -137,14 +153,23 @@ class Table:
         values = np.array(found, dtype=np.int64)
         return (values - values[0]) / float(SECOND)
 
-    def quantity(self, index: int, unit: str | None, si: str, *, remedy: Callable[[], str]) -> np.ndarray:
+    def quantity(
+        self,
+        index: int,
+        unit: str | None,
+        si: str,
+        *,
+        remedy: Callable[[], str],
+        most_absent: float = 0.0,
+    ) -> np.ndarray:
         """Column `index` converted from `unit` (None: what the row of units says, or SI) to the SI unit `si`,
-        read-only. Times may be time stamps. `remedy` says what to do about a unit that is not understood.
+        read-only. Times may be time stamps. `remedy` says what to do about a unit that is not understood;
+        `most_absent` is as of `column`.
         """
         if si == "s" and not self.has_numbers(index):
             values = self.times(index)
         else:
-            values, unit = self.column(index), unit or self.unit(index)
+            values, unit = self.column(index, most_absent), unit or self.unit(index)
             try:
                 values = values if unit in (None, si) else convert(values, unit, si)
             except InputError as fault:
@@ -152,14 +177,14 @@ class Table:
         values.setflags(write=False)
         return values
 
-    def _refuse(self, index: int, bad: np.ndarray, wanted: str) -> None:
+    def _refuse(self, index: int, bad: np.ndarray, wanted: str, more: str = "") -> None:
         if np.any(bad):
             i = int(np.flatnonzero(bad)[0])
             cell = self.rows[i][index]
             what = f"found '{excerpt(cell)}'" if cell.strip() else "found an empty cell"
             raise InputError(
                 f"{self.path}: row {self.numbers[i]}, column '{self.header[index]}': "
-                f"expected {wanted}, {what}; correct the cell or delete the row"
+                f"expected {wanted}, {what}; correct the cell or delete the row{more}"
             )
 
 

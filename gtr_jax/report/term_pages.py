@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from gtr_jax.examples import SIMULATED
-from gtr_jax.files.recording import write_whole
+from gtr_jax.files.whole import write_whole
 from gtr_jax.plots.terms import Loops, term_figure
 from gtr_jax.robot.build import load_robot
 from gtr_jax.terms import REGISTRY, Term

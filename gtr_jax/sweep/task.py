@@ -17,7 +17,8 @@ import numpy as np
 
 from gtr_jax.errors import InputError, listed
 from gtr_jax.files.config import RobotConfig, config_text, load_config
-from gtr_jax.files.recording import read_recording, split_unit
+from gtr_jax.files.quantities import split_unit
+from gtr_jax.files.recording import read_recording
 from gtr_jax.files.table import read_table
 from gtr_jax.robot.build import build_robot, choose_intervals
 from gtr_jax.robot.parameters import term_of
@@ -395,7 +396,9 @@ def _tendon(file: SweepConfig, config: RobotConfig) -> int | None:
 def _given(file: SweepConfig, config: RobotConfig) -> LoadPath:
     """A history from a CSV file."""
     path = file.folder / str(file.history.file)
-    read = read_recording(path, need_tip=False, tendons=config.tendon_names)
+    read = read_recording(path, need_tip=False, tendons=config.tendon_names, keep_glitches=True)
+    if read.masked:
+        raise InputError(f"{path}: {read.masked[0].says}; complete the history or delete the row")
     T = np.asarray(read.T_base, dtype=float)
     moves = np.sign(np.diff(T if T.ndim == 1 else T.sum(axis=1)))
     moving = np.flatnonzero(moves)

@@ -1,0 +1,110 @@
+"""Recordings as the commands read them: their options, and what the reader is told of what was left out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from gtr_jax.errors import InputError
+
+if TYPE_CHECKING:
+    from gtr_jax.files.recording import Recording
+
+MOST_STORED = 1000  # places that are left out of a recording, in the settings of an answer
+
+_columns = click.option(
+    "--columns",
+    metavar="MAP",
+    multiple=True,
+    help="Columns under other names or in other units: 'T_base=data_0[gf],T_tip=data_2[gf],time=Time[s]', or "
+    "a mapping file (.toml), as gtr inspect writes it. Give one for all recordings, or one for each.",
+)
+_keep_glitches = click.option(
+    "--keep-glitches",
+    is_flag=True,
+    help="Keep glitches: lone samples that a cell cannot have seen, which are masked unless asked for.",
+)
+_drop = click.option(
+    "--drop",
+    metavar="FROM:TO",
+    multiple=True,
+    help="Leave out a stretch of time: '12.5 s:13 s', '118:' to the end. Repeatable.",
+)
+
+
+def recording_options(command: Callable) -> Callable:
+    """--columns, --keep-glitches and --drop, for parameters of these names."""
+    return _columns(_keep_glitches(_drop(command)))
+
+
+def mapping_of_each(paths: Sequence[Path], columns: Sequence[str]) -> list[str | None]:
+    """The value of --columns for each recording, or None.
+
+    Raises:
+        InputError: there are several mappings, but not one for each recording.
+    """
+    if len(columns) not in (0, 1, len(paths)):
+        raise InputError(
+            f"--columns: {len(columns)} mappings, but {len(paths)} recordings; give one for all, or one for "
+            "each in their order"
+        )
+    given: list[str | None] = list(columns) or [None]
+    return given * len(paths) if len(given) == 1 else given
+
+
+def read_recordings(
+    paths: Sequence[Path],
+    tendons: Sequence[Sequence[str]],
+    *,
+    columns: Sequence[str],
+    keep_glitches: bool,
+    drop: Sequence[str],
+    need_tip: bool = True,
+    most: int | None = None,
+) -> list[Recording]:
+    """Read recordings, and say on stderr what was left out of each.
+
+    Args:
+        paths: the files.
+        tendons: names of the tendons of each, as `read_recording` takes them.
+        columns, keep_glitches, drop: values of the options.
+        need_tip: whether a file without a tip tension is refused.
+        most: samples that each is thinned to; all of them unless given.
+
+    Raises:
+        InputError: there are several mappings, but not one for each recording; or a file is refused.
+    """
+    from gtr_jax.files.masking import masked_says
+    from gtr_jax.files.recording import read_recording
+    from gtr_jax.files.thinning import thinned, thinned_says
+
+    recordings = []
+    for path, mapping, names in zip(paths, mapping_of_each(paths, columns), tendons, strict=True):
+        recording = read_recording(
+            path, mapping, need_tip=need_tip, tendons=names, keep_glitches=keep_glitches, drop=drop
+        )
+        recording = recording if most is None else thinned(recording, most)
+        for said in (masked_says(recording.masked), thinned_says(recording), *recording.notes):
+            if said:
+                click.echo(f"warning: {path}: {said}", err=True)
+        recordings.append(recording)
+    return recordings
+
+
+def left_out(recordings: Sequence[Recording]) -> dict[str, Any]:
+    """What was left out of recordings, for the settings of an answer; empty if nothing was."""
+    from gtr_jax.files.masking import masked_says
+    from gtr_jax.files.thinning import thinned_says
+
+    said = {
+        str(r.path): {
+            "says": "; ".join(filter(None, [masked_says(r.masked), thinned_says(r), *r.notes])),
+            "masked": [m._asdict() for m in r.masked[:MOST_STORED]],
+        }
+        for r in recordings
+        if r.masked or r.thinned_from or r.notes
+    }
+    return {"left_out": said} if said else {}

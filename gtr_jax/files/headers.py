@@ -1,0 +1,161 @@
+"""Which column of a table holds which quantity, by its header; what is meant where no header says it."""
+
+from __future__ import annotations
+
+import difflib
+import itertools
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from gtr_jax.errors import InputError, listed
+
+from .quantities import COLUMNS, NEEDED, of_tendon, plain_name, quantities_of, split_unit, with_tendon
+from .table import Table, is_data
+from .units import measures
+
+
+def recognised(table: Table, quantity: str, tendon: str) -> tuple[int, str | None] | None:
+    """Column index and unit of a quantity from the headers themselves; None if no header names it."""
+    si, canonical, spellings = COLUMNS[quantity]
+    canonical = f"{canonical}.{tendon}" if tendon else canonical
+    found: list[tuple[int, str | None]] = []
+    for index, header in enumerate(table.header):
+        own = of_tendon(header, tendon)
+        if own is None:
+            continue
+        name, unit = split_unit(own, si)
+        if plain_name(name) in spellings and name != "T":  # a bare T may be a tension, a time, a temperature
+            found.append((index, unit))
+    exact = [entry for entry in found if table.header[entry[0]] == canonical]
+    found = exact or found
+    if quantity not in NEEDED:  # a column of words, "trial B", is of no use and in nobody's way
+        able = [table.has_numbers(index) for index, _ in found]
+        if quantity == "time" and not any(able):
+            able = [table.has_times(index) for index, _ in found]
+        found = list(itertools.compress(found, able))
+    if len(found) > 1:
+        names = " and ".join(f"'{table.header[index]}'" for index, _ in found)
+        first = table.header[found[0][0]]
+        alike = any(table.header[index] == first for index, _ in found[1:])
+        remedy = f"choose one with --columns '{with_tendon(quantity, tendon)}={first}' or rename the others"
+        remedy = "rename one" if alike else remedy
+        raise InputError(f"{table.path}: {names} all name {with_tendon(quantity, tendon)}; {remedy}")
+    return found[0] if found else None
+
+
+def missing(table: Table, absent: Sequence[str], tendons: Sequence[str]) -> InputError:
+    """The error for quantities that are needed and have no column: what may be meant, and in which unit."""
+    wanted = quantities_of(tendons)
+    quantity, tendon = wanted[absent[0]]
+    column = COLUMNS[quantity]
+    names = [header for header in table.header if header]
+    place = f"{table.path}: no column {with_tendon(column.header, tendon)}"
+    if tendon and recognised(table, quantity, "") is not None:
+        return InputError(
+            f"{place}, but one for a single tendon; of several, {listed(tendons)}, each one's columns end "
+            f"with its name: {column.header}.{tendon}"
+        )
+    ended = [header for header in names if re.match(rf"{re.escape(column.header)}\.\w", header)]
+    if not tendon and ended:
+        names = [header.rpartition(".")[2] for header in ended]
+        return InputError(
+            f"{place}, but {listed(ended)} of several tendons; for one tendon rename its column to "
+            f"{column.header}; several are named in the robot file, as [[tendons]], or in Python, "
+            f"read_recording(..., tendons=({', '.join(map(repr, names))}))"
+        )
+    if len(table.rows) and is_data(table.header):
+        return InputError(
+            f"{table.path}: the first row holds numbers; put the names of the columns above, "
+            "for example time_s,T_base_N,T_tip_N"
+        )
+    meant = {key: meant_column(table, *wanted[key], tendons) for key in absent}
+    entries = []
+    for key, index in meant.items():
+        si = COLUMNS[wanted[key][0]].unit
+        name, unit = ("NAME", si) if index is None else (table.header[index], unit_meant(table, index, si))
+        entries.append(f"{key}={name}[{unit}]")
+    near = meant[absent[0]]
+    return InputError(
+        f"{place}; columns found: {listed(names)}"
+        + ("" if near is None else f" (nearest: '{table.header[near]}')")
+        + f"; rename one, or add --columns '{','.join(entries)}'"
+    )
+
+
+# Words in headers that tell the end of the tendon, that speak for a tension, and that speak against it.
+_SIDES = {
+    "T_base": ("base", "prox", "proximal", "motor", "input", "drive", "actuator", "handle"),
+    "T_tip": ("tip", "dist", "distal", "end", "output"),
+}
+_FORCES = frozenset("t f tension force load cell loadcell tendon cable n gf g kg newton".split())
+_NO_FORCES = frozenset(
+    "angle bend bending time clock temp temperature x y z pos position displacement disp stroke voltage volt "
+    "v strain s ms m mm deg rad trial sample index".split()
+)
+_ALIKE = 0.7  # of a misspelt header to one that is known
+# Words for units of tension, and the unit meant.
+_MEANT = {"g": "gf", "gr": "gf", "gram": "gf", "grams": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf"}
+RARE_NEWTONS = 300.0  # beyond, a tension without a unit is rather in grams-force
+
+
+def words_of(header: str) -> list[str]:
+    """The words of a header in lower case: "TipForce_N" has tip, force and n."""
+    return [w.lower() for w in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", header)]
+
+
+def force_meant(unit: str) -> str:
+    """The unit of force that a unit of mass stands for; the unit itself if it is none."""
+    return _MEANT.get(unit.lower(), unit)
+
+
+def meant_column(table: Table, quantity: str, tendon: str, tendons: Sequence[str]) -> int | None:
+    """The column that may be a quantity under a name that is not known; None if none suggests itself."""
+    spellings = {s: q for q, column in COLUMNS.items() for s in column.spellings}
+    si = COLUMNS[quantity].unit
+    others = [other for other in tendons if other != tendon]
+    sides = {word: q for q, words in _SIDES.items() for word in words}
+    scores: dict[int, float] = {}
+    for index, header in enumerate(table.header):
+        own = of_tendon(header, tendon) or header
+        name = plain_name(split_unit(own, si)[0])
+        if not header or any(of_tendon(header, other) for other in others) or not table.has_numbers(index):
+            continue
+        if spellings.get(name, quantity) != quantity:
+            continue  # it is another quantity
+        words = words_of(header)
+        score = 1.0 if quantity in NEEDED and _FORCES.intersection(words) else 0.0
+        for word, side in sides.items():
+            if quantity in NEEDED and any(w.startswith(word) or w.endswith(word) for w in words):
+                score += 2.0 if side == quantity else -9.0
+        score -= 9.0 * len(_NO_FORCES.intersection(words)) * (quantity in NEEDED)
+        alike = [difflib.SequenceMatcher(None, name, s).ratio() for s in COLUMNS[quantity].spellings]
+        score += 3.0 * max(alike) if max(alike) > _ALIKE else 0.0
+        if score > 0:
+            scores[index] = score
+    best = [index for index, score in scores.items() if score == max(scores.values())]
+    return best[0] if len(best) == 1 else None
+
+
+def unit_remedy(table: Table, key: str, index: int, si: str) -> str:
+    """What to add to the command for a column whose unit is not understood."""
+    return f"give its unit with --columns '{key}={table.header[index]}[{unit_meant(table, index, si)}]'"
+
+
+def unit_meant(table: Table, index: int, si: str) -> str:
+    """The unit that a column is likely to be in: as its header or a row of units has it, for tensions with
+    the force for the mass; grams-force where newtons would be many.
+    """
+    header = table.header[index]
+    ending = re.split(r"[\s_]+", header)[-1]
+    for said in (split_unit(header, si)[1], table.unit(index), ending):
+        word = "" if said is None else said.strip("[]() ")
+        word = force_meant(word) if si == "N" else word
+        if measures(word, si):
+            return word
+    try:
+        large = si == "N" and float(np.max(np.abs(table.column(index)))) > RARE_NEWTONS
+    except InputError:
+        large = False
+    return "gf" if large else si
