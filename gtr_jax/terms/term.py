@@ -18,6 +18,7 @@ Values = Mapping[str, Float[Array, ""]]
 # A slip [m], a speed [m/s] or a curvature [1/m] that is only rounding, while nothing moves. Laws whose
 # derivative differs between the directions count it as forward, so that all programs take the same one.
 STILL = 1e-13
+NO_TUG = "needs one tendon, and friction that does not build up over a slip; leave presliding out"
 NO_SLIP = "no tendon slips in a rigid sheath unless it stretches; add the term tendon-stretch"
 
 
@@ -136,6 +137,7 @@ class Term:
         remembers: how many numbers `bend` remembers.
         strain: of the tendon, from its tension [N].
         anchor: how far the anchor gives way [m], from the tension there [N].
+        tugged: tension added to the tendon's end at the tip from outside [N], from the time [s].
         ahead: stretch of the tendon ahead of the channel [m], from the base tension [N].
         loads: the external loads, from those of the robot.
         stop: force of a stop on the tip [N] against `stop_angle`, from the tip's place along it [m], affine;
@@ -172,6 +174,7 @@ class Term:
     remembers: int = 0
     strain: Callable[[Values, Array], Array] | None = None
     anchor: Callable[[Values, Array], Array] | None = None
+    tugged: Callable[[Values, Array], Array] | None = None
     ahead: Callable[[Values, Array], Array] | None = None
     loads: Callable[[Values, Any], Any] | None = None
     stop: Callable[[Values, Array], Array] | None = None
