@@ -1,23 +1,23 @@
 """Events between load steps, and what they leave of the tension that friction holds.
 
 *Loosened*: friction that falls leaves ln T steeper than it can hold. The tendon then slips, before the base
-tension of the load step changes, until |d ln T| <= mu d(theta) everywhere, and no farther. Its slip towards the
-base is
+tension of the load step changes, until |d ln T| <= mu d(theta) everywhere, and no farther. Its slip towards
+the base is
 
     u(s) = integral over [s, L] of c (T - T_before) ds,       c = (strain per tension) + b^2/EI,
 
 plus that of the anchor. Slip that runs in from the base ends at a front, where u = 0; beyond it the tendon
-relaxes within itself and keeps its length. A profile with its front at each node, for both directions of slip
-from the base, is marched towards the tip; the solution is the first whose u at the front has changed its sign,
-interpolated linearly between the nodes.
+relaxes within itself and keeps its length. A profile with its front at each node, for both directions of
+slip from the base, is marched towards the tip; the solution is the first whose u at the front has changed
+its sign, interpolated linearly between the nodes.
 
-*Tugged*: the end at the tip is moved until its tension has changed by as much as is asked, and slip runs in from
-there,
+*Tugged*: the end at the tip is moved until its tension has changed by as much as is asked, and slip runs in
+from there,
 
     T(s) = clip(T_before, T_tip exp(-mu (theta(L) - theta)), T_tip exp(+mu (theta(L) - theta))),
 
-which the end follows by the integral of -c (T - T_before) over the tendon. The base's bounds then clip T as in
-any load step (docs/mechanics.md).
+which the end follows by the integral of -c (T - T_before) over the tendon. The base's bounds then clip T as
+in any load step (docs/mechanics.md).
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ def _after(case: Case, now: Float[Array, " N"], was: Float[Array, " N"]) -> Floa
 
 
 def after_tug(case: Case, load: Load, memory: Memory) -> tuple[Memory, Float[Array, ""]]:
-    """The memory of one tendon after its end at the tip was moved, and how far towards the base [m]; arguments as
-    for `after_loosening`.
+    """The memory of one tendon after its end at the tip was moved, and how far towards the base [m];
+    arguments as for `after_loosening`.
     """
     case = dataclasses.replace(case, load=load, memory=memory)
     tension = memory.tension
@@ -89,7 +89,10 @@ def after_tug(case: Case, load: Load, memory: Memory) -> tuple[Memory, Float[Arr
     held = jnp.where(added != 0, clip(tension, bound(-1.0), bound(1.0)), tension)
     more = _compliance(case) * (held - tension)
     length = case.sections.mesh.interval.length
-    moved = -jnp.sum(0.5 * length * (more + shifted(more))) - _give(case, "anchor", tension[-1]) * (held - tension)[-1]
+    moved = (
+        -jnp.sum(0.5 * length * (more + shifted(more)))
+        - _give(case, "anchor", tension[-1]) * (held - tension)[-1]
+    )
     return dataclasses.replace(memory, tension=held, T_tip=jnp.where(added != 0, end, memory.T_tip)), moved
 
 
@@ -126,8 +129,8 @@ def _give(case: Case, name: str, tension):
 
 
 def _relaxed(case: Case, tension, down, up) -> Float[Array, " N"]:
-    """The tension after the slip, from that before it [N], where friction since the preceding node can hold that
-    its logarithm falls by `down` or rises by `up`, (N,) each.
+    """The tension after the slip, from that before it [N], where friction can hold that its logarithm falls
+    by `down` or rises by `up` since the preceding node, (N,) each.
     """
     s, nodes = case.sections, jnp.arange(tension.shape[0])[None, :]
     # Rows: slip from the base towards the base, and towards the tip. Columns: the node of the front.

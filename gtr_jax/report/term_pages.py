@@ -107,8 +107,9 @@ def write_pages(folder: Path) -> None:
         "`gtr terms` lists them at the command line. These pages are written from the terms' own files by",
         "`python -m gtr_jax.report.term_pages`.\n",
         "The pictures show TD-CM I through one history: a loop at 1 N/s with a hold and an inner loop, then",
-        "one at 4 N/s; without the term in grey. Events, which happen at a time of their own, are drawn over time",
-        "as well. `gtr diagnose` offers none of them by itself, because a free time can fit any bump.\n",
+        "one at 4 N/s; without the term in grey. Events, which happen at a time of their own, are drawn over",
+        "time as well. They are not among the ordinary hypotheses of `gtr diagnose`, because a free time can",
+        "fit any bump.\n",
     ]
     for group, belongs in GROUPS.items():
         index += [f"\n## {group}\n", "| term | what it is | law |", "|---|---|---|"]

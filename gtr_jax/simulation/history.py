@@ -145,7 +145,7 @@ def _solved(structure: Structure, robot: Robot, loads: Load, how: March):
     if done.moved is not None:
         # What was moved from outside moved the whole tendon that friction holds.
         away = jnp.cumsum(jnp.where(done.met, done.moved, 0.0))
-        loaded = dataclasses.replace(loaded, slip=loaded.slip + away[:, None])
+        loaded = eqx.tree_at(lambda loaded: loaded.slip, loaded, loaded.slip + away[:, None])
     scale = large_tension(loads.T_base, settled.preload)
     rigid = robot.backbone.rigid
     return loaded, jax.vmap(lambda step, now: moves_of(s, structure, rigid, step, now, scale))(done, loaded)
@@ -281,8 +281,8 @@ def simulate(
 
 
 def _refuse_unable(robot: Robot) -> None:
-    """ValueError if friction would build up over a slip that cannot occur, or an end be moved that nothing holds
-    by sliding friction.
+    """ValueError if friction would build up over a slip that cannot occur, or if an end is moved that no
+    sliding friction holds.
     """
     by_slip = any(term.mobilise and known_on(term, robot.terms[term.id]) for term in REGISTRY.values())
     for term in REGISTRY.values():

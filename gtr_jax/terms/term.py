@@ -186,7 +186,7 @@ class Term:
 
     @property
     def of_cells(self) -> bool:
-        """Whether it concerns only the load cells, or the place where displacement is measured, not the robot."""
+        """Whether it concerns only what the instruments show, not the robot between them."""
         return bool(self.tip or self.base or self.ahead)
 
     @property

@@ -5,15 +5,22 @@ from .term import Quantity, Term, rise
 TERM = Term(
     id="tip-moved",
     says="The tendon's end at the tip, with its load cell, is moved from outside or let go.",
-    law="T_tip changes by tension·S((t − time)/duration), S(x) = 3x² − 2x³ from 0 to 1, as far as friction holds; "
-    "T_tip exp(∓μ(θ(L) − θ)) bounds the tension held along the tendon",
-    seen="An event in time: the tip tension jumps while the base tension does not, and the next loop forgets it.",
-    told_apart="Look at a video of the tip. After it the tendon slips from the tip, not from the base: the base "
-    "tension at which release reaches the tip differs once.",
-    source="slip that runs in from an end is Coulomb friction along a wrapped tendon (capstan equation), from that "
-    "end",
+    law="T_tip changes by tension·S((t − time)/duration), S(x) = 3x² − 2x³ from 0 to 1, as far as friction "
+    "to the base allows; T_tip exp(∓μ(θ(L) − θ)) bounds the tension that is held",
+    seen="An event in time: the tip tension jumps while the base tension does not, until the tendon slips as "
+    "a whole again.",
+    told_apart="Look at a video of the tip. shaken-sheath takes both tensions towards each other; this takes "
+    "the tip tension anywhere.",
+    source="capstan equation, from the end at the tip",
     quantities=(
-        Quantity("tension", "N", 0.0, -2.0, "Change of the tip tension; negative where it is let go.", (-10.0, 10.0)),
+        Quantity(
+            "tension",
+            "N",
+            0.0,
+            -2.0,
+            "Change of the tip tension; negative where it is let go.",
+            (-10.0, 10.0),
+        ),
         Quantity("time", "s", 0.0, 50.0, "When it begins.", (0.0, 600.0), size=False),
         Quantity(
             "duration", "s", 0.1, 0.5, "How long the move takes.", (0.01, 5.0), 0.0, log=True, size=False
