@@ -250,3 +250,32 @@ def test_free_tendon_is_a_spring_ahead_of_the_channel():
     pairs = itertools.pairwise(zip(T_base, spring, strict=True))
     work = sum(0.5 * (a[0] + b[0]) * (b[1] - a[1]) for a, b in pairs)
     assert work == pytest.approx(0.5 * 3e-5 * (T_base[-1] ** 2 - T_base[0] ** 2), abs=1e-12)
+
+
+@pytest.mark.parametrize("rate, sticks", [(0.5, True), (8.0, False)])
+def test_breakaway_lets_go_in_bursts(rate, sticks):
+    """Stribeck friction is stick-slip where slip is slower than its speed, as on the elastic thread."""
+    speed, ratio, step = 2e-4, 0.3, 0.25
+    time = np.arange(0.0, 40 / rate, step)
+    T_base = 2 + rate * time
+    robot = ours({"stribeck-friction.ratio": ratio, "stribeck-friction.speed": speed})
+    run = gtr.simulate(robot, T_base, time=time)
+    law = machine.Laws(friction=lambda guides: 1 + ratio * np.exp(-((guides.speed / speed) ** 2)))
+    thread = machine.march(dataclasses.replace(ARM, laws=law), time, T_base)
+
+    def bursts(T_tip):
+        jumps = np.diff(T_tip) > 2 * np.diff(T_base)
+        return int(np.sum(jumps[1:] & ~jumps[:-1]))
+
+    counts = [bursts(np.asarray(T_tip)) for T_tip in (run.T_tip, thread.T_tip)]
+    if not sticks:
+        assert max(counts) <= 1
+        return
+    assert min(counts) >= 8 and abs(counts[0] - counts[1]) <= 0.25 * max(counts)
+    # Between the bursts it stands, with a tip tension between those of the two coefficients.
+    low, high = (
+        np.asarray(gtr.simulate(ours({}).with_values(mu=mu), T_base).T_tip) for mu in (0.3 * (1 + ratio), 0.3)
+    )
+    T_tip = np.asarray(run.T_tip)[8:]
+    assert np.all(T_tip > low[8:] - 0.1) and np.all(T_tip < high[8:] + 0.1)
+    assert np.mean(np.abs(np.diff(T_tip)) < 1e-3) > 0.5

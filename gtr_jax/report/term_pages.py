@@ -84,10 +84,11 @@ def page(term: Term, *, heading: int = 2) -> str:
         for q in term.quantities
     ]
     source = f"\n\n**Source.** {term.source}." if term.source else ""
+    note = f"\n\n{term.note}" if term.note else ""
     return (
         f"{'#' * heading} {term.id}\n\n{term.says}\n\n"
         f"**Law.** {term.law}\n\n**Seen in a recording.** {term.seen}\n\n"
-        f"**Told apart.** {term.told_apart}{source}\n\n"
+        f"**Told apart.** {term.told_apart}{source}{note}\n\n"
         f"| number | what it is | does nothing at, or default | typical | usual |\n|---|---|---|---|---|\n"
         + "\n".join(rows)
         + f"\n\n![What {term.id} does to a loop]({term.id}.png)\n\n```toml\n"

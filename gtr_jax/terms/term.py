@@ -114,6 +114,7 @@ class Term:
         told_apart: which experiment distinguishes it from effects that look alike.
         quantities: its numbers.
         source: where the law comes from.
+        note: what else is known of it, with the numbers measured.
         timed: whether it needs the time of the samples.
         creeps: whether friction goes on changing where the tendon is locked, so that it must be held against
             the neighbouring section instead of against the base.
@@ -155,6 +156,7 @@ class Term:
     told_apart: str
     quantities: tuple[Quantity, ...]
     source: str = ""
+    note: str = ""
     timed: bool = False
     creeps: bool = False
     relaxes: bool = False
