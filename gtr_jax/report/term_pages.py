@@ -45,7 +45,7 @@ SHOWN: dict[str, dict[str, float]] = {
     "stiffening": {"coefficient": 0.02},
     "free-length": {"compliance": 1e-4},
     "shaken-sheath": {"share": 0.6, "time": 66.0, "duration": 6.0, "edge": 1.0},
-    "tip-moved": {"tension": -4.0, "time": 50.0, "duration": 1.0},
+    "tip-moved": {"tension": -4.0, "time": 66.0, "duration": 1.0},
     "sheath-moved": {"change": 0.3, "time": 84.0, "duration": 2.0},
     "body-hysteresis": {"ratio": 0.5, "curvature": 1.0},
 }

@@ -12,7 +12,7 @@ TERM = Term(
     source="capstan equation: friction enters as μ times wrap",
     quantities=(
         Quantity("change", "dimensionless", 0.0, 0.3, "Relative change of friction.", (-0.6, 1.0), -1.0),
-        Quantity("time", "s", 0.0, 50.0, "When it begins.", (0.0, 600.0), size=False),
+        Quantity("time", "s", 0.0, 30.0, "When it begins.", (0.0, 600.0), size=False),
         Quantity(
             "duration", "s", 0.1, 0.5, "How long the move takes.", (0.01, 5.0), 0.0, log=True, size=False
         ),

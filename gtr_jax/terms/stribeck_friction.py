@@ -19,8 +19,8 @@ TERM = Term(
     "Where the slip that a breakaway lets go within one sample is faster than `speed`, and the slip in "
     "between is slower, the tendon sticks and lets go in bursts. With μ = 0.3, ratio 0.3 and speed 0.2 mm/s, "
     "a pull of the concealed example's robot from 2 to 42 N at 0.5 N/s, which slips at 0.09 mm/s on average, "
-    "has 5, 12 and 20 bursts of up to 2.4 N at 2, 4 and 8 samples per second; the elastic thread of the blind "
-    "benchmark with the same law has 5, 13 and 27. How many there are depends on the sampling in both, "
+    "has 5, 12 and 20 bursts of up to 2.4 N at 2, 4 and 8 samples per second; the elastic thread of the "
+    "blind benchmark with the same law has 5, 13 and 27. How many there are depends on the sampling in both, "
     "because the law knows only the speed in the step before: of a recording it explains the size of bursts, "
     "not each of them.",
     told_apart="Holds of different length before a reversal, and loops at different rates.",

@@ -21,7 +21,7 @@ TERM = Term(
             "Change of the tip tension; negative where it is let go.",
             (-10.0, 10.0),
         ),
-        Quantity("time", "s", 0.0, 50.0, "When it begins.", (0.0, 600.0), size=False),
+        Quantity("time", "s", 0.0, 30.0, "When it begins.", (0.0, 600.0), size=False),
         Quantity(
             "duration", "s", 0.1, 0.5, "How long the move takes.", (0.01, 5.0), 0.0, log=True, size=False
         ),
