@@ -388,7 +388,14 @@ def difference(total, values, name, scale, one_sided, step=2e-6):
 
 # No derivative at null: presliding acts as the root of its length, a delay moves samples across corners, a
 # stop without stiffness is not known to be touched, and limits and rounding have steps.
-KINKED = {"presliding.length", "time-skew.delay", "contact.stiffness", "saturation.tip", "quantisation.tip"}
+KINKED = {
+    "presliding.length",
+    "time-skew.delay",
+    "time-skew.rate",
+    "contact.stiffness",
+    "saturation.tip",
+    "quantisation.tip",
+}
 # What creeps: a stretch that stops loses what its speed gave it, however little. The base model cannot,
 # so the slope is asked for just beyond null.
 CREEPING = {"viscous-friction.coefficient", "stribeck-friction.ratio", "viscoelastic-body.ratio"}
