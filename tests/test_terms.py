@@ -386,12 +386,14 @@ def difference(total, values, name, scale, one_sided, step=2e-6):
     return (4 * near - far) / 3
 
 
-# No derivative at null: presliding acts as the root of its length, a delay moves samples across corners, a
-# stop without stiffness is not known to be touched, and limits and rounding have steps.
+# No derivative at null: presliding acts as the root of its length, a delay moves samples across corners, an
+# end that is let go slips in another direction than one that is pulled, a stop without stiffness is not known
+# to be touched, and limits and rounding have steps.
 KINKED = {
     "presliding.length",
     "time-skew.delay",
     "time-skew.rate",
+    "tip-moved.tension",
     "contact.stiffness",
     "saturation.tip",
     "quantisation.tip",
