@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +12,7 @@ import pytest
 import gtr_jax as gtr
 from benchmarks.blind import machine
 from gtr_jax.examples import CONCEALED_ROBOT
+from gtr_jax.files.config import parse_config
 from tests.test_blind import ARM
 
 DT = 0.25
@@ -53,8 +55,9 @@ def ours(values, resolution=1.0):
     return robot.with_values(mu=0.3, E=1.5e6, **values)
 
 
+# Events, and the largest difference of the tip tension that is allowed [N]; its rms may be half of it.
 CASES = {
-    "shaken in a hold": (HOLD, shaken(0.4, 31.0, 3.0, 1.0), 0.03),
+    "shaken in a hold": (HOLD, shaken(0.4, 31.0, 3.0, 1.0), 0.05),
     "shaken until all slips": (HOLD, shaken(0.6, 31.0, 3.0, 1.0), 0.1),
     "shaken while it slips": (HOLD, shaken(0.5, 14.0, 3.0, 1.0), 0.05),
     "shaken off": (HOLD, shaken(1.0, 31.0, 3.0, 1.0), 0.03),
@@ -77,9 +80,78 @@ def test_the_tip_tension_is_that_of_an_elastic_thread(name):
         run = gtr.simulate(ours(values, resolution), T_base, time=time)
         assert bool(run.converged.all())
         off = np.asarray(run.T_tip) - shown.T_tip
-        assert np.max(np.abs(off)) < allowed and np.sqrt(np.mean(off**2)) < 0.3 * allowed, resolution
+        assert np.max(np.abs(off)) < allowed and np.sqrt(np.mean(off**2)) < 0.5 * allowed, resolution
         assert np.max(np.abs(np.asarray(run.tip_pose)[:, 2] - shown.pose[:, 2])) < 5e-3
         assert np.max(np.abs(np.asarray(run.displacement) - shown.drawn)) < 5e-5
+
+
+# The history, when the end is moved, and how far towards the base [m].
+TUGS = {
+    "let go a little": (HOLD, 31.0, 2e-4),
+    "let go until it slips at the base": (HOLD, 31.0, 1e-3),
+    "pulled until it slips at the base": (HOLD, 31.0, -5e-4),
+    "let go while the base is released": (HOLD, 22.0, 5e-4),
+    "let go in an inner loop": (INNER, 39.0, 5e-4),
+}
+
+
+@pytest.mark.parametrize("name", TUGS)
+def test_an_end_that_is_moved_is_that_of_an_elastic_thread(name):
+    corners, start, far = TUGS[name]
+    time, T_base = history(corners)
+    law = machine.Laws(anchor=lambda now: far * rise(now - DT - start))
+    shown = machine.run(dataclasses.replace(ARM, laws=law), time, T_base)
+    first, last = round(start / DT), round((start + 1) / DT)
+    change = float(shown.T_tip[last] - shown.T_tip[first])
+    assert abs(change) > 1.0
+    values = {"tip-moved.tension": change, "tip-moved.time": start, "tip-moved.duration": 1.0}
+    # The machine moves the end along a way, the term along a tension: they agree before and after.
+    same = (time < start) | (time >= start + 1)
+    for resolution in (1.0, 2.0):
+        run = gtr.simulate(ours(values, resolution), T_base, time=time)
+        assert bool(run.converged.all())
+        off = (np.asarray(run.T_tip) - shown.T_tip)[same]
+        assert np.max(np.abs(off)) < 0.03 and np.sqrt(np.mean(off**2)) < 0.01
+        assert np.max(np.abs(np.asarray(run.tip_pose)[same, 2] - shown.pose[same, 2])) < 3e-3
+        assert np.max(np.abs(np.asarray(run.displacement) - shown.drawn)[same]) < 1e-4
+
+
+def test_what_an_end_leaves_is_the_capstan_from_that_end():
+    """In a fixed shape ln T beyond the front of the slip is a line from the end, and T is kept before it."""
+    sheath = parse_config(
+        {
+            "schema": 1,
+            "name": "sheath",
+            "backbone": {"length": 1.0, "outer_radius": [0.002] * 2, "natural_curvature": 5.0, "rigid": True},
+            "routing": {"kind": "parallel", "offset": 0.0},
+            "tendon": {"friction_coefficient": 0.1},
+        }
+    )
+    robot = gtr.build_robot(sheath).with_values(**{"tip-moved.tension": -3.0, "tip-moved.time": 1.5})
+    run = gtr.simulate(robot, [0.0, 20.0, 20.0, 20.0], time=[0.0, 1.0, 2.0, 3.0])
+    pulled = 20 * np.exp(-0.5 * np.asarray(run.s))
+    np.testing.assert_allclose(run.tension[1], pulled, rtol=1e-9)
+    # A tendon that is pulled slips as a whole: it follows the base again at once.
+    np.testing.assert_allclose(run.tension[3], pulled, rtol=1e-9)
+    history = np.asarray([0.0, 20.0, 14.0, 14.0, 14.0])
+    run = gtr.simulate(robot.with_values(**{"tip-moved.time": 2.5}), history, time=np.arange(5.0))
+    T, s = np.asarray(run.tension), np.asarray(run.s)
+    end = T[2, -1] - 3.0
+    np.testing.assert_allclose(
+        T[4], np.clip(T[2], 14 * np.exp(-0.5 * s), end * np.exp(0.5 * (1 - s))), rtol=1e-9
+    )
+
+
+@pytest.mark.parametrize("kind", ["presliding", "several"])
+def test_an_end_that_nothing_holds_cannot_be_moved(kind):
+    tug = {"tip-moved.tension": -1.0}
+    if kind == "several":
+        robot = gtr.load_robot(Path(__file__).parents[1] / "examples" / "antagonists.toml").with_values(**tug)
+        T_base = np.ones((3, 2))
+    else:
+        robot, T_base = ours(tug | {"presliding.length": 1e-3}), np.ones(3)
+    with pytest.raises(ValueError, match="tip-moved: needs one tendon, and friction that does not build up"):
+        gtr.simulate(robot, T_base, time=np.arange(3.0))
 
 
 def test_shaking_in_finer_steps_and_meshes_converges():
@@ -92,20 +164,20 @@ def test_shaking_in_finer_steps_and_meshes_converges():
     assert steps[1] < 0.6 * steps[0] and steps[1] < 0.03
 
 
-def test_what_relaxes_keeps_its_length():
-    """In a rigid sheath the mean tension beyond the front is kept: here, of all but what slips at the base."""
+def test_a_peak_flows_apart_and_stays_apart():
+    """A peak of tension that friction no longer holds flows apart: it falls, and the tip tension rises."""
     time, T_base = history(HOLD)
     _, values = shaken(0.2, 31.0, 3.0, 1.0)
     run = gtr.simulate(ours(values), T_base, time=time)
     before, after = (np.asarray(run.tension[round(at / DT)]) for at in (31.0, 33.0))
     assert after[-1] > before[-1] + 0.1 and after.max() < before.max() - 0.1
-    assert after.max() < before.max() and after[0] == pytest.approx(before[0])
+    assert after[0] == pytest.approx(before[0])
     # The rig is at rest on either side of the event.
     np.testing.assert_array_equal(run.T_tip[round(30 / DT)], run.T_tip[round(31 / DT)])
     np.testing.assert_allclose(run.T_tip[round(33 / DT)], run.T_tip[round(35.5 / DT)], rtol=1e-12)
 
 
-@pytest.mark.parametrize("size", ["shaken-sheath.share", "sheath-moved.change"])
+@pytest.mark.parametrize("size", ["shaken-sheath.share", "sheath-moved.change", "tip-moved.tension"])
 def test_an_event_without_size_changes_nothing(size):
     time, T_base = history(INNER)
     kind = size.partition(".")[0]
@@ -115,9 +187,15 @@ def test_an_event_without_size_changes_nothing(size):
         np.testing.assert_allclose(getattr(found, name), getattr(plain, name), rtol=1e-10, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["shaken in an inner loop", "shaken while it slips", "moved for less"])
+GRADIENTS = {
+    name: CASES[name][1][1] for name in ("shaken in an inner loop", "shaken while it slips", "moved for less")
+}
+GRADIENTS["let go"] = {"tip-moved.tension": -2.0, "tip-moved.time": 31.0, "tip-moved.duration": 1.2}
+
+
+@pytest.mark.parametrize("name", GRADIENTS)
 def test_gradients_of_events(name):
-    corners, (_, values), _ = CASES[name]
+    values, corners = GRADIENTS[name], INNER if "inner" in name else HOLD
     time, T_base = (a[::2] for a in history(corners))
     # Off the samples, where an event begins between two of them.
     values = {k: v + (0.03 if k.endswith("time") else 0.0) for k, v in values.items()}
@@ -172,3 +250,32 @@ def test_free_tendon_is_a_spring_ahead_of_the_channel():
     pairs = itertools.pairwise(zip(T_base, spring, strict=True))
     work = sum(0.5 * (a[0] + b[0]) * (b[1] - a[1]) for a, b in pairs)
     assert work == pytest.approx(0.5 * 3e-5 * (T_base[-1] ** 2 - T_base[0] ** 2), abs=1e-12)
+
+
+@pytest.mark.parametrize("rate, sticks", [(0.5, True), (8.0, False)])
+def test_breakaway_lets_go_in_bursts(rate, sticks):
+    """Stribeck friction is stick-slip where slip is slower than its speed, as on the elastic thread."""
+    speed, ratio, step = 2e-4, 0.3, 0.25
+    time = np.arange(0.0, 40 / rate, step)
+    T_base = 2 + rate * time
+    robot = ours({"stribeck-friction.ratio": ratio, "stribeck-friction.speed": speed})
+    run = gtr.simulate(robot, T_base, time=time)
+    law = machine.Laws(friction=lambda guides: 1 + ratio * np.exp(-((guides.speed / speed) ** 2)))
+    thread = machine.march(dataclasses.replace(ARM, laws=law), time, T_base)
+
+    def bursts(T_tip):
+        jumps = np.diff(T_tip) > 2 * np.diff(T_base)
+        return int(np.sum(jumps[1:] & ~jumps[:-1]))
+
+    counts = [bursts(np.asarray(T_tip)) for T_tip in (run.T_tip, thread.T_tip)]
+    if not sticks:
+        assert max(counts) <= 1
+        return
+    assert min(counts) >= 8 and abs(counts[0] - counts[1]) <= 0.25 * max(counts)
+    # Between the bursts it stands, with a tip tension between those of the two coefficients.
+    low, high = (
+        np.asarray(gtr.simulate(ours({}).with_values(mu=mu), T_base).T_tip) for mu in (0.3 * (1 + ratio), 0.3)
+    )
+    T_tip = np.asarray(run.T_tip)[8:]
+    assert np.all(T_tip > low[8:] - 0.1) and np.all(T_tip < high[8:] + 0.1)
+    assert np.mean(np.abs(np.diff(T_tip)) < 1e-3) > 0.5

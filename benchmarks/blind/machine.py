@@ -80,6 +80,7 @@ class Laws:
         spring: curvature [1/m] that the springs of the joints feel beyond their own, and what they remember:
             from the curvature, what was remembered, and the time step.
         remembers: how many numbers that is per joint.
+        anchor: how far the thread's end at the tip is moved towards the base [m], at a time [s].
         forces: on the body: from the shape, forces [N] at places [m], (m, 2) each, and the links they are on.
     """
 
@@ -91,6 +92,7 @@ class Laws:
     give: tuple[float, ...] = ()
     spring: Callable[[np.ndarray, np.ndarray, float], tuple[np.ndarray, np.ndarray]] | None = None
     remembers: int = 0
+    anchor: Callable[[float], float] | None = None
     forces: Callable[[Shape], tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
 
 
@@ -339,7 +341,9 @@ class March:
         return np.maximum(front * np.exp(-grip * sense) - laws.drag * chain.h * sense, LEAST)
 
     def _newton(self, dt: float, base: float, T: np.ndarray, flow: np.ndarray, bend: np.ndarray):
-        error = np.inf
+        error, anchor, fed = np.inf, self.arm.laws.anchor, 0.0
+        if anchor is not None:
+            fed = (anchor(self.time + dt) - anchor(self.time)) / dt
         for _ in range(MOST):
             bend, held, slope = self.natural(T, bend, dt)
             _, angle, behind, _ = self.chain.segments(bend)
@@ -354,7 +358,7 @@ class March:
             ) / (2 * small)
             small = 1e-6 * front + 1e-12
             by_front = (self._passed(front + small, flow, turning, dt) - passed) / small
-            out = np.append(flow[1:], 0.0)
+            out = np.append(flow[1:], fed)
             wrong = np.stack([T - passed, (held - self.kept) - dt * (out - flow)], axis=1)
             # Unknown in turn: the flow through a guide, and the tension behind it.
             bands = np.zeros((5, 2 * len(T)))

@@ -346,7 +346,7 @@ class Translator:
         out = [self.room(v.shape, kind_of(v.dtype)) for v in branches[0].out_avals]
         blocks = [self.function.append_basic_block(n) for n in ("first", "second")]
         after = self.function.append_basic_block("chosen")
-        index = which.reshape(())[()]
+        index: Any = which.reshape(())[()]
         second = self.at.icmp_signed("!=", index, ir.Constant(index.type, 0))
         self.at.cbranch(second, blocks[1], blocks[0])
         for block, branch in zip(blocks, branches, strict=True):

@@ -68,6 +68,8 @@ def description(term: Term) -> str:
         rows += _wrapped(f"{label}: ", text, "")
     if term.source:
         rows += _wrapped("source: ", term.source, "")
+    if term.note:
+        rows += _wrapped("note: ", term.note, "")
     rows += ["", "numbers:"]
     for q in term.quantities:
         null = "does nothing at" if q.size else "unless given"

@@ -22,7 +22,7 @@ from ..mechanics.several.rootfinder import RootFinder
 from ..mechanics.several.slip import Kept
 from ..robot.robot import Robot, sections
 from ..terms import REGISTRY, known_on
-from ..terms.term import NO_SLIP
+from ..terms.term import NO_SLIP, NO_TUG
 from .programs import at_nodes, known_to_act, structure_of
 from .sensing import Reading, cells_show, shown
 from .several import at_preload, load_step
@@ -142,6 +142,10 @@ def _solved(structure: Structure, robot: Robot, loads: Load, how: March):
     s = sections(robot)
     done, _, settled = steps(at_nodes(robot, s), structure, loads, how)
     loaded = jax.vmap(lambda step: loaded_of(s, structure, settled, step))(done)
+    if done.moved is not None:
+        # What was moved from outside moved the whole tendon that friction holds.
+        away = jnp.cumsum(jnp.where(done.met, done.moved, 0.0))
+        loaded = eqx.tree_at(lambda loaded: loaded.slip, loaded, loaded.slip + away[:, None])
     scale = large_tension(loads.T_base, settled.preload)
     rigid = robot.backbone.rigid
     return loaded, jax.vmap(lambda step, now: moves_of(s, structure, rigid, step, now, scale))(done, loaded)
@@ -277,7 +281,13 @@ def simulate(
 
 
 def _refuse_unable(robot: Robot) -> None:
-    """ValueError if friction would build up over a slip that cannot occur."""
+    """ValueError if friction would build up over a slip that cannot occur, or if an end is moved that no
+    sliding friction holds.
+    """
+    by_slip = any(term.mobilise and known_on(term, robot.terms[term.id]) for term in REGISTRY.values())
+    for term in REGISTRY.values():
+        if term.tugged and known_on(term, robot.terms[term.id]) and (by_slip or robot.tendon_names):
+            raise ValueError(f"{term.id}: {NO_TUG}")
     if not robot.backbone.rigid:
         return
     stretch = REGISTRY["tendon-stretch"]

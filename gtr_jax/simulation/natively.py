@@ -64,7 +64,8 @@ def _left(robot: mechanics.Robot, structure: Structure, rigid: bool, settled: Se
     bent = jnp.max(jnp.abs(done.state.kappa - settled.kappa))
     pose = jnp.stack([x, y, done.state.phi[-1]])
     drawn = drawn_out(robot.terms, done.slip[0], row.load.T_base, robot.preload)
-    return step.T_tip, pose, drawn, direction, front, step.met, step.error, step.marches, bent
+    moved = jnp.zeros(()) if step.moved is None else jnp.where(step.met, step.moved, 0.0)
+    return step.T_tip, pose, drawn, direction, front, step.met, step.error, step.marches, bent, moved
 
 
 @functools.lru_cache(maxsize=256)
@@ -142,7 +143,7 @@ class Native:
         return Brief(
             T_tip=out[:, 0],
             tip_pose=out[:, 1:4],
-            displacement=out[:, 4],
+            displacement=out[:, 4] + np.cumsum(out[:, 11]),
             slip_direction=out[:, 5],
             slip_front=out[:, 6],
             converged=out[:, 7] != 0,

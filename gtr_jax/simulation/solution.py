@@ -108,8 +108,8 @@ def drawn_out(
     T_base: Float[Array, "*at"],
     preload: Float[Array, "*any"],
 ) -> Float[Array, "*at"]:
-    """Tendon drawn out at the base since it was strung [m]: its slip into the channel, and what it has stretched
-    ahead of it.
+    """Tendon drawn out at the base since it was strung [m]: its slip into the channel, and what it has
+    stretched ahead of it.
 
     Args:
         terms: numbers of the physics terms, by term and name.

@@ -22,7 +22,7 @@ TERM = Term(
         Quantity(
             "share", "dimensionless", 0.0, 0.5, "Share of friction that is lost.", (0.05, 1.0), 0.0, 1.0
         ),
-        Quantity("time", "s", 0.0, 50.0, "When it begins.", (0.0, 600.0), size=False),
+        Quantity("time", "s", 0.0, 30.0, "When it begins.", (0.0, 600.0), size=False),
         Quantity("duration", "s", 1.0, 2.0, "How long it lasts.", (0.05, 20.0), 0.0, log=True, size=False),
         Quantity(
             "edge",

@@ -18,6 +18,7 @@ Values = Mapping[str, Float[Array, ""]]
 # A slip [m], a speed [m/s] or a curvature [1/m] that is only rounding, while nothing moves. Laws whose
 # derivative differs between the directions count it as forward, so that all programs take the same one.
 STILL = 1e-13
+NO_TUG = "needs one tendon, and friction that does not build up over a slip; leave presliding out"
 NO_SLIP = "no tendon slips in a rigid sheath unless it stretches; add the term tendon-stretch"
 
 
@@ -113,6 +114,7 @@ class Term:
         told_apart: which experiment distinguishes it from effects that look alike.
         quantities: its numbers.
         source: where the law comes from.
+        note: what else is known of it, with the numbers measured.
         timed: whether it needs the time of the samples.
         creeps: whether friction goes on changing where the tendon is locked, so that it must be held against
             the neighbouring section instead of against the base.
@@ -136,6 +138,7 @@ class Term:
         remembers: how many numbers `bend` remembers.
         strain: of the tendon, from its tension [N].
         anchor: how far the anchor gives way [m], from the tension there [N].
+        tugged: tension added to the tendon's end at the tip from outside [N], from the time [s].
         ahead: stretch of the tendon ahead of the channel [m], from the base tension [N].
         loads: the external loads, from those of the robot.
         stop: force of a stop on the tip [N] against `stop_angle`, from the tip's place along it [m], affine;
@@ -153,6 +156,7 @@ class Term:
     told_apart: str
     quantities: tuple[Quantity, ...]
     source: str = ""
+    note: str = ""
     timed: bool = False
     creeps: bool = False
     relaxes: bool = False
@@ -172,6 +176,7 @@ class Term:
     remembers: int = 0
     strain: Callable[[Values, Array], Array] | None = None
     anchor: Callable[[Values, Array], Array] | None = None
+    tugged: Callable[[Values, Array], Array] | None = None
     ahead: Callable[[Values, Array], Array] | None = None
     loads: Callable[[Values, Any], Any] | None = None
     stop: Callable[[Values, Array], Array] | None = None
@@ -183,7 +188,7 @@ class Term:
 
     @property
     def of_cells(self) -> bool:
-        """Whether it concerns only the load cells, or the place where displacement is measured, not the robot."""
+        """Whether it concerns only what the instruments show, not the robot between them."""
         return bool(self.tip or self.base or self.ahead)
 
     @property

@@ -19,10 +19,10 @@ TERM = Term(
     id="time-skew",
     says="The cell at the tip is read later (or earlier) than the one at the base, or by another clock.",
     law="T_tip shown(t) = T_tip(t − delay − rate·t)",
-    seen="The loop widens with the rate while pulling, and narrows where the delay is negative; with clocks that "
-    "drift apart, more from cycle to cycle.",
-    told_apart="Tap the rig: both cells must show it at once, at the beginning and at the end. Repeat at another "
-    "rate.",
+    seen="The loop widens with the rate while pulling, and narrows where the delay is negative; more from "
+    "cycle to cycle where the clocks drift apart.",
+    told_apart="Tap the rig: both cells must show it at once, at the beginning and at the end. Repeat at "
+    "another rate.",
     quantities=(
         Quantity("delay", "s", 0.0, 0.05, "How late the tip's cell is at the start.", (-1.0, 1.0)),
         Quantity(

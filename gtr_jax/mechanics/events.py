@@ -1,14 +1,23 @@
-"""What friction no longer holds: the held tension after friction has fallen where the tendon is locked.
+"""Events between load steps, and what they leave of the tension that friction holds.
 
-Friction that falls leaves ln T steeper than it can hold. The tendon then slips, before the base tension of the
-load step changes, until |d ln T| <= mu d(theta) everywhere, and no farther. Its slip towards the base is
+*Loosened*: friction that falls leaves ln T steeper than it can hold. The tendon then slips, before the base
+tension of the load step changes, until |d ln T| <= mu d(theta) everywhere, and no farther. Its slip towards
+the base is
 
     u(s) = integral over [s, L] of c (T - T_before) ds,       c = (strain per tension) + b^2/EI,
 
 plus that of the anchor. Slip that runs in from the base ends at a front, where u = 0; beyond it the tendon
-relaxes within itself and keeps its length. A profile with its front at each node, for both directions of slip
-from the base, is marched towards the tip; the solution is the first whose u at the front has changed its sign,
-interpolated linearly between the nodes (docs/mechanics.md).
+relaxes within itself and keeps its length. A profile with its front at each node, for both directions of
+slip from the base, is marched towards the tip; the solution is the first whose u at the front has changed
+its sign, interpolated linearly between the nodes.
+
+*Tugged*: the end at the tip is moved until its tension has changed by as much as is asked, and slip runs in
+from there,
+
+    T(s) = clip(T_before, T_tip exp(-mu (theta(L) - theta)), T_tip exp(+mu (theta(L) - theta))),
+
+which the end follows by the integral of -c (T - T_before) over the tendon. The base's bounds then clip T as
+in any load step (docs/mechanics.md).
 """
 
 from __future__ import annotations
@@ -31,11 +40,11 @@ LEAST = 1e-9  # N, a tension below which the tendon counts as slack
 
 
 def after_loosening(case: Case, load: Load, memory: Memory) -> Float[Array, " N"]:
-    """The held tension of one tendon with which a load step begins [N].
+    """The held tension of one tendon after friction has fallen [N].
 
     Args:
         case: the robot; its load and memory do not count.
-        load: the step.
+        load: the step that follows.
         memory: of the step before.
     """
     case = dataclasses.replace(case, load=load, memory=memory)
@@ -54,6 +63,37 @@ def _after(case: Case, now: Float[Array, " N"], was: Float[Array, " N"]) -> Floa
     holds = [friction(case, sense) * turn for sense in (1.0, -1.0)]
     down, up = (jnp.where(hold > left, hold, left) for hold in holds)
     return _relaxed(case, tension, down, up)
+
+
+def after_tug(case: Case, load: Load, memory: Memory) -> tuple[Memory, Float[Array, ""]]:
+    """The memory of one tendon after its end at the tip was moved, and how far towards the base [m];
+    arguments as for `after_loosening`.
+    """
+    case = dataclasses.replace(case, load=load, memory=memory)
+    tension = memory.tension
+    gripped = case.structure.has("tip_grip")
+    end = memory.T_tip if gripped else tension[-1]
+    added = sum(
+        hook(case.terms[kind], load.time) - hook(case.terms[kind], load.time - load.dt)
+        for kind, hook in case.structure.hooks("tugged")
+    )
+    end = jnp.where(end + added > 0, end + added, 0.0)
+    grip = total(case, "tip_grip")
+    turn = _turning(case)
+
+    def bound(sense: float):
+        """What friction makes of the tension at the end, for slip towards the base or the tip."""
+        hold = friction(case, sense) * turn
+        return end * jnp.exp(sense * (grip + jnp.sum(hold) - jnp.cumsum(hold)))
+
+    held = jnp.where(added != 0, clip(tension, bound(-1.0), bound(1.0)), tension)
+    more = _compliance(case) * (held - tension)
+    length = case.sections.mesh.interval.length
+    moved = (
+        -jnp.sum(0.5 * length * (more + shifted(more)))
+        - _give(case, "anchor", tension[-1]) * (held - tension)[-1]
+    )
+    return dataclasses.replace(memory, tension=held, T_tip=jnp.where(added != 0, end, memory.T_tip)), moved
 
 
 def _factor(case: Case, time: Float[Array, ""]) -> Float[Array, " N"]:
@@ -76,15 +116,23 @@ def _turning(case: Case) -> Float[Array, " N"]:
     return wrap * product(case, "wrap", case.memory.tension)
 
 
+def _compliance(case: Case) -> Float[Array, " N"]:
+    """How much of the tendon slips out of each length of channel, per tension: 1/N, (N,)."""
+    s, kappa = case.sections, case.memory.kappa
+    gives = RIGID + _give(case, "strain", case.memory.tension)
+    return gives * channel.metric_factor(kappa, s.R) + s.compliance * channel.moment_arm(kappa, s.R) ** 2
+
+
+def _give(case: Case, name: str, tension):
+    """Change of the sum of the terms' hook `name` with the tension [N], per newton."""
+    return total(case, name, tension + 1.0) - total(case, name, tension)
+
+
 def _relaxed(case: Case, tension, down, up) -> Float[Array, " N"]:
-    """The tension after the slip, from that before it [N], where friction since the preceding node can hold that
-    its logarithm falls by `down` or rises by `up`, (N,) each.
+    """The tension after the slip, from that before it [N], where friction can hold that its logarithm falls
+    by `down` or rises by `up` since the preceding node, (N,) each.
     """
-    s, kappa, nodes = case.sections, case.memory.kappa, jnp.arange(tension.shape[0])[None, :]
-    gives = RIGID + total(case, "strain", tension + 1.0) - total(case, "strain", tension)
-    nu = channel.metric_factor(kappa, s.R)
-    compliance = gives * nu + s.compliance * channel.moment_arm(kappa, s.R) ** 2
-    anchor = total(case, "anchor", tension[-1] + 1.0) - total(case, "anchor", tension[-1])
+    s, nodes = case.sections, jnp.arange(tension.shape[0])[None, :]
     # Rows: slip from the base towards the base, and towards the tip. Columns: the node of the front.
     lines = tension[0] * jnp.exp(jnp.stack([-jnp.cumsum(down), jnp.cumsum(up)]))
     scale = lines / tension[None, :]
@@ -99,9 +147,9 @@ def _relaxed(case: Case, tension, down, up) -> Float[Array, " N"]:
         return (new, slip, more), new
 
     nothing = jnp.zeros_like(lines)
-    rows = (nodes[0], tension, lines.T, down, up, compliance, s.mesh.interval.length)
+    rows = (nodes[0], tension, lines.T, down, up, _compliance(case), s.mesh.interval.length)
     (last, slip, _), profiles = jax.lax.scan(node, (nothing + tension[0], nothing, nothing), rows)
-    slip = slip + anchor * (last - tension[-1])
+    slip = slip + _give(case, "anchor", tension[-1]) * (last - tension[-1])
     pulls = slip[0, 0] > 0
     left = jnp.where(pulls, slip[0], -slip[1])
     profiles = jnp.where(pulls, profiles[:, 0], profiles[:, 1])
