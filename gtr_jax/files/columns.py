@@ -26,7 +26,7 @@ from gtr_jax.errors import InputError, did_you_mean, excerpt
 
 from .config_file import read_toml
 from .quantities import COLUMNS, plain_name, quantities_of, split_unit, with_tendon
-from .table import Table
+from .sheet import Table
 from .whole import write_whole
 
 _EXAMPLE = "'T_base=data_0[gf],time=Time[s]'"

@@ -11,7 +11,8 @@ from typing import Any
 from gtr_jax.errors import InputError, did_you_mean, excerpt, listed
 
 from .quantities import split_unit
-from .table import read_table, read_text
+from .table import read_table
+from .text import read_text
 
 
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from gtr_jax.errors import InputError
 
 from .headers import RARE_NEWTONS, force_meant, meant_column, recognised, words_of
 from .quantities import COLUMNS, NEEDED, quantities_of, split_unit
-from .table import Table
+from .sheet import Table
 from .units import measures
 
 HEADER, UNITS, NAME, SIZE, NOTHING = "header", "row of units", "name", "size", "nothing"

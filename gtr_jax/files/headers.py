@@ -11,8 +11,9 @@ import numpy as np
 
 from gtr_jax.errors import InputError, listed
 
+from .csv_text import is_data
 from .quantities import COLUMNS, NEEDED, of_tendon, plain_name, quantities_of, split_unit, with_tendon
-from .table import Table, is_data
+from .sheet import Table
 from .units import measures
 
 
@@ -65,7 +66,7 @@ def missing(table: Table, absent: Sequence[str], tendons: Sequence[str]) -> Inpu
             f"{column.header}; several are named in the robot file, as [[tendons]], or in Python, "
             f"read_recording(..., tendons=({', '.join(map(repr, names))}))"
         )
-    if len(table.rows) and is_data(table.header):
+    if is_data(table.header):
         return InputError(
             f"{table.path}: the first row holds numbers; put the names of the columns above, "
             "for example time_s,T_base_N,T_tip_N"

@@ -1,0 +1,204 @@
+"""The cells of a column, whatever holds them: text as it was written, or numbers.
+
+A number may have decimal points or commas and thousands separators; a time stamp is ISO 8601 or
+hours:minutes:seconds.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime, timedelta
+from typing import Protocol
+
+import numpy as np
+
+BLANKS = "   '’"
+_EXPONENT = r"(?:[eE][+-]?\d+)?"
+NUMERAL = {
+    mark: re.compile(rf"[+-]?(?:(?:[1-9]\d{{0,2}}(?:([{other}{BLANKS}])\d{{3}})(?:\1\d{{3}})*|\d+)"
+                     rf"(?:{re.escape(mark)}\d*)?|{re.escape(mark)}\d+){_EXPONENT}")
+    for mark, other in ((".", ","), (",", "."))
+}  # fmt: skip
+EITHER = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}")  # 1,234: a decimal mark or a thousands separator
+STAMP = re.compile(r"(\d{4}-\d\d-\d\d)(?:[T ](\d\d:\d\d)(?:(:\d\d)(?:[.,](\d+))?)?\s*(Z|[+-]\d\d:?\d\d)?)?")
+CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d)(?:[.,](\d+))?")
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+SECOND = 10**9  # in the nanoseconds that time stamps are counted in
+ABSENT = frozenset({"", "nan"})  # cells of samples that are left out
+NOTHING = frozenset({"nan", "inf", "n/a", "na", "none", "null"})
+
+
+class Cells(Protocol):
+    """The cells of one column."""
+
+    def text(self, i: int) -> str:
+        """The cell of sample `i` as it was written."""
+        ...
+
+    def has_numbers(self) -> bool:
+        """Whether any cell is a number."""
+        ...
+
+    def has_times(self) -> bool:
+        """Whether any cell is a time stamp."""
+        ...
+
+    def samples(self) -> tuple[Iterable[str], bool]:
+        """A cell of each form that occurs, and whether most cells are numbers."""
+        ...
+
+    def plainly(self) -> np.ndarray | None:
+        """The numbers, (K,), as they are where no cell has a decimal comma or a thousands separator, NaN
+        where a cell is empty; None if a cell cannot be read so.
+        """
+        ...
+
+    def numbers(self, mark: str) -> np.ndarray:
+        """The numbers, (K,), with this decimal mark; NaN where a cell holds none."""
+        ...
+
+    def nanoseconds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Time stamps in nanoseconds, and where a cell is none, (K,) each."""
+        ...
+
+
+class Written:
+    """Cells of a text file."""
+
+    def __init__(self, cells: Sequence[str]) -> None:
+        self.cells = cells
+
+    def text(self, i: int) -> str:
+        """The cell of sample `i` as it was written."""
+        return self.cells[i]
+
+    def has_numbers(self) -> bool:
+        """Whether any cell is a number."""
+        return any(map(is_numeral, self.cells))
+
+    def has_times(self) -> bool:
+        """Whether any cell is a time stamp."""
+        return any(map(is_stamp, self.cells))
+
+    def samples(self) -> tuple[Iterable[str], bool]:
+        """The cells that are not empty, and whether most are numbers."""
+        cells = [cell for raw in self.cells if (cell := tidy(raw))]
+        return cells, sum(map(is_numeral, cells)) > len(cells) / 2
+
+    def plainly(self) -> np.ndarray | None:
+        """The numbers as Python reads them, (K,); None if a cell is none."""
+        if any("," in cell or "_" in cell for cell in self.cells):
+            return None
+        try:
+            return np.array(self.cells, dtype=np.float64)
+        except ValueError:
+            return None
+
+    def numbers(self, mark: str) -> np.ndarray:
+        """The numbers, (K,), with this decimal mark; NaN where a cell holds none."""
+        return np.array([number_in(cell, mark) for cell in self.cells])
+
+    def nanoseconds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Time stamps in nanoseconds, and where a cell is none, (K,) each."""
+        cells = [cell.strip() for cell in self.cells]
+        of_day = any(CLOCK.fullmatch(cell) for cell in cells)
+        found = [since_midnight(cell) if of_day else since_1970(cell) for cell in cells]
+        bad = np.array([value is None for value in found])
+        return np.array([value or 0 for value in found], dtype=np.int64), bad
+
+
+class Numbers:
+    """Cells of a file that holds numbers."""
+
+    def __init__(self, values: np.ndarray) -> None:
+        self.values = np.asarray(values, dtype=np.float64)
+
+    def text(self, i: int) -> str:
+        """The number of sample `i` as Python writes it."""
+        return repr(float(self.values[i]))
+
+    def has_numbers(self) -> bool:
+        """Whether any cell is a number."""
+        return bool(np.isfinite(self.values).any())
+
+    def has_times(self) -> bool:
+        """Numbers are no time stamps."""
+        return False
+
+    def samples(self) -> tuple[Iterable[str], bool]:
+        """Nothing: numbers have no decimal marks."""
+        return (), False
+
+    def plainly(self) -> np.ndarray | None:
+        """The numbers, (K,), the caller's own."""
+        return self.values.copy()
+
+    def numbers(self, mark: str) -> np.ndarray:
+        """The numbers, (K,)."""
+        return self.values.copy()
+
+    def nanoseconds(self) -> tuple[np.ndarray, np.ndarray]:
+        """No time stamps."""
+        return np.zeros(len(self.values), dtype=np.int64), np.ones(len(self.values), dtype=bool)
+
+
+def tidy(cell: str) -> str:
+    """A cell without blanks around it, with a plain minus sign."""
+    return cell.strip().replace("−", "-")
+
+
+def is_numeral(cell: str) -> bool:
+    """Whether a cell is a number, with either decimal mark."""
+    cell = tidy(cell)
+    return any(numeral.fullmatch(cell) for numeral in NUMERAL.values())
+
+
+def is_stamp(cell: str) -> bool:
+    """Whether a cell is a time stamp."""
+    cell = cell.strip()
+    return bool(STAMP.fullmatch(cell) or CLOCK.fullmatch(cell))
+
+
+def mark_of(cell: str) -> str:
+    """The decimal mark that a numeral gives away, or ""; "?" if its only mark may part thousands."""
+    if EITHER.fullmatch(cell):
+        return "?"
+    if "." not in cell and "," not in cell:
+        return ""
+    return next((mark for mark, numeral in NUMERAL.items() if numeral.fullmatch(cell)), "")
+
+
+def number_in(cell: str, mark: str) -> float:
+    """The number a cell holds; NaN if it holds none."""
+    cell = tidy(cell)
+    if not NUMERAL[mark].fullmatch(cell):
+        return float("nan")
+    return float(re.sub(rf"[{BLANKS}{'.' if mark == ',' else ','}]", "", cell).replace(mark, "."))
+
+
+def since_midnight(cell: str) -> int | None:
+    """Nanoseconds that hours:minutes:seconds stand for; None for what is no such time."""
+    clock = CLOCK.fullmatch(cell)
+    if clock is None:
+        return None
+    hours, minutes, seconds = map(int, clock.groups()[:3])
+    return (3600 * hours + 60 * minutes + seconds) * SECOND + nanoseconds_of(clock[4])
+
+
+def since_1970(cell: str) -> int | None:
+    """Nanoseconds from 1970 to a time stamp, in UTC unless it says otherwise; None for what is none."""
+    stamp = STAMP.fullmatch(cell)
+    if stamp is None:
+        return None
+    date, minute, second, fraction, zone = stamp.groups()
+    try:
+        moment = datetime.fromisoformat(f"{date}T{minute or '00:00'}{second or ':00'}{zone or 'Z'}")
+    except ValueError:
+        return None
+    return (moment - _EPOCH) // timedelta(seconds=1) * SECOND + nanoseconds_of(fraction)
+
+
+def nanoseconds_of(fraction: str | None) -> int:
+    """Decimals of a second in nanoseconds; more than nine are cut off."""
+    return int((fraction or "")[:9].ljust(9, "0"))

@@ -1,0 +1,176 @@
+"""CSV files of very many rows, split and turned into numbers by polars; anything odd in them is left to
+`csv_text`.
+
+Cells stay text until a column is asked for, so that messages can quote them. Where cells need a closer look,
+their *forms* are looked at, of which there are few: the first digit as 0 or 1, all others as 0.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from .cells import BLANKS, NUMERAL, is_numeral, is_stamp, since_1970, since_midnight
+from .csv_text import delimiter_of, is_data, laid_out
+from .sheet import Table
+
+if TYPE_CHECKING:
+    import polars as pl
+
+LARGE = 2_000_000  # characters from which a file is read so
+_HEAD = 400  # lines in which the header and the first rows are looked for
+_FIRST = 1000  # cells that are looked at before all of them
+_CLOCK = r"^\d{1,2}:\d\d:\d\d(?:[.,]\d+)?$"
+
+
+def read_large(path: Path, text: str, sha256: str) -> Table | None:
+    """The table in the text of a large CSV file; None if it is not large, or is odd in any way: quotes or
+    comments among the rows, blank lines, rows of another length.
+    """
+    if len(text) < LARGE:
+        return None
+    if "\r" in text:
+        text = text.replace("\r\n", "\n").replace("\r", "\n")
+    end = 0
+    for _ in range(_HEAD):
+        end = text.find("\n", end) + 1
+        if end == 0:
+            return None
+    delimiter = delimiter_of(text[:end])
+    header, units, rest = laid_out(path, text[:end])
+    if len(rest) < 2 or not is_data(rest[0][1]) or len(rest[0][1]) != len(header):
+        return None
+    first = rest[0][0]
+    begin = 0
+    for _ in range(first - 1):
+        begin = text.find("\n", begin) + 1
+    body = text[begin:].rstrip("\n")
+    del text
+    if '"' in body or "#" in body:
+        return None
+    series = _split(body.encode(), delimiter)
+    if len(series) != len(header) or body.count(delimiter) != len(series[0]) * (len(header) - 1):
+        return None
+    if any(s.null_count() for s in series) and _blank_rows(series):
+        return None
+    plain = delimiter == "," or "," not in body
+    columns = [ManyWritten(s) for s in series]
+    return Table(path, sha256, header, columns, np.arange(first, first + len(series[0])), units, plain)
+
+
+def _split(body: bytes, delimiter: str) -> list[pl.Series]:
+    """Columns of text; none if the rows differ in length."""
+    import polars as pl
+
+    try:
+        return pl.read_csv(
+            body, has_header=False, separator=delimiter, infer_schema=False, quote_char=None
+        ).get_columns()
+    except pl.exceptions.PolarsError:
+        return []
+
+
+def _blank_rows(series: list[pl.Series]) -> bool:
+    """Whether all cells of a row are blank."""
+    blank = series[0].is_null()
+    for s in series[1:]:
+        blank &= s.is_null()
+    return bool(blank.any())
+
+
+class ManyWritten:
+    """Very many cells of a text file, as `cells.Cells`."""
+
+    def __init__(self, series: pl.Series) -> None:
+        self.series = series
+
+    def text(self, i: int) -> str:
+        """The cell of sample `i` as it was written."""
+        return self.series[i] or ""
+
+    def has_numbers(self) -> bool:
+        """Whether any cell is a number."""
+        return self._any(is_numeral)
+
+    def has_times(self) -> bool:
+        """Whether any cell is a time stamp."""
+        return self._any(is_stamp)
+
+    def _any(self, holds: Callable[[str], bool]) -> bool:
+        first = (cell or "" for cell in self.series.head(_FIRST))
+        return any(map(holds, first)) or any(holds(form.cell) for form in self._forms)
+
+    def samples(self) -> tuple[Iterable[str], bool]:
+        """A cell of each form, in their order, and whether most cells are numbers."""
+        forms = [form for form in self._forms if form.cell]
+        numerals = sum(form.number for form in forms if is_numeral(form.cell))
+        return [form.cell for form in forms], numerals > sum(form.number for form in forms) / 2
+
+    def plainly(self) -> np.ndarray | None:
+        """The numbers as polars reads them, (K,), NaN where a cell is empty; None if a cell is none."""
+        import polars as pl
+
+        values = self.series.cast(pl.Float64, strict=False)
+        if values.null_count() > self.series.null_count():
+            cells = self.series.str.strip_chars()
+            values = cells.cast(pl.Float64, strict=False)
+            if values.null_count() > cells.null_count() + int((cells == "").sum()):
+                return None
+        return np.array(values.fill_null(float("nan")).to_numpy())
+
+    def numbers(self, mark: str) -> np.ndarray:
+        """The numbers, (K,), with this decimal mark; NaN where a cell holds none."""
+        import polars as pl
+
+        other = "." if mark == "," else ","
+        valid = [form.form for form in self._forms if NUMERAL[mark].fullmatch(form.form)]
+        tidied = _tidied(self.series)
+        cells = tidied.str.replace_all(f"[{BLANKS}{other}]", "").str.replace(mark, ".", literal=True)
+        values = cells.cast(pl.Float64, strict=False).fill_null(float("nan")).to_numpy()
+        if len(valid) == len(self._forms):
+            return np.array(values)
+        return np.where(_form(tidied).is_in(valid).fill_null(False).to_numpy(), values, np.nan)
+
+    def nanoseconds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Time stamps in nanoseconds, and where a cell is none, (K,) each."""
+        import polars as pl
+
+        cells = self.series.fill_null("").str.strip_chars()
+        read = since_midnight if bool(cells.str.contains(_CLOCK).any()) else since_1970
+        whole = cells.str.replace(r"(:\d\d)[.,]\d+", "${1}")
+        decimals = cells.str.extract(r":\d\d[.,](\d+)").str.slice(0, 9).str.pad_end(9, "0")
+        known = whole.unique()
+        seconds = {w: None if set(w) & set(".,") else read(w) for w in known}
+        values = whole.replace_strict(seconds, return_dtype=pl.Int64)
+        fraction = decimals.cast(pl.Int64, strict=False).fill_null(0)
+        return (values.fill_null(0) + fraction).to_numpy(), values.is_null().to_numpy()
+
+    @functools.cached_property
+    def _forms(self) -> list[_Form]:
+        """The forms of the cells, in their order."""
+        import polars as pl
+
+        cells = _tidied(self.series).fill_null("")
+        frame = pl.DataFrame({"form": _form(cells), "cell": cells}).group_by("form", maintain_order=True)
+        return [_Form(*row) for row in frame.agg(pl.col("cell").first(), pl.len().alias("count")).iter_rows()]
+
+
+class _Form(NamedTuple):
+    """A form of cells, the first cell that has it, and how many have."""
+
+    form: str
+    cell: str
+    number: int
+
+
+def _tidied(series: pl.Series) -> pl.Series:
+    return series.str.strip_chars().str.replace_all("−", "-", literal=True)
+
+
+def _form(tidied: pl.Series) -> pl.Series:
+    marked = tidied.str.replace(r"^([+-]?)[1-9]", "${1}\x01").str.replace_all("[0-9]", "0")
+    return marked.str.replace("\x01", "1", literal=True)
