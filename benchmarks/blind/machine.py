@@ -193,14 +193,14 @@ class Chain:
             return self.fixed
         pull, step = self.compliance * T, 1e-7
         given = self.compliance * outer
-
-        def wrong(bend):
-            more = 0.0 if extra is None else self.width * extra(bend / self.width)
-            return bend + more - pull * self.lever(bend) - given
-
+        around = np.asarray([[0.0], [step], [-step]])
         for _ in range(30):
-            error = wrong(bend)
-            change = error * 2 * step / (wrong(bend + step) - wrong(bend - step))
+            bends = bend + around
+            more = 0.0
+            if extra is not None:
+                more = self.width * np.stack([extra(kappa) for kappa in bends / self.width])
+            error, above, below = bends + more - pull * self.lever(bends) - given
+            change = error * 2 * step / (above - below)
             bend = bend - np.clip(change, -0.1, 0.1)
             if np.max(np.abs(change)) < 1e-13:
                 break
