@@ -1,5 +1,5 @@
-"""What happens to a rig while it is recorded and no law describes: its tip end is moved from outside, or it is
-shaken so that friction lets go.
+"""What happens to a rig while it is recorded and no law describes: its tip end is moved from outside, or it
+is shaken so that friction lets go.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""What the instruments of a rig add to its readings: noise, drift, grain, a delay between the cells, glitches,
-dropouts, gaps, and stamps that are a little off.
+"""What the instruments of a rig add to its readings: noise, drift, grain, a delay between the cells,
+glitches, dropouts, gaps, and stamps that are a little off.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ import numpy as np
 from .hand import log_uniform
 
 CELLS = ("T_base", "T_tip")
+# Share of the largest tension below which a cell that drops out shows nothing of it.
+SEEN = 0.03
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,8 +69,10 @@ def read(rng: np.random.Generator, time: np.ndarray, true: dict[str, np.ndarray]
                 if kind == "glitch":
                     jump = float(rng.choice([-1, 1], p=[0.3, 0.7])) * log_uniform(rng, 0.02, 3) * largest
                     cells[cell][rows] += jump * rng.uniform(0.6, 1.0, n)
-                else:
+                elif np.all(cells[cell][rows] > SEEN * largest):
                     cells[cell][rows] = 0.0
+                else:
+                    continue
                 spoilt[cell][kind] += rows.tolist()
     cells = {cell: grains[cell] * np.round(values / grains[cell]) for cell, values in cells.items()}
     stamps = time[kept] - time[0] + rng.uniform(1e-4, 1e-3) * rng.normal(size=K)

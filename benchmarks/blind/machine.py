@@ -81,7 +81,7 @@ class Laws:
             from the curvature, what was remembered, and the time step.
         remembers: how many numbers that is per joint.
         forces: on the body: from the shape, forces [N] at places [m], (m, 2) each, and the links they are on.
-        feed: thread [m] that the tip's end has given since the start, of the time [s]; it stands still without.
+        feed: thread [m] that the tip's end has given since the start, of the time [s]; none: it stands still.
     """
 
     friction: Callable[[Guides], np.ndarray | float] | None = None
