@@ -86,7 +86,7 @@ def draw(rng: np.random.Generator, drive: Drive, give: float) -> list[Event]:
             lasts = log_uniform(rng, 0.05, 0.5)
             rising = float(np.interp(start, drive.time, np.gradient(T))) > 0
             sag = rng.uniform(0, 0.04) * (1 if rising else -1)
-            found.append(Event("shaken", start, start + lasts, rng.uniform(0.02, 0.35), False, sag))
+            found.append(Event("shaken", start, start + lasts, rng.uniform(0.05, 0.7), False, sag))
     return sorted(found, key=lambda e: e.start)
 
 
