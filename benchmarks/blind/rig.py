@@ -22,8 +22,8 @@ SOUND, SEVERAL, STRANGE = 0.2, (0.5, 0.35, 0.15), 0.25
 EVENTFUL, SHEATHED = 0.45, 0.6
 # What the instruments always do is no effect: to name it is not wrong, and to leave it out is not either.
 ALWAYS = ("time-skew", "zero-drift")
-# Effects that need a body that bends, or whose place in a sheath no cell sees.
-BENDING = {"stiffening", "creep", "rubbing", "entry", "anchor", "patch", "kink"}
+# Effects whose size goes by the bend of a body, or whose place in a sheath no cell sees.
+BENDING = {"stiffening", "creep", "rubbing", "entry", "anchor", "patch", "kink", "snag"}
 # Not drawn: what the instruments do anyway; forces on the body, which a long march takes too long for; what
 # depends on a number of samples, not on time; and what neither cell sees.
 LEFT_OUT = {
@@ -150,7 +150,7 @@ def sheath(rng: np.random.Generator) -> tuple[Build, Arm, str]:
         still,
         rng.uniform(0.25, 1.1) / turned,
         build.links,
-        stiffness=log_uniform(rng, 5e3, 5e4),
+        stiffness=log_uniform(rng, 2e3, 3e4),
         fixed=turned / length,
     )
     lines = [
