@@ -222,6 +222,11 @@ def test_events_glitches_delay_and_misfit_are_scored():
     said["held_out"] = [{"rms_N": 0.5}, {"rms_N": 0.05}]
     case = rig_score.Rig("a", key(["drift"], happened=[(11.9, 12.3), (12.2, 12.3), (40, 41)]), said)
     assert case.found() == [True, True, False] and case.excluded() == pytest.approx(0.02, abs=2e-3)
+    shaken = said | {
+        "parameters": {"shaken-sheath.time": [None, 39, 1], "shaken-sheath.duration": [None, 2, 1]}
+    }
+    assert dataclasses.replace(case, answer=shaken).found() == [True, True, True]
+    assert dataclasses.replace(case, answer=said | {"left_out": said["episodes"], "episodes": []}).found()[0]
     assert len(case.masked() & case.spoilt()) == 2 and len(case.masked()) == len(case.spoilt()) == 3
     assert case.delay() == pytest.approx((0.002, 0.002))
     assert case.explained == pytest.approx(1 - (0.05**2 - 0.03**2) / (0.5**2 - 0.03**2))

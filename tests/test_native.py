@@ -20,6 +20,7 @@ SETS = {
     "presliding": ("presliding",),
     "viscous": ("viscous-friction",),
     "contact": ("contact",),
+    "loosened": ("sheath-moved",),
     "several": ("body-hysteresis", "tendon-stretch", "adhesion", "clearance", "local-friction"),
 }
 
@@ -28,6 +29,8 @@ SETS = {
 def test_native_steps_are_the_traced_ones(make_robot, name):
     loads = {"tip_force": [0.0, -0.05]} if name == "loaded" else {}
     terms = {f"{kind}.{q.name}": float(q.typical) for kind in SETS[name] for q in REGISTRY[kind].quantities}
+    if name == "loosened":
+        terms |= {"sheath-moved.change": -0.6, "sheath-moved.time": 3.0}
     robot = make_robot(0.4, routing=SINE, loads=loads).with_values(**terms)
     how = gtr.March(atol=1e-12)
     traced = gtr.simulate(robot, LOOP, time=CLOCK, solver=how)

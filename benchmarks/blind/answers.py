@@ -28,7 +28,7 @@ TOOL = (Path(calibrate.__file__).parent, Path(gtr.__file__).parent)
 # Cases that a process answers before another takes its place: compiled programs fill its memory.
 A_TIME = 12
 # Keys of `diagnosis.json` that are kept where it has them.
-LATER = ("named", "named_probability", "share_explained", "episodes", "masked")
+LATER = ("named", "named_probability", "share_explained", "episodes", "left_out", "masked")
 NO_PART = {"cli", "report", "plots", "paper", "examples", "sweep", "experiment.py"}
 
 

@@ -21,7 +21,7 @@ SOUND, SEVERAL, STRANGE = 0.2, (0.5, 0.35, 0.15), 0.25
 # Shares with events, and with a sheath of fixed shape where the effects allow it.
 EVENTFUL, SHEATHED = 0.45, 0.6
 # What the instruments always do is no effect: to name it is not wrong, and to leave it out is not either.
-ALWAYS = ("time-skew", "zero-drift")
+ALWAYS = ("time-skew", "zero-drift", "quantisation")
 # Effects whose size goes by the bend of a body, or whose place in a sheath no cell sees.
 BENDING = {"stiffening", "creep", "rubbing", "entry", "anchor", "patch", "kink", "snag"}
 # Not drawn: what the instruments do anyway; forces on the body, which a long march takes too long for; what
@@ -119,7 +119,7 @@ def make(kind: str, hidden: tuple[str, ...], rng: np.random.Generator) -> Case |
         "hidden": list(hidden),
         "terms": sorted({term(h) for h in hidden if h in CATALOGUE}),
         "outside": [h for h in hidden if h in OUTSIDE],
-        "always": [*ALWAYS, *(["tendon-stretch"] if sheathed else [])],
+        "always": [*ALWAYS, *(["tendon-stretch"] if sheathed else []), *_once(hidden, happened)],
         "numbers": scene.hidden,
         "sizes": sizes,
         "robot": build.name,
@@ -135,6 +135,13 @@ def make(kind: str, hidden: tuple[str, ...], rng: np.random.Generator) -> Case |
         "newton": shown.worst,
     }
     return Case(robot, _rows(done, others, rng), key)
+
+
+def _once(hidden: tuple[str, ...], happened: list[events.Event]) -> list[str]:
+    """Terms that describe what happens once: neither asked for nor wrong where it does."""
+    if "jolt" in hidden:
+        return ["shaken-sheath", "sheath-moved"]
+    return ["shaken-sheath"] if any(e.kind == "shaken" for e in happened) else []
 
 
 def sheath(rng: np.random.Generator) -> tuple[Build, Arm, str]:

@@ -109,21 +109,30 @@ class Rig:
         before, after = (max(held[k]["rms_N"] ** 2 - noise**2, 0.0) for k in (0, -1))
         return 1 - after / before if before > 0 else None
 
+    def spans(self) -> list[tuple[float, float]]:
+        """Start and end [s] of what it says happened once: episodes, what it left out, and shaking as a term."""
+        said = [*self.answer.get("episodes", []), *self.answer.get("left_out", [])]
+        found = [(e["start_s"], e["end_s"]) for e in said]
+        numbers = self.answer.get("parameters", {})
+        if "shaken-sheath.time" in numbers and self.verdict in NAMING:
+            start, lasts = (numbers[f"shaken-sheath.{name}"][1] for name in ("time", "duration"))
+            found.append((start, start + lasts))
+        return found
+
     def found(self) -> list[bool]:
-        """Of each event, whether an episode lies at its time."""
-        episodes = [(e["start_s"], e["end_s"]) for e in self.answer.get("episodes", [])]
+        """Of each event, whether it says that something happened at its time."""
         return [
-            any(start <= e["end_s"] + NEAR and end >= e["start_s"] - NEAR for start, end in episodes)
+            any(start <= e["end_s"] + NEAR and end >= e["start_s"] - NEAR for start, end in self.spans())
             for e in self.key["events"]
         ]
 
     def excluded(self) -> float:
-        """Share of the recording that its episodes cover."""
+        """Share of the recording that what it says happened covers."""
         length = self.key["seconds"]
         covered = np.zeros(1000, bool)
         at = length * (np.arange(1000) + 0.5) / 1000
-        for e in self.answer.get("episodes", []):
-            covered |= (at >= e["start_s"]) & (at <= e["end_s"])
+        for start, end in self.spans():
+            covered |= (at >= start) & (at <= end)
         return float(covered.mean())
 
     def masked(self) -> set[tuple[str, int]]:
@@ -205,7 +214,7 @@ def overview(cases: Sequence[Rig]) -> list[list[str]]:
         ],
         ["events found", "≥ 80 %", rate([f for c in cases for f in c.found()])],
         [
-            "recording that episodes cover, where there are events (median; 90 % below)",
+            "recording that episodes and what is left out cover, where there are events (median; 90 % below)",
             "",
             quantiles([c.excluded() for c in eventful], "{:.1%}; {:.1%}"),
         ],

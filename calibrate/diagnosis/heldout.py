@@ -36,17 +36,14 @@ def folds(bench: Bench) -> list[tuple[str, list[np.ndarray]]]:
     return [(f"stretch {f + 1} of {FOLDS}", [s == f for s in shares]) for f in range(FOLDS)]
 
 
-def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]) -> list[dict[str, float]]:
-    """Score of each model on samples to which it was not fitted.
+def by_fold(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]) -> np.ndarray:
+    """What each model leaves of each part when it is refitted to the others, (models, folds, 4): sum of squares
+    [N²] and number of the samples of T_tip, sum of squares and number of all whitened rows; zeros where the
+    refit fails.
 
     Args:
         bench: the recordings.
         models: hypotheses, and their fit to everything.
-
-    Returns:
-        For each model: "rms_N" of the tip tension, and "chi2_per_n" of all channels, over all folds; "folds",
-        how many there are; and "best_in", the number of folds in which the rms of this model was the lowest.
-        A fold in which a refit fails does not count; NaN where none is left.
     """
     parts = folds(bench)
     jobs = [(m, f) for m in range(len(models)) for f in range(len(parts))]
@@ -59,14 +56,25 @@ def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]
         if again is None:
             return squares, n, chi, rows
         residuals = bench.residuals(again.seen)
-        for z, residual, out in zip(
-            bench.by_channel(bench.white(residuals)), residuals, parts[f][1], strict=True
-        ):
+        white = bench.by_channel(bench.white(residuals))
+        for z, residual, held, rig in zip(white, residuals, parts[f][1], bench.rigs, strict=True):
+            out = held & rig.part.counted
             squares, n = squares + float(np.sum(residual[0][out] ** 2)), n + int(out.sum())
             chi, rows = chi + float(np.sum(z[:, out] ** 2)), rows + z[:, out].size
         return squares, n, chi, rows
 
-    found = np.asarray(in_parallel(one, jobs)).reshape(len(models), len(parts), 4)
+    return np.asarray(in_parallel(one, jobs)).reshape(len(models), len(parts), 4)
+
+
+def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]) -> list[dict[str, float]]:
+    """Score of each model on samples to which it was not fitted; arguments as of `by_fold`.
+
+    Returns:
+        For each model: "rms_N" of the tip tension, and "chi2_per_n" of all channels, over all folds; "folds",
+        how many there are; and "best_in", the number of folds in which the rms of this model was the lowest.
+        A fold in which a refit fails does not count; NaN where none is left.
+    """
+    found = by_fold(bench, models)
     # Parts in which every model was refitted: all are judged on the same samples.
     found[:, np.any(found[..., 1] == 0, axis=0)] = 0.0
     counted = found[..., 1]
@@ -76,7 +84,7 @@ def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]
         {
             "rms_N": float(np.sqrt(np.sum(f[:, 0]) / np.sum(f[:, 1]))) if np.any(f[:, 1]) else float("nan"),
             "chi2_per_n": float(np.sum(f[:, 2]) / np.sum(f[:, 3])) if np.any(f[:, 3]) else float("nan"),
-            "folds": len(parts),
+            "folds": found.shape[1],
             "best_in": int(np.sum((best == m) & np.isfinite(rms[m]))),
         }
         for m, f in enumerate(found)

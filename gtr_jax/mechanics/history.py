@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..terms import REGISTRY
 from . import channel
 from .case import Case, Load, Memory, untouched
+from .loosened import after_loosening
 from .mesh import cumulative
 from .sections import Sections, State, at_tendons, either_of, node_first
 from .solve import load_step
@@ -193,7 +194,10 @@ def advance(
         own = {kind: robot.terms[kind] for kind in structure.terms}
         terms = robot.terms | jtu.tree_map(lambda a, b: jnp.where(stringing, a, b), none, own)
         now = dataclasses.replace(now, mu=jnp.where(stringing, 0.0, robot.mu), terms=terms)
-    done = load_step(now, load, settled.memory, how)
+    begun = settled.memory
+    if structure.loosens:
+        begun = dataclasses.replace(begun, tension=after_loosening(now, load, begun))
+    done = load_step(now, load, begun, how)
     met = (done.error <= how.atol) & jnp.all(jnp.isfinite(load.T_base)) & jnp.isfinite(load.dt + load.time)
     out = Step(
         state=done.state,

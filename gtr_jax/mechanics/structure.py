@@ -74,6 +74,14 @@ class Structure:
         return any(REGISTRY[kind].creeps for kind in self.terms)
 
     @functools.cached_property
+    def loosens(self) -> bool:
+        """Whether friction may fall with time where one tendon is locked, so that the tension held there
+        relaxes. Where friction follows the slip, it relaxes by itself.
+        """
+        by_slip = self.tendons or (self.acting and PRESLIDING in self.terms)
+        return any(REGISTRY[kind].loosens for kind in self.terms) and not by_slip
+
+    @functools.cached_property
     def follows_slip(self) -> bool:
         """Whether a law of a node depends on the slip or its speed, in this step or the previous one."""
         return self.presliding or any(REGISTRY[kind].reads_speed for kind in self.terms) or self.seeks_slip

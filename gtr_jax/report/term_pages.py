@@ -43,6 +43,9 @@ SHOWN: dict[str, dict[str, float]] = {
     "friction-asymmetry": {"ratio": 1.15},
     "viscous-friction": {"coefficient": 60.0},
     "stiffening": {"coefficient": 0.02},
+    "free-length": {"compliance": 1e-4},
+    "shaken-sheath": {"share": 0.6, "time": 66.0, "duration": 6.0, "edge": 1.0},
+    "sheath-moved": {"change": 0.3, "time": 84.0, "duration": 2.0},
     "body-hysteresis": {"ratio": 0.5, "curvature": 1.0},
 }
 
@@ -103,7 +106,8 @@ def write_pages(folder: Path) -> None:
         "`gtr terms` lists them at the command line. These pages are written from the terms' own files by",
         "`python -m gtr_jax.report.term_pages`.\n",
         "The pictures show TD-CM I through one history: a loop at 1 N/s with a hold and an inner loop, then",
-        "one at 4 N/s; without the term in grey.\n",
+        "one at 4 N/s; without the term in grey. Events, which happen at a time of their own, are drawn over time",
+        "as well. `gtr diagnose` offers none of them by itself, because a free time can fit any bump.\n",
     ]
     for group, belongs in GROUPS.items():
         index += [f"\n## {group}\n", "| term | what it is | law |", "|---|---|---|"]

@@ -27,7 +27,7 @@ from .programs import at_nodes, known_to_act, structure_of
 from .sensing import Reading, cells_show, shown
 from .several import at_preload, load_step
 from .slipping import front_of, large_tension, moves_by_friction, moves_of
-from .solution import Equilibrium, Loaded, describe, loaded_of
+from .solution import Equilibrium, Loaded, describe, drawn_out, loaded_of
 
 SHORTEST = 1e-9  # s, assumed between samples with equal times
 
@@ -157,6 +157,7 @@ def _run(robot: Robot, loads: Load, how: March, structure: Structure) -> Simulat
     s = sections(robot)
     eq = jax.vmap(lambda done: describe(s, done))(done)
     fronts = jax.vmap(lambda sign: front_of(s.mesh.s, sign))
+    preload = robot.per_tendon(lambda tendon: tendon.preload)
     direction, front = (fronts if moves.ndim == 2 else jax.vmap(fronts))(moves)
     return Simulation(
         T_base=loads.T_base,
@@ -164,7 +165,7 @@ def _run(robot: Robot, loads: Load, how: March, structure: Structure) -> Simulat
         T_tip=eq.T_tip,
         reading=Reading(loads.T_base, eq.T_tip),
         tip_pose=eq.tip_pose,
-        displacement=eq.slip[..., 0],
+        displacement=drawn_out(robot.terms, eq.slip[..., 0], loads.T_base, preload),
         slip_direction=direction,
         slip_front=front,
         s=s.mesh.s,
