@@ -110,7 +110,7 @@ class Rig:
         return 1 - after / before if before > 0 else None
 
     def spans(self) -> list[tuple[float, float]]:
-        """Start and end [s] of what it says happened once: episodes, what it left out, and shaking as a term."""
+        """Start and end [s] of what is said to happen once: episodes, what is left out, shaking as a term."""
         said = [*self.answer.get("episodes", []), *self.answer.get("left_out", [])]
         found = [(e["start_s"], e["end_s"]) for e in said]
         numbers = self.answer.get("parameters", {})
