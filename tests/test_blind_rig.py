@@ -58,6 +58,13 @@ def test_a_shaken_sheath_lets_both_tensions_meet():
     assert shown.T_tip[-1] == pytest.approx(20, rel=1e-3)
 
 
+def test_a_march_that_is_lost_is_given_up():
+    T = np.linspace(0.01, 20, 5)
+    with pytest.raises(machine.Lost):
+        machine.run(SHEATH, 0.1 * np.arange(5), T, most=1e-300)
+    assert machine.run(SHEATH, 0.1 * np.arange(5), T, most=1e-5).worst < 1e-5
+
+
 def test_an_event_lasts_from_its_start_to_its_end():
     there = events.Event("tip-moved", 4.0, 6.0, 1e-3, True, 0.1)
     stays = dataclasses.replace(there, back=False)

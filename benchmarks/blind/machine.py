@@ -400,26 +400,36 @@ class March:
         return error, T, flow, bend, held
 
 
-def march(arm: Arm, time: np.ndarray, T_base: np.ndarray, parts: int = 1) -> Shown:
-    """Run a history of the base tension [N] over time [s], (K,) each; every step in so many parts."""
+class Lost(ArithmeticError):
+    """Newton's method leaves more than was asked for."""
+
+
+def march(arm: Arm, time: np.ndarray, T_base: np.ndarray, parts: int = 1, most: float = np.inf) -> Shown:
+    """Run a history of the base tension [N] over time [s], (K,) each; every step in so many parts.
+
+    Raises `Lost` where a step leaves an error of more than `most` [N].
+    """
     machine, rows = March(arm, max(float(np.ptp(T_base)), 1e-6)), []
     steps = np.diff(time, prepend=time[0] - (time[1] - time[0]))
     for dt, base in zip(steps.tolist(), np.maximum(T_base, 1e-6).tolist(), strict=True):
         start = machine.base
         ways = start + (base - start) * np.arange(1, parts + 1) / parts
         error = max(machine.step(dt / parts, way) for way in ways.tolist())
+        if error > most:
+            raise Lost(f"{error:.2g} N at {machine.time:.3g} s")
         shape = machine.chain.shape(machine.bend)
         rows.append((machine.T[-1], *shape.tip, shape.directions[-1], machine.drawn, error))
     table = np.asarray(rows)
     return Shown(T_base, table[:, 0], table[:, 1:4], table[:, 4], float(table[:, 5].max()))
 
 
-def run(arm: Arm, time: np.ndarray, T_base: np.ndarray, parts: int = 1) -> Shown:
+def run(arm: Arm, time: np.ndarray, T_base: np.ndarray, parts: int = 1, most: float = np.inf) -> Shown:
     """The same of infinitely many links, extrapolated from as many as the arm has and twice as many: the
     chain's error falls as one over their number.
     """
     few, many = (
-        march(dataclasses.replace(arm, links=n), time, T_base, parts) for n in (arm.links, 2 * arm.links)
+        march(dataclasses.replace(arm, links=n), time, T_base, parts, most)
+        for n in (arm.links, 2 * arm.links)
     )
     return Shown(
         T_base,

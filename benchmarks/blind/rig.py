@@ -13,7 +13,7 @@ from .cases import BUILDS, DRAWN_M, POSE_M, POSE_RAD, Build, Case, built, robot_
 from .effects import CATALOGUE, OUTSIDE, Scene
 from .hand import drive, log_uniform
 from .instruments import CELLS, Read, read
-from .machine import Arm, march, run
+from .machine import Arm, Lost, march, run
 
 # Share of the cases in which nothing is missing; of the others with two, three and four effects; and of those
 # in which one effect is none of the catalogue's.
@@ -99,8 +99,9 @@ def make(kind: str, hidden: tuple[str, ...], rng: np.random.Generator) -> Case |
         sizes[effect] = size
     if happened:
         events.happen(scene, happened)
-    shown = run(scene.arm, time, T_base)
-    if not shown.worst < WORST * build.largest or not np.all(np.isfinite(shown.T_tip)):
+    try:
+        shown = run(scene.arm, time, T_base, most=WORST * build.largest)
+    except Lost:
         return None
     true = {"T_base": T_base, "T_tip": shown.T_tip}
     for cell in scene.cells:
