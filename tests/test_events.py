@@ -99,7 +99,7 @@ TUGS = {
 def test_an_end_that_is_moved_is_that_of_an_elastic_thread(name):
     corners, start, far = TUGS[name]
     time, T_base = history(corners)
-    law = machine.Laws(anchor=lambda now: far * rise(now - DT - start))
+    law = machine.Laws(feed=lambda now: far * rise(now - DT - start))
     shown = machine.run(dataclasses.replace(ARM, laws=law), time, T_base)
     first, last = round(start / DT), round((start + 1) / DT)
     change = float(shown.T_tip[last] - shown.T_tip[first])
