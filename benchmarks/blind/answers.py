@@ -23,12 +23,15 @@ from gtr_jax.cli.cache import enable_cache
 
 from . import baselines
 
-# Packages whose source decides the answers, and what in them does not.
+# Packages whose source decides the answers.
 TOOL = (Path(calibrate.__file__).parent, Path(gtr.__file__).parent)
 # Cases that a process answers before another takes its place: compiled programs fill its memory.
 A_TIME = 12
-# Keys of `diagnosis.json` that are kept where it has them.
-LATER = ("named", "named_probability", "share_explained", "episodes", "left_out", "masked")
+# Row of the file that holds the first sample.
+FIRST_ROW = 2
+# Keys of `diagnosis.json` that are kept for the cases made as rigs make them.
+LATER = ("named", "named_probability", "share_explained", "episodes", "left_out")
+# What in those packages decides no answer.
 NO_PART = {"cli", "report", "plots", "paper", "examples", "sweep", "experiment.py"}
 
 
@@ -68,8 +71,12 @@ def rig_answer(folder: Path) -> dict[str, Any]:
         return {"verdict": "refused", "says": str(fault)}
     found = calibrate.diagnose(robot, recording, experiment=False)
     written = found.to_json()
-    more = {name: written[name] for name in LATER if name in written}
-    return _told(found, len(recording), time.perf_counter() - began) | more
+    more = {name: written[name] for name in LATER}
+    masked = [
+        {"channel": m.channel, "first": m.rows[0] - FIRST_ROW, "last": m.rows[1] - FIRST_ROW}
+        for m in recording.masked
+    ]
+    return _told(found, len(recording), time.perf_counter() - began) | more | {"masked": masked}
 
 
 def _told(found: calibrate.Diagnosis, samples: int, took: float) -> dict[str, Any]:

@@ -192,6 +192,7 @@ def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models | None:
         return bench.refit(whole.hypotheses(names), whole.coordinates(names, f), most=4)
 
     whole.add([f for f in in_parallel(refit, list(wanted.items())) if f is not None])
+    whole.mend()
     return whole if () in whole.fits else None
 
 

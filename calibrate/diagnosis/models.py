@@ -52,6 +52,22 @@ class Models:
             if key not in self.fits or f.cost < self.fits[key].cost:
                 self.fits[key] = f
 
+    def mend(self) -> None:
+        """Refit each model that ended worse than one with fewer of its effects from where that one ended, with
+        the other effects at null: it cannot be worse there.
+        """
+
+        def again(f: Fitted) -> Fitted | None:
+            smaller = [g for g in self.fits.values() if set(g.names) < set(f.names) and g.cost < f.cost]
+            if not smaller:
+                return None
+            parent = min(smaller, key=lambda g: g.cost)
+            known = {n.name: v for n, v in zip(parent.numbers, parent.x, strict=True)}
+            start = np.asarray([known.get(n.name, 0.0) for n in f.numbers])
+            return self.bench.refit(self.hypotheses(f.names), start)
+
+        self.add([f for f in in_parallel(again, list(self.fits.values())) if f is not None])
+
     @property
     def base(self) -> Fitted:
         """The fit without any hypothesis."""
