@@ -53,8 +53,8 @@ class Models:
                 self.fits[key] = f
 
     def mend(self) -> None:
-        """Refit each model that ended worse than one with fewer of its effects from where that one ended, with
-        the other effects at null: it cannot be worse there.
+        """Refit each model that ended worse than one with fewer of its effects from where that one ended,
+        with the other effects at null: it cannot be worse there.
         """
 
         def again(f: Fitted) -> Fitted | None:

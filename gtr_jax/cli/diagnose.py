@@ -19,7 +19,7 @@ from .options import (
     noise_option,
     output_option,
 )
-from .recordings import left_out, read_recordings, recording_options
+from .recordings import left_out, mapping_files, read_recordings, recording_options
 
 if TYPE_CHECKING:
     from calibrate import Diagnosis
@@ -85,6 +85,7 @@ def diagnose(
     )
     paths = {"robot": given.robots[0]}
     paths |= {f"recording {i + 1}": path for i, path in enumerate(given.recordings)}
+    paths |= mapping_files(columns)
     folder = RunFolder(output, paths, force=force)
     enable_cache()
     with folder.alone(), kept(), Progress() as progress:

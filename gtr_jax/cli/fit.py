@@ -24,7 +24,7 @@ from .options import (
     noise_option,
     output_option,
 )
-from .recordings import left_out, read_recordings, recording_options
+from .recordings import left_out, mapping_files, read_recordings, recording_options
 
 if TYPE_CHECKING:
     import numpy as np
@@ -117,6 +117,7 @@ def fit(
     }
     paths = {f"robot {i + 1}": path for i, path in enumerate(given.robots)}
     paths |= {f"recording {i + 1}": path for i, path in enumerate(given.recordings)}
+    paths |= mapping_files(columns)
     folder = RunFolder(output, paths, force=force)
     enable_cache()
     with Progress() as progress:

@@ -48,8 +48,8 @@ def mapping_of_each(paths: Sequence[Path], columns: Sequence[str]) -> list[str |
     """
     if len(columns) not in (0, 1, len(paths)):
         raise InputError(
-            f"--columns: {len(columns)} mappings, but {len(paths)} recordings; give one for all, or one for "
-            "each in their order"
+            f"--columns: given {len(columns)} times for {len(paths)} recording{'s'[: len(paths) - 1]}; give "
+            "it once for all, or once for each in their order"
         )
     given: list[str | None] = list(columns) or [None]
     return given * len(paths) if len(given) == 1 else given
@@ -92,6 +92,14 @@ def read_recordings(
                 click.echo(f"warning: {path}: {said}", err=True)
         recordings.append(recording)
     return recordings
+
+
+def mapping_files(columns: Sequence[str]) -> dict[str, Path]:
+    """The mapping files among the values of --columns, by the role that a run folder records them under."""
+    from gtr_jax.files.columns import is_file
+
+    files = [Path(text) for text in columns if is_file(text)]
+    return {f"columns {i + 1}": path for i, path in enumerate(files)}
 
 
 def left_out(recordings: Sequence[Recording]) -> dict[str, Any]:

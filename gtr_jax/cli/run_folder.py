@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import hashlib
 import json
 import os
 import platform
@@ -21,6 +20,7 @@ import click
 
 from gtr_jax.errors import InputError, listed
 from gtr_jax.files.plain import plain
+from gtr_jax.files.text import digest
 from gtr_jax.interruption import interruption
 
 from .options import HELD
@@ -54,10 +54,7 @@ class RunFolder:
             "written_by": "gtr-jax",
             "command": command_line(),
             "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-            "inputs": {
-                role: {"path": _named(path), "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
-                for role, path in inputs.items()
-            },
+            "inputs": {role: {"path": _named(path), "sha256": digest(path)} for role, path in inputs.items()},
         }
         self._began = time.monotonic()
         self._target = out.resolve()

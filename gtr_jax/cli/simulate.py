@@ -18,7 +18,7 @@ from .options import (
     resolution_option,
     robot_argument,
 )
-from .recordings import left_out, read_recordings, recording_options
+from .recordings import left_out, mapping_files, read_recordings, recording_options
 
 if TYPE_CHECKING:
     import numpy as np
@@ -106,7 +106,8 @@ def simulate(
         )[0]
         T_base, time = given.T_base, given.time
     check_times(config, time)
-    folder = RunFolder(output, {"robot": robot} | ({"history": history} if history else {}), force=force)
+    paths = {"robot": robot, **({"history": history} if history else {}), **mapping_files(columns)}
+    folder = RunFolder(output, paths, force=force)
     enable_cache()
     with Progress() as progress:
         answer = solve(config, T_base, time, resolution=resolution, progress=progress)

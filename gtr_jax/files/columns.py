@@ -61,7 +61,7 @@ def read_columns(columns: str | os.PathLike[str] | Columns, where: str = "") -> 
     """
     if isinstance(columns, Columns):
         return columns
-    if _is_file(columns):
+    if is_file(columns):
         return _of_file(Path(columns))
     entries = []
     for entry in re.split(r",(?=[^,=]*=)", str(columns)):
@@ -72,7 +72,8 @@ def read_columns(columns: str | os.PathLike[str] | Columns, where: str = "") -> 
     return Columns("--columns", tuple(entries))
 
 
-def _is_file(columns: str | os.PathLike[str]) -> bool:
+def is_file(columns: str | os.PathLike[str]) -> bool:
+    """Whether a value of `--columns` is the path of a mapping file."""
     if not isinstance(columns, str):
         return True
     if not columns.lower().endswith(".toml"):

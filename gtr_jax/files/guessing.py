@@ -135,7 +135,8 @@ def guess(table: Table, tendons: Sequence[str] = ()) -> Guess:
     for key, (quantity, tendon) in quantities_of(tendons).items():
         if key not in found and quantity in ("time", *NEEDED):
             index = meant_column(table, quantity, tendon, tendons)
-            if index is not None and index not in _taken(found) and _nameable(table, index):
+            fits = index is not None and index not in _taken(found) and _nameable(table, index)
+            if index is not None and fits and (quantity == "time" or not _counts(table, index)):
                 found[key] = (index, NAME)
     numbers = _numbers(table, _taken(found))
     if "time" not in found:
@@ -179,6 +180,12 @@ def _numbers(table: Table, taken: set[int]) -> dict[int, np.ndarray]:
         if np.isfinite(values).sum() > 1 and np.ptp(values[np.isfinite(values)]) > 0:
             found[index] = values
     return found
+
+
+def _counts(table: Table, index: int) -> bool:
+    """Whether a column numbers its rows."""
+    x = _numbers(table, {*range(len(table.header))} - {index}).get(index, np.zeros(0))
+    return len(x) > 2 and bool(np.all(np.diff(x) > 0)) and float(np.ptp(np.diff(x))) == 0.0
 
 
 def _clock(table: Table, numbers: Mapping[int, np.ndarray]) -> int | None:

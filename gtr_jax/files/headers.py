@@ -90,7 +90,7 @@ _SIDES = {
     "T_base": ("base", "prox", "proximal", "motor", "input", "drive", "actuator", "handle"),
     "T_tip": ("tip", "dist", "distal", "end", "output"),
 }
-_FORCES = frozenset("t f tension force load cell loadcell tendon cable n gf g kg newton".split())
+FORCES = frozenset("t f tension force load cell loadcell tendon cable n gf g kg newton".split())
 _NO_FORCES = frozenset(
     "angle bend bending time clock temp temperature x y z pos position displacement disp stroke voltage volt "
     "v strain s ms m mm deg rad trial sample index".split()
@@ -126,7 +126,7 @@ def meant_column(table: Table, quantity: str, tendon: str, tendons: Sequence[str
         if spellings.get(name, quantity) != quantity:
             continue  # it is another quantity
         words = words_of(header)
-        score = 1.0 if quantity in NEEDED and _FORCES.intersection(words) else 0.0
+        score = 1.0 if quantity in NEEDED and FORCES.intersection(words) else 0.0
         for word, side in sides.items():
             if quantity in NEEDED and any(w.startswith(word) or w.endswith(word) for w in words):
                 score += 2.0 if side == quantity else -9.0

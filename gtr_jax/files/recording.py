@@ -154,6 +154,7 @@ def read_recording(
         tendons=tuple(tendons),
         rows=rows,
         masked=masked,
+        notes=table.notes,
     )
 
 

@@ -24,6 +24,17 @@ def read_bytes(path: str | os.PathLike[str]) -> bytes:
         raise InputError(f"{path}: cannot be read ({reason}); name a readable file") from None
 
 
+def digest(path: Path) -> str:
+    """SHA-256 of a file's bytes; of a folder, that of its files in the order of their names."""
+    files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+    sha256 = hashlib.sha256()
+    for file in files:
+        with file.open("rb") as stream:
+            while block := stream.read(1 << 20):
+                sha256.update(block)
+    return sha256.hexdigest()
+
+
 def read_text(path: str | os.PathLike[str]) -> tuple[str, str]:
     """Text of a file in UTF-8, UTF-16 or Latin-1 and the SHA-256 of its bytes; InputError if it is absent,
     empty or not text.
