@@ -16,13 +16,15 @@ from .hypotheses import Hypothesis, number_of
 MOVED, SHAKEN = "sheath-moved", "shaken-sheath"
 # Times at which a lasting change is tried, and its sizes; how long it takes [s].
 TIMES, CHANGES, TAKES = 16, (0.15, -0.15), 0.3
+# Samples that it takes to tell an event from a law: in fewer, one is like a bad reading.
+FEWEST = 400
 # Share of friction that shaking is tried with, how fast it comes and goes, and the shortest tried [s].
 SHARE, EDGE, SHORTEST = 0.6, 0.05, 0.1
 
 
 def event_hypotheses(bench: Bench, found: Sequence[Episode], taken: Sequence[str]) -> list[Hypothesis]:
     """A lasting change of friction at some time, and shaking during the episodes in which friction should
-    hold the tip; none for several recordings, which do not share their events.
+    hold the tip. None for several recordings, which do not share their events, and none for short ones.
 
     Args:
         bench: the recordings.
@@ -31,7 +33,7 @@ def event_hypotheses(bench: Bench, found: Sequence[Episode], taken: Sequence[str
     """
     part = bench.rigs[0].part
     time, T_base = part.time, part.T_base.T_base
-    if len(bench.rigs) != 1 or time is None:
+    if len(bench.rigs) != 1 or time is None or part.samples < FEWEST:
         return []
     pulled = time[T_base > 0.05 * float(T_base.max())]
     hypotheses = []
