@@ -57,6 +57,8 @@ class Part:
         trial: number of the trial, (K,), or None.
         noise_N: standard deviation of T_tip [N] if given.
         stretches: whether the tendon's stretch is a number of the fit.
+        left_out: samples that are simulated and not compared, (K,) bool, or None.
+        origin: places of the samples in the recording, (K,), or None for all of them in order.
     """
 
     name: str
@@ -70,6 +72,13 @@ class Part:
     trial: np.ndarray | None
     noise_N: float | None
     stretches: bool = False
+    left_out: np.ndarray | None = None
+    origin: np.ndarray | None = None
+
+    @property
+    def counted(self) -> np.ndarray:
+        """Samples that are compared, (K,) bool."""
+        return np.ones(self.samples, bool) if self.left_out is None else ~self.left_out
 
     @property
     def T_tip(self) -> np.ndarray:
@@ -164,9 +173,17 @@ class Part:
     def only(self, samples: np.ndarray) -> Part:
         """Some of the samples."""
         base = self.T_base.only(samples)
-        time, trial = (None if v is None else v[samples] for v in (self.time, self.trial))
+        time, trial, left_out = (
+            None if v is None else v[samples] for v in (self.time, self.trial, self.left_out)
+        )
         return dataclasses.replace(
-            self, T_base=base, recorded=self.recorded[:, samples], time=time, trial=trial
+            self,
+            T_base=base,
+            recorded=self.recorded[:, samples],
+            time=time,
+            trial=trial,
+            left_out=left_out,
+            origin=samples if self.origin is None else self.origin[samples],
         )
 
 

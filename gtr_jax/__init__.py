@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .errors import InputError
     from .files.config import RobotConfig, dump_config, load_config
     from .files.recording import Recording, read_recording, write_recording
+    from .inspection.inspection import Inspection, inspect
     from .mechanics.structure import March
     from .robot.backbone import Backbone
     from .robot.build import build_robot, load_robot
@@ -39,6 +40,7 @@ FILES = {
     "errors": ("InputError",),
     "files.config": ("RobotConfig", "dump_config", "load_config"),
     "files.recording": ("Recording", "read_recording", "write_recording"),
+    "inspection.inspection": ("Inspection", "inspect"),
     "mechanics.structure": ("March",),
     "robot.backbone": ("Backbone",),
     "robot.build": ("build_robot", "load_robot"),
@@ -59,6 +61,7 @@ __all__ = [
     "ChannelForces",
     "Equilibrium",
     "InputError",
+    "Inspection",
     "Loads",
     "March",
     "Parameter",
@@ -74,6 +77,7 @@ __all__ = [
     "dump_config",
     "equilibrium",
     "equilibrium_at",
+    "inspect",
     "label_phases",
     "load_config",
     "load_robot",

@@ -17,7 +17,7 @@ from calibrate.diagnosis import decide
 from calibrate.diagnosis.bench import Bench
 from calibrate.diagnosis.cache import SimulationCache
 from calibrate.diagnosis.experiment import checks, menu, propose, turned, weighed, weight_to_hang
-from calibrate.diagnosis.hypotheses import Hypothesis, base_numbers, catalogue, number_of
+from calibrate.diagnosis.hypotheses import EVENTS, Hypothesis, base_numbers, catalogue, number_of
 from calibrate.diagnosis.locate import cycles_of, ratio_of_branches
 from calibrate.diagnosis.model import Fitted
 from calibrate.diagnosis.models import Models
@@ -234,11 +234,14 @@ def test_coordinates_of_a_number():
 
 
 def test_every_term_is_a_hypothesis_unless_it_cannot_act(make_robot):
-    def kinds(robot, timed=True):
+    def kinds(robot, timed=True, displaced=False):
         given = {"largest_tip": 10.0, "travel": np.array([0.0, 0.1]), "bend": 5.0}
-        return {h.kind for h in catalogue(robot, timed=timed, **given)}
+        return {h.kind for h in catalogue(robot, timed=timed, displaced=displaced, **given)}
 
-    assert set(REGISTRY) - kinds(make_robot()) == {"gravity-error", "quantisation"}
+    never = {"gravity-error", "quantisation"} | EVENTS
+    assert {"shaken-sheath", "sheath-moved", "tip-moved"} == EVENTS
+    assert set(REGISTRY) - kinds(make_robot()) == never | {"free-length"}
+    assert set(REGISTRY) - kinds(make_robot(), displaced=True) == never
     assert "viscous-friction" not in kinds(make_robot(), timed=False)
     assert "adhesion" not in kinds(make_robot(terms=[{"kind": "adhesion", "drag": 1.0}]))
     sheath = {"rigid": True, "natural_curvature": 4.0}

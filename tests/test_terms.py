@@ -386,9 +386,18 @@ def difference(total, values, name, scale, one_sided, step=2e-6):
     return (4 * near - far) / 3
 
 
-# No derivative at null: presliding acts as the root of its length, a delay moves samples across corners, a
-# stop without stiffness is not known to be touched, and limits and rounding have steps.
-KINKED = {"presliding.length", "time-skew.delay", "contact.stiffness", "saturation.tip", "quantisation.tip"}
+# No derivative at null: presliding acts as the root of its length, a delay moves samples across corners, an
+# end that is let go slips in another direction than one that is pulled, a stop without stiffness is not known
+# to be touched, and limits and rounding have steps.
+KINKED = {
+    "presliding.length",
+    "time-skew.delay",
+    "time-skew.rate",
+    "tip-moved.tension",
+    "contact.stiffness",
+    "saturation.tip",
+    "quantisation.tip",
+}
 # What creeps: a stretch that stops loses what its speed gave it, however little. The base model cannot,
 # so the slope is asked for just beyond null.
 CREEPING = {"viscous-friction.coefficient", "stribeck-friction.ratio", "viscoelastic-body.ratio"}

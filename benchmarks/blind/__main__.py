@@ -1,15 +1,19 @@
 """`python -m benchmarks.blind`: draw the cases, diagnose them, score the answers; each step resumes.
 
-With `--seed` and `--cases` other sets can be drawn, to develop on.
+With `--family rig` the cases are made as rigs make recordings; the page gets its section on
+them when the other family is scored after it. With `--seed` and `--cases` other sets can be drawn, to develop
+on.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
-# The scored set, and the one that the classifier of the baselines is trained on.
-SEED, CASES, TRAINING, TRAINED = 26_11_22_02, 320, 2, 160
+# The scored sets by family, seed and cases; and the one that the classifier of the baselines is trained on.
+SCORED = {"effects": (26_11_23_22, 320), "rig": (26_11_23_01, 60)}
+TRAINING, TRAINED = 2, 160
 STEPS = ("draw", "answer", "train", "score")
 
 
@@ -22,26 +26,36 @@ def main() -> None:
     parser.add_argument(
         "-o", "--output", type=Path, default=Path("proof-out"), help="folder  [default: proof-out]"
     )
-    parser.add_argument("--seed", type=int, default=SEED, help="of the cases  [default: the scored set's]")
-    parser.add_argument("--cases", type=int, default=CASES, help=f"how many  [default: {CASES}]")
+    parser.add_argument("--family", choices=SCORED, default="effects", help="of cases  [default: effects]")
+    parser.add_argument("--seed", type=int, help="of the cases  [default: the scored set's]")
+    parser.add_argument("--cases", type=int, help="how many  [default: as many as the scored set has]")
     parser.add_argument("--jobs", type=int, default=2, help="processes  [default: 2]")
     given = parser.parse_args()
     steps = given.steps or STEPS
     unknown = sorted(set(steps) - set(STEPS))
     if unknown:
         parser.error(f"no step {unknown[0]!r}; there are draw, answer, train and score")
+    seed, count = (
+        asked if asked is not None else scored
+        for asked, scored in zip((given.seed, given.cases), SCORED[given.family], strict=True)
+    )
+    if given.family == "rig":
+        if "train" in given.steps:
+            parser.error("no step 'train' for the family rig; there are draw, answer and score")
+        _rig(parser, given.output, steps, seed, count, given.jobs)
+        return
     from . import answers, exam
 
-    cases, training = given.output / f"seed-{given.seed}", given.output / f"training-{TRAINING}"
+    cases, training = given.output / f"seed-{seed}", given.output / f"training-{TRAINING}"
     if "draw" in steps:
-        exam.make(cases, given.seed, given.cases, given.jobs)
+        exam.make(cases, seed, count, given.jobs)
     if "answer" in steps:
         answers.run(cases, given.jobs)
     if "train" in steps:
         exam.make(training, TRAINING, TRAINED, given.jobs)
-        answers.run(training, given.jobs, features_only=True)
+        answers.run(training, given.jobs, answers.only_features)
     if "score" in steps:
-        from . import page, score
+        from . import page, rig_page, score
 
         scored = score.read(cases, given.jobs)
         if not scored:
@@ -51,8 +65,31 @@ def main() -> None:
         labels = (
             score.classified(scored, [(f, keys[name]) for name, f in trained.items()]) if trained else None
         )
-        page.write(scored, labels, given.output / "proof.md", f"seed {given.seed}", len(exam.keys(cases)))
+        section = given.output / "rig.md"
+        rig = section.read_text(encoding="utf-8") if section.exists() else rig_page.NOT_YET
+        page.write(scored, labels, given.output / "proof.md", f"seed {seed}", len(exam.keys(cases)), rig)
         print(score.table(["what", "target", "reached"], score.overview(scored)))
+
+
+def _rig(
+    parser: argparse.ArgumentParser, output: Path, steps: Sequence[str], seed: int, count: int, jobs: int
+) -> None:
+    """The steps of the family that is made as rigs make recordings."""
+    from . import answers, exam, rig
+
+    cases = output / f"rig-{seed}"
+    if "draw" in steps:
+        exam.make(cases, seed, count, jobs, rig)
+    if "answer" in steps:
+        answers.run(cases, jobs, answers.rig_answer)
+    if "score" in steps:
+        from . import rig_page, rig_score, score
+
+        scored = rig_score.read(cases)
+        if not scored:
+            parser.error(f"{cases}: no answers to score; run the step 'answer' first")
+        rig_page.write(scored, output, f"seed {seed}", len(exam.keys(cases)))
+        print(score.table(["what", "target", "reached"], rig_score.overview(scored)))
 
 
 if __name__ == "__main__":

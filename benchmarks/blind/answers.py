@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +23,15 @@ from gtr_jax.cli.cache import enable_cache
 
 from . import baselines
 
-# Packages whose source decides the answers, and what in them does not.
+# Packages whose source decides the answers.
 TOOL = (Path(calibrate.__file__).parent, Path(gtr.__file__).parent)
 # Cases that a process answers before another takes its place: compiled programs fill its memory.
 A_TIME = 12
+# Row of the file that holds the first sample.
+FIRST_ROW = 2
+# Keys of `diagnosis.json` that are kept for the cases made as rigs make them.
+LATER = ("named", "named_probability", "share_explained", "episodes", "left_out")
+# What in those packages decides no answer.
 NO_PART = {"cli", "report", "plots", "paper", "examples", "sweep", "experiment.py"}
 
 
@@ -52,6 +58,28 @@ def answer(folder: Path) -> dict[str, Any]:
         took = time.perf_counter() - began
         ready = prepare(robot, recording, cache=SimulationCache(steps))
         simpler = {} if isinstance(ready, calibrate.Diagnosis) else baselines.of(ready)
+    return _told(found, len(recording), took) | {"baselines": simpler}
+
+
+def rig_answer(folder: Path) -> dict[str, Any]:
+    """The diagnosis of a case that is made as rigs make recordings, and what it took [s]."""
+    began = time.perf_counter()
+    try:
+        robot = gtr.load_config(folder / "robot.toml")
+        recording = gtr.read_recording(folder / "recording.csv")
+    except gtr.InputError as fault:
+        return {"verdict": "refused", "says": str(fault)}
+    found = calibrate.diagnose(robot, recording, experiment=False)
+    written = found.to_json()
+    more = {name: written[name] for name in LATER}
+    masked = [
+        {"channel": m.channel, "first": m.rows[0] - FIRST_ROW, "last": m.rows[1] - FIRST_ROW}
+        for m in recording.masked
+    ]
+    return _told(found, len(recording), time.perf_counter() - began) | more | {"masked": masked}
+
+
+def _told(found: calibrate.Diagnosis, samples: int, took: float) -> dict[str, Any]:
     return {
         "verdict": found.verdict,
         "sets": [sorted(s) for s in found.confusion_set],
@@ -72,9 +100,8 @@ def answer(folder: Path) -> dict[str, Any]:
         "noise_N": found.noise_N,
         "held_out": found.held_out,
         "where": [w.says for w in found.where[:1]],
-        "samples": len(recording),
+        "samples": samples,
         "seconds": took,
-        "baselines": simpler,
     }
 
 
@@ -102,10 +129,10 @@ def features(folder: Path) -> dict[str, list[float]]:
     return found
 
 
-def _one(job: tuple[Path, Path, str, bool]) -> str:
-    folder, target, source, features_only = job
+def _one(job: tuple[Path, Path, str, Callable[[Path], dict[str, Any]]]) -> str:
+    folder, target, source, by = job
     try:
-        found = only_features(folder) if features_only else answer(folder)
+        found = by(folder)
     except Exception:  # the next case may go well; this one counts as failed
         found = {"verdict": "crashed", "says": traceback.format_exc()}
     found["tool"] = source
@@ -115,7 +142,7 @@ def _one(job: tuple[Path, Path, str, bool]) -> str:
     return f"{folder.name} {found['verdict']} {found.get('seconds', 0):.0f} s"
 
 
-def run(folder: Path, processes: int, *, features_only: bool = False) -> None:
+def run(folder: Path, processes: int, by: Callable[[Path], dict[str, Any]] = answer) -> None:
     """Answer the cases that have no answer yet; those answered by other source are answered again."""
     source, target = tool(), folder / "answers"
     target.mkdir(exist_ok=True)
@@ -123,7 +150,7 @@ def run(folder: Path, processes: int, *, features_only: bool = False) -> None:
     for case in sorted((folder / "cases").iterdir()):
         done = target / f"{case.name}.json"
         if not done.exists() or json.loads(done.read_text(encoding="utf-8"))["tool"] != source:
-            jobs.append((case, done, source, features_only))
+            jobs.append((case, done, source, by))
     # Not concurrent.futures: with max_tasks_per_child its pool stands still once the first processes are done
     # (Python 3.11, github.com/python/cpython/issues/115634).
     with multiprocessing.get_context("spawn").Pool(processes, alone, maxtasksperchild=A_TIME) as pool:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import multiprocessing
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
@@ -17,15 +19,15 @@ DRAWS = 20
 SEAL = "seal.json"
 
 
-def _one(job: tuple[int, int, str, tuple[str, ...], Path]) -> tuple[str, str]:
+def _one(job: tuple[int, int, str, tuple[str, ...], Path, Callable]) -> tuple[str, str]:
     """Make a case; its id and the hash of its key."""
-    seed, number, kind, hidden, folder = job
+    seed, number, kind, hidden, folder, make = job
     for draw in range(DRAWS):
         rng = np.random.default_rng([seed, number, draw])
         name = hashlib.sha256(rng.bytes(16)).hexdigest()[:12]
         if (folder / "keys" / f"{name}.json").exists():
             break
-        case = cases.make(kind, hidden, rng)
+        case = make(kind, hidden, rng)
         if case is not None:
             cases.write(case, folder / "cases" / name, folder / "keys" / f"{name}.json")
             break
@@ -39,10 +41,12 @@ def digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def make(folder: Path, seed: int, count: int, processes: int) -> None:
-    """Draw cases and seal their keys; those already there are kept."""
-    drawn = cases.kinds(np.random.default_rng([seed]), count)
-    jobs = [(seed, k, kind, hidden, folder) for k, (kind, hidden) in enumerate(drawn)]
+def make(folder: Path, seed: int, count: int, processes: int, family: ModuleType = cases) -> None:
+    """Draw cases of a family, a module with `kinds` and `make`, and seal their keys; those already there are
+    kept.
+    """
+    drawn = family.kinds(np.random.default_rng([seed]), count)
+    jobs = [(seed, k, kind, hidden, folder, family.make) for k, (kind, hidden) in enumerate(drawn)]
     with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
         sealed = dict(pool.map(_one, jobs))
     text = json.dumps({"seed": seed, "keys": dict(sorted(sealed.items()))}, indent=1)

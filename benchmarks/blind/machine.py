@@ -81,6 +81,7 @@ class Laws:
             from the curvature, what was remembered, and the time step.
         remembers: how many numbers that is per joint.
         forces: on the body: from the shape, forces [N] at places [m], (m, 2) each, and the links they are on.
+        feed: thread [m] that the tip's end has given since the start, of the time [s]; none: it stands still.
     """
 
     friction: Callable[[Guides], np.ndarray | float] | None = None
@@ -92,6 +93,7 @@ class Laws:
     spring: Callable[[np.ndarray, np.ndarray, float], tuple[np.ndarray, np.ndarray]] | None = None
     remembers: int = 0
     forces: Callable[[Shape], tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
+    feed: Callable[[float], float] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,6 +110,7 @@ class Arm:
         links: how many; edges of bores and channel should fall between them.
         stiffness: of the thread, force per strain [N].
         laws: what acts beyond.
+        fixed: curvature of a sheath whose shape is fixed [1/m]; of a body that bends, None.
     """
 
     length: float
@@ -119,6 +122,7 @@ class Arm:
     links: int = 200
     stiffness: float = 3e5
     laws: Laws = Laws()
+    fixed: float | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -154,6 +158,10 @@ class Chain:
         self.compliance, self.width = compliance * share, h * share
         self.R = arm.offset((np.arange(n) + 0.5) * h)
         self.ends = arm.offset(np.asarray([0.0, arm.length]))
+        self.fixed = None if arm.fixed is None else arm.fixed * self.width
+        # The guides behind the joints: their offsets, and where they are along the link.
+        self.behind = np.concatenate([[self.ends[0]], self.R[:-1]])
+        self.start = np.where(np.arange(n) == 0, 0.0, -0.5 * h)
         rise = arm.offset(np.asarray([1e-6]))[0] - self.ends[0]
         self.inlet = np.arctan2(rise, 1e-6)
 
@@ -161,31 +169,38 @@ class Chain:
         """Of the thread across each joint: length, direction against the link before and behind, and
         lever about the joint.
         """
-        h, R = self.h, self.R
-        before = np.concatenate([[self.ends[0]], R[:-1]])
-        start = np.where(np.arange(self.n) == 0, 0.0, -0.5 * h)
+        x, y, dx, dy = self._across(bend)
+        length, angle = np.hypot(dx, dy), np.arctan2(dy, dx)
+        return length, angle, angle - bend, (y * dx - x * dy) / length
+
+    def lever(self, bend: np.ndarray) -> np.ndarray:
+        """Of the thread across each joint, about the joint."""
+        x, y, dx, dy = self._across(bend)
+        return (y * dx - x * dy) / np.hypot(dx, dy)
+
+    def _across(self, bend: np.ndarray):
+        """The guide ahead of each joint, seen from the joint, and from the guide behind it."""
+        half, R = 0.5 * self.h, self.R
         c, s = np.cos(bend), np.sin(bend)
-        x, y = 0.5 * h * c - R * s, 0.5 * h * s + R * c  # the guide behind, seen from the joint
-        dx, dy = x - start, y - before
-        length = np.hypot(dx, dy)
-        angle = np.arctan2(dy, dx)
-        lever = (y * dx - x * dy) / length
-        return length, angle, angle - bend, lever
+        x, y = half * c - R * s, half * s + R * c
+        return x, y, x - self.start, y - self.behind
 
     def bent(self, T: np.ndarray, bend: np.ndarray, outer: np.ndarray, extra) -> np.ndarray:
         """Bend of each joint under the tensions of the segments that cross them and outer moments, by
         Newton's method; extra gives the curvature that its spring feels beyond its own.
         """
+        if self.fixed is not None:
+            return self.fixed
         pull, step = self.compliance * T, 1e-7
         given = self.compliance * outer
-
-        def wrong(bend):
-            more = 0.0 if extra is None else self.width * extra(bend / self.width)
-            return bend + more - pull * self.segments(bend)[3] - given
-
+        around = np.asarray([[0.0], [step], [-step]])
         for _ in range(30):
-            error = wrong(bend)
-            change = error * 2 * step / (wrong(bend + step) - wrong(bend - step))
+            bends = bend + around
+            more = 0.0
+            if extra is not None:
+                more = self.width * np.stack([extra(kappa) for kappa in bends / self.width])
+            error, above, below = bends + more - pull * self.lever(bends) - given
+            change = error * 2 * step / (above - below)
             bend = bend - np.clip(change, -0.1, 0.1)
             if np.max(np.abs(change)) < 1e-13:
                 break
@@ -237,7 +252,7 @@ class March:
         self.base = 1e-6
         for _ in range(REPEATS if arm.laws.forces else 1):
             before = self.bend
-            self.bend, self.kept, _ = self.natural(self.T, self.bend, np.inf)
+            self.bend, self.kept = self.natural(self.T, self.bend, np.inf)
             if arm.laws.forces is None:
                 break
             self.outer = self.chain.moments(self.bend, arm.laws.forces)
@@ -246,17 +261,21 @@ class March:
         self._remember(np.inf)
 
     def natural(self, T: np.ndarray, bend: np.ndarray, dt: float):
-        """Bend under tensions, natural length that each segment then holds, and its slope with them."""
-        chain, K, spring = self.chain, self.arm.stiffness, self.arm.laws.spring
-        extra = None if spring is None else lambda kappa: spring(kappa, self.memory, dt)[0]
-        bend = chain.bent(T[:-1], bend, self.outer, extra)
+        """Bend under tensions, and natural length that each segment then holds."""
+        bend = self.chain.bent(T[:-1], bend, self.outer, self._extra(dt))
+        return bend, np.append(self.chain.segments(bend)[0], self.last) / (1 + T / self.arm.stiffness)
+
+    def slope(self, T: np.ndarray, bend: np.ndarray, held: np.ndarray, dt: float) -> np.ndarray:
+        """By how much the natural length held grows with each tension."""
         step = 1e-5 * np.maximum(T[:-1], 1e-2)
-        above = chain.bent(T[:-1] + step, bend, self.outer, extra)
-        here = np.append(chain.segments(bend)[0], self.last)
-        there = np.append(chain.segments(above)[0], self.last)
+        above = self.chain.bent(T[:-1] + step, bend, self.outer, self._extra(dt))
+        there = np.append(self.chain.segments(above)[0], self.last)
         step = np.append(step, 1e-5)
-        held = here / (1 + T / K)
-        return bend, held, (there / (1 + (T + step) / K) - held) / step
+        return (there / (1 + (T + step) / self.arm.stiffness) - held) / step
+
+    def _extra(self, dt: float):
+        spring = self.arm.laws.spring
+        return None if spring is None else lambda kappa: spring(kappa, self.memory, dt)[0]
 
     def _remember(self, dt: float) -> None:
         spring = self.arm.laws.spring
@@ -339,9 +358,11 @@ class March:
         return np.maximum(front * np.exp(-grip * sense) - laws.drag * chain.h * sense, LEAST)
 
     def _newton(self, dt: float, base: float, T: np.ndarray, flow: np.ndarray, bend: np.ndarray):
-        error = np.inf
+        error, feed = np.inf, self.arm.laws.feed
+        given = 0.0 if feed is None else (feed(self.time + dt) - feed(self.time)) / dt
         for _ in range(MOST):
-            bend, held, slope = self.natural(T, bend, dt)
+            bend, held = self.natural(T, bend, dt)
+            slope = self.slope(T, bend, held, dt)
             _, angle, behind, _ = self.chain.segments(bend)
             ahead = np.append(angle[1:], self.last_angle)
             turning = np.abs(np.concatenate([[angle[0] - self.chain.inlet], ahead - behind]))
@@ -354,7 +375,7 @@ class March:
             ) / (2 * small)
             small = 1e-6 * front + 1e-12
             by_front = (self._passed(front + small, flow, turning, dt) - passed) / small
-            out = np.append(flow[1:], 0.0)
+            out = np.append(flow[1:], given)
             wrong = np.stack([T - passed, (held - self.kept) - dt * (out - flow)], axis=1)
             # Unknown in turn: the flow through a guide, and the tension behind it.
             bands = np.zeros((5, 2 * len(T)))
@@ -375,30 +396,40 @@ class March:
             error = float(np.max(np.abs(pull)))
             if not turns.any() and error < SMALL * max(base, 1.0):
                 break
-        bend, held, _ = self.natural(T, bend, dt)
+        bend, held = self.natural(T, bend, dt)
         return error, T, flow, bend, held
 
 
-def march(arm: Arm, time: np.ndarray, T_base: np.ndarray, parts: int = 1) -> Shown:
-    """Run a history of the base tension [N] over time [s], (K,) each; every step in so many parts."""
+class Lost(ArithmeticError):
+    """Newton's method leaves more than was asked for."""
+
+
+def march(arm: Arm, time: np.ndarray, T_base: np.ndarray, parts: int = 1, most: float = np.inf) -> Shown:
+    """Run a history of the base tension [N] over time [s], (K,) each; every step in so many parts.
+
+    Raises `Lost` where a step leaves an error of more than `most` [N].
+    """
     machine, rows = March(arm, max(float(np.ptp(T_base)), 1e-6)), []
     steps = np.diff(time, prepend=time[0] - (time[1] - time[0]))
     for dt, base in zip(steps.tolist(), np.maximum(T_base, 1e-6).tolist(), strict=True):
         start = machine.base
         ways = start + (base - start) * np.arange(1, parts + 1) / parts
         error = max(machine.step(dt / parts, way) for way in ways.tolist())
+        if error > most:
+            raise Lost(f"{error:.2g} N at {machine.time:.3g} s")
         shape = machine.chain.shape(machine.bend)
         rows.append((machine.T[-1], *shape.tip, shape.directions[-1], machine.drawn, error))
     table = np.asarray(rows)
     return Shown(T_base, table[:, 0], table[:, 1:4], table[:, 4], float(table[:, 5].max()))
 
 
-def run(arm: Arm, time: np.ndarray, T_base: np.ndarray, parts: int = 1) -> Shown:
+def run(arm: Arm, time: np.ndarray, T_base: np.ndarray, parts: int = 1, most: float = np.inf) -> Shown:
     """The same of infinitely many links, extrapolated from as many as the arm has and twice as many: the
     chain's error falls as one over their number.
     """
     few, many = (
-        march(dataclasses.replace(arm, links=n), time, T_base, parts) for n in (arm.links, 2 * arm.links)
+        march(dataclasses.replace(arm, links=n), time, T_base, parts, most)
+        for n in (arm.links, 2 * arm.links)
     )
     return Shown(
         T_base,

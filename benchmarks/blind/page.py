@@ -124,8 +124,12 @@ def reliability_figure(scored: Sequence[Scored], path: Path) -> None:
     plt.close(figure)
 
 
-def write(scored: Sequence[Scored], labels: Sequence[str] | None, page: Path, seeds: str, drawn: int) -> None:
-    """The page, its figures in a folder beside it of the same name, and a line per case."""
+def write(
+    scored: Sequence[Scored], labels: Sequence[str] | None, page: Path, seeds: str, drawn: int, rig: str
+) -> None:
+    """The page, its figures in a folder beside it of the same name, and a line per case. `rig` is its section
+    on recordings as rigs make them.
+    """
     figures = page.with_suffix("")
     figures.mkdir(parents=True, exist_ok=True)
     effects_figure(scored, figures / "effects.png")
@@ -168,6 +172,7 @@ def write(scored: Sequence[Scored], labels: Sequence[str] | None, page: Path, se
         seconds_most=f"{np.max(seconds):.0f}",
         crashed=crashed,
         drawn=drawn,
+        rig=rig,
         unanswered=(
             ""
             if drawn == len(scored)

@@ -66,14 +66,19 @@ class Scored:
         return [sorted(s) for s in self.answer.get("sets", [])]
 
     @property
+    def names_one(self) -> bool:
+        """Whether one set of terms is named, as all or as part of what is missing."""
+        return self.verdict in ("missing-physics", "partly-explained") and len(self.sets) == 1
+
+    @property
     def exact(self) -> bool:
         """Named exactly, and nothing else."""
-        return self.verdict == "missing-physics" and self.sets[:1] == [self.truth]
+        return self.names_one and self.sets == [self.truth]
 
     @property
     def covered(self) -> bool:
         """The truth is named or in the set."""
-        return self.verdict in ("missing-physics", "ambiguous") and self.truth in self.sets
+        return self.truth in self.sets
 
     @property
     def near(self) -> bool:
@@ -101,7 +106,7 @@ class Scored:
     @property
     def wrong(self) -> bool:
         """Confidently wrong: one set of terms named, and something in it is not there."""
-        return self.verdict == "missing-physics" and not set(self.sets[0]) <= set(self.truth)
+        return self.names_one and not set(self.sets[0]) <= set(self.truth)
 
     @property
     def separable(self) -> bool:
@@ -203,7 +208,7 @@ def baselines(scored: Sequence[Scored], labels: Sequence[str] | None) -> list[li
         row(
             "this diagnosis",
             lambda s: s.claims,
-            lambda s: s.sets[0] if s.verdict == "missing-physics" else [],
+            lambda s: s.sets[0] if s.names_one else [],
             lambda s: s.verdict == "unexplained",
         ),
         row("refit only", lambda s: of("refit only")(s)["claims"], lambda s: [], lambda s: False),
@@ -232,9 +237,9 @@ def overview(scored: Sequence[Scored]) -> list[list[str]]:
     outside = [s for s in scored if s.kind == "outside"]
     strong = [s for s in outside if s.information > ENOUGH]
     named = [s for s in scored if s.kind in ("single", "pair", "triple") and s.covered]
-    sets = [s for s in single if s.verdict in ("missing-physics", "ambiguous")]
+    sets = [s for s in single if s.sets]
     held = [s.answer["held_out"][-1]["chi2_per_n"] for s in scored if s.exact and s.answer.get("held_out")]
-    any_named = [s for s in scored if s.verdict == "missing-physics"]
+    any_named = [s for s in scored if s.names_one]
     any_held = [s.answer["held_out"][-1]["chi2_per_n"] for s in any_named if s.answer.get("held_out")]
     any_bias = [abs(s.answer["parameters"]["mu"][1] / s.key["mu"] - 1) for s in any_named]
     bias = [abs(s.answer["parameters"]["mu"][1] / s.key["mu"] - 1) for s in scored if s.exact]
@@ -340,7 +345,7 @@ def per_effect(scored: Sequence[Scored]) -> list[list[str]]:
                     str(count["unexplained"]),
                     str(count["adequate"]),
                     str(sum(s.wrong for s in of)),
-                    str(sum(s.verdict == "ambiguous" and not s.covered for s in of)),
+                    str(sum(len(s.sets) > 1 and not s.covered for s in of)),
                 ]
             )
     return rows

@@ -31,7 +31,7 @@ def noise_in(rig: Rig, residual: np.ndarray) -> list[Noise]:
     """Noise of the channels of a recording, with the remaining discretisation error counted as noise."""
     part = rig.part
     least = np.maximum(part.smallest, [resolution(row) / np.sqrt(12) for row in part.recorded])
-    noise = [of_residual(row, low) for row, low in zip(residual, least, strict=True)]
+    noise = [of_residual(row[part.counted], low) for row, low in zip(residual, least, strict=True)]
     if part.noise_N is not None:
         noise[0] = Noise(part.noise_N, noise[0].rho)
     size = [float(np.max(np.abs(part.T_base.T_base))), *np.ptp(part.recorded[1:], axis=1)]
@@ -46,6 +46,7 @@ def passing(rig: Rig, seen: Seen, noise: list[Noise], values: Mapping[str, float
     part, K = rig.part, rig.part.samples
     sd, base = np.asarray([n.sd for n in noise]), part.T_base
     plain = Weighing.plain(exact(base.T_base) if base.sd == 0 else base, part.channels, sd)
+    plain = plain.only(part.counted)
     step = 1e-3 * max(float(np.ptp(base.T_base)), 1e-3)
     plainly, raised = rig(values), rig(values, step)
     if base.sd == 0 or raised is None or plainly is None:
@@ -310,8 +311,8 @@ class Bench:
 
     @property
     def readings(self) -> int:
-        """Number of readings of all channels."""
-        return sum(len(rig.part.channels) * rig.part.samples for rig in self.rigs)
+        """Number of readings of all channels that are compared."""
+        return sum(len(rig.part.channels) * int(rig.part.counted.sum()) for rig in self.rigs)
 
     def mean_square(self, fitted: Fitted) -> float:
         """Mean square of the whitened residuals of the channels, per degree of freedom."""

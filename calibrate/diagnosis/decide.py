@@ -16,6 +16,7 @@ from .screen import SEEN, Screened
 
 UNSEEN = "an effect too small to see"
 ADEQUATE, MISSING, AMBIGUOUS, UNEXPLAINED = "adequate", "missing-physics", "ambiguous", "unexplained"
+PARTLY = "partly-explained"
 # An effect is named alone above the first probability. Otherwise a set holds the models that together reach
 # the second, each of them above the third.
 ALONE, TOGETHER, LEAST = 0.8, 0.98, 0.03
@@ -45,7 +46,7 @@ class Decision:
     """A verdict.
 
     Attributes:
-        verdict: "adequate", "missing-physics", "ambiguous" or "unexplained".
+        verdict: "adequate", "missing-physics", "ambiguous", "partly-explained" or "unexplained".
         chosen: the model that is shown; the base model where nothing is named.
         confusion: models that the data do not tell apart, the most probable first; by names of hypotheses.
         probability: of each model, the most probable first; `with_unseen` adds that of an effect too small to
@@ -104,7 +105,7 @@ def decide(models: Models) -> Decision:
             base_left=base_left,
             pattern=pattern,
         )
-    if left[0] > STAYS_SHARE[left[0] > MUCH] * base_left[0]:
+    if most_stays(left, base_left):
         pattern = pattern_in(models.bench, best)
         if pattern or structured(left, STAYS_Z, STAYS_SIZE):
             return Decision(
@@ -116,25 +117,7 @@ def decide(models: Models) -> Decision:
                 base_left=base_left,
                 pattern=pattern,
             )
-
-    def kinds(names: tuple[str, ...]) -> frozenset[str]:
-        return frozenset(models.of[name].kind for name in names)
-
-    # A larger model that contains the effects of the best one supports it as well.
-    holds = sum(p for names, p in probability.items() if kinds(best.names) <= kinds(names))
-    confusion, total = [], 0.0
-    for f in ranked:
-        if not f.names:
-            continue
-        larger = any(set(c) < set(f.names) for c in confusion)
-        alike = len(f.names) <= len(best.names) and _apart(f, best) < ALIKE
-        counts = probability[f.names] > LEAST or (holds < ALONE and len(confusion) < MOST)
-        if (total < TOGETHER and not larger and counts) or alike:
-            confusion.append(f.names)
-        total += probability[f.names]
-    confusion += [f.names for f in ranked if f.names not in confusion and _nearly(f, best, base)]
-    # Variants of a term count as one effect.
-    alone = holds >= ALONE and len({kinds(names) for names in confusion}) == 1
+    confusion, alone = _told_apart(models, best, probability)
     return Decision(
         verdict=MISSING if alone else AMBIGUOUS,
         chosen=best,
@@ -143,6 +126,71 @@ def decide(models: Models) -> Decision:
         left=left,
         base_left=base_left,
     )
+
+
+def decide_partly(models: Models, chosen: Fitted, nearest: Decision) -> Decision:
+    """The verdict where a model leaves structure beyond the noise: its effects explain part of the misfit, or
+    too little of it to be named.
+
+    Args:
+        models: all that were refitted.
+        chosen: the model.
+        nearest: what was decided before effects were added to it.
+    """
+    left = misfit(models.bench, chosen)
+    pattern = pattern_in(models.bench, chosen)
+    probability = models.beside(chosen)
+    found = dataclasses.replace(
+        nearest, chosen=chosen, left=left, probability=probability, pattern=pattern, confusion=[]
+    )
+    if not chosen.names or 1 - probability[()] < CLAIMED or most_stays(left, nearest.base_left):
+        return dataclasses.replace(found, verdict=UNEXPLAINED)
+    confusion, _ = _told_apart(models, chosen, probability, models.scale_beside(chosen))
+    return dataclasses.replace(found, verdict=PARTLY, confusion=confusion)
+
+
+def most_stays(left: tuple[float, float], base_left: tuple[float, float]) -> bool:
+    """Whether a model leaves so large a share of the structure that the base model leaves that its effects
+    are not what is missing.
+    """
+    return left[0] > STAYS_SHARE[left[0] > MUCH] * base_left[0]
+
+
+def _told_apart(
+    models: Models, best: Fitted, probability: dict[tuple[str, ...], float], scale: float = 1.0
+) -> tuple[list[tuple[str, ...]], bool]:
+    """Models that the data do not tell apart, the best first, and whether one effect or combination stands
+    out.
+
+    Args:
+        models, best: the models, and the one that is shown.
+        probability: of each, the most probable first.
+        scale: variance of the white residuals.
+    """
+
+    def kinds(names: tuple[str, ...]) -> frozenset[str]:
+        return frozenset(models.of[name].kind for name in names)
+
+    # A larger model that contains the effects of the best one supports it as well.
+    holds = sum(p for names, p in probability.items() if kinds(best.names) <= kinds(names))
+    confusion, total = [], 0.0
+    for names in [best.names, *(names for names in probability if names != best.names)]:
+        f = models.fits[tuple(sorted(names))]
+        if not names:
+            continue
+        larger = any(set(c) < set(names) for c in confusion)
+        alike = len(names) <= len(best.names) and _apart(f, best) < ALIKE * np.sqrt(scale)
+        counts = probability[names] > LEAST or (holds < ALONE and len(confusion) < MOST)
+        if (total < TOGETHER and not larger and counts) or alike:
+            confusion.append(names)
+        total += probability[names]
+    confusion += [
+        names
+        for names in probability
+        if names not in confusion and _nearly(models.fits[tuple(sorted(names))], best, models.base)
+    ]
+    # Variants of a term count as one effect.
+    return confusion, holds >= ALONE and len({kinds(names) for names in confusion}) == 1
 
 
 def _nearly(fitted: Fitted, best: Fitted, base: Fitted) -> bool:

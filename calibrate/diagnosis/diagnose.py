@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,15 +12,18 @@ from gtr_jax import Recording, Robot, RobotConfig
 from ..parallel import in_parallel
 from .bench import Bench
 from .cache import SimulationCache
-from .decide import Decision, decide, with_unseen
+from .decide import PARTLY, UNEXPLAINED, Decision, decide, decide_partly, structured, with_unseen
 from .differ import still_differ
+from .episodes import episodes
 from .experiment import Experiment, propose
+from .further import with_further
 from .heldout import held_out
+from .leave_out import Stretch, asked_for, from_outside, left_out
 from .locate import cycles_of, locate, mu_by_stratum, phases_of, ratio_of_branches
 from .marginal import Marginal, jointly
 from .model import Fitted
 from .models import Models
-from .prepare import Prepared, prepare
+from .prepare import Prepared, names_of, prepare
 from .refine import refine
 from .result import BAD_DATA, Diagnosis, Loop, Rival
 from .rig import Rig
@@ -29,6 +32,9 @@ from .search import SHORTLIST, WORTH, combine, refit_best
 
 # Number of best models that are refitted to all samples, and that are corrected to a fine mesh before.
 FINAL, REFINED = 4, 3
+# Samples above which episodes are left out though no effect explains the rest: in a short recording, an
+# episode would be one reading in ten.
+LONG = 1000
 
 
 def diagnose(
@@ -39,6 +45,7 @@ def diagnose(
     noise_N: float | None = None,
     noise_base_N: float | None = None,
     experiment: bool | None = None,
+    exclude: Sequence[tuple[float, float]] = (),
     steps: Path | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
@@ -59,6 +66,7 @@ def diagnose(
         noise_N, noise_base_N: standard deviations of the recorded tensions [N]; estimated unless given.
         experiment: whether to propose the experiment that separates the rivals; only where there are some,
             unless given.
+        exclude: stretches of time [s] that are simulated and not compared.
         steps: file that keeps finished simulations, so that the same call resumes from there if it is
             interrupted, or fails while the answer is written; delete it once the answer is safe.
         progress: called with a line of text at each stage.
@@ -71,24 +79,52 @@ def diagnose(
     """
     say = progress or (lambda _: None)
     cache = None if steps is None else SimulationCache(steps)
-    try:
+    recordings = [recording] if isinstance(recording, Recording) else list(recording)
+    own = dict(zip(names_of(recordings), recordings, strict=True))
+    leave_out = asked_for(own, exclude)
+
+    def answer() -> Diagnosis:
         for may_differ in (True, False):
             ready = prepare(
-                robot, recording, channels, noise_N, noise_base_N, say, cache, may_differ=may_differ
+                robot,
+                recordings,
+                channels,
+                noise_N,
+                noise_base_N,
+                say,
+                cache,
+                may_differ=may_differ,
+                leave_out=leave_out,
             )
             if isinstance(ready, Diagnosis):
                 return ready
-            found = _search(ready, experiment, say)
+            found = _search(ready, leave_out, experiment, say)
             if found is not None:
                 return found
             say("with what was found the recordings agree: trying again with one value for all")
         raise AssertionError("a search in which nothing differs has an answer")
+
+    try:
+        found = answer()
+        samples = {name: len(r) for name, r in own.items()}
+        if found.verdict == PARTLY or (found.verdict == UNEXPLAINED and sum(samples.values()) > LONG):
+            more = from_outside(found.episodes, samples, leave_out)
+            if more is not None:
+                say("leaving out the episodes in which something outside the model acts, and trying again")
+                leave_out = more
+                found = answer()
+        return found
     finally:
         if cache is not None:
             cache.close()
 
 
-def _search(ready: Prepared, experiment: bool | None, say: Callable[[str], None]) -> Diagnosis | None:
+def _search(
+    ready: Prepared,
+    leave_out: Mapping[str, Sequence[Stretch]],
+    experiment: bool | None,
+    say: Callable[[str], None],
+) -> Diagnosis | None:
     """The answer; None if the recordings no longer differ once the model has the effects that were found."""
     bench, base, hypotheses = ready.bench, ready.base, ready.hypotheses
     models = Models(bench, hypotheses)
@@ -113,13 +149,19 @@ def _search(ready: Prepared, experiment: bool | None, say: Callable[[str], None]
         return Diagnosis.without_answer(
             BAD_DATA, ["the simulation fails"], ready.parts, ready.warnings, ready.config
         )
-    decision = with_unseen(decide(whole), whole, screened)
+    decision = decide(whole)
+    if structured(decision.left) and decision.pattern is None:
+        best = with_further(whole, decision.chosen, say)
+        decision = decide_partly(whole, best, decision)
+        if not structured(decision.left):
+            decision = decide(whole)
+    decision = with_unseen(decision, whole, screened)
     chosen = decision.chosen
-    if ready.differ and chosen.names and decision.verdict != "unexplained":
+    if ready.differ and chosen.names and decision.verdict != UNEXPLAINED:
         if not still_differ(whole.bench, chosen, whole.hypotheses(chosen.names), ready.differ):
             return None
     say("refitting to part of the samples")
-    return _answer(ready, decision, whole, screened, experiment=experiment, say=say)
+    return _answer(ready, leave_out, decision, whole, screened, experiment=experiment, say=say)
 
 
 def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models | None:
@@ -150,11 +192,13 @@ def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models | None:
         return bench.refit(whole.hypotheses(names), whole.coordinates(names, f), most=4)
 
     whole.add([f for f in in_parallel(refit, list(wanted.items())) if f is not None])
+    whole.mend()
     return whole if () in whole.fits else None
 
 
 def _answer(
     ready: Prepared,
+    leave_out: Mapping[str, Sequence[Stretch]],
     decision: Decision,
     models: Models,
     screened: Sequence[Screened],
@@ -199,6 +243,7 @@ def _answer(
                 branches=[ratio_of_branches(T, tip, phases) for tip in (part.T_tip, plain[0], shown[0])],
                 noise_N=float(bench.noise[k][0].sd),
                 noise_base_N=float(part.T_base.sd),
+                counted=part.counted,
             )
         )
     probability = decision.probability
@@ -232,5 +277,11 @@ def _answer(
         config=ready.config,
         fine=ready.fine,
         differ=ready.differ,
+        episodes=episodes(bench, after.fitted),
+        left_out=[
+            out
+            for part, seen in zip(ready.full, after.fitted.seen, strict=True)
+            for out in left_out(part, leave_out[part.name], seen.T_tip)
+        ],
         warnings=ready.warnings,
     )

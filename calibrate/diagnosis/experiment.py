@@ -234,7 +234,9 @@ def _options(models: Models, rig: Rig) -> list[_Option]:
     found = []
     for name, done, changed in _drives(list(histories), rig.robot, float(T.max())):
         time, load = histories[name]
-        driven = dataclasses.replace(part, T_base=exact(load), time=time, trial=None)
+        driven = dataclasses.replace(
+            part, T_base=exact(load), time=time, trial=None, left_out=None, origin=None
+        )
         other = Rig(driven, rig.robot, rig.more, rig.cache)
         # Simulated once, whatever of it is recorded.
         seen = functools.cache(lambda values, other=other: other(dict(values)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from ..number import OWN
 from ..parallel import in_parallel
 from .bench import Bench
-from .hypotheses import Hypothesis
+from .hypotheses import EVENTS, Hypothesis
 from .locate import cycles_of
 from .model import Fitted
 
@@ -36,37 +37,63 @@ def folds(bench: Bench) -> list[tuple[str, list[np.ndarray]]]:
     return [(f"stretch {f + 1} of {FOLDS}", [s == f for s in shares]) for f in range(FOLDS)]
 
 
-def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]) -> list[dict[str, float]]:
-    """Score of each model on samples to which it was not fitted.
+def _when_known(hypotheses: Sequence[Hypothesis], fitted: Fitted) -> tuple[list[Hypothesis], np.ndarray]:
+    """The hypotheses with the times of events fixed where the whole recording puts them, and where to start:
+    nothing in other cycles tells when an event happens, as a note in the lab book would.
+    """
+    fixed = {n.name for h in hypotheses if h.kind in EVENTS for n in h.numbers[1:]}
+    own = [
+        dataclasses.replace(
+            h,
+            numbers=tuple(n for n in h.numbers if n.name not in fixed),
+            fixed={**h.fixed, **{n.name: fitted.values[n.name] for n in h.numbers if n.name in fixed}},
+        )
+        for h in hypotheses
+    ]
+    kept = [n.name not in fixed for n in fitted.numbers]
+    return own, fitted.x[np.asarray(kept)]
+
+
+def by_fold(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]) -> np.ndarray:
+    """What each model leaves of each part when it is refitted to the others, (models, folds, 4): sum of
+    squares [N²] and number of the samples of T_tip, sum of squares and number of all whitened rows; zeros
+    where the refit fails.
 
     Args:
         bench: the recordings.
         models: hypotheses, and their fit to everything.
+    """
+    parts = folds(bench)
+    jobs = [(m, f) for m in range(len(models)) for f in range(len(parts))]
+    known = [_when_known(hypotheses, fitted) for hypotheses, fitted in models]
+
+    def one(job):
+        m, f = job
+        hypotheses, start = known[m]
+        again = bench.without(parts[f][1]).refit(hypotheses, start, most=4, exact=False)
+        squares, n, chi, rows = 0.0, 0, 0.0, 0
+        if again is None:
+            return squares, n, chi, rows
+        residuals = bench.residuals(again.seen)
+        white = bench.by_channel(bench.white(residuals))
+        for z, residual, held, rig in zip(white, residuals, parts[f][1], bench.rigs, strict=True):
+            out = held & rig.part.counted
+            squares, n = squares + float(np.sum(residual[0][out] ** 2)), n + int(out.sum())
+            chi, rows = chi + float(np.sum(z[:, out] ** 2)), rows + z[:, out].size
+        return squares, n, chi, rows
+
+    return np.asarray(in_parallel(one, jobs)).reshape(len(models), len(parts), 4)
+
+
+def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]) -> list[dict[str, float]]:
+    """Score of each model on samples to which it was not fitted; arguments as of `by_fold`.
 
     Returns:
         For each model: "rms_N" of the tip tension, and "chi2_per_n" of all channels, over all folds; "folds",
         how many there are; and "best_in", the number of folds in which the rms of this model was the lowest.
         A fold in which a refit fails does not count; NaN where none is left.
     """
-    parts = folds(bench)
-    jobs = [(m, f) for m in range(len(models)) for f in range(len(parts))]
-
-    def one(job):
-        m, f = job
-        hypotheses, fitted = models[m]
-        again = bench.without(parts[f][1]).refit(hypotheses, fitted.x, most=4, exact=False)
-        squares, n, chi, rows = 0.0, 0, 0.0, 0
-        if again is None:
-            return squares, n, chi, rows
-        residuals = bench.residuals(again.seen)
-        for z, residual, out in zip(
-            bench.by_channel(bench.white(residuals)), residuals, parts[f][1], strict=True
-        ):
-            squares, n = squares + float(np.sum(residual[0][out] ** 2)), n + int(out.sum())
-            chi, rows = chi + float(np.sum(z[:, out] ** 2)), rows + z[:, out].size
-        return squares, n, chi, rows
-
-    found = np.asarray(in_parallel(one, jobs)).reshape(len(models), len(parts), 4)
+    found = by_fold(bench, models)
     # Parts in which every model was refitted: all are judged on the same samples.
     found[:, np.any(found[..., 1] == 0, axis=0)] = 0.0
     counted = found[..., 1]
@@ -76,7 +103,7 @@ def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]
         {
             "rms_N": float(np.sqrt(np.sum(f[:, 0]) / np.sum(f[:, 1]))) if np.any(f[:, 1]) else float("nan"),
             "chi2_per_n": float(np.sum(f[:, 2]) / np.sum(f[:, 3])) if np.any(f[:, 3]) else float("nan"),
-            "folds": len(parts),
+            "folds": found.shape[1],
             "best_in": int(np.sum((best == m) & np.isfinite(rms[m]))),
         }
         for m, f in enumerate(found)

@@ -58,11 +58,14 @@ VARIANTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "cell-hysteresis": {"tip": ("tip", "width"), "base": ("base", "width")},
     "zero-drift": {"tip": ("tip",), "base": ("base",)},
     "low-pass": {"tip": ("tip",), "base": ("base",)},
+    "time-skew": {"": ("delay",), "drift": ("rate", "delay")},
     "saturation": {"tip": ("tip",), "base": ("base",)},
     # The reference cannot be told from mu; the direction of a stop is set by the direction of the bend.
     "pressure-dependent-friction": {"": ("exponent",)},
     "contact": {"": ("stiffness", "distance")},
 }
+# Events: their free time lets them fit any bump, so that none is offered until a misfit is located in time.
+EVENTS = {kind for kind, term in REGISTRY.items() if term.event}
 # Terms without an effect on anything that varies, or read from the samples themselves.
 NEVER = {"quantisation"}
 # Shortest presliding length [m]: a little below what is usual. Shooting from the base becomes ill-conditioned
@@ -99,9 +102,15 @@ def number_of(term: Term, q: Quantity) -> Number:
 
 
 def catalogue(
-    robot: Robot, *, timed: bool, largest_tip: float, travel: np.ndarray, bend: float
+    robot: Robot,
+    *,
+    timed: bool,
+    largest_tip: float,
+    travel: np.ndarray,
+    bend: float,
+    displaced: bool = False,
 ) -> list[Hypothesis]:
-    """The hypotheses that can act on a robot, except those that its file already has.
+    """The hypotheses that can act on a robot, except those that its file already has and `EVENTS`.
 
     Args:
         robot: the robot.
@@ -109,10 +118,13 @@ def catalogue(
         largest_tip: largest recorded tip tension [N].
         travel: where the tip goes across the base tangent, smallest and largest y [m], (2,).
         bend: largest change of curvature [1/m].
+        displaced: whether a recording has the displacement, in which alone some terms are seen.
     """
     rigid, found = robot.backbone.rigid, []
     for term in REGISTRY.values():
-        if term.id in NEVER or (term.timed and not timed) or known_on(term, robot.terms[term.id]):
+        if term.id in NEVER | EVENTS or (term.ahead and not displaced):
+            continue
+        if (term.timed and not timed) or known_on(term, robot.terms[term.id]):
             continue
         if rigid and (term.bend or term.loads or term.stop):
             continue
@@ -186,6 +198,10 @@ def _started(
         own = dataclasses.replace(free[0], sd=0.4 * far, lower=-0.13 * far)
         starts = tuple({own.name: c * far} for c in (0.12, 0.4, -0.05, -0.11))
         return Hypothesis(name=name, kind=term.id, numbers=(own,), starts=starts)
+    if name == "time-skew.drift":
+        rate, delay = free
+        starts = [{rate.name: sign * size * rate.sd, delay.name: 0.0} for size in SIZES for sign in (1, -1)]
+        return Hypothesis(name=name, kind=term.id, numbers=free, starts=tuple(starts))
     first, shapes = free[0], free[1:]
     signs = [s for s in (1.0, -1.0) if first.bounds[0] < s * SIZES[0] < first.bounds[1]]
     ends = [[n.value(-0.9), n.value(0.9)] for n in shapes]

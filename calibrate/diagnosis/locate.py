@@ -98,8 +98,9 @@ def locate(bench: Bench, fitted: Fitted) -> list[Where]:
             # the tip slips.
             tau = (1 + noise.rho) / (1 - noise.rho)
             variance = noise.sd**2 + bench.weighs[k].passed[c] ** 2
-            total = float(np.sum(np.maximum(off**2 - variance, 0.0)))
-            for phase, number, inside in _strata(T, phases, cycle):
+            total = float(np.sum(np.maximum(off**2 - variance, 0.0)[part.counted]))
+            for phase, number, stratum in _strata(T, phases, cycle):
+                inside = stratum & part.counted
                 n = int(inside.sum())
                 if n < FEWEST:
                     continue
@@ -155,7 +156,8 @@ def misfit(bench: Bench, fitted: Fitted) -> tuple[float, float]:
     The significance is that of sums over neighbouring samples, whose noise is independent after whitening.
     """
     energy, count, blocks, squares = 0.0, 0, 0, 0.0
-    for z in bench.by_channel(fitted.rows):
+    for whole, rig in zip(bench.by_channel(fitted.rows), bench.rigs, strict=True):
+        z = whole[:, rig.part.counted]
         C, K = z.shape
         length = int(np.clip(K // 12, 3, 10))
         n = K // length
@@ -220,7 +222,8 @@ def mu_by_stratum(
         parts |= {"below half the tension": T < half, "above half the tension": T >= half}
         if cycle[-1] > 1:
             parts |= {f"cycle {c}": cycle == c for c in range(1, int(cycle[-1]) + 1)}
-        for label, inside in parts.items():
+        for label, part in parts.items():
+            inside = part & rig.part.counted
             mu = j[inside, at]
             power = float(mu @ mu)
             if inside.sum() < 6 or power < 1.0:

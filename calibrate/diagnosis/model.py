@@ -94,13 +94,13 @@ class Fitted:
         """What is minimised; load steps that failed count against it."""
         return self.chi2 + self.prior + FAILED * self.failed
 
-    def volume(self) -> float:
+    def volume(self, scale: float = 1.0) -> float:
         """Log of the Occam factor, by Laplace's approximation: of the share of the prior that the data leave,
-        and of the prior's density there.
+        and of the prior's density there; for rows whose variance is `scale`.
         """
         # The prior of a size that cannot be negative is half a normal distribution, twice as dense.
         halves = sum(n.size and not n.log and n.bounds[0] > -0.5 for n in self.numbers)
-        logdet = np.linalg.slogdet(self.information())[1]
+        logdet = np.linalg.slogdet(self.information(scale))[1]
         return float(-0.5 * self.prior - 0.5 * logdet + halves * np.log(2.0))
 
     def information(self, scale: float = 1.0) -> np.ndarray:

@@ -7,12 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..parallel import in_parallel
+from ..readings.noise import correlation_time
 from .bench import Bench
 from .hypotheses import Hypothesis
 from .model import Fitted, model_of
 
-# Prior probability of no, one, two and three missing effects.
-HOW_MANY = (0.5, 0.35, 0.12, 0.03)
+# Prior probability of no, one, two and three missing effects, and of four where three are not enough.
+HOW_MANY = (0.5, 0.35, 0.12, 0.03, 0.006)
 # No law is exact: relative errors of an effect's law, with their probabilities, in this many independent
 # directions. The error of a law must not let a rival win or name a second effect; nor must a law that leaves
 # much be accepted where another leaves nothing.
@@ -50,6 +51,22 @@ class Models:
             key = tuple(sorted(f.names))
             if key not in self.fits or f.cost < self.fits[key].cost:
                 self.fits[key] = f
+
+    def mend(self) -> None:
+        """Refit each model that ended worse than one with fewer of its effects from where that one ended,
+        with the other effects at null: it cannot be worse there.
+        """
+
+        def again(f: Fitted) -> Fitted | None:
+            smaller = [g for g in self.fits.values() if set(g.names) < set(f.names) and g.cost < f.cost]
+            if not smaller:
+                return None
+            parent = min(smaller, key=lambda g: g.cost)
+            known = {n.name: v for n, v in zip(parent.numbers, parent.x, strict=True)}
+            start = np.asarray([known.get(n.name, 0.0) for n in f.numbers])
+            return self.bench.refit(self.hypotheses(f.names), start)
+
+        self.add([f for f in in_parallel(again, list(self.fits.values())) if f is not None])
 
     @property
     def base(self) -> Fitted:
@@ -129,6 +146,28 @@ class Models:
         logs = np.asarray([self.log_posterior(f) for f in ranked])
         share = np.exp(logs - logs.max())
         return {f.names: float(p) for f, p in zip(ranked, share / share.sum(), strict=True)}
+
+    def scale_beside(self, fitted: Fitted) -> float:
+        """Variance of white residuals if all that a fit leaves counts as an error of unknown cause: its mean
+        square, times the samples per independent one; at least 1.
+        """
+        slow = max(correlation_time(row) for z in self.bench.by_channel(fitted.rows) for row in z)
+        return max(1.0, self.bench.mean_square(fitted) * slow)
+
+    def beside(self, fitted: Fitted) -> dict[tuple[str, ...], float]:
+        """Probability of each model beside an error of unknown cause as large as what a fit leaves; the most
+        probable first. Evidence against the noise alone would call one of two models certain though both
+        leave many times the noise.
+        """
+        scale = self.scale_beside(fitted)
+        logs = {
+            f.names: BELIEVED * (-0.5 * (f.cost - f.prior) / scale + f.volume(scale) + self.log_prior(f))
+            for f in self.fits.values()
+        }
+        most = max(logs.values())
+        total = sum(float(np.exp(v - most)) for v in logs.values())
+        ranked = sorted(logs.items(), key=lambda item: (-item[1], item[0]))
+        return {names: float(np.exp(v - most)) / total for names, v in ranked}
 
     def hypotheses(self, names: Sequence[str]) -> list[Hypothesis]:
         """The hypotheses of a model."""

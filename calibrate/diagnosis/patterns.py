@@ -112,7 +112,7 @@ def pattern_in(bench: Bench, fitted: Fitted) -> Pattern | None:
     """The regularity in the residual of T_tip that is least probable by chance; None if there is none."""
     found: list[Pattern] = []
     for k, (rig, residual) in enumerate(zip(bench.rigs, bench.residuals(fitted.seen), strict=True)):
-        found += _standing(bench, k, residual)
+        found += _standing(bench, k, residual * rig.part.counted)
         beside = _Beside(bench, fitted, k)
         if beside.rms < LEAST:
             continue

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -26,6 +26,7 @@ from .differ import MOST as MOST_DIFFER
 from .differ import Difference, differing, names_to_split
 from .follow import dimensions_of
 from .hypotheses import Hypothesis, base_numbers, catalogue
+from .leave_out import Stretch, without
 from .model import Fitted
 from .models import Models
 from .refine import refine
@@ -84,12 +85,14 @@ def prepare(
     cache: SimulationCache | None = None,
     *,
     may_differ: bool = True,
+    leave_out: Mapping[str, Sequence[Stretch]] | None = None,
 ) -> Prepared | Diagnosis:
     """Read the recordings, fit the base model, ask whether a number differs between them, and list what may
     be missing; arguments as of `diagnose`.
 
     Args:
         may_differ: whether numbers that differ are looked for.
+        leave_out: what is simulated and not compared, by name of the recording.
 
     Returns:
         What the search starts from; a diagnosis where the data do not allow one.
@@ -106,11 +109,11 @@ def prepare(
             "the others out of the robot file"
         )
     warnings: list[str] = []
-    names = distinct([r.path.stem for r in recordings])
+    names = names_of(recordings)
     parts: list[Part] = []
     for name, r in zip(names, recordings, strict=True):
         part, more = part_of(name, fine, config, r, channels, noise_N=noise_N, noise_base_N=noise_base_N)
-        parts.append(part)
+        parts.append(without(part, (leave_out or {}).get(name, ())))
         warnings += more
     found = [fault for part in parts for fault in faults(part)]
     if found:
@@ -186,6 +189,11 @@ def prepare(
         hypotheses=hypotheses,
         differ=differ,
     )
+
+
+def names_of(recordings: Sequence[Recording]) -> list[str]:
+    """Names of recordings, each once."""
+    return distinct([r.path.stem for r in recordings])
 
 
 class _Start(NamedTuple):
@@ -269,6 +277,7 @@ def hypotheses_of(robot: Robot, base: Fitted, parts: Sequence[Part]) -> list[Hyp
         largest_tip=max(float(np.max(p.T_tip)) for p in parts),
         travel=np.asarray([tip_y.min(), tip_y.max()]),
         bend=_bend(robot, base, parts[0]),
+        displaced=any("displacement" in p.channels for p in parts),
     )
 
 

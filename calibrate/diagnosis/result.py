@@ -13,9 +13,11 @@ from gtr_jax.files.plain import plain
 
 from ..number import OWN
 from ..setup import Part
-from .decide import ADEQUATE, AMBIGUOUS, MISSING, Decision
+from .decide import ADEQUATE, AMBIGUOUS, MISSING, PARTLY, UNEXPLAINED, Decision
 from .differ import Difference
+from .episodes import Episode
 from .experiment import Experiment
+from .leave_out import ASKED, LeftOut
 from .locate import Where
 from .marginal import Marginal
 from .models import Models
@@ -42,6 +44,7 @@ class Loop:
         cycles: number of the cycle, from 1, (K,).
         branches: base tension, D and S of the recording, before and after; see `locate.ratio_of_branches`.
         noise_N, noise_base_N: of the cells.
+        counted: samples that are compared, (K,) bool.
     """
 
     name: str
@@ -56,6 +59,7 @@ class Loop:
     branches: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
     noise_N: float
     noise_base_N: float
+    counted: np.ndarray
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,7 +113,8 @@ class Diagnosis:
     """What is missing from a robot's model.
 
     Attributes:
-        verdict: "adequate", "recordings-differ", "missing-physics", "ambiguous", "unexplained" or "bad-data".
+        verdict: "adequate", "recordings-differ", "missing-physics", "ambiguous", "partly-explained",
+            "unexplained" or "bad-data".
         says: the same in one or two sentences.
         named: terms that are missing: kinds, as robot files write them.
         confusion_set: sets of terms that the recordings do not tell apart, the most probable first.
@@ -138,6 +143,8 @@ class Diagnosis:
             are among the parameters, as "mu@monday".
         files: robot files: the first is that of `config`; then those of the rivals, and of the recordings
             where numbers differ.
+        episodes: where in time the model that is shown and the recordings part, most of the misfit first.
+        left_out: stretches of time that are simulated and not compared.
     """
 
     verdict: str
@@ -167,6 +174,8 @@ class Diagnosis:
     settings: dict[str, Any]
     differ: list[Difference] = dataclasses.field(default_factory=list)
     files: list[RobotFile] = dataclasses.field(default_factory=list)
+    episodes: list[Episode] = dataclasses.field(default_factory=list)
+    left_out: list[LeftOut] = dataclasses.field(default_factory=list)
 
     @staticmethod
     def without_answer(
@@ -226,26 +235,32 @@ class Diagnosis:
         config: RobotConfig | None,
         fine: Robot,
         differ: Sequence[Difference],
+        episodes: list[Episode],
+        left_out: list[LeftOut],
         warnings: list[str],
     ) -> Diagnosis:
         """Gather a diagnosis."""
         chosen = decision.chosen
         before_N, after_N, read_N = (
-            np.concatenate([tips[0] for tips in each])
+            np.concatenate([tips[0][loop.counted] for tips, loop in zip(each, loops, strict=True)])
             for each in zip(*((loop.before, loop.after, loop.recorded) for loop in loops), strict=True)
         )
         verdict = DIFFER if differ and decision.verdict == ADEQUATE else decision.verdict
-        named = kinds(chosen.names) if verdict in (MISSING, AMBIGUOUS) else []
+        if any(stretch.why != ASKED for stretch in left_out):
+            # What acts from outside is missing as well.
+            verdict = {MISSING: PARTLY, AMBIGUOUS: PARTLY, ADEQUATE: UNEXPLAINED}.get(verdict, verdict)
+        named = kinds(chosen.names) if verdict in (MISSING, AMBIGUOUS, PARTLY) else []
         confusion = list(map(list, dict.fromkeys(tuple(kinds(names)) for names in decision.confusion)))
+        alone = verdict == MISSING or (verdict == PARTLY and len(confusion) == 1)
         variants = []
-        if verdict == MISSING and len(decision.confusion) > len(confusion):
+        if alone and len(decision.confusion) > len(confusion):
             variants = ["Where is not told: " + " or ".join(" + ".join(n) for n in decision.confusion) + "."]
         files, faults = robot_files(decision, after, refitted, differ, config, fine)
         diagnosis = Diagnosis(
             verdict=verdict,
             says="",
-            named=named if verdict == MISSING else [],
-            confusion_set=confusion if verdict == AMBIGUOUS else ([named] if named else []),
+            named=named if alone else [],
+            confusion_set=([named] if named else []) if alone else confusion,
             probability={" + ".join(names): p for names, p in decision.probability.items()},
             named_probability=sum(
                 p for names, p in decision.probability.items() if named and set(named) <= set(kinds(names))
@@ -281,8 +296,19 @@ class Diagnosis:
             },
             differ=[d.at(after.fitted.values) for d in differ],
             files=files,
+            episodes=episodes,
+            left_out=left_out,
         )
         return dataclasses.replace(diagnosis, says=sentence(diagnosis, chosen.names))
+
+    @property
+    def share_explained(self) -> float | None:
+        """Share of the misfit of T_tip beyond the noise, in squares, that the model shown takes: on samples
+        the fit has not seen where there are such, else on those fitted. None where nothing is missing.
+        """
+        ends = [h["rms_N"] for h in self.held_out] if len(self.held_out) > 1 else list(self.rms_N)
+        before, after = (max(end**2 - self.expected_N**2, 0.0) for end in (ends[0], ends[-1]))
+        return 1 - after / before if before > 0 and np.isfinite(before + after) else None
 
     def own(self, difference: Difference) -> dict[str, Change]:
         """The values of a number that differs, by recording."""
@@ -363,11 +389,14 @@ class Diagnosis:
                 for f in self.files
             ],
             "named": self.named,
+            "share_explained": self.share_explained,
             "confusion_set": self.confusion_set,
             "probability": self.probability,
             "named_probability": self.named_probability,
             "where": [dataclasses.asdict(w) for w in self.where],
             "where_after": [dataclasses.asdict(w) for w in self.rest],
+            "episodes": [dataclasses.asdict(e) for e in self.episodes],
+            "left_out": [dataclasses.asdict(e) for e in self.left_out],
             "parameters": parameters,
             "fit": fit,
             "rivals": [dataclasses.asdict(r) for r in self.rivals],

@@ -9,8 +9,9 @@ import numpy as np
 from gtr_jax.files.numbers import measured_quantity
 from gtr_jax.terms import REGISTRY
 
-from .decide import ADEQUATE, AMBIGUOUS, UNEXPLAINED, structured
+from .decide import ADEQUATE, AMBIGUOUS, PARTLY, UNEXPLAINED, structured
 from .differ import Difference
+from .leave_out import ASKED, LeftOut
 
 if TYPE_CHECKING:
     from .result import Diagnosis
@@ -51,7 +52,31 @@ def _noise(d: Diagnosis, verb: str = "") -> str:
 def sentence(d: Diagnosis, chosen: tuple[str, ...]) -> str:
     """The verdict in words that its numbers support."""
     before = "".join(f"{difference_in_words(d, difference)} " for difference in d.differ)
-    return before + _of_physics(d, chosen)
+    return before + _of_physics(d, chosen) + _left_out(d)
+
+
+def _left_out(d: Diagnosis) -> str:
+    """Which stretches are left out, and why."""
+
+    def when(e: LeftOut) -> str:
+        return (
+            f"samples {e.first + 1} to {e.last + 1}"
+            if e.start_s is None
+            else f"{e.start_s:.4g} to {e.end_s:.4g} s"
+        )
+
+    asked = [when(e) for e in d.left_out if e.why == ASKED]
+    outside = [e for e in d.left_out if e.why != ASKED]
+    words = f" Left out of the fit as asked: {', '.join(asked)}." if asked else ""
+    if outside:
+        size = float(
+            np.sqrt(np.average([e.size_N**2 for e in outside], weights=[e.samples for e in outside]))
+        )
+        words += (
+            f" Left out of the fit, because friction should hold the tip there and it moves: "
+            f"{', '.join(map(when, outside))}; simulated and recorded T_tip differ by {size:.2g} N rms there."
+        )
+    return words
 
 
 def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
@@ -75,6 +100,13 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
             f"{what} that these recordings could show: the residual is {d.rms_N[0]:.2g} N where "
             f"the {_noise(d, ' is')}{more}.{hint}"
         )
+    outside = any(e.why != ASKED for e in d.left_out)
+    if d.verdict == UNEXPLAINED and outside and not structured(d.left):
+        return (
+            "Something from outside acts on the tendon in short episodes, which no term of the catalogue "
+            f"explains. In the rest nothing is missing: the residual is {d.rms_N[0]:.2g} N where the "
+            f"{_noise(d, ' is')}."
+        )
     if d.verdict == UNEXPLAINED:
         nearest = ""
         if chosen:
@@ -90,6 +122,13 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
         at = f" Most of it: {d.where[0].says}." if d.where else ""
         off = f"the fit is off by {d.rms_N[0]:.2g} N where the {_noise(d, ' is')}"
         return f"{what} {off}.{at}{nearest}"
+    sizes = ", ".join(
+        f"{c.name} = {measured_quantity(c.after, c.sd, c.unit)}{' (assumed)' if c.sd is None else ''}"
+        for c in d.parameters
+        if c.before is None
+    )
+    if d.verdict == PARTLY:
+        return _partly(d, sizes) + better
     mu = next((c for c in d.parameters if c.name == "mu"), None)
     moved = f" Friction goes from {mu.before:.3g} to {mu.after:.3g}." if mu and mu.before and mu.after else ""
     stays = ""
@@ -103,9 +142,23 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
         return f"Missing is {sets}: these recordings do not tell which.{better}{moved}{stays}"
     effects = "; ".join(REGISTRY[kind].says.rstrip(".") for kind in d.named)
     sure = "above 0.99" if d.named_probability > 0.99 else f"{d.named_probability:.2f}"
-    sizes = ", ".join(
-        f"{c.name} = {measured_quantity(c.after, c.sd, c.unit)}{' (assumed)' if c.sd is None else ''}"
-        for c in d.parameters
-        if c.before is None
-    )
     return f"Missing: {' and '.join(d.named)} (probability {sure}). {effects}: {sizes}.{better}{moved}{stays}"
+
+
+def _partly(d: Diagnosis, sizes: str) -> str:
+    """What explains part of the misfit, how much of it, and what is left and where."""
+    sets = [" with ".join(s) for s in d.confusion_set]
+    first = d.confusion_set[0]
+    what = f"{sets[0]} {'is' if len(first) == 1 else 'are'} missing ({sizes})"
+    if len(sets) > 1:
+        what += f"; these recordings do not rule out {' or '.join(sets[1:])} instead"
+    share = d.share_explained
+    takes = "" if share is None else f" That takes {100 * share:.0f} % of the misfit beyond the noise."
+    where = f", most of it {d.rest[0].says}" if d.rest else ""
+    rest = " In the rest nothing is left but noise."
+    if structured(d.left):
+        rest = (
+            f" Structure of {d.left[0]:.2g} standard deviations of the noise is left{where}: something more "
+            "is missing."
+        )
+    return f"Part of the misfit is explained: {what}.{takes}{rest}"

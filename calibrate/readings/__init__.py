@@ -10,9 +10,11 @@ true changes but not noise, so it must not follow the residual. If it does, a se
 nothing helps, the readings are taken as exact.
 """
 
+from gtr_jax.inspection.turning import turning_points
+
 from .acceptance import estimate_base, is_noisy, sharpened
 from .base_tension import BaseTension, exact
-from .knots import BEND, straighten, turning_points
+from .knots import BEND, straighten
 from .spikes import without_spikes
 
 __all__ = [

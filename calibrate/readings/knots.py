@@ -7,6 +7,8 @@ import itertools
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
+from gtr_jax.inspection.turning import turning_points
+
 from .base_tension import BaseTension, runs
 from .smooth import smoothed
 
@@ -21,30 +23,6 @@ ROUNDS, REFINEMENTS = 40, 4
 BLOCK = 400
 # Number of knots above which none are taken out again: the work grows with their square.
 MOST_PRUNED = 3000
-
-
-def turning_points(T: np.ndarray, hysteresis: float) -> np.ndarray:
-    """Samples at which a signal turns, and both ends; reversals smaller than `hysteresis` are ignored.
-
-    Args:
-        T: the signal, (K,), K >= 1.
-        hysteresis: in the unit of the signal.
-    """
-    turns, low, high, rising = [0], 0, 0, 0
-    for k in range(1, len(T)):
-        low = k if T[k] < T[low] else low
-        high = k if T[k] > T[high] else high
-        if rising >= 0 and T[high] - T[k] > hysteresis:
-            turns.append(high)
-            rising, low = -1, k
-        elif rising <= 0 and T[k] - T[low] > hysteresis:
-            turns.append(low)
-            rising, high = 1, k
-        if rising > 0:
-            low = k
-        elif rising < 0:
-            high = k
-    return np.unique([*turns, len(T) - 1])
 
 
 def _best_bend(t: np.ndarray, T: np.ndarray) -> tuple[int, float]:

@@ -9,12 +9,16 @@ from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Report, Table
 from gtr_jax.terms import REGISTRY
 
+from ..diagnosis.leave_out import ASKED, LeftOut
 from ..diagnosis.result import Diagnosis
+from ..readings import turning_points
 from . import diagnosis_figures as draw
 from .fit import detectable, noise_band, sources
 
 # Rivals drawn, at most; twice as many are listed.
 SHOWN = 8
+# Share of its range by which the base tension goes back at a reversal.
+TURN = 0.02
 # Share of a variance from which its source is named.
 NAMED = 0.01
 
@@ -57,6 +61,7 @@ def _figures(answer: Diagnosis) -> list[Figure]:
                 + (f" without and {label}." if after is not None else "."),
             )
         )
+        figures.append(_over_time(answer, loop, (recorded, before, after), label, ending, whose))
         left = None if after is None else after - recorded
         drawn = draw.plot_residual_map(
             loop.T_base,
@@ -83,6 +88,20 @@ def _figures(answer: Diagnosis) -> list[Figure]:
                     "ln(T_tip/T_base) is friction, half the sum what friction cannot do.",
                 )
             )
+        shown = before if after is None else after
+        if loop.time is not None and float(np.ptp(loop.time)) > 0:
+            rates = np.gradient(
+                loop.T_base, np.maximum.accumulate(loop.time) + 1e-9 * np.arange(len(loop.time))
+            )
+            drawn = draw.plot_against_rate(
+                rates[loop.counted],
+                _since_reversal(loop.time, loop.T_base)[loop.counted],
+                (shown - recorded)[loop.counted],
+                noise=loop.noise_N,
+                label="best fit" if after is None else label,
+            )
+            caption = f"{whose}What is left of T_tip against rate, and against time since the base turned."
+            figures.append(Figure(f"rate{ending}", png(drawn), caption))
     top = answer.rivals[:SHOWN]
     if len(top) > 1:
         names = [" + ".join(r.names) or "nothing missing" for r in top]
@@ -94,6 +113,47 @@ def _figures(answer: Diagnosis) -> list[Figure]:
         drawn = draw.plot_history(answer.experiment.time, answer.experiment.T_base, answer.experiment.T_tip)
         figures.append(Figure("next-experiment", png(drawn), answer.experiment.says))
     return figures
+
+
+def _over_time(answer, loop, tips, label, ending, whose) -> Figure:
+    """The recording over time, its episodes numbered as in the table."""
+    along, clock = "time [s]", loop.time
+    if clock is None:
+        along, clock = "sample", np.arange(1, len(loop.T_base) + 1)
+
+    def ends(e) -> tuple[float, float]:
+        return (e.first + 1.0, e.last + 1.0) if e.start_s is None else (e.start_s, e.end_s)
+
+    drawn = draw.plot_over_time(
+        clock,
+        loop.T_base,
+        tips,
+        episodes=[ends(e) for e in answer.episodes if e.recording == loop.name],
+        left_out=[ends(e) for e in answer.left_out if e.recording == loop.name],
+        label=label,
+        along=along,
+    )
+    caption = f"{whose}The recording over time, and what is left of it"
+    return Figure(
+        f"time{ending}", png(drawn), f"{caption}, episodes numbered." if answer.episodes else f"{caption}."
+    )
+
+
+def _stretch(e: LeftOut) -> str:
+    """A stretch that is left out, in words."""
+    when = (
+        f"samples {e.first + 1} to {e.last + 1}"
+        if e.start_s is None
+        else f"{e.start_s:.4g} to {e.end_s:.4g} s"
+    )
+    return f"{when}: {e.why}" if e.why == ASKED else e.why
+
+
+def _since_reversal(time: np.ndarray, T_base: np.ndarray) -> np.ndarray:
+    """Time since the base tension last turned [s], (K,), at least half the median step."""
+    turns = turning_points(T_base, TURN * float(np.ptp(T_base)))
+    last = np.asarray(turns)[np.searchsorted(turns, np.arange(len(T_base)), side="right") - 1]
+    return np.maximum(time - time[last], 0.5 * float(np.median(np.diff(time))) or 1e-9)
 
 
 def _differing(answer: Diagnosis) -> list[Table]:
@@ -138,6 +198,23 @@ def _tables(answer: Diagnosis) -> list[Table]:
                 "whole loop: look at what is missing before you believe a place.",
             )
         )
+    for title, stretches, note in (
+        (
+            "Episodes",
+            [(e.says, f"{100 * e.share:.0f} %") for e in answer.episodes],
+            "Stretches of time in which the model that is shown and the recording part, by more than noise "
+            "and by more than elsewhere.",
+        ),
+        (
+            "Left out",
+            [(_stretch(e), number(e.size_N, "N", 2)) for e in answer.left_out],
+            "Simulated, so that the history goes on, and not compared; the second column is what simulation "
+            "and recording differ by there.",
+        ),
+    ):
+        if stretches:
+            heads = ("what happens", "share of the misfit" if title == "Episodes" else "rms")
+            tables.append(Table(title, heads, stretches, note=note))
     if answer.parameters:
         rows = [
             (

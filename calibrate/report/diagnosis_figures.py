@@ -5,14 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from gtr_jax.plots.style import (
     BLUE,
+    GREEN,
     GREY,
     INK,
+    ORANGE,
     PALE,
+    PURPLE,
     VERMILLION,
     WIDTH,
     figure,
@@ -81,6 +86,103 @@ def plot_residual_map(
         axes.set_title(f"best fit {which}" if after is not None else "best fit", loc="left", fontsize=9)
     rows[-1].set_xlabel("tension at the base $T_{base}$ [N]")
     legend_above(fig, phase_keys(phases, marker="o"))
+    return fig
+
+
+@styled
+def plot_over_time(
+    time: np.ndarray,
+    T_base: np.ndarray,
+    tips: Sequence[np.ndarray | None],
+    *,
+    episodes: Sequence[tuple[float, float]],
+    left_out: Sequence[tuple[float, float]],
+    label: str = FOUND,
+    along: str = "time [s]",
+) -> Figure:
+    """The recording over time and what the models leave of it, with the episodes in which they part.
+
+    Args:
+        time: of the samples [s], or their places in the recording, (K,).
+        T_base: base tension [N], (K,).
+        tips: tip tension [N], (K,), recorded, simulated before, and after or None.
+        episodes, left_out: first and last time of each.
+        label: what the model after has.
+        along: label of the axis.
+    """
+    recorded, before, after = tips
+    assert recorded is not None and before is not None
+    fig, (over, left) = figure(5.4, 2, sharex=True)
+    for axes in (over, left):
+        for a, b in left_out:
+            axes.axvspan(a, b, facecolor="none", edgecolor=GREY, hatch="////", linewidth=0, alpha=0.5)
+    over.plot(time, T_base, color=PURPLE, linewidth=0.8)
+    over.plot(time, recorded, color=GREY, linewidth=2.0, alpha=0.6)
+    over.plot(time, before, color=VERMILLION, linewidth=0.8)
+    left.plot(time, before - recorded, color=VERMILLION, linewidth=0.8)
+    keys: list[Artist] = [
+        Line2D([], [], color=PURPLE, label="$T_{base}$"),
+        Line2D([], [], color=GREY, linewidth=2, label="$T_{tip}$ recorded"),
+        Line2D([], [], color=VERMILLION, label="best fit without" if after is not None else "best fit"),
+    ]
+    if after is not None:
+        over.plot(time, after, color=BLUE, linewidth=0.9)
+        left.plot(time, after - recorded, color=BLUE, linewidth=0.9)
+        keys.append(Line2D([], [], color=BLUE, label=label))
+    if episodes:
+        for a, b in episodes:
+            left.axvspan(a, b, color=ORANGE, alpha=0.25, linewidth=0)
+        for number, (a, b) in enumerate(episodes, start=1):
+            left.annotate(
+                str(number),
+                (0.5 * (a + b), 1.0),
+                xycoords=("data", "axes fraction"),
+                xytext=(0, 2),
+                textcoords="offset points",
+                ha="center",
+                fontsize=7,
+                color=INK,
+            )
+        keys.append(Patch(color=ORANGE, alpha=0.25, label="episode"))
+    if left_out:
+        keys.append(Patch(facecolor="none", edgecolor=GREY, hatch="////", label="left out"))
+    over.set_ylabel("tension [N]")
+    left.set_ylabel("simulated − recorded [N]")
+    left.set_xlabel(along)
+    legend_above(fig, keys)
+    return fig
+
+
+@styled
+def plot_against_rate(
+    rates: np.ndarray, since: np.ndarray, residual: np.ndarray, *, noise: float, label: str
+) -> Figure:
+    """What is left of T_tip against the rate of the base tension, and against the time since it last turned.
+
+    Args:
+        rates: of the base tension [N/s], (K,).
+        since: time since the last reversal of the base tension [s], (K,).
+        residual: simulated minus recorded [N], (K,).
+        noise: standard deviation of the tip's cell [N].
+        label: which model is shown.
+    """
+    fig = Figure(figsize=(WIDTH, 2.6), layout="constrained")
+    left, right = fig.subplots(1, 2, sharey=True)
+    keys: list[Artist] = []
+    for way, colour, what in ((1, BLUE, "base rising"), (-1, GREEN, "base falling")):
+        inside = way * rates > 0
+        for axes, x in ((left, np.abs(rates)), (right, since)):
+            style = {"linestyle": "", "marker": "o", "markersize": 1.6, "color": colour, "alpha": 0.4}
+            axes.plot(x[inside], residual[inside], **style)
+        keys.append(Line2D([], [], linestyle="", marker="o", markersize=4, color=colour, label=what))
+    for axes in (left, right):
+        axes.axhspan(-2 * noise, 2 * noise, color=PALE, linewidth=0, zorder=0)
+        axes.set_xscale("log")
+    left.set_xlabel("rate of $T_{base}$ [N/s]")
+    right.set_xlabel("time since the last reversal [s]")
+    left.set_ylabel("simulated − recorded [N]")
+    left.set_title(label, loc="left", fontsize=9)
+    legend_above(fig, keys)
     return fig
 
 

@@ -39,6 +39,12 @@ if TYPE_CHECKING:
     default=None,
     help="Propose the experiment that would tell the rivals apart even where one is named.",
 )
+@click.option(
+    "--exclude",
+    metavar="FROM:TO",
+    multiple=True,
+    help="Simulate a stretch of time, but do not compare it: '9 s:9.6 s', '118:' to the end. Repeatable.",
+)
 @recording_options
 @output_option
 def diagnose(
@@ -47,6 +53,7 @@ def diagnose(
     noise: float | None,
     noise_base: float | None,
     experiment: bool | None,
+    exclude: Sequence[str],
     columns: Sequence[str],
     keep_glitches: bool,
     drop: Sequence[str],
@@ -57,6 +64,7 @@ def diagnose(
     whether a fit with it is better on samples it has not seen, and what to measure next.
     """
     from gtr_jax.files.config import load_config
+    from gtr_jax.files.masking import times_of
     from gtr_jax.files.thinning import MOST
 
     from .cache import enable_cache
@@ -90,6 +98,7 @@ def diagnose(
             noise=noise,
             noise_base=noise_base,
             experiment=experiment,
+            exclude=[times_of(text, f"--exclude '{text}'") for text in exclude],
             steps=folder.steps,
             progress=progress,
         )
@@ -127,6 +136,7 @@ def summary(answer: Diagnosis) -> list[str]:
     """The verdict, where, the robot files, and what to measure next, as lines for the terminal."""
     lines = [f"{answer.verdict}: {answer.says}"]
     lines += [f"where: {w.says}" for w in answer.where[:3]]
+    lines += [f"when: {e.says}" for e in answer.episodes[:3]]
     if answer.files and answer.files[0].note:
         lines.append(f"{answer.files[0].name}: {answer.files[0].note}")
     if answer.experiment is not None:

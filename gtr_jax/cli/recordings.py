@@ -40,6 +40,21 @@ def recording_options(command: Callable) -> Callable:
     return _columns(_keep_glitches(_drop(command)))
 
 
+def mapping_of_each(paths: Sequence[Path], columns: Sequence[str]) -> list[str | None]:
+    """The value of --columns for each recording, or None.
+
+    Raises:
+        InputError: there are several mappings, but not one for each recording.
+    """
+    if len(columns) not in (0, 1, len(paths)):
+        raise InputError(
+            f"--columns: given {len(columns)} times for {len(paths)} recording{'s'[: len(paths) - 1]}; give "
+            "it once for all, or once for each in their order"
+        )
+    given: list[str | None] = list(columns) or [None]
+    return given * len(paths) if len(given) == 1 else given
+
+
 def read_recordings(
     paths: Sequence[Path],
     tendons: Sequence[Sequence[str]],
@@ -66,14 +81,8 @@ def read_recordings(
     from gtr_jax.files.recording import read_recording
     from gtr_jax.files.thinning import thinned, thinned_says
 
-    if len(columns) not in (0, 1, len(paths)):
-        raise InputError(
-            f"--columns: given {len(columns)} times for {len(paths)} recording{'s'[: len(paths) - 1]}; give "
-            "it once for all, or once for each in their order"
-        )
-    mappings = list(columns) * len(paths) if len(columns) == 1 else list(columns) or [None] * len(paths)
     recordings = []
-    for path, mapping, names in zip(paths, mappings, tendons, strict=True):
+    for path, mapping, names in zip(paths, mapping_of_each(paths, columns), tendons, strict=True):
         recording = read_recording(
             path, mapping, need_tip=need_tip, tendons=names, keep_glitches=keep_glitches, drop=drop
         )

@@ -42,10 +42,14 @@ class RunFolder:
         out: the folder the user named.
         inputs: files the command reads, by role; their hashes are recorded.
         force: replace whatever the folder holds, but for inputs of this command and folders that are in use.
+        with_jax: whether JAX computes the answer, whose device is then recorded.
     """
 
-    def __init__(self, out: Path, inputs: Mapping[str, Path], *, force: bool = False) -> None:
+    def __init__(
+        self, out: Path, inputs: Mapping[str, Path], *, force: bool = False, with_jax: bool = True
+    ) -> None:
         self.path = out
+        self._with_jax = with_jax
         self.record = {
             "written_by": "gtr-jax",
             "command": command_line(),
@@ -58,7 +62,7 @@ class RunFolder:
 
     def settings(self) -> dict[str, Any]:
         """What made the answer: command, versions, device, hashes of the inputs."""
-        return {**self.record, "versions": versions()}
+        return {**self.record, "versions": versions(self._with_jax)}
 
     @property
     def steps(self) -> Path:
@@ -224,14 +228,17 @@ def command_line() -> str:
     return shlex.join(["gtr", *(context.obj if context and context.obj else sys.argv[1:])])
 
 
-def versions() -> dict[str, str]:
-    """Versions of what computed the answer, and on what."""
-    import jax
+def versions(with_jax: bool = True) -> dict[str, str]:
+    """Versions of what computed the answer, and, if JAX did, on what."""
+    computed_on = {}
+    if with_jax:
+        import jax
 
+        computed_on = {"device": jax.devices()[0].device_kind}
     return {
         "python": platform.python_version(),
         **{name: version(name) for name in PACKAGES},
-        "device": jax.devices()[0].device_kind,
+        **computed_on,
         "system": f"{platform.system()} {platform.machine()}",
     }
 
@@ -243,10 +250,10 @@ def write_json(path: Path, data: Any) -> None:
     )
 
 
-def write_report(folder: Path, report: Report, settings: Mapping[str, Any], robot: str) -> None:
-    """Write a report's pictures and its page, which shows the text of the robot file."""
+def write_report(folder: Path, report: Report, settings: Mapping[str, Any], robot: str | None) -> None:
+    """Write a report's pictures and its page, which shows the text of the robot file, if there is one."""
     from gtr_jax.report.page import render
 
-    for figure in report.figures:
+    for figure in report.all_figures:
         (folder / f"{figure.name}.png").write_bytes(figure.image)
     (folder / "report.html").write_text(render(report, settings, robot), encoding="utf-8")

@@ -49,16 +49,18 @@ class Columns:
     drop: tuple[str, ...] = ()
 
 
-def read_columns(columns: str | os.PathLike[str], where: str = "") -> Columns:
+def read_columns(columns: str | os.PathLike[str] | Columns, where: str = "") -> Columns:
     """Read a mapping: a text such as 'T_base=data_0[gf],time=Time[s]', or the path of a mapping file, which
     ends in .toml.
 
     Args:
-        columns: the text or the path.
+        columns: the text or the path; a mapping that is read already comes back as it is.
         where: what the message about a text begins with.
 
     Raises InputError, in one line, if the text or the file cannot be read, or the file has unknown keys.
     """
+    if isinstance(columns, Columns):
+        return columns
     if is_file(columns):
         return _of_file(Path(columns))
     entries = []

@@ -13,7 +13,7 @@ import numpy as np
 
 from gtr_jax.errors import InputError
 from gtr_jax.terms import REGISTRY, Term
-from gtr_jax.terms.term import NO_SLIP
+from gtr_jax.terms.term import NO_SLIP, NO_TUG
 
 from .sections import BackboneConfig, LoadsConfig, TendonConfig, TermConfig
 
@@ -32,6 +32,8 @@ def _check_terms(
         _require(not (rigid and bends), key, "has no effect on a backbone with rigid = true; remove it")
         moved = not rigid or "tendon-stretch" in kinds
         _require(law.mobilise is None or moved, key, NO_SLIP)
+        held = not several and not any(known[kind].mobilise for kind in kinds)
+        _require(law.tugged is None or held, key, NO_TUG)
         _require(not (rigid and several and not law.of_cells), key, "is for one tendon where rigid = true")
         _require(
             any(getattr(term, q.name) != q.null for q in law.sizes) or len(law.sizes) == 1,

@@ -144,12 +144,29 @@ def masks(
 
 def _stretch(text: str, time: np.ndarray | None) -> tuple[int, int]:
     """Indices of the first and last sample of a stretch "FROM:TO"; either end may be left out."""
-    example = "write for example '12.5 s:13 s'"
     where = f"--drop '{excerpt(text)}'"
     if time is None:
         raise InputError(
             f"{where}: needs the time of the samples; map a column with --columns 'time=NAME[s]'"
         )
+    low, high = times_of(text, where)
+    inside = np.flatnonzero((time >= low) & (time <= high))
+    if not inside.size:
+        begin, end = np.nanmin(time), np.nanmax(time)
+        raise InputError(f"{where}: holds no sample; the recording goes from {begin:.6g} s to {end:.6g} s")
+    return int(inside[0]), int(inside[-1])
+
+
+def times_of(text: str, where: str) -> tuple[float, float]:
+    """First and last time [s] of a stretch "FROM:TO"; infinite where an end is left out.
+
+    Args:
+        text: as the user wrote it, such as "12.5 s:13 s".
+        where: the option, which the error names.
+
+    Raises InputError if it cannot be read.
+    """
+    example = "write for example '12.5 s:13 s'"
     ends = text.split(":")
     if len(ends) != 2 or not any(end.strip() for end in ends):
         raise InputError(f"{where}: no stretch FROM:TO; {example}")
@@ -158,11 +175,7 @@ def _stretch(text: str, time: np.ndarray | None) -> tuple[int, int]:
     )
     if low > high:
         raise InputError(f"{where}: ends before it begins; {example}")
-    inside = np.flatnonzero((time >= low) & (time <= high))
-    if not inside.size:
-        begin, end = np.nanmin(time), np.nanmax(time)
-        raise InputError(f"{where}: holds no sample; the recording goes from {begin:.6g} s to {end:.6g} s")
-    return int(inside[0]), int(inside[-1])
+    return low, high
 
 
 def _time(text: str, absent: float, where: str) -> float:

@@ -20,14 +20,14 @@ import numpy as np
 
 from gtr_jax.errors import InputError
 
-from .columns import mapped, read_columns
+from .columns import Columns, mapped, read_columns
 from .guessing import Guess as Guess
 from .guessing import Guessed as Guessed
 from .guessing import guess as guess
 from .headers import missing, recognised, unit_remedy
 from .masking import Masked, masks
 from .quantities import COLUMNS, NEEDED, PER_TENDON, quantities_of
-from .table import read_table
+from .table import Table, read_table
 from .whole import write_whole
 
 SWAP_FACTOR = 1.3
@@ -68,27 +68,32 @@ class Recording:
 
 
 def read_recording(
-    path: str | os.PathLike[str],
-    columns: str | os.PathLike[str] | None = None,
+    path: str | os.PathLike[str] | Table,
+    columns: str | os.PathLike[str] | Columns | None = None,
     *,
     need_tip: bool = True,
     tendons: Sequence[str] = (),
     keep_glitches: bool = False,
     drop: Sequence[str] = (),
+    doubtful: bool = False,
 ) -> Recording:
     """Read a recording (or a base-tension history) from a file.
 
     Args:
-        path: the file; its header names the quantities and their units (COLUMNS), SI where none is given.
+        path: the file, or the table read from it; its header names the quantities and their units (COLUMNS),
+            SI where none is given.
         columns: columns under other names, as 'T_base=data_0[gf],T_tip=data_2[gf],time=Time[s]', or the path
-            of a mapping file (see `columns`), which may also ask for what the last two arguments do; the
-            quantities it leaves out are still looked for in the header. Columns of no use are ignored.
+            of a mapping file, or either as read (see `columns`). It may also ask for what the last arguments
+            do; the quantities it leaves out are still looked for in the header. Columns of no use are
+            ignored.
         need_tip: whether a file without a tip tension is refused.
         tendons: names of the tendons, if the robot has several: then T_base, T_tip and displacement are
             looked for as T_base_N.left and the like, for all of them or none, and are (rows, tendons).
         keep_glitches: whether glitches and dropouts are kept (see `glitches`). They are never looked for in
             a history without a tip tension, which prescribes loads and measures none.
         drop: stretches of time to leave out, as "12.5 s:13 s", "12.5:13" [s], or ":2 s" for the beginning.
+        doubtful: whether time going backwards and a tip tension far above the base's are let pass, for
+            somebody who looks for what is wrong with a recording.
 
     What is left out is in `masked`: glitches, dropped stretches, and rows in which a cell is empty or NaN, as
     long as these are no more than MOST_ABSENT of a column.
@@ -98,7 +103,7 @@ def read_recording(
     left: time going backwards, tensions of reversed sign, and a tip tension that peaks more than SWAP_FACTOR
     above the base's. Small negative readings are noise and kept.
     """
-    table = read_table(path)
+    table = path if isinstance(path, Table) else read_table(path)
     said = None if columns is None else read_columns(columns, f"{table.path}: ")
     chosen = {} if said is None else mapped(table, said, tendons)
     taken = {index for index, _ in chosen.values()}
@@ -141,7 +146,7 @@ def read_recording(
         own = [key for key, (_, tendon) in wanted.items() if key in data and tendon in ("", name)]
         signals = {wanted[key][0]: data[key] for key in own}
         named = {wanted[key][0]: headers[key] for key in own}
-        _check_signals(table.path, rows, signals, named, alone=not tendons)
+        _check_signals(table.path, rows, signals, named, alone=not tendons, doubtful=doubtful)
     return Recording(
         **_by_quantity(data, tendons),
         path=table.path,
@@ -171,11 +176,12 @@ def _check_signals(
     headers: Mapping[str, str],
     *,
     alone: bool,
+    doubtful: bool,
 ) -> None:
     """Refuse what no recording of a pulled tendon shows: backward time, pushing tendons, and, unless others
     may drag it, swapped cells.
     """
-    if "time" in data:
+    if "time" in data and not doubtful:
         backwards = np.flatnonzero(np.diff(data["time"]) < 0)
         if backwards.size:
             i = backwards[0]
@@ -196,7 +202,7 @@ def _check_signals(
                 f"{path}: row {rows[row]}, column '{headers[quantity]}': {quantity} peaks at "
                 f"{lowest:.4g} N, but a tendon only pulls; reverse the sign of the column"
             )
-    if alone and "T_tip" in data:
+    if alone and not doubtful and "T_tip" in data:
         row = int(np.argmax(data["T_tip"]))
         tip_peak = float(data["T_tip"][row])
         if tip_peak > SWAP_FACTOR * base_peak:

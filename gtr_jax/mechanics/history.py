@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..terms import REGISTRY
 from . import channel
 from .case import Case, Load, Memory, untouched
+from .events import after_loosening, after_tug
 from .mesh import cumulative
 from .sections import Sections, State, at_tendons, either_of, node_first
 from .solve import load_step
@@ -50,6 +51,8 @@ class Step(eqx.Module):
         tension, slip, mobilised: along the tendons, (N, *tendons); the last two None in the base model.
         before: tension and slip after the previous step.
         T_tip: tension at the anchor [N], (*tendons,).
+        moved: how far the tendon's end at the tip was moved towards the base from outside [m]; None where no
+            term moves it.
         met: whether it met its tolerance.
         error: largest residual, see `Solved`.
         marches: number of marches taken.
@@ -61,6 +64,7 @@ class Step(eqx.Module):
     mobilised: Float[Array, "N *tendons"] | None
     before: tuple[Float[Array, "N *tendons"], Float[Array, "N *tendons"] | None]
     T_tip: Float[Array, "*tendons"]
+    moved: Float[Array, ""] | None
     met: Bool[Array, ""]
     error: Float[Array, ""]
     marches: Int[Array, ""]
@@ -193,7 +197,13 @@ def advance(
         own = {kind: robot.terms[kind] for kind in structure.terms}
         terms = robot.terms | jtu.tree_map(lambda a, b: jnp.where(stringing, a, b), none, own)
         now = dataclasses.replace(now, mu=jnp.where(stringing, 0.0, robot.mu), terms=terms)
-    done = load_step(now, load, settled.memory, how)
+    begun = settled.memory
+    if structure.loosens:
+        begun = dataclasses.replace(begun, tension=after_loosening(now, load, begun))
+    moved = None
+    if structure.tugged:
+        begun, moved = after_tug(now, load, begun)
+    done = load_step(now, load, begun, how)
     met = (done.error <= how.atol) & jnp.all(jnp.isfinite(load.T_base)) & jnp.isfinite(load.dt + load.time)
     out = Step(
         state=done.state,
@@ -202,6 +212,7 @@ def advance(
         mobilised=done.memory.mobilised,
         before=(settled.memory.tension, settled.memory.slip),
         T_tip=done.memory.T_tip,
+        moved=moved,
         met=met,
         error=done.error,
         marches=done.marches,

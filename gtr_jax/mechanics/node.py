@@ -382,15 +382,6 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
     neighbour, along = (_any_on(case, kinds) for kinds in (creeping, carried(what.terms)))
     if what.carries:
         along = jnp.logical_and(along, jnp.logical_not(jnp.logical_or(by_slip, neighbour)))
-    over = (-1, *[1] * case.mu.ndim)
-
-    def grip(sense):
-        start = (mesh.s - mesh.interval.length).reshape(over)
-        speed = jnp.zeros(()) if memory.speed is None else jnp.abs(memory.speed)
-        at = Channel(start, mesh.s.reshape(over), speed, sense, load.time, load.cycle)
-        factor = jnp.broadcast_to(product(case, "friction", at), R.value.shape)
-        factor = jnp.where(factor > 0, factor, 0.0)  # friction that wears or drifts below zero counts as zero
-        return jnp.broadcast_to(case.mu, R.value.shape) * factor
 
     row = Row(
         R=R,
@@ -401,7 +392,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         weights=mesh.weights,
         interval=mesh.interval,
         metric=case.metric if what.follows_slip else None,
-        mu=(grip(1.0), grip(-1.0)) if what.has("friction") else None,
+        mu=(friction(case, 1.0), friction(case, -1.0)) if what.has("friction") else None,
         tension=memory.tension,
         middle=memory.middle,
         stencil=memory.stencil,
@@ -446,6 +437,20 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         carry,
         row,
     )
+
+
+def friction(case: Case, sense: float):
+    """Friction coefficient of the intervals for slip towards the base (`sense` 1) or the tip (-1), (N,
+    *tendons).
+    """
+    mesh, memory, load = case.sections.mesh, case.memory, case.load
+    over = (-1, *[1] * case.mu.ndim)
+    start = (mesh.s - mesh.interval.length).reshape(over)
+    speed = jnp.zeros(()) if memory.speed is None else jnp.abs(memory.speed)
+    at = Channel(start, mesh.s.reshape(over), speed, sense, load.time, load.cycle)
+    factor = jnp.broadcast_to(product(case, "friction", at), memory.tension.shape)
+    factor = jnp.where(factor > 0, factor, 0.0)  # friction that wears or drifts below zero counts as zero
+    return jnp.broadcast_to(case.mu, memory.tension.shape) * factor
 
 
 def _any_on(case: Case, kinds: list[str]) -> Bool[Array, ""] | bool:

@@ -74,6 +74,23 @@ class Structure:
         return any(REGISTRY[kind].creeps for kind in self.terms)
 
     @functools.cached_property
+    def loosens(self) -> bool:
+        """Whether friction may fall with time where one tendon is locked, so that the tension held there
+        relaxes. Where friction follows the slip, it relaxes by itself.
+        """
+        return any(REGISTRY[kind].loosens for kind in self.terms) and not self._by_slip
+
+    @functools.cached_property
+    def tugged(self) -> bool:
+        """Whether the end of one tendon may be moved from outside while friction holds it."""
+        return self.has("tugged") and not self._by_slip
+
+    @property
+    def _by_slip(self) -> bool:
+        """Whether friction is known to follow the slip."""
+        return bool(self.tendons) or (self.acting and PRESLIDING in self.terms)
+
+    @functools.cached_property
     def follows_slip(self) -> bool:
         """Whether a law of a node depends on the slip or its speed, in this step or the previous one."""
         return self.presliding or any(REGISTRY[kind].reads_speed for kind in self.terms) or self.seeks_slip
@@ -98,8 +115,7 @@ class Structure:
         """Whether the body may bend where friction holds the tendon, so that the held stretch is carried
         along.
         """
-        by_slip = self.tendons or (self.acting and PRESLIDING in self.terms)
-        return bool(carried(self.terms)) and not by_slip
+        return bool(carried(self.terms)) and not self._by_slip
 
     @functools.cached_property
     def unknowns(self) -> int:

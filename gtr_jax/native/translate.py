@@ -231,7 +231,7 @@ class Translator:
         if name == "while":
             return self.while_loop(params, given)
         if name == "cond":
-            raise Untranslatable("cond")
+            return self.branched(params, given)
         if name in ELEMENTWISE:
             kinds = [kind_of(v.aval.dtype) for v in eqn.invars]
             write = ELEMENTWISE[name]
@@ -336,6 +336,27 @@ class Translator:
         self.at.branch(head)
         self.at.position_at_end(after)
         return [read() for _, read, _ in kept]
+
+    def branched(self, params: Any, given: list[Value]) -> list[Value]:
+        """Write a choice between two branches, of which only the one that is taken is executed."""
+        which, *operands = given
+        branches = params["branches"]
+        if len(branches) != 2 or not isinstance(which, np.ndarray):
+            raise Untranslatable("a choice between more than two branches")
+        out = [self.room(v.shape, kind_of(v.dtype)) for v in branches[0].out_avals]
+        blocks = [self.function.append_basic_block(n) for n in ("first", "second")]
+        after = self.function.append_basic_block("chosen")
+        index: Any = which.reshape(())[()]
+        second = self.at.icmp_signed("!=", index, ir.Constant(index.type, 0))
+        self.at.cbranch(second, blocks[1], blocks[0])
+        for block, branch in zip(blocks, branches, strict=True):
+            self.at.position_at_end(block)
+            found = self.run(branch.jaxpr, branch.consts, operands)
+            for place, value in zip(out, found, strict=True):
+                self.copied(value, place)
+            self.at.branch(after)
+        self.at.position_at_end(after)
+        return [self.gathered(place) for place in out]
 
     # --- elements -----------------------------------------------------------------------------------------
 

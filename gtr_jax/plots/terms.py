@@ -35,7 +35,7 @@ class Loops:
 @styled
 def plot_term(term: Term, loops: Loops, fast: float) -> Figure:
     """Tip tension and tip angle against the base tension, with and without a term; of a tendon that stretches
-    its displacement instead of the angle.
+    its displacement instead of the angle, of an event the tip tension over time.
 
     Args:
         term: the term.
@@ -47,15 +47,19 @@ def plot_term(term: Term, loops: Loops, fast: float) -> Figure:
     slow = loops.time <= fast
     both = (slow, np.append(~slow[1:], True))
     right, scale, label = loops.angle, 180 / np.pi, "angle of the tip [°]"
-    if term.strain is not None:
+    if term.strain is not None or term.ahead is not None:
         right, scale, label = loops.displacement, 1e3, "tendon drawn out at the base [mm]"
-    for ax, (without, with_it) in zip(axes, (loops.T_tip, tuple(scale * a for a in right)), strict=True):
+    base, across = (loops.true_base, loops.T_base), "tension shown at the base [N]"
+    panels = [(base, loops.T_tip, across), (base, tuple(scale * a for a in right), across)]
+    if term.event:
+        panels[1], label = ((loops.time, loops.time), loops.T_tip, "time [s]"), ""
+    for ax, ((x, x_with), (without, with_it), below) in zip(axes, panels, strict=True):
         for part in both:
-            ax.plot(loops.true_base[part], without[part], color=GREY, linewidth=2.6, alpha=0.45)
+            ax.plot(x[part], without[part], color=GREY, linewidth=2.6, alpha=0.45)
         for part, colour in zip(both, (BLUE, VERMILLION), strict=True):
-            ax.plot(loops.T_base[part], with_it[part], color=colour, linewidth=1.3)
+            ax.plot(x_with[part], with_it[part], color=colour, linewidth=1.3)
         ax.axhline(0.0, color=PALE, linewidth=0.8, zorder=0)
-        ax.set_xlabel("tension shown at the base [N]")
+        ax.set_xlabel(below)
     axes[0].set_ylabel("tension shown at the tip [N]")
     axes[1].set_ylabel(label)
     keys = [

@@ -37,6 +37,22 @@ class Table:
 
 
 @dataclass(frozen=True)
+class Section:
+    """A part of a page that answers for one of several inputs.
+
+    Attributes:
+        title: of the part.
+        verdict, warnings, figures, tables: as of a report.
+    """
+
+    title: str
+    verdict: str
+    warnings: Sequence[str] = ()
+    figures: Sequence[Figure] = ()
+    tables: Sequence[Table] = field(default_factory=tuple)
+
+
+@dataclass(frozen=True)
 class Report:
     """All that a page says.
 
@@ -45,6 +61,7 @@ class Report:
         verdict: one plain sentence; stands first.
         warnings: what the reader must know before using the numbers.
         figures, tables: in this order.
+        sections: parts that follow, each with its own.
     """
 
     title: str
@@ -52,6 +69,12 @@ class Report:
     warnings: Sequence[str] = ()
     figures: Sequence[Figure] = ()
     tables: Sequence[Table] = field(default_factory=tuple)
+    sections: Sequence[Section] = ()
+
+    @property
+    def all_figures(self) -> list[Figure]:
+        """The figures of the report and of its sections."""
+        return [*self.figures, *(figure for section in self.sections for figure in section.figures)]
 
 
 @dataclass(frozen=True)
@@ -80,13 +103,13 @@ def render_index(title: str, says: str, links: Sequence[Link]) -> str:
     )
 
 
-def render(report: Report, settings: Mapping[str, Any], robot_file: str) -> str:
+def render(report: Report, settings: Mapping[str, Any], robot_file: str | None) -> str:
     """The page as HTML.
 
     Args:
         report: what it says.
         settings: command, versions, device and hashes of the inputs, as in `run.json`.
-        robot_file: the resolved robot file.
+        robot_file: the resolved robot file; None where no robot is read.
     """
     template = _environment().get_template("page.html.jinja")
     return template.render(report=report, settings=settings, robot_file=robot_file, style=STYLE)

@@ -43,6 +43,10 @@ SHOWN: dict[str, dict[str, float]] = {
     "friction-asymmetry": {"ratio": 1.15},
     "viscous-friction": {"coefficient": 60.0},
     "stiffening": {"coefficient": 0.02},
+    "free-length": {"compliance": 1e-4},
+    "shaken-sheath": {"share": 0.6, "time": 66.0, "duration": 6.0, "edge": 1.0},
+    "tip-moved": {"tension": -4.0, "time": 66.0, "duration": 1.0},
+    "sheath-moved": {"change": 0.3, "time": 84.0, "duration": 2.0},
     "body-hysteresis": {"ratio": 0.5, "curvature": 1.0},
 }
 
@@ -80,10 +84,11 @@ def page(term: Term, *, heading: int = 2) -> str:
         for q in term.quantities
     ]
     source = f"\n\n**Source.** {term.source}." if term.source else ""
+    note = f"\n\n{term.note}" if term.note else ""
     return (
         f"{'#' * heading} {term.id}\n\n{term.says}\n\n"
         f"**Law.** {term.law}\n\n**Seen in a recording.** {term.seen}\n\n"
-        f"**Told apart.** {term.told_apart}{source}\n\n"
+        f"**Told apart.** {term.told_apart}{source}{note}\n\n"
         f"| number | what it is | does nothing at, or default | typical | usual |\n|---|---|---|---|---|\n"
         + "\n".join(rows)
         + f"\n\n![What {term.id} does to a loop]({term.id}.png)\n\n```toml\n"
@@ -103,7 +108,9 @@ def write_pages(folder: Path) -> None:
         "`gtr terms` lists them at the command line. These pages are written from the terms' own files by",
         "`python -m gtr_jax.report.term_pages`.\n",
         "The pictures show TD-CM I through one history: a loop at 1 N/s with a hold and an inner loop, then",
-        "one at 4 N/s; without the term in grey.\n",
+        "one at 4 N/s; without the term in grey. Events, which happen at a time of their own, are drawn over",
+        "time as well. They are not among the ordinary hypotheses of `gtr diagnose`, because a free time can",
+        "fit any bump.\n",
     ]
     for group, belongs in GROUPS.items():
         index += [f"\n## {group}\n", "| term | what it is | law |", "|---|---|---|"]

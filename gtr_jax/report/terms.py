@@ -9,11 +9,15 @@ from gtr_jax.terms import REGISTRY, Quantity, Term
 
 WIDTH = 100
 GROUPS = {
-    "Friction and tendon": lambda term: not term.of_cells and not _of_body(term) and not _of_loads(term),
+    "Friction and tendon": lambda term: not (_of_cells(term) or _of_body(term) or _of_loads(term)),
     "Body": lambda term: _of_body(term),
     "Loads": lambda term: _of_loads(term),
-    "Load cells": lambda term: term.of_cells,
+    "Load cells": lambda term: _of_cells(term),
 }
+
+
+def _of_cells(term: Term) -> bool:
+    return term.of_cells and term.ahead is None
 
 
 def _of_body(term: Term) -> bool:
@@ -64,6 +68,8 @@ def description(term: Term) -> str:
         rows += _wrapped(f"{label}: ", text, "")
     if term.source:
         rows += _wrapped("source: ", term.source, "")
+    if term.note:
+        rows += _wrapped("note: ", term.note, "")
     rows += ["", "numbers:"]
     for q in term.quantities:
         null = "does nothing at" if q.size else "unless given"

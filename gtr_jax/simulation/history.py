@@ -22,12 +22,12 @@ from ..mechanics.several.rootfinder import RootFinder
 from ..mechanics.several.slip import Kept
 from ..robot.robot import Robot, sections
 from ..terms import REGISTRY, known_on
-from ..terms.term import NO_SLIP
+from ..terms.term import NO_SLIP, NO_TUG
 from .programs import at_nodes, known_to_act, structure_of
 from .sensing import Reading, cells_show, shown
 from .several import at_preload, load_step
 from .slipping import front_of, large_tension, moves_by_friction, moves_of
-from .solution import Equilibrium, Loaded, describe, loaded_of
+from .solution import Equilibrium, Loaded, describe, drawn_out, loaded_of
 
 SHORTEST = 1e-9  # s, assumed between samples with equal times
 
@@ -142,6 +142,10 @@ def _solved(structure: Structure, robot: Robot, loads: Load, how: March):
     s = sections(robot)
     done, _, settled = steps(at_nodes(robot, s), structure, loads, how)
     loaded = jax.vmap(lambda step: loaded_of(s, structure, settled, step))(done)
+    if done.moved is not None:
+        # What was moved from outside moved the whole tendon that friction holds.
+        away = jnp.cumsum(jnp.where(done.met, done.moved, 0.0))
+        loaded = eqx.tree_at(lambda loaded: loaded.slip, loaded, loaded.slip + away[:, None])
     scale = large_tension(loads.T_base, settled.preload)
     rigid = robot.backbone.rigid
     return loaded, jax.vmap(lambda step, now: moves_of(s, structure, rigid, step, now, scale))(done, loaded)
@@ -157,6 +161,7 @@ def _run(robot: Robot, loads: Load, how: March, structure: Structure) -> Simulat
     s = sections(robot)
     eq = jax.vmap(lambda done: describe(s, done))(done)
     fronts = jax.vmap(lambda sign: front_of(s.mesh.s, sign))
+    preload = robot.per_tendon(lambda tendon: tendon.preload)
     direction, front = (fronts if moves.ndim == 2 else jax.vmap(fronts))(moves)
     return Simulation(
         T_base=loads.T_base,
@@ -164,7 +169,7 @@ def _run(robot: Robot, loads: Load, how: March, structure: Structure) -> Simulat
         T_tip=eq.T_tip,
         reading=Reading(loads.T_base, eq.T_tip),
         tip_pose=eq.tip_pose,
-        displacement=eq.slip[..., 0],
+        displacement=drawn_out(robot.terms, eq.slip[..., 0], loads.T_base, preload),
         slip_direction=direction,
         slip_front=front,
         s=s.mesh.s,
@@ -276,7 +281,13 @@ def simulate(
 
 
 def _refuse_unable(robot: Robot) -> None:
-    """ValueError if friction would build up over a slip that cannot occur."""
+    """ValueError if friction would build up over a slip that cannot occur, or if an end is moved that no
+    sliding friction holds.
+    """
+    by_slip = any(term.mobilise and known_on(term, robot.terms[term.id]) for term in REGISTRY.values())
+    for term in REGISTRY.values():
+        if term.tugged and known_on(term, robot.terms[term.id]) and (by_slip or robot.tendon_names):
+            raise ValueError(f"{term.id}: {NO_TUG}")
     if not robot.backbone.rigid:
         return
     stretch = REGISTRY["tendon-stretch"]

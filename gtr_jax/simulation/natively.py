@@ -18,7 +18,7 @@ from ..native.program import Program, packed, sources
 from ..robot.robot import Robot, sections
 from .programs import at_nodes
 from .slipping import front_of, large_tension, moves_of
-from .solution import loaded_of
+from .solution import drawn_out, loaded_of
 
 __all__ = ["Brief", "Native", "Ready", "ready", "sources", "steps_natively"]
 
@@ -55,15 +55,17 @@ class _Row(NamedTuple):
     scale: Float[Array, ""]
 
 
-def _left(robot: mechanics.Robot, structure: Structure, rigid: bool, settled: Settled, step: Step, scale):
+def _left(robot: mechanics.Robot, structure: Structure, rigid: bool, settled: Settled, step: Step, row: _Row):
     """What a step leaves, as numbers."""
     s = robot.sections
     done = loaded_of(s, structure, settled, step)
-    direction, front = front_of(s.mesh.s, moves_of(s, structure, rigid, step, done, scale))
+    direction, front = front_of(s.mesh.s, moves_of(s, structure, rigid, step, done, row.scale))
     x, y = (jnp.sum(mechanics.increments(s.mesh.weights, f(done.state.phi))) for f in (jnp.cos, jnp.sin))
     bent = jnp.max(jnp.abs(done.state.kappa - settled.kappa))
     pose = jnp.stack([x, y, done.state.phi[-1]])
-    return step.T_tip, pose, done.slip[0], direction, front, step.met, step.error, step.marches, bent
+    drawn = drawn_out(robot.terms, done.slip[0], row.load.T_base, robot.preload)
+    moved = jnp.zeros(()) if step.moved is None else jnp.where(step.met, step.moved, 0.0)
+    return step.T_tip, pose, drawn, direction, front, step.met, step.error, step.marches, bent, moved
 
 
 @functools.lru_cache(maxsize=256)
@@ -74,7 +76,7 @@ def _program(structure: Structure, how: March, rigid: bool, nodes: int, shapes: 
 
     def step(robot: mechanics.Robot, settled: Settled, row: _Row):
         after, out = advance(robot, structure, how, settled, row.load, (row.settling, row.stringing))
-        return after, _left(robot, structure, rigid, settled, out, row.scale)
+        return after, _left(robot, structure, rigid, settled, out, row)
 
     def row():
         one, flag = jnp.zeros(()), jnp.asarray(False)
@@ -141,7 +143,7 @@ class Native:
         return Brief(
             T_tip=out[:, 0],
             tip_pose=out[:, 1:4],
-            displacement=out[:, 4],
+            displacement=out[:, 4] + np.cumsum(out[:, 11]),
             slip_direction=out[:, 5],
             slip_front=out[:, 6],
             converged=out[:, 7] != 0,

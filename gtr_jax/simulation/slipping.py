@@ -89,6 +89,7 @@ def moves_of(s: Sections, structure: Structure, rigid: bool, step: Step, done: L
         return moves_by_tension(done.tension, before, scale)
     assert step.slip is not None and step.before[1] is not None and step.mobilised is not None
     slipped = jnp.moveaxis(step.slip - step.before[1], 0, -1)
+    slipped = slipped if step.moved is None else slipped + step.moved
     mobilised = jnp.moveaxis(step.mobilised, 0, -1)
     changed = done.tension - before
     return moves_by_slip(slipped, changed, done.tension, mobilised, done.wrap, s.mesh.s[-1], rigid)

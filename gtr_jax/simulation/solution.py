@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 
 import equinox as eqx
 import jax
@@ -13,6 +14,8 @@ from jaxtyping import Array, Bool, Float, Int
 from ..mechanics import Memory, Settled, Step, Structure, channel, metric_of
 from ..mechanics.mesh import cumulative, increments
 from ..mechanics.sections import Sections, State, at_tendons
+from ..terms import REGISTRY
+from ..terms.term import Values
 from .outcome import outcome
 
 
@@ -97,6 +100,29 @@ def slip_without_stretch(s: Sections, settled: State, y: State) -> Float[Array, 
 
     shortened = metric_of(s, settled.kappa) - metric_of(s, y.kappa)
     return beyond(shortened) if shortened.ndim == 1 else jax.vmap(beyond)(shortened)
+
+
+def drawn_out(
+    terms: Mapping[str, Values],
+    slip: Float[Array, "*at"],
+    T_base: Float[Array, "*at"],
+    preload: Float[Array, "*any"],
+) -> Float[Array, "*at"]:
+    """Tendon drawn out at the base since it was strung [m]: its slip into the channel, and what it has
+    stretched ahead of it.
+
+    Args:
+        terms: numbers of the physics terms, by term and name.
+        slip: of the tendon at the base [m].
+        T_base: base tension [N].
+        preload: base tension when it was strung [N].
+    """
+    for term in REGISTRY.values():
+        if term.ahead is not None:
+            values = terms[term.id]
+            strung = term.ahead(values, jnp.broadcast_to(preload, T_base.shape))
+            slip = slip + term.ahead(values, T_base) - strung
+    return slip
 
 
 class Loaded(eqx.Module):

@@ -15,7 +15,7 @@ from gtr_jax.robot.robot import Robot, lay_out
 from ..mechanics.mesh import cumulative
 from ..simulation.history import Simulation
 from ..simulation.sensing import cells_show
-from ..simulation.solution import Equilibrium
+from ..simulation.solution import Equilibrium, drawn_out
 from .config import SweepConfig
 
 STEP, NODE = "step", "node"  # names of dimensions in the store
@@ -106,7 +106,7 @@ def at_rest(robot: Robot, eq: Equilibrium, T_base: Array) -> dict[str, Array]:
     """The outputs of one equilibrium, by name, with a leading axis of one step."""
     time = jnp.zeros(1)
     shown = cells_show(robot, T_base[None], eq.T_tip[None], time)
-    pose = eq.tip_pose
+    pose, preload = eq.tip_pose, robot.per_tendon(lambda tendon: tendon.preload)
     return _named(
         robot,
         {
@@ -116,7 +116,7 @@ def at_rest(robot: Robot, eq: Equilibrium, T_base: Array) -> dict[str, Array]:
             "tip_x": pose[None, 0],
             "tip_y": pose[None, 1],
             "tip_angle": pose[None, 2],
-            "displacement": eq.slip[None, ..., 0],
+            "displacement": drawn_out(robot.terms, eq.slip[..., 0], T_base, preload)[None],
             "s": eq.s,
             "x": eq.x[None],
             "y": eq.y[None],

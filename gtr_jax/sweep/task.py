@@ -23,7 +23,7 @@ from gtr_jax.files.table import read_table
 from gtr_jax.robot.build import build_robot, choose_intervals
 from gtr_jax.robot.parameters import term_of
 from gtr_jax.robot.robot import Robot
-from gtr_jax.terms import REGISTRY
+from gtr_jax.terms import REGISTRY, known_on
 
 from .axes import Axis, axes_of, check_values, find
 from .config import SweepConfig, sweep_text
@@ -283,14 +283,15 @@ def _ready(file: SweepConfig, robot: Robot, axes: Sequence[Axis]) -> Robot:
 def _by_slip(config: RobotConfig, axes: Sequence[Axis]) -> bool:
     """Whether at any point a physics term acts that is not of the load cells."""
     for term in REGISTRY.values():
-        null = {q.name: q.null for q in term.quantities}
-        there = any(config.term_values[term.id][q.name] != q.null for q in term.sizes)
-        varied = any(
-            axis.name == f"{term.id}.{q.name}" and any(v != null[q.name] for v in axis.ends)
-            for axis in axes
+        given = config.term_values[term.id]
+        ends = [
+            given | {q.name: value}
             for q in term.sizes
-        )
-        if (there or varied) and not term.of_cells:
+            for axis in axes
+            if axis.name == f"{term.id}.{q.name}"
+            for value in axis.ends
+        ]
+        if not term.of_cells and any(known_on(term, values) for values in (given, *ends)):
             return True
     return False
 

@@ -10,6 +10,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 Values = Mapping[str, Float[Array, ""]]
@@ -17,6 +18,7 @@ Values = Mapping[str, Float[Array, ""]]
 # A slip [m], a speed [m/s] or a curvature [1/m] that is only rounding, while nothing moves. Laws whose
 # derivative differs between the directions count it as forward, so that all programs take the same one.
 STILL = 1e-13
+NO_TUG = "needs one tendon, and friction that does not build up over a slip; leave presliding out"
 NO_SLIP = "no tendon slips in a rigid sheath unless it stretches; add the term tendon-stretch"
 
 
@@ -112,11 +114,15 @@ class Term:
         told_apart: which experiment distinguishes it from effects that look alike.
         quantities: its numbers.
         source: where the law comes from.
+        note: what else is known of it, with the numbers measured.
         timed: whether it needs the time of the samples.
         creeps: whether friction goes on changing where the tendon is locked, so that it must be held against
             the neighbouring section instead of against the base.
         relaxes: whether the body goes on bending where the tendon is locked, and carries it along; the first
             number that `bend` remembers is then its moment over EI.
+        event: whether it happens once, at a time of its own.
+        loosens: whether `friction` falls with time where the tendon is locked, so that the tension held there
+            relaxes.
         reads_speed: whether `friction` depends on the speed of the slip in the previous load step.
         friction: factor on the friction coefficient of an interval, from a `Channel`.
         by_pressure: factor on the friction coefficient, from the line pressure [N/m].
@@ -132,6 +138,8 @@ class Term:
         remembers: how many numbers `bend` remembers.
         strain: of the tendon, from its tension [N].
         anchor: how far the anchor gives way [m], from the tension there [N].
+        tugged: tension added to the tendon's end at the tip from outside [N], from the time [s].
+        ahead: stretch of the tendon ahead of the channel [m], from the base tension [N].
         loads: the external loads, from those of the robot.
         stop: force of a stop on the tip [N] against `stop_angle`, from the tip's place along it [m], affine;
             none acts where that is negative.
@@ -148,9 +156,12 @@ class Term:
     told_apart: str
     quantities: tuple[Quantity, ...]
     source: str = ""
+    note: str = ""
     timed: bool = False
     creeps: bool = False
     relaxes: bool = False
+    event: bool = False
+    loosens: bool = False
     reads_speed: bool = False
     friction: Callable[[Values, Channel], Array] | None = None
     by_pressure: Callable[[Values, Array], Array] | None = None
@@ -165,6 +176,8 @@ class Term:
     remembers: int = 0
     strain: Callable[[Values, Array], Array] | None = None
     anchor: Callable[[Values, Array], Array] | None = None
+    tugged: Callable[[Values, Array], Array] | None = None
+    ahead: Callable[[Values, Array], Array] | None = None
     loads: Callable[[Values, Any], Any] | None = None
     stop: Callable[[Values, Array], Array] | None = None
     stop_angle: Callable[[Values], Array] | None = None
@@ -175,8 +188,8 @@ class Term:
 
     @property
     def of_cells(self) -> bool:
-        """Whether it concerns the load cells only, not what they measure."""
-        return bool(self.tip or self.base)
+        """Whether it concerns only what the instruments show, not the robot between them."""
+        return bool(self.tip or self.base or self.ahead)
 
     @property
     def sizes(self) -> tuple[Quantity, ...]:
@@ -187,3 +200,9 @@ class Term:
 def along(time: Float[Array, " K"], values: Float[Array, "K *tendons"]) -> Float[Array, "K *one"]:
     """Times of the samples, shaped to broadcast with values of one tendon or of several."""
     return time.reshape(-1, *[1] * (values.ndim - 1))
+
+
+def rise(x: Float[Array, "..."]) -> Float[Array, "..."]:
+    """A smooth step from 0 at x = 0 to 1 at x = 1, continuously differentiable."""
+    x = jnp.where(x > 0, jnp.where(x < 1, x, 1.0), 0.0)
+    return x * x * (3.0 - 2.0 * x)

@@ -1,0 +1,199 @@
+"""More effects where what was found leaves structure beyond the noise, each kept only if it pays on unseen
+samples.
+
+The search for combinations (`search.combine`) asks whether a further effect is more probable, and allows for
+laws that are not exact: where much is left whatever is added, that allowance covers it. Real recordings leave
+much, for several reasons at once. There a further effect has to show that it predicts cycles that the fit has
+not seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ..parallel import in_parallel
+from .episodes import episodes
+from .events import event_hypotheses
+from .heldout import by_fold
+from .hypotheses import EVENTS
+from .model import Fitted, model_of
+from .models import HOW_MANY, Models
+from .screen import Screened, screen
+from .search import ONE_EACH, SECOND_WORTH, refit_best
+
+# Effects that are tried at each stage, those of them that are judged on unseen samples, and iterations of a
+# refit.
+TRIED, JUDGED, ITERATIONS = 6, 2, 8
+# An effect is kept if it lowers the sum of squares of T_tip on unseen samples by this share, and is better in
+# more than this share of the parts.
+PAYS, MOST_PARTS = 0.1, 0.5
+# Other cycles do not tell when an event happens. It is kept if the cost drops by this many variances of what
+# is left, correlation counted, and by `PAYS`.
+SURE = 25.0
+# The rivals are refitted until the cost falls by less than this, at most so often.
+SMALL, MOST_ROUNDS = 0.5, 4
+# Effects whose refits differ by less than this many variances of what is left are tried in place of each
+# other.
+NEAR = 8.0
+
+
+def with_further(models: Models, start: Fitted, progress: Callable[[str], None]) -> Fitted:
+    """Add effects to a model while they pay on unseen samples; take out those that then do not; and refit the
+    models in which an effect is replaced by one that did nearly as well. All refits are added to `models`.
+
+    Args:
+        models: all that were refitted, to all samples.
+        start: the model that leaves structure.
+        progress: called with a line at each stage.
+
+    Returns:
+        The best model found: `start` if nothing pays.
+    """
+    head, instead, unseen = start, _alike(models, start), _Unseen(models)
+    while len(head.names) + 1 < len(HOW_MANY):
+        progress(f"adding to {' + '.join(head.names) or 'the base model'} what pays on unseen samples")
+        fits = _refitted_beside(models, head)
+        models.add(fits)
+        best = _event(models, head, fits) or unseen.best(head, fits[:JUDGED])
+        if best is None:
+            break
+        new = _new(best, head)
+        near = NEAR * models.scale_beside(best)
+        instead[new] = tuple(_new(f, head) for f in fits if f is not best and f.cost - best.cost < near)
+        head = best
+    head = _without_idle(models, unseen, head, start)
+    rivals = _settled(models, [head, *_swapped(models, head, instead)])
+    probability = models.beside(head)
+    return max(rivals, key=lambda f: probability[f.names])
+
+
+def _alike(models: Models, start: Fitted) -> dict[str, tuple[str, ...]]:
+    """For each effect of a model, those with which it would be about as good instead."""
+    near = NEAR * models.scale_beside(start)
+    found: dict[str, tuple[str, ...]] = dict.fromkeys(start.names, ())
+    for f in models.fits.values():
+        other, own = set(f.names) - set(start.names), set(start.names) - set(f.names)
+        if len(f.names) == len(start.names) and len(other) == 1 and abs(f.cost - start.cost) < near:
+            found[own.pop()] += (other.pop(),)
+    return found
+
+
+def _new(fitted: Fitted, head: Fitted) -> str:
+    return next(name for name in fitted.names if name not in head.names)
+
+
+def _refitted_beside(models: Models, head: Fitted) -> list[Fitted]:
+    """The most promising further effects, refitted beside those of a model, the best first."""
+    bench, taken = models.bench, {n.name for n in head.numbers}
+    others = [
+        h for h in models.of.values() if h.kind not in EVENTS and not taken & {n.name for n in h.numbers}
+    ]
+    events = event_hypotheses(bench, episodes(bench, head), [models.of[n].kind for n in head.names])
+    models.of |= {h.name: h for h in events}
+    screened: list[Screened] = [*screen(bench, head, others, thorough=False), *screen(bench, head, events)]
+    screened.sort(key=lambda s: -s.gain)
+    wanted = [s for s in screened if s.gain > SECOND_WORTH][:TRIED]
+    own = models.hypotheses(head.names)
+    fits = refit_best(bench, own, head, wanted, ONE_EACH, ITERATIONS)
+    # A fit with more effects must not be worse than its parent: that is where it is null.
+    return sorted((f for f in fits if f.cost < head.cost), key=lambda f: f.cost)
+
+
+def _event(models: Models, head: Fitted, fits: Sequence[Fitted]) -> Fitted | None:
+    """The best of some fits, if it adds an event that is sure beside all that is left."""
+    best = next(iter(fits), None)
+    if best is None or models.of[_new(best, head)].kind not in EVENTS:
+        return None
+    sure = head.cost - best.cost > SURE * models.scale_beside(best)
+    return best if sure and best.chi2 < (1 - PAYS) * head.chi2 else None
+
+
+class _Unseen:
+    """How well models predict unseen samples; each is judged once.
+
+    Args:
+        models: all that were refitted.
+    """
+
+    def __init__(self, models: Models):
+        self.models = models
+        self._known: dict[tuple[str, ...], np.ndarray] = {}
+
+    def squares(self, fits: Sequence[Fitted]) -> np.ndarray:
+        """Sum of squares of T_tip [N²] of each model on each part, (models, folds); infinite where a refit
+        fails.
+        """
+        new = [f for f in fits if f.names not in self._known]
+        if new:
+            found = by_fold(self.models.bench, [(self.models.hypotheses(f.names), f) for f in new])
+            for f, folds in zip(new, found, strict=True):
+                self._known[f.names] = np.where(folds[:, 1] > 0, folds[:, 0], np.inf)
+        return np.stack([self._known[f.names] for f in fits])
+
+    def best(self, head: Fitted, fits: Sequence[Fitted]) -> Fitted | None:
+        """The fit that predicts unseen samples best, if it does so better than the head by enough, and in
+        most parts; else None.
+        """
+        if not fits:
+            return None
+        squares = self.squares([head, *fits])
+        total = squares.sum(axis=1)
+        best = 1 + int(np.argmin(total[1:]))
+        better = np.mean(squares[best] < squares[0])
+        return fits[best - 1] if total[best] < (1 - PAYS) * total[0] and better > MOST_PARTS else None
+
+
+def _without_idle(models: Models, unseen: _Unseen, head: Fitted, start: Fitted) -> Fitted:
+    """The model without effects that no longer pay beside the others."""
+    while len(head.names) > max(len(start.names), 1):
+        smaller = [tuple(n for n in head.names if n != name) for name in head.names]
+
+        def refit(names, head=head):
+            own = models.hypotheses(names)
+            return models.bench.refit(own, models.coordinates(names, head), exact=False)
+
+        fits = [f for f in in_parallel(refit, smaller) if f is not None]
+        models.add(fits)
+        if not fits:
+            return head
+        total = unseen.squares([head, *fits]).sum(axis=1)
+        least = 1 + int(np.argmin(total[1:]))
+        if total[0] < (1 - PAYS) * total[least]:
+            return head
+        head = fits[least - 1]
+    return head
+
+
+def _settled(models: Models, fits: Sequence[Fitted]) -> list[Fitted]:
+    """Models refitted until the cost no longer falls: twins must not differ by where a descent stopped."""
+
+    def settle(f: Fitted) -> Fitted:
+        for _ in range(MOST_ROUNDS):
+            again = models.bench.refit(models.hypotheses(f.names), f.x)
+            if again is None or again.cost > f.cost - SMALL:
+                break
+            f = again
+        return f
+
+    settled = in_parallel(settle, list(fits))
+    models.add(settled)
+    return settled
+
+
+def _swapped(models: Models, head: Fitted, instead: dict[str, tuple[str, ...]]) -> list[Fitted]:
+    """The model with each of its effects replaced by one that did nearly as well, refitted."""
+    known = {n.name: v for n, v in zip(head.numbers, head.x, strict=True)}
+
+    def refit(item):
+        name, other = item
+        names = tuple(other if n == name else n for n in head.names)
+        model = model_of(models.bench.base, models.hypotheses(names))
+        alone = next((f for f in models.fits.values() if other in f.names), None)
+        own = {} if alone is None else {n.name: v for n, v in zip(alone.numbers, alone.x, strict=True)}
+        start = np.asarray([known.get(n.name, own.get(n.name, 0.0)) for n in model.numbers])
+        return models.bench.refit(models.hypotheses(names), start, exact=False)
+
+    items = [(name, o) for name in head.names for o in instead.get(name, ()) if o not in head.names]
+    return [f for f in in_parallel(refit, items) if f is not None]

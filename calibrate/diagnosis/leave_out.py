@@ -1,0 +1,142 @@
+"""Stretches of time that are simulated and not compared, each with its reason."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from gtr_jax import InputError, Recording
+
+from ..setup import Part
+from .episodes import ALONE, RELAXES, TOGETHER, Episode
+
+# What no load history at the base brings about, and a fit is better without.
+FROM_OUTSIDE = (ALONE, RELAXES, TOGETHER)
+ASKED = "asked for"
+# Most of a recording that is left out unasked, as a share of its samples.
+MOST = 0.15
+
+
+class Stretch(NamedTuple):
+    """Places of the first and the last sample in a recording, and why they are not compared."""
+
+    first: int
+    last: int
+    why: str
+
+
+@dataclasses.dataclass(frozen=True)
+class LeftOut:
+    """A stretch that was simulated and not compared.
+
+    Attributes:
+        recording: its name.
+        first, last: places of its first and last sample in the recording.
+        start_s, end_s: time [s]; None where the recording has none.
+        samples: how many of those simulated are left out.
+        size_N: rms of simulated minus recorded T_tip there, by the model that is shown.
+        why: the reason.
+    """
+
+    recording: str
+    first: int
+    last: int
+    start_s: float | None
+    end_s: float | None
+    samples: int
+    size_N: float
+    why: str
+
+
+def asked_for(
+    recordings: Mapping[str, Recording], exclude: Sequence[tuple[float, float]]
+) -> dict[str, list[Stretch]]:
+    """Stretches of time [s] that a user leaves out, by name of the recording.
+
+    Raises:
+        InputError: a stretch that holds no sample of any recording, or recordings without time.
+    """
+    found: dict[str, list[Stretch]] = {name: [] for name in recordings}
+    times = {}
+    for name, recording in recordings.items() if exclude else ():
+        if recording.time is None:
+            raise InputError(
+                f"{recording.path}: --exclude needs the time of the samples; add a column time_s"
+            )
+        times[name] = recording.time
+    for start, end in exclude:
+        inside = {name: np.flatnonzero((t >= start) & (t <= end)) for name, t in times.items()}
+        if not any(places.size for places in inside.values()):
+            last = ", ".join(f"from {t[0]:g} to {t[-1]:g} s" for t in times.values())
+            raise InputError(f"--exclude {start:g}:{end:g}: no sample lies there; the recordings last {last}")
+        for name, places in inside.items():
+            if places.size:
+                found[name].append(Stretch(int(places[0]), int(places[-1]), ASKED))
+    return found
+
+
+def from_outside(
+    episodes: Sequence[Episode], samples: Mapping[str, int], known: Mapping[str, Sequence[Stretch]]
+) -> dict[str, list[Stretch]] | None:
+    """The episodes in which something outside the model acts, up to where the tendon slips again and forgets
+    it, beside the stretches that are left out already; None where there are none, or too many.
+
+    Args:
+        episodes: of the model that is shown.
+        samples: of each recording, by name.
+        known: stretches left out already.
+    """
+    found = {name: list(stretches) for name, stretches in known.items()}
+    new = [e for e in episodes if e.kind in FROM_OUTSIDE]
+    if not new:
+        return None
+    for e in new:
+        found[e.recording].append(Stretch(e.first, e.until, e.says))
+    for name, stretches in found.items():
+        if sum(s.last - s.first + 1 for s in stretches) > MOST * samples[name]:
+            return None
+    return found
+
+
+def without(part: Part, stretches: Sequence[Stretch]) -> Part:
+    """A recording with stretches that are not compared."""
+    if not stretches:
+        return part
+    out = np.zeros(part.samples, bool)
+    for first, last, _ in stretches:
+        out[first : last + 1] = True
+    return dataclasses.replace(part, left_out=out)
+
+
+def left_out(part: Part, stretches: Sequence[Stretch], T_tip: np.ndarray) -> list[LeftOut]:
+    """What was left out of a recording as it was simulated.
+
+    Args:
+        part: the recording.
+        stretches: what is left out.
+        T_tip: simulated [N], (K,).
+    """
+    places = np.arange(part.samples) if part.origin is None else part.origin
+    found = []
+    for first, last, why in stretches:
+        inside = np.flatnonzero((places >= first) & (places <= last))
+        if not inside.size:
+            continue
+        ends = (None, None) if part.time is None else part.time[inside[[0, -1]]].tolist()
+        off = T_tip[inside] - part.T_tip[inside]
+        found.append(
+            LeftOut(
+                recording=part.name,
+                first=first,
+                last=last,
+                start_s=ends[0],
+                end_s=ends[1],
+                samples=len(inside),
+                size_N=float(np.sqrt(np.mean(off**2))),
+                why=why,
+            )
+        )
+    return found
