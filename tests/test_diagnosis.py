@@ -112,6 +112,7 @@ def test_a_regularity_is_no_noise():
     def found(z, timed=True):
         part = SimpleNamespace(name="r", samples=K, channels=("T_tip",), T_tip=z + tip, where=[0])
         part.recorded, part.smallest, part.noise_N = (z + tip)[None], [0.0], None
+        part.counted = np.ones(K, bool)
         part.T_base, part.time = SimpleNamespace(T_base=T), 0.5 * np.arange(K) if timed else None
         bench = Bench(
             rigs=(cast(Any, SimpleNamespace(part=part)),),

@@ -185,6 +185,7 @@ def test_noise_is_told_apart_from_what_the_mesh_leaves():
         smallest=np.array([1e-9]),
         recorded=np.sqrt(T)[None],
         noise_N=None,
+        counted=np.ones(200, bool),
         T_base=SimpleNamespace(T_base=T),
     )
     (noise,) = noise_in(cast(Rig, SimpleNamespace(part=part)), np.zeros((1, 200)))
