@@ -144,6 +144,10 @@ def test_episodes_from_outside_are_left_out_unless_they_are_too_many():
     slips[125:] = True
     forgotten = episodes(*bench_of(part(), row, slips))  # type: ignore[arg-type]
     assert from_outside(found, {"rig": K}, {"rig": []}) is None  # held to the end: most of the recording
+    assert from_outside(forgotten, {"rig": K}, {"rig": []}, [(11.0, 11.3)]) is None  # an event's time is off
+    assert without(part(), [Stretch(0, K - 21, ASKED)]).counted.sum() == 20
+    with pytest.raises(InputError, match="--exclude leaves 19 samples to compare"):
+        without(part(), [Stretch(0, K - 20, ASKED)])
     stretches = from_outside(forgotten, {"rig": K}, {"rig": [Stretch(0, 3, ASKED)]})
     assert stretches is not None and [(s.first, s.last) for s in stretches["rig"]] == [(0, 3), (100, 124)]
     while_slipping = episodes(*bench_of(part(), row, np.ones(K, bool)))  # type: ignore[arg-type]
@@ -237,34 +241,36 @@ def test_a_sheath_that_moves_and_a_tip_end_that_is_pulled(tmp_path):
     # Cycles of pull and release; a cell's gain is wrong, the sheath moves at 31 s, and at 57.5 s, held by
     # friction, the tip end is pulled and let go.
     rng = np.random.default_rng(5)
-    time = np.linspace(0.0, 80.0, 1601)
+    time = np.linspace(0.0, 80.0, 1601)  # shifted below: events count from the first sample
     T = 6 + 5 * np.sin(2 * np.pi * time / 16 - np.pi / 2)
     config = parse_config(SHEATH)
     robot = gtr.build_robot(config)
     true = robot.with_values(
         **{
             "mu": 0.07,
-            "base-gain.gain": 1.2,
             "sheath-moved.change": -0.25,
             "sheath-moved.time": 31.0,
             "sheath-moved.duration": 0.3,
         }
     )
     run = gtr.simulate(true, T, time=time)
-    tip = np.asarray(run.T_tip) + 0.02 * rng.normal(size=len(time))
+    tip = 1.2 * np.asarray(run.T_tip) + 0.02 * rng.normal(size=len(time))
     pulled = (time > 57.5) & (time < 58.3)
     tip[pulled] += 1.5 * np.sin(np.pi * (time[pulled] - 57.5) / 0.8)
-    recorded = Recording(T_base=T, path=tmp_path / "rig.csv", sha256="", T_tip=tip, time=time)
+    recorded = Recording(T_base=T, path=tmp_path / "rig.csv", sha256="", T_tip=tip, time=time + 1000.0)
     found = calibrate.diagnose(config, recorded, noise_base_N=0.0)
     assert found.verdict == "partly-explained", found.says
     kinds = {kind for names in found.confusion_set for kind in names}
-    assert "sheath-moved" in kinds, found.says
-    assert any(e.start_s is not None and e.start_s < 58.3 and e.end_s > 57.5 for e in found.left_out)
+    assert {"sheath-moved", "tip-gain"} <= kinds and "shaken-sheath" not in kinds, found.says
+    assert found.named == [] and len(found.confusion_set) > 1  # gains of the two cells are twins
+    moved = next(c for c in found.parameters if c.name == "sheath-moved.time")
+    assert abs(moved.after - 31.0) < 0.5
+    assert any(e.start_s is not None and e.start_s < 1058.3 and e.end_s > 1057.5 for e in found.left_out)
     assert sum(e.samples for e in found.left_out) < 0.1 * len(time)
     assert found.held_out[-1]["rms_N"] < 0.05 and found.share_explained > 0.95
     says = found.to_json()
     assert says["left_out"] and "share_explained" in says
     # The same, told by the user.
-    asked = calibrate.diagnose(config, recorded, noise_base_N=0.0, exclude=[(57.5, 58.4)])
+    asked = calibrate.diagnose(config, recorded, noise_base_N=0.0, exclude=[(1057.5, 1058.4)])
     assert all(e.why == ASKED for e in asked.left_out) and "Left out of the fit as asked" in asked.says
     assert dataclasses.asdict(asked.left_out[0])["samples"] >= 10

@@ -18,6 +18,7 @@ from .episodes import episodes
 from .experiment import Experiment, propose
 from .further import with_further
 from .heldout import held_out
+from .hypotheses import EVENTS
 from .leave_out import Stretch, asked_for, from_outside, left_out
 from .locate import cycles_of, locate, mu_by_stratum, phases_of, ratio_of_branches
 from .marginal import Marginal, jointly
@@ -64,8 +65,8 @@ def diagnose(
         channels: what is compared beside T_tip, where a recording has it: some of tip_x, tip_y, tip_angle,
             displacement; all unless given.
         noise_N, noise_base_N: standard deviations of the recorded tensions [N]; estimated unless given.
-        experiment: whether to propose the experiment that separates the rivals; only where there are some,
-            unless given.
+        experiment: whether to propose the experiment that separates the rivals; only where the verdict is
+            "ambiguous", unless given.
         exclude: stretches of time [s] that are simulated and not compared.
         steps: file that keeps finished simulations, so that the same call resumes from there if it is
             interrupted, or fails while the answer is written; delete it once the answer is safe.
@@ -108,15 +109,42 @@ def diagnose(
         found = answer()
         samples = {name: len(r) for name, r in own.items()}
         if found.verdict == PARTLY or (found.verdict == UNEXPLAINED and sum(samples.values()) > LONG):
-            more = from_outside(found.episodes, samples, leave_out)
+            more = from_outside(found.episodes, samples, leave_out, _events(found))
             if more is not None:
                 say("leaving out the episodes in which something outside the model acts, and trying again")
                 leave_out = more
-                found = answer()
+                again = answer()
+                found = again if _leaves_less(again, found) else found
         return found
     finally:
         if cache is not None:
             cache.close()
+
+
+def _events(found: Diagnosis) -> list[tuple[float, float]]:
+    """Beginning and end of the events of the model that is shown [s], with their duration to each side."""
+    values = {c.name: c.after for c in found.parameters}
+    times = []
+    for kind in EVENTS:
+        at, lasts = values.get(f"{kind}.time"), values.get(f"{kind}.duration") or 0.0
+        if at is not None and found.loops[0].time is not None:
+            begun = float(found.loops[0].time[0])
+            times.append((begun + at - lasts, begun + at + 2 * lasts))
+    return times
+
+
+def _leaves_less(again: Diagnosis, found: Diagnosis) -> bool:
+    """Whether a second answer fits the samples that both compare better than the first."""
+    if not again.loops:
+        return False
+    squares = [
+        sum(
+            float(np.sum(((one.after[0] - one.recorded[0])[other.counted & one.counted]) ** 2))
+            for one, other in zip(mine.loops, others.loops, strict=True)
+        )
+        for mine, others in ((again, found), (found, again))
+    ]
+    return squares[0] < squares[1]
 
 
 def _search(

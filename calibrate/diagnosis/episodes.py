@@ -92,7 +92,9 @@ def episodes(bench: Bench, fitted: Fitted) -> list[Episode]:
         excess = np.where(part.counted, np.maximum(row**2 - variance, 0.0), 0.0)
         total = max(float(excess.sum()), 1e-300)
         own = [
-            _episode(part, (a, b), fitted.seen[k], share)
+            _episode(
+                part, (a, b), fitted.seen[k], share, whose=f"{part.name}, " if len(bench.rigs) > 1 else ""
+            )
             for a, b in runs
             if (share := float(excess[a : b + 1].sum()) / total) > LEAST
         ]
@@ -115,7 +117,7 @@ def _ends(values: np.ndarray) -> tuple[float, float, float, float]:
     return float(values[0]), float(values.min()), float(values.max()), float(values[-1])
 
 
-def _episode(part: Part, ends: tuple[int, int], seen: Seen, share: float) -> Episode:
+def _episode(part: Part, ends: tuple[int, int], seen: Seen, share: float, *, whose: str) -> Episode:
     a, b = ends
     inside, time = slice(a, b + 1), part.time
     T_base, T_tip, model = (T[inside] for T in (part.T_base.T_base, part.T_tip, seen.T_tip))
@@ -151,7 +153,7 @@ def _episode(part: Part, ends: tuple[int, int], seen: Seen, share: float) -> Epi
         T_tip_N=_ends(T_tip),
         model_N=_ends(model),
         kind=kind,
-        says=f"{when}: simulated T_tip {sense} by {abs(mean):.2g} N; {moved}; {WORDS[kind]}",
+        says=f"{whose}{when}: simulated T_tip {sense} by {abs(mean):.2g} N; {moved}; {WORDS[kind]}",
     )
 
 

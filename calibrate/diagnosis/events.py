@@ -32,14 +32,17 @@ def event_hypotheses(bench: Bench, found: Sequence[Episode], taken: Sequence[str
         taken: terms that the model has already.
     """
     part = bench.rigs[0].part
-    time, T_base = part.time, part.T_base.T_base
-    if len(bench.rigs) != 1 or time is None or part.samples < FEWEST:
+    if len(bench.rigs) != 1 or part.time is None or part.samples < FEWEST:
         return []
+    # The terms count time from the first sample.
+    begun = float(part.time[0])
+    time, T_base = part.time - begun, part.T_base.T_base
     pulled = time[T_base > 0.05 * float(T_base.max())]
     hypotheses = []
     if MOVED not in taken and pulled.size:
         change, when = _numbers(MOVED, ("change", "time"), time)
-        times = np.quantile(pulled, (np.arange(TIMES) + 0.5) / TIMES)
+        even = np.quantile(pulled, (np.arange(TIMES) + 0.5) / TIMES)
+        times = [*even, *(e.start_s - begun for e in found if e.start_s is not None)]
         hypotheses.append(
             Hypothesis(
                 name=MOVED,
@@ -55,7 +58,7 @@ def event_hypotheses(bench: Bench, found: Sequence[Episode], taken: Sequence[str
         starts = [
             {
                 share.name: SHARE,
-                when.name: e.start_s - EDGE,
+                when.name: e.start_s - begun - EDGE,
                 duration.name: max(e.end_s - e.start_s, SHORTEST) + 2 * EDGE,
             }
             for e in held

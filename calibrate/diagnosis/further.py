@@ -32,6 +32,8 @@ PAYS, MOST_PARTS = 0.1, 0.5
 # Other cycles do not tell when an event happens. It is kept if the cost drops by this many variances of what
 # is left, correlation counted, and by `PAYS`.
 SURE = 25.0
+# Starts of an event that are refitted, by how many numbers it has.
+EVENT_STARTS = {2: 5, 3: 4}
 # The rivals are refitted until the cost falls by less than this, at most so often.
 SMALL, MOST_ROUNDS = 0.5, 4
 # Effects whose refits differ by less than this many variances of what is left are tried in place of each
@@ -56,7 +58,8 @@ def with_further(models: Models, start: Fitted, progress: Callable[[str], None])
         progress(f"adding to {' + '.join(head.names) or 'the base model'} what pays on unseen samples")
         fits = _refitted_beside(models, head)
         models.add(fits)
-        best = _event(models, head, fits) or unseen.best(head, fits[:JUDGED])
+        lasting = [f for f in fits if models.of[_new(f, head)].kind not in EVENTS]
+        best = _event(models, head, fits) or unseen.best(head, lasting[:JUDGED])
         if best is None:
             break
         new = _new(best, head)
@@ -64,8 +67,9 @@ def with_further(models: Models, start: Fitted, progress: Callable[[str], None])
         instead[new] = tuple(_new(f, head) for f in fits if f is not best and f.cost - best.cost < near)
         head = best
     head = _without_idle(models, unseen, head, start)
-    rivals = _settled(models, [head, *_swapped(models, head, instead)])
-    probability = models.beside(head)
+    parts = [f for f in models.fits.values() if f.names and set(f.names) < set(head.names)]
+    rivals = [models.stored(f) for f in _settled(models, [head, *parts, *_swapped(models, head, instead)])]
+    probability = models.beside(models.stored(head))
     return max(rivals, key=lambda f: probability[f.names])
 
 
@@ -96,7 +100,11 @@ def _refitted_beside(models: Models, head: Fitted) -> list[Fitted]:
     screened.sort(key=lambda s: -s.gain)
     wanted = [s for s in screened if s.gain > SECOND_WORTH][:TRIED]
     own = models.hypotheses(head.names)
-    fits = refit_best(bench, own, head, wanted, ONE_EACH, ITERATIONS)
+    lasting = [s for s in wanted if s.hypothesis.kind not in EVENTS]
+    fits = refit_best(bench, own, head, lasting, ONE_EACH, ITERATIONS)
+    # When an event happens is found from several starts: the cost has a minimum beside each.
+    at_once = [s for s in wanted if s.hypothesis.kind in EVENTS]
+    fits += refit_best(bench, own, head, at_once, EVENT_STARTS, ITERATIONS)
     # A fit with more effects must not be worse than its parent: that is where it is null.
     return sorted((f for f in fits if f.cost < head.cost), key=lambda f: f.cost)
 
@@ -139,9 +147,12 @@ class _Unseen:
         if not fits:
             return None
         squares = self.squares([head, *fits])
-        total = squares.sum(axis=1)
+        both = np.all(np.isfinite(squares), axis=0)
+        if not both.any():
+            return None
+        total = squares[:, both].sum(axis=1)
         best = 1 + int(np.argmin(total[1:]))
-        better = np.mean(squares[best] < squares[0])
+        better = np.mean(squares[best, both] < squares[0, both])
         return fits[best - 1] if total[best] < (1 - PAYS) * total[0] and better > MOST_PARTS else None
 
 
@@ -158,7 +169,11 @@ def _without_idle(models: Models, unseen: _Unseen, head: Fitted, start: Fitted) 
         models.add(fits)
         if not fits:
             return head
-        total = unseen.squares([head, *fits]).sum(axis=1)
+        squares = unseen.squares([head, *fits])
+        both = np.all(np.isfinite(squares), axis=0)
+        if not both.any():
+            return head
+        total = squares[:, both].sum(axis=1)
         least = 1 + int(np.argmin(total[1:]))
         if total[0] < (1 - PAYS) * total[least]:
             return head
@@ -195,5 +210,14 @@ def _swapped(models: Models, head: Fitted, instead: dict[str, tuple[str, ...]]) 
         start = np.asarray([known.get(n.name, own.get(n.name, 0.0)) for n in model.numbers])
         return models.bench.refit(models.hypotheses(names), start, exact=False)
 
-    items = [(name, o) for name in head.names for o in instead.get(name, ()) if o not in head.names]
+    def shares(name: str, other: str) -> bool:
+        beside = {n.name for h in models.hypotheses([k for k in head.names if k != name]) for n in h.numbers}
+        return bool(beside & {n.name for n in models.of[other].numbers})
+
+    items = [
+        (name, other)
+        for name in head.names
+        for other in instead.get(name, ())
+        if other not in head.names and not shares(name, other)
+    ]
     return [f for f in in_parallel(refit, items) if f is not None]

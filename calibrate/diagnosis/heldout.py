@@ -63,7 +63,11 @@ def by_fold(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]])
         bench: the recordings.
         models: hypotheses, and their fit to everything.
     """
-    parts = folds(bench)
+    parts = [
+        (name, held)
+        for name, held in folds(bench)
+        if any(np.any(out & rig.part.counted) for out, rig in zip(held, bench.rigs, strict=True))
+    ]
     jobs = [(m, f) for m in range(len(models)) for f in range(len(parts))]
     known = [_when_known(hypotheses, fitted) for hypotheses, fitted in models]
 

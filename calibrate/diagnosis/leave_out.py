@@ -16,6 +16,8 @@ from .episodes import ALONE, RELAXES, TOGETHER, Episode
 # What no load history at the base brings about, and a fit is better without.
 FROM_OUTSIDE = (ALONE, RELAXES, TOGETHER)
 ASKED = "asked for"
+# Samples that must be left to compare.
+FEWEST = 20
 # Most of a recording that is left out unasked, as a share of its samples.
 MOST = 0.15
 
@@ -79,35 +81,68 @@ def asked_for(
 
 
 def from_outside(
-    episodes: Sequence[Episode], samples: Mapping[str, int], known: Mapping[str, Sequence[Stretch]]
+    episodes: Sequence[Episode],
+    samples: Mapping[str, int],
+    known: Mapping[str, Sequence[Stretch]],
+    events_s: Sequence[tuple[float, float]] = (),
 ) -> dict[str, list[Stretch]] | None:
     """The episodes in which something outside the model acts, up to where the tendon slips again and forgets
-    it, beside the stretches that are left out already; None where there are none, or too many.
+    it, beside the stretches that are left out already; None where there are none. Of a recording of which
+    this would leave out too much, nothing more is left out.
 
     Args:
         episodes: of the model that is shown.
         samples: of each recording, by name.
         known: stretches left out already.
+        events_s: beginning and end of the events of that model [s]: an episode that touches one may be due to
+            an error of its time.
     """
-    found = {name: list(stretches) for name, stretches in known.items()}
-    new = [e for e in episodes if e.kind in FROM_OUTSIDE]
-    if not new:
-        return None
-    for e in new:
-        found[e.recording].append(Stretch(e.first, e.until, e.says))
+    found, more = {name: list(stretches) for name, stretches in known.items()}, False
     for name, stretches in found.items():
-        if sum(s.last - s.first + 1 for s in stretches) > MOST * samples[name]:
-            return None
+        own = [
+            Stretch(e.first, e.until, e.says)
+            for e in episodes
+            if e.recording == name and e.kind in FROM_OUTSIDE and not _touches(e, events_s)
+        ]
+        joined = _joined(own)
+        if not joined or sum(s.last - s.first + 1 for s in joined) > MOST * samples[name]:
+            continue
+        more = True
+        stretches += joined
+    return found if more else None
+
+
+def _touches(e: Episode, events_s: Sequence[tuple[float, float]]) -> bool:
+    """Whether an episode overlaps an event."""
+    if e.start_s is None or e.end_s is None:
+        return False
+    return any(e.start_s <= end and e.end_s >= start for start, end in events_s)
+
+
+def _joined(stretches: Sequence[Stretch]) -> list[Stretch]:
+    """Stretches that overlap as one, in their order."""
+    found: list[Stretch] = []
+    for s in sorted(stretches):
+        if found and s.first <= found[-1].last:
+            found[-1] = Stretch(found[-1].first, max(found[-1].last, s.last), f"{found[-1].why}; {s.why}")
+        else:
+            found.append(s)
     return found
 
 
 def without(part: Part, stretches: Sequence[Stretch]) -> Part:
-    """A recording with stretches that are not compared."""
+    """A recording with stretches that are not compared.
+
+    Raises:
+        InputError: fewer than `FEWEST` samples are left to compare.
+    """
     if not stretches:
         return part
     out = np.zeros(part.samples, bool)
     for first, last, _ in stretches:
         out[first : last + 1] = True
+    if (left := int((~out).sum())) < FEWEST:
+        raise InputError(f"{part.path}: --exclude leaves {left} samples to compare; leave {FEWEST} or more")
     return dataclasses.replace(part, left_out=out)
 
 

@@ -159,6 +159,8 @@ def misfit(bench: Bench, fitted: Fitted) -> tuple[float, float]:
     for whole, rig in zip(bench.by_channel(fitted.rows), bench.rigs, strict=True):
         z = whole[:, rig.part.counted]
         C, K = z.shape
+        if not K:
+            continue
         length = int(np.clip(K // 12, 3, 10))
         n = K // length
         sums = z[:, : n * length].reshape(C, n, length).sum(axis=2) / np.sqrt(length)

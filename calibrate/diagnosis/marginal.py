@@ -28,6 +28,8 @@ from .models import Models
 
 # Iterations of the fit, and step of the central differences at its end, in standard deviations of the priors.
 MOST, HALF_STEP = 8, 1e-3
+# Ratio of its cost to that of the search's fit from which the joint fit has gone astray.
+WORSE = 1.5
 LAW, MESH = "the law's inexactness", "mesh"
 
 
@@ -83,9 +85,15 @@ def jointly(models: Models, fitted: Fitted, finer: float) -> Marginal:
         d.name: (fitted.dimensions.get(d.name, d.centre) - d.centre) / d.sd for d in models.bench.dimensions
     }
     start = np.asarray([own[n.name] for n in model.numbers])
+    left = _as_left(models.bench, model, fitted, start)
     found = _polished(bench, model, hypotheses, start)
-    if found is None:
-        found = _as_left(models.bench, model, fitted, start)
+    if found is None or found.cost > WORSE * left.cost:
+        # Dimensions that followed to first order may have gone too far.
+        centred = np.asarray([0.0 if n in models.bench.dimensions else own[n.name] for n in model.numbers])
+        again = _polished(bench, model, hypotheses, centred)
+        found = min((f for f in (found, again) if f is not None), key=lambda f: f.cost, default=left)
+    if found.cost > WORSE * left.cost:
+        found = left
     weight = _as_they_show(bench, found)[:, None]
     jacobian = weight * found.jacobian
     inverse = np.linalg.inv(jacobian.T @ jacobian + np.eye(len(found.x)))

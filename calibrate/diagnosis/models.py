@@ -68,6 +68,10 @@ class Models:
 
         self.add([f for f in in_parallel(again, list(self.fits.values())) if f is not None])
 
+    def stored(self, fitted: Fitted) -> Fitted:
+        """The fit that is kept of a fit's model."""
+        return self.fits[tuple(sorted(fitted.names))]
+
     @property
     def base(self) -> Fitted:
         """The fit without any hypothesis."""

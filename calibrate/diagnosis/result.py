@@ -248,7 +248,8 @@ class Diagnosis:
         verdict = DIFFER if differ and decision.verdict == ADEQUATE else decision.verdict
         if any(stretch.why != ASKED for stretch in left_out):
             # What acts from outside is missing as well.
-            verdict = {MISSING: PARTLY, AMBIGUOUS: PARTLY, ADEQUATE: UNEXPLAINED}.get(verdict, verdict)
+            never = {MISSING: PARTLY, AMBIGUOUS: PARTLY, ADEQUATE: UNEXPLAINED, DIFFER: UNEXPLAINED}
+            verdict = never.get(verdict, verdict)
         named = kinds(chosen.names) if verdict in (MISSING, AMBIGUOUS, PARTLY) else []
         confusion = list(map(list, dict.fromkeys(tuple(kinds(names)) for names in decision.confusion)))
         alone = verdict == MISSING or (verdict == PARTLY and len(confusion) == 1)
@@ -306,7 +307,10 @@ class Diagnosis:
         """Share of the misfit of T_tip beyond the noise, in squares, that the model shown takes: on samples
         the fit has not seen where there are such, else on those fitted. None where nothing is missing.
         """
-        ends = [h["rms_N"] for h in self.held_out] if len(self.held_out) > 1 else list(self.rms_N)
+        if len(self.held_out) < 2:
+            return None
+        ends = [h["rms_N"] for h in self.held_out]
+        ends = ends if np.all(np.isfinite(ends)) else list(self.rms_N)
         before, after = (max(end**2 - self.expected_N**2, 0.0) for end in (ends[0], ends[-1]))
         return 1 - after / before if before > 0 and np.isfinite(before + after) else None
 

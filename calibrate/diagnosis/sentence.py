@@ -59,11 +59,10 @@ def _left_out(d: Diagnosis) -> str:
     """Which stretches are left out, and why."""
 
     def when(e: LeftOut) -> str:
-        return (
-            f"samples {e.first + 1} to {e.last + 1}"
-            if e.start_s is None
-            else f"{e.start_s:.4g} to {e.end_s:.4g} s"
-        )
+        whose = f"{e.recording}, " if len(d.loops) > 1 else ""
+        if e.start_s is None:
+            return f"{whose}samples {e.first + 1} to {e.last + 1}"
+        return f"{whose}{e.start_s:.4g} to {e.end_s:.4g} s"
 
     asked = [when(e) for e in d.left_out if e.why == ASKED]
     outside = [e for e in d.left_out if e.why != ASKED]
@@ -101,7 +100,7 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
             f"the {_noise(d, ' is')}{more}.{hint}"
         )
     outside = any(e.why != ASKED for e in d.left_out)
-    if d.verdict == UNEXPLAINED and outside and not structured(d.left):
+    if d.verdict == UNEXPLAINED and outside and not (structured(d.left) or d.pattern or chosen):
         return (
             "Something from outside acts on the tendon in short episodes, which no term of the catalogue "
             f"explains. In the rest nothing is missing: the residual is {d.rms_N[0]:.2g} N where the "

@@ -128,7 +128,7 @@ def _over_time(answer, loop, tips, label, ending, whose) -> Figure:
         clock,
         loop.T_base,
         tips,
-        episodes=[ends(e) for e in answer.episodes if e.recording == loop.name],
+        episodes={k: ends(e) for k, e in enumerate(answer.episodes, start=1) if e.recording == loop.name},
         left_out=[ends(e) for e in answer.left_out if e.recording == loop.name],
         label=label,
         along=along,
@@ -201,7 +201,7 @@ def _tables(answer: Diagnosis) -> list[Table]:
     for title, stretches, note in (
         (
             "Episodes",
-            [(e.says, f"{100 * e.share:.0f} %") for e in answer.episodes],
+            [(f"{k}. {e.says}", f"{100 * e.share:.0f} %") for k, e in enumerate(answer.episodes, start=1)],
             "Stretches of time in which the model that is shown and the recording part, by more than noise "
             "and by more than elsewhere.",
         ),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -95,7 +95,7 @@ def plot_over_time(
     T_base: np.ndarray,
     tips: Sequence[np.ndarray | None],
     *,
-    episodes: Sequence[tuple[float, float]],
+    episodes: Mapping[int, tuple[float, float]],
     left_out: Sequence[tuple[float, float]],
     label: str = FOUND,
     along: str = "time [s]",
@@ -106,7 +106,8 @@ def plot_over_time(
         time: of the samples [s], or their places in the recording, (K,).
         T_base: base tension [N], (K,).
         tips: tip tension [N], (K,), recorded, simulated before, and after or None.
-        episodes, left_out: first and last time of each.
+        episodes: first and last time of each, by its number in the table.
+        left_out: the same of what is left out.
         label: what the model after has.
         along: label of the axis.
     """
@@ -130,9 +131,8 @@ def plot_over_time(
         left.plot(time, after - recorded, color=BLUE, linewidth=0.9)
         keys.append(Line2D([], [], color=BLUE, label=label))
     if episodes:
-        for a, b in episodes:
+        for number, (a, b) in episodes.items():
             left.axvspan(a, b, color=ORANGE, alpha=0.25, linewidth=0)
-        for number, (a, b) in enumerate(episodes, start=1):
             left.annotate(
                 str(number),
                 (0.5 * (a + b), 1.0),

@@ -69,6 +69,8 @@ def delay(
         noise: standard deviations of both cells from sample to sample [N].
     """
     usual = float(np.median(np.diff(time)))
+    if usual <= 0:
+        return Delay(why_not="most stamps repeat")
     even = [_evenly(T_base, T_tip, time, a, b, usual) for a, b in slipping if b > a + 1]
     if not even:
         return Delay(why_not="there is no stretch of steady slip")
