@@ -165,7 +165,7 @@ def draw(seed: int, index: int) -> Drawn:
             float(force * np.cos(angle)),
             float(force * np.sin(angle)),
         )
-    known = [t for t in REGISTRY.values() if not t.of_cells]
+    known = [t for t in REGISTRY.values() if not (t.of_cells or t.event)]
     if rigid:
         body = ("stiffening", "viscoelastic-body", "body-hysteresis", "tip-load", "gravity-error", "contact")
         known = [t for t in known if t.id not in body]
