@@ -4,6 +4,7 @@ import dataclasses
 import re
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -181,12 +182,12 @@ def test_part_of_a_misfit(monkeypatch):
     )
     nearest = decide.Decision(
         verdict="unexplained",
-        chosen=base,
+        chosen=cast(Any, base),
         confusion=[],
         probability={},
         left=(9, 99),
         base_left=(10.0, 900.0),
-    )  # type: ignore[arg-type]
+    )
     monkeypatch.setattr(decide, "pattern_in", lambda bench, f: None)
     monkeypatch.setattr(decide, "_told_apart", lambda *some: ([("h1",)], True))
 
@@ -264,10 +265,11 @@ def test_a_sheath_that_moves_and_a_tip_end_that_is_pulled(tmp_path):
     assert {"sheath-moved", "tip-gain"} <= kinds and "shaken-sheath" not in kinds, found.says
     assert found.named == [] and len(found.confusion_set) > 1  # gains of the two cells are twins
     moved = next(c for c in found.parameters if c.name == "sheath-moved.time")
-    assert abs(moved.after - 31.0) < 0.5
-    assert any(e.start_s is not None and e.start_s < 1058.3 and e.end_s > 1057.5 for e in found.left_out)
+    assert moved.after == pytest.approx(31.0, abs=0.5)
+    ends = [(e.start_s, e.end_s) for e in found.left_out if e.start_s is not None and e.end_s is not None]
+    assert any(start < 1058.3 and end > 1057.5 for start, end in ends)
     assert sum(e.samples for e in found.left_out) < 0.1 * len(time)
-    assert found.held_out[-1]["rms_N"] < 0.05 and found.share_explained > 0.95
+    assert found.held_out[-1]["rms_N"] < 0.05 and (found.share_explained or 0.0) > 0.95
     says = found.to_json()
     assert says["left_out"] and "share_explained" in says
     # The same, told by the user.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -95,7 +96,7 @@ def is_on(term: Term, values: Values) -> Bool[Array, ""]:
     return jnp.any(jnp.stack([values[q.name] != q.null for q in term.sizes]))
 
 
-def known_on(term: Term, values: Values) -> bool | None:
+def known_on(term: Term, values: Mapping[str, Any]) -> bool | None:
     """As `is_on`, but on the host; None if any of these numbers is traced."""
     if any(isinstance(values[q.name], Tracer) for q in term.sizes):
         return None
