@@ -76,6 +76,11 @@ class Part:
     origin: np.ndarray | None = None
 
     @property
+    def places(self) -> np.ndarray:
+        """Places of the samples in the recording, (K,)."""
+        return np.arange(self.samples) if self.origin is None else self.origin
+
+    @property
     def counted(self) -> np.ndarray:
         """Samples that are compared, (K,) bool."""
         return np.ones(self.samples, bool) if self.left_out is None else ~self.left_out
@@ -183,7 +188,7 @@ class Part:
             time=time,
             trial=trial,
             left_out=left_out,
-            origin=samples if self.origin is None else self.origin[samples],
+            origin=self.places[samples],
         )
 
 

@@ -178,7 +178,7 @@ def test_part_of_a_misfit(monkeypatch):
     fits = {("h1",): best, (): base}
     sure = {("h1",): 0.999, (): 0.001}
     models = SimpleNamespace(
-        bench=None, base=base, fits=fits, beside=lambda f: sure, scale_beside=lambda f: 1.0, of={}
+        bench=SimpleNamespace(scale_left=lambda f: 1.0), base=base, fits=fits, beside=lambda f: sure, of={}
     )
     nearest = decide.Decision(
         verdict="unexplained",

@@ -11,7 +11,7 @@ from ..least_squares import BY_DIFFERENCES, Rules, minimise
 from ..number import Number
 from ..predictor import CHANNELS, Seen
 from ..readings import exact
-from ..readings.noise import Noise, of_residual, resolution, whitened
+from ..readings.noise import Noise, correlation_time, of_residual, resolution, whitened
 from ..weighing import Weighing
 from .follow import Follow
 from .hypotheses import Hypothesis
@@ -313,6 +313,13 @@ class Bench:
     def readings(self) -> int:
         """Number of readings of all channels that are compared."""
         return sum(len(rig.part.channels) * int(rig.part.counted.sum()) for rig in self.rigs)
+
+    def scale_left(self, fitted: Fitted) -> float:
+        """Variance of white residuals if all that a fit leaves counts as an error of unknown cause: its mean
+        square, times the samples per independent one; at least 1.
+        """
+        slow = max(correlation_time(row) for z in self.by_channel(fitted.rows) for row in z)
+        return max(1.0, self.mean_square(fitted) * slow)
 
     def mean_square(self, fitted: Fitted) -> float:
         """Mean square of the whitened residuals of the channels, per degree of freedom."""

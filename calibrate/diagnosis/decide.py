@@ -145,7 +145,7 @@ def decide_partly(models: Models, chosen: Fitted, nearest: Decision) -> Decision
     )
     if not chosen.names or 1 - probability[()] < CLAIMED or most_stays(left, nearest.base_left):
         return dataclasses.replace(found, verdict=UNEXPLAINED)
-    confusion, _ = _told_apart(models, chosen, probability, models.scale_beside(chosen))
+    confusion, _ = _told_apart(models, chosen, probability, models.bench.scale_left(chosen))
     return dataclasses.replace(found, verdict=PARTLY, confusion=confusion)
 
 

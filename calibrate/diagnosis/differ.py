@@ -22,7 +22,6 @@ from gtr_jax.terms import REGISTRY, known_on
 
 from ..number import OWN, Number, number_at, values_in
 from ..parallel import in_parallel
-from ..readings.noise import correlation_time
 from .bench import Bench
 from .hypotheses import Hypothesis, number_of
 from .model import Fitted, model_of
@@ -213,13 +212,6 @@ def _tried(
     return None if own is None else _Tried(number, shared, split_bench, own)
 
 
-def _scale(bench: Bench, fitted: Fitted) -> float:
-    """Variance of the whitened residuals of a fit, counting independent samples, at least 1."""
-    rows = bench.by_channel(fitted.rows)
-    slow = max(correlation_time(row) for z in rows for row in z)
-    return max(1.0, bench.mean_square(fitted) * slow)
-
-
 def _log_evidence(fitted: Fitted, scale: float) -> float:
     return -0.5 * fitted.chi2 / scale + fitted.volume()
 
@@ -264,7 +256,7 @@ def differing(bench: Bench, base: Fitted, robot: Robot, hypotheses: Sequence[Hyp
     scale = float(np.clip(min(t.each.mean_square(t.own) for t in tried), 1.0, LARGEST_SCALE))
     tried.sort(key=lambda t: -_log_evidence(t.own, scale))
     best = tried[0]
-    drop = (best.shared.cost - best.own.cost) / _scale(best.each, best.own)
+    drop = (best.shared.cost - best.own.cost) / best.each.scale_left(best.own)
     if drop < least_drop(K):
         return None
     behind = [_log_evidence(best.own, scale) - _log_evidence(t.own, scale) for t in tried]
@@ -301,7 +293,7 @@ def still_differ(
     shared = one.refit(hypotheses, np.asarray([n.at(values[n.name]) for n in numbers]), exact=False)
     if shared is None:
         return True
-    drop = (shared.cost - fitted.cost) / _scale(bench, fitted)
+    drop = (shared.cost - fitted.cost) / bench.scale_left(fitted)
     return drop > least_drop(len(bench.rigs))
 
 
@@ -371,7 +363,7 @@ def groups(tried: _Tried, recordings: Sequence[str]) -> list[list[str]]:
     for i, n in enumerate(fitted.numbers):
         if n.parameter == tried.number.name:
             of[n.owner] = i
-    covariance = np.linalg.inv(fitted.information(_scale(tried.each, fitted)))
+    covariance = np.linalg.inv(fitted.information(tried.each.scale_left(fitted)))
     ordered = sorted(recordings, key=lambda k: fitted.x[of[k]])
     found = [[ordered[0]]]
     for a, b in itertools.pairwise(ordered):

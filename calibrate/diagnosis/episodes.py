@@ -113,6 +113,11 @@ def _runs(row: np.ndarray, sd: np.ndarray, counted: np.ndarray) -> list[tuple[in
     return [(int(g[0]), int(g[-1])) for g in groups if len(g) >= FEWEST]
 
 
+def when(first: int, last: int, start_s: float | None, end_s: float | None) -> str:
+    """A stretch of a recording in words: by time [s], or without one by the numbers of its samples."""
+    return f"samples {first + 1} to {last + 1}" if start_s is None else f"{start_s:.4g} to {end_s:.4g} s"
+
+
 def _ends(values: np.ndarray) -> tuple[float, float, float, float]:
     return float(values[0]), float(values.min()), float(values.max()), float(values[-1])
 
@@ -121,7 +126,7 @@ def _episode(part: Part, ends: tuple[int, int], seen: Seen, share: float, *, who
     a, b = ends
     inside, time = slice(a, b + 1), part.time
     T_base, T_tip, model = (T[inside] for T in (part.T_base.T_base, part.T_tip, seen.T_tip))
-    places = np.arange(part.samples) if part.origin is None else part.origin
+    places = part.places
     slips = b + 1 + np.flatnonzero(seen.slips[b + 1 :])
     until = int(slips[0]) - 1 if slips.size else part.samples - 1
     first, last = int(places[a]), int(places[b])
@@ -132,7 +137,7 @@ def _episode(part: Part, ends: tuple[int, int], seen: Seen, share: float, *, who
     kind = _kind(part.T_base.T_base[around], part.T_tip[around], held)
     start, end = (None, None) if time is None else (float(time[a]), float(time[b]))
     mean, size = float(row.mean()), float(np.sqrt(np.mean(row**2)))
-    when = f"samples {first + 1} to {last + 1}" if start is None else f"{start:.4g} to {end:.4g} s"
+    at = when(first, last, start, end)
     sense = "too high" if mean > 0 else "too low"
     moved = (
         f"T_base goes from {T_base[0]:.3g} to {T_base[-1]:.3g} N, T_tip from {T_tip[0]:.3g} to "
@@ -153,7 +158,7 @@ def _episode(part: Part, ends: tuple[int, int], seen: Seen, share: float, *, who
         T_tip_N=_ends(T_tip),
         model_N=_ends(model),
         kind=kind,
-        says=f"{whose}{when}: simulated T_tip {sense} by {abs(mean):.2g} N; {moved}; {WORDS[kind]}",
+        says=f"{whose}{at}: simulated T_tip {sense} by {abs(mean):.2g} N; {moved}; {WORDS[kind]}",
     )
 
 

@@ -63,7 +63,7 @@ def with_further(models: Models, start: Fitted, progress: Callable[[str], None])
         if best is None:
             break
         new = _new(best, head)
-        near = NEAR * models.scale_beside(best)
+        near = NEAR * models.bench.scale_left(best)
         instead[new] = tuple(_new(f, head) for f in fits if f is not best and f.cost - best.cost < near)
         head = best
     head = _without_idle(models, unseen, head, start)
@@ -75,7 +75,7 @@ def with_further(models: Models, start: Fitted, progress: Callable[[str], None])
 
 def _alike(models: Models, start: Fitted) -> dict[str, tuple[str, ...]]:
     """For each effect of a model, those with which it would be about as good instead."""
-    near = NEAR * models.scale_beside(start)
+    near = NEAR * models.bench.scale_left(start)
     found: dict[str, tuple[str, ...]] = dict.fromkeys(start.names, ())
     for f in models.fits.values():
         other, own = set(f.names) - set(start.names), set(start.names) - set(f.names)
@@ -114,7 +114,7 @@ def _event(models: Models, head: Fitted, fits: Sequence[Fitted]) -> Fitted | Non
     best = next(iter(fits), None)
     if best is None or models.of[_new(best, head)].kind not in EVENTS:
         return None
-    sure = head.cost - best.cost > SURE * models.scale_beside(best)
+    sure = head.cost - best.cost > SURE * models.bench.scale_left(best)
     return best if sure and best.chi2 < (1 - PAYS) * head.chi2 else None
 
 
@@ -140,19 +140,25 @@ class _Unseen:
                 self._known[f.names] = np.where(folds[:, 1] > 0, folds[:, 0], np.inf)
         return np.stack([self._known[f.names] for f in fits])
 
+    def totals(self, fits: Sequence[Fitted]) -> tuple[np.ndarray, np.ndarray]:
+        """Their squares on the parts on which all are judged, (models, folds), and the sums, (models,); no
+        part and zeros where a refit fails on each.
+        """
+        squares = self.squares(fits)
+        squares = squares[:, np.all(np.isfinite(squares), axis=0)]
+        return squares, squares.sum(axis=1)
+
     def best(self, head: Fitted, fits: Sequence[Fitted]) -> Fitted | None:
         """The fit that predicts unseen samples best, if it does so better than the head by enough, and in
         most parts; else None.
         """
         if not fits:
             return None
-        squares = self.squares([head, *fits])
-        both = np.all(np.isfinite(squares), axis=0)
-        if not both.any():
+        squares, total = self.totals([head, *fits])
+        if not squares.size:
             return None
-        total = squares[:, both].sum(axis=1)
         best = 1 + int(np.argmin(total[1:]))
-        better = np.mean(squares[best, both] < squares[0, both])
+        better = np.mean(squares[best] < squares[0])
         return fits[best - 1] if total[best] < (1 - PAYS) * total[0] and better > MOST_PARTS else None
 
 
@@ -169,11 +175,9 @@ def _without_idle(models: Models, unseen: _Unseen, head: Fitted, start: Fitted) 
         models.add(fits)
         if not fits:
             return head
-        squares = unseen.squares([head, *fits])
-        both = np.all(np.isfinite(squares), axis=0)
-        if not both.any():
+        squares, total = unseen.totals([head, *fits])
+        if not squares.size:
             return head
-        total = squares[:, both].sum(axis=1)
         least = 1 + int(np.argmin(total[1:]))
         if total[0] < (1 - PAYS) * total[least]:
             return head

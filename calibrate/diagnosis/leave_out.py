@@ -11,13 +11,12 @@ import numpy as np
 from gtr_jax import InputError, Recording
 
 from ..setup import Part
-from .episodes import ALONE, RELAXES, TOGETHER, Episode
+from .episodes import ALONE, RELAXES, TOGETHER, Episode, when
+from .sanity import FEWEST
 
 # What no load history at the base brings about, and a fit is better without.
 FROM_OUTSIDE = (ALONE, RELAXES, TOGETHER)
 ASKED = "asked for"
-# Samples that must be left to compare.
-FEWEST = 20
 # Most of a recording that is left out unasked, as a share of its samples.
 MOST = 0.15
 
@@ -51,6 +50,11 @@ class LeftOut:
     samples: int
     size_N: float
     why: str
+
+    @property
+    def when(self) -> str:
+        """In words."""
+        return when(self.first, self.last, self.start_s, self.end_s)
 
 
 def asked_for(
@@ -154,10 +158,9 @@ def left_out(part: Part, stretches: Sequence[Stretch], T_tip: np.ndarray) -> lis
         stretches: what is left out.
         T_tip: simulated [N], (K,).
     """
-    places = np.arange(part.samples) if part.origin is None else part.origin
     found = []
     for first, last, why in stretches:
-        inside = np.flatnonzero((places >= first) & (places <= last))
+        inside = np.flatnonzero((part.places >= first) & (part.places <= last))
         if not inside.size:
             continue
         ends = (None, None) if part.time is None else part.time[inside[[0, -1]]].tolist()

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..parallel import in_parallel
-from ..readings.noise import correlation_time
 from .bench import Bench
 from .hypotheses import Hypothesis
 from .model import Fitted, model_of
@@ -151,19 +150,12 @@ class Models:
         share = np.exp(logs - logs.max())
         return {f.names: float(p) for f, p in zip(ranked, share / share.sum(), strict=True)}
 
-    def scale_beside(self, fitted: Fitted) -> float:
-        """Variance of white residuals if all that a fit leaves counts as an error of unknown cause: its mean
-        square, times the samples per independent one; at least 1.
-        """
-        slow = max(correlation_time(row) for z in self.bench.by_channel(fitted.rows) for row in z)
-        return max(1.0, self.bench.mean_square(fitted) * slow)
-
     def beside(self, fitted: Fitted) -> dict[tuple[str, ...], float]:
         """Probability of each model beside an error of unknown cause as large as what a fit leaves; the most
         probable first. Evidence against the noise alone would call one of two models certain though both
         leave many times the noise.
         """
-        scale = self.scale_beside(fitted)
+        scale = self.bench.scale_left(fitted)
         logs = {
             f.names: BELIEVED * (-0.5 * (f.cost - f.prior) / scale + f.volume(scale) + self.log_prior(f))
             for f in self.fits.values()

@@ -58,13 +58,10 @@ def sentence(d: Diagnosis, chosen: tuple[str, ...]) -> str:
 def _left_out(d: Diagnosis) -> str:
     """Which stretches are left out, and why."""
 
-    def when(e: LeftOut) -> str:
-        whose = f"{e.recording}, " if len(d.loops) > 1 else ""
-        if e.start_s is None:
-            return f"{whose}samples {e.first + 1} to {e.last + 1}"
-        return f"{whose}{e.start_s:.4g} to {e.end_s:.4g} s"
+    def which(e: LeftOut) -> str:
+        return f"{e.recording}, {e.when}" if len(d.loops) > 1 else e.when
 
-    asked = [when(e) for e in d.left_out if e.why == ASKED]
+    asked = [which(e) for e in d.left_out if e.why == ASKED]
     outside = [e for e in d.left_out if e.why != ASKED]
     words = f" Left out of the fit as asked: {', '.join(asked)}." if asked else ""
     if outside:
@@ -73,7 +70,8 @@ def _left_out(d: Diagnosis) -> str:
         )
         words += (
             f" Left out of the fit, because friction should hold the tip there and it moves: "
-            f"{', '.join(map(when, outside))}; simulated and recorded T_tip differ by {size:.2g} N rms there."
+            f"{', '.join(map(which, outside))}; simulated and recorded T_tip differ by {size:.2g} N rms "
+            "there."
         )
     return words
 

@@ -141,12 +141,7 @@ def _over_time(answer, loop, tips, label, ending, whose) -> Figure:
 
 def _stretch(e: LeftOut) -> str:
     """A stretch that is left out, in words."""
-    when = (
-        f"samples {e.first + 1} to {e.last + 1}"
-        if e.start_s is None
-        else f"{e.start_s:.4g} to {e.end_s:.4g} s"
-    )
-    return f"{when}: {e.why}" if e.why == ASKED else e.why
+    return f"{e.when}: {e.why}" if e.why == ASKED else e.why
 
 
 def _since_reversal(time: np.ndarray, T_base: np.ndarray) -> np.ndarray:
