@@ -20,7 +20,7 @@ from gtr_jax import Equilibrium, March, Robot
 from gtr_jax import equilibrium as gtr_equilibrium
 from gtr_jax.mechanics import channel, rest_state
 from gtr_jax.mechanics.mesh import increments, shifted
-from gtr_jax.mechanics.sections import State, moment_slope, offset_before
+from gtr_jax.mechanics.sections import State, moment_slope
 from gtr_jax.mechanics.several.linear_solver import linearise, solve_linearised
 from gtr_jax.mechanics.several.problem import Problem, residual_norm, tension_of
 from gtr_jax.robot.robot import sections
@@ -81,10 +81,10 @@ def state_of(kappa: Float[Array, " N"], p: Problem) -> State:
     s = p.sections
     phi = jnp.cumsum(increments(s.mesh.weights, kappa))
     wrap = channel.wrap_increment(
-        phi - shifted(phi), kappa, shifted(kappa), s.R, offset_before(s.R), s.mesh.interval
+        phi - shifted(phi), kappa, shifted(kappa), s.R, s.R.before(), s.mesh.interval
     )
     if p.loaded:
-        sums = jnp.cumsum(increments(s.mesh.weights, moment_slope(phi, s.force_x, s.force_y)))
+        sums = jnp.cumsum(increments(s.mesh.weights, moment_slope(phi, *s.force)))
         moment = p.tip_moment + sums - sums[-1]
     else:
         moment = jnp.broadcast_to(p.tip_moment, kappa.shape)
@@ -170,7 +170,7 @@ def equilibrium(
         residual_norm=found.stats["residual_norm"],
         iterations=found.stats["num_steps"],
     )
-    return describe(s, done)
+    return describe(s, robot.base, done)
 
 
 CANDIDATES: dict[str, March | optx.AbstractRootFinder] = {

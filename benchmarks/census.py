@@ -237,7 +237,8 @@ def stored(robot: Robot, run: Simulation):
     )
     x = jax.vmap(lambda phi: jnp.cumsum(increments(w, jnp.cos(phi))))(run.angle)
     y = jax.vmap(lambda phi: jnp.cumsum(increments(w, jnp.sin(phi))))(run.angle)
-    loads = -jax.vmap(lambda phi: total(s.force_x * jnp.cos(phi) + s.force_y * jnp.sin(phi)))(run.angle)
+    along, across = s.force
+    loads = -jax.vmap(lambda phi: total(along * jnp.cos(phi) + across * jnp.sin(phi)))(run.angle)
     c = terms["contact"]
     depth = x[:, -1] * jnp.cos(c["angle"]) + y[:, -1] * jnp.sin(c["angle"]) - c["distance"]
     stop = c["stiffness"] * jnp.where(depth > 0, depth, 0.0) ** 2 / 2

@@ -23,11 +23,11 @@ import numpy as np
 from scipy.optimize import Bounds, least_squares, minimize
 
 import design
+from design.binding import rows_of_limits
 from design.distinct import distinct_options, is_new
 from design.gauss_newton import BACK_OFF, judge_all, search_all
 from design.literal import solve_literal
 from design.objective import evaluate
-from design.obstacles import rows_of_limits
 from design.option import look_at
 from design.problem import DesignProblem, problem_of
 from design.search import ARRIVED, FEW_STEPS, SearchResult, find, without_goal

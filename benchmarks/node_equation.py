@@ -15,7 +15,6 @@ from jaxtyping import Array, Float
 
 from gtr_jax import March
 from gtr_jax.mechanics import channel
-from gtr_jax.mechanics.sections import offset_before
 from gtr_jax.mechanics.several import friction
 from gtr_jax.mechanics.several.problem import Problem
 from gtr_jax.robot.robot import Robot, sections
@@ -100,7 +99,7 @@ def one_pass(p: Problem, rule: Callable) -> tuple[jnp.ndarray, jnp.ndarray]:
     zero = jnp.zeros_like(p.T_base)
     rows = (
         s.R,
-        offset_before(s.R),
+        s.R.before(),
         s.compliance,
         s.rest,
         s.mesh.weights,

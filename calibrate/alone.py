@@ -42,9 +42,10 @@ class Phases(NamedTuple):
 
 def mu_by_phase(setup: Setup, answer: Answer) -> Phases:
     """Estimate mu from pulling alone and from releasing alone. The other parameters and the phases stay as
-    fitted, and the uncertainty of these parameters counts in the errors. Empty unless a single mu is free.
+    fitted, and the uncertainty of these parameters counts in the errors. Empty unless a single mu is free,
+    and where tendons of one robot have phases of their own.
     """
-    if len(setup.friction()) != 1:
+    if len(setup.friction()) != 1 or any(part.others for part in setup.parts):
         return NO_PHASES
     inside = {phase: [judged.phases == phase for judged in answer.judged] for phase in (PULLING, RELEASING)}
     long = [phase for phase, samples in inside.items() if sum(map(np.sum, samples)) >= FEWEST]

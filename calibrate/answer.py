@@ -26,25 +26,38 @@ HUBER, HUBER_SQUARES = 1.345, 0.7102
 # outlier.
 LEAST_STEP, HALF = 0.25, 0.5
 # Sources of the variance of an estimate, besides the uncertain numbers.
-TIP_CELL, OTHERS, BASE_CELL = (
+TIP_CELL, OTHERS, BASE_CELL, DRAWN = (
     "noise of the tip cell",
     "noise of pose and displacement",
     "noise of the base cell",
+    "noise of the displacement that drives",
 )
 # A parameter that is zero in the robot file has no size to compare its error with: it counts as unknown if
 # its standard error reaches this many coordinate units (`number.UNIT_SCALE`).
 UNKNOWN_WITHOUT_SCALE = 10.0
 
 
+def together(noises: Sequence[Noise]) -> Noise:
+    """The noise of the tip tensions of several tendons as one: its root mean square."""
+    if len(noises) == 1:
+        return noises[0]
+    return Noise(
+        sd=float(np.sqrt(np.mean([noise.sd**2 for noise in noises]))),
+        source=", ".join(dict.fromkeys(noise.source for noise in noises)),
+        degrees=sum(noise.degrees for noise in noises),
+    )
+
+
 def by_source(rows: np.ndarray, parts: Sequence[Part]) -> dict[str, np.ndarray]:
     """Split the weighed rows of all recordings, (D, ...), by the source of their noise. Each recording has C
-    channels of K rows, T_tip first, and then K rows of the base tension.
+    channels of K rows, the tip tensions first, and then K rows of what drives each tendon.
     """
     found: dict[str, list[np.ndarray]] = {}
     start = 0
     for part in parts:
-        C, K = len(part.channels), part.samples
-        for label, n in ((TIP_CELL, K), (OTHERS, (C - 1) * K), (BASE_CELL, K)):
+        C, K, tips = len(part.channels), part.samples, part.tips
+        drives = [(BASE_CELL if tendon.drive == "tension" else DRAWN, K) for tendon in part.robot.tendons]
+        for label, n in ((TIP_CELL, tips * K), (OTHERS, (C - tips) * K), *drives):
             found.setdefault(label, []).append(rows[start : start + n])
             start += n
     return {label: np.concatenate(of) for label, of in found.items()}
@@ -56,8 +69,8 @@ class Judged:
 
     Attributes:
         residual: simulated minus recorded, (C, K).
-        phases: (K,).
-        noise: of the recorded tip tension.
+        phases: (K, *tendons).
+        noises: of the recorded tip tension of each tendon.
         weigh: weighing by errors with the size and correlation time that the residual shows.
         by_noise: weighing by the noise alone.
         chi2_per_n: sum of squares per degree of freedom, in units of the noise; None if the noise is unknown.
@@ -68,7 +81,7 @@ class Judged:
 
     residual: np.ndarray
     phases: np.ndarray
-    noise: Noise
+    noises: tuple[Noise, ...]
     weigh: Weighing
     by_noise: Weighing
     chi2_per_n: float | None
@@ -78,8 +91,13 @@ class Judged:
 
     @property
     def rms(self) -> float:
-        """Root mean square of the residual of T_tip over the kept samples [N]."""
-        return float(np.sqrt(np.mean(self.residual[0][self.kept] ** 2)))
+        """Root mean square of the residual of the tip tensions over the kept samples [N]."""
+        return float(np.sqrt(np.mean(self.residual[: len(self.noises), self.kept] ** 2)))
+
+    @property
+    def noise(self) -> Noise:
+        """Noise of the recorded tip tensions, of all tendons together."""
+        return together(self.noises)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -153,23 +171,23 @@ class Answer:
 
 
 def _judged(setup: Setup, part: Part, prediction: Prediction) -> Judged:
-    residual, noise = part.residual(prediction), part.noise(prediction)
-    found = _levelled(setup, part, prediction, noise.sd_if_known)
+    residual, noises = part.residual(prediction), part.noises(prediction)
+    found = _levelled(setup, part, prediction, noises)
     kept = np.all(found.share >= HALF, axis=0)
     if not kept.all():
-        noise = part.noise(prediction, kept)
-        found = _levelled(setup, part, prediction, noise.sd_if_known)
+        noises = part.noises(prediction, kept)
+        found = _levelled(setup, part, prediction, noises)
         kept = np.all(found.share >= HALF, axis=0)
     tau = np.asarray([correlation_time(row) for row in found.weigh.split(residual)[0]])
     return Judged(
         residual=residual,
         phases=prediction.phases,
-        noise=noise,
+        noises=noises,
         weigh=dataclasses.replace(found.weigh, tau=tau),
         by_noise=found.by_noise,
-        chi2_per_n=found.chi2 if noise.sd_if_known else None,
+        chi2_per_n=found.chi2 if together(noises).sd_if_known else None,
         sd=found.sd,
-        least=part.least(noise.sd_if_known),
+        least=part.least(noises),
         kept=kept,
     )
 
@@ -187,18 +205,18 @@ class _Levelled(NamedTuple):
     share: np.ndarray
 
 
-def _levelled(setup: Setup, part: Part, prediction: Prediction, noise: float | None) -> _Levelled:
+def _levelled(setup: Setup, part: Part, prediction: Prediction, noises: Sequence[Noise]) -> _Levelled:
     """Weigh the residual by the noise of each channel; where the noise does not explain it, by an error
     scaled up until it does.
     """
-    residual, least = part.residual(prediction), part.least(noise)
+    residual, least, n = part.residual(prediction), part.least(noises), part.tips
     degrees = np.full(len(least), float(part.samples))
-    degrees[0] = max(part.samples - len(setup.free) * part.samples / setup.samples, 1.0)
+    degrees[:n] = max(part.samples - len(setup.free) * part.samples / (n * setup.samples), 1.0)
     share = np.ones_like(residual)
 
     def weighed(sd: np.ndarray) -> tuple[Weighing, np.ndarray]:
         weigh = part.weighing(prediction, sd)
-        return weigh, _chi2(setup, weigh, residual, share, degrees)
+        return weigh, _squares(setup, weigh, residual, share, n) / degrees
 
     weigh, chi2 = weighed(least)
     by_noise, sd = weigh, least
@@ -212,7 +230,7 @@ def _levelled(setup: Setup, part: Part, prediction: Prediction, noise: float | N
             sd = sd * np.sqrt(np.maximum(chi2, 1.0))
         weigh, chi2 = weighed(sd)
     root = np.sqrt(share)
-    in_noise = float(_chi2(setup, by_noise, residual, share, degrees)[0])
+    in_noise = float(np.sum(_squares(setup, by_noise, residual, share, n)[:n]) / np.sum(degrees[:n]))
     return _Levelled(
         weigh=weigh.trusted(root), by_noise=by_noise.trusted(root), chi2=in_noise, sd=sd, share=share
     )
@@ -226,11 +244,9 @@ def _trust(rows: np.ndarray, share: np.ndarray) -> np.ndarray:
     return np.minimum(1.0, HUBER / np.maximum(size, 1e-12))
 
 
-def _chi2(
-    setup: Setup, weigh: Weighing, residual: np.ndarray, share: np.ndarray, degrees: np.ndarray
-) -> np.ndarray:
-    """Chi-square per degree of freedom of each channel, (C,); the rows of the base tension count with the
-    first. In a robust fit, residuals are clipped and compared with clipped normal errors.
+def _squares(setup: Setup, weigh: Weighing, residual: np.ndarray, share: np.ndarray, tips: int) -> np.ndarray:
+    """Sum of squares of each channel, (C,); the rows of what drives a tendon count with its tip tension. In a
+    robust fit, residuals are clipped and compared with clipped normal errors.
     """
     rows, base = weigh.trusted(np.sqrt(share)).split(residual)
     if not setup.robust:
@@ -238,5 +254,5 @@ def _chi2(
     else:
         rows = np.minimum(np.abs(rows) / np.sqrt(np.maximum(share, 1e-12)), HUBER) ** 2 / HUBER_SQUARES
     total = np.sum(rows, axis=1)
-    total[0] += np.sum(base**2)
-    return total / degrees
+    total[:tips] += np.sum(base.reshape(tips, -1) ** 2, axis=1)
+    return total

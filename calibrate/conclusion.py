@@ -9,19 +9,21 @@ from typing import Any
 import numpy as np
 
 from gtr_jax import InputError, RobotConfig
+from gtr_jax.files.differences import MAD_TO_SD
 from gtr_jax.robot.parameters import with_values
 from gtr_jax.simulation.phases import REST
 
 from .alone import NO_PHASES, NOT_APART, by_recording, mu_by_phase
-from .answer import Answer, Judged
+from .answer import Answer, Judged, together
+from .channels import unit_of
 from .descent import all_converged
 from .estimate import MOSTLY_PRIOR, UNKNOWN, Estimate, Uncertainty, correlation, estimates, transform
 from .identifiability import MINOR, axes, remedy
 from .number import is_log
-from .predictor import CHANNEL_UNITS, Prediction
-from .readings.noise import MAD_TO_SD
+from .predictor import Prediction
+from .readings import BaseTension
 from .result import FitResult, FittedChannel, FittedRecording
-from .setup import Setup
+from .setup import Part, Setup
 from .start import Start
 from .verdict import (
     LACK_OF_FIT,
@@ -105,7 +107,7 @@ def _notes(setup: Setup, known: Uncertainty, answer: Answer, values: np.ndarray)
         most = _largest_mu(setup, known, values)
         if free.carried:
             note = _drifted(drift[i]) if drifted else ""
-        elif not known.known[i] and free.entry.name == "mu" and most < SMALL_MU:
+        elif not known.known[i] and i in setup.friction() and most < SMALL_MU:
             note = f"no friction is seen, mu is below {most:.2g} (95 %)"
         elif descent.at_edge[i]:
             note = "ran to the end of the range searched, so it has no interval"
@@ -219,6 +221,24 @@ def _failure(answer: Answer) -> str:
     return ""
 
 
+def _pulled(part: Part) -> list[BaseTension]:
+    """What drives the tendons that tension drives."""
+    each = zip(part.drives, part.robot.tendons, strict=True)
+    return [drive for drive, tendon in each if tendon.drive == "tension"]
+
+
+def _by_phase(part: Part, residual: np.ndarray, phases: np.ndarray) -> dict[str, dict[str, float]]:
+    """As `by_phase`; of several tendons, each phase with the name of its tendon in front."""
+    names = part.robot.tendon_names
+    if not names:
+        return by_phase(residual[0], phases)
+    return {
+        f"{name}, {phase}": row
+        for name, own, at in zip(names, residual, phases.T, strict=False)
+        for phase, row in by_phase(own, at).items()
+    }
+
+
 def _fitted(
     setup: Setup,
     k: int,
@@ -232,27 +252,28 @@ def _fitted(
     part = setup.parts[k]
     judged = None if answer is None else answer.judged[k]
     shown = np.full_like(part.recorded, np.nan) if prediction is None else prediction.values
-    phases = np.full(part.samples, REST) if prediction is None else prediction.phases
+    phases = np.full(part.drive.shape, REST) if prediction is None else prediction.phases
     channels = {}
     every = shown - part.recorded
     if judged is not None:
         every = judged.weigh.left(every)
-    for c, (name, at) in enumerate(zip(part.channels, part.where, strict=True)):
+    for c, name in enumerate(part.channels):
         off = every[c]
         simulated = part.recorded[c] + off
         sd = None if judged is None else float(judged.sd[c])
-        channels[name] = FittedChannel(CHANNEL_UNITS[at], simulated, off, sd)
-    band = np.zeros(part.samples)
+        channels[name] = FittedChannel(unit_of(name), simulated, off, sd)
+    band = np.zeros(part.drive.shape)
     if prediction is not None and covariance is not None:
         known = np.isfinite(np.diag(covariance))
-        slopes = prediction.jacobian[0][:, known]
-        band = np.sqrt(np.einsum("kp,pq,kq->k", slopes, covariance[np.ix_(known, known)], slopes))
-    noise, chosen = part.noise() if judged is None else judged.noise, {}
+        slopes = prediction.jacobian[: part.tips, :, known]
+        wide = np.sqrt(np.einsum("nkp,pq,nkq->kn", slopes, covariance[np.ix_(known, known)], slopes))
+        band = wide.reshape(band.shape)
+    noise, chosen = together(part.noises()) if judged is None else judged.noise, {}
     if answer is not None and judged is not None:
         chosen = {
             "samples_simulated": answer.problem.predictors[k].steps,
-            "knots_of_base": part.T_base.size,
-            "samples_per_independent_base": part.T_base.tau,
+            "knots_of_base": sum(drive.size for drive in part.drives),
+            "samples_per_independent_base": max(drive.tau for drive in part.drives),
             "samples_per_independent": float(judged.weigh.tau[0]),
         }
     config, warnings = part.config, []
@@ -263,13 +284,13 @@ def _fitted(
         robot=with_values(part.robot, setup.values_of(k, values)),
         config=config,
         channels=channels,
-        T_base=part.T_base.T_base,
+        T_base=part.drive,
         band=band,
         phases=phases,
-        by_phase={} if prediction is None else by_phase(channels["T_tip"].residual, phases),
+        by_phase={} if prediction is None else _by_phase(part, every, phases),
         noise_N=noise.sd_if_known,
         noise_from=noise.source,
-        noise_base_N=part.T_base.sd,
+        noise_base_N=max((drive.sd for drive in _pulled(part)), default=0.0),
         chi2_per_n=None if judged is None else judged.chi2_per_n,
         outliers=0 if judged is None else int(np.sum(~judged.kept)),
         settings={"robot": part.robot.name, "path": part.path, **chosen},
@@ -370,10 +391,11 @@ def concluded(setup: Setup, answer: Answer, iterations: int, evaluations: int, s
 
 def _outliers(judged: Judged) -> int:
     """Number of samples that are far off while most are not; 0 where more than a few are far off."""
-    off = np.abs(judged.residual[0] - np.median(judged.residual[0]))
-    scale = MAD_TO_SD * float(np.median(off))
-    far = int(np.sum(off > FAR_OFF * scale))
-    return far if scale > 0 and far <= FEW * len(off) else 0
+    tips = judged.residual[: len(judged.noises)]
+    off = np.abs(tips - np.median(tips, axis=1, keepdims=True))
+    scale = MAD_TO_SD * np.median(off, axis=1, keepdims=True)
+    far = int(np.sum(np.any((off > FAR_OFF * scale) & (scale > 0), axis=0)))
+    return far if far <= FEW * off.shape[1] else 0
 
 
 def _distance(setup: Setup, answer: Answer, of: tuple[FittedRecording, Judged]) -> Distance:
@@ -383,15 +405,13 @@ def _distance(setup: Setup, answer: Answer, of: tuple[FittedRecording, Judged]) 
     part = next(p for p in setup.parts if p.name == fitted.name)
     others = []
     for c, name in enumerate(part.channels):
-        if c and fitted.channels[name].rms > SMALL * float(np.ptp(part.recorded[c])):
-            others.append(
-                (name, fitted.channels[name].rms, float(judged.least[c]), CHANNEL_UNITS[part.where[c]])
-            )
+        if c >= part.tips and fitted.channels[name].rms > SMALL * float(np.ptp(part.recorded[c])):
+            others.append((name, fitted.channels[name].rms, float(judged.least[c]), unit_of(name)))
     return Distance(
         name=fitted.name,
         rms=judged.rms,
         outliers=fitted.outliers,
-        peak=float(np.max(part.T_tip)),
+        peak=float(np.max(part.recorded[: part.tips])),
         noise=fitted.noise_N,
         chi2=fitted.chi2_per_n,
         degrees=(degrees, judged.noise.degrees),

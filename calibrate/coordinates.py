@@ -94,6 +94,8 @@ def coordinates(index: np.ndarray, numbers: Sequence[Number]) -> Coordinates:
     for n in numbers:
         if n.log and n.centre <= 0:
             raise InputError(f"{n.key}: its start value is 0; give a positive one to fit it")
+        if not np.isfinite(n.centre):
+            raise InputError(f"{n.key}: its start value is infinite; give a number to fit it")
     return Coordinates(
         index=jnp.asarray(index),
         reference=jnp.asarray([n.centre for n in numbers], float),

@@ -9,24 +9,27 @@ from typing import Any
 import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot
+from gtr_jax.files.driving import driven_by
 from gtr_jax.robot.parameters import term_of
+from gtr_jax.robot.parts import Tendon
 from gtr_jax.terms import REGISTRY, known_on
 
 from . import readings
 from .answer import Answer
+from .channels import ROTATION, known_to, names_of, orientation_of
 from .conclusion import concluded, ignorance, unanswered
 from .descent import descend
 from .free import Free, carried_by, distinct, free_of
 from .posterior import CHAINS, DRAWS, WARM_UP, require_sampler, sample
-from .predictor import CHANNELS
 from .profiles import profiles
 from .result import FitResult
-from .setup import STRETCH, Part, Setup, check_tension, fitted_to, recorded
+from .setup import STRETCH, Part, Setup, check_columns, check_tension, fitted_to, recorded
 from .start import candidates, search
 
-DEFAULT_FREE = ("mu", "E")
 # Slopes of the tip tension below this share of the largest tension are rounding.
 NO_SLOPE = 1e-9
+# Names of parameters that say how far a tendon stretches begin so.
+STRETCHES = (STRETCH, "EA")
 # Rounds of fitting and estimating the errors; a robust fit needs more, because its weights change too.
 REWEIGHINGS, ROBUST_REWEIGHINGS = 3, 8
 # A given noise that is this many times the observed one deserves a warning.
@@ -58,8 +61,11 @@ def fit(
     [uncertainty] in the robot file, on the scale it is fitted on: logarithmic where positive. Base tensions
     below zero count as slack.
 
-    The tip's position and angle and the tendon's displacement are fitted as well where a recording has them,
-    with errors scaled to their residuals. The zero of the displacement is unknown.
+    The tip's position, angle or orientation, the tendon's displacement and the places of the robot's markers
+    are fitted as well where a recording has them, with errors scaled to their residuals. The zero of the
+    displacement is unknown. A tendon of which a recording has no base tension is driven by its displacement,
+    which then is what has noise; so is one that displacement drives by the robot file, of which a recorded
+    base tension is fitted as well.
 
     Several recordings share every parameter that is not named in `per_recording` or `per_robot`.
 
@@ -78,12 +84,14 @@ def fit(
     Args:
         robot: from `gtr_jax.load_config`; or a `Robot`, whose parameters then have no priors. One for all
             recordings, or one for each, the same object where it is the same robot.
-        recording: with T_base and T_tip, K >= 4 samples; or several.
-        free: parameters to fit, by short name or key of the robot file; unless given, mu and E, or mu alone
-            for a rigid sheath.
+        recording: with T_base, or the displacements of tendons that these drive, and T_tip, K >= 4 samples;
+            or several.
+        free: parameters to fit, by short name or key of the robot file; unless given, the mu of each tendon
+            and E, or mu alone for a rigid sheath.
         per_recording, per_robot: parameters of which each recording, or each robot, has its own.
         channels: what is fitted to beside T_tip, where a recording has it: some of tip_x, tip_y, tip_angle,
-            displacement; all unless given.
+            displacement, and names of markers; in space tip_x, tip_y, tip_z, tip_rotation, displacement,
+            T_base and markers; all unless given. Of several tendons "displacement.left" is the one of left.
         noise_N: standard deviation of the recorded tip tensions [N]; estimated from each recording unless
             given.
         noise_base_N: that of the recorded base tensions [N]; 0 takes them as exact.
@@ -119,18 +127,17 @@ def fit(
     of = [next(i for i, r in enumerate(unique) if r is wanted) for wanted in given]
     configs = [r if isinstance(r, RobotConfig) else None for r in unique]
     models = [r if isinstance(r, Robot) else build_robot(r) for r in unique]
-    for model in models:
-        if model.tendon_names:
-            raise InputError(
-                f"fit: {model.name} has {len(model.tendons)} tendons; this version fits one tendon; "
-                "take the others out of the robot file"
-            )
     if free is None:
         rigid = all(model.backbone.rigid for model in models)
-        free = ("mu",) if rigid else DEFAULT_FREE
+        of_tendons = (
+            f"mu.{name}" if name else "mu" for model in models for name in model.tendon_names or ("",)
+        )
+        free = (*dict.fromkeys(of_tendons), *(() if rigid else ("E",)))
         if rigid:
             warnings.append("E is not fitted: the backbone is rigid, so its stiffness has no effect.")
-    channels = channels_of(channels, recordings)
+    for r, own in zip(of, recordings, strict=True):
+        check_columns(own, models[r])
+    channels = channels_of(channels, recordings, [models[r] for r in of])
     names = distinct([r.path.stem for r in recordings])
     robot_names = distinct([m.name if c is None else c.name for m, c in zip(models, configs, strict=True)])
     wanted = free_of(
@@ -142,24 +149,30 @@ def fit(
         models[r].with_values(**{f.entry.name: models[r].value(f.entry.name) for f in wanted if k in f.parts})
         for k, r in enumerate(of)
     ]
-    for model, recording in zip(prepared, recordings, strict=True):
-        _check_times(model, recording, wanted)
     parts = []
     for name, model, r, rec in zip(names, prepared, of, recordings, strict=True):
+        _check_times(model, rec, wanted)
+        model, config, more = _driven(model, configs[r], rec)
+        warnings += more
         part, more = part_of(
             name,
             model,
-            configs[r],
+            config,
             rec,
             channels,
             noise_N=noise_N,
             noise_base_N=noise_base_N,
             robust=robust,
         )
+        if sampled and (len(part.pulled) != 1 or part.others):
+            raise InputError(
+                f"fit: {model.name} has several tendons, or one that displacement drives; the posterior is "
+                "sampled for one that tension drives only"
+            )
         parts.append(part)
         warnings += more
     for k, part in enumerate(parts):
-        if any(k in f.parts and f.entry.name.startswith(STRETCH) for f in wanted):
+        if any(k in f.parts and f.entry.name.startswith(STRETCHES) for f in wanted):
             parts[k] = dataclasses.replace(part, stretches=True)
     setup = Setup(
         parts=tuple(parts),
@@ -174,8 +187,32 @@ def fit(
     return dataclasses.replace(result, warnings=[*warnings, *setup.unused_priors, *result.warnings])
 
 
+def _driven(
+    model: Robot, config: RobotConfig | None, recording: Recording
+) -> tuple[Robot, RobotConfig | None, list[str]]:
+    """The robot and its file as a recording drives them, and a sentence for each tendon that displacement
+    drives though the file says tension.
+    """
+    drawn = driven_by(recording, [(tendon.name, tendon.drive) for tendon in model.tendons])
+    if not drawn:
+        return model, config, []
+    tendons = tuple(
+        dataclasses.replace(tendon, drive="displacement") if tendon.name in drawn else tendon
+        for tendon in model.tendons
+    )
+    keys = {f"tendons.{name}.drive" if name else "tendon.drive": "displacement" for name in drawn}
+    said = [
+        f"{recording.path}: has no {'.'.join(filter(None, ('T_base_N', name)))}, so that displacement drives "
+        "the tendon."
+        for name, drive in ((tendon.name, tendon.drive) for tendon in model.tendons)
+        if name in drawn and drive == "tension"
+    ]
+    changed = None if config is None else config.with_values(keys)
+    return dataclasses.replace(model, tendons=tendons), changed, said
+
+
 def channels_of(
-    channels: Sequence[str] | str | None, recordings: Sequence[Recording]
+    channels: Sequence[str] | str | None, recordings: Sequence[Recording], robots: Sequence[Robot]
 ) -> tuple[str, ...] | None:
     """Names of channels that recordings have, from a string with commas between or as they are; None if none
     are given.
@@ -184,12 +221,14 @@ def channels_of(
         InputError: a name that is no channel, or that no recording has.
     """
     wanted = _listed(channels)
-    have = {name for r in recordings for name in CHANNELS if getattr(r, name) is not None}
+    have = names_of(recordings, robots)
     for name in wanted or ():
-        if name not in CHANNELS:
-            raise InputError(f"channel '{name}' is none of {', '.join(CHANNELS)}")
-        if name not in have:
-            raise InputError(f"channel '{name}': no recording has it; leave it out")
+        if name in have:
+            continue
+        known = dict.fromkeys(one for robot in robots for one in known_to(robot))
+        if name not in known:
+            raise InputError(f"channel '{name}' is none of {', '.join(known)}")
+        raise InputError(f"channel '{name}': no recording has it; leave it out")
     return wanted
 
 
@@ -231,40 +270,73 @@ def part_of(
         wanted: channels to compare beside T_tip; all unless given.
         noise_N, noise_base_N, robust: as of `fit`.
     """
-    T_base, given = recorded(recording)
-    check_tension(T_base, robot, str(recording.path))
+    drive, given = recorded(recording, robot)
     kept, warnings = fitted_to(given, wanted, robot, str(recording.path))
-    channels, values = tuple(kept), np.stack(list(kept.values()))
-    if robust:
-        T_base, spikes = readings.without_spikes(T_base)
-        if spikes:
-            warnings.append(f"{spikes} lone spikes of the base tension in {recording.path} are left out.")
-    base = readings.estimate_base(T_base, recording.time, noise_base_N, values[0])
-    if noise_base_N is None and base.sd == 0 and readings.is_noisy(T_base):
+    if robot.space and recording.tip_angle is not None:
         warnings.append(
-            f"{recording.path}: the base tension jumps about so that noise cannot be told from changes: it "
-            "is taken as exact, which biases friction if it is noisy; give its noise with --noise-base."
+            f"{recording.path}: tip_angle is not fitted to in space; record the quaternion tip_qx to tip_qw."
         )
-    if noise_base_N:
-        seen = readings.estimate_base(T_base, recording.time, tip=values[0]).sd
-        if 0 < TOO_LARGE * seen < noise_base_N:
-            warnings.append(
-                f"The noise given for the base tension, {noise_base_N:.3g} N, is far above the {seen:.2g} N "
-                "that the recording shows: real changes smaller than it may be taken for noise."
-            )
+    channels, values = tuple(kept), np.stack(list(kept.values()))
+    drives = []
+    columns = drive.reshape(len(drive), -1).T
+    for tendon, pulled, T_tip in zip(robot.tendons, columns, values, strict=False):
+        found, more = _estimated(recording, robot, tendon, pulled, T_tip, noise_base_N, robust=robust)
+        drives.append(found)
+        warnings += more
+    orientation = orientation_of(recording) if ROTATION[0] in channels else None
     part = Part(
         name=name,
         path=str(recording.path),
         robot=robot,
         config=config,
-        T_base=base,
+        T_base=drives[0],
         channels=channels,
         recorded=values,
         time=recording.time,
         trial=recording.trial,
         noise_N=noise_N,
+        others=tuple(drives[1:]),
+        orientation=orientation,
     )
     return part, warnings
+
+
+def _estimated(
+    recording: Recording,
+    robot: Robot,
+    tendon: Tendon,
+    pulled: np.ndarray,
+    T_tip: np.ndarray,
+    noise_base_N: float | None,
+    *,
+    robust: bool,
+) -> tuple[readings.BaseTension, list[str]]:
+    """What truly drives a tendon, a tension or a displacement, from its readings, (K,); and warnings."""
+    warnings, tension = [], tendon.drive == "tension"
+    what = f"the {'base tension' if tension else 'displacement'}{f' of {tendon.name}' if tendon.name else ''}"
+    if tension:
+        check_tension(pulled, robot, str(recording.path), tendon)
+    else:
+        noise_base_N = None
+    if robust:
+        pulled, spikes = readings.without_spikes(pulled)
+        if spikes:
+            warnings.append(f"{spikes} lone spikes of {what} in {recording.path} are left out.")
+    base = readings.estimate_base(pulled, recording.time, noise_base_N, T_tip)
+    if noise_base_N is None and base.sd == 0 and readings.is_noisy(pulled):
+        remedy = "; give its noise with --noise-base" if tension else ""
+        warnings.append(
+            f"{recording.path}: {what} jumps about so that noise cannot be told from changes: it "
+            f"is taken as exact, which biases friction if it is noisy{remedy}."
+        )
+    if noise_base_N:
+        seen = readings.estimate_base(pulled, recording.time, tip=T_tip).sd
+        if 0 < TOO_LARGE * seen < noise_base_N:
+            warnings.append(
+                f"The noise given for {what}, {noise_base_N:.3g} N, is far above the {seen:.2g} N "
+                "that the recording shows: real changes smaller than it may be taken for noise."
+            )
+    return base, warnings
 
 
 def _run(setup: Setup) -> FitResult:
@@ -279,14 +351,19 @@ def _run(setup: Setup) -> FitResult:
     first = problem.predict(start)
     if first is None:
         return unanswered(setup, None, "the simulation fails at the start values", found.evaluations)
-    slopes = np.max([np.max(np.abs(p.jacobian[0]), axis=0) for p in first], axis=0)
-    heard = slopes > NO_SLOPE * setup.stiff
+    heard = np.zeros(len(setup.free), bool)
     for part, prediction in zip(setup.parts, first, strict=True):
-        for row, slope in zip(part.recorded[1:], prediction.jacobian[1:], strict=True):
+        for c, (row, slope) in enumerate(zip(part.recorded, prediction.jacobian, strict=True)):
             most = np.max(np.abs(slope), axis=0)
-            heard |= most > NO_SLOPE * max(float(np.ptp(row)), 1e-6)
+            heard |= most > NO_SLOPE * (setup.stiff if c < part.tips else max(float(np.ptp(row)), 1e-6))
     if not heard[: len(setup.asked)].any():
-        names, still = " and ".join(f.name for f in setup.asked), all(np.ptp(p.T_tip) == 0 for p in first)
+        names, still = (
+            " and ".join(f.name for f in setup.asked),
+            all(
+                np.all(np.ptp(p.values[: part.tips], axis=1) == 0)
+                for part, p in zip(setup.parts, first, strict=True)
+            ),
+        )
         reason = "no slip reaches the tip" if still else "the tip tension does not depend on it"
         which = "recording says" if len(setup.parts) == 1 else "recordings say"
         why = f"the {which} nothing about {names}: {reason}"
@@ -294,7 +371,7 @@ def _run(setup: Setup) -> FitResult:
     weighs = []
     for part, prediction in zip(setup.parts, first, strict=True):
         rms = np.sqrt(np.mean(part.residual(prediction) ** 2, axis=1))
-        sd = np.maximum(part.least(part.noise().sd_if_known), rms)
+        sd = np.maximum(part.least(part.noises()), rms)
         weighs.append(part.weighing(prediction, sd))
     problem = dataclasses.replace(problem, weighs=tuple(weighs))
     known, iterations, answer, evaluations = first, 0, None, found.evaluations + 1

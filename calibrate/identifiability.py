@@ -18,7 +18,7 @@ import numpy as np
 
 from .coordinates import Coordinates
 from .estimate import FLAT
-from .predictor import History, padded_history, shown
+from .predictor import History, padded_history, simulated
 from .setup import Part, Setup
 from .start import thin
 
@@ -69,7 +69,7 @@ def axes(information: np.ndarray) -> list[Axis]:
 @eqx.filter_jit
 def _jacobians(robot, at: Coordinates, history: History, u):
     def tip(u):
-        _, run = shown(at.robot_at(robot, u), history)
+        run = simulated(at.robot_at(robot, u), history)
         return run.T_tip, run.tip_pose[:, 2]
 
     return jax.jacfwd(tip)(u)
@@ -78,7 +78,11 @@ def _jacobians(robot, at: Coordinates, history: History, u):
 def _measurements(
     part: Part, at: Coordinates, u: np.ndarray, sd: float, of: str
 ) -> Iterator[tuple[str, np.ndarray]]:
-    """Each measurement in words, with its Fisher information in the coordinates, (p, p)."""
+    """Each measurement in words, with its Fisher information in the coordinates, (p, p); none for a robot of
+    several tendons, or of one that displacement drives.
+    """
+    if len(part.pulled) != 1 or part.others:
+        return
 
     def information(T_base, time, which, error):
         steps = padded_history(T_base, time, None)
@@ -87,7 +91,7 @@ def _measurements(
 
     few = thin(part.T_base.T_base, STEPS)
     history, time = part.T_base.T_base[few], None if part.time is None else part.time[few]
-    if "tip_angle" not in part.channels:
+    if "tip_angle" not in part.channels and not part.robot.space:
         yield (
             f"the angle of the tip{of}, recorded to 1° beside the tensions,",
             information(history, time, 1, ANGLE_SD),

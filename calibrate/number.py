@@ -30,6 +30,8 @@ class Number:
         lower, upper: bounds of the value.
         size: whether it says how strong an effect is.
         key: the parameter's key in the robot file, "" where that is not asked for.
+        apart: change of the value that matters, for derivatives by differences and for scans; the unit of the
+            coordinate tells where that is not given.
     """
 
     name: str
@@ -41,6 +43,7 @@ class Number:
     upper: float = np.inf
     size: bool = False
     key: str = ""
+    apart: float | None = None
 
     @property
     def parameter(self) -> str:

@@ -40,7 +40,7 @@ class _Weigher(eqx.Module):
     weight: Float[Array, "C K"]
     tau: Float[Array, " C"]
     floating: Bool[Array, " C"]
-    stretch: Float[Array, " K"]
+    stretch: Float[Array, "C K"]
     near: Int[Array, "K 4"]
     shares: Float[Array, "K 4"]
     inverse: Float[Array, "M M"]
@@ -64,7 +64,7 @@ class _Weigher(eqx.Module):
             weight=jnp.asarray(weigh.weight),
             tau=jnp.asarray(weigh.tau),
             floating=jnp.asarray(weigh.floating),
-            stretch=jnp.asarray(weigh.stretch),
+            stretch=jnp.broadcast_to(jnp.asarray(weigh.stretch), weigh.weight.shape),
             near=jnp.asarray(base.near),
             shares=jnp.asarray(base.weights),
             inverse=jnp.asarray(inverse),
@@ -81,7 +81,7 @@ class _Weigher(eqx.Module):
         safe = jnp.where(total > 0, total, 1.0)
         own = jnp.where(
             self.floating[:, None],
-            self.stretch[None] - jnp.sum(floats * self.stretch[None], axis=1, keepdims=True) / safe,
+            self.stretch - jnp.sum(floats * self.stretch, axis=1, keepdims=True) / safe,
             0.0,
         )
         power = jnp.sum(squared * own**2, axis=1, keepdims=True)

@@ -14,16 +14,19 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from gtr_jax import Robot, Simulation, reading, simulate, true_base
+from gtr_jax.robot.parts import Tendon
 from gtr_jax.simulation.history import cycles, padded_length
+from gtr_jax.simulation.markers import marker_places
 from gtr_jax.simulation.phases import phases_of_slip
 from gtr_jax.stored import Stored
 
+from .channels import CHANNELS, ROTATION, Orientation, quantity_of, tendon_of, turned_by
 from .coordinates import Coordinates
 from .parallel import in_parallel
 
-# What instruments may show, with its units; names are those of `gtr_jax.Recording`.
-CHANNELS = ("T_tip", "tip_x", "tip_y", "tip_angle", "displacement")
-CHANNEL_UNITS = ("N", "m", "m", "rad", "m")
+OF_TENDONS = ("T_tip", "T_base", "displacement")
+# Step of differences, in coordinates and as a share of the range of what drives a tendon.
+STEP = 1e-4
 # Padded load histories kept in memory: a fit and a diagnosis reuse the same few.
 HISTORIES = 64
 
@@ -32,48 +35,111 @@ class History(eqx.Module):
     """A load history, held at its end until it has one of the few lengths that are compiled, P.
 
     Attributes:
-        T_base: base tension as its cell shows it [N], (P,).
+        T_base: base tension as its cell shows it [N], (P, *tendons).
         time: [s], (P,).
         cycle: pulls and releases done, (P,); see `gtr_jax.simulate`.
+        displacement: of the tendons that displacement drives [m], (P, *tendons); None where it drives none.
+        orientation: of the tip, as recorded; None where it is not compared.
     """
 
-    T_base: Float[Array, " P"]
+    T_base: Float[Array, "P *tendons"]
     time: Float[Array, " P"]
     cycle: Float[Array, " P"]
+    displacement: Float[Array, "P *tendons"] | None = None
+    orientation: Orientation | None = None
+
+    def driven_by(self, more: Float[Array, " tendons"]) -> History:
+        """A copy with what drives each tendon, a tension or a displacement, changed throughout."""
+        more = more[0] if self.T_base.ndim == 1 else more[None]
+        if self.displacement is None:
+            return dataclasses.replace(self, T_base=self.T_base + more)
+        # Of the two, a tendon reads the one that drives it.
+        return dataclasses.replace(self, T_base=self.T_base + more, displacement=self.displacement + more)
+
+
+def simulated(robot: Robot, history: History) -> Simulation:
+    """The simulation of a load history."""
+    T_base = true_base(robot, history.T_base, history.time)
+    return simulate(robot, T_base, time=history.time, cycle=history.cycle, displacement=history.displacement)
 
 
 def shown(
     robot: Robot, history: History, channels: Sequence[str] = CHANNELS
 ) -> tuple[Float[Array, "C P"], Simulation]:
     """What the instruments show of a load history on some channels, SI, and the simulation."""
-    T_base = true_base(robot, history.T_base, history.time)
-    run = simulate(robot, T_base, time=history.time, cycle=history.cycle)
-    every = (reading(robot, run).T_tip, *run.tip_pose.T, run.displacement)
-    return jnp.stack([row for name, row in zip(CHANNELS, every, strict=True) if name in channels]), run
+    run = simulated(robot, history)
+    rows = {f"tip_{axis}": row for axis, row in zip("xyz", run.tip_position.T, strict=True)}
+    rows["tip_angle"] = run.tip_pose[:, 2]
+    if history.orientation is not None:
+        turned = turned_by(run.tip_rotation, history.orientation)
+        rows |= dict(zip(ROTATION, turned.T, strict=True))
+    if robot.markers and any(quantity_of(name) not in (*rows, *OF_TENDONS) for name in channels):
+        places = marker_places(robot, run)
+        for n, marker in enumerate(robot.markers):
+            rows |= {f"{marker.name}_{axis}": places[:, n, i] for i, axis in enumerate("xyz")}
+    seen = reading(robot, run)
+    ends = {"T_tip": seen.T_tip, "T_base": seen.T_base, "displacement": run.displacement}
+
+    def row(name: str) -> Float[Array, " P"]:
+        if name in rows:
+            return rows[name]
+        values = ends[quantity_of(name)]
+        return values[:, tendon_of(name, robot)] if robot.tendon_names else values
+
+    return jnp.stack([row(name) for name in channels]), run
 
 
 def padded_history(
-    T_base: np.ndarray, time: np.ndarray | None, trial: np.ndarray | None, length: int = 0
+    T_base: np.ndarray,
+    time: np.ndarray | None,
+    trial: np.ndarray | None,
+    length: int = 0,
+    *,
+    drawn: tuple[bool, ...] = (False,),
+    orientation: Orientation | None = None,
 ) -> History:
     """A load history of K samples, one second apart where times are missing. Trials count as cycles where
     there is more than one. It is padded to a length for which programs are compiled, or to `length` if that
     is more.
+
+    Args:
+        T_base: what drives the tendons, (K, *tendons): tensions [N], or displacements [m] of those that are
+            drawn.
+        time, trial: of the samples, (K,).
+        length: least number of steps.
+        drawn: which tendons displacement drives, (tendons,).
+        orientation: of the tip at the samples.
     """
     contents = [None if a is None else np.asarray(a, float).tobytes() for a in (T_base, time, trial)]
-    return _padded_history(*contents, max(length, padded_length(len(T_base))))
+    length = max(length, padded_length(len(T_base)))
+    history = _padded_history(*contents, T_base.shape[1:], length)
+    if any(drawn):
+        which = np.broadcast_to(np.reshape(drawn, T_base.shape[1:]), history.T_base.shape)
+        history = dataclasses.replace(
+            history,
+            T_base=jnp.where(which, 0.0, history.T_base),
+            displacement=jnp.where(which, history.T_base, 0.0),
+        )
+    if orientation is None:
+        return history
+    held = np.minimum(np.arange(length), len(T_base) - 1)
+    padded = Orientation(*(jnp.asarray(values) for values in orientation.only(held)))
+    return dataclasses.replace(history, orientation=padded)
 
 
 @functools.lru_cache(HISTORIES)
-def _padded_history(T_base: bytes, time: bytes | None, trial: bytes | None, length: int) -> History:
-    tensions = np.frombuffer(T_base)
-    clock = np.arange(len(tensions), dtype=float) if time is None else np.frombuffer(time)
-    missing = length - len(tensions)
+def _padded_history(
+    T_base: bytes, time: bytes | None, trial: bytes | None, tendons: tuple[int, ...], length: int
+) -> History:
+    drive = np.frombuffer(T_base).reshape(-1, *tendons)
+    clock = np.arange(len(drive), dtype=float) if time is None else np.frombuffer(time)
+    missing = length - len(drive)
     last = clock[-1] - clock[-2] if len(clock) > 1 else 1.0
     done = np.zeros(0) if trial is None else np.unique(np.frombuffer(trial), return_inverse=True)[1]
     if not np.any(done):
-        done = np.asarray(_cycles(jnp.asarray(tensions)))
+        done = np.asarray(_cycles(jnp.asarray(drive)))
     return History(
-        T_base=jnp.asarray(np.concatenate([tensions, np.full(missing, tensions[-1])])),
+        T_base=jnp.asarray(np.concatenate([drive, np.broadcast_to(drive[-1], (missing, *tendons))])),
         time=jnp.asarray(np.concatenate([clock, clock[-1] + last * np.arange(1, missing + 1)])),
         cycle=jnp.asarray(np.concatenate([done, np.full(missing, done[-1])]), float),
     )
@@ -89,8 +155,8 @@ class Seen:
     Attributes:
         values: what the instruments would show, SI, (C, K).
         failed: load steps that did not meet their tolerance.
-        slips: whether slip reaches the tip, (K,).
-        direction: of the slip at the base, (K,).
+        slips: whether slip reaches the anchor, (K, *tendons).
+        direction: of the slip at the base, (K, *tendons).
     """
 
     values: np.ndarray
@@ -110,8 +176,11 @@ class Seen:
 
     @property
     def phases(self) -> np.ndarray:
-        """Phase of each sample, (K,)."""
-        return phases_of_slip(self.slips, self.direction)
+        """Phase of each sample, (K, *tendons)."""
+        if self.slips.ndim == 1:
+            return phases_of_slip(self.slips, self.direction)
+        each = map(phases_of_slip, self.slips.T, self.direction.T)
+        return np.stack(list(each), axis=1)
 
     def flat(self) -> np.ndarray:
         """All in one array."""
@@ -141,7 +210,9 @@ class Prediction(Seen):
     Attributes:
         jacobian: derivatives of the values by u, (C, K, p).
         slope: derivative of the values with respect to a uniform shift of the base tension, per newton, (C,
-            K); while friction holds the tip, that of T_tip is the one at the sample where it slipped last.
+            K); of several tendons, one for each, (C, K, tendons); of a tendon that displacement drives, with
+            respect to that, per metre. While friction holds the tip, that of T_tip is the one at the sample
+            where it slipped last.
     """
 
     jacobian: np.ndarray
@@ -162,22 +233,57 @@ def unless_broken(run: Callable[[], Any]) -> Any:
 def _predict(
     robot: Robot, at: Coordinates, history: History, u: Float[Array, " p"], channels: tuple[str, ...]
 ) -> tuple[Array, ...]:
-    """Values (C, P), their derivatives (C, P, p+1), and of each step, (P,), whether it converged, how far
-    slip reaches and its direction at the base.
+    """Values (C, P), their derivatives by u and by what drives each tendon, (C, P, p+tendons), and of each
+    step whether it converged, (P,), how far slip reaches and its direction at the base, (P, *tendons).
     """
-    T_base = history.T_base
+    p, tendons = u.shape[0], len(robot.tendons)
 
-    def at_coordinates(u, T_base):
-        changed = dataclasses.replace(history, T_base=T_base)
-        values, run = shown(at.robot_at(robot, u), changed, channels)
+    def at_coordinates(u, more):
+        values, run = shown(at.robot_at(robot, u), history.driven_by(more), channels)
         return values, (run.converged, run.slip_front, run.slip_direction)
 
     def along(direction):
-        raised = jnp.broadcast_to(direction[-1], T_base.shape)
-        return jax.jvp(at_coordinates, (u, T_base), (direction[:-1], raised), has_aux=True)
+        return jax.jvp(at_coordinates, (u, jnp.zeros(tendons)), (direction[:p], direction[p:]), has_aux=True)
 
-    values, slopes, steps = jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(u.shape[0] + 1))
+    values, slopes, steps = jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(p + tendons))
     return values, slopes, *steps
+
+
+@Stored
+def _show(
+    robot: Robot,
+    at: Coordinates,
+    history: History,
+    u: Float[Array, " p"],
+    more: Float[Array, " tendons"],
+    channels: tuple[str, ...],
+) -> tuple[Array, ...]:
+    """As `_predict`, without derivatives, with what drives the tendons changed throughout."""
+    values, run = shown(at.robot_at(robot, u), history.driven_by(more), channels)
+    return values, run.converged, run.slip_front, run.slip_direction
+
+
+def _by_differences(
+    robot: Robot, at: Coordinates, history: History, u: np.ndarray, channels: tuple[str, ...]
+) -> tuple[np.ndarray, ...]:
+    """What `_predict` returns, its derivatives by central differences: tendons that displacement drives are
+    solved for by a search in every step, whose forward mode takes minutes and gigabytes to compile.
+    """
+    drawn = np.asarray([tendon.drive == "displacement" for tendon in robot.tendons])
+    span = np.where(drawn, np.ptp(np.asarray(history.displacement)), np.ptp(np.asarray(history.T_base)))
+    steps = STEP * np.concatenate([np.ones(len(u)), np.where(span > 0, span, 1.0)])
+    whole = np.concatenate([u, np.zeros(len(drawn))])
+
+    def shown_at(x: np.ndarray) -> list[np.ndarray]:
+        found = _show(robot, at, history, jnp.asarray(x[: len(u)]), jnp.asarray(x[len(u) :]), channels)
+        return [np.asarray(values) for values in found]
+
+    values, *outcome = shown_at(whole)
+    slopes = [
+        (shown_at(whole + row)[0] - shown_at(whole - row)[0]) / (2 * step)
+        for row, step in zip(np.diag(steps), steps, strict=True)
+    ]
+    return values, np.stack(slopes, axis=-1), *outcome
 
 
 class Predictor:
@@ -185,19 +291,21 @@ class Predictor:
 
     One compiled program per robot structure, padded length, channels and number of free parameters; forward
     mode, because the parameters are few: the derivatives come with the simulation at little more than its
-    cost.
+    cost. By differences where displacement drives a tendon.
 
     Args:
         robot: robot whose other parameters stay.
         at: coordinates of the free ones.
-        T_base: base tension as its cell shows it [N], (K,).
+        T_base: base tension as its cell shows it [N], (K, *tendons); the displacement [m] of tendons that it
+            drives.
         time: of the samples [s], (K,); one second apart unless given.
         nodes: samples that are simulated, (J,), increasing from the first to the last; all unless given.
             Samples between two nodes are interpolated in T_base, which must not turn there; during a hold, in
-            time.
+            time. All are simulated where the robot has several tendons.
         trial: number of the trial, (K,), or None.
         channels: what is predicted, in the order of CHANNELS; all unless given.
         length: least number of steps that the program is compiled for, so that recordings can share one.
+        orientation: of the tip at the samples, where it is compared.
 
     Attributes:
         samples, steps: how many there are to predict, K, and to simulate, J.
@@ -215,14 +323,25 @@ class Predictor:
         *,
         channels: tuple[str, ...] = CHANNELS,
         length: int = 0,
+        orientation: Orientation | None = None,
     ):
         self.robot, self.at, self.samples, self.channels = robot, at, len(T_base), channels
         nodes = np.arange(self.samples) if nodes is None else nodes
         self.steps = len(nodes)
         clock, number = (None if v is None else v[nodes] for v in (time, trial))
-        self.history = padded_history(T_base[nodes], clock, number, length)
+        self.history = padded_history(
+            T_base[nodes],
+            clock,
+            number,
+            length,
+            drawn=tuple(tendon.drive == "displacement" for tendon in robot.tendons),
+            orientation=None if orientation is None else orientation.only(nodes),
+        )
         self._next = np.searchsorted(nodes, np.arange(self.samples))
         self._before = np.maximum(self._next - (nodes[self._next] != np.arange(self.samples)), 0)
+        self._share = np.ones(self.samples)
+        if self.steps == self.samples:
+            return
         low, high = T_base[nodes[self._before]], T_base[nodes[self._next]]
         rise = np.where(high == low, 1.0, high - low)
         # During a hold only time-dependent effects go on.
@@ -245,8 +364,14 @@ class Predictor:
 
     def __call__(self, u: np.ndarray) -> Prediction | None:
         """The recording at coordinates u, (p,); None where the simulator breaks down."""
+        u = np.asarray(u, float)
+        drawn = self.history.displacement is not None
         found = unless_broken(
-            lambda: _predict(self.robot, self.at, self.history, jnp.asarray(u, float), self.channels)
+            lambda: (
+                _by_differences(self.robot, self.at, self.history, u, self.channels)
+                if drawn
+                else _predict(self.robot, self.at, self.history, jnp.asarray(u), self.channels)
+            )
         )
         if found is None:
             return None
@@ -254,15 +379,21 @@ class Predictor:
         values, slopes = (self._at_samples(np.asarray(v)[:, : self.steps]) for v in (values, slopes))
         if not (np.all(np.isfinite(values)) and np.all(np.isfinite(slopes))):
             return None
-        whole = np.asarray(front) >= float(self.robot.backbone.length) * (1 - 1e-12)
+        length = np.asarray(self.robot.per_tendon(self._anchored))
+        whole = np.asarray(front) >= length * (1 - 1e-12)
+        slope = slopes[..., len(u) :]
         return Prediction(
             values=values,
             failed=int(np.sum(~np.asarray(converged)[: self.steps])),
             slips=whole[self._next],
             direction=np.asarray(direction)[self._next],
-            jacobian=slopes[..., :-1],
-            slope=slopes[..., -1],
+            jacobian=slopes[..., : len(u)],
+            slope=slope if self.robot.tendon_names else slope[..., 0],
         )
+
+    def _anchored(self, tendon: Tendon) -> Float[Array, ""]:
+        """Arc length at which a tendon ends [m]."""
+        return self.robot.backbone.length if tendon.to is None else tendon.to
 
 
 def predict_all(parts: Sequence[Predictor], u: np.ndarray) -> tuple[Prediction, ...] | None:

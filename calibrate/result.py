@@ -10,6 +10,7 @@ import numpy as np
 from gtr_jax import Robot, RobotConfig
 from gtr_jax.files.plain import plain
 
+from .channels import of_tendons
 from .estimate import Estimate, Profile
 from .posterior_draws import Posterior
 
@@ -58,12 +59,13 @@ class FittedRecording:
         name: of the recording.
         robot: the robot fitted to it.
         config: its file; None when a `Robot` was given, or when the file would refuse the fitted values.
-        channels: what was fitted to, T_tip first.
-        T_base: base tension without noise [N], (K,), as its cell shows it: a gain or offset of the cell is
-            taken off for the simulation.
-        band: standard error of the simulated T_tip due to the parameters' uncertainty [N], (K,).
-        phases: "pulling", "transition", "releasing" or "rest", (K,).
-        by_phase: per phase its "count", "rms_N" and "mean_N" of the residual.
+        channels: what was fitted to, the tip tensions first.
+        T_base: base tension without noise [N], (K, *tendons), as its cell shows it: a gain or offset of the
+            cell is taken off for the simulation. Of a tendon that displacement drives, that instead [m].
+        band: standard error of the simulated T_tip due to the parameters' uncertainty [N], (K, *tendons).
+        phases: "pulling", "transition", "releasing" or "rest", (K, *tendons).
+        by_phase: per phase its "count", "rms_N" and "mean_N" of the residual; of several tendons, per tendon
+            and phase.
         noise_N: standard deviation of the recorded tip tension [N], given or estimated; None if unknown.
         noise_from: what it was estimated from.
         noise_base_N: standard deviation of the recorded base tension [N]; 0 if it is taken as exact.
@@ -90,18 +92,26 @@ class FittedRecording:
 
     @property
     def T_tip(self) -> np.ndarray:
-        """Simulated [N], (K,)."""
-        return self.channels["T_tip"].simulated
+        """Simulated [N], (K, *tendons)."""
+        return self._tips([c.simulated for c in self.tips])
 
     @property
     def residual(self) -> np.ndarray:
-        """Simulated minus recorded tip tension [N], (K,)."""
-        return self.channels["T_tip"].residual
+        """Simulated minus recorded tip tension [N], (K, *tendons)."""
+        return self._tips([c.residual for c in self.tips])
+
+    @property
+    def tips(self) -> list[FittedChannel]:
+        """The tip tension of each tendon."""
+        return [self.channels[name] for name in of_tendons("T_tip", self.robot)]
+
+    def _tips(self, each: list[np.ndarray]) -> np.ndarray:
+        return np.stack(each, axis=1) if self.robot.tendon_names else each[0]
 
     @property
     def rms_N(self) -> float:
         """Root mean square of the residual [N]."""
-        return self.channels["T_tip"].rms
+        return float(np.sqrt(np.mean(self.residual**2)))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -169,7 +179,7 @@ class FitResult:
 
     @property
     def T_base(self) -> np.ndarray:
-        """Base tension without noise, one recording after the other [N], (K,)."""
+        """Base tension without noise, one recording after the other [N], (K, *tendons)."""
         return np.concatenate([r.T_base for r in self.recordings])
 
     @property

@@ -10,15 +10,30 @@ import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig
+from gtr_jax.files.quantities import PER_TENDON
+from gtr_jax.robot.clearance import place_in_section
+from gtr_jax.robot.parts import Tendon
 from gtr_jax.simulation.history import padded_length
 from gtr_jax.terms import REGISTRY, known_on
 
+from .channels import (
+    CHANNELS,
+    ROTATION,
+    Orientation,
+    channels_in,
+    chosen_by,
+    of_tendons,
+    quantity_of,
+    tendon_of,
+    unit_of,
+)
 from .coordinates import Coordinates, coordinates, places
 from .descent import Objective
 from .free import Free
 from .number import Number, number_at
-from .predictor import CHANNELS, Prediction, Predictor
+from .predictor import Prediction, Predictor
 from .readings import BaseTension, exact, noise
+from .several import SeveralWeighing
 from .weighing import Weighing
 
 # Range searched: this factor up and down for a positive parameter; this many scales to each side for others.
@@ -50,8 +65,9 @@ class Part:
         name, path: of the recording.
         robot: with the values it starts from.
         config: its file, or None.
-        T_base: estimate of the true base tension, and how well the recorded one determines it.
-        channels: names of what is fitted to, T_tip first.
+        T_base: estimate of the true base tension [N], and how well the recorded one determines it; of the
+            first tendon, if there are several. Where displacement drives the tendon, that [m].
+        channels: names of what is fitted to, the tip tensions first.
         recorded: their readings, SI, (C, K).
         time: of the samples [s], (K,), or None.
         trial: number of the trial, (K,), or None.
@@ -59,6 +75,8 @@ class Part:
         stretches: whether the tendon's stretch is a number of the fit.
         left_out: samples that are simulated and not compared, (K,) bool, or None.
         origin: places of the samples in the recording, (K,), or None for all of them in order.
+        others: what drives the other tendons, like T_base.
+        orientation: of the tip at the samples, if it is fitted to.
     """
 
     name: str
@@ -74,6 +92,33 @@ class Part:
     stretches: bool = False
     left_out: np.ndarray | None = None
     origin: np.ndarray | None = None
+    others: tuple[BaseTension, ...] = ()
+    orientation: Orientation | None = None
+
+    @property
+    def drives(self) -> tuple[BaseTension, ...]:
+        """What drives each tendon."""
+        return (self.T_base, *self.others)
+
+    @property
+    def drive(self) -> np.ndarray:
+        """What drives the tendons at the samples, without noise, (K, *tendons)."""
+        each = [drive.T_base for drive in self.drives]
+        return np.stack(each, axis=1) if self.others else each[0]
+
+    @property
+    def tips(self) -> int:
+        """How many of the channels are tip tensions; they come first."""
+        return len(self.drives)
+
+    @property
+    def pulled(self) -> list[np.ndarray]:
+        """Base tensions of the tendons that tension drives, (K,) each."""
+        return [
+            drive.T_base
+            for drive, tendon in zip(self.drives, self.robot.tendons, strict=True)
+            if tendon.drive == "tension"
+        ]
 
     @property
     def places(self) -> np.ndarray:
@@ -98,59 +143,77 @@ class Part:
     @property
     def smallest(self) -> np.ndarray:
         """Error below which each channel is not resolved, whatever its noise, (C,)."""
-        tension = max(float(np.max(np.abs(self.T_base.T_base))), float(np.max(np.abs(self.T_tip))), 1e-3)
-        size = [tension, *np.ptp(self.recorded[1:], axis=1)]
+        n = self.tips
+        tensions = [*self.pulled, *self.recorded[:n]]
+        tension = max(*(float(np.max(np.abs(T))) for T in tensions), 1e-3)
+        size = [*([tension] * n), *np.ptp(self.recorded[n:], axis=1)]
         return SMALLEST_SIGMA * np.maximum(size, 1e-6)
 
-    def noise(self, fitted: Prediction | None = None, kept: np.ndarray | None = None) -> noise.Noise:
-        """Noise of the tip tension, given or estimated. A fitted model improves the estimate: it shows which
-        stretches are locked, and replaces the samples that are not kept, (K,) bool.
+    def noises(
+        self, fitted: Prediction | None = None, kept: np.ndarray | None = None
+    ) -> tuple[noise.Noise, ...]:
+        """Noise of the tip tension of each tendon, given or estimated. A fitted model improves the estimate:
+        it shows which stretches are locked, and replaces the samples that are not kept, (K,) bool.
         """
         if self.noise_N is not None:
-            return noise.Noise(self.noise_N, source="given")
-        base = self.T_base
-        if fitted is None:
-            return noise.estimate(base.T_base, self.T_tip, self.trial, None)
-        T_tip = self.T_tip if kept is None else np.where(kept, self.T_tip, fitted.T_tip)
-        return noise.estimate(base.T_base, T_tip, self.trial, ~fitted.slips)
+            return (noise.Noise(self.noise_N, source="given"),) * self.tips
+        found = []
+        for i, (base, T_tip) in enumerate(zip(self.drives, self.recorded, strict=False)):
+            locked = None
+            if fitted is not None:
+                locked = ~fitted.slips.reshape(len(T_tip), -1)[:, i]
+                T_tip = T_tip if kept is None else np.where(kept, T_tip, fitted.values[i])
+            found.append(noise.estimate(base.T_base, T_tip, self.trial, locked))
+        return tuple(found)
 
-    def least(self, tip: float | None) -> np.ndarray:
+    def least(self, tips: Sequence[noise.Noise]) -> np.ndarray:
         """Smallest standard deviation that each channel's errors may be given, (C,): the noise of the tip
-        tension; for other channels, the difference between neighbouring samples.
+        tensions; for other channels, the difference between neighbouring samples.
         """
-        others = [noise.from_differences(row) or 0.0 for row in self.recorded[1:]]
-        return np.maximum([tip or 0.0, *others], self.smallest)
+        others = [noise.from_differences(row) or 0.0 for row in self.recorded[self.tips :]]
+        return np.maximum([*(tip.sd_if_known or 0.0 for tip in tips), *others], self.smallest)
 
     def rough(self) -> np.ndarray:
-        """Errors used in the search for a start, (C,): the tip's noise, and for other channels a share of
+        """Errors used in the search for a start, (C,): the tips' noise, and for other channels a share of
         their range, because a wrong stiffness puts them far off.
         """
-        sd = self.least(self.noise().sd_if_known)
-        return np.maximum(sd, [0.0, *(ROUGH * np.ptp(self.recorded[1:], axis=1))])
+        sd, n = self.least(self.noises()), self.tips
+        return np.maximum(sd, [*([0.0] * n), *(ROUGH * np.ptp(self.recorded[n:], axis=1))])
 
     def stretch(self, T_tip: np.ndarray) -> np.ndarray:
-        """Uncertain stretch of the tendon itself, one standard deviation [m], (K,).
+        """Uncertain stretch of the tendon of each channel, one standard deviation [m], (C, K); zero but for
+        displacements.
 
         Every tendon stretches. Unless the robot has a compliance, or no displacement is fitted, the stretch
         is uncertain by the term's typical compliance times the length and the mean tension between base and
         tip. Even friction makes that the logarithmic mean.
 
         Args:
-            T_tip: simulated [N], (K,).
+            T_tip: simulated [N], (K,), of several tendons (tendons, K).
         """
         term = REGISTRY[STRETCH]
-        known = self.stretches or known_on(term, self.robot.terms[term.id])
-        if known or "displacement" not in self.channels:
-            return np.zeros(self.samples)
-        ends = np.maximum([self.T_base.T_base, T_tip], 1e-9)
-        ratio = np.log(ends[0] / ends[1])
-        even = np.abs(ratio) < 1e-6
-        mean = np.where(even, ends[0], (ends[0] - ends[1]) / np.where(even, 1.0, ratio))
-        return term.quantities[0].typical * float(self.robot.backbone.length) * mean
+        found = np.zeros(self.recorded.shape)
+        if self.stretches or known_on(term, self.robot.terms[term.id]):
+            return found
+        for c, name in enumerate(self.channels):
+            if quantity_of(name) != "displacement":
+                continue
+            i = tendon_of(name, self.robot)
+            stiffness = self.robot.tendons[i].axial_stiffness
+            if stiffness is not None and np.isfinite(float(stiffness)):
+                continue
+            ends = np.maximum([self.drives[i].T_base, T_tip.reshape(-1, self.samples)[i]], 1e-9)
+            ratio = np.log(ends[0] / ends[1])
+            even = np.abs(ratio) < 1e-6
+            mean = np.where(even, ends[0], (ends[0] - ends[1]) / np.where(even, 1.0, ratio))
+            found[c] = term.quantities[0].typical * float(self.robot.backbone.length) * mean
+        return found
 
     def weighing(self, prediction: Prediction, sd: np.ndarray) -> Weighing:
         """The weighing of residuals for a simulation, with one error for each channel, (C,)."""
-        stretch = self.stretch(prediction.T_tip)
+        stretch = self.stretch(prediction.values[: self.tips])
+        if self.others:
+            return SeveralWeighing.of_all(self.drives, prediction, self.channels, sd, stretch)
         return Weighing.of(self.T_base, prediction, self.channels, sd, self.T_base.believed, stretch)
 
     def residual(self, prediction: Prediction) -> np.ndarray:
@@ -164,7 +227,7 @@ class Part:
 
     def nodes(self) -> np.ndarray | None:
         """Samples to simulate; None for all of them, as in a recording that is not long."""
-        if self.samples <= LONG or self.T_base.sd == 0:
+        if self.samples <= LONG or self.T_base.sd == 0 or self.others:
             return None
         travel = float(np.sum(np.abs(np.diff(self.T_base.T_base[self.T_base.knots]))))
         return self.T_base.nodes(max(travel / LONG, FINEST * float(np.ptp(self.T_base.T_base)), 1e-9))
@@ -189,6 +252,8 @@ class Part:
             trial=trial,
             left_out=left_out,
             origin=self.places[samples],
+            others=tuple(drive.only(samples) for drive in self.others),
+            orientation=None if self.orientation is None else self.orientation.only(samples),
         )
 
 
@@ -257,16 +322,16 @@ class Setup:
     @property
     def peak(self) -> float:
         """Largest recorded tip tension [N]."""
-        return max(float(np.max(part.T_tip)) for part in self.parts)
+        return max(float(np.max(part.recorded[: part.tips])) for part in self.parts)
 
     @property
     def stiff(self) -> float:
         """Largest tension [N]."""
-        return max(self.peak, *(float(np.max(part.T_base.T_base)) for part in self.parts), 1e-3)
+        return max(self.peak, *(float(np.max(T)) for part in self.parts for T in part.pulled), 1e-3)
 
     def friction(self) -> list[int]:
         """Which of the free numbers are friction coefficients."""
-        return [i for i, f in enumerate(self.free) if f.entry.name == "mu"]
+        return [i for i, f in enumerate(self.free) if f.entry.name.partition(".")[0] == "mu"]
 
     @functools.cached_property
     def _places(self) -> list[np.ndarray]:
@@ -302,12 +367,13 @@ class Setup:
                 Predictor(
                     p.robot,
                     a,
-                    p.T_base.T_base,
+                    p.drive,
                     p.time,
                     p.nodes(),
                     p.trial,
                     channels=p.channels,
                     length=whole.steps if whole.steps <= SHARED else 0,
+                    orientation=p.orientation,
                 )
                 for p, whole, a in zip(parts, self.parts, at, strict=True)
             ),
@@ -319,8 +385,25 @@ class Setup:
         )
 
 
-def recorded(recording: Recording) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Base tension, and the channels that can be fitted to by name, T_tip first, (K,) each.
+def check_columns(recording: Recording, robot: Robot) -> None:
+    """Refuse a recording that has not a column for each tendon, and no more.
+
+    Raises:
+        InputError: naming the recording, the quantity and the shape that it should have.
+    """
+    own = (len(robot.tendons),) if robot.tendon_names else ()
+    for quantity in PER_TENDON:
+        values = getattr(recording, quantity)
+        if values is not None and np.shape(values)[1:] != own:
+            raise InputError(
+                f"{recording.path}: {quantity} has the shape {np.shape(values)}, for a robot of "
+                f"{len(robot.tendons)} tendons; give {(len(recording), *own)}"
+            )
+
+
+def recorded(recording: Recording, robot: Robot) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """What drives the tendons, (K, *tendons), and the channels that can be fitted to by name, the tip
+    tensions first, (K,) each.
 
     Raises:
         InputError: no tip tension, columns that do not match, fewer than four samples, numbers that are not
@@ -329,23 +412,31 @@ def recorded(recording: Recording) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     where = recording.path
     if recording.T_tip is None:
         raise InputError(f"{where}: no tip tension to fit to; map it with --columns 'T_tip=NAME[N]'")
-    T_base = np.asarray(recording.T_base, float)
-    names = [name for name in CHANNELS if getattr(recording, name) is not None]
-    channels = {name: np.asarray(getattr(recording, name), float) for name in names}
+    drive = np.array(recording.T_base, float)
+    drawn = np.asarray([tendon.drive == "displacement" for tendon in robot.tendons])
+    drawn = drawn.reshape(drive.shape[1:])
+    if drawn.any():
+        if recording.displacement is None:
+            raise InputError(f"{where}: no displacement, which drives {robot.name}; add displacement_m")
+        drive = np.where(drawn, np.asarray(recording.displacement, float), drive)
+    channels = channels_in(recording, robot)
+    lacking = [name for name in of_tendons("T_tip", robot) if name not in channels]
+    if lacking:
+        raise InputError(f"{where}: no {lacking[0]} to fit to; add the column, or leave the tendon out")
     further = {} if recording.time is None else {"time": np.asarray(recording.time, float)}
     for name, values in (channels | further).items():
-        if T_base.shape != values.shape or T_base.ndim != 1:
+        if len(values) != len(drive) or values.ndim != 1:
             raise InputError(
-                f"{where}: T_base and {name} have {T_base.shape} and {values.shape} samples; make them equal"
+                f"{where}: T_base and {name} have {drive.shape} and {values.shape} samples; make them equal"
             )
-        if not (np.all(np.isfinite(T_base)) and np.all(np.isfinite(values))):
+        if not (np.all(np.isfinite(drive)) and np.all(np.isfinite(values))):
             raise InputError(f"{where}: T_base or {name} is not finite in places; delete these samples")
-    if len(T_base) < 4:
-        raise InputError(f"{where}: {len(T_base)} samples are too few to fit to; give 4 or more")
-    return T_base, channels
+    if len(drive) < 4:
+        raise InputError(f"{where}: {len(drive)} samples are too few to fit to; give 4 or more")
+    return drive, channels
 
 
-def check_tension(T_base: np.ndarray, robot: Robot, where: str) -> None:
+def check_tension(T_base: np.ndarray, robot: Robot, where: str, tendon: Tendon) -> None:
     """Refuse base tensions [N], (K,), that no such robot can take: a sign of a forgotten unit.
 
     The strain of the outermost fibre is T R r/(E I), here without bores, which only soften the body.
@@ -357,8 +448,8 @@ def check_tension(T_base: np.ndarray, robot: Robot, where: str) -> None:
     if body.rigid:
         return
     s = jnp.linspace(0.0, body.length, 101)
-    offset = robot.routing.offset(s, robot.routing.kinks()[:, None] <= s[None, :], body.length)
-    lever = np.mean(np.abs(np.asarray(offset.value)) * np.asarray(body.radius(s)) ** -3.0)
+    offset = np.linalg.norm(place_in_section(tendon, np.asarray(s), float(body.length)), axis=-1)
+    lever = np.mean(offset * np.asarray(body.radius(s)) ** -3.0)
     high = float(np.percentile(T_base, OFTEN))
     strain = high * lever / (0.25 * np.pi * float(body.youngs_modulus))
     if strain > MOST_STRAIN:
@@ -386,14 +477,22 @@ def fitted_to(
     Raises:
         InputError: a position or an angle that no such robot can have.
     """
-    length, kept, warnings = float(robot.backbone.length), {"T_tip": channels["T_tip"]}, []
+    kept, warnings = {}, []
+    far = MOST_LENGTHS * float(robot.backbone.length) + float(np.linalg.norm(robot.base.position))
     for name, values in channels.items():
-        if name == "T_tip" or (wanted is not None and name not in wanted):
+        quantity = quantity_of(name)
+        if quantity == "T_tip":
+            kept[name] = values
             continue
-        most = MOST_TURNS * 2 * np.pi if name == "tip_angle" else MOST_LENGTHS * length
-        size = float(np.ptp(values) if name == "displacement" else np.max(np.abs(values)))
+        if wanted is not None and not set(chosen_by(name)) & set(wanted):
+            continue
+        angle = unit_of(name) == "rad"
+        most = MOST_TURNS * 2 * np.pi if angle else far
+        if quantity in ("T_base", *ROTATION):
+            most = np.inf
+        size = float(np.ptp(values) if quantity == "displacement" else np.max(np.abs(values)))
         if size > most:
-            unit, other = ("rad", "deg") if name == "tip_angle" else ("m", "mm")
+            unit, other = ("rad", "deg") if angle else ("m", "mm")
             raise InputError(
                 f"{where}: {name} reaches {size:.3g} {unit}, more than such a robot can; if it is in "
                 f"{other}, call the column {name}_{other}"

@@ -55,11 +55,15 @@ def thin(T_base: np.ndarray, blocks: int = BLOCKS) -> np.ndarray:
 
 def candidates(setup: Setup) -> list[np.ndarray]:
     """Values worth trying, SI: the robot file's, and a grid over mu and E where they have no prior. Where
-    recordings have values of their own, all are changed alike.
+    recordings or tendons have values of their own, all are changed alike.
     """
     values = setup.initial
     searched = {
-        name: [i for i, f in enumerate(setup.free) if f.entry.name == name and setup.priors[i] is None]
+        name: [
+            i
+            for i, f in enumerate(setup.free)
+            if f.entry.name.partition(".")[0] == name and setup.priors[i] is None
+        ]
         for name in ("mu", "E")
     }
     tried = []
@@ -110,7 +114,9 @@ def search(setup: Setup) -> Start | None:
     Returns:
         The best end; None if the simulation fails at every candidate.
     """
-    samples = [thin(part.T_base.T_base) for part in setup.parts]
+    samples = [
+        np.unique(np.concatenate([thin(drive.T_base) for drive in part.drives])) for part in setup.parts
+    ]
     thinned = [part.only(kept) for part, kept in zip(setup.parts, samples, strict=True)]
     tried = candidates(setup)
     origin = np.zeros(len(setup.free))

@@ -12,6 +12,7 @@ from scipy.special import fdtri
 from gtr_jax.files.numbers import measured, measured_quantity
 from gtr_jax.simulation.phases import PULLING, RELEASING, REST, TRANSITION
 
+from .channels import words_of
 from .estimate import Estimate
 
 # Above this chi-square per sample the residual is more than noise (1.22 times the noise); where the noise is
@@ -166,18 +167,10 @@ class Distance(NamedTuple):
         return known and not (self.described or self.rms <= SMALL * self.peak)
 
 
-CHANNEL_WORDS = {
-    "tip_x": "the tip's x",
-    "tip_y": "the tip's y",
-    "tip_angle": "the tip's angle",
-    "displacement": "the tendon's displacement",
-}
-
-
 def _other(name: str, rms: float, noise: float, unit: str) -> str:
-    factor, shown = {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "°")}[unit]
+    factor, shown = {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "°"), "N": (1.0, "N")}[unit]
     return (
-        f"{CHANNEL_WORDS[name]} is off by {factor * rms:.2g} {shown} rms, "
+        f"{words_of(name)} is off by {factor * rms:.2g} {shown} rms, "
         f"neighbouring samples by {factor * noise:.2g} {shown}"
     )
 

@@ -21,6 +21,7 @@ import functools
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
+from .channels import quantity_of
 from .predictor import Prediction
 from .readings import BaseTension
 
@@ -36,8 +37,8 @@ class Weighing:
         last: sample whose base tension a value depends on, (C, K).
         weight: 1/sd, in 1/(unit of the channel), (C, K); 0 leaves a sample out.
         floating: channels whose zero is unknown, so that a constant offset does not count, (C,).
-        stretch: uncertain stretch of the tendon in these channels, one standard deviation [m], (K,); zero
-            where the stretch is known.
+        stretch: uncertain stretch of the tendon in these channels, one standard deviation [m], (K,), or of
+            the tendon of each channel, (C, K); zero where the stretch is known.
         sd_base: effective standard deviation of the recorded base tension [N]; 0 if it is exact.
         tau: samples per independent one, of each channel, (C,).
     """
@@ -60,7 +61,7 @@ class Weighing:
             slope=np.zeros((C, K)),
             last=np.broadcast_to(np.arange(K), (C, K)),
             weight=np.broadcast_to(1 / np.asarray(sd, float)[:, None], (C, K)),
-            floating=np.asarray([name == "displacement" for name in channels]),
+            floating=np.asarray([quantity_of(name) == "displacement" for name in channels]),
             stretch=np.zeros(K),
             sd_base=0.0,
             tau=np.ones(C),
@@ -103,8 +104,8 @@ class Weighing:
         if self.sd_base <= 0:
             return np.zeros((K, *rows.shape[2:]))
         pulled = np.zeros((self.base.size, *rows.shape[2:]))
-        for along, last, row in zip(self.slope * self.weight**2, self.last, rows, strict=True):
-            pulled = pulled + self.base.to_knots(-_along(along, row) * row, last)
+        for each, last, row in zip(self.slope * self.weight**2, self.last, rows, strict=True):
+            pulled = pulled + self.base.to_knots(-along(each, row) * row, last)
         return self.base.at_samples(cho_solve_banded((self.factor, False), pulled))
 
     @functools.cached_property
@@ -116,6 +117,16 @@ class Weighing:
         for passed, last in zip(self.slope**2 * self.weight**2, self.last, strict=True):
             found = found + self.base.information(passed, last)
         return cholesky_banded(found)
+
+    @property
+    def log_determinant(self) -> float:
+        """Logarithm of the determinant of the covariance of the channels' rows beside that without the noise
+        of the base tension: what the sum of squares lacks for models of other slopes to be compared.
+        """
+        if self.sd_base <= 0:
+            return 0.0
+        alone = cholesky_banded(self.base.information(np.full(len(self.base.T_base), self.sd_base**-2)))
+        return 2 * float(np.sum(np.log(self.factor[-1] / alone[-1])))
 
     @functools.cached_property
     def unknown(self) -> tuple[np.ndarray, np.ndarray]:
@@ -136,13 +147,13 @@ class Weighing:
         if not self.floating.any():
             return rows
         share, g = self.unknown
-        rows = rows - np.sum(_along(share, rows) * rows, axis=1, keepdims=True)
+        rows = rows - np.sum(along(share, rows) * rows, axis=1, keepdims=True)
         if not self.stretch.any():
             return rows
         power = np.sum((self.weight * g) ** 2, axis=1, keepdims=True)
         part = (1 - 1 / np.sqrt(1 + power)) / np.where(power > 0, power, 1.0)
-        pulled = np.sum(_along(part * self.weight**2 * g, rows) * rows, axis=1, keepdims=True)
-        return rows - _along(g, rows) * pulled
+        pulled = np.sum(along(part * self.weight**2 * g, rows) * rows, axis=1, keepdims=True)
+        return rows - along(g, rows) * pulled
 
     def left(self, rows: np.ndarray) -> np.ndarray:
         """Residuals in the units of the channels, (C, K), less the zero and the stretch that fit best."""
@@ -157,8 +168,8 @@ class Weighing:
         """
         rows = self.centred(rows)
         shift = self.shift(rows)
-        moved = rows + _along(self.slope, rows) * shift[self.last]
-        return _along(self.weight, rows) * moved, shift / self.sd_base if self.sd_base > 0 else shift
+        moved = rows + along(self.slope, rows) * shift[self.last]
+        return along(self.weight, rows) * moved, shift / self.sd_base if self.sd_base > 0 else shift
 
     def __call__(self, rows: np.ndarray) -> np.ndarray:
         """All weighed rows in one array, (C K + K, ...), scaled to independent samples."""
@@ -167,5 +178,6 @@ class Weighing:
         return np.concatenate([counted.reshape(-1, *rows.shape[2:]), base / np.sqrt(self.tau[0])])
 
 
-def _along(factor: np.ndarray, rows: np.ndarray) -> np.ndarray:
+def along(factor: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """A factor of each sample, shaped to multiply rows with further axes."""
     return factor.reshape(*factor.shape, *[1] * (rows.ndim - factor.ndim))

@@ -8,11 +8,16 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
+from typing import NoReturn
+
+import numpy as np
 
 from gtr_jax.errors import InputError, did_you_mean
 from gtr_jax.files.config import RobotConfig
 from gtr_jax.files.units import to_si
 
+from .checks_in_space import check_axes, check_pulls
 from .target import FAMILIES, Goal, PoseTarget, ShapeTarget, TargetConfig
 
 FINEST = 1e-5  # finest tolerance, of the length or in rad: meshes are not more exact
@@ -20,14 +25,26 @@ FINEST = 1e-5  # finest tolerance, of the length or in rad: meshes are not more 
 MOST_TURNS, MOST_WAVES = 2, 100
 
 
-def check_target(target: TargetConfig, robot: RobotConfig) -> None:
-    """Refuse a target that no search can meet or that means nothing; InputError with file, key and remedy."""
+def check_search(target: TargetConfig) -> None:
+    """Refuse a search that makes no sense for any robot; InputError with file, key and remedy."""
+    _check_search(target, _refusal(target))
 
-    def refuse(key: str, says: str) -> None:
+
+def _refusal(target: TargetConfig) -> Callable[[str, str], NoReturn]:
+    def refuse(key: str, says: str) -> NoReturn:
         raise InputError(f"{target.source}: {key}: {says}")
 
-    if robot.tendons:
-        raise InputError(f"{robot.source}: tendons: a design is of a robot with one tendon; keep one")
+    return refuse
+
+
+def check_target(target: TargetConfig, robot: RobotConfig) -> None:
+    """Refuse a target that no search can meet or that means nothing; InputError with file, key and remedy.
+
+    Args:
+        target: its search is checked already.
+        robot: its channel of the family that is searched.
+    """
+    refuse = _refusal(target)
     if robot.backbone.rigid:
         raise InputError(
             f"{robot.source}: backbone.rigid: a sheath of fixed shape reaches no target; give it a "
@@ -37,16 +54,19 @@ def check_target(target: TargetConfig, robot: RobotConfig) -> None:
         refuse(
             "pose", 'nothing is asked for; add [[pose]] with T_base = "45 N" and tip = ["180 mm", "95 mm"]'
         )
+    check_axes(target, robot, refuse)
+    check_pulls(target, robot, refuse)
     shortest, length = _lengths(target, robot)
+    base = np.asarray(robot.base.position[: 3 if robot.in_space else 2])
     for i, pose in enumerate(target.pose):
-        _check_pose(f"pose[{i}]", pose, length, refuse)
+        _check_pose(f"pose[{i}]", pose, length, base, refuse)
     for i, shape in enumerate(target.shape):
-        _check_shape(f"shape[{i}]", shape, shortest, length, refuse)
+        _check_shape(f"shape[{i}]", shape, (shortest, length), base, refuse)
     _check_contradictions(target, length, refuse)
     if target.goal is not None:
         _check_goal(target.goal, target, refuse)
-    _check_tensions(target, robot, refuse)
-    _check_search(target, refuse)
+    if not robot.tendons:
+        _check_tensions(target, robot, refuse)
     _check_limits(target, robot, refuse)
 
 
@@ -65,17 +85,22 @@ def _lengths(target: TargetConfig, robot: RobotConfig) -> tuple[float, float]:
     return lower, upper
 
 
-def _check_pose(key: str, pose: PoseTarget, length: float, refuse) -> None:
-    if pose.tip is None and pose.angle is None:
+def _check_pose(key: str, pose: PoseTarget, length: float, base: np.ndarray, refuse) -> None:
+    if pose.tip is None and pose.turn is None:
         refuse(key, 'asks for nothing; give tip = ["180 mm", "95 mm"], angle = "55 deg", or both')
     _check_numbers(key, pose, length, refuse)
-    for name, of in (("tip_tolerance", "tip"), ("angle_tolerance", "angle")):
-        if name in pose.model_fields_set and getattr(pose, of) is None:
+    turn = "direction" if len(base) == 3 else "angle"
+    for name, of, given in (
+        ("tip_tolerance", "tip", pose.tip),
+        ("angle_tolerance", turn, pose.turn),
+    ):
+        if name in pose.model_fields_set and given is None:
             refuse(f"{key}.{name}", f"has no effect without {of}; add it or leave {name} out")
-    if pose.tip is not None and math.hypot(*pose.tip) > length + pose.near(length):
+    away = 0.0 if pose.tip is None else math.dist(pose.tip, base)
+    if pose.tip is not None and away > length + pose.near(length):
         refuse(
             f"{key}.tip",
-            f"lies {_mm(math.hypot(*pose.tip))} from the base, out of reach of an arm of {_mm(length)}; "
+            f"lies {_mm(away)} from the base, out of reach of an arm of {_mm(length)}; "
             "bring it nearer or lengthen the arm",
         )
     if pose.angle is not None and abs(pose.angle) > MOST_TURNS * 2 * math.pi:
@@ -110,11 +135,14 @@ def _check_chord(key: str, tip, angle: float, length: float, refuse) -> None:
         )
 
 
-def _check_shape(key: str, shape: ShapeTarget, shortest: float, length: float, refuse) -> None:
+def _check_shape(
+    key: str, shape: ShapeTarget, lengths: tuple[float, float], base: np.ndarray, refuse
+) -> None:
+    shortest, length = lengths
     if not shape.points:
         refuse(f"{key}.points", 'is empty; give [["125 mm", "120 mm", "20 mm"]], each [s, x, y]')
     _check_numbers(key, shape, length, refuse)
-    last, near = (0.0, 0.0, 0.0), 0.0
+    last, near = (0.0, *base), 0.0
     for i, point in enumerate(shape.points):
         place = f"{key}.points[{i}]"
         if not 0 < point[0] <= shortest:
@@ -124,7 +152,7 @@ def _check_shape(key: str, shape: ShapeTarget, shortest: float, length: float, r
         if point[0] <= last[0]:
             refuse(place, f"s = {_mm(point[0])} follows {_mm(last[0])}; s must increase")
         near += shape.near(length)
-        apart = math.hypot(point[1] - last[1], point[2] - last[2])
+        apart = math.dist(point[1:], last[1:])
         if apart > point[0] - last[0] + near:
             refuse(
                 place,
@@ -138,7 +166,7 @@ def _check_contradictions(target: TargetConfig, length: float, refuse) -> None:
     for (i, a), (j, b) in itertools.combinations(enumerate(target.pose), 2):
         if (a.T_base, a.branch) != (b.T_base, b.branch):
             continue
-        for name in ("tip", "angle"):
+        for name in ("tip", "angle", "direction", "rotation"):
             one, other = getattr(a, name), getattr(b, name)
             if one is not None and other is not None and one != other:
                 refuse(
@@ -155,7 +183,7 @@ def _check_contradictions(target: TargetConfig, length: float, refuse) -> None:
     for (key, a, one), (other_key, b, other) in itertools.combinations(places, 2):
         if a is b or (a.T_base, a.branch) != (b.T_base, b.branch):
             continue
-        apart, between = math.hypot(one[1] - other[1], one[2] - other[2]), abs(one[0] - other[0])
+        apart, between = math.dist(one[1:], other[1:]), abs(one[0] - other[0])
         if apart > between + a.near(length) + b.near(length):
             refuse(
                 other_key,
@@ -189,34 +217,32 @@ def _check_tensions(target: TargetConfig, robot: RobotConfig, refuse) -> None:
         refuse("T_base_max", f"{largest:g} N exceeds limits.max_T_base = {top:g} N; change one of the two")
     if largest is not None and not any(load.branch == "releasing" for load in target.loads):
         refuse("T_base_max", 'has no effect where nothing is released; add branch = "releasing" or remove it')
-    tensions = [load.T_base for load in target.loads if load.T_base is not None]
-    for load in target.loads:
-        if load.T_base is None:
-            continue
-        where = f"T_base = {load.T_base:g} N"
-        if load.T_base < 0 or (load.T_base == 0 and load.branch == "pulling"):
+    pulls = [(load.T_base, load.branch) for load in target.loads if isinstance(load.T_base, float)]
+    for T_base, branch in pulls:
+        where = f"T_base = {T_base:g} N"
+        if T_base < 0 or (T_base == 0 and branch == "pulling"):
             refuse("pose.T_base", f"{where} pulls nothing; give a positive tension")
-        if top is not None and load.T_base > top and not target.search.frees_tension:
+        if top is not None and T_base > top and not target.search.frees_tension:
             refuse("limits.max_T_base", f"{top:g} N, but a target asks for {where}; change one of the two")
-        if largest is not None and load.T_base > largest:
+        if largest is not None and T_base > largest:
             refuse("T_base_max", f"{largest:g} N is not the largest: a target asks for {where}; raise it")
-        if load.branch == "releasing" and load.T_base >= max([*tensions, largest or 0.0]):
+        if branch == "releasing" and T_base >= max([*(T for T, _ in pulls), largest or 0.0]):
             refuse(
                 "T_base_max",
                 f"a target on the releasing branch has {where}, the largest of the file; say from where it "
-                f'is released, for example T_base_max = "{1.5 * load.T_base:g} N"',
+                f'is released, for example T_base_max = "{1.5 * T_base:g} N"',
             )
-        if load.T_base < robot.tendon.preload and load.branch == "pulling":
+        if T_base < robot.tendon.preload and branch == "pulling":
             refuse(
                 "pose.T_base", f"{where} is less than the preload of {robot.tendon.preload:g} N; pull more"
             )
     floor = target.limits.min_T_tip
     if floor is not None and not target.search.frees_tension:
-        for load in target.loads:
-            if load.T_base is not None and load.branch == "pulling" and floor > load.T_base:
+        for T_base, branch in pulls:
+            if branch == "pulling" and floor > T_base:
                 refuse(
                     "limits.min_T_tip",
-                    f"{floor:g} N cannot arrive of the {load.T_base:g} N that a target pulls with; lower it",
+                    f"{floor:g} N cannot arrive of the {T_base:g} N that a target pulls with; lower it",
                 )
 
 
@@ -224,8 +250,11 @@ def _check_search(target: TargetConfig, refuse) -> None:
     search = target.search
     if search.kind is not None and search.kind not in FAMILIES:
         refuse("search.kind", f"unknown kind '{search.kind}'; {did_you_mean(search.kind, FAMILIES)}")
-    if search.knots is not None and search.kind != "spline":
-        refuse("search.knots", 'has no effect without kind = "spline"; add it or leave knots out')
+    if search.knots is not None and search.kind not in ("spline", "curve"):
+        refuse(
+            "search.knots",
+            'has no effect without kind = "spline", in space "curve"; add it or leave knots out',
+        )
     if search.knots is not None and not 3 <= search.knots <= 40:
         refuse("search.knots", f"must lie between 3 and 40, is {search.knots}; 6 for example")
     if not 1 <= search.starts <= 512:
@@ -247,7 +276,15 @@ def _check_search(target: TargetConfig, refuse) -> None:
 
 def _check_limits(target: TargetConfig, robot: RobotConfig, refuse) -> None:
     limits = target.limits
-    for name in ("wall_clearance", "bore_clearance", "channel_diameter"):
+    needs = {"channel_clearance": bool(robot.tendons), "obstacle_clearance": bool(target.obstacle)}
+    for name, there in needs.items():
+        if name in limits.model_fields_set and not there:
+            what = "several tendons" if name == "channel_clearance" else "an [[obstacle]]"
+            refuse(f"limits.{name}", f"has no effect without {what}; leave it out")
+    for i, obstacle in enumerate(target.obstacle):
+        if obstacle.radius <= 0:
+            refuse(f"obstacle[{i}].radius", f"must be positive, is {_mm(obstacle.radius)}; correct it")
+    for name in ("wall_clearance", "bore_clearance", "channel_diameter", *needs):
         if getattr(limits, name) < 0:
             refuse(f"limits.{name}", f"cannot be negative, is {_mm(getattr(limits, name))}; correct it")
     for name in ("min_channel_radius", "max_T_base", "min_T_tip", "max_base_slope", "max_tip_slope"):

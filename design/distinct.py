@@ -11,12 +11,14 @@ import numpy as np
 
 from gtr_jax.errors import InputError
 from gtr_jax.robot.build import build_robot
+from gtr_jax.robot.clearance import place_in_section
 
-from .gauss_newton import judge_all, search_all
+from .gauss_newton import Found, judge_all, search_all
+from .objective import Objective
 from .option import Option, look_at
 from .problem import DesignProblem
 from .search import ARRIVED, FEW_STEPS, SearchResult, ranking
-from .space import channel_of
+from .starts import len_of_starts
 
 FINER = 4.0  # mesh on which designs are compared, over the default
 MESH_SHARE = 0.1  # of a tolerance, by which the mesh of the search may be off
@@ -28,7 +30,9 @@ LISTED = 8  # designs, at most
 
 
 class _Seen(NamedTuple):
-    """A design that is listed: coordinates, (c,), its option, and offsets of its channel [m], (PLACES,)."""
+    """A design that is listed: coordinates, (c,), its option, and places of its channels in the section [m],
+    (tendons, PLACES, 2).
+    """
 
     z: np.ndarray
     option: Option
@@ -113,7 +117,7 @@ def _same(problem: DesignProblem, one: _Seen, other: _Seen) -> bool:
     """
     if not is_new(one.z, [other.z]):
         return True
-    rest = [i for i, v in enumerate(problem.space.all) if not v.key.startswith("routing.")]
+    rest = [i for i, v in enumerate(problem.space.all) if not v.of_channel]
     if not is_new(np.append(one.z[rest], 0.0), [np.append(other.z[rest], 0.0)]):
         near = SAME_CHANNEL * max(one.option.config.backbone.outer_radius)
         return bool(np.max(np.abs(one.R - other.R)) < near)
@@ -124,8 +128,10 @@ def _looked_at(problem: DesignProblem, found: SearchResult, lane: int) -> _Seen:
     z, _ = settled_on(problem, found.z[lane], found.free[lane])
     values = problem.space.rounded(problem.space.values_at(z))
     option = dataclasses.replace(look_at(problem, values, resolution=FINER), lane=lane)
-    body = option.config.backbone
-    return _Seen(z, option, channel_of(build_robot(option.config), np.linspace(0.0, body.length, PLACES)))
+    robot = build_robot(option.config)
+    s = np.linspace(0.0, option.config.backbone.length, PLACES)
+    places = [place_in_section(tendon, s, option.config.backbone.length) for tendon in robot.tendons]
+    return _Seen(z, option, np.stack(places))
 
 
 def settled_on(problem: DesignProblem, z: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, Option]:
@@ -157,7 +163,7 @@ def settled_on(problem: DesignProblem, z: np.ndarray, free: np.ndarray) -> tuple
         at = jnp.asarray(objective.wanted.pose_state)
         shift = jnp.asarray(option.states.pose)[at] - judged.pose[0, at]
         moved = eqx.tree_at(lambda t: t.wanted.pose, objective, objective.wanted.pose - shift)
-        again = search_all(moved, jnp.asarray(z)[None], jnp.asarray(free)[None], FEW_STEPS)
+        again = _search_from(moved, problem, z, free)
         try:
             other = built(np.asarray(again.z[0]))
         except InputError:
@@ -166,3 +172,13 @@ def settled_on(problem: DesignProblem, z: np.ndarray, free: np.ndarray) -> tuple
             break
         z, option = np.asarray(again.z[0]), other
     return z, option
+
+
+def _search_from(objective: Objective, problem: DesignProblem, z: np.ndarray, free: np.ndarray) -> Found:
+    """A search from one start; in space by the program of the search from all starts, whose other lanes are
+    held and stop at once, because another would take long to compile.
+    """
+    lanes = len_of_starts(problem.space, problem.target.search.starts) if objective.robot.space else 1
+    start, may = np.tile(z, (lanes, 1)), np.zeros((lanes, len(z)))
+    may[0] = free
+    return search_all(objective, jnp.asarray(start), jnp.asarray(may), FEW_STEPS)

@@ -42,7 +42,7 @@ def draw(config: RobotConfig, *, channel_diameter: float = 0.0) -> Drawing:
         channel_diameter: [m]; with it the channel's walls are drawn too.
     """
     robot = build_robot(config)
-    at = stations_of(robot, PLACES)
+    at = stations_of(robot, robot.tendon, PLACES)
     s, first = np.unique(np.round(np.asarray(at.s), 12), return_index=True)
     R = np.asarray(at.R.value)[first]
     middle, normal = _midline(config, s)

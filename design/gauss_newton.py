@@ -29,6 +29,7 @@ LONGEST_STEP = 0.25  # of the space
 DIFFERENCE = 1e-5  # of the space
 HARDEST = 1e10  # damping beyond which a round is given up
 ROUNDS = 8  # of the augmented Lagrangian
+JUDGED = 64  # designs in space that one program judges
 
 
 class Found(NamedTuple):
@@ -210,8 +211,17 @@ def search_all(
 
 
 @eqx.filter_jit
-def judge_all(objective: Objective, z: Float[Array, "L c"]) -> Evaluation:
-    """Judge L designs at once."""
+def _judge_all(objective: Objective, z: Float[Array, "L c"]) -> Evaluation:
     if objective.with_terms:
         return jax.lax.map(lambda z: evaluate(objective, z), z)
     return jax.vmap(lambda z: evaluate(objective, z))(z)
+
+
+def judge_all(objective: Objective, z: Float[Array, "L c"]) -> Evaluation:
+    """Judge L designs at once; in space, where a program takes long to compile, by one program for any L."""
+    if not objective.robot.space:
+        return _judge_all(objective, z)
+    count = z.shape[0]
+    padded = jnp.concatenate([z, jnp.broadcast_to(z[:1], (-count % JUDGED, z.shape[1]))])
+    parts = [_judge_all(objective, part) for part in jnp.split(padded, padded.shape[0] // JUDGED)]
+    return jax.tree_util.tree_map(lambda *own: jnp.concatenate(own)[:count], *parts)

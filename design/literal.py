@@ -48,10 +48,11 @@ class Literal:
     settled: bool
 
 
-def line_of(robot: Robot, count: int) -> Line:
-    """The robot at about `count` even places, and at both sides of every kink."""
-    body, tendon = robot.backbone, robot.tendon
-    length = float(body.length)
+def places(robot: Robot, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """About `count` even arc lengths, and both sides of every kink [m], (N,); and for each a place inside its
+    panel, which tells the two sides of a kink apart, (N,).
+    """
+    length = float(robot.backbone.length)
     kinks = np.unique(np.asarray(inner_kinks(robot)))
     kinks = kinks[(kinks > 1e-9 * length) & (kinks < length * (1 - 1e-9))]
     ends = np.concatenate([[0.0], kinks, [length]])
@@ -63,10 +64,22 @@ def line_of(robot: Robot, count: int) -> Line:
     inside = np.concatenate(
         [0.5 * (a + b) * np.ones(len(p)) for a, b, p in zip(ends[:-1], ends[1:], pieces, strict=True)]
     )
+    return s, inside
+
+
+def extrapolated(coarse: np.ndarray, fine: np.ndarray) -> np.ndarray:
+    """The limit of results of second order on two meshes, one of half the spacing of the other."""
+    return (4.0 * fine - coarse) / 3.0
+
+
+def line_of(robot: Robot, count: int) -> Line:
+    """The robot at about `count` even places, and at both sides of every kink."""
+    body, tendon = robot.backbone, robot.tendon
+    s, inside = places(robot, count)
     own = np.asarray(tendon.routing.kinks())
     passed = jnp.asarray(own[:, None] < inside[None, :])
     R = tendon.routing.offset(jnp.asarray(s), passed, body.length)
-    start, end = np.asarray(body.bore_start), np.asarray(body.bore_end)
+    start, end = map(np.asarray, body.stretches)
     bored = (start[:, None] < inside[None]) & (inside[None] < end[:, None])
     middles = 0.5 * (s[1:] + s[:-1])
     among = (start[:, None] < middles[None]) & (middles[None] < end[:, None])
@@ -181,5 +194,5 @@ def solve_literal(
         phi, midline, psi = _shape(line, kappa)
         T_tip = _tension(line, psi, T_base, memory)[-1]
         found.append((np.array([midline[0, -1], midline[1, -1], phi[-1], T_tip]), ok and met))
-    best = (4.0 * found[1][0] - found[0][0]) / 3.0
+    best = extrapolated(found[0][0], found[1][0])
     return Literal(best[:3], float(best[3]), found[0][1] and found[1][1])

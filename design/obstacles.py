@@ -1,109 +1,58 @@
-"""Which limits and bounds bind a design, and what would happen without them."""
+"""How far the body keeps away from obstacles at every target."""
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax
+import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
+from jaxtyping import Array, Float
 
-from gtr_jax.errors import InputError
+from gtr_jax.robot.robot import Robot
 
-from . import limits as L
-from .gauss_newton import search_all
-from .limits import channel_margins, stations_of
-from .objective import Objective, load_margins, robot_of, solve_states, tensions_of
-from .option import look_at
-from .problem import DesignProblem
-from .result import Binding, Relaxed
-from .search import LEAST_MARGIN, MANY_STEPS, SearchResult, nominal, without_goal
+from .limits import to_segments
+from .model import States
 
-NEAR = 2e-3  # margin, in its scale, under which a limit counts as binding
+BETWEEN = 16  # places in each interval of the mesh: between them the gap is off by micrometres
 
 
-def binding_of(problem: DesignProblem, found: SearchResult, best: int) -> tuple[Binding, ...]:
-    """Limits and bounds that bind the best lane of the search, the strongest first."""
-    space = problem.space
-    if not np.isfinite(found.cost[best]):
-        return ()
-    sizes = rows_of_limits(problem)
-    out, at = [], 0
-    for name in sizes:
-        rows = slice(at, at + sizes[name])
-        at += sizes[name]
-        force = float(np.sum(np.abs(found.multipliers[best, rows])))
-        near = float(np.min(found.margins[best, rows], initial=1.0))
-        if near < NEAR and (force > 0 or near < 0):
-            out.append(Binding(name, "limit", force))
-    z, gradient = found.z[best], found.gradient[best]
-    for i, v in enumerate(space.all):
-        for end, pushed in ((0.0, gradient[i] > 0), (1.0, gradient[i] < 0)):
-            if found.free[best, i] and abs(z[i] - end) < 1e-6 and pushed:
-                bound = v.lower if end == 0.0 else v.upper
-                out.append(
-                    Binding(
-                        v.name, "least" if end == 0 else "largest", abs(float(gradient[i])), bound, v.unit
-                    )
-                )
-    return tuple(sorted(out, key=lambda b: -b.force))
+class Obstacles(eqx.Module):
+    """O rods with round ends, balls among them.
 
-
-def rows_of_limits(problem: DesignProblem) -> dict[str, int]:
-    """Rows of the margins by limit, in their order."""
-    objective = problem.objective
-
-    def margins(z):
-        robot = robot_of(objective, z)
-        found = channel_margins(
-            robot, stations_of(robot, objective.stations), objective.limits, objective.given
-        )
-        return found | load_margins(objective, solve_states(objective, robot, tensions_of(objective, z)))
-
-    shapes = jax.eval_shape(margins, jnp.zeros(objective.lower.shape))
-    return {name: shapes[name].shape[0] for name in objective.given if name in shapes}
-
-
-def _without(problem: DesignProblem, objective: Objective, name: str) -> Objective | None:
-    """The objective with a limit put aside. Of a clearance only the wall that was asked for is dropped,
-    because the channel must stay in the body and out of its bores; None if no wall was asked for.
+    Attributes:
+        start, end: of their axes [m], (O, axes).
+        radius: [m], (O,).
     """
-    own = problem.target.limits
-    if name not in (L.WALL, L.BORE):
-        return dataclasses.replace(
-            objective, active=objective.active.at[objective.given.index(name)].set(0.0)
-        )
-    if getattr(own, name) == 0.0:
-        return None
-    field = "wall" if name == L.WALL else "bore"
-    edge = jnp.asarray(0.5 * own.channel_diameter)
-    return dataclasses.replace(objective, limits=dataclasses.replace(objective.limits, **{field: edge}))
+
+    start: Float[Array, "O axes"]
+    end: Float[Array, "O axes"]
+    radius: Float[Array, " O"]
 
 
-def relaxations(
-    problem: DesignProblem, found: SearchResult, binding: tuple[Binding, ...]
-) -> tuple[Relaxed, ...]:
-    """Whether the targets could be met if one of the binding limits were put aside."""
-    out = []
-    objective = nominal(without_goal(problem.objective))
-    for bound in binding:
-        if bound.kind != "limit" or bound.name in (L.WAVE, L.RELEASE):
-            continue
-        eased = _without(problem, objective, bound.name)
-        if eased is None:
-            continue
-        again = search_all(eased, jnp.asarray(found.z), jnp.asarray(found.free), MANY_STEPS)
-        kept = np.asarray(jnp.min(again.rows, axis=1)) >= LEAST_MARGIN
-        cost = np.where(kept, np.asarray(again.cost), np.inf)
-        best = int(np.argmin(cost))
-        if not np.isfinite(cost[best]):
-            continue
-        values = problem.space.values_at(np.asarray(again.z[best]))
-        try:
-            option = look_at(problem, values, resolution=1.0)
-        except InputError:
-            continue
-        own = next((m for m in option.margins if m.name == bound.name), None)
-        if own is not None:
-            out.append(Relaxed(bound.name, option.reached, own.value, own.limit, own.unit))
-    return tuple(out)
+def gaps(robot: Robot, states: States, obstacles: Obstacles) -> Float[Array, "O S intervals"]:
+    """Least distance between body and obstacles in each interval of the mesh [m], negative inside.
+
+    The body is taken as all balls about its midline that are as large as its sections.
+
+    Args:
+        robot: the design.
+        states: S of its states.
+        obstacles: O of them.
+    """
+    places, s = places_between(states)
+    room = robot.backbone.radius(s.ravel()).reshape(1, 1, *s.shape)
+    start, end = obstacles.start[:, None, None, None], obstacles.end[:, None, None, None]
+    apart = to_segments(places[None], start, end) - room - obstacles.radius[:, None, None, None]
+    return jnp.min(apart, axis=-1)
+
+
+def places_between(states: States) -> tuple[Float[Array, "S n b axes"], Float[Array, "n b"]]:
+    """Places of the midline in every interval of the mesh, and their arc lengths [m]: cubics between the
+    nodes, with their directions.
+    """
+    u = jnp.linspace(0.0, 1.0, BETWEEN + 1)
+    h = jnp.diff(states.s)
+    s = states.s[:-1, None] + h[:, None] * u[None]
+    u = u[None, None, :, None]
+    rise, first, last = u * u * (3.0 - 2.0 * u), u * (1.0 - u) ** 2, u * u * (u - 1.0)
+    a, b = states.midline[:, :-1, None], states.midline[:, 1:, None]
+    da, db = states.tangent[:, :-1, None], states.tangent[:, 1:, None]
+    return a + (b - a) * rise + h[None, :, None, None] * (first * da + last * db), s

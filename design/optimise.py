@@ -12,10 +12,10 @@ import numpy as np
 from gtr_jax.errors import InputError
 from gtr_jax.files.config import RobotConfig, load_config
 
+from .binding import binding_of, relaxations
 from .compare import compare
 from .distinct import distinct_options
 from .least_loss import with_less_loss
-from .obstacles import binding_of, relaxations
 from .problem import RESOLUTION, DesignProblem, problem_of
 from .result import NEAREST, Design, SearchFacts
 from .robustness import robustness_of
@@ -36,7 +36,7 @@ def optimise(
     """Choose a robot's routing, and whatever else is free, so that it meets its targets within its limits.
 
     Args:
-        robot: robot file, or its path; of one tendon.
+        robot: robot file, or its path.
         target: target file, or its path.
         against: a plainer model of the same robot. A second design is made with it, and the answer tells how
             this design performs in `robot`. A robot with physics terms is compared with itself without them

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from typing import Any
 
 import equinox as eqx
@@ -15,9 +16,12 @@ from gtr_jax.robot.robot import Robot
 
 from . import limits as L
 from .model import States, states_of
-from .objective import goal_of, point_at
-from .problem import DesignProblem
+from .objective import goal_of, point_at, shares_of
+from .obstacles import gaps as obstacle_gaps
+from .pose import ANGLE, distance, turn
+from .problem import DesignProblem, wanted_pose
 from .space import on_common_mesh
+from .tensions import Pull
 
 PLACES = 2001  # stations along the body, at which limits are checked
 ROUNDING = 1e-9  # relative excess over a tolerance or limit that still counts as kept
@@ -30,19 +34,19 @@ class TargetError:
 
     Attributes:
         name: "pose[0]", "shape[0]".
-        T_base: base tension [N]. branch: "pulling" or "releasing".
-        wanted, found: tip x [m], y [m], angle [rad], NaN where not asked for; of a shape, at the point that
-            is farthest off x, y.
+        T_base: base tension [N], of several tendons of each. branch: "pulling" or "releasing".
+        wanted, found: pose of the tip as `pose` has it, NaN where not asked for; of a shape, at the point
+            that is farthest off its place.
         distance: of the tip, or of the point that is farthest off [m]; NaN if not asked for.
         turn: angle by which it is off [rad]; NaN if not asked for.
         tip_tolerance [m], angle_tolerance [rad]: as given.
     """
 
     name: str
-    T_base: float
+    T_base: Pull
     branch: str
-    wanted: tuple[float, float, float]
-    found: tuple[float, float, float]
+    wanted: tuple[float, ...]
+    found: tuple[float, ...]
     distance: float
     turn: float
     tip_tolerance: float
@@ -106,7 +110,7 @@ class Option:
         states: solved, on the mesh it was looked at on.
         errors: of the targets. margins: of the limits.
         goal: value of the goal, SI; NaN without one.
-        loss: largest share of the base tension lost while pulling; NaN if nothing pulls.
+        loss: largest share of the base tension lost while pulling, of any tendon; NaN if nothing pulls.
         converged: whether every equilibrium met its tolerance.
         lane: of the search that led to it; -1 for a robot that was not searched for.
     """
@@ -150,11 +154,11 @@ def off_by(value: float, tolerance: float, unit: str) -> str:
 
 
 def loads_of(problem: DesignProblem, tensions: np.ndarray):
-    """The states of a problem as `states_of` takes them, for base tensions [N], (t,): those of each, whether
-    each lies on the releasing branch, and the largest.
+    """The states of a problem as `states_of` takes them, for base tensions [N], (t, *tendons): those of each,
+    whether each lies on the releasing branch, and the largest.
     """
     states = problem.objective.states
-    T = jnp.asarray([tensions[number] for number, _ in states])
+    T = jnp.asarray(np.asarray(tensions)[[number for number, _ in states]])
     return T, tuple(released for _, released in states), jnp.asarray(np.max(tensions))
 
 
@@ -194,7 +198,7 @@ def judge(
     T, released, largest = loads_of(problem, tensions)
     states = solve(robot, T, released, largest)
     pulled = [i for i, r in enumerate(released) if not r]
-    shares = np.asarray(states.T_tip)[pulled] / np.asarray(T)[pulled]
+    shares = np.asarray(shares_of(states.T_tip, jnp.asarray(T)))[pulled]
     goal = float(goal_of(problem.objective.wanted, states) * problem.objective.wanted.goal_scale)
     if problem.target.goal is None:
         goal = float("nan")
@@ -215,39 +219,43 @@ def judge(
 
 def _errors(problem: DesignProblem, states: States, T) -> tuple[TargetError, ...]:
     target, wanted, length = problem.target, problem.objective.wanted, problem.space.config.backbone.length
-    out, nan = [], float("nan")
+    out, nan, in_space = [], float("nan"), problem.space.config.in_space
     poses = np.asarray(states.pose)
     for i, (pose, state) in enumerate(zip(target.pose, wanted.pose_state, strict=True)):
-        x, y, angle = poses[state].tolist()
-        tip = pose.tip or (nan, nan)
-        turn = nan if pose.angle is None else angle - pose.angle
+        asked = wanted_pose(pose, in_space=in_space)
+        gap = poses[state] - asked
+        if not in_space:  # signed, and not reduced to a full turn
+            turned = float(gap[ANGLE])
+        else:
+            turned = float(turn(gap, direction=pose.turn != "rotation"))
         out.append(
             TargetError(
                 f"pose[{i}]",
-                float(T[state]),
+                pull_at(T, state),
                 pose.branch,
-                (*tip, nan if pose.angle is None else pose.angle),
-                (x, y, angle),
-                float(np.hypot(x - tip[0], y - tip[1])),
-                turn,
+                tuple(asked.tolist()),
+                tuple(poses[state].tolist()),
+                float(distance(gap)),
+                turned,
                 pose.near(length),
                 pose.angle_tolerance,
             )
         )
     done = 0
+    rest = [nan] * (poses.shape[-1] - wanted.point.shape[-1])
     for i, shape in enumerate(target.shape):
         state = wanted.point_state[done]
         done += len(shape.points)
-        there = np.array([np.asarray(point_at(states, state, jnp.asarray(s))) for s, _, _ in shape.points])
-        off = np.hypot(*(there - np.asarray(shape.points)[:, 1:]).T)
+        there = np.array([np.asarray(point_at(states, state, jnp.asarray(p[0]))) for p in shape.points])
+        off = np.linalg.norm(there - np.asarray(shape.points)[:, 1:], axis=1)
         worst = int(np.argmax(off))
         out.append(
             TargetError(
                 f"shape[{i}]",
-                float(T[state]),
+                pull_at(T, state),
                 shape.branch,
-                (*shape.points[worst][1:], nan),
-                (*there[worst].tolist(), nan),
+                (*shape.points[worst][1:], *rest),
+                (*there[worst].tolist(), *rest),
                 float(off[worst]),
                 nan,
                 shape.near(length),
@@ -257,12 +265,19 @@ def _errors(problem: DesignProblem, states: States, T) -> tuple[TargetError, ...
     return tuple(out)
 
 
+def pull_at(T, state: int) -> Pull:
+    """The base tensions of one state [N]: a number, or of several tendons one for each."""
+    pull = np.asarray(T)[state].tolist()
+    return tuple(pull) if isinstance(pull, list) else pull
+
+
 def _margins(
     problem: DesignProblem, robot: Robot, states: States, tensions: np.ndarray
 ) -> tuple[Margin, ...]:
     own, given, body = problem.target.limits, problem.objective.given, robot.backbone
-    at = L.stations_of(robot, PLACES)
-    s, R = np.asarray(at.s), np.asarray(at.R.value)
+    channels = L.all_stations(robot, PLACES)
+    s = np.concatenate([at.s for at in channels])
+    away = np.concatenate([at.away for at in channels])
     edge, nan = 0.5 * own.channel_diameter, float("nan")
     out = []
 
@@ -276,32 +291,43 @@ def _margins(
         where = nan if places is None else float(places[worst])
         out.append(Margin(name, float(values[worst]), limit, limit - float(values[worst]), unit, where))
 
-    least(L.WALL, np.asarray(body.radius(at.s)) - np.abs(R) - edge, own.wall_clearance, "m")
+    least(L.WALL, np.asarray(body.radius(jnp.asarray(s))) - away - edge, own.wall_clearance, "m")
     if L.BORE in given:
-        apart = np.abs(R) - 0.5 * np.asarray(body.bore_diameter)[:, None] - edge
-        least(L.BORE, np.where(np.asarray(at.bored), apart, np.inf).min(axis=0), own.bore_clearance, "m")
+        apart = away - 0.5 * np.asarray(body.bore_diameter)[:, None] - edge
+        bored = np.concatenate([at.bored for at in channels], axis=1)
+        least(L.BORE, np.where(bored, apart, np.inf).min(axis=0), own.bore_clearance, "m")
+    if L.APART in given:
+        pairs = list(itertools.combinations(channels, 2))
+        gaps = np.concatenate([np.asarray(L.channel_gap(*pair)) for pair in pairs]) - own.channel_diameter
+        least(L.APART, gaps, own.channel_clearance, "m", np.concatenate([one.s for one, _ in pairs]))
+    if L.OBSTACLE in given:
+        apart = np.asarray(obstacle_gaps(robot, states, problem.objective.obstacles))
+        nearest = apart.min(axis=(0, 1))
+        least(L.OBSTACLE, nearest, own.obstacle_clearance, "m", np.asarray(states.s)[1:])
     if own.min_channel_radius is not None:
-        bend = np.abs(np.asarray(L.channel_curvature(robot, at)))
+        bend = np.abs(np.concatenate([L.channel_curvature(robot, at) for at in channels]))
         least(L.RADIUS, 1.0 / np.maximum(bend, 1e-6), own.min_channel_radius, "m")
     for name, place, limit in (
-        (L.BASE_SLOPE, 0, own.max_base_slope),
-        (L.TIP_SLOPE, int(np.argmax(s)), own.max_tip_slope),
+        (L.BASE_SLOPE, np.argmin, own.max_base_slope),
+        (L.TIP_SLOPE, np.argmax, own.max_tip_slope),
     ):
         if limit is not None:
-            slope = np.abs(np.arctan(np.asarray(at.R.slope)[[place]]))
-            most(name, slope, limit, "rad", s[[place]])
+            ends = [(at, int(place(at.s))) for at in channels]
+            slope = np.array([float(at.slant[end]) for at, end in ends])
+            most(name, slope, limit, "rad", np.array([float(at.s[end]) for at, end in ends]))
     released = np.asarray([r for _, r in problem.objective.states])
     if own.max_tension_loss is not None and not np.all(released):
-        share = np.asarray(states.T_tip)[~released] / np.asarray(states.T_base)[~released]
-        most(L.LOSS, 1.0 - share, own.max_tension_loss, "", None)
+        share = np.asarray(shares_of(states.T_tip, states.T_base))[~released]
+        most(L.LOSS, 1.0 - share.ravel(), own.max_tension_loss, "", None)
     if own.min_T_tip is not None:
-        least(L.TIP, np.asarray(states.T_tip), own.min_T_tip, "N", None)
+        least(L.TIP, np.asarray(states.T_tip).ravel(), own.min_T_tip, "N", None)
     if L.WAVE in given:
-        ends = np.asarray(robot.routing.kinks())
-        least(L.WAVE, ends[1:] - ends[:1], L.LEAST_WAVE * float(body.length), "m", None)
+        kinks = [np.asarray(tendon.routing.kinks()) for tendon in robot.tendons]
+        waves = np.concatenate([ends[1:] - ends[:1] for ends in kinks])
+        least(L.WAVE, waves, L.LEAST_WAVE * float(body.length), "m", None)
     if L.RELEASE in given:
         others = [tensions[number] for number, _ in problem.objective.states if number != len(tensions) - 1]
         least(L.RELEASE, np.asarray(tensions[-1:], float), float(max(others)), "N", None)
     if own.max_T_base is not None:
-        most("max_T_base", np.asarray(tensions, float), own.max_T_base, "N", None)
+        most("max_T_base", np.ravel(np.asarray(tensions, float)), own.max_T_base, "N", None)
     return tuple(out)

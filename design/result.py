@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gtr_jax.files.config import RobotConfig
 from gtr_jax.files.numbers import quantity
@@ -12,10 +14,12 @@ from gtr_jax.files.plain import plain
 
 from .compare import Comparison
 from .distinct import by_loss
-from .limits import BORE, LOSS, WALL
+from .limits import APART, BORE, LOSS, OBSTACLE, WALL
 from .option import Margin, Option, TargetError
+from .pose import ANGLE, PLANE, place_of, rotation_matrix
 from .problem import DesignProblem
 from .robustness import Robustness, Spread
+from .tensions import pull_says
 from .tolerances import Sensitivity
 from .verify import Verification
 
@@ -136,6 +140,7 @@ class Design:
     def to_json(self) -> dict[str, Any]:
         """The answer as plain values, SI, units in the keys."""
         v, search = self.verification, self.search
+        names = self.problem.space.config.tendon_names
         return plain(
             {
                 "schema": 1,
@@ -154,14 +159,15 @@ class Design:
                 ],
                 "T_base_N": self.best.tensions,
                 "goal": None if self.problem.target.goal is None else self._goal(),
-                "targets": [_target(e) for e in self.best.errors],
+                "targets": [_target(e, names) for e in self.best.errors],
+                "states": _states(self),
                 "limits": [_margin(m) for m in self.best.margins],
                 "tension_loss": self.best.loss,
                 "binding": [
                     {"name": b.name, "kind": b.kind, "bound": b.bound, "unit": b.unit} for b in self.binding
                 ],
                 "without_a_limit": [dataclasses.asdict(r) for r in self.relaxed],
-                "alternatives": [_option(o) for o in self.options],
+                "alternatives": [_option(o, names) for o in self.options],
                 "verification": {
                     "converged": v.converged,
                     "mesh_four_times_finer": _moved(v.fine_moved),
@@ -180,8 +186,8 @@ class Design:
                     }
                     for t in self.tolerances
                 ],
-                "robustness": None if self.robustness is None else _robustness(self.robustness),
-                "plain_model": None if self.comparison is None else _comparison(self.comparison),
+                "robustness": None if self.robustness is None else _robustness(self.robustness, names),
+                "plain_model": None if self.comparison is None else _comparison(self.comparison, names),
                 "search": dataclasses.asdict(search),
             }
         )
@@ -219,15 +225,13 @@ def freed_says(answer: Design) -> str:
     parts = []
     for name in names:
         value = best.values[name]
-        of = [e.name for e in best.errors if math.isclose(e.T_base, value, rel_tol=1e-12)]
-        if len(names) > 1:
+        of = [e.name for e in best.errors if not space.config.tendons and e.T_base == value]
+        if len(names) > 1 and not space.config.tendons:
             parts.append(f"{name} {quantity(value, 'N')} ({', '.join(of) or 'before release'})")
         else:
             parts.append(f"{name} {quantity(value, 'N')}")
     parts += [
-        f"{v.name} {quantity(best.values[v.name], v.unit)}"
-        for v in space.variables
-        if not v.key.startswith("routing.")
+        f"{v.name} {quantity(best.values[v.name], v.unit)}" for v in space.variables if not v.of_channel
     ]
     return f" with {', '.join(parts)}" if parts else ""
 
@@ -317,7 +321,7 @@ def _spread_says(s: Spread, errors: tuple[TargetError, ...]) -> str:
 
 def _scale(answer: Design, m: Margin) -> float:
     """What a margin is large or small against."""
-    if m.name in (WALL, BORE):
+    if m.name in (WALL, BORE, APART, OBSTACLE):
         return max(answer.config.backbone.outer_radius)
     return abs(m.limit) or 1.0
 
@@ -334,10 +338,11 @@ def _not_reached(answer: Design, worst: TargetError | None) -> str:
         return f"{name}: no design found keeps all limits; the nearest{_with(answer)} breaks {said}."
     if worst is None:
         return f"{name}: no design found."
-    where = f"at {worst.T_base:.4g} N, {worst.branch}"
-    x, y, angle = worst.found
-    tip = f"({1e3 * x:.4g}, {1e3 * y:.4g}) mm" if x == x else ""
-    turned = quantity(angle, "rad") if angle == angle else ""
+    names = answer.problem.space.config.tendon_names
+    where = f"at {pull_says(worst.T_base, names)}, {worst.branch}"
+    place, angle = place_of(worst.found), worst.found[ANGLE]
+    tip = f"({', '.join(f'{1e3 * x:.4g}' for x in place)}) mm" if np.all(np.isfinite(place)) else ""
+    turned = quantity(angle, "rad") if len(worst.found) == PLANE and angle == angle else ""
     there = ", ".join(part for part in (tip, turned) if part).replace("-", "−")
     return (
         f"{name}: not reachable within these limits and bounds, as far as {answer.search.lanes} starts tell. "
@@ -351,13 +356,43 @@ def _with(answer: Design) -> str:
     return f",{freed}," if freed else ""
 
 
-def _target(e: TargetError) -> dict[str, Any]:
+def _pull(pull: Any, names: tuple[str, ...]) -> Any:
+    """Base tensions of one load: a number, or of several tendons by their names."""
+    return dict(zip(names, pull, strict=True)) if names else pull
+
+
+def _pose(pose: tuple[float, ...]) -> dict[str, Any]:
+    if len(pose) == PLANE:
+        return {"x_m": pose[0], "y_m": pose[1], "angle_rad": pose[2]}
+    rotation = rotation_matrix(pose)
+    whole = bool(np.all(np.isfinite(rotation)))
+    return {
+        **{f"{axis}_m": value for axis, value in zip("xyz", pose[:3], strict=True)},
+        "direction": rotation[:, 0],
+        "rotation_rad": Rotation.from_matrix(rotation).as_rotvec() if whole else None,
+    }
+
+
+def _states(answer: Design) -> list[dict[str, Any]]:
+    """Every state that a target asks for, and how far its tendons are drawn out."""
+    names, displacement = answer.problem.space.config.tendon_names, answer.verification.displacement
+    return [
+        {
+            "T_base_N": _pull(answer.best.tensions[number], names),
+            "branch": "releasing" if released else "pulling",
+            "displacement_m": _pull(drawn, names),
+        }
+        for (number, released), drawn in zip(answer.problem.objective.states, displacement, strict=True)
+    ]
+
+
+def _target(e: TargetError, names: tuple[str, ...]) -> dict[str, Any]:
     return {
         "name": e.name,
-        "T_base_N": e.T_base,
+        "T_base_N": _pull(e.T_base, names),
         "branch": e.branch,
-        "wanted": {"x_m": e.wanted[0], "y_m": e.wanted[1], "angle_rad": e.wanted[2]},
-        "found": {"x_m": e.found[0], "y_m": e.found[1], "angle_rad": e.found[2]},
+        "wanted": _pose(e.wanted),
+        "found": _pose(e.found),
         "distance_m": e.distance,
         "angle_rad": e.turn,
         "tip_tolerance_m": e.tip_tolerance,
@@ -370,7 +405,7 @@ def _margin(m: Margin) -> dict[str, Any]:
     return {**dataclasses.asdict(m), "kept": m.kept}
 
 
-def _option(o: Option) -> dict[str, Any]:
+def _option(o: Option, names: tuple[str, ...]) -> dict[str, Any]:
     return {
         "parameters": o.values,
         "T_base_N": o.tensions,
@@ -379,7 +414,7 @@ def _option(o: Option) -> dict[str, Any]:
         "worst_error_in_tolerances": o.miss,
         "tension_loss": o.loss,
         "goal": o.goal,
-        "targets": [_target(e) for e in o.errors],
+        "targets": [_target(e, names) for e in o.errors],
         "limits": [_margin(m) for m in o.margins],
     }
 
@@ -388,7 +423,7 @@ def _moved(by: tuple[float, float]) -> dict[str, float]:
     return {"tip_moves_m": by[0], "tip_turns_rad": by[1]}
 
 
-def _robustness(r: Robustness) -> dict[str, Any]:
+def _robustness(r: Robustness, names: tuple[str, ...]) -> dict[str, Any]:
     return {
         "sd_relative": {"friction_coefficient": r.sd[0], "youngs_modulus": r.sd[1]},
         "correlation": r.correlation,
@@ -398,7 +433,7 @@ def _robustness(r: Robustness) -> dict[str, Any]:
         "targets": [
             {
                 "name": s.name,
-                "T_base_N": s.T_base,
+                "T_base_N": _pull(s.T_base, names),
                 "branch": s.branch,
                 "rms_m": s.rms,
                 "worst_m": s.worst,
@@ -410,5 +445,5 @@ def _robustness(r: Robustness) -> dict[str, Any]:
     }
 
 
-def _comparison(c: Comparison) -> dict[str, Any]:
-    return {"source": c.source, "believed": _option(c.believed), "actual": _option(c.actual)}
+def _comparison(c: Comparison, names: tuple[str, ...]) -> dict[str, Any]:
+    return {"source": c.source, "believed": _option(c.believed, names), "actual": _option(c.actual, names)}

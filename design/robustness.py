@@ -11,9 +11,11 @@ import numpy as np
 
 from .model import states_of
 from .objective import at_draw
-from .option import Option, loads_of
-from .problem import DesignProblem
+from .option import Option, loads_of, pull_at
+from .pose import distance, place_of, turn
+from .problem import DesignProblem, wanted_pose
 from .space import on_common_mesh
+from .tensions import Pull
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -21,15 +23,15 @@ class Spread:
     """The tip at one target.
 
     Attributes:
-        name: of the target; "tip" where none is a pose. T_base [N], branch.
+        name: of the target; "tip" where none is a pose. T_base [N], of several tendons of each; branch.
         rms, worst: distance of the tip from where it is to be, or, of a goal, from where the nominal robot
             has it [m]: root mean square over what is not known, and largest on the ellipse.
         rms_turn, worst_turn: the same of the angle [rad].
-        ellipse: tips on that ellipse [m], (8, 2).
+        ellipse: tips on that ellipse [m], (8, axes).
     """
 
     name: str
-    T_base: float
+    T_base: Pull
     branch: str
     rms: float
     worst: float
@@ -84,23 +86,23 @@ def robustness_of(problem: DesignProblem, option: Option) -> Robustness | None:
     for i, state in asked:
         pose = target.pose[i] if i >= 0 else None
         at = nominal[state].copy()
-        if pose is not None and pose.tip is not None:
-            at[:2] = pose.tip
-        if pose is not None and pose.angle is not None:
-            at[2] = pose.angle
+        if pose is not None:
+            wanted = wanted_pose(pose, in_space=problem.space.config.in_space)
+            at = np.where(np.isfinite(wanted), wanted, at)
         gap = poses[:, state] - at
-        distance, turn = np.hypot(gap[:, 0], gap[:, 1]), np.abs(gap[:, 2])
+        off = distance(gap)
+        turned = turn(gap, direction=pose is not None and pose.turn == "direction")
         few = len(normal)
         spreads.append(
             Spread(
                 f"pose[{i}]" if i >= 0 else "tip",
-                float(T[state]),
+                pull_at(T, state),
                 "releasing" if released[state] else "pulling",
-                float(np.sqrt(shares @ distance[:few] ** 2)),
-                float(distance[few:].max()),
-                float(np.sqrt(shares @ turn[:few] ** 2)),
-                float(turn[few:].max()),
-                poses[few + 1 :, state, :2],
+                float(np.sqrt(shares @ off[:few] ** 2)),
+                float(off[few:].max()),
+                float(np.sqrt(shares @ turned[:few] ** 2)),
+                float(turned[few:].max()),
+                place_of(poses[few + 1 :, state]),
             )
         )
     return Robustness(

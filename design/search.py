@@ -13,7 +13,7 @@ from jaxtyping import Array
 
 from .gauss_newton import Found, judge_all, search_all
 from .lagrangian import minimise_all
-from .objective import Evaluation, Objective, tensions_of
+from .objective import Evaluation, Objective, shares_of, tensions_of
 from .problem import DesignProblem
 from .starts import starts
 
@@ -237,10 +237,11 @@ def ranking(problem: DesignProblem, found: SearchResult) -> np.ndarray:
 
 
 def losses(objective: Objective, found: SearchResult) -> np.ndarray:
-    """Largest share of its own base tension that each lane loses while pulling, (L,)."""
+    """Largest share of its own base tension that any tendon of each lane loses while pulling, (L,)."""
     pulled = [i for i, (_, released) in enumerate(objective.states) if not released]
     if not pulled:
         return np.zeros(len(found.z))
     tensions = np.asarray(jax.vmap(lambda z: tensions_of(objective, z))(jnp.asarray(found.z)))
     T_base = tensions[:, [objective.states[i][0] for i in pulled]]
-    return np.max(1.0 - np.asarray(found.judged.T_tip)[:, pulled] / T_base, axis=1)
+    arrives = shares_of(jnp.asarray(found.judged.T_tip)[:, jnp.asarray(pulled)], jnp.asarray(T_base))
+    return np.max(1.0 - np.asarray(arrives).reshape(len(found.z), -1), axis=1)

@@ -7,7 +7,7 @@ import numpy as np
 
 from .gauss_newton import judge_all
 from .objective import Objective
-from .space import N_SINE, Space
+from .space import N_SINE, Space, wave_ends
 
 SCREENED = 256  # designs judged for each number of half waves
 APART = 0.12  # of the space, between starts
@@ -49,6 +49,11 @@ def starts(objective: Objective, space: Space, count: int, seed: int) -> tuple[n
     return z, np.tile(free, (len(z), 1))
 
 
+def len_of_starts(space: Space, count: int) -> int:
+    """How many starts `starts` returns for a count."""
+    return min(count, SCREENED) * max(len(space.choices), 1)
+
+
 def _present(space: Space) -> np.ndarray:
     values = np.array([v.start for v in space.all])
     return np.clip((values - space.lower) / (space.upper - space.lower), 0.0, 1.0)
@@ -57,12 +62,13 @@ def _present(space: Space) -> np.ndarray:
 def put_in_order(draws: np.ndarray, space: Space) -> None:
     """Sort w1 and w2 in place, so that a wave begins before it ends."""
     names = [v.name for v in space.all]
-    if not {"w1", "w2"} <= set(names):
-        return
-    i, j = names.index("w1"), names.index("w2")
-    lower, size = space.lower[[i, j]], (space.upper - space.lower)[[i, j]]
-    w = np.sort(lower + draws[:, [i, j]] * size, axis=1)
-    draws[:, [i, j]] = np.clip((w - lower) / size, 0.0, 1.0)
+    for ends in wave_ends(names):
+        if not set(ends) <= set(names):
+            continue
+        i, j = map(names.index, ends)
+        lower, size = space.lower[[i, j]], (space.upper - space.lower)[[i, j]]
+        w = np.sort(lower + draws[:, [i, j]] * size, axis=1)
+        draws[:, [i, j]] = np.clip((w - lower) / size, 0.0, 1.0)
 
 
 def merit(e) -> np.ndarray:

@@ -10,10 +10,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, StrictInt, StrictStr
+from pydantic import Discriminator, Field, StrictInt, StrictStr, Tag
 
 from gtr_jax.files.config_file import read_toml
-from gtr_jax.files.sections import FileSection, Section
+from gtr_jax.files.routings import SPATIAL
+from gtr_jax.files.section import Section
+from gtr_jax.files.sections import FileSection
 from gtr_jax.files.units import Unit
 
 Length = Annotated[float, Unit("m")]
@@ -23,29 +25,76 @@ Ratio = Annotated[float, Unit("dimensionless")]
 Whole = Annotated[StrictInt, Field(gt=-(2**63), lt=2**63)]
 Branch = Literal["pulling", "releasing"]
 
+
+def _axes(value: Any) -> str:
+    return "#space" if isinstance(value, list | tuple) and len(value) >= 3 else "#plane"
+
+
+def _places(value: Any) -> str:
+    return "#space" if isinstance(value, list | tuple) and len(value) >= 4 else "#plane"
+
+
+def _turned(value: Any) -> str:
+    return "#space" if isinstance(value, list | tuple) else "#plane"
+
+
+def _named(value: Any) -> str:
+    return "#several" if isinstance(value, Mapping) else "#one"
+
+
+# x, y of a robot in the plane, and z of one in space.
+Place = Annotated[
+    Annotated[tuple[Length, Length], Tag("#plane")] | Annotated[tuple[Length, Length, Length], Tag("#space")],
+    Discriminator(_axes),
+]
+Point = Annotated[
+    Annotated[tuple[Length, Length, Length], Tag("#plane")]
+    | Annotated[tuple[Length, Length, Length, Length], Tag("#space")],
+    Discriminator(_places),
+]
+Direction = tuple[Ratio, Ratio, Ratio]
+Heading = Annotated[
+    Annotated[Angle, Tag("#plane")] | Annotated[Direction, Tag("#space")], Discriminator(_turned)
+]
+# Of one tendon, or of several by their names.
+Tension = Annotated[
+    Annotated[Force, Tag("#one")] | Annotated[dict[str, Force], Tag("#several")], Discriminator(_named)
+]
+
 SPLINE = "spline"
 T_BASE = "T_base"
 TIP_TOLERANCE, SHAPE_TOLERANCE = 1e-3, 5e-3  # of the length
-FAMILIES = ("parallel", "straight-sine-straight", "converging-sine", "crossing-sine", SPLINE)
+FAMILIES = ("parallel", "straight-sine-straight", "converging-sine", "crossing-sine", SPLINE, *SPATIAL)
 
 
 class PoseTarget(Section):
-    """Where the tip is to be at one base tension: its position, its angle, or both."""
+    """Where the tip is to be at one base tension: its position, where it points, or both."""
 
-    T_base: Force = Field(examples=["45 N"])
-    """Base tension [N]."""
+    T_base: Tension = Field(examples=["45 N"])
+    """Base tension [N]; of several tendons each by its name, those that are left out at their preload."""
     branch: Branch = "pulling"
     """Whether the tendon is pulled to this tension, or released to it from the largest of the file."""
-    tip: tuple[Length, Length] | None = None
-    """Tip of the midline [m]: x along the base tangent, y to its left."""
+    tip: Place | None = None
+    """Tip of the midline [m]: x along the base tangent, y to its left; in space z too, in the world."""
     angle: Angle | None = None
-    """Angle of the midline at the tip [rad], anticlockwise, not reduced to a full turn."""
+    """Angle of the midline at the tip [rad], anticlockwise, not reduced to a full turn; in the plane."""
+    direction: Direction | None = None
+    """Direction of the midline at the tip, a vector of any length; in space."""
+    rotation: tuple[Angle, Angle, Angle] | None = None
+    """Rotation vector of the section at the tip [rad], which says its twist too; in space, instead of
+    direction."""
     tip_tolerance: Length | None = None
     """Distance [m] within which the tip counts as there; 0.1 % of the length unless given."""
     angle_tolerance: Angle = 1e-3
     """Angle [rad] within which it counts as pointing there."""
     weight: Ratio = 1.0
     """Of this target against the others, where not all can be met."""
+
+    @property
+    def turn(self) -> str | None:
+        """The key that says where the tip is to point; None if none does."""
+        keys = ("angle", "direction", "rotation")
+        return next((key for key in keys if getattr(self, key) is not None), None)
 
     def near(self, length: float) -> float:
         """Distance [m] within which the tip of an arm of this length [m] counts as there."""
@@ -55,12 +104,13 @@ class PoseTarget(Section):
 class ShapeTarget(Section):
     """Where points of the midline are to be at one base tension."""
 
-    T_base: Force = Field(examples=["45 N"])
-    """Base tension [N]."""
+    T_base: Tension = Field(examples=["45 N"])
+    """Base tension [N], as of a pose."""
     branch: Branch = "pulling"
     """As of a pose."""
-    points: tuple[tuple[Length, Length, Length], ...] = Field(examples=[[["125 mm", "120 mm", "20 mm"]]])
-    """[s, x, y] of each point [m]: arc length along the midline, and where it is to be."""
+    points: tuple[Point, ...] = Field(examples=[[["125 mm", "120 mm", "20 mm"]]])
+    """[s, x, y] of each point [m], in space [s, x, y, z]: arc length along the midline, and where it is to
+    be."""
     tolerance: Length | None = None
     """Distance [m] within which a point counts as there; 0.5 % of the length unless given."""
     weight: Ratio = 1.0
@@ -77,12 +127,23 @@ class Goal(Section):
     kind: Literal["reach", "bend", "tension"] = Field(examples=["reach"])
     """reach: how far the tip gets in a direction; bend: the angle of the tip; tension: the least base tension
     at which the targets are met."""
-    T_base: Force | None = None
-    """Base tension [N] of reach and bend."""
+    T_base: Tension | None = None
+    """Base tension [N] of reach and bend, as of a pose."""
     branch: Branch = "pulling"
     """As of a pose."""
-    direction: Angle = 0.5 * 3.141592653589793
-    """Of reach [rad], from the base tangent; sideways unless given."""
+    direction: Heading = 0.5 * 3.141592653589793
+    """Of reach [rad], from the base tangent, sideways (along y) unless given; in space a vector."""
+
+
+class Obstacle(Section):
+    """What the body must not touch at any target: a ball, or a rod with round ends."""
+
+    at: Place = Field(examples=[["150 mm", "40 mm"]])
+    """Its middle, or one end of the rod [m]: x, y; in space x, y, z in the world."""
+    to: Place | None = None
+    """The other end of the rod [m]; a ball unless given."""
+    radius: Length = Field(examples=["10 mm"])
+    """Radius [m]."""
 
 
 class Search(Section):
@@ -93,9 +154,10 @@ class Search(Section):
     routing: tuple[StrictStr, ...] | None = None
     """Numbers of the channel that may change; all of them unless given."""
     free: tuple[StrictStr, ...] = ()
-    """Other numbers that may change: T_base, or any of the robot (E, outer_radius_tip, bore_0_diameter)."""
+    """Other numbers that may change: T_base (T_base.left of one of several tendons), or any of the robot (E,
+    outer_radius_tip, bore_0_diameter)."""
     knots: Whole | None = None
-    """Number of knots of a spline, evenly spaced; 6 unless given."""
+    """Number of knots of a spline or a curve, evenly spaced; 6 unless given."""
     n_sine: tuple[Ratio, ...] | None = None
     """Numbers of half waves to choose from; that of the robot unless given."""
     bounds: dict[str, tuple[Any, Any]] = Field(default_factory=dict)
@@ -108,9 +170,19 @@ class Search(Section):
     """Of the starts."""
 
     @property
+    def free_tensions(self) -> tuple[str, ...]:
+        """The names among the free numbers that are of base tensions: T_base, or T_base.left."""
+        return tuple(name for name in (*self.free, *(self.routing or ())) if is_tension(name))
+
+    @property
     def frees_tension(self) -> bool:
-        """Whether the base tensions may change."""
-        return T_BASE in (*self.free, *(self.routing or ()))
+        """Whether any base tension may change."""
+        return bool(self.free_tensions)
+
+
+def is_tension(name: str) -> bool:
+    """Whether the name of a free number is that of base tensions."""
+    return name.partition(".")[0] == T_BASE
 
 
 class Limits(Section):
@@ -120,6 +192,10 @@ class Limits(Section):
     """Least wall [m] between the channel and the outer surface."""
     bore_clearance: Length = 0.0
     """Least wall [m] between the channel and a bore."""
+    channel_clearance: Length = 0.0
+    """Least wall [m] between the channels of two tendons."""
+    obstacle_clearance: Length = 0.0
+    """Least distance [m] between the body and an obstacle, at every target."""
     channel_diameter: Length = 0.0
     """Of the channel [m]; clearances count from its edge."""
     min_channel_radius: Length | None = None
@@ -166,6 +242,8 @@ class TargetConfig(FileSection):
     """Shapes of the midline."""
     goal: Goal | None = None
     """What to make as large as can be."""
+    obstacle: tuple[Obstacle, ...] = ()
+    """What the body must not touch."""
     T_base_max: Force | None = None
     """Base tension [N] from which targets on the releasing branch are released; the largest of the file
     unless given."""

@@ -17,13 +17,16 @@ from gtr_jax.simulation.programs import terms_act
 
 from .model import states_of
 from .option import Option, loads_of
+from .pose import DIRECTION, distance, turning
 from .problem import DesignProblem
 from .space import on_common_mesh
 from .target import TIP_TOLERANCE
 
 DIFFERENCE = 1e-4  # relative
 # Sections of the robot file whose numbers are dimensions.
-SECTIONS = ("backbone.", "routing.", "tendon.")
+SECTIONS = ("backbone.", "routing.", "tendon.", "tendons.")
+# Of a tendon, what changes nothing where its base tension is given.
+OF_DRIVE = ("preload", "EA", "free_length")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,7 +53,8 @@ def _poses_by(robot, index, T, released, largest):
     def poses(values):
         return states_of(unravel(flat.at[index].set(values)), T, released, largest).pose
 
-    if terms_act(robot):  # as in `gauss_newton.value_and_slopes`
+    # As in `gauss_newton.value_and_slopes`; in space derivatives by so many numbers take a minute to compile.
+    if terms_act(robot) or robot.space:
         values = flat[index]
         steps = DIFFERENCE * jnp.where(values == 0.0, 1.0, jnp.abs(values))
         ends = jax.lax.map(lambda d: poses(values + d), jnp.concatenate([jnp.diag(steps), -jnp.diag(steps)]))
@@ -65,14 +69,18 @@ def _poses_by(robot, index, T, released, largest):
 def pose_slopes(problem: DesignProblem, option: Option) -> tuple[list[Parameter], np.ndarray, np.ndarray]:
     """Derivatives of the tip's pose at every state by every dimension of body, channel and tendon.
 
-    Forward mode through the equilibrium by the implicit function theorem; with physics terms central
-    differences.
+    Forward mode through the equilibrium by the implicit function theorem; in space and with physics terms
+    central differences.
 
     Returns:
-        The p parameters, their values, SI, (p,), and d pose / d parameter, (p, S, 3).
+        The p parameters, their values, SI, (p,), and d pose / d parameter, (p, S, pose).
     """
     robot = on_common_mesh(problem.space, option.config, 1.0)
-    found = [p for p in parameters_of(robot).values() if p.key.startswith(SECTIONS) and p.name != "preload"]
+    found = [
+        p
+        for p in parameters_of(robot).values()
+        if p.key.startswith(SECTIONS) and p.name.partition(".")[0] not in OF_DRIVE
+    ]
     found = [p for p in found if p.name != "density" or robot.loaded]
     values = np.array([float(robot.value(p.name)) for p in found])
     index = places_of(robot, [p.name for p in found])
@@ -89,8 +97,8 @@ def tolerance_table(problem: DesignProblem, option: Option) -> tuple[Sensitivity
     by_state = {state: i for i, state in enumerate(wanted.pose_state)}
     rows = []
     for p, value, slope in zip(parameters, values, slopes, strict=True):
-        moves = np.hypot(slope[states, 0], slope[states, 1])
-        turns = np.abs(slope[states, 2])
+        moves = distance(slope[states])
+        turns = turning(slope[states])
         allowed = np.inf
         for state, move, turn in zip(states, moves, turns, strict=True):
             i = by_state.get(state)
@@ -98,7 +106,9 @@ def tolerance_table(problem: DesignProblem, option: Option) -> tuple[Sensitivity
             tip = TIP_TOLERANCE * length if pose is None else pose.near(length)
             if (pose is None or pose.tip is not None) and move > 0:
                 allowed = min(allowed, tip / move)
-            if pose is not None and pose.angle is not None and turn > 0:
+            if pose is not None and pose.turn == "direction":
+                turn = float(np.linalg.norm(slope[state][DIRECTION]))
+            if pose is not None and pose.turn is not None and turn > 0:
                 allowed = min(allowed, pose.angle_tolerance / turn)
         rows.append(Sensitivity(p, float(value), float(moves.max()), float(turns.max()), float(allowed)))
     return tuple(sorted(rows, key=lambda r: r.allowed / max(abs(r.value), 1e-12)))

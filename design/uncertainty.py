@@ -13,9 +13,8 @@ from gtr_jax.files.config import RobotConfig
 
 from .target import TargetConfig
 
-# Names in fit.json, and keys in the robot file.
+# Names in fit.json.
 NAMES = ("mu", "E")
-KEYS = ("tendon.friction_coefficient", "backbone.youngs_modulus")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -65,23 +64,31 @@ class Uncertainty:
         return np.maximum(steps, -0.95), weights
 
 
+def keys_of(config: RobotConfig) -> tuple[list[str], list[str]]:
+    """Keys in the robot file of its friction coefficients, which deviate together, and of its modulus."""
+    names = config.tendon_names
+    friction = [f"tendons.{name}.friction_coefficient" for name in names]
+    return friction or ["tendon.friction_coefficient"], ["backbone.youngs_modulus"]
+
+
 def uncertainty_of(config: RobotConfig, target: TargetConfig) -> Uncertainty:
-    """What the target file, its fit.json or the robot's [uncertainty] say.
+    """What the target file, its fit.json or the robot's [uncertainty] say; of several tendons the largest.
 
     Raises:
         InputError: the file is missing or no fit; or a robust design is asked for and nothing is uncertain.
     """
     own = target.robust
-    values = np.array([config.tendon.friction_coefficient, config.backbone.youngs_modulus])
     sd, rho, source = np.zeros(2), 0.0, ""
     if own.fit is not None:
         sd, rho = _of_fit(target, target.folder / own.fit)
         source = own.fit
     else:
-        for i, key in enumerate(KEYS):
-            said = config.deviation(key)
-            if said is not None and values[i] > 0:
-                sd[i], source = said / values[i], f"{config.source} [uncertainty]"
+        values = config.numbers()
+        for i, keys in enumerate(keys_of(config)):
+            said = [(config.deviation(key), values.get(key, 0.0)) for key in keys]
+            shares = [deviation / value for deviation, value in said if deviation is not None and value > 0]
+            if shares:
+                sd[i], source = max(shares), f"{config.source} [uncertainty]"
     for i, name in enumerate(("friction_coefficient", "youngs_modulus")):
         given = getattr(own, name)
         if given is not None:

@@ -31,9 +31,10 @@ if TYPE_CHECKING:
     from .simulation.equilibrium import equilibrium
     from .simulation.forces import ChannelForces, channel_forces
     from .simulation.history import Simulation, equilibrium_at, reading, simulate
+    from .simulation.markers import marker_places
     from .simulation.phases import Switch, label_phases, release_switch
     from .simulation.sensing import Reading, true_base
-    from .simulation.solution import Equilibrium
+    from .simulation.solution import Equilibrium, Shape
 
 # The names of each file; a test checks this table against the imports above.
 FILES = {
@@ -50,9 +51,10 @@ FILES = {
     "simulation.equilibrium": ("equilibrium",),
     "simulation.forces": ("ChannelForces", "channel_forces"),
     "simulation.history": ("Simulation", "equilibrium_at", "reading", "simulate"),
+    "simulation.markers": ("marker_places",),
     "simulation.phases": ("Switch", "label_phases", "release_switch"),
     "simulation.sensing": ("Reading", "true_base"),
-    "simulation.solution": ("Equilibrium",),
+    "simulation.solution": ("Equilibrium", "Shape"),
 }
 _FILE_OF = {name: file for file, names in FILES.items() for name in names}
 
@@ -69,6 +71,7 @@ __all__ = [
     "Recording",
     "Robot",
     "RobotConfig",
+    "Shape",
     "Simulation",
     "Switch",
     "Tendon",
@@ -81,6 +84,7 @@ __all__ = [
     "label_phases",
     "load_config",
     "load_robot",
+    "marker_places",
     "parameters_of",
     "read_recording",
     "reading",

@@ -22,8 +22,13 @@ class InputError(ValueError):
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
-    """The known name most similar to `name`, ignoring case, or None if none is similar."""
+    """The known name most similar to `name`, ignoring case, or the only one that it begins; None if none is
+    similar.
+    """
     by_folded = {candidate.casefold(): candidate for candidate in known}
+    begun = [folded for folded in by_folded if len(name) > 2 and folded.startswith(f"{name.casefold()}-")]
+    if len(begun) == 1:
+        return by_folded[begun[0]]
     alike = difflib.get_close_matches(name.casefold()[:_ENOUGH], by_folded, n=1, cutoff=0.5)
     return by_folded[alike[0]] if alike else None
 

@@ -50,7 +50,9 @@ def programs_do_not_pile_up():
 
 @pytest.fixture
 def make_config():
-    """A valid robot file as a dictionary of SI numbers, changed by keyword per section, parsed."""
+    """A valid robot file as a dictionary of SI numbers, changed by keyword per section, parsed; a None takes
+    a number of the backbone away, `tendons` the only tendon and its channel.
+    """
 
     def make(routing=None, backbone=None, tendon=None, loads=None, **rest):
         data = {
@@ -68,6 +70,9 @@ def make_config():
             "loads": loads or {},
             **rest,
         }
+        data["backbone"] = {key: value for key, value in data["backbone"].items() if value is not None}
+        if "tendons" in rest:
+            del data["routing"], data["tendon"]
         return parse_config(data)
 
     return make

@@ -135,13 +135,16 @@ def test_weighed_squares_are_those_of_the_full_covariance():
     weighed = weigh(r[None])
     np.testing.assert_allclose(weighed.T @ weighed, r.T @ np.linalg.solve(C, r), rtol=1e-8)
     assert weigh(r[None, :, 0]).shape == (2 * K,)
+    told = np.linalg.slogdet(C / 0.05**2)[1]
+    np.testing.assert_allclose(weigh.log_determinant, told, rtol=1e-8)
     half = weigh.only(np.arange(K) < 300)
+    np.testing.assert_allclose(half.log_determinant, np.linalg.slogdet(C[:300, :300] / 0.05**2)[1], rtol=1e-8)
     np.testing.assert_allclose(
         np.sum(half(r[None, :, 0]) ** 2), r[:300, 0] @ np.linalg.solve(C[:300, :300], r[:300, 0]), rtol=1e-8
     )
-    np.testing.assert_allclose(
-        Weighing.plain(exact(HOLDS), ("T_tip",), np.array([0.05]))(r[None, :, 0])[:K], r[:, 0] / 0.05
-    )
+    exactly = Weighing.plain(exact(HOLDS), ("T_tip",), np.array([0.05]))
+    np.testing.assert_allclose(exactly(r[None, :, 0])[:K], r[:, 0] / 0.05)
+    assert exactly.log_determinant == 0.0
 
 
 def test_slope_is_that_of_the_base_tension_last_followed(make_robot):

@@ -171,7 +171,7 @@ def test_what_is_within_a_tolerance_of_possible_is_not_refused(make_config):
 def test_robots_that_cannot_be_designed(make_config):
     from gtr_jax.files.config import load_config, parse_config
 
-    with pytest.raises(InputError, match="one tendon"):
+    with pytest.raises(InputError, match="give the tension of each"):
         problem_of(
             load_config("examples/antagonists.toml"), design.parse_target({"schema": 1, "pose": [POSE]})
         )

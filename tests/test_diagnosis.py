@@ -76,7 +76,7 @@ def models_of(squares):
         fits[names] = SimpleNamespace(
             names=names, cost=chi2, prior=0.0, chi2=chi2, rows=rows, volume=lambda v=volume: v
         )
-    bench: Any = SimpleNamespace(readings=500, mean_square=lambda f: f.chi2 / 500)
+    bench: Any = SimpleNamespace(readings=500, heavy=None, mean_square=lambda f: f.chi2 / 500)
     known = {name for names in squares for name in names} | {f"h{k}" for k in range(35)}
     hypotheses: Any = [SimpleNamespace(name=name, kind=name.partition(".")[0]) for name in sorted(known)]
     models = Models(bench, hypotheses)
@@ -465,6 +465,28 @@ def test_an_interrupted_diagnosis_goes_on_where_it_stopped(tmp_path, monkeypatch
     assert len(simulated) == len(SimulationCache(steps)) - done
     simulated.clear()
     assert calibrate.diagnose(config, recording, steps=steps).to_json() == whole.to_json() and not simulated
+
+
+def test_a_simulation_does_not_depend_on_those_before_it(make_robot):
+    robot = make_robot()
+    T = np.concatenate([np.linspace(0.0, 20.0, 21), np.linspace(20.0, 0.0, 21)[1:]])
+    recording = gtr.Recording(path=Path("r.csv"), sha256="", time=np.arange(41.0), T_base=T, T_tip=0.8 * T)
+    part, _ = part_of("r", robot, None, recording, ("T_tip",), noise_N=0.02, noise_base_N=0.02)
+    given = {"timed": True, "largest_tip": 8.0, "travel": np.array([0.0, 0.1]), "bend": 5.0}
+    hypotheses = [h for h in catalogue(robot, **given, displaced=True) if h.few]
+    plain = {"mu": 0.2, "E": float(robot.value("E"))}
+    tried = [plain, *(plain | dict(h.few[0]) | dict(h.fixed) for h in hypotheses)]
+    assert {"free-length", "tip-gain", "tip-load"} <= {h.name.partition(".")[0] for h in hypotheses}
+    before, after = Rig(part, robot), Rig(part, robot)
+    forth = [before(values) for values in tried]
+    back = [after(values) for values in reversed(tried)][::-1]
+    nothing = forth[0]
+    for values, one, other in zip(tried, forth, back, strict=True):
+        assert one is not None and other is not None and nothing is not None
+        np.testing.assert_array_equal(one.values, other.values)
+        # What a cell that saturates showed cannot be told from what it lost.
+        same = values is plain or "saturation.base" in values
+        assert same == np.array_equal(one.values, nothing.values), values
 
 
 def test_the_file_of_steps_is_left_where_no_answer_was_written(tmp_path, monkeypatch, capsys):

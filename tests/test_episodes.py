@@ -178,7 +178,11 @@ def test_part_of_a_misfit(monkeypatch):
     fits = {("h1",): best, (): base}
     sure = {("h1",): 0.999, (): 0.001}
     models = SimpleNamespace(
-        bench=SimpleNamespace(scale_left=lambda f: 1.0), base=base, fits=fits, beside=lambda f: sure, of={}
+        bench=SimpleNamespace(scale_left=lambda f: 1.0, heavy=None),
+        base=base,
+        fits=fits,
+        beside=lambda f: sure,
+        of={},
     )
     nearest = decide.Decision(
         verdict="unexplained",
@@ -198,6 +202,12 @@ def test_part_of_a_misfit(monkeypatch):
     found = verdict((3.0, 80.0))
     assert found.verdict == "partly-explained" and found.confusion == [("h1",)] and found.chosen is best
     assert verdict((8.0, 800.0)).verdict == "unexplained"  # most of the structure stays
+    # In a long recording, where every effect pays on unseen cycles, half of it in squares may stay.
+    assert verdict((6.0, 500.0)).verdict == "unexplained"
+    models.bench.heavy = 4.0
+    assert verdict((6.0, 500.0)).verdict == "partly-explained"
+    assert verdict((8.0, 800.0)).verdict == "unexplained"
+    models.bench.heavy = None
     sure[("h1",)], sure[()] = 0.5, 0.5
     assert verdict((3.0, 80.0)).verdict == "unexplained"
 
@@ -215,7 +225,7 @@ def test_an_effect_pays_on_unseen_samples_or_is_not_kept(monkeypatch):
         "by_fold",
         lambda bench, models: np.asarray([[[s, 1, s, 1] for s in by[f.names]] for _, f in models]),
     )
-    models = SimpleNamespace(bench=None, hypotheses=lambda names: [])
+    models = SimpleNamespace(bench=SimpleNamespace(heavy=None), hypotheses=lambda names: [])
     unseen = further._Unseen(models)  # type: ignore[arg-type]
     assert unseen.best(head, [good, little]) is good  # type: ignore[arg-type]
     assert unseen.best(head, [little]) is None  # type: ignore[arg-type]
@@ -235,6 +245,24 @@ SHEATH = {
     "routing": {"kind": "parallel", "offset": "0 mm"},
     "tendon": {"friction_coefficient": 0.05},
 }
+
+
+def test_a_smaller_model_is_no_rival_where_it_predicts_worse():
+    best = SimpleNamespace(names=("h1", "h2"))
+    models = SimpleNamespace(of={n: SimpleNamespace(kind=n) for n in ("h1", "h2", "h3")})
+    found = decide.Decision(
+        verdict="ambiguous",
+        chosen=cast(Any, best),
+        confusion=[("h1", "h2"), ("h1",)],
+        probability={("h1", "h2"): 0.7, ("h1",): 0.25, (): 0.05},
+        left=(0.1, 1.0),
+        base_left=(10.0, 900.0),
+    )
+    told = decide.narrowed(models, found, [("h1",)])  # type: ignore[arg-type]
+    assert told.verdict == "missing-physics" and told.confusion == [("h1", "h2")]
+    assert decide.narrowed(models, found, []) is found  # type: ignore[arg-type]
+    other = dataclasses.replace(found, confusion=[*found.confusion, ("h3",)])
+    assert decide.narrowed(models, other, [("h1",)]).verdict == "ambiguous"  # type: ignore[arg-type]
 
 
 @pytest.mark.slow
@@ -263,7 +291,6 @@ def test_a_sheath_that_moves_and_a_tip_end_that_is_pulled(tmp_path):
     assert found.verdict == "partly-explained", found.says
     kinds = {kind for names in found.confusion_set for kind in names}
     assert {"sheath-moved", "tip-gain"} <= kinds and "shaken-sheath" not in kinds, found.says
-    assert found.named == [] and len(found.confusion_set) > 1  # gains of the two cells are twins
     moved = next(c for c in found.parameters if c.name == "sheath-moved.time")
     assert moved.after == pytest.approx(31.0, abs=0.5)
     ends = [(e.start_s, e.end_s) for e in found.left_out if e.start_s is not None and e.end_s is not None]
@@ -276,3 +303,8 @@ def test_a_sheath_that_moves_and_a_tip_end_that_is_pulled(tmp_path):
     asked = calibrate.diagnose(config, recorded, noise_base_N=0.0, exclude=[(1057.5, 1058.4)])
     assert all(e.why == ASKED for e in asked.left_out) and "Left out of the fit as asked" in asked.says
     assert dataclasses.asdict(asked.left_out[0])["samples"] >= 10
+    # Gains of the two cells are twins, and must come as a set.
+    sets = [{*names} for names in found.confusion_set]
+    assert (
+        {"tip-gain", "sheath-moved"} in sets and {"base-gain", "sheath-moved"} in sets and found.named == []
+    )

@@ -12,7 +12,7 @@ from tests.conftest import ROUTINGS, SINE, TABLE
 
 @pytest.mark.parametrize("intervals", [1, 2, 3, 4, 5, 12])
 def test_weights_are_exact_for_the_polynomials_their_nodes_allow(intervals):
-    x, _, weights = panel_table(intervals)
+    x, _, weights, _ = panel_table(intervals)
     for degree in range(min(intervals, 3) + 1):
         for i in range(1, intervals + 1):
             if degree > min(i, 3):

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gtr_jax.files.glitches import LONGEST, find_glitches
+from benchmarks import glitches as rigs
+from gtr_jax.files.excursions import LONGEST
+from gtr_jax.files.glitches import find_glitches
 from gtr_jax.files.recording import read_recording
 
 ROOT = Path(__file__).parents[1]
@@ -149,6 +151,123 @@ def test_a_pull_that_both_cells_show_is_none_where_others_are_as_fast():
     noise = 0.01 * np.random.default_rng(0).standard_normal((2, len(T)))
     assert find_glitches({"T_base": T + noise[0], "T_tip": 0.6 * T + noise[1]}, None) == []
     assert [g.first for g in find_glitches({"T_base": T + noise[0], "T_tip": noise[1]}, None)] == [60]
+
+
+def test_recordings_as_rigs_make_them():
+    there = found = wrong = extra = 0
+    rng = np.random.default_rng(0)
+    for drawn in rigs.recordings(90210, 25):
+        spoilt = rigs.kinds(drawn.read.spoilt).keys()
+        masked = rigs.masked(drawn.read.cells, drawn.read.time)
+        there, found, wrong = there + len(spoilt), found + len(masked & spoilt), wrong + len(masked - spoilt)
+        extra += len(rigs.masked(rigs.sound(rng, drawn), drawn.read.time))
+    assert there > 600
+    assert found >= 0.94 * there
+    assert wrong <= 0.005 * found and extra <= 2
+
+
+def pulled(T_base, low=0.5, high=0.9, loose=()):
+    """What Coulomb friction lets through of a base tension, (K,); at the samples `loose` friction is gone."""
+    tip, out = low * T_base[0], np.empty_like(T_base)
+    for k, base in enumerate(T_base.tolist()):
+        tip = 0.7 * base if k in loose else min(max(tip, low * base), high * base)
+        out[k] = tip
+    return out
+
+
+def seen(cells, sd=0.01, seed=0):
+    """Cells with noise of 0.1 % of some 10 N, in grains of 2 mN."""
+    rng = np.random.default_rng(seed)
+    return {n: np.round((v + sd * rng.standard_normal(len(v))) / 2e-3) * 2e-3 for n, v in cells.items()}
+
+
+def jagged(rate):
+    """Sharp reversals: 12 N in as few as three samples each way."""
+    turns = np.cumsum(np.tile([3, 5, 8, max(int(0.4 * rate), 4)], 30))
+    return np.interp(np.arange(turns[-1]), turns, np.tile([12.0, 0.5, 10.0, 3.0], 30))
+
+
+def swinging(rate):
+    """Sudden releases, after which the load swings at 2.5 Hz."""
+    t = np.arange(0, 4, 1 / rate)
+    one = 4 + 6 * np.exp(-t) * np.cos(2 * np.pi * 2.5 * t)
+    return np.concatenate([*[np.concatenate([np.full(int(rate), 10.0), one]) for _ in range(5)]])
+
+
+def bursting(rate):
+    """Stick-slip of the base: slow rise, sudden fall."""
+    return 6 + 2.0 * ((np.arange(int(40 * rate)) / (0.35 * rate)) % 1)
+
+
+@pytest.mark.parametrize("rate", (20, 50, 100))
+@pytest.mark.parametrize("history", (jagged, swinging, bursting))
+def test_quick_moves_are_none(history, rate):
+    T_base = history(rate)
+    time = np.arange(len(T_base)) / rate
+    for seed in range(5):
+        cells = seen({"T_base": T_base, "T_tip": pulled(T_base)}, seed=seed)
+        assert find_glitches(cells, time) == []
+
+
+@pytest.mark.parametrize("rate", (20, 50, 100))
+def test_events_are_none(rate):
+    t = np.arange(0, 60, 1 / rate)
+    T_base = np.interp(t, [0, 5, 25, 30, 50, 60], [0.5, 12, 12, 6, 6, 0.5])
+    tapped = {int(k * rate) + j for k in (8, 15, 35, 44) for j in range(max(rate // 25, 1))}
+    tip = pulled(T_base, loose=tapped)
+    moved = np.where((t > 20) & (t < 20.5), -2.0, 0.0) + np.where(t > 40, 1.0, 0.0)
+    jerk = np.interp(t, [18, 18 + 1 / rate, 19, 60], [0, -1.5, 0, 0])
+    for cells in (
+        {"T_base": T_base, "T_tip": tip},
+        {"T_base": T_base, "T_tip": tip + moved},
+        {"T_base": T_base + jerk, "T_tip": tip + moved},
+    ):
+        assert find_glitches(seen(cells), t) == []
+
+
+def test_a_pull_and_back_that_friction_allows_is_kept_and_one_that_it_does_not_is_none():
+    t = np.arange(0, 40, 0.02)
+    T_base = np.interp(t, [0, 5, 5.02, 11, 20, 30, 40], [0.5, 0.5, 12, 12, 4, 12, 0.5])
+    T_base[900:902] = 14.0  # on release: the tip crosses the whole band of friction, and back
+    tip = pulled(T_base)
+    assert tip[899] < 5.3 and tip[900] == pytest.approx(7.0) and tip[902] < 5.3
+    cells = {"T_base": T_base, "T_tip": tip}
+    assert find_glitches(seen(cells), t) == []
+    cells["T_tip"] = np.where(np.isin(np.arange(len(t)), (900, 901)), 15.0, tip)
+    found = [(g.channel, g.first, g.last) for g in find_glitches(seen(cells), t)]
+    assert found == [("T_base", 900, 901), ("T_tip", 900, 901)]
+
+
+def test_glitches_in_a_swing():
+    T_base = swinging(50)
+    cells = seen({"T_base": T_base, "T_tip": pulled(T_base)})
+    steps = np.abs(np.diff(T_base))
+    cells["T_base"][70:72] += 1.5
+    assert steps[60:80].max() > 1.5 / 4  # the former rule asked for four times the steps around
+    assert [(g.first, g.last) for g in find_glitches(cells, None)] == [(70, 71)]
+
+
+def test_dropouts_of_a_cell_that_is_often_at_zero():
+    t = np.arange(0, 60, 0.02)
+    T_base = np.maximum(np.interp(t, [0, 10, 20, 25, 50, 60], [0, 0, 12, 8, 0, 0]), 0)
+    cells = seen({"T_base": T_base, "T_tip": pulled(T_base)}, sd=1.5e-3)
+    assert np.mean(cells["T_base"] == 0) > 0.05
+    assert find_glitches(cells, t) == []
+    cells["T_base"][1100:1107] = 0.0
+    cells["T_tip"][1600:1604] = 0.0
+    found = [(g.channel, g.first, g.last, g.kind) for g in find_glitches(cells, t)]
+    assert found == [("T_base", 1100, 1106, "dropout"), ("T_tip", 1600, 1603, "dropout")]
+
+
+def test_beside_a_glitch_of_the_other_cell_a_smaller_one_is_found():
+    rng = np.random.default_rng(3)
+    base, tip = 10 + 0.01 * rng.standard_normal(2000), 6 + 0.01 * rng.standard_normal(2000)
+    tip[500] = tip[499] + 0.055
+    tip[800] = tip[799] + 0.055
+    assert find_glitches({"T_base": base, "T_tip": tip}, None) == []
+    base[500] = 20.0
+    found = [(g.channel, g.first) for g in find_glitches({"T_base": base, "T_tip": tip}, None)]
+    assert found == [("T_base", 500), ("T_tip", 500)]
 
 
 def test_bursts_and_gaps_are_none():

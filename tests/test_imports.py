@@ -36,7 +36,7 @@ ALLOWED = {
     "sweep": BELOW,
     "plots": BELOW | {"sweep"},
     "report": BELOW | {"sweep", "plots", "examples"},
-    "calibrate.readings": {"inspection"},
+    "calibrate.readings": {"files", "inspection"},
     "calibrate": CALIBRATE,
     "calibrate.diagnosis": CALIBRATE | {"calibrate"},
     "calibrate (door)": {"calibrate", "calibrate.diagnosis"},

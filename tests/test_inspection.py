@@ -8,11 +8,12 @@ import pytest
 from rigs import CYCLE, MU_THETA, REST, pulled, ramps, recorded, recording
 
 from gtr_jax.errors import InputError
+from gtr_jax.files.differences import from_differences
 from gtr_jax.files.recording import read_recording, write_recording
 from gtr_jax.inspection.inspection import inspect
 from gtr_jax.inspection.mapping import Mapping
-from gtr_jax.inspection.noise import from_differences, noise, resolution
-from gtr_jax.inspection.report.figures import close_up
+from gtr_jax.inspection.noise import noise, resolution
+from gtr_jax.inspection.report.figures import close_up, plot_channels
 from gtr_jax.inspection.report.inspection import inspection_report
 from gtr_jax.inspection.sampling import sampling
 from gtr_jax.inspection.slip import PULLING, RELEASING, TRANSITION
@@ -339,6 +340,32 @@ def test_many_cycles_are_drawn_all_and_a_few_close_up():
     assert [f.name for f in report.figures][:3] == ["channels", "cycles", "loop"]
     largest = close_up(found)
     assert 6.0 < columns["time"][largest][-1] - columns["time"][largest][0] < 11.0
+
+
+def test_bands_and_crosses_are_few_artists_however_many_there_are(tmp_path):
+    legs = ((6.0, 2.0), (6.0, 1.0), (1.0, 2.0), (1.0, 1.0)) * 12
+    columns = recorded(*ramps(*legs, start=1.0))
+    columns["T_base"][500::700] += 40.0
+    columns["T_tip"][300::700] -= 40.0
+    time = columns["time"]
+    write_recording(tmp_path / "a.csv", columns)
+    rig = read_recording(tmp_path / "a.csv")
+    found = inspect(rig)
+    crosses = len(rig.masked)
+    assert crosses > 10 and len(found.holds) > 10
+    axes = plot_channels(rig, found).axes[0]
+    assert len(axes.collections) == 1  # the holds
+    spans = axes.collections[0].get_paths()
+    assert len(spans) == len(found.holds)
+    lines = [line for line in axes.lines if line.get_marker() == "x"]
+    assert [np.size(line.get_xdata()) for line in lines] == [
+        sum(m.channel == name for m in rig.masked) for name in ("T_base", "T_tip")
+    ]
+    low, high = axes.get_ylim()
+    at = {"T_base": 500, "T_tip": 300}
+    for line, name in zip(lines, at, strict=True):
+        assert np.asarray(line.get_xdata())[0] == pytest.approx(time[at[name]])
+        assert low < np.min(line.get_ydata()) and np.max(line.get_ydata()) < high
 
 
 def test_a_sound_recording_has_no_problem():

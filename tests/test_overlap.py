@@ -7,7 +7,7 @@ import pytest
 import gtr_jax as gtr
 from gtr_jax.examples import SIMULATED
 from gtr_jax.report.simulation import answer_simulation, facts, simulation_report
-from gtr_jax.robot.overlap import crosses_itself, impossible, outline
+from gtr_jax.robot.overlap import crosses_itself, impossible, impossible_in_space, meets_itself, outline
 
 RADIUS, LENGTH = 0.01, 0.3
 
@@ -63,3 +63,36 @@ def test_a_body_that_bends_far_is_not():
     assert np.degrees(run.tip_pose[-1, 2]) > 120
     found = impossible(robot.backbone, run.s, curvature=run.curvature, angle=run.angle, T_base=run.T_base)
     assert not found.says
+
+
+def coil(pitch, turns=1.5, radius=0.03, n=301):
+    """Nodes of a body that winds about an axis, each turn `pitch` [m] beyond the last, and its midline."""
+    angle = np.linspace(0.0, 2 * np.pi * turns, n)
+    places = np.stack([pitch * angle / (2 * np.pi), radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))]), places
+
+
+def test_a_coil_meets_itself_once_its_turns_touch():
+    for pitch, meets in ((0.021, False), (0.019, True)):
+        s, places = coil(pitch)
+        assert meets_itself(s, places, np.full(len(s), RADIUS)) is meets
+
+
+def test_an_arc_in_space_meets_itself_as_in_the_plane():
+    s = np.linspace(0.0, LENGTH, 401)
+    for turn in (200, 300, 365):
+        angle = np.radians(turn) * s / LENGTH
+        kappa = np.radians(turn) / LENGTH
+        places = np.stack([np.sin(angle), 1 - np.cos(angle), 0 * s], axis=1) / kappa
+        assert meets_itself(s, places, np.full(401, RADIUS)) is (turn == 365)
+
+
+def test_the_wall_is_strained_by_bending_and_by_twist(make_robot):
+    body = make_robot(backbone={"outer_radius": 0.011}).backbone
+    s = jnp.linspace(0.0, 0.25, 3)
+    strain = jnp.array([[[1.0, 3.0, 4.0]], [[-60.0, 3.0, 4.0]]]) * jnp.ones((2, 3, 1))
+    found = impossible_in_space(
+        body, s, strain=strain, position=jnp.zeros((2, 3, 3)), T_base=jnp.array([1.0, 2.0])
+    )
+    assert (found.strain, found.strain_step) == (pytest.approx(0.66), 1)
+    assert any("strained by 66 %" in text for text in found.says)

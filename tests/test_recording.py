@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gtr_jax.errors import InputError
-from gtr_jax.files.recording import Recording, read_recording, write_recording
+from gtr_jax.files.recording import LARGE, Recording, read_recording, write_recording
 
 SHARED = Path(__file__).parents[2] / "shared/data"
 GIRAFFE = SHARED / "giraffe/loadcell_measurements.csv"
@@ -403,6 +403,27 @@ def test_written_recordings_read_back_exactly(tmp_path):
     again = read_recording(tmp_path / "again.csv")
     assert isinstance(again, Recording) and again.tip_y is None
     np.testing.assert_array_equal(again.T_tip, recording.T_tip)
+
+
+def test_very_long_recordings_are_written_as_short_ones_are(tmp_path):
+    rng = np.random.default_rng(0)
+    T_base = np.concatenate([10.0 ** rng.uniform(-9, 9, LARGE), [0.0, 1e22, 5e-324, 123456789.0]])
+    given = {"time": np.arange(float(len(T_base))), "T_base": T_base, "T_tip": 0.5 * T_base}
+    write_recording(tmp_path / "a.csv", given)
+    lines = (tmp_path / "a.csv").read_text().splitlines()
+    assert lines[:2] == ["time_s,T_base_N,T_tip_N", f"0.0,{T_base[0]},{T_base[0] / 2}"]
+    read = np.array([line.split(",") for line in lines[1:]], dtype=float)
+    np.testing.assert_array_equal(read, np.stack(list(given.values()), axis=1))
+    for odd in (
+        np.full(len(T_base), "pulling"),
+        np.where(T_base > 1, np.nan, T_base),
+        np.arange(len(T_base)),
+    ):
+        write_recording(tmp_path / "b.csv", given | {"odd": odd})
+        own = [line.rpartition(",") for line in (tmp_path / "b.csv").read_text().splitlines()]
+        assert own[1][2] == str(odd.tolist()[0]) and len(own) == len(lines)
+    with pytest.raises(ValueError, match="shorter"):
+        write_recording(tmp_path / "c.csv", given | {"T_tip": T_base[1:]})
 
 
 def test_columns_of_unequal_length_are_not_written(tmp_path):

@@ -33,6 +33,8 @@ VAST = 2.5
 # Structure left by the best effect counts above this significance, size and share of the size that the base
 # model leaves; the second share holds where the size exceeds `MUCH`.
 STAYS_Z, STAYS_SIZE, STAYS_SHARE, MUCH = 2.2, 0.3, (0.55, 0.42), 1.35
+# In a long recording, where every effect pays on unseen cycles, half of what is left in squares may stay.
+HALF_STAYS = 0.71
 # Some of several effects may be all there is if they explain this share of what all explain: laws are not
 # exact.
 NEARLY_ALL = 0.95
@@ -89,8 +91,7 @@ def _apart(a: Fitted, b: Fitted) -> float:
 def decide(models: Models) -> Decision:
     """The verdict."""
     probability = models.probabilities()
-    ranked: Sequence[Fitted] = models.ranked()
-    best, base = ranked[0], models.base
+    best, base = models.fits[tuple(sorted(next(iter(probability))))], models.base
     base_left, left = misfit(models.bench, base), misfit(models.bench, best)
     nothing = probability[()]
     if not best.names or 1 - nothing < CLAIMED or base.cost - best.cost < SEEN**2:
@@ -128,6 +129,26 @@ def decide(models: Models) -> Decision:
     )
 
 
+def narrowed(models: Models, decision: Decision, beaten: Sequence[tuple[str, ...]]) -> Decision:
+    """The decision without some of the models that the evidence does not tell apart, because they predict
+    samples that the fit has not seen worse than the one that is shown.
+
+    Args:
+        models: all that were refitted.
+        decision: the decision.
+        beaten: names of the hypotheses of these models.
+    """
+    if decision.verdict != AMBIGUOUS or not beaten:
+        return decision
+    confusion = [names for names in decision.confusion if names not in beaten]
+    own = _kinds(models, decision.chosen.names)
+    holds = sum(
+        p for names, p in decision.probability.items() if own <= _kinds(models, names) or names in beaten
+    )
+    alone = holds >= ALONE and len({_kinds(models, names) for names in confusion}) == 1
+    return dataclasses.replace(decision, confusion=confusion, verdict=MISSING if alone else decision.verdict)
+
+
 def decide_partly(models: Models, chosen: Fitted, nearest: Decision) -> Decision:
     """The verdict where a model leaves structure beyond the noise: its effects explain part of the misfit, or
     too little of it to be named.
@@ -143,17 +164,18 @@ def decide_partly(models: Models, chosen: Fitted, nearest: Decision) -> Decision
     found = dataclasses.replace(
         nearest, chosen=chosen, left=left, probability=probability, pattern=pattern, confusion=[]
     )
-    if not chosen.names or 1 - probability[()] < CLAIMED or most_stays(left, nearest.base_left):
+    most = most_stays(left, nearest.base_left, long=models.bench.heavy is not None)
+    if not chosen.names or 1 - probability[()] < CLAIMED or most:
         return dataclasses.replace(found, verdict=UNEXPLAINED)
     confusion, _ = _told_apart(models, chosen, probability, models.bench.scale_left(chosen))
     return dataclasses.replace(found, verdict=PARTLY, confusion=confusion)
 
 
-def most_stays(left: tuple[float, float], base_left: tuple[float, float]) -> bool:
+def most_stays(left: tuple[float, float], base_left: tuple[float, float], *, long: bool = False) -> bool:
     """Whether a model leaves so large a share of the structure that the base model leaves that its effects
-    are not what is missing.
+    are not what is missing; in a long recording, not a part of it.
     """
-    return left[0] > STAYS_SHARE[left[0] > MUCH] * base_left[0]
+    return left[0] > (HALF_STAYS if long else STAYS_SHARE[left[0] > MUCH]) * base_left[0]
 
 
 def _told_apart(
@@ -168,11 +190,9 @@ def _told_apart(
         scale: variance of the white residuals.
     """
 
-    def kinds(names: tuple[str, ...]) -> frozenset[str]:
-        return frozenset(models.of[name].kind for name in names)
-
     # A larger model that contains the effects of the best one supports it as well.
-    holds = sum(p for names, p in probability.items() if kinds(best.names) <= kinds(names))
+    own = _kinds(models, best.names)
+    holds = sum(p for names, p in probability.items() if own <= _kinds(models, names))
     confusion, total = [], 0.0
     for names in [best.names, *(names for names in probability if names != best.names)]:
         f = models.fits[tuple(sorted(names))]
@@ -189,8 +209,12 @@ def _told_apart(
         for names in probability
         if names not in confusion and _nearly(models.fits[tuple(sorted(names))], best, models.base)
     ]
-    # Variants of a term count as one effect.
-    return confusion, holds >= ALONE and len({kinds(names) for names in confusion}) == 1
+    return confusion, holds >= ALONE and len({_kinds(models, names) for names in confusion}) == 1
+
+
+def _kinds(models: Models, names: tuple[str, ...]) -> frozenset[str]:
+    """The terms of some hypotheses: variants of a term count as one effect."""
+    return frozenset(models.of[name].kind for name in names)
 
 
 def _nearly(fitted: Fitted, best: Fitted, base: Fitted) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -12,13 +13,13 @@ from gtr_jax import Recording, Robot, RobotConfig
 from ..parallel import in_parallel
 from .bench import Bench
 from .cache import SimulationCache
-from .decide import PARTLY, UNEXPLAINED, Decision, decide, decide_partly, structured, with_unseen
+from .decide import PARTLY, UNEXPLAINED, Decision, decide, decide_partly, narrowed, structured, with_unseen
 from .differ import still_differ
 from .episodes import episodes
 from .experiment import Experiment, propose
-from .further import with_further
+from .further import beaten, with_further
 from .heldout import held_out
-from .hypotheses import EVENTS
+from .hypotheses import EVENTS, INSTRUMENT_NUMBERS
 from .leave_out import Stretch, asked_for, from_outside, left_out
 from .locate import cycles_of, locate, mu_by_stratum, phases_of, ratio_of_branches
 from .marginal import Marginal, jointly
@@ -30,12 +31,10 @@ from .result import BAD_DATA, Diagnosis, Loop, Rival
 from .rig import Rig
 from .screen import STARTS_EACH, Screened, firm_fit, merged, screen
 from .search import SHORTLIST, WORTH, combine, refit_best
+from .twins import SETTLED, settled_with_twins
 
 # Number of best models that are refitted to all samples, and that are corrected to a fine mesh before.
 FINAL, REFINED = 4, 3
-# Samples above which episodes are left out though no effect explains the rest: in a short recording, an
-# episode would be one reading in ten.
-LONG = 1000
 
 
 def diagnose(
@@ -108,7 +107,7 @@ def diagnose(
     try:
         found = answer()
         samples = {name: len(r) for name, r in own.items()}
-        if found.verdict == PARTLY or (found.verdict == UNEXPLAINED and sum(samples.values()) > LONG):
+        if found.verdict == PARTLY and not found.settings["heavy_tails"]:
             more = from_outside(found.episodes, samples, leave_out, _events(found))
             if more is not None:
                 say("leaving out the episodes in which something outside the model acts, and trying again")
@@ -122,13 +121,20 @@ def diagnose(
 
 
 def _events(found: Diagnosis) -> list[tuple[float, float]]:
-    """Beginning and end of the events of the model that is shown [s], with their duration to each side."""
-    values = {c.name: c.after for c in found.parameters}
+    """Beginning and end of the events of the model that is shown [s]."""
+    if found.loops[0].time is None:
+        return []
+    return _events_of({c.name: c.after for c in found.parameters}, float(found.loops[0].time[0]))
+
+
+def _events_of(values: Mapping[str, float | None], begun: float) -> list[tuple[float, float]]:
+    """Beginning and end of the events among the numbers of a model of a recording that begins at a time, with
+    their duration to each side [s].
+    """
     times = []
     for kind in EVENTS:
         at, lasts = values.get(f"{kind}.time"), values.get(f"{kind}.duration") or 0.0
-        if at is not None and found.loops[0].time is not None:
-            begun = float(found.loops[0].time[0])
+        if at is not None:
             times.append((begun + at - lasts, begun + at + 2 * lasts))
     return times
 
@@ -172,17 +178,19 @@ def _search(
         models.reweigh()
         combine(models, say)
     say("refitting the best to all samples, on a fine mesh")
-    whole = _on_all(models, ready.rough, ready.exact)
-    if whole is None:
+    found = _decided(models, ready, say)
+    if found is None:
         return Diagnosis.without_answer(
             BAD_DATA, ["the simulation fails"], ready.parts, ready.warnings, ready.config
         )
-    decision = decide(whole)
-    if structured(decision.left) and decision.pattern is None:
-        best = with_further(whole, decision.chosen, say)
-        decision = decide_partly(whole, best, decision)
-        if not structured(decision.left):
-            decision = decide(whole)
+    whole, decision = found
+    outside = _outside(ready, whole, decision.chosen, leave_out)
+    if outside is not None:
+        say("leaving out the episodes in which something outside the model acts")
+        less = ready.without(outside)
+        again = _decided(whole, less, say, decision.chosen)
+        if again is not None:
+            ready, leave_out, (whole, decision) = less, outside, again
     decision = with_unseen(decision, whole, screened)
     chosen = decision.chosen
     if ready.differ and chosen.names and decision.verdict != UNEXPLAINED:
@@ -192,13 +200,56 @@ def _search(
     return _answer(ready, leave_out, decision, whole, screened, experiment=experiment, say=say)
 
 
-def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models | None:
+def _decided(
+    models: Models, ready: Prepared, say: Callable[[str], None], head: Fitted | None = None
+) -> tuple[Models, Decision] | None:
+    """The models refitted to all samples, and the verdict; None where that fails.
+
+    Args:
+        models: all that were refitted.
+        ready: the recordings.
+        head: the model to show where structure is left beyond any; looked for unless given.
+    """
+    whole = _on_all(models, ready.rough, ready.exact, [] if head is None else [head])
+    if whole is None:
+        return None
+    known = None if head is None else whole.fits.get(tuple(sorted(head.names)))
+    top = known or whole.ranked()[0]
+    settled_with_twins(whole, top)
+    decision = decide(whole)
+    if structured(decision.left) and decision.pattern is None:
+        best = with_further(whole, decision.chosen, say) if known is None else whole.stored(known)
+        decision = decide_partly(whole, best, decision)
+        if not structured(decision.left):
+            decision = decide(whole)
+    if whole.bench.heavy is not None:
+        # Long recordings have cycles enough to tell by.
+        decision = narrowed(whole, decision, beaten(whole, decision.chosen, decision.confusion))
+    return whole, decision
+
+
+def _outside(
+    ready: Prepared, models: Models, chosen: Fitted, known: Mapping[str, Sequence[Stretch]]
+) -> dict[str, list[Stretch]] | None:
+    """What is left out once a model is found: where something outside it acts, in a recording in which rows
+    far off count less; None where that is nothing.
+    """
+    time = ready.parts[0].time
+    if models.bench.heavy is None or time is None:
+        return None
+    samples = {part.name: part.samples for part in ready.parts}
+    events = _events_of(chosen.values, float(time[0]))
+    return from_outside(episodes(models.bench, chosen), samples, known, events)
+
+
+def _on_all(models: Models, rigs: list[Rig], fine: list[Rig], more: Sequence[Fitted] = ()) -> Models | None:
     """The most probable models, and the base model, refitted to all samples; None if that fails."""
-    bench = Bench(rigs=tuple(rigs), base=models.bench.base, dimensions=models.bench.dimensions)
+    few = models.bench
+    bench = Bench(rigs=tuple(rigs), base=few.base, dimensions=few.dimensions, heavy=few.heavy)
     whole = Models(bench, list(models.of.values()))
     ranked = models.ranked()
     wanted: dict[tuple[str, ...], Fitted] = {(): models.base}
-    for f in [f for f in ranked if f.names][:FINAL]:
+    for f in [*[f for f in ranked if f.names][:FINAL], *(f for f in more if f.names)]:
         wanted[f.names] = f
         # Where few samples need two effects, all samples may need only one.
         for name in f.names:
@@ -221,7 +272,49 @@ def _on_all(models: Models, rigs: list[Rig], fine: list[Rig]) -> Models | None:
 
     whole.add([f for f in in_parallel(refit, list(wanted.items())) if f is not None])
     whole.mend()
-    return whole if () in whole.fits else None
+    if () not in whole.fits:
+        return None
+    return whole if whole.bench.heavy is None else _weighed_by_the_best(whole)
+
+
+def _weighed_by_the_best(models: Models) -> Models:
+    """The models on the bench as weighed by the one of them that fits best as weighed by itself. Where the
+    tendon slips, and how the base cell's noise passes on to the tip, depends on the model: weighed by a
+    rival, a true model may seem much worse than it is.
+    """
+    bench = models.bench
+
+    def on_its_own(f: Fitted) -> tuple[float, Bench] | None:
+        own = dataclasses.replace(bench.weighed(f.values, f.seen, bench.noise), heavy=bench.heavy)
+        again = own.refit(models.hypotheses(f.names), f.x, most=4, exact=False)
+        return None if again is None else (again.cost + own.log_determinant, own)
+
+    top = models.ranked()[:FINAL]
+    found = [t for t in in_parallel(on_its_own, top) if t is not None]
+    least, own = min(found, key=lambda t: t[0], default=(0.0, bench))
+    first = next(iter(found), (0.0, bench))
+    if own is first[1] or least > first[0] - SETTLED:
+        return models
+    other = Models(own, list(models.of.values()))
+    again = [own.refit(models.hypotheses(f.names), f.x, most=4) for f in models.fits.values()]
+    other.add([f for f in again if f is not None])
+    other.mend()
+    return other if () in other.fits else models
+
+
+def _as_the_file_says(models: Models) -> Models:
+    """The base model without what instruments add, where that is fitted beside every hypothesis."""
+    numbers = tuple(n for n in models.bench.base if n.parameter not in INSTRUMENT_NUMBERS)
+    if numbers == models.bench.base:
+        return models
+    bench = models.bench.with_base(numbers)
+    known = dict(zip((n.name for n in models.bench.base), models.base.x, strict=True))
+    fitted = bench.refit((), np.asarray([known[n.name] for n in numbers]))
+    if fitted is None:
+        return models
+    plain = Models(bench, ())
+    plain.add([fitted])
+    return plain
 
 
 def _answer(
@@ -235,11 +328,13 @@ def _answer(
     say: Callable[[str], None],
 ) -> Diagnosis:
     bench, base, chosen = models.bench, models.base, decision.chosen
-    compared = [base] if not chosen.names else [base, chosen]
     say("fitting all that is uncertain together")
     finer = sum(ready.exact[0].robot.intervals) / sum(ready.rough[0].robot.intervals)
-    before = jointly(models, base, finer)
-    after = jointly(models, chosen, finer) if chosen.names else before
+    plain = _as_the_file_says(models)
+    before = jointly(plain, plain.base, finer)
+    more = chosen.names or plain is not models
+    compared = [plain.base, chosen] if more else [base]
+    after = jointly(models, chosen, finer) if more else before
     refitted: dict[tuple[str, ...], Marginal] = {}
     if len(decision.confusion) > 1:
         say("fitting the rivals likewise")

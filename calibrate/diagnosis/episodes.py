@@ -11,8 +11,9 @@ import dataclasses
 
 import numpy as np
 
+from gtr_jax.files.differences import MAD_TO_SD
+
 from ..predictor import Seen
-from ..readings.noise import MAD_TO_SD
 from ..setup import Part
 from .bench import Bench
 from .model import Fitted
@@ -31,7 +32,10 @@ HELD = 0.7
 # The base stands if it moves less than this share of what the tip does. Tensions relax towards each other if
 # |ln(T_tip/T_base)| falls to this share.
 STANDS, RELAXED = 0.3, 0.7
-ALONE, RELAXES, TOGETHER, SLIPPING, MIXED = (
+# A gap is a step in time of this many times the usual one; an episode follows it from so many samples on.
+GAPS, BEHIND = 5.0, 2
+AFTER_GAP, ALONE, RELAXES, TOGETHER, SLIPPING, MIXED = (
+    "after-a-gap",
     "tip-moves-alone",
     "tensions-relax",
     "tip-moves-while-held",
@@ -39,6 +43,7 @@ ALONE, RELAXES, TOGETHER, SLIPPING, MIXED = (
     "mixed",
 )
 WORDS = {
+    AFTER_GAP: "it begins behind a gap in the recording, in which the load is not known",
     ALONE: "the tip moves while the base stands and friction should hold it: was the tip end moved?",
     RELAXES: "both tensions relax towards each other while friction should hold them: was the sheath shaken?",
     TOGETHER: "the tip follows the base while friction should hold it",
@@ -135,6 +140,8 @@ def _episode(part: Part, ends: tuple[int, int], seen: Seen, share: float, *, who
     # What the tip did also shows in the step into the episode.
     around = slice(max(a - 1, 0), b + 1)
     kind = _kind(part.T_base.T_base[around], part.T_tip[around], held)
+    if held > 1 - HELD and _behind_gap(part, a):
+        kind = AFTER_GAP
     start, end = (None, None) if time is None else (float(time[a]), float(time[b]))
     mean, size = float(row.mean()), float(np.sqrt(np.mean(row**2)))
     at = when(first, last, start, end)
@@ -160,6 +167,16 @@ def _episode(part: Part, ends: tuple[int, int], seen: Seen, share: float, *, who
         kind=kind,
         says=f"{whose}{at}: simulated T_tip {sense} by {abs(mean):.2g} N; {moved}; {WORDS[kind]}",
     )
+
+
+def _behind_gap(part: Part, a: int) -> bool:
+    """Whether a sample follows a gap in the recording by a few samples."""
+    if part.time is None:
+        return False
+    each = np.diff(part.time) / np.diff(part.places)
+    before = slice(max(a - BEHIND - 1, 0), a)
+    alone = np.diff(part.places)[before] == 1
+    return bool(np.any(each[before][alone] > GAPS * float(np.median(each))))
 
 
 def _kind(T_base: np.ndarray, T_tip: np.ndarray, held: float) -> str:

@@ -82,7 +82,9 @@ def _numbers(kind: str, names: Sequence[str], time: np.ndarray):
     numbers = [number_of(term, next(q for q in term.quantities if q.name == name)) for name in names]
     start, end = float(time[0]), float(time[-1])
     return [
-        dataclasses.replace(n, centre=0.5 * (start + end), sd=0.5 * (end - start), lower=start, upper=end)
+        dataclasses.replace(
+            n, centre=0.5 * (start + end), sd=0.5 * (end - start), lower=start, upper=end, apart=0.5 * TAKES
+        )
         if n.name.endswith(".time")
         else n
         for n in numbers

@@ -16,9 +16,9 @@ from gtr_jax.robot.parameters import with_values
 from gtr_jax.robot.robot import sections
 from gtr_jax.simulation.sensing import cells_show
 
+from ..channels import CHANNELS
 from ..number import values_in
 from ..parallel import in_parallel
-from ..predictor import CHANNELS
 from ..readings import exact
 from .decide import UNEXPLAINED, Decision
 from .model import Fitted

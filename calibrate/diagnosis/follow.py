@@ -26,10 +26,10 @@ class Follow(NamedTuple):
     sizes: np.ndarray
     right: np.ndarray
 
-    def freed(self, rows: np.ndarray) -> np.ndarray:
-        """Rows of unit variance, (n, ...), once the dimensions are allowed to follow."""
+    def freed(self, rows: np.ndarray, followed: np.ndarray) -> np.ndarray:
+        """Rows of unit variance, (n,), once the dimensions may follow those in `followed`, (n,)."""
         shares = 1 - 1 / np.sqrt(1 + self.sizes**2)
-        return rows - (self.left * shares) @ (self.left.T @ rows)
+        return rows - (self.left * shares) @ (self.left.T @ followed)
 
     def moved(self, freed: np.ndarray) -> np.ndarray:
         """By how many standard deviations the dimensions then move, (D,)."""

@@ -18,10 +18,11 @@ from .episodes import episodes
 from .events import event_hypotheses
 from .heldout import by_fold
 from .hypotheses import EVENTS
-from .model import Fitted, model_of
+from .model import Fitted
 from .models import HOW_MANY, Models
 from .screen import Screened, screen
 from .search import ONE_EACH, SECOND_WORTH, refit_best
+from .twins import settled, swapped, twins_of
 
 # Effects that are tried at each stage, those of them that are judged on unseen samples, and iterations of a
 # refit.
@@ -34,8 +35,6 @@ PAYS, MOST_PARTS = 0.1, 0.5
 SURE = 25.0
 # Starts of an event that are refitted, by how many numbers it has.
 EVENT_STARTS = {2: 5, 3: 4}
-# The rivals are refitted until the cost falls by less than this, at most so often.
-SMALL, MOST_ROUNDS = 0.5, 4
 # Effects whose refits differ by less than this many variances of what is left are tried in place of each
 # other.
 NEAR = 8.0
@@ -59,7 +58,8 @@ def with_further(models: Models, start: Fitted, progress: Callable[[str], None])
         fits = _refitted_beside(models, head)
         models.add(fits)
         lasting = [f for f in fits if models.of[_new(f, head)].kind not in EVENTS]
-        best = _event(models, head, fits) or unseen.best(head, lasting[:JUDGED])
+        event = _event(models, head, fits)
+        best = unseen.best(head, lasting[:JUDGED]) if event is None else settled(models, [event])[0]
         if best is None:
             break
         new = _new(best, head)
@@ -68,9 +68,19 @@ def with_further(models: Models, start: Fitted, progress: Callable[[str], None])
         head = best
     head = _without_idle(models, unseen, head, start)
     parts = [f for f in models.fits.values() if f.names and set(f.names) < set(head.names)]
-    rivals = [models.stored(f) for f in _settled(models, [head, *parts, *_swapped(models, head, instead)])]
+    for name, others in twins_of(models, head).items():
+        instead[name] = instead.get(name, ()) + others
+    rivals = [models.stored(f) for f in settled(models, [head, *parts, *swapped(models, head, instead)])]
     probability = models.beside(models.stored(head))
     return max(rivals, key=lambda f: probability[f.names])
+
+
+def beaten(models: Models, best: Fitted, others: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """Those models with some of the effects of the best one that predict unseen samples worse by enough."""
+    smaller = [names for names in others if set(names) < set(best.names)]
+    unseen = _Unseen(models)
+    fits = [models.fits[tuple(sorted(names))] for names in smaller]
+    return [names for names, f in zip(smaller, fits, strict=True) if unseen.best(f, [best]) is not None]
 
 
 def _alike(models: Models, start: Fitted) -> dict[str, tuple[str, ...]]:
@@ -119,7 +129,8 @@ def _event(models: Models, head: Fitted, fits: Sequence[Fitted]) -> Fitted | Non
 
 
 class _Unseen:
-    """How well models predict unseen samples; each is judged once.
+    """How well models predict unseen samples; each is judged once. By T_tip; or, where rows far off count
+    less, by all rows.
 
     Args:
         models: all that were refitted.
@@ -130,14 +141,15 @@ class _Unseen:
         self._known: dict[tuple[str, ...], np.ndarray] = {}
 
     def squares(self, fits: Sequence[Fitted]) -> np.ndarray:
-        """Sum of squares of T_tip [N²] of each model on each part, (models, folds); infinite where a refit
-        fails.
+        """Sum of squares, of T_tip [N²] or of the rows, of each model on each part, (models, folds); infinite
+        where a refit fails.
         """
         new = [f for f in fits if f.names not in self._known]
         if new:
             found = by_fold(self.models.bench, [(self.models.hypotheses(f.names), f) for f in new])
             for f, folds in zip(new, found, strict=True):
-                self._known[f.names] = np.where(folds[:, 1] > 0, folds[:, 0], np.inf)
+                told = folds[:, 0 if self.models.bench.heavy is None else 2]
+                self._known[f.names] = np.where(folds[:, 1] > 0, told, np.inf)
         return np.stack([self._known[f.names] for f in fits])
 
     def totals(self, fits: Sequence[Fitted]) -> tuple[np.ndarray, np.ndarray]:
@@ -183,45 +195,3 @@ def _without_idle(models: Models, unseen: _Unseen, head: Fitted, start: Fitted) 
             return head
         head = fits[least - 1]
     return head
-
-
-def _settled(models: Models, fits: Sequence[Fitted]) -> list[Fitted]:
-    """Models refitted until the cost no longer falls: twins must not differ by where a descent stopped."""
-
-    def settle(f: Fitted) -> Fitted:
-        for _ in range(MOST_ROUNDS):
-            again = models.bench.refit(models.hypotheses(f.names), f.x)
-            if again is None or again.cost > f.cost - SMALL:
-                break
-            f = again
-        return f
-
-    settled = in_parallel(settle, list(fits))
-    models.add(settled)
-    return settled
-
-
-def _swapped(models: Models, head: Fitted, instead: dict[str, tuple[str, ...]]) -> list[Fitted]:
-    """The model with each of its effects replaced by one that did nearly as well, refitted."""
-    known = {n.name: v for n, v in zip(head.numbers, head.x, strict=True)}
-
-    def refit(item):
-        name, other = item
-        names = tuple(other if n == name else n for n in head.names)
-        model = model_of(models.bench.base, models.hypotheses(names))
-        alone = next((f for f in models.fits.values() if other in f.names), None)
-        own = {} if alone is None else {n.name: v for n, v in zip(alone.numbers, alone.x, strict=True)}
-        start = np.asarray([known.get(n.name, own.get(n.name, 0.0)) for n in model.numbers])
-        return models.bench.refit(models.hypotheses(names), start, exact=False)
-
-    def shares(name: str, other: str) -> bool:
-        beside = {n.name for h in models.hypotheses([k for k in head.names if k != name]) for n in h.numbers}
-        return bool(beside & {n.name for n in models.of[other].numbers})
-
-    items = [
-        (name, other)
-        for name in head.names
-        for other in instead.get(name, ())
-        if other not in head.names and not shares(name, other)
-    ]
-    return [f for f in in_parallel(refit, items) if f is not None]

@@ -61,7 +61,7 @@ def by_fold(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]])
 
     Args:
         bench: the recordings.
-        models: hypotheses, and their fit to everything.
+        models: hypotheses, and their fit to everything, which says what is fitted beside them.
     """
     parts = [
         (name, held)
@@ -70,16 +70,20 @@ def by_fold(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]])
     ]
     jobs = [(m, f) for m in range(len(models)) for f in range(len(parts))]
     known = [_when_known(hypotheses, fitted) for hypotheses, fitted in models]
+    benches = [
+        bench.with_base(fitted.numbers[: len(fitted.numbers) - sum(len(h.numbers) for h in hypotheses)])
+        for hypotheses, fitted in models
+    ]
 
     def one(job):
         m, f = job
         hypotheses, start = known[m]
-        again = bench.without(parts[f][1]).refit(hypotheses, start, most=4, exact=False)
+        again = benches[m].without(parts[f][1]).refit(hypotheses, start, most=4, exact=False)
         squares, n, chi, rows = 0.0, 0, 0.0, 0
         if again is None:
             return squares, n, chi, rows
         residuals = bench.residuals(again.seen)
-        white = bench.by_channel(bench.white(residuals))
+        white = bench.by_channel(bench.tamed(bench.white(residuals)))
         for z, residual, held, rig in zip(white, residuals, parts[f][1], bench.rigs, strict=True):
             out = held & rig.part.counted
             squares, n = squares + float(np.sum(residual[0][out] ** 2)), n + int(out.sum())

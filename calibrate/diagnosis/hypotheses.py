@@ -13,6 +13,7 @@ from gtr_jax.terms import REGISTRY, Term, known_on
 from gtr_jax.terms.term import Quantity
 
 from ..number import Number
+from ..setup import Part
 
 # Half width of a range that holds 90 % of a normal distribution, in standard deviations.
 NINE_OF_TEN = 1.645
@@ -74,6 +75,13 @@ NEVER = {"quantisation"}
 SHORTEST = 4e-5
 # Compliance assumed for a tendon in a rigid sheath whose file states none [1/N].
 COMPLIANCE = 5e-5
+# Standard deviations of what instruments add: a delay between the cells [s], and the drift of a zero in the
+# whole recording, as a share of the largest tension, beside what the cell shows while the tendon is slack
+# (below this share of its largest reading). It is at most so many standard deviations: a drift that may be
+# larger imitates friction, and an effect that is missing is not found any more.
+DELAY, DRIFT, SLACK, FARTHEST = 0.03, 0.002, 0.02, 3.0
+DRIFTS = ("zero-drift.tip", "zero-drift.base")
+INSTRUMENT_NUMBERS = {"time-skew.delay", *DRIFTS}
 # Sizes to try, in standard deviations of the prior.
 SIZES = (0.3, 1.0)
 
@@ -227,3 +235,46 @@ def base_numbers(robot: Robot, deviations: Mapping[str, float]) -> tuple[Number,
         E = float(robot.value("E"))
         found.append(Number(name="E", unit="Pa", centre=E, sd=deviations.get("E", ANY_E), log=True))
     return tuple(found)
+
+
+def instrument_numbers(part: Part) -> tuple[Number, ...]:
+    """What the instruments of a rig always add, little of it: a delay between the cells, and drifts of their
+    zeros. Long recordings show it, and every hypothesis fits it beside mu and E: it is no effect that is
+    missing, and must not pass for one.
+
+    Args:
+        part: a recording with times.
+    """
+    assert part.time is not None
+    shown = {"zero-drift.tip": part.T_tip, "zero-drift.base": part.T_base.T_base}
+    unit = float(np.max(part.T_base.T_base)) / float(np.ptp(part.time))
+    found = [_instrument("time-skew.delay", 0.0, DELAY, np.inf)]
+    for name, T in shown.items():
+        seen = zero_drift(part.time, T)
+        found.append(_instrument(name, 0.0 if seen is None else seen, DRIFT * unit, FARTHEST))
+    return tuple(found)
+
+
+def _instrument(name: str, centre: float, sd: float, farthest: float) -> Number:
+    kind, quantity = name.split(".")
+    term = REGISTRY[kind]
+    number = number_of(term, next(q for q in term.quantities if q.name == quantity))
+    lower, upper = max(number.lower, centre - farthest * sd), min(number.upper, centre + farthest * sd)
+    return dataclasses.replace(number, centre=centre, sd=sd, lower=lower, upper=upper, size=False)
+
+
+def zero_drift(time: np.ndarray, T: np.ndarray) -> float | None:
+    """Drift of a cell's zero [N/s], from what it shows while the tendon is slack; None where it is slack too
+    seldom to tell.
+
+    Args:
+        time: [s], (K,).
+        T: what the cell shows [N], (K,).
+    """
+    slack = T < SLACK * float(np.max(T))
+    visit = np.cumsum(np.diff(slack.astype(int), prepend=0) == 1)
+    rests = [(time[k], T[k]) for v in range(1, visit[-1] + 1) if np.sum(k := slack & (visit == v)) >= 5]
+    if len(rests) < 3:
+        return None
+    t, zero = np.asarray([(np.median(when), np.median(shown)) for when, shown in rests]).T
+    return float(np.polyfit(t, zero, 1)[0]) if np.ptp(t) > 0.5 * np.ptp(time) else None

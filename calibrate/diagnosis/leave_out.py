@@ -11,22 +11,25 @@ import numpy as np
 from gtr_jax import InputError, Recording
 
 from ..setup import Part
-from .episodes import ALONE, RELAXES, TOGETHER, Episode, when
+from .episodes import AFTER_GAP, ALONE, RELAXES, TOGETHER, Episode, when
 from .sanity import FEWEST
 
 # What no load history at the base brings about, and a fit is better without.
-FROM_OUTSIDE = (ALONE, RELAXES, TOGETHER)
+FROM_OUTSIDE = (AFTER_GAP, ALONE, RELAXES, TOGETHER)
 ASKED = "asked for"
 # Most of a recording that is left out unasked, as a share of its samples.
 MOST = 0.15
 
 
 class Stretch(NamedTuple):
-    """Places of the first and the last sample in a recording, and why they are not compared."""
+    """Places of the first and the last sample in a recording, why they are not compared, and whether that is
+    because something outside the model acts.
+    """
 
     first: int
     last: int
     why: str
+    outside: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,6 +43,7 @@ class LeftOut:
         samples: how many of those simulated are left out.
         size_N: rms of simulated minus recorded T_tip there, by the model that is shown.
         why: the reason.
+        outside: whether something outside the model acts there.
     """
 
     recording: str
@@ -50,6 +54,7 @@ class LeftOut:
     samples: int
     size_N: float
     why: str
+    outside: bool
 
     @property
     def when(self) -> str:
@@ -104,7 +109,7 @@ def from_outside(
     found, more = {name: list(stretches) for name, stretches in known.items()}, False
     for name, stretches in found.items():
         own = [
-            Stretch(e.first, e.until, e.says)
+            Stretch(e.first, e.until, e.says, e.kind != AFTER_GAP)
             for e in episodes
             if e.recording == name and e.kind in FROM_OUTSIDE and not _touches(e, events_s)
         ]
@@ -128,7 +133,9 @@ def _joined(stretches: Sequence[Stretch]) -> list[Stretch]:
     found: list[Stretch] = []
     for s in sorted(stretches):
         if found and s.first <= found[-1].last:
-            found[-1] = Stretch(found[-1].first, max(found[-1].last, s.last), f"{found[-1].why}; {s.why}")
+            before = found[-1]
+            why, outside = f"{before.why}; {s.why}", before.outside or s.outside
+            found[-1] = Stretch(before.first, max(before.last, s.last), why, outside)
         else:
             found.append(s)
     return found
@@ -143,8 +150,8 @@ def without(part: Part, stretches: Sequence[Stretch]) -> Part:
     if not stretches:
         return part
     out = np.zeros(part.samples, bool)
-    for first, last, _ in stretches:
-        out[first : last + 1] = True
+    for first, last, *_ in stretches:
+        out |= (part.places >= first) & (part.places <= last)
     if (left := int((~out).sum())) < FEWEST:
         raise InputError(f"{part.path}: --exclude leaves {left} samples to compare; leave {FEWEST} or more")
     return dataclasses.replace(part, left_out=out)
@@ -159,7 +166,7 @@ def left_out(part: Part, stretches: Sequence[Stretch], T_tip: np.ndarray) -> lis
         T_tip: simulated [N], (K,).
     """
     found = []
-    for first, last, why in stretches:
+    for first, last, why, outside in stretches:
         inside = np.flatnonzero((part.places >= first) & (part.places <= last))
         if not inside.size:
             continue
@@ -175,6 +182,7 @@ def left_out(part: Part, stretches: Sequence[Stretch], T_tip: np.ndarray) -> lis
                 samples=len(inside),
                 size_N=float(np.sqrt(np.mean(off**2))),
                 why=why,
+                outside=outside,
             )
         )
     return found

@@ -9,8 +9,8 @@ import numpy as np
 
 from gtr_jax.simulation.phases import PULLING, RELEASING, TRANSITION, phases_of_slip
 
+from ..channels import CHANNEL_UNITS, CHANNELS
 from ..number import OWN
-from ..predictor import CHANNEL_UNITS, CHANNELS
 from ..readings import turning_points
 from .bench import Bench
 from .model import Fitted
@@ -156,7 +156,7 @@ def misfit(bench: Bench, fitted: Fitted) -> tuple[float, float]:
     The significance is that of sums over neighbouring samples, whose noise is independent after whitening.
     """
     energy, count, blocks, squares = 0.0, 0, 0, 0.0
-    for whole, rig in zip(bench.by_channel(fitted.rows), bench.rigs, strict=True):
+    for whole, rig in zip(bench.by_channel(bench.untamed(fitted.rows)), bench.rigs, strict=True):
         z = whole[:, rig.part.counted]
         C, K = z.shape
         if not K:

@@ -15,9 +15,9 @@ import numpy as np
 from gtr_jax.simulation.phases import PULLING
 
 from ..answer import by_source
+from ..channels import CHANNELS
 from ..estimate import NORMAL_95, shares_of_variance
 from ..parallel import in_parallel
-from ..predictor import CHANNELS
 from ..readings.noise import correlation_time
 from ..setup import STRETCH
 from .bench import LARGEST_STEP, Bench

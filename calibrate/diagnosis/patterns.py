@@ -16,8 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import fdtrc, ndtr, ndtri
 
-from ..predictor import CHANNELS
-from ..readings.noise import MAD_TO_SD, resolution
+from gtr_jax.files.differences import MAD_TO_SD
+
+from ..channels import CHANNELS
+from ..readings.noise import resolution
 from .bench import Bench, noise_in
 from .model import Fitted
 
@@ -187,7 +189,7 @@ class _Beside:
         white = self.bench.white_of(self.k, residual)
         if self.bench.follow is not None:
             follow = self.bench.follow
-            white = follow._replace(left=follow.left[self.own]).freed(white)
+            white = follow._replace(left=follow.left[self.own]).freed(white, white)
         return np.concatenate([white, np.zeros((self.numbers, len(changes)))])
 
     def _without_known(self, rows: np.ndarray) -> np.ndarray:

@@ -10,36 +10,40 @@ import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot
+from gtr_jax.robot.in_plane import refuse_space
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import steps_natively
 from gtr_jax.simulation.programs import structure_with
 
+from ..channels import CHANNELS
 from ..fit import channels_of, part_of
 from ..free import distinct
 from ..number import Number, values_in
-from ..predictor import CHANNELS
 from ..readings import BEND, sharpened
 from ..setup import Part, recorded
-from .bench import Bench, passing
+from .bench import HEAVY, Bench, passing
 from .cache import SimulationCache
 from .differ import MOST as MOST_DIFFER
 from .differ import Difference, differing, names_to_split
 from .follow import dimensions_of
-from .hypotheses import Hypothesis, base_numbers, catalogue
+from .hypotheses import Hypothesis, base_numbers, catalogue, instrument_numbers
 from .leave_out import Stretch, without
 from .model import Fitted
 from .models import Models
 from .refine import refine
 from .result import BAD_DATA, Diagnosis
-from .rig import Rig, resolution_of, some_samples
+from .rig import Rig, resolution_of
+from .samples import some_samples
 from .sanity import faults
 from .search import base_fit
 
 # Samples of each recording on which hypotheses are tried, and on which the best are refitted.
-FEW, MANY = 140, 1200
+FEW, MANY = 140, 2400
 # Samples of each recording on which hypotheses are tried where there are several: together they hold more
 # information.
 FEW_OF_SEVERAL = 96
+# Samples from which on a recording shows what its instruments add.
+LONG = 1000
 # Resolution of the mesh that the best models are corrected to, relative to the robot's own.
 FINEST = 1.5
 
@@ -74,6 +78,15 @@ class Prepared:
     hypotheses: list[Hypothesis]
     differ: list[Difference] = dataclasses.field(default_factory=list)
 
+    def without(self, stretches: Mapping[str, Sequence[Stretch]]) -> Prepared:
+        """The same with stretches of the recordings that are not compared in the final fits."""
+
+        def again(rigs: Sequence[Rig]) -> list[Rig]:
+            return [rig.of(without(rig.part, stretches.get(rig.part.name, ()))) for rig in rigs]
+
+        rough, exact = again(self.rough), again(self.exact)
+        return dataclasses.replace(self, full=[rig.part for rig in rough], rough=rough, exact=exact)
+
 
 def prepare(
     robot: RobotConfig | Robot,
@@ -100,14 +113,21 @@ def prepare(
     recordings = [recording] if isinstance(recording, Recording) else list(recording)
     if not recordings:
         raise InputError("diagnose: no recording is given")
-    channels = channels_of(channels, recordings)
     config = robot if isinstance(robot, RobotConfig) else None
     fine = build_robot(robot) if isinstance(robot, RobotConfig) else robot
+    refuse_space(fine, "a diagnosis")
     if fine.tendon_names:
         raise InputError(
             f"diagnose: {fine.name} has {len(fine.tendons)} tendons; this version diagnoses one tendon; take "
             "the others out of the robot file"
         )
+    if fine.tendon.drive != "tension":
+        raise InputError(
+            f"diagnose: displacement drives the tendon of {fine.name}; this version diagnoses one that "
+            'tension drives; write drive = "tension", and record T_base_N'
+        )
+    channels = channels_of(channels, recordings, [fine] * len(recordings))
+    channels = CHANNELS if channels is None else channels
     warnings: list[str] = []
     names = names_of(recordings)
     parts: list[Part] = []
@@ -123,12 +143,14 @@ def prepare(
     deviations = deviations_of(config)
     dimensions = dimensions_of(config, fine)
     several = len(parts) > 1
+    long = _long(parts)
+    instruments, heavy = (instrument_numbers(parts[0]), HEAVY) if long else ((), None)
     free = [*(d.name for d in dimensions), *(names_to_split(dimensions) if several else [])]
 
     def fitted(
         parts: list[Part],
         start: np.ndarray | None,
-        numbers: tuple[Number, ...] = base_numbers(fine, deviations),
+        numbers: tuple[Number, ...] = (*base_numbers(fine, deviations), *instruments),
         dimensions: Sequence[Number] = dimensions,
     ) -> _Start | None:
         """Recordings on the bench, and the base model fitted to them; None if that fails."""
@@ -136,7 +158,8 @@ def prepare(
         kept = [some_samples(part, FEW_OF_SEVERAL if several else FEW) for part in full]
         small = [p if len(k) == p.samples else p.only(k) for p, k in zip(full, kept, strict=True)]
         rigs = [Rig(p, coarse, free, cache) for p in small]
-        rough = base_fit(Bench(rigs=tuple(rigs), base=numbers, dimensions=tuple(dimensions)), start)
+        bench = Bench(rigs=tuple(rigs), base=numbers, dimensions=tuple(dimensions), heavy=heavy)
+        rough = base_fit(bench, start)
         if rough is None:
             return None
         bench, base = rough
@@ -161,7 +184,7 @@ def prepare(
             break
         start, differ = again, [*differ, difference]
     if start is not None:
-        sharper = _sharpened(start, [recorded(r)[0] for r in recordings])
+        sharper = _sharpened(start, [recorded(r, fine)[0] for r in recordings])
         if sharper is not None:
             say("fitting again, the base tension's corners put where the tip tells")
             again = fitted(sharper, start.base.x, start.bench.base, start.bench.dimensions)
@@ -191,6 +214,13 @@ def prepare(
     )
 
 
+def _long(parts: Sequence[Part]) -> bool:
+    """Whether a recording is long enough to show what its instruments add, and what happens once; several
+    recordings share no drift, and need not share a delay.
+    """
+    return len(parts) == 1 and parts[0].time is not None and parts[0].samples >= LONG
+
+
 def names_of(recordings: Sequence[Recording]) -> list[str]:
     """Names of recordings, each once."""
     return distinct([r.path.stem for r in recordings])
@@ -216,7 +246,8 @@ def _better(before: _Start, after: _Start) -> _Start:
     seen = bench.simulate(values)
     if seen is None:
         return before
-    squares = float(np.sum(bench.weighed(values, seen, before.bench.noise).rows(seen) ** 2))
+    likewise = dataclasses.replace(bench.weighed(values, seen, before.bench.noise), heavy=before.bench.heavy)
+    squares = float(np.sum(likewise.rows(seen) ** 2))
     sizes = [sum(rig.part.T_base.size for rig in s.bench.rigs) for s in (before, after)]
     if before.base.chi2 - squares <= BEND * max(sizes[1] - sizes[0], 1):
         return before

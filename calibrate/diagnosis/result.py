@@ -17,7 +17,8 @@ from .decide import ADEQUATE, AMBIGUOUS, MISSING, PARTLY, UNEXPLAINED, Decision
 from .differ import Difference
 from .episodes import Episode
 from .experiment import Experiment
-from .leave_out import ASKED, LeftOut
+from .hypotheses import INSTRUMENT_NUMBERS
+from .leave_out import LeftOut
 from .locate import Where
 from .marginal import Marginal
 from .models import Models
@@ -246,7 +247,7 @@ class Diagnosis:
             for each in zip(*((loop.before, loop.after, loop.recorded) for loop in loops), strict=True)
         )
         verdict = DIFFER if differ and decision.verdict == ADEQUATE else decision.verdict
-        if any(stretch.why != ASKED for stretch in left_out):
+        if any(stretch.outside for stretch in left_out):
             # What acts from outside is missing as well.
             never = {MISSING: PARTLY, AMBIGUOUS: PARTLY, ADEQUATE: UNEXPLAINED, DIFFER: UNEXPLAINED}
             verdict = never.get(verdict, verdict)
@@ -294,6 +295,7 @@ class Diagnosis:
                 "hypotheses": sorted(models.of),
                 "free_of_the_base_model": [n.name for n in models.bench.base],
                 "variance_scale": models.scale,
+                "heavy_tails": models.bench.heavy,
             },
             differ=[d.at(after.fitted.values) for d in differ],
             files=files,
@@ -301,6 +303,12 @@ class Diagnosis:
             left_out=left_out,
         )
         return dataclasses.replace(diagnosis, says=sentence(diagnosis, chosen.names))
+
+    @property
+    def instruments(self) -> list[Change]:
+        """What the instruments add, where that is fitted beside every hypothesis."""
+        beside = INSTRUMENT_NUMBERS & set(self.settings.get("free_of_the_base_model", ()))
+        return [c for c in self.parameters if c.name in beside]
 
     @property
     def share_explained(self) -> float | None:

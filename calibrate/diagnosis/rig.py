@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 import hashlib
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -15,7 +16,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from gtr_jax import Robot, true_base
-from gtr_jax.robot.parameters import places_of
+from gtr_jax.robot.parameters import parameters_of, places_of, term_of
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import Native, Ready, ready, sources
 from gtr_jax.simulation.programs import EVERY, structure_of, structure_with
@@ -32,8 +33,6 @@ INTERVALS, COARSEST = 22, 0.35
 # Simulations that a rig keeps in memory: a change in a number of one recording leaves those of the others
 # valid.
 AT_HAND = 64
-# Samples kept after each bend of the base tension, where speed-dependent friction changes fast.
-AFTER = (1, 2, 3, 5, 8, 12, 18)
 
 
 # Terms in each program that simulates a recording, from the fastest to the slowest program: a hypothesis uses
@@ -89,21 +88,19 @@ def resolution_of(robot: Robot) -> float:
     return float(np.clip(INTERVALS / sum(robot.intervals), COARSEST, 1.0))
 
 
-def some_samples(part: Part, most: int) -> np.ndarray:
-    """Indices of about `most` samples that represent a recording, increasing from first to last: the bends of
-    its base tension, some after each, and others between, evenly in tension and in time.
-    """
-    base, K = part.T_base, part.samples
-    if most >= K:
-        return np.arange(K)
-    turns = 1 + np.flatnonzero(np.diff(np.sign(np.diff(base.T_base))) != 0) if base.sd == 0 else base.knots
-    turns = turns if len(turns) < most // 4 else turns[:: max(1, 4 * len(turns) // most)]
-    behind = (turns[:, None] + np.asarray((0, *AFTER))).ravel()
-    travel = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(base.T_base)))])
-    share = 0.5 * travel / max(travel[-1], 1e-300) + 0.5 * np.arange(K) / K
-    left = max(most - len(np.unique(behind[behind < K])), most // 2)
-    even = np.searchsorted(share, np.linspace(0, share[-1], left))
-    return np.unique(np.concatenate([[0, K - 1], behind[behind < K], np.minimum(even, K - 1)]))
+class _Run(NamedTuple):
+    """What a native program needs, and a key that says which of them give the same."""
+
+    key: tuple
+    ready: Ready
+    structure: Any
+    steps: Any
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Run) and self.key == other.key
 
 
 class Rig:
@@ -131,6 +128,8 @@ class Rig:
         places = np.asarray(places_of(robot, names))
         self._places = dict(zip(names, places.tolist(), strict=True))
         self._at_hand = functools.lru_cache(AT_HAND)(self._remembered)
+        # What the cell at the tip adds changes what it shows, not what is simulated.
+        self._run = functools.lru_cache(AT_HAND)(lambda of: self._native(of.ready, of.structure, of.steps))
 
     def __call__(self, values: Mapping[str, float], more_base: float = 0.0) -> Seen | None:
         """The recording with some numbers of the robot changed; None where the simulation breaks down.
@@ -155,6 +154,14 @@ class Rig:
         self.cache.put(key, np.zeros(0) if seen is None else seen.flat())
         return seen
 
+    def of(self, part: Part) -> Rig:
+        """The same with another part of the same samples, of which others are compared; what was simulated is
+        known to both.
+        """
+        other = copy.copy(self)
+        other.part = part
+        return other
+
     @functools.cached_property
     def mark(self) -> bytes:
         """A hash that tells this rig from others in the cache."""
@@ -178,7 +185,8 @@ class Rig:
         structure = structure_with(self.robot, program_for(kinds))
         # The padding of the history is not simulated.
         steps = jtu.tree_map(lambda column: np.asarray(column)[:K], loads)
-        run = self._native(ready, structure, steps)
+        own = tuple(sorted((n, v) for n, v in values.items() if not _only_shown(n)))
+        run = self._run(_Run((own, structure, steps.T_base.tobytes()), ready, structure, steps))
         T_tip = run.T_tip
         if self._cells or any(REGISTRY[kind].of_cells for kind in asked):
             held_on = np.concatenate([T_tip, np.full(len(loads.time) - K, T_tip[-1])])
@@ -190,7 +198,13 @@ class Rig:
         return Seen(shown, int(np.sum(~run.converged)), whole, run.slip_direction)
 
 
+def _only_shown(name: str) -> bool:
+    """Whether a number is one of a term that acts on what the load cells show and on nothing else."""
+    kind = name.partition(".")[0]
+    return kind in REGISTRY and REGISTRY[kind].of_cells and REGISTRY[kind].ahead is None
+
+
 def robot_names(robot: Robot) -> list[str]:
     """Names of all numbers of a robot that a hypothesis may change."""
-    terms = [f"{kind}.{name}" for kind, values in robot.terms.items() for name in values]
+    terms = [name for name, entry in parameters_of(robot).items() if term_of(entry) is not None]
     return ["mu", *([] if robot.backbone.rigid else ["E"]), *terms]

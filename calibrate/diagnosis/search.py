@@ -60,7 +60,7 @@ def base_fit(bench: Bench, start: np.ndarray | None = None) -> tuple[Bench, Fitt
     found = None
     for _ in range(3):
         bench = bench.weighed(model.values(at), seen)
-        fitted = bench.refit((), at)
+        fitted = bench.refit((), bench.scanned(model, at))
         if fitted is None:
             return None
         at, seen, found = fitted.x, fitted.seen, (bench, fitted)

@@ -20,6 +20,8 @@ DIFFER = "recordings-differ"
 # Residual, in units of the expected noise, above which the sentence calls it more than noise: of 86 sound
 # recordings of the blind benchmark, from which this is taken, one with a bad repeat reached 1.49.
 MORE = 1.5
+# Standard errors from which on what an instrument adds is told.
+INSTRUMENT_SEEN = 4.0
 # The error of the mesh is mentioned from this share of the noise on.
 COUNTS = 0.5
 
@@ -52,7 +54,21 @@ def _noise(d: Diagnosis, verb: str = "") -> str:
 def sentence(d: Diagnosis, chosen: tuple[str, ...]) -> str:
     """The verdict in words that its numbers support."""
     before = "".join(f"{difference_in_words(d, difference)} " for difference in d.differ)
-    return before + _of_physics(d, chosen) + _left_out(d)
+    return before + _of_physics(d, chosen) + _instruments(d) + _left_out(d)
+
+
+def _instruments(d: Diagnosis) -> str:
+    """What the instruments add, where that is fitted beside every hypothesis and is seen."""
+    seen = [
+        f"{c.name} = {measured_quantity(c.after, c.sd, c.unit)}"
+        for c in d.instruments
+        if c.after is not None and c.sd is not None and abs(c.after) > INSTRUMENT_SEEN * c.sd
+    ]
+    return (
+        f" Fitted beside it, because instruments always add a little of it: {', '.join(seen)}."
+        if seen
+        else ""
+    )
 
 
 def _left_out(d: Diagnosis) -> str:
@@ -62,8 +78,11 @@ def _left_out(d: Diagnosis) -> str:
         return f"{e.recording}, {e.when}" if len(d.loops) > 1 else e.when
 
     asked = [which(e) for e in d.left_out if e.why == ASKED]
-    outside = [e for e in d.left_out if e.why != ASKED]
+    gaps = [which(e) for e in d.left_out if e.why != ASKED and not e.outside]
+    outside = [e for e in d.left_out if e.outside]
     words = f" Left out of the fit as asked: {', '.join(asked)}." if asked else ""
+    if gaps:
+        words += f" Left out of the fit, because the load is not known in the gap before: {', '.join(gaps)}."
     if outside:
         size = float(
             np.sqrt(np.average([e.size_N**2 for e in outside], weights=[e.samples for e in outside]))
@@ -90,18 +109,18 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
         if best is not None and best.names and best.probability > 0.5:
             hint = f" {' with '.join(best.names)} would fit a little better, too little to be claimed."
         more = ""
-        if d.rms_N[0] > MORE * d.expected_N:
+        if d.rms_N[1] > MORE * d.expected_N:
             more = ", which is more, with too little structure in it to claim anything"
         what = "Nothing else is missing" if d.verdict == DIFFER else "Nothing is missing"
         return (
-            f"{what} that these recordings could show: the residual is {d.rms_N[0]:.2g} N where "
+            f"{what} that these recordings could show: the residual is {d.rms_N[1]:.2g} N where "
             f"the {_noise(d, ' is')}{more}.{hint}"
         )
-    outside = any(e.why != ASKED for e in d.left_out)
+    outside = any(e.outside for e in d.left_out)
     if d.verdict == UNEXPLAINED and outside and not (structured(d.left) or d.pattern or chosen):
         return (
             "Something from outside acts on the tendon in short episodes, which no term of the catalogue "
-            f"explains. In the rest nothing is missing: the residual is {d.rms_N[0]:.2g} N where the "
+            f"explains. In the rest nothing is missing: the residual is {d.rms_N[1]:.2g} N where the "
             f"{_noise(d, ' is')}."
         )
     if d.verdict == UNEXPLAINED:
@@ -117,12 +136,12 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
             where = f" (in {d.pattern.recording})" if len(d.loops) > 1 else ""
             what += f" {d.pattern.says}{where} ({by_chance}), {100 * d.pattern.share:.0f} % of it;"
         at = f" Most of it: {d.where[0].says}." if d.where else ""
-        off = f"the fit is off by {d.rms_N[0]:.2g} N where the {_noise(d, ' is')}"
+        off = f"the fit is off by {d.rms_N[0 if chosen else 1]:.2g} N where the {_noise(d, ' is')}"
         return f"{what} {off}.{at}{nearest}"
     sizes = ", ".join(
         f"{c.name} = {measured_quantity(c.after, c.sd, c.unit)}{' (assumed)' if c.sd is None else ''}"
         for c in d.parameters
-        if c.before is None
+        if c.before is None and c not in d.instruments
     )
     if d.verdict == PARTLY:
         return _partly(d, sizes) + better

@@ -6,8 +6,9 @@ import dataclasses
 
 import numpy as np
 
-# Standard deviation of a normal distribution over its median absolute deviation.
-MAD_TO_SD = 1.4826
+from gtr_jax.files import differences
+from gtr_jax.files.differences import MAD_TO_SD
+
 # Samples, without both ends, from which a locked stretch is used.
 SHORTEST_LOCK = 6
 # Degrees of freedom, and samples, from which a noise estimate is used.
@@ -63,17 +64,12 @@ def resolution(x: np.ndarray) -> float:
 
 
 def from_differences(x: np.ndarray) -> float | None:
-    """Noise from third differences of neighbouring samples, by the median, which a few reversals do not
-    change.
-
-    Third differences cancel a smooth signal up to quadratic. Noise correlated between neighbours is
-    underestimated, and a coarsely sampled loop is mistaken for noise.
+    """Noise from third differences of neighbouring samples (see `differences`), and at least that of the
+    resolution; None for fewer than FEWEST_SAMPLES.
     """
     if len(x) < FEWEST_SAMPLES:
         return None
-    third = np.convolve(x, [1, -3, 3, -1], "valid") / np.sqrt(20.0)
-    sd = MAD_TO_SD * float(np.median(np.abs(third)))
-    return max(sd, resolution(x) / np.sqrt(12.0))
+    return max(differences.from_differences(x), resolution(x) / np.sqrt(12.0))
 
 
 def from_locked(x: np.ndarray, locked: np.ndarray) -> tuple[float, float] | None:

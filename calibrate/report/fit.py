@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
+from gtr_jax import equilibrium
 from gtr_jax.files.numbers import measured_quantity, number, quantity
 from gtr_jax.files.recording import Recording
 from gtr_jax.files.units import display_of
 from gtr_jax.plots.style import is_seen, png
 from gtr_jax.report.page import Figure, Report, Table
+from gtr_jax.report.spatial import shape_figure
+from gtr_jax.simulation.displacement import by_tension
 from gtr_jax.terms import REGISTRY
 
-from ..result import FitResult, FittedRecording
+from ..channels import channels_in, quantity_of
+from ..predictor import padded_history, simulated
+from ..result import FitResult, FittedChannel, FittedRecording
 from . import fit_figures as draw
 
 NAMES = {"mu": "μ"}  # as pictures write them
@@ -45,58 +52,124 @@ def _figures(fit: FitResult, fitted: FittedRecording, recording: Recording, *, s
     if recording.T_tip is None:
         raise ValueError("a recording without T_tip cannot have been fitted")
     ending, whose = (f"-{fitted.name}", f"{fitted.name}: ") if several else ("", "")
-    phases = np.asarray(fitted.phases)
-    model = np.asarray(fitted.T_base), np.asarray(fitted.T_tip)
-    band = _band(fitted)
-    loop = draw.plot_fit(
-        recording.T_base,
-        recording.T_tip,
-        simulated=model,
-        phases=phases,
-        band=band,
-        found=[
-            f"{NAMES.get(e.name, e.name)} = {measured_quantity(e.value, e.sd, e.unit)}" for e in fit.estimates
-        ],
-    )
-    over_time = draw.plot_time(
-        recording.time, recording.T_base, recording.T_tip, simulated=model[1], phases=phases
-    )
-    left = np.asarray(fitted.residual)
-    residual = draw.plot_residual(recording.T_base, left, phases=phases, noise=fitted.noise_N)
-    figures = [
-        Figure(
-            f"fit{ending}",
-            png(loop),
-            f"{whose}The recording, coloured by the fitted model's phase, and the model's "
-            f"loop{_within(band, model[1])}.",
-        ),
-        Figure(
-            f"time{ending}",
-            png(over_time),
-            f"{whose}The same {'sample by sample' if recording.time is None else 'over time'}, with the "
-            "tension at the base.",
-        ),
-        Figure(
-            f"residual{ending}",
-            png(residual),
-            f"{whose}Simulated minus recorded tip tension, against base tension and along it"
-            f"{noise_band(fitted.noise_N, left)}. A pattern means that the model lacks something.",
-        ),
-    ]
+    figures = []
+    for i, tendon in enumerate(fitted.robot.tendons):
+        own = f"-{tendon.name}" if tendon.name else ""
+        of = f"{tendon.name}: " if tendon.name else ""
+        pull = _pull(fitted, recording, i)
+        figures += _of_tendon(fit, fitted, recording, pull, (f"{own}{ending}", f"{whose}{of}"))
+    if fit.converged and fitted.robot.space:
+        figures.append(_body(fitted, recording.time, ending, whose))
+    seen = channels_in(recording, fitted.robot)
     others = {
-        name: (np.asarray(getattr(recording, name)), np.asarray(channel.simulated))
+        name: (seen[name], np.asarray(channel.simulated))
         for name, channel in fitted.channels.items()
-        if name != "T_tip"
+        if quantity_of(name) != "T_tip"
     }
     if others:
+        pull = _pull(fitted, recording, 0)
+        over = pull.recorded, pull.model, pull.label
+        if len(fitted.robot.tendons) > 1:
+            samples = np.arange(1, len(recording) + 1.0)
+            over = samples, samples, "sample"
         figures.append(
             Figure(
                 f"channels{ending}",
-                png(draw.plot_channels(recording.T_base, model[0], others, phases=phases)),
+                png(draw.plot_channels(*over[:2], others, phases=pull.phases, label=over[2])),
                 f"{whose}What else was recorded, and the fitted model.",
             )
         )
     return figures
+
+
+def _body(fitted: FittedRecording, time: np.ndarray | None, ending: str, whose: str) -> Figure:
+    """The fitted body from three sides, at rest and where it was pulled most."""
+    robot, drive = fitted.robot, np.asarray(fitted.T_base)
+    drawn = tuple(tendon.drive == "displacement" for tendon in robot.tendons)
+    run = simulated(robot, padded_history(drive, time, None, drawn=drawn))
+    rest = equilibrium(by_tension(robot), np.zeros(drive.shape[1:]))
+    pulls = np.asarray(run.T_base)[: len(drive)].reshape(len(drive), -1)
+    top = int(np.argmax(np.max(pulls, axis=1)))
+    figure = shape_figure(robot, run, rest, [(f"sample {top + 1}", top)])
+    return dataclasses.replace(figure, name=f"{figure.name}{ending}", caption=f"{whose}{figure.caption}")
+
+
+class _Pull(NamedTuple):
+    """One tendon of a recording: what drives it, as recorded and in the model, as it is drawn, (K,) each; its
+    label; the recorded tip tension [N], its fit, and the phases, (K,) each; half the width of the band [N].
+    """
+
+    recorded: np.ndarray
+    model: np.ndarray
+    label: str
+    T_tip: np.ndarray
+    fitted: FittedChannel
+    phases: np.ndarray
+    band: np.ndarray
+
+
+def _pull(fitted: FittedRecording, recording: Recording, i: int) -> _Pull:
+    def own(values: np.ndarray | None) -> np.ndarray:
+        return np.asarray(values).reshape(len(recording), -1)[:, i]
+
+    drawn = fitted.robot.tendons[i].drive == "displacement"
+    factor, label = (1e3, draw.DRAWN) if drawn else (1.0, draw.PULL)
+    return _Pull(
+        recorded=factor * own(recording.displacement if drawn else recording.T_base),
+        model=factor * own(fitted.T_base),
+        label=label,
+        T_tip=own(recording.T_tip),
+        fitted=fitted.tips[i],
+        phases=own(fitted.phases),
+        band=own(_band(fitted)),
+    )
+
+
+def _of_tendon(
+    fit: FitResult, fitted: FittedRecording, recording: Recording, pull: _Pull, named: tuple[str, str]
+) -> list[Figure]:
+    """Loop, course and residual of one tendon; `named` are the endings of their names and the words before
+    their captions.
+    """
+    ending, whose = named
+    simulated, left = np.asarray(pull.fitted.simulated), np.asarray(pull.fitted.residual)
+    loop = draw.plot_fit(
+        pull.recorded,
+        pull.T_tip,
+        simulated=(pull.model, simulated),
+        phases=pull.phases,
+        band=pull.band,
+        found=[
+            f"{NAMES.get(e.name, e.name)} = {measured_quantity(e.value, e.sd, e.unit)}" for e in fit.estimates
+        ],
+        label=pull.label,
+    )
+    tension = pull.recorded if pull.label == draw.PULL else None
+    over_time = draw.plot_time(recording.time, tension, pull.T_tip, simulated=simulated, phases=pull.phases)
+    residual = draw.plot_residual(
+        pull.recorded, left, phases=pull.phases, noise=fitted.noise_N, label=pull.label
+    )
+    beside = "" if tension is None else ", with the tension at the base"
+    drive = "displacement" if tension is None else "base tension"
+    return [
+        Figure(
+            f"fit{ending}",
+            png(loop),
+            f"{whose}The recording, coloured by the fitted model's phase, and the model's "
+            f"loop{_within(pull.band, simulated)}.",
+        ),
+        Figure(
+            f"time{ending}",
+            png(over_time),
+            f"{whose}The same {'sample by sample' if recording.time is None else 'over time'}{beside}.",
+        ),
+        Figure(
+            f"residual{ending}",
+            png(residual),
+            f"{whose}Simulated minus recorded tip tension, against {drive} and along it"
+            f"{noise_band(fitted.noise_N, left)}. A pattern means that the model lacks something.",
+        ),
+    ]
 
 
 def noise_band(noise: float | None, residual: np.ndarray) -> str:
@@ -116,7 +189,9 @@ def _within(band: np.ndarray, T_tip: np.ndarray) -> str:
 
 
 def _band(fitted: FittedRecording) -> np.ndarray:
-    """Half width of the band that holds 95 % of samples: noise and the parameters' uncertainty, (K,) [N]."""
+    """Half width of the band that holds 95 % of samples: noise and the parameters' uncertainty [N], (K,
+    *tendons).
+    """
     return 1.96 * np.hypot(np.asarray(fitted.band), fitted.noise_N or 0.0)
 
 

@@ -22,7 +22,9 @@ from ..limits import LOSS
 from ..option import Margin, Option
 from ..result import GOAL_UNITS, Design
 from ..robustness import Robustness
+from ..tensions import Pull, pull_says
 from .figures import Mark, Near, plot_channels, plot_targets, plot_tip
+from .spatial import pictures
 
 STEPS = 40  # load steps of the pull in the figures
 SHOWN = 12  # designs listed, at most
@@ -40,12 +42,17 @@ def design_report(answer: Design) -> Report:
         warnings.append("This is the nearest design found, not one that meets the target.")
     if not answer.verification.converged:
         warnings.append("Not everything could be verified: some equilibrium did not converge.")
+    if answer.config.in_space or answer.config.tendons:
+        figures, scenes = pictures(answer, _alternatives_of(answer))
+    else:
+        figures, scenes = _figures(answer), []
     return Report(
         title=f"{answer.problem.target.name}: design of {answer.config.name}",
         verdict=answer.says,
         warnings=warnings,
-        figures=_figures(answer),
+        figures=figures,
         tables=_tables(answer),
+        scenes=scenes,
     )
 
 
@@ -167,7 +174,7 @@ def _marks(answer: Design) -> list[Mark]:
             marks.append(Mark(1e3 * e.found[0], 1e3 * e.found[1], e.wanted[2], 0.0))
     for i, shape in enumerate(target.shape):
         tolerance = next(e.tip_tolerance for e in answer.best.errors if e.name == f"shape[{i}]")
-        marks += [Mark(1e3 * x, 1e3 * y, np.nan, 1e3 * tolerance) for _, x, y in shape.points]
+        marks += [Mark(1e3 * x, 1e3 * y, np.nan, 1e3 * tolerance) for _, x, y, *_ in shape.points]
     return marks
 
 
@@ -221,7 +228,7 @@ def _tables(answer: Design) -> list[Table]:
         rows = [
             (
                 e.name,
-                number(e.T_base, "N"),
+                _pull(answer, e.T_base),
                 e.branch,
                 e.distance_says,
                 _quantity(e.tip_tolerance, "m", 3) if e.distance == e.distance else "–",
@@ -232,6 +239,8 @@ def _tables(answer: Design) -> list[Table]:
             for e in best.errors
         ]
         tables.append(Table("Targets", heads, rows, "On a mesh four times finer than the default."))
+    if answer.config.in_space or answer.config.tendons:
+        tables.append(_tendons(answer))
     rows = [
         (
             m.name,
@@ -261,9 +270,9 @@ def _tables(answer: Design) -> list[Table]:
         tables.append(Table("If one limit were put aside", ("limit", "is", "would be", "targets"), rows))
     tables.append(_alternatives(answer))
     if answer.comparison is not None:
-        tables.append(_comparison(answer.comparison))
+        tables.append(_comparison(answer, answer.comparison))
     if answer.robustness is not None:
-        tables.append(_robustness(answer.robustness))
+        tables.append(_robustness(answer, answer.robustness))
     rows = [
         (
             t.parameter.name,
@@ -332,11 +341,46 @@ def _alternatives(answer: Design) -> Table:
     return Table("Designs found", heads, rows, note)
 
 
-def _comparison(c: Comparison) -> Table:
+def _pull(answer: Design, pull: Pull) -> str:
+    """Base tensions of one load, of several tendons each by its name."""
+    names = answer.problem.space.config.tendon_names
+    return pull_says(pull, names) if isinstance(pull, tuple) else number(pull, "N")
+
+
+def _tendons(answer: Design) -> Table:
+    """Tension at both ends of every tendon at every state, and how far it is drawn out."""
+    names = answer.problem.space.config.tendon_names or ("",)
+    rows = []
+    for i, (_, released) in enumerate(answer.problem.objective.states):
+        T_base, T_tip, drawn = (
+            np.atleast_1d(np.asarray(values)[i])
+            for values in (
+                answer.best.states.T_base,
+                answer.best.states.T_tip,
+                answer.verification.displacement,
+            )
+        )
+        for k, name in enumerate(names):
+            rows.append(
+                (
+                    str(i + 1),
+                    "releasing" if released else "pulling",
+                    name,
+                    number(float(T_base[k]), "N"),
+                    number(float(T_tip[k]), "N"),
+                    _quantity(float(drawn[k]), "m"),
+                )
+            )
+    heads = ("state", "branch", "tendon", "base tension", "tip tension", "drawn out")
+    note = "Several tendons are pulled together from their preloads." if len(names) > 1 else ""
+    return Table("Tendons", heads, rows, note)
+
+
+def _comparison(answer: Design, c: Comparison) -> Table:
     rows = [
         (
             believed.name,
-            number(actual.T_base, "N"),
+            _pull(answer, actual.T_base),
             actual.branch,
             believed.distance_says,
             actual.distance_says,
@@ -361,11 +405,11 @@ def _comparison(c: Comparison) -> Table:
     )
 
 
-def _robustness(r: Robustness) -> Table:
+def _robustness(answer: Design, r: Robustness) -> Table:
     rows = [
         (
             s.name,
-            number(s.T_base, "N"),
+            _pull(answer, s.T_base),
             s.branch,
             _quantity(s.rms, "m", 2),
             _quantity(s.worst, "m", 2),

@@ -28,13 +28,15 @@ from gtr_jax.plots.style import (
     phase_keys,
     styled,
 )
+from gtr_jax.plots.views import WANTED
 from gtr_jax.simulation.solution import Equilibrium
+
+from ..unrolled import COLOURS, Unrolled
 
 ARROW = 0.07  # of the larger side of what is drawn
 MAGNIFIED = 4  # places, at most, drawn magnified
 PANEL = 2.3  # height of those drawings [in]
 AROUND = 1.5  # of the tolerance, or of the miss, that they show to every side
-WANTED: dict[str, Any] = {"marker": "+", "color": VERMILLION, "markersize": 11, "markeredgewidth": 1.8}
 PLAIN: dict[str, Any] = {
     "marker": "D",
     "color": INK,
@@ -182,18 +184,23 @@ def plot_tip(
     pose: np.ndarray,
     phases: np.ndarray,
     marks: list[tuple[float, str, int, float, float]],
+    *,
+    space: bool = False,
 ) -> Figure:
-    """Tip position and angle against base tension through pull and release, and what is wanted of them.
+    """Tip position and, in the plane, angle against base tension through pull and release, and what is wanted
+    of them.
 
     Args:
         T_base: [N], (K,).
-        pose: tip x [m], y [m], angle [rad], (K, 3).
+        pose: tip x [m], y [m], angle [rad], in space z [m], (K, 3).
         phases: of each step, (K,).
         marks: base tension [N], branch, which column of the pose, value and tolerance in SI.
+        space: whether the third column is z.
     """
     fig, axes = figure(5.4, 3, sharex=True)
-    for column, (ax, name, size) in enumerate(
-        zip(axes, ("tip x [mm]", "tip y [mm]", "tip angle [°]"), (1e3, 1e3, np.degrees(1.0)), strict=True)
+    last = ("tip z [mm]", 1e3) if space else ("tip angle [°]", np.degrees(1.0))
+    for column, (ax, (name, size)) in enumerate(
+        zip(axes, (("tip x [mm]", 1e3), ("tip y [mm]", 1e3), last), strict=True)
     ):
         line_by_phase(ax, T_base, size * pose[:, column], phases)
         for T, branch, which, value, tolerance in marks:
@@ -247,5 +254,49 @@ def plot_channels(
     if clearance > 0:
         text = f"{number(clearance, 'mm', 3)} from the surface"
         keys.append(Line2D([], [], color=GREY, linewidth=0.9, linestyle=(0, (4, 3)), label=text))
+    legend_above(fig, keys)
+    return fig
+
+
+@styled
+def plot_unrolled(
+    channels: Sequence[Sequence[Unrolled]],
+    limits: tuple[np.ndarray, np.ndarray, np.ndarray],
+    chosen: str = "chosen",
+) -> Figure:
+    """Angle about the axis and distance from it of every channel against arc length, the chosen design dark,
+    the alternatives pale.
+
+    Args:
+        channels: of each design, the chosen one first.
+        limits: s [mm], and the least and the largest distance from the axis that walls leave there [mm],
+            each (M,).
+        chosen: what to call the first.
+    """
+    fig, (above, below) = figure(4.6, 2, sharex=True)
+    for design in channels[:0:-1]:
+        for channel in design:
+            above.plot(channel.s, np.degrees(channel.angle), color=BLUE, linewidth=1, alpha=0.45)
+            below.plot(channel.s, channel.away, color=BLUE, linewidth=1, alpha=0.45)
+    several = len(channels[0]) > 1
+    keys = []
+    for i, channel in enumerate(channels[0]):
+        colour = COLOURS[i % len(COLOURS)]
+        above.plot(channel.s, np.degrees(channel.angle), color=colour, linewidth=2.2)
+        below.plot(channel.s, channel.away, color=colour, linewidth=2.2)
+        name = f"{chosen}, {channel.name}" if several else chosen
+        keys.append(Line2D([], [], color=colour, linewidth=2.2, label=name))
+    s, least, largest = limits
+    for edge in (least, largest):
+        below.plot(s, edge, color=GREY, linewidth=0.9, linestyle=(0, (4, 3)))
+    below.set_ylim(bottom=0.0)
+    above.set_ylabel("angle about the axis [°]")
+    below.set_ylabel("distance from it [mm]")
+    below.set_xlabel("s along the backbone [mm]")
+    below.set_xlim(float(s[0]), float(s[-1]))
+    if len(channels) > 1:
+        text = f"{len(channels) - 1} alternative{'s' if len(channels) > 2 else ''}"
+        keys.append(Line2D([], [], color=BLUE, linewidth=1, label=text))
+    keys.append(Line2D([], [], color=GREY, linewidth=0.9, linestyle=(0, (4, 3)), label="kept between"))
     legend_above(fig, keys)
     return fig

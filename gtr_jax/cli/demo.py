@@ -14,7 +14,7 @@ from .fit import solve as solve_fit
 from .fit import summary as fit_summary
 from .fit import write_answer as write_fit
 from .options import output_option
-from .simulate import pull_and_release
+from .simulate import Drive, pull_and_release
 from .simulate import solve as solve_simulation
 from .simulate import write_answer as write_simulation
 
@@ -45,7 +45,7 @@ def demo(output: Path, force: bool) -> int:
         load_config(CONCEALED_ROBOT),
         read_recording(CONCEALED),
     )
-    history = pull_and_release(PULL, 0.0, None)
+    history = Drive(pull_and_release(PULL, 0.0, None), None)
     inputs = {"simulated robot": SIMULATED, "recorded robot": CONCEALED_ROBOT, "recording": CONCEALED}
     folder = RunFolder(output, inputs, force=force)
     enable_cache()

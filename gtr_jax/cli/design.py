@@ -88,7 +88,6 @@ def solve(config: RobotConfig, target: TargetConfig, *, progress: Any, **options
 
 def write_answer(folder: Path, answer: Design, config: RobotConfig, settings: dict[str, Any]) -> None:
     """Write all that a design leaves into a folder."""
-    from design.drawing import draw, dxf, route_csv, svg
     from design.report.design import design_report
     from design.target import target_text
     from gtr_jax.files.config import config_text, dump_config
@@ -104,9 +103,29 @@ def write_answer(folder: Path, answer: Design, config: RobotConfig, settings: di
     dump_config(config, folder / "robot.toml")
     write_whole(folder / "target.toml", target_text(target))
     dump_config(answer.config, folder / "designed.toml")
-    drawn = draw(answer.config, channel_diameter=target.limits.channel_diameter)
-    write_whole(folder / "route.csv", route_csv(drawn))
-    write_whole(folder / "channel.svg", svg(drawn, f"{target.name}: channel at 1:1, mm"))
-    write_whole(folder / "channel.dxf", dxf(drawn))
+    _draw(folder, answer.config, target)
     write_json(folder / "design.json", {**answer.to_json(), "settings": settings})
     write_report(folder, design_report(answer), settings, config_text(answer.config))
+
+
+def _draw(folder: Path, config: RobotConfig, target: TargetConfig) -> None:
+    """Write the channel for those who make it: in the plane a route and drawings of the body, in space or of
+    several tendons a curve of each and the unrolled body.
+    """
+    from design.drawing import draw, dxf, route_csv, svg
+    from design.unrolled import channel_csv, dxf_in_space, svg_unrolled, unroll
+    from gtr_jax.files.whole import write_whole
+
+    if not (config.in_space or config.tendons):
+        drawn = draw(config, channel_diameter=target.limits.channel_diameter)
+        write_whole(folder / "route.csv", route_csv(drawn))
+        write_whole(folder / "channel.svg", svg(drawn, f"{target.name}: channel at 1:1, mm"))
+        write_whole(folder / "channel.dxf", dxf(drawn))
+        return
+    channels = unroll(config)
+    for channel in channels:
+        name = f"channel-{channel.name}.csv" if channel.name else "channel.csv"
+        write_whole(folder / name, channel_csv(channel))
+    title = f"{target.name}: the body unrolled at 1:1, mm"
+    write_whole(folder / "unrolled.svg", svg_unrolled(config, channels, title))
+    write_whole(folder / "channels.dxf", dxf_in_space(channels))

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from calibrate import Estimate, FitResult, Posterior
+    from calibrate.result import FittedRecording
     from gtr_jax.files.config import RobotConfig
     from gtr_jax.files.recording import Recording
 
@@ -47,7 +48,8 @@ class Inputs(NamedTuple):
 @click.option(
     "--free",
     metavar="NAMES",
-    help="Parameters to fit, by short name or key in the robot file.  [default: mu,E; mu alone if rigid]",
+    help="Parameters to fit, by short name or key in the robot file.  "
+    "[default: mu,E; mu alone if rigid; the mu of each of several tendons]",
 )
 @click.option(
     "--per-recording",
@@ -86,8 +88,10 @@ def fit(
     output: Path,
     force: bool,
 ) -> int:
-    """Fit a robot, which has one tendon, to recordings of base and tip tension, starting from the values in
-    its file. Several recordings share the parameters; each belongs to the ROBOT.toml before it.
+    """Fit a robot to recordings of base and tip tension, and of what else they have of the tip's pose,
+    markers and displacements, starting from the values in its file. Several recordings share the parameters;
+    each belongs to the ROBOT.toml before it. A tendon that has displacement_m without T_base_N is driven by
+    it.
     """
     from gtr_jax.files.config import load_config
     from gtr_jax.files.thinning import MOST
@@ -106,6 +110,8 @@ def fit(
         keep_glitches=keep_glitches,
         drop=drop,
         most=MOST,
+        space=True,
+        markers=[[marker.name for marker in config.markers] for config in of],
     )
     options = {
         "free": None if free is None else _some(free, "--free"),
@@ -241,6 +247,33 @@ def _draws(posterior: Posterior, estimates: Sequence[Estimate]) -> dict[str, np.
     return columns
 
 
+def columns_of(recording: Recording, fitted: FittedRecording) -> dict[str, Any]:
+    """A recording, and beside it what the fitted model shows, by column."""
+    import numpy as np
+
+    from calibrate.channels import ROTATION, turned_back
+    from gtr_jax.files.quantities import COLUMNS, QUATERNION
+
+    columns = {name: getattr(recording, name) for name in COLUMNS}
+    columns |= {f"{name}_m": values for name, values in recording.markers.items()}
+    drawn = np.asarray([tendon.drive == "displacement" for tendon in fitted.robot.tendons])
+    which = drawn.reshape(fitted.T_base.shape[1:])
+    if not drawn.all():
+        columns["T_base_fitted_N"] = np.where(which, np.nan, fitted.T_base)
+    if drawn.any():
+        columns["displacement_fitted_m"] = np.where(which, fitted.T_base, np.nan)
+    for name, channel in fitted.channels.items():
+        quantity, dot, tendon = name.partition(".")
+        if quantity not in ROTATION:
+            columns[f"{quantity}_fitted_{channel.unit}{dot}{tendon}"] = channel.simulated
+    if ROTATION[0] in fitted.channels and recording.tip_quaternion is not None:
+        left = np.stack([fitted.channels[name].residual for name in ROTATION], axis=1)
+        fits = turned_back(recording.tip_quaternion, left).T
+        columns |= {f"{name}_fitted": row for name, row in zip(QUATERNION, fits, strict=True)}
+    columns |= {"residual_N": fitted.residual, "phase": fitted.phases}
+    return {name: values for name, values in columns.items() if values is not None}
+
+
 def write_answer(
     folder: Path,
     result: FitResult,
@@ -261,24 +294,8 @@ def write_answer(
         for ending, robot in _named(robots, [r.name for r in result.recordings]).items():
             dump_config(robot, folder / f"{stem}{ending}.toml")
     for recording, fitted in zip(recordings, result.recordings, strict=True):
-        columns = {
-            "time": recording.time,
-            "T_base": recording.T_base,
-            "T_tip": recording.T_tip,
-            "tip_x": recording.tip_x,
-            "tip_y": recording.tip_y,
-            "tip_angle": recording.tip_angle,
-            "displacement": recording.displacement,
-            "trial": recording.trial,
-            "T_base_fitted_N": fitted.T_base,
-        }
-        for name, channel in fitted.channels.items():
-            columns[f"{name}_fitted_{channel.unit}"] = channel.simulated
-        columns |= {"residual_N": fitted.residual, "phase": fitted.phases}
         ending = f"-{fitted.name}" if len(recordings) > 1 else ""
-        write_recording(
-            folder / f"fit{ending}.csv", {name: v for name, v in columns.items() if v is not None}
-        )
+        write_recording(folder / f"fit{ending}.csv", columns_of(recording, fitted), tendons=recording.tendons)
     if result.posterior is not None:
         write_recording(folder / "draws.csv", _draws(result.posterior, result.estimates))
     data = result.to_json()

@@ -6,7 +6,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 
@@ -30,6 +30,35 @@ class Quantity(click.ParamType):
         except ValueError:
             pass
         return to_si(value, self.unit, where)
+
+
+class Amount(NamedTuple):
+    """How far a tendon is pulled, in SI: a tension (unit "N") or a displacement ("m"); and how it is
+    written.
+    """
+
+    value: float
+    unit: str
+    text: str
+
+
+class Pull(Quantity):
+    """A tension, in newtons without a unit, or a displacement with its unit of length."""
+
+    def __init__(self) -> None:
+        super().__init__("N", "AMOUNT")
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Amount:
+        """The amount in SI; InputError naming the option."""
+        if isinstance(value, Amount):
+            return value
+        try:
+            return Amount(super().convert(value, param, ctx), "N", str(value))
+        except InputError as fault:
+            try:
+                return Amount(Quantity("m", self.name).convert(value, param, ctx), "m", str(value))
+            except InputError:
+                raise fault from None
 
 
 STDIN = Path("-")
@@ -100,7 +129,8 @@ channels_option = click.option(
     "--channels",
     metavar="NAMES",
     help="What to compare beside T_tip, where a recording has it: some of tip_x, tip_y, tip_angle, "
-    "displacement; '' for nothing.  [default: all]",
+    "displacement, names of markers, and in space tip_z, tip_rotation; '' for nothing.  "
+    "[default: all]",
 )
 noise_option = click.option(
     "--noise",

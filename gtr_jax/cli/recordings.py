@@ -64,6 +64,8 @@ def read_recordings(
     drop: Sequence[str],
     need_tip: bool = True,
     most: int | None = None,
+    space: bool = False,
+    markers: Sequence[Sequence[str]] = (),
 ) -> list[Recording]:
     """Read recordings, and say on stderr what was left out of each.
 
@@ -73,6 +75,8 @@ def read_recordings(
         columns, keep_glitches, drop: values of the options.
         need_tip: whether a file without a tip tension is refused.
         most: samples that each is thinned to; all of them unless given.
+        space: whether what only robots in space have is looked for, as of `read_recording`.
+        markers: names of the markers whose places are looked for in each; in none unless given.
 
     Raises:
         InputError: there are several mappings, but not one for each recording; or a file is refused.
@@ -82,9 +86,18 @@ def read_recordings(
     from gtr_jax.files.thinning import thinned, thinned_says
 
     recordings = []
-    for path, mapping, names in zip(paths, mapping_of_each(paths, columns), tendons, strict=True):
+    points = markers or [()] * len(paths)
+    each = zip(paths, mapping_of_each(paths, columns), tendons, points, strict=True)
+    for path, mapping, names, placed in each:
         recording = read_recording(
-            path, mapping, need_tip=need_tip, tendons=names, keep_glitches=keep_glitches, drop=drop
+            path,
+            mapping,
+            need_tip=need_tip,
+            tendons=names,
+            keep_glitches=keep_glitches,
+            drop=drop,
+            space=space,
+            markers=placed,
         )
         recording = recording if most is None else thinned(recording, most)
         for said in (masked_says(recording.masked), thinned_says(recording), *recording.notes):

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
 from gtr_jax.errors import InputError, did_you_mean, listed
 
 from .options import (
+    Amount,
     InputFile,
+    Pull,
     Quantity,
     check_resolution,
     output_option,
@@ -26,16 +28,35 @@ if TYPE_CHECKING:
     from gtr_jax.files.config import RobotConfig
     from gtr_jax.files.recording import Recording
     from gtr_jax.report.simulation import SimulationAnswer
+    from gtr_jax.simulation.history import Simulation
 
 STEPS = 40
 
 
+class Drive(NamedTuple):
+    """What drives the tendons along a history.
+
+    Attributes:
+        T_base: base tension [N], (K, *tendons); NaN of tendons that displacement drives.
+        displacement: drawn out at the base [m], (K, *tendons); None if tension drives them all.
+    """
+
+    T_base: np.ndarray
+    displacement: np.ndarray | None
+
+
 @click.command()
 @robot_argument
-@click.option("--pull", type=Quantity("N", "TENSION"), help="Pull the tendon's base to this tension [N].")
-@click.option("--release", type=Quantity("N", "TENSION"), help="Then release it to this one [N].")
 @click.option(
-    "--tendon", metavar="NAME", help="Of several tendons, pull this one; the others keep their preload."
+    "--pull",
+    type=Pull(),
+    help="Pull the tendon's base to this tension [N], or by this length where displacement drives it.",
+)
+@click.option("--release", type=Pull(), help="Then release it to this one.")
+@click.option(
+    "--tendon",
+    metavar="NAME",
+    help="Of several tendons, pull this one; the others keep their preload, or their place.",
 )
 @click.option("--steps", type=int, metavar="N", help=f"Steps of each branch.  [default: {STEPS}]")
 @click.option(
@@ -48,15 +69,15 @@ STEPS = 40
     type=InputFile(".csv"),
     metavar="H.csv",
     help="Take the base tension from this file (column T_base_N, or T_base_N.NAME for each of several "
-    "tendons) instead.",
+    "tendons) instead; a tendon that has displacement_m without it is driven by displacement.",
 )
 @recording_options
 @resolution_option
 @output_option
 def simulate(
     robot: Path,
-    pull: float | None,
-    release: float | None,
+    pull: Amount | None,
+    release: Amount | None,
     tendon: str | None,
     steps: int | None,
     dt: float | None,
@@ -87,10 +108,10 @@ def simulate(
         for name, value in (("--columns", columns), ("--keep-glitches", keep_glitches), ("--drop", drop)):
             if value:
                 raise InputError(f"{name}: has no effect without --history; leave it out")
-        T_base = pulls_of(config, tendon, pull, release, steps)
+        drive = pulls_of(config, tendon, pull, release, steps)
         if dt is not None and dt <= 0:
             raise InputError(f"--dt: must be positive, is {dt:g} s; 0.1 s for example")
-        time = None if dt is None else times_of(dt, len(T_base))
+        time = None if dt is None else times_of(dt, len(drive.T_base))
     else:
         alone = {"--pull": pull, "--release": release, "--steps": steps, "--dt": dt, "--tendon": tendon}
         for name, value in alone.items():
@@ -103,14 +124,15 @@ def simulate(
             keep_glitches=keep_glitches,
             drop=drop,
             need_tip=False,
+            space=True,
         )[0]
-        T_base, time = given.T_base, given.time
+        config, drive, time = *driven(config, given), given.time
     check_times(config, time)
     paths = {"robot": robot, **({"history": history} if history else {}), **mapping_files(columns)}
     folder = RunFolder(output, paths, force=force)
     enable_cache()
     with Progress() as progress:
-        answer = solve(config, T_base, time, resolution=resolution, progress=progress)
+        answer = solve(config, drive, time, resolution=resolution, progress=progress)
         progress("drawing")
         with folder.write() as part:
             settings = folder.settings() | left_out([given] if given else [])
@@ -126,10 +148,12 @@ def simulate(
 
 
 def pulls_of(
-    config: RobotConfig, tendon: str | None, pull: float | None, release: float | None, steps: int | None
-) -> np.ndarray:
-    """Base tension [N] of a pull and release of one tendon, the others at their preload, (K, *tendons)."""
+    config: RobotConfig, tendon: str | None, pull: Amount | None, release: Amount | None, steps: int | None
+) -> Drive:
+    """The history of a pull and release of one tendon, the others at their preload or place."""
     import numpy as np
+
+    from gtr_jax.files.units import to_si
 
     names = config.tendon_names
     if tendon is not None and tendon not in names:
@@ -139,19 +163,70 @@ def pulls_of(
         raise InputError(
             f"--tendon: which of {listed(names)} to pull? name one, or give all with --history H.csv"
         )
-    preloads = {name: own.preload for name, own, _ in config.strung}
-    pulled = pull_and_release(pull, release, steps, preload=preloads[tendon or ""])
-    if not names:
-        return pulled
-    held = (pulled if name == tendon else np.full_like(pulled, preloads[name]) for name in names)
-    return np.stack(list(held), axis=1)
+    strung = {name: own for name, own, _ in config.strung}
+    pulled = strung[tendon or ""]
+    unit, start = ("N", pulled.preload) if pulled.drive == "tension" else ("m", 0.0)
+    for option, given in (("--pull", pull), ("--release", release)):
+        if given is not None and given.unit != unit:
+            if unit == "N":
+                to_si(given.text, "N", option)  # which says what is wrong with it
+            raise InputError(
+                f"{option}: the tendon is driven by displacement; give for example {option} '10 mm'"
+            )
+    way = pull_and_release(
+        None if pull is None else pull.value,
+        None if release is None else release.value,
+        steps,
+        start,
+        unit=unit,
+    )
+
+    def column(name: str, kind: str) -> np.ndarray:
+        own = strung[name]
+        if own.drive != kind:
+            return np.full_like(way, np.nan)
+        if name == (tendon or ""):
+            return way
+        return np.full_like(way, own.preload if kind == "tension" else 0.0)
+
+    T_base, displacement = (
+        np.stack([column(name, kind) for name in names], axis=1) if names else column("", kind)
+        for kind in ("tension", "displacement")
+    )
+    return Drive(T_base, displacement if any(own.drive != "tension" for own in strung.values()) else None)
+
+
+def driven(config: RobotConfig, given: Recording) -> tuple[RobotConfig, Drive]:
+    """The robot and its history as a file drives it: a tendon without base tension by its displacement.
+
+    Raises:
+        InputError: displacement drives a tendon that has none.
+    """
+    import numpy as np
+
+    from gtr_jax.files.driving import driven_by
+
+    strung = [(name, tendon.drive) for name, tendon, _ in config.strung]
+    drawn = driven_by(given, strung)
+    if not drawn:
+        return config, Drive(given.T_base.copy(), None)
+    which = np.asarray([name in drawn for name, _ in strung]).reshape(given.T_base.shape[1:])
+    keys = {f"tendons.{name}.drive" if name else "tendon.drive": "displacement" for name in drawn}
+    return config.with_values(keys), Drive(np.where(which, np.nan, given.T_base), given.displacement)
 
 
 def pull_and_release(
-    pull: float | None, release: float | None, steps: int | None, *, preload: float = 0.0
+    pull: float | None, release: float | None, steps: int | None, start: float = 0.0, *, unit: str = "N"
 ) -> np.ndarray:
-    """Base tension [N] of a pull from the preload and, if asked for, a release, with `steps` steps each."""
+    """Base tension [N] of a pull from `start`, a preload, and, if asked for, a release, with `steps` steps
+    each; displacement with `unit` "m".
+    """
     import numpy as np
+
+    from gtr_jax.files.config_checks import mm
+
+    def said(amount: float) -> str:
+        return f"{amount:g} N" if unit == "N" else mm(amount)
 
     if pull is None:
         raise InputError(
@@ -160,14 +235,16 @@ def pull_and_release(
     count = STEPS if steps is None else steps
     if not 1 <= count <= 100_000:
         raise InputError(f"--steps: must lie between 1 and 100000, is {count}; {STEPS} is the default")
-    if pull <= preload:
-        raise InputError(f"--pull: must be above the preload of {preload:g} N, is {pull:g} N; pull harder")
-    history = np.linspace(preload, pull, count + 1)
+    if pull <= start:
+        beyond = "the preload of" if unit == "N" else "its place at"
+        raise InputError(f"--pull: must be above {beyond} {said(start)}, is {said(pull)}; pull harder")
+    history = np.linspace(start, pull, count + 1)
     if release is None:
         return history
     if not 0 <= release < pull:
         raise InputError(
-            f"--release: must lie between 0 N and the {pull:g} N of --pull, is {release:g} N; change one"
+            f"--release: must lie between {said(0.0)} and the {said(pull)} of --pull, is {said(release)}; "
+            "change one"
         )
     return np.concatenate([history, np.linspace(pull, release, count + 1)[1:]])
 
@@ -194,7 +271,7 @@ def check_times(config: RobotConfig, time: np.ndarray | None) -> None:
 
 def solve(
     config: RobotConfig,
-    T_base: np.ndarray,
+    drive: Drive,
     time: np.ndarray | None = None,
     *,
     resolution: float = 1.0,
@@ -212,19 +289,29 @@ def solve(
 
     robot = build_robot(config, resolution=resolution)
     progress("compiling and simulating")
-    answer = answer_simulation(robot, T_base, time)
+    answer = answer_simulation(robot, drive.T_base, time, displacement=drive.displacement)
     # Lost where nothing is finite, or where no solution is found and the rod would turn by more than half a
     # turn from one node to the next.
     run = answer.run
-    turns = np.max(np.abs(np.diff(np.asarray(run.angle), axis=-1)), axis=-1) > np.pi
+    turns = np.max(_turns(run), axis=-1) > np.pi
     lost = ~np.all(np.isfinite(np.asarray(run.tip_pose)), axis=-1) | (turns & ~np.asarray(run.converged))
     if lost.any():
-        first = float(np.max(np.asarray(T_base)[int(np.argmax(lost))]))
+        first = float(np.max(np.asarray(run.T_base)[int(np.argmax(lost))]))
         raise InputError(
             f"{config.source}: at a base tension of {first:.3g} N no shape is found; is the unit "
             "right? give less in --pull or in the history"
         )
     return answer
+
+
+def _turns(run: Simulation) -> np.ndarray:
+    """Angle [rad] by which the body turns from one node to the next, (K, N-1)."""
+    import numpy as np
+
+    if run.shape is None:
+        return np.abs(np.diff(np.asarray(run.angle), axis=-1))
+    size = np.linalg.norm(np.asarray(run.shape.strain), axis=-1)
+    return 0.5 * (size[:, 1:] + size[:, :-1]) * np.diff(np.asarray(run.s))
 
 
 def write_answer(
@@ -242,19 +329,24 @@ def write_answer(
     from gtr_jax.files.recording import write_recording
     from gtr_jax.report.profile import profile
     from gtr_jax.report.simulation import facts, simulation_report
+    from gtr_jax.report.spatial import marker_columns, tip_columns
 
+    from ..robot.channel_table import channel_curve
     from ..simulation.sensing import cells_differ
     from .run_folder import write_json, write_report
 
     run, shown = answer.run, answer.run.reading
     dump_config(config, folder / "robot.toml")
+    if answer.robot.space:
+        pose = tip_columns(answer.robot, run)
+    else:
+        pose = {name: run.tip_pose[:, i] for i, name in enumerate(("tip_x", "tip_y", "tip_angle"))}
+        pose |= marker_columns(answer.robot, run) if config.markers else {}
     columns = {
         "time": time,
         "T_base": shown.T_base,
         "T_tip": shown.T_tip,
-        "tip_x": run.tip_pose[:, 0],
-        "tip_y": run.tip_pose[:, 1],
-        "tip_angle": run.tip_pose[:, 2],
+        **pose,
         "displacement": run.displacement,
         "phase": answer.phases,
     }
@@ -263,6 +355,9 @@ def write_answer(
     if not answer.converged:
         columns["converged"] = np.asarray(run.converged).astype(int)
     write_recording(folder / "simulation.csv", columns, tendons=config.tendon_names)
+    for tendon in answer.robot.tendons if answer.robot.space else ():
+        name = f"channel-{tendon.name}.csv" if tendon.name else "channel.csv"
+        write_recording(folder / name, channel_curve(answer.robot, tendon))
     write_recording(folder / "profile.csv", profile(answer.loaded), tendons=config.tendon_names)
     write_json(folder / "simulation.json", {**facts(answer), "settings": settings})
     report = simulation_report(answer)

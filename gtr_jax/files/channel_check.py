@@ -23,22 +23,25 @@ def check_channel(
 
     Args:
         config: the robot.
-        offset: the channel's offset R [m] from the backbone at each arc length s [m] of an array.
+        offset: the channel's offset [m] from the backbone at each arc length s [m] of an array: R, (N,), or
+            its place in the section, (N, 2).
         tendon: name of the tendon, if the robot has several.
         points: places along the backbone to look at, besides the knots or junctions of the routing.
 
     Raises InputError naming the file, the place s where the channel is farthest outside, and the remedy.
     """
     length = config.backbone.length
-    routing = next(channel for name, _, channel in config.strung if name == (tendon or ""))
+    own, routing = next((own, channel) for name, own, channel in config.strung if name == (tendon or ""))
     table = f"tendons.{tendon}.routing" if tendon else "routing"
     special: list[float] = []
     if routing.kind == "straight-sine-straight":
         special = [routing.w1, routing.w2]
-    elif routing.kind == "table":
-        special = [s for s, _ in routing.knots]
-    s = np.union1d(np.linspace(0.0, length, points), np.clip(special, 0.0, length))
-    reach = np.abs(np.asarray(offset(s), dtype=np.float64))
+    elif routing.kind in ("table", "curve"):
+        special = [knot[0] for knot in routing.knots]
+    end = own.to or length
+    s = np.union1d(np.linspace(0.0, end, points), np.clip(special, 0.0, end))
+    place = np.asarray(offset(s), dtype=np.float64)
+    reach = np.abs(place) if place.ndim == 1 else np.hypot(*place.T)
     radius = outer_radius_at(config.backbone, s)
     if not np.all(np.isfinite(reach)):
         raise InputError(f"{config.source}: {table}: the channel has no finite offset; check its values")

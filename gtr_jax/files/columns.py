@@ -25,7 +25,7 @@ import tomli_w
 from gtr_jax.errors import InputError, did_you_mean, excerpt
 
 from .config_file import read_toml
-from .quantities import COLUMNS, plain_name, quantities_of, split_unit, with_tendon
+from .quantities import column_of, plain_name, split_unit, with_tendon
 from .sheet import Table
 from .whole import write_whole
 
@@ -158,26 +158,38 @@ def write_columns(
     write_whole(path, columns_text(columns, keep_glitches=keep_glitches, drop=drop, note=note))
 
 
-def mapped(table: Table, columns: Columns, tendons: Sequence[str]) -> dict[str, tuple[int, str | None]]:
+def mapped(
+    table: Table, columns: Columns, wanted: Mapping[str, tuple[str, str]], tendons: Sequence[str]
+) -> dict[str, tuple[int, str | None]]:
     """Column index and unit of each quantity that is mapped.
+
+    Args:
+        table: the file.
+        columns: the mapping.
+        wanted: the quantities that there are, as of `quantities_of`.
+        tendons: names of several tendons.
 
     Raises InputError naming the table, the mapping and the entry: an unknown quantity or column, or one that
     stands twice.
     """
-    wanted = quantities_of(tendons)
     place = f"{table.path}: {columns.place}"
     chosen: dict[str, tuple[int, str | None]] = {}
     for name, source in columns.entries:
         plain, _, tendon = name.partition(".")
         spelled = next(
-            (q for q, c in COLUMNS.items() if plain_name(plain if tendons else name) in c.spellings), ""
+            (
+                q
+                for q, _ in wanted.values()
+                if plain_name(plain if tendons else name) in column_of(q).spellings
+            ),
+            "",
         )
         quantity = f"{spelled}.{tendon}" if tendons and tendon else spelled
         if quantity not in wanted:
             raise InputError(f"{place}: unknown quantity '{name}'; {did_you_mean(name, wanted)}")
         if quantity in chosen:
             raise InputError(f"{place}: {quantity} is mapped twice; keep one")
-        si = COLUMNS[wanted[quantity][0]].unit
+        si = column_of(wanted[quantity][0]).unit
         unit = None
         if source not in table.header:
             bracketed = re.fullmatch(r"(.*?)\s*\[([^\[\]]*)\]", source)

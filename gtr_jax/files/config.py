@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import ConfigDict, Field, ModelWrapValidatorHandler, StrictStr, model_validator
+from pydantic import ConfigDict, Field, ModelWrapValidatorHandler, StrictBool, StrictStr, model_validator
 
 from gtr_jax.errors import InputError
 from gtr_jax.terms import REGISTRY, null_values
@@ -20,16 +20,21 @@ from gtr_jax.terms import REGISTRY, null_values
 from .config_checks import check_robot
 from .config_file import dotted, find_key, place_of, read_toml
 from .config_form import check_strings, check_terms
+from .leaving import out_of_plane
+from .markers import check_markers
+from .routings import RoutingConfig
 from .sections import (
     BackboneConfig,
+    BaseConfig,
     Deviation,
     FileSection,
     LoadsConfig,
+    MarkerConfig,
     OneOfSeveralTendons,
-    RoutingConfig,
     TendonConfig,
     TermConfig,
 )
+from .space_checks import check_space
 from .units import DIMENSIONS, parse_quantity, to_si
 from .whole import write_whole
 
@@ -65,6 +70,11 @@ class RobotConfig(FileSection):
     tendons: tuple[OneOfSeveralTendons, ...] = ()
     """The tendons of a robot with several, instead of routing and tendon."""
     loads: LoadsConfig = LoadsConfig()
+    base: BaseConfig = BaseConfig()
+    markers: tuple[MarkerConfig, ...] = ()
+    """Points of the body that are recorded."""
+    space: StrictBool = False
+    """Whether the robot is computed in space though nothing in its file leaves the plane."""
     uncertainty: dict[str, Deviation] = Field(default_factory=dict)
     """Prior knowledge of numbers of the robot ("youngs_modulus"): one standard deviation, relative or with a
     unit."""
@@ -89,12 +99,24 @@ class RobotConfig(FileSection):
         """Names of several tendons; empty for one."""
         return tuple(tendon.name for tendon in self.tendons)
 
+    @property
+    def in_space(self) -> bool:
+        """Whether the robot is computed in space."""
+        return self.leaves_plane is not None
+
+    @property
+    def leaves_plane(self) -> str | None:
+        """The key by which the robot leaves its plane, or asks for what only space has; None if none does."""
+        return "space" if self.space else out_of_plane(self)
+
     @model_validator(mode="wrap")
     @classmethod
     def _checked(cls, data: Any, handler: ModelWrapValidatorHandler[RobotConfig]) -> RobotConfig:
         """The robot, if it can be one; under [uncertainty] keys as written give way to dotted ones."""
         config = handler(data)
         check_robot(config.backbone, strung=config.strung, loads=config.loads, terms=config.terms)
+        check_space(config, in_space=config.in_space)
+        check_markers(config.markers, config.backbone.length)
         return config.model_copy(update={"uncertainty": config._dotted_deviations()})
 
     def _dotted_deviations(self) -> dict[str, float | str]:

@@ -41,12 +41,12 @@ def _check_terms(
             f"has no effect; give one of {', '.join(q.name for q in law.sizes)}",
         )
         wrong = (
-            law.fault({q.name: getattr(term, q.name) for q in law.quantities}, backbone.length)
+            law.fault({q.name: getattr(term, q.name) for q in law.numbers}, backbone.length)
             if law.fault
             else ""
         )
         _require(not wrong, key, wrong)
-        for q in law.quantities:
+        for q in law.numbers:
             value = getattr(term, q.name)
             low = q.lower is not None and (value < q.lower or (q.log and value == q.lower))
             if low or (q.upper is not None and value > q.upper):
@@ -89,8 +89,14 @@ def _require(holds: bool, key: str, says: str) -> None:
 
 
 def outer_radius_at(backbone: BackboneConfig, s: np.ndarray | float) -> np.ndarray:
-    """Outer radius [m] at arc length s [m], linear from base to tip."""
-    return np.asarray(np.interp(s, [0.0, backbone.length], backbone.outer_radius))
+    """Outer radius [m] at arc length s [m], linear from base to tip and along pieces."""
+    s = np.asarray(s, float)
+    radius = np.interp(s, [0.0, backbone.length], backbone.outer_radius)
+    for piece in backbone.sections:
+        if piece.outer_radius is not None:
+            here = (piece.from_ <= s) & (s <= piece.to)
+            radius = np.where(here, np.interp(s, [piece.from_, piece.to], piece.outer_radius), radius)
+    return np.asarray(radius)
 
 
 def _check_backbone(backbone: BackboneConfig) -> None:
@@ -98,8 +104,41 @@ def _check_backbone(backbone: BackboneConfig) -> None:
     _check_length(length, "backbone.length")
     for radius in backbone.outer_radius:
         _check_length(radius, "backbone.outer_radius")
+    _require(
+        -1 < backbone.poissons_ratio <= 0.5,
+        "backbone.poissons_ratio",
+        f"must lie above -1 and be at most 0.5, is {backbone.poissons_ratio:g}",
+    )
+    _check_modulus(backbone)
+    _require(backbone.density >= 0, "backbone.density", f"cannot be negative, is {backbone.density:g} kg/m^3")
+    for key in ("natural_curvature", "natural_curvature_y", "natural_twist"):
+        strain = getattr(backbone, key)
+        if isinstance(strain, tuple):
+            _check_knots(f"backbone.{key}", strain, length)
+    _check_stiffness("backbone", backbone.bending_stiffness, backbone.torsional_stiffness, length)
+    _check_pieces(backbone)
+    _check_bores(backbone)
+
+
+def _check_modulus(backbone: BackboneConfig) -> None:
     modulus = backbone.youngs_modulus
-    given = "youngs_modulus" in backbone.model_fields_set
+    given = "youngs_modulus" in backbone.model_fields_set and not (
+        backbone.bending_stiffness is not None and modulus == 0
+    )
+    if backbone.bending_stiffness is not None:
+        needed = any(p.bending_stiffness is None and p.youngs_modulus is None for p in backbone.sections)
+        _require(
+            not given or needed,
+            "backbone.youngs_modulus",
+            "has no effect beside bending_stiffness; remove one of the two",
+        )
+        _require(
+            given or not needed,
+            "backbone",
+            "missing key 'youngs_modulus', of the sections without one; give each its own, or a "
+            "bending_stiffness",
+        )
+        return
     _require(
         given or backbone.rigid,
         "backbone",
@@ -117,10 +156,78 @@ def _check_backbone(backbone: BackboneConfig) -> None:
         f"{modulus:g} Pa leaves a bending stiffness of {stiffness:g} N m^2, too little to compute with; "
         "check the units",
     )
-    _require(backbone.density >= 0, "backbone.density", f"cannot be negative, is {backbone.density:g} kg/m^3")
-    if isinstance(backbone.natural_curvature, tuple):
-        _check_knots("backbone.natural_curvature", backbone.natural_curvature, length)
-    _check_bores(backbone)
+
+
+def _check_stiffness(table: str, bending: Any, torsion: Any, length: float) -> None:
+    for key, given in (("bending_stiffness", bending), ("torsional_stiffness", torsion)):
+        if given is None:
+            continue
+        rows = given if isinstance(given, tuple) else (given,)
+        if isinstance(rows[0], tuple):
+            _require(
+                len({len(row) for row in rows}) == 1,
+                f"{table}.{key}",
+                "some rows give one stiffness and some two; write [s, EI] or [s, EI_y, EI_z] in all",
+            )
+            _check_knots(f"{table}.{key}", rows, length)
+            values = [value for row in rows for value in row[1:]]
+        else:
+            values = list(rows)
+        least = min(values)
+        _require(
+            least > _LEAST_STIFFNESS, f"{table}.{key}", f"must be positive everywhere, is {least:g} N m^2"
+        )
+    _require(
+        torsion is None or bending is not None,
+        f"{table}.torsional_stiffness",
+        "needs a bending_stiffness beside it; add one, or leave both to youngs_modulus and poissons_ratio",
+    )
+
+
+def _check_pieces(backbone: BackboneConfig) -> None:
+    for i, piece in enumerate(backbone.sections):
+        key = f"backbone.sections[{i}]"
+        own = (piece.outer_radius, piece.youngs_modulus, piece.bending_stiffness)
+        _require(
+            any(value is not None for value in own),
+            key,
+            "differs in nothing; give outer_radius, youngs_modulus or bending_stiffness",
+        )
+        for radius in piece.outer_radius or ():
+            _check_length(radius, f"{key}.outer_radius")
+        modulus = piece.youngs_modulus
+        _require(
+            modulus is None or modulus > 0,
+            f"{key}.youngs_modulus",
+            f"must be positive, is {modulus or 0:g} Pa",
+        )
+        _require(
+            modulus is None or piece.bending_stiffness is None,
+            f"{key}.youngs_modulus",
+            "has no effect beside bending_stiffness; remove one of the two",
+        )
+        _check_stiffness(key, piece.bending_stiffness, piece.torsional_stiffness, backbone.length)
+    _check_stretches("sections", backbone.sections, backbone.length)
+
+
+def _check_stretches(table: str, stretches: Sequence[Any], length: float) -> None:
+    """Bores, or pieces, must run forwards within the body and not overlap."""
+    for i, stretch in enumerate(stretches):
+        key, ends = f"backbone.{table}[{i}]", f"{mm(stretch.from_)} to {mm(stretch.to)}"
+        _require(stretch.from_ < stretch.to, key, f"runs from {ends}; 'from' must lie before 'to'")
+        _require(
+            stretch.from_ >= 0 and stretch.to <= length * (1 + _NEAR),
+            key,
+            f"runs from {ends}, outside the backbone; keep it within 0 mm and {mm(length)}",
+        )
+    order = sorted(range(len(stretches)), key=lambda i: stretches[i].from_)
+    for i, j in itertools.pairwise(order):
+        end, start = stretches[i].to, stretches[j].from_
+        _require(
+            start >= end - _NEAR * length,
+            f"backbone.{table}[{j}]",
+            f"starts at {mm(start)}, before {table}[{i}] ends at {mm(end)}; part the two",
+        )
 
 
 def _check_length(length: float, key: str) -> None:
@@ -129,33 +236,24 @@ def _check_length(length: float, key: str) -> None:
 
 
 def _check_bores(backbone: BackboneConfig) -> None:
-    length = backbone.length
     for i, bore in enumerate(backbone.bores):
-        key = f"backbone.bores[{i}]"
-        _require(bore.diameter > 0, f"{key}.diameter", f"must be positive, is {bore.diameter:g} m")
-        ends = f"{mm(bore.from_)} to {mm(bore.to)}"
-        _require(bore.from_ < bore.to, key, f"runs from {ends}; 'from' must lie before 'to'")
         _require(
-            bore.from_ >= 0 and bore.to <= length * (1 + _NEAR),
-            key,
-            f"runs from {ends}, outside the backbone; keep it within 0 mm and {mm(length)}",
+            bore.diameter > 0,
+            f"backbone.bores[{i}].diameter",
+            f"must be positive, is {bore.diameter:g} m",
         )
-        stations = np.array([bore.from_, bore.to])
-        radii = outer_radius_at(backbone, stations)  # linear, so narrowest at one of the ends
+    _check_stretches("bores", backbone.bores, backbone.length)
+    for i, bore in enumerate(backbone.bores):
+        steps = [end for piece in backbone.sections for end in (piece.from_, piece.to)]
+        ends = [end * side for end in steps for side in (1 - _NEAR, 1 + _NEAR)]
+        stations = np.array([bore.from_, bore.to, *(end for end in ends if bore.from_ < end < bore.to)])
+        radii = outer_radius_at(backbone, stations)  # linear between them, so narrowest at one
         narrowest = int(np.argmin(radii))
         _require(
             bore.diameter < 2 * radii[narrowest],
-            f"{key}.diameter",
+            f"backbone.bores[{i}].diameter",
             f"the bore is {mm(bore.diameter)} wide and the body {mm(2 * radii[narrowest])} at "
             f"s = {mm(stations[narrowest])}; narrow the bore or widen the body",
-        )
-    order = sorted(range(len(backbone.bores)), key=lambda i: backbone.bores[i].from_)
-    for i, j in itertools.pairwise(order):
-        end, start = backbone.bores[i].to, backbone.bores[j].from_
-        _require(
-            start >= end - _NEAR * length,
-            f"backbone.bores[{j}]",
-            f"starts at {mm(start)}, before bores[{i}] ends at {mm(end)}; part the two",
         )
 
 
@@ -174,14 +272,20 @@ def _check_routing(routing: Any, length: float, table: str) -> None:
         )
     elif routing.kind == "converging-sine" or routing.kind == "crossing-sine":
         _require(routing.n_sine > 0, f"{table}.n_sine", f"must be positive, is {routing.n_sine:g}")
-    elif routing.kind == "table":
+    elif routing.kind in ("table", "curve"):
         _check_knots(f"{table}.knots", routing.knots, length)
+    elif routing.kind in ("helix", "straight"):
+        for key in ("radius", "tip_radius"):
+            radius = getattr(routing, key, None)
+            _require(
+                radius is None or radius >= 0, f"{table}.{key}", f"cannot be negative, is {mm(radius or 0)}"
+            )
 
 
-def _check_knots(key: str, knots: tuple[tuple[float, float], ...], length: float) -> None:
+def _check_knots(key: str, knots: Sequence[Sequence[float]], length: float) -> None:
     """Knots must be at least two, in increasing s, and cover the backbone from 0 to its length [m]."""
     _require(len(knots) >= 2, key, f"needs at least two knots, has {len(knots)}")
-    stations = np.array([s for s, _ in knots])
+    stations = np.array([knot[0] for knot in knots])
     back = np.flatnonzero(np.diff(stations) <= 0)
     if back.size:
         i = int(back[0])
@@ -199,20 +303,27 @@ def _check_knots(key: str, knots: tuple[tuple[float, float], ...], length: float
 
 def _check_loads(loads: LoadsConfig, backbone: BackboneConfig) -> None:
     _require(
-        loads.gravity_angle is None or backbone.rigid or backbone.density > 0,
+        loads.gravity is None or loads.gravity_angle is None,
+        "loads.gravity",
+        "says what gravity_angle says; keep one of the two",
+    )
+    weighs = loads.gravity_angle is not None or loads.gravity is not None
+    key = "gravity" if loads.gravity_angle is None else "gravity_angle"
+    _require(
+        not weighs or backbone.rigid or backbone.density > 0,
         "backbone",
-        "missing key 'density', which gravity_angle needs; add for example density = \"1070 kg/m^3\"",
+        f"missing key 'density', which {key} needs; add for example density = \"1070 kg/m^3\"",
     )
     _require(loads.payload >= 0, "loads.payload", f"cannot be negative, is {loads.payload:g} kg")
     _require(
-        loads.payload == 0 or loads.gravity_angle is not None,
+        loads.payload == 0 or weighs,
         "loads.payload",
         'needs the direction of gravity to weigh; add for example gravity_angle = "-90 deg"',
     )
     acting = {
-        "gravity_angle": loads.gravity_angle is not None,
+        key: weighs,
         "tip_force": any(loads.tip_force),
-        "tip_moment": loads.tip_moment != 0,
+        "tip_moment": bool(np.any(np.asarray(loads.tip_moment))),
     }
     for key, acts in acting.items():
         _require(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,21 +42,22 @@ def _check_integers(node: Any, place: str, sign: str = ": ") -> None:
             _check_integers(value, f"{place}[{i}]", ".")
 
 
-def read_route(path: Path) -> tuple[tuple[float, float], ...]:
-    """Knots (s, R) [m] of a routing table; InputError naming file, row and column."""
+def read_route(path: Path, names: Sequence[str] = ("s", "R")) -> tuple[tuple[float, ...], ...]:
+    """Knots [m] of a routing table, a column for each of `names`; InputError naming file, row and column."""
+    example = ",".join(f"{name}_mm" for name in names)
     table = read_table(path)
     parted = [split_unit(header, "m") for header in table.header]
     columns = []
-    for name in ("s", "R"):
+    for name in names:
         found = [i for i, (header, _) in enumerate(parted) if header == name]
         if len(found) != 1:
             columns_found = listed(table.header)
             raise InputError(
-                f"{path}: needs one column for {name}; columns found: {columns_found}; name them s_mm,R_mm"
+                f"{path}: needs one column for {name}; columns found: {columns_found}; name them {example}"
             )
         unit = parted[found[0]][1]
         columns.append(
-            table.quantity(found[0], unit, "m", remedy=lambda: "name the columns s_mm,R_mm").tolist()
+            table.quantity(found[0], unit, "m", remedy=lambda: f"name the columns {example}").tolist()
         )
     return tuple(zip(*columns, strict=True))
 

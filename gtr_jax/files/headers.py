@@ -5,21 +5,21 @@ from __future__ import annotations
 import difflib
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from gtr_jax.errors import InputError, listed
 
 from .csv_text import is_data
-from .quantities import COLUMNS, NEEDED, of_tendon, plain_name, quantities_of, split_unit, with_tendon
+from .quantities import COLUMNS, NEEDED, column_of, of_tendon, plain_name, split_unit, with_tendon
 from .sheet import Table
 from .units import measures
 
 
 def recognised(table: Table, quantity: str, tendon: str) -> tuple[int, str | None] | None:
     """Column index and unit of a quantity from the headers themselves; None if no header names it."""
-    si, canonical, spellings = COLUMNS[quantity]
+    si, canonical, spellings = column_of(quantity)
     canonical = f"{canonical}.{tendon}" if tendon else canonical
     found: list[tuple[int, str | None]] = []
     for index, header in enumerate(table.header):
@@ -46,11 +46,19 @@ def recognised(table: Table, quantity: str, tendon: str) -> tuple[int, str | Non
     return found[0] if found else None
 
 
-def missing(table: Table, absent: Sequence[str], tendons: Sequence[str]) -> InputError:
-    """The error for quantities that are needed and have no column: what may be meant, and in which unit."""
-    wanted = quantities_of(tendons)
+def missing(
+    table: Table, absent: Sequence[str], wanted: Mapping[str, tuple[str, str]], tendons: Sequence[str]
+) -> InputError:
+    """The error for quantities that are needed and have no column: what may be meant, and in which unit.
+
+    Args:
+        table: the file.
+        absent: their names.
+        wanted: what may be read, as of `quantities_of`.
+        tendons: names of several tendons.
+    """
     quantity, tendon = wanted[absent[0]]
-    column = COLUMNS[quantity]
+    column = column_of(quantity)
     names = [header for header in table.header if header]
     place = f"{table.path}: no column {with_tendon(column.header, tendon)}"
     if tendon and recognised(table, quantity, "") is not None:
@@ -74,7 +82,7 @@ def missing(table: Table, absent: Sequence[str], tendons: Sequence[str]) -> Inpu
     meant = {key: meant_column(table, *wanted[key], tendons) for key in absent}
     entries = []
     for key, index in meant.items():
-        si = COLUMNS[wanted[key][0]].unit
+        si = column_of(wanted[key][0]).unit
         name, unit = ("NAME", si) if index is None else (table.header[index], unit_meant(table, index, si))
         entries.append(f"{key}={name}[{unit}]")
     near = meant[absent[0]]
@@ -114,7 +122,7 @@ def force_meant(unit: str) -> str:
 def meant_column(table: Table, quantity: str, tendon: str, tendons: Sequence[str]) -> int | None:
     """The column that may be a quantity under a name that is not known; None if none suggests itself."""
     spellings = {s: q for q, column in COLUMNS.items() for s in column.spellings}
-    si = COLUMNS[quantity].unit
+    si = column_of(quantity).unit
     others = [other for other in tendons if other != tendon]
     sides = {word: q for q, words in _SIDES.items() for word in words}
     scores: dict[int, float] = {}
@@ -131,7 +139,7 @@ def meant_column(table: Table, quantity: str, tendon: str, tendons: Sequence[str
             if quantity in NEEDED and any(w.startswith(word) or w.endswith(word) for w in words):
                 score += 2.0 if side == quantity else -9.0
         score -= 9.0 * len(_NO_FORCES.intersection(words)) * (quantity in NEEDED)
-        alike = [difflib.SequenceMatcher(None, name, s).ratio() for s in COLUMNS[quantity].spellings]
+        alike = [difflib.SequenceMatcher(None, name, s).ratio() for s in column_of(quantity).spellings]
         score += 3.0 * max(alike) if max(alike) > _ALIKE else 0.0
         if score > 0:
             scores[index] = score

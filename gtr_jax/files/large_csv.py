@@ -1,5 +1,5 @@
-"""CSV files of very many rows, split and turned into numbers by polars; anything odd in them is left to
-`csv_text`.
+"""CSV files of very many rows, split and turned into numbers, and written, by polars; anything odd in them is
+left to `csv_text`.
 
 Cells stay text until a column is asked for, so that messages can quote them. Where cells need a closer look,
 their *forms* are looked at, of which there are few: the first digit as 0 or 1, all others as 0.
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -191,3 +191,16 @@ def _tidied(series: pl.Series) -> pl.Series:
 def _form(tidied: pl.Series) -> pl.Series:
     marked = tidied.str.replace(r"^([+-]?)[1-9]", "${1}\x01").str.replace_all("[0-9]", "0")
     return marked.str.replace("\x01", "1", literal=True)
+
+
+def large_text(columns: Mapping[str, np.ndarray]) -> str | None:
+    """Columns of numbers, (K,) each, as CSV that reads back exactly; None if any has another length, is of
+    words, or holds what is no number.
+    """
+    import polars as pl
+
+    if len({len(values) for values in columns.values()}) != 1:
+        return None
+    if not all(values.dtype == np.float64 and np.isfinite(values).all() for values in columns.values()):
+        return None
+    return pl.DataFrame({name: np.ascontiguousarray(own) for name, own in columns.items()}).write_csv()

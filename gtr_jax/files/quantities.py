@@ -22,12 +22,23 @@ COLUMNS = {
     "T_tip": Column("N", "T_tip_N", frozenset({"ttip", "tiptension", "tensiontip", "tdistal"})),
     "tip_x": Column("m", "tip_x_m", frozenset({"tipx", "xtip"})),
     "tip_y": Column("m", "tip_y_m", frozenset({"tipy", "ytip"})),
+    "tip_z": Column("m", "tip_z_m", frozenset({"tipz", "ztip"})),
     "tip_angle": Column("rad", "tip_angle_rad", frozenset({"tipangle", "angletip", "phitip"})),
+    "tip_qx": Column("dimensionless", "tip_qx", frozenset({"tipqx", "qxtip"})),
+    "tip_qy": Column("dimensionless", "tip_qy", frozenset({"tipqy", "qytip"})),
+    "tip_qz": Column("dimensionless", "tip_qz", frozenset({"tipqz", "qztip"})),
+    "tip_qw": Column("dimensionless", "tip_qw", frozenset({"tipqw", "qwtip"})),
     "displacement": Column("m", "displacement_m", frozenset({"displacement", "tendondisplacement"})),
     "trial": Column("dimensionless", "trial", frozenset({"trial"})),
 }
 NEEDED = ("T_base", "T_tip")
 PER_TENDON = ("T_base", "T_tip", "displacement")
+DRIVES = ("T_base", "displacement")  # one of which moves a tendon
+QUATERNION = ("tip_qx", "tip_qy", "tip_qz", "tip_qw")
+# The quantity that each spelling means.
+SPELLINGS = {spelling: name for name, column in COLUMNS.items() for spelling in column.spellings}
+IN_SPACE = ("tip_z", *QUATERNION)
+AXES = ("x", "y", "z")
 # Units known as a header's ending, as in T_base_gf; in brackets, as in Tbase [gf], any unit is known.
 _HEADER_ENDINGS = {
     "s": ("s", "ms", "us", "min"),
@@ -51,13 +62,30 @@ def split_unit(header: str, si: str) -> tuple[str, str | None]:
     return (name, ending) if name and ending in _HEADER_ENDINGS.get(si, ()) else (header, None)
 
 
-def quantities_of(tendons: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """What may be read: the quantity and the tendon ("" for none) under each name, such as "T_base.left"."""
+def quantities_of(
+    tendons: Sequence[str], *, markers: Sequence[str] = (), space: bool = False
+) -> dict[str, tuple[str, str]]:
+    """What may be read: the quantity and the tendon ("" for none) under each name, such as "T_base.left".
+
+    Args:
+        tendons: names of several tendons.
+        markers: names of the markers of the robot.
+        space: whether the robot may leave its plane.
+    """
     wanted = {}
     for quantity in COLUMNS:
+        if quantity in IN_SPACE and not space:
+            continue
         names = tendons if quantity in PER_TENDON and tendons else ("",)
         wanted |= {f"{quantity}.{name}" if name else quantity: (quantity, name) for name in names}
-    return wanted
+    return wanted | {quantity: (quantity, "") for name in markers for quantity in marker_quantities(name)}
+
+
+def column_of(quantity: str) -> Column:
+    """The column of a quantity; one that is not in COLUMNS is a place of a marker."""
+    if quantity in COLUMNS:
+        return COLUMNS[quantity]
+    return Column("m", f"{quantity}_m", frozenset({plain_name(quantity)}))
 
 
 def with_tendon(name: str, tendon: str) -> str:
@@ -71,3 +99,8 @@ def of_tendon(header: str, tendon: str) -> str | None:
         return header
     found = re.fullmatch(rf"(.*?)\.{re.escape(tendon)}(\s*[\[(].*)?", header)
     return f"{found[1]}{found[2] or ''}" if found else None
+
+
+def marker_quantities(name: str) -> tuple[str, ...]:
+    """The quantities of a marker: m1_x, m1_y, m1_z, each a length."""
+    return tuple(f"{name}_{axis}" for axis in AXES)

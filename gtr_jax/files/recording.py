@@ -10,9 +10,10 @@ from __future__ import annotations
 import csv
 import functools
 import io
+import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +26,28 @@ from .guessing import Guess as Guess
 from .guessing import Guessed as Guessed
 from .guessing import guess as guess
 from .headers import missing, recognised, unit_remedy
+from .large_csv import large_text
 from .masking import Masked, masks
-from .quantities import COLUMNS, NEEDED, PER_TENDON, quantities_of
+from .quantities import (
+    COLUMNS,
+    DRIVES,
+    NEEDED,
+    PER_TENDON,
+    QUATERNION,
+    column_of,
+    marker_quantities,
+    quantities_of,
+    with_tendon,
+)
 from .table import Table, read_table
 from .whole import write_whole
 
 SWAP_FACTOR = 1.3
 """A tip tension peaking above this multiple of the base's suggests swapped columns or wrong units."""
+QUATERNION_ERROR = 0.02
+"""Most by which the length of a recorded quaternion may differ from 1."""
+LARGE = 50_000
+"""Rows from which on polars writes a recording."""
 MOST_ABSENT = 0.05
 """Share of the cells of a column that may be without a number; their rows are left out."""
 
@@ -40,9 +56,11 @@ MOST_ABSENT = 0.05
 class Recording:
     """A recording in SI units: read-only float64 arrays, one value per row; None where not recorded.
 
-    T_base and T_tip [N], time [s], tip_x and tip_y [m], tip_angle [rad] against the base tangent,
-    displacement [m] of the tendon pulled out at the base, and the number of the trial. Of several tendons,
-    named in `tendons`, T_base, T_tip and displacement are (rows, tendons). `rows` are the numbers of the
+    T_base and T_tip [N], time [s], tip_x, tip_y and tip_z [m], tip_angle [rad] against the base tangent,
+    tip_qx to tip_qw, the unit quaternion of the tip, displacement [m] of the tendon pulled out at the base,
+    and the number of the trial. Of several tendons, named in `tendons`, T_base, T_tip and displacement are
+    (rows, tendons); T_base and displacement of a tendon of which only the other is recorded are NaN.
+    `markers` has the places of markers [m], by names such as "m1_x". `rows` are the numbers of the
     samples' rows in the file, `masked` is what was left out of it, `thinned_from` how many samples it had
     before it was thinned (0: it was not), and `notes` are sentences on how it was read.
     """
@@ -54,7 +72,12 @@ class Recording:
     time: np.ndarray | None = None
     tip_x: np.ndarray | None = None
     tip_y: np.ndarray | None = None
+    tip_z: np.ndarray | None = None
     tip_angle: np.ndarray | None = None
+    tip_qx: np.ndarray | None = None
+    tip_qy: np.ndarray | None = None
+    tip_qz: np.ndarray | None = None
+    tip_qw: np.ndarray | None = None
     displacement: np.ndarray | None = None
     trial: np.ndarray | None = None
     tendons: tuple[str, ...] = ()
@@ -62,9 +85,16 @@ class Recording:
     masked: tuple[Masked, ...] = ()
     thinned_from: int = 0
     notes: tuple[str, ...] = ()
+    markers: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.T_base)
+
+    @property
+    def tip_quaternion(self) -> np.ndarray | None:
+        """The unit quaternion of the tip (x, y, z, w), (rows, 4); None where not recorded."""
+        parts = [getattr(self, name) for name in QUATERNION]
+        return None if parts[0] is None else np.stack(parts, axis=1)
 
 
 def read_recording(
@@ -76,6 +106,8 @@ def read_recording(
     keep_glitches: bool = False,
     drop: Sequence[str] = (),
     doubtful: bool = False,
+    markers: Sequence[str] = (),
+    space: bool = False,
 ) -> Recording:
     """Read a recording (or a base-tension history) from a file.
 
@@ -94,6 +126,9 @@ def read_recording(
         drop: stretches of time to leave out, as "12.5 s:13 s", "12.5:13" [s], or ":2 s" for the beginning.
         doubtful: whether time going backwards and a tip tension far above the base's are let pass, for
             somebody who looks for what is wrong with a recording.
+        markers: names of the robot's markers, whose places are looked for.
+        space: whether the robot may leave its plane, or be driven by displacement: then tip_z and the tip's
+            orientation are looked for, and the displacement of a tendon may stand for its base tension.
 
     What is left out is in `masked`: glitches, dropped stretches, and rows in which a cell is empty or NaN, as
     long as these are no more than MOST_ABSENT of a column.
@@ -105,9 +140,9 @@ def read_recording(
     """
     table = path if isinstance(path, Table) else read_table(path)
     said = None if columns is None else read_columns(columns, f"{table.path}: ")
-    chosen = {} if said is None else mapped(table, said, tendons)
+    wanted = quantities_of(tendons, markers=markers, space=space)
+    chosen = {} if said is None else mapped(table, said, wanted, tendons)
     taken = {index for index, _ in chosen.values()}
-    wanted = quantities_of(tendons)
     for key, (quantity, tendon) in wanted.items():
         found = None if key in chosen else recognised(table, quantity, tendon)
         if found and found[0] not in taken:
@@ -117,18 +152,22 @@ def read_recording(
     absent = [
         key
         for key, (quantity, tendon) in wanted.items()
-        if key not in chosen and (quantity in needed or (tendon and quantity in begun))
+        if key not in chosen
+        and (quantity in needed or (tendon and quantity in begun))
+        and not (space and quantity in DRIVES and _drive_of(tendon, chosen))
     ]
+    if set(QUATERNION) & begun:
+        absent += [key for key in QUATERNION if key not in chosen]
     if absent:
-        raise missing(table, absent, tendons)
+        raise missing(table, absent, wanted, tendons)
     whole = {}
     for key, (quantity, _) in wanted.items():
         if key in chosen:
             index, unit = chosen[key]
-            si = COLUMNS[quantity].unit
+            si = column_of(quantity).unit
             remedy = functools.partial(unit_remedy, table, key, index, si)
             whole[key] = table.quantity(index, unit, si, remedy=remedy, most_absent=MOST_ABSENT)
-    units = {key: COLUMNS[wanted[key][0]].unit for key in whole}
+    units = {key: column_of(wanted[key][0]).unit for key in whole}
     glitches = "T_tip" in begun and not keep_glitches and not (said and said.keep_glitches)
     stretches = [*(said.drop if said else ()), *drop]
     try:
@@ -138,6 +177,7 @@ def read_recording(
     if not keep.any():
         raise InputError(f"{table.path}: no sample is left; drop less of it")
     data = {key: values[keep] for key, values in whole.items()}
+    data |= _unit_quaternion(table.path, np.asarray(table.numbers)[keep], data)
     rows = np.asarray(table.numbers)[keep]
     for values in (*data.values(), rows):
         values.setflags(write=False)
@@ -147,8 +187,14 @@ def read_recording(
         signals = {wanted[key][0]: data[key] for key in own}
         named = {wanted[key][0]: headers[key] for key in own}
         _check_signals(table.path, rows, signals, named, alone=not tendons, doubtful=doubtful)
+    placed = {key for name in markers for key in marker_quantities(name) if key in data}
+    by_quantity = _by_quantity({key: data[key] for key in data if key not in placed}, tendons)
+    if "T_base" not in by_quantity:
+        by_quantity["T_base"] = np.full_like(by_quantity["displacement"], np.nan)
+        by_quantity["T_base"].setflags(write=False)
     return Recording(
-        **_by_quantity(data, tendons),
+        **by_quantity,
+        markers={key: data[key] for key in data if key in placed},
         path=table.path,
         sha256=table.sha256,
         tendons=tuple(tendons),
@@ -158,15 +204,36 @@ def read_recording(
     )
 
 
+def _drive_of(tendon: str, chosen: Iterable[str]) -> bool:
+    """Whether a column says how a tendon is driven."""
+    return any(with_tendon(quantity, tendon) in chosen for quantity in DRIVES)
+
+
 def _by_quantity(data: Mapping[str, np.ndarray], tendons: Sequence[str]) -> dict[str, Any]:
-    """Columns by quantity; those of several tendons side by side."""
+    """Columns by quantity; those of several tendons side by side, NaN where a tendon has none."""
     out = {key: values for key, values in data.items() if "." not in key}
+    absent = np.full(len(next(iter(data.values()))), np.nan)
     for quantity in PER_TENDON if tendons else ():
-        columns = [data[f"{quantity}.{name}"] for name in tendons if f"{quantity}.{name}" in data]
-        if columns:
+        columns = [data.get(f"{quantity}.{name}", absent) for name in tendons]
+        if any(column is not absent for column in columns):
             out[quantity] = np.stack(columns, axis=1)
             out[quantity].setflags(write=False)
     return out
+
+
+def _unit_quaternion(path: Path, rows: np.ndarray, data: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The columns of the tip's orientation, scaled to length one; InputError if they are no rotation."""
+    if QUATERNION[0] not in data:
+        return {}
+    size = np.linalg.norm([data[name] for name in QUATERNION], axis=0)
+    off = np.abs(size - 1.0)
+    worst = int(np.argmax(off))
+    if off[worst] > QUATERNION_ERROR:
+        raise InputError(
+            f"{path}: row {rows[worst]}, columns {', '.join(QUATERNION)}: a quaternion of length "
+            f"{size[worst]:.4g} is no rotation; its length has to be 1"
+        )
+    return {name: data[name] / size for name in QUATERNION}
 
 
 def _check_signals(
@@ -190,7 +257,7 @@ def _check_signals(
                 f"time goes backwards, from {data['time'][i]:.6g} s to {data['time'][i + 1]:.6g} s; "
                 "put the rows in time order, or give each trial its own file"
             )
-    base_peak = float(np.max(data["T_base"]))
+    base_peak = float(np.max(data["T_base"])) if "T_base" in data else math.inf
     for quantity in ("T_base", "T_tip"):
         if quantity not in data:
             continue
@@ -222,15 +289,15 @@ def write_recording(
     """Write a recording, or columns by name, as a CSV file that `read_recording` reads back exactly.
 
     The quantities of COLUMNS (SI) come first, under their headers with units; further columns follow under
-    the names they are given, which should carry their unit. None is left out. A quantity of several tendons,
-    (rows, tendons), becomes a column for each of `tendons`, ending with its name. The file is written whole
-    or not at all.
+    the names they are given, which should carry their unit. None is left out, and so is a tendon's column of
+    NaN. A quantity of several tendons, (rows, tendons), becomes a column for each of `tendons`, ending with
+    its name. The file is written whole or not at all.
 
     Raises ValueError if the columns differ in length.
     """
     if isinstance(recording, Recording):
-        given = {field.name: getattr(recording, field.name) for field in fields(recording)}
-        named = {quantity: given[quantity] for quantity in COLUMNS}
+        given = {own.name: getattr(recording, own.name) for own in fields(recording)}
+        named = {quantity: given[quantity] for quantity in COLUMNS} | dict(recording.markers)
         tendons = recording.tendons
     else:
         named = {quantity: recording.get(quantity) for quantity in COLUMNS}
@@ -239,13 +306,34 @@ def write_recording(
     for name, values in named.items():
         if values is None:
             continue
-        header, table = COLUMNS[name].header if name in COLUMNS else name, np.asarray(values)
+        known = name in COLUMNS or (isinstance(recording, Recording) and name in recording.markers)
+        header, table = column_of(name).header if known else name, np.asarray(values)
+        if table.ndim == 1 and name == "T_base" and _not_recorded(table):
+            continue
         if table.ndim == 1:
-            columns[header] = table.tolist()
+            columns[header] = table
         else:
-            columns |= {f"{header}.{t}": own.tolist() for t, own in zip(tendons, table.T, strict=True)}
+            columns |= {
+                f"{header}.{t}": own
+                for t, own in zip(tendons, table.T, strict=True)
+                if name not in DRIVES or not _not_recorded(own)
+            }
+    write_whole(path, _csv_text(columns))
+
+
+def _csv_text(columns: Mapping[str, np.ndarray]) -> str:
+    """Columns, (K,) each, as CSV; of very many numbers by polars, which takes a tenth of the time."""
+    if next((len(values) for values in columns.values()), 0) >= LARGE:
+        text = large_text(columns)
+        if text is not None:
+            return text
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
-    write_whole(path, stream.getvalue())
+    writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+    return stream.getvalue()
+
+
+def _not_recorded(values: np.ndarray) -> bool:
+    """Whether a column holds nothing but NaN."""
+    return values.dtype.kind == "f" and bool(np.all(np.isnan(values)))

@@ -17,7 +17,7 @@ from typing import Any
 from pydantic.json_schema import GenerateJsonSchema
 
 from .config import RobotConfig
-from .sections import Section
+from .section import Section
 from .whole import write_whole
 
 

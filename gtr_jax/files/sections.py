@@ -1,4 +1,4 @@
-"""The tables of a robot file: keys, defaults and units.
+"""The tables of a robot file: keys, defaults and units; those of its channels are in `routings`.
 
 After validation they hold SI floats (m, N, Pa, rad, kg/m^3). Unit strings, defaults, missing and unknown keys
 are theirs; what fits into what is in `config_checks`.
@@ -15,9 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import (
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Discriminator,
     Field,
     PrivateAttr,
@@ -25,28 +23,29 @@ from pydantic import (
     StrictStr,
     Tag,
     ValidationError,
-    ValidationInfo,
     create_model,
-    model_validator,
 )
 
 from gtr_jax.errors import InputError
 from gtr_jax.terms import REGISTRY, Term
 
-from .config_file import read_route
-from .config_form import check_keys, one_line
+from .config_form import one_line
+from .routings import ROUTINGS, RoutingConfig
+from .section import (
+    Acceleration,
+    Angle,
+    BendingStiffness,
+    Curvature,
+    Density,
+    Force,
+    Length,
+    Mass,
+    Modulus,
+    Moment,
+    Ratio,
+    Section,
+)
 from .units import Unit, parse_quantity, quantity_text
-
-Length = Annotated[float, Unit("m")]
-Angle = Annotated[float, Unit("rad")]
-Curvature = Annotated[float, Unit("rad/m")]
-Modulus = Annotated[float, Unit("Pa")]
-Density = Annotated[float, Unit("kg/m^3")]
-Force = Annotated[float, Unit("N")]
-Moment = Annotated[float, Unit("N m")]
-Mass = Annotated[float, Unit("kg")]
-Ratio = Annotated[float, Unit("dimensionless")]
-
 
 _SHARES = re.compile(r".*[\d.]\s*(|%|percent|dimensionless)\s*")
 
@@ -59,28 +58,6 @@ def _deviation(value: Any) -> Any:
 
 
 Deviation = Annotated[float | str, BeforeValidator(_deviation)]
-
-
-class Section(BaseModel):
-    """One table of the robot file; unknown keys are refused with the nearest valid name.
-
-    What stands below a key says what it is, and becomes its description in the JSON Schema (`schema`).
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _keys(cls, data: Any, info: ValidationInfo) -> Any:
-        if isinstance(data, Mapping):
-            data = cls._resolved(dict(data), Path((info.context or {}).get("folder", ".")))
-        check_keys(cls, data)
-        return data
-
-    @classmethod
-    def _resolved(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
-        """The section with what it refers to in other files, relative to `folder`, put in place."""
-        return data
 
 
 class FileSection(Section):
@@ -142,6 +119,59 @@ def _shape(value: Any) -> str:
     return "#pairs" if isinstance(value, list | tuple) else "#constant"
 
 
+def _kind(value: Any) -> str:
+    """Whether a stiffness is one number, two, or a table."""
+    if not isinstance(value, list | tuple):
+        return "#constant"
+    return "#table" if value and isinstance(value[0], list | tuple) else "#pair"
+
+
+def _row(value: Any) -> str:
+    return "#two" if isinstance(value, list | tuple) and len(value) == 3 else "#one"
+
+
+_StiffnessRow = Annotated[
+    Annotated[tuple[Length, BendingStiffness], Tag("#one")]
+    | Annotated[tuple[Length, BendingStiffness, BendingStiffness], Tag("#two")],
+    Discriminator(_row),
+]
+_Constant = Annotated[BendingStiffness, Tag("#constant")]
+_Pair = Annotated[tuple[BendingStiffness, BendingStiffness], Tag("#pair")]
+AlongBody = Annotated[
+    Annotated[Curvature, Tag("#constant")] | Annotated[tuple[tuple[Length, Curvature], ...], Tag("#pairs")],
+    Discriminator(_shape),
+]
+Bending = Annotated[
+    _Constant | _Pair | Annotated[tuple[_StiffnessRow, ...], Tag("#table")], Discriminator(_kind)
+]
+Torsion = Annotated[
+    _Constant | Annotated[tuple[tuple[Length, BendingStiffness], ...], Tag("#pairs")], Discriminator(_shape)
+]
+
+
+class PieceConfig(Section):
+    """A piece of the body that differs from the rest; what is absent is as there."""
+
+    from_: Length = Field(alias="from", examples=["100 mm"])
+    """Arc length [m] where the piece begins."""
+    to: Length = Field(examples=["120 mm"])
+    """Arc length [m] where it ends."""
+    outer_radius: (
+        Annotated[
+            tuple[Length, Length],
+            BeforeValidator(_pair, json_schema_input_type=Length | tuple[Length, Length]),
+        ]
+        | None
+    ) = None
+    """Outer radius [m] at its beginning and its end, linear between; one value for both."""
+    youngs_modulus: Modulus | None = None
+    """Young's modulus [Pa]."""
+    bending_stiffness: Annotated[_Constant | _Pair, Discriminator(_kind)] | None = None
+    """EI [N m^2] instead of modulus and radius: one number, or two, about y and about z."""
+    torsional_stiffness: BendingStiffness | None = None
+    """GJ [N m^2]; absent: that of a round section, EI/(1 + poissons_ratio)."""
+
+
 class BackboneConfig(Section):
     """The elastic body, or the sheath of fixed shape."""
 
@@ -154,106 +184,27 @@ class BackboneConfig(Section):
     bores: tuple[BoreConfig, ...] = ()
     """Concentric bores, which do not overlap."""
     youngs_modulus: Modulus = 0.0
-    """Young's modulus [Pa]; needed unless the backbone is rigid."""
+    """Young's modulus [Pa]; needed unless the backbone is rigid or has a bending_stiffness."""
     density: Density = 0.0
-    """Density [kg/m^3]; needed with loads.gravity_angle."""
-    natural_curvature: Annotated[
-        Annotated[Curvature, Tag("#constant")]
-        | Annotated[tuple[tuple[Length, Curvature], ...], Tag("#pairs")],
-        Discriminator(_shape),
-    ] = 0.0
+    """Density [kg/m^3]; needed with gravity."""
+    natural_curvature: AlongBody = 0.0
     """Curvature [rad/m] of the unloaded backbone: a constant, or [s, curvature] pairs from base to tip."""
+    natural_curvature_y: AlongBody = 0.0
+    """Likewise about y, out of the plane: positive from x towards -z."""
+    natural_twist: AlongBody = 0.0
+    """Twist [rad/m] of the unloaded backbone about its axis, from y towards z."""
+    poissons_ratio: Ratio = 0.5
+    """Poisson's ratio, of which the stiffness against twist depends; no effect in the plane."""
+    bending_stiffness: Bending | None = None
+    """EI [N m^2] instead of youngs_modulus: one number, two (about y and about z), or rows [s, EI] or
+    [s, EI_y, EI_z] from base to tip."""
+    torsional_stiffness: Torsion | None = None
+    """GJ [N m^2], one number or [s, GJ] pairs from base to tip; absent: that of a round section,
+    EI/(1 + poissons_ratio)."""
+    sections: tuple[PieceConfig, ...] = ()
+    """Pieces that differ from the rest, which do not overlap."""
     rigid: StrictBool = False
     """Whether the backbone keeps its natural shape (a sheath), so that only friction acts."""
-
-
-class StraightSineStraight(Section):
-    """The paper's eq. (21): offset r1 up to w1, a half cosine, offset r2 from w2 on."""
-
-    kind: Literal["straight-sine-straight"]
-    r1: Length = Field(examples=["-10 mm"])
-    """Offset [m] at the base."""
-    r2: Length = Field(examples=["10 mm"])
-    """Offset [m] at the tip."""
-    w1: Length = Field(examples=["20 mm"])
-    """Arc length [m] where the channel leaves the first straight."""
-    w2: Length = Field(examples=["80 mm"])
-    """Arc length [m] where it joins the second straight."""
-
-
-class ConvergingSine(Section):
-    """The paper's eq. (19): a sine superposed on an offset that converges from base to tip."""
-
-    kind: Literal["converging-sine"]
-    R_max: Length = Field(examples=["15 mm"])
-    """Mean offset [m] at the base."""
-    r_min: Length = Field(examples=["7.5 mm"])
-    """Mean offset [m] at the tip."""
-    n_sine: Ratio = Field(examples=[10])
-    """Number of half waves along the backbone."""
-    sigma: Ratio = Field(examples=[0.1])
-    """Amplitude of the sine, relative to the mean offset."""
-
-
-class CrossingSine(Section):
-    """The paper's eq. (20): a sine that crosses the axis, its amplitude converging from base to tip."""
-
-    kind: Literal["crossing-sine"]
-    R_max: Length = Field(examples=["20 mm"])
-    """Amplitude [m] at the base."""
-    r_min: Length = Field(examples=["8 mm"])
-    """Amplitude [m] at the tip."""
-    n_sine: Ratio = Field(examples=[5])
-    """Number of half waves along the backbone."""
-
-
-class Parallel(Section):
-    """A channel at a constant offset."""
-
-    kind: Literal["parallel"]
-    offset: Length = Field(examples=["10 mm"])
-    """Offset [m]."""
-
-
-def _either_knots_or_file(schema: dict[str, Any]) -> None:
-    schema["required"] = ["kind"]
-    schema["oneOf"] = [{"required": ["knots"]}, {"required": ["file"]}]
-
-
-class TableRouting(Section):
-    """A channel given by knots, in the file itself or in a CSV file with the columns s_mm, R_mm."""
-
-    model_config = ConfigDict(json_schema_extra=_either_knots_or_file)
-
-    kind: Literal["table"]
-    knots: tuple[tuple[Length, Length], ...] = Field(examples=[[["0 mm", "10 mm"], ["250 mm", "8 mm"]]])
-    """Pairs [s, R] of arc length and offset [m], in increasing s, covering the backbone."""
-    file: StrictStr | None = None
-    """CSV file of the knots, relative to the robot file; None once it is read into `knots`."""
-
-    @classmethod
-    def _resolved(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
-        file = data.get("file")
-        if file is None:
-            return data
-        if "knots" in data:
-            raise InputError("has both 'knots' and 'file'; remove one of the two")
-        if not isinstance(file, str):
-            raise InputError(f"file: expected the name of a CSV file, found {file!r}")
-        return {**data, "file": None, "knots": read_route(folder / file)}
-
-
-ROUTINGS = {
-    "straight-sine-straight": StraightSineStraight,
-    "converging-sine": ConvergingSine,
-    "crossing-sine": CrossingSine,
-    "parallel": Parallel,
-    "table": TableRouting,
-}
-RoutingConfig = Annotated[
-    StraightSineStraight | ConvergingSine | CrossingSine | Parallel | TableRouting,
-    Field(discriminator="kind"),
-]
 
 
 class TendonConfig(Section):
@@ -263,6 +214,16 @@ class TendonConfig(Section):
     """Coulomb friction coefficient between tendon and channel."""
     preload: Force = 0.0
     """Tension [N] along the whole tendon before the history begins."""
+    drive: Literal["tension", "displacement"] = "tension"
+    """What moves its end at the base: a tension, or how far it is pulled out."""
+    to: Length | None = None
+    """Arc length [m] at which it is anchored; absent: the tip."""
+    guides: tuple[Length, ...] = ()
+    """Arc lengths [m] of the disks that guide it, straight between them; absent: a channel all along."""
+    axial_stiffness: Force | None = None
+    """EA [N]; absent: it does not stretch."""
+    free_length: Length = 0.0
+    """Length [m] that runs free between motor and base, and stretches too."""
 
 
 class OneOfSeveralTendons(TendonConfig):
@@ -274,17 +235,54 @@ class OneOfSeveralTendons(TendonConfig):
     """Its channel."""
 
 
+def _axes(value: Any) -> str:
+    return "#space" if isinstance(value, list | tuple) and len(value) >= 3 else "#plane"
+
+
+def _turns(value: Any) -> str:
+    return "#space" if isinstance(value, list | tuple) else "#plane"
+
+
 class LoadsConfig(Section):
     """External loads on the backbone."""
 
     gravity_angle: Angle | None = None
-    """Direction of gravity [rad] in the bending plane, from the base tangent; absent: no effect."""
-    tip_force: tuple[Force, Force] = (0.0, 0.0)
-    """Dead force [N] on the tip, along x (the base tangent) and y (to its left)."""
-    tip_moment: Moment = 0.0
-    """Moment [N m] on the tip, anticlockwise."""
+    """Direction of gravity [rad] in the plane of x and y, from x (the base tangent); absent: no effect."""
+    gravity: tuple[Acceleration, Acceleration, Acceleration] | None = None
+    """Acceleration of gravity [m/s^2] along x, y, z instead, as in ["0 m/s^2", "0 m/s^2", "-9.81 m/s^2"]."""
+    tip_force: Annotated[
+        Annotated[tuple[Force, Force], Tag("#plane")] | Annotated[tuple[Force, Force, Force], Tag("#space")],
+        Discriminator(_axes),
+    ] = (0.0, 0.0)
+    """Dead force [N] on the tip, along x (the base tangent), y (to its left) and, in space, z."""
+    tip_moment: Annotated[
+        Annotated[Moment, Tag("#plane")] | Annotated[tuple[Moment, Moment, Moment], Tag("#space")],
+        Discriminator(_turns),
+    ] = 0.0
+    """Moment [N m] on the tip, anticlockwise in the plane, or about x, y and z."""
     payload: Mass = 0.0
     """Mass [kg] at the tip; weighs along gravity."""
+
+
+class BaseConfig(Section):
+    """Where the base stands in the world."""
+
+    position: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
+    """Place [m] of the base's middle: x, y, z."""
+    rotation: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
+    """Rotation vector [rad]: the axis by which the base is turned, as long as the angle; about one axis only,
+    the angle stands in its place."""
+
+
+class MarkerConfig(Section):
+    """A point of the body that is recorded."""
+
+    name: StrictStr = Field(examples=["m1"])
+    """Name, with which its columns begin (m1_x_m)."""
+    at: Length = Field(examples=["125 mm"])
+    """Arc length [m] of its section."""
+    offset: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
+    """Place [m] in it: along the body, to its left, across the plane."""
 
 
 class TermSection(Section):
@@ -306,7 +304,7 @@ def _term_section(term: Term) -> type[TermSection]:
                 description=q.says,
             ),
         )
-        for q in term.quantities
+        for q in term.numbers
     }
     kind: Any = (Literal[term.id], Field(description=term.says))
     return create_model(name, __base__=TermSection, __doc__=term.says, kind=kind, **quantities)

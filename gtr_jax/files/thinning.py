@@ -12,6 +12,7 @@ import dataclasses
 
 import numpy as np
 
+from .differences import from_differences
 from .recording import Recording
 
 MOST = 20_000
@@ -35,16 +36,20 @@ def thinned(recording: Recording, most: int = MOST) -> Recording:
     if most >= K:
         return recording
     channels = [recording.T_base] if recording.T_tip is None else [recording.T_base, recording.T_tip]
+    if recording.displacement is not None and np.isnan(recording.T_base).any():
+        channels.append(recording.displacement)  # by which tendons are driven
     rows = np.concatenate([c.reshape(K, -1) for c in channels], axis=1).T
+    rows = rows[np.all(np.isfinite(rows), axis=1)]
     kept = _samples(rows, most)
     arrays = {
         field.name: values[kept]
         for field in dataclasses.fields(recording)
         if isinstance(values := getattr(recording, field.name), np.ndarray)
     }
-    for values in arrays.values():
+    markers = {name: values[kept] for name, values in recording.markers.items()}
+    for values in (*arrays.values(), *markers.values()):
         values.setflags(write=False)
-    return dataclasses.replace(recording, **arrays, thinned_from=K)
+    return dataclasses.replace(recording, **arrays, markers=markers, thinned_from=K)
 
 
 def thinned_says(recording: Recording) -> str:
@@ -85,7 +90,7 @@ def _bend(x: np.ndarray, width: int) -> np.ndarray:
     sums = np.concatenate([[0.0], np.cumsum(x - x[0])])
     means = (sums[width:] - sums[:-width]) / width  # of samples k to k + width - 1
     bend = np.abs(means[2 * width :] - 2 * means[width:-width] + means[: -2 * width])
-    noise = 1.4826 * float(np.median(np.abs(np.diff(x, 3)))) / np.sqrt(20.0)
+    noise = from_differences(x)
     out = np.zeros(K)
     middle = width + width // 2
     out[middle : middle + len(bend)] = np.maximum(bend - _NOISES * noise * np.sqrt(6 / width), 0.0) / span

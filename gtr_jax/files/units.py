@@ -48,6 +48,7 @@ DIMENSIONS = {
     "N": Dimension("a force", "N", "5 N"),
     "Pa": Dimension("a pressure", "MPa", "1.06 MPa", 1e6),
     "N m": Dimension("a moment", "N m", "0.1 N m"),
+    "N m^2": Dimension("a bending stiffness", "N m^2", "0.01 N m^2"),
     "kg/m^3": Dimension("a density", "kg/m^3", "1070 kg/m^3"),
     "kg": Dimension("a mass", "g", "20 g", 1e-3),
     "rad/m": Dimension("a curvature", "rad/m", "11.7 rad/m"),

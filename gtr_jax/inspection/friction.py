@@ -6,7 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from .noise import MAD_TO_SD
+from gtr_jax.files.differences import MAD_TO_SD
+
 from .slip import PULLING, RELEASING, Phases
 
 # Levels of the base tension at which both branches are compared, from this share of its largest value on.

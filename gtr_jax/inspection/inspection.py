@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gtr_jax.errors import InputError
+from gtr_jax.files.differences import from_differences
 from gtr_jax.files.numbers import number
 from gtr_jax.files.plain import plain
 from gtr_jax.files.recording import Recording
@@ -19,7 +20,7 @@ from .delay import Delay, delay
 from .findings import FINE, PROBLEM, Finding, LeftOut, counted, findings
 from .friction import Friction, friction
 from .needs import Need, needs
-from .noise import Noise, from_differences, noise, resolution
+from .noise import Noise, noise, resolution
 from .sampling import Sampling, sampling
 from .slip import HOLD, NAMES, PULLING, RELEASING, Phases, phases
 from .still import band_of, still, window

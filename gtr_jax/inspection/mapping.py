@@ -10,7 +10,7 @@ from gtr_jax.errors import InputError, listed
 from gtr_jax.files.columns import Columns, mapped
 from gtr_jax.files.guessing import Guess, Guessed
 from gtr_jax.files.numbers import number
-from gtr_jax.files.quantities import COLUMNS, NEEDED, split_unit
+from gtr_jax.files.quantities import COLUMNS, NEEDED, quantities_of, split_unit
 from gtr_jax.files.table import Table
 from gtr_jax.files.units import convert, measures
 
@@ -76,7 +76,7 @@ def mapping(table: Table, guessed: Guess, said: Columns | None) -> Mapping:
         InputError: the user names a quantity or a column that there is none of, or the file holds volts or
             counts in place of forces.
     """
-    own = {} if said is None else mapped(table, said, ())
+    own = {} if said is None else mapped(table, said, quantities_of(()), ())
     taken = {
         quantity: Taken(
             quantity,

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-# Standard deviation of a normal distribution over its median absolute deviation.
-MAD_TO_SD = 1.4826
+from gtr_jax.files.differences import MAD_TO_SD, from_differences, third_differences
+
 # Samples to a piece of a still stretch, whose line is taken off, and the fewest of a piece that is used.
 PIECE, SHORTEST = 64, 16
 # Share of a still stretch that is left out at either end, where the signal may have begun to move.
@@ -58,21 +58,6 @@ def resolution(x: np.ndarray) -> float | None:
     step = float(times @ near / (times @ times))
     whole = np.abs(near / step - np.round(near / step)) < OFF
     return step if np.mean(whole) >= NEARLY_ALL and near.size >= FEWEST else None
-
-
-def third_differences(x: np.ndarray) -> np.ndarray:
-    """Third differences of a signal, (..., K), scaled so that white noise keeps its variance, (..., K-3).
-
-    They cancel what is smooth, up to quadratic.
-    """
-    return (x[..., 3:] - 3 * x[..., 2:-1] + 3 * x[..., 1:-2] - x[..., :-3]) / np.sqrt(20.0)
-
-
-def from_differences(x: np.ndarray) -> float:
-    """Noise from third differences, by their median, which a few reversals do not change; 0 for fewer than
-    four samples.
-    """
-    return MAD_TO_SD * float(np.median(np.abs(third_differences(x)))) if len(x) > 3 else 0.0
 
 
 def noise(x: np.ndarray, quiet: Sequence[tuple[int, int]]) -> Noise:

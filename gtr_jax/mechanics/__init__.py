@@ -5,6 +5,7 @@ them from the base to the tip, `search` finds the unknowns at the base, `solve` 
 differentiable, `history` goes through load steps.
 """
 
+from .bodies import metric_of
 from .case import Load, Memory, complete, part_of, untouched
 from .history import (
     FOREVER,
@@ -14,7 +15,6 @@ from .history import (
     advance,
     begin,
     loads_before,
-    metric_of,
     one_step,
     rest_state,
     steps,

@@ -37,7 +37,7 @@ class Memory(eqx.Module):
 
     Attributes:
         tension: at the nodes [N], (N, *tendons).
-        kappa: curvature [1/m], (N,).
+        kappa: curvature, in space strain [1/m], (N, *strain).
         slip: towards the base, at the nodes [m], (N, *tendons).
         middle: slip midway between each node and its predecessor [m], (N, *tendons).
         speed: of the slip at these midpoints [m/s], (N, *tendons).
@@ -45,7 +45,7 @@ class Memory(eqx.Module):
         stencil: turning since the preceding node minus its value by the trapezoidal rule [rad], from the step
             in which the tendon last slipped there, (N, *tendons).
         elements: memory of the presliding law, (N, elements, *tendons).
-        bent: memory of the bending laws, (N, numbers) each.
+        bent: memory of the bending laws, (N, numbers, *strain) each.
         entry: tension where the tendon enters the channel, past the friction lumped ahead of it [N],
             (*tendons,).
         T_tip: tension at the anchor [N], (*tendons,).
@@ -56,14 +56,14 @@ class Memory(eqx.Module):
     """
 
     tension: Float[Array, "N *tendons"]
-    kappa: Float[Array, " N"]
+    kappa: Float[Array, "N *strain"]
     slip: Float[Array, "N *tendons"] | None
     middle: Float[Array, "N *tendons"] | None
     speed: Float[Array, "N *tendons"] | None
     mobilised: Float[Array, "N *tendons"] | None
     stencil: Float[Array, "N *tendons"] | None
     elements: Float[Array, "N elements *tendons"] | None
-    bent: dict[str, Float[Array, "N _"]]
+    bent: dict[str, Float[Array, "N _ *strain"]]
     entry: Float[Array, "*tendons"]
     T_tip: Float[Array, "*tendons"]
     T_base: Float[Array, "*tendons"]
@@ -78,7 +78,7 @@ class Case(eqx.Module):
         sections: the robot at the nodes.
         mu: friction coefficient [-], (*tendons,).
         preload: tension at which the tendon's strain counts as zero [N], (*tendons,).
-        tip_moment: external moment at the tip [N m].
+        tip_moment: external moment at the tip [N m], (); in space (3,).
         terms: the numbers of the physics terms, by term and name.
         metric: nu of the channels before the first load, (N, *tendons); None where no slip is needed.
         load: the load.
@@ -91,7 +91,7 @@ class Case(eqx.Module):
     sections: Sections
     mu: Float[Array, "*tendons"]
     preload: Float[Array, "*tendons"]
-    tip_moment: Float[Array, ""]
+    tip_moment: Float[Array, "*strain"]
     terms: dict[str, dict[str, Float[Array, ""]]]
     metric: Float[Array, "N *tendons"] | None
     load: Load
@@ -125,12 +125,15 @@ def untouched(
         mobilised=told,
         stencil=none if structure.creeping else None,
         elements=jnp.zeros((nodes, count, *at_base.shape)) if structure.presliding else None,
-        bent={kind: jnp.zeros((nodes, REGISTRY[kind].remembers)) for kind, _ in structure.hooks("bend")},
+        bent={
+            kind: jnp.zeros((nodes, REGISTRY[kind].remembers, *state.kappa.shape[1:]))
+            for kind, _ in structure.hooks("bend")
+        },
         entry=at_base,
         T_tip=at_base,
         T_base=jnp.zeros_like(at_base),
         carried=carried,
-        unknowns=_unknowns(structure, jnp.zeros(at_base.size), moment, jnp.zeros_like(moment)),
+        unknowns=_unknowns(structure, jnp.zeros(at_base.size), moment, jnp.zeros(())),
     )
 
 
@@ -143,7 +146,7 @@ def complete(memory: Memory, structure: Structure, state: State, slip: Float[Arr
         state: of the body, the nodes in its first or only axis.
         slip: of the tendons [m], (N, *tendons).
     """
-    every = Structure(EVERY, structure.tendons, loaded=True)
+    every = _every(structure)
     full = untouched(every, state, memory.tension, memory.carried)
     before = jnp.concatenate([slip[:1], slip[:-1]])
     known = {name: value for name in FOLLOWED if (value := getattr(memory, name)) is not None}
@@ -159,7 +162,7 @@ def complete(memory: Memory, structure: Structure, state: State, slip: Float[Arr
 
 def part_of(memory: Memory, structure: Structure) -> Memory:
     """The part of a complete memory that a program of a structure needs."""
-    every = Structure(EVERY, structure.tendons, loaded=True)
+    every = _every(structure)
     displacement, moment, stop = _split(memory.unknowns, every, jnp.zeros(0), jnp.zeros(()))
     asked = {
         "slip": bool(structure.terms),
@@ -177,9 +180,14 @@ def part_of(memory: Memory, structure: Structure) -> Memory:
     )
 
 
+def _every(structure: Structure) -> Structure:
+    """The structure of all equations that its robot may need."""
+    return Structure(EVERY, structure.tendons, loaded=True, space=structure.space)
+
+
 def _unknowns(structure: Structure, displacement, moment, stop) -> Float[Array, " n"] | None:
     """Displacements, moment and stop force as one vector, as far as they are unknown; None where none is."""
-    parts = [displacement] * structure.seeks_slip + [moment[None]] * structure.bends
+    parts = [displacement] * structure.seeks_slip + [moment.ravel()] * structure.bends
     parts += [stop[None]] * structure.has_stop
     # The level starts from 0 in every step: the remembered tension itself.
     parts += [jnp.zeros(1)] * structure.carries
@@ -189,8 +197,10 @@ def _unknowns(structure: Structure, displacement, moment, stop) -> Float[Array, 
 def _split(unknowns: Float[Array, " n"] | None, structure: Structure, displacement, moment):
     """Displacements, moment and stop force from a vector of unknowns; the given ones where known."""
     if unknowns is None:
-        return displacement, moment, jnp.zeros_like(moment)
+        return displacement, moment, jnp.zeros(())
     count = max(structure.tendons, 1) * structure.seeks_slip
     displacement = unknowns[:count] if structure.seeks_slip else displacement
-    moment = unknowns[count] if structure.bends else moment
-    return displacement, moment, unknowns[count + 1] if structure.has_stop else jnp.zeros_like(moment)
+    after = count + structure.moments * structure.bends
+    if structure.bends:
+        moment = unknowns[count:after] if structure.space else unknowns[count]
+    return displacement, moment, unknowns[after] if structure.has_stop else jnp.zeros(())

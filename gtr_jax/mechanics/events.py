@@ -30,11 +30,10 @@ from jaxtyping import Array, Float
 
 from ..terms import REGISTRY
 from ..terms.term import Channel
-from . import channel
+from .bodies import geometry_of, metric_of, offset_of, turning_of
 from .case import Case, Load, Memory
-from .mesh import increments, shifted
+from .mesh import shifted
 from .node import RIGID, clip, friction, product, total
-from .sections import offset_before
 
 LEAST = 1e-9  # N, a tension below which the tendon counts as slack
 
@@ -109,10 +108,7 @@ def _factor(case: Case, time: Float[Array, ""]) -> Float[Array, " N"]:
 
 def _turning(case: Case) -> Float[Array, " N"]:
     """Turning of the tendon since the preceding node that counts, in the shape of the step before [rad]."""
-    s, kappa = case.sections, case.memory.kappa
-    turn = increments(s.mesh.weights, kappa)
-    before = shifted(kappa)
-    wrap = channel.wrap_increment(turn, kappa, before, s.R, offset_before(s.R), s.mesh.interval)
+    wrap = turning_of(case.sections, case.memory.kappa)
     return wrap * product(case, "wrap", case.memory.tension)
 
 
@@ -120,7 +116,7 @@ def _compliance(case: Case) -> Float[Array, " N"]:
     """How much of the tendon slips out of each length of channel, per tension: 1/N, (N,)."""
     s, kappa = case.sections, case.memory.kappa
     gives = RIGID + _give(case, "strain", case.memory.tension)
-    return gives * channel.metric_factor(kappa, s.R) + s.compliance * channel.moment_arm(kappa, s.R) ** 2
+    return gives * metric_of(s, kappa) + geometry_of(s).give(s.compliance, kappa, offset_of(s, kappa))
 
 
 def _give(case: Case, name: str, tension):

@@ -14,11 +14,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..terms import REGISTRY
-from . import channel
+from .bodies import directions_of, geometry_of, metric_of
 from .case import Case, Load, Memory, untouched
 from .events import after_loosening, after_tug
-from .mesh import cumulative
-from .sections import Sections, State, at_tendons, either_of, node_first
+from .sections import Sections, State, either_of, node_first
 from .solve import load_step
 from .structure import March, Structure
 
@@ -32,14 +31,14 @@ class Robot(NamedTuple):
         sections: the robot at the nodes.
         mu: friction coefficient [-], (*tendons,).
         preload: tension before the first load [N], (*tendons,).
-        tip_moment: external moment at the tip [N m].
+        tip_moment: external moment at the tip [N m], (); in space (3,).
         terms: numbers of the physics terms, by term and name.
     """
 
     sections: Sections
     mu: Float[Array, "*tendons"]
     preload: Float[Array, "*tendons"]
-    tip_moment: Float[Array, ""]
+    tip_moment: Float[Array, "*strain"]
     terms: dict[str, dict[str, Float[Array, ""]]]
 
 
@@ -77,30 +76,26 @@ class Settled(eqx.Module):
         memory: what is remembered.
         metric: nu of the channels with slack tendons, (N, *tendons).
         preload: tension at which the tendons' strain counts as zero [N], (*tendons,).
-        kappa: curvature with slack tendons [1/m], (N,).
+        kappa: curvature, in space strain, with slack tendons [1/m], (N, *strain).
     """
 
     memory: Memory
     metric: Float[Array, "N *tendons"]
     preload: Float[Array, "*tendons"]
-    kappa: Float[Array, " N"]
+    kappa: Float[Array, "N *strain"]
 
 
 def rest_state(s: Sections) -> State:
     """The stress-free shape, with the moment the external load would have on a straight arm."""
-    phi = cumulative(s.mesh.weights, s.rest)
-    lever = jnp.sum(s.mesh.interval.length * (s.force_y * jnp.cos(phi) - s.force_x * jnp.sin(phi)))
+    phi = directions_of(s, s.rest)
+    lever = geometry_of(s).lever(phi, s.force, s.mesh.interval.length)
     moment = jnp.where(jnp.any(s.compliance > 0), lever, 0.0)
-    return State(s.rest, phi, jnp.zeros_like(s.R.value), jnp.broadcast_to(moment, s.rest.shape))
-
-
-def metric_of(s: Sections, kappa: Float[Array, " N"]) -> Float[Array, "*tendons N"]:
-    """nu = ds_c/ds of the channels, (*tendons, N)."""
-    return channel.metric_factor(at_tendons(kappa, s.R), s.R)
+    along = jnp.broadcast_to(moment, s.rest.shape)
+    return State(s.rest, phi, jnp.zeros_like(metric_of(s, s.rest)), along)
 
 
 def _case(robot: Robot, structure: Structure, memory: Memory) -> Case:
-    one, slack = jnp.ones_like(robot.tip_moment), jnp.zeros_like(robot.preload)
+    one, slack = jnp.ones(()), jnp.zeros_like(robot.preload)
     return Case(
         sections=robot.sections,
         mu=robot.mu,
@@ -154,11 +149,13 @@ def begin(robot: Robot, structure: Structure, before: Before | None = None) -> S
         before: as for `steps`.
     """
     s, strung_to = robot.sections, robot.preload
-    one, zero = jnp.ones_like(robot.tip_moment), jnp.zeros_like(robot.tip_moment)
+    one, zero = jnp.ones(()), jnp.zeros(())
     slack = jnp.zeros((s.rest.shape[0], *strung_to.shape))
     at_rest = rest_state(s)
     if not steps_before(structure):
-        at_rest = dataclasses.replace(at_rest, kappa=s.rest + s.compliance * robot.tip_moment)
+        at_rest = dataclasses.replace(
+            at_rest, kappa=s.rest + s.compliance * jnp.broadcast_to(robot.tip_moment, s.rest.shape)
+        )
         memory = untouched(structure, at_rest, jnp.broadcast_to(strung_to, slack.shape), one)
         memory = memory if before is None else before(at_rest, memory)
         return Settled(memory, node_first(metric_of(s, at_rest.kappa)), strung_to, at_rest.kappa)
@@ -188,7 +185,7 @@ def advance(
     """
     settling, stringing = at
     s, strung_to, prefix = robot.sections, robot.preload, steps_before(structure)
-    one = jnp.ones_like(robot.tip_moment)
+    one = jnp.ones(())
     now = _case(robot, structure, settled.memory)
     if structure.terms:
         now = dataclasses.replace(now, metric=settled.metric, preload=settled.preload)
@@ -242,7 +239,7 @@ def advance(
 
 def with_steps_before(robot: Robot, structure: Structure, loads: Load):
     """Loads with those of `steps_before` ahead, and the two flags `at` of `advance` for each, (K,) bool."""
-    first, one = loads_before(structure, robot.preload), jnp.ones_like(robot.tip_moment)
+    first, one = loads_before(structure, robot.preload), jnp.ones(())
     if first:
         each = [Load(T_base, FOREVER * one, 0 * one, 0 * one) for T_base, _, _ in first]
         ahead = jtu.tree_map(lambda *a: jnp.stack(a), *each)

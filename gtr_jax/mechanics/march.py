@@ -17,13 +17,13 @@ import jax.numpy as jnp
 import jax.tree_util as jtu
 from jaxtyping import Array, Float
 
-from . import channel
+from .bodies import geometry_of
 from .case import Case
-from .node import Carry, Equations, Modes, Node, Row, clip, prepared, pressing, total
-from .sections import at_tendons, largest, over_tendons
+from .node import Carry, Equations, Modes, Node, Row, clip, joined_state, prepared, pressing, total
+from .sections import either_of, largest
 
+STEP = 1e-5  # of an unknown, relative to its scale, for differences
 NEWTON_PLAIN, NEWTON_WITH_TERMS = 2, 3  # steps per node; two reach rounding in the base model
-FLATTEST = 0.3  # slope of the moment balance below which a step is shortened
 
 
 class Closing(NamedTuple):
@@ -34,7 +34,7 @@ class Closing(NamedTuple):
     """
 
     slip: Float[Array, "*tendons"] | None
-    moment: Float[Array, ""] | None
+    moment: Float[Array, "*strain"] | None
     stop: Float[Array, ""] | None
     level: Float[Array, ""] | None
 
@@ -48,8 +48,10 @@ def closing_of(case: Case, flat: Float[Array, " n"]) -> Closing:
     """The unknowns from a vector; known values are filled in."""
     what, count = case.structure, case.mu.size * case.structure.seeks_slip
     slip = flat[:count].reshape(case.mu.shape) if what.seeks_slip else jnp.zeros_like(case.mu)
-    moment = flat[count] if what.bends else case.tip_moment
-    stop = flat[count + 1] if what.has_stop else None
+    after, moment = count + what.moments * what.bends, case.tip_moment
+    if what.bends:
+        moment = flat[count:after] if what.space else flat[count]
+    stop = flat[after] if what.has_stop else None
     return Closing(slip, moment, stop, flat[-1] if what.carries else None)
 
 
@@ -57,17 +59,18 @@ class Marched(NamedTuple):
     """One march that solves for the nodes' curvatures.
 
     Attributes:
-        kappa: curvature [1/m], (N,).
+        kappa: curvature, in space strain [1/m], (N, *strain).
         left: residuals at the tip, (n,).
         by_unknowns: their derivatives with respect to the unknowns at the base, (n, n).
-        kappa_by: derivatives of the curvature with respect to the same unknowns, (n, N).
+        kappa_by: derivatives of the curvature with respect to the same unknowns, (n, N,
+            *strain).
         error: largest error of the node equations, as curvature times length.
     """
 
-    kappa: Float[Array, " N"]
+    kappa: Float[Array, "N *strain"]
     left: Float[Array, " n"]
     by_unknowns: Float[Array, "n n"]
-    kappa_by: Float[Array, "n N"]
+    kappa_by: Float[Array, "n N *strain"]
     error: Float[Array, ""]
 
 
@@ -113,7 +116,7 @@ def closed(case: Case, flat: Float[Array, " n"], end: Carry, modes: Modes):
         if what.has("anchor"):
             slip = slip - total(case, "anchor", T_tip) + total(case, "anchor", case.preload)
     if what.bends:
-        moment = end.moment - case.tip_moment
+        moment = geometry_of(case.sections).join(end.moment) - case.tip_moment
     if what.has_stop:
         assert x.stop is not None
         ((kind, push),) = what.hooks("stop")
@@ -125,8 +128,10 @@ def closed(case: Case, flat: Float[Array, " n"], end: Carry, modes: Modes):
         stop = (pressing(x.stop) + eased * (x.stop - pressing(x.stop)) - pushed) / eased
     if what.carries:
         assert x.level is not None and end.held is not None
-        # Where nothing is held, the level has no effect; this residual keeps it as it is.
-        still = case.sections.mesh.s[-1] * (x.level - jax.lax.stop_gradient(x.level))
+        # Where nothing is held, the level has no effect; this residual keeps it as it is, or zero where
+        # derivatives are by differences.
+        kept = 0.0 if what.space else jax.lax.stop_gradient(x.level)
+        still = case.sections.mesh.s[-1] * (x.level - kept)
         longer = end.held.longer
         if what.has("anchor"):
             longer = longer - total(case, "anchor", T_tip) + total(case, "anchor", case.memory.T_tip)
@@ -134,26 +139,25 @@ def closed(case: Case, flat: Float[Array, " n"], end: Carry, modes: Modes):
     return Closing(slip, moment, stop, level).flat(), T_tip
 
 
-def _without_friction(carry: Carry, row: Row):
-    """Curvature the node would have if no friction acted since its predecessor [1/m]."""
-    near = row.rest
-    for _ in range(2):
-        arm = channel.moment_arm(at_tendons(near, row.R), row.R)
-        near = row.rest + row.compliance * (over_tendons(carry.tension * arm, 0) + carry.moment)
-    return near
-
-
 def _solved(equations: Equations, carry: Carry, row: Row, guess, use_guess, steps: int):
     """Curvature of a node [1/m]."""
-    kappa = jnp.where(use_guess, guess, _without_friction(carry, row))
-    for _ in range(steps):
-        error, slope = jax.jvp(lambda k: equations(carry, row, k)[0], (kappa,), (jnp.ones_like(kappa),))
-        kappa = kappa - error / jnp.where(slope > FLATTEST, slope, FLATTEST)
-    return kappa
+    geometry = equations.geometry
+    # Without friction since its predecessor.
+    moment = equations.expected(carry, row)
+    start = either_of(row.interval.joined > 0, carry.kappas[0], row.rest)
+    tension = equations.in_channels(carry.tension)
+    near = geometry.slackened(start, row.rest, row.compliance, tension, moment, row.R)
+    return geometry.root(
+        lambda k: equations(carry, row, k)[0],
+        either_of(use_guess, guess, near),
+        lambda k: equations.near(carry, row, k),
+        steps,
+    )
 
 
-def march(case: Case, flat: Float[Array, " n"], guess: Float[Array, " N"], use_guess) -> Marched:
-    """One march from base to tip, with its derivatives with respect to the n > 0 unknowns at the base.
+def march(case: Case, flat: Float[Array, " n"], guess: Float[Array, "N *strain"], use_guess) -> Marched:
+    """One march in the plane from base to tip, with its derivatives with respect to the n > 0 unknowns at the
+    base.
 
     Args:
         case: the load step.
@@ -179,11 +183,11 @@ def march(case: Case, flat: Float[Array, " n"], guess: Float[Array, " N"], use_g
             return now(carry, row, kappa)[:2]
 
         (error, new), tangent = jax.linearize(at, kappa, carry, given)
-        nothing = jtu.tree_map(jnp.zeros_like, (carry, given))
+        still, *nothing = jtu.tree_map(jnp.zeros_like, (kappa, carry, given))
         slope, by_kappa = tangent(jnp.ones_like(kappa), *nothing)
 
         def along(carry_dot, given_dot):
-            error_dot, new_dot = tangent(jnp.zeros_like(kappa), carry_dot, given_dot)
+            error_dot, new_dot = tangent(still, carry_dot, given_dot)
             return jtu.tree_map(lambda d, k: d - error_dot / slope * k, new_dot, by_kappa)
 
         new_dot = jax.vmap(along)(carry_dot, given_dot)
@@ -199,18 +203,42 @@ def march(case: Case, flat: Float[Array, " n"], guess: Float[Array, " N"], use_g
     return Marched(kappa, left, by_unknowns, kappa_by.T, largest(error) * case.sections.mesh.s[-1])
 
 
-def march_plainly(case: Case, guess: Float[Array, " N"], use_guess) -> Passed:
+def march_differenced(case: Case, flat: Float[Array, " n"], guess, use_guess, sizes) -> Marched:
+    """As `march`, with derivatives by differences: marches beside one another, one for each unknown. In space
+    the derivatives of a node cost more than these, and take a minute to compile.
+
+    Args:
+        case, flat, guess, use_guess: as for `march`.
+        sizes: scales of the unknowns, (n,).
+    """
+    steps = STEP * sizes
+    tried = jnp.concatenate([flat[None, :], flat[None, :] + jnp.diag(steps)])
+
+    def at_node(e, c, r, k):
+        return _solved(e, c, r, k, use_guess, NEWTON_WITH_TERMS)
+
+    def one(flat):
+        found = _along(case, flat, guess, at_node)
+        return found.left, found.nodes.state.kappa, found.error
+
+    left, kappa, error = jax.vmap(one)(tried)
+    by_unknowns = ((left[1:] - left[:1]) / steps[:, None]).T
+    kappa_by = (kappa[1:] - kappa[:1]) / steps.reshape(-1, *[1] * guess.ndim)
+    return Marched(kappa[0], left[0], by_unknowns, kappa_by, error[0])
+
+
+def march_plainly(case: Case, guess: Float[Array, "N *strain"], use_guess) -> Passed:
     """One march where nothing is unknown at the base; arguments as for `march`."""
     steps = NEWTON_WITH_TERMS if case.structure.terms else NEWTON_PLAIN
     return _along(case, jnp.zeros(0), guess, lambda e, c, r, k: _solved(e, c, r, k, use_guess, steps))
 
 
-def passed(case: Case, flat: Float[Array, " n"], kappa: Float[Array, " N"]) -> Passed:
+def passed(case: Case, flat: Float[Array, " n"], kappa: Float[Array, "N *strain"]) -> Passed:
     """One pass with the given curvatures [1/m], (N,)."""
     return _along(case, flat, kappa, lambda equations, carry, row, kappa: kappa)
 
 
-def described(case: Case, flat: Float[Array, " n"], kappa: Float[Array, " N"]) -> Passed:
+def described(case: Case, flat: Float[Array, " n"], kappa: Float[Array, "N *strain"]) -> Passed:
     """One pass at a solution, differentiable in everything: one Newton step from `kappa`, which is its root,
     makes each node's curvature depend on the preceding nodes.
 
@@ -219,21 +247,25 @@ def described(case: Case, flat: Float[Array, " n"], kappa: Float[Array, " N"]) -
     """
 
     def followed(equations, carry, row, kappa):
-        error, slope = jax.jvp(lambda k: equations(carry, row, k)[0], (kappa,), (jnp.ones_like(kappa),))
-        return kappa - error / jax.lax.stop_gradient(slope)
+        geometry = equations.geometry
+        error, slope = geometry.slope(lambda k: equations(carry, row, k)[0], kappa)
+        return kappa - geometry.quotient(error, jax.lax.stop_gradient(slope))
 
     return _along(case, flat, kappa, followed)
 
 
-def _along(case: Case, flat: Float[Array, " n"], kappa: Float[Array, " N"], at_node) -> Passed:
+def _along(case: Case, flat: Float[Array, " n"], kappa: Float[Array, "N *strain"], at_node) -> Passed:
     """One pass in which `at_node` gives each node's curvature from the one in `kappa`."""
     equations, carry, rows = prepared(case, closing_of(case, flat))
+    geometry = equations.geometry
 
     def node(carry, x):
         row, kappa = x
         error, new, out = equations(carry, row, at_node(equations, carry, row, kappa))
         return new, (out, error)
 
-    end, (nodes, error) = jax.lax.scan(node, carry, (rows, kappa))
+    end, (nodes, error) = jax.lax.scan(node, carry, (rows, geometry.split(kappa)))
+    nodes = nodes._replace(state=joined_state(geometry, nodes.state))
     left, T_tip = closed(case, flat, end, equations.modes)
-    return Passed(left, nodes, carry.tension, T_tip, end.slip, largest(error) * case.sections.mesh.s[-1])
+    size = largest(geometry.join(error)) * case.sections.mesh.s[-1]
+    return Passed(left, nodes, carry.tension, T_tip, end.slip, size)

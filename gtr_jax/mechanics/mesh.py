@@ -14,6 +14,7 @@ import functools
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -24,15 +25,17 @@ GRADING = (0.06, 0.2, 0.5)
 
 
 @functools.lru_cache(maxsize=512)
-def panel_table(intervals: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes of the unit panel and the weights that integrate from each node's predecessor to it.
+def panel_table(intervals: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes of the unit panel, the weights that integrate from each node's predecessor to it, and those that
+    differentiate at both.
 
     Args:
         intervals: number of intervals, at least 1.
 
     Returns:
         positions (intervals+1,) in [0, 1]; lengths (intervals+1,), the first 0; weights (intervals+1, 4),
-        where row i gives the integral over [x_(i-1), x_i] as sum_j weights[i, j] f(x_(i-j)); the first row is
+        where row i gives the integral over [x_(i-1), x_i] as sum_j weights[i, j] f(x_(i-j)); rates
+        (intervals+1, 2, 4), which give the derivative at x_i and x_(i-1) in the same way. The first rows are
         0.
     """
     sizes = np.ones(intervals)
@@ -41,15 +44,19 @@ def panel_table(intervals: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     x = np.concatenate([[0.0], np.cumsum(sizes)])
     x /= x[-1]
     lengths = np.concatenate([[0.0], np.diff(x)])
-    weights = np.zeros((intervals + 1, STENCIL))
+    weights, rates = np.zeros((intervals + 1, STENCIL)), np.zeros((intervals + 1, 2, STENCIL))
     for i in range(1, intervals + 1):
         k = min(i + 1, STENCIL)
         local = (x[i - np.arange(k)] - x[i]) / lengths[i]
         moments = -((-1.0) ** np.arange(1, k + 1)) / np.arange(1, k + 1)
-        weights[i, :k] = np.linalg.solve(np.vander(local, k, increasing=True).T, moments) * lengths[i]
-    for a in (x, lengths, weights):
+        powers = np.vander(local, k, increasing=True).T
+        weights[i, :k] = np.linalg.solve(powers, moments) * lengths[i]
+        for end, at in enumerate((0.0, -1.0)):
+            slopes = np.arange(k) * at ** np.maximum(np.arange(k) - 1, 0)
+            rates[i, end, :k] = np.linalg.solve(powers, slopes) / lengths[i]
+    for a in (x, lengths, weights, rates):
         a.setflags(write=False)
-    return x, lengths, weights
+    return x, lengths, weights, rates
 
 
 class Interval(NamedTuple):
@@ -73,36 +80,48 @@ class Mesh(eqx.Module):
         s: arc length of the nodes [m], shape (N,); panel ends appear twice.
         weights: Adams-Moulton weights [m], shape (N, 4); see `panel_table`.
         interval: what lies between each node and its predecessor.
+        rates: weights that differentiate at each node and at its predecessor [1/m], shape (N, 2, 4); None for
+            a robot in the plane, which needs none.
     """
 
     s: Float[Array, " N"]
     weights: Float[Array, "N 4"]
     interval: Interval
+    rates: Float[Array, "N 2 4"] | None = None
 
 
-def build_mesh(panel_ends: Float[Array, " ends"], intervals: tuple[int, ...]) -> Mesh:
+def build_mesh(
+    panel_ends: Float[Array, " ends"], intervals: tuple[int, ...], with_rates: bool = False
+) -> Mesh:
     """Lay the nodes of all panels.
 
     Args:
         panel_ends: increasing arc lengths [m] from 0 to L; equal neighbours make a panel of no length, which
             is harmless.
         intervals: number of intervals of each panel (static).
+        with_rates: whether the robot needs `rates`.
 
     Returns:
         The mesh with N = sum(intervals) + number of panels nodes.
     """
-    s, length, weights = [], [], []
+    s, length, weights, rates = [], [], [], []
     for p, count in enumerate(intervals):
-        x, h, w = panel_table(count)
+        x, h, w, d = panel_table(count)
         start, extent = panel_ends[p], panel_ends[p + 1] - panel_ends[p]
         s.append(start + extent * x)
         length.append(extent * h)
         weights.append(extent * w)
+        rates.append(jnp.where(extent > 0, 1.0 / jnp.where(extent > 0, extent, 1.0), 0.0) * d)
     starts = np.diff(panel_index(intervals), prepend=-1) > 0
     joined = np.ones(len(starts))
     joined[0] = 0.0
     interval = Interval(jnp.concatenate(length), jnp.asarray(starts), jnp.asarray(joined))
-    return Mesh(s=jnp.concatenate(s), weights=jnp.concatenate(weights), interval=interval)
+    return Mesh(
+        s=jnp.concatenate(s),
+        weights=jnp.concatenate(weights),
+        interval=interval,
+        rates=jnp.concatenate(rates) if with_rates else None,
+    )
 
 
 def panel_index(intervals: tuple[int, ...]) -> np.ndarray:
@@ -118,6 +137,20 @@ def shifted(
     """
     first = jnp.broadcast_to(jnp.asarray(fill, values.dtype), (*values.shape[:-1], by))
     return jnp.concatenate([first, values[..., :-by]], axis=-1)
+
+
+def derivatives(
+    rates: Float[Array, "N 2 4"], values: Float[Array, " N"]
+) -> tuple[Float[Array, " N"], Float[Array, " N"]]:
+    """Derivative of `values` at each node and, over the same interval, at its predecessor, (N,) each."""
+    behind = [values, *(shifted(values, j) for j in range(1, STENCIL))]
+    now, before = (jnp.sum(rates[:, end] * jnp.stack(behind, axis=1), axis=1) for end in (0, 1))
+    return now, before
+
+
+def along_nodes(take, weights, values: Float[Array, "N *strain"]):
+    """`increments` or `derivatives` of values that may have a last axis of components."""
+    return take(weights, values) if values.ndim == 1 else jax.vmap(take, (None, 1), 1)(weights, values)
 
 
 def increments(weights: Float[Array, "N 4"], values: Float[Array, " N"]) -> Float[Array, " N"]:

@@ -28,16 +28,20 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import jax.tree_util as jtu
 from jaxtyping import Array, Bool, Float
 
 from ..terms import REGISTRY, is_on
 from ..terms.term import STILL, Bent, Channel
-from . import channel
+from .bodies import geometry_of, metric_of
 from .case import Case
+from .geometry import Geometry
+from .guides import Strung, corner, direction_of, either, entering, offset_on
 from .mesh import STENCIL, Interval
-from .offset import Offset
-from .sections import State, at_tendons, moment_slope, node_first, offset_before, over_tendons
+from .offset import Offset, SpatialOffset
+from .sections import State, either_of, node_first
 from .structure import PRESLIDING, carried, mobilise
+from .vector import Vector, applied, columns_of
 
 FLOOR = 1e-4  # of the length: least presliding length of several tendons with terms
 FRICTION = ("friction", "by_pressure", "by_speed", "drag", "wrap")  # hooks that change an interval's friction
@@ -59,12 +63,13 @@ class Modes(NamedTuple):
 class Row(NamedTuple):
     """What a node's equations need, nodes along the first axis; None where no law needs it."""
 
-    R: Offset
-    R_before: Offset
-    compliance: Float[Array, " N"]
-    rest: Float[Array, " N"]
+    R: Offset | SpatialOffset
+    R_before: Offset | SpatialOffset
+    compliance: Any
+    rest: Any
     force: Asked
     weights: Float[Array, "N 4"]
+    rates: Asked
     interval: Interval
     metric: Asked
     mu: Asked
@@ -75,6 +80,8 @@ class Row(NamedTuple):
     bent: dict[str, Float[Array, "N _"]]
     kappa: Asked
     nu: Asked
+    begins: Asked
+    chord: Asked
 
 
 class Held(NamedTuple):
@@ -103,20 +110,36 @@ class Carry(NamedTuple):
     drawn: tuple
     slopes: tuple
     ways: tuple
-    phi: Float[Array, ""]
+    phi: Any
     tension: Float[Array, "*tendons"]
     pulled: Asked
     released: Asked
     slip: Asked
-    moment: Float[Array, ""]
+    moment: Any
     place: Asked
     held: Held | None
+    strung: Strung | None
+
+
+class Turned(NamedTuple):
+    """State of a node, as of `State`; in space by components, which `joined_state` joins."""
+
+    kappa: Any
+    phi: Any
+    wrap: Float[Array, "*tendons"]
+    moment: Any
+
+
+def joined_state(geometry: Geometry, at: Turned) -> State:
+    """The arrays of a state."""
+    kappa, moment = geometry.join(at.kappa), geometry.join(at.moment)
+    return State(kappa, geometry.join_direction(at.phi), at.wrap, moment)
 
 
 class Node(NamedTuple):
-    """What a march leaves at each node; None where no law needs it."""
+    """What a march leaves at each node; None where no law needs it. Inside it the state is `Turned`."""
 
-    state: State
+    state: Any
     tension: Float[Array, "N *tendons"]
     slip: Asked
     middle: Asked
@@ -150,7 +173,7 @@ class Equations(eqx.Module):
     Attributes:
         case: the load step.
         stop: force of the stop on the tip [N].
-        stop_angle: direction in which the tip runs into the stop [rad].
+        stop_way: direction in which the tip runs into the stop, of `Geometry.way_of`.
         level: relative rise of the tension of the held stretch [-].
         modes: which law holds the tendon.
         presliding: numbers of the presliding law.
@@ -159,11 +182,16 @@ class Equations(eqx.Module):
 
     case: Case
     stop: Asked
-    stop_angle: Asked
+    stop_way: Asked
     level: Asked
     modes: Modes
     presliding: Asked
     highest: Asked
+
+    @property
+    def geometry(self) -> Geometry:
+        """That of the robot."""
+        return geometry_of(self.case.sections)
 
     def passed(self, tension, sense, turn, speed, row: Row):
         """Tension past an interval whose friction is mobilised to `sense`, in [-1, 1]."""
@@ -190,7 +218,7 @@ class Equations(eqx.Module):
             left = jnp.where(left > 0, left, 0.0)
         return left if self.highest is None else jnp.where(left < self.highest, left, self.highest)
 
-    def __call__(self, carry: Carry, row: Row, kappa) -> tuple[Array, Carry, Node]:
+    def __call__(self, carry: Carry, row: Row, kappa) -> tuple[Any, Carry, Node]:
         """Residual of the moment balance at a curvature [1/m], the carry to the next node, and the node's
         outputs.
         """
@@ -203,16 +231,30 @@ class Equations(eqx.Module):
         def later(now, before):
             return (now, *before[: STENCIL - 2])
 
-        turn = increment(kappa, carry.kappas)
-        phi = carry.phi + turn
-        midline = at_tendons((turn, kappa, carry.kappas[0]), row.R)
-        between = at_tendons(row.interval, row.R)
-        wrap = channel.wrap_increment(*midline, row.R, row.R_before, between)
+        geometry, before, between = self.geometry, carry.kappas[0], row.interval
+        turn = geometry.turn(increment(kappa, carry.kappas), kappa, before, between.length)
+        phi = geometry.onward(carry.phi, turn)
+        rates: Asked = None
+        if row.rates is not None:
+            nearest = (kappa, *carry.kappas)
+            rates = [sum(row.rates[end, j] * u for j, u in enumerate(nearest)) for end in (0, 1)]
+        wrap = geometry.wrap(turn, kappa, before, rates, row.R, row.R_before, between)
+        own, strung, corners = row, None, wrap
+        if case.sections.guides is not None:
+            assert carry.strung is not None
+            line = geometry.line(phi)
+            place = carry.strung.place + increment(line, carry.strung.lines)
+            strung, corners, offset = self.strung(carry.strung, row, kappa, phi, place)
+            strung = strung._replace(lines=later(line, carry.strung.lines))
+            row = row._replace(R=offset)
+            wrap = either(case.sections.guides.held, corners, wrap)
         gripped: Asked = wrap
         compact: Asked = None
         if what.creeping:
-            trapezoid = at_tendons(0.5 * row.interval.length * (kappa + carry.kappas[0]), row.R)
-            compact = channel.wrap_increment(trapezoid, *midline[1:], row.R, row.R_before, between)
+            trapezoid = geometry.turn(0.5 * between.length * (kappa + before), kappa, before, between.length)
+            compact = geometry.wrap(trapezoid, kappa, before, rates, own.R, own.R_before, between)
+            if case.sections.guides is not None:
+                compact = either(case.sections.guides.held, corners, compact)
             # Not from slack: no held tension is there that the wider stencil could disturb, and the first
             # pull may be long.
             lags = jnp.logical_and(neighbour, jnp.logical_not(by_slip)) & (row.tension > 0)
@@ -227,7 +269,7 @@ class Equations(eqx.Module):
         if what.follows_slip:
             # First the slip without the tendon's strain at this node, which is added below, once its tension
             # is known.
-            shortened = row.metric - channel.metric_factor(midline[1], row.R)
+            shortened = row.metric - geometry.metric(kappa, row.R)
             known = carry.slip - w[1] * carry.drawn[0] - w[2] * carry.drawn[1] - w[3] * carry.drawn[2]
             # The strain at this node is taken at the preceding node's tension: a second-order error.
             near = known - w[0] * self.strained(shortened, carry.tension, row)
@@ -267,29 +309,28 @@ class Equations(eqx.Module):
 
         moment, slopes, ways, place = carry.moment, carry.slopes, carry.ways, carry.place
         if what.bends:
-            force_x, force_y = row.force
+            force = row.force
             if what.has_stop:
-                angle = self.stop_angle
-                force_x, force_y = force_x - self.stop * jnp.cos(angle), force_y - self.stop * jnp.sin(angle)
-                way = jnp.cos(phi - angle)
+                towards = geometry.components(self.stop_way)
+                force = tuple(f - self.stop * c for f, c in zip(force, towards, strict=True))
+                way = geometry.advance(phi, self.stop_way)
                 place, ways = carry.place + increment(way, carry.ways), later(way, carry.ways)
-            slope = moment_slope(phi, force_x, force_y)
+            slope = geometry.moment_slope(phi, force)
             moment, slopes = carry.moment + increment(slope, carry.slopes), later(slope, carry.slopes)
 
         held = None
         if what.carries:
             assert carry.held is not None
             margin = jnp.minimum(kept - low, high - kept)
-            held = self.held(carry.held, row, midline[1], tension, kept, margin)
+            held = self.held(carry.held, row, kappa, tension, kept, margin)
 
-        bent, more = {}, 0.0
-        for kind, bend in what.hooks("bend"):
-            at = Bent(row.rest, row.kappa, row.bent[kind], case.load.dt)
-            extra, bent[kind] = bend(case.terms[kind], kappa, at)
-            more = more + extra
-        pulls = over_tendons(tension * channel.moment_arm(midline[1], row.R), 0)
-        error = kappa - row.rest - row.compliance * (pulls + moment)
+        more, bent = self.bending(row, kappa)
+        pulls = geometry.pull(tension, kappa, row.R)
+        if what.bends or not what.space:  # in space, a moment that acts makes the external moment unknown
+            pulls = pulls + geometry.felt(phi, moment)
+        error = kappa - row.rest - row.compliance * pulls
         error = error + more if bent else error
+        bent = {kind: geometry.join(kept) for kind, kept in bent.items()}
 
         new = Carry(
             kappas=later(kappa, carry.kappas),
@@ -304,8 +345,9 @@ class Equations(eqx.Module):
             moment=moment,
             place=place,
             held=held,
+            strung=strung,
         )
-        state = State(kappa, phi, wrap, moment)
+        state = Turned(kappa, phi, wrap, moment)
         return error, new, Node(state, tension, slip, middle, speed, grip, stencil, elements, bent)
 
     def bounds(self, behind, turn, carry: Carry):
@@ -316,18 +358,82 @@ class Equations(eqx.Module):
         left = jnp.exp(-self.case.mu * turn)
         return carry.pulled * left, carry.released / left
 
+    def bending(self, row: Row, kappa) -> tuple[Any, dict[str, Any]]:
+        """What the bending laws add to the moment over EI [1/m], 0.0 without any, and what they remember."""
+        added, kept = [], {}
+        for kind, _ in self.case.structure.hooks("bend"):
+            extra, kept[kind] = self.bends(kind, row, kappa)
+            added.append(extra)
+        return functools.reduce(operator.add, added) if added else 0.0, kept
+
+    def bends(self, kind: str, row: Row, kappa) -> tuple[Any, Any]:
+        """One bending law at a strain."""
+        kept = self.geometry.split(row.bent[kind])
+        at = Bent(row.rest, row.kappa, kept, self.case.load.dt, row.compliance)
+        return self.geometry.bent(REGISTRY[kind], self.case.terms[kind], kappa, at)
+
+    def near(self, carry: Carry, row: Row, kappa) -> Any:
+        """Derivative of the residual by the strain if nothing but the strain changes over the interval; None
+        where the geometry needs none.
+        """
+        geometry = self.geometry
+        slope = geometry.near(row.compliance, self.in_channels(carry.tension), kappa, row.R)
+        if slope is None or not self.case.structure.has("bend"):
+            return slope
+        _, more = geometry.slope(lambda k: self.bending(row, k)[0], kappa)
+        return jtu.tree_map(operator.add, slope, more)
+
+    def strung(self, before: Strung, row: Row, kappa, direction, place):
+        """Guided tendons at a node: what the march carries on of them, the corners they turn by there, and
+        the offset of all tendons.
+
+        Args:
+            before: at the predecessor.
+            kappa, direction: strain and direction of the section.
+            place: of the midline.
+        """
+        guides = self.case.sections.guides
+        assert guides is not None and isinstance(row.R, SpatialOffset)
+        R, inward = row.R, columns_of(direction)
+        y, z = R.value[..., 0], R.value[..., 1]
+        guide = place + applied(direction, Vector(jnp.zeros_like(y), y, z))
+        out = direction_of(row.chord, direction)
+        came = either_of(row.interval.joined > 0, before.chord, entering(kappa, R))
+        chord, point = either(row.begins, (out, guide), (before.chord, before.point))
+        corners = jnp.where(row.begins, corner(came, out), 0.0)
+        on = offset_on(applied(inward, point - place), applied(inward, chord), kappa)
+        return Strung(place, (), chord, point), corners, either(guides.held, on, R)
+
+    def in_channels(self, tension):
+        """Tensions, zero of those tendons that are guided."""
+        guides = self.case.sections.guides
+        return tension if guides is None else jnp.where(guides.held, 0.0, tension)
+
+    def expected(self, carry: Carry, row: Row):
+        """Moment in the axes of the section at a node, about, besides that of tendons in channels [N m]: of
+        external loads, and of guided tendons as at the predecessor.
+        """
+        geometry, guides = self.geometry, self.case.sections.guides
+        moment = geometry.felt(carry.phi, carry.moment)
+        if guides is None:
+            return moment
+        assert carry.strung is not None
+        place, strain = carry.strung.place, carry.kappas[0]
+        _, _, offset = self.strung(carry.strung, row, strain, carry.phi, place)
+        return moment + geometry.pull(jnp.where(guides.held, carry.tension, 0.0), strain, offset)
+
     def remembered(self, row: Row):
         """Tension after the previous step [N]. Where the body relaxes, the tension that keeps its bend: the
         tendon takes over the moment that the body has lost, less what the tendon's own stretch gives up.
         """
-        case, lost = self.case, 0.0
-        for kind, bend in case.structure.hooks("bend"):
+        geometry, lost = self.geometry, self.geometry.zero()
+        for kind, _ in self.case.structure.hooks("bend"):
             if REGISTRY[kind].relaxes:
-                at = Bent(row.rest, row.kappa, row.bent[kind], case.load.dt)
-                lost = lost + row.bent[kind][0] - bend(case.terms[kind], row.kappa, at)[0]
-        arm = channel.moment_arm(at_tendons(row.kappa, row.R), row.R)
+                first = jtu.tree_map(lambda kept: kept[0], geometry.split(row.bent[kind]))
+                lost = lost + first - self.bends(kind, row, row.kappa)[0]
+        arm = geometry.pull(jnp.ones_like(row.tension), row.kappa, row.R)
         gives = self.strain(row.tension + 1.0, row.tension)
-        return row.tension - arm * lost / (gives + row.compliance * arm**2)
+        return row.tension - geometry.inner(arm, lost) / (gives + geometry.inner(row.compliance, arm * arm))
 
     def strain(self, tension, before):
         """Change of the tendon's strain from the tension `before` to `tension` [N]; almost zero where no term
@@ -344,7 +450,7 @@ class Equations(eqx.Module):
         far as the margin, interpolated linearly between its ends, stays positive.
         """
         margin = jnp.where(self.modes.carried, margin, -1.0)
-        change = channel.metric_factor(kappa, row.R) - (1.0 + self.strain(tension, row.tension)) * row.nu
+        change = self.geometry.metric(kappa, row.R) - (1.0 + self.strain(tension, row.tension)) * row.nu
         span = jnp.abs(margin) + jnp.abs(before.margin)
         each = row.interval.length / jnp.where(span > 0, span, 1.0)
         here, there = (each * jnp.where(m > 0, m, 0.0) for m in (margin, before.margin))
@@ -367,12 +473,12 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         x: the unknowns at the base, a `march.Closing`.
     """
     s, memory, load, what = case.sections, case.memory, case.load, case.structure
-    terms, mesh, R = case.terms, s.mesh, node_first(s.R)
+    terms, mesh, geometry = case.terms, s.mesh, geometry_of(s)
     by_slip, neighbour, presliding = False, False, None
     if what.presliding:
         presliding = terms[PRESLIDING]
         by_slip = True
-        if case.mu.ndim:
+        if what.shares_slip:
             least = FLOOR * mesh.s[-1]
             length = presliding["length"]
             presliding = presliding | {"length": jnp.where(length > least, length, least)}
@@ -384,12 +490,13 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         along = jnp.logical_and(along, jnp.logical_not(jnp.logical_or(by_slip, neighbour)))
 
     row = Row(
-        R=R,
-        R_before=node_first(offset_before(s.R)),
-        compliance=s.compliance,
-        rest=s.rest,
-        force=(s.force_x, s.force_y) if what.bends else None,
+        R=s.R.rows(),
+        R_before=s.R.before().rows(),
+        compliance=geometry.split(s.compliance),
+        rest=geometry.split(s.rest),
+        force=s.force if what.bends else None,
         weights=mesh.weights,
+        rates=mesh.rates,
         interval=mesh.interval,
         metric=case.metric if what.follows_slip else None,
         mu=(friction(case, 1.0), friction(case, -1.0)) if what.has("friction") else None,
@@ -398,45 +505,56 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         stencil=memory.stencil,
         elements=memory.elements,
         bent=memory.bent,
-        kappa=memory.kappa if what.has("bend") or what.carries else None,
-        nu=node_first(channel.metric_factor(at_tendons(memory.kappa, s.R), s.R)) if what.carries else None,
+        kappa=geometry.split(memory.kappa) if what.has("bend") or what.carries else None,
+        nu=node_first(metric_of(s, memory.kappa)) if what.carries else None,
+        begins=None if s.guides is None else node_first(s.guides.begins()),
+        chord=None if s.guides is None else jnp.moveaxis(s.guides.along(), -2, 0),
     )
     low = high = entry = load.T_base
     if what.has("base_grip"):
         base_grip = total(case, "base_grip")
         low, high = load.T_base * jnp.exp(-base_grip), load.T_base * jnp.exp(base_grip)
         entry = clip(memory.entry, low, high)
-    zero, none = jnp.zeros_like(case.tip_moment), jnp.zeros_like(case.mu)
+    zero, none = jnp.zeros(()), jnp.zeros_like(case.mu)
     back = STENCIL - 1
-    local = what.presliding and bool(case.mu.ndim)  # only the preceding node's tension counts
+    local = what.shares_slip  # only the preceding node's tension counts
     carry = Carry(
-        kappas=(zero,) * back,
+        kappas=(geometry.zero(),) * back,
         drawn=(none,) * back if what.follows_slip else (),
-        slopes=(zero,) * back if what.bends else (),
+        slopes=(geometry.zero(),) * back if what.bends else (),
         ways=(zero,) * back if what.has_stop else (),
-        phi=zero,
+        phi=geometry.start(),
         tension=entry,
         pulled=None if local else low,
         released=None if local else high,
         slip=x.slip if what.follows_slip else None,
-        moment=x.moment,
+        moment=geometry.split(x.moment),
         place=zero if what.has_stop else None,
         held=Held(zero, zero, zero, zero - 1.0, zero + 1.0) if what.carries else None,
+        strung=None if s.guides is None else _unstrung(case),
     )
     highest = None
     if what.seeks_slip:
         # While the guess of the slip is too low, its speed may raise the tension without bound.
         highest = HIGHEST * jnp.maximum(jnp.max(load.T_base), jnp.max(memory.tension))
         highest = jax.lax.stop_gradient(highest)
-    stop = angle = None
+    stop = way = None
     if what.has_stop:
-        ((kind, find),) = what.hooks("stop_angle")
-        stop, angle = pressing(x.stop), find(terms[kind])
+        ((kind, _),) = what.hooks("stop")
+        stop, way = pressing(x.stop), geometry.way_of(REGISTRY[kind], terms[kind])
     return (
-        Equations(case, stop, angle, x.level, Modes(by_slip, neighbour, along), presliding, highest),
+        Equations(case, stop, way, x.level, Modes(by_slip, neighbour, along), presliding, highest),
         carry,
         row,
     )
+
+
+def _unstrung(case: Case) -> Strung:
+    """What a march carries of guided tendons ahead of the base."""
+    none = Vector(*(jnp.zeros_like(case.mu),) * 3)
+    ahead = Vector(jnp.ones_like(case.mu), none.y, none.z)
+    zero = Vector(*jnp.zeros(3))
+    return Strung(zero, (zero,) * (STENCIL - 1), ahead, none)
 
 
 def friction(case: Case, sense: float):

@@ -14,8 +14,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from .bodies import chords_of
 from .case import Case
-from .march import Closing, Passed, march, march_plainly, passed
+from .march import Closing, Passed, march, march_differenced, march_plainly, passed
 from .sections import either_of, largest
 from .small_matrices import inverse as inverse_of
 from .small_matrices import times
@@ -26,6 +27,9 @@ SHORTEST = 2.0**-12  # share of a Newton step below which a try is given up
 MOST_PLAIN = 8  # most marches where nothing is unknown
 PATIENCE, MOST_MARCHES = 60, 6000  # most marches at one part of the step, and in all
 SHORTENED = 0.25  # Newton step over the previous one, below which it is trusted more than the bracket
+MOST_CLOSINGS = 60  # most searches of a step until the chords of guided tendons are closed
+STRAIGHT = 1e-4  # h sqrt(T/EI) below which a tendon does not bend a segment
+LEAST_STIFF = 0.05  # least sin x/x with which a chord is corrected
 FINER = 4  # factor on the number of parts of a load step that could not be solved
 
 
@@ -47,7 +51,7 @@ class Search(eqx.Module):
     """
 
     trial: Float[Array, " n"]
-    kappa: Float[Array, " N"]
+    kappa: Float[Array, "N *strain"]
     error: Float[Array, ""]
     marches: Int[Array, ""]
     tries: Int[Array, ""]
@@ -74,7 +78,7 @@ def scales(case: Case) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     moment = 1.0 / jnp.where(compliance > 0, compliance, 1.0)
     both = (
         jnp.broadcast_to(length, case.mu.shape) if what.seeks_slip else None,
-        moment if what.bends else None,
+        jnp.broadcast_to(moment, case.tip_moment.shape) if what.bends else None,
         moment / length if what.has_stop else None,
     )
     one, slip = (jnp.ones_like(length), 0.01 * length) if what.carries else (None, None)
@@ -160,8 +164,8 @@ def case_at(case: Case, aim: Float[Array, ""]) -> Case:
     now = eqx.tree_at(lambda c: c.load.T_base, case, T_base)
     if case.structure.bends:
         carried = memory.carried + share * (1.0 - memory.carried)
-        forces = (s.force_x * carried, s.force_y * carried, case.tip_moment * carried)
-        now = eqx.tree_at(lambda c: (c.sections.force_x, c.sections.force_y, c.tip_moment), now, forces)
+        forces = (tuple(force * carried for force in s.force), case.tip_moment * carried)
+        now = eqx.tree_at(lambda c: (c.sections.force, c.tip_moment), now, forces)
     if case.structure.has("by_speed"):
         now = eqx.tree_at(lambda c: c.against, now, jnp.clip(aim - 1.0, 0.0, 1.0))
     return now
@@ -169,14 +173,20 @@ def case_at(case: Case, aim: Float[Array, ""]) -> Case:
 
 class Found(NamedTuple):
     """A solved load step: the unknowns at the base, (n,), curvature [1/m], (N,), the last pass, the largest
-    residual, and the number of marches.
+    residual, the number of marches, and the slopes of the chords of guided tendons, None without any.
     """
 
     unknowns: Float[Array, " n"]
-    kappa: Float[Array, " N"]
+    kappa: Float[Array, "N *strain"]
     passed: Passed
     error: Float[Array, ""]
     marches: Int[Array, ""]
+    slopes: Float[Array, "*tendons S 2"] | None = None
+
+
+def with_slopes(case: Case, slopes) -> Case:
+    """The load step with other slopes of the chords of guided tendons."""
+    return eqx.tree_at(lambda c: c.sections.guides.slopes, case, slopes)
 
 
 def search(case: Case, how: March) -> Found:
@@ -186,9 +196,60 @@ def search(case: Case, how: March) -> Found:
         case: the load step.
         how: far the search goes.
     """
+    return _open(case, how) if case.sections.guides is None else _closed(case, how)
+
+
+def _open(case: Case, how: March) -> Found:
+    """As `search`, with the chords of guided tendons as they are."""
     if case.structure.terms or case.structure.unknowns:
         return _by_path(case, how)
     return _at_once(case, how)
+
+
+def _closed(case: Case, how: March) -> Found:
+    """As `search`, of guided tendons: until their chords are those of the shape that they were found with.
+
+    A chord that starts steeper by da ends steeper by (1 - sin x/x) da, x = h sqrt(T/EI), as the beam that it
+    bends over a segment of length h does; the step is Newton's with this derivative. At x = pi the tendon
+    would bend the body between two guides without bound, and there is no such equilibrium.
+    """
+    s, guides = case.sections, case.sections.guides
+    assert guides is not None
+
+    def steps(found: Found, slopes):
+        """Slopes of the chords of a shape, and of those to try next."""
+        own = chords_of(s, found.kappa).slopes
+        tension = jnp.moveaxis(found.passed.nodes.tension, 0, -1)
+        soft = jnp.max(s.compliance[:, 1:], axis=1)
+        pull = jnp.take_along_axis(tension, guides.starts, axis=-1) * soft[guides.starts]
+        square = pull * (s.mesh.s[guides.ends] - s.mesh.s[guides.starts]) ** 2
+        x = jnp.sqrt(jnp.where(square > 0, square, 0.0))
+        stiff = jnp.where(x > STRAIGHT, jnp.sin(x) / jnp.where(x > STRAIGHT, x, 1.0), 1.0)
+        stiff = jnp.where(stiff > LEAST_STIFF, stiff, LEAST_STIFF)
+        return own, slopes + (own - slopes) / stiff[..., None]
+
+    def tried(slopes, unknowns):
+        now = with_slopes(case, slopes)
+        if unknowns is not None:
+            now = eqx.tree_at(lambda c: c.memory.unknowns, now, unknowns)
+        found = _open(now, how)
+        return found, largest(jnp.where(guides.held[..., None, None], steps(found, slopes)[0] - slopes, 0.0))
+
+    def unfinished(at):
+        _, found, gap, count = at
+        return ((gap > how.atol) | jnp.isnan(gap)) & (found.error <= how.atol) & (count < MOST_CLOSINGS)
+
+    def again(at):
+        slopes, found, _, count = at
+        slopes = steps(found, slopes)[1]
+        unknowns = found.unknowns if case.structure.unknowns else None
+        new, gap = tried(slopes, unknowns)
+        return slopes, new._replace(marches=found.marches + new.marches), gap, count + 1
+
+    slopes = chords_of(s, case.memory.kappa).slopes
+    found, gap = tried(slopes, None)
+    slopes, found, gap, _ = jax.lax.while_loop(unfinished, again, (slopes, found, gap, jnp.asarray(1)))
+    return found._replace(error=jnp.maximum(found.error, _finite(gap)), slopes=slopes)
 
 
 def _finite(error):
@@ -224,7 +285,7 @@ def _by_path(case: Case, how: March) -> Found:
     sizes, lefts = scales(case)
     both = bool(what.unknowns) and not what.tendons  # damped steps and plain ones
     whole = 2 if what.has("by_speed") else 1
-    one, zero = jnp.ones_like(case.tip_moment), jnp.asarray(0)
+    one, zero = jnp.ones(()), jnp.asarray(0)
     known = case.memory.unknowns
     first = jnp.zeros(0) if known is None else known / sizes
     begin = Search(
@@ -252,7 +313,11 @@ def _by_path(case: Case, how: March) -> Found:
     def improved(at: Search):
         now = case_at(case, (at.part + 1) / at.parts)
         if what.unknowns:
-            m = march(now, at.trial * sizes, at.kappa, at.marches > 0)
+            flat, use = at.trial * sizes, at.marches > 0
+            if what.space:
+                m = march_differenced(now, flat, at.kappa, use, sizes)
+            else:
+                m = march(now, flat, at.kappa, use)
             left = m.left / lefts
             by_unknowns = m.by_unknowns / lefts[:, None] * sizes[None, :]
             inverse = inverse_of(by_unknowns)
@@ -263,7 +328,8 @@ def _by_path(case: Case, how: March) -> Found:
                 on = either_of(at.damped, damped, _with(at, trial=at.trial - times(inverse, left)))
             # The step counts as solved only if a pass with the curvature that it predicts confirms it.
             moved = (on.trial - at.trial) * sizes
-            corrected = m.kappa + jnp.sum(m.kappa_by * moved[:, None], axis=0)
+            by = moved.reshape(-1, *[1] * m.kappa.ndim)
+            corrected = m.kappa + jnp.sum(m.kappa_by * by, axis=0)
             check = passed(now, on.trial * sizes, corrected)
             error = _finite(jnp.maximum(largest(check.left / lefts), check.error))
             kappa = jnp.where(error <= how.atol, corrected, m.kappa)

@@ -1,19 +1,21 @@
 """The robot at its nodes, its state there, and what tendons and midline share.
 
-Tendons act on one another only through the curvature they share. Quantities of a tendon have a leading tendon
-axis where the robot has several tendons, and none where it has one: `*tendons` in shapes.
+Tendons act on one another only through the strain they share. Quantities of a tendon have a leading tendon
+axis where the robot has several tendons, and none where it has one: `*tendons` in shapes. The strain of a
+robot in space has a last axis of three: `*strain` in shapes.
 """
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import jax.tree_util as jtu
 from jaxtyping import Array, Bool, Float
 
-from .mesh import Mesh, shifted
+from .guides import Guides
+from .mesh import Mesh
 from .offset import Offset
 
 Tree = TypeVar("Tree")
@@ -24,35 +26,47 @@ class Sections(eqx.Module):
 
     Attributes:
         mesh: nodes and quadrature weights.
-        R: channel offset and derivatives, each (*tendons, N).
-        compliance: 1/EI [1/(N m^2)], (N,); 0 where rigid.
-        rest: natural curvature [1/m], (N,).
-        force_x, force_y: external force distal to the node [N], (N,): tip force plus the weight of the distal
-            part.
+        R: channel offset and derivatives, an `Offset`, each (*tendons, N); in space a `SpatialOffset`, each
+            (*tendons, N, 2).
+        compliance: 1/EI [1/(N m^2)], (N,); in space of twist and of the two bendings, (N, 3); 0 where rigid.
+        rest: natural curvature [1/m], (N,); in space natural strain, (N, 3).
+        force: external force distal to the node [N], its two or three components (N,) each: tip force plus
+            the weight of the distal part.
+        beyond: which nodes lie past the anchor of a tendon, (*tendons, N), where its offset is zero, so that
+            it does nothing; None if all end at the tip.
+        guides: those of the tendons; None if all run in channels.
     """
 
     mesh: Mesh
-    R: Offset
-    compliance: Float[Array, " N"]
-    rest: Float[Array, " N"]
-    force_x: Float[Array, " N"]
-    force_y: Float[Array, " N"]
+    R: Any
+    compliance: Float[Array, "N *strain"]
+    rest: Float[Array, "N *strain"]
+    force: tuple[Float[Array, " N"], ...]
+    beyond: Bool[Array, "*tendons N"] | None = None
+    guides: Guides | None = None
+
+    def to_anchor(self, values: Float[Array, "*tendons N"]) -> Float[Array, "*tendons N"]:
+        """Values along the tendons, past an anchor those at the anchor."""
+        if self.beyond is None:
+            return values
+        last = jnp.sum(~self.beyond, axis=-1, keepdims=True) - 1
+        return jnp.where(self.beyond, jnp.take_along_axis(values, last, axis=-1), values)
+
+    def ended(self, values: Float[Array, "*tendons N"]) -> Float[Array, "*tendons N"]:
+        """Values along the tendons, past an anchor zero."""
+        return values if self.beyond is None else jnp.where(self.beyond, 0.0, values)
 
 
 class State(eqx.Module):
     """Unknowns at the nodes, (N,), or at one: curvature, midline angle, wrap of each tendon, external
-    moment.
+    moment. In space: strain (N, 3), rotation of the section (N, 3, 3), wrap, external moment (N, 3) in the
+    axes of the base.
     """
 
-    kappa: Float[Array, "*nodes"]
-    phi: Float[Array, "*nodes"]
+    kappa: Float[Array, "*nodes_strain"]
+    phi: Float[Array, "*nodes_frame"]
     wrap: Float[Array, "*tendons_nodes"]
-    moment: Float[Array, "*nodes"]
-
-
-def offset_before(R: Offset) -> Offset:
-    """Channel offset at each node's predecessor; at the base its own."""
-    return Offset(*(shifted(r, 1, r[..., :1]) for r in R))
+    moment: Float[Array, "*nodes_strain"]
 
 
 def at_tendons(tree: Tree, R: Offset) -> Tree:
@@ -66,7 +80,7 @@ def over_tendons(values: Float[Array, "*any"], axes: int) -> Float[Array, "*midl
 
 
 def moment_slope(phi, force_x, force_y):
-    """M_ext' = -(t x n_ext) [N], for the rod direction phi and the distal external force."""
+    """M_ext' = -(t x n_ext) [N] in the plane, for the rod direction phi and the distal external force."""
     return force_x * jnp.sin(phi) - force_y * jnp.cos(phi)
 
 
@@ -75,11 +89,11 @@ def node_first(tree):
     return jtu.tree_map(lambda v: jnp.moveaxis(v, -1, 0), tree)
 
 
-def either_of(holds: Bool[Array, ""], this: Tree, that: Tree) -> Tree:
+def either_of(holds: Bool[Array, ""] | bool, this: Tree, that: Tree) -> Tree:
     """`this` where something holds, else `that`, leaf by leaf."""
     return jtu.tree_map(lambda a, b: jnp.where(holds, a, b), this, that)
 
 
-def largest(values: Float[Array, " N"]) -> Float[Array, ""]:
+def largest(values: Float[Array, "..."]) -> Float[Array, ""]:
     """Largest magnitude; NaN if any is not finite (XLA's batched maximum on the CPU would drop it)."""
     return jnp.where(jnp.all(jnp.isfinite(values)), jnp.max(jnp.abs(values)), jnp.nan)

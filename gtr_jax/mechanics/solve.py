@@ -16,12 +16,12 @@ import jax.numpy as jnp
 import jax.tree_util as jtu
 from jaxtyping import Array, Float, Int
 
-from . import channel
+from .bodies import chords_of, metric_of
 from .case import Case, Load, Memory
 from .march import Passed, described
 from .mesh import increments
 from .node import total
-from .search import scales, search
+from .search import scales, search, with_slopes
 from .sections import State, node_first
 from .small_matrices import inverse as inverse_of
 from .small_matrices import times
@@ -72,7 +72,7 @@ def _left(case: Case, marched: Passed, unknowns: Float[Array, " n"]) -> tuple[Me
         entry=marched.entry,
         T_tip=marched.T_tip,
         T_base=case.load.T_base,
-        carried=jnp.ones_like(case.tip_moment),
+        carried=jnp.ones(()),
         unknowns=jax.lax.stop_gradient(unknowns) if what.unknowns else None,
     )
     return memory, nodes.state
@@ -96,7 +96,7 @@ def _in_one_batch(tree, marches: Int[Array, ""]):
 
 def slip_of(
     case: Case,
-    kappa: Float[Array, " N"],
+    kappa: Float[Array, "N *strain"],
     tension: Float[Array, "N *tendons"],
     T_tip: Float[Array, "*tendons"],
 ) -> Float[Array, "N *tendons"]:
@@ -106,13 +106,12 @@ def slip_of(
 
     Args:
         case: the robot, whose metric is that of the settled robot.
-        kappa: curvature [1/m], (N,).
+        kappa: curvature, in space strain [1/m], (N, *strain).
         tension, T_tip: along the tendons and at the anchor [N].
     """
-    R, s = node_first(case.sections.R), case.sections
+    s = case.sections
     assert case.metric is not None
-    bent = jnp.broadcast_to(kappa.reshape(-1, *[1] * case.mu.ndim), R.value.shape)
-    gone = case.metric - channel.metric_factor(bent, R)
+    gone = case.metric - node_first(metric_of(s, kappa))
     away = jnp.zeros_like(T_tip)
     if case.structure.has("strain"):
         gone = gone + (total(case, "strain", tension) - total(case, "strain", case.preload)) * case.metric
@@ -121,7 +120,7 @@ def slip_of(
     along = jnp.moveaxis(gone, 0, -1)
     step = increments if along.ndim == 1 else jax.vmap(increments, in_axes=(None, 0))
     drawn = jnp.moveaxis(jnp.cumsum(step(s.mesh.weights, along), axis=-1), -1, 0)
-    return drawn[-1] - drawn + away
+    return drawn[-1:] - drawn + away[None]
 
 
 @eqx.filter_custom_jvp
@@ -142,24 +141,36 @@ def _solve_jvp(primals, tangents):
     found = search(case, how)
     moving, fixed = split_tangents(case, case_dot)
 
-    def at(moving, flat):
-        now = eqx.combine(moving, fixed)
-        marched = described(now, flat, found.kappa)
-        return marched.left, _left(now, marched, flat)
+    slopes = found.slopes
 
-    if case.structure.unknowns:
+    def at(moving, unknowns):
+        now, flat = eqx.combine(moving, fixed), unknowns[: found.unknowns.shape[0]]
+        if slopes is not None:
+            tried = unknowns[flat.shape[0] :].reshape(slopes.shape)
+            now = with_slopes(now, tried)
+        marched = described(now, flat, found.kappa)
+        left = marched.left
+        if slopes is not None:
+            own = chords_of(now.sections, marched.nodes.state.kappa).slopes
+            left = jnp.concatenate([left, (own - tried).ravel()])
+        return left, _left(now, marched, flat)
+
+    unknowns = found.unknowns
+    if slopes is not None:
+        unknowns = jnp.concatenate([unknowns, slopes.ravel()])
+    if unknowns.shape[0]:
         # One linearisation for all directions: where nothing slips the laws have a kink, and two
         # linearisations might be on different sides of it.
-        (_, out), linear = jax.linearize(at, moving, found.unknowns)
-        zero, still = jnp.zeros_like(found.unknowns), jtu.tree_map(jnp.zeros_like, moving)
+        (_, out), linear = jax.linearize(at, moving, unknowns)
+        zero, still = jnp.zeros_like(unknowns), jtu.tree_map(jnp.zeros_like, moving)
         left_dot, out_dot = linear(case_dot, zero)
         by_unknowns, out_by = jax.vmap(lambda d: linear(still, d), out_axes=-1)(jnp.eye(zero.shape[0]))
-        sizes, lefts = scales(case)
+        sizes, lefts = (jnp.pad(v, (0, zero.size - v.size), constant_values=1.0) for v in scales(case))
         scaled = by_unknowns / lefts[:, None] * sizes[None, :]
         flat_dot = -times(inverse_of(scaled), left_dot / lefts) * sizes
         out_dot = jtu.tree_map(lambda d, by: d + by @ flat_dot, out_dot, out_by)
     else:
-        out, out_dot = jax.jvp(lambda moving: at(moving, found.unknowns)[1], (moving,), (case_dot,))
+        out, out_dot = jax.jvp(lambda moving: at(moving, unknowns)[1], (moving,), (case_dot,))
     memory, state = _in_one_batch(out, found.marches)
     solved = Solved(memory, state, found.error, found.marches)
     zeros = jax.custom_derivatives.zero_from_primal(solved, symbolic_zeros=True)

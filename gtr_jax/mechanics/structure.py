@@ -41,12 +41,14 @@ class Structure:
         tendons: length of the tendon axis; 0 for one tendon, whose arrays have no such axis.
         loaded: whether external forces may act, so that the external moment changes along the body.
         acting: whether all its terms are known to act, so that the law that holds a tendon is known.
+        space: whether the robot may leave the plane, so that a node has three unknowns.
     """
 
     terms: tuple[str, ...]
     tendons: int
     loaded: bool
     acting: bool = False
+    space: bool = False
 
     def hooks(self, name: str) -> list[tuple[str, Callable[..., Any]]]:
         """The terms that have the hook `name`, and their hooks."""
@@ -58,13 +60,20 @@ class Structure:
 
     @property
     def plain_pair(self) -> bool:
-        """Whether it is that of several tendons without terms, which `mechanics.several` solves."""
-        return bool(self.tendons) and not self.terms
+        """Whether it is of several tendons in the plane without terms, which `mechanics.several` solves."""
+        return bool(self.tendons) and not self.terms and not self.space
+
+    @property
+    def shares_slip(self) -> bool:
+        """Whether the slip of several tendons, which the body they share moves, decides their friction: so it
+        does in the plane. In space each is held against its own base tension, as one tendon is.
+        """
+        return bool(self.tendons) and bool(self.terms) and not self.space
 
     @functools.cached_property
     def presliding(self) -> bool:
-        """Whether friction may build up over a slip, as it always does for several tendons with terms."""
-        return self.has("mobilise") or (bool(self.tendons) and bool(self.terms))
+        """Whether friction may build up over a slip, as it always does where several tendons share it."""
+        return self.has("mobilise") or self.shares_slip
 
     @functools.cached_property
     def creeping(self) -> bool:
@@ -120,7 +129,13 @@ class Structure:
     @functools.cached_property
     def unknowns(self) -> int:
         """How many numbers are unknown at the base."""
-        return max(self.tendons, 1) * self.seeks_slip + self.bends + self.has_stop + self.carries
+        slips = max(self.tendons, 1) * self.seeks_slip
+        return slips + self.moments * self.bends + self.has_stop + self.carries
+
+    @property
+    def moments(self) -> int:
+        """How many components a moment has."""
+        return 3 if self.space else 1
 
 
 def carried(terms: Iterable[str]) -> list[str]:

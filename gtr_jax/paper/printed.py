@@ -24,7 +24,7 @@ from gtr_jax.robot.robot import Robot, sections
 
 from ..mechanics import channel
 from ..mechanics.mesh import cumulative, shifted
-from ..mechanics.sections import Sections, offset_before
+from ..mechanics.sections import Sections
 from .paths import T_BASE, states
 
 SOLVER = optx.Newton(rtol=1e-10, atol=1e-10)
@@ -51,7 +51,7 @@ def _shape(s: Sections, kappa, mu, T_base):
     phi = cumulative(s.mesh.weights, kappa)
     midline = jnp.stack([cumulative(s.mesh.weights, jnp.cos(phi)), cumulative(s.mesh.weights, jnp.sin(phi))])
     turned = channel.wrap_increment(
-        phi - shifted(phi), kappa, shifted(kappa), s.R, offset_before(s.R), s.mesh.interval
+        phi - shifted(phi), kappa, shifted(kappa), s.R, s.R.before(), s.mesh.interval
     )
     psi = phi + channel.tangent_lead(kappa, s.R)
     return phi, midline, psi, channel.metric_factor(kappa, s.R), T_base * jnp.exp(-mu * jnp.cumsum(turned))

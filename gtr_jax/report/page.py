@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import base64
+import hashlib
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,6 +12,7 @@ from typing import Any
 
 FOLDER = Path(__file__).parent
 STYLE = (FOLDER / "page.css").read_text(encoding="utf-8")
+TURNING = (FOLDER / "turning.js").read_text(encoding="utf-8")  # turns the bodies of scenes with the mouse
 
 
 @dataclass(frozen=True)
@@ -24,6 +27,19 @@ class Figure:
     def source(self) -> str:
         """The picture as a data address."""
         return "data:image/png;base64," + base64.b64encode(self.image).decode()
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A body that the reader turns with the mouse; `turning.js` draws it and says what `data` holds."""
+
+    data: Mapping[str, Any]
+    caption: str
+
+    @property
+    def text(self) -> str:
+        """The data as JSON that can stand in a page."""
+        return json.dumps(self.data, separators=(",", ":")).replace("<", "\\u003c")
 
 
 @dataclass(frozen=True)
@@ -62,6 +78,7 @@ class Report:
         warnings: what the reader must know before using the numbers.
         figures, tables: in this order.
         sections: parts that follow, each with its own.
+        scenes: bodies that can be turned; below the figures.
     """
 
     title: str
@@ -70,6 +87,7 @@ class Report:
     figures: Sequence[Figure] = ()
     tables: Sequence[Table] = field(default_factory=tuple)
     sections: Sequence[Section] = ()
+    scenes: Sequence[Scene] = ()
 
     @property
     def all_figures(self) -> list[Figure]:
@@ -112,7 +130,11 @@ def render(report: Report, settings: Mapping[str, Any], robot_file: str | None) 
         robot_file: the resolved robot file; None where no robot is read.
     """
     template = _environment().get_template("page.html.jinja")
-    return template.render(report=report, settings=settings, robot_file=robot_file, style=STYLE)
+    script = TURNING if report.scenes else ""
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    return template.render(
+        report=report, settings=settings, robot_file=robot_file, style=STYLE, script=script, digest=digest
+    )
 
 
 def _environment() -> Any:

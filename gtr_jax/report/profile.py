@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import jax
 import numpy as np
 
 from ..simulation.forces import channel_forces
-from ..simulation.solution import Equilibrium
+from ..simulation.solution import Equilibrium, Shape
+
+Between = Callable[[Any], np.ndarray]  # values at the nodes to values between them
 
 
 def profile(state: Equilibrium) -> Mapping[str, np.ndarray]:
@@ -42,11 +45,7 @@ def profile(state: Equilibrium) -> Mapping[str, np.ndarray]:
 
     return {
         "s_m": body(state.s),
-        "x_m": body(state.x),
-        "y_m": body(state.y),
-        "angle_rad": body(state.angle),
-        "curvature_per_m": body(state.curvature),
-        "offset_m": between("R"),
+        **(_in_plane(state, body, between) if state.shape is None else _in_space(state.shape, body, between)),
         "tension_N": between("tension"),
         "wrap_rad": between("wrap"),
         "tension_loss_factor": of_forces("tension_loss_factor"),
@@ -56,4 +55,28 @@ def profile(state: Equilibrium) -> Mapping[str, np.ndarray]:
         "friction_N_per_m": of_forces("friction"),
         "kink_force_N": of_forces("kink_normal"),
         "kink_friction_N": of_forces("kink_friction"),
+    }
+
+
+def _in_plane(
+    state: Equilibrium, body: Between, between: Callable[[str], np.ndarray]
+) -> dict[str, np.ndarray]:
+    return {
+        "x_m": body(state.x),
+        "y_m": body(state.y),
+        "angle_rad": body(state.angle),
+        "curvature_per_m": body(state.curvature),
+        "offset_m": between("R"),
+    }
+
+
+def _in_space(shape: Shape, body: Between, between: Callable[[str], np.ndarray]) -> dict[str, np.ndarray]:
+    axes, offset = "xyz", between("R")
+    strains = ("twist_per_m", "curvature_y_per_m", "curvature_z_per_m")
+    return {
+        **{f"{axis}_m": body(shape.position[:, i]) for i, axis in enumerate(axes)},
+        **{f"tangent_{axis}": body(shape.rotation[:, i, 0]) for i, axis in enumerate(axes)},
+        **{name: body(shape.strain[:, i]) for i, name in enumerate(strains)},
+        "offset_y_m": offset[:, 0],
+        "offset_z_m": offset[:, 1],
     }

@@ -16,10 +16,12 @@ from gtr_jax.plots.shape import Posture, Pressed, plot_shape
 from gtr_jax.plots.style import png
 from gtr_jax.plots.tendons import plot_tendons
 from gtr_jax.plots.tension import plot_tension
-from gtr_jax.robot.overlap import Impossible, impossible
+from gtr_jax.robot.clearance import distances
+from gtr_jax.robot.overlap import Impossible, impossible, impossible_in_space
 from gtr_jax.robot.parameters import parameters_of
 from gtr_jax.robot.robot import Robot
 
+from ..simulation.displacement import by_tension
 from ..simulation.equilibrium import equilibrium
 from ..simulation.forces import channel_forces
 from ..simulation.history import Simulation, equilibrium_at, simulate
@@ -27,7 +29,10 @@ from ..simulation.phases import RELEASING, TRANSITION, Switch, label_phases, rel
 from ..simulation.programs import terms_act
 from ..simulation.sensing import cells_differ
 from ..simulation.solution import Equilibrium
+from . import spatial
 from .page import Figure, Report, Table
+
+APART = 2e-3  # of the length, by which two shapes must differ for both to be drawn
 
 
 @dataclass(frozen=True)
@@ -36,7 +41,7 @@ class SimulationAnswer:
 
     Attributes:
         robot, run: as simulated.
-        frictionless: the same history without friction.
+        frictionless: the same history of base tensions without friction.
         phases: label of each step, (K,).
         switch: where the transition after a pull to the largest base tension ends; None of several tendons,
             and with physics terms.
@@ -81,6 +86,8 @@ class SimulationAnswer:
     def warnings(self) -> list[str]:
         """What the reader must know before using the numbers."""
         said = list(self.impossible.says)
+        if self.robot.space:
+            said += [pair.says for pair in distances(self.robot) if pair.says]
         if cells_differ(self.robot):
             said.append(
                 "A physics term of the load cells acts: what they show stands in simulation.csv as T_base_N "
@@ -103,7 +110,11 @@ class SimulationAnswer:
 
 
 def answer_simulation(
-    robot: Robot, T_base: np.ndarray, time: np.ndarray | None = None, cycle: np.ndarray | None = None
+    robot: Robot,
+    T_base: np.ndarray,
+    time: np.ndarray | None = None,
+    cycle: np.ndarray | None = None,
+    displacement: np.ndarray | None = None,
 ) -> SimulationAnswer:
     """Simulate a history and all that is shown beside it.
 
@@ -111,26 +122,34 @@ def answer_simulation(
         robot: from `load_robot`.
         T_base: base tension at each step [N], (K, *tendons).
         time, cycle: as for `simulate`, (K,).
+        displacement: as for `simulate`, (K, *tendons).
     """
-    history = jnp.asarray(T_base)
-    run = simulate(robot, history, time=time, cycle=cycle)
+    run = simulate(robot, T_base, time=time, cycle=cycle, displacement=displacement)
+    pulled = by_tension(robot)
     pull = run.T_base if run.T_base.ndim == 1 else jnp.max(run.T_base, axis=1)
     top = int(jnp.argmax(pull))
     slippery = {p.name: 0.0 for p in parameters_of(robot).values() if p.name.partition(".")[0] == "mu"}
     return SimulationAnswer(
         robot=robot,
         run=run,
-        frictionless=simulate(robot.with_values(**slippery), history, time=time, cycle=cycle),
+        frictionless=simulate(pulled.with_values(**slippery), run.T_base, time=time, cycle=cycle),
         phases=label_phases(run),
-        switch=None if robot.tendon_names or terms_act(robot) else _switch(robot, jnp.max(run.T_base)),
-        rest=equilibrium(robot, jnp.zeros_like(history[0])),
-        loaded=equilibrium_at(robot, run, top),
-        last=equilibrium_at(robot, run, -1),
+        switch=None
+        if robot.tendon_names or terms_act(robot) or displacement is not None
+        else _switch(robot, jnp.max(run.T_base)),
+        rest=equilibrium(pulled, jnp.zeros_like(run.T_base[0])),
+        loaded=equilibrium_at(pulled, run, top),
+        last=equilibrium_at(pulled, run, -1),
         top=top,
-        impossible=impossible(
-            robot.backbone, run.s, curvature=run.curvature, angle=run.angle, T_base=run.T_base
-        ),
+        impossible=_impossible(robot, run),
     )
+
+
+def _impossible(robot: Robot, run: Simulation) -> Impossible:
+    if run.shape is None:
+        return impossible(robot.backbone, run.s, curvature=run.curvature, angle=run.angle, T_base=run.T_base)
+    strain, position = run.shape.strain, run.shape.position
+    return impossible_in_space(robot.backbone, run.s, strain=strain, position=position, T_base=run.T_base)
 
 
 def _switch(robot: Robot, T_base_max: Array) -> Switch:
@@ -160,6 +179,7 @@ def facts(answer: SimulationAnswer) -> dict[str, Any]:
             "overlap_step": None if (at := answer.impossible.overlap_step) is None else at + 1,
             "largest_wall_strain": answer.impossible.strain,
         },
+        **({"channels": _distances(answer)} if answer.robot.space and answer.several else {}),
         "steps": len(run.T_base),
         **own,
         "convergence": {
@@ -174,7 +194,17 @@ def facts(answer: SimulationAnswer) -> dict[str, Any]:
     }
 
 
+def _distances(answer: SimulationAnswer) -> list[dict[str, Any]]:
+    """How near the channels of each two tendons run to one another."""
+    return [
+        {"tendons": [pair.first, pair.second], "least_distance_m": pair.least, "at_s_m": pair.at}
+        for pair in distances(answer.robot)
+    ]
+
+
 def _pose_facts(answer: SimulationAnswer) -> dict[str, Any]:
+    if answer.robot.space:
+        return {"step": answer.top + 1, **spatial.pose_facts(answer.run, answer.top)}
     x, y, angle = answer.run.tip_pose[answer.top].tolist()
     return {"step": answer.top + 1, "tip_x_m": x, "tip_y_m": y, "tip_angle_rad": angle}
 
@@ -257,7 +287,7 @@ def verdict(answer: SimulationAnswer) -> str:
             f"{number(float(part.run.T_tip[top]), 'N', 3)} at the tip"
             for part in _parts(answer)
         )
-        turned = number(float(np.degrees(run.tip_pose[top, 2])), "°", 3)
+        turned = number(float(np.degrees(_tip_angle(answer)[top])), "°", 3)
         return f"{name}: at the largest base tension {ends}; the tip turns by {turned}."
     loss = tension_loss(answer)
     if loss is None:
@@ -274,6 +304,11 @@ def verdict(answer: SimulationAnswer) -> str:
     return text + f"; on release the tip keeps its tension, and would until the base is down to {switch}."
 
 
+def _tip_angle(answer: SimulationAnswer) -> np.ndarray:
+    """Angle of the tip to the base at every step [rad], (K,)."""
+    return spatial.turned(answer.run) if answer.robot.space else np.asarray(answer.run.tip_pose[:, 2])
+
+
 def simulation_report(answer: SimulationAnswer) -> Report:
     """Verdict, figures and tables of a simulation."""
     return Report(
@@ -282,6 +317,9 @@ def simulation_report(answer: SimulationAnswer) -> Report:
         warnings=[text for text in answer.warnings if text not in verdict(answer)],
         figures=_figures(answer),
         tables=_tables(answer),
+        scenes=[spatial.body_scene(answer.robot, answer.run, answer.rest, answer.top)]
+        if answer.robot.space
+        else (),
     )
 
 
@@ -303,7 +341,7 @@ def _suffix(answer: SimulationAnswer) -> tuple[str, str]:
 
 def _overview(answer: SimulationAnswer) -> list[Figure]:
     run = answer.run
-    T_base, T_tip, angle = (np.asarray(v) for v in (run.T_base, run.T_tip, run.tip_pose[:, 2]))
+    T_base, T_tip, angle = np.asarray(run.T_base), np.asarray(run.T_tip), _tip_angle(answer)
     picture = plot_tendons(T_base, T_tip, angle, answer.robot.tendon_names)
     caption = "Tension of every tendon at the tip (full) and at the base (dashed), and the angle of the tip."
     return [Figure("tendons", png(picture), caption)]
@@ -339,8 +377,19 @@ def _along(answer: SimulationAnswer, pulled: tuple[str, np.ndarray]) -> Figure:
     )
 
 
+def _shape_in_space(answer: SimulationAnswer) -> Figure:
+    run, last = answer.run, len(answer.run.T_base) - 1
+    top, end = (float(jnp.max(run.T_base[step])) for step in (answer.top, last))
+    named = [(f"at {top:.3g} N", answer.top)]
+    if last != answer.top and spatial.apart(answer.rest, answer.last) > APART:
+        named.append((f"at the end, {end:.3g} N", last))
+    return spatial.shape_figure(answer.robot, run, answer.rest, named)
+
+
 def _shape(answer: SimulationAnswer) -> Figure:
     run, robot = answer.run, answer.robot
+    if robot.space:
+        return _shape_in_space(answer)
     if robot.backbone.rigid:
         postures = [Posture("sheath", answer.loaded)]
     else:
@@ -372,7 +421,7 @@ def _shape(answer: SimulationAnswer) -> Figure:
 
 def _differ(a: Equilibrium, b: Equilibrium) -> bool:
     apart = jnp.max(jnp.hypot(a.x - b.x, a.y - b.y))
-    return bool(apart > 2e-3 * a.s[-1])
+    return bool(apart > APART * a.s[-1])
 
 
 def _tables(answer: SimulationAnswer) -> list[Table]:
@@ -396,8 +445,7 @@ def _tables(answer: SimulationAnswer) -> list[Table]:
             else []
         ),
         ("wrap there", number(top["wrap_rad"], "rad")),
-        ("tip there: x, y", f"{number(1e3 * top['tip_x_m'])}, {number(1e3 * top['tip_y_m'])} mm"),
-        ("tip there: angle", number(float(np.degrees(top["tip_angle_rad"])), "°")),
+        *(spatial.pose_rows(top) if answer.robot.space else _pose_rows(top)),
         ("tendon drawn out there", number(1e3 * top["displacement_m"], "mm")),
     ]
     phases = [
@@ -408,6 +456,13 @@ def _tables(answer: SimulationAnswer) -> list[Table]:
         Table("At the largest base tension", ("", ""), numbers),
         Table("Phases", ("phase", "steps", "base [N]", "tip [N]"), phases),
         _solver_table(data),
+    ]
+
+
+def _pose_rows(top: dict[str, Any]) -> list[tuple[str, str]]:
+    return [
+        ("tip there: x, y", f"{number(1e3 * top['tip_x_m'])}, {number(1e3 * top['tip_y_m'])} mm"),
+        ("tip there: angle", number(float(np.degrees(top["tip_angle_rad"])), "°")),
     ]
 
 
@@ -423,8 +478,12 @@ def _several_tables(answer: SimulationAnswer, data: dict[str, Any]) -> list[Tabl
         )
         for name, t in top["tendons"].items()
     ]
-    pose = f"{number(1e3 * top['tip_x_m'])}, {number(1e3 * top['tip_y_m'])} mm"
-    angle = number(float(np.degrees(top["tip_angle_rad"])), "°")
+    if answer.robot.space:
+        pose = ", ".join(number(1e3 * top[f"tip_{axis}_m"]) for axis in spatial.AXES) + " mm"
+        points = f"is turned by {number(float(np.degrees(top['tip_turned_rad'])), '°')}"
+    else:
+        pose = f"{number(1e3 * top['tip_x_m'])}, {number(1e3 * top['tip_y_m'])} mm"
+        points = f"points to {number(float(np.degrees(top['tip_angle_rad'])), '°')}"
     phases = [
         (name, phase, str(p["steps"]), _range(p["T_base_N"]), _range(p["T_tip_N"]))
         for name, own in data["phases"].items()
@@ -435,7 +494,7 @@ def _several_tables(answer: SimulationAnswer, data: dict[str, Any]) -> list[Tabl
             "At the largest base tension",
             ("tendon", "base [N]", "tip [N]", "wrap [rad]", "drawn out [mm]"),
             rows,
-            f"Step {top['step']}; the tip lies at {pose} and points to {angle}.",
+            f"Step {top['step']}; the tip lies at {pose} and {points}.",
         ),
         Table("Phases", ("tendon", "phase", "steps", "base [N]", "tip [N]"), phases),
     ]

@@ -79,9 +79,10 @@ def loops_of(term: Term) -> Loops:
 def page(term: Term, *, heading: int = 2) -> str:
     """A term's page of the docs, in Markdown; its picture is beside it."""
     rows = [
-        f"| `{q.name}` | {q.says} | {value_text(float(q.null), q.unit)} "
+        f"| `{q.name}` | {'In space only. ' * (q in term.across)}{q.says} "
+        f"| {value_text(float(q.null), q.unit)} "
         f"| {value_text(float(q.typical), q.unit)} | {usual_range(q)} |"
-        for q in term.quantities
+        for q in term.numbers
     ]
     source = f"\n\n**Source.** {term.source}." if term.source else ""
     note = f"\n\n{term.note}" if term.note else ""

@@ -71,9 +71,10 @@ def description(term: Term) -> str:
     if term.note:
         rows += _wrapped("note: ", term.note, "")
     rows += ["", "numbers:"]
-    for q in term.quantities:
+    for q in term.numbers:
         null = "does nothing at" if q.size else "unless given"
-        said = f"{q.says} {null} {value_text(float(q.null), q.unit)}; usually {usual_range(q)}"
+        where = "In space only. " if q in term.across else ""
+        said = f"{where}{q.says} {null} {value_text(float(q.null), q.unit)}; usually {usual_range(q)}"
         rows += _wrapped(f"{q.name}: ", said, "  ")
     return "\n".join([*rows, "", "in a robot file:", "", *example(term)])
 

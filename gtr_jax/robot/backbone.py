@@ -1,14 +1,72 @@
-"""The backbone: lengths, stiffness, weight and natural curvature of the rod the tendon bends."""
+"""The backbone: lengths, stiffness, weight and natural strain of the rod the tendon bends."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+POISSONS_RATIO = 0.5  # of the elastomers that soft arms are cast from, which keep their volume
+
+
+def along_body(
+    s: Float[Array, " N"], knots_s: Float[Array, " knots"] | None, values: Float[Array, " knots"] | None
+) -> Float[Array, " N"]:
+    """A quantity given by knots, at s: linear between them, constant outside; one knot is a constant, None is
+    zero.
+    """
+    if knots_s is None or values is None:
+        return jnp.zeros_like(s)
+    if values.shape[0] == 1:
+        return jnp.broadcast_to(values[0], s.shape)
+    return jnp.interp(s, knots_s, values)
+
+
+class Stiffness(eqx.Module):
+    """Stiffness given in itself instead of by modulus and radius; linear between knots, constant outside.
+
+    Attributes:
+        bending_s, bending: knots [m] and EI_z there [N m^2], (knots,).
+        bending_y: EI_y there [N m^2], (knots,); None: as EI_z.
+        torsion_s, torsion: knots [m] and GJ there [N m^2], (twists,); None: that of a round section.
+    """
+
+    bending_s: Float[Array, " knots"]
+    bending: Float[Array, " knots"]
+    bending_y: Float[Array, " knots"] | None = None
+    torsion_s: Float[Array, " twists"] | None = None
+    torsion: Float[Array, " twists"] | None = None
+
+    def at(self, s: Float[Array, " N"], poissons_ratio: Float[Array, ""]) -> list[Float[Array, " N"]]:
+        """GJ, EI_y, EI_z [N m^2] at s; GJ of a round section is EI/(1 + nu)."""
+        EI_z = along_body(s, self.bending_s, self.bending)
+        EI_y = EI_z if self.bending_y is None else along_body(s, self.bending_s, self.bending_y)
+        if self.torsion is None or self.torsion_s is None:
+            return [EI_z / (1 + poissons_ratio), EI_y, EI_z]
+        return [along_body(s, self.torsion_s, self.torsion), EI_y, EI_z]
+
+
+class Piece(eqx.Module):
+    """A piece of the body that differs from the rest of it; what is None is as there.
+
+    Attributes:
+        start, end: arc lengths [m].
+        outer_radius: at its start and its end [m], (2,), linear between.
+        youngs_modulus: E [Pa].
+        stiffness: given instead of modulus and radius.
+    """
+
+    start: Float[Array, ""]
+    end: Float[Array, ""]
+    outer_radius: Float[Array, "2"] | None = None
+    youngs_modulus: Float[Array, ""] | None = None
+    stiffness: Stiffness | None = None
+
 
 class Backbone(eqx.Module):
-    """Round rod with a linear taper and concentric bores.
+    """Round rod with a linear taper and concentric bores; its pieces may differ.
 
     Attributes:
         length: L [m].
@@ -16,9 +74,15 @@ class Backbone(eqx.Module):
         bore_start, bore_end, bore_diameter: concentric bores [m], shape (bores,).
         youngs_modulus: E [Pa].
         density: mass density [kg/m^3].
-        natural_curvature_s, natural_curvature: knots of the stress-free curvature [m], [1/m], shape (knots,);
-            linear between knots, constant outside them. One knot is a constant curvature.
+        natural_curvature_s, natural_curvature: knots of the stress-free curvature in the plane of the robot,
+            about z [m], [1/m], shape (knots,); linear between knots, constant outside them. One knot is a
+            constant curvature.
         rigid: True for a sheath of fixed shape: the curvature is the natural one whatever the load.
+        poissons_ratio: nu of the round section, G = E/(2 (1 + nu)); no effect in the plane.
+        natural_curvature_y_s, natural_curvature_y: likewise about y, out of the plane; None: zero.
+        natural_twist_s, natural_twist: likewise, twist about the axis; None: zero.
+        stiffness: of the whole body, given instead of modulus and radius.
+        pieces: of the body that differ; they do not overlap.
     """
 
     length: Float[Array, ""]
@@ -31,29 +95,114 @@ class Backbone(eqx.Module):
     natural_curvature_s: Float[Array, " knots"]
     natural_curvature: Float[Array, " knots"]
     rigid: bool = eqx.field(static=True, default=False)
+    poissons_ratio: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.asarray(POISSONS_RATIO))
+    natural_curvature_y_s: Float[Array, " up"] | None = None
+    natural_curvature_y: Float[Array, " up"] | None = None
+    natural_twist_s: Float[Array, " twists"] | None = None
+    natural_twist: Float[Array, " twists"] | None = None
+    stiffness: Stiffness | None = None
+    pieces: tuple[Piece, ...] = ()
 
-    def radius(self, s: Float[Array, " N"]) -> Float[Array, " N"]:
-        """Outer radius [m] at s."""
-        return self.outer_radius[0] + (self.outer_radius[1] - self.outer_radius[0]) * s / self.length
+    @property
+    def piece_start(self) -> Sequence[Float[Array, ""]]:
+        """Arc lengths [m] where the pieces start."""
+        return [piece.start for piece in self.pieces]
 
-    def area(self, s: Float[Array, " N"], bored: Bool[Array, "bores N"]) -> Float[Array, " N"]:
-        """Cross-section area [m^2] at s; `bored` tells which bores the node lies in."""
-        radii = jnp.where(bored, 0.5 * self.bore_diameter[:, None], 0.0)
-        return jnp.pi * (self.radius(s) ** 2 - jnp.sum(radii**2, axis=0))
+    @property
+    def piece_end(self) -> Sequence[Float[Array, ""]]:
+        """Arc lengths [m] where the pieces end."""
+        return [piece.end for piece in self.pieces]
 
-    def bending_stiffness(self, s: Float[Array, " N"], bored: Bool[Array, "bores N"]) -> Float[Array, " N"]:
-        """EI [N m^2] at s; `bored` tells which bores the node lies in."""
-        radii = jnp.where(bored, 0.5 * self.bore_diameter[:, None], 0.0)
-        return self.youngs_modulus * jnp.pi / 4 * (self.radius(s) ** 4 - jnp.sum(radii**4, axis=0))
+    @property
+    def stretches(self) -> tuple[Float[Array, " stretches"], Float[Array, " stretches"]]:
+        """Arc lengths [m] where the bores, then the pieces, start and end."""
+        starts = jnp.stack([*self.bore_start, *self.piece_start]) if self.pieces else self.bore_start
+        ends = jnp.stack([*self.bore_end, *self.piece_end]) if self.pieces else self.bore_end
+        return starts, ends
 
-    def compliance(self, s: Float[Array, " N"], bored: Bool[Array, "bores N"]) -> Float[Array, " N"]:
-        """1/EI [1/(N m^2)]; 0 for a rigid sheath."""
+    def kinks(self) -> Sequence[Float[Array, " kinks"]]:
+        """Arc lengths [m] where natural strain or stiffness has a knot inside the body."""
+        knots = [self.natural_curvature_s, self.natural_curvature_y_s, self.natural_twist_s]
+        if self.stiffness is not None:
+            knots.append(self.stiffness.bending_s)
+            knots.append(self.stiffness.torsion_s)
+        return [s[1:-1] for s in knots if s is not None and s.shape[0] > 2]
+
+    def radius(
+        self, s: Float[Array, " N"], within: Bool[Array, "stretches N"] | None = None
+    ) -> Float[Array, " N"]:
+        """Outer radius [m] at s; `within` is as of `stiffnesses`, by arc length unless given."""
+        out = self.outer_radius[0] + (self.outer_radius[1] - self.outer_radius[0]) * s / self.length
+        for i, piece in enumerate(self.pieces):
+            if piece.outer_radius is not None:
+                here = (piece.start <= s) & (s < piece.end) if within is None else self._in_piece(i, within)
+                first, last = piece.outer_radius
+                part = (s - piece.start) / (piece.end - piece.start)
+                out = jnp.where(here, first + (last - first) * part, out)
+        return out
+
+    def _in_piece(self, index: int, within: Bool[Array, "stretches N"]) -> Bool[Array, " N"]:
+        return within[self.bore_start.shape[0] + index]
+
+    def _bore_radii(self, within: Bool[Array, "stretches N"]) -> Float[Array, "bores N"]:
+        bored = within[: self.bore_start.shape[0]]
+        return jnp.where(bored, 0.5 * self.bore_diameter[:, None], 0.0)
+
+    def area(self, s: Float[Array, " N"], within: Bool[Array, "stretches N"]) -> Float[Array, " N"]:
+        """Cross-section area [m^2] at s; `within` is as of `stiffnesses`."""
+        radii = self._bore_radii(within)
+        return jnp.pi * (self.radius(s, within) ** 2 - jnp.sum(radii**2, axis=0))
+
+    def stiffnesses(
+        self, s: Float[Array, " N"], within: Bool[Array, "stretches N"]
+    ) -> list[Float[Array, " N"]]:
+        """GJ, EI_y, EI_z [N m^2] at s; a round section has GJ = EI/(1 + nu).
+
+        Args:
+            s: arc length [m], (N,).
+            within: which bores, then which pieces, each node lies in, (bores + pieces, N).
+        """
+        if self.stiffness is not None:
+            found = self.stiffness.at(s, self.poissons_ratio)
+        else:
+            found = self._round(s, within, self.youngs_modulus)
+        for i, piece in enumerate(self.pieces):
+            if piece.stiffness is not None:
+                own = piece.stiffness.at(s, self.poissons_ratio)
+            elif piece.youngs_modulus is not None or piece.outer_radius is not None:
+                modulus = self.youngs_modulus if piece.youngs_modulus is None else piece.youngs_modulus
+                own = self._round(s, within, modulus)
+            else:
+                continue
+            here = self._in_piece(i, within)
+            found = [jnp.where(here, new, old) for new, old in zip(own, found, strict=True)]
+        return found
+
+    def _round(
+        self, s: Float[Array, " N"], within: Bool[Array, "stretches N"], modulus: Float[Array, ""]
+    ) -> list[Float[Array, " N"]]:
+        radii = self._bore_radii(within)
+        EI = modulus * jnp.pi / 4 * (self.radius(s, within) ** 4 - jnp.sum(radii**4, axis=0))
+        return [EI / (1 + self.poissons_ratio), EI, EI]
+
+    def compliance(self, s: Float[Array, " N"], within: Bool[Array, "stretches N"]) -> Float[Array, " N"]:
+        """1/EI_z [1/(N m^2)], of bending in the plane of the robot; 0 for a rigid sheath."""
         if self.rigid:
             return jnp.zeros_like(s)
-        return 1.0 / self.bending_stiffness(s, bored)
+        return 1.0 / self.stiffnesses(s, within)[2]
+
+    def compliances(self, s: Float[Array, " N"], within: Bool[Array, "stretches N"]) -> Float[Array, "N 3"]:
+        """1/GJ, 1/EI_y, 1/EI_z [1/(N m^2)] at s; 0 for a rigid sheath."""
+        if self.rigid:
+            return jnp.zeros((s.shape[0], 3))
+        return 1.0 / jnp.stack(self.stiffnesses(s, within), axis=-1)
 
     def curvature_at_rest(self, s: Float[Array, " N"]) -> Float[Array, " N"]:
-        """Natural curvature kappa_0 [1/m] at s."""
-        if self.natural_curvature.shape[0] == 1:
-            return jnp.broadcast_to(self.natural_curvature[0], s.shape)
-        return jnp.interp(s, self.natural_curvature_s, self.natural_curvature)
+        """Natural curvature kappa_0 [1/m] at s, in the plane of the robot."""
+        return along_body(s, self.natural_curvature_s, self.natural_curvature)
+
+    def strain_at_rest(self, s: Float[Array, " N"]) -> Float[Array, "N 3"]:
+        """Natural twist and curvatures about y and z [1/m] at s: the strain of the unloaded body."""
+        twist = along_body(s, self.natural_twist_s, self.natural_twist)
+        up = along_body(s, self.natural_curvature_y_s, self.natural_curvature_y)
+        return jnp.stack([twist, up, self.curvature_at_rest(s)], axis=-1)

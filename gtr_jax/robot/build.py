@@ -6,18 +6,22 @@ import dataclasses
 import itertools
 import math
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
+from gtr_jax.errors import InputError
 from gtr_jax.files.channel_check import check_channel
 from gtr_jax.files.config import RobotConfig, load_config
+from gtr_jax.files.sections import BackboneConfig, LoadsConfig, PieceConfig, TendonConfig
 from gtr_jax.mechanics.structure import in_order
 from gtr_jax.terms import known_acting
 
-from . import routing
-from .backbone import Backbone
-from .parts import Loads, Tendon
+from . import routing, spatial_routing
+from .backbone import Backbone, Piece, Stiffness
+from .clearance import TOUCHING, distances
+from .parts import Base, Loads, Marker, Tendon
 from .robot import STANDARD_GRAVITY, Robot, inner_kinks
 
 # Mesh intervals along the body, per half wave of a channel, and at least in each panel; errors of this mesh
@@ -31,17 +35,124 @@ def _array(x) -> jnp.ndarray:
     return jnp.asarray(x, dtype=float)
 
 
-def _routing(config, length: float) -> routing.Routing:
+def _routing(config, in_space: bool) -> routing.Routing:
+    if config.kind == "helix":
+        return spatial_routing.Helix(
+            radius=_array(config.radius),
+            turns=_array(config.turns),
+            start_angle=_array(config.start_angle),
+            tip_radius=None if config.tip_radius is None else _array(config.tip_radius),
+        )
+    if config.kind == "straight":
+        return spatial_routing.Straight(_array(config.radius), _array(config.angle))
+    if config.kind == "curve":
+        return spatial_routing.curve_routing(*np.asarray(config.knots, float).T)
+    turned = {"plane_angle": _array(config.plane_angle) if in_space else None}
     if config.kind == "parallel":
-        return routing.Parallel(_array(config.offset))
+        return routing.Parallel(_array(config.offset), **turned)
     if config.kind == "converging-sine":
-        return routing.ConvergingSine(*map(_array, (config.R_max, config.r_min, config.n_sine, config.sigma)))
+        numbers = (config.R_max, config.r_min, config.n_sine, config.sigma)
+        return routing.ConvergingSine(*map(_array, numbers), **turned)
     if config.kind == "crossing-sine":
-        return routing.CrossingSine(*map(_array, (config.R_max, config.r_min, config.n_sine)))
+        return routing.CrossingSine(*map(_array, (config.R_max, config.r_min, config.n_sine)), **turned)
     if config.kind == "straight-sine-straight":
-        return routing.StraightSineStraight(*map(_array, (config.r1, config.r2, config.w1, config.w2)))
+        numbers = (config.r1, config.r2, config.w1, config.w2)
+        return routing.StraightSineStraight(*map(_array, numbers), **turned)
     knots = np.asarray(config.knots, float)
-    return routing.table_routing(knots[:, 0], knots[:, 1])
+    return dataclasses.replace(routing.table_routing(knots[:, 0], knots[:, 1]), **turned)
+
+
+def _tendon(name: str, tendon: TendonConfig, channel: Any, in_space: bool) -> Tendon:
+    stiffness = math.inf if tendon.axial_stiffness is None else tendon.axial_stiffness
+    return Tendon(
+        _routing(channel, in_space),
+        _array(tendon.friction_coefficient),
+        _array(tendon.preload),
+        name,
+        drive=tendon.drive,
+        to=None if tendon.to is None else _array(tendon.to),
+        guides=_array(tendon.guides) if tendon.guides else None,
+        axial_stiffness=_array(stiffness) if in_space else None,
+        free_length=_array(tendon.free_length) if in_space else None,
+    )
+
+
+def _knots(along: Any) -> np.ndarray:
+    """A constant, or rows [s, value, ...], as rows."""
+    return np.asarray(along if isinstance(along, tuple) else [(0.0, along)], float)
+
+
+def _stiffness(bending: Any, torsion: Any) -> Stiffness | None:
+    """The stiffness that a body or a piece is given; None if it follows from modulus and radius."""
+    if bending is None:
+        return None
+    if not isinstance(bending, tuple):
+        rows: Any = [(0.0, bending)]
+    else:
+        rows = bending if isinstance(bending[0], tuple) else [(0.0, *bending)]
+    both = np.asarray(rows, float)
+    twist = None if torsion is None else _knots(torsion)
+    return Stiffness(
+        bending_s=_array(both[:, 0]),
+        bending=_array(both[:, -1]),
+        bending_y=_array(both[:, 1]) if both.shape[1] > 2 else None,
+        torsion_s=None if twist is None else _array(twist[:, 0]),
+        torsion=None if twist is None else _array(twist[:, 1]),
+    )
+
+
+def _piece(piece: PieceConfig) -> Piece:
+    return Piece(
+        _array(piece.from_),
+        _array(piece.to),
+        outer_radius=None if piece.outer_radius is None else _array(piece.outer_radius),
+        youngs_modulus=None if piece.youngs_modulus is None else _array(piece.youngs_modulus),
+        stiffness=_stiffness(piece.bending_stiffness, piece.torsional_stiffness),
+    )
+
+
+def _backbone(body: BackboneConfig, in_space: bool) -> Backbone:
+    bent, up, twisted = map(_knots, (body.natural_curvature, body.natural_curvature_y, body.natural_twist))
+    across = {
+        "natural_curvature_y_s": _array(up[:, 0]),
+        "natural_curvature_y": _array(up[:, 1]),
+        "natural_twist_s": _array(twisted[:, 0]),
+        "natural_twist": _array(twisted[:, 1]),
+    }
+    return Backbone(
+        length=_array(body.length),
+        outer_radius=_array(body.outer_radius),
+        bore_start=_array([bore.from_ for bore in body.bores]),
+        bore_end=_array([bore.to for bore in body.bores]),
+        bore_diameter=_array([bore.diameter for bore in body.bores]),
+        youngs_modulus=_array(body.youngs_modulus),
+        density=_array(body.density),
+        natural_curvature_s=_array(bent[:, 0]),
+        natural_curvature=_array(bent[:, 1]),
+        rigid=body.rigid,
+        poissons_ratio=_array(body.poissons_ratio),
+        **(across if in_space else {}),
+        stiffness=_stiffness(body.bending_stiffness, body.torsional_stiffness),
+        pieces=tuple(map(_piece, body.sections)),
+    )
+
+
+def _loads(loads: LoadsConfig, in_space: bool) -> Loads:
+    """Loads with vectors of two entries in the plane, of three in space."""
+    axes = 3 if in_space else 2
+    moment = np.atleast_1d(np.asarray(loads.tip_moment, float))
+    about_z = moment[-1]
+    moments = np.concatenate([np.zeros(3 - moment.size), moment])
+    force = np.concatenate([np.asarray(loads.tip_force, float), [0.0]])[:axes]
+    angled = loads.gravity_angle is not None
+    return Loads(
+        gravity=_array(STANDARD_GRAVITY if angled else 0.0),
+        gravity_angle=_array(loads.gravity_angle if angled else 0.0),
+        more_gravity=_array(np.asarray(loads.gravity or np.zeros(3))[:axes]),
+        tip_force=_array(force),
+        tip_moment=_array(moments if in_space else about_z),
+        payload=_array(loads.payload),
+    )
 
 
 def choose_intervals(robot: Robot, resolution: float = 1.0) -> tuple[int, ...]:
@@ -60,7 +171,8 @@ def choose_intervals(robot: Robot, resolution: float = 1.0) -> tuple[int, ...]:
         if end - start <= 1e-12 * length:
             counts.append(1)
             continue
-        waves = max(t.routing.half_waves(float(start), float(end), length) for t in robot.tendons)
+        channels = [t.routing for t in robot.tendons if t.guides is None]
+        waves = max((c.half_waves(float(start), float(end), length) for c in channels), default=0.0)
         wanted = max(INTERVALS_ALONG * (end - start) / length, INTERVALS_PER_HALF_WAVE * waves, FEWEST)
         counts.append(math.ceil(resolution * wanted - 1e-9))
     return tuple(counts)
@@ -74,65 +186,54 @@ def build_robot(config: RobotConfig, *, resolution: float = 1.0) -> Robot:
         resolution: factor on the number of mesh intervals.
 
     Raises:
-        InputError: the tendon leaves the body.
+        InputError: a tendon leaves the body, or two run in one channel.
     """
-    body, loads = config.backbone, config.loads
+    body, loads = config.backbone, _loads(config.loads, config.in_space)
     length = body.length
-    bores = [(b.from_, b.to, b.diameter) for b in body.bores]
     kinks = tuple(
-        (field, i)
-        for i, b in enumerate(bores)
-        for field, at in (("bore_start", b[0]), ("bore_end", b[1]))
+        (f"{kind}_{end}", i)
+        for kind, stretches in (("bore", body.bores), ("piece", body.sections))
+        for i, stretch in enumerate(stretches)
+        for end, at in (("start", stretch.from_), ("end", stretch.to))
         if 1e-9 * length < at < (1 - 1e-9) * length
     )
-    rest = body.natural_curvature
-    knots = np.asarray(rest if isinstance(rest, (list, tuple)) else [(0.0, rest)], float)
-    has_gravity = loads.gravity_angle is not None
-    tip_force = _array(loads.tip_force)
     terms = {kind: {name: _array(v) for name, v in p.items()} for kind, p in config.term_values.items()}
+    weighs = config.loads.gravity_angle is not None or config.loads.gravity is not None
+    pushed = bool(np.any(np.asarray(loads.tip_force) != 0))
     robot = Robot(
-        backbone=Backbone(
-            length=_array(length),
-            outer_radius=_array(body.outer_radius),
-            bore_start=_array([b[0] for b in bores]),
-            bore_end=_array([b[1] for b in bores]),
-            bore_diameter=_array([b[2] for b in bores]),
-            youngs_modulus=_array(body.youngs_modulus),
-            density=_array(body.density),
-            natural_curvature_s=_array(knots[:, 0]),
-            natural_curvature=_array(knots[:, 1]),
-            rigid=body.rigid,
-        ),
-        tendons=tuple(
-            Tendon(
-                _routing(routing, length), _array(tendon.friction_coefficient), _array(tendon.preload), name
-            )
-            for name, tendon, routing in config.strung
-        ),
-        loads=Loads(
-            gravity=_array(STANDARD_GRAVITY if has_gravity else 0.0),
-            gravity_angle=_array(loads.gravity_angle if has_gravity else 0.0),
-            more_gravity=jnp.zeros(2),
-            tip_force=tip_force,
-            tip_moment=_array(loads.tip_moment),
-            payload=_array(loads.payload),
-        ),
+        backbone=_backbone(body, config.in_space),
+        tendons=tuple(_tendon(*strung, config.in_space) for strung in config.strung),
+        loads=loads,
         terms=terms,
         name=config.name,
         intervals=(),
         bore_kinks=kinks,
-        loaded=(has_gravity or bool(np.any(np.asarray(tip_force) != 0))) and not body.rigid,
+        loaded=(weighs or pushed) and not body.rigid,
         acting=in_order(known_acting(terms)),
+        base=Base(_array(config.base.position), _array(config.base.rotation)),
+        markers=tuple(Marker(_array(m.at), _array(m.offset), m.name) for m in config.markers),
+        space=config.in_space,
     )
 
     for tendon in robot.tendons:
 
         def offset(s: np.ndarray, routing=tendon.routing) -> np.ndarray:
             passed = routing.kinks()[:, None] <= s[None, :]
-            return np.asarray(routing.offset(_array(s), passed, _array(length)).value)
+            return np.asarray(routing.section_offset(_array(s), passed, _array(length)).value)
 
         check_channel(config, offset, tendon=tendon.name or None)
+    _refuse_one_channel_of_two(config, robot)
     return dataclasses.replace(robot, intervals=choose_intervals(robot, resolution))
+
+
+def _refuse_one_channel_of_two(config: RobotConfig, robot: Robot) -> None:
+    """InputError if two tendons run in the same channel all along."""
+    for pair in distances(robot) if robot.space else ():
+        if pair.most <= TOUCHING:
+            raise InputError(
+                f"{config.source}: tendons.{pair.second}.routing: runs in the channel of "
+                f"tendons.{pair.first} all along; move one of the two"
+            )
 
 
 def load_robot(path: str | Path, *, resolution: float = 1.0) -> Robot:

@@ -1,7 +1,7 @@
 """Shapes that no real body takes: a body that passes through itself, or a wall strained beyond the linear
 law.
 
-The mechanics models a planar, linearly elastic midline and knows no contact of the body with itself. Pulled
+The mechanics models a linearly elastic midline and knows no contact of the body with itself. Pulled
 hard enough, the body winds up into itself: the equations still have a solution, but it means nothing.
 """
 
@@ -90,6 +90,61 @@ def impossible(
     found = next((int(k) for k in some if crosses_itself(outline(nodes, phi[k], radius))), None)
     at = 0.0 if found is None else float(pull[found])
     return Impossible(found, at, float(strain.max()), int(strain.argmax()))
+
+
+def impossible_in_space(
+    backbone: Backbone,
+    s: Float[Array, " N"],
+    *,
+    strain: Float[Array, "K N 3"],
+    position: Float[Array, "K N 3"],
+    T_base: Float[Array, "K *tendons"],
+) -> Impossible:
+    """What no real body can do of a simulation in space; nothing for a rigid sheath. The wall is strained by
+    bending, |kappa - kappa_0| r, and sheared by twist; the larger one is told.
+
+    Args:
+        backbone: the body.
+        s: its nodes [m], (N,).
+        strain: twist and bendings in every step [1/m], (K, N, 3).
+        position: of the midline [m], (K, N, 3).
+        T_base: base tension of every tendon [N], (K, *tendons).
+    """
+    if backbone.rigid:
+        return Impossible(None, 0.0, 0.0, 0)
+    radius, rest = np.asarray(backbone.radius(s)), np.asarray(backbone.strain_at_rest(s))
+    u, p, nodes = np.asarray(strain), np.asarray(position), np.asarray(s)
+    pull = np.asarray(T_base).reshape(len(u), -1).max(axis=1)
+    more = u - rest
+    wall = np.maximum(np.abs(more[..., 0]), np.linalg.norm(more[..., 1:], axis=-1)) * radius
+    worst = np.where(np.all(np.isfinite(wall), axis=1), wall.max(axis=1), 0.0)
+    bent = np.linalg.norm(u[..., 1:], axis=-1)
+    turned = np.sum(0.5 * (bent[:, 1:] + bent[:, :-1]) * np.diff(nodes), axis=1)
+    able = np.flatnonzero((turned > 0.5 * np.pi) | (bent * radius >= 1.0).any(axis=1))
+    some = able[:: -(-len(able) // LOOKED_AT)] if len(able) else able
+    folded = (bent * radius >= 1.0).any(axis=1)
+    found = next((int(k) for k in some if folded[k] or meets_itself(nodes, p[k], radius)), None)
+    at = 0.0 if found is None else float(pull[found])
+    return Impossible(found, at, float(worst.max()), int(worst.argmax()))
+
+
+def meets_itself(s: np.ndarray, position: np.ndarray, radius: np.ndarray) -> bool:
+    """Whether two parts of a body in space come nearer to one another than their radii allow.
+
+    Parts count that lie farther apart along the body than half a turn about their radii, which is as near as
+    a body that is not folded comes to itself by bending on.
+
+    Args:
+        s: nodes [m], (N,).
+        position: of the midline there [m], (N, 3).
+        radius: of the body there [m], (N,).
+    """
+    if not np.all(np.isfinite(position)):
+        return False
+    room = radius[:, None] + radius[None, :]
+    far = np.abs(s[:, None] - s[None, :]) > 0.5 * np.pi * room
+    apart = np.linalg.norm(position[:, None] - position[None, :], axis=-1)
+    return bool(np.any(far & (apart < room)))
 
 
 def outline(s: np.ndarray, angle: np.ndarray, radius: np.ndarray) -> np.ndarray:

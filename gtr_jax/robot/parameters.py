@@ -21,7 +21,8 @@ from gtr_jax.errors import InputError, excerpt
 from gtr_jax.mechanics.structure import in_order
 from gtr_jax.terms import REGISTRY, Term, known_acting
 
-from .parts import Parts
+from .backbone import Backbone, Stiffness
+from .parts import Parts, Tendon
 
 AnyRobot = TypeVar("AnyRobot", bound=Parts)
 
@@ -70,10 +71,41 @@ _COMMON = (
     Parameter("gravity_angle", "loads.gravity_angle", "rad"),
     Parameter("tip_force_x", "loads.tip_force.0", "N", external=True),
     Parameter("tip_force_y", "loads.tip_force.1", "N", external=True),
-    Parameter("tip_moment", "loads.tip_moment", "N m"),
-    Parameter("payload", "loads.payload", "kg", 0.0, None),
 )
-_ROUTING_UNITS = {"n_sine": "", "sigma": ""}  # all others are lengths
+_IN_PLANE = (Parameter("tip_moment", "loads.tip_moment", "N m"),)
+_LAST = (Parameter("payload", "loads.payload", "kg", 0.0, None),)
+_IN_SPACE = (
+    Parameter("tip_force_z", "loads.tip_force.2", "N", external=True),
+    *(
+        Parameter(f"tip_moment_{axis}", f"loads.tip_moment.{i}", "N m", external=True)
+        for i, axis in enumerate("xyz")
+    ),
+    *(
+        Parameter(
+            f"gravity_{axis}", f"loads.gravity.{i}", "m/s^2", external=True, at=f"loads.more_gravity.{i}"
+        )
+        for i, axis in enumerate("xyz")
+    ),
+    *(Parameter(f"base_{axis}", f"base.position.{i}", "m") for i, axis in enumerate("xyz")),
+    *(
+        Parameter(
+            f"base_rotation_{axis}",
+            f"base.rotation.{i}",
+            "rad",
+            -2 * np.pi,
+            2 * np.pi,
+            at=f"base.rotation_vector.{i}",
+        )
+        for i, axis in enumerate("xyz")
+    ),
+    Parameter("nu", "backbone.poissons_ratio", "", -1.0, 0.5),
+)
+# Of numbers of a channel: unit and least value. All others are lengths.
+_ROUTING_UNITS = {"n_sine": "", "sigma": "", "turns": "", "start_angle": "rad", "angle": "rad"}
+_ROUTING_LEAST = {"radius": 0.0, "tip_radius": 0.0}
+# Fields of a channel that are no numbers of their own.
+_ARRAYS = ("knots_s", "knots_R", "knots_y", "knots_z", "basis", "plane_angle")
+_COLUMNS = {"knots_R": 1, "knots_y": 1, "knots_z": 2}  # of a row of knots in the file
 
 
 def _of_tendon(robot: Parts, index: int) -> Iterator[Parameter]:
@@ -86,38 +118,108 @@ def _of_tendon(robot: Parts, index: int) -> Iterator[Parameter]:
     friction = f"{table}.friction_coefficient"
     yield Parameter(f"mu{ending}", friction, "", 0.0, None, log=True, at=f"{at}.friction_coefficient")
     yield Parameter(f"preload{ending}", f"{table}.preload", "N", 0.0, None, at=f"{at}.preload")
-    for field in vars(tendon.routing):
-        if field in ("knots_s", "knots_R", "basis"):
+    for field, value in vars(tendon.routing).items():
+        if field in _ARRAYS or value is None:
             continue
         name = field.rstrip("_")
-        unit = _ROUTING_UNITS.get(name, "m")
-        yield Parameter(f"{name}{ending}", f"{channel}.{name}", unit, at=f"{at}.routing.{field}")
-    for k in range(getattr(tendon.routing, "knots_R", jnp.zeros(0)).shape[0]):
-        yield Parameter(f"knot_{k}{ending}", f"{channel}.knots.{k}.1", "m", at=f"{at}.routing.knots_R.{k}")
+        unit, least = _ROUTING_UNITS.get(name, "m"), _ROUTING_LEAST.get(name)
+        yield Parameter(f"{name}{ending}", f"{channel}.{name}", unit, least, at=f"{at}.routing.{field}")
+    for field, column in _COLUMNS.items():
+        name = field.replace("knots_R", "knot").replace("knots", "knot")
+        for k in range(getattr(tendon.routing, field, jnp.zeros(0)).shape[0]):
+            key = f"{channel}.knots.{k}.{column}"
+            yield Parameter(f"{name}_{k}{ending}", key, "m", at=f"{at}.routing.{field}.{k}")
+    if robot.space:
+        yield from _of_tendon_in_space(tendon, ending, table, channel, at)
+
+
+def _of_tendon_in_space(
+    tendon: Tendon, ending: str, table: str, channel: str, at: str
+) -> Iterator[Parameter]:
+    """The parameters that a tendon has in space only."""
+    if hasattr(tendon.routing, "plane_angle"):
+        key = f"{channel}.plane_angle"
+        yield Parameter(f"plane_angle{ending}", key, "rad", at=f"{at}.routing.plane_angle")
+    if tendon.to is not None:
+        yield Parameter(f"to{ending}", f"{table}.to", "m", 0.0, None, at=f"{at}.to")
+    for k in range(len(() if tendon.guides is None else tendon.guides)):
+        yield Parameter(f"guide_{k}{ending}", f"{table}.guides.{k}", "m", 0.0, None, at=f"{at}.guides.{k}")
+    key = f"{table}.axial_stiffness"
+    yield Parameter(f"EA{ending}", key, "N", 0.0, None, log=True, at=f"{at}.axial_stiffness")
+    yield Parameter(f"free_length{ending}", f"{table}.free_length", "m", 0.0, None, at=f"{at}.free_length")
+
+
+def _of_body(robot: Parts) -> Iterator[Parameter]:
+    """The parameters of the body that not every robot has."""
+    body = robot.backbone
+    for k in range(body.bore_start.shape[0]):
+        for field, word in (("bore_start", "from"), ("bore_end", "to"), ("bore_diameter", "diameter")):
+            key = f"backbone.bores.{k}.{word}"
+            yield Parameter(f"bore_{k}_{word}", key, "m", 0.0, None, at=f"backbone.{field}.{k}")
+    if body.stiffness is not None:
+        yield from _of_stiffness(body.stiffness, "", "backbone", "backbone.stiffness", robot.space)
+    for k, piece in enumerate(body.pieces):
+        name, key, at = f"section_{k}", f"backbone.sections.{k}", f"backbone.pieces.{k}"
+        for field, word in (("start", "from"), ("end", "to")):
+            yield Parameter(f"{name}_{word}", f"{key}.{word}", "m", 0.0, None, at=f"{at}.{field}")
+        for i, end in enumerate(("base", "tip") if piece.outer_radius is not None else ()):
+            own = f"outer_radius.{i}"
+            yield Parameter(
+                f"{name}_outer_radius_{end}", f"{key}.{own}", "m", 0.0, None, log=True, at=f"{at}.{own}"
+            )
+        if piece.youngs_modulus is not None:
+            own = "youngs_modulus"
+            yield Parameter(f"{name}_E", f"{key}.{own}", "Pa", 0.0, None, log=True, at=f"{at}.{own}")
+        if piece.stiffness is not None:
+            yield from _of_stiffness(piece.stiffness, f"{name}_", key, f"{at}.stiffness", robot.space)
+    strains = ("natural_curvature", "natural_curvature_y", "natural_twist")
+    for name in strains if robot.space else strains[:1]:
+        if getattr(body, name).shape[0] == 1:
+            yield Parameter(name, f"backbone.{name}", "rad/m", at=f"backbone.{name}.0")
+
+
+def _of_stiffness(given: Stiffness, start: str, table: str, at: str, space: bool) -> Iterator[Parameter]:
+    """Each number that a stiffness is given by, under its place in a constant, a pair or rows of the file."""
+    two = given.bending_y is not None
+    numbers = [("EI_z" if two else "EI", "bending_stiffness", "bending", 1 + two)]
+    if space:
+        numbers += [("EI_y", "bending_stiffness", "bending_y", 1)] if two else []
+        numbers += [("GJ", "torsional_stiffness", "torsion", 1)]
+    for name, key, field, column in numbers:
+        count = len(() if (values := getattr(given, field)) is None else values)
+        for k in range(count):
+            row = count > 1
+            places = [str(k), str(column)] if row else [str(column - 1)] if name in ("EI_y", "EI_z") else []
+            full = ".".join([f"{table}.{key}", *places])
+            numbered = f"{start}{name}_{k}" if row else f"{start}{name}"
+            yield Parameter(numbered, full, "N m^2", 0.0, None, log=True, at=f"{at}.{field}.{k}")
 
 
 def parameters_of(robot: Parts) -> dict[str, Parameter]:
     """All parameters of this robot, by short name."""
     tendons = itertools.chain(*(_of_tendon(robot, i) for i in range(len(robot.tendons))))
-    found = {p.name: p for p in (*tendons, *_COMMON)}
-    if robot.backbone.rigid:
+    common = (*_COMMON, *(_IN_SPACE if robot.space else _IN_PLANE), *_LAST)
+    found = {p.name: p for p in (*tendons, *common)}
+    if _no_modulus(robot.backbone):
         del found["E"]
-    for k in range(robot.backbone.bore_start.shape[0]):
-        for field, word in (("bore_start", "from"), ("bore_end", "to"), ("bore_diameter", "diameter")):
-            name = f"bore_{k}_{word}"
-            key = f"backbone.bores.{k}.{word}"
-            found[name] = Parameter(name, key, "m", 0.0, None, at=f"backbone.{field}.{k}")
+    if robot.space and robot.backbone.rigid:
+        del found["nu"]
+    found |= {p.name: p for p in _of_body(robot)}
     for kind, values in robot.terms.items():
-        for q in REGISTRY[kind].quantities:
+        for q in REGISTRY[kind].numbers if robot.space else REGISTRY[kind].quantities:
             if q.name in values:
                 key, unit = f"terms.{kind}.{q.name}", "" if q.unit == "dimensionless" else q.unit
                 name = f"{kind}.{q.name}"
                 found[name] = Parameter(name, key, unit, q.lower, q.upper, log=q.log)
-    if robot.backbone.natural_curvature.shape[0] == 1:
-        name = "natural_curvature"
-        at = "backbone.natural_curvature.0"
-        found[name] = Parameter(name, "backbone.natural_curvature", "rad/m", at=at)
     return found
+
+
+def _no_modulus(body: Backbone) -> str:
+    """Why Young's modulus has no effect on a body; "" if it has."""
+    if body.rigid:
+        return "the backbone is rigid"
+    own = all(piece.stiffness is not None or piece.youngs_modulus is not None for piece in body.pieces)
+    return "the backbone has a bending_stiffness" if body.stiffness is not None and own else ""
 
 
 def term_of(entry: Parameter) -> Term | None:
@@ -138,7 +240,7 @@ def parameter(robot: Parts, name: str) -> Parameter:
     if name in by_key:
         return by_key[name]
     if name in ("E", "backbone.youngs_modulus"):
-        raise InputError("parameter 'E': the backbone is rigid, so its stiffness has no effect; leave E out")
+        raise InputError(f"parameter 'E': {_no_modulus(robot.backbone)}, so it has no effect; leave E out")
     near = difflib.get_close_matches(name, [*known, *by_key], n=1)
     hint = f"did you mean '{near[0]}'? " if near else ""
     raise InputError(f"parameter '{name}' does not exist on this robot; {hint}known: {', '.join(known)}")

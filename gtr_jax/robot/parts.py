@@ -1,4 +1,6 @@
-"""Tendons, loads and the body: what a robot is made of. Its numbers are traced, its structure is static."""
+"""Tendons, loads, base, markers and the body: what a robot is made of. Its numbers are traced, its structure
+is static.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .backbone import Backbone
+from .rotation import rotation_of
 from .routing import Routing
 
 
@@ -20,32 +23,84 @@ class Tendon(eqx.Module):
         friction_coefficient: of tendon and channel [-].
         preload: uniform tension before the first load [N].
         name: tells several tendons apart (static); "" for the only one.
+        drive: what moves its end at the base, "tension" or "displacement" (static).
+        to: arc length at which it is anchored [m]; None: the tip.
+        guides: arc lengths of the disks that guide it [m], increasing, (guides,); straight between them.
+            None: a channel all along.
+        axial_stiffness: EA [N]; infinite if it does not stretch.
+        free_length: of the tendon between the motor and the base [m], where it stretches too.
+
+    The last five have an effect in space only; in the plane the last two may be None.
     """
 
     routing: Routing
     friction_coefficient: Float[Array, ""]
     preload: Float[Array, ""]
     name: str = eqx.field(static=True, default="")
+    drive: str = eqx.field(static=True, default="tension")
+    to: Float[Array, ""] | None = None
+    guides: Float[Array, " guides"] | None = None
+    axial_stiffness: Float[Array, ""] | None = None
+    free_length: Float[Array, ""] | None = None
 
 
 class Loads(eqx.Module):
-    """External loads, dead (fixed in direction).
+    """External loads, dead (fixed in direction), in the axes of the world: x along the straight body unless
+    the base is turned, y to its left. In the plane vectors have two entries and the moment is a number; in
+    space all have three.
 
     Attributes:
         gravity: acceleration [m/s^2]; 0 without gravity.
-        gravity_angle: its direction in the bending plane from the base tangent [rad].
-        more_gravity: acceleration added to it [m/s^2], shape (2,), along and across the base tangent.
-        tip_force: [N], shape (2,), along and across the base tangent.
-        tip_moment: [N m], positive to the left.
+        gravity_angle: its direction in the plane of x and y, from x [rad].
+        more_gravity: acceleration added to it [m/s^2], (axes,).
+        tip_force: [N], (axes,).
+        tip_moment: [N m], (3,), or () about z, positive to the left.
         payload: mass at the tip [kg].
     """
 
     gravity: Float[Array, ""]
     gravity_angle: Float[Array, ""]
-    more_gravity: Float[Array, "2"]
-    tip_force: Float[Array, "2"]
-    tip_moment: Float[Array, ""]
+    more_gravity: Float[Array, " axes"]
+    tip_force: Float[Array, " axes"]
+    tip_moment: Float[Array, "*moments"]
     payload: Float[Array, ""]
+
+    def gravity_vector(self) -> Float[Array, "3"]:
+        """The acceleration of gravity [m/s^2], (3,)."""
+        angle = self.gravity_angle
+        in_plane = self.gravity * jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.zeros(())])
+        return in_plane + jnp.pad(self.more_gravity, (0, 3 - self.more_gravity.shape[0]))
+
+
+class Base(eqx.Module):
+    """Where the base stands in the world.
+
+    Attributes:
+        position: [m], (3,).
+        rotation_vector: the axis by which it is turned, as long as the angle [rad], (3,).
+    """
+
+    position: Float[Array, "3"]
+    rotation_vector: Float[Array, "3"]
+
+    @property
+    def rotation(self) -> Float[Array, "3 3"]:
+        """The directors of the base as columns, in the axes of the world."""
+        return rotation_of(self.rotation_vector)
+
+
+class Marker(eqx.Module):
+    """A point fixed to a section of the body.
+
+    Attributes:
+        at: arc length [m].
+        offset: from the midline, along the body, to its left and across the plane [m], (3,).
+        name: with which its columns begin (static).
+    """
+
+    at: Float[Array, ""]
+    offset: Float[Array, "3"]
+    name: str = eqx.field(static=True)
 
 
 class Parts(eqx.Module):
@@ -62,6 +117,9 @@ class Parts(eqx.Module):
             load cells, which always do (static): those that act in the robot file, and those whose size
             `with_values` has set, to any value. Where their numbers are traced, a program contains these
             terms only.
+        base: where the base stands in the world; the plane's is at the origin, unturned.
+        markers: points of the body that are recorded.
+        space: whether it may leave its plane (static).
     """
 
     backbone: Backbone
@@ -73,6 +131,9 @@ class Parts(eqx.Module):
     bore_kinks: tuple[tuple[str, int], ...] = eqx.field(static=True)
     loaded: bool = eqx.field(static=True)
     acting: tuple[str, ...] = eqx.field(static=True)
+    base: Base = eqx.field(default_factory=lambda: Base(jnp.zeros(3), jnp.zeros(3)))
+    markers: tuple[Marker, ...] = ()
+    space: bool = eqx.field(static=True, default=False)
 
     @property
     def tendon(self) -> Tendon:

@@ -6,11 +6,13 @@ import dataclasses
 
 import equinox as eqx
 import jax.numpy as jnp
+import jax.tree_util as jtu
 from jaxtyping import Array, Bool, Float
 
-from gtr_jax.mechanics.offset import Offset
+from gtr_jax.mechanics.offset import Offset, SpatialOffset
 from gtr_jax.terms import REGISTRY
 
+from ..mechanics.guides import Guides, guides_of
 from ..mechanics.mesh import Mesh, build_mesh, panel_index
 from ..mechanics.sections import Sections
 from .parameters import check_bounds, value_of, with_values
@@ -47,21 +49,28 @@ class Layout(eqx.Module):
     Attributes:
         mesh: the nodes.
         passed: for each tendon, which kinks of its routing lie before each node, (kinks, N).
-        bored: which bores each node lies in, (bores, N).
+        bored: which bores, then which pieces of the body each node lies in, (bores + pieces, N).
+        beyond: which nodes lie past the end of each tendon, (tendons, N).
+        guides: which guides of each tendon lie before each node, (guides, N).
     """
 
     mesh: Mesh
     passed: tuple[Bool[Array, "_ N"], ...]
-    bored: Bool[Array, "bores N"]
+    bored: Bool[Array, "stretches N"]
+    beyond: Bool[Array, "tendons N"]
+    guides: tuple[Bool[Array, "_ N"], ...]
 
 
 def inner_kinks(robot: Robot) -> Float[Array, " kinks"]:
-    """Arc lengths [m] of the kinks of routings, bores and natural curvature, in this order, unsorted."""
+    """Arc lengths [m] of the kinks of routings, of bores and pieces of the body, of the ends and the guides
+    of tendons, and of the body's natural strain and stiffness, in this order, unsorted.
+    """
     body = robot.backbone
     kinks = [tendon.routing.kinks() for tendon in robot.tendons]
     kinks += [getattr(body, field)[i][None] for field, i in robot.bore_kinks]
-    if body.natural_curvature_s.shape[0] > 2:
-        kinks.append(body.natural_curvature_s[1:-1])
+    kinks += [tendon.to[None] for tendon in robot.tendons if tendon.to is not None]
+    kinks += [tendon.guides for tendon in robot.tendons if tendon.guides is not None]
+    kinks += body.kinks()
     return jnp.clip(jnp.concatenate(kinks), 0.0, body.length)
 
 
@@ -76,7 +85,8 @@ def lay_out(robot: Robot) -> Layout:
     kinks = inner_kinks(robot)
     order = jnp.argsort(kinks)
     rank = jnp.argsort(order)
-    mesh = build_mesh(jnp.concatenate([jnp.zeros(1), kinks[order], body.length[None]]), robot.intervals)
+    ends = jnp.concatenate([jnp.zeros(1), kinks[order], body.length[None]])
+    mesh = build_mesh(ends, robot.intervals, with_rates=robot.space)
     behind = rank[:, None] < panel_index(robot.intervals)[None, :]
     passed, count = [], 0
     for tendon in robot.tendons:
@@ -86,10 +96,21 @@ def lay_out(robot: Robot) -> Layout:
     where = {kink: behind[count + j] for j, kink in enumerate(robot.bore_kinks)}
     begun_at_base, ended_at_tip = jnp.ones(mesh.s.shape, bool), jnp.zeros(mesh.s.shape, bool)
     bored = [
-        where.get(("bore_start", i), begun_at_base) & ~where.get(("bore_end", i), ended_at_tip)
-        for i in range(body.bore_start.shape[0])
+        where.get((f"{kind}_start", i), begun_at_base) & ~where.get((f"{kind}_end", i), ended_at_tip)
+        for kind, count in (("bore", body.bore_start.shape[0]), ("piece", len(body.pieces)))
+        for i in range(count)
     ]
-    return Layout(mesh, tuple(passed), jnp.stack(bored) if bored else jnp.zeros((0, *mesh.s.shape), bool))
+    count += len(robot.bore_kinks)
+    beyond, guides = [], []
+    for tendon in robot.tendons:
+        beyond.append(ended_at_tip if tendon.to is None else behind[count])
+        count += tendon.to is not None
+    for tendon in robot.tendons:
+        own = 0 if tendon.guides is None else tendon.guides.shape[0]
+        guides.append(behind[count : count + own])
+        count += own
+    none = jnp.zeros((0, *mesh.s.shape), bool)
+    return Layout(mesh, tuple(passed), jnp.stack(bored) if bored else none, jnp.stack(beyond), tuple(guides))
 
 
 def distal_mass(robot: Robot, at: Layout) -> Float[Array, " N"]:
@@ -109,8 +130,61 @@ def loads_of(robot: Robot) -> Loads:
     return loads
 
 
+def from_base(robot: Robot, vector: Float[Array, "3"]) -> Float[Array, "3"]:
+    """A vector given in the axes of the world, in those of the base."""
+    return jnp.sum(robot.base.rotation * vector[:, None], axis=0)
+
+
+def tip_moment_of(robot: Robot) -> Float[Array, "*moments"]:
+    """External moment at the tip [N m], in space in the axes of the base."""
+    moment = robot.loads.tip_moment
+    return from_base(robot, moment) if robot.space else moment
+
+
 def sections(robot: Robot) -> Sections:
     """The robot evaluated at its nodes: all that the equilibrium needs."""
+    return _in_space(robot) if robot.space else _in_plane(robot)
+
+
+def _in_space(robot: Robot) -> Sections:
+    at = lay_out(robot)
+    mesh, body, loads = at.mesh, robot.backbone, loads_of(robot)
+    mass = distal_mass(robot, at) + loads.payload
+    gravity, tip_force = (from_base(robot, v) for v in (loads.gravity_vector(), loads.tip_force))
+    channels = [
+        _until(tendon.routing.section_offset(mesh.s, passed, body.length), beyond)
+        for tendon, passed, beyond in zip(robot.tendons, at.passed, at.beyond, strict=True)
+    ]
+    anchored = any(tendon.to is not None for tendon in robot.tendons)
+    return Sections(
+        mesh=mesh,
+        R=channels[0] if len(channels) == 1 else SpatialOffset(*map(jnp.stack, zip(*channels, strict=True))),
+        compliance=body.compliances(mesh.s, at.bored),
+        rest=body.strain_at_rest(mesh.s),
+        force=tuple(tip_force[i] + mass * gravity[i] for i in range(3)),
+        beyond=(at.beyond if len(channels) > 1 else at.beyond[0]) if anchored else None,
+        guides=_guides(robot, at),
+    )
+
+
+def _guides(robot: Robot, at: Layout) -> Guides | None:
+    """The guides of the tendons; None if none is guided."""
+    if all(tendon.guides is None for tendon in robot.tendons):
+        return None
+    segments = 1 + max(passed.shape[0] for passed in at.guides)
+    each = [
+        guides_of(None if tendon.guides is None else passed, beyond, at.mesh.s, segments)
+        for tendon, passed, beyond in zip(robot.tendons, at.guides, at.beyond, strict=True)
+    ]
+    return each[0] if len(each) == 1 else jtu.tree_map(lambda *a: jnp.stack(a), *each)
+
+
+def _until(offset: SpatialOffset, beyond: Bool[Array, " N"]) -> SpatialOffset:
+    """The offset of a channel, zero past the anchor of its tendon."""
+    return SpatialOffset(*(jnp.where(beyond[:, None], 0.0, part) for part in offset))
+
+
+def _in_plane(robot: Robot) -> Sections:
     at = lay_out(robot)
     mesh, body, loads = at.mesh, robot.backbone, loads_of(robot)
     mass = distal_mass(robot, at) + loads.payload
@@ -125,6 +199,5 @@ def sections(robot: Robot) -> Sections:
         R=channels[0] if len(channels) == 1 else Offset(*map(jnp.stack, zip(*channels, strict=True))),
         compliance=body.compliance(mesh.s, at.bored),
         rest=body.curvature_at_rest(mesh.s),
-        force_x=loads.tip_force[0] + mass * gravity[0],
-        force_y=loads.tip_force[1] + mass * gravity[1],
+        force=tuple(loads.tip_force[i] + mass * gravity[i] for i in range(2)),
     )

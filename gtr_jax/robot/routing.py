@@ -1,5 +1,5 @@
-"""The routings: the tendon channel's offset R(s) from the midline, along the left normal, with two
-derivatives.
+"""The routings in one plane: the tendon channel's offset R(s) from the midline, along the left normal, with
+two derivatives. Those that leave it are in `spatial_routing`.
 
 Each class is one published or user-given family. Lengths in metres; equation numbers are those of Liu &
 Alambeigi, RA-L 2022.
@@ -14,17 +14,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from gtr_jax.mechanics.offset import Offset
+from gtr_jax.mechanics.offset import Offset, SpatialOffset
 
 
 class Routing(eqx.Module):
-    """A tendon channel. Subclasses give `offset`, and `kinks` where R'' jumps."""
+    """A tendon channel. Subclasses give `section_offset`, and `kinks` where its second derivative jumps."""
 
     @abc.abstractmethod
-    def offset(
+    def section_offset(
         self, s: Float[Array, " N"], passed: Bool[Array, "kinks N"], length: Float[Array, ""]
-    ) -> Offset:
-        """R, R', R'' at the nodes.
+    ) -> SpatialOffset:
+        """Offset in the section (y along the left normal, z across the plane), r, r', r'' at the nodes.
 
         Args:
             s: arc length [m], (N,).
@@ -32,16 +32,47 @@ class Routing(eqx.Module):
             length: L [m].
         """
 
+    def offset(
+        self, s: Float[Array, " N"], passed: Bool[Array, "kinks N"], length: Float[Array, ""]
+    ) -> Offset:
+        """R, R', R'' at the nodes, of a channel in one plane; arguments as of `section_offset`."""
+        raise TypeError(f"{type(self).__name__}: the channel leaves the plane; use section_offset")
+
     def kinks(self) -> Float[Array, " kinks"]:
-        """Arc lengths [m] where R'' jumps: the mesh ends a panel there."""
+        """Arc lengths [m] where r'' jumps: the mesh ends a panel there."""
         return jnp.zeros(0)
 
     def half_waves(self, start: float, end: float, length: float) -> float:
-        """About how many half waves of R lie in [start, end] (host side, for the mesh)."""
+        """About how many half waves of r lie in [start, end] (host side, for the mesh)."""
         return 0.0
 
 
-class Parallel(Routing):
+class PlanarRouting(Routing):
+    """A tendon channel in one plane through the axis. Subclasses give `offset`, R along its normal.
+
+    Attributes:
+        plane_angle: by which that plane is turned about the axis from the plane of the robot [rad]; None: not
+            at all.
+    """
+
+    plane_angle: Float[Array, ""] | None = eqx.field(kw_only=True, default=None)
+
+    @abc.abstractmethod
+    def offset(
+        self, s: Float[Array, " N"], passed: Bool[Array, "kinks N"], length: Float[Array, ""]
+    ) -> Offset:
+        """R, R', R'' at the nodes; arguments as of `section_offset`."""
+
+    def section_offset(
+        self, s: Float[Array, " N"], passed: Bool[Array, "kinks N"], length: Float[Array, ""]
+    ) -> SpatialOffset:
+        """(R cos a, R sin a) and its derivatives, a being the plane's angle."""
+        angle = jnp.zeros(()) if self.plane_angle is None else self.plane_angle
+        across = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+        return SpatialOffset(*(along[:, None] * across[None, :] for along in self.offset(s, passed, length)))
+
+
+class Parallel(PlanarRouting):
     """Constant offset R = offset_."""
 
     offset_: Float[Array, ""]
@@ -58,7 +89,7 @@ def _times_envelope(s, length, R_max, r_min, wave, slope, second) -> Offset:
     return Offset(envelope * wave, envelope * slope + taper * wave, envelope * second + 2 * taper * slope)
 
 
-class ConvergingSine(Routing):
+class ConvergingSine(PlanarRouting):
     """Eq. (19): R = (R_max + (r_min - R_max) s/L) (1 + sigma sin(n_sine pi s/L))."""
 
     R_max: Float[Array, ""]
@@ -75,7 +106,7 @@ class ConvergingSine(Routing):
         return float(self.n_sine) * (end - start) / length
 
 
-class CrossingSine(Routing):
+class CrossingSine(PlanarRouting):
     """Eq. (20): R = (R_max + (r_min - R_max) s/L) sin(n_sine pi s/L)."""
 
     R_max: Float[Array, ""]
@@ -91,7 +122,7 @@ class CrossingSine(Routing):
         return float(self.n_sine) * (end - start) / length
 
 
-class StraightSineStraight(Routing):
+class StraightSineStraight(PlanarRouting):
     """Eq. (21), with the half cosine that joins r1 and r2 without a step (with the phase as printed, R steps
     when r1 < 0).
 
@@ -124,7 +155,7 @@ class StraightSineStraight(Routing):
         return (end - start) / float(self.w2 - self.w1) if inside else 0.0
 
 
-class Table(Routing):
+class Table(PlanarRouting):
     """Cubic spline (C2, not-a-knot) through (s, R) knots; for measured or optimised channels.
 
     Attributes:
@@ -138,15 +169,10 @@ class Table(Routing):
     basis: Float[Array, "4 pieces K"]
 
     def offset(self, s, passed, length):
-        c = self.basis @ self.knots_R
-        piece = jnp.clip(jnp.searchsorted(self.knots_s, s, side="right") - 1, 0, self.knots_s.shape[0] - 2)
-        x = s - self.knots_s[piece]
-        c3, c2, c1, c0 = (c[j][piece] for j in range(4))
-        return Offset(c0 + x * (c1 + x * (c2 + x * c3)), c1 + x * (2 * c2 + 3 * x * c3), 2 * c2 + 6 * x * c3)
+        return Offset(*spline(self.basis, self.knots_s, self.knots_R, s))
 
     def half_waves(self, start, end, length):
-        knots = np.asarray(self.knots_s)
-        return 0.5 * float(np.sum((knots > start) & (knots < end)))
+        return waves_of_knots(self.knots_s, start, end)
 
 
 def table_routing(knots_s: np.ndarray, knots_R: np.ndarray) -> Table:
@@ -156,9 +182,36 @@ def table_routing(knots_s: np.ndarray, knots_R: np.ndarray) -> Table:
         knots_s: increasing positions [m], shape (K,), K >= 2.
         knots_R: offsets [m], shape (K,). Two knots give a line, three a parabola.
     """
+    return Table(jnp.asarray(knots_s, float), jnp.asarray(knots_R, float), spline_basis(knots_s))
+
+
+def spline_basis(knots_s: np.ndarray) -> Float[Array, "4 pieces K"]:
+    """Coefficients of the C2 spline (not-a-knot) through knots at `knots_s` [m], (K,), per unit knot
+    value.
+    """
     from scipy.interpolate import CubicSpline
 
     basis = CubicSpline(np.asarray(knots_s, float), np.eye(len(knots_s))).c
     padded = np.zeros((4, *basis.shape[1:]))
     padded[4 - len(basis) :] = basis
-    return Table(jnp.asarray(knots_s, float), jnp.asarray(knots_R, float), jnp.asarray(padded))
+    return jnp.asarray(padded)
+
+
+def spline(
+    basis: Float[Array, "4 pieces K"],
+    knots_s: Float[Array, " K"],
+    values: Float[Array, " K"],
+    s: Float[Array, " N"],
+) -> tuple[Float[Array, " N"], Float[Array, " N"], Float[Array, " N"]]:
+    """The spline of `spline_basis` through knot values, and its first two derivatives, at s [m], (N,)."""
+    c = basis @ values
+    piece = jnp.clip(jnp.searchsorted(knots_s, s, side="right") - 1, 0, knots_s.shape[0] - 2)
+    x = s - knots_s[piece]
+    c3, c2, c1, c0 = (c[j][piece] for j in range(4))
+    return c0 + x * (c1 + x * (c2 + x * c3)), c1 + x * (2 * c2 + 3 * x * c3), 2 * c2 + 6 * x * c3
+
+
+def waves_of_knots(knots_s: Float[Array, " K"], start: float, end: float) -> float:
+    """About how many half waves a spline through knots has in [start, end] [m]."""
+    knots = np.asarray(knots_s)
+    return 0.5 * float(np.sum((knots > start) & (knots < end)))

@@ -24,7 +24,7 @@ def _pair(
     robot: Robot, T_base: Float[Array, " tendons"], before, how: March, structure: Structure
 ) -> Equilibrium:
     """Several tendons without physics terms."""
-    one = jnp.ones_like(robot.loads.tip_moment)
+    one = jnp.ones(())
     s, solver = sections(robot), RootFinder(atol=how.atol)
     settled, kept = at_preload(robot, s, solver)
     if isinstance(before, Equilibrium):
@@ -33,21 +33,25 @@ def _pair(
     done, _ = load_step(robot, s, T_base, kept, rest_state(s), settled, solver, none)
     memory = untouched(structure, done.state, node_first(done.tension), one)
     memory = dataclasses.replace(memory, T_base=T_base)
-    return describe(s, done, mechanics.complete(memory, structure, done.state, node_first(done.slip)))
+    return describe(
+        s, robot.base, done, mechanics.complete(memory, structure, done.state, node_first(done.slip))
+    )
 
 
 @eqx.filter_jit
-def _solve(
+def solved(
     robot: Robot,
     T_base: Float[Array, "*tendons"],
     before: Equilibrium | Float[Array, " N"] | None,
     how: March,
     structure: Structure,
+    clock: Load | None = None,
 ) -> Equilibrium:
+    """As `equilibrium`, with a structure that is decided; at a load step's time and pace, if given one."""
     if structure.plain_pair:
         return _pair(robot, T_base, before, how, structure)
     s = sections(robot)
-    one = jnp.ones_like(robot.loads.tip_moment)
+    one = jnp.ones(())
 
     def remembered(settled, never_pulled):
         if isinstance(before, Equilibrium) and before.memory is not None:
@@ -60,10 +64,11 @@ def _solve(
         return dataclasses.replace(kept, **{name: getattr(never_pulled, name) for name in same})
 
     load = Load(T_base, FOREVER * one, 0 * one, 0 * one)
+    load = load if clock is None else dataclasses.replace(clock, T_base=T_base)
     done, memory, settled = mechanics.one_step(at_nodes(robot, s), structure, load, how, remembered)
     step = loaded_of(s, structure, settled, done)
     whole = mechanics.complete(memory, structure, step.state, node_first(step.slip))
-    return describe(s, step, whole)
+    return describe(s, robot.base, step, whole)
 
 
 def equilibrium(
@@ -110,4 +115,4 @@ def equilibrium(
         raise ValueError(
             "memory: several tendons remember more than their tension; give the equilibrium before"
         )
-    return _solve(robot.for_any_terms(), load, memory, solver, structure_of(robot, with_terms))
+    return solved(robot.for_any_terms(), load, memory, solver, structure_of(robot, with_terms))

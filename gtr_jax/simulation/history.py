@@ -15,19 +15,29 @@ from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from ..mechanics import Load, March, Structure, metric_of, steps
-from ..mechanics.channel import wrap_increment
-from ..mechanics.mesh import shifted
-from ..mechanics.sections import State, at_tendons, either_of, offset_before
+from ..mechanics.bodies import turning_of
+from ..mechanics.sections import State, either_of
 from ..mechanics.several.rootfinder import RootFinder
 from ..mechanics.several.slip import Kept
 from ..robot.robot import Robot, sections
 from ..terms import REGISTRY, known_on
 from ..terms.term import NO_SLIP, NO_TUG
+from .displacement import by_tension, displacement_drives, driven
 from .programs import at_nodes, known_to_act, structure_of
 from .sensing import Reading, cells_show, shown
 from .several import at_preload, load_step
 from .slipping import front_of, large_tension, moves_by_friction, moves_of
-from .solution import Equilibrium, Loaded, describe, drawn_out, loaded_of
+from .solution import (
+    Equilibrium,
+    Loaded,
+    Shape,
+    describe,
+    drawn_out,
+    loaded_of,
+    stretch_of,
+    tip_position,
+    tip_rotation,
+)
 
 SHORTEST = 1e-9  # s, assumed between samples with equal times
 
@@ -45,7 +55,8 @@ class Simulation(eqx.Module):
         time: since the first step [s], (K,); without given times one second per step.
         T_tip: true tension at the anchor, (K, *tendons).
         reading: T_base and T_tip as the load cells show them, (K, *tendons) each.
-        tip_pose: x, y, angle of the midline's tip, (K, 3).
+        tip_pose: x, y, angle of the midline's tip, (K, 3); in space those of its projection on the plane of x
+            and y.
         displacement: tendon drawn out at the base since the robot settled with slack tendons, (K, *tendons).
         slip_direction: +1 where the tendon at the base slips towards the base in the step, -1 towards the
             tip, 0 at rest, (K, *tendons).
@@ -54,11 +65,12 @@ class Simulation(eqx.Module):
         s: nodes, (N,).
         tension: along the tendons, (K, *tendons, N).
         slip: of the tendons towards the base, since the robot settled with slack tendons, (K, *tendons, N).
-        curvature, angle: along the robot, (K, N).
-        external_moment: of the external loads, along the robot, (K, N).
+        curvature, angle: along the robot, (K, N); in space as of `Equilibrium`.
+        external_moment: of the external loads, along the robot, (K, N); in space (K, N, 3).
         mobilisation: of friction, (K, tendons, N), as `Equilibrium.mobilisation`; None for one tendon.
         result: optimistix result per step.
         residual_norm, iterations: per step, (K,).
+        shape: of a robot in space at each step; None in the plane.
     """
 
     T_base: Float[Array, "K *tendons"]
@@ -74,11 +86,22 @@ class Simulation(eqx.Module):
     slip: Float[Array, "K *tendons N"]
     curvature: Float[Array, "K N"]
     angle: Float[Array, "K N"]
-    external_moment: Float[Array, "K N"]
+    external_moment: Float[Array, "K N *strain"]
     mobilisation: Float[Array, "K tendons N"] | None
     result: optx.RESULTS
     residual_norm: Float[Array, " K"]
     iterations: Int[Array, " K"]
+    shape: Shape | None = None
+
+    @property
+    def tip_position(self) -> Float[Array, "K 3"]:
+        """Midline tip in the world [m], (K, 3); z = 0 in the plane."""
+        return tip_position(self.shape, self.tip_pose)
+
+    @property
+    def tip_rotation(self) -> Float[Array, "K 3 3"]:
+        """The directors of the tip as columns, in the axes of the world, (K, 3, 3)."""
+        return tip_rotation(self.shape, self.tip_pose)
 
     @property
     def converged(self) -> Bool[Array, " K"]:
@@ -159,9 +182,10 @@ def _run(robot: Robot, loads: Load, how: March, structure: Structure) -> Simulat
         done, moves = _solved(structure, robot, loads, how)
     # What is read off the states is computed for all steps at once, outside the loop.
     s = sections(robot)
-    eq = jax.vmap(lambda done: describe(s, done))(done)
+    eq = jax.vmap(lambda done: describe(s, robot.base, done))(done)
     fronts = jax.vmap(lambda sign: front_of(s.mesh.s, sign))
     preload = robot.per_tendon(lambda tendon: tendon.preload)
+    stretch = jax.vmap(lambda eq: stretch_of(robot.tendons, s.mesh.s, eq.tension, eq.metric))(eq)
     direction, front = (fronts if moves.ndim == 2 else jax.vmap(fronts))(moves)
     return Simulation(
         T_base=loads.T_base,
@@ -169,7 +193,7 @@ def _run(robot: Robot, loads: Load, how: March, structure: Structure) -> Simulat
         T_tip=eq.T_tip,
         reading=Reading(loads.T_base, eq.T_tip),
         tip_pose=eq.tip_pose,
-        displacement=drawn_out(robot.terms, eq.slip[..., 0], loads.T_base, preload),
+        displacement=drawn_out(robot.terms, eq.slip[..., 0], loads.T_base, preload) + stretch,
         slip_direction=direction,
         slip_front=front,
         s=s.mesh.s,
@@ -182,6 +206,7 @@ def _run(robot: Robot, loads: Load, how: March, structure: Structure) -> Simulat
         result=eq.result,
         residual_norm=eq.residual_norm,
         iterations=eq.iterations,
+        shape=eq.shape,
     )
 
 
@@ -215,6 +240,7 @@ def simulate(
     *,
     time: ArrayLike | Sequence[float] | None = None,
     cycle: ArrayLike | Sequence[float] | None = None,
+    displacement: ArrayLike | None = None,
     with_terms: bool | Collection[str] | None = None,
     solver: March = March(),  # noqa: B008
 ) -> Simulation:
@@ -229,6 +255,9 @@ def simulate(
             values count as slack.
         time: of each step [s], (K,), increasing; needed where a physics term depends on it.
         cycle: pulls and releases done at each step, (K,), for wear; counted from T_base unless given.
+        displacement: how far the tendons that displacement drives (`Tendon.drive`) are drawn out at the base
+            since they were strung [m], of the shape of T_base; neither it nor T_base is read where the other
+            drives. A tendon that would have to push is slack.
         with_terms: which physics terms the program holds: True for all, though none may act, False for those
             of the load cells only, or their names. Unless given: those that act; under a transformation that
             traces their numbers, those that may act (`robot.acting`). There the numbers of another term that
@@ -242,7 +271,8 @@ def simulate(
 
     Raises:
         ValueError: T_base is not a history of at least one step, time or cycle not of its length, or there is
-            no time for a term that needs it; time that goes back; presliding in a rigid sheath with a tendon
+            no time for a term that needs it; time that goes back; no displacement of a tendon that it
+            drives, or a term that moves its other end; presliding in a rigid sheath with a tendon
             that does not stretch, which never slips.
     """
     history, names = jnp.asarray(T_base, dtype=float), robot.tendon_names
@@ -266,16 +296,30 @@ def simulate(
         at = int(np.argmax(back)) + 1
         raise ValueError(f"time: goes back at step {at + 1}; put the steps in the order of time")
     _refuse_unable(robot)
-    loads = loads_of(history, clock, given.get("cycle"))
-    missing = padded_length(steps) - steps
+    structure, missing = structure_of(robot, with_terms), padded_length(steps) - steps
 
     def padded(values):
         return jnp.concatenate([values, jnp.broadcast_to(values[-1], (missing, *values.shape[1:]))])
 
-    run = _run(robot.for_any_terms(), jtu.tree_map(padded, loads), solver, structure_of(robot, with_terms))
+    met = None
+    if displacement_drives(robot, history, displacement):
+        drawn = jnp.asarray(displacement, dtype=float)
+        moved = [tendon.drive == "displacement" for tendon in robot.tendons]
+        ways = jnp.where(jnp.asarray(moved if names else moved[0]), drawn, history)
+        given["cycle"] = given.get("cycle", cycles(ways))
+        pulled = jtu.tree_map(padded, loads_of(history, clock, given["cycle"]))
+        found = driven(robot.for_any_terms(), pulled, padded(drawn), solver, structure)
+        history, met = found.T_base[:steps], found.met[:steps]
+    loads = loads_of(history, clock, given.get("cycle"))
+    # One program serves every drive.
+    run = _run(by_tension(robot).for_any_terms(), jtu.tree_map(padded, loads), solver, structure)
     run = Simulation(
         **{k: v if k == "s" else jtu.tree_map(lambda a: a[:steps], v) for k, v in vars(run).items()}
     )
+    if met is not None:
+        failed = optx.RESULTS.nonlinear_max_steps_reached
+        result = jax.vmap(lambda ok, own: optx.RESULTS.where(ok, own, failed))(met, run.result)
+        run = dataclasses.replace(run, result=result)
     # Without the padding, which a cell that lags or reads ahead would see.
     return dataclasses.replace(run, reading=shown(robot, run.T_base, run.T_tip, run.time))
 
@@ -321,13 +365,16 @@ def equilibrium_at(robot: Robot, run: Simulation, step: int) -> Equilibrium:
         for name in ("curvature", "angle", "external_moment", "tension", "T_tip", "slip", "mobilisation")
         if getattr(run, name) is not None
     }
-    shape = at_tendons((at["angle"] - shifted(at["angle"]), at["curvature"], shifted(at["curvature"])), s.R)
-    turned = wrap_increment(*shape, s.R, offset_before(s.R), at_tendons(s.mesh.interval, s.R))
-    wrap = jnp.cumsum(turned, axis=-1)
+    strain, direction = at["curvature"], at["angle"]
+    if run.shape is not None:
+        strain = run.shape.strain[step]
+        direction = jnp.einsum("ji,njk->nik", robot.base.rotation, run.shape.rotation[step])
+    wrap = s.to_anchor(jnp.cumsum(turning_of(s, strain), axis=-1))
     return describe(
         s,
+        robot.base,
         Loaded(
-            state=State(at["curvature"], at["angle"], wrap, at["external_moment"]),
+            state=State(strain, direction, wrap, at["external_moment"]),
             tension=at["tension"],
             T_tip=at["T_tip"],
             slip=at["slip"],

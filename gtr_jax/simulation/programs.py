@@ -5,11 +5,17 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Collection
 
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array
+
 from .. import mechanics
 from ..mechanics import EVERY, Structure, in_order
 from ..mechanics.sections import Sections
-from ..robot.robot import Robot
+from ..mechanics.structure import carried
+from ..robot.robot import Robot, tip_moment_of
 from ..terms import REGISTRY, known_acting, known_on
+from ..terms.term import ONE_HELD
 
 
 def structure_of(robot: Robot, with_terms: bool | Collection[str] | None) -> Structure:
@@ -20,12 +26,22 @@ def structure_of(robot: Robot, with_terms: bool | Collection[str] | None) -> Str
         with_terms: as for `simulate`.
     """
     if isinstance(with_terms, bool):
-        return structure_with(robot, EVERY if with_terms else ())
+        return structure_with(robot, every_for(robot) if with_terms else ())
     if with_terms is not None:
         return structure_with(robot, with_terms)
     known = {kind: known_on(REGISTRY[kind], robot.terms[kind]) for kind in EVERY}
     acting = [kind for kind, on in known.items() if (kind in robot.acting if on is None else on)]
     return dataclasses.replace(structure_with(robot, acting), acting=all(known[kind] for kind in acting))
+
+
+def every_for(robot: Robot) -> tuple[str, ...]:
+    """The terms that a robot may have."""
+    return tuple(kind for kind in EVERY if kind not in _of_one_tendon(robot))
+
+
+def _of_one_tendon(robot: Robot) -> list[str]:
+    """The terms that a robot in space may have with one tendon only."""
+    return carried(EVERY) if robot.space and robot.tendon_names else []
 
 
 def structure_with(robot: Robot, terms: Collection[str]) -> Structure:
@@ -36,7 +52,33 @@ def structure_with(robot: Robot, terms: Collection[str]) -> Structure:
         terms: their names; those of the load cells have no equations.
     """
     loads = any(REGISTRY[kind].loads for kind in terms)
-    return Structure(in_order(terms), len(robot.tendon_names), robot.loaded or loads)
+    refuse_in_space(robot, terms)
+    return Structure(
+        in_order(terms),
+        len(robot.tendon_names),
+        robot.loaded or loads or _tip_moment_acts(robot),
+        space=robot.space,
+    )
+
+
+def _known(value: Array) -> np.ndarray | None:
+    """A number of the robot; None while it is traced."""
+    return None if isinstance(value, Tracer) else np.asarray(value)
+
+
+def _tip_moment_acts(robot: Robot) -> bool:
+    """Whether a moment at the tip of a robot in space is known to act. It turns against the sections, so that
+    the body bends along a curve of its own, like under a force.
+    """
+    moment = _known(robot.loads.tip_moment) if robot.space and not robot.backbone.rigid else None
+    return moment is not None and bool(np.any(moment != 0))
+
+
+def refuse_in_space(robot: Robot, terms: Collection[str]) -> None:
+    """ValueError if a robot of several tendons in space has a term that bends what friction holds."""
+    for kind in _of_one_tendon(robot):
+        if kind in terms:
+            raise ValueError(f"{kind}: {ONE_HELD}")
 
 
 def at_nodes(robot: Robot, s: Sections) -> mechanics.Robot:
@@ -45,7 +87,7 @@ def at_nodes(robot: Robot, s: Sections) -> mechanics.Robot:
         sections=s,
         mu=robot.per_tendon(lambda tendon: tendon.friction_coefficient),
         preload=robot.per_tendon(lambda tendon: tendon.preload),
-        tip_moment=robot.loads.tip_moment,
+        tip_moment=tip_moment_of(robot),
         terms=robot.terms,
     )
 

@@ -84,7 +84,7 @@ def moves_of(s: Sections, structure: Structure, rigid: bool, step: Step, done: L
         step, done: the step.
         scale: a tension that counts as large [N].
     """
-    before = jnp.moveaxis(step.before[0], 0, -1)
+    before = s.to_anchor(jnp.moveaxis(step.before[0], 0, -1))
     if not structure.terms:
         return moves_by_tension(done.tension, before, scale)
     assert step.slip is not None and step.before[1] is not None and step.mobilised is not None

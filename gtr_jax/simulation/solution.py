@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import equinox as eqx
 import jax
@@ -12,11 +12,46 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
 from ..mechanics import Memory, Settled, Step, Structure, channel, metric_of
+from ..mechanics.bodies import line_of, offset_of
 from ..mechanics.mesh import cumulative, increments
+from ..mechanics.offset import SpatialOffset
 from ..mechanics.sections import Sections, State, at_tendons
+from ..mechanics.space import SPACE
+from ..robot.parts import Base, Tendon
 from ..terms import REGISTRY
 from ..terms.term import Values
 from .outcome import outcome
+
+
+class Shape(eqx.Module):
+    """Shape of a body in space, at N nodes.
+
+    Attributes:
+        strain: twist and the two bendings, in the axes of the section [1/m], (N, 3).
+        rotation: the directors of the section as columns, in the axes of the world, (N, 3, 3).
+        position: of the midline in the world [m], (N, 3).
+    """
+
+    strain: Float[Array, "*batch N 3"]
+    rotation: Float[Array, "*batch N 3 3"]
+    position: Float[Array, "*batch N 3"]
+
+
+def tip_position(shape: Shape | None, pose: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
+    """Position of the tip in the world [m], from its shape in space or else its pose in the plane."""
+    if shape is not None:
+        return shape.position[..., -1, :]
+    return jnp.concatenate([pose[..., :2], jnp.zeros_like(pose[..., :1])], axis=-1)
+
+
+def tip_rotation(shape: Shape | None, pose: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
+    """The directors of the tip as columns, from its shape in space or else its pose in the plane."""
+    if shape is not None:
+        return shape.rotation[..., -1, :, :]
+    cos, sin = jnp.cos(pose[..., 2]), jnp.sin(pose[..., 2])
+    zero, one = jnp.zeros_like(cos), jnp.ones_like(cos)
+    rows = ((cos, -sin, zero), (sin, cos, zero), (zero, zero, one))
+    return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 class Equilibrium(eqx.Module):
@@ -25,16 +60,18 @@ class Equilibrium(eqx.Module):
 
     Attributes:
         s: arc length of the nodes, (N,).
-        curvature, angle: of the midline, (N,).
+        curvature, angle: of the midline, (N,). In space, the size of its curvature, and the angle of its
+            projection on the plane of x and y.
         tension: of the tendon, (*tendons, N).
         T_tip: tension at the tip's anchor, past any friction lumped there, (*tendons,).
         slip: of the tendon towards the base, since the robot settled with slack tendons, (*tendons, N).
-        external_moment: moment of the external loads, (N,).
+        external_moment: moment of the external loads, (N,); in space (N, 3), in the axes of the base.
         x, y: midline, (N,).
         wrap: total turning of the tendon since the base, (*tendons, N).
-        tendon_angle: psi of the tendon's tangent from the x axis [rad], (*tendons, N).
+        tendon_angle: psi of the tendon's tangent from the x axis [rad], (*tendons, N); in space that of its
+            projection on the plane of x and y.
         metric: nu = ds_c/ds of the channel, (*tendons, N).
-        R: channel offset, (*tendons, N).
+        R: channel offset, (*tendons, N); in space (*tendons, N, 2).
         tendon_length: length of the channel, (*tendons,).
         mobilisation: of friction between each node and the one before it, +1 slipping towards the base, -1
             towards the tip, between where locked, (tendons, N); None for one tendon.
@@ -42,6 +79,7 @@ class Equilibrium(eqx.Module):
         residual_norm: dimensionless, see `problem.residual_norm`; ().
         iterations: marches taken, ().
         memory: what physics terms remember, for the next equilibrium; None if read off a simulation.
+        shape: of a robot in space; None in the plane.
     """
 
     s: Float[Array, " N"]
@@ -50,24 +88,35 @@ class Equilibrium(eqx.Module):
     tension: Float[Array, "*tendons N"]
     T_tip: Float[Array, "*tendons"]
     slip: Float[Array, "*tendons N"]
-    external_moment: Float[Array, " N"]
+    external_moment: Float[Array, "N *strain"]
     x: Float[Array, " N"]
     y: Float[Array, " N"]
     wrap: Float[Array, "*tendons N"]
     tendon_angle: Float[Array, "*tendons N"]
     metric: Float[Array, "*tendons N"]
-    R: Float[Array, "*tendons N"]
+    R: Float[Array, "*tendons_N"]
     tendon_length: Float[Array, "*tendons"]
     mobilisation: Float[Array, "tendons N"] | None
     result: optx.RESULTS
     residual_norm: Float[Array, ""]
     iterations: Int[Array, ""]
     memory: Memory | None = None
+    shape: Shape | None = None
 
     @property
     def tip_pose(self) -> Float[Array, "*batch 3"]:
         """Midline tip: x [m], y [m], angle [rad]."""
         return jnp.stack([self.x[..., -1], self.y[..., -1], self.angle[..., -1]], axis=-1)
+
+    @property
+    def tip_position(self) -> Float[Array, "*batch 3"]:
+        """Midline tip in the world [m]; z = 0 in the plane."""
+        return tip_position(self.shape, self.tip_pose)
+
+    @property
+    def tip_rotation(self) -> Float[Array, "*batch 3 3"]:
+        """The directors of the tip as columns, in the axes of the world."""
+        return tip_rotation(self.shape, self.tip_pose)
 
     @property
     def converged(self) -> Bool[Array, "*batch"]:
@@ -87,7 +136,7 @@ def tendon_length(s: Sections, y: State) -> Float[Array, "*tendons"]:
     def length(metric):
         return jnp.sum(increments(s.mesh.weights, metric))
 
-    metric = metric_of(s, y.kappa)
+    metric = s.ended(metric_of(s, y.kappa))
     return length(metric) if metric.ndim == 1 else jax.vmap(length)(metric)
 
 
@@ -125,6 +174,34 @@ def drawn_out(
     return slip
 
 
+def stretch_of(
+    tendons: Sequence[Tendon],
+    s: Float[Array, " N"],
+    tension: Float[Array, "*tendons N"],
+    metric: Float[Array, "*tendons N"],
+) -> Float[Array, "*tendons"]:
+    """How much longer the tendons are than at their preloads, by their own stretch, along the channel and
+    between motor and base [m]; zero of those without an axial stiffness.
+
+    Args:
+        tendons: of the robot.
+        s: nodes [m].
+        tension: of the tendons [N].
+        metric: ds_c/ds of the channels.
+    """
+    several = len(tendons) > 1
+    found = []
+    for i, tendon in enumerate(tendons):
+        if tendon.axial_stiffness is None or tendon.free_length is None:
+            found.append(jnp.zeros(()))
+            continue
+        more, nu = (tension[i], metric[i]) if several else (tension, metric)
+        along = (more - tendon.preload) * nu
+        within = jnp.sum(0.5 * (along[1:] + along[:-1]) * jnp.diff(s))
+        found.append((within + (more[0] - tendon.preload) * tendon.free_length) / tendon.axial_stiffness)
+    return jnp.stack(found) if several else found[0]
+
+
 class Loaded(eqx.Module):
     """A solved load step: the state, the tendons, and the outcome of the solver; attributes as in
     `Equilibrium`.
@@ -152,7 +229,13 @@ def loaded_of(s: Sections, structure: Structure, settled: Settled, done: Step) -
     def nodes_last(values):
         return jnp.moveaxis(values, 0, -1)
 
-    wrap = nodes_last(jnp.cumsum(done.state.wrap, axis=0))
+    wrap = s.to_anchor(nodes_last(jnp.cumsum(done.state.wrap, axis=0)))
+    tension = nodes_last(done.tension)
+    held = s.to_anchor(tension)
+    T_tip = done.T_tip
+    if s.beyond is not None:  # what is lumped at the tip is at the anchor
+        end = tension[..., -1]
+        T_tip = held[..., -1] * jnp.where(end > 0, T_tip / jnp.where(end > 0, end, 1.0), 1.0)
     if done.slip is None:
         slipped = slip_without_stretch(s, dataclasses.replace(done.state, kappa=settled.kappa), done.state)
     else:
@@ -160,8 +243,8 @@ def loaded_of(s: Sections, structure: Structure, settled: Settled, done: Step) -
     several = done.mobilised is not None and bool(structure.tendons)
     return Loaded(
         state=dataclasses.replace(done.state, wrap=wrap),
-        tension=nodes_last(done.tension),
-        T_tip=done.T_tip,
+        tension=held,
+        T_tip=T_tip,
         slip=slipped,
         wrap=wrap,
         mobilisation=nodes_last(done.mobilised) if several else None,
@@ -173,27 +256,68 @@ def loaded_of(s: Sections, structure: Structure, settled: Settled, done: Step) -
     )
 
 
-def describe(s: Sections, loaded: Loaded, memory: Memory | None = None) -> Equilibrium:
-    """The `Equilibrium` of a solved load step."""
+def _shape(s: Sections, base: Base, y: State) -> Shape:
+    """The shape in the world of a body in space."""
+    turn = base.rotation
+    place = jnp.stack(line_of(s, y.phi), axis=-1)
+    rotation = jnp.einsum("ij,njk->nik", turn, y.phi)
+    return Shape(y.kappa, rotation, base.position[None, :] + jnp.einsum("ij,nj->ni", turn, place))
+
+
+def _bending(strain: Float[Array, "N 3"]) -> Float[Array, " N"]:
+    """Size of the curvature, with derivative 0 where the body is straight."""
+    square = strain[:, 1] ** 2 + strain[:, 2] ** 2
+    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+
+
+def _projected(direction: Float[Array, "*any 3"]) -> Float[Array, "*any"]:
+    """Angle from the x axis of the projection on the plane of x and y [rad]."""
+    return jnp.arctan2(direction[..., 1], direction[..., 0])
+
+
+def _seen(s: Sections, y: State, shape: Shape | None):
+    """Curvature, angle, x, y of the midline and the angle of the tendons' tangent."""
+    if shape is None:
+        tangent = at_tendons(y.phi, s.R) + channel.tangent_lead(at_tendons(y.kappa, s.R), s.R)
+        x, across = line_of(s, y.phi)
+        return y.kappa, y.phi, x, across, tangent
+    course = SPACE.course(y.kappa, offset_of(s, y.kappa))
+    tangent = _projected(jnp.einsum("nij,...nj->...ni", shape.rotation, course))
+    x, across = shape.position[:, 0], shape.position[:, 1]
+    return _bending(y.kappa), _projected(shape.rotation[:, :, 0]), x, across, tangent
+
+
+def describe(s: Sections, base: Base, loaded: Loaded, memory: Memory | None = None) -> Equilibrium:
+    """The `Equilibrium` of a solved load step.
+
+    Args:
+        s: the robot at its nodes.
+        base: where a robot in space stands.
+        loaded: the step.
+        memory: for the next equilibrium.
+    """
     y = loaded.state
+    shape = _shape(s, base, y) if isinstance(s.R, SpatialOffset) else None
+    curvature, angle, x, across, tendon_angle = _seen(s, y, shape)
     return Equilibrium(
         s=s.mesh.s,
-        curvature=y.kappa,
-        angle=y.phi,
-        tension=loaded.tension,
+        curvature=curvature,
+        angle=angle,
+        tension=s.ended(loaded.tension),
         T_tip=loaded.T_tip,
         slip=loaded.slip,
         external_moment=y.moment,
-        x=cumulative(s.mesh.weights, jnp.cos(y.phi)),
-        y=cumulative(s.mesh.weights, jnp.sin(y.phi)),
+        x=x,
+        y=across,
         wrap=loaded.wrap,
-        tendon_angle=at_tendons(y.phi, s.R) + channel.tangent_lead(at_tendons(y.kappa, s.R), s.R),
-        metric=metric_of(s, y.kappa),
-        R=s.R.value,
+        tendon_angle=tendon_angle,
+        metric=s.ended(metric_of(s, y.kappa)),
+        R=offset_of(s, y.kappa).value,
         tendon_length=tendon_length(s, y),
         mobilisation=loaded.mobilisation,
         result=outcome(loaded.result),
         residual_norm=loaded.residual_norm,
         iterations=loaded.iterations,
         memory=memory,
+        shape=shape,
     )

@@ -15,7 +15,8 @@ from pydantic import Field, StrictInt, StrictStr
 
 from gtr_jax.errors import InputError
 from gtr_jax.files.config_file import read_toml
-from gtr_jax.files.sections import FileSection, Section
+from gtr_jax.files.section import Section
+from gtr_jax.files.sections import FileSection
 from gtr_jax.files.units import Unit
 
 Force = Annotated[float, Unit("N")]

@@ -21,6 +21,7 @@ from gtr_jax.files.quantities import split_unit
 from gtr_jax.files.recording import read_recording
 from gtr_jax.files.table import read_table
 from gtr_jax.robot.build import build_robot, choose_intervals
+from gtr_jax.robot.in_plane import refuse_space
 from gtr_jax.robot.parameters import term_of
 from gtr_jax.robot.robot import Robot
 from gtr_jax.terms import REGISTRY, known_on
@@ -240,6 +241,7 @@ def task_of(file: SweepConfig) -> Task:
     check_outputs(file)
     config = load_config(file.folder / file.robot)
     robot = build_robot(config, resolution=file.resolution)
+    refuse_space(robot, "a sweep", source=config.source)
     table = None
     if file.points is None:
         axes = axes_of(file, robot)

@@ -88,7 +88,7 @@ REGISTRY: dict[str, Term] = {
 
 def null_values() -> dict[str, dict[str, float]]:
     """The numbers of all terms at which no term has an effect, by term and name [SI]."""
-    return {term.id: {q.name: float(q.null) for q in term.quantities} for term in REGISTRY.values()}
+    return {term.id: {q.name: float(q.null) for q in term.numbers} for term in REGISTRY.values()}
 
 
 def is_on(term: Term, values: Values) -> Bool[Array, ""]:

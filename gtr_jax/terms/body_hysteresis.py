@@ -13,10 +13,26 @@ def bend(p, kappa, at):
     return p["ratio"] * p["curvature"] * z, z[None]
 
 
+def bend_in_space(p, strain, at):
+    """The same for the vector of both bendings, which a step turns along a straight line; twist has none."""
+    changes = [u - before for u, before in zip(strain, at.before, strict=True)][1:]
+    held = [kept[0] for kept in at.kept][1:]
+    square = changes[0] ** 2 + changes[1] ** 2
+    moves = square > STILL**2
+    way = jnp.sqrt(jnp.where(moves, square, 1.0))
+    left = jnp.exp(-jnp.where(moves, way, 0.0) / p["curvature"])
+    z = [0.0 * strain[0]]
+    for change, was in zip(changes, held, strict=True):
+        along = change / way
+        z.append(jnp.where(moves, along - (along - was) * left, was + change / p["curvature"]))
+    return tuple(p["ratio"] * p["curvature"] * one for one in z), tuple(one[None] for one in z)
+
+
 TERM = Term(
     id="body-hysteresis",
     says="The body itself is hysteretic: layers, braids or plies rub as it bends.",
-    law="M = EI (κ − κ₀) + EI·ratio·curvature·z, dz/dκ = (1 − z sgn κ̇)/curvature",
+    law="M = EI (κ − κ₀) + EI·ratio·curvature·z, dz/dκ = (1 − z sgn κ̇)/curvature; "
+    "in space dz = (dκ − z |dκ|)/curvature with the vectors of both bendings",
     seen="The tip's pose lags behind the tension more than the tendon's friction explains, at any rate.",
     told_apart="Bend the body by hand or by a weight, with the tendon slack, and record the pose.",
     source="Dahl 1968, on curvature",
@@ -43,5 +59,6 @@ TERM = Term(
         ),
     ),
     bend=bend,
+    bend_in_space=bend_in_space,
     remembers=1,
 )

@@ -2,6 +2,8 @@
 
 import math
 
+import jax.numpy as jnp
+
 from .term import Quantity, Term
 
 
@@ -10,10 +12,17 @@ def stop(p, place):
     return p["stiffness"] * (place - p["distance"])
 
 
+def stop_normal(p):
+    """Direction in which the tip of a robot in space runs into the stop, in the axes of the base."""
+    flat = jnp.cos(p["elevation"])
+    return flat * jnp.cos(p["angle"]), flat * jnp.sin(p["angle"]), jnp.sin(p["elevation"])
+
+
 TERM = Term(
     id="contact",
     says="The tip runs into a stop at one place of its way.",
-    law="force stiffness·depth against angle, once the tip is beyond distance in that direction",
+    law="force stiffness·depth against angle, once the tip is beyond distance in that direction; in space "
+    "the stop is a plane, its normal (cos angle cos elevation, sin angle cos elevation, sin elevation)",
     seen="A kink at one tension: beyond it the tip hardly moves, and less tension is lost.",
     told_apart="Look; or record the pose.",
     quantities=(
@@ -37,6 +46,18 @@ TERM = Term(
             size=False,
         ),
     ),
+    across=(
+        Quantity(
+            "elevation",
+            "rad",
+            0.0,
+            0.5,
+            "Angle of that direction out of the plane of x and y, towards z.",
+            (-math.pi / 2, math.pi / 2),
+            size=False,
+        ),
+    ),
     stop=stop,
     stop_angle=lambda p: p["angle"],
+    stop_normal=stop_normal,
 )

@@ -19,6 +19,8 @@ Values = Mapping[str, Float[Array, ""]]
 # derivative differs between the directions count it as forward, so that all programs take the same one.
 STILL = 1e-13
 NO_TUG = "needs one tendon, and friction that does not build up over a slip; leave presliding out"
+ONE_HELD = "bends the stretch that friction holds, which in space is computed for one tendon; leave it out"
+UNMOVED = "moves an end of the tendon, which is computed beside drive by tension only; leave it out"
 NO_SLIP = "no tendon slips in a rigid sheath unless it stretches; add the term tendon-stretch"
 
 
@@ -79,12 +81,16 @@ class Bent(NamedTuple):
         before: curvature after the previous load step [1/m].
         kept: what the law remembers, (remembers, ...).
         dt: time since the previous step [s].
+        compliance: one over the stiffness [1/(N m^2)], where the law is for a section in space.
+
+    In space all but the time are tuples of three: of twist, and of the bendings about y and about z.
     """
 
-    rest: Float[Array, "..."]
-    before: Float[Array, "..."]
-    kept: Float[Array, "remembers ..."]
+    rest: Any
+    before: Any
+    kept: Any
     dt: Float[Array, ""]
+    compliance: Any = None
 
 
 class Clock(NamedTuple):
@@ -113,6 +119,7 @@ class Term:
         seen: what it looks like in a recording.
         told_apart: which experiment distinguishes it from effects that look alike.
         quantities: its numbers.
+        across: those that only a robot in space has; without effect at their null values.
         source: where the law comes from.
         note: what else is known of it, with the numbers measured.
         timed: whether it needs the time of the samples.
@@ -135,7 +142,8 @@ class Term:
         base_grip, tip_grip: friction lumped ahead of the channel and at the anchor, as mu times wrap angle.
         bend: addition to the elastic bending moment over EI [1/m], and what it remembers, from the curvature
             and a `Bent`.
-        remembers: how many numbers `bend` remembers.
+        bend_in_space: the same for a section in space, from its strain and a `Bent` in tuples of three.
+        remembers: how many numbers `bend` remembers, in space of each component.
         strain: of the tendon, from its tension [N].
         anchor: how far the anchor gives way [m], from the tension there [N].
         tugged: tension added to the tendon's end at the tip from outside [N], from the time [s].
@@ -144,6 +152,7 @@ class Term:
         stop: force of a stop on the tip [N] against `stop_angle`, from the tip's place along it [m], affine;
             none acts where that is negative.
         stop_angle: direction [rad] from the base tangent in which the stop is run into.
+        stop_normal: the same in space, three components of length one in the axes of the base.
         fault: what is wrong with its numbers (by name, SI) on a body of some length [m], or "".
         tip, base: what the cell at the tip, or the base, shows for true tensions.
         true_base: the true base tensions for what its cell shows; the inverse of `base`.
@@ -155,6 +164,7 @@ class Term:
     seen: str
     told_apart: str
     quantities: tuple[Quantity, ...]
+    across: tuple[Quantity, ...] = ()
     source: str = ""
     note: str = ""
     timed: bool = False
@@ -173,6 +183,7 @@ class Term:
     base_grip: Callable[[Values], Array] | None = None
     tip_grip: Callable[[Values], Array] | None = None
     bend: Callable[[Values, Array, Bent], tuple[Array, Array]] | None = None
+    bend_in_space: Callable[[Values, Any, Bent], tuple[Any, Any]] | None = None
     remembers: int = 0
     strain: Callable[[Values, Array], Array] | None = None
     anchor: Callable[[Values, Array], Array] | None = None
@@ -181,6 +192,7 @@ class Term:
     loads: Callable[[Values, Any], Any] | None = None
     stop: Callable[[Values, Array], Array] | None = None
     stop_angle: Callable[[Values], Array] | None = None
+    stop_normal: Callable[[Values], tuple[Array, Array, Array]] | None = None
     fault: Callable[[Mapping[str, float], float], str] | None = None
     tip: Cell | None = None
     base: Cell | None = None
@@ -192,9 +204,14 @@ class Term:
         return bool(self.tip or self.base or self.ahead)
 
     @property
+    def numbers(self) -> tuple[Quantity, ...]:
+        """All its numbers, those included that only a robot in space has."""
+        return (*self.quantities, *self.across)
+
+    @property
     def sizes(self) -> tuple[Quantity, ...]:
         """The numbers that set its strength."""
-        return tuple(q for q in self.quantities if q.size)
+        return tuple(q for q in self.numbers if q.size)
 
 
 def along(time: Float[Array, " K"], values: Float[Array, "K *tendons"]) -> Float[Array, "K *one"]:

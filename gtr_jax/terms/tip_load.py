@@ -9,19 +9,20 @@ from .term import Quantity, Term
 
 def loads(p, given):
     """The loads with the force added."""
-    force = given.tip_force + jnp.stack([p["x"], p["y"]])
+    force = given.tip_force + jnp.stack([p["x"], p["y"], p["z"]])[: given.tip_force.shape[0]]
     return dataclasses.replace(given, tip_force=force)
 
 
 TERM = Term(
     id="tip-load",
     says="A force pulls on the tip that the model does not know: a cable, a tool, a camera.",
-    law="dead force (x, y) on the tip",
+    law="dead force (x, y), in space (x, y, z), on the tip",
     seen="The pose is off at every tension, most when slack; tensions hardly tell.",
     told_apart="Record the pose with the tendon slack; turn the rig: gravity turns with it.",
     quantities=(
         Quantity("x", "N", 0.0, 0.05, "Force along the base tangent.", (-0.5, 0.5)),
         Quantity("y", "N", 0.0, -0.05, "Force to its left.", (-0.5, 0.5)),
     ),
+    across=(Quantity("z", "N", 0.0, 0.05, "Force out of the plane of x and y.", (-0.5, 0.5)),),
     loads=loads,
 )

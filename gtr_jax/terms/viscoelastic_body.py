@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 
-from .term import Quantity, Term
+from .term import Bent, Quantity, Term
 
 
 def bend(p, kappa, at):
@@ -13,10 +13,17 @@ def bend(p, kappa, at):
     return q, q[None]
 
 
+def bend_in_space(p, strain, at):
+    """The same for twist and both bendings, each by itself: the material creeps in shear as in bending."""
+    each = [Bent(*one, at.dt) for one in zip(at.rest, at.before, at.kept, strict=True)]
+    extra, kept = zip(*(bend(p, u, of) for u, of in zip(strain, each, strict=True)), strict=True)
+    return extra, kept
+
+
 TERM = Term(
     id="viscoelastic-body",
     says="The body creeps: bent quickly it is stiffer than bent slowly.",
-    law="M = EI (κ − κ₀) + q, q̇ = ratio·EI κ̇ − q/time",
+    law="M = EI (κ − κ₀) + q, q̇ = ratio·EI κ̇ − q/time; in space so for twist and each bending",
     seen="The tip and the tip tension go on changing during holds; loops depend on the rate.",
     told_apart="Holds at several tensions with the pose recorded; viscous friction stops when slip stops.",
     source="standard linear solid (Zener)",
@@ -39,5 +46,6 @@ TERM = Term(
     timed=True,
     relaxes=True,
     bend=bend,
+    bend_in_space=bend_in_space,
     remembers=1,
 )

@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
+from gtr_jax.files.differences import MAD_TO_SD, third_differences
 from gtr_jax.files.masking import Masked
 from gtr_jax.files.recording import Recording
 from gtr_jax.plots.style import (
@@ -34,7 +35,6 @@ from gtr_jax.plots.style import (
 )
 
 from ..inspection import Inspection
-from ..noise import MAD_TO_SD, third_differences
 from ..sampling import GAP
 from ..slip import HOLD, PULLING, RELEASING, SLACK, TRANSITION
 from ..turning import extremes
@@ -96,15 +96,13 @@ def plot_channels(recording: Recording, found: Inspection, *, rows: slice = slic
         Line2D([], [], color=INK, label="base"),
         Line2D([], [], color=VERMILLION, label="tip"),
     ]
-    low, high = (f(f(T_base), f(T_tip)) for f in (min, max))
+    low, high = min(T_base.min(), T_tip.min()), max(T_base.max(), T_tip.max())
     axes.set_ylim(low - 0.06 * (high - low), high + 0.12 * (high - low))
-    for gap in gaps:
-        axes.axvspan(gap.start_s or 0.0, gap.end_s or 0.0, color=PALE, hatch="///", linewidth=0, zorder=0)
     if gaps:
+        _bands(axes, [(g.start_s or 0.0, g.end_s or 0.0) for g in gaps], color=PALE, hatch="///")
         keys.append(Patch(facecolor=PALE, hatch="///", label="gap"))
-    for hold in found.holds:
-        axes.axvspan(t[hold.first], t[hold.last], color=HELD, linewidth=0, zorder=0)
     if found.holds:
+        _bands(axes, [(t[h.first], t[h.last]) for h in found.holds], color=HELD)
         keys.append(Patch(facecolor=HELD, label="hold"))
     stuck = [s for cell in (found.base, found.tip) for s in (*cell.saturated, *cell.dead)]
     for cell, values in ((found.base, T_base), (found.tip, T_tip)):
@@ -137,6 +135,14 @@ def plot_channels(recording: Recording, found: Inspection, *, rows: slice = slic
     return fig
 
 
+def _bands(axes: Axes, spans: Sequence[tuple[float, float]], **style: Any) -> None:
+    """Bands of the height of the axes from one time to another: all of them as one artist, of which there may
+    be thousands.
+    """
+    bars = [(float(start), float(end - start)) for start, end in spans]
+    axes.broken_barh(bars, (0, 1), transform=axes.get_xaxis_transform(), linewidth=0, zorder=0, **style)
+
+
 def _broken(t: np.ndarray, x: np.ndarray, starts: Sequence[float | None]) -> tuple[np.ndarray, np.ndarray]:
     """A line that is interrupted after each of these times."""
     places = [int(np.searchsorted(t, s, side="right")) for s in starts if s is not None]
@@ -148,14 +154,15 @@ def _mark_left_out(axes: Axes, recording: Recording) -> bool:
     t, _ = clock(recording)
     low, high = axes.get_ylim()
     edge = 0.03 * (high - low)
-    marked = False
-    for m in recording.masked:
-        if m.time is None or m.channel not in ("T_base", "T_tip"):
-            continue
-        value = _value(recording, t, m)
+    masked = [m for m in recording.masked if m.time is not None and m.channel in ("T_base", "T_tip")]
+    if not masked:
+        return False
+    for name in sorted({m.channel for m in masked}):
+        own = [m for m in masked if m.channel == name]
+        at, values = _values(recording, t, own)
         axes.plot(
-            [m.time[0]],
-            [np.clip(value, low + edge, high - edge)],
+            at,
+            np.clip(values, low + edge, high - edge),
             marker="x",
             color=PURPLE,
             markersize=7,
@@ -163,14 +170,16 @@ def _mark_left_out(axes: Axes, recording: Recording) -> bool:
             linestyle="",
             zorder=5,
         )
-        marked = True
-    return marked
+    return True
 
 
-def _value(recording: Recording, t: np.ndarray, m: Masked) -> float:
-    """What the cell showed where a sample was left out; about what its neighbours show if it was nothing."""
-    between = float(np.interp(m.time[0] if m.time else 0.0, t, getattr(recording, m.channel)))
-    return between if m.size != m.size else between + m.size
+def _values(recording: Recording, t: np.ndarray, masked: Sequence[Masked]) -> tuple[np.ndarray, np.ndarray]:
+    """When samples of one channel were left out, and what it showed there; about what its neighbours show if
+    that was nothing.
+    """
+    at = np.array([m.time[0] for m in masked if m.time is not None])
+    between = np.interp(at, t, getattr(recording, masked[0].channel))
+    return at, between + np.nan_to_num([m.size for m in masked])
 
 
 def _cross(label: str) -> Line2D:
@@ -389,7 +398,7 @@ def plot_left_out(recording: Recording, chosen: Sequence[Masked]) -> Figure:
         own = slice(max(middle - AROUND, 0), middle + AROUND)
         for name, colour in (("T_base", INK), ("T_tip", VERMILLION)):
             axes.plot(t[own], getattr(recording, name)[own], ".-", color=colour, markersize=3, linewidth=0.8)
-        axes.plot(m.time[0], _value(recording, t, m), "x", color=PURPLE, markersize=7, markeredgewidth=1.8)
+        axes.plot(*_values(recording, t, [m]), "x", color=PURPLE, markersize=7, markeredgewidth=1.8)
         axes.set_title(f"{m.channel}, row {m.rows[0]}", fontsize=8, loc="left")
         axes.tick_params(labelsize=7)
         axes.locator_params(axis="x", nbins=3)

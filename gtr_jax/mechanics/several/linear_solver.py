@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 
 from .. import channel
 from ..mesh import STENCIL, shifted
-from ..sections import State, at_tendons, moment_slope, node_first, offset_before, over_tendons
+from ..sections import State, at_tendons, moment_slope, node_first, over_tendons
 from .problem import Problem, mobilised, tension_at, tension_of
 
 
@@ -58,7 +58,7 @@ def linearise(y: State, p: Problem) -> Linearisation:
     """Partial derivatives of `problem.residual` at y; elementwise, so it costs a few residuals."""
     s = p.sections
     geometry = at_tendons((y.phi - shifted(y.phi), y.kappa, shifted(y.kappa)), s.R)
-    before, between = offset_before(s.R), at_tendons(s.mesh.interval, s.R)
+    before, between = s.R.before(), at_tendons(s.mesh.interval, s.R)
 
     def wrap(turn, kappa, kappa_before):
         turned = channel.wrap_increment(turn, kappa, kappa_before, s.R, before, between)
@@ -77,7 +77,7 @@ def linearise(y: State, p: Problem) -> Linearisation:
         by_turn=by_turn,
         by_kappa=by_kappa,
         by_kappa_before=by_kappa_before,
-        load=_partials(moment_slope, y.phi, s.force_x, s.force_y)[0] if p.loaded else jnp.zeros_like(y.phi),
+        load=_partials(moment_slope, y.phi, *s.force)[0] if p.loaded else jnp.zeros_like(y.phi),
         loaded=p.loaded,
     )
 

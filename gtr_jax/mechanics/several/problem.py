@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from .. import channel
 from ..mesh import increments, shifted
-from ..sections import Sections, State, at_tendons, largest, moment_slope, offset_before, over_tendons
+from ..sections import Sections, State, at_tendons, largest, moment_slope, over_tendons
 from . import friction
 
 
@@ -76,9 +76,9 @@ def residual(y: State, p: Problem) -> State:
     turns, kappa, kappa_before, between = at_tendons(midline, s.R)
     pulled = over_tendons(tension_of(y, p) * channel.moment_arm(kappa, s.R), 1)
     bending = s.compliance * (pulled + y.moment)
-    wrap = channel.wrap_increment(turns, kappa, kappa_before, s.R, offset_before(s.R), between)
+    wrap = channel.wrap_increment(turns, kappa, kappa_before, s.R, s.R.before(), between)
     if p.loaded:
-        step = increments(s.mesh.weights, moment_slope(y.phi, s.force_x, s.force_y))
+        step = increments(s.mesh.weights, moment_slope(y.phi, *s.force))
         moment = y.moment - shifted(y.moment) - step
         moment = moment.at[0].set(y.moment[-1] - p.tip_moment)
     else:

@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .. import channel
 from ..mesh import STENCIL
-from ..sections import State, at_tendons, largest, moment_slope, node_first, offset_before, over_tendons
+from ..sections import State, at_tendons, largest, moment_slope, node_first, over_tendons
 from .linear_solver import linearise, response_to_base_moment
 from .problem import Problem, mobilised, residual, residual_norm, tension_at
 
@@ -97,8 +97,8 @@ def march(
     history = (zero,) * (STENCIL - 1)
     slopes = history[: len(history) * p.loaded]
     start = (history, slopes, zero, jnp.zeros_like(p.T_base), p.T_base, moment_base)
-    R, R_before, *law = node_first((s.R, offset_before(s.R), p.memory, p.mobilisation))
-    rows = (R, R_before, s.compliance, s.rest, s.force_x, s.force_y)
+    R, R_before, *law = s.R.rows(), s.R.before().rows(), *node_first((p.memory, p.mobilisation))
+    rows = (R, R_before, s.compliance, s.rest, *s.force)
     rows = (*rows, s.mesh.weights, s.mesh.interval, *law, guess)
     y, error = jax.lax.scan(node, start, rows)[1]
     return Marched(State(y.kappa, y.phi, jnp.moveaxis(y.wrap, 0, -1), y.moment), error)
@@ -127,9 +127,9 @@ def _with_share(p: Problem, share: Float[Array, ""]) -> Problem:
     """The problem with its external forces and tip moment scaled."""
     s = p.sections
     return eqx.tree_at(
-        lambda q: (q.sections.force_x, q.sections.force_y, q.tip_moment),
+        lambda q: (q.sections.force, q.tip_moment),
         p,
-        (s.force_x * share, s.force_y * share, p.tip_moment * share),
+        (tuple(force * share for force in s.force), p.tip_moment * share),
     )
 
 

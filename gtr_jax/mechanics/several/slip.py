@@ -33,7 +33,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .. import channel
 from ..mesh import Mesh, increments, shifted
-from ..sections import Sections, State, at_tendons, largest, offset_before
+from ..sections import Sections, State, at_tendons, largest
 from ..tangents import split_tangents
 from .adjoint import CausalAdjoint
 from .problem import Problem, residual, tension_of
@@ -111,7 +111,7 @@ def turning(y: State, p: Problem) -> Float[Array, "*tendons N"]:
     s = p.sections
     midline = (y.phi - shifted(y.phi), y.kappa, shifted(y.kappa), s.mesh.interval)
     turns, kappa, kappa_before, between = at_tendons(midline, s.R)
-    return channel.wrap_increment(turns, kappa, kappa_before, s.R, offset_before(s.R), between)
+    return channel.wrap_increment(turns, kappa, kappa_before, s.R, s.R.before(), between)
 
 
 class _Args(eqx.Module):

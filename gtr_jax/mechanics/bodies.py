@@ -1,0 +1,57 @@
+"""Which geometry a robot has, and what follows from its strain along the whole body."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .geometry import Geometry
+from .guides import Chords, chords_on, either
+from .mesh import along_nodes, cumulative, derivatives, increments
+from .offset import Offset, SpatialOffset
+from .plane import PLANE
+from .sections import Sections
+from .space import SPACE
+
+
+def geometry_of(s: Sections) -> Geometry:
+    """The geometry of a robot."""
+    return SPACE if isinstance(s.R, SpatialOffset) else PLANE
+
+
+def chords_of(s: Sections, strain: Float[Array, "N 3"]) -> Chords:
+    """The chords of guided tendons."""
+    assert s.guides is not None
+    direction = directions_of(s, strain)
+    return chords_on(s.guides, s.R, strain, direction, jnp.stack(line_of(s, direction), axis=-1))
+
+
+def offset_of(s: Sections, strain: Float[Array, "N *strain"]) -> Offset | SpatialOffset:
+    """Offset of the tendons from the midline: that of their channels, or of the chords between guides."""
+    return s.R if s.guides is None else chords_of(s, strain).offset
+
+
+def metric_of(s: Sections, strain: Float[Array, "N *strain"]) -> Float[Array, "*tendons N"]:
+    """nu = ds_c/ds of the tendons, (*tendons, N)."""
+    return geometry_of(s).metric(strain, offset_of(s, strain))
+
+
+def turning_of(s: Sections, strain: Float[Array, "N *strain"]) -> Float[Array, "*tendons N"]:
+    """Turning of the tendons between each node and the one before it [rad], (*tendons, N)."""
+    geometry, interval = geometry_of(s), s.mesh.interval
+    before = jnp.concatenate([jnp.zeros_like(strain[:1]), strain[:-1]])
+    turn = geometry.turn(along_nodes(increments, s.mesh.weights, strain), strain, before, interval.length)
+    rates = None if s.mesh.rates is None else along_nodes(derivatives, s.mesh.rates, strain)
+    wrap = geometry.wrap(turn, strain, before, rates, s.R, s.R.before(), interval)
+    return wrap if s.guides is None else either(s.guides.held, chords_of(s, strain).corners, wrap)
+
+
+def directions_of(s: Sections, strain: Float[Array, "N *strain"]) -> Float[Array, "N *frame"]:
+    """Directions of the sections."""
+    return geometry_of(s).directions(s.mesh.weights, s.mesh.interval, strain)
+
+
+def line_of(s: Sections, direction: Float[Array, "N *frame"]) -> tuple[Float[Array, " N"], ...]:
+    """Components of the midline's position [m], (N,) each, from the directions of the sections."""
+    geometry = geometry_of(s)
+    return tuple(cumulative(s.mesh.weights, c) for c in geometry.line(geometry.split_direction(direction)))

@@ -1,0 +1,195 @@
+"""Tendons driven by displacement: the base tensions that draw them out as far as they are.
+
+Each load step has one more unknown for each such tendon, its base tension, and one more equation: what the
+body and friction take up of the tendon, and its own stretch, is what is drawn out at the base. A tendon that
+would have to push is slack.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
+
+from ..mechanics import Load, March, Structure
+from ..robot.parts import Tendon
+from ..robot.robot import Robot, sections
+from ..terms import REGISTRY, known_on
+from ..terms.term import UNMOVED
+from .equilibrium import solved
+from .solution import Equilibrium, drawn_out, stretch_of
+
+LEAST_GIVE = 1e-9  # m/N, of a tendon in a rigid sheath that does not stretch
+MOST_TRIALS = 60  # of a load step
+TOLERANCE = 1e-12  # of the length, by which a displacement may be missed
+FIRST, LEAST, MOST = 1e-2, 1e-12, 1e12  # damping of a trial, relative to the tendon's compliance
+EASIER, HARDER = 0.1, 10.0  # change of the damping after a trial that came nearer, or did not
+
+
+class Driven(NamedTuple):
+    """What drives the tendons along a history.
+
+    Attributes:
+        T_base: base tension [N], (K, *tendons).
+        met: whether every displacement is met, (K,).
+        trials: taken, (K,).
+    """
+
+    T_base: Float[Array, "K *tendons"]
+    met: Bool[Array, " K"]
+    trials: Int[Array, " K"]
+
+
+class Search(NamedTuple):
+    """A search for base tensions: the best trial, its miss and derivative, the damping, and how many."""
+
+    x: Float[Array, " tendons"]
+    miss: Float[Array, " tendons"]
+    slope: Float[Array, "tendons tendons"]
+    damping: Float[Array, ""]
+    trials: Int[Array, ""]
+
+
+def by_tension(robot: Robot) -> Robot:
+    """The same robot with all its tendons driven by tension."""
+    tendons = tuple(dataclasses.replace(tendon, drive="tension") for tendon in robot.tendons)
+    return dataclasses.replace(robot, tendons=tendons)
+
+
+def displacement_drives(robot: Robot, T_base: Array, displacement: ArrayLike | None) -> bool:
+    """Whether displacement drives any tendon of a robot.
+
+    Args:
+        robot: to be simulated.
+        T_base: its history of base tensions, (K, *tendons).
+        displacement: that of displacements, if there is one.
+
+    Raises:
+        ValueError: it does, and there is none, or a term moves a tendon's end; or there is one without a
+            tendon that it drives.
+    """
+    drawn = [tendon.name for tendon in robot.tendons if tendon.drive == "displacement"]
+    if displacement is None and drawn:
+        raise ValueError(f"displacement: drives the tendon {drawn[0]}".rstrip() + "; give its history")
+    if displacement is not None and not drawn:
+        raise ValueError('displacement: drives no tendon; set drive = "displacement", or leave it out')
+    if displacement is not None and jnp.shape(displacement) != T_base.shape:
+        raise ValueError(
+            f"displacement: of the shape of T_base, {T_base.shape}, not {jnp.shape(displacement)}"
+        )
+    for term in REGISTRY.values() if drawn else ():
+        if term.tugged and known_on(term, robot.terms[term.id]):
+            raise ValueError(f"{term.id}: {UNMOVED}")
+    return bool(drawn)
+
+
+@eqx.filter_jit
+def driven(
+    robot: Robot,
+    loads: Load,
+    displacement: Float[Array, "K *tendons"],
+    how: March,
+    structure: Structure,
+) -> Driven:
+    """Base tensions along a history; differentiable in every number of the robot and in the history.
+
+    Args:
+        robot: its tendons' drives count.
+        loads: K of them; the base tensions of those tendons that displacement drives are ignored.
+        displacement: drawn out at the base since the tendons were strung [m], of the tendons that
+            displacement drives; ignored of the others.
+        how, structure: as for an equilibrium.
+    """
+    shape = loads.T_base.shape
+    T_base, displacement = (given.reshape(shape[0], -1) for given in (loads.T_base, displacement))
+    drawn = jnp.array([tendon.drive == "displacement" for tendon in robot.tendons])
+    T_base = jnp.where(drawn[None, :], 0.0, T_base)
+    displacement = jnp.where(drawn[None, :], displacement, 0.0)
+    preload = jnp.atleast_1d(robot.per_tendon(lambda tendon: tendon.preload))
+    give = compliance(robot)
+    least = TOLERANCE * robot.backbone.length
+
+    def at(robot: Robot, x, before: Equilibrium | None, load: Load | None) -> tuple[Array, Equilibrium]:
+        tension = jnp.where(x > 0, x, 0.0)
+        one = tension if robot.tendon_names else tension[0]
+        eq = solved(robot, one, before, how, structure, load)
+        strung = robot.per_tendon(lambda tendon: tendon.preload)
+        out = drawn_out(robot.terms, eq.slip[..., 0], one, strung)
+        out = jnp.atleast_1d(out + stretch_of(robot.tendons, eq.s, eq.tension, eq.metric))
+        return out + give * jnp.where(x > 0, 0.0, x), eq
+
+    def step(carry, given):
+        before, x = carry
+        load, tension, wanted = given
+        still, wall, goal = jax.lax.stop_gradient((robot, before, jnp.where(drawn, wanted, tension)))
+
+        def miss(x):
+            out, _ = at(still, x, wall, load)
+            return jnp.where(drawn, out - goal, give * (x - goal))
+
+        found = search(miss, jnp.where(drawn, jax.lax.stop_gradient(x), goal), give, least)
+        # One step of Newton's method, of no length, has the derivative of the solution.
+        out, _ = at(robot, found.x, before, load)
+        left = jnp.where(drawn, out - wanted, give * (found.x - tension))
+        moved = jnp.linalg.solve(found.slope, left)
+        close = jnp.max(jnp.abs(found.miss)) <= least
+        x = found.x - jnp.where(close, moved, 0.0)
+        _, eq = at(robot, x, before, load)
+        return (eq, x), (jnp.where(x > 0, x, 0.0), close, found.trials)
+
+    _, strung = at(robot, preload, None, None)
+    tension, met, trials = jax.lax.scan(step, (strung, preload), (loads, T_base, displacement))[1]
+    return Driven(tension.reshape(shape), met, trials)
+
+
+def search(miss, x, give, least) -> Search:
+    """Newton's method, damped as Levenberg and Marquardt do it: where friction holds a tendon its
+    displacement hardly answers to its tension.
+
+    Args:
+        miss: how far displacements are missed [m] at unknown tensions, (tendons,).
+        x: where to start.
+        give: typical compliance of each tendon [m/N], (tendons,).
+        least: when it is met [m].
+    """
+
+    def tried(x):
+        slope, value = jax.jacfwd(lambda x: (miss(x), miss(x)), has_aux=True)(x)
+        return value, slope
+
+    def going(now: Search):
+        near = jnp.max(jnp.abs(now.miss)) <= least
+        return ~near & (now.trials < MOST_TRIALS) & (now.damping < MOST)
+
+    def trial(now: Search) -> Search:
+        damped = now.slope + now.damping * jnp.diag(give)
+        x = now.x - jnp.linalg.solve(damped, now.miss)
+        value, slope = tried(x)
+        nearer = jnp.linalg.norm(value / give) < jnp.linalg.norm(now.miss / give)
+        better = Search(x, value, slope, jnp.maximum(now.damping * EASIER, LEAST), now.trials + 1)
+        worse = now._replace(damping=now.damping * HARDER, trials=now.trials + 1)
+        return jax.tree_util.tree_map(lambda a, b: jnp.where(nearer, a, b), better, worse)
+
+    value, slope = tried(x)
+    start = Search(x, value, slope, jnp.asarray(FIRST), jnp.asarray(0))
+    return jax.lax.while_loop(going, trial, start)
+
+
+def compliance(robot: Robot) -> Float[Array, " tendons"]:
+    """About how far each tendon is drawn out per tension [m/N], (tendons,), by bending and by its stretch."""
+    s = sections(robot)
+    arms = jnp.sum(s.R.value**2, axis=-1).reshape(len(robot.tendons), -1)
+    bends = jnp.max(arms * jnp.max(s.compliance[:, 1:], axis=-1)[None, :], axis=-1) * robot.backbone.length
+    one = jnp.ones(2)
+    ends = jnp.stack([jnp.zeros(()), robot.backbone.length])
+    stretch = [stretch_of((_strung(t),), ends, one, one) for t in robot.tendons]
+    return jax.lax.stop_gradient(bends + jnp.stack(stretch) + LEAST_GIVE)
+
+
+def _strung(tendon: Tendon) -> Tendon:
+    """The tendon without a preload."""
+    return dataclasses.replace(tendon, preload=jnp.zeros(()))

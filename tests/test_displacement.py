@@ -1,0 +1,118 @@
+"""Tendons driven by displacement: the tensions that draw them out as far as they are."""
+
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import gtr_jax as gtr
+
+HELIX = {"kind": "helix", "radius": 0.008, "turns": 0.5, "start_angle": 0.5}
+BODY = {"outer_radius": 0.012, "youngs_modulus": 1.2e6}
+HISTORY = np.concatenate([np.linspace(0, 8, 7), np.linspace(8, 2, 6)[1:], np.linspace(2, 5, 4)[1:]])
+
+
+@pytest.fixture
+def pair_of(make_config):
+    """The same robot driven by tension and by displacement."""
+
+    def build(**tendon):
+        return [
+            gtr.build_robot(make_config(routing=HELIX, backbone=BODY, tendon={"drive": drive, **tendon}))
+            for drive in ("tension", "displacement")
+        ]
+
+    return build
+
+
+@pytest.mark.parametrize(
+    "tendon", [{}, {"axial_stiffness": 3e3, "free_length": 0.4}], ids=["stiff", "stretches"]
+)
+def test_it_equals_drive_by_tension_when_given_its_displacements(pair_of, tendon):
+    pulled, drawn = pair_of(**tendon)
+    want = gtr.simulate(pulled, HISTORY)
+    found = gtr.simulate(drawn, np.full_like(HISTORY, np.nan), displacement=want.displacement)
+    assert found.converged.all()
+    np.testing.assert_allclose(found.T_base, HISTORY, atol=1e-8)
+    np.testing.assert_allclose(found.T_tip, want.T_tip, atol=1e-8)
+    np.testing.assert_allclose(found.tip_position, want.tip_position, atol=1e-10)
+
+
+def test_a_tendon_that_stretches_is_drawn_out_farther_by_its_tension(pair_of):
+    (stiff, _), (soft, _) = pair_of(), pair_of(axial_stiffness=3e3, free_length=0.4)
+    one, other = (gtr.simulate(robot, jnp.array([0.0, 6.0])) for robot in (stiff, soft))
+    np.testing.assert_allclose(one.T_tip, other.T_tip, rtol=0)
+    more = float(other.displacement[1] - one.displacement[1])
+    length = float(gtr.equilibrium_at(stiff, one, 1).tendon_length)
+    # Its tension lies between that at the tip and that at the base, which it has all along its free length.
+    assert float(one.T_tip[1]) * length + 0.4 * 6 < 3e3 * more < 6 * (length + 0.4)
+
+
+def test_a_tendon_that_would_push_is_slack(pair_of):
+    _, drawn = pair_of()
+    found = gtr.simulate(drawn, jnp.zeros(4), displacement=jnp.array([0.0, 0.004, -0.002, 0.001]))
+    assert found.converged.all()
+    assert float(found.T_base[1]) > 1.0 and float(found.T_base[2]) == 0.0 < float(found.T_base[3])
+    np.testing.assert_allclose(found.tip_position[2], [0.25, 0, 0], atol=1e-12)
+
+
+@pytest.mark.slow
+def test_gradients_agree_with_differences(pair_of):
+    _, drawn = pair_of(axial_stiffness=3e3)
+    way = jnp.array([0.0, 0.003, 0.006, 0.0055])
+
+    def T_tip(values, way):
+        robot = drawn.with_values(mu=values[0], radius=values[1], EA=values[2])
+        return gtr.simulate(robot, jnp.zeros(4), displacement=way).T_tip
+
+    at = jnp.array([0.3, 0.008, 3e3])
+    by_values, by_way = jax.jacfwd(T_tip, argnums=(0, 1))(at, way)
+    for i, h in enumerate((1e-5, 1e-8, 0.1)):
+        step = h * jnp.eye(3)[i]
+        slope = (T_tip(at + step, way) - T_tip(at - step, way)) / (2 * h)
+        np.testing.assert_allclose(
+            by_values[1:, i], slope[1:], rtol=2e-5, atol=1e-7 * float(jnp.abs(slope).max())
+        )
+    slope = (T_tip(at, way + 1e-8 * jnp.eye(4)[2]) - T_tip(at, way - 1e-8 * jnp.eye(4)[2])) / 2e-8
+    np.testing.assert_allclose(by_way[2:, 2], slope[2:], rtol=2e-5)
+
+
+def test_what_is_asked_of_displacement(pair_of):
+    pulled, drawn = pair_of()
+    with pytest.raises(ValueError, match="displacement: drives the tendon"):
+        gtr.simulate(drawn, jnp.zeros(2))
+    with pytest.raises(ValueError, match="displacement: drives no tendon"):
+        gtr.simulate(pulled, jnp.zeros(2), displacement=jnp.zeros(2))
+    with pytest.raises(ValueError, match="displacement: of the shape of T_base"):
+        gtr.simulate(drawn, jnp.zeros(2), displacement=jnp.zeros(3))
+    with pytest.raises(ValueError, match="tip-moved: moves an end of the tendon"):
+        moved = drawn.with_values(**{"tip-moved.tension": -2.0})
+        gtr.simulate(moved, jnp.zeros(2), displacement=jnp.zeros(2), time=jnp.arange(2.0))
+
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+@pytest.mark.slow
+def test_three_tendons_by_displacement_turn_the_tip_around():
+    robot = gtr.load_robot(EXAMPLES / "three-tendons.toml")
+    given = gtr.read_recording(
+        EXAMPLES / "three-tendons-displacement.csv", need_tip=False, tendons=robot.tendon_names, space=True
+    )
+    assert given.displacement is not None
+    run = gtr.simulate(robot, given.T_base, displacement=given.displacement)
+    assert run.converged.all()
+    np.testing.assert_allclose(run.displacement, given.displacement, atol=1e-11)
+    tip = np.asarray(run.tip_position)[:, 1:]
+    circle, radius = tip[17:53], np.hypot(*tip.T)
+    angle = np.unwrap(np.arctan2(circle[:, 1], circle[:, 0]))
+    assert angle[-1] - angle[0] == pytest.approx(2 * np.pi * 35 / 36, abs=0.1)
+    # Tendons a third of a turn apart: once each has turned round, the tip's way repeats every third of a turn.
+    np.testing.assert_allclose(radius[25:41], radius[37:53], rtol=1e-10)
+    # Friction makes ripples; without it the tip goes round in a circle.
+    numbers = {name: 0.0 for name in gtr.parameters_of(robot) if name.split(".")[0] == "mu"}
+    smooth = gtr.simulate(robot.with_values(**numbers), given.T_base, displacement=given.displacement)
+    assert np.ptp(np.hypot(*np.asarray(smooth.tip_position)[17:53, 1:].T)) < 1e-3 * radius.max()
+    assert np.ptp(radius[17:53]) > 1e-2 * radius.max()
