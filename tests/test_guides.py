@@ -122,7 +122,7 @@ def test_many_guides_are_a_channel(make_robot, guided):
 
 def test_the_tendon_is_as_long_as_its_chords(guided):
     guides = evenly(5)
-    eq = gtr.equilibrium(guided(guides), 8.0)
+    eq = gtr.equilibrium(guided(guides, resolution=2.0), 8.0)
     assert eq.shape is not None
     s, R = np.asarray(eq.s), np.asarray(eq.R)
     offset = np.concatenate([np.zeros((len(s), 1)), R], axis=1)

@@ -131,8 +131,8 @@ def test_simulate_at_the_command_line(run, tmp_path):
     again = run("simulate", PAIR, "--history", "a/simulation.csv", "-o", "b")
     assert again.status == 0, again.err
     assert (tmp_path / "b/simulation.csv").read_bytes() == (tmp_path / "a/simulation.csv").read_bytes()
-    fitted = run("fit", PAIR, "a/simulation.csv", "-o", "c")
-    assert fitted.status == 2 and "fits one tendon" in fitted.err
+    refused = run("diagnose", PAIR, "a/simulation.csv", "-o", "c")
+    assert refused.status == 2 and "one tendon" in refused.err and len(refused.err.splitlines()) == 1
 
 
 @pytest.mark.parametrize(
@@ -151,7 +151,7 @@ def test_bad_input_at_the_command_line(run, tmp_path, arguments, says):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_fit_of_two_tendons_is_refused():
+def test_a_diagnosis_of_two_tendons_is_refused():
     robot = gtr.load_robot(PAIR)
     recording = gtr.Recording(
         T_base=np.ones((3, 2)),
@@ -161,7 +161,7 @@ def test_a_fit_of_two_tendons_is_refused():
         sha256="",
     )
     with pytest.raises(gtr.InputError, match="one tendon"):
-        calibrate.fit(robot, recording)
+        calibrate.diagnose(robot, recording)
 
 
 def test_sensitivities_of_two_tendons():
