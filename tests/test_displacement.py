@@ -109,7 +109,7 @@ def test_three_tendons_by_displacement_turn_the_tip_around():
     circle, radius = tip[17:53], np.hypot(*tip.T)
     angle = np.unwrap(np.arctan2(circle[:, 1], circle[:, 0]))
     assert angle[-1] - angle[0] == pytest.approx(2 * np.pi * 35 / 36, abs=0.1)
-    # Tendons a third of a turn apart: the tip's way repeats every third of a turn, once each has turned round.
+    # Once each tendon has turned round, the tip's way repeats every third of a turn.
     np.testing.assert_allclose(radius[25:41], radius[37:53], rtol=1e-10)
     # Friction makes ripples; without it the tip goes round in a circle.
     numbers = {name: 0.0 for name in gtr.parameters_of(robot) if name.split(".")[0] == "mu"}
