@@ -12,6 +12,7 @@ import pytest
 import calibrate
 import gtr_jax as gtr
 from calibrate.diagnosis import decide, further
+from calibrate.diagnosis.diagnose import _on_all
 from calibrate.diagnosis.episodes import (
     ALONE,
     RELAXES,
@@ -24,6 +25,8 @@ from calibrate.diagnosis.episodes import (
 from calibrate.diagnosis.heldout import _when_known
 from calibrate.diagnosis.hypotheses import EVENTS, Hypothesis
 from calibrate.diagnosis.leave_out import ASKED, Stretch, asked_for, from_outside, left_out, without
+from calibrate.diagnosis.models import Models
+from calibrate.diagnosis.prepare import Prepared, prepare
 from calibrate.number import Number
 from calibrate.readings import exact
 from calibrate.setup import Part
@@ -308,3 +311,33 @@ def test_a_sheath_that_moves_and_a_tip_end_that_is_pulled(tmp_path):
     assert (
         {"tip-gain", "sheath-moved"} in sets and {"base-gain", "sheath-moved"} in sets and found.named == []
     )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("true", "kind"),
+    [
+        ({"sheath-moved.change": -0.25, "sheath-moved.time": 31.0}, "sheath-moved"),
+        ({"wear.rate": -0.05}, "wear"),
+    ],
+)
+def test_an_event_replaces_an_effect_that_goes_on_only_where_it_happened(tmp_path, true, kind):
+    rng = np.random.default_rng(6)
+    time = np.linspace(0.0, 64.0, 801)
+    T = 6 + 5 * np.sin(2 * np.pi * time / 16 - np.pi / 2)
+    config = parse_config(SHEATH)
+    run = gtr.simulate(gtr.build_robot(config).with_values(mu=0.07, **true), T, time=time)
+    tip = np.asarray(run.T_tip) + 0.02 * rng.normal(size=len(time))
+    recorded = Recording(T_base=T, path=tmp_path / "rig.csv", sha256="", T_tip=tip, time=time)
+    ready = prepare(config, recorded, noise_base_N=0.0)
+    assert isinstance(ready, Prepared)
+    models = Models(ready.bench, ready.hypotheses)
+    wear = ready.bench.refit(models.hypotheses(["wear"]), np.zeros(len(ready.bench.base) + 1))
+    assert wear is not None
+    models.add([ready.base, wear])
+    whole = _on_all(models, ready.rough, ready.exact)
+    assert whole is not None
+    found = further._with_event_instead(whole, whole.fits["wear",])
+    assert found.names == (kind,)
+    if kind == "sheath-moved":
+        assert found.values["sheath-moved.time"] == pytest.approx(31.0, abs=0.5)

@@ -17,7 +17,7 @@ from ..parallel import in_parallel
 from .episodes import episodes
 from .events import event_hypotheses
 from .heldout import by_fold
-from .hypotheses import EVENTS
+from .hypotheses import EVENTS, Hypothesis
 from .model import Fitted
 from .models import HOW_MANY, Models
 from .screen import Screened, screen
@@ -52,7 +52,11 @@ def with_further(models: Models, start: Fitted, progress: Callable[[str], None])
     Returns:
         The best model found: `start` if nothing pays.
     """
-    head, instead, unseen = start, _alike(models, start), _Unseen(models)
+    if start.names:
+        progress(f"trying events in place of {' and '.join(start.names)}")
+        start = _with_event_instead(models, start)
+    head = start
+    instead, unseen = _alike(models, start), _Unseen(models)
     while len(head.names) + 1 < len(HOW_MANY):
         progress(f"adding to {' + '.join(head.names) or 'the base model'} what pays on unseen samples")
         fits = _refitted_beside(models, head)
@@ -98,23 +102,55 @@ def _new(fitted: Fitted, head: Fitted) -> str:
     return next(name for name in fitted.names if name not in head.names)
 
 
+def _with_event_instead(models: Models, head: Fitted) -> Fitted:
+    """The model with one of its effects replaced by an event, where that is sure and fits better: the search
+    for combinations knows no events, and a change at one time then passes for one that goes on.
+    """
+    best = head
+    for names in ([n for n in head.names if n != name] for name in head.names):
+        known = models.fits.get(tuple(sorted(names)))
+        start = models.coordinates(names, head) if known is None else known.x
+        parent = models.bench.refit(models.hypotheses(names), start, exact=False)
+        if parent is None:
+            continue
+        models.add([parent])
+        parent = models.stored(parent)
+        fits = _refitted(models, parent, screen(models.bench, parent, _events(models, parent)))
+        models.add(fits)
+        event = _event(models, parent, fits)
+        if event is not None and event.cost < best.cost - NEAR * models.bench.scale_left(event):
+            best = event
+    return best if best is head else settled(models, [best])[0]
+
+
+def _events(models: Models, head: Fitted) -> list[Hypothesis]:
+    """Events that may be what a model lacks, known to the models from now on."""
+    found = episodes(models.bench, head)
+    events = event_hypotheses(models.bench, found, [models.of[n].kind for n in head.names])
+    models.of |= {h.name: h for h in events}
+    return events
+
+
 def _refitted_beside(models: Models, head: Fitted) -> list[Fitted]:
     """The most promising further effects, refitted beside those of a model, the best first."""
     bench, taken = models.bench, {n.name for n in head.numbers}
     others = [
         h for h in models.of.values() if h.kind not in EVENTS and not taken & {n.name for n in h.numbers}
     ]
-    events = event_hypotheses(bench, episodes(bench, head), [models.of[n].kind for n in head.names])
-    models.of |= {h.name: h for h in events}
-    screened: list[Screened] = [*screen(bench, head, others, thorough=False), *screen(bench, head, events)]
-    screened.sort(key=lambda s: -s.gain)
-    wanted = [s for s in screened if s.gain > SECOND_WORTH][:TRIED]
+    lasting = screen(bench, head, others, thorough=False)
+    return _refitted(models, head, [*lasting, *screen(bench, head, _events(models, head))])
+
+
+def _refitted(models: Models, head: Fitted, screened: Sequence[Screened]) -> list[Fitted]:
+    """The most promising of some effects, refitted beside those of a model, the best first."""
+    best = sorted(screened, key=lambda s: -s.gain)
+    wanted = [s for s in best if s.gain > SECOND_WORTH][:TRIED]
     own = models.hypotheses(head.names)
     lasting = [s for s in wanted if s.hypothesis.kind not in EVENTS]
-    fits = refit_best(bench, own, head, lasting, ONE_EACH, ITERATIONS)
+    fits = refit_best(models.bench, own, head, lasting, ONE_EACH, ITERATIONS)
     # When an event happens is found from several starts: the cost has a minimum beside each.
     at_once = [s for s in wanted if s.hypothesis.kind in EVENTS]
-    fits += refit_best(bench, own, head, at_once, EVENT_STARTS, ITERATIONS)
+    fits += refit_best(models.bench, own, head, at_once, EVENT_STARTS, ITERATIONS)
     # A fit with more effects must not be worse than its parent: that is where it is null.
     return sorted((f for f in fits if f.cost < head.cost), key=lambda f: f.cost)
 
