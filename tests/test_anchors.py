@@ -56,6 +56,7 @@ def test_beyond_the_anchor_the_body_is_straight_and_the_tendon_slack(runs):
     np.testing.assert_allclose(state.wrap[at:], state.wrap[at], rtol=0)
 
 
+@pytest.mark.slow
 def test_its_end_may_be_fitted(runs):
     import jax
 

@@ -27,6 +27,7 @@ def pair_of(make_config):
     return build
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "tendon", [{}, {"axial_stiffness": 3e3, "free_length": 0.4}], ids=["stiff", "stretches"]
 )

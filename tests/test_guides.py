@@ -106,6 +106,7 @@ def test_a_soft_body_bends_as_the_elastica_of_each_segment(guided, guides):
     np.testing.assert_allclose(eq.tip_position, [*place, 0.0], atol=1e-7)
 
 
+@pytest.mark.slow
 def test_many_guides_are_a_channel(make_robot, guided):
     channel = make_robot(backbone=SOFT, routing=HELIX, tendon={"friction_coefficient": MU}, space=True)
     want = gtr.equilibrium(channel, 8.0)
@@ -135,6 +136,7 @@ def test_the_tendon_is_as_long_as_its_chords(guided):
         assert np.max(np.abs(off)) < 1e-8
 
 
+@pytest.mark.slow
 def test_a_guide_where_the_tendon_ends_is_its_anchor(guided):
     for end in ({}, {"to": 0.2}):
         stop = end.get("to", L)
@@ -177,6 +179,7 @@ def three(**changes):
     return {"tendons": each, "routing": None, "tendon": None}
 
 
+@pytest.mark.slow
 def test_three_equal_tendons_do_not_bend(make_robot):
     run = gtr.simulate(make_robot(backbone=SOFT, **three()), np.array([[2.0] * 3, [4.0] * 3, [1.0] * 3]))
     assert run.converged.all()
@@ -184,6 +187,7 @@ def test_three_equal_tendons_do_not_bend(make_robot):
     np.testing.assert_allclose(run.T_tip, run.T_base, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_slack_tendon_beside_it_does_nothing(make_robot, guided):
     """One of three pulls; of the slack others one is guided to an anchor inside, one runs in a channel."""
     robot = make_robot(backbone=SOFT, **three(b={"guides": [0.04, 0.11], "to": 0.2}, c={"guides": []}))

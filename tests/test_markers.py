@@ -58,6 +58,7 @@ def test_on_a_body_that_is_a_helix_at_rest(marked):
         )  # 4e-7 of L: the mesh
 
 
+@pytest.mark.slow
 def test_gradients_of_a_place_agree_with_differences(marked):
     robot = marked(routing={"kind": "helix", "radius": 0.008, "turns": 0.75})
 

@@ -52,6 +52,7 @@ def test_simulate_a_helix(run, tmp_path):
     assert (tmp_path / "b/simulation.csv").read_bytes() == (tmp_path / "a/simulation.csv").read_bytes()
 
 
+@pytest.mark.slow
 def test_simulate_by_displacement(run, tmp_path):
     text = HELIX.read_text().replace(
         "friction_coefficient = 0.3",
@@ -112,6 +113,7 @@ def test_what_takes_the_plane_only_says_so(run, tmp_path, command):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_simulate_a_tendon_on_disks(run, tmp_path):
     text = HELIX.read_text().replace("= 0.3\n", '= 0.3\nguides = ["100 mm", "250 mm"]\n')
     (tmp_path / "robot.toml").write_text(text)

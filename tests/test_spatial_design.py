@@ -213,6 +213,7 @@ def test_tensions_of_several_tendons_are_free_one_by_one():
     assert space.design(values).numbers()["tendons.b.routing.angle"] == 0.5
 
 
+@pytest.mark.slow
 def test_two_tendons_in_a_plane_find_their_tensions_again():
     """The pull and the hold that lead to a tip's place, from that place."""
     config = load_config(PAIR)

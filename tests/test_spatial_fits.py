@@ -32,6 +32,7 @@ def check(estimate, true, most):
     assert abs(estimate.value - true) < 4 * estimate.sd < most
 
 
+@pytest.mark.slow
 def test_a_helical_tendon_is_fitted_and_what_is_fitted_simulates(capsys, tmp_path):
     done = run_gtr(capsys, "fit", EXAMPLE, RECORDED, "--free", "mu,E", "-o", tmp_path / "out")
     assert done.status == 0, done.err
@@ -58,6 +59,7 @@ def test_a_helical_tendon_is_fitted_and_what_is_fitted_simulates(capsys, tmp_pat
     assert np.max(np.linalg.norm(run.tip_position - place, axis=1)) < 1e-3
 
 
+@pytest.mark.slow
 def test_a_displacement_drives_where_no_base_tension_is_recorded():
     config = gtr.load_config(EXAMPLE).with_values({"backbone.youngs_modulus": TRUTH["E"]})
     recording = gtr.read_recording(RECORDED, space=True)
