@@ -109,6 +109,7 @@ def test_the_integrals_of_the_forces_agree_in_space(released, loaded):
     config = load_config(HELIX)
     if loaded:
         data = config.model_dump(mode="json", by_alias=True, exclude_none=True)
+        data["backbone"]["density"] = 1070.0
         data["loads"] = {"gravity": [0.0, -6.0, 7.0], "tip_force": [0.01, -0.02, 0.03], "payload": 0.005}
         data["base"] = {"position": [0.1, 0.0, 0.2], "rotation": [0.2, 0.1, -0.4]}
         config = parse_config(data)
