@@ -277,7 +277,7 @@ def sweep(path: Path) -> None:
     again = path.with_name("again.toml")
     again.write_text(sweep_text(read), encoding="utf-8")
     assert sweep_text(load_sweep(again)) == sweep_text(read)  # what varies stays as written, nan too
-    plan_of(read, axes_of(read, SWEPT), None, 1)
+    plan_of(read, axes_of(read, SWEPT, "N"), None, 1)
 
 
 def recording(path: Path) -> None:

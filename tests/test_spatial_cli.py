@@ -10,7 +10,7 @@ from command_line import run_gtr
 
 import calibrate
 import gtr_jax as gtr
-from gtr_jax.cli.simulate import driven
+from gtr_jax.files.driving import driven
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 HELIX, THREE = EXAMPLES / "helix.toml", EXAMPLES / "three-tendons.toml"
@@ -90,23 +90,14 @@ TARGET = """schema = 1
 T_base = "5 N"
 tip = ["240 mm", "10 mm"]
 """
-SWEEP = """schema = 1
-robot = "helix.toml"
-outputs = ["T_tip"]
-[vary]
-"tendon.friction_coefficient" = [0.1, 0.2]
-[history]
-pull = "5 N"
-"""
 
 
-@pytest.mark.parametrize("command", ["diagnose", "design", "sweep"])
+@pytest.mark.parametrize("command", ["diagnose", "design"])
 def test_what_takes_the_plane_only_says_so(run, tmp_path, command):
     (tmp_path / "helix.toml").write_text(HELIX.read_text())
     (tmp_path / "rec.csv").write_text("T_base_N,T_tip_N\n" + "".join(f"{k},{0.9 * k}\n" for k in range(40)))
     (tmp_path / "target.toml").write_text(TARGET)
-    (tmp_path / "sweep.toml").write_text(SWEEP)
-    given = {"design": ("helix.toml", "target.toml"), "sweep": ("sweep.toml",)}
+    given = {"design": ("helix.toml", "target.toml")}
     outcome = run(command, *given.get(command, ("helix.toml", "rec.csv")), "-o", "out")
     assert outcome.status == 2, outcome.out
     assert "plane" in outcome.err and len(outcome.err.strip().splitlines()) == 1

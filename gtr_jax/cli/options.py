@@ -6,11 +6,14 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from gtr_jax.errors import InputError
+
+if TYPE_CHECKING:
+    from gtr_jax.files.amount import Amount
 
 
 class Quantity(click.ParamType):
@@ -32,16 +35,6 @@ class Quantity(click.ParamType):
         return to_si(value, self.unit, where)
 
 
-class Amount(NamedTuple):
-    """How far a tendon is pulled, in SI: a tension (unit "N") or a displacement ("m"); and how it is
-    written.
-    """
-
-    value: float
-    unit: str
-    text: str
-
-
 class Pull(Quantity):
     """A tension, in newtons without a unit, or a displacement with its unit of length."""
 
@@ -50,15 +43,19 @@ class Pull(Quantity):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Amount:
         """The amount in SI; InputError naming the option."""
+        from gtr_jax.files.amount import Amount, amount_of
+
         if isinstance(value, Amount):
             return value
+        text = str(value)
         try:
-            return Amount(super().convert(value, param, ctx), "N", str(value))
+            value = float(value)
+        except ValueError:
+            pass
+        try:
+            return amount_of(value)._replace(text=text)
         except InputError as fault:
-            try:
-                return Amount(Quantity("m", self.name).convert(value, param, ctx), "m", str(value))
-            except InputError:
-                raise fault from None
+            raise InputError(f"{param.opts[0] if param else self.name}: {fault}") from None
 
 
 STDIN = Path("-")

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import click
 
 from gtr_jax.errors import InputError, did_you_mean, listed
 
 from .options import (
-    Amount,
     InputFile,
     Pull,
     Quantity,
@@ -25,24 +24,14 @@ from .recordings import left_out, mapping_files, read_recordings, recording_opti
 if TYPE_CHECKING:
     import numpy as np
 
+    from gtr_jax.files.amount import Amount
     from gtr_jax.files.config import RobotConfig
+    from gtr_jax.files.driving import Drive
     from gtr_jax.files.recording import Recording
     from gtr_jax.report.simulation import SimulationAnswer
     from gtr_jax.simulation.history import Simulation
 
 STEPS = 40
-
-
-class Drive(NamedTuple):
-    """What drives the tendons along a history.
-
-    Attributes:
-        T_base: base tension [N], (K, *tendons); NaN of tendons that displacement drives.
-        displacement: drawn out at the base [m], (K, *tendons); None if tension drives them all.
-    """
-
-    T_base: np.ndarray
-    displacement: np.ndarray | None
 
 
 @click.command()
@@ -126,6 +115,8 @@ def simulate(
             need_tip=False,
             space=True,
         )[0]
+        from gtr_jax.files.driving import driven
+
         config, drive, time = *driven(config, given), given.time
     check_times(config, time)
     paths = {"robot": robot, **({"history": history} if history else {}), **mapping_files(columns)}
@@ -153,6 +144,8 @@ def pulls_of(
     """The history of a pull and release of one tendon, the others at their preload or place."""
     import numpy as np
 
+    from gtr_jax.files.amount import unit_of
+    from gtr_jax.files.driving import Drive
     from gtr_jax.files.units import to_si
 
     names = config.tendon_names
@@ -165,7 +158,8 @@ def pulls_of(
         )
     strung = {name: own for name, own, _ in config.strung}
     pulled = strung[tendon or ""]
-    unit, start = ("N", pulled.preload) if pulled.drive == "tension" else ("m", 0.0)
+    unit = unit_of(pulled.drive)
+    start = pulled.preload if unit == "N" else 0.0
     for option, given in (("--pull", pull), ("--release", release)):
         if given is not None and given.unit != unit:
             if unit == "N":
@@ -194,25 +188,6 @@ def pulls_of(
         for kind in ("tension", "displacement")
     )
     return Drive(T_base, displacement if any(own.drive != "tension" for own in strung.values()) else None)
-
-
-def driven(config: RobotConfig, given: Recording) -> tuple[RobotConfig, Drive]:
-    """The robot and its history as a file drives it: a tendon without base tension by its displacement.
-
-    Raises:
-        InputError: displacement drives a tendon that has none.
-    """
-    import numpy as np
-
-    from gtr_jax.files.driving import driven_by
-
-    strung = [(name, tendon.drive) for name, tendon, _ in config.strung]
-    drawn = driven_by(given, strung)
-    if not drawn:
-        return config, Drive(given.T_base.copy(), None)
-    which = np.asarray([name in drawn for name, _ in strung]).reshape(given.T_base.shape[1:])
-    keys = {f"tendons.{name}.drive" if name else "tendon.drive": "displacement" for name in drawn}
-    return config.with_values(keys), Drive(np.where(which, np.nan, given.T_base), given.displacement)
 
 
 def pull_and_release(

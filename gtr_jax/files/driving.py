@@ -1,14 +1,43 @@
-"""Which tendons a recording drives by displacement."""
+"""Which tendons a recording drives by displacement, and how it drives them all."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
 from gtr_jax.errors import InputError
 
+from .config import RobotConfig
 from .recording import Recording
+
+
+class Drive(NamedTuple):
+    """What drives the tendons along a history.
+
+    Attributes:
+        T_base: base tension [N], (K, *tendons); NaN of tendons that displacement drives.
+        displacement: drawn out at the base [m], (K, *tendons); None if tension drives them all.
+    """
+
+    T_base: np.ndarray
+    displacement: np.ndarray | None
+
+
+def driven(config: RobotConfig, given: Recording) -> tuple[RobotConfig, Drive]:
+    """The robot and its history as a file drives it: a tendon without base tension by its displacement.
+
+    Raises:
+        InputError: displacement drives a tendon that has none.
+    """
+    strung = [(name, tendon.drive) for name, tendon, _ in config.strung]
+    drawn = driven_by(given, strung)
+    if not drawn:
+        return config, Drive(given.T_base.copy(), None)
+    which = np.asarray([name in drawn for name, _ in strung]).reshape(given.T_base.shape[1:])
+    keys = {f"tendons.{name}.drive" if name else "tendon.drive": "displacement" for name in drawn}
+    return config.with_values(keys), Drive(np.where(which, np.nan, given.T_base), given.displacement)
 
 
 def driven_by(recording: Recording, tendons: Iterable[tuple[str, str]]) -> list[str]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gtr_jax.errors import InputError
-from gtr_jax.terms import REGISTRY
+from gtr_jax.terms import REGISTRY, Term
 from gtr_jax.terms.term import ONE_HELD, UNMOVED
 
 from .config_checks import mm
@@ -73,13 +73,18 @@ def _check_tendon(table: str, tendon: TendonConfig, length: float, terms: set[st
 
 
 def _check_terms(config: RobotConfig) -> None:
-    drawn = any(tendon.drive == "displacement" for _, tendon, _ in config.strung)
     for term in config.terms:
-        law = REGISTRY[term.kind]
-        if config.tendons and (law.stop or law.relaxes):
-            raise InputError(f"terms.{term.kind}: {ONE_HELD}")
-        if drawn and law.tugged:
-            raise InputError(f"terms.{term.kind}: {UNMOVED}")
+        fault = refused_in_space(config, REGISTRY[term.kind])
+        if fault:
+            raise InputError(f"terms.{term.kind}: {fault}")
+
+
+def refused_in_space(config: RobotConfig, term: Term) -> str | None:
+    """Why a robot in space cannot have a physics term, with the remedy; None if it can."""
+    if config.tendons and (term.stop or term.relaxes):
+        return ONE_HELD
+    drawn = any(tendon.drive == "displacement" for _, tendon, _ in config.strung)
+    return UNMOVED if drawn and term.tugged else None
 
 
 def _check_twist(config: RobotConfig) -> None:

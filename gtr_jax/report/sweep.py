@@ -73,7 +73,8 @@ def _pulled(array: xarray.DataArray, task: Task) -> xarray.DataArray:
 
 
 def _of_grid(task: Task, arrays: dict[str, xarray.DataArray]) -> Figure:
-    last = " at the largest base tension kept" if len(task.history.kept) > 1 else ""
+    pulled = "displacement" if task.drawn else "base tension"
+    last = f" at the largest {pulled} kept" if len(task.history.kept) > 1 else ""
     if sum(n > 1 for n in task.plan.shape) < 2:
         return Figure("curves", png(plot_curves(arrays)), f"What was computed{last}.")
     others = " Other parameters are at their middle values." if len(task.plan.shape) > 2 else ""

@@ -15,12 +15,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from ..mechanics import Load, March, Structure
+from ..mechanics import FOREVER, Load, March, Structure
+from ..mechanics.small_matrices import inverse, times
 from ..robot.parts import Tendon
 from ..robot.robot import Robot, sections
 from ..terms import REGISTRY, known_on
 from ..terms.term import UNMOVED
 from .equilibrium import solved
+from .programs import structure_of
 from .solution import Equilibrium, drawn_out, stretch_of
 
 LEAST_GIVE = 1e-9  # m/N, of a tendon in a rigid sheath that does not stretch
@@ -45,8 +47,11 @@ class Driven(NamedTuple):
 
 
 class Search(NamedTuple):
-    """A search for base tensions: the best trial, its miss and derivative, the damping, and how many."""
+    """A search for base tensions: the next trial, the best one, its miss and derivative, the damping, and how
+    many were taken.
+    """
 
+    trial: Float[Array, " tendons"]
     x: Float[Array, " tendons"]
     miss: Float[Array, " tendons"]
     slope: Float[Array, "tendons tendons"]
@@ -135,7 +140,7 @@ def driven(
         # One step of Newton's method, of no length, has the derivative of the solution.
         out, _ = at(robot, found.x, before, load)
         left = jnp.where(drawn, out - wanted, give * (found.x - tension))
-        moved = jnp.linalg.solve(found.slope, left)
+        moved = times(inverse(found.slope), left)
         close = jnp.max(jnp.abs(found.miss)) <= least
         x = found.x - jnp.where(close, moved, 0.0)
         _, eq = at(robot, x, before, load)
@@ -144,6 +149,18 @@ def driven(
     _, strung = at(robot, preload, None, None)
     tension, met, trials = jax.lax.scan(step, (strung, preload), (loads, T_base, displacement))[1]
     return Driven(tension.reshape(shape), met, trials)
+
+
+def drawn_at_once(
+    robot: Robot, T_base: Float[Array, "*tendons"], displacement: Float[Array, "*tendons"], how: March
+) -> tuple[Float[Array, "*tendons"], Bool[Array, ""]]:
+    """Base tensions [N] of one load step from the preloads that comes to rest, and whether every displacement
+    is met; arguments as of `driven`, without the steps.
+    """
+    nil = jnp.zeros(1)
+    load = Load(T_base[None], FOREVER + nil, nil, nil)
+    found = driven(robot.for_any_terms(), load, displacement[None], how, structure_of(robot, None))
+    return found.T_base[0], found.met[0]
 
 
 def search(miss, x, give, least) -> Search:
@@ -165,18 +182,20 @@ def search(miss, x, give, least) -> Search:
         near = jnp.max(jnp.abs(now.miss)) <= least
         return ~near & (now.trials < MOST_TRIALS) & (now.damping < MOST)
 
-    def trial(now: Search) -> Search:
-        damped = now.slope + now.damping * jnp.diag(give)
-        x = now.x - jnp.linalg.solve(damped, now.miss)
-        value, slope = tried(x)
+    def once(now: Search) -> Search:
+        value, slope = tried(now.trial)
         nearer = jnp.linalg.norm(value / give) < jnp.linalg.norm(now.miss / give)
-        better = Search(x, value, slope, jnp.maximum(now.damping * EASIER, LEAST), now.trials + 1)
-        worse = now._replace(damping=now.damping * HARDER, trials=now.trials + 1)
-        return jax.tree_util.tree_map(lambda a, b: jnp.where(nearer, a, b), better, worse)
+        eased = jnp.maximum(now.damping * EASIER, LEAST)
+        better = now._replace(x=now.trial, miss=value, slope=slope, damping=eased)
+        worse = now._replace(damping=now.damping * HARDER)
+        best = jax.tree_util.tree_map(lambda a, b: jnp.where(nearer, a, b), better, worse)
+        damped = best.slope + best.damping * jnp.diag(give)
+        return best._replace(trial=best.x - times(inverse(damped), best.miss), trials=now.trials + 1)
 
-    value, slope = tried(x)
-    start = Search(x, value, slope, jnp.asarray(FIRST), jnp.asarray(0))
-    return jax.lax.while_loop(going, trial, start)
+    # The first trial is nearer than none.
+    far, slope = jnp.full_like(x, jnp.inf), jnp.diag(give)
+    start = Search(x, x, far, slope, jnp.asarray(FIRST / EASIER), jnp.asarray(0))
+    return jax.lax.while_loop(going, once, start)
 
 
 def compliance(robot: Robot) -> Float[Array, " tendons"]:

@@ -35,18 +35,29 @@ def shape_in_plane(robot: Robot, curvature: Float[Array, "K N"], angle: Float[Ar
 
 @eqx.filter_jit
 def marker_places(robot: Robot, run: Simulation) -> Float[Array, "K markers 3"]:
-    """Places of the robot's markers in the world at every step [m], of order four in the mesh.
+    """Places of the robot's markers in the world at every step [m]; see `markers_on`.
 
     Args:
         robot: as simulated.
         run: its simulation.
     """
     shape = shape_in_plane(robot, run.curvature, run.angle) if run.shape is None else run.shape
+    return markers_on(robot, run.s, shape)
+
+
+def markers_on(robot: Robot, s: Float[Array, " N"], shape: Shape) -> Float[Array, "K markers 3"]:
+    """Places of the robot's markers in the world [m], of order four in the mesh.
+
+    Args:
+        robot: whose markers they are.
+        s: its nodes [m].
+        shape: of its body at K steps.
+    """
     if not robot.markers:
-        return jnp.zeros((run.angle.shape[0], 0, 3))
+        return jnp.zeros((shape.position.shape[0], 0, 3))
     at = jnp.stack([marker.at for marker in robot.markers])
     offset = jnp.stack([marker.offset for marker in robot.markers])
-    return jax.vmap(lambda one: _places(run.s, one, at, offset))(shape)
+    return jax.vmap(lambda one: _places(s, one, at, offset))(shape)
 
 
 def _places(

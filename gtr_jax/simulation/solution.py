@@ -196,10 +196,38 @@ def stretch_of(
             found.append(jnp.zeros(()))
             continue
         more, nu = (tension[i], metric[i]) if several else (tension, metric)
-        along = (more - tendon.preload) * nu
-        within = jnp.sum(0.5 * (along[1:] + along[:-1]) * jnp.diff(s))
+        within = jnp.sum(_tightening(tendon, s, more, nu))
         found.append((within + (more[0] - tendon.preload) * tendon.free_length) / tendon.axial_stiffness)
     return jnp.stack(found) if several else found[0]
+
+
+def stretch_beyond(
+    tendons: Sequence[Tendon],
+    s: Float[Array, " N"],
+    tension: Float[Array, "*tendons N"],
+    metric: Float[Array, "*tendons N"],
+) -> Float[Array, "*tendons N"]:
+    """How much longer than at their preloads the tendons are beyond each node, by their own stretch in the
+    channel [m]; zero of those without an axial stiffness. Arguments as of `stretch_of`.
+    """
+
+    def beyond(tendon, tension, metric):
+        if tendon.axial_stiffness is None:
+            return jnp.zeros_like(s)
+        gone = jnp.cumsum(_tightening(tendon, s, tension, metric))
+        return (gone[-1] - jnp.concatenate([jnp.zeros(1), gone])) / tendon.axial_stiffness
+
+    if len(tendons) == 1:
+        return beyond(tendons[0], tension, metric)
+    return jnp.stack([beyond(*own) for own in zip(tendons, tension, metric, strict=True)])
+
+
+def _tightening(
+    tendon: Tendon, s: Float[Array, " N"], tension: Float[Array, " N"], metric: Float[Array, " N"]
+) -> Float[Array, " M"]:
+    """Integral of the tension over the preload along each interval of the channel [N m]."""
+    along = (tension - tendon.preload) * metric
+    return 0.5 * (along[1:] + along[:-1]) * jnp.diff(s)
 
 
 class Loaded(eqx.Module):

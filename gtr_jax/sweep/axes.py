@@ -19,12 +19,15 @@ from .config import SweepConfig
 
 SCALES = ("linear", "log")
 MOST_VALUES = 10**8  # along a parameter: they are held in memory
-# Parameters of the load history.
-HISTORY = {
-    "pull": Parameter("pull", "history.pull", "N", 0.0, None),
-    "release": Parameter("release", "history.release", "N", 0.0, None),
-    "dt": Parameter("dt", "history.dt", "s", 0.0, None, log=True),
-}
+
+
+def of_history(unit: str) -> dict[str, Parameter]:
+    """Parameters of the load history, by name; pull and release are in `unit`, "N" or "m"."""
+    return {
+        "pull": Parameter("pull", "history.pull", unit, 0.0, None),
+        "release": Parameter("release", "history.release", unit, 0.0, None),
+        "dt": Parameter("dt", "history.dt", "s", 0.0, None, log=True),
+    }
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,21 +92,23 @@ class Axis:
         return self.low + (self.high - self.low) * share
 
 
-def find(robot: Robot, key: str, where: str) -> Parameter:
-    """The parameter meant by a name or a key; InputError naming `where`."""
-    known = parameters_of(robot) | HISTORY
+def find(robot: Robot, key: str, where: str, unit: str) -> Parameter:
+    """The parameter meant by a name or a key; InputError naming `where`. Pull and release are in `unit`."""
+    known = parameters_of(robot) | of_history(unit)
     by_key = {p.key: p for p in known.values()}
     if key in known or key in by_key:
         return known.get(key) or by_key[key]
     raise InputError(f"{where}: no parameter '{key}' on this robot; {did_you_mean(key, [*known, *by_key])}")
 
 
-def axes_of(sweep: SweepConfig, robot: Robot) -> tuple[Axis, ...]:
-    """What the sweep's [vary] varies, in its order; InputError naming the key."""
+def axes_of(sweep: SweepConfig, robot: Robot, unit: str) -> tuple[Axis, ...]:
+    """What the sweep's [vary] varies, in its order; InputError naming the key. Pull and release are in
+    `unit`.
+    """
     axes: list[Axis] = []
     for key, said in _flat(sweep.vary):
         where = f"{sweep.source}: vary.{key}"
-        parameter = find(robot, key, f"{sweep.source}: vary")
+        parameter = find(robot, key, f"{sweep.source}: vary", unit)
         if any(axis.parameter == parameter for axis in axes):
             raise InputError(f"{where}: stands twice, as '{parameter.name}' and '{parameter.key}'; keep one")
         axis = _axis(parameter, said, where, gridded=sweep.sample == "grid")

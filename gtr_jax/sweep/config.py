@@ -14,12 +14,13 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, StrictInt, StrictStr
 
 from gtr_jax.errors import InputError
+from gtr_jax.files.amount import Amount, Pulled
 from gtr_jax.files.config_file import read_toml
 from gtr_jax.files.section import Section
 from gtr_jax.files.sections import FileSection
 from gtr_jax.files.units import Unit
 
-Force = Annotated[float, Unit("N")]
+Pull = Annotated[Amount, Pulled()]
 Time = Annotated[float, Unit("s")]
 Ratio = Annotated[float, Unit("dimensionless")]
 Whole = Annotated[StrictInt, Field(gt=-(2**63), lt=2**63)]
@@ -30,18 +31,20 @@ DRAWN = ("sobol", "latin-hypercube", "random", "saltelli", "morris")
 class HistorySection(Section):
     """The load history of every point."""
 
-    pull: Force | None = Field(default=None, examples=["45 N"])
-    """Base tension [N] to which the tendon is pulled from its preload."""
-    release: Force | None = None
-    """Base tension [N] to which it is then released."""
+    pull: Pull | None = Field(default=None, examples=["45 N"])
+    """Base tension to which the tendon is pulled from its preload, or by how far where displacement drives
+    it."""
+    release: Pull | None = None
+    """Base tension, or displacement, to which it is then released."""
     steps: Whole | None = None
     """Load steps of each branch; one for a pull alone, 40 with a release, unless given."""
     dt: Time | None = None
     """Time of each step [s], for physics terms that depend on it."""
     tendon: StrictStr | None = None
-    """Of several tendons the one that is pulled; the others keep their preload."""
+    """Of several tendons the one that is pulled; the others keep their preload, or their place."""
     file: StrictStr | None = None
-    """CSV file of the base tension, relative to the sweep file, instead of pull and release."""
+    """CSV file of the base tension, or of the displacement, relative to the sweep file, instead of pull and
+    release."""
     keep: Literal["turns", "all", "last"] = "turns"
     """Which steps of the history are kept: the end of each branch, all, or the last."""
 

@@ -16,12 +16,14 @@ from gtr_jax.robot.robot import Robot
 from gtr_jax.terms import REGISTRY
 
 from ..mechanics import March
+from ..simulation.displacement import drawn_at_once
 from ..simulation.equilibrium import equilibrium
 from ..simulation.history import simulate
-from .outputs import along, at_rest
+from .loadpath import drive_of, end_of
 from .switch import switch_tension
 from .task import LOADED, Task
 from .validity import is_robot
+from .values import along, at_rest
 
 CONVERGED, NOT_CONVERGED, NOT_FINITE, NO_ROBOT = 0, 1, 2, 3  # result codes in the store
 # The whole load at once, or not at all: lanes that need it in shares would hold up the others of their batch.
@@ -51,7 +53,7 @@ class Lanes:
             return jax.lax.map(
                 functools.partial(_lane, task, robot, solver, self._usual),
                 points,
-                batch_size=min(task.lanes, batch),
+                batch_size=None if task.drawn else min(task.lanes, batch),
             )
 
         shaped = jax.ShapeDtypeStruct((batch, len(task.axes)), jnp.float64)
@@ -114,19 +116,22 @@ def _lane(
     stored = {v.name for v in task.stored}
 
     def outputs(point):
-        said, met = _solved(task, robot, point, solver)
+        said, met, pulled = _solved(task, robot, point, solver)
         said = {name: _squeezed(task, name, values) for name, values in said.items() if name in stored}
-        return {v.name: said[v.name] for v in task.gradients}, (said, met)
+        return {v.name: said[v.name] for v in task.gradients}, (said, met, pulled)
 
     if task.gradients:
-        slopes, (said, met) = jax.jacfwd(outputs, has_aux=True)(point)
+        slopes, (said, met, pulled) = jax.jacfwd(outputs, has_aux=True)(point)
         said |= {
             f"d{v.name}_d{axis.name}": slopes[v.name][..., i]
             for v in task.gradients
             for i, axis in enumerate(task.axes)
         }
     else:
-        _, (said, met) = outputs(point)
+        _, (said, met, pulled) = outputs(point)
+    if "T_base_switch" in stored:
+        said["T_base_switch"], found = switch_tension(_robot_at(task, robot, point), pulled, solver)
+        met = met & found
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(values)) for values in said.values()]))
     result = jnp.where(finite, CONVERGED, NOT_FINITE)
     result = jnp.where(there, jnp.where(met, result, NOT_CONVERGED), NO_ROBOT).astype(jnp.uint8)
@@ -147,46 +152,24 @@ def _robot_at(task: Task, robot: Robot, point: Float[Array, " axes"]) -> Robot:
 
 
 def _solved(task: Task, robot: Robot, point: Float[Array, " axes"], solver):
-    """The outputs of one point by name, and whether all its states were solved."""
+    """The outputs of one point by name, whether all its states were solved, and the true base tension at the
+    end of the pull.
+    """
     robot, path = _robot_at(task, robot, point), task.history
     varied = {axis.name: point[i] for i, axis in enumerate(task.axes) if axis.of_history}
-    T_base = base_tension(task, robot, varied)
+    T_base, out = drive_of(path, robot, varied)
+    wanted = {v.name for v in task.outputs}
     if task.single:
-        eq = equilibrium(robot, T_base[0], solver=solver)
-        said, met = at_rest(robot, eq, T_base[0]), eq.converged
-    else:
-        time = None if path.time is None else jnp.asarray(path.time) * varied.get("dt", 1.0)
-        run = simulate(robot, T_base, time=time, solver=solver)
-        shapes = any(v.name == "x" for v in task.outputs)
-        said, met = along(robot, run, path.kept, shapes), jnp.all(run.converged)
-    if any(v.name == "T_base_switch" for v in task.outputs):
-        switch, found = switch_tension(robot, _end(task, varied, "pull"), solver)
-        said |= {"T_base_switch": switch}
-        met = met & found
-    return said, met
-
-
-def base_tension(task: Task, robot: Robot, varied: dict[str, Array]) -> Float[Array, "K *tendons"]:
-    """Base tension at every step [N]."""
-    path = task.history
-    if path.given is not None:
-        return jnp.asarray(path.given)
-    preload = robot.per_tendon(lambda tendon: tendon.preload)
-    start = preload if path.tendon is None else preload[path.tendon]
-    pull = _end(task, varied, "pull")
-    T = start + (pull - start) * jnp.asarray(path.up)
-    if len(path.down):
-        release = _end(task, varied, "release")
-        T = jnp.concatenate([T, pull + (release - pull) * jnp.asarray(path.down)])
-    if path.tendon is None:
-        return T
-    held = jnp.broadcast_to(preload, (T.shape[0], preload.shape[0]))
-    return held.at[:, path.tendon].set(T)
-
-
-def _end(task: Task, varied: dict[str, Array], name: str) -> Array:
-    """Base tension at the end of a branch [N], whether it is varied or given."""
-    return varied[name] if name in varied else jnp.asarray(getattr(task.history, name), dtype=float)
+        pulled, met = T_base[0], jnp.asarray(True)
+        if out is not None:
+            pulled, met = drawn_at_once(robot, pulled, out[0], solver)
+        eq = equilibrium(robot, pulled, solver=solver)
+        return at_rest(robot, eq, pulled, wanted), met & eq.converged, pulled
+    time = None if path.time is None else jnp.asarray(path.time) * varied.get("dt", 1.0)
+    run = simulate(robot, T_base, time=time, displacement=out, solver=solver)
+    given = out is not None or path.given is not None
+    pulled = run.T_base[len(path.up) - 1] if given else end_of(path, varied, "pull")
+    return along(robot, run, path.kept, wanted), jnp.all(run.converged), pulled
 
 
 def _squeezed(task: Task, name: str, values: Array) -> Array:

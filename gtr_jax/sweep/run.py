@@ -100,12 +100,14 @@ def cores() -> int:
 def threads_of(task: Task, wanted: int) -> int:
     """Threads to solve a sweep in: as many as wanted, or one per core; one where more would not help.
 
-    Several tendons need batches of dense systems; when two threads solve these by LAPACK at once, they wait
-    for each other for ever on XLA's CPU backend (jaxlib 0.10.2). An accelerator is busy with one batch.
+    Several tendons in the plane need batches of dense systems; when two threads solve these by LAPACK at
+    once, they wait for each other for ever on XLA's CPU backend (jaxlib 0.10.2). An accelerator is busy with
+    one batch.
     """
     import jax
 
-    if task.robot.tendon_names or jax.default_backend() != "cpu":
+    dense = task.robot.tendon_names and not task.robot.space
+    if dense or jax.default_backend() != "cpu":
         return 1
     return wanted or cores()
 

@@ -78,7 +78,7 @@ class Sensitivity:
 
 
 def sensitivity_of(task: Task, store: Store) -> Sensitivity:
-    """Indices of every number that a point has, at the largest base tension kept.
+    """Indices of every number that a point has, at the step kept that is pulled hardest.
 
     On a grid, exact over its points; from a saltelli or morris sample by SALib's estimators of these names,
     from any other by its RBD-FAST.

@@ -15,8 +15,8 @@ import numpy as np
 
 from gtr_jax.errors import InputError
 
-from .lanes import base_tension
-from .outputs import BASE, RESULT, STEP, of_tendons
+from .loadpath import drive_of
+from .outputs import DRAWN_OUT, RESULT, STEP, Variable, of_tendons
 from .plan import POINT, draw
 from .task import Task, settings_of
 
@@ -153,20 +153,27 @@ class Store:
         return iter([task.table]) if task.table is not None else draw(task.file, task.axes)
 
     def _base(self, group) -> None:
-        """The base tension at the steps kept, where it is the same at every point."""
+        """What drives the tendons at the steps kept, base tension or displacement, where it is the same at
+        every point.
+        """
         task, path = self.task, self.task.history
-        if task.base_varies:
-            return
         names = task.robot.tendon_names
-        T = np.asarray(base_tension(task, task.robot, {}))[list(path.kept)]
-        for i, v in enumerate(of_tendons(BASE, names)):
-            own = T[:, i] if names else T
+        put: list[tuple[Variable, np.ndarray]] = []
+        if not task.base_varies:
+            T = np.asarray(drive_of(path, task.robot, {}).T_base)
+            put += [(v, T[:, i] if names else T) for i, v in task.given_bases]
+        if task.drawn and not task.pull_varies:
+            out = np.asarray(drive_of(path, task.robot, {}).displacement)
+            each = enumerate(of_tendons(DRAWN_OUT, names))
+            put += [(v, out[:, i] if names else out) for i, v in each if path.drawn[i]]
+        for v, steps in put:
+            own = steps[list(path.kept)]
             values = own if len(path.kept) > 1 else own[0]
             dims = (STEP,) if len(path.kept) > 1 else ()
             _put(group, v.name, values, dims, _described(v.says, v.unit))
-        known = group.attrs.get("coordinates", "")
-        names = " ".join(v.name for v in of_tendons(BASE, names))
-        group.attrs["coordinates"] = f"{known} {names}".strip()
+        if put:
+            known = group.attrs.get("coordinates", "")
+            group.attrs["coordinates"] = f"{known} {' '.join(v.name for v, _ in put)}".strip()
 
     def left(self) -> list[int]:
         """Blocks that are not computed yet."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import hashlib
-import itertools
 import json
 import math
 from collections.abc import Sequence
@@ -15,19 +14,19 @@ from typing import Any
 
 import numpy as np
 
-from gtr_jax.errors import InputError, listed
+from gtr_jax.errors import InputError
 from gtr_jax.files.config import RobotConfig, config_text, load_config
 from gtr_jax.files.quantities import split_unit
-from gtr_jax.files.recording import read_recording
+from gtr_jax.files.space_checks import refused_in_space
 from gtr_jax.files.table import read_table
 from gtr_jax.robot.build import build_robot, choose_intervals
-from gtr_jax.robot.in_plane import refuse_space
 from gtr_jax.robot.parameters import term_of
 from gtr_jax.robot.robot import Robot
 from gtr_jax.terms import REGISTRY, known_on
 
 from .axes import Axis, axes_of, check_values, find
 from .config import SweepConfig, sweep_text
+from .loadpath import LoadPath, given_history, load_path, unit_of_pull
 from .outputs import (
     BASE,
     GRADIENTS,
@@ -41,49 +40,11 @@ from .outputs import (
 )
 from .plan import Plan, block_size, plan_of
 
-STEPS = 40  # load steps of each branch unless given
 # Work of a load step in equilibria without external loads, and lanes solved side by side:
 # benchmarks/results/lanes.md has the measurements.
-PLAIN, LOADED, SLIP = 1.0, 5.0, 250.0
-LANES = {PLAIN: 16, LOADED: 16, SLIP: 1}
+PLAIN, LOADED, DRAWN, SLIP = 1.0, 5.0, 50.0, 250.0
+LANES = {PLAIN: 16, LOADED: 16, DRAWN: 1, SLIP: 1}
 ACCELERATED = 2**16  # lanes times steps on an accelerator; not measured
-
-
-@dataclasses.dataclass(frozen=True)
-class LoadPath:
-    """The load history of every point, as shares of its branches or as tensions.
-
-    Attributes:
-        pull, release: [N]; None where varied, or for release where there is none.
-        up, down: shares of the two branches done at each step.
-        given: base tension instead of both [N], (K, *tendons).
-        time: of the steps [s], (K,); None where nothing depends on it.
-        kept: the steps that are stored.
-        tendon: index of the tendon pulled; None for one tendon.
-    """
-
-    pull: float | None
-    release: float | None
-    up: np.ndarray
-    down: np.ndarray
-    given: np.ndarray | None
-    time: np.ndarray | None
-    kept: tuple[int, ...]
-    tendon: int | None = None
-
-    @property
-    def steps(self) -> int:
-        """Load steps."""
-        return len(self.given) if self.given is not None else len(self.up) + len(self.down)
-
-    @property
-    def shown(self) -> int:
-        """Which of the steps kept has the largest base tension: used for figures and sensitivity indices."""
-        if self.given is not None:
-            pulled = self.given if self.given.ndim == 1 else self.given.sum(axis=1)
-        else:
-            pulled = np.concatenate([self.up, 1 - self.down])
-        return int(np.argmax(pulled[list(self.kept)]))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,8 +90,14 @@ class Task:
 
     @property
     def kind(self) -> float:
-        """Which of PLAIN, LOADED and SLIP a load step is."""
-        return SLIP if self.by_slip else LOADED if self.robot.loaded else PLAIN
+        """Which of PLAIN, LOADED, DRAWN and SLIP a load step is."""
+        plainly = DRAWN if self.drawn else LOADED if self.robot.loaded else PLAIN
+        return SLIP if self.by_slip else plainly
+
+    @property
+    def drawn(self) -> bool:
+        """Whether displacement drives any tendon, so that base tensions are found and not given."""
+        return any(self.history.drawn)
 
     @property
     def lanes(self) -> int:
@@ -149,7 +116,7 @@ class Task:
     @property
     def base_varies(self) -> bool:
         """Whether the base tension differs between points, or its cell shows something else."""
-        if any(axis.name.partition(".")[0] in ("pull", "release", "preload") for axis in self.axes):
+        if self.pull_varies or any(axis.name.partition(".")[0] == "preload" for axis in self.axes):
             return True
         cells = [term.id for term in REGISTRY.values() if term.base is not None]
         return any(term.kind in cells for term in self.config.terms) or any(
@@ -157,10 +124,21 @@ class Task:
         )
 
     @property
+    def pull_varies(self) -> bool:
+        """Whether the pull or the release differs between points."""
+        return any(axis.name in ("pull", "release") for axis in self.axes)
+
+    @property
     def stored(self) -> tuple[Variable, ...]:
         """Arrays of the store with a value at every point, the result last."""
-        base = of_tendons(BASE, self.robot.tendon_names) if self.base_varies else ()
+        base = tuple(v for _, v in self.given_bases) if self.base_varies else ()
         return (*self.outputs, *self.slopes, *base, RESULT)
+
+    @property
+    def given_bases(self) -> list[tuple[int, Variable]]:
+        """The base tensions of the tendons that tension drives, each after the tendon's number."""
+        each = enumerate(of_tendons(BASE, self.robot.tendon_names))
+        return [(i, v) for i, v in each if not self.history.drawn[i]]
 
     @property
     def slopes(self) -> tuple[Variable, ...]:
@@ -197,6 +175,11 @@ class Task:
             "time": None if self.history.time is None else self.history.time.tolist(),
             "chunk": self.plan.chunk,
             "batch": (self.lanes, self.batch),
+            **(
+                {}
+                if self.history.displacement is None
+                else {"displacement": self.history.displacement.tolist()}
+            ),
             "versions": {name: version(name) for name in ("gtr-jax", "jax", "jaxlib", "scipy", "SALib")},
             "device": jax.default_backend(),
         }
@@ -239,21 +222,19 @@ def task_of(file: SweepConfig) -> Task:
         InputError: naming file and key.
     """
     check_outputs(file)
-    config = load_config(file.folder / file.robot)
+    config, given = given_history(file, load_config(file.folder / file.robot))
     robot = build_robot(config, resolution=file.resolution)
-    refuse_space(robot, "a sweep", source=config.source)
-    table = None
+    table, unit = None, unit_of_pull(file, config)
     if file.points is None:
-        axes = axes_of(file, robot)
+        axes = axes_of(file, robot, unit)
     else:
-        axes, table = _table(file, robot)
+        axes, table = _table(file, robot, unit)
     robot = _ready(file, robot, axes)
     by_slip = _by_slip(config, axes)
-    _check_rigid(file, config, axes)
-    history = _history(file, config, axes, by_slip, table)
+    _check_terms(file, config, axes)
+    history = load_path(file, config, axes, by_slip, table, given)
     _check_switch(file, config, by_slip, history)
-    names = robot.tendon_names
-    outputs = variables(file.outputs, names)
+    outputs = variables(file, robot, history.drawn)
     slopes = tuple(v for v in outputs if v.smooth) if GRADIENTS in file.outputs else ()
     rows = None if table is None else len(table)
     whole = plan_of(file, axes, rows, 1)
@@ -298,129 +279,18 @@ def _by_slip(config: RobotConfig, axes: Sequence[Axis]) -> bool:
     return False
 
 
-def _check_rigid(file: SweepConfig, config: RobotConfig, axes: Sequence[Axis]) -> None:
-    """InputError if a physics term is varied that a rigid sheath cannot have."""
-    for axis in axes if config.backbone.rigid else ():
-        if term_of(axis.parameter) is not None:
+def _check_terms(file: SweepConfig, config: RobotConfig, axes: Sequence[Axis]) -> None:
+    """InputError if a physics term is varied that a rigid sheath, or a robot in space, cannot have."""
+    for axis in axes:
+        term = term_of(axis.parameter)
+        fault = refused_in_space(config, term) if config.in_space and term is not None else None
+        if fault:
+            raise file.fault(f"vary.{axis.name}", fault)
+        if config.backbone.rigid and term is not None:
             try:
                 config.with_values({axis.parameter.key: axis.ends[1]})
             except InputError as fault:
                 raise file.fault(f"vary.{axis.name}", str(fault).partition(": ")[2]) from None
-
-
-def _history(
-    file: SweepConfig,
-    config: RobotConfig,
-    axes: Sequence[Axis],
-    by_slip: bool,
-    table: np.ndarray | None,
-) -> LoadPath:
-    said = file.history
-    varied = {axis.name: axis for axis in axes if axis.of_history}
-    for name in varied:
-        if getattr(said, name) is not None:
-            raise file.fault(f"history.{name}", "is varied as well; leave it out of one, [vary] or [history]")
-        if said.file is not None:
-            raise file.fault(f"vary.history.{name}", "has no effect beside history.file; leave one out")
-    if said.file is not None:
-        return _given(file, config)
-    if said.pull is None and "pull" not in varied:
-        raise file.fault("history.pull", 'missing; add for example pull = "45 N" under [history]')
-    releases = said.release is not None or "release" in varied
-    lasting = "dissipation" in file.outputs or said.keep == "all" or by_slip
-    steps = said.steps or (STEPS if releases or lasting else 1)
-    if "dissipation" in file.outputs and steps < 10:
-        raise file.fault("history.steps", f"{steps} are too few for dissipation; {STEPS} for example")
-    tendon = _tendon(file, config)
-    _check_branches(file, config, axes, table, tendon, releases)
-    up = np.linspace(0, 1, steps + 1) if steps > 1 else np.ones(1)
-    down = np.linspace(0, 1, steps + 1)[1:] if releases else np.zeros(0)
-    total = len(up) + len(down)
-    ends = (len(up) - 1, total - 1) if releases else (total - 1,)
-    kept = {"all": tuple(range(total)), "last": ends[-1:], "turns": ends}[said.keep]
-    timed = _timed(config, axes)
-    if timed and said.dt is None and "dt" not in varied and total > 1:
-        raise file.fault("history.dt", f'missing; {timed} depends on time; add for example dt = "0.1 s"')
-    if total == 1 and (said.dt is not None or "dt" in varied):
-        raise file.fault("history.dt", "has no effect on a single step, which comes to rest; add steps = 40")
-    time = None if said.dt is None else said.dt * np.arange(total)
-    if "dt" in varied:
-        time = np.arange(total, dtype=float)
-    return LoadPath(said.pull, said.release, up, down, None, time, kept, tendon)
-
-
-def _check_branches(
-    file: SweepConfig,
-    config: RobotConfig,
-    axes: Sequence[Axis],
-    table: np.ndarray | None,
-    tendon: int | None,
-    releases: bool,
-) -> None:
-    """InputError unless the preload is below the pull, and the release between nothing and the pull."""
-    name, strung, _ = config.strung[tendon or 0]
-    usual = {"preload": strung.preload, "pull": file.history.pull, "release": file.history.release}
-    names = {"preload": f"preload.{name}" if name else "preload", "pull": "pull", "release": "release"}
-    number = {axis.name: i for i, axis in enumerate(axes)}
-
-    def among(what: str) -> np.ndarray:
-        """Its values at the points of a table, or its ends."""
-        i = number.get(names[what])
-        if i is None:
-            return np.array([float(usual[what] or 0.0)])
-        return np.asarray(axes[i].ends) if table is None else table[:, i]
-
-    def above(high: np.ndarray, low: np.ndarray) -> bool:
-        return bool(np.all(high >= low) if table is not None else high.min() >= low.max())
-
-    preload, pull, release = (among(what) for what in ("preload", "pull", "release"))
-    if not above(pull, preload):
-        raise file.fault(
-            "history.pull", f"must be above the preload of {preload.max():g} N, is {pull.min():g} N"
-        )
-    if releases and not above(pull, release):
-        raise file.fault(
-            "history.release", f"must lie between 0 N and the pull of {pull.min():g} N; change one of the two"
-        )
-
-
-def _tendon(file: SweepConfig, config: RobotConfig) -> int | None:
-    names, wanted = config.tendon_names, file.history.tendon
-    if not names and wanted is not None:
-        raise file.fault("history.tendon", "the robot has one tendon; leave it out")
-    if names and wanted not in names:
-        raise file.fault(
-            "history.tendon", f"which of {listed(names)} to pull? name one, or give all in a file"
-        )
-    return None if not names else names.index(str(wanted))
-
-
-def _given(file: SweepConfig, config: RobotConfig) -> LoadPath:
-    """A history from a CSV file."""
-    path = file.folder / str(file.history.file)
-    read = read_recording(path, need_tip=False, tendons=config.tendon_names, keep_glitches=True)
-    if read.masked:
-        raise InputError(f"{path}: {read.masked[0].says}; complete the history or delete the row")
-    T = np.asarray(read.T_base, dtype=float)
-    moves = np.sign(np.diff(T if T.ndim == 1 else T.sum(axis=1)))
-    moving = np.flatnonzero(moves)
-    turns = [int(a) + 1 for a, b in itertools.pairwise(moving) if moves[a] != moves[b]]
-    ends = tuple(sorted({*turns, len(T) - 1}))
-    kept = {"all": tuple(range(len(T))), "last": (len(T) - 1,), "turns": ends}[file.history.keep]
-    timed = _timed(config, ())
-    if timed and read.time is None:
-        raise InputError(f"{path}: {timed} depends on time; give the file a column time_s")
-    return LoadPath(None, None, np.zeros(0), np.zeros(0), T, read.time, kept, None)
-
-
-def _timed(config: RobotConfig, axes: Sequence[Axis]) -> str | None:
-    """A physics term that depends on time, if any acts."""
-    for term in REGISTRY.values():
-        acts = any(config.term_values[term.id][q.name] != q.null for q in term.sizes)
-        varied = any(axis.name.startswith(f"{term.id}.") for axis in axes)
-        if term.timed and (acts or varied):
-            return term.id
-    return None
 
 
 def _check_switch(file: SweepConfig, config: RobotConfig, by_slip: bool, history: LoadPath) -> None:
@@ -435,15 +305,15 @@ def _check_switch(file: SweepConfig, config: RobotConfig, by_slip: bool, history
         raise file.fault("outputs", "T_base_switch needs the pull it follows; give history.pull, not a file")
 
 
-def _table(file: SweepConfig, robot: Robot) -> tuple[tuple[Axis, ...], np.ndarray]:
-    """Parameters and points [SI], (points, axes), of a CSV file."""
+def _table(file: SweepConfig, robot: Robot, unit: str) -> tuple[tuple[Axis, ...], np.ndarray]:
+    """Parameters and points [SI], (points, axes), of a CSV file; `unit` is that of pull and release."""
     path = file.folder / str(file.points)
     table = read_table(path)
     axes: list[Axis] = []
     columns = []
     for i, header in enumerate(table.header):
         where, bare = f"{path}: column '{header}'", header.partition("[")[0].strip()
-        parameter = find(robot, bare, where)
+        parameter = find(robot, bare, where, unit)
         si = parameter.unit or "dimensionless"
         unit = split_unit(header, si)[1] if "[" in header else None
         if "[" in header and unit is None:

@@ -4,10 +4,14 @@ combinations, such as a wave that ends before it begins, which a check of its en
 
 from __future__ import annotations
 
+import itertools
+
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from gtr_jax.robot.robot import Robot, lay_out
+from gtr_jax.robot.clearance import TOUCHING
+from gtr_jax.robot.parts import Tendon
+from gtr_jax.robot.robot import Layout, Robot, lay_out
 from gtr_jax.robot.routing import StraightSineStraight
 
 
@@ -16,21 +20,60 @@ def is_robot(robot: Robot) -> Bool[Array, ""]:
     body, at = robot.backbone, lay_out(robot)
     radius = body.radius(at.mesh.s)
     holds = [body.length > 0, jnp.all(body.outer_radius > 0), jnp.all(jnp.isfinite(radius))]
-    for tendon, passed in zip(robot.tendons, at.passed, strict=True):
-        offset = tendon.routing.offset(at.mesh.s, passed, body.length).value
-        holds.append(jnp.all(jnp.abs(offset) < radius))
+    for tendon, passed, beyond in zip(robot.tendons, at.passed, at.beyond, strict=True):
+        if robot.space:
+            place = tendon.routing.section_offset(at.mesh.s, passed, body.length).value
+            holds.append(jnp.all((jnp.sum(place**2, axis=-1) < radius**2) | beyond))
+            holds += _held(tendon, body.length)
+        else:
+            offset = tendon.routing.offset(at.mesh.s, passed, body.length).value
+            holds.append(jnp.all(jnp.abs(offset) < radius))
         if isinstance(tendon.routing, StraightSineStraight):
             w1, w2 = tendon.routing.w1, tendon.routing.w2
             holds.append((w1 >= 0) & (w1 < w2) & (w2 <= body.length * (1 + NEAR)))
+    if robot.space:
+        turned = jnp.sum(robot.base.rotation_vector**2)
+        holds += [turned <= (2 * jnp.pi * (1 + NEAR)) ** 2, body.poissons_ratio > -1.0]
+        holds += _own_channels(robot, at)
+    holds += _apart(jnp.asarray(body.piece_start), jnp.asarray(body.piece_end), body.length)
     if body.bore_start.shape[0]:
-        inside = (body.bore_start >= 0) & (body.bore_end <= body.length * (1 + NEAR))
         slimmest = jnp.minimum(body.radius(body.bore_start), body.radius(body.bore_end))
-        narrow = body.bore_diameter < 2 * slimmest
-        holds += [jnp.all(inside), jnp.all(narrow), jnp.all(body.bore_start < body.bore_end)]
-        order = jnp.argsort(body.bore_start)
-        apart = body.bore_start[order][1:] >= body.bore_end[order][:-1] - NEAR * body.length
-        holds.append(jnp.all(apart))
+        holds.append(jnp.all(body.bore_diameter < 2 * slimmest))
+        holds += _apart(body.bore_start, body.bore_end, body.length)
     return jnp.all(jnp.stack(holds))
+
+
+def _apart(start: Array, end: Array, length: Array) -> list[Bool[Array, ""]]:
+    """Whether stretches of the body lie inside it, none over another."""
+    if not start.shape[0]:
+        return []
+    order = jnp.argsort(start)
+    follow = start[order][1:] >= end[order][:-1] - NEAR * length
+    inside = (start >= 0) & (end <= length * (1 + NEAR))
+    return [jnp.all(inside), jnp.all(start < end), jnp.all(follow)]
+
+
+def _held(tendon: Tendon, length: Array) -> list[Bool[Array, ""]]:
+    """Whether a tendon ends on the body, and its guides lie in order before its end."""
+    holds, end = [], length if tendon.to is None else tendon.to
+    if tendon.to is not None:
+        holds.append((end > 0) & (end <= length * (1 + NEAR)))
+    if tendon.guides is not None:
+        holds += [tendon.guides[0] > 0, jnp.all(jnp.diff(tendon.guides) > 0)]
+        holds.append(tendon.guides[-1] <= end * (1 + NEAR))
+    return holds
+
+
+def _own_channels(robot: Robot, at: Layout) -> list[Bool[Array, ""]]:
+    """Whether no tendon runs in the channel of another all along."""
+    each = zip(robot.tendons, at.passed, at.beyond, strict=True)
+    runs = [
+        (t.routing.section_offset(at.mesh.s, p, robot.backbone.length).value, past) for t, p, past in each
+    ]
+    return [
+        jnp.any((jnp.sum((one - other) ** 2, axis=-1) > TOUCHING**2) & ~past & ~ended)
+        for (one, past), (other, ended) in itertools.combinations(runs, 2)
+    ]
 
 
 NEAR = 1e-9  # relative tolerance of positions, as in the check of a robot file
