@@ -34,6 +34,7 @@ from .systems import System
 
 VARY = {"mu": {"from": 0.05, "to": 0.8}, "E": {"from": 0.7e6, "to": 2.1e6}}
 POSE = ["T_tip", "tip_pose"]
+EXAMPLES = Path(__file__).parents[1] / "examples"
 PRESLIDING = [{"kind": "presliding", "length": "0.6 mm"}]
 WITH_TERMS = System("TD-CM I, presliding", systems.TDCM_1.file | {"terms": PRESLIDING}, 45.0)
 RESOLUTIONS = (1.0, 0.5, 0.35, 0.25)
@@ -133,6 +134,22 @@ def rates(quick: bool) -> Iterator[Metric]:
             return
 
 
+def in_space(quick: bool) -> Iterator[Metric]:
+    """Frictional equilibria of the helix of the examples on all cores: unloaded and under a force."""
+    helix = System("helix", read_toml(EXAMPLES / "helix.toml"), 10.0)
+    pushed = {"tip_force": [0.0, 0.0, 0.02]}
+    loaded = helix._replace(name="helix, loaded", file=helix.file | {"loads": pushed})
+    for system, target in ((helix, 15.0), (loaded, None)):
+        task = task_for(system, 1)
+        count = 2_000 if quick else 10_000
+        took = seconds(task, count, measure.cores())
+        yield Metric(
+            f"space.{system.name}", took / count * 1e6, "µs", target=target, note=f"{task.nodes} nodes"
+        )
+        if quick:
+            return
+
+
 def scaling(quick: bool) -> Iterator[Metric]:
     """Cost against nodes and load steps: fitted exponents."""
     if quick:
@@ -197,6 +214,7 @@ def workers(quick: bool) -> Iterator[Metric]:
 GROUPS = {
     "lanes": batch_sizes,
     "rate": rates,
+    "space": in_space,
     "scaling": scaling,
     "sweep": million,
     "workers": workers,

@@ -241,3 +241,21 @@ def test_a_store_says_what_drives_the_tendons(tmp_path):
 def test_the_example_is_a_sweep():
     task = task_of(load_sweep(EXAMPLES / "helix-sweep.toml"))
     assert task.plan.points == 10_000 and task.robot.space
+
+
+@pytest.mark.slow
+def test_tendons_drawn_out_find_their_tensions(tmp_path):
+    """One of three like tendons about a round body: the two others are each other's mirror images."""
+    text = PULLED.replace("mu.a = [0.1, 0.3]", 'pull = ["2 mm", "4 mm"]').replace('pull = "4 mm"\n', "")
+    data = sweep(written(tmp_path, text, THREE), tmp_path / "o.zarr").load()
+    assert np.all(data.result == 0) and data["T_base.a"].dims == ("pull",)
+    np.testing.assert_allclose(data["displacement.a"], data.pull, rtol=1e-8)
+    np.testing.assert_allclose(data["displacement.b"], 0.0, atol=1e-11)
+    np.testing.assert_allclose(data["T_base.b"], data["T_base.c"], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(data["T_tip.b"], data["T_tip.c"], rtol=1e-6, atol=1e-9)
+    assert np.all(data["T_tip.a"] < data["T_base.a"])
+    assert data["T_base.a"][1] > data["T_base.a"][0] > 0
+    np.testing.assert_allclose(
+        data.tip_z, 0.0, atol=1e-9
+    )  # b and c stand on both sides of the plane of x and y
+    assert np.all(data.tip_y > 0)

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from ..mechanics import FOREVER, Load, March, Structure
+from ..mechanics import Load, March, Structure
 from ..mechanics.small_matrices import inverse, times
 from ..robot.parts import Tendon
 from ..robot.robot import Robot, sections
@@ -111,56 +111,108 @@ def driven(
     """
     shape = loads.T_base.shape
     T_base, displacement = (given.reshape(shape[0], -1) for given in (loads.T_base, displacement))
-    drawn = jnp.array([tendon.drive == "displacement" for tendon in robot.tendons])
-    T_base = jnp.where(drawn[None, :], 0.0, T_base)
-    displacement = jnp.where(drawn[None, :], displacement, 0.0)
     preload = jnp.atleast_1d(robot.per_tendon(lambda tendon: tendon.preload))
     give = compliance(robot)
-    least = TOLERANCE * robot.backbone.length
-
-    def at(robot: Robot, x, before: Equilibrium | None, load: Load | None) -> tuple[Array, Equilibrium]:
-        tension = jnp.where(x > 0, x, 0.0)
-        one = tension if robot.tendon_names else tension[0]
-        eq = solved(robot, one, before, how, structure, load)
-        strung = robot.per_tendon(lambda tendon: tendon.preload)
-        out = drawn_out(robot.terms, eq.slip[..., 0], one, strung)
-        out = jnp.atleast_1d(out + stretch_of(robot.tendons, eq.s, eq.tension, eq.metric))
-        return out + give * jnp.where(x > 0, 0.0, x), eq
 
     def step(carry, given):
         before, x = carry
         load, tension, wanted = given
-        still, wall, goal = jax.lax.stop_gradient((robot, before, jnp.where(drawn, wanted, tension)))
+        x, close, trials = _met(robot, Trying(before, load, how, structure, give), x, tension, wanted)
+        _, eq = _out(robot, Trying(before, load, how, structure, give), x)
+        return (eq, x), (jnp.where(x > 0, x, 0.0), close, trials)
 
-        def miss(x):
-            out, _ = at(still, x, wall, load)
-            return jnp.where(drawn, out - goal, give * (x - goal))
-
-        found = search(miss, jnp.where(drawn, jax.lax.stop_gradient(x), goal), give, least)
-        # One step of Newton's method, of no length, has the derivative of the solution.
-        out, _ = at(robot, found.x, before, load)
-        left = jnp.where(drawn, out - wanted, give * (found.x - tension))
-        moved = times(inverse(found.slope), left)
-        close = jnp.max(jnp.abs(found.miss)) <= least
-        x = found.x - jnp.where(close, moved, 0.0)
-        _, eq = at(robot, x, before, load)
-        return (eq, x), (jnp.where(x > 0, x, 0.0), close, found.trials)
-
-    _, strung = at(robot, preload, None, None)
+    _, strung = _out(robot, Trying(None, None, how, structure, give), preload)
     tension, met, trials = jax.lax.scan(step, (strung, preload), (loads, T_base, displacement))[1]
     return Driven(tension.reshape(shape), met, trials)
 
 
 def drawn_at_once(
-    robot: Robot, T_base: Float[Array, "*tendons"], displacement: Float[Array, "*tendons"], how: March
+    robot: Robot,
+    T_base: Float[Array, "*tendons"],
+    displacement: Float[Array, "*tendons"],
+    how: March,
+    *,
+    sloped: bool = True,
 ) -> tuple[Float[Array, "*tendons"], Bool[Array, ""]]:
-    """Base tensions [N] of one load step from the preloads that comes to rest, and whether every displacement
-    is met; arguments as of `driven`, without the steps.
+    """Base tensions [N] of one load step from the preloads that comes to rest, as of `equilibrium`, and
+    whether every displacement is met; arguments as of `driven`, without the steps.
+
+    Args:
+        sloped: whether it will be differentiated, which takes one more equilibrium.
     """
-    nil = jnp.zeros(1)
-    load = Load(T_base[None], FOREVER + nil, nil, nil)
-    found = driven(robot.for_any_terms(), load, displacement[None], how, structure_of(robot, None))
-    return found.T_base[0], found.met[0]
+    preload = jnp.atleast_1d(robot.per_tendon(lambda tendon: tendon.preload))
+    tension, wanted = (jnp.atleast_1d(given) for given in (T_base, displacement))
+    at = Trying(None, None, how, structure_of(robot, None), compliance(robot))
+    x, close, _ = _met(robot.for_any_terms(), at, preload, tension, wanted, sloped=sloped)
+    return jnp.where(x > 0, x, 0.0).reshape(T_base.shape), close
+
+
+class Trying(NamedTuple):
+    """From where and how base tensions are tried: the state before, the load step, how far the search for an
+    equilibrium goes, its equations, and the tendons' typical compliance [m/N], (tendons,).
+    """
+
+    before: Equilibrium | None
+    load: Load | None
+    how: March
+    structure: Structure
+    give: Float[Array, " tendons"]
+
+
+def _out(robot: Robot, at: Trying, x: Float[Array, " tendons"]) -> tuple[Array, Equilibrium]:
+    """How far the tendons are drawn out at base tensions x [m], (tendons,); below zero, where they would have
+    to push, as if they were as soft as they typically are. And the equilibrium.
+    """
+    tension = jnp.where(x > 0, x, 0.0)
+    one = tension if robot.tendon_names else tension[0]
+    eq = solved(robot, one, at.before, at.how, at.structure, at.load)
+    strung = robot.per_tendon(lambda tendon: tendon.preload)
+    out = drawn_out(robot.terms, eq.slip[..., 0], one, strung)
+    out = jnp.atleast_1d(out + stretch_of(robot.tendons, eq.s, eq.tension, eq.metric))
+    return out + at.give * jnp.where(x > 0, 0.0, x), eq
+
+
+def _met(
+    robot: Robot,
+    at: Trying,
+    x: Float[Array, " tendons"],
+    tension: Float[Array, " tendons"],
+    wanted: Float[Array, " tendons"],
+    *,
+    sloped: bool = True,
+) -> tuple[Float[Array, " tendons"], Bool[Array, ""], Int[Array, ""]]:
+    """Base tensions at which the tendons are drawn out as far as is wanted, whether they are, and the trials
+    taken.
+
+    Args:
+        robot: its tendons' drives count.
+        at: from where and how.
+        x: where to start [N]; negative where a tendon would have to push.
+        tension: base tensions of the tendons that these drive [N]; of the others ignored.
+        wanted: displacements of the others [m].
+        sloped: whether the answer has its derivative.
+    """
+    drawn = jnp.array([tendon.drive == "displacement" for tendon in robot.tendons])
+    tension, wanted = jnp.where(drawn, 0.0, tension), jnp.where(drawn, wanted, 0.0)
+    still, wall, goal = jax.lax.stop_gradient(
+        (robot, (at.before, at.load), jnp.where(drawn, wanted, tension))
+    )
+    held = at._replace(before=wall[0], load=wall[1])
+
+    def miss(x):
+        out, _ = _out(still, held, x)
+        return jnp.where(drawn, out - goal, at.give * (x - goal))
+
+    least = TOLERANCE * robot.backbone.length
+    found = search(miss, jnp.where(drawn, jax.lax.stop_gradient(x), goal), at.give, least)
+    close = jnp.max(jnp.abs(found.miss)) <= least
+    if not sloped:
+        return found.x, close, found.trials
+    # One step of Newton's method, of no length, has the derivative of the solution.
+    out, _ = _out(robot, at, found.x)
+    left = jnp.where(drawn, out - wanted, at.give * (found.x - tension))
+    moved = times(inverse(found.slope), left)
+    return found.x - jnp.where(close, moved, 0.0), close, found.trials
 
 
 def search(miss, x, give, least) -> Search:

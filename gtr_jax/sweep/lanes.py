@@ -162,7 +162,7 @@ def _solved(task: Task, robot: Robot, point: Float[Array, " axes"], solver):
     if task.single:
         pulled, met = T_base[0], jnp.asarray(True)
         if out is not None:
-            pulled, met = drawn_at_once(robot, pulled, out[0], solver)
+            pulled, met = drawn_at_once(robot, pulled, out[0], solver, sloped=bool(task.gradients))
         eq = equilibrium(robot, pulled, solver=solver)
         return at_rest(robot, eq, pulled, wanted), met & eq.converged, pulled
     time = None if path.time is None else jnp.asarray(path.time) * varied.get("dt", 1.0)

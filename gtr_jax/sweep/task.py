@@ -42,7 +42,7 @@ from .plan import Plan, block_size, plan_of
 
 # Work of a load step in equilibria without external loads, and lanes solved side by side:
 # benchmarks/results/lanes.md has the measurements.
-PLAIN, LOADED, DRAWN, SLIP = 1.0, 5.0, 50.0, 250.0
+PLAIN, LOADED, DRAWN, SLIP = 1.0, 5.0, 300.0, 250.0
 LANES = {PLAIN: 16, LOADED: 16, DRAWN: 1, SLIP: 1}
 ACCELERATED = 2**16  # lanes times steps on an accelerator; not measured
 
