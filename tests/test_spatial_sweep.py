@@ -189,7 +189,7 @@ BAD = {
     ),
     "no pull": (PULLED, THREE, ('pull = "4 mm"\n', ""), 'add for example pull = "10 mm"'),
     "which tendon": (PULLED, THREE, ('tendon = "a"\n', ""), "which of a, b, c to pull?"),
-    "held": (PULLED, THREE, ("mu.a", '"viscoelastic-body.ratio"'), "vary.viscoelastic-body.share: bends"),
+    "held": (PULLED, THREE, ("mu.a", '"viscoelastic-body.ratio"'), "vary.viscoelastic-body.ratio: bends"),
     "moved": (PULLED, THREE, ("mu.a", '"tip-moved.tension"'), "vary.tip-moved.tension: moves an end"),
     "unit of a varied pull": (
         PULLED,

@@ -14,7 +14,7 @@ from .fit import solve as solve_fit
 from .fit import summary as fit_summary
 from .fit import write_answer as write_fit
 from .options import output_option
-from .simulate import Drive, pull_and_release
+from .simulate import pull_and_release
 from .simulate import solve as solve_simulation
 from .simulate import write_answer as write_simulation
 
@@ -32,6 +32,7 @@ def demo(output: Path, force: bool) -> int:
     """
     from gtr_jax.examples import CONCEALED, CONCEALED_ROBOT, MADE_WITH, SIMULATED
     from gtr_jax.files.config import load_config
+    from gtr_jax.files.driving import Drive
     from gtr_jax.files.recording import read_recording
     from gtr_jax.report.page import render_index
     from gtr_jax.report.simulation import verdict
