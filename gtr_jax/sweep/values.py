@@ -47,7 +47,9 @@ def at_rest(robot: Robot, eq: Equilibrium, T_base: Array, wanted: Collection[str
         said["displacement"] += stretch_of(robot.tendons, eq.s, eq.tension, eq.metric)[None]
         said |= _in_space(shape, wanted)
     else:
-        said |= _in_plane(eq.tip_pose[None], eq.angle[None]) | {"x": eq.x[None], "y": eq.y[None]}
+        pose = eq.tip_pose
+        said |= {v.name: pose[None, i] for i, v in enumerate(POSE)}
+        said |= {"x": eq.x[None], "y": eq.y[None], "angle": eq.angle[None]}
     said |= _markers(robot, eq.s, shape, eq.curvature[None], eq.angle[None], wanted)
     return _named(robot, said)
 
@@ -76,17 +78,12 @@ def along(robot: Robot, run: Simulation, kept: Sequence[int], wanted: Collection
     if shape is not None:
         said |= _in_space(shape, wanted)
     else:
-        said |= _in_plane(run.tip_pose[at], run.angle[at])
+        said |= {v.name: run.tip_pose[at, i] for i, v in enumerate(POSE)} | {"angle": run.angle[at]}
         if "x" in wanted:
             x, y = jax.vmap(lambda phi: midline(robot, phi))(run.angle[at])
             said |= {"x": x, "y": y}
     said |= _markers(robot, run.s, shape, run.curvature[at], run.angle[at], wanted)
     return _named(robot, said)
-
-
-def _in_plane(pose: Array, angle: Array) -> dict[str, Array]:
-    """Where the tip is, and the angle of the midline, at every step."""
-    return {v.name: pose[:, i] for i, v in enumerate(POSE)} | {"angle": angle}
 
 
 def _in_space(shape: Shape, wanted: Collection[str]) -> dict[str, Array]:
