@@ -315,11 +315,11 @@ def _table(file: SweepConfig, robot: Robot, unit: str) -> tuple[tuple[Axis, ...]
         where, bare = f"{path}: column '{header}'", header.partition("[")[0].strip()
         parameter = find(robot, bare, where, unit)
         si = parameter.unit or "dimensionless"
-        unit = split_unit(header, si)[1] if "[" in header else None
-        if "[" in header and unit is None:
+        written = split_unit(header, si)[1] if "[" in header else None
+        if "[" in header and written is None:
             raise InputError(f"{where}: cannot read its unit; write for example {bare}[{si}]")
         values = np.array(
-            table.quantity(i, unit, si, remedy=lambda bare=bare, si=si: f"write for example {bare}[{si}]")
+            table.quantity(i, written, si, remedy=lambda bare=bare, si=si: f"write for example {bare}[{si}]")
         )
         if any(parameter == other.parameter for other in axes):
             raise InputError(f"{where}: {parameter.name} stands twice; keep one")
