@@ -217,6 +217,7 @@ def test_a_file_drives_each_tendon_by_what_it_has_of_it(tmp_path):
     (tmp_path / "h.csv").write_text(COLUMNS)
     task = task_for(tmp_path, text, PAIR)
     assert task.robot.space and task.drawn and task.history.drawn == (False, True)
+    assert task.history.given is not None and task.history.displacement is not None
     np.testing.assert_array_equal(task.history.given[:, 0], [0, 5, 8, 6, 9])
     np.testing.assert_allclose(task.history.displacement[:, 1], [0, 1e-3, 3e-3, 2e-3, 2e-3])
     assert task.history.kept == (2, 4) and task.history.shown == 0
