@@ -10,9 +10,8 @@ import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot
 from gtr_jax.files.driving import driven_by
-from gtr_jax.robot.parameters import term_of
 from gtr_jax.robot.parts import Tendon
-from gtr_jax.terms import REGISTRY, known_on
+from gtr_jax.terms import known_on
 
 from . import readings
 from .answer import Answer
@@ -241,8 +240,8 @@ def _check_times(robot: Robot, recording: Recording, wanted: Sequence[Free]) -> 
     """Raise InputError if the recording has no times although a term that needs them acts or is free."""
     if recording.time is not None:
         return
-    free = {term.id for f in wanted if (term := term_of(f.entry)) is not None}
-    for term in REGISTRY.values():
+    free = {term.id for f in wanted if (term := f.entry.term) is not None}
+    for term in robot.catalogue.values():
         if term.timed and (term.id in free or known_on(term, robot.terms[term.id])):
             raise InputError(
                 f"{recording.path}: has no column time_s, which {term.id} needs; add the times, or leave "

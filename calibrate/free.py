@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 
 from gtr_jax import InputError, Robot, RobotConfig, parameters_of
-from gtr_jax.robot.parameters import Parameter, parameter, term_of
+from gtr_jax.robot.parameters import Parameter, parameter
 
 # Values in two robot files that differ by less than this, relative, count as equal.
 SAME = 1e-9
@@ -165,7 +165,7 @@ def carried_by(
 
 def _start(entry: Parameter, value: float) -> float:
     """Where a fit starts: the value, but a typical one for the size of a physics term that is absent."""
-    term = term_of(entry)
+    term = entry.term
     if term is None or value != 0.0 or entry.lower != 0.0:
         return value
     return next(q.typical for q in term.quantities if entry.name == f"{term.id}.{q.name}")

@@ -23,7 +23,7 @@ CALIBRATE = {"gtr_jax (door)", "base", "files", "robot", "simulation", "terms", 
 ALLOWED = {
     "base": set(),
     "examples": set(),
-    "terms": set(),
+    "terms": {"base"},
     "files": {"base", "terms"},
     "mechanics": {"terms"},
     "mechanics.several": {"mechanics", "terms"},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -117,8 +117,10 @@ def catalogue(
     travel: np.ndarray,
     bend: float,
     displaced: bool = False,
+    without: Collection[str] = (),
 ) -> list[Hypothesis]:
-    """The hypotheses that can act on a robot, except those that its file already has and `EVENTS`.
+    """The hypotheses that can act on a robot, laws of its file that are null included, except those that its
+    file already has and `EVENTS`.
 
     Args:
         robot: the robot.
@@ -127,10 +129,11 @@ def catalogue(
         travel: where the tip goes across the base tangent, smallest and largest y [m], (2,).
         bend: largest change of curvature [1/m].
         displaced: whether a recording has the displacement, in which alone some terms are seen.
+        without: names of terms that are left out.
     """
     rigid, found = robot.backbone.rigid, []
-    for term in REGISTRY.values():
-        if term.id in NEVER | EVENTS or (term.ahead and not displaced):
+    for term in robot.catalogue.values():
+        if term.id in {*NEVER, *EVENTS, *without} or (term.ahead and not displaced):
             continue
         if (term.timed and not timed) or known_on(term, robot.terms[term.id]):
             continue

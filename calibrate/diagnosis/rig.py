@@ -16,10 +16,10 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from gtr_jax import Robot, true_base
-from gtr_jax.robot.parameters import parameters_of, places_of, term_of
+from gtr_jax.robot.parameters import parameters_of, places_of
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import Native, Ready, ready, sources
-from gtr_jax.simulation.programs import EVERY, structure_of, structure_with
+from gtr_jax.simulation.programs import every, structure_of, structure_with
 from gtr_jax.simulation.sensing import cells_differ, cells_show
 from gtr_jax.terms import REGISTRY
 
@@ -38,6 +38,7 @@ AT_HAND = 64
 # Terms in each program that simulates a recording, from the fastest to the slowest program: a hypothesis uses
 # the first that has all its terms. Load steps a second on the demo's mesh: 90,000, 40,000, 23,000, 20,000 and
 # 11,000; each compiles in 0.7 to 1.8 s. A program of its own for every hypothesis would take 0.7 s each.
+EVERY = every()
 _BESIDE_LOADS = [kind for kind in EVERY if not REGISTRY[kind].loads and REGISTRY[kind].stop is None]
 _BY_SLIP = ("presliding", "viscous-friction")
 PROGRAMS = (
@@ -50,8 +51,11 @@ PROGRAMS = (
 
 
 def program_for(kinds: Collection[str]) -> tuple[str, ...]:
-    """Names of the physics terms of the fastest program that has all of these."""
-    return next(held for held in PROGRAMS if set(kinds) <= set(held))
+    """Names of the physics terms of the fastest program that has all of these; laws of the robot file, which
+    no program has from the start, are added to it.
+    """
+    laws = tuple(sorted(set(kinds) - set(EVERY)))
+    return (*next(held for held in PROGRAMS if set(kinds) <= {*held, *laws}), *laws)
 
 
 class _Traced(NamedTuple):
@@ -169,13 +173,14 @@ class Rig:
         whole = hashlib.blake2b(digest_size=32)
         for array in (part.T_base.T_base, part.time, part.trial, self._flat):
             whole.update(b"-" if array is None else np.ascontiguousarray(array, float).tobytes())
-        whole.update(repr((sources(), self.robot.intervals, self._places)).encode())
+        whole.update(repr((sources(), self.robot.intervals, self.robot.laws, self._places)).encode())
         return whole.digest()
 
     def _simulated(self, values: Mapping[str, float], more_base: float) -> Seen | None:
         part, K = self.part, self.part.samples
-        asked = {name.partition(".")[0] for name in values} & REGISTRY.keys()
-        kinds = {kind for kind in asked if not REGISTRY[kind].of_cells} | self._acting
+        known = self.robot.catalogue
+        asked = {name.partition(".")[0] for name in values} & known.keys()
+        kinds = {kind for kind in asked if not known[kind].of_cells} | self._acting
         history = padded_history(part.T_base.T_base, part.time, part.trial)
         flat = self._flat.copy()
         for name, value in values.items():
@@ -185,10 +190,10 @@ class Rig:
         structure = structure_with(self.robot, program_for(kinds))
         # The padding of the history is not simulated.
         steps = jtu.tree_map(lambda column: np.asarray(column)[:K], loads)
-        own = tuple(sorted((n, v) for n, v in values.items() if not _only_shown(n)))
+        own = tuple(sorted((n, v) for n, v in values.items() if not self._only_shown(n)))
         run = self._run(_Run((own, structure, steps.T_base.tobytes()), ready, structure, steps))
         T_tip = run.T_tip
-        if self._cells or any(REGISTRY[kind].of_cells for kind in asked):
+        if self._cells or any(known[kind].of_cells for kind in asked):
             held_on = np.concatenate([T_tip, np.full(len(loads.time) - K, T_tip[-1])])
             T_tip = np.asarray(self._traced.tip_cell(flat, loads, held_on))[:K]
         shown = np.stack([T_tip, *run.tip_pose.T, run.displacement])
@@ -197,14 +202,13 @@ class Rig:
         whole = run.slip_front >= float(self.robot.backbone.length) * (1 - 1e-12)
         return Seen(shown, int(np.sum(~run.converged)), whole, run.slip_direction)
 
-
-def _only_shown(name: str) -> bool:
-    """Whether a number is one of a term that acts on what the load cells show and on nothing else."""
-    kind = name.partition(".")[0]
-    return kind in REGISTRY and REGISTRY[kind].of_cells and REGISTRY[kind].ahead is None
+    def _only_shown(self, name: str) -> bool:
+        """Whether a number is one of a term that acts on what the load cells show and on nothing else."""
+        term = self.robot.catalogue.get(name.partition(".")[0])
+        return term is not None and term.of_cells and term.ahead is None
 
 
 def robot_names(robot: Robot) -> list[str]:
     """Names of all numbers of a robot that a hypothesis may change."""
-    terms = [name for name, entry in parameters_of(robot).items() if term_of(entry) is not None]
+    terms = [name for name, entry in parameters_of(robot).items() if entry.term is not None]
     return ["mu", *([] if robot.backbone.rigid else ["E"]), *terms]

@@ -233,9 +233,7 @@ def times_of(dt: float, count: int) -> np.ndarray:
 
 def check_times(config: RobotConfig, time: np.ndarray | None) -> None:
     """InputError if a physics term acts that needs the time of the steps, and there is none."""
-    from gtr_jax.terms import REGISTRY
-
-    for term in REGISTRY.values():
+    for term in config.catalogue.values():
         values = config.term_values[term.id]
         if time is None and term.timed and any(values[q.name] != q.null for q in term.sizes):
             raise InputError(

@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import ConfigDict, Field, ModelWrapValidatorHandler, StrictBool, StrictStr, model_validator
 
 from gtr_jax.errors import InputError
-from gtr_jax.terms import REGISTRY, null_values
+from gtr_jax.terms import REGISTRY, Law, Term, catalogue_of, null_values
 
 from .config_checks import check_robot
 from .config_file import dotted, find_key, place_of, read_toml
-from .config_form import check_strings, check_terms
+from .config_form import LAW, check_strings, check_terms
+from .law_section import LawSection
 from .leaving import out_of_plane
 from .markers import check_markers
 from .routings import RoutingConfig
@@ -83,7 +84,7 @@ class RobotConfig(FileSection):
 
     @classmethod
     def _resolved(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
-        check_terms(data, REGISTRY)
+        check_terms(data, [*REGISTRY, LAW])
         check_strings(data)
         return data
 
@@ -172,11 +173,21 @@ class RobotConfig(FileSection):
         return None if said is None else abs(said * self.numbers()[key]) or None
 
     @property
+    def laws(self) -> tuple[Law, ...]:
+        """The laws that the file states."""
+        return tuple(term.as_law for term in self.terms if isinstance(term, LawSection))
+
+    @property
+    def catalogue(self) -> Mapping[str, Term]:
+        """Every physics term that the robot may have, by name: its own laws and the registered ones."""
+        return catalogue_of(self.laws)
+
+    @property
     def term_values(self) -> dict[str, dict[str, float]]:
         """The numbers of all terms, those of absent ones at their null values, by term and name, SI."""
-        values = null_values()
+        values = null_values(self.laws)
         for term in self.terms:
-            values[term.kind] |= {name: getattr(term, name) for name in values[term.kind]}
+            values[term.id] |= {name: getattr(term, name) for name in values[term.id]}
         return values
 
     def numbers(self) -> dict[str, float]:
@@ -186,7 +197,8 @@ class RobotConfig(FileSection):
         data = self.model_dump(
             mode="json", by_alias=True, exclude_none=True, exclude={"schema_version", "uncertainty"}
         )
-        return {key: value for key, value in dotted(data) if isinstance(value, float)}
+        said = tuple(f"terms.{law.name}.{table}." for law in self.laws for table in ("usual", "bounds"))
+        return {k: v for k, v in dotted(data) if isinstance(v, float) and not k.startswith(said)}
 
     def with_values(self, values: Mapping[str, Any]) -> RobotConfig:
         """A copy with some values changed, checked like a file.

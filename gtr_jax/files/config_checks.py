@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from gtr_jax.errors import InputError
-from gtr_jax.terms import REGISTRY, Term
+from gtr_jax.terms import Term, catalogue_of
 from gtr_jax.terms.term import NO_SLIP, NO_TUG
 
+from .law_section import LawSection
 from .sections import BackboneConfig, LoadsConfig, TendonConfig, TermConfig
 
 # What floats can compute with: least length [m] and bending stiffness of a full section [N m^2].
@@ -25,9 +26,9 @@ _NEAR = 1e-9  # relative: the same length written in two units may differ by a r
 def _check_terms(
     terms: Sequence[TermConfig], backbone: BackboneConfig, several: bool, known: Mapping[str, Term]
 ) -> None:
-    kinds, rigid = {term.kind for term in terms}, backbone.rigid
+    kinds, rigid = {term.id for term in terms}, backbone.rigid
     for term in terms:
-        law, key = known[term.kind], f"terms.{term.kind}"
+        law, key = known[term.id], f"terms.{term.id}"
         bends = law.bend or law.loads or law.stop
         _require(not (rigid and bends), key, "has no effect on a backbone with rigid = true; remove it")
         moved = not rigid or "tendon-stretch" in kinds
@@ -52,7 +53,7 @@ def _check_terms(
             if low or (q.upper is not None and value > q.upper):
                 least = "above" if q.log else "at least"
                 bounds = f"{least} {q.lower:g}" if low else f"at most {q.upper:g}"
-                raise InputError(f"terms.{term.kind}.{q.name}: must be {bounds}, is {value:g}; correct it")
+                raise InputError(f"terms.{term.id}.{q.name}: must be {bounds}, is {value:g}; correct it")
 
 
 def check_robot(
@@ -71,7 +72,8 @@ def check_robot(
         terms: physics beyond the paper.
     """
     _check_backbone(backbone)
-    _check_terms(terms, backbone, len(strung) > 1, REGISTRY)
+    laws = tuple(term.checked() for term in terms if isinstance(term, LawSection))
+    _check_terms(terms, backbone, len(strung) > 1, catalogue_of(laws))
     for name, tendon, routing in strung:
         table, channel = (f"tendons.{name}", f"tendons.{name}.routing") if name else ("tendon", "routing")
         _check_routing(routing, backbone.length, channel)

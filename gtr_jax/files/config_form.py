@@ -10,7 +10,10 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from gtr_jax.errors import InputError, did_you_mean, excerpt, nearest_first
-from gtr_jax.terms import REGISTRY, Term
+from gtr_jax.terms import REGISTRY
+
+LAW = "law"  # the kind of term whose equation the file states
+KINDS = (*REGISTRY, LAW)
 
 _SAYS = {
     "missing": "too few values",
@@ -31,7 +34,7 @@ def check_keys(section: type[BaseModel], data: Any) -> None:
         raise InputError(f"expected a table of keys and values, found {_found(data)}")
     keys = {field.alias or name: field for name, field in section.model_fields.items()}
     for key in data:
-        if key not in keys:
+        if key not in keys and section.model_config.get("extra") != "allow":
             raise InputError(f"unknown key '{key}'; {did_you_mean(str(key), keys)}")
     for key, field in keys.items():
         if field.is_required() and key not in data:
@@ -54,7 +57,7 @@ def one_line(error: ValidationError, kinds: Mapping[str, object]) -> str:
     for i, part in enumerate(fault["loc"]):
         before = fault["loc"][i - 1] if i else None
         tag = str(part).startswith("#") or (before == "routing" and part in kinds)
-        tag = tag or (fault["loc"][0] == "terms" and isinstance(before, int) and part in REGISTRY)
+        tag = tag or (fault["loc"][0] == "terms" and isinstance(before, int) and part in KINDS)
         if not tag:
             place += f"[{part}]" if isinstance(part, int) else f".{part}"
     context = fault.get("ctx", {})
@@ -117,18 +120,27 @@ def _unknown_term(kind: object, known: Iterable[str]) -> str:
     return f"unknown kind '{excerpt(kind)}'; the terms, nearest first: {terms}"
 
 
-def check_terms(data: Mapping[str, Any], known: Mapping[str, Term]) -> None:
-    """Refuse terms that are no tables, have no kind or an unknown one, or stand twice."""
+def check_terms(data: Mapping[str, Any], known: Iterable[str]) -> None:
+    """Refuse terms that are no tables, have no kind or an unknown one, or stand twice.
+
+    Args:
+        data: the robot file.
+        known: kinds of terms.
+    """
     terms = data.get("terms", ())
     if not isinstance(terms, list | tuple):
         raise InputError("terms: expected one [[terms]] table for each term")
-    seen = set()
+    known, seen = [*known], set()
     for i, term in enumerate(terms):
         kind = term.get("kind") if isinstance(term, Mapping) else getattr(term, "kind", None)
         if kind is None:
             raise InputError(f"terms[{i}]: missing key 'kind'; one of {', '.join(known)}")
         if not isinstance(kind, str) or kind not in known:
             raise InputError(f"terms[{i}].kind: {_unknown_term(kind, known)}")
-        if kind in seen:
-            raise InputError(f"terms[{i}].kind: '{kind}' stands twice; keep one")
-        seen.add(kind)
+        name = kind
+        if kind == LAW:
+            name = term.get("name", LAW) if isinstance(term, Mapping) else getattr(term, "id", LAW)
+        if str(name) in seen:
+            key, remedy = ("name", "give each law its own name") if kind == LAW else ("kind", "keep one")
+            raise InputError(f"terms[{i}].{key}: '{excerpt(name)}' stands twice; {remedy}")
+        seen.add(str(name))

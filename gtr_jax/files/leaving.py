@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gtr_jax.terms import REGISTRY
-
 from .routings import SPATIAL
 
 if TYPE_CHECKING:
@@ -37,8 +35,8 @@ def _ways(config: RobotConfig) -> Iterator[tuple[str, bool]]:
     yield "loads.tip_force", any(loads.tip_force[2:])
     yield "loads.tip_moment", isinstance(loads.tip_moment, tuple) and any(loads.tip_moment[:2])
     for term in config.terms:
-        for q in REGISTRY[term.kind].across:
-            yield f"terms.{term.kind}.{q.name}", getattr(term, q.name) != q.null
+        for q in config.catalogue[term.id].across:
+            yield f"terms.{term.id}.{q.name}", getattr(term, q.name) != q.null
     yield "base", any(config.base.position) or any(config.base.rotation)
 
 

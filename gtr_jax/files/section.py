@@ -44,3 +44,14 @@ class Section(BaseModel):
     def _resolved(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
         """The section with what it refers to in other files, relative to `folder`, put in place."""
         return data
+
+
+class TermSection(Section):
+    """One physics term; see `gtr_jax.terms`."""
+
+    kind: str
+
+    @property
+    def id(self) -> str:
+        """The name of the term."""
+        return self.kind

@@ -30,6 +30,7 @@ from gtr_jax.errors import InputError
 from gtr_jax.terms import REGISTRY, Term
 
 from .config_form import one_line
+from .law_section import LawSection
 from .routings import ROUTINGS, RoutingConfig
 from .section import (
     Acceleration,
@@ -44,6 +45,7 @@ from .section import (
     Moment,
     Ratio,
     Section,
+    TermSection,
 )
 from .units import Unit, parse_quantity, quantity_text
 
@@ -285,12 +287,6 @@ class MarkerConfig(Section):
     """Place [m] in it: along the body, to its left, across the plane."""
 
 
-class TermSection(Section):
-    """One physics term; see `gtr_jax.terms`."""
-
-    kind: str
-
-
 def _term_section(term: Term) -> type[TermSection]:
     """The table [[terms]] of one kind of term."""
     name = "".join(part.capitalize() for part in term.id.split("-"))
@@ -314,5 +310,6 @@ if TYPE_CHECKING:
     TermConfig = TermSection
 else:
     TermConfig = Annotated[
-        functools.reduce(operator.or_, map(_term_section, REGISTRY.values())), Field(discriminator="kind")
+        functools.reduce(operator.or_, [*map(_term_section, REGISTRY.values()), LawSection]),
+        Field(discriminator="kind"),
     ]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gtr_jax.errors import InputError
-from gtr_jax.terms import REGISTRY, Term
+from gtr_jax.terms import Term
 from gtr_jax.terms.term import ONE_HELD, UNMOVED
 
 from .config_checks import mm
@@ -74,27 +74,34 @@ def _check_tendon(table: str, tendon: TendonConfig, length: float, terms: set[st
 
 def _check_terms(config: RobotConfig) -> None:
     for term in config.terms:
-        fault = refused_in_space(config, REGISTRY[term.kind])
+        fault = refused_in_space(config, config.catalogue[term.id])
         if fault:
-            raise InputError(f"terms.{term.kind}: {fault}")
+            raise InputError(f"terms.{term.id}: {fault}")
 
 
 def refused_in_space(config: RobotConfig, term: Term) -> str | None:
     """Why a robot in space cannot have a physics term, with the remedy; None if it can."""
     if config.tendons and (term.stop or term.relaxes):
         return ONE_HELD
+    if term.not_in_space:
+        return term.not_in_space
+    if term.round_only and any(_two(bending) for _, bending, _ in _stiffnesses(config)):
+        return "is for sections that are as stiff in every direction; give one bending_stiffness, not two"
     drawn = any(tendon.drive == "displacement" for _, tendon, _ in config.strung)
     return UNMOVED if drawn and term.tugged else None
 
 
-def _check_twist(config: RobotConfig) -> None:
+def _stiffnesses(config: RobotConfig) -> list[tuple[str, Any, Any]]:
+    """Key, bending and torsional stiffness of the backbone and of each piece."""
     body = config.backbone
-    parts = [("backbone", body.bending_stiffness, body.torsional_stiffness)]
-    parts += [
-        (f"backbone.sections[{i}]", piece.bending_stiffness, piece.torsional_stiffness)
-        for i, piece in enumerate(body.sections)
+    pieces = [(f"backbone.sections[{i}]", piece) for i, piece in enumerate(body.sections)]
+    return [
+        (key, own.bending_stiffness, own.torsional_stiffness) for key, own in [("backbone", body), *pieces]
     ]
-    for key, bending, torsion in parts:
+
+
+def _check_twist(config: RobotConfig) -> None:
+    for key, bending, torsion in _stiffnesses(config):
         if torsion is None and _two(bending):
             raise InputError(
                 f"{key}: missing key 'torsional_stiffness': a section with two bending stiffnesses is not "

@@ -9,11 +9,14 @@ import functools
 import math
 import re
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from gtr_jax.errors import InputError, excerpt
+from gtr_jax.terms.dimension import Dimension as UnitPowers
+from gtr_jax.terms.dimension import dimension_of_unit
 
 if TYPE_CHECKING:
     import pint
@@ -65,6 +68,11 @@ DIMENSIONS = {
 }
 
 
+def _about(si: str) -> Dimension:
+    """What there is to say of an SI unit, one that is no key of DIMENSIONS included."""
+    return DIMENSIONS.get(si) or Dimension(f"a quantity in {si}", si, f"2 {si}")
+
+
 @functools.cache
 def registry() -> pint.UnitRegistry:
     """The unit registry (pint), built on first use because that takes half a second."""
@@ -84,7 +92,7 @@ def measures(unit: str, si: str) -> bool:
 @functools.cache
 def _factor(unit: str, si: str) -> float:
     """Size of one `unit` in `si`; InputError if it is unknown or measures something else."""
-    dimension = DIMENSIONS[si]
+    dimension = _about(si)
     if unit in (si, dimension.display):
         return 1.0 if unit == si else dimension.size
     import pint
@@ -128,7 +136,7 @@ def parse_quantity(value: object, si: str) -> float:
 
     Raises InputError without the place; `to_si` adds it.
     """
-    dimension = DIMENSIONS[si]
+    dimension = _about(si)
     example = f'"{dimension.example}"' if si != "dimensionless" else dimension.example
     if isinstance(value, str):
         match = _QUANTITY.fullmatch(value)
@@ -160,6 +168,44 @@ def parse_quantity(value: object, si: str) -> float:
     return result
 
 
+def parse_any(value: object) -> tuple[str, float]:
+    """SI unit and value of a quantity whose kind is not known: a string with any unit of force, length and
+    time, or a bare number, which is one without a unit.
+
+    Raises InputError without the place.
+    """
+    match = _QUANTITY.fullmatch(value) if isinstance(value, str) else None
+    unit = match[2] if match else ""
+    si = _si_unit(unit) if unit else "dimensionless"
+    return si, parse_quantity(value, si)
+
+
+@functools.cache
+def _si_unit(unit: str) -> str:
+    """The SI unit of what another unit measures; InputError if no law can have it."""
+    own = next((si for si, dimension in DIMENSIONS.items() if unit in (si, dimension.display)), None)
+    if own is not None:
+        return own
+    found = dimension_of_unit(unit)
+    if found is None:
+        if len(unit) > MOST_LETTERS or _POWER_OF_A_NUMBER.search(unit):
+            raise InputError(f"unknown unit '{excerpt(unit)}'; write for example N/m")
+        try:
+            powers = dict(registry().parse_units(re.sub(r"\bNm\b", "N m", unit)).dimensionality)
+        except Exception:  # whatever pint's tokenizer raises on malformed text
+            raise InputError(f"unknown unit '{excerpt(unit)}'; write for example N/m") from None
+        mass, length, time = (
+            Fraction(float(powers.pop(f"[{name}]", 0))).limit_denominator(100)
+            for name in ("mass", "length", "time")
+        )
+        if powers:
+            raise InputError(
+                f"'{excerpt(unit)}' is not made of force, length and time; write for example N/m"
+            )
+        found = UnitPowers(mass, length - mass, time + 2 * mass)
+    return found.unit
+
+
 def to_si(value: object, unit: str, where: str) -> float:
     """One quantity in the SI unit `unit` ("m", "N", "Pa", "rad", "N m", ...; the keys of DIMENSIONS).
 
@@ -180,7 +226,7 @@ def quantity_text(value: float, si: str) -> str | float:
     """The quantity as a string with a handy unit that `parse_quantity` reads back to the equal float."""
     if si == "dimensionless":
         return value
-    display = DIMENSIONS[si].display
+    display = _about(si).display
     for digits in (15, 16, 17):
         text = f"{value / convert(1.0, display, si):.{digits}g} {display}"
         if parse_quantity(text, si) == value:

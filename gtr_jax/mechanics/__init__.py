@@ -20,10 +20,9 @@ from .history import (
     steps,
 )
 from .mesh import increments
-from .structure import EVERY, March, Structure, in_order
+from .structure import March, Structure, every, in_order
 
 __all__ = [
-    "EVERY",
     "FOREVER",
     "Load",
     "March",
@@ -35,6 +34,7 @@ __all__ = [
     "advance",
     "begin",
     "complete",
+    "every",
     "in_order",
     "increments",
     "loads_before",

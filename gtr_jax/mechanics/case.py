@@ -8,9 +8,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..terms import REGISTRY
 from .sections import Sections, State
-from .structure import EVERY, Structure
+from .structure import Structure, every
 
 FOLLOWED = ("slip", "middle", "speed", "mobilised", "stencil", "elements")  # of `Memory`, may be None
 
@@ -114,7 +113,7 @@ def untouched(
     none, at_base, nodes = jnp.zeros_like(tension), tension[0], tension.shape[0]
     told = none if structure.terms else None
     followed = none if structure.follows_slip else None
-    count = max(term.elements for term in REGISTRY.values())
+    count = max(term.elements for term in structure.catalogue.values())
     moment = state.moment[0]
     return Memory(
         tension=tension,
@@ -126,7 +125,7 @@ def untouched(
         stencil=none if structure.creeping else None,
         elements=jnp.zeros((nodes, count, *at_base.shape)) if structure.presliding else None,
         bent={
-            kind: jnp.zeros((nodes, REGISTRY[kind].remembers, *state.kappa.shape[1:]))
+            kind: jnp.zeros((nodes, structure.catalogue[kind].remembers, *state.kappa.shape[1:]))
             for kind, _ in structure.hooks("bend")
         },
         entry=at_base,
@@ -146,8 +145,8 @@ def complete(memory: Memory, structure: Structure, state: State, slip: Float[Arr
         state: of the body, the nodes in its first or only axis.
         slip: of the tendons [m], (N, *tendons).
     """
-    every = _every(structure)
-    full = untouched(every, state, memory.tension, memory.carried)
+    whole = _every(structure)
+    full = untouched(whole, state, memory.tension, memory.carried)
     before = jnp.concatenate([slip[:1], slip[:-1]])
     known = {name: value for name in FOLLOWED if (value := getattr(memory, name)) is not None}
     displacement, moment, stop = _split(memory.unknowns, structure, slip[0].ravel(), state.moment[0])
@@ -155,15 +154,15 @@ def complete(memory: Memory, structure: Structure, state: State, slip: Float[Arr
         full,
         **{"slip": slip, "middle": 0.5 * (slip + before)} | known,
         bent=full.bent | memory.bent,
-        unknowns=_unknowns(every, displacement, moment, stop),
+        unknowns=_unknowns(whole, displacement, moment, stop),
         **{name: getattr(memory, name) for name in ("kappa", "entry", "T_tip", "T_base")},
     )
 
 
 def part_of(memory: Memory, structure: Structure) -> Memory:
     """The part of a complete memory that a program of a structure needs."""
-    every = _every(structure)
-    displacement, moment, stop = _split(memory.unknowns, every, jnp.zeros(0), jnp.zeros(()))
+    whole = _every(structure)
+    displacement, moment, stop = _split(memory.unknowns, whole, jnp.zeros(0), jnp.zeros(()))
     asked = {
         "slip": bool(structure.terms),
         "mobilised": bool(structure.terms),
@@ -182,7 +181,8 @@ def part_of(memory: Memory, structure: Structure) -> Memory:
 
 def _every(structure: Structure) -> Structure:
     """The structure of all equations that its robot may need."""
-    return Structure(EVERY, structure.tendons, loaded=True, space=structure.space)
+    laws = structure.laws
+    return Structure(every(laws), structure.tendons, loaded=True, space=structure.space, laws=laws)
 
 
 def _unknowns(structure: Structure, displacement, moment, stop) -> Float[Array, " n"] | None:

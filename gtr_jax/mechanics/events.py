@@ -28,7 +28,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..terms import REGISTRY
 from ..terms.term import Channel
 from .bodies import geometry_of, metric_of, offset_of, turning_of
 from .case import Case, Load, Memory
@@ -101,7 +100,7 @@ def _factor(case: Case, time: Float[Array, ""]) -> Float[Array, " N"]:
     at = Channel(mesh.s - mesh.interval.length, mesh.s, jnp.zeros_like(mesh.s), 1.0, time, case.load.cycle)
     factor = jnp.ones_like(mesh.s)
     for kind, hook in case.structure.hooks("friction"):
-        if REGISTRY[kind].loosens:
+        if case.structure.catalogue[kind].loosens:
             factor = factor * hook(case.terms[kind], at)
     return jnp.where(factor > 0, factor, 0.0)
 

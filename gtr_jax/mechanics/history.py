@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -13,7 +13,7 @@ import jax.tree_util as jtu
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..terms import REGISTRY
+from ..terms import Term
 from .bodies import directions_of, geometry_of, metric_of
 from .case import Case, Load, Memory, untouched
 from .events import after_loosening, after_tug
@@ -110,7 +110,7 @@ def _case(robot: Robot, structure: Structure, memory: Memory) -> Case:
     )
 
 
-def _without_friction(robot: Robot) -> dict[str, dict[str, Array]]:
+def _without_friction(robot: Robot, catalogue: Mapping[str, Term]) -> dict[str, dict[str, Array]]:
     """The numbers of the terms, with those terms that are friction set to null."""
     hooks = ("drag", "base_grip", "tip_grip", "by_speed")
 
@@ -119,7 +119,7 @@ def _without_friction(robot: Robot) -> dict[str, dict[str, Array]]:
             return robot.terms[term.id]
         return {q.name: jnp.full_like(robot.terms[term.id][q.name], q.null) for q in term.quantities}
 
-    return {term.id: values(term) for term in REGISTRY.values()}
+    return {term.id: values(term) for term in catalogue.values()}
 
 
 Before = Callable[[State, Memory], Memory]
@@ -190,7 +190,8 @@ def advance(
     if structure.terms:
         now = dataclasses.replace(now, metric=settled.metric, preload=settled.preload)
     if prefix == 2:
-        none = {kind: _without_friction(robot)[kind] for kind in structure.terms}
+        still = _without_friction(robot, structure.catalogue)
+        none = {kind: still[kind] for kind in structure.terms}
         own = {kind: robot.terms[kind] for kind in structure.terms}
         terms = robot.terms | jtu.tree_map(lambda a, b: jnp.where(stringing, a, b), none, own)
         now = dataclasses.replace(now, mu=jnp.where(stringing, 0.0, robot.mu), terms=terms)

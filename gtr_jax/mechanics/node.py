@@ -31,8 +31,8 @@ import jax.numpy as jnp
 import jax.tree_util as jtu
 from jaxtyping import Array, Bool, Float
 
-from ..terms import REGISTRY, is_on
-from ..terms.term import STILL, Bent, Channel
+from ..terms import is_on
+from ..terms.term import STILL, Bent, Channel, Passing
 from .bodies import geometry_of, metric_of
 from .case import Case
 from .geometry import Geometry
@@ -73,6 +73,7 @@ class Row(NamedTuple):
     interval: Interval
     metric: Asked
     mu: Asked
+    channel: Channel | None
     tension: Float[Array, "N *tendons"]
     middle: Asked
     stencil: Asked
@@ -201,10 +202,12 @@ class Equations(eqx.Module):
         if row.mu is not None:
             pulling, releasing = row.mu
             mu = jnp.where(sense >= 0, pulling, releasing)
+        there = length > 0
+        pressure = tension * wrap / jnp.where(there, length, 1.0)
+        channel = None if row.channel is None else row.channel._replace(sense=sense)
+        passing = Passing(pressure, tension, channel)
         if case.structure.has("by_pressure"):
-            there = length > 0
-            pressure = tension * wrap / jnp.where(there, length, 1.0)
-            mu = mu * jnp.where(there, product(case, "by_pressure", pressure), 1.0)
+            mu = mu * jnp.where(there, product(case, "by_pressure", passing), 1.0)
         held = sense * mu
         if case.structure.has("by_speed"):
             # The coefficient depends on the magnitude of the slip speed v. The branch of |v| on which the
@@ -214,7 +217,7 @@ class Equations(eqx.Module):
             held = held + total(case, "by_speed", fast)
         left = tension * jnp.exp(-held * wrap)
         if case.structure.has("drag"):
-            left = left - sense * total(case, "drag") * length
+            left = left - sense * total(case, "drag", passing) * length
             left = jnp.where(left > 0, left, 0.0)
         return left if self.highest is None else jnp.where(left < self.highest, left, self.highest)
 
@@ -370,7 +373,7 @@ class Equations(eqx.Module):
         """One bending law at a strain."""
         kept = self.geometry.split(row.bent[kind])
         at = Bent(row.rest, row.kappa, kept, self.case.load.dt, row.compliance)
-        return self.geometry.bent(REGISTRY[kind], self.case.terms[kind], kappa, at)
+        return self.geometry.bent(self.case.structure.catalogue[kind], self.case.terms[kind], kappa, at)
 
     def near(self, carry: Carry, row: Row, kappa) -> Any:
         """Derivative of the residual by the strain if nothing but the strain changes over the interval; None
@@ -428,7 +431,7 @@ class Equations(eqx.Module):
         """
         geometry, lost = self.geometry, self.geometry.zero()
         for kind, _ in self.case.structure.hooks("bend"):
-            if REGISTRY[kind].relaxes:
+            if self.case.structure.catalogue[kind].relaxes:
                 first = jtu.tree_map(lambda kept: kept[0], geometry.split(row.bent[kind]))
                 lost = lost + first - self.bends(kind, row, row.kappa)[0]
         arm = geometry.pull(jnp.ones_like(row.tension), row.kappa, row.R)
@@ -483,9 +486,9 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
             length = presliding["length"]
             presliding = presliding | {"length": jnp.where(length > least, length, least)}
         elif not (what.acting and PRESLIDING in what.terms):
-            by_slip = is_on(REGISTRY[PRESLIDING], presliding)
-    creeping = [kind for kind in what.terms if REGISTRY[kind].creeps]
-    neighbour, along = (_any_on(case, kinds) for kinds in (creeping, carried(what.terms)))
+            by_slip = is_on(what.catalogue[PRESLIDING], presliding)
+    creeping = [kind for kind in what.terms if what.catalogue[kind].creeps]
+    neighbour, along = (_any_on(case, kinds) for kinds in (creeping, carried(what.terms, what.catalogue)))
     if what.carries:
         along = jnp.logical_and(along, jnp.logical_not(jnp.logical_or(by_slip, neighbour)))
 
@@ -500,6 +503,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         interval=mesh.interval,
         metric=case.metric if what.follows_slip else None,
         mu=(friction(case, 1.0), friction(case, -1.0)) if what.has("friction") else None,
+        channel=_channel_rows(case) if what.reads_channel else None,
         tension=memory.tension,
         middle=memory.middle,
         stencil=memory.stencil,
@@ -541,7 +545,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
     stop = way = None
     if what.has_stop:
         ((kind, _),) = what.hooks("stop")
-        stop, way = pressing(x.stop), geometry.way_of(REGISTRY[kind], terms[kind])
+        stop, way = pressing(x.stop), geometry.way_of(what.catalogue[kind], terms[kind])
     return (
         Equations(case, stop, way, x.level, Modes(by_slip, neighbour, along), presliding, highest),
         carry,
@@ -564,18 +568,30 @@ def friction(case: Case, sense: float):
     mesh, memory, load = case.sections.mesh, case.memory, case.load
     over = (-1, *[1] * case.mu.ndim)
     start = (mesh.s - mesh.interval.length).reshape(over)
-    speed = jnp.zeros(()) if memory.speed is None else jnp.abs(memory.speed)
-    at = Channel(start, mesh.s.reshape(over), speed, sense, load.time, load.cycle)
+    at = Channel(start, mesh.s.reshape(over), _speed_before(case), sense, load.time, load.cycle)
     factor = jnp.broadcast_to(product(case, "friction", at), memory.tension.shape)
     factor = jnp.where(factor > 0, factor, 0.0)  # friction that wears or drifts below zero counts as zero
     return jnp.broadcast_to(case.mu, memory.tension.shape) * factor
+
+
+def _speed_before(case: Case):
+    """Speed of the slip in the previous load step [m/s], (N, *tendons); zero, (), where it is not known."""
+    speed = case.memory.speed
+    return jnp.zeros(()) if speed is None else jnp.abs(speed)
+
+
+def _channel_rows(case: Case) -> Channel:
+    """The intervals of the channel, nodes along the first axis."""
+    mesh, load = case.sections.mesh, case.load
+    speed, each = jnp.broadcast_to(_speed_before(case), case.memory.tension.shape), jnp.ones_like(mesh.s)
+    return Channel(mesh.s - mesh.interval.length, mesh.s, speed, each, load.time * each, load.cycle * each)
 
 
 def _any_on(case: Case, kinds: list[str]) -> Bool[Array, ""] | bool:
     """Whether any of these terms acts; known without their numbers if all terms of the program act."""
     if not kinds or case.structure.acting:
         return bool(kinds)
-    on = [is_on(REGISTRY[kind], case.terms[kind]) for kind in kinds]
+    on = [is_on(case.structure.catalogue[kind], case.terms[kind]) for kind in kinds]
     return functools.reduce(jnp.logical_or, on)
 
 

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from ..terms import REGISTRY
+from ..terms import REGISTRY, Law, Term, catalogue_of
 
 # The one term by which friction builds up with slip.
 ((PRESLIDING, mobilise),) = [(term.id, term.mobilise) for term in REGISTRY.values() if term.mobilise]
@@ -42,6 +42,7 @@ class Structure:
         loaded: whether external forces may act, so that the external moment changes along the body.
         acting: whether all its terms are known to act, so that the law that holds a tendon is known.
         space: whether the robot may leave the plane, so that a node has three unknowns.
+        laws: of the robot file, by which `terms` may be named too.
     """
 
     terms: tuple[str, ...]
@@ -49,10 +50,16 @@ class Structure:
     loaded: bool
     acting: bool = False
     space: bool = False
+    laws: tuple[Law, ...] = ()
+
+    @property
+    def catalogue(self) -> Mapping[str, Term]:
+        """All terms by name, the laws among them."""
+        return catalogue_of(self.laws)
 
     def hooks(self, name: str) -> list[tuple[str, Callable[..., Any]]]:
         """The terms that have the hook `name`, and their hooks."""
-        return _hooks(self.terms, name)
+        return _hooks(self.terms, self.laws, name)
 
     def has(self, name: str) -> bool:
         """Whether any term has the hook `name`."""
@@ -80,14 +87,14 @@ class Structure:
         """Whether friction may change where the tendon is locked, so that a node is held against its
         neighbour.
         """
-        return any(REGISTRY[kind].creeps for kind in self.terms)
+        return any(self.catalogue[kind].creeps for kind in self.terms)
 
     @functools.cached_property
     def loosens(self) -> bool:
         """Whether friction may fall with time where one tendon is locked, so that the tension held there
         relaxes. Where friction follows the slip, it relaxes by itself.
         """
-        return any(REGISTRY[kind].loosens for kind in self.terms) and not self._by_slip
+        return any(self.catalogue[kind].loosens for kind in self.terms) and not self._by_slip
 
     @functools.cached_property
     def tugged(self) -> bool:
@@ -102,7 +109,13 @@ class Structure:
     @functools.cached_property
     def follows_slip(self) -> bool:
         """Whether a law of a node depends on the slip or its speed, in this step or the previous one."""
-        return self.presliding or any(REGISTRY[kind].reads_speed for kind in self.terms) or self.seeks_slip
+        reads = any(self.catalogue[kind].reads_speed for kind in self.terms)
+        return self.presliding or reads or self.seeks_slip
+
+    @functools.cached_property
+    def reads_channel(self) -> bool:
+        """Whether friction at a tension depends on the place, the speed before, the time or the cycle."""
+        return any(self.catalogue[kind].reads_channel for kind in self.terms)
 
     @functools.cached_property
     def seeks_slip(self) -> bool:
@@ -124,7 +137,7 @@ class Structure:
         """Whether the body may bend where friction holds the tendon, so that the held stretch is carried
         along.
         """
-        return bool(carried(self.terms)) and not self._by_slip
+        return bool(carried(self.terms, self.catalogue)) and not self._by_slip
 
     @functools.cached_property
     def unknowns(self) -> int:
@@ -138,20 +151,23 @@ class Structure:
         return 3 if self.space else 1
 
 
-def carried(terms: Iterable[str]) -> list[str]:
+def carried(terms: Iterable[str], catalogue: Mapping[str, Term]) -> list[str]:
     """The terms among `terms` that bend the body where friction holds its tendon."""
-    return [kind for kind in terms if REGISTRY[kind].stop or REGISTRY[kind].relaxes]
+    return [kind for kind in terms if catalogue[kind].stop or catalogue[kind].relaxes]
 
 
 @functools.cache
-def _hooks(terms: tuple[str, ...], name: str) -> list[tuple[str, Callable[..., Any]]]:
-    return [(kind, getattr(REGISTRY[kind], name)) for kind in terms if getattr(REGISTRY[kind], name)]
+def _hooks(terms: tuple[str, ...], laws: tuple[Law, ...], name: str) -> list[tuple[str, Callable[..., Any]]]:
+    known = catalogue_of(laws)
+    return [(kind, hook) for kind in terms if (hook := getattr(known[kind], name))]
 
 
-def in_order(kinds: Iterable[str]) -> tuple[str, ...]:
-    """The given names of terms in registry order, each once, without the terms of the load cells."""
+def in_order(kinds: Iterable[str], laws: tuple[Law, ...] = ()) -> tuple[str, ...]:
+    """The given names of terms in the order of the catalogue, each once, without those of the load cells."""
     wanted = set(kinds)
-    return tuple(kind for kind, term in REGISTRY.items() if kind in wanted and not term.of_cells)
+    return tuple(kind for kind, term in catalogue_of(laws).items() if kind in wanted and not term.of_cells)
 
 
-EVERY = in_order(REGISTRY)  # all terms but those of the load cells
+def every(laws: tuple[Law, ...] = ()) -> tuple[str, ...]:
+    """All terms but those of the load cells."""
+    return in_order(catalogue_of(laws), laws)

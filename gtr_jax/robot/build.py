@@ -209,10 +209,11 @@ def build_robot(config: RobotConfig, *, resolution: float = 1.0) -> Robot:
         intervals=(),
         bore_kinks=kinks,
         loaded=(weighs or pushed) and not body.rigid,
-        acting=in_order(known_acting(terms)),
+        acting=in_order(known_acting(terms, config.laws), config.laws),
         base=Base(_array(config.base.position), _array(config.base.rotation)),
         markers=tuple(Marker(_array(m.at), _array(m.offset), m.name) for m in config.markers),
         space=config.in_space,
+        laws=config.laws,
     )
 
     for tendon in robot.tendons:

@@ -19,7 +19,7 @@ from jaxtyping import Array, Float, Int
 
 from gtr_jax.errors import InputError, excerpt
 from gtr_jax.mechanics.structure import in_order
-from gtr_jax.terms import REGISTRY, Term, known_acting
+from gtr_jax.terms import Term, known_acting
 
 from .backbone import Backbone, Stiffness
 from .parts import Parts, Tendon
@@ -40,6 +40,7 @@ class Parameter:
         lower, upper: bounds in SI; None where open.
         log: whether it is estimated on a logarithmic scale (positive parameters).
         external: whether it is an external force, so that setting it makes the robot loaded.
+        term: the physics term that it belongs to; None if it belongs to none.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Parameter:
     log: bool = False
     external: bool = False
     at: str = ""
+    term: Term | None = dataclasses.field(default=None, repr=False)
 
     def __post_init__(self):
         if not self.at:
@@ -206,11 +208,12 @@ def parameters_of(robot: Parts) -> dict[str, Parameter]:
         del found["nu"]
     found |= {p.name: p for p in _of_body(robot)}
     for kind, values in robot.terms.items():
-        for q in REGISTRY[kind].numbers if robot.space else REGISTRY[kind].quantities:
+        term = robot.catalogue[kind]
+        for q in term.numbers if robot.space else term.quantities:
             if q.name in values:
-                key, unit = f"terms.{kind}.{q.name}", "" if q.unit == "dimensionless" else q.unit
-                name = f"{kind}.{q.name}"
-                found[name] = Parameter(name, key, unit, q.lower, q.upper, log=q.log)
+                name, unit = f"{kind}.{q.name}", "" if q.unit == "dimensionless" else q.unit
+                key = f"terms.{name}"
+                found[name] = Parameter(name, key, unit, q.lower, q.upper, log=q.log, at=key, term=term)
     return found
 
 
@@ -220,11 +223,6 @@ def _no_modulus(body: Backbone) -> str:
         return "the backbone is rigid"
     own = all(piece.stiffness is not None or piece.youngs_modulus is not None for piece in body.pieces)
     return "the backbone has a bending_stiffness" if body.stiffness is not None and own else ""
-
-
-def term_of(entry: Parameter) -> Term | None:
-    """The physics term that a parameter belongs to; None if it belongs to none."""
-    return REGISTRY.get(entry.name.partition(".")[0])
 
 
 def parameter(robot: Parts, name: str) -> Parameter:
@@ -321,10 +319,11 @@ def with_values(robot: AnyRobot, values: Mapping[str, Float[Array, ""] | float])
         new = new if index is None else leaf.at[index].set(new)
         robot = eqx.tree_at(where, robot, new)
         loaded = loaded or entry.external
-        term = term_of(entry)
+        term = entry.term
         if term is not None and entry.name.partition(".")[2] in [q.name for q in term.sizes]:
             acting.append(term.id)
-    return dataclasses.replace(robot, loaded=loaded, acting=in_order([*acting, *known_acting(robot.terms)]))
+    acting += known_acting(robot.terms, robot.laws)
+    return dataclasses.replace(robot, loaded=loaded, acting=in_order(acting, robot.laws))
 
 
 def places_of(robot: Parts, names: Sequence[str]) -> Int[Array, " p"]:

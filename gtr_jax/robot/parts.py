@@ -4,11 +4,13 @@ is static.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
+
+from gtr_jax.terms import Law, Term, catalogue_of
 
 from .backbone import Backbone
 from .rotation import rotation_of
@@ -120,6 +122,7 @@ class Parts(eqx.Module):
         base: where the base stands in the world; the plane's is at the origin, unturned.
         markers: points of the body that are recorded.
         space: whether it may leave its plane (static).
+        laws: physics terms that its file states as expressions (static).
     """
 
     backbone: Backbone
@@ -134,6 +137,12 @@ class Parts(eqx.Module):
     base: Base = eqx.field(default_factory=lambda: Base(jnp.zeros(3), jnp.zeros(3)))
     markers: tuple[Marker, ...] = ()
     space: bool = eqx.field(static=True, default=False)
+    laws: tuple[Law, ...] = eqx.field(static=True, default=())
+
+    @property
+    def catalogue(self) -> Mapping[str, Term]:
+        """Every physics term it may have, by name: the laws of its file and the registered ones."""
+        return catalogue_of(self.laws)
 
     @property
     def tendon(self) -> Tendon:

@@ -10,7 +10,6 @@ import jax.tree_util as jtu
 from jaxtyping import Array, Bool, Float
 
 from gtr_jax.mechanics.offset import Offset, SpatialOffset
-from gtr_jax.terms import REGISTRY
 
 from ..mechanics.guides import Guides, guides_of
 from ..mechanics.mesh import Mesh, build_mesh, panel_index
@@ -125,7 +124,7 @@ def distal_mass(robot: Robot, at: Layout) -> Float[Array, " N"]:
 def loads_of(robot: Robot) -> Loads:
     """The external loads, those of physics terms included."""
     loads = robot.loads
-    for term in REGISTRY.values():
+    for term in robot.catalogue.values():
         loads = loads if term.loads is None else term.loads(robot.terms[term.id], loads)
     return loads
 

@@ -20,7 +20,7 @@ from ..mechanics.sections import State, either_of
 from ..mechanics.several.rootfinder import RootFinder
 from ..mechanics.several.slip import Kept
 from ..robot.robot import Robot, sections
-from ..terms import REGISTRY, known_on
+from ..terms import known_on
 from ..terms.term import NO_SLIP, NO_TUG
 from .displacement import by_tension, displacement_drives, driven
 from .programs import at_nodes, known_to_act, structure_of
@@ -328,15 +328,15 @@ def _refuse_unable(robot: Robot) -> None:
     """ValueError if friction would build up over a slip that cannot occur, or if an end is moved that no
     sliding friction holds.
     """
-    by_slip = any(term.mobilise and known_on(term, robot.terms[term.id]) for term in REGISTRY.values())
-    for term in REGISTRY.values():
+    by_slip = any(term.mobilise and known_on(term, robot.terms[term.id]) for term in robot.catalogue.values())
+    for term in robot.catalogue.values():
         if term.tugged and known_on(term, robot.terms[term.id]) and (by_slip or robot.tendon_names):
             raise ValueError(f"{term.id}: {NO_TUG}")
     if not robot.backbone.rigid:
         return
-    stretch = REGISTRY["tendon-stretch"]
+    stretch = robot.catalogue["tendon-stretch"]
     if known_on(stretch, robot.terms[stretch.id]) is False:
-        for term in REGISTRY.values():
+        for term in robot.catalogue.values():
             if term.mobilise is not None and known_on(term, robot.terms[term.id]):
                 raise ValueError(f"{term.id}: {NO_SLIP}")
     if robot.tendon_names and known_to_act(robot):
@@ -345,7 +345,7 @@ def _refuse_unable(robot: Robot) -> None:
 
 def _refuse_timed(robot: Robot) -> None:
     """ValueError if a term acts that needs times; values that are traced are not checked."""
-    for term in REGISTRY.values():
+    for term in robot.catalogue.values():
         if term.timed and known_on(term, robot.terms[term.id]):
             raise ValueError(f"time: {term.id} depends on it; give the time of each step")
 

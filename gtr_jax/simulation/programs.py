@@ -10,11 +10,11 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 from .. import mechanics
-from ..mechanics import EVERY, Structure, in_order
+from ..mechanics import Structure, every, in_order
 from ..mechanics.sections import Sections
 from ..mechanics.structure import carried
 from ..robot.robot import Robot, tip_moment_of
-from ..terms import REGISTRY, known_acting, known_on
+from ..terms import known_acting, known_on
 from ..terms.term import ONE_HELD
 
 
@@ -29,19 +29,19 @@ def structure_of(robot: Robot, with_terms: bool | Collection[str] | None) -> Str
         return structure_with(robot, every_for(robot) if with_terms else ())
     if with_terms is not None:
         return structure_with(robot, with_terms)
-    known = {kind: known_on(REGISTRY[kind], robot.terms[kind]) for kind in EVERY}
+    known = {kind: known_on(robot.catalogue[kind], robot.terms[kind]) for kind in every(robot.laws)}
     acting = [kind for kind, on in known.items() if (kind in robot.acting if on is None else on)]
     return dataclasses.replace(structure_with(robot, acting), acting=all(known[kind] for kind in acting))
 
 
 def every_for(robot: Robot) -> tuple[str, ...]:
     """The terms that a robot may have."""
-    return tuple(kind for kind in EVERY if kind not in _of_one_tendon(robot))
+    return tuple(kind for kind in every(robot.laws) if kind not in _of_one_tendon(robot))
 
 
 def _of_one_tendon(robot: Robot) -> list[str]:
     """The terms that a robot in space may have with one tendon only."""
-    return carried(EVERY) if robot.space and robot.tendon_names else []
+    return carried(every(robot.laws), robot.catalogue) if robot.space and robot.tendon_names else []
 
 
 def structure_with(robot: Robot, terms: Collection[str]) -> Structure:
@@ -51,13 +51,14 @@ def structure_with(robot: Robot, terms: Collection[str]) -> Structure:
         robot: the robot.
         terms: their names; those of the load cells have no equations.
     """
-    loads = any(REGISTRY[kind].loads for kind in terms)
+    loads = any(robot.catalogue[kind].loads for kind in terms)
     refuse_in_space(robot, terms)
     return Structure(
-        in_order(terms),
+        in_order(terms, robot.laws),
         len(robot.tendon_names),
         robot.loaded or loads or _tip_moment_acts(robot),
         space=robot.space,
+        laws=robot.laws,
     )
 
 
@@ -94,7 +95,7 @@ def at_nodes(robot: Robot, s: Sections) -> mechanics.Robot:
 
 def known_to_act(robot: Robot) -> bool:
     """Whether any physics term that is not of the load cells is known to act; none is while it is traced."""
-    return bool(in_order(known_acting(robot.terms)))
+    return bool(in_order(known_acting(robot.terms, robot.laws), robot.laws))
 
 
 def terms_act(robot: Robot) -> bool:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from ..robot.robot import Robot
-from ..terms import REGISTRY, known_on
+from ..terms import known_on
 from ..terms.term import Clock
 
 
@@ -28,7 +28,7 @@ def cells_show(
 ) -> Reading:
     """What the cells show under true tensions [N] at some times [s]."""
     at = Clock(time, T_base)
-    for term in REGISTRY.values():
+    for term in robot.catalogue.values():
         values = robot.terms[term.id]
         T_base = T_base if term.base is None else term.base(values, T_base, at)
         T_tip = T_tip if term.tip is None else term.tip(values, T_tip, at)
@@ -39,7 +39,7 @@ def cells_differ(robot: Robot) -> bool | None:
     """Whether a term of the load cells acts, so that readings differ from the true tensions; None if that is
     being traced.
     """
-    acting = [known_on(term, robot.terms[term.id]) for term in REGISTRY.values() if term.of_cells]
+    acting = [known_on(term, robot.terms[term.id]) for term in robot.catalogue.values() if term.of_cells]
     return True if True in acting else None if None in acting else False
 
 
@@ -74,11 +74,11 @@ def true_base(
         ValueError: no time for a term that needs it.
     """
     shown = jnp.asarray(shown, dtype=float)
-    for term in REGISTRY.values():
+    for term in robot.catalogue.values():
         if time is None and term.timed and term.true_base and known_on(term, robot.terms[term.id]):
             raise ValueError(f"time: {term.id} depends on it; give the time of each sample")
     clock = jnp.arange(shown.shape[0], dtype=float) if time is None else jnp.asarray(time, dtype=float)
-    for term in reversed(REGISTRY.values()):
+    for term in reversed([*robot.catalogue.values()]):
         if term.true_base is not None:
             shown = term.true_base(robot.terms[term.id], shown, Clock(clock - clock[0], shown))
     return shown

@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gtr_jax.robot.robot import Robot
-from gtr_jax.terms import REGISTRY
 
 from ..mechanics import March
 from ..simulation.displacement import drawn_at_once
@@ -87,7 +86,7 @@ class Lanes:
     def _refuse(self, points: np.ndarray, found: dict[str, np.ndarray]) -> None:
         """Mark points at which the numbers of a physics term contradict one another."""
         task = self.task
-        for term in REGISTRY.values():
+        for term in task.config.catalogue.values():
             own = {axis.name: i for i, axis in enumerate(task.axes) if axis.name.startswith(f"{term.id}.")}
             if term.fault is None or not own:
                 continue

@@ -20,9 +20,8 @@ from gtr_jax.files.quantities import split_unit
 from gtr_jax.files.space_checks import refused_in_space
 from gtr_jax.files.table import read_table
 from gtr_jax.robot.build import build_robot, choose_intervals
-from gtr_jax.robot.parameters import term_of
 from gtr_jax.robot.robot import Robot
-from gtr_jax.terms import REGISTRY, known_on
+from gtr_jax.terms import known_on
 
 from .axes import Axis, axes_of, check_values, find
 from .config import SweepConfig, sweep_text
@@ -118,9 +117,9 @@ class Task:
         """Whether the base tension differs between points, or its cell shows something else."""
         if self.pull_varies or any(axis.name.partition(".")[0] == "preload" for axis in self.axes):
             return True
-        cells = [term.id for term in REGISTRY.values() if term.base is not None]
-        return any(term.kind in cells for term in self.config.terms) or any(
-            getattr(term_of(axis.parameter), "id", None) in cells for axis in self.axes
+        cells = [term.id for term in self.config.catalogue.values() if term.base is not None]
+        return any(term.id in cells for term in self.config.terms) or any(
+            getattr(axis.parameter.term, "id", None) in cells for axis in self.axes
         )
 
     @property
@@ -265,7 +264,7 @@ def _ready(file: SweepConfig, robot: Robot, axes: Sequence[Axis]) -> Robot:
 
 def _by_slip(config: RobotConfig, axes: Sequence[Axis]) -> bool:
     """Whether at any point a physics term acts that is not of the load cells."""
-    for term in REGISTRY.values():
+    for term in config.catalogue.values():
         given = config.term_values[term.id]
         ends = [
             given | {q.name: value}
@@ -282,7 +281,7 @@ def _by_slip(config: RobotConfig, axes: Sequence[Axis]) -> bool:
 def _check_terms(file: SweepConfig, config: RobotConfig, axes: Sequence[Axis]) -> None:
     """InputError if a physics term is varied that a rigid sheath, or a robot in space, cannot have."""
     for axis in axes:
-        term = term_of(axis.parameter)
+        term = axis.parameter.term
         fault = refused_in_space(config, term) if config.in_space and term is not None else None
         if fault:
             raise file.fault(f"vary.{axis.name}", fault)

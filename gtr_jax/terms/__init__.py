@@ -1,8 +1,13 @@
-"""Physics beyond the paper, one term per file. A new term needs its file and its entry in REGISTRY below."""
+"""Physics beyond the paper, one term per file. A new term needs its file and its entry in REGISTRY below.
+
+A robot has these terms and the laws of its own file; `catalogue_of` gives both.
+"""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import jax.numpy as jnp
@@ -44,6 +49,7 @@ from . import (
     wear,
     zero_drift,
 )
+from .law import Law, term_of_law
 from .term import Quantity, Term, Values
 
 # Terms of the load cells act in this order, from the true tension to the tension shown.
@@ -86,9 +92,22 @@ REGISTRY: dict[str, Term] = {
 }
 
 
-def null_values() -> dict[str, dict[str, float]]:
+def catalogue_of(laws: tuple[Law, ...]) -> Mapping[str, Term]:
+    """All terms of a robot, by name: the laws of its file, which act first of those of the load cells, then
+    the registered ones.
+    """
+    return _with_laws(laws) if laws else REGISTRY
+
+
+@functools.lru_cache(maxsize=256)
+def _with_laws(laws: tuple[Law, ...]) -> Mapping[str, Term]:
+    return MappingProxyType({law.name: term_of_law(law) for law in laws} | REGISTRY)
+
+
+def null_values(laws: tuple[Law, ...] = ()) -> dict[str, dict[str, float]]:
     """The numbers of all terms at which no term has an effect, by term and name [SI]."""
-    return {term.id: {q.name: float(q.null) for q in term.numbers} for term in REGISTRY.values()}
+    known = catalogue_of(laws)
+    return {term.id: {q.name: float(q.null) for q in term.numbers} for term in known.values()}
 
 
 def is_on(term: Term, values: Values) -> Bool[Array, ""]:
@@ -103,9 +122,19 @@ def known_on(term: Term, values: Mapping[str, Any]) -> bool | None:
     return any(bool(np.any(np.asarray(values[q.name]) != q.null)) for q in term.sizes)
 
 
-def known_acting(terms: Mapping[str, Values]) -> list[str]:
+def known_acting(terms: Mapping[str, Values], laws: tuple[Law, ...] = ()) -> list[str]:
     """Names of the terms that are known to act."""
-    return [kind for kind, term in REGISTRY.items() if known_on(term, terms[kind])]
+    return [kind for kind, term in catalogue_of(laws).items() if known_on(term, terms[kind])]
 
 
-__all__ = ["REGISTRY", "Quantity", "Term", "is_on", "known_acting", "known_on", "null_values"]
+__all__ = [
+    "REGISTRY",
+    "Law",
+    "Quantity",
+    "Term",
+    "catalogue_of",
+    "is_on",
+    "known_acting",
+    "known_on",
+    "null_values",
+]

@@ -9,5 +9,5 @@ TERM = Term(
     seen="Much of the tension is lost at low tension; the loop does not close at zero.",
     told_apart="Loops at low tension; a straight run.",
     quantities=(Quantity("drag", "N/m", 0.0, 2.0, "Force per length of the body.", (0.2, 10.0), 0.0),),
-    drag=lambda p: p["drag"],
+    drag=lambda p, at: p["drag"],
 )

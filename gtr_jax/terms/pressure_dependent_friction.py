@@ -7,9 +7,9 @@ from .term import Quantity, Term
 LEAST = 1e-6  # of the reference pressure: below it the factor, which would diverge at 0, is constant
 
 
-def by_pressure(p, pressure):
+def by_pressure(p, at):
     """Factor on the friction coefficient."""
-    share = pressure / p["reference"]
+    share = at.pressure / p["reference"]
     return jnp.where(share > LEAST, share, LEAST) ** (p["exponent"] - 1)
 
 

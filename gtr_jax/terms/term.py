@@ -68,9 +68,23 @@ class Channel(NamedTuple):
     start: Float[Array, "..."]
     end: Float[Array, "..."]
     speed: Float[Array, "..."]
-    sense: float
+    sense: float | Float[Array, "..."]
     time: Float[Array, ""]
     cycle: Float[Array, ""]
+
+
+class Passing(NamedTuple):
+    """What friction at an interval of the channel may depend on while a load step is solved.
+
+    Attributes:
+        pressure: of the tendon on the channel [N/m].
+        tension: ahead of the interval [N].
+        channel: what was known before; None where no term `reads_channel`.
+    """
+
+    pressure: Float[Array, "..."]
+    tension: Float[Array, "..."]
+    channel: Channel | None
 
 
 class Bent(NamedTuple):
@@ -130,11 +144,13 @@ class Term:
         event: whether it happens once, at a time of its own.
         loosens: whether `friction` falls with time where the tendon is locked, so that the tension held there
             relaxes.
-        reads_speed: whether `friction` depends on the speed of the slip in the previous load step.
+        reads_speed: whether `friction`, `by_pressure` or `drag` depends on the speed of the slip in the
+            previous load step.
+        reads_channel: whether `by_pressure` or `drag` depends on a `Channel`.
         friction: factor on the friction coefficient of an interval, from a `Channel`.
-        by_pressure: factor on the friction coefficient, from the line pressure [N/m].
+        by_pressure: factor on the friction coefficient, from a `Passing`.
         by_speed: addition to the friction coefficient, from the signed speed of slip towards the base [m/s].
-        drag: force per length that opposes slip, whatever the tension [N/m].
+        drag: force per length that opposes slip [N/m], from a `Passing`.
         wrap: share of the turning that counts, from the tension [N].
         mobilise: how far friction is mobilised after a slip [m], and its memory, from the slip and the
             memory (elements, ...).
@@ -153,6 +169,8 @@ class Term:
             none acts where that is negative.
         stop_angle: direction [rad] from the base tangent in which the stop is run into.
         stop_normal: the same in space, three components of length one in the axes of the base.
+        round_only: whether `bend_in_space` is for sections that are as stiff in every direction.
+        not_in_space: why no robot in space can have it, and the remedy; "" if one can.
         fault: what is wrong with its numbers (by name, SI) on a body of some length [m], or "".
         tip, base: what the cell at the tip, or the base, shows for true tensions.
         true_base: the true base tensions for what its cell shows; the inverse of `base`.
@@ -173,10 +191,11 @@ class Term:
     event: bool = False
     loosens: bool = False
     reads_speed: bool = False
+    reads_channel: bool = False
     friction: Callable[[Values, Channel], Array] | None = None
-    by_pressure: Callable[[Values, Array], Array] | None = None
+    by_pressure: Callable[[Values, Passing], Array] | None = None
     by_speed: Callable[[Values, Array], Array] | None = None
-    drag: Callable[[Values], Array] | None = None
+    drag: Callable[[Values, Passing], Array] | None = None
     wrap: Callable[[Values, Array], Array] | None = None
     mobilise: Callable[[Values, Array, Array], tuple[Array, Array]] | None = None
     elements: int = 0
@@ -193,6 +212,8 @@ class Term:
     stop: Callable[[Values, Array], Array] | None = None
     stop_angle: Callable[[Values], Array] | None = None
     stop_normal: Callable[[Values], tuple[Array, Array, Array]] | None = None
+    round_only: bool = False
+    not_in_space: str = ""
     fault: Callable[[Mapping[str, float], float], str] | None = None
     tip: Cell | None = None
     base: Cell | None = None
