@@ -11,6 +11,7 @@ import numpy as np
 from gtr_jax import Recording, Robot, RobotConfig
 
 from ..parallel import in_parallel
+from .averaged import averaged
 from .bench import Bench
 from .cache import SimulationCache
 from .decide import PARTLY, UNEXPLAINED, Decision, decide, decide_partly, narrowed, structured, with_unseen
@@ -341,6 +342,9 @@ def _answer(
         for names in decision.confusion:
             own = models.fits[tuple(sorted(names))]
             refitted[own.names] = after if own is chosen else jointly(models, own, finer)
+    say("averaging over models, and over what these recordings cannot show")
+    marginals = {(): before} | refitted | {chosen.names: after}
+    average = averaged(models, chosen, decision.probability, marginals)
     scores = held_out(bench, [(models.hypotheses(f.names), f) for f in compared])
     wanted = decision.verdict == "ambiguous" if experiment is None else experiment
     proposal: Experiment | None = None
@@ -389,6 +393,7 @@ def _answer(
         before=before,
         after=after,
         refitted=refitted,
+        average=average,
         where=locate(bench, before.fitted),
         rest=locate(bench, after.fitted),
         strata=mu_by_stratum(before.bench, before.fitted, before.covariance),
