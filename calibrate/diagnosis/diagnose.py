@@ -26,12 +26,13 @@ from .locate import cycles_of, locate, mu_by_stratum, phases_of, ratio_of_branch
 from .marginal import Marginal, jointly
 from .model import Fitted
 from .models import Models
+from .pairs import promising
 from .prepare import Prepared, names_of, prepare
 from .refine import refine
 from .result import BAD_DATA, Diagnosis, Loop, Rival
 from .rig import Rig
 from .screen import STARTS_EACH, Screened, firm_fit, merged, screen
-from .search import SHORTLIST, WORTH, combine, refit_best
+from .search import PAIRS, SHORTLIST, WORTH, combine, refit_best
 from .twins import SETTLED, settled_with_twins
 
 # Number of best models that are refitted to all samples, and that are corrected to a fine mesh before.
@@ -166,6 +167,7 @@ def _search(
     models.add([base])
     say(f"trying {len(hypotheses)} hypotheses")
     screened = screen(bench, base, hypotheses)
+    pairs = promising(base, screened, PAIRS)
     firm = firm_fit(bench, base)
     if firm is not None:
         screened = merged(screened, screen(bench, firm, hypotheses, reference=base.cost))
@@ -177,7 +179,7 @@ def _search(
         top = [f for f in models.ranked() if f.names][:REFINED]
         models.bench = refine(bench, models, {f.names: f for f in top}, ready.exact, ready.kept)
         models.reweigh()
-        combine(models, say)
+        combine(models, pairs, say)
     say("refitting the best to all samples, on a fine mesh")
     found = _decided(models, ready, say)
     if found is None:
