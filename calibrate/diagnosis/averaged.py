@@ -20,7 +20,6 @@ from ..estimate import NORMAL_95
 from ..number import Number
 from ..parallel import in_parallel
 from .bench import Bench
-from .decide import CLAIMED
 from .hypotheses import EVENTS, Hypothesis
 from .marginal import Marginal
 from .model import Fitted, Model, model_of
@@ -34,8 +33,9 @@ TRIED, SHAPES = 0.3, 4
 # number by more than the second, in standard errors: a slope at a small size promises too much or too little
 # of a large one. Iterations of that refit, and how far it starts from null.
 COUNTS, MOVES, MOST, FAR = 1e-3, 0.25, 5, 1.5
-# Largest odds of an effect beside the model that is shown: with more it would have been claimed.
-MOST_ODDS = CLAIMED / (1 - CLAIMED)
+# Largest odds of an effect beside the model that is shown: with more it would have been claimed
+# (`decide.CLAIMED`).
+MOST_ODDS = 32.0
 # Models less probable than this are left out of the average.
 LEAST = 1e-3
 
