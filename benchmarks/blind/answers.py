@@ -94,6 +94,9 @@ def _told(found: calibrate.Diagnosis, samples: int, took: float) -> dict[str, An
             for r in found.rivals
         ],
         "parameters": {c.name: [c.before, c.after, c.sd] for c in found.parameters},
+        "intervals": {
+            c.name: [[c.lower95, c.upper95], c.averaged95] for c in found.parameters if c.averaged95
+        },
         "left": found.left,
         "base_left": found.base_left,
         "rms_N": found.rms_N,

@@ -309,7 +309,43 @@ def overview(scored: Sequence[Scored]) -> list[list[str]]:
         ["error of μ wherever one set of terms is named", "", quantiles(any_bias, "{:.1%}; {:.1%}")],
         ["held-out improvement, share of what there is to gain (median)", "", quantiles(gain, "{:.0%}")],
         ["cases named or in a set", "", str(len(named))],
+        *intervals(scored),
     ]
+
+
+def holds(s: Scored, which: int, of: str = "mu") -> bool | None:
+    """Whether the 95 % interval of a number holds the truth: under the model shown (0), or averaged over
+    models (1); None where there is none.
+    """
+    ends = s.answer.get("intervals", {}).get(of)
+    return None if ends is None else bool(ends[which][0] <= s.key[of] <= ends[which][1])
+
+
+def intervals(scored: Sequence[Scored]) -> list[list[str]]:
+    """Rows of the main table about the intervals of mu."""
+    groups: list[tuple[str, str, Callable[[Scored], bool]]] = [
+        ("all cases", "≥ 90 %", lambda s: True),
+        ("sound", "≥ 90 %", lambda s: s.kind == "sound"),
+        ("one effect", "≥ 90 %", lambda s: s.kind == "single"),
+        ("pairs and triples", "≥ 90 %", lambda s: s.kind in ("pair", "triple")),
+        ("outside the catalogue", "", lambda s: s.kind == "outside"),
+        ("called adequate and not sound", "≥ 90 %", lambda s: s.kind != "sound" and not s.claims),
+    ]
+    rows = []
+    for label, target, chosen in groups:
+        shares = []
+        for which in (1, 0):
+            told = [holds(s, which) for s in scored if chosen(s)]
+            shares.append(rate([t for t in told if t is not None]))
+        what = f"95 % interval of μ averaged over models holds the truth, {label}"
+        rows.append([what, target, f"{shares[0]}; under the model shown {shares[1]}"])
+    wider = []
+    for s in scored:
+        ends = s.answer.get("intervals", {}).get("mu")
+        if s.kind == "sound" and ends is not None and ends[0][1] > ends[0][0]:
+            wider.append((ends[1][1] - ends[1][0]) / (ends[0][1] - ends[0][0]))
+    label = "averaged interval of μ over that of the model shown, sound (median; 90 % below)"
+    return [*rows, [label, "≤ 3", quantiles(wider, "{:.2f}; {:.2f}")]]
 
 
 def improvement(s: Scored) -> float:

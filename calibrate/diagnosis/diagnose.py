@@ -11,6 +11,7 @@ import numpy as np
 from gtr_jax import Recording, Robot, RobotConfig
 
 from ..parallel import in_parallel
+from .averaged import averaged
 from .bench import Bench
 from .cache import SimulationCache
 from .decide import PARTLY, UNEXPLAINED, Decision, decide, decide_partly, narrowed, structured, with_unseen
@@ -25,12 +26,13 @@ from .locate import cycles_of, locate, mu_by_stratum, phases_of, ratio_of_branch
 from .marginal import Marginal, jointly
 from .model import Fitted
 from .models import Models
+from .pairs import promising
 from .prepare import Prepared, names_of, prepare
 from .refine import refine
 from .result import BAD_DATA, Diagnosis, Loop, Rival
 from .rig import Rig
 from .screen import STARTS_EACH, Screened, firm_fit, merged, screen
-from .search import SHORTLIST, WORTH, combine, refit_best
+from .search import PAIRS, SHORTLIST, WORTH, combine, refit_best
 from .twins import SETTLED, settled_with_twins
 
 # Number of best models that are refitted to all samples, and that are corrected to a fine mesh before.
@@ -165,6 +167,7 @@ def _search(
     models.add([base])
     say(f"trying {len(hypotheses)} hypotheses")
     screened = screen(bench, base, hypotheses)
+    pairs = promising(base, screened, PAIRS)
     firm = firm_fit(bench, base)
     if firm is not None:
         screened = merged(screened, screen(bench, firm, hypotheses, reference=base.cost))
@@ -176,7 +179,7 @@ def _search(
         top = [f for f in models.ranked() if f.names][:REFINED]
         models.bench = refine(bench, models, {f.names: f for f in top}, ready.exact, ready.kept)
         models.reweigh()
-        combine(models, say)
+        combine(models, pairs, say)
     say("refitting the best to all samples, on a fine mesh")
     found = _decided(models, ready, say)
     if found is None:
@@ -341,6 +344,9 @@ def _answer(
         for names in decision.confusion:
             own = models.fits[tuple(sorted(names))]
             refitted[own.names] = after if own is chosen else jointly(models, own, finer)
+    say("averaging over models, and over what these recordings cannot show")
+    marginals = {(): before} | refitted | {chosen.names: after}
+    average = averaged(models, chosen, decision.probability, marginals)
     scores = held_out(bench, [(models.hypotheses(f.names), f) for f in compared])
     wanted = decision.verdict == "ambiguous" if experiment is None else experiment
     proposal: Experiment | None = None
@@ -389,6 +395,7 @@ def _answer(
         before=before,
         after=after,
         refitted=refitted,
+        average=average,
         where=locate(bench, before.fitted),
         rest=locate(bench, after.fitted),
         strata=mu_by_stratum(before.bench, before.fitted, before.covariance),

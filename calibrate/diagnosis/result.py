@@ -13,6 +13,7 @@ from gtr_jax.files.plain import plain
 
 from ..number import OWN
 from ..setup import Part
+from .averaged import Averaged, Hidden
 from .decide import ADEQUATE, AMBIGUOUS, MISSING, PARTLY, UNEXPLAINED, Decision
 from .differ import Difference
 from .episodes import Episode
@@ -97,6 +98,7 @@ class Change:
         lower95, upper95: ends of its 95 % interval.
         made_of: share of its variance by source: noise, uncertain numbers of the robot file, the law, the
             mesh.
+        averaged95: ends of the 95 % interval averaged over models; see `averaged`.
     """
 
     name: str
@@ -107,6 +109,15 @@ class Change:
     lower95: float | None = None
     upper95: float | None = None
     made_of: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    averaged95: tuple[float, float] | None = None
+
+    @property
+    def widened(self) -> float:
+        """Width of the averaged interval over that under the model shown; 1 where there is none."""
+        if self.averaged95 is None or self.lower95 is None or self.upper95 is None:
+            return 1.0
+        narrow = self.upper95 - self.lower95
+        return (self.averaged95[1] - self.averaged95[0]) / narrow if narrow > 0 else 1.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -146,6 +157,7 @@ class Diagnosis:
             where numbers differ.
         episodes: where in time the model that is shown and the recordings part, most of the misfit first.
         left_out: stretches of time that are simulated and not compared.
+        hidden: effects that these recordings neither show nor exclude, those that move mu most first.
     """
 
     verdict: str
@@ -177,6 +189,7 @@ class Diagnosis:
     files: list[RobotFile] = dataclasses.field(default_factory=list)
     episodes: list[Episode] = dataclasses.field(default_factory=list)
     left_out: list[LeftOut] = dataclasses.field(default_factory=list)
+    hidden: list[Hidden] = dataclasses.field(default_factory=list)
 
     @staticmethod
     def without_answer(
@@ -225,6 +238,7 @@ class Diagnosis:
         before: Marginal,
         after: Marginal,
         refitted: Mapping[Names, Marginal],
+        average: Averaged,
         where: list[Where],
         rest: list[Where],
         strata: list[tuple[str, float, float, float]],
@@ -269,7 +283,7 @@ class Diagnosis:
             ),
             where=where,
             rest=rest,
-            parameters=_changes(before, after),
+            parameters=_changes(before, after, average),
             rms_N=(_rms(before_N - read_N), _rms(after_N - read_N)),
             held_out=held,
             noise_N=models.bench.expected_rms(mesh=False),
@@ -301,6 +315,7 @@ class Diagnosis:
             files=files,
             episodes=episodes,
             left_out=left_out,
+            hidden=average.hidden,
         )
         return dataclasses.replace(diagnosis, says=sentence(diagnosis, chosen.names))
 
@@ -361,6 +376,7 @@ class Diagnosis:
                 else {"value": c.after, "sd": c.sd, "unit": c.unit}
             )
             | ({} if c.sd is None else {"lower95": c.lower95, "upper95": c.upper95, "made_of": c.made_of})
+            | ({} if c.averaged95 is None else {"averaged95": list(c.averaged95)})
             for c in self.parameters
         }
         proposal = None
@@ -417,6 +433,7 @@ class Diagnosis:
             ],
             "next_experiment": proposal,
             "smallest_detectable": self.smallest_detectable,
+            "hidden": [h._asdict() for h in self.hidden],
             "converged": self.converged,
             "warnings": self.warnings,
             "settings": self.settings,
@@ -428,7 +445,7 @@ def _rms(x: np.ndarray) -> float:
     return float(np.sqrt(np.mean(x**2)))
 
 
-def _changes(before: Marginal, after: Marginal) -> list[Change]:
+def _changes(before: Marginal, after: Marginal, average: Averaged) -> list[Change]:
     """The numbers of the robot before and after; fixed numbers last."""
     was = {n.name: before.fitted.values[n.name] for n in before.fitted.numbers}
     found = []
@@ -445,6 +462,7 @@ def _changes(before: Marginal, after: Marginal) -> list[Change]:
                 lower95=lower,
                 upper95=upper,
                 made_of=after.made_of[i],
+                averaged95=average.ends.get(n.name),
             )
         )
     free = {n.name for n in after.fitted.numbers}

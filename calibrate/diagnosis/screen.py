@@ -29,6 +29,20 @@ class Start(NamedTuple):
     known: dict[int, np.ndarray]
 
 
+class Try(NamedTuple):
+    """What a hypothesis changes at one start.
+
+    Attributes:
+        x: coordinates of its numbers.
+        scales: whether the change grows with the size of the effect.
+        moved: change of the white rows, and of the coordinates of the fitted numbers (none), (n + p,).
+    """
+
+    x: np.ndarray
+    scales: bool
+    moved: np.ndarray
+
+
 class Screened(NamedTuple):
     """A hypothesis before it is refitted.
 
@@ -38,18 +52,20 @@ class Screened(NamedTuple):
         starts: to refit from, best first.
         smallest: size of its first number that would change the whitened residuals by a norm of `SEEN` once
             the other numbers follow; infinite where it changes nothing.
+        tries: what it changes at each start, the other numbers as fitted.
     """
 
     hypothesis: Hypothesis
     gain: float
     starts: list[Start]
     smallest: float
+    tries: list[Try]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Tried:
     """A start of a hypothesis: coordinates, drop of the sum of squares that it promises, power of what it
-    changes beside the numbers fitted, and the least sum of squares simulated.
+    changes beside the numbers fitted, the least sum of squares simulated, and what it changes.
     """
 
     hypothesis: Hypothesis
@@ -58,6 +74,7 @@ class _Tried:
     gain: float = -np.inf
     power: float = 0.0
     cost: float = np.inf
+    change: Try | None = None
 
 
 # Standard errors from which an effect is seen; and how far the fitted numbers may follow in one step, in
@@ -92,6 +109,7 @@ def merged(one: Sequence[Screened], other: Sequence[Screened]) -> list[Screened]
                 first.gain,
                 [start for pair in zip(first.starts, second.starts, strict=False) for start in pair],
                 s.smallest,
+                s.tries,
             )
         )
     return sorted(found, key=lambda s: -s.gain)
@@ -164,6 +182,7 @@ def screen(
             gain=max(standing - first, promised),
             power=power,
             cost=first,
+            change=Try(x, bool(sizes.any()), moved),
         )
 
     def second_try(tried: _Tried) -> _Tried:
@@ -231,5 +250,7 @@ def screen(
             if t not in thirds and np.isfinite(t.gain):
                 by_size.setdefault(t.named[first.name], t)
         starts = [t.start for t in dict.fromkeys([ranked[0], *by_size.values(), *ranked])]
-        screened.append(Screened(h, float(ranked[0].gain), starts, min(least, default=np.inf)))
+        changes = [t.change for t in found if t.hypothesis is h and t.change is not None]
+        smallest = min(least, default=np.inf)
+        screened.append(Screened(h, float(ranked[0].gain), starts, smallest, changes))
     return sorted(screened, key=lambda s: -s.gain)

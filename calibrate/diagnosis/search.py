@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,14 +14,30 @@ from .hypotheses import Hypothesis
 from .locate import misfit
 from .model import Fitted, model_of
 from .models import HEADS, HOPELESS, Models
-from .screen import Screened, screen
+from .pairs import Pair
+from .screen import Screened, Start, screen
 
 # Friction coefficients that the base model is tried from.
 MU_STARTS = (0.03, 0.08, 0.15, 0.25, 0.4, 0.65)
-# Number of hypotheses refitted beside the base model, and beside a model that has effects already.
-SHORTLIST, SECOND = 14, 3
-# Starts of a second effect by how many numbers it has.
-ONE_EACH = {1: 1, 2: 1, 3: 2}
+# Number of hypotheses refitted beside the base model, and of pairs that are begun from there.
+SHORTLIST, PAIRS = 14, 8
+# Starts of a further effect by how many numbers it has, one or several.
+ONE_EACH, SEVERAL_EACH = {1: 1, 2: 1, 3: 2}, {1: 2, 2: 3, 3: 4}
+
+
+class Effort(NamedTuple):
+    """How further effects are sought beside a model: how many are refitted, from which starts, and with how
+    many iterations.
+    """
+
+    most: int
+    starts: Mapping[int, int]
+    iterations: int
+
+
+# Where one effect is enough a second is looked for in brief; where structure is left, thoroughly: the slopes
+# beside a wrong or lonely effect order the others badly.
+BRIEF, THOROUGH = Effort(3, ONE_EACH, 6), Effort(5, SEVERAL_EACH, 10)
 # Drop of the sum of squares that is worth a refit: of a first effect, and of a further one.
 WORTH, SECOND_WORTH = 6.0, 9.0
 # Iterations of each of the first two stages of a refit. After each stage, hypotheses are given up that lag
@@ -31,6 +48,8 @@ BEGIN, BEHIND = 4, (0.2, 0.05)
 # Others are added to single effects whose log posterior is this close to the best, or to `HEADS` of them
 # where even the best leaves structure of this significance.
 CLOSE, ASTRAY = 12.0, 4.0
+# Pairs that a third effect is added to where structure is left.
+BEAM = 2
 
 
 def base_fit(bench: Bench, start: np.ndarray | None = None) -> tuple[Bench, Fitted] | None:
@@ -86,48 +105,82 @@ def refit_best(
         most: iterations.
     """
     items = [
-        (s.hypothesis, start) for s in screened for start in s.starts[: starts[len(s.hypothesis.numbers)]]
+        ((*head, s.hypothesis), start)
+        for s in screened
+        for start in s.starts[: starts[len(s.hypothesis.numbers)]]
     ]
+    return _raced(bench, fitted, items, most)
+
+
+def _raced(
+    bench: Bench, reference: Fitted, items: Sequence[tuple[tuple[Hypothesis, ...], Start]], most: int
+) -> list[Fitted]:
+    """Refit models, each from its starts: a few iterations from each, and on from the best of them unless it
+    lags the best of all.
+
+    Args:
+        bench: the recordings.
+        reference: the model that all of them extend.
+        items: hypotheses of the model, and a start; starts of one model share the hypotheses.
+        most: iterations.
+    """
 
     def begin(item):
-        h, start = item
-        return bench.refit((*head, h), start.x, known=start.known, exact=False, most=BEGIN)
+        own, start = item
+        return bench.refit(own, start.x, known=start.known, exact=False, most=BEGIN)
 
-    begun, best = in_parallel(begin, items), []
-    for s in screened:
-        mine = [f for (h, _), f in zip(items, begun, strict=True) if h is s.hypothesis and f is not None]
-        if mine:
-            best.append((s.hypothesis, min(mine, key=lambda f: f.cost)))
+    best: dict[tuple[str, ...], tuple[tuple[Hypothesis, ...], Fitted]] = {}
+    for (own, _), f in zip(items, in_parallel(begin, items), strict=True):
+        key = tuple(h.name for h in own)
+        if f is not None and (key not in best or f.cost < best[key][1].cost):
+            best[key] = own, f
+    found = list(best.values())
     for behind, more in zip(BEHIND, (min(BEGIN, most - BEGIN), most - 2 * BEGIN), strict=True):
         if more <= 0:
             break
-        least = min((f.cost for _, f in best), default=0.0)
-        near = least + max(HOPELESS, behind * (fitted.cost - least))
+        least = min((f.cost for _, f in found), default=0.0)
+        near = least + max(HOPELESS, behind * (reference.cost - least))
 
         def go_on(item, near=near, more=more):
-            h, f = item
+            own, f = item
             if f.cost >= near:
-                return h, f
-            found = bench.refit((*head, h), f.x, jacobian=f.jacobian, exact=False, most=more)
-            return h, found or f
+                return own, f
+            again = bench.refit(own, f.x, jacobian=f.jacobian, exact=False, most=more)
+            return own, again or f
 
-        best = in_parallel(go_on, best)
-    return [f for _, f in best]
+        found = in_parallel(go_on, found)
+    return [f for _, f in found]
 
 
-def add_to(models: Models, head: Fitted, progress: Callable[[str], None]) -> None:
+def add_to(models: Models, head: Fitted, progress: Callable[[str], None], effort: Effort = BRIEF) -> None:
     """Refit the most promising further effects beside those of a model."""
     progress(f"adding to {' + '.join(head.names)}")
     taken = {n.name for n in head.numbers}
     others = [h for h in models.of.values() if not taken & {n.name for n in h.numbers}]
     screened = screen(models.bench, head, others, thorough=False)
-    wanted = [s for s in screened if s.gain > SECOND_WORTH][:SECOND]
-    models.add(refit_best(models.bench, models.hypotheses(head.names), head, wanted, ONE_EACH, 6))
+    wanted = [s for s in screened if s.gain > SECOND_WORTH][: effort.most]
+    own = models.hypotheses(head.names)
+    models.add(refit_best(models.bench, own, head, wanted, effort.starts, effort.iterations))
 
 
-def combine(models: Models, progress: Callable[[str], None]) -> None:
+def add_pairs(models: Models, pairs: Sequence[Pair], progress: Callable[[str], None]) -> None:
+    """Refit pairs from the base model where they promise more than the best single effect explains."""
+    least = min((f.cost for f in models.fits.values()), default=0.0)
+    wanted = [pair for pair in pairs if pair.gain > models.base.cost - least + SECOND_WORTH]
+    if wanted:
+        progress(f"trying {len(wanted)} pairs that promise more together")
+        items = [(pair.hypotheses, Start(pair.start, {})) for pair in wanted]
+        models.add(_raced(models.bench, models.base, items, MOST_ITERATIONS))
+
+
+def combine(models: Models, pairs: Sequence[Pair], progress: Callable[[str], None]) -> None:
     """Add second and third effects to the best models while that makes them more probable, and take out what
     is no longer needed.
+
+    Args:
+        models: the base model and single effects.
+        pairs: that promise more together than alone, from the base model.
+        progress: called with a line at each stage.
     """
     singles = [f for f in models.ranked() if len(f.names) == 1]
     if not singles:
@@ -138,11 +191,19 @@ def combine(models: Models, progress: Callable[[str], None]) -> None:
     astray = significance > ASTRAY and size > 0.2
     least = models.log_posterior(singles[0]) - CLOSE
     heads = singles[:HEADS] if astray else [f for f in singles[:2] if models.log_posterior(f) > least]
+    effort = THOROUGH if astray else BRIEF
     for head in heads:
-        add_to(models, head, progress)
+        add_to(models, head, progress, effort)
+    if astray:
+        add_pairs(models, pairs, progress)
     best = models.ranked()[0]
     if len(best.names) == 2:
-        add_to(models, best, progress)
+        add_to(models, best, progress, effort)
+        if astray:
+            close = models.log_posterior(best) - CLOSE
+            others = [f for f in models.ranked() if len(f.names) == 2 and f.names != best.names]
+            for other in [f for f in others if models.log_posterior(f) > close][: BEAM - 1]:
+                add_to(models, other, progress)
     best, tried = models.ranked()[0], {f.names for f in heads}
     if len(best.names) < 2:
         return

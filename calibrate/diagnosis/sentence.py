@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gtr_jax.files.numbers import measured_quantity
+from gtr_jax.files.numbers import measured_quantity, quantity
 from gtr_jax.terms import REGISTRY
 
+from ..estimate import NORMAL_95
+from ..number import OWN
 from .decide import ADEQUATE, AMBIGUOUS, PARTLY, UNEXPLAINED, structured
 from .differ import Difference
 from .leave_out import ASKED, LeftOut
@@ -22,6 +24,9 @@ DIFFER = "recordings-differ"
 MORE = 1.5
 # Standard errors from which on what an instrument adds is told.
 INSTRUMENT_SEEN = 4.0
+# An interval averaged over models is told if it is wider than that of the model shown by this factor; and an
+# effect that may act unseen if it is this probable.
+WIDER, MAY_ACT = 1.5, 1e-3
 # The error of the mesh is mentioned from this share of the noise on.
 COUNTS = 0.5
 
@@ -54,7 +59,44 @@ def _noise(d: Diagnosis, verb: str = "") -> str:
 def sentence(d: Diagnosis, chosen: tuple[str, ...]) -> str:
     """The verdict in words that its numbers support."""
     before = "".join(f"{difference_in_words(d, difference)} " for difference in d.differ)
-    return before + _of_physics(d, chosen) + _instruments(d) + _left_out(d)
+    return before + _of_physics(d, chosen) + _unseen(d) + _instruments(d) + _left_out(d)
+
+
+def interval_in_words(ends: tuple[float, float], unit: str) -> tuple[str, str]:
+    """Both ends of an interval, to the digits that its width gives meaning to."""
+    sd = (ends[1] - ends[0]) / (2 * NORMAL_95)
+    low, high = (measured_quantity(end, sd, unit, error=False) for end in ends)
+    return low, high
+
+
+def _unseen(d: Diagnosis) -> str:
+    """Between what mu and E are once models are averaged, where that is much wider than the one model says,
+    and which effect that may act unseen moves mu most.
+    """
+    if d.verdict == UNEXPLAINED:
+        return ""
+    wide = [
+        (c, interval_in_words(c.averaged95, c.unit), interval_in_words((c.lower95, c.upper95), c.unit))
+        for c in d.parameters
+        if c.name.partition(OWN)[0] in ("mu", "E") and c.widened > WIDER
+        if c.averaged95 is not None and c.lower95 is not None and c.upper95 is not None
+    ]
+    if not wide:
+        return ""
+    are = [
+        f"{c.name} is between {low} and {high} ({own[0]} to {own[1]} if nothing else acts)"
+        for c, (low, high), own in wide
+    ]
+    rivals = "the rivals and " if len(d.confusion_set) > 1 else ""
+    words = f" Counting {rivals}effects that these recordings neither show nor exclude, {' and '.join(are)}"
+    most = next((h for h in d.hidden if h.mu95 is not None and h.probability > MAY_ACT), None)
+    if most is not None and wide[0][0].name == "mu":
+        amount = quantity(most.largest, most.unit, 2)
+        words += (
+            f"; {most.name} would move mu most ({most.number} may differ from {most.null:g} by {amount}; the "
+            f"probability that it acts is {most.probability:.1g})"
+        )
+    return words + "."
 
 
 def _instruments(d: Diagnosis) -> str:

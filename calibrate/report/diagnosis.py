@@ -11,6 +11,7 @@ from gtr_jax.terms import REGISTRY
 
 from ..diagnosis.leave_out import ASKED, LeftOut
 from ..diagnosis.result import Diagnosis
+from ..diagnosis.sentence import MAY_ACT, interval_in_words
 from ..readings import turning_points
 from . import diagnosis_figures as draw
 from .fit import detectable, noise_band, sources
@@ -216,16 +217,39 @@ def _tables(answer: Diagnosis) -> list[Table]:
                 c.name,
                 quantity(c.before, c.unit),
                 measured_quantity(c.after, c.sd, c.unit),
+                "" if c.averaged95 is None else " to ".join(interval_in_words(c.averaged95, c.unit)),
             )
             for c in answer.parameters
         ]
-        tables.append(Table("Numbers", ("", "before", "after ± standard deviation"), rows))
+        heads = ("", "before", "after ± standard deviation", "95 %, averaged over models")
+        note = (
+            "The last column counts rivals, each with its probability, and effects that these recordings "
+            "neither show nor exclude (below)."
+        )
+        tables.append(Table("Numbers", heads, rows, note=note))
         rows = [(c.name, sources(c.made_of, NAMED)) for c in answer.parameters if c.made_of]
         note = (
             "Shares of the variance. Names of numbers stand for what is known of them beforehand; what the "
             "mesh and a law that is not quite right may do is counted too."
         )
         tables.append(Table("What the standard deviations are made of", ("", "sources"), rows, note=note))
+    unseen = [h for h in answer.hidden if h.probability > MAY_ACT][:SHOWN]
+    if unseen:
+        rows = [
+            (
+                h.name,
+                f"{h.probability:.2g}",
+                f"{h.number} may differ from {h.null:g} by {quantity(h.largest, h.unit, 2)}",
+                "" if h.mu95 is None else " to ".join(interval_in_words(h.mu95, "")),
+            )
+            for h in unseen
+        ]
+        heads = ("effect", "probability that it acts", "how large it may be (95 %)", "mu if it acts (95 %)")
+        note = (
+            "Effects beside the model that is shown, with the sizes that these recordings and what is usual "
+            "allow; those that move mu most first."
+        )
+        tables.append(Table("What may act unseen", heads, rows, note=note))
     if len(answer.held_out) > 1:
         before, after = answer.held_out
         rows = [
