@@ -81,6 +81,7 @@ class Bench:
             that act.
         heavy: in standard deviations: rows much beyond it count only a little more than those at it (see
             `far`); None where all count by their squares.
+        untried: names of terms that are not tried.
     """
 
     rigs: tuple[Rig, ...]
@@ -91,6 +92,7 @@ class Bench:
     follow: Follow | None = None
     corrections: Mapping[tuple[str, ...], list[np.ndarray]] = dataclasses.field(default_factory=dict)
     heavy: float | None = None
+    untried: Sequence[str] = ()
 
     def simulate(self, values: Mapping[str, float], names: Sequence[str] = ()) -> tuple[Seen, ...] | None:
         """All recordings with some numbers changed; None where one breaks down.

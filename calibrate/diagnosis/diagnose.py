@@ -48,6 +48,7 @@ def diagnose(
     noise_base_N: float | None = None,
     experiment: bool | None = None,
     exclude: Sequence[tuple[float, float]] = (),
+    without: Sequence[str] = (),
     steps: Path | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
@@ -69,6 +70,7 @@ def diagnose(
         experiment: whether to propose the experiment that separates the rivals; only where the verdict is
             "ambiguous", unless given.
         exclude: stretches of time [s] that are simulated and not compared.
+        without: names of physics terms that are not tried.
         steps: file that keeps finished simulations, so that the same call resumes from there if it is
             interrupted, or fails while the answer is written; delete it once the answer is safe.
         progress: called with a line of text at each stage.
@@ -77,7 +79,7 @@ def diagnose(
         The diagnosis. Data that cannot be diagnosed give the verdict "bad-data", and why.
 
     Raises:
-        InputError: a recording without tip tension or too short, a robot of several tendons.
+        InputError: a recording without tip tension or too short, a robot of several tendons, an unknown term.
     """
     say = progress or (lambda _: None)
     cache = None if steps is None else SimulationCache(steps)
@@ -97,6 +99,7 @@ def diagnose(
                 cache,
                 may_differ=may_differ,
                 leave_out=leave_out,
+                untried=without,
             )
             if isinstance(ready, Diagnosis):
                 return ready
@@ -248,7 +251,9 @@ def _outside(
 def _on_all(models: Models, rigs: list[Rig], fine: list[Rig], more: Sequence[Fitted] = ()) -> Models | None:
     """The most probable models, and the base model, refitted to all samples; None if that fails."""
     few = models.bench
-    bench = Bench(rigs=tuple(rigs), base=few.base, dimensions=few.dimensions, heavy=few.heavy)
+    bench = Bench(
+        rigs=tuple(rigs), base=few.base, dimensions=few.dimensions, heavy=few.heavy, untried=few.untried
+    )
     whole = Models(bench, list(models.of.values()))
     ranked = models.ranked()
     wanted: dict[tuple[str, ...], Fitted] = {(): models.base}

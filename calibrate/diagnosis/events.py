@@ -31,7 +31,7 @@ def event_hypotheses(bench: Bench, found: Sequence[Episode], taken: Sequence[str
         found: episodes of the misfit.
         taken: terms that the model has already.
     """
-    part = bench.rigs[0].part
+    part, taken = bench.rigs[0].part, [*taken, *bench.untried]
     if len(bench.rigs) != 1 or part.time is None or part.samples < FEWEST:
         return []
     # The terms count time from the first sample.

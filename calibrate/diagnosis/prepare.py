@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot
+from gtr_jax.errors import excerpt, nearest_first
 from gtr_jax.robot.in_plane import refuse_space
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import steps_natively
@@ -44,6 +45,8 @@ FEW, MANY = 140, 2400
 FEW_OF_SEVERAL = 96
 # Samples from which on a recording shows what its instruments add.
 LONG = 1000
+# Names that a message offers for an unknown one.
+NEAREST = 3
 # Resolution of the mesh that the best models are corrected to, relative to the robot's own.
 FINEST = 1.5
 
@@ -99,6 +102,7 @@ def prepare(
     *,
     may_differ: bool = True,
     leave_out: Mapping[str, Sequence[Stretch]] | None = None,
+    untried: Sequence[str] = (),
 ) -> Prepared | Diagnosis:
     """Read the recordings, fit the base model, ask whether a number differs between them, and list what may
     be missing; arguments as of `diagnose`.
@@ -106,6 +110,7 @@ def prepare(
     Args:
         may_differ: whether numbers that differ are looked for.
         leave_out: what is simulated and not compared, by name of the recording.
+        untried: names of terms that are not tried.
 
     Returns:
         What the search starts from; a diagnosis where the data do not allow one.
@@ -116,6 +121,7 @@ def prepare(
     config = robot if isinstance(robot, RobotConfig) else None
     fine = build_robot(robot) if isinstance(robot, RobotConfig) else robot
     refuse_space(fine, "a diagnosis")
+    _check_names(fine, untried)
     if fine.tendon_names:
         raise InputError(
             f"diagnose: {fine.name} has {len(fine.tendons)} tendons; this version diagnoses one tendon; take "
@@ -158,7 +164,9 @@ def prepare(
         kept = [some_samples(part, FEW_OF_SEVERAL if several else FEW) for part in full]
         small = [p if len(k) == p.samples else p.only(k) for p, k in zip(full, kept, strict=True)]
         rigs = [Rig(p, coarse, free, cache) for p in small]
-        bench = Bench(rigs=tuple(rigs), base=numbers, dimensions=tuple(dimensions), heavy=heavy)
+        bench = Bench(
+            rigs=tuple(rigs), base=numbers, dimensions=tuple(dimensions), heavy=heavy, untried=untried
+        )
         rough = base_fit(bench, start)
         if rough is None:
             return None
@@ -175,7 +183,9 @@ def prepare(
     differ: list[Difference] = []
     while start is not None and may_differ and several and len(differ) < MOST_DIFFER:
         say("asking whether one number differs between the recordings")
-        found_split = differing(start.bench, start.base, fine, hypotheses_of(coarse, start.base, start.full))
+        found_split = differing(
+            start.bench, start.base, fine, hypotheses_of(coarse, start.base, start.full, untried)
+        )
         if found_split is None:
             break
         numbers, left, at, difference = found_split
@@ -196,7 +206,9 @@ def prepare(
     full, kept, bench, exact, base = start
     own = {n.parameter for n in base.numbers}
     hypotheses = [
-        h for h in hypotheses_of(coarse, base, full) if not own & {*h.fixed, *(n.name for n in h.numbers)}
+        h
+        for h in hypotheses_of(coarse, base, full, untried)
+        if not own & {*h.fixed, *(n.name for n in h.numbers)}
     ]
     return Prepared(
         config=config,
@@ -299,8 +311,18 @@ def deviations_of(config: RobotConfig | None) -> dict[str, float]:
     return found
 
 
-def hypotheses_of(robot: Robot, base: Fitted, parts: Sequence[Part]) -> list[Hypothesis]:
-    """What may be missing in these recordings, given a fit of the base model."""
+def _check_names(robot: Robot, untried: Sequence[str]) -> None:
+    """InputError if a name among the terms that are not tried is none of a term."""
+    for name in untried:
+        if name not in robot.catalogue:
+            near = ", ".join(nearest_first(excerpt(name), robot.catalogue)[:NEAREST])
+            raise InputError(f"without: no term '{excerpt(name)}'; the nearest are {near}")
+
+
+def hypotheses_of(
+    robot: Robot, base: Fitted, parts: Sequence[Part], untried: Sequence[str] = ()
+) -> list[Hypothesis]:
+    """What may be missing in these recordings, given a fit of the base model, but for terms left out."""
     tip_y = np.concatenate([seen.values[CHANNELS.index("tip_y")] for seen in base.seen])
     return catalogue(
         robot,
@@ -309,6 +331,7 @@ def hypotheses_of(robot: Robot, base: Fitted, parts: Sequence[Part]) -> list[Hyp
         travel=np.asarray([tip_y.min(), tip_y.max()]),
         bend=_bend(robot, base, parts[0]),
         displaced=any("displacement" in p.channels for p in parts),
+        without=untried,
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from gtr_jax import Robot, RobotConfig
 from gtr_jax.files.plain import plain
+from gtr_jax.terms import Law, Term, catalogue_of
 
 from ..number import OWN
 from ..setup import Part
@@ -158,6 +159,7 @@ class Diagnosis:
         episodes: where in time the model that is shown and the recordings part, most of the misfit first.
         left_out: stretches of time that are simulated and not compared.
         hidden: effects that these recordings neither show nor exclude, those that move mu most first.
+        laws: of the robot file, which were tried too where they were null.
     """
 
     verdict: str
@@ -190,6 +192,12 @@ class Diagnosis:
     episodes: list[Episode] = dataclasses.field(default_factory=list)
     left_out: list[LeftOut] = dataclasses.field(default_factory=list)
     hidden: list[Hidden] = dataclasses.field(default_factory=list)
+    laws: tuple[Law, ...] = ()
+
+    @property
+    def catalogue(self) -> Mapping[str, Term]:
+        """Every physics term that could be named, by name."""
+        return catalogue_of(self.laws)
 
     @staticmethod
     def without_answer(
@@ -316,6 +324,7 @@ class Diagnosis:
             episodes=episodes,
             left_out=left_out,
             hidden=average.hidden,
+            laws=fine.laws,
         )
         return dataclasses.replace(diagnosis, says=sentence(diagnosis, chosen.names))
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gtr_jax.files.numbers import measured_quantity, quantity
-from gtr_jax.terms import REGISTRY
 
 from ..estimate import NORMAL_95
 from ..number import OWN
@@ -198,7 +197,7 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
     if d.verdict == AMBIGUOUS:
         sets = " or ".join(" with ".join(s) for s in d.confusion_set)
         return f"Missing is {sets}: these recordings do not tell which.{better}{moved}{stays}"
-    effects = "; ".join(REGISTRY[kind].says.rstrip(".") for kind in d.named)
+    effects = "; ".join(d.catalogue[kind].says.rstrip(".") for kind in d.named)
     sure = "above 0.99" if d.named_probability > 0.99 else f"{d.named_probability:.2f}"
     return f"Missing: {' and '.join(d.named)} (probability {sure}). {effects}: {sizes}.{better}{moved}{stays}"
 

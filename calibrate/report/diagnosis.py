@@ -7,7 +7,6 @@ import numpy as np
 from gtr_jax.files.numbers import measured, measured_quantity, number, quantity
 from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Report, Table
-from gtr_jax.terms import REGISTRY
 
 from ..diagnosis.leave_out import ASKED, LeftOut
 from ..diagnosis.result import Diagnosis
@@ -281,7 +280,7 @@ def _tables(answer: Diagnosis) -> list[Table]:
         heads = ("model", "probability", "better by [standard errors]", "chi² per sample", "not converged")
         tables.append(Table("Rivals", heads, rows))
         kinds = dict.fromkeys(name.partition(".")[0] for r in answer.rivals[:4] for name in r.names)
-        told = [(kind, REGISTRY[kind].says, REGISTRY[kind].told_apart) for kind in kinds]
+        told = [(kind, answer.catalogue[kind].says, answer.catalogue[kind].told_apart) for kind in kinds]
         if told:
             tables.append(Table("How to tell them apart", ("term", "what it is", "experiment"), told))
     if answer.strata:
@@ -297,7 +296,7 @@ def _tables(answer: Diagnosis) -> list[Table]:
         rows = [(what, number(v, digits=3)) for what, v in answer.experiment.menu]
         tables.append(Table("What to measure next", ("experiment", "tells apart by [standard errors]"), rows))
     if answer.smallest_detectable:
-        units = {f"{t.id}.{q.name}": q.unit for t in REGISTRY.values() for q in t.quantities}
+        units = {f"{t.id}.{q.name}": q.unit for t in answer.catalogue.values() for q in t.quantities}
         rows = [
             (name, detectable(name, v, units[name])) for name, v in sorted(answer.smallest_detectable.items())
         ]

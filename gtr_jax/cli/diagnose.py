@@ -45,6 +45,12 @@ if TYPE_CHECKING:
     multiple=True,
     help="Simulate a stretch of time, but do not compare it: '9 s:9.6 s', '118:' to the end. Repeatable.",
 )
+@click.option(
+    "--without",
+    metavar="TERM,...",
+    default="",
+    help="Leave physics terms out of what is tried: presliding,local-friction. `gtr terms` lists them.",
+)
 @recording_options
 @output_option
 def diagnose(
@@ -54,6 +60,7 @@ def diagnose(
     noise_base: float | None,
     experiment: bool | None,
     exclude: Sequence[str],
+    without: str,
     columns: Sequence[str],
     keep_glitches: bool,
     drop: Sequence[str],
@@ -99,6 +106,7 @@ def diagnose(
             noise_base=noise_base,
             experiment=experiment,
             exclude=[times_of(text, f"--exclude '{text}'") for text in exclude],
+            without=[name.strip() for name in without.split(",") if name.strip()],
             steps=folder.steps,
             progress=progress,
         )

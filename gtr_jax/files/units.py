@@ -191,7 +191,9 @@ def _si_unit(unit: str) -> str:
         if len(unit) > MOST_LETTERS or _POWER_OF_A_NUMBER.search(unit):
             raise InputError(f"unknown unit '{excerpt(unit)}'; write for example N/m")
         try:
-            powers = dict(registry().parse_units(re.sub(r"\bNm\b", "N m", unit)).dimensionality)
+            powers: dict[str, Any] = dict(
+                registry().parse_units(re.sub(r"\bNm\b", "N m", unit)).dimensionality
+            )
         except Exception:  # whatever pint's tokenizer raises on malformed text
             raise InputError(f"unknown unit '{excerpt(unit)}'; write for example N/m") from None
         mass, length, time = (

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from gtr_jax.examples import SIMULATED
 from gtr_jax.files.whole import write_whole
 from gtr_jax.plots.terms import Loops, term_figure
 from gtr_jax.robot.build import load_robot
+from gtr_jax.robot.robot import Robot
 from gtr_jax.terms import REGISTRY, Term
 
 from ..simulation.history import reading, simulate
@@ -51,12 +53,17 @@ SHOWN: dict[str, dict[str, float]] = {
 }
 
 
-def history() -> tuple[np.ndarray, np.ndarray]:
-    """Time [s] and base tension [N]: a loop with an inner loop and a hold, then a faster one."""
+PULL = 40.0  # N, to which the pictures pull
+
+
+def history(pull: float = PULL) -> tuple[np.ndarray, np.ndarray]:
+    """Time [s] and base tension [N]: a loop with an inner loop and a hold up to a tension, then a faster
+    one.
+    """
     corners = [(0, 0), (40, 40), (60, 40), (80, 18), (90, 28), (100, 18), (FAST, 2), (126, 40), (136, 2)]
     at, T = np.asarray(corners, float).T
     time = np.linspace(0.0, at[-1], 341)
-    return time, np.interp(time, at, T)
+    return time, np.interp(time, at, T) * (pull / PULL)
 
 
 def loops_of(term: Term) -> Loops:
@@ -65,9 +72,23 @@ def loops_of(term: Term) -> Loops:
     robot = load_robot(SIMULATED).with_values(density=1070.0)
     values = {f"{term.id}.{q.name}": float(q.typical) for q in term.quantities}
     values |= {f"{term.id}.{name}": v for name, v in SHOWN.get(term.id, {}).items()}
+    return both_runs(time, T_base, (robot, robot.with_values(**values)), with_terms=True)
+
+
+def both_runs(
+    time: np.ndarray, T_base: np.ndarray, cases: Sequence[Robot], with_terms: bool | None = None
+) -> Loops:
+    """A load history of a robot without and with a term.
+
+    Args:
+        time: [s], (K,).
+        T_base: [N], (K,).
+        cases: the robot without and with it.
+        with_terms: as for `simulate`.
+    """
     shown, angles, drawn, bases = [], [], [], []
-    for case in (robot, robot.with_values(**values)):
-        run = simulate(case, T_base, time=time, with_terms=True)
+    for case in cases:
+        run = simulate(case, T_base, time=time, with_terms=with_terms)
         cells = reading(case, run)
         shown.append(np.asarray(cells.T_tip))
         bases.append(np.asarray(cells.T_base))

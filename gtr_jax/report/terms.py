@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 
-from gtr_jax.files.units import DIMENSIONS, convert, quantity_text
+from gtr_jax.files.units import display_of, quantity_text
 from gtr_jax.terms import REGISTRY, Quantity, Term
 
 WIDTH = 100
@@ -14,6 +14,18 @@ GROUPS = {
     "Loads": lambda term: _of_loads(term),
     "Load cells": lambda term: _of_cells(term),
 }
+
+
+EXAMPLE_OF_A_LAW = (
+    "[[terms]]",
+    'kind = "law"',
+    'name = "seal"',
+    'acts = "drag"',
+    'law = "size * exp(-p / fade)"',
+    'size = "2 N/m"',
+    'fade = "100 N/m"',
+    'usual.size = ["0.2 N/m", "10 N/m"]',
+)
 
 
 def _of_cells(term: Term) -> bool:
@@ -32,8 +44,8 @@ def value_text(value: float, unit: str) -> str:
     """A number of a term as people write it."""
     if unit == "dimensionless":
         return f"{value:.4g}"
-    display = DIMENSIONS[unit].display
-    return f"{value / convert(1.0, display, unit):.4g} {display}"
+    display, size = display_of(unit)
+    return f"{value / size:.4g} {display}"
 
 
 def usual_range(q: Quantity) -> str:
@@ -52,30 +64,41 @@ def overview() -> str:
                 numbers = ", ".join(
                     f"{q.name} (typically {value_text(float(q.typical), q.unit)})" for q in term.quantities
                 )
-                lines += _wrapped(f"{term.id}: ", term.says, "  ")
-                lines += _wrapped("", term.law, "      ") + _wrapped("", numbers, "      ")
+                lines += wrapped(f"{term.id}: ", term.says, "  ")
+                lines += wrapped("", term.law, "      ") + wrapped("", numbers, "      ")
+    lines += [
+        "",
+        "YOUR OWN",
+        *wrapped("law: ", "Physics of your own, as an expression in the robot file.", "  "),
+    ]
     return "\n".join(lines[1:]) + "\n\n`gtr terms KIND` says more of one, and what to write in a robot file."
 
 
-def _wrapped(label: str, text: str, indent: str) -> list[str]:
+def wrapped(label: str, text: str, indent: str) -> list[str]:
+    """A text in lines, with a label before it."""
     return textwrap.wrap(label + text, WIDTH, initial_indent=indent, subsequent_indent=indent + "    ")
+
+
+def said_of(term: Term) -> list[str]:
+    """What a term is, in lines, up to its numbers."""
+    rows = [f"{term.id}: {term.says}", ""]
+    for label, text in (("law", term.law), ("seen", term.seen), ("told apart", term.told_apart)):
+        rows += wrapped(f"{label}: ", text, "")
+    if term.source:
+        rows += wrapped("source: ", term.source, "")
+    if term.note:
+        rows += wrapped("note: ", term.note, "")
+    return [*rows, "", "numbers:"]
 
 
 def description(term: Term) -> str:
     """All that a term's file says, and how to write it in a robot file."""
-    rows = [f"{term.id}: {term.says}", ""]
-    for label, text in (("law", term.law), ("seen", term.seen), ("told apart", term.told_apart)):
-        rows += _wrapped(f"{label}: ", text, "")
-    if term.source:
-        rows += _wrapped("source: ", term.source, "")
-    if term.note:
-        rows += _wrapped("note: ", term.note, "")
-    rows += ["", "numbers:"]
+    rows = said_of(term)
     for q in term.numbers:
         null = "does nothing at" if q.size else "unless given"
         where = "In space only. " if q in term.across else ""
         said = f"{where}{q.says} {null} {value_text(float(q.null), q.unit)}; usually {usual_range(q)}"
-        rows += _wrapped(f"{q.name}: ", said, "  ")
+        rows += wrapped(f"{q.name}: ", said, "  ")
     return "\n".join([*rows, "", "in a robot file:", "", *example(term)])
 
 

@@ -213,6 +213,8 @@ def parameters_of(robot: Parts) -> dict[str, Parameter]:
             if q.name in values:
                 name, unit = f"{kind}.{q.name}", "" if q.unit == "dimensionless" else q.unit
                 key = f"terms.{name}"
+                if name in found:
+                    raise InputError(f"{key}: the robot has a number {name} already; rename the law")
                 found[name] = Parameter(name, key, unit, q.lower, q.upper, log=q.log, at=key, term=term)
     return found
 
