@@ -229,7 +229,7 @@ def test_an_effect_pays_on_unseen_samples_or_is_not_kept(monkeypatch):
         lambda bench, models: np.asarray([[[s, 1, s, 1] for s in by[f.names]] for _, f in models]),
     )
     models = SimpleNamespace(bench=SimpleNamespace(heavy=None), hypotheses=lambda names: [])
-    unseen = further._Unseen(models)  # type: ignore[arg-type]
+    unseen = further.Unseen(models)  # type: ignore[arg-type]
     assert unseen.best(head, [good, little]) is good  # type: ignore[arg-type]
     assert unseen.best(head, [little]) is None  # type: ignore[arg-type]
     assert unseen.best(head, [uneven]) is None and unseen.best(head, []) is None  # type: ignore[arg-type]

@@ -9,7 +9,7 @@ from test_averaged import Linear, effect
 
 from calibrate.diagnosis.pairs import SURPLUS, promising
 from calibrate.diagnosis.screen import Screened, Try, screen
-from calibrate.diagnosis.search import Start, _raced
+from calibrate.diagnosis.search import Start, raced
 from calibrate.number import Number
 
 
@@ -59,7 +59,7 @@ def test_effects_that_hide_each_other_are_found_together():
 def test_a_pair_is_refitted_from_where_it_promises_most():
     bench, base, screened = linear({"gain": 3.0, "stiff": 3.0, "drag": 0.0}, hiding())
     pair = promising(base, screened, 1)[0]
-    fits = _raced(cast(Any, bench), base, [(pair.hypotheses, Start(pair.start, {}))], 14)
+    fits = raced(cast(Any, bench), base, [(pair.hypotheses, Start(pair.start, {}))], 14)
     assert [set(f.names) for f in fits] == [{"gain", "stiff"}]
     assert fits[0].cost < base.cost - pair.gain + 1e-6
 

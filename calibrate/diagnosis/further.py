@@ -56,7 +56,7 @@ def with_further(models: Models, start: Fitted, progress: Callable[[str], None])
         progress(f"trying events in place of {' and '.join(start.names)}")
         start = _with_event_instead(models, start)
     head = start
-    instead, unseen = _alike(models, start), _Unseen(models)
+    instead, unseen = _alike(models, start), Unseen(models)
     while len(head.names) + 1 < len(HOW_MANY):
         progress(f"adding to {' + '.join(head.names) or 'the base model'} what pays on unseen samples")
         fits = _refitted_beside(models, head)
@@ -82,7 +82,7 @@ def with_further(models: Models, start: Fitted, progress: Callable[[str], None])
 def beaten(models: Models, best: Fitted, others: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
     """Those models with some of the effects of the best one that predict unseen samples worse by enough."""
     smaller = [names for names in others if set(names) < set(best.names)]
-    unseen = _Unseen(models)
+    unseen = Unseen(models)
     fits = [models.fits[tuple(sorted(names))] for names in smaller]
     return [names for names, f in zip(smaller, fits, strict=True) if unseen.best(f, [best]) is not None]
 
@@ -164,7 +164,7 @@ def _event(models: Models, head: Fitted, fits: Sequence[Fitted]) -> Fitted | Non
     return best if sure and best.chi2 < (1 - PAYS) * head.chi2 else None
 
 
-class _Unseen:
+class Unseen:
     """How well models predict unseen samples; each is judged once. By T_tip; or, where rows far off count
     less, by all rows.
 
@@ -210,7 +210,7 @@ class _Unseen:
         return fits[best - 1] if total[best] < (1 - PAYS) * total[0] and better > MOST_PARTS else None
 
 
-def _without_idle(models: Models, unseen: _Unseen, head: Fitted, start: Fitted) -> Fitted:
+def _without_idle(models: Models, unseen: Unseen, head: Fitted, start: Fitted) -> Fitted:
     """The model without effects that no longer pay beside the others."""
     while len(head.names) > max(len(start.names), 1):
         smaller = [tuple(n for n in head.names if n != name) for name in head.names]

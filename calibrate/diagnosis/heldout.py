@@ -41,7 +41,7 @@ def _when_known(hypotheses: Sequence[Hypothesis], fitted: Fitted) -> tuple[list[
     """The hypotheses with the times of events fixed where the whole recording puts them, and where to start:
     nothing in other cycles tells when an event happens, as a note in the lab book would.
     """
-    fixed = {n.name for h in hypotheses if h.kind in EVENTS for n in h.numbers[1:]}
+    fixed = {n.name for h in hypotheses if h.kind in EVENTS or h.dated for n in h.numbers[1:]}
     own = [
         dataclasses.replace(
             h,

@@ -31,6 +31,7 @@ class Hypothesis:
         numbers: what is free, sizes first.
         starts: values to start from, one mapping each.
         fixed: numbers that are set and stay.
+        dated: whether its numbers beside the first are times, of which nothing in other cycles tells.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Hypothesis:
     numbers: tuple[Number, ...]
     starts: tuple[Mapping[str, float], ...]
     fixed: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    dated: bool = False
 
     @property
     def few(self) -> tuple[Mapping[str, float], ...]:

@@ -109,10 +109,10 @@ def refit_best(
         for s in screened
         for start in s.starts[: starts[len(s.hypothesis.numbers)]]
     ]
-    return _raced(bench, fitted, items, most)
+    return raced(bench, fitted, items, most)
 
 
-def _raced(
+def raced(
     bench: Bench, reference: Fitted, items: Sequence[tuple[tuple[Hypothesis, ...], Start]], most: int
 ) -> list[Fitted]:
     """Refit models, each from its starts: a few iterations from each, and on from the best of them unless it
@@ -170,7 +170,7 @@ def add_pairs(models: Models, pairs: Sequence[Pair], progress: Callable[[str], N
     if wanted:
         progress(f"trying {len(wanted)} pairs that promise more together")
         items = [(pair.hypotheses, Start(pair.start, {})) for pair in wanted]
-        models.add(_raced(models.bench, models.base, items, MOST_ITERATIONS))
+        models.add(raced(models.bench, models.base, items, MOST_ITERATIONS))
 
 
 def combine(models: Models, pairs: Sequence[Pair], progress: Callable[[str], None]) -> None:

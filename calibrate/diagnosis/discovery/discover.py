@@ -1,0 +1,302 @@
+"""From structure that no effect of the catalogue explains to a law that predicts unseen samples."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from gtr_jax import Robot
+from gtr_jax.terms import Law, null_values
+
+from ...parallel import in_parallel
+from ..bench import MOST_ITERATIONS, Bench
+from ..further import Unseen
+from ..heldout import by_fold
+from ..hypotheses import Hypothesis
+from ..model import Fitted, model_of
+from ..models import Models
+from ..rig import Rig
+from ..screen import FAR, SEEN, Start
+from ..search import raced
+from .forms import SIZE, Form, coordinates, forms_for, hypothesis_of, law_of, smooth_of
+from .places import Place, places
+
+# Size at which a tent is tried, as a share of the usual size.
+FELT = 0.3
+# A form must promise this many variances, and as many more for each of its numbers beside the size.
+WORTH, EACH = 16.0, 4.0
+# Hooks and variables that are fitted inside the simulator; forms of each, and starts of a form.
+PLACES, FORMS, STARTS = 4, 2, 2
+# Largest size, in usual sizes, that a fit starts from.
+LARGEST = 2.5
+# A law is told if it takes this share of the misfit beyond the noise on unseen samples; a short law is shown
+# in the place of the smooth one if what it leaves there is at most so many times as much.
+TAKES, AS_WELL = 0.5, 1.1
+# Another hook or variable stays possible above this probability.
+POSSIBLE = 0.03
+
+
+class Felt(NamedTuple):
+    """How the white residuals respond to tents at a place, beside what the fitted numbers can follow.
+
+    Attributes:
+        place: the place.
+        gram, toward: Gram matrix of the tents' changes, (n, n), and their product with the residual, (n,);
+            per unit of the size.
+        moved: the changes of the rows themselves, (rows, n).
+    """
+
+    place: Place
+    gram: np.ndarray
+    toward: np.ndarray
+    moved: np.ndarray
+
+
+class Candidate(NamedTuple):
+    """A form at a place, or a smooth law (no form), with what it promises and where to fit it from."""
+
+    place: Place
+    form: Form | None
+    score: float
+    law: Law
+    hypothesis: Hypothesis
+    start: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Discovery:
+    """A law that was found.
+
+    Attributes:
+        models: all models, with those that have a law.
+        fitted: the model that is shown.
+        place: hook and variable.
+        law: the law.
+        smooth: the smooth law at the same place, if it was fitted.
+        possible: names of models with a law at another hook or of another variable that stay possible.
+        takes: share of the misfit beyond the noise that it takes on unseen samples.
+    """
+
+    models: Models
+    fitted: Fitted
+    place: Place
+    law: Law
+    smooth: Fitted | None
+    possible: list[tuple[str, ...]]
+    takes: float
+
+
+def with_laws(robot: Robot, laws: Sequence[Law]) -> Robot:
+    """A robot that may have more laws, all of them null."""
+    null = null_values(tuple(laws))
+    more = {law.name: {n: jnp.asarray(v) for n, v in null[law.name].items()} for law in laws}
+    return dataclasses.replace(robot, laws=(*robot.laws, *laws), terms={**robot.terms, **more})
+
+
+def _bench_with(bench: Bench, laws: Sequence[Law]) -> Bench:
+    """The same recordings, of a robot that may have more laws."""
+    rigs, known = [], {}
+    for rig in bench.rigs:
+        robot = known.setdefault(id(rig.robot), with_laws(rig.robot, laws))
+        rigs.append(Rig(rig.part, robot, rig.more, rig.cache))
+    return dataclasses.replace(bench, rigs=tuple(rigs))
+
+
+def discover(models: Models, head: Fitted, progress: Callable[[str], None]) -> Discovery | None:
+    """Look for a law that explains what a model leaves.
+
+    Tents over the range of each variable tell to first order what any law of it would change: that ranks
+    smooth laws and short forms at every hook without simulating them. The best are fitted inside the
+    simulator, and judged on samples that the fit has not seen.
+
+    Args:
+        models: all that were refitted, to all samples.
+        head: the model that leaves structure.
+        progress: called with a line at each stage.
+    """
+    progress("asking where a law that no catalogue holds would act")
+    felt = feel(models, head)
+    candidates = promising(models.bench, head, felt)
+    if not candidates:
+        return None
+    names = list(dict.fromkeys(c.place.name for c in candidates))
+    progress(f"fitting laws inside the simulator: {', '.join(names)}")
+    wider = _with_candidates(models, candidates)
+    own = models.hypotheses(head.names)
+    items = [((*own, c.hypothesis), Start(c.start, {})) for c in candidates]
+    wider.add([f for f in raced(wider.bench, head, items, MOST_ITERATIONS) if f.cost < head.cost])
+    return _judged(wider, head, candidates)
+
+
+def _with_candidates(models: Models, candidates: Sequence[Candidate]) -> Models:
+    """The models on a bench that knows the laws."""
+    laws = {c.law.name: c.law for c in candidates}
+    new = {c.law.name: c.hypothesis for c in candidates}
+    wider = Models(_bench_with(models.bench, list(laws.values())), [*models.of.values(), *new.values()])
+    wider.add(list(models.fits.values()))
+    return wider
+
+
+def feel(models: Models, head: Fitted) -> list[Felt]:
+    """How the readings respond to tents at every place."""
+    robot = models.bench.rigs[0].robot
+    where = places(robot, models.bench, head)
+    bench = _bench_with(models.bench, [place.tent() for place in where])
+    own = models.hypotheses(head.names)
+    q, _ = np.linalg.qr(np.concatenate([head.jacobian, np.eye(len(head.x))]))
+    r0, still = np.concatenate([head.rows, head.x]), np.zeros(len(head.x))
+
+    def change(job: tuple[Place, float]) -> np.ndarray | None:
+        place, at = job
+        name, step = place.tent().name, FELT * place.size
+        fixed = {f"{name}.at": at, f"{name}.width": float(place.tents[1] - place.tents[0])}
+        tent = Hypothesis(name, name, (), (), {**fixed, f"{name}.{SIZE}": step})
+        there = bench.at(model_of(bench.base, [*own, tent]), head.x)
+        if there is None or there.failed > head.failed:
+            return None
+        return (there.rows - head.rows) / step
+
+    jobs = [(place, float(at)) for place in where for at in place.tents]
+    found = dict(zip(jobs, in_parallel(change, jobs), strict=True))
+    felt = []
+    for place in where:
+        changes = [found[place, float(at)] for at in place.tents]
+        moved = np.stack([np.zeros_like(head.rows) if c is None else c for c in changes], axis=1)
+        across = np.concatenate([moved, np.zeros((len(still), moved.shape[1]))])
+        across -= q @ (q.T @ across)
+        felt.append(Felt(place, across.T @ across, -across.T @ r0, moved))
+    return felt
+
+
+def promising(bench: Bench, head: Fitted, felt: Sequence[Felt]) -> list[Candidate]:
+    """The forms and smooth laws that promise most, at the places that promise most; those of a place
+    together.
+    """
+    information = head.jacobian.T @ head.jacobian + np.eye(len(head.x))
+    by_place = []
+    for f in felt:
+        found = sorted(_of_forms(f), key=lambda c: -c[0])
+        if found and found[0][0] > WORTH:
+            by_place.append((found[0][0], f, found))
+    by_place.sort(key=lambda entry: -entry[0])
+    candidates = []
+    for _, f, found in by_place[:PLACES]:
+        kept: dict[str, int] = {}
+        for score, form, size, shapes in found:
+            if (
+                score < WORTH
+                or (form.name not in kept and len(kept) == FORMS)
+                or kept.get(form.name) == STARTS
+            ):
+                continue
+            kept[form.name] = kept.get(form.name, 0) + 1
+            law, _ = law_of(f.place, form)
+            u = (f.place.tents - f.place.low) / f.place.span
+            own = coordinates(f.place, form, size, shapes)
+            start = _followed(head, information, f.moved @ (size * form.value(u, *shapes)), own)
+            candidates.append(Candidate(f.place, form, score, law, hypothesis_of(f.place, form), start))
+        candidates.append(_smooth(head, information, f))
+    return candidates
+
+
+def _of_forms(felt: Felt):
+    """Score, form, size and shapes of what is worth fitting at a place, one entry of each form and region of
+    its shapes.
+    """
+    place = felt.place
+    u = (place.tents - place.low) / place.span
+    for form in forms_for(place):
+        values = np.stack([form.value(u, *shapes) for shapes in form.grid])
+        power = np.einsum("gi,ij,gj->g", values, felt.gram, values)
+        toward = values @ felt.toward
+        sizes = np.clip(toward / (power + place.size**-2), -LARGEST * place.size, LARGEST * place.size)
+        gains = 2 * sizes * toward - sizes**2 * (power + place.size**-2)
+        scores = gains - EACH * len(form.shapes)
+        taken: list[np.ndarray] = []
+        for g in np.argsort(-scores)[: 10 * STARTS]:
+            pattern = values[g] / max(np.linalg.norm(values[g]), 1e-12)
+            if all(abs(pattern @ other) < 0.9 for other in taken):
+                taken.append(pattern)
+                yield float(scores[g]), form, float(sizes[g]), form.grid[g]
+
+
+def _followed(head: Fitted, information: np.ndarray, moved: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Coordinates of the head once it follows a change of the rows, and those of the law."""
+    follow = np.linalg.solve(information, -head.jacobian.T @ moved)
+    return np.concatenate([head.x + np.clip(follow, -FAR, FAR), own])
+
+
+def _smooth(head: Fitted, information: np.ndarray, felt: Felt) -> Candidate:
+    """The smooth law at a place, from its best fit to first order."""
+    place = felt.place
+    law, h = smooth_of(place)
+    u = (place.tents - place.low) / place.span
+    sds = np.asarray([n.sd for n in h.numbers])
+    basis = sds * np.cos(np.pi * np.outer(u, np.arange(1, len(sds) + 1)))
+    inside = basis.T @ felt.gram @ basis + np.eye(len(sds))
+    toward = basis.T @ felt.toward
+    x = np.clip(np.linalg.solve(inside, toward), -LARGEST, LARGEST)
+    start = _followed(head, information, felt.moved @ (basis @ x), x)
+    return Candidate(place, None, float(toward @ x), law, h, start)
+
+
+def _judged(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> Discovery | None:
+    """The law that is told, if one predicts unseen samples well enough."""
+    of = {c.law.name: c for c in candidates}
+    fits = [f for f in models.fits.values() if f.names and f.names[-1] in of]
+    fits = [f for f in fits if head.cost - f.cost > SEEN**2]
+    if not fits:
+        return None
+    probability = models.beside(min(fits, key=lambda f: f.cost))
+    short = sorted((f for f in fits if of[f.names[-1]].form is not None), key=lambda f: -probability[f.names])
+    smooth = {of[f.names[-1]].place.name: f for f in fits if of[f.names[-1]].form is None}
+    # One short law of each place is judged, and the smooth one beside it.
+    best: dict[str, Fitted] = {}
+    for f in short:
+        best.setdefault(of[f.names[-1]].place.name, f)
+    tried = [*best.values(), *smooth.values()]
+    nearest = [f for f in models.fits.values() if f.names and f.names[-1] not in of]
+    nearest = sorted(nearest, key=lambda f: f.cost)[:1]
+    unseen = Unseen(models)
+    _, totals = unseen.totals([head, *nearest, *tried])
+    if not totals.any():
+        return None
+    least = dict(zip([f.names for f in tried], totals[1 + len(nearest) :], strict=True))
+    first = min(tried, key=lambda f: least[f.names])
+    if unseen.best(head, [first]) is None or (nearest and unseen.best(nearest[0], [first]) is None):
+        return None
+    # The probability decides between those that predict as well as the best.
+    equal = [f for f in tried if least[f.names] <= AS_WELL * least[first.names]]
+    shown = max(equal, key=lambda f: probability[f.names])
+    place = of[shown.names[-1]].place
+    takes = _takes(models, head, shown)
+    if takes < TAKES:
+        return None
+    others: dict[str, Fitted] = {}
+    for f in sorted(tried, key=lambda f: -probability[f.names]):
+        there = of[f.names[-1]].place.name
+        if there != place.name and least[f.names] <= (1 + AS_WELL) / 2 * AS_WELL * least[shown.names]:
+            others.setdefault(there, f)
+    total = probability[shown.names] + sum(probability[f.names] for f in others.values())
+    possible = [f.names for f in others.values() if probability[f.names] > POSSIBLE * total]
+    return Discovery(
+        models=models,
+        fitted=shown,
+        place=place,
+        law=of[shown.names[-1]].law,
+        smooth=smooth.get(place.name),
+        possible=possible,
+        takes=takes,
+    )
+
+
+def _takes(models: Models, head: Fitted, shown: Fitted) -> float:
+    """Share of the misfit beyond the noise, of all channels, that a model takes on unseen samples."""
+    folds = by_fold(models.bench, [(models.hypotheses(f.names), f) for f in (head, shown)])
+    folds = folds[:, np.all(folds[..., 3] > 0, axis=0)]
+    before, after = (max(float(np.sum(f[:, 2] - f[:, 3])), 0.0) for f in folds)
+    return 1 - after / before if before > 0 else 0.0

@@ -1,0 +1,229 @@
+"""Forms that a law may have: a small grammar of one variable, and a sum of cosines that may be anything
+smooth.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from gtr_jax.terms import Law
+
+from ...number import Number
+from ..hypotheses import Hypothesis
+from .places import Place
+
+# Cosines of a smooth law, and of one of the place and of the time.
+SMOOTH, SMOOTH_ALONG = 6, 9
+SIZE, SPAN, LOW = "size", "span", "low"
+# Widths, periods and places that are tried of each form, as shares of the range.
+WIDTHS = (0.02, 0.05, 0.12, 0.3)
+PERIODS = np.geomspace(0.045, 1.2, 40)
+PLACES = np.linspace(0.02, 0.98, 25)
+PHASES = np.arange(8) * np.pi / 8
+
+
+class Shape(NamedTuple):
+    """A number of a form beside its size.
+
+    Attributes:
+        name: of it.
+        says_unit: "of" if it has the variable's unit, else an SI unit.
+        log: whether its prior is logarithmic, about a share of the range; else it lies in the range.
+    """
+
+    name: str
+    says_unit: str
+    log: bool
+
+
+class Form(NamedTuple):
+    """A form.
+
+    Attributes:
+        name: for people.
+        text: expression with {x} for the variable; zero where size is.
+        shapes: its numbers beside the size.
+        value: of the form at size 1, from u in [0, 1] and the shapes as shares of the range.
+        grid: shapes to try, as shares of the range.
+        for_: hooks that it is for; all if empty.
+        of: variables that it is for; all if empty.
+    """
+
+    name: str
+    text: str
+    shapes: tuple[Shape, ...]
+    value: Callable[..., np.ndarray]
+    grid: Sequence[tuple[float, ...]]
+    for_: tuple[str, ...] = ()
+    of: tuple[str, ...] = ()
+
+
+AT, WIDTH, SCALE = Shape("at", "of", False), Shape("width", "of", True), Shape("scale", "of", True)
+FIRST, LAST = Shape("first", "of", False), Shape("last", "of", False)
+PERIOD, PHASE = Shape("period", "of", True), Shape("phase", "dimensionless", False)
+
+FORMS = (
+    Form(
+        "linear",
+        "size*{x}/reach",
+        (),
+        lambda u: u,
+        [()],
+        for_=("friction",),
+    ),
+    Form(
+        "quadratic",
+        "size*({x}/reach)^2",
+        (),
+        lambda u: u**2,
+        [()],
+    ),
+    Form(
+        "step",
+        "size*(1+tanh(({x}-at)/width))/2",
+        (AT, WIDTH),
+        lambda u, at, width: 0.5 * (1 + np.tanh((u - at) / width)),
+        list(itertools.product(PLACES, WIDTHS)),
+    ),
+    Form(
+        "bump",
+        "size*exp(-(({x}-at)/width)^2)",
+        (AT, WIDTH),
+        lambda u, at, width: np.exp(-(((u - at) / width) ** 2)),
+        list(itertools.product(PLACES, WIDTHS)),
+    ),
+    Form(
+        "decay",
+        "size*exp(-{x}/scale)",
+        (SCALE,),
+        lambda u, scale: np.exp(-u / scale),
+        [(w,) for w in (0.02, 0.05, 0.1, 0.2, 0.4)],
+    ),
+    Form(
+        "kneed",
+        "size*max(0,{x}-at)/reach",
+        (AT,),
+        lambda u, at: np.maximum(0.0, u - at),
+        [(p,) for p in PLACES],
+    ),
+    Form(
+        "stretch",
+        "size*(tanh(({x}-first)/edge)-tanh(({x}-last)/edge))/2",
+        (FIRST, LAST),
+        lambda u, first, last: 0.5 * (np.tanh((u - first) / 0.01) - np.tanh((u - last) / 0.01)),
+        [(a, b) for a, b in itertools.combinations(PLACES, 2)],
+        of=("s", "t", "n"),
+    ),
+    Form(
+        "wave",
+        "size*sin(2*pi*{x}/period+phase)",
+        (PERIOD, PHASE),
+        lambda u, period, phase: np.sin(2 * np.pi * u / period + phase),
+        [(float(p), f) for p in PERIODS for f in PHASES],
+        of=("T", "s", "t", "p"),
+    ),
+)
+EDGE = 0.01  # of a stretch, as a share of the range
+
+
+def forms_for(place: Place) -> list[Form]:
+    """The forms that a law may have there."""
+    return [
+        form
+        for form in FORMS
+        if (not form.for_ or place.acts in form.for_) and (not form.of or place.of in form.of)
+    ]
+
+
+def law_of(place: Place, form: Form) -> tuple[Law, dict[str, float]]:
+    """The law of a form at a place, and those of its numbers that stay."""
+    name = f"{place.name}-{form.name}"
+    numbers = [place.quantity(SIZE, place.unit, place.size, size=True)]
+    stays: dict[str, float] = {}
+    for key, value in (("reach", place.high), ("edge", EDGE * place.span)):
+        if key in form.text:
+            numbers.append(place.quantity(key, place.of_unit, value))
+            stays[f"{name}.{key}"] = value
+    for shape in form.shapes:
+        unit = place.of_unit if shape.says_unit == "of" else shape.says_unit
+        numbers.append(place.quantity(shape.name, unit, _usual(place, shape)))
+    return place.law(name, form.text.format(x=place.argument), tuple(numbers)), stays
+
+
+def hypothesis_of(place: Place, form: Form) -> Hypothesis:
+    """A form at a place with all its numbers free."""
+    law, stays = law_of(place, form)
+    size = _number(f"{law.name}.{SIZE}", place.unit, 0.0, place.size, size=True)
+    shapes = [_of_shape(place, law.name, shape) for shape in form.shapes]
+    numbers = (size, *shapes)
+    return Hypothesis(law.name, law.name, numbers, starts=(), fixed=stays, dated=place.of == "t")
+
+
+def coordinates(place: Place, form: Form, size: float, shapes: Sequence[float]) -> np.ndarray:
+    """Coordinates of the numbers of `hypothesis_of` for a size in `place.unit`, and shapes as in a grid."""
+    h = hypothesis_of(place, form)
+    values = [size, *(_in_units(place, s, v) for s, v in zip(form.shapes, shapes, strict=True))]
+    return np.asarray([n.at(v) for n, v in zip(h.numbers, values, strict=True)])
+
+
+def _in_units(place: Place, shape: Shape, share: float) -> float:
+    if shape is PHASE:
+        return share
+    return share * place.span if shape.log or place.low == 0.0 else place.low + share * place.span
+
+
+def _usual(place: Place, shape: Shape) -> float:
+    return 0.0 if shape is PHASE else (0.1 if shape.log else 0.5) * place.span
+
+
+def _of_shape(place: Place, law: str, shape: Shape) -> Number:
+    name = f"{law}.{shape.name}"
+    if shape is PHASE:
+        return _number(name, "dimensionless", 0.0, np.pi)
+    if shape.log:
+        return _number(name, place.of_unit, 0.15 * place.span, 1.0, log=True, lower=0.004 * place.span)
+    middle = place.low + 0.5 * place.span
+    return _number(name, place.of_unit, middle, 0.35 * place.span)
+
+
+def _number(
+    name: str,
+    unit: str,
+    centre: float,
+    sd: float,
+    *,
+    log: bool = False,
+    size: bool = False,
+    lower: float = -np.inf,
+) -> Number:
+    return Number(name=name, unit=unit, centre=centre, sd=sd, log=log, size=size, lower=lower)
+
+
+def smooth_of(place: Place) -> tuple[Law, Hypothesis]:
+    """A law that may be any smooth function: a sum of cosines over the range, the j-th with a prior of one
+    over j of the usual size. Its mean is left to the friction coefficient.
+    """
+    many = SMOOTH_ALONG if place.of in ("s", "t") else SMOOTH
+    name = f"{place.name}-smooth"
+    x = f"pi*({place.argument}-{LOW})/{SPAN}"
+    sum_of = "+".join(f"c{j}*cos({j}*{x})" for j in range(1, many + 1))
+    size = place.quantity(SIZE, place.unit, 1.0, size=True)
+    ends = [place.quantity(LOW, place.of_unit, place.low), place.quantity(SPAN, place.of_unit, place.span)]
+    numbers, free = [size, *ends], []
+    for j in range(1, many + 1):
+        numbers.append(place.quantity(f"c{j}", "dimensionless", 0.0))
+        free.append(_number(f"{name}.c{j}", "dimensionless", 0.0, place.size / j, size=True))
+    law = place.law(name, f"{SIZE}*({sum_of})", tuple(numbers))
+    fixed = {f"{name}.{SIZE}": 1.0, f"{name}.{LOW}": place.low, f"{name}.{SPAN}": place.span}
+    return law, Hypothesis(name, name, tuple(free), starts=(), fixed=fixed)
+
+
+def smooth_value(place: Place, values: Mapping[str, float], x: np.ndarray) -> np.ndarray:
+    """The smooth law at values of its variable, in the unit of the size."""
+    name, u = f"{place.name}-smooth", (x - place.low) / place.span
+    many = SMOOTH_ALONG if place.of in ("s", "t") else SMOOTH
+    return np.sum([values[f"{name}.c{j}"] * np.cos(j * np.pi * u) for j in range(1, many + 1)], axis=0)

@@ -1,0 +1,164 @@
+"""Where a law of unknown form may act, and of what: the range that the recordings cover, and a law that is a
+single tent, by which a form is felt.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+
+from gtr_jax import Robot, equilibrium
+from gtr_jax.terms import Law, Quantity
+from gtr_jax.terms.law import VARIABLES
+
+from ...channels import CHANNELS
+from ..bench import Bench
+from ..locate import cycles_of
+from ..model import Fitted
+
+# Tents over the range of a variable. A cell that shows waves needs more, and they cost no simulation there.
+TENTS, TENTS_OF_CELL = 24, 72
+# Usual size of an unknown law: of a factor on friction, of what a cell adds as a share of the largest
+# tension, and of the moment as a share of that of the largest curvature.
+FRICTION, CELL, BENDING = 0.5, 0.03, 0.4
+# Largest share of the samples that may lie beyond the range of a variable that varies without end, the speed.
+RARE = 0.05
+
+
+@dataclasses.dataclass(frozen=True)
+class Place:
+    """A hook and a variable.
+
+    Attributes:
+        acts: the hook, as `Law.acts`.
+        of: the variable.
+        low, high: range of the variable in the recordings [SI].
+        size: usual size of the law, in `unit`.
+        unit: of the size.
+    """
+
+    acts: str
+    of: str
+    low: float
+    high: float
+    size: float
+    unit: str
+
+    @property
+    def name(self) -> str:
+        """For people and for the names of terms."""
+        return f"{self.acts.replace('_', '-')}-of-{self.of}"
+
+    @property
+    def span(self) -> float:
+        """Width of the range."""
+        return self.high - self.low
+
+    @property
+    def of_unit(self) -> str:
+        """SI unit of the variable."""
+        return VARIABLES[self.of].unit
+
+    @property
+    def tents(self) -> np.ndarray:
+        """Middles of the tents, (n,)."""
+        return np.linspace(self.low, self.high, TENTS_OF_CELL if self.acts == "tip_cell" else TENTS)
+
+    @property
+    def argument(self) -> str:
+        """The variable as a form has it: the size of a curvature, whose sign a bending law follows."""
+        return "abs(k)" if self.acts == "bending" else self.of
+
+    def law(self, name: str, form: str, numbers: tuple[Quantity, ...]) -> Law:
+        """A law that adds a form to what is there without it.
+
+        Args:
+            name: of the law.
+            form: an expression of `argument` that is zero without effect.
+            numbers: its parameters.
+        """
+        whole = {
+            "friction": f"1+{form}",
+            "bending": f"sign(k)*{form}",
+            "tip_cell": f"T+{form}",
+            "base_cell": f"T+{form}",
+        }[self.acts]
+        return Law(name, self.acts, whole, numbers)
+
+    def tent(self) -> Law:
+        """A law that is one tent, and nothing elsewhere."""
+        form = f"size*max(0,1-abs({self.argument}-at)/width)"
+        wide = float(self.tents[1] - self.tents[0])
+        return self.law(
+            f"{self.name}-tent",
+            form,
+            (
+                self.quantity("size", self.unit, self.size, size=True),
+                self.quantity("at", self.of_unit, self.low),
+                self.quantity("width", self.of_unit, wide),
+            ),
+        )
+
+    def quantity(self, name: str, unit: str, usual: float, *, size: bool = False) -> Quantity:
+        """A parameter of a law."""
+        far = max(abs(usual), 1e-12)
+        return Quantity(
+            name=name,
+            unit=unit,
+            null=0.0 if size else usual,
+            typical=usual,
+            says="",
+            usual=(-far, far) if size else (0.0, far),
+            size=size,
+        )
+
+
+def places(robot: Robot, bench: Bench, fitted: Fitted) -> list[Place]:
+    """The hooks and variables of which the recordings can tell something.
+
+    Args:
+        robot: on the bench's mesh, with the values of its file.
+        bench: the recordings.
+        fitted: a model of them, from which the ranges are taken.
+    """
+    values = {name: v for name, v in fitted.values.items() if name in ("mu", "E")}
+    top = max(float(rig.part.T_base.T_base.max()) for rig in bench.rigs)
+    at = equilibrium(robot.with_values(**values), jnp.asarray(top))
+    wrap, tension, s = (np.asarray(x) for x in (at.wrap, at.tension, at.s))
+    there = np.diff(s) > 0
+    pressure = (tension[1:] * np.diff(wrap))[there] / np.diff(s)[there]
+    found = [
+        Place("friction", "T", 0.0, top, FRICTION, "dimensionless"),
+        Place("friction", "p", 0.0, float(pressure.max()), FRICTION, "dimensionless"),
+        Place("friction", "s", 0.0, float(robot.backbone.length), FRICTION, "dimensionless"),
+        Place("tip_cell", "T", 0.0, max(float(r.part.T_tip.max()) for r in bench.rigs), CELL * top, "N"),
+        Place("base_cell", "T", 0.0, top, CELL * top, "N"),
+    ]
+    if not robot.backbone.rigid:
+        bend = float(np.max(np.abs(np.asarray(at.curvature - at.curvature[..., :1] * 0.0))))
+        found.append(Place("bending", "k", 0.0, bend, BENDING * bend, "1/m"))
+    timed = [rig for rig in bench.rigs if rig.part.time is not None]
+    if timed and len(timed) == len(bench.rigs):
+        end = max(float(np.ptp(rig.part.time)) for rig in timed)
+        found.append(Place("friction", "t", 0.0, end, FRICTION, "dimensionless"))
+        fast = _fastest(bench, fitted)
+        if fast > 0:
+            found.append(Place("friction", "v", 0.0, fast, FRICTION, "dimensionless"))
+    turns = max(int(cycles_of(rig.part.T_base.T_base)[-1]) for rig in bench.rigs)
+    if turns >= 3:
+        found.append(Place("friction", "n", 0.0, float(turns), FRICTION, "dimensionless"))
+    return [place for place in found if place.span > 0]
+
+
+def _fastest(bench: Bench, fitted: Fitted) -> float:
+    """Speed of the tendon's end that few samples exceed [m/s]."""
+    speeds = []
+    row = CHANNELS.index("displacement")
+    for rig, seen in zip(bench.rigs, fitted.seen, strict=True):
+        dt = np.diff(rig.part.time)
+        drawn = np.abs(np.diff(seen.values[row]))
+        speeds.append(drawn[dt > 0] / dt[dt > 0])
+    all_of_them = np.concatenate(speeds)
+    return float(np.quantile(all_of_them, 1 - RARE)) if len(all_of_them) else 0.0
