@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import ndtr
@@ -14,9 +15,12 @@ from .models import HOW_MANY, Models
 from .patterns import Pattern, pattern_in
 from .screen import SEEN, Screened
 
+if TYPE_CHECKING:
+    from .discovery import Discovery
+
 UNSEEN = "an effect too small to see"
 ADEQUATE, MISSING, AMBIGUOUS, UNEXPLAINED = "adequate", "missing-physics", "ambiguous", "unexplained"
-PARTLY = "partly-explained"
+PARTLY, DISCOVERED = "partly-explained", "discovered"
 # An effect is named alone above the first probability. Otherwise a set holds the models that together reach
 # the second, each of them above the third.
 ALONE, TOGETHER, LEAST = 0.8, 0.98, 0.03
@@ -48,7 +52,7 @@ class Decision:
     """A verdict.
 
     Attributes:
-        verdict: "adequate", "missing-physics", "ambiguous", "partly-explained" or "unexplained".
+        verdict: "adequate", "missing-physics", "ambiguous", "partly-explained", "discovered" or "unexplained".
         chosen: the model that is shown; the base model where nothing is named.
         confusion: models that the data do not tell apart, the most probable first; by names of hypotheses.
         probability: of each model, the most probable first; `with_unseen` adds that of an effect too small to
@@ -169,6 +173,26 @@ def decide_partly(models: Models, chosen: Fitted, nearest: Decision) -> Decision
         return dataclasses.replace(found, verdict=UNEXPLAINED)
     confusion, _ = _told_apart(models, chosen, probability, models.bench.scale_left(chosen))
     return dataclasses.replace(found, verdict=PARTLY, confusion=confusion)
+
+
+def decide_discovered(models: Models, discovery: Discovery, nearest: Decision) -> Decision:
+    """The verdict where a law of no catalogue predicts unseen samples.
+
+    Args:
+        models: all that were refitted, those with laws among them.
+        discovery: the law.
+        nearest: what was decided without it.
+    """
+    shown = discovery.fitted
+    return dataclasses.replace(
+        nearest,
+        verdict=DISCOVERED,
+        chosen=shown,
+        confusion=[shown.names, *discovery.possible] if discovery.possible else [],
+        probability=models.beside(shown),
+        left=misfit(models.bench, shown),
+        pattern=None,
+    )
 
 
 def most_stays(left: tuple[float, float], base_left: tuple[float, float], *, long: bool = False) -> bool:

@@ -14,8 +14,19 @@ from ..parallel import in_parallel
 from .averaged import averaged
 from .bench import Bench
 from .cache import SimulationCache
-from .decide import PARTLY, UNEXPLAINED, Decision, decide, decide_partly, narrowed, structured, with_unseen
+from .decide import (
+    PARTLY,
+    UNEXPLAINED,
+    Decision,
+    decide,
+    decide_discovered,
+    decide_partly,
+    narrowed,
+    structured,
+    with_unseen,
+)
 from .differ import still_differ
+from .discovery import Discovery, discover
 from .episodes import episodes
 from .experiment import Experiment, propose
 from .further import beaten, with_further
@@ -58,8 +69,8 @@ def diagnose(
     tried beside it at finite sizes. The most promising terms are refitted with mu and E, alone and up to
     three together. Models are compared by their evidence (Laplace's approximation, with a prior for every
     number and for how many effects there are). The verdict names an effect that is more probable than
-    nothing, or the set of rivals that the data do not tell apart; it names nothing where structure is left
-    that no term explains. The model that is named is refitted to part of the samples and judged on the rest.
+    nothing, or the set of rivals that the data do not tell apart. Where structure is left that no term
+    explains, a law that no catalogue holds is looked for; if none predicts unseen samples, nothing is named. The model that is named is refitted to part of the samples and judged on the rest.
 
     Args:
         robot: from `gtr_jax.load_config`; or a `Robot`, whose mu and E then have no priors.
@@ -197,13 +208,33 @@ def _search(
         again = _decided(whole, less, say, decision.chosen)
         if again is not None:
             ready, leave_out, (whole, decision) = less, outside, again
+    discovery = _discovered(whole, decision, say)
+    if discovery is not None:
+        whole, decision = discovery.models, decide_discovered(discovery.models, discovery, decision)
     decision = with_unseen(decision, whole, screened)
     chosen = decision.chosen
     if ready.differ and chosen.names and decision.verdict != UNEXPLAINED:
         if not still_differ(whole.bench, chosen, whole.hypotheses(chosen.names), ready.differ):
             return None
     say("refitting to part of the samples")
-    return _answer(ready, leave_out, decision, whole, screened, experiment=experiment, say=say)
+    return _answer(
+        ready, leave_out, decision, whole, screened, discovery=discovery, experiment=experiment, say=say
+    )
+
+
+def _discovered(models: Models, decision: Decision, say: Callable[[str], None]) -> Discovery | None:
+    """A law that explains structure which no effect of the catalogue does; None if there is none.
+
+    It is looked for in recordings whose readings do not stand still, beside the effects that explain a part
+    of the misfit, or else beside none and beside the nearest ones.
+    """
+    stands = decision.pattern is not None and decision.pattern.stands
+    if decision.verdict not in (UNEXPLAINED, PARTLY) or stands or models.bench.heavy is not None:
+        return None
+    heads = [decision.chosen]
+    if decision.verdict == UNEXPLAINED and decision.chosen.names:
+        heads = [models.base, decision.chosen]
+    return next((d for head in heads if (d := discover(models, head, say)) is not None), None)
 
 
 def _decided(
@@ -332,6 +363,7 @@ def _answer(
     models: Models,
     screened: Sequence[Screened],
     *,
+    discovery: Discovery | None,
     experiment: bool | None,
     say: Callable[[str], None],
 ) -> Diagnosis:
@@ -401,6 +433,7 @@ def _answer(
         after=after,
         refitted=refitted,
         average=average,
+        discovery=discovery,
         where=locate(bench, before.fitted),
         rest=locate(bench, after.fitted),
         strata=mu_by_stratum(before.bench, before.fitted, before.covariance),

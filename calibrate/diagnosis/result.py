@@ -15,8 +15,9 @@ from gtr_jax.terms import Law, Term, catalogue_of
 from ..number import OWN
 from ..setup import Part
 from .averaged import Averaged, Hidden
-from .decide import ADEQUATE, AMBIGUOUS, MISSING, PARTLY, UNEXPLAINED, Decision
+from .decide import ADEQUATE, AMBIGUOUS, DISCOVERED, MISSING, PARTLY, UNEXPLAINED, Decision
 from .differ import Difference
+from .discovery import Discovery, FoundLaw, found_law, with_laws
 from .episodes import Episode
 from .experiment import Experiment
 from .hypotheses import INSTRUMENT_NUMBERS
@@ -127,7 +128,7 @@ class Diagnosis:
 
     Attributes:
         verdict: "adequate", "recordings-differ", "missing-physics", "ambiguous", "partly-explained",
-            "unexplained" or "bad-data".
+            "discovered", "unexplained" or "bad-data".
         says: the same in one or two sentences.
         named: terms that are missing: kinds, as robot files write them.
         confusion_set: sets of terms that the recordings do not tell apart, the most probable first.
@@ -159,6 +160,7 @@ class Diagnosis:
         episodes: where in time the model that is shown and the recordings part, most of the misfit first.
         left_out: stretches of time that are simulated and not compared.
         hidden: effects that these recordings neither show nor exclude, those that move mu most first.
+        discovered: the law that was found; None unless that is the verdict.
         laws: of the robot file, which were tried too where they were null.
     """
 
@@ -192,6 +194,7 @@ class Diagnosis:
     episodes: list[Episode] = dataclasses.field(default_factory=list)
     left_out: list[LeftOut] = dataclasses.field(default_factory=list)
     hidden: list[Hidden] = dataclasses.field(default_factory=list)
+    discovered: FoundLaw | None = None
     laws: tuple[Law, ...] = ()
 
     @property
@@ -247,6 +250,7 @@ class Diagnosis:
         after: Marginal,
         refitted: Mapping[Names, Marginal],
         average: Averaged,
+        discovery: Discovery | None,
         where: list[Where],
         rest: list[Where],
         strata: list[tuple[str, float, float, float]],
@@ -273,13 +277,16 @@ class Diagnosis:
             # What acts from outside is missing as well.
             never = {MISSING: PARTLY, AMBIGUOUS: PARTLY, ADEQUATE: UNEXPLAINED, DIFFER: UNEXPLAINED}
             verdict = never.get(verdict, verdict)
-        named = kinds(chosen.names) if verdict in (MISSING, AMBIGUOUS, PARTLY) else []
+        named = kinds(chosen.names) if verdict in (MISSING, AMBIGUOUS, PARTLY, DISCOVERED) else []
         confusion = list(map(list, dict.fromkeys(tuple(kinds(names)) for names in decision.confusion)))
         alone = verdict == MISSING or (verdict == PARTLY and len(confusion) == 1)
+        alone = alone or (verdict == DISCOVERED and not confusion)
+        laws = {} if discovery is None else discovery.laws
+        fine = with_laws(fine, list(laws.values()))
         variants = []
         if alone and len(decision.confusion) > len(confusion):
             variants = ["Where is not told: " + " or ".join(" + ".join(n) for n in decision.confusion) + "."]
-        files, faults = robot_files(decision, after, refitted, differ, config, fine)
+        files, faults = robot_files(decision, after, refitted, differ, config, fine, laws)
         diagnosis = Diagnosis(
             verdict=verdict,
             says="",
@@ -324,6 +331,7 @@ class Diagnosis:
             episodes=episodes,
             left_out=left_out,
             hidden=average.hidden,
+            discovered=None if discovery is None else found_law(discovery, after),
             laws=fine.laws,
         )
         return dataclasses.replace(diagnosis, says=sentence(diagnosis, chosen.names))
@@ -427,6 +435,7 @@ class Diagnosis:
             ],
             "named": self.named,
             "share_explained": self.share_explained,
+            "discovered": None if self.discovered is None else self.discovered.to_json(),
             "confusion_set": self.confusion_set,
             "probability": self.probability,
             "named_probability": self.named_probability,

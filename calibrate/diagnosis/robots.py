@@ -9,11 +9,13 @@ from collections.abc import Mapping, Sequence
 
 from gtr_jax import InputError, Robot, RobotConfig
 from gtr_jax.robot.parameters import parameters_of
+from gtr_jax.terms import Law
 
 from ..free import distinct
 from ..number import values_in
 from .decide import UNEXPLAINED, Decision
 from .differ import Difference
+from .discovery import with_law
 from .marginal import Marginal
 
 # First part of the names of the robot files.
@@ -64,6 +66,7 @@ def robot_files(
     differ: Sequence[Difference],
     config: RobotConfig | None,
     fine: Robot,
+    laws: Mapping[str, Law],
 ) -> tuple[list[RobotFile], list[str]]:
     """`diagnosed.toml` first, then those of the rivals and recordings, where there are several; none where
     nothing is explained or no robot file was given. And a sentence for values that do not make a robot file.
@@ -73,6 +76,7 @@ def robot_files(
         after, refitted: the model that is shown, and each rival, with all that is uncertain fitted together.
         differ: numbers that differ between the recordings.
         config, fine: the robot file, and the robot.
+        laws: that were found, by name.
     """
     if config is None or decision.verdict == UNEXPLAINED:
         return [], []
@@ -88,7 +92,7 @@ def robot_files(
     for ending, (_, model, recording) in zip(endings, wanted, strict=True):
         effects = model.fitted.names
         try:
-            robot = _diagnosed(config, model, recording, fine)
+            robot = _diagnosed(config, model, recording, fine, laws)
         except (InputError, KeyError) as fault:
             warnings.append(f"What was found does not make a robot file: {fault}.")
             continue
@@ -107,11 +111,17 @@ def robot_files(
     return noted, list(dict.fromkeys(warnings))
 
 
-def _diagnosed(config: RobotConfig, model: Marginal, recording: str, fine: Robot) -> RobotConfig:
+def _diagnosed(
+    config: RobotConfig, model: Marginal, recording: str, fine: Robot, laws: Mapping[str, Law]
+) -> RobotConfig:
     """The robot file with the numbers of a fit, those of one recording where they differ; the numbers that it
     called uncertain get the standard deviations of the fit.
     """
     known, fitted = parameters_of(fine), model.fitted
+    for name in [name for name in fitted.names if name in laws]:
+        config = with_law(
+            config, laws[name], {q.name: fitted.values[f"{name}.{q.name}"] for q in laws[name].numbers}
+        )
     values = {known[k].key: v for k, v in values_in(fitted.values, recording).items()}
     sds = values_in({n.name: model.sd(i) for i, n in enumerate(fitted.numbers)}, recording)
     left = {known[k].key: sd for k, sd in sds.items() if known[k].key in config.uncertainty}

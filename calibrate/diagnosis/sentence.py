@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gtr_jax.files.numbers import measured_quantity, quantity
+from gtr_jax.terms.law import VARIABLES
 
 from ..estimate import NORMAL_95
 from ..number import OWN
-from .decide import ADEQUATE, AMBIGUOUS, PARTLY, UNEXPLAINED, structured
+from .decide import ADEQUATE, AMBIGUOUS, DISCOVERED, PARTLY, UNEXPLAINED, structured
 from .differ import Difference
 from .leave_out import ASKED, LeftOut
 
@@ -186,6 +187,8 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
     )
     if d.verdict == PARTLY:
         return _partly(d, sizes) + better
+    if d.verdict == DISCOVERED:
+        return _discovered(d, sizes) + better
     mu = next((c for c in d.parameters if c.name == "mu"), None)
     moved = f" Friction goes from {mu.before:.3g} to {mu.after:.3g}." if mu and mu.before and mu.after else ""
     stays = ""
@@ -200,6 +203,26 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
     effects = "; ".join(d.catalogue[kind].says.rstrip(".") for kind in d.named)
     sure = "above 0.99" if d.named_probability > 0.99 else f"{d.named_probability:.2f}"
     return f"Missing: {' and '.join(d.named)} (probability {sure}). {effects}: {sizes}.{better}{moved}{stays}"
+
+
+def _discovered(d: Diagnosis, sizes: str) -> str:
+    """The law that no catalogue holds, how sure it is, and what is left."""
+    found = d.discovered
+    assert found is not None
+    other = [k for k in d.named if k != found.law.name]
+    beside = f" beside {' and '.join(other)}" if other else ""
+    acts, of = found.acts.replace("_", " "), VARIABLES[found.of].says
+    what = f"a law of its own does{beside}: {acts} that depends on {found.of}, the {of}"
+    form = "a smooth curve (see the figure)" if found.smooth else f"{found.changes} {found.formula}, {sizes}"
+    words = (
+        f"Something is missing that no term of the catalogue explains; {what}: {form}. On samples the fit has "
+        f"not seen it takes {100 * found.takes:.0f} % of the misfit beyond the noise."
+    )
+    if found.possible:
+        words += f" These recordings do not rule out {' or '.join(found.possible)} instead."
+    if structured(d.left):
+        words += f" Structure of {d.left[0]:.2g} standard deviations of the noise is left."
+    return words
 
 
 def _partly(d: Diagnosis, sizes: str) -> str:

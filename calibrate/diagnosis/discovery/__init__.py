@@ -2,6 +2,7 @@
 samples.
 """
 
-from .discover import Discovery, discover
+from .discover import Discovery, discover, with_laws
+from .shown import FoundLaw, found_law, with_law
 
-__all__ = ["Discovery", "discover"]
+__all__ = ["Discovery", "FoundLaw", "discover", "found_law", "with_law", "with_laws"]

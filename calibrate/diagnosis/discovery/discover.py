@@ -30,7 +30,7 @@ FELT = 0.3
 # A form must promise this many variances, and as many more for each of its numbers beside the size.
 WORTH, EACH = 16.0, 4.0
 # Hooks and variables that are fitted inside the simulator; forms of each, and starts of a form.
-PLACES, FORMS, STARTS = 4, 2, 2
+PLACES, FORMS, STARTS = 3, 4, 2
 # Largest size, in usual sizes, that a fit starts from.
 LARGEST = 2.5
 # A law is told if it takes this share of the misfit beyond the noise on unseen samples; a short law is shown
@@ -76,8 +76,10 @@ class Discovery:
         fitted: the model that is shown.
         place: hook and variable.
         law: the law.
-        smooth: the smooth law at the same place, if it was fitted.
-        possible: names of models with a law at another hook or of another variable that stay possible.
+        form: its form; None if it is a smooth curve.
+        laws: of the models that are shown or stay possible, by name.
+        possible: names of models with a law at another hook or of another variable that stay possible, and
+            where these act.
         takes: share of the misfit beyond the noise that it takes on unseen samples.
     """
 
@@ -85,8 +87,10 @@ class Discovery:
     fitted: Fitted
     place: Place
     law: Law
-    smooth: Fitted | None
+    form: Form | None
+    laws: dict[str, Law]
     possible: list[tuple[str, ...]]
+    possible_places: list[Place]
     takes: float
 
 
@@ -179,7 +183,7 @@ def promising(bench: Bench, head: Fitted, felt: Sequence[Felt]) -> list[Candidat
     information = head.jacobian.T @ head.jacobian + np.eye(len(head.x))
     by_place = []
     for f in felt:
-        found = sorted(_of_forms(f), key=lambda c: -c[0])
+        found = sorted(_of_forms(f), key=lambda entry: -entry[0])
         if found and found[0][0] > WORTH:
             by_place.append((found[0][0], f, found))
     by_place.sort(key=lambda entry: -entry[0])
@@ -187,11 +191,9 @@ def promising(bench: Bench, head: Fitted, felt: Sequence[Felt]) -> list[Candidat
     for _, f, found in by_place[:PLACES]:
         kept: dict[str, int] = {}
         for score, form, size, shapes in found:
-            if (
-                score < WORTH
-                or (form.name not in kept and len(kept) == FORMS)
-                or kept.get(form.name) == STARTS
-            ):
+            # Several starts of the best form, one of each other.
+            most = STARTS if not kept or form.name == next(iter(kept)) else 1
+            if score < WORTH or (form.name not in kept and len(kept) == FORMS) or kept.get(form.name) == most:
                 continue
             kept[form.name] = kept.get(form.name, 0) + 1
             law, _ = law_of(f.place, form)
@@ -288,8 +290,10 @@ def _judged(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> Di
         fitted=shown,
         place=place,
         law=of[shown.names[-1]].law,
-        smooth=smooth.get(place.name),
+        form=of[shown.names[-1]].form,
+        laws={names[-1]: of[names[-1]].law for names in (shown.names, *possible)},
         possible=possible,
+        possible_places=[of[names[-1]].place for names in possible],
         takes=takes,
     )
 

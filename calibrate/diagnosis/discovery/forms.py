@@ -21,7 +21,7 @@ SMOOTH, SMOOTH_ALONG = 6, 9
 SIZE, SPAN, LOW = "size", "span", "low"
 # Widths, periods and places that are tried of each form, as shares of the range.
 WIDTHS = (0.02, 0.05, 0.12, 0.3)
-PERIODS = np.geomspace(0.045, 1.2, 40)
+PERIODS = np.geomspace(0.045, 1.2, 110)
 PLACES = np.linspace(0.02, 0.98, 25)
 PHASES = np.arange(8) * np.pi / 8
 

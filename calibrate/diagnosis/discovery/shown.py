@@ -1,0 +1,152 @@
+"""A law that was found, as a formula, a curve with its band, and a part of a robot file."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from gtr_jax import RobotConfig
+from gtr_jax.files.config import parse_config
+from gtr_jax.files.units import quantity_text
+from gtr_jax.terms import Law
+from gtr_jax.terms.expression import evaluate
+from gtr_jax.terms.law import VARIABLES
+
+from ..marginal import Marginal
+from .discover import Discovery
+
+# Points of a curve, and draws of the numbers for its band.
+POINTS, DRAWS = 201, 400
+# What a law changes, for people.
+CHANGES = {
+    "friction": "factor on the friction coefficient",
+    "bending": "addition to the bending moment over EI",
+    "tip_cell": "what the cell at the tip adds",
+    "base_cell": "what the cell at the base adds",
+}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FoundLaw:
+    """A law that was found.
+
+    Attributes:
+        law: the law.
+        acts, of: hook and variable.
+        changes: what it changes, for people.
+        unit, of_unit: SI units of that and of the variable.
+        formula: the expression.
+        values: of its parameters, SI.
+        smooth: whether it is a smooth curve of unknown form.
+        takes: share of the misfit beyond the noise that it takes on unseen samples.
+        x, y, lower, upper: the curve over the range that the recordings cover, with its 95 % band, (P,).
+        possible: other hooks and variables that the recordings do not rule out.
+    """
+
+    law: Law
+    acts: str
+    of: str
+    changes: str
+    unit: str
+    of_unit: str
+    formula: str
+    values: Mapping[str, float]
+    smooth: bool
+    takes: float
+    x: np.ndarray
+    y: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    possible: list[str]
+
+    def to_json(self) -> dict[str, Any]:
+        """For `diagnosis.json`."""
+        return {
+            "acts": self.acts,
+            "of": self.of,
+            "formula": self.formula,
+            "parameters": {q.name: {"value": self.values[q.name], "unit": q.unit} for q in self.law.numbers},
+            "smooth": self.smooth,
+            "takes": self.takes,
+            "possible_instead": self.possible,
+            "curve": {
+                "of": {"unit": self.of_unit, "values": self.x},
+                "value": {"unit": self.unit, "values": self.y},
+                "lower95": self.lower,
+                "upper95": self.upper,
+            },
+        }
+
+
+def found_law(discovery: Discovery, after: Marginal) -> FoundLaw:
+    """The law with its curve, from the fit in which all that is uncertain is free."""
+    law, place = discovery.law, discovery.place
+    values = {q.name: after.fitted.values[f"{law.name}.{q.name}"] for q in law.numbers}
+    x = np.linspace(place.low, place.high, POINTS)
+    numbers = after.fitted.numbers
+    rng = np.random.default_rng(0)
+    root = np.linalg.cholesky(after.covariance + 1e-12 * np.eye(len(numbers)))
+    drawn = []
+    for z in rng.standard_normal((DRAWS, len(numbers))):
+        at = after.fitted.x + root @ z
+        own = {n.name: n.value(v) for n, v in zip(numbers, at, strict=True)}
+        drawn.append(_curve(law, {q: own.get(f"{law.name}.{q}", v) for q, v in values.items()}, place.of, x))
+    lower, upper = np.quantile(drawn, [0.025, 0.975], axis=0)
+    return FoundLaw(
+        law=law,
+        acts=place.acts,
+        of=place.of,
+        changes=CHANGES[place.acts],
+        unit=law.place.unit,
+        of_unit=place.of_unit,
+        formula=law.text,
+        values=values,
+        smooth=discovery.form is None,
+        takes=discovery.takes,
+        x=x,
+        y=_curve(law, values, place.of, x),
+        lower=lower,
+        upper=upper,
+        possible=[f"{other.acts} of {other.of}" for other in discovery.possible_places],
+    )
+
+
+def _curve(law: Law, values: Mapping[str, float], of: str, x: np.ndarray) -> np.ndarray:
+    """The law over its variable; of a cell, what it adds."""
+    at = {name: np.zeros_like(x) for name in VARIABLES} | {of: x}
+    found = np.broadcast_to(evaluate(law.tree, {**at, **values}, np), x.shape)
+    return found - x if law.place.neutral == "T" else np.asarray(found)
+
+
+def with_law(config: RobotConfig, law: Law, values: Mapping[str, float]) -> RobotConfig:
+    """A robot file that has the law too.
+
+    Args:
+        config: the file.
+        law: the law.
+        values: of its parameters, SI, by name.
+
+    Raises:
+        InputError: these values do not make a law.
+    """
+    data = config.model_dump(mode="json", by_alias=True, exclude_none=True)
+    text = {q.name: quantity_text(float(values[q.name]), q.unit) for q in law.numbers}
+    # The prior of whoever diagnoses with the file: about these values.
+    usual = {
+        q.name: [quantity_text(end, q.unit) for end in _about(float(values[q.name]), q.usual)]
+        for q in law.numbers
+    }
+    section = {"kind": "law", "name": law.name, "acts": law.acts, "law": law.text, **text, "usual": usual}
+    data.setdefault("terms", []).append(section)
+    return parse_config(data, source=config.source)
+
+
+def _about(value: float, usual: tuple[float, float]) -> tuple[float, float]:
+    """A range about a value: a factor of five for a positive one, else as wide as is usual to each side."""
+    if value > 0 and usual[0] >= 0:
+        return value / 5, value * 5
+    far = max(abs(value), 0.5 * (usual[1] - usual[0]))
+    return value - far, value + far
