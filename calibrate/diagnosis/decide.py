@@ -52,7 +52,8 @@ class Decision:
     """A verdict.
 
     Attributes:
-        verdict: "adequate", "missing-physics", "ambiguous", "partly-explained", "discovered" or "unexplained".
+        verdict: "adequate", "missing-physics", "ambiguous", "partly-explained", "discovered" or
+            "unexplained".
         chosen: the model that is shown; the base model where nothing is named.
         confusion: models that the data do not tell apart, the most probable first; by names of hypotheses.
         probability: of each model, the most probable first; `with_unseen` adds that of an effect too small to

@@ -70,7 +70,8 @@ def diagnose(
     three together. Models are compared by their evidence (Laplace's approximation, with a prior for every
     number and for how many effects there are). The verdict names an effect that is more probable than
     nothing, or the set of rivals that the data do not tell apart. Where structure is left that no term
-    explains, a law that no catalogue holds is looked for; if none predicts unseen samples, nothing is named. The model that is named is refitted to part of the samples and judged on the rest.
+    explains, a law that no catalogue holds is looked for; if none predicts unseen samples, nothing is named.
+    The model that is named is refitted to part of the samples and judged on the rest.
 
     Args:
         robot: from `gtr_jax.load_config`; or a `Robot`, whose mu and E then have no priors.

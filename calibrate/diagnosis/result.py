@@ -161,7 +161,7 @@ class Diagnosis:
         left_out: stretches of time that are simulated and not compared.
         hidden: effects that these recordings neither show nor exclude, those that move mu most first.
         discovered: the law that was found; None unless that is the verdict.
-        laws: of the robot file, which were tried too where they were null.
+        laws: of the robot file, which were tried too where they were null, and those that were looked for.
     """
 
     verdict: str
@@ -332,7 +332,7 @@ class Diagnosis:
             left_out=left_out,
             hidden=average.hidden,
             discovered=None if discovery is None else found_law(discovery, after),
-            laws=fine.laws,
+            laws=models.bench.rigs[0].robot.laws,
         )
         return dataclasses.replace(diagnosis, says=sentence(diagnosis, chosen.names))
 

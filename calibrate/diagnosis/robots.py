@@ -119,9 +119,8 @@ def _diagnosed(
     """
     known, fitted = parameters_of(fine), model.fitted
     for name in [name for name in fitted.names if name in laws]:
-        config = with_law(
-            config, laws[name], {q.name: fitted.values[f"{name}.{q.name}"] for q in laws[name].numbers}
-        )
+        own = {q.name: fitted.values[f"{name}.{q.name}"] for q in laws[name].numbers}
+        config = with_law(config, laws[name], own)
     values = {known[k].key: v for k, v in values_in(fitted.values, recording).items()}
     sds = values_in({n.name: model.sd(i) for i, n in enumerate(fitted.numbers)}, recording)
     left = {known[k].key: sd for k, sd in sds.items() if known[k].key in config.uncertainty}

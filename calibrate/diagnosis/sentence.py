@@ -215,8 +215,8 @@ def _discovered(d: Diagnosis, sizes: str) -> str:
     what = f"a law of its own does{beside}: {acts} that depends on {found.of}, the {of}"
     form = "a smooth curve (see the figure)" if found.smooth else f"{found.changes} {found.formula}, {sizes}"
     words = (
-        f"Something is missing that no term of the catalogue explains; {what}: {form}. On samples the fit has "
-        f"not seen it takes {100 * found.takes:.0f} % of the misfit beyond the noise."
+        f"Something is missing that no term of the catalogue explains; {what}: {form}. On samples the fit "
+        f"has not seen it takes {100 * found.takes:.0f} % of the misfit beyond the noise."
     )
     if found.possible:
         words += f" These recordings do not rule out {' or '.join(found.possible)} instead."

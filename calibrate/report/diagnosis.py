@@ -48,6 +48,9 @@ def _found(answer: Diagnosis) -> bool:
 def _figures(answer: Diagnosis) -> list[Figure]:
     label = "with the nearest term" if answer.verdict == "unexplained" else "with what was missing"
     figures = []
+    if answer.discovered is not None:
+        caption = "The law that was found, over the range that the recordings cover, and nowhere else."
+        figures.append(Figure("law", png(draw.plot_law(answer.discovered)), caption))
     for loop in answer.loops:
         several = len(answer.loops) > 1
         ending, whose = (f"-{loop.name}", f"{loop.name}: ") if several else ("", "")

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from gtr_jax.files.numbers import display_unit
 from gtr_jax.plots.style import (
     BLUE,
     GREEN,
@@ -25,7 +26,9 @@ from gtr_jax.plots.style import (
     phase_keys,
     styled,
 )
+from gtr_jax.terms.law import VARIABLES
 
+from ..diagnosis.discovery import FoundLaw
 from .fit_figures import by_phase
 
 FOUND = "with what was missing"
@@ -209,6 +212,26 @@ def plot_branches(
     rows[1].set_ylabel("S: gains, offsets [–]")
     rows[1].set_xlabel("tension at the base $T_{base}$ [N]")
     legend_above(fig, [Line2D([], [], label=what, **style) for style, what in styles[: len(branches)]])
+    return fig
+
+
+@styled
+def plot_law(found: FoundLaw) -> Figure:
+    """A law that was found, with its 95 % band, over the range of its variable that the recordings cover."""
+    fig, (axes,) = figure(3.2)
+    (x_unit, x_size), (y_unit, y_size) = (display_unit(u) for u in (found.of_unit, found.unit))
+    x, y, lower, upper = found.x / x_size, *(v / y_size for v in (found.y, found.lower, found.upper))
+    axes.fill_between(x, lower, upper, color=BLUE, alpha=0.2, linewidth=0)
+    axes.plot(x, y, color=BLUE, linewidth=1.4)
+    axes.axhline(1.0 if found.acts == "friction" else 0.0, color=GREY, linewidth=0.8, linestyle="--")
+    axes.set_xlabel(f"{VARIABLES[found.of].says} {found.of}{f' [{x_unit}]' if x_unit else ''}")
+    axes.set_ylabel(f"{found.changes}{f' [{y_unit}]' if y_unit else ''}".replace(" on the ", "\non the "))
+    keys = [
+        Line2D([], [], color=BLUE, label="the law"),
+        Patch(color=BLUE, alpha=0.2, label="95 %"),
+        Line2D([], [], color=GREY, linestyle="--", linewidth=0.8, label="without it"),
+    ]
+    legend_above(fig, keys)
     return fig
 
 

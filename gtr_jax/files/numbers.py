@@ -48,18 +48,19 @@ def measured(value: float | None, sd: float | None, unit: str = "", *, error: bo
 
 def quantity(value: float | None, unit: str, digits: int = 4) -> str:
     """An SI quantity in the unit people write it in; `unit` as in `gtr_jax.files.units.DIMENSIONS`, or ""."""
-    display, size = _display(unit)
+    display, size = display_unit(unit)
     return number(None if value is None else value / size, display, digits)
 
 
 def measured_quantity(value: float | None, sd: float | None, unit: str, *, error: bool = True) -> str:
     """An SI quantity with its standard error, as `measured`, in the unit people write it in."""
-    display, size = _display(unit)
+    display, size = display_unit(unit)
     scaled, error_of_it = (None if v is None else v / size for v in (value, sd))
     return measured(scaled, error_of_it, display, error=error)
 
 
-def _display(unit: str) -> tuple[str, float]:
+def display_unit(unit: str) -> tuple[str, float]:
+    """The unit people write an SI unit in, "" for none, and its size in SI."""
     return ("", 1.0) if unit == "dimensionless" else display_of(unit)
 
 

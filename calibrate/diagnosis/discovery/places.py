@@ -5,6 +5,7 @@ single tent, by which a form is felt.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -137,13 +138,13 @@ def places(robot: Robot, bench: Bench, fitted: Fitted) -> list[Place]:
         Place("base_cell", "T", 0.0, top, CELL * top, "N"),
     ]
     if not robot.backbone.rigid:
-        bend = float(np.max(np.abs(np.asarray(at.curvature - at.curvature[..., :1] * 0.0))))
+        bend = float(np.max(np.abs(np.asarray(at.curvature))))
         found.append(Place("bending", "k", 0.0, bend, BENDING * bend, "1/m"))
-    timed = [rig for rig in bench.rigs if rig.part.time is not None]
-    if timed and len(timed) == len(bench.rigs):
-        end = max(float(np.ptp(rig.part.time)) for rig in timed)
+    times = [rig.part.time for rig in bench.rigs if rig.part.time is not None]
+    if len(times) == len(bench.rigs):
+        end = max(float(np.ptp(time)) for time in times)
         found.append(Place("friction", "t", 0.0, end, FRICTION, "dimensionless"))
-        fast = _fastest(bench, fitted)
+        fast = _fastest(times, fitted)
         if fast > 0:
             found.append(Place("friction", "v", 0.0, fast, FRICTION, "dimensionless"))
     turns = max(int(cycles_of(rig.part.T_base.T_base)[-1]) for rig in bench.rigs)
@@ -152,12 +153,12 @@ def places(robot: Robot, bench: Bench, fitted: Fitted) -> list[Place]:
     return [place for place in found if place.span > 0]
 
 
-def _fastest(bench: Bench, fitted: Fitted) -> float:
+def _fastest(times: Sequence[np.ndarray], fitted: Fitted) -> float:
     """Speed of the tendon's end that few samples exceed [m/s]."""
     speeds = []
     row = CHANNELS.index("displacement")
-    for rig, seen in zip(bench.rigs, fitted.seen, strict=True):
-        dt = np.diff(rig.part.time)
+    for time, seen in zip(times, fitted.seen, strict=True):
+        dt = np.diff(time)
         drawn = np.abs(np.diff(seen.values[row]))
         speeds.append(drawn[dt > 0] / dt[dt > 0])
     all_of_them = np.concatenate(speeds)
