@@ -192,6 +192,7 @@ def decide_discovered(models: Models, discovery: Discovery, nearest: Decision) -
         confusion=[shown.names, *discovery.possible] if discovery.possible else [],
         probability=models.beside(shown),
         left=misfit(models.bench, shown),
+        base_left=misfit(models.bench, models.base),
         pattern=None,
     )
 

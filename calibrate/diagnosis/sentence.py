@@ -188,7 +188,7 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
     if d.verdict == PARTLY:
         return _partly(d, sizes) + better
     if d.verdict == DISCOVERED:
-        return _discovered(d, sizes) + better
+        return _discovered(d, sizes, better)
     mu = next((c for c in d.parameters if c.name == "mu"), None)
     moved = f" Friction goes from {mu.before:.3g} to {mu.after:.3g}." if mu and mu.before and mu.after else ""
     stays = ""
@@ -205,7 +205,7 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
     return f"Missing: {' and '.join(d.named)} (probability {sure}). {effects}: {sizes}.{better}{moved}{stays}"
 
 
-def _discovered(d: Diagnosis, sizes: str) -> str:
+def _discovered(d: Diagnosis, sizes: str, better: str) -> str:
     """The law that no catalogue holds, how sure it is, and what is left."""
     found = d.discovered
     assert found is not None
@@ -214,10 +214,9 @@ def _discovered(d: Diagnosis, sizes: str) -> str:
     acts, of = found.acts.replace("_", " "), VARIABLES[found.of].says
     what = f"a law of its own does{beside}: {acts} that depends on {found.of}, the {of}"
     form = "a smooth curve (see the figure)" if found.smooth else f"{found.changes} {found.formula}, {sizes}"
-    words = (
-        f"Something is missing that no term of the catalogue explains; {what}: {form}. On samples the fit "
-        f"has not seen it takes {100 * found.takes:.0f} % of the misfit beyond the noise."
-    )
+    words = f"Something is missing that no term of the catalogue explains; {what}: {form}.{better}"
+    if better:
+        words += f" That is {100 * found.takes:.0f} % of the misfit beyond the noise."
     if found.possible:
         words += f" These recordings do not rule out {' or '.join(found.possible)} instead."
     if structured(d.left):

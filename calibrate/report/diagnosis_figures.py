@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -225,7 +226,7 @@ def plot_law(found: FoundLaw) -> Figure:
     axes.plot(x, y, color=BLUE, linewidth=1.4)
     axes.axhline(1.0 if found.acts == "friction" else 0.0, color=GREY, linewidth=0.8, linestyle="--")
     axes.set_xlabel(f"{VARIABLES[found.of].says} {found.of}{f' [{x_unit}]' if x_unit else ''}")
-    axes.set_ylabel(f"{found.changes}{f' [{y_unit}]' if y_unit else ''}".replace(" on the ", "\non the "))
+    axes.set_ylabel(textwrap.fill(f"{found.changes}{f' [{y_unit}]' if y_unit else ''}", 24))
     keys = [
         Line2D([], [], color=BLUE, label="the law"),
         Patch(color=BLUE, alpha=0.2, label="95 %"),

@@ -285,9 +285,10 @@ def _judged(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> Di
             others.setdefault(there, f)
     total = probability[shown.names] + sum(probability[f.names] for f in others.values())
     possible = [f.names for f in others.values() if probability[f.names] > POSSIBLE * total]
+    models = _weighed_by(models, shown, [head.names, *possible])
     return Discovery(
         models=models,
-        fitted=shown,
+        fitted=models.stored(shown),
         place=place,
         law=of[shown.names[-1]].law,
         form=of[shown.names[-1]].form,
@@ -296,6 +297,22 @@ def _judged(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> Di
         possible_places=[of[names[-1]].place for names in possible],
         takes=takes,
     )
+
+
+def _weighed_by(models: Models, shown: Fitted, others: Sequence[tuple[str, ...]]) -> Models:
+    """The models with the noise taken from the one that is shown: a model that leaves structure takes some of
+    it for noise. The base model, the one shown and some others are kept, refitted.
+    """
+    bench = models.bench.weighed(shown.values, shown.seen)
+    again = Models(bench, list(models.of.values()))
+    kept = {names: models.fits[tuple(sorted(names))] for names in ((), shown.names, *others)}
+
+    def refit(item: tuple[tuple[str, ...], Fitted]) -> Fitted | None:
+        names, f = item
+        return bench.refit(models.hypotheses(names), f.x, most=5)
+
+    again.add([f for f in in_parallel(refit, list(kept.items())) if f is not None])
+    return again if {(), tuple(sorted(shown.names))} <= set(again.fits) else models
 
 
 def _takes(models: Models, head: Fitted, shown: Fitted) -> float:

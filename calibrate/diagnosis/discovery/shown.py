@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -136,17 +137,24 @@ def with_law(config: RobotConfig, law: Law, values: Mapping[str, float]) -> Robo
     text = {q.name: quantity_text(float(values[q.name]), q.unit) for q in law.numbers}
     # The prior of whoever diagnoses with the file: about these values.
     usual = {
-        q.name: [quantity_text(end, q.unit) for end in _about(float(values[q.name]), q.usual)]
+        q.name: [
+            quantity_text(end, q.unit)
+            for end in _about(float(values[q.name]), q.usual, q.unit != "dimensionless")
+        ]
         for q in law.numbers
     }
     section = {"kind": "law", "name": law.name, "acts": law.acts, "law": law.text, **text, "usual": usual}
+    # A phase and the parts of a smooth curve may be negative; a scale may not.
+    signed = [q.name for q in law.numbers if q.unit == "dimensionless" and not q.size]
+    if signed:
+        section["bounds"] = {name: [-math.inf, math.inf] for name in signed}
     data.setdefault("terms", []).append(section)
     return parse_config(data, source=config.source)
 
 
-def _about(value: float, usual: tuple[float, float]) -> tuple[float, float]:
-    """A range about a value: a factor of five for a positive one, else as wide as is usual to each side."""
-    if value > 0 and usual[0] >= 0:
+def _about(value: float, usual: tuple[float, float], scale: bool) -> tuple[float, float]:
+    """A range about a value: a factor of five for a scale, else as wide as is usual to each side."""
+    if value > 0 and usual[0] >= 0 and scale:
         return value / 5, value * 5
     far = max(abs(value), 0.5 * (usual[1] - usual[0]))
     return value - far, value + far
