@@ -269,6 +269,16 @@ def test_gtr_terms_refuses_in_one_line(capsys, arguments, says):
     assert said.status == 2 and says in said.err and said.err.count("\n") == 1
 
 
+def test_gtr_diagnose_refuses_to_leave_out_what_is_no_term(capsys, tmp_path):
+    rig = ROOT / "examples/rig"
+    given = ("diagnose", rig / "robot.toml", rig / "monday.csv", "-o", tmp_path / "out")
+    said = run_gtr(capsys, *given, "--without", "wear, local-fiction")
+    assert said.status == 2
+    assert said.err.endswith(
+        "no term 'local-fiction'; the nearest are local-friction, viscous-friction, stribeck-friction\n"
+    )
+
+
 def test_gtr_terms_draws_the_laws_of_a_file(capsys, tmp_path):
     said = run_gtr(capsys, "terms", "--law", EXAMPLE, "-o", tmp_path / "pictures")
     assert said.status == 0, said.err

@@ -59,6 +59,37 @@ def test_laws_that_restate_terms_give_the_same_loop(make_robot, kinds):
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
 
 
+TWO = [
+    {"name": "left", "friction_coefficient": 0.3, "routing": {"kind": "parallel", "offset": 0.008}},
+    {"name": "right", "friction_coefficient": 0.2, "routing": {**SINE, "r1": 0.008, "r2": -0.008}},
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "sections",
+    [{"tendons": TWO}, {"routing": {"kind": "helix", "radius": 0.008, "turns": 0.5}}],
+    ids=["two tendons", "in space"],
+)
+def test_laws_restate_terms_for_every_robot(make_robot, sections):
+    kinds = ("adhesion", "stiffening", "pressure-dependent-friction", "stribeck-friction")
+    terms = [{"kind": kind, **RESTATED[kind][0]} for kind in kinds]
+    laws = [table(name=f"my-{kind}", **RESTATED[kind][1]) for kind in kinds]
+    # Of the place and the tension, so that friction at a tension reads the channel.
+    laws[2]["law"] = f"({laws[2]['law']}) * (1 + 0 * s / far)"
+    laws[2]["far"] = "1 m"
+    T = np.stack([T_BASE[:12], 0.5 * T_BASE[:12][::-1]], axis=1) if "tendons" in sections else T_BASE[:12]
+    runs = []
+    for given in (terms, laws, []):
+        robot = make_robot(resolution=0.35, terms=given, **sections)
+        runs.append(gtr.simulate(robot, T, time=TIME[:12]))
+        assert bool(jnp.all(runs[-1].converged))
+    theirs, ours, plain = (np.asarray(run.T_tip) for run in runs)
+    assert np.max(np.abs(theirs - plain)) > 0.1
+    np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(runs[1].tip_pose, runs[0].tip_pose, rtol=1e-8, atol=1e-10)
+
+
 @pytest.mark.parametrize("kind", sorted(CELLS))
 def test_laws_of_cells_show_what_terms_show(make_robot, kind):
     theirs = make_robot(terms=[{"kind": kind, **RESTATED[kind][0]}])
