@@ -142,7 +142,7 @@ class RobotConfig(FileSection):
         data = self.model_dump(mode="json", by_alias=True, exclude_none=True, context={"unit_strings": True})
         text = next(value for path, value in dotted(data) if path == key)
         shown = text.split(" ", 1)[1] if isinstance(text, str) else "dimensionless"
-        return next(si for si, d in DIMENSIONS.items() if shown in (d.display, si))
+        return next((si for si, d in DIMENSIONS.items() if shown in (d.display, si)), shown)
 
     def without_deviations(self, keys: Iterable[str]) -> RobotConfig:
         """A copy in which [uncertainty] says nothing of some numbers, by dotted key."""

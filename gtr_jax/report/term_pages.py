@@ -128,7 +128,7 @@ def write_pages(folder: Path) -> None:
         "Effects beyond friction in a fully constrained channel. Each is dormant until a `[[terms]]` table",
         "of the robot file gives it numbers; any of them can be fitted (`--free mu,presliding.length`).",
         "`gtr terms` lists them at the command line. These pages are written from the terms' own files by",
-        "`python -m gtr_jax.report.term_pages`.\n",
+        "`python -m gtr_jax.report.term_pages`. A robot file may also state [laws of its own](../laws.md).\n",
         "The pictures show TD-CM I through one history: a loop at 1 N/s with a hold and an inner loop, then",
         "one at 4 N/s; without the term in grey. Events, which happen at a time of their own, are drawn over",
         "time as well. They are not among the ordinary hypotheses of `gtr diagnose`, because a free time can",

@@ -300,7 +300,7 @@ def term_of_law(law: Law) -> Term:
     place = ", ".join(f"{name} the {VARIABLES[name].says}" for name in law.place.variables if name in names)
     return Term(
         id=law.name,
-        says=law.says or f"A law of the robot file: {law.place.says}.",
+        says=law.says or f"A law of the robot file: {law.place.says.partition(';')[0]}.",
         law=law.place.equation.format(law=law.text) + (f"; {place}" if place else ""),
         seen="As `gtr terms --law` draws it.",
         told_apart=_experiment(law),
