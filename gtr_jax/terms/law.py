@@ -117,6 +117,7 @@ ACTS = {
 CELLS = ("tip_cell", "base_cell")
 NOT_ODD = "does not change its sign with k, and in space no direction is the positive one; write it odd in k"
 SAMPLES = 96  # at which a law is checked, with the ends of all ranges among them
+DENSE = 8192  # at which it is asked whether it has any effect: it may be a narrow bump
 FLATTEST = 0.1  # least rise of what the base cell shows with the true tension
 INVERTING = 12  # steps of Newton's method from what the base cell shows to the true tension
 
@@ -223,8 +224,10 @@ def _check_null(law: Law, values: Mapping[str, float]) -> None:
                 f"{'T' if law.place.neutral == 'T' else f'{law.place.neutral:g}'}, its value without effect; "
                 f"multiply what it changes by {size.name}"
             )
-        if np.all(moved == neutral):
-            raise ExpressionError(f"has no effect at {size.name} = {acting:g}; multiply more by {size.name}")
+    acting = values[size.name] or size.typical
+    at, found = sampled(law, {**values, size.name: acting}, DENSE)
+    if np.all(found == (at["T"] if law.place.neutral == "T" else law.place.neutral)):
+        raise ExpressionError(f"has no effect at {size.name} = {acting:g}; multiply more by {size.name}")
 
 
 def _corners(law: Law, values: Mapping[str, float]) -> list[Mapping[str, float]]:
@@ -248,17 +251,19 @@ def _check_form(law: Law, values: Mapping[str, float]) -> None:
         raise ExpressionError(fault)
 
 
-def sampled(law: Law, values: Mapping[str, float]) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Variables over their ranges, and the law there, (SAMPLES,) each."""
+def sampled(
+    law: Law, values: Mapping[str, float], count: int = SAMPLES
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Variables over their ranges, and the law there, (count,) each."""
     draw = np.random.default_rng(0)
     at = {}
     for name, variable in VARIABLES.items():
         low, high = variable.range
-        inner = draw.uniform(low, high, SAMPLES - 3)
+        inner = draw.uniform(low, high, count - 3)
         at[name] = np.concatenate([[0.0, low, high], inner])
     with np.errstate(all="ignore"):
         found = evaluate(law.tree, at | {name: np.float64(value) for name, value in values.items()}, np)
-    return at, np.broadcast_to(np.asarray(found, float), (SAMPLES,))
+    return at, np.broadcast_to(np.asarray(found, float), (count,))
 
 
 def is_odd(law: Law) -> bool:

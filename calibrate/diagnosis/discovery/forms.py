@@ -5,7 +5,7 @@ smooth.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -221,9 +221,3 @@ def smooth_of(place: Place) -> tuple[Law, Hypothesis]:
     fixed = {f"{name}.{SIZE}": 1.0, f"{name}.{LOW}": place.low, f"{name}.{SPAN}": place.span}
     return law, Hypothesis(name, name, tuple(free), starts=(), fixed=fixed)
 
-
-def smooth_value(place: Place, values: Mapping[str, float], x: np.ndarray) -> np.ndarray:
-    """The smooth law at values of its variable, in the unit of the size."""
-    name, u = f"{place.name}-smooth", (x - place.low) / place.span
-    many = SMOOTH_ALONG if place.of in ("s", "t") else SMOOTH
-    return np.sum([values[f"{name}.c{j}"] * np.cos(j * np.pi * u) for j in range(1, many + 1)], axis=0)

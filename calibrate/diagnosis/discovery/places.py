@@ -19,6 +19,16 @@ from ..bench import Bench
 from ..locate import cycles_of
 from ..model import Fitted
 
+# Variables in a word, for names.
+WORDS = {
+    "p": "pressure",
+    "T": "tension",
+    "v": "speed",
+    "s": "place",
+    "k": "curvature",
+    "t": "time",
+    "n": "cycle",
+}
 # Tents over the range of a variable. A cell that shows waves needs more, and they cost no simulation there.
 TENTS, TENTS_OF_CELL = 24, 72
 # Usual size of an unknown law: of a factor on friction, of what a cell adds as a share of the largest
@@ -50,7 +60,7 @@ class Place:
     @property
     def name(self) -> str:
         """For people and for the names of terms."""
-        return f"{self.acts.replace('_', '-')}-of-{self.of}"
+        return f"{self.acts.replace('_', '-')}-of-{WORDS[self.of]}"
 
     @property
     def span(self) -> float:

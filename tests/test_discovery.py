@@ -1,0 +1,244 @@
+"""Laws of no catalogue: forms, where they are felt, what is told of them, and files that hold them."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from test_averaged import Linear
+
+import calibrate
+import gtr_jax as gtr
+from calibrate.diagnosis.decide import DISCOVERED
+from calibrate.diagnosis.discovery import with_law, with_laws
+from calibrate.diagnosis.discovery.discover import Felt, promising
+from calibrate.diagnosis.discovery.forms import (
+    EDGE,
+    FORMS,
+    coordinates,
+    forms_for,
+    hypothesis_of,
+    law_of,
+    smooth_of,
+)
+from calibrate.diagnosis.discovery.places import Place, places
+from calibrate.diagnosis.heldout import _when_known
+from calibrate.diagnosis.hypotheses import base_numbers
+from calibrate.diagnosis.rig import Rig
+from calibrate.fit import part_of
+from gtr_jax.files.config import config_text, parse_config
+from gtr_jax.terms.expression import evaluate
+from gtr_jax.terms.law import check_law
+
+SINE = {"kind": "straight-sine-straight", "r1": -0.01, "r2": 0.01, "w1": 0.03, "w2": 0.1}
+PLACES = [
+    Place("friction", "T", 0.0, 40.0, 0.5, "dimensionless"),
+    Place("friction", "s", 0.0, 0.25, 0.5, "dimensionless"),
+    Place("friction", "t", 0.0, 90.0, 0.5, "dimensionless"),
+    Place("tip_cell", "T", 0.0, 30.0, 0.9, "N"),
+    Place("base_cell", "T", 0.0, 40.0, 1.2, "N"),
+    Place("bending", "k", 0.0, 12.0, 4.0, "1/m"),
+]
+
+
+def added(place, law, values, x):
+    """What a law adds to what is there without it."""
+    found = np.broadcast_to(evaluate(law.tree, {place.of: x, **values}, np), x.shape)
+    return found - (x if "cell" in place.acts else 1.0 if place.acts == "friction" else 0.0)
+
+
+@pytest.mark.parametrize("place", PLACES, ids=lambda p: p.name)
+def test_the_text_of_a_form_is_the_form(place):
+    x = np.linspace(place.low, place.high, 57)[1:]
+    for form in forms_for(place):
+        law, stays = law_of(place, form)
+        h = hypothesis_of(place, form)
+        for shapes in [form.grid[0], form.grid[-1], form.grid[len(form.grid) // 2]]:
+            size = 0.2 * place.size
+            own = {
+                n.name: n.value(v)
+                for n, v in zip(h.numbers, coordinates(place, form, size, shapes), strict=True)
+            }
+            values = {name.partition(".")[2]: value for name, value in {**stays, **own}.items()}
+            expected = size * form.value((x - place.low) / place.span, *shapes)
+            np.testing.assert_allclose(added(place, law, values, x), expected, atol=1e-9 * place.size)
+            assert set(values) == {q.name for q in law.numbers}
+
+
+@pytest.mark.parametrize("place", PLACES, ids=lambda p: p.name)
+def test_forms_are_laws_that_a_robot_file_may_hold(place, make_config):
+    for form in forms_for(place):
+        law, stays = law_of(place, form)
+        values = {name.partition(".")[2]: value for name, value in stays.items()}
+        shapes = {"at": 0.5, "width": 0.1, "scale": 0.2, "first": 0.3, "last": 0.6, "period": 0.9}
+        values |= {k: v * place.span for k, v in shapes.items() if any(q.name == k for q in law.numbers)}
+        values |= {"size": 0.02 * place.size} | ({"phase": -0.4} if form.name == "wave" else {})
+        check_law(law, values)
+        config = with_law(make_config(routing=SINE), law, values)
+        again = parse_config(_parsed(config_text(config)))
+        section = next(term for term in again.terms if getattr(term, "law", None) == law.text)
+        assert section.parameters == pytest.approx(values)
+    law, h = smooth_of(place)
+    values = {name.partition(".")[2]: v for name, v in h.fixed.items()}
+    values |= {n.name.partition(".")[2]: 0.01 * n.sd for n in h.numbers}
+    check_law(law, values)
+    with_law(make_config(routing=SINE), law, values)
+
+
+def _parsed(text):
+    import tomllib
+
+    return tomllib.loads(text)
+
+
+def test_a_smooth_law_is_a_sum_of_cosines_without_mean():
+    place = PLACES[0]
+    law, h = smooth_of(place)
+    x = np.linspace(place.low, place.high, 2001)
+    values = {name.partition(".")[2]: v for name, v in h.fixed.items()}
+    values |= {n.name.partition(".")[2]: 0.0 for n in h.numbers}
+    c3 = added(place, law, values | {"c3": 0.1}, x)
+    np.testing.assert_allclose(c3, 0.1 * np.cos(3 * np.pi * x / 40.0), atol=1e-12)
+    assert [n.sd for n in h.numbers] == pytest.approx([0.5 / j for j in range(1, len(h.numbers) + 1)])
+
+
+def planted(place, form, shapes, size, seed=2, rows=300):
+    """Rows of a base model, in which a form at a place is hidden among tents with random effects."""
+    rng = np.random.default_rng(seed)
+    mu, tents = rng.standard_normal(rows), rng.standard_normal((rows, len(place.tents)))
+    u = (place.tents - place.low) / place.span
+    hidden = tents @ (size * form.value(u, *shapes))
+    bench = Linear(0.3 * mu + hidden + rng.standard_normal(rows), {"mu": mu})
+    head = bench.refit((), np.zeros(1))
+    q, _ = np.linalg.qr(np.concatenate([head.jacobian, np.eye(1)]))
+    across = np.concatenate([tents, np.zeros((1, tents.shape[1]))])
+    across -= q @ (q.T @ across)
+    toward = -across.T @ np.concatenate([head.rows, head.x])
+    return bench, head, Felt(place, across.T @ across, toward, tents)
+
+
+@pytest.mark.parametrize(
+    ("name", "shapes"), [("wave", (0.21, 0.9)), ("bump", (0.4, 0.12)), ("step", (0.66, 0.05)), ("linear", ())]
+)
+def test_a_planted_form_is_felt_first(name, shapes):
+    place = PLACES[0]
+    form = next(f for f in FORMS if f.name == name)
+    bench, head, felt = planted(place, form, shapes, 0.6)
+    found = promising(cast(Any, bench), head, [felt])
+    first = found[0]
+    assert first.form is not None and first.form.name == name
+    law = first.law.name
+    values = {n.name: n.value(x) for n, x in zip(first.hypothesis.numbers, first.start[1:], strict=True)}
+    assert abs(values[f"{law}.size"]) == pytest.approx(0.6, rel=0.25)
+    if name == "wave":
+        assert values[f"{law}.period"] == pytest.approx(0.21 * 40.0, rel=0.05)
+    assert found[-1].form is None and {c.place for c in found} == {place}
+
+
+def test_nothing_is_felt_in_noise():
+    place = PLACES[0]
+    bench, head, felt = planted(place, FORMS[0], (), 0.0)
+    assert promising(cast(Any, bench), head, [felt]) == []
+
+
+def test_a_robot_with_more_laws_is_the_same_robot(make_config):
+    robot = gtr.build_robot(make_config(routing=SINE))
+    laws = [place.tent() for place in PLACES]
+    more = with_laws(robot, laws)
+    T = jnp.asarray([0.0, 10.0, 30.0, 12.0, 5.0])
+    np.testing.assert_allclose(gtr.simulate(more, T).T_tip, gtr.simulate(robot, T).T_tip, rtol=1e-12)
+    assert [law.name for law in more.laws] == [place.tent().name for place in PLACES]
+
+
+def recorded(config, law=None, values=None, samples=150, noise=0.02, seed=4):
+    """Two and a half loops at a finer mesh, with a law, and noise."""
+    whole = config if law is None else with_law(config, law, values)
+    time = np.arange(samples) * 0.5
+    T = np.interp(np.linspace(0, 6, samples), np.arange(7), [1, 30, 3, 22, 2, 26, 4])
+    run = gtr.simulate(gtr.build_robot(whole, resolution=2.0), T, time=time)
+    draw = np.random.default_rng(seed)
+    return gtr.Recording(
+        path=Path("r.csv"),
+        sha256="",
+        time=time,
+        T_base=np.asarray(run.reading.T_base) + draw.normal(0, 0.2 * noise, samples),
+        T_tip=np.asarray(run.reading.T_tip) + draw.normal(0, noise, samples),
+    )
+
+
+def bench_of(config, recording):
+    """A rig of a recording and the base model's numbers there."""
+    robot = gtr.build_robot(config)
+    part, _ = part_of("r", robot, config, recording, (), noise_N=None, noise_base_N=None)
+    return robot, Rig(part, robot), base_numbers(robot, {})
+
+
+def test_places_cover_what_the_recording_does(make_config):
+    config = make_config(routing=SINE)
+    robot, rig, _ = bench_of(config, recorded(config))
+    values = {"mu": float(robot.value("mu")), "E": float(robot.value("E"))}
+    seen = rig(values)
+    fitted = SimpleNamespace(values=values, seen=(seen,))
+    found = {p.name: p for p in places(robot, cast(Any, SimpleNamespace(rigs=(rig,))), cast(Any, fitted))}
+    assert {
+        "friction-of-tension",
+        "friction-of-pressure",
+        "friction-of-place",
+        "tip-cell-of-tension",
+        "bending-of-curvature",
+    } <= set(found)
+    assert found["friction-of-time"].high == pytest.approx(74.5)
+    assert found["friction-of-tension"].high == pytest.approx(30.0, abs=0.3)
+    eq = gtr.equilibrium(robot, jnp.asarray(found["friction-of-tension"].high))
+    there = np.diff(eq.s) > 0
+    pressure = np.max((np.asarray(eq.tension)[1:] * np.diff(eq.wrap))[there] / np.diff(eq.s)[there])
+    assert found["friction-of-pressure"].high == pytest.approx(pressure, rel=1e-3)
+    drawn = np.abs(np.diff(seen.values[4])) / 0.5
+    assert 0.5 * drawn.max() < found["friction-of-speed"].high <= drawn.max()
+    assert "friction-of-cycle" in found and found["friction-of-cycle"].high == 3.0
+
+
+def test_times_of_a_law_are_known_where_cycles_are_left_out():
+    place = next(p for p in PLACES if p.of == "t")
+    form = next(f for f in FORMS if f.name == "stretch")
+    h = hypothesis_of(place, form)
+    fitted = SimpleNamespace(
+        numbers=h.numbers, x=np.asarray([0.5, 0.1, 0.2]), values={n.name: 7.0 for n in h.numbers}
+    )
+    (own,), start = _when_known([h], cast(Any, fitted))
+    assert [n.name for n in own.numbers] == [h.numbers[0].name] and list(start) == [0.5]
+    assert own.fixed[h.numbers[1].name] == 7.0 and EDGE == 0.01
+
+
+@pytest.mark.slow
+def test_a_law_outside_the_catalogue_is_found_and_lands_in_the_file(make_config):
+    config = make_config(routing=SINE)
+    place = Place("friction", "t", 0.0, 74.5, 0.5, "dimensionless")
+    law, _ = law_of(place, next(f for f in FORMS if f.name == "wave"))
+    recording = recorded(config, law, {"size": 0.3, "period": 17.0, "phase": 0.7})
+    found = calibrate.diagnose(config, recording)
+    assert found.verdict == DISCOVERED, found.says
+    told = found.discovered
+    assert told is not None and (told.acts, told.of) == ("friction", "t") and told.takes > 0.8
+    of = {c.name: c for c in found.parameters}
+    period = of[f"{told.law.name}.period"]
+    assert period.lower95 is not None and period.upper95 is not None
+    assert period.lower95 < 17.0 < period.upper95 and period.upper95 - period.lower95 < 2.0
+    assert of["mu"].averaged95 is not None and of["mu"].averaged95[0] < 0.3 < of["mu"].averaged95[1]
+    assert found.named == [told.law.name] and "friction that depends on t" in found.says
+    assert found.config is not None and found.config.laws[0].text == law.text
+    assert np.all(told.lower <= told.upper) and told.x[0] == 0.0
+    predicted = gtr.simulate(gtr.build_robot(found.config), recording.T_base, time=recording.time)
+    assert np.sqrt(np.mean((np.asarray(predicted.reading.T_tip) - recording.T_tip) ** 2)) < 0.06
+    assert found.to_json()["discovered"]["formula"] == law.text
+
+
+@pytest.mark.slow
+def test_a_term_left_out_of_the_catalogue_is_found_as_a_law(make_config):
+    truth = make_config(routing=SINE, terms=[{"kind": "adhesion", "drag": 15.0}])
+    recording = recorded(truth)
+    found = calibrate.diagnose(make_config(routing=SINE), recording, without=("adhesion",))
+    held = found.held_out
+    assert found.verdict != "adequate" and held[-1]["rms_N"] < 0.5 * held[0]["rms_N"], found.says
