@@ -224,10 +224,27 @@ def test_bending_laws_in_space_are_odd_and_of_round_sections(plain, law, stiffne
 
 
 def test_a_law_that_bends_has_no_place_in_a_rigid_sheath(plain):
-    rigid = {"length": "250 mm", "outer_radius": "13 mm", "rigid": True, "natural_curvature": "8 rad/m"}
     fold = table(name="fold", acts="bending", law="size * k^3", size="0.02 m^2")
     with pytest.raises(InputError, match=r"terms\.fold: has no effect on a backbone with rigid = true"):
-        of(plain, fold, backbone=rigid)
+        of(plain, fold, backbone=RIGID)
+
+
+RIGID = {"length": "250 mm", "outer_radius": "13 mm", "rigid": True, "natural_curvature": "8 rad/m"}
+PRESLIDING = {"kind": "presliding", "length": "0.6 mm"}
+
+
+def test_a_tendon_that_does_not_stretch_cannot_slip_in_a_rigid_sheath(plain):
+    with pytest.raises(InputError, match=r"terms\.presliding: no tendon slips in a rigid sheath"):
+        of(plain, SEAL, PRESLIDING, backbone=RIGID)
+
+
+@pytest.mark.slow
+def test_a_tendon_that_stretches_by_a_law_slips_in_a_rigid_sheath(plain):
+    spring = table(name="spring", acts="strain", law="size * T", size="5e-5 1/N")
+    stretch = {"kind": "tendon-stretch", "compliance": 5e-5}
+    robots = [gtr.build_robot(of(plain, term, PRESLIDING, backbone=RIGID)) for term in (spring, stretch)]
+    ours, theirs = (gtr.simulate(robot, [0.0, 10.0, 20.0, 12.0]).T_tip for robot in robots)
+    np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-12)
 
 
 def test_the_schema_knows_laws():

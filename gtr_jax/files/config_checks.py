@@ -31,7 +31,7 @@ def _check_terms(
         law, key = known[term.id], f"terms.{term.id}"
         bends = law.bend or law.loads or law.stop
         _require(not (rigid and bends), key, "has no effect on a backbone with rigid = true; remove it")
-        moved = not rigid or "tendon-stretch" in kinds
+        moved = not rigid or any(known[kind].strain for kind in kinds)
         _require(law.mobilise is None or moved, key, NO_SLIP)
         held = not several and not any(known[kind].mobilise for kind in kinds)
         _require(law.tugged is None or held, key, NO_TUG)

@@ -334,8 +334,8 @@ def _refuse_unable(robot: Robot) -> None:
             raise ValueError(f"{term.id}: {NO_TUG}")
     if not robot.backbone.rigid:
         return
-    stretch = robot.catalogue["tendon-stretch"]
-    if known_on(stretch, robot.terms[stretch.id]) is False:
+    stretches = [known_on(term, robot.terms[term.id]) for term in robot.catalogue.values() if term.strain]
+    if all(on is False for on in stretches):
         for term in robot.catalogue.values():
             if term.mobilise is not None and known_on(term, robot.terms[term.id]):
                 raise ValueError(f"{term.id}: {NO_SLIP}")

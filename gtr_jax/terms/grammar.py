@@ -54,7 +54,7 @@ class Apply:
     Attributes:
         op: which.
         parts: what it is applied to.
-        text: as written, for messages.
+        text: as written, cut short, for messages.
     """
 
     op: str
@@ -130,7 +130,7 @@ class _Reader:
 
     def made(self, op: str, start: int, *parts: Node) -> Apply:
         """An operation that began at a token and ends before the next one."""
-        return Apply(op, parts, self.text[self.tokens[start][2] : self.tokens[self.at - 1][3]])
+        return Apply(op, parts, excerpt(self.text[self.tokens[start][2] : self.tokens[self.at - 1][3]]))
 
     def sum(self) -> Node:
         return self.chain(("+", "-"), self.product)
@@ -195,7 +195,7 @@ class _Reader:
             raise ExpressionError(
                 f"{name} takes {wanted} argument{'s' * (wanted > 1)}, not {len(parts)}; correct it"
             )
-        return Apply(name, tuple(parts), self.text[start : self.tokens[self.at - 1][3]])
+        return Apply(name, tuple(parts), excerpt(self.text[start : self.tokens[self.at - 1][3]]))
 
     def closed(self) -> None:
         if not self.taken(")"):
