@@ -14,9 +14,11 @@ from gtr_jax.terms import Law, null_values
 
 from ...parallel import in_parallel
 from ..bench import MOST_ITERATIONS, Bench
+from ..decide import structured
 from ..further import Unseen
 from ..heldout import by_fold
 from ..hypotheses import Hypothesis
+from ..locate import misfit
 from ..model import Fitted, model_of
 from ..models import Models
 from ..rig import Rig
@@ -29,13 +31,15 @@ from .places import Place, places
 FELT = 0.3
 # A form must promise this many variances, and as many more for each of its numbers beside the size.
 WORTH, EACH = 16.0, 4.0
-# Hooks and variables that are fitted inside the simulator; forms of each, and starts of a form.
-PLACES, FORMS, STARTS = 3, 4, 2
+# Hooks and variables that are fitted inside the simulator; forms of the first and of each other of them, and
+# starts of the best form of each.
+PLACES, FORMS, STARTS = 3, (4, 2), 2
 # Largest size, in usual sizes, that a fit starts from.
 LARGEST = 2.5
 # A law is told if it takes this share of the misfit beyond the noise on unseen samples; a short law is shown
-# in the place of the smooth one if what it leaves there is at most so many times as much.
-TAKES, AS_WELL = 0.5, 1.1
+# in the place of the smooth one if what it leaves there is at most so many times as much. A law that leaves
+# structure beyond the noise is the wrong one, or not alone: it is told only if it takes nearly all.
+TAKES, AS_WELL, NEARLY_ALL = 0.5, 1.1, 0.9
 # Another hook or variable stays possible above this probability.
 POSSIBLE = 0.03
 
@@ -188,12 +192,13 @@ def promising(bench: Bench, head: Fitted, felt: Sequence[Felt]) -> list[Candidat
             by_place.append((found[0][0], f, found))
     by_place.sort(key=lambda entry: -entry[0])
     candidates = []
-    for _, f, found in by_place[:PLACES]:
+    for k, (_, f, found) in enumerate(by_place[:PLACES]):
+        forms = FORMS[k > 0]
         kept: dict[str, int] = {}
         for score, form, size, shapes in found:
             # Several starts of the best form, one of each other.
             most = STARTS if not kept or form.name == next(iter(kept)) else 1
-            if score < WORTH or (form.name not in kept and len(kept) == FORMS) or kept.get(form.name) == most:
+            if score < WORTH or (form.name not in kept and len(kept) == forms) or kept.get(form.name) == most:
                 continue
             kept[form.name] = kept.get(form.name, 0) + 1
             law, _ = law_of(f.place, form)
@@ -286,6 +291,8 @@ def _judged(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> Di
     total = probability[shown.names] + sum(probability[f.names] for f in others.values())
     possible = [f.names for f in others.values() if probability[f.names] > POSSIBLE * total]
     models = _weighed_by(models, shown, [head.names, *possible])
+    if takes < NEARLY_ALL and structured(misfit(models.bench, models.stored(shown))):
+        return None
     return Discovery(
         models=models,
         fitted=models.stored(shown),

@@ -220,4 +220,3 @@ def smooth_of(place: Place) -> tuple[Law, Hypothesis]:
     law = place.law(name, f"{SIZE}*({sum_of})", tuple(numbers))
     fixed = {f"{name}.{SIZE}": 1.0, f"{name}.{LOW}": place.low, f"{name}.{SPAN}": place.span}
     return law, Hypothesis(name, name, tuple(free), starts=(), fixed=fixed)
-
