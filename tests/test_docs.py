@@ -162,7 +162,9 @@ def test_thresholds_of_the_diagnosis_are_those_of_the_code():
     stated = THRESHOLD.findall(page)
     assert len(stated) > 30
     for module, name, place, value in stated:
-        package = "calibrate.readings" if module == "noise" else "calibrate.diagnosis"
+        package = {"noise": "calibrate.readings", "discover": "calibrate.diagnosis.discovery"}.get(
+            module, "calibrate.diagnosis"
+        )
         there = getattr(importlib.import_module(f"{package}.{module}"), name)
         there = there[int(place)] if place else there
         said = 1e-4 if value == "10⁻⁴" else float(value)
