@@ -110,12 +110,15 @@ def test_a_regularity_is_no_noise():
     ringing = np.convolve(np.diff(tip, prepend=tip[0]), rings)[:K]
 
     def found(z, timed=True):
-        part = SimpleNamespace(name="r", samples=K, channels=("T_tip",), T_tip=z + tip, where=[0])
+        tendon = SimpleNamespace(name="", drive="tension")
+        robot = SimpleNamespace(tendons=(tendon,), tendon_names=())
+        part = SimpleNamespace(name="r", samples=K, channels=("T_tip",), robot=robot, tips=1, others=())
         part.recorded, part.smallest, part.noise_N = (z + tip)[None], [0.0], None
         part.counted = np.ones(K, bool)
-        part.T_base, part.time = SimpleNamespace(T_base=T), 0.5 * np.arange(K) if timed else None
+        part.drives, part.pulled = (SimpleNamespace(T_base=T),), [T]
+        part.time = 0.5 * np.arange(K) if timed else None
         bench = Bench(
-            rigs=(cast(Any, SimpleNamespace(part=part)),),
+            rigs=(cast(Any, SimpleNamespace(part=part, where=[0])),),
             base=(),
             noise=[[Noise(1.0, 0.0)]],
             weighs=[Weighing.plain(exact(T), ("T_tip",), np.ones(1))],

@@ -49,7 +49,7 @@ def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
     part = dataclasses.replace(part, recorded=clean, T_base=base)
     dimensions = dimensions_of(config, robot)
     rig = Rig(part, robot, [d.name for d in dimensions])
-    bench = Bench((rig,), base_numbers(robot, deviations_of(config)), tuple(dimensions))
+    bench = Bench((rig,), base_numbers(robot, deviations_of(config, robot)), tuple(dimensions))
     values = {n.name: key[n.name] for n in bench.base}
     true = rig(values)
     if true is None:
