@@ -28,6 +28,7 @@ from gtr_jax.terms import REGISTRY
 
 from ..number import values_in
 from ..predictor import History, Seen, padded_history
+from ..predictor import shown as simulated_as
 from ..setup import Part
 from .cache import SimulationCache
 from .instruments import instruments, shown
@@ -51,6 +52,10 @@ PROGRAMS = (
     tuple(kind for kind in EVERY if kind != "viscous-friction"),
     EVERY,
 )
+# In space a program of all terms that load the body takes ten times as long to compile as one of a few, and
+# to run: the terms that need it have programs of their own, tried before those of several.
+_ALONE = ("presliding", "viscoelastic-body", "contact", "viscous-friction")
+IN_SPACE = (*PROGRAMS[:2], ("tip-load", "gravity-error"), *((kind,) for kind in _ALONE), *PROGRAMS[2:])
 
 
 def programs_of(robot: Robot) -> list[tuple[str, ...]]:
@@ -58,8 +63,10 @@ def programs_of(robot: Robot) -> list[tuple[str, ...]]:
     tendons in one plane, whose friction follows the slip, each holds some.
     """
     may = every_for(robot)
-    held = (tuple(kind for kind in kinds if kind in may) for kinds in PROGRAMS)
-    return [kinds for kinds in dict.fromkeys(held) if kinds or robot.space or not robot.tendon_names]
+    programs = IN_SPACE if robot.space else PROGRAMS
+    held = [tuple(kind for kind in kinds if kind in may) for kinds in programs]
+    plain = robot.space or not robot.tendon_names
+    return [kinds for i, kinds in enumerate(held) if (kinds or (plain and i == 0)) and kinds not in held[:i]]
 
 
 def program_for(robot: Robot, kinds: Collection[str]) -> tuple[str, ...]:
@@ -188,6 +195,30 @@ class Rig:
         seen = self._simulated(values, more)
         self.cache.put(key, np.zeros(0) if seen is None else seen.flat())
         return seen
+
+    def beyond_the_march(self, values: Mapping[str, float]) -> np.ndarray:
+        """What the base model of several tendons in one plane shows beyond the native programs, SI, (C, K):
+        these build friction up over a short slip that it does not need (docs/mechanics.md, "Several
+        tendons"). Zero for all other robots, and where it breaks down.
+
+        Args:
+            values: as of a call; those of physics terms do not count.
+        """
+        none = np.zeros((len(self.channels), self.part.samples))
+        if self.robot.space or not self.robot.tendon_names or self._acting:
+            return none
+        own = values_in(values, self.part.name)
+        plain = {name: value for name, value in own.items() if name.partition(".")[0] not in REGISTRY}
+        marched = self(plain)
+        if marched is None:
+            return none
+        part = self.part
+        history = padded_history(part.drive, part.time, part.trial)
+        rows, run = simulated_as(self.robot.with_values(**plain), history, self.channels)
+        K = part.samples
+        if not np.all(np.asarray(run.converged)[:K]):
+            return none
+        return np.asarray(rows)[:, :K] - marched.values
 
     def of(self, part: Part) -> Rig:
         """The same with another part of the same samples, of which others are compared; what was simulated is

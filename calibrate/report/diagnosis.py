@@ -82,7 +82,9 @@ def _of_pull(
     ending, whose = "".join(f"-{name}" for name in names), f"{', '.join(names)}: " if names else ""
     recorded, before = np.asarray(loop.recorded[i]), np.asarray(loop.before[i])
     after = np.asarray(loop.after[i]) if _found(answer) else None
-    drive, along = (1e3 * pull.drive, DRAWN) if pull.by_displacement else (pull.drive, PULL)
+    drive = 1e3 * pull.drive if pull.by_displacement else pull.drive
+    of = f" of {pull.tendon}" if pull.tendon else ""
+    along = (DRAWN if pull.by_displacement else PULL).replace(" at the base", f" at the base{of}")
     found = [
         Figure(
             f"loop{ending}",
@@ -114,7 +116,7 @@ def _of_pull(
         found.append(
             Figure(
                 f"branches{ending}",
-                png(draw.plot_branches(branches, label)),
+                png(draw.plot_branches(branches, label, along=along)),
                 f"{whose}Release against pull at the same base tension: half the difference of "
                 "ln(T_tip/T_base) is friction, half the sum what friction cannot do.",
             )
@@ -128,7 +130,9 @@ def _of_pull(
             (shown - recorded)[loop.counted],
             noise=pull.noise_N,
             label="best fit" if after is None else label,
-            along="rate of the displacement [mm/s]" if pull.by_displacement else "rate of $T_{base}$ [N/s]",
+            along=f"rate of the displacement{of} [mm/s]"
+            if pull.by_displacement
+            else f"rate of $T_{{base}}${of} [N/s]",
         )
         caption = f"{whose}What is left of T_tip against rate, and against time since the base turned."
         found.append(Figure(f"rate{ending}", png(drawn), caption))
@@ -140,6 +144,8 @@ def _over_time(answer, loop, pull, tips, label, ending, whose) -> Figure:
     along, clock = "time [s]", loop.time
     if clock is None:
         along, clock = "sample", np.arange(1, len(pull.drive) + 1)
+
+    along += f", {pull.tendon}" if pull.tendon else ""
 
     def ends(e) -> tuple[float, float]:
         return (e.first + 1.0, e.last + 1.0) if e.start_s is None else (e.start_s, e.end_s)

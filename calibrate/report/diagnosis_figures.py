@@ -205,13 +205,14 @@ def plot_against_rate(
 
 @styled
 def plot_branches(
-    branches: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], label: str = FOUND
+    branches: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], label: str = FOUND, *, along: str = PULL
 ) -> Figure:
     """Half the difference D and half the sum S of ln(T_tip/T_base) on release and pull, at matched tension.
 
     Args:
         branches: base tension [N], D and S, (n,) each: of the recording, the model before, and after.
         label: what the model after has.
+        along: as of `plot_before_after`.
     """
     fig, rows = figure(4.2, 2, sharex=True)
     styles = [
@@ -224,7 +225,7 @@ def plot_branches(
         rows[1].plot(at, S, **style)
     rows[0].set_ylabel("D: friction [–]")
     rows[1].set_ylabel("S: gains, offsets [–]")
-    rows[1].set_xlabel("tension at the base $T_{base}$ [N]")
+    rows[1].set_xlabel(along)
     legend_above(fig, [Line2D([], [], label=what, **style) for style, what in styles[: len(branches)]])
     return fig
 

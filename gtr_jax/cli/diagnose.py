@@ -61,7 +61,8 @@ def diagnose(
     force: bool,
 ) -> int:
     """Tell which physics a robot's model leaves out of its recordings: where they differ, what is missing,
-    whether a fit with it is better on samples it has not seen, and what to measure next.
+    whether a fit with it is better on samples it has not seen, and what to measure next. The robot may leave
+    the plane and have several tendons, driven by tension or by displacement.
     """
     from gtr_jax.files.config import load_config
     from gtr_jax.files.masking import times_of
@@ -78,11 +79,12 @@ def diagnose(
     recordings = read_recordings(
         given.recordings,
         [config.tendon_names] * len(given.recordings),
+        space=True,
+        markers=[[marker.name for marker in config.markers]] * len(given.recordings),
         columns=columns,
         keep_glitches=keep_glitches,
         drop=drop,
         most=MOST,
-        space=True,
     )
     paths = {"robot": given.robots[0]}
     paths |= {f"recording {i + 1}": path for i, path in enumerate(given.recordings)}
