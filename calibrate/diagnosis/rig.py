@@ -53,8 +53,8 @@ PROGRAMS = (
     EVERY,
 )
 # In space, terms that load the body, or follow the slip, cost more: 200 steps of examples/helix.toml on 25
-# nodes take 2.3 ms without terms, 8 ms with the second set and 60 to 70 ms with the third. So each of them has
-# a program of its own, tried before those that hold several.
+# nodes take 2.3 ms without terms, 8 ms with the second set and 60 to 70 ms with the third. So each of them
+# has a program of its own, tried before those that hold several.
 _ALONE = ("presliding", "viscoelastic-body", "contact", "viscous-friction")
 IN_SPACE = (*PROGRAMS[:2], ("tip-load", "gravity-error"), *((kind,) for kind in _ALONE), *PROGRAMS[2:])
 
