@@ -443,7 +443,7 @@ def test_data_that_cannot_be_diagnosed():
     assert "never changes" in verdict(T_tip=np.full_like(T_tip, 3.0)).says
     assert "too few" in verdict(T_base=T_base[:12], T_tip=T_tip[:12]).says
     two = gtr.load_config(Path(__file__).parents[1] / "examples" / "antagonists.toml")
-    with pytest.raises(gtr.InputError, match="diagnoses one tendon"):
+    with pytest.raises(gtr.InputError, match="for a robot of 2 tendons"):
         calibrate.diagnose(two, recording)
 
 
