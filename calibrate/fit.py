@@ -151,7 +151,7 @@ def fit(
     parts = []
     for name, model, r, rec in zip(names, prepared, of, recordings, strict=True):
         _check_times(model, rec, wanted)
-        model, config, more = _driven(model, configs[r], rec)
+        model, config, more = driven_as_recorded(model, configs[r], rec)
         warnings += more
         part, more = part_of(
             name,
@@ -186,7 +186,7 @@ def fit(
     return dataclasses.replace(result, warnings=[*warnings, *setup.unused_priors, *result.warnings])
 
 
-def _driven(
+def driven_as_recorded(
     model: Robot, config: RobotConfig | None, recording: Recording
 ) -> tuple[Robot, RobotConfig | None, list[str]]:
     """The robot and its file as a recording drives them, and a sentence for each tendon that displacement

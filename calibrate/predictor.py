@@ -165,9 +165,9 @@ class Seen:
     direction: np.ndarray
 
     @property
-    def T_tip(self) -> np.ndarray:
-        """Tip tension [N], (K,)."""
-        return self.values[0]
+    def tips(self) -> int:
+        """How many of the values are tip tensions, one for each tendon."""
+        return 1 if self.slips.ndim == 1 else self.slips.shape[1]
 
     @property
     def converged(self) -> bool:
@@ -183,17 +183,24 @@ class Seen:
         return np.stack(list(each), axis=1)
 
     def flat(self) -> np.ndarray:
-        """All in one array."""
-        return np.concatenate([self.values.ravel(), self.slips, self.direction, [self.failed]])
+        """All in one array, which ends with the number of tendons: 0 without a tendon axis."""
+        tendons = 0 if self.slips.ndim == 1 else self.tips
+        each = (self.values, self.slips.T, self.direction.T)
+        return np.concatenate([*(np.ravel(values) for values in each), [self.failed, tendons]])
 
     @staticmethod
     def of(flat: np.ndarray, samples: int) -> Seen | None:
         """The inverse of `flat`; None for an empty array."""
         if not len(flat):
             return None
-        rows = flat[:-1].reshape(-1, samples)
+        failed, tendons = (int(number) for number in flat[-2:])
+        rows, n = np.array(flat[:-2].reshape(-1, samples)), max(tendons, 1)
+        slips, direction = rows[-2 * n : -n].T > 0, rows[-n:].T
         return Seen(
-            values=np.array(rows[:-2]), failed=int(flat[-1]), slips=rows[-2] > 0, direction=np.array(rows[-1])
+            values=rows[: -2 * n],
+            failed=failed,
+            slips=slips if tendons else slips[:, 0],
+            direction=direction if tendons else direction[:, 0],
         )
 
     def plus(self, channels: list[int], more: np.ndarray) -> Seen:

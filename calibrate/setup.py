@@ -17,7 +17,6 @@ from gtr_jax.simulation.history import padded_length
 from gtr_jax.terms import REGISTRY, known_on
 
 from .channels import (
-    CHANNELS,
     ROTATION,
     Orientation,
     channels_in,
@@ -132,7 +131,7 @@ class Part:
 
     @property
     def T_tip(self) -> np.ndarray:
-        """As recorded [N], (K,)."""
+        """As recorded [N], (K,); of the first tendon, if there are several."""
         return self.recorded[0]
 
     @property
@@ -213,17 +212,14 @@ class Part:
         """The weighing of residuals for a simulation, with one error for each channel, (C,)."""
         stretch = self.stretch(prediction.values[: self.tips])
         if self.others:
-            return SeveralWeighing.of_all(self.drives, prediction, self.channels, sd, stretch)
+            return SeveralWeighing.of_all(
+                self.drives, prediction.slips, prediction.slope, self.channels, sd, stretch
+            )
         return Weighing.of(self.T_base, prediction, self.channels, sd, self.T_base.believed, stretch)
 
     def residual(self, prediction: Prediction) -> np.ndarray:
         """Simulated minus recorded, (C, K)."""
         return prediction.values - self.recorded
-
-    @property
-    def where(self) -> list[int]:
-        """Places of the channels in CHANNELS."""
-        return [CHANNELS.index(name) for name in self.channels]
 
     def nodes(self) -> np.ndarray | None:
         """Samples to simulate; None for all of them, as in a recording that is not long."""

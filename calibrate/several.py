@@ -19,7 +19,6 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
-from .predictor import Prediction
 from .readings import BaseTension
 from .weighing import Weighing, along
 
@@ -40,19 +39,29 @@ class SeveralWeighing(Weighing):
     @staticmethod
     def of_all(
         drives: Sequence[BaseTension],
-        prediction: Prediction,
+        slips: np.ndarray,
+        slope: np.ndarray,
         channels: tuple[str, ...],
         sd: np.ndarray,
         stretch: np.ndarray,
     ) -> SeveralWeighing:
-        """Weighing with the slopes of a simulation, whose first n channels are the tip tensions."""
-        K, n = prediction.slips.shape
-        slipped = np.maximum.accumulate(np.where(prediction.slips, np.arange(K)[:, None], 0), axis=0)
+        """Weighing with what a simulation shows.
+
+        Args:
+            drives: what drives each of n tendons.
+            slips: whether slip reaches their anchors, (K, n).
+            slope: change of the channels by what drives each tendon, (C, K, n).
+            channels: their names, those of the n tip tensions first.
+            sd: their standard deviations, (C,).
+            stretch: uncertain stretch of the tendon of each channel [m], (C, K).
+        """
+        K, n = slips.shape
+        slipped = np.maximum.accumulate(np.where(slips, np.arange(K)[:, None], 0), axis=0)
         own = np.broadcast_to(np.arange(K)[:, None], (len(channels), K, n)).copy()
         own[:n] = slipped.T[:, :, None]
         plain = Weighing.plain(drives[0], channels, sd)
         fields = {f.name: getattr(plain, f.name) for f in dataclasses.fields(plain)}
-        fields |= {"slope": prediction.slope, "last": own, "stretch": stretch}
+        fields |= {"slope": slope, "last": own, "stretch": stretch}
         sds = tuple(drive.believed for drive in drives)
         return SeveralWeighing(**fields, drives=tuple(drives), sds=sds)
 
@@ -85,6 +94,22 @@ class SeveralWeighing(Weighing):
             scaled = follows.multiply(weight[:, None])
             whole = whole + scaled.T @ scaled
         return splu(sparse.csc_array(whole))
+
+    @property
+    def passed(self) -> np.ndarray:
+        """Standard deviation of the channels due to the noise of all that drives the tendons, (C, K)."""
+        return np.sqrt(np.sum((self.slope * np.asarray(self.sds)) ** 2, axis=-1))
+
+    @property
+    def log_determinant(self) -> float:
+        """Of the covariance of the channels' rows beside that without the noise of the drives."""
+        if not self._free:
+            return 0.0
+        alone = splu(sparse.csc_array(self._curves.T @ self._curves))
+        return sum(
+            sign * float(np.sum(np.log(np.abs(lu.U.diagonal()))))
+            for sign, lu in ((1, self.solver), (-1, alone))
+        )
 
     def split(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals, or columns of a Jacobian, (C, K, ...), weighed: those of the channels, (C, K, ...), and

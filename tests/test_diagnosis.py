@@ -110,12 +110,15 @@ def test_a_regularity_is_no_noise():
     ringing = np.convolve(np.diff(tip, prepend=tip[0]), rings)[:K]
 
     def found(z, timed=True):
-        part = SimpleNamespace(name="r", samples=K, channels=("T_tip",), T_tip=z + tip, where=[0])
+        tendon = SimpleNamespace(name="", drive="tension")
+        robot = SimpleNamespace(tendons=(tendon,), tendon_names=())
+        part = SimpleNamespace(name="r", samples=K, channels=("T_tip",), robot=robot, tips=1, others=())
         part.recorded, part.smallest, part.noise_N = (z + tip)[None], [0.0], None
         part.counted = np.ones(K, bool)
-        part.T_base, part.time = SimpleNamespace(T_base=T), 0.5 * np.arange(K) if timed else None
+        part.drives, part.pulled = (SimpleNamespace(T_base=T),), [T]
+        part.time = 0.5 * np.arange(K) if timed else None
         bench = Bench(
-            rigs=(cast(Any, SimpleNamespace(part=part)),),
+            rigs=(cast(Any, SimpleNamespace(part=part, where=[0])),),
             base=(),
             noise=[[Noise(1.0, 0.0)]],
             weighs=[Weighing.plain(exact(T), ("T_tip",), np.ones(1))],
@@ -440,7 +443,7 @@ def test_data_that_cannot_be_diagnosed():
     assert "never changes" in verdict(T_tip=np.full_like(T_tip, 3.0)).says
     assert "too few" in verdict(T_base=T_base[:12], T_tip=T_tip[:12]).says
     two = gtr.load_config(Path(__file__).parents[1] / "examples" / "antagonists.toml")
-    with pytest.raises(gtr.InputError, match="diagnoses one tendon"):
+    with pytest.raises(gtr.InputError, match="for a robot of 2 tendons"):
         calibrate.diagnose(two, recording)
 
 

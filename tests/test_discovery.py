@@ -1,7 +1,7 @@
 """Laws of no catalogue: forms, where they are felt, what is told of them, and files that hold them."""
 
 from pathlib import Path
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from typing import Any, cast
 
 import jax.numpy as jnp
@@ -29,6 +29,7 @@ from calibrate.diagnosis.hypotheses import base_numbers
 from calibrate.diagnosis.rig import Rig
 from calibrate.fit import part_of
 from gtr_jax.files.config import config_text, parse_config
+from gtr_jax.files.law_section import LawSection
 from gtr_jax.terms.expression import evaluate
 from gtr_jax.terms.law import check_law
 
@@ -78,8 +79,8 @@ def test_forms_are_laws_that_a_robot_file_may_hold(place, make_config):
         check_law(law, values)
         config = with_law(make_config(routing=SINE), law, values)
         again = parse_config(_parsed(config_text(config)))
-        section = next(term for term in again.terms if getattr(term, "law", None) == law.text)
-        assert section.parameters == pytest.approx(values)
+        (section,) = (term for term in again.terms if isinstance(term, LawSection))
+        assert section.law == law.text and section.parameters == pytest.approx(values)
     law, h = smooth_of(place)
     values = {name.partition(".")[2]: v for name, v in h.fixed.items()}
     values |= {n.name.partition(".")[2]: 0.01 * n.sd for n in h.numbers}
@@ -152,7 +153,7 @@ def test_a_robot_with_more_laws_is_the_same_robot(make_config):
     assert [law.name for law in more.laws] == [place.tent().name for place in PLACES]
 
 
-def recorded(config, law=None, values=None, samples=150, noise=0.02, seed=4):
+def recorded(config, law=None, values=MappingProxyType({}), samples=150, noise=0.02, seed=4):
     """Two and a half loops at a finer mesh, with a law, and noise."""
     whole = config if law is None else with_law(config, law, values)
     time = np.arange(samples) * 0.5
@@ -180,6 +181,7 @@ def test_places_cover_what_the_recording_does(make_config):
     robot, rig, _ = bench_of(config, recorded(config))
     values = {"mu": float(robot.value("mu")), "E": float(robot.value("E"))}
     seen = rig(values)
+    assert seen is not None
     fitted = SimpleNamespace(values=values, seen=(seen,))
     found = {p.name: p for p in places(robot, cast(Any, SimpleNamespace(rigs=(rig,))), cast(Any, fitted))}
     assert {

@@ -228,10 +228,11 @@ def test_bending_laws_in_space_bend_along_the_vector_of_both_bendings(text):
     assert float(straight) == pytest.approx(float(slope), abs=1e-12)
 
 
-def test_a_program_of_a_diagnosis_takes_laws_in():
-    assert program_for({"adhesion"}) == PROGRAMS[1]
-    assert program_for({"seal"}) == ("seal",)
-    assert program_for({"seal", "presliding"}) == (*PROGRAMS[3], "seal")
+def test_a_program_of_a_diagnosis_takes_laws_in(make_robot):
+    robot = make_robot(routing=SINE)
+    assert program_for(robot, {"adhesion"}) == PROGRAMS[1]
+    assert program_for(robot, {"seal"}) == ("seal",)
+    assert program_for(robot, {"seal", "presliding"}) == (*PROGRAMS[3], "seal")
 
 
 NULL = table(

@@ -34,7 +34,7 @@ def test_nodes_carry_the_history(long):
     whole = Predictor(robot, at, base.T_base)(np.zeros(1))
     coarse = Predictor(robot, at, base.T_base, nodes=nodes)(np.zeros(1))
     assert whole is not None and coarse is not None
-    off = coarse.T_tip - whole.T_tip
+    off = coarse.values[0] - whole.values[0]
     assert np.sqrt(np.mean(off**2)) < 2e-3, "N, a fraction of any cell's noise"
     assert np.max(np.abs(off)) < 0.1, "between the nodes around a switch"
     runs = np.searchsorted(base.knots[1:-1], np.arange(len(base.T_base)), side="right")
@@ -52,7 +52,7 @@ def test_all_samples_as_nodes_change_nothing(make_robot):
     T_base = np.concatenate([np.linspace(0, 30, 16), np.linspace(30, 5, 16)])
     plain, noded = (Predictor(robot, at, T_base, nodes=nodes)(np.zeros(1)) for nodes in (None, np.arange(32)))
     assert plain is not None and noded is not None
-    np.testing.assert_array_equal(plain.T_tip, noded.T_tip)
+    np.testing.assert_array_equal(plain.values[0], noded.values[0])
     assert exact(T_base).nodes(1.0).tolist() == list(range(32))
 
 

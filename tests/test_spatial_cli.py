@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from command_line import run_gtr
 
-import calibrate
 import gtr_jax as gtr
 from gtr_jax.files.driving import driven
 
@@ -85,20 +84,9 @@ def test_markers_of_a_planar_robot(run, tmp_path):
     assert "m1_z_m" not in last
 
 
-TARGET = """schema = 1
-[[pose]]
-T_base = "5 N"
-tip = ["240 mm", "10 mm"]
-"""
-
-
-@pytest.mark.parametrize("command", ["diagnose", "design"])
-def test_what_takes_the_plane_only_says_so(run, tmp_path, command):
-    (tmp_path / "helix.toml").write_text(HELIX.read_text())
-    (tmp_path / "rec.csv").write_text("T_base_N,T_tip_N\n" + "".join(f"{k},{0.9 * k}\n" for k in range(40)))
-    (tmp_path / "target.toml").write_text(TARGET)
-    given = {"design": ("helix.toml", "target.toml")}
-    outcome = run(command, *given.get(command, ("helix.toml", "rec.csv")), "-o", "out")
+def test_a_target_in_the_plane_is_refused_for_a_robot_that_leaves_it(run, tmp_path):
+    (tmp_path / "target.toml").write_text('schema = 1\n[[pose]]\nT_base = "5 N"\ntip = ["240 mm", "10 mm"]\n')
+    outcome = run("design", HELIX, "target.toml", "-o", "out")
     assert outcome.status == 2, outcome.out
     assert "plane" in outcome.err and len(outcome.err.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
@@ -116,13 +104,6 @@ def test_simulate_a_tendon_on_disks(run, tmp_path):
     ]
     assert [len(values) for values in tension] == [1, 1], "constant between the corners"
     assert 2 > max(tension[0]) > max(tension[1]) > 0
-
-
-def test_so_does_the_package():
-    robot = gtr.load_robot(HELIX)
-    recording = gtr.Recording(T_base=np.ones(3), T_tip=np.ones(3), path=Path("rec.csv"), sha256="")
-    with pytest.raises(gtr.InputError, match="leaves its plane"):
-        calibrate.diagnose(robot, recording)
 
 
 @pytest.mark.parametrize(

@@ -169,7 +169,14 @@ def weighing_of_two(K=9, sds=(0.1, 0.2), seed=0):
         slope=rng.normal(size=(3, K, 2)),
     )
     sd = np.array([0.05, 0.07, 0.3])
-    weigh = SeveralWeighing.of_all(drives, prediction, ("T_tip.a", "T_tip.b", "tip_x"), sd, np.zeros((3, K)))
+    weigh = SeveralWeighing.of_all(
+        drives,
+        prediction.slips,
+        prediction.slope,
+        ("T_tip.a", "T_tip.b", "tip_x"),
+        sd,
+        np.zeros((3, K)),
+    )
     return drives, prediction, sd, weigh, rng.normal(size=(3, K))
 
 

@@ -49,7 +49,7 @@ def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
     part = dataclasses.replace(part, recorded=clean, T_base=base)
     dimensions = dimensions_of(config, robot)
     rig = Rig(part, robot, [d.name for d in dimensions])
-    bench = Bench((rig,), base_numbers(robot, deviations_of(config)), tuple(dimensions))
+    bench = Bench((rig,), base_numbers(robot, deviations_of(config, robot)), tuple(dimensions))
     values = {n.name: key[n.name] for n in bench.base}
     true = rig(values)
     if true is None:
@@ -58,7 +58,7 @@ def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
     found = _least(bench, np.asarray([n.at(values[n.name]) for n in bench.base]))
     if found is None:
         raise RuntimeError(f"{folder}: the base model cannot be refitted")
-    off = [s.values[rig.part.where][0] - clean[0] for s in (true, found.seen[0])]
+    off = [s.values[rig.where][0] - clean[0] for s in (true, found.seen[0])]
     raw, refit = (float(np.sqrt(np.mean(o**2))) for o in off)
     return {
         "information": float(np.sqrt(found.cost)),

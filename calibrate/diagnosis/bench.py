@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..channels import CHANNELS
 from ..least_squares import BY_DIFFERENCES, Rules, minimise
 from ..number import Number
 from ..predictor import Seen
 from ..readings import exact
 from ..readings.noise import MAD_TO_SD, Noise, correlation_time, of_residual, resolution, whitened
+from ..several import SeveralWeighing
 from ..weighing import Weighing
 from .follow import Follow
 from .hypotheses import Hypothesis
@@ -39,9 +39,12 @@ def noise_in(rig: Rig, residual: np.ndarray) -> list[Noise]:
     part = rig.part
     least = np.maximum(part.smallest, [resolution(row) / np.sqrt(12) for row in part.recorded])
     noise = [of_residual(row[part.counted], low) for row, low in zip(residual, least, strict=True)]
+    n = part.tips
     if part.noise_N is not None:
-        noise[0] = Noise(part.noise_N, noise[0].rho)
-    size = [float(np.max(np.abs(part.T_base.T_base))), *np.ptp(part.recorded[1:], axis=1)]
+        noise[:n] = [Noise(part.noise_N, own.rho) for own in noise[:n]]
+    tensions = part.pulled or part.recorded[:n]
+    largest = max(float(np.max(np.abs(T))) for T in tensions)
+    size = [*([largest] * n), *np.ptp(part.recorded[n:], axis=1)]
     return [
         Noise(float(np.hypot(n.sd, DISCRETE * s)), n.rho, DISCRETE * s)
         for n, s in zip(noise, size, strict=True)
@@ -49,21 +52,45 @@ def noise_in(rig: Rig, residual: np.ndarray) -> list[Noise]:
 
 
 def passing(rig: Rig, seen: Seen, noise: list[Noise], values: Mapping[str, float]) -> Weighing:
-    """The weighing of a recording's residuals, with the base tension's noise passed on to the channels."""
+    """The weighing of a recording's residuals, with the noise of what drives the tendons passed on to the
+    channels.
+    """
     part, K = rig.part, rig.part.samples
     sd, base = np.asarray([n.sd for n in noise]), part.T_base
+    slopes = [_slope(rig, values, i) for i in range(part.tips)]
+    if part.others:
+        known = np.stack([np.zeros(part.recorded.shape) if one is None else one for one in slopes], axis=-1)
+        sds = tuple(
+            0.0 if one is None else drive.believed for one, drive in zip(slopes, part.drives, strict=True)
+        )
+        weigh = SeveralWeighing.of_all(
+            part.drives, seen.slips, known, part.channels, sd, np.zeros(part.recorded.shape)
+        )
+        return dataclasses.replace(weigh, sds=sds).only(part.counted)
     plain = Weighing.plain(exact(base.T_base) if base.sd == 0 else base, part.channels, sd)
     plain = plain.only(part.counted)
-    step = 1e-3 * max(float(np.ptp(base.T_base)), 1e-3)
-    plainly, raised = rig(values), rig(values, step)
-    if base.sd == 0 or raised is None or plainly is None:
+    slope = slopes[0]
+    if slope is None:
         return plain
     slipped = np.maximum.accumulate(np.where(seen.slips, np.arange(K), 0))
     last = [slipped if name == "T_tip" else np.arange(K) for name in part.channels]
-    slope = ((raised.values - plainly.values) / step)[part.where]
-    far = 50 * np.median(np.abs(slope), axis=1, keepdims=True) + 1e-12
-    slope = np.where(np.abs(slope) < far, slope, 0.0)
     return dataclasses.replace(plain, slope=slope, last=np.stack(last), sd_base=base.believed)
+
+
+def _slope(rig: Rig, values: Mapping[str, float], tendon: int) -> np.ndarray | None:
+    """Change of the channels per change of what drives a tendon, (C, K), by differences; None where that is
+    exact, or the simulation breaks down.
+    """
+    part = rig.part
+    drive = part.drives[tendon]
+    step = 1e-3 * max(float(np.ptp(drive.T_base)), 1e-3)
+    more = tuple(step if i == tendon else 0.0 for i in range(part.tips))
+    plainly, raised = rig(values), rig(values, more)
+    if drive.sd == 0 or raised is None or plainly is None:
+        return None
+    slope = ((raised.values - plainly.values) / step)[rig.where]
+    far = 50 * np.median(np.abs(slope), axis=1, keepdims=True) + 1e-12
+    return np.where(np.abs(slope) < far, slope, 0.0)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -114,7 +141,7 @@ class Bench:
         over the single hypotheses.
         """
         key, known = tuple(sorted(names)), self.corrections
-        plain = known.get(()) or [np.zeros((len(CHANNELS), rig.part.samples)) for rig in self.rigs]
+        plain = known.get(()) or [np.zeros((len(rig.channels), rig.part.samples)) for rig in self.rigs]
         if key in known:
             return known[key]
         of = [known[(name,)] for name in key if (name,) in known]
@@ -127,7 +154,7 @@ class Bench:
 
     def residuals(self, seen: Sequence[Seen]) -> list[np.ndarray]:
         """Simulated minus recorded of each recording, (C, K)."""
-        return [s.values[rig.part.where] - rig.part.recorded for rig, s in zip(self.rigs, seen, strict=True)]
+        return [s.values[rig.where] - rig.part.recorded for rig, s in zip(self.rigs, seen, strict=True)]
 
     def weighed(
         self, values: Mapping[str, float], seen: Sequence[Seen], known: Sequence[list[Noise]] | None = None
@@ -151,10 +178,11 @@ class Bench:
         that is missing is wrong by many standard deviations of the noise wherever it applies.
         """
         tips = [
-            z[0][rig.part.counted]
+            z[: rig.part.tips, rig.part.counted]
             for z, rig in zip(self.by_channel(self._free(seen)), self.rigs, strict=True)
         ]
-        return HEAVY * max(1.0, MAD_TO_SD * float(np.median(np.abs(np.concatenate(tips)))))
+        each = np.concatenate([z.ravel() for z in tips])
+        return HEAVY * max(1.0, MAD_TO_SD * float(np.median(np.abs(each))))
 
     def answer_of_dimensions(self, values: Mapping[str, float]) -> Follow | None:
         """How the dimensions change what is simulated at some values; None without dimensions."""
@@ -163,7 +191,7 @@ class Bench:
             there = rig(dict(values) | {d.name: d.centre + d.sd})
             if here is None or there is None:
                 return np.zeros(rig.part.recorded.shape)
-            return (there.values - here.values)[rig.part.where]
+            return (there.values - here.values)[rig.where]
 
         if not self.dimensions:
             return None
@@ -184,11 +212,12 @@ class Bench:
         """
         total, count = 0.0, 0
         for rig, noise, weigh in zip(self.rigs, self.noise, self.weighs, strict=True):
-            # The straight runs average the base cell's noise: their numbers stand for all samples.
-            passed = weigh.passed[0] ** 2 * rig.part.T_base.size / rig.part.samples
-            own = noise[0].sd if mesh else noise[0].cell
-            total += rig.part.samples * own**2 + float(np.sum(passed))
-            count += rig.part.samples
+            for i, drive in enumerate(rig.part.drives):
+                # The straight runs average the base cell's noise: their numbers stand for all samples.
+                passed = weigh.passed[i] ** 2 * drive.size / rig.part.samples
+                own = noise[i].sd if mesh else noise[i].cell
+                total += rig.part.samples * own**2 + float(np.sum(passed))
+                count += rig.part.samples
         return float(np.sqrt(total / count))
 
     def rows(self, seen: Sequence[Seen]) -> np.ndarray:
@@ -326,7 +355,7 @@ class Bench:
         if self.follow is not None:
             moved = self.follow.moved(here.rows)
             seen = tuple(
-                s.plus(rig.part.where, c @ moved)
+                s.plus(rig.where, c @ moved)
                 for s, rig, c in zip(seen, self.rigs, self.follow.change, strict=True)
             )
             dimensions = {
@@ -354,7 +383,7 @@ class Bench:
         for rig in self.rigs:
             C, K = len(rig.part.channels), rig.part.samples
             found.append(rows[start : start + C * K].reshape(C, K, *rows.shape[1:]))
-            start += (C + 1) * K
+            start += (C + rig.part.tips) * K
         return found
 
     def without(self, held: Sequence[np.ndarray]) -> Bench:

@@ -32,15 +32,16 @@ from .experiment import Experiment, propose
 from .further import beaten, with_further
 from .heldout import held_out
 from .hypotheses import EVENTS, INSTRUMENT_NUMBERS
+from .instruments import of_one
 from .leave_out import Stretch, asked_for, from_outside, left_out
-from .locate import cycles_of, locate, mu_by_stratum, phases_of, ratio_of_branches
+from .locate import cycles_in, locate, mu_by_stratum, phases_of, ratio_of_branches
 from .marginal import Marginal, jointly
 from .model import Fitted
 from .models import Models
 from .pairs import promising
 from .prepare import Prepared, names_of, prepare
 from .refine import refine
-from .result import BAD_DATA, Diagnosis, Loop, Rival
+from .result import BAD_DATA, Diagnosis, Loop, Pull, Rival
 from .rig import Rig
 from .screen import STARTS_EACH, Screened, firm_fit, merged, screen
 from .search import PAIRS, SHORTLIST, WORTH, combine, refit_best
@@ -65,9 +66,9 @@ def diagnose(
 ) -> Diagnosis:
     """Find from recordings which physics a model leaves out.
 
-    The base model (mu and, unless the backbone is rigid, E) is fitted, and every term of the catalogue is
-    tried beside it at finite sizes. The most promising terms are refitted with mu and E, alone and up to
-    three together. Models are compared by their evidence (Laplace's approximation, with a prior for every
+    The base model (mu of each tendon and, unless the backbone is rigid, E) is fitted, and every term of the
+    catalogue is tried beside it at finite sizes. The most promising terms are refitted with it, alone and up
+    to three together. Models are compared by their evidence (Laplace's approximation, with a prior for every
     number and for how many effects there are). The verdict names an effect that is more probable than
     nothing, or the set of rivals that the data do not tell apart. Where structure is left that no term
     explains, a law that no catalogue holds is looked for; if none predicts unseen samples, nothing is named.
@@ -75,9 +76,9 @@ def diagnose(
 
     Args:
         robot: from `gtr_jax.load_config`; or a `Robot`, whose mu and E then have no priors.
-        recording: with T_base and T_tip, 20 samples or more; or several of the same robot.
-        channels: what is compared beside T_tip, where a recording has it: some of tip_x, tip_y, tip_angle,
-            displacement; all unless given.
+        recording: with T_base, or the displacements of tendons that these drive, and T_tip, 20 samples or
+            more; or several of the same robot.
+        channels: what is compared beside T_tip, where a recording has it; as of `calibrate.fit`.
         noise_N, noise_base_N: standard deviations of the recorded tensions [N]; estimated unless given.
         experiment: whether to propose the experiment that separates the rivals; only where the verdict is
             "ambiguous", unless given.
@@ -91,7 +92,8 @@ def diagnose(
         The diagnosis. Data that cannot be diagnosed give the verdict "bad-data", and why.
 
     Raises:
-        InputError: a recording without tip tension or too short, a robot of several tendons, an unknown term.
+        InputError: a recording without tip tension or too short, a rigid sheath of several tendons, an
+            unknown term.
     """
     say = progress or (lambda _: None)
     cache = None if steps is None else SimulationCache(steps)
@@ -162,7 +164,7 @@ def _leaves_less(again: Diagnosis, found: Diagnosis) -> bool:
         return False
     squares = [
         sum(
-            float(np.sum(((one.after[0] - one.recorded[0])[other.counted & one.counted]) ** 2))
+            float(np.sum((one.after - one.recorded)[: one.tips, other.counted & one.counted] ** 2))
             for one, other in zip(mine.loops, others.loops, strict=True)
         )
         for mine, others in ((again, found), (found, again))
@@ -393,24 +395,34 @@ def _answer(
         proposal = propose(models, decision, bench.rigs[0])
     loops = []
     for k, part in enumerate(ready.full):
-        plain, shown = (m.fitted.seen[k].values[part.where] for m in (before, after))
+        where = bench.rigs[k].where
+        plain, shown = (m.fitted.seen[k].values[where] for m in (before, after))
         phases = phases_of(bench, before.fitted, k)
-        T = part.T_base.T_base
+
+        def pull(i: int, part=part, k=k, ends=(part.recorded, plain, shown), phases=phases) -> Pull:
+            drive, tendon = part.drives[i], part.robot.tendons[i]
+            T, own, by_draw = drive.T_base, of_one(phases, i), tendon.drive == "displacement"
+            return Pull(
+                tendon=tendon.name if part.others else "",
+                drive=T,
+                by_displacement=by_draw,
+                phases=own,
+                branches=[] if by_draw else [ratio_of_branches(T, rows[i], own) for rows in ends],
+                noise_N=float(bench.noise[k][i].sd),
+                noise_drive=float(drive.sd),
+            )
+
         loops.append(
             Loop(
                 name=part.name,
                 channels=part.channels,
                 time=part.time,
-                T_base=T,
                 recorded=part.recorded,
                 before=plain,
                 after=shown,
-                phases=phases,
-                cycles=cycles_of(T),
-                branches=[ratio_of_branches(T, tip, phases) for tip in (part.T_tip, plain[0], shown[0])],
-                noise_N=float(bench.noise[k][0].sd),
-                noise_base_N=float(part.T_base.sd),
+                cycles=cycles_in(part),
                 counted=part.counted,
+                pulls=tuple(pull(i) for i in range(part.tips)),
             )
         )
     probability = decision.probability
@@ -450,7 +462,7 @@ def _answer(
         left_out=[
             out
             for part, seen in zip(ready.full, after.fitted.seen, strict=True)
-            for out in left_out(part, leave_out[part.name], seen.T_tip)
+            for out in left_out(part, leave_out[part.name], seen.values[: seen.tips])
         ],
         warnings=ready.warnings,
     )

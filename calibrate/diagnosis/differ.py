@@ -97,9 +97,14 @@ class _Tried(NamedTuple):
     own: Fitted
 
 
-def names_to_split(dimensions: Sequence[Number]) -> list[str]:
+def preloads(robot: Robot) -> list[str]:
+    """Names of the tendons' preloads."""
+    return [f"{PRELOAD}.{name}" if name else PRELOAD for name in robot.tendon_names or ("",)]
+
+
+def names_to_split(robot: Robot, dimensions: Sequence[Number]) -> list[str]:
     """Names of further numbers that rigs must be able to change, for `candidates`."""
-    return [PRELOAD] if PRELOAD not in {d.name for d in dimensions} else []
+    return [name for name in preloads(robot) if name not in {d.name for d in dimensions}]
 
 
 def candidates(bench: Bench, robot: Robot) -> list[Number]:
@@ -108,11 +113,12 @@ def candidates(bench: Bench, robot: Robot) -> list[Number]:
     """
     found = [n for n in bench.base if OWN not in n.name]
     taken = {n.parameter for n in bench.base}
-    if PRELOAD not in taken:
-        largest = max(float(np.max(rig.part.T_base.T_base)) for rig in bench.rigs)
-        preload = number_at(
-            parameter(robot, PRELOAD), float(robot.value(PRELOAD)), sd=PRELOAD_SHARE * largest
-        )
+    for name in preloads(robot):
+        if name in taken:
+            continue
+        tensions = [T for rig in bench.rigs for T in rig.part.pulled or rig.part.recorded[: rig.part.tips]]
+        largest = max(float(np.max(T)) for T in tensions)
+        preload = number_at(parameter(robot, name), float(robot.value(name)), sd=PRELOAD_SHARE * largest)
         found.append(dataclasses.replace(preload, size=True))
     for kind in ZEROS:
         term = REGISTRY[kind]
@@ -310,9 +316,12 @@ def _driven_alike(bench: Bench, groups: Sequence[Sequence[str]]) -> bool:
                 np.linspace(0.0, 1.0, p.samples) if p.time is None else p.time - p.time[0] for p in (a, b)
             )
             lasts = [float(clock[-1]), float(other_clock[-1])]
-            off = np.interp(clock, other_clock, b.T_base.T_base) - a.T_base.T_base
-            span = float(np.ptp(a.T_base.T_base))
-            if abs(lasts[0] - lasts[1]) < ALIKE * max(lasts) and np.sqrt(np.mean(off**2)) < ALIKE * span:
+            alike = [
+                np.sqrt(np.mean((np.interp(clock, other_clock, theirs.T_base) - own.T_base) ** 2))
+                < ALIKE * max(float(np.ptp(drive.T_base)) for drive in a.drives)
+                for own, theirs in zip(a.drives, b.drives, strict=True)
+            ]
+            if abs(lasts[0] - lasts[1]) < ALIKE * max(lasts) and all(alike):
                 return True
     return False
 

@@ -8,6 +8,7 @@ knock on the sheath, a tip end that is moved, a burst of stick-slip, shows in ti
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from gtr_jax.files.differences import MAD_TO_SD
 from ..predictor import Seen
 from ..setup import Part
 from .bench import Bench
+from .instruments import of_one, words_for
 from .model import Fitted
 
 # A sample belongs to an episode beyond this many standard deviations of its noise, and beyond this many of
@@ -68,6 +70,8 @@ class Episode:
             simulated tip tension.
         kind: what it looks like: a key of `WORDS`.
         says: all this in words.
+        tendon: its name, where there are several.
+        displacement_m: of the tendon, as `T_base_N`, where displacement drives it; that is then None.
     """
 
     recording: str
@@ -80,28 +84,37 @@ class Episode:
     size_N: float
     share: float
     held: float
-    T_base_N: tuple[float, float, float, float]
+    T_base_N: tuple[float, float, float, float] | None
     T_tip_N: tuple[float, float, float, float]
     model_N: tuple[float, float, float, float]
     kind: str
     says: str
+    tendon: str = ""
+    displacement_m: tuple[float, float, float, float] | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """For `diagnosis.json`: without what only robots of several tendons, or displacement, give."""
+        more = {"tendon": self.tendon or None, "displacement_m": self.displacement_m}
+        given = {k: v for k, v in dataclasses.asdict(self).items() if k not in more}
+        return given | {k: v for k, v in more.items() if v is not None}
 
 
 def episodes(bench: Bench, fitted: Fitted) -> list[Episode]:
     """Episodes of the misfit of T_tip that a fit leaves, those with most of it first."""
     found = []
     for k, (rig, residual) in enumerate(zip(bench.rigs, bench.residuals(fitted.seen), strict=True)):
-        part, row = rig.part, residual[0]
-        variance = bench.noise[k][0].sd ** 2 + bench.weighs[k].passed[0] ** 2
-        runs = _runs(row, np.sqrt(variance), part.counted)
-        excess = np.where(part.counted, np.maximum(row**2 - variance, 0.0), 0.0)
+        part, rows = rig.part, residual[: rig.part.tips]
+        sds = np.asarray([noise.sd for noise in bench.noise[k][: part.tips]])[:, None]
+        variances = sds**2 + bench.weighs[k].passed[: part.tips] ** 2
+        excess = np.where(part.counted, np.maximum(rows**2 - variances, 0.0), 0.0)
         total = max(float(excess.sum()), 1e-300)
         own = [
             _episode(
-                part, (a, b), fitted.seen[k], share, whose=f"{part.name}, " if len(bench.rigs) > 1 else ""
+                part, i, (a, b), fitted.seen[k], share, whose=f"{part.name}, " if len(bench.rigs) > 1 else ""
             )
-            for a, b in runs
-            if (share := float(excess[a : b + 1].sum()) / total) > LEAST
+            for i in range(part.tips)
+            for a, b in _runs(rows[i], np.sqrt(variances[i]), part.counted)
+            if (share := float(excess[i, a : b + 1].sum()) / total) > LEAST
         ]
         found += sorted(own, key=lambda e: -e.share)[:MOST]
     return sorted(found, key=lambda e: -e.share)
@@ -127,27 +140,35 @@ def _ends(values: np.ndarray) -> tuple[float, float, float, float]:
     return float(values[0]), float(values.min()), float(values.max()), float(values[-1])
 
 
-def _episode(part: Part, ends: tuple[int, int], seen: Seen, share: float, *, whose: str) -> Episode:
+def _episode(
+    part: Part, tendon: int, ends: tuple[int, int], seen: Seen, share: float, *, whose: str
+) -> Episode:
     a, b = ends
     inside, time = slice(a, b + 1), part.time
-    T_base, T_tip, model = (T[inside] for T in (part.T_base.T_base, part.T_tip, seen.T_tip))
+    drive, read, slipping = part.drives[tendon].T_base, part.recorded[tendon], of_one(seen.slips, tendon)
+    T_base, T_tip, model = (T[inside] for T in (drive, read, seen.values[tendon]))
     places = part.places
-    slips = b + 1 + np.flatnonzero(seen.slips[b + 1 :])
+    slips = b + 1 + np.flatnonzero(slipping[b + 1 :])
     until = int(slips[0]) - 1 if slips.size else part.samples - 1
     first, last = int(places[a]), int(places[b])
     row = model - T_tip
-    held = float(np.mean(~seen.slips[inside]))
+    held = float(np.mean(~slipping[inside]))
     # What the tip did also shows in the step into the episode.
     around = slice(max(a - 1, 0), b + 1)
-    kind = _kind(part.T_base.T_base[around], part.T_tip[around], held)
+    by_draw = part.robot.tendons[tendon].drive == "displacement"
+    kind = _kind(drive[around], read[around], held)
+    if by_draw and kind == RELAXES:  # what drives it is no tension
+        kind = ALONE
     if held > 1 - HELD and _behind_gap(part, a):
         kind = AFTER_GAP
     start, end = (None, None) if time is None else (float(time[a]), float(time[b]))
     mean, size = float(row.mean()), float(np.sqrt(np.mean(row**2)))
     at = when(first, last, start, end)
     sense = "too high" if mean > 0 else "too low"
+    driven = (1e3, "mm", "the displacement") if by_draw else (1.0, "N", "T_base")
+    start_of, end_of = (driven[0] * float(T_base[i]) for i in (0, -1))
     moved = (
-        f"T_base goes from {T_base[0]:.3g} to {T_base[-1]:.3g} N, T_tip from {T_tip[0]:.3g} to "
+        f"{driven[2]} goes from {start_of:.3g} to {end_of:.3g} {driven[1]}, T_tip from {T_tip[0]:.3g} to "
         f"{T_tip[-1]:.3g} N, the simulated one from {model[0]:.3g} to {model[-1]:.3g} N"
     )
     return Episode(
@@ -161,11 +182,14 @@ def _episode(part: Part, ends: tuple[int, int], seen: Seen, share: float, *, who
         size_N=size,
         share=share,
         held=held,
-        T_base_N=_ends(T_base),
+        T_base_N=None if by_draw else _ends(T_base),
         T_tip_N=_ends(T_tip),
         model_N=_ends(model),
         kind=kind,
-        says=f"{whose}{at}: simulated T_tip {sense} by {abs(mean):.2g} N; {moved}; {WORDS[kind]}",
+        says=f"{whose}{at}: simulated T_tip{words_for(part, tendon)} {sense} by {abs(mean):.2g} N; {moved}; "
+        f"{WORDS[kind]}",
+        tendon=part.robot.tendon_names[tendon] if part.others else "",
+        displacement_m=_ends(T_base) if by_draw else None,
     )
 
 

@@ -12,6 +12,7 @@ from gtr_jax.terms import REGISTRY
 from .bench import Bench
 from .episodes import SLIPPING, Episode
 from .hypotheses import Hypothesis, number_of
+from .instruments import leading
 
 MOVED, SHAKEN = "sheath-moved", "shaken-sheath"
 # Times at which a lasting change is tried, and its sizes; how long it takes [s].
@@ -36,7 +37,7 @@ def event_hypotheses(bench: Bench, found: Sequence[Episode], taken: Sequence[str
         return []
     # The terms count time from the first sample.
     begun = float(part.time[0])
-    time, T_base = part.time - begun, part.T_base.T_base
+    time, T_base = part.time - begun, part.drives[leading(part)].T_base
     pulled = time[T_base > 0.05 * float(T_base.max())]
     hypotheses = []
     if MOVED not in taken and pulled.size:

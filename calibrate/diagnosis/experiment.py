@@ -16,17 +16,18 @@ from gtr_jax.robot.parameters import with_values
 from gtr_jax.robot.robot import sections
 from gtr_jax.simulation.sensing import cells_show
 
-from ..channels import CHANNELS
+from ..channels import Orientation, quantity_of
 from ..number import values_in
 from ..parallel import in_parallel
-from ..readings import exact
+from ..readings import BaseTension, exact
+from ..setup import Part
 from .decide import UNEXPLAINED, Decision
 from .model import Fitted
 from .models import Models
 from .rig import Rig
 
-# Standard deviation assumed for instruments that were not used: m, m, rad, m.
-POSE_NOISE = {"tip_x": 3e-4, "tip_y": 3e-4, "tip_angle": 5e-3, "displacement": 1e-4}
+# Standard deviation assumed for instruments that were not used: m, m, m, rad, m.
+POSE_NOISE = {"tip_x": 3e-4, "tip_y": 3e-4, "tip_z": 3e-4, "tip_angle": 5e-3, "displacement": 1e-4}
 # Rivals to separate, the most probable ones.
 MOST_RIVALS = 3
 # Step of the finite differences, in coordinates.
@@ -39,7 +40,7 @@ LOOPS, REST, ALONE = 8, 20.0, 60.0
 # The weight to hang from the tip would deflect a straight body, across it, by this share of the length; it is
 # at most this share of the largest base tension.
 DEFLECTION, HEAVIEST = 0.1, 0.2
-REMOVED = "the tendon taken off"
+REMOVED, ALL_REMOVED = "the tendon taken off", "the tendons taken off"
 TURNED = "the rig turned to the left by a right angle"
 Values = Mapping[str, float]
 
@@ -53,8 +54,9 @@ class Experiment:
         separates: the models it tells apart, by names of hypotheses.
         expected_probability: expected probability of the true model after the experiment.
         time: of the load history [s], (K,).
-        T_base: base tension to drive [N], (K,); for a check of the cells, the weight on the base cell.
-        T_tip: for a check of the cells, the weight on the tip cell [N], (K,); else None.
+        T_base: what to drive: base tensions [N], or displacements [m] of tendons that these drive, (K,
+            *tendons); for a check of the cells, the weight on the base cells, (K,).
+        T_tip: for a check of the cells, the weight on the tip cells [N], (K,); else None.
         record: channels to record.
         menu: all that was considered, with the separation each reaches [standard errors].
     """
@@ -130,15 +132,31 @@ def checks(largest: float, duration: float) -> dict[str, tuple[np.ndarray, np.nd
     }
 
 
+def _axes(robot: Robot) -> str:
+    """The axes in which a robot may be bent."""
+    return "xyz" if robot.space else "xy"
+
+
+def _gravity(robot: Robot) -> np.ndarray:
+    """Acceleration of gravity as the robot file has it [m/s^2], (axes,)."""
+    if robot.space:
+        return np.asarray(robot.loads.gravity_vector())
+    angle = float(robot.loads.gravity_angle)
+    return float(robot.loads.gravity) * np.asarray([np.cos(angle), np.sin(angle)])
+
+
 def _down(robot: Robot) -> np.ndarray:
-    """Direction of gravity as the robot file has it, (2,)."""
+    """Direction of gravity as the robot file has it, (axes,)."""
+    if robot.space:
+        g = _gravity(robot)
+        return g / max(float(np.linalg.norm(g)), 1e-12)
     angle = float(robot.loads.gravity_angle)
     return np.asarray([np.cos(angle), np.sin(angle)])
 
 
 def _acts(robot: Robot, values: Values, kind: str) -> np.ndarray:
     """Components of a term that turns with gravity, from `values` if they are there, else from the robot."""
-    names = [f"{kind}.{axis}" for axis in "xy"]
+    names = [f"{kind}.{axis}" for axis in _axes(robot)]
     return np.asarray([float(values.get(name, robot.value(name))) for name in names])
 
 
@@ -147,22 +165,23 @@ def turned(robot: Robot, values: Values) -> dict[str, float]:
     direction in space: what pulled to the right of the base tangent then pulls against it.
     """
     loads = robot.loads
-    known = {"gravity-error": float(loads.gravity) * _down(robot), "tip-load": np.asarray(loads.tip_force)}
+    known = {"gravity-error": _gravity(robot), "tip-load": np.asarray(loads.tip_force)}
     after = dict(values)
     for kind, own in known.items():
-        x, y = own + _acts(robot, values, kind)
+        x, y, *_ = own + _acts(robot, values, kind)
         after |= {f"{kind}.x": y - own[0], f"{kind}.y": -x - own[1]}
     return after
 
 
 def weighed(robot: Robot, weight: np.ndarray, values: Values) -> dict[str, float]:
-    """Values of a robot with a known weight (2,) [N] hung from its tip."""
-    x, y = _acts(robot, values, "tip-load") + weight
-    return dict(values) | {"tip-load.x": float(x), "tip-load.y": float(y)}
+    """Values of a robot with a known weight (axes,) [N] hung from its tip."""
+    force = _acts(robot, values, "tip-load") + weight
+    return dict(values) | {f"tip-load.{axis}": float(f) for axis, f in zip(_axes(robot), force, strict=True)}
 
 
 def weight_to_hang(robot: Robot, largest: float) -> np.ndarray:
-    """Weight [N] of one digit along gravity, (2,), that would bend a straight body moderately if across it.
+    """Weight [N] of one digit along gravity, (axes,), that would bend a straight body moderately if across
+    it.
 
     Args:
         robot: whose file says where gravity pulls.
@@ -207,7 +226,7 @@ def _drives(histories: Sequence[str], robot: Robot, largest: float) -> list[_Dri
     the first one with the rig turned as well, or a weight hung from the tip.
     """
     found = [_Drive(name, "", dict) for name in histories]
-    if robot.backbone.rigid or not float(robot.loads.gravity):
+    if robot.backbone.rigid or not np.any(_gravity(robot)):
         return found
     weight = weight_to_hang(robot, largest)
     return [
@@ -221,61 +240,106 @@ def _drives(histories: Sequence[str], robot: Robot, largest: float) -> list[_Dri
     ]
 
 
+def _driven(rig: Rig, load: np.ndarray, tendon: int) -> Part:
+    """The recording with one of its tendons driven along a history of shares of its largest drive, (K,), and
+    the others at rest; without its readings.
+    """
+    part = rig.part
+
+    def drive(i: int) -> BaseTension:
+        T = part.drives[i].T_base
+        return exact(load * float(T.max()) if i == tendon else np.full(len(load), float(T.min())))
+
+    orientation = None
+    if part.orientation is not None:
+        unturned = np.broadcast_to(np.eye(3), (len(load), 3, 3))
+        orientation = Orientation(unturned, np.zeros((len(load), 3)))
+    return dataclasses.replace(
+        part,
+        T_base=drive(0),
+        others=tuple(drive(i) for i in range(1, part.tips)),
+        time=None,
+        trial=None,
+        left_out=None,
+        origin=None,
+        orientation=orientation,
+    )
+
+
 def _options(models: Models, rig: Rig) -> list[_Option]:
     part, noise = rig.part, models.bench.noise[0]
-    T, clock = part.T_base.T_base, part.time
+    clock = part.time
     # As many samples as the bench simulates: no other program is compiled.
     duration = 20.0 if clock is None else max(float(clock[-1] - clock[0]) / 6, 1.0)
-    sd = {"T_tip": noise[0].sd}
-    sd |= {n: POSE_NOISE[n] for n in CHANNELS[1:]} if not rig.robot.backbone.rigid else {}
-    sd |= dict(zip(part.channels, [n.sd for n in noise], strict=True))
-    every = tuple(n for n in CHANNELS if n in sd)
-    histories = menu(float(T.max()), part.samples, duration)
+    n = part.tips
+    tip = max(own.sd for own in noise[:n])
+    sd = dict.fromkeys(rig.channels[:n], tip)
+    if not rig.robot.backbone.rigid:
+        sd |= {c: POSE_NOISE[quantity_of(c)] for c in rig.channels if quantity_of(c) in POSE_NOISE}
+    sd |= dict(zip(part.channels, [own.sd for own in noise], strict=True))
+    every = tuple(c for c in rig.channels if c in sd)
+    largest = max(float(np.max(T)) for T in part.pulled or part.recorded[:n])
     found = []
-    for name, done, changed in _drives(list(histories), rig.robot, float(T.max())):
-        time, load = histories[name]
-        driven = dataclasses.replace(
-            part, T_base=exact(load), time=time, trial=None, left_out=None, origin=None
-        )
-        other = Rig(driven, rig.robot, rig.more, rig.cache)
-        # Simulated once, whatever of it is recorded.
-        seen = functools.cache(lambda values, other=other: other(dict(values)))
-        for channels in dict.fromkeys((tuple(part.channels), every)):
+    for tendon in range(n):
+        drive = part.drives[tendon].T_base
+        # Shares of the largest tension; a robot of one tendon is driven in newtons throughout.
+        most = 1.0 if part.others or not part.pulled else float(drive.max())
+        histories = menu(most, part.samples, duration)
+        for name, done, changed in _drives(list(histories), rig.robot, largest):
+            if tendon and done:
+                continue
+            time, load = histories[name]
+            driven = dataclasses.replace(_driven(rig, load / most, tendon), time=time)
+            if most != 1.0:
+                driven = dataclasses.replace(driven, T_base=exact(load))
+            other = Rig(driven, rig.robot, rig.more, rig.cache)
+            # Simulated once, whatever of it is recorded.
+            seen = functools.cache(lambda values, other=other: other(dict(values)))
+            for channels in dict.fromkeys((tuple(part.channels), every)):
 
-            def shows(values, seen=seen, changed=changed, channels=channels):
-                shown = seen(tuple(changed(values).items()))
-                if shown is None or shown.failed:
-                    return None
-                return np.concatenate([shown.values[CHANNELS.index(c)] / sd[c] for c in channels])
+                def shows(values, seen=seen, changed=changed, channels=channels):
+                    shown = seen(tuple(changed(values).items()))
+                    if shown is None or shown.failed:
+                        return None
+                    return np.concatenate([shown.values[rig.channels.index(c)] / sd[c] for c in channels])
 
-            added = tuple(c for c in channels if c not in part.channels)
-            found.append(
-                _Option(
-                    name=name,
-                    done=done,
-                    time=time,
-                    T_base=load,
-                    T_tip=None,
-                    record=channels,
-                    added=added,
-                    shows=shows,
+                added = tuple(c for c in channels if c not in part.channels)
+                whose = f" by {part.robot.tendon_names[tendon]}" if part.others else ""
+                found.append(
+                    _Option(
+                        name=name + whose,
+                        done=done,
+                        time=time,
+                        T_base=driven.drive,
+                        T_tip=None,
+                        record=channels,
+                        added=added,
+                        shows=shows,
+                    )
                 )
-            )
-    sd_base = max(part.T_base.sd, 1e-6) if part.T_base.sd > 0 else sd["T_tip"]
-    for name, (time, base, tip) in checks(float(T.max()), duration).items():
+    bases = [
+        drive.sd
+        for drive, tendon in zip(part.drives, part.robot.tendons, strict=True)
+        if tendon.drive == "tension" and drive.sd > 0
+    ]
+    sd_base = max(*bases, 1e-6) if bases else tip
+    several = len(part.robot.tendon_names)
+    for name, (time, base, weight) in checks(largest, duration).items():
 
-        def cells(values, time=time, base=base, tip=tip):
+        def cells(values, time=time, base=base, weight=weight):
             robot = with_values(rig.robot, values_in(values, part.name))
-            shown = cells_show(robot, jnp.asarray(base), jnp.asarray(tip), jnp.asarray(time))
-            return np.concatenate([np.asarray(shown.T_base) / sd_base, np.asarray(shown.T_tip) / sd["T_tip"]])
+            on = [jnp.asarray(np.tile(w[:, None], (1, several)) if several else w) for w in (base, weight)]
+            shown = cells_show(robot, on[0], on[1], jnp.asarray(time))
+            each = np.asarray(shown.T_base) / sd_base, np.asarray(shown.T_tip) / tip
+            return np.concatenate([np.ravel(values) for values in each])
 
         found.append(
             _Option(
                 name=name,
-                done=REMOVED,
+                done=REMOVED if n == 1 else ALL_REMOVED,
                 time=time,
                 T_base=base,
-                T_tip=tip,
+                T_tip=weight,
                 record=("T_base", "T_tip"),
                 added=(),
                 shows=cells,
@@ -343,7 +407,7 @@ def propose(models: Models, decision: Decision, rig: Rig) -> Experiment | None:
 def _in_words(option: _Option) -> str:
     """The experiment as an instruction."""
     if option.T_tip is not None:
-        return f"Take the tendon off and {option.name}"
+        return f"Take the tendon{'s' if option.done == ALL_REMOVED else ''} off and {option.name}"
     done = f", with {option.done}" if option.done else ""
     also = f", and record {', '.join(c.replace('_', ' ') for c in option.added)}" if option.added else ""
     return f"Drive {option.name}{done}{also}"

@@ -10,6 +10,7 @@ from gtr_jax import Robot, RobotConfig
 from gtr_jax.robot.parameters import parameters_of
 
 from ..number import Number, number_at
+from .rig import friction_of, stiffness_of
 
 
 class Follow(NamedTuple):
@@ -37,12 +38,12 @@ class Follow(NamedTuple):
 
 
 def dimensions_of(config: RobotConfig | None, robot: Robot) -> list[Number]:
-    """Numbers other than mu and E that the robot file calls uncertain and that have an effect."""
+    """Numbers other than friction and stiffness that the robot file calls uncertain and that act."""
     if config is None:
         return []
-    found = []
+    found, own = [], {*friction_of(robot), *stiffness_of(robot)}
     for entry in parameters_of(robot).values():
-        sd = config.deviation(entry.key) if entry.name not in ("mu", "E") else None
+        sd = None if entry.name in own else config.deviation(entry.key)
         if sd and not (entry.external and not robot.loaded):
             found.append(number_at(entry, float(robot.value(entry.name)), sd=sd))
     return found

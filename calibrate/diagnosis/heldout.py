@@ -11,7 +11,7 @@ from ..number import OWN
 from ..parallel import in_parallel
 from .bench import Bench
 from .hypotheses import EVENTS, Hypothesis
-from .locate import cycles_of
+from .locate import cycles_in
 from .model import Fitted
 
 # Parts held out in turn, at most.
@@ -27,7 +27,7 @@ def folds(bench: Bench) -> list[tuple[str, list[np.ndarray]]]:
     rigs = bench.rigs
     if len(rigs) >= 3 and not any(OWN in n.name for n in bench.base):
         return [(rig.part.name, [np.full(r.part.samples, r is rig) for r in rigs]) for rig in rigs[:FOLDS]]
-    cycles = [cycles_of(rig.part.T_base.T_base) for rig in rigs]
+    cycles = [cycles_in(rig.part) for rig in rigs]
     most = max(int(c[-1]) for c in cycles)
     if most >= 3:
         groups = np.array_split(np.arange(1, most + 1), min(FOLDS, most))
@@ -86,7 +86,8 @@ def by_fold(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]])
         white = bench.by_channel(bench.tamed(bench.white(residuals)))
         for z, residual, held, rig in zip(white, residuals, parts[f][1], bench.rigs, strict=True):
             out = held & rig.part.counted
-            squares, n = squares + float(np.sum(residual[0][out] ** 2)), n + int(out.sum())
+            tips = residual[: rig.part.tips, out]
+            squares, n = squares + float(np.sum(tips**2)), n + tips.size
             chi, rows = chi + float(np.sum(z[:, out] ** 2)), rows + z[:, out].size
         return squares, n, chi, rows
 

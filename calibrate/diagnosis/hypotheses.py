@@ -9,11 +9,13 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from gtr_jax import Robot
+from gtr_jax.simulation.programs import every_for
 from gtr_jax.terms import REGISTRY, Term, known_on
 from gtr_jax.terms.term import Quantity
 
 from ..number import Number
 from ..setup import Part
+from .rig import friction_of, stiffness_of
 
 # Half width of a range that holds 90 % of a normal distribution, in standard deviations.
 NINE_OF_TEN = 1.645
@@ -128,14 +130,18 @@ def catalogue(
         robot: the robot.
         timed: whether the recordings have times.
         largest_tip: largest recorded tip tension [N].
-        travel: where the tip goes across the base tangent, smallest and largest y [m], (2,).
+        travel: where the tip goes across the base tangent, smallest and largest y [m], (2,); in space its
+            places in the axes of the base [m], (M, 3).
         bend: largest change of curvature [1/m].
         displaced: whether a recording has the displacement, in which alone some terms are seen.
         without: names of terms that are left out.
     """
     rigid, found = robot.backbone.rigid, []
+    may = every_for(robot)
     for term in robot.catalogue.values():
         if term.id in {*NEVER, *EVENTS, *without} or (term.ahead and not displaced):
+            continue
+        if not term.of_cells and term.id not in may:
             continue
         if (term.timed and not timed) or known_on(term, robot.terms[term.id]):
             continue
@@ -143,10 +149,11 @@ def catalogue(
             continue
         if term.id == "gravity-error" and not robot.loaded:
             continue
-        plain = {"": tuple(q.name for q in term.quantities)}
+        known = term.numbers if robot.space else term.quantities
+        plain = {"": tuple(q.name for q in known)}
         for variant, names in VARIANTS.get(term.id, plain).items():
             name = f"{term.id}.{variant}" if variant else term.id
-            free = tuple(number_of(term, q) for wanted in names for q in term.quantities if q.name == wanted)
+            free = tuple(number_of(term, q) for wanted in names for q in known if q.name == wanted)
             found.append(_started(name, term, free, robot, largest_tip, travel, bend))
     return found
 
@@ -183,11 +190,9 @@ def _started(
     if term.id == "contact":
         stiffness, distance = free
         stiffness = dataclasses.replace(stiffness, centre=200.0, sd=1.5, log=True, lower=1.0, size=False)
-        low, high = (float(v) for v in travel)
-        way = 1.0 if high >= -low else -1.0
-        reach = max(high, -low, 1e-3)
+        way, reach = _way_of(travel)
         distance = dataclasses.replace(distance, centre=0.5 * reach, sd=0.4 * reach)
-        fixed = {"contact.angle": way * np.pi / 2}
+        fixed = {f"contact.{name}": angle for name, angle in way.items()}
         starts = [
             {stiffness.name: k, distance.name: d * reach} for d in (0.3, 0.6, 0.85) for k in (100.0, 600.0)
         ]
@@ -200,9 +205,13 @@ def _started(
         stretches = float(robot.terms["tendon-stretch"]["compliance"]) > 0
         fixed = {"tendon-stretch.compliance": COMPLIANCE} if robot.backbone.rigid and not stretches else {}
     if term.id in ("tip-load", "gravity-error"):
-        x, y = free
-        directions = [(0, 1), (0, -1), (1, 0), (-1, 0)]
-        starts = [{x.name: s * x.sd * a, y.name: s * y.sd * b} for s in (0.1, 0.5) for a, b in directions]
+        across = [*range(1, len(free)), 0]
+        starts = [
+            {n.name: s * n.sd * (sign if i == axis else 0.0) for i, n in enumerate(free)}
+            for s in (0.1, 0.5)
+            for axis in across
+            for sign in (1, -1)
+        ]
         return Hypothesis(name=name, kind=term.id, numbers=free, starts=tuple(starts), fixed=fixed)
     if term.id == "stiffening":
         # In units of 1/(largest change of curvature)^2. Below -4/27 of this unit, the moment has a maximum
@@ -227,18 +236,40 @@ def _started(
     return Hypothesis(name=name, kind=term.id, numbers=free, starts=tuple(starts), fixed=fixed)
 
 
+def _way_of(travel: np.ndarray) -> tuple[dict[str, float], float]:
+    """Direction in which the tip goes farthest across the base tangent, as the angles of a stop in its way
+    [rad], by name, and how far it goes [m]; `travel` as of `catalogue`.
+    """
+    if travel.ndim == 1:
+        low, high = (float(v) for v in travel)
+        return {"angle": (1.0 if high >= -low else -1.0) * np.pi / 2}, max(high, -low, 1e-3)
+    across = travel[:, 1:]
+    y, z = across[np.argmax(np.linalg.norm(across, axis=1))]
+    side = 1.0 if y >= 0 else -1.0
+    reach = max(float(np.hypot(y, z)), 1e-3)
+    return {"angle": side * np.pi / 2, "elevation": float(np.arctan2(z, abs(y)))}, reach
+
+
+def is_friction(number: Number) -> bool:
+    """Whether a number is the friction coefficient of a tendon."""
+    return number.parameter.partition(".")[0] == "mu"
+
+
 def base_numbers(robot: Robot, deviations: Mapping[str, float]) -> tuple[Number, ...]:
-    """The numbers that every hypothesis fits: mu and, unless the backbone is rigid, E.
+    """The numbers that every hypothesis fits: mu of each tendon and, unless the backbone is rigid, E, or the
+    bending stiffness of a body that is given by it.
 
     Args:
         robot: with the values of its file.
         deviations: relative standard deviations of the file, by name of the parameter.
     """
-    mu = max(float(robot.value("mu")), 0.02)
-    found = [Number(name="mu", unit="", centre=mu, sd=deviations.get("mu", ANY_MU), log=True)]
-    if not robot.backbone.rigid:
-        E = float(robot.value("E"))
-        found.append(Number(name="E", unit="Pa", centre=E, sd=deviations.get("E", ANY_E), log=True))
+    found = []
+    for name in friction_of(robot):
+        mu = max(float(robot.value(name)), 0.02)
+        found.append(Number(name=name, unit="", centre=mu, sd=deviations.get(name, ANY_MU), log=True))
+    for name in stiffness_of(robot):
+        value, unit = float(robot.value(name)), "Pa" if name == "E" else "N m^2"
+        found.append(Number(name=name, unit=unit, centre=value, sd=deviations.get(name, ANY_E), log=True))
     return tuple(found)
 
 
@@ -251,9 +282,11 @@ def instrument_numbers(part: Part) -> tuple[Number, ...]:
         part: a recording with times.
     """
     assert part.time is not None
+    found = [_instrument("time-skew.delay", 0.0, DELAY, np.inf)]
+    if part.others or not part.pulled:
+        return tuple(found)  # the terms of the cells would drift alike at every tendon
     shown = {"zero-drift.tip": part.T_tip, "zero-drift.base": part.T_base.T_base}
     unit = float(np.max(part.T_base.T_base)) / float(np.ptp(part.time))
-    found = [_instrument("time-skew.delay", 0.0, DELAY, np.inf)]
     for name, T in shown.items():
         seen = zero_drift(part.time, T)
         found.append(_instrument(name, 0.0 if seen is None else seen, DRIFT * unit, FARTHEST))

@@ -163,7 +163,7 @@ def left_out(part: Part, stretches: Sequence[Stretch], T_tip: np.ndarray) -> lis
     Args:
         part: the recording.
         stretches: what is left out.
-        T_tip: simulated [N], (K,).
+        T_tip: simulated of each tendon [N], (tendons, K).
     """
     found = []
     for first, last, why, outside in stretches:
@@ -171,7 +171,7 @@ def left_out(part: Part, stretches: Sequence[Stretch], T_tip: np.ndarray) -> lis
         if not inside.size:
             continue
         ends = (None, None) if part.time is None else part.time[inside[[0, -1]]].tolist()
-        off = T_tip[inside] - part.T_tip[inside]
+        off = (T_tip - part.recorded[: part.tips])[:, inside]
         found.append(
             LeftOut(
                 recording=part.name,

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from typing import Any
 
 import numpy as np
 
 from gtr_jax.simulation.phases import PULLING, RELEASING, TRANSITION, phases_of_slip
 
-from ..channels import CHANNEL_UNITS, CHANNELS
+from ..channels import quantity_of, unit_of
 from ..number import OWN
 from ..readings import turning_points
+from ..setup import Part
 from .bench import Bench
+from .hypotheses import is_friction
+from .instruments import leading, of_one, tendon_of_channel
 from .model import Fitted
 
 PHASES = (PULLING, TRANSITION, RELEASING)
@@ -31,20 +35,23 @@ class Where:
     Attributes:
         recording: its name.
         channel: the channel that differs: "T_tip", one of the pose or "displacement".
-        phase: "pulling", "transition" or "releasing", or "" for all.
-        T_base_N: range of the base tension [N].
+        phase: "pulling", "transition" or "releasing", or "" for all; of the channel's own tendon, or of that
+            which leads.
+        T_base_N: range of the base tension of that tendon [N]; None where displacement drives it.
         cycle: number of the cycle, from 1; None for all.
         mean, excess_rms: simulated minus recorded, and its size beyond the noise, in `unit`.
         unit: N, m or rad.
         z: significance of the mean, in standard errors.
         share: of the misfit of this channel.
         says: the same in words.
+        tendon: its name, where there are several.
+        displacement_m: range of the displacement that drives the tendon [m]; None where tension does.
     """
 
     recording: str
     channel: str
     phase: str
-    T_base_N: tuple[float, float]
+    T_base_N: tuple[float, float] | None
     cycle: int | None
     mean: float
     excess_rms: float
@@ -52,12 +59,28 @@ class Where:
     z: float
     share: float
     says: str
+    tendon: str = ""
+    displacement_m: tuple[float, float] | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """For `diagnosis.json`: without what only robots of several tendons, or displacement, give."""
+        more = {"tendon": self.tendon or None, "displacement_m": self.displacement_m}
+        given = {k: v for k, v in dataclasses.asdict(self).items() if k not in more}
+        return given | {k: v for k, v in more.items() if v is not None}
 
 
 def phases_of(bench: Bench, fitted: Fitted, k: int) -> np.ndarray:
-    """Phase of each sample of recording k under a fit, (K,) of str."""
+    """Phase of each sample of recording k under a fit, (K, *tendons) of str."""
     seen = fitted.seen[k]
-    return phases_of_slip(seen.slips, seen.direction, first=PULLING)
+    if seen.slips.ndim == 1:
+        return phases_of_slip(seen.slips, seen.direction, first=PULLING)
+    each = (phases_of_slip(*of, first=PULLING) for of in zip(seen.slips.T, seen.direction.T, strict=True))
+    return np.stack(list(each), axis=1)
+
+
+def cycles_in(part: Part) -> np.ndarray:
+    """Number of the cycle of each sample of a recording, from 1, by the tendon that leads, (K,)."""
+    return cycles_of(part.drives[leading(part)].T_base)
 
 
 def cycles_of(T_base: np.ndarray) -> np.ndarray:
@@ -89,17 +112,19 @@ def locate(bench: Bench, fitted: Fitted) -> list[Where]:
     """
     found = []
     for k, (rig, residual) in enumerate(zip(bench.rigs, bench.residuals(fitted.seen), strict=True)):
-        T, part = rig.part.T_base.T_base, rig.part
-        phases, cycle = phases_of(bench, fitted, k), cycles_of(rig.part.T_base.T_base)
+        part = rig.part
+        phases, cycle = phases_of(bench, fitted, k), cycles_in(part)
         for c, (name, row) in enumerate(zip(part.channels, residual, strict=True)):
             noise = bench.noise[k][c]
-            off = row - row.mean() if name == "displacement" else row
+            tendon = tendon_of_channel(part, name)
+            T, by_draw = part.drives[tendon].T_base, part.robot.tendons[tendon].drive == "displacement"
+            off = row - row.mean() if quantity_of(name) == "displacement" else row
             # Samples per independent one; and variance with the base tension's noise, which passes on where
             # the tip slips.
             tau = (1 + noise.rho) / (1 - noise.rho)
             variance = noise.sd**2 + bench.weighs[k].passed[c] ** 2
             total = float(np.sum(np.maximum(off**2 - variance, 0.0)[part.counted]))
-            for phase, number, stratum in _strata(T, phases, cycle):
+            for phase, number, stratum in _strata(T, of_one(phases, tendon), cycle):
                 inside = stratum & part.counted
                 n = int(inside.sum())
                 if n < FEWEST:
@@ -114,37 +139,57 @@ def locate(bench: Bench, fitted: Fitted) -> list[Where]:
                     total, 1e-300
                 )
                 reach = (float(T[inside].min()), float(T[inside].max()))
-                unit = CHANNEL_UNITS[CHANNELS.index(name)]
+                whose = part.robot.tendon_names[tendon] if part.others else ""
                 found.append(
                     Where(
                         recording=part.name,
                         channel=name,
                         phase=phase,
-                        T_base_N=reach,
+                        T_base_N=None if by_draw else reach,
                         cycle=number,
                         mean=mean,
                         excess_rms=excess,
-                        unit=unit,
+                        unit=unit_of(name),
                         z=float(z),
                         share=share,
                         says=("" if len(bench.rigs) == 1 else f"{part.name}: ")
-                        + _words(name, phase, reach, number, mean, excess, unit),
+                        + _words(
+                            (name, unit_of(name)),
+                            phase,
+                            number,
+                            _reach(reach, whose, by_draw=by_draw),
+                            mean,
+                            excess,
+                        ),
+                        tendon=whose,
+                        displacement_m=reach if by_draw else None,
                     )
                 )
-    by_tension = sorted((w for w in found if w.cycle is None), key=lambda w: (w.channel != "T_tip", -w.share))
-    by_cycle = sorted(
-        (w for w in found if w.cycle is not None and w.channel == "T_tip"), key=lambda w: -w.share
-    )
+
+    def tip(w: Where) -> bool:
+        return quantity_of(w.channel) == "T_tip"
+
+    by_tension = sorted((w for w in found if w.cycle is None), key=lambda w: (not tip(w), -w.share))
+    by_cycle = sorted((w for w in found if w.cycle is not None and tip(w)), key=lambda w: -w.share)
     return [*by_tension[:MOST], *by_cycle[: MOST // 2]]
 
 
-def _words(name, phase, reach, cycle, mean, excess, unit) -> str:
+def _reach(reach: tuple[float, float], tendon: str, *, by_draw: bool) -> str:
+    """A range of what drives a tendon, in words."""
+    of = f" of {tendon}" if tendon else ""
+    if by_draw:
+        return f"{1e3 * reach[0]:.3g} to {1e3 * reach[1]:.3g} mm drawn out{of}"
+    return f"{reach[0]:.3g} to {reach[1]:.3g} N at the base{of}"
+
+
+def _words(channel: tuple[str, str], phase, cycle, reach, mean, excess) -> str:
+    name, unit = channel
     factor, shown = {"N": (1.0, "N"), "m": (1e3, "mm"), "rad": (180 / np.pi, "deg")}[unit]
     sense = "too high" if mean > 0 else "too low"
     where = f"while {phase}" if phase != "transition" else "in the transition"
     which = f", cycle {cycle}" if cycle is not None else ""
     return (
-        f"{where}{which}, {reach[0]:.3g} to {reach[1]:.3g} N at the base: simulated {name} {sense} by "
+        f"{where}{which}, {reach}: simulated {name} {sense} by "
         f"{abs(mean) * factor:.2g} {shown} in the mean, {excess * factor:.2g} {shown} rms beyond the noise"
     )
 
@@ -201,7 +246,7 @@ def mu_by_stratum(
 
     Args:
         bench: the recordings.
-        fitted: the base model; mu is its first number, or that of each recording is among its numbers.
+        fitted: the base model; mu of each tendon, or of each recording, is among its numbers.
         covariance: of its coordinates, (p, p): the uncertainty of the other numbers counts in the errors.
 
     Returns:
@@ -212,28 +257,32 @@ def mu_by_stratum(
     found, names = [], [n.name for n in fitted.numbers]
     white, columns = bench.by_channel(fitted.rows), bench.by_channel(fitted.jacobian)
     wide = max(1.0, bench.mean_square(fitted))
+    friction = list(dict.fromkeys(n.parameter for n in fitted.numbers if is_friction(n)))
     for k, rig in enumerate(bench.rigs):
-        own = f"mu{OWN}{rig.part.name}"
-        at = names.index(own) if own in names else 0
-        number, others = fitted.numbers[at], np.arange(len(names)) != at
-        T = rig.part.T_base.T_base
-        phases, cycle = phases_of(bench, fitted, k), cycles_of(T)
-        z, j = white[k][0], columns[k][0]
-        half = 0.5 * (float(T.max()) + float(T.min()))
-        parts = {p: phases == p for p in ("pulling", "releasing")}
-        parts |= {"below half the tension": T < half, "above half the tension": T >= half}
-        if cycle[-1] > 1:
-            parts |= {f"cycle {c}": cycle == c for c in range(1, int(cycle[-1]) + 1)}
-        for label, part in parts.items():
-            inside = part & rig.part.counted
-            mu = j[inside, at]
-            power = float(mu @ mu)
-            if inside.sum() < 6 or power < 1.0:
-                continue
-            x = fitted.x[at] - float(mu @ z[inside]) / power
-            lean = -(mu @ j[inside][:, others]) / power
-            sd = float(np.sqrt(wide / power + lean @ covariance[np.ix_(others, others)] @ lean))
-            whose = f"{rig.part.name}, " if len(bench.rigs) > 1 else ""
-            size = number.value(fitted.x[at]) * number.sd
-            found.append((whose + label, number.value(x), size * sd, size * float(np.sqrt(wide / power))))
+        phases, cycle = phases_of(bench, fitted, k), cycles_in(rig.part)
+        for i, mu_name in enumerate(friction):
+            own = f"{mu_name}{OWN}{rig.part.name}"
+            at = names.index(own) if own in names else names.index(mu_name)
+            number, others = fitted.numbers[at], np.arange(len(names)) != at
+            T = rig.part.drives[i].T_base
+            z, j = white[k][i], columns[k][i]
+            half = 0.5 * (float(T.max()) + float(T.min()))
+            what = "tension" if rig.part.robot.tendons[i].drive == "tension" else "displacement"
+            parts = {p: of_one(phases, i) == p for p in ("pulling", "releasing")}
+            parts |= {f"below half the {what}": T < half, f"above half the {what}": T >= half}
+            if cycle[-1] > 1:
+                parts |= {f"cycle {c}": cycle == c for c in range(1, int(cycle[-1]) + 1)}
+            for label, part in parts.items():
+                inside = part & rig.part.counted
+                mu = j[inside, at]
+                power = float(mu @ mu)
+                if inside.sum() < 6 or power < 1.0:
+                    continue
+                x = fitted.x[at] - float(mu @ z[inside]) / power
+                lean = -(mu @ j[inside][:, others]) / power
+                sd = float(np.sqrt(wide / power + lean @ covariance[np.ix_(others, others)] @ lean))
+                whose = f"{rig.part.name}, " if len(bench.rigs) > 1 else ""
+                whose += f"{rig.part.robot.tendon_names[i]}, " if len(friction) > 1 else ""
+                size = number.value(fitted.x[at]) * number.sd
+                found.append((whose + label, number.value(x), size * sd, size * float(np.sqrt(wide / power))))
     return found

@@ -15,13 +15,13 @@ import numpy as np
 from gtr_jax.simulation.phases import PULLING
 
 from ..answer import by_source
-from ..channels import CHANNELS
 from ..estimate import NORMAL_95, shares_of_variance
 from ..parallel import in_parallel
 from ..readings.noise import correlation_time
 from ..setup import STRETCH
 from .bench import LARGEST_STEP, Bench
 from .hypotheses import Hypothesis
+from .instruments import leading, of_one
 from .locate import phases_of
 from .model import Fitted, Model, model_of
 from .models import Models
@@ -121,9 +121,8 @@ def _freed(bench: Bench, fitted: Fitted) -> Bench:
     other = bench.with_dimensions_free()
     if any(name.startswith(STRETCH) for name in fitted.names):
         return other
-    at = CHANNELS.index("T_tip")
     weighs = [
-        dataclasses.replace(weigh, stretch=rig.part.stretch(seen.values[at]))
+        dataclasses.replace(weigh, stretch=rig.part.stretch(seen.values[: seen.tips]))
         for weigh, rig, seen in zip(bench.weighs, bench.rigs, fitted.seen, strict=True)
     ]
     return dataclasses.replace(other, weighs=weighs)
@@ -212,13 +211,13 @@ def _as_they_show(bench: Bench, fitted: Fitted) -> np.ndarray:
     residual, as in `gtr fit`. The noise alone comes from neighbouring samples and misses a slow misfit.
     """
     found = []
-    for z in bench.by_channel(fitted.rows):
+    for z, rig in zip(bench.by_channel(fitted.rows), bench.rigs, strict=True):
         free = 1 - len(fitted.x) / max(bench.readings, len(fitted.x) + 1)
         tau = [correlation_time(row) for row in z]
         for row, long in zip(z, tau, strict=True):
             large = max(1.0, float(np.mean(row**2)) / free)
             found.append(np.full(len(row), 1 / np.sqrt(large * long)))
-        found.append(np.full(z.shape[1], 1 / np.sqrt(tau[0])))
+        found += [np.full(z.shape[1], 1 / np.sqrt(own)) for own in tau[: rig.part.tips]]
     return np.concatenate(found)
 
 
@@ -237,11 +236,12 @@ def _law(models: Models, bench: Bench, found: Fitted, fitted: Fitted) -> np.ndar
     share = models.inexactness(fitted)
     masks = []
     for k, rig in enumerate(bench.rigs):
-        T, pulling = rig.part.T_base.T_base, phases_of(bench, found, k) == PULLING
+        lead = leading(rig.part)
+        T, pulling = rig.part.drives[lead].T_base, of_one(phases_of(bench, found, k), lead) == PULLING
         low = T < 0.5 * (float(T.max()) + float(T.min()))
         masks.append([pulling & low, pulling & ~low, ~pulling & low, ~pulling & ~low])
     effect = [
-        (s.values - p.values)[rig.part.where] for rig, s, p in zip(bench.rigs, found.seen, plain, strict=True)
+        (s.values - p.values)[rig.where] for rig, s, p in zip(bench.rigs, found.seen, plain, strict=True)
     ]
     ways = range(len(masks[0]))
     return share * np.stack(
@@ -255,5 +255,5 @@ def _mesh(bench: Bench, found: Fitted, finer: float) -> np.ndarray:
     """
     left = 1 / (finer**2 - 1) if finer > 1 else 1.0
     corrected = bench.correction(found.names)
-    rows = bench.white([c[rig.part.where] for rig, c in zip(bench.rigs, corrected, strict=True)])
+    rows = bench.white([c[rig.where] for rig, c in zip(bench.rigs, corrected, strict=True)])
     return left * rows[:, None]

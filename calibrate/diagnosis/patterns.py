@@ -18,9 +18,9 @@ from scipy.special import fdtrc, ndtr, ndtri
 
 from gtr_jax.files.differences import MAD_TO_SD
 
-from ..channels import CHANNELS
 from ..readings.noise import resolution
 from .bench import Bench, noise_in
+from .instruments import words_for
 from .model import Fitted
 
 SAMPLE, TIME, NAN = "sample", "time", float("nan")
@@ -54,19 +54,21 @@ EACH = 3
 
 class Stand(NamedTuple):
     """Readings of T_tip that stand still far from the model: how many, base tension of the first and the last
-    [N], and their time [s] or None.
+    [N] or, where displacement drives the tendon, None, and their time [s] or None.
     """
 
     readings: int
-    T_base_N: tuple[float, float]
+    T_base_N: tuple[float, float] | None
     time_s: tuple[float, float] | None
 
     @property
     def says(self) -> str:
         """In words."""
-        when = "" if self.time_s is None else "{:.10g} to {:.10g} s, ".format(*self.time_s)
-        low, high = self.T_base_N
-        return f"{self.readings} on end ({when}{low:.3g} to {high:.3g} N at the base)"
+        when = [] if self.time_s is None else ["{:.10g} to {:.10g} s".format(*self.time_s)]
+        at = [] if self.T_base_N is None else ["{:.3g} to {:.3g} N at the base".format(*self.T_base_N)]
+        return (
+            f"{self.readings} on end ({', '.join([*when, *at])})" if when or at else f"{self.readings} on end"
+        )
 
 
 class Pattern(NamedTuple):
@@ -81,6 +83,7 @@ class Pattern(NamedTuple):
         period_N: period of waves [N], else NaN.
         at_N, width_N: place and width of a bump [N], else NaN.
         stands: where readings stand still.
+        whose: of which of several tendons, as in " of left".
     """
 
     recording: str
@@ -91,59 +94,77 @@ class Pattern(NamedTuple):
     at_N: float = NAN
     width_N: float = NAN
     stands: tuple[Stand, ...] = ()
+    whose: str = ""
 
     @property
     def says(self) -> str:
         """In words."""
         if self.along == SAMPLE:
-            return "what is left of T_tip follows the changes of the last samples, as a cell does that rings"
+            return (
+                f"what is left of T_tip{self.whose} follows the changes of the last samples, as a cell does "
+                "that rings"
+            )
         if self.along == TIME:
             at = ", ".join(stand.says for stand in self.stands[:TOLD])
             more = len(self.stands) - TOLD
             others = "" if more < 1 else f" and {more} more stretch{'es' if more > 1 else ''}"
-            return f"what is left of T_tip is large where its readings stand still, {at}{others}"
+            return f"what is left of T_tip{self.whose} is large where its readings stand still, {at}{others}"
         if np.isfinite(self.at_N):
             return (
-                f"what is left of T_tip bulges where {self.along} is near {self.at_N:.3g} N, "
+                f"what is left of T_tip{self.whose} bulges where {self.along} is near {self.at_N:.3g} N, "
                 f"{self.width_N:.2g} N wide"
             )
-        return f"what is left of T_tip swings with {self.along}, with a period of {self.period_N:.2g} N"
+        period = f"with a period of {self.period_N:.2g} N"
+        return f"what is left of T_tip{self.whose} swings with {self.along}, {period}"
 
 
 def pattern_in(bench: Bench, fitted: Fitted) -> Pattern | None:
     """The regularity in the residual of T_tip that is least probable by chance; None if there is none."""
     found: list[Pattern] = []
     for k, (rig, residual) in enumerate(zip(bench.rigs, bench.residuals(fitted.seen), strict=True)):
-        found += _standing(bench, k, residual * rig.part.counted)
-        beside = _Beside(bench, fitted, k)
-        if beside.rms < LEAST:
-            continue
-        tip = fitted.seen[k].values[CHANNELS.index("T_tip")]
-        T_base = rig.part.T_base.T_base
-        way = _way(T_base)
-        groups = [[Candidate(SAMPLE, _lagged(tip))]]
-        for name, along in (("T_tip", tip), ("T_base", T_base)):
-            groups.append(_waves(name, along, resolution(rig.part.T_tip)))
-            groups.append(_bumps(name, along, way))
-        for group in groups:
-            tested = beside.explained([c.changes for c in group])
-            for c, (chance, share) in zip(group, tested, strict=True):
-                chance = min(1.0, chance * len(group))
-                if np.isfinite(c.at_N):
-                    share = _share(c.changes, rig.part.T_tip - tip)
-                if chance < CHANCE / len(bench.rigs) and share > SHARE:
-                    found.append(
-                        Pattern(
-                            recording=rig.part.name,
-                            along=c.along,
-                            chance=chance,
-                            share=share,
-                            period_N=c.period_N,
-                            at_N=c.at_N,
-                            width_N=c.width_N,
-                        )
-                    )
+        for tendon in range(rig.part.tips):
+            found += _standing(bench, k, tendon, residual * rig.part.counted)
+            found += _regular(bench, fitted, k, tendon)
     return min(found, key=lambda pattern: pattern.chance, default=None)
+
+
+def _regular(bench: Bench, fitted: Fitted, k: int, tendon: int) -> list[Pattern]:
+    """Regularities in the residual of the tip tension of one tendon of recording k."""
+    found, rig = [], bench.rigs[k]
+    part = rig.part
+    beside = _Beside(bench, fitted, k, tendon)
+    if beside.rms < LEAST:
+        return []
+    tip, read, drive = fitted.seen[k].values[tendon], part.recorded[tendon], part.drives[tendon].T_base
+    way = _way(drive)
+    groups = [[Candidate(SAMPLE, _lagged(tip))]]
+    tensions = [("T_tip", tip)]
+    if part.robot.tendons[tendon].drive == "tension":
+        tensions.append(("T_base", drive))
+    whose = words_for(part, tendon)
+    for name, along in tensions:
+        groups.append(_waves(name + whose, along, resolution(read)))
+        groups.append(_bumps(name + whose, along, way))
+    for group in groups:
+        tested = beside.explained([c.changes for c in group])
+        for c, (chance, share) in zip(group, tested, strict=True):
+            chance = min(1.0, chance * len(group))
+            if np.isfinite(c.at_N):
+                share = _share(c.changes, read - tip)
+            if chance < CHANCE / len(bench.rigs) / part.tips and share > SHARE:
+                found.append(
+                    Pattern(
+                        recording=part.name,
+                        along=c.along,
+                        chance=chance,
+                        share=share,
+                        period_N=c.period_N,
+                        at_N=c.at_N,
+                        width_N=c.width_N,
+                        whose=whose,
+                    )
+                )
+    return found
 
 
 class Candidate(NamedTuple):
@@ -157,21 +178,21 @@ class Candidate(NamedTuple):
 
 
 class _Beside:
-    """The residual of a recording's T_tip that neither the model's own numbers nor a smooth misfit explain.
+    """The residual of one tendon's T_tip that neither the model's own numbers nor a smooth misfit explain.
     The numbers are as free as this recording alone leaves them; other recordings do not count.
 
     Attributes:
         rms: of the white residual of T_tip.
     """
 
-    def __init__(self, bench: Bench, fitted: Fitted, k: int):
-        self.bench, self.k, self.numbers = bench, k, len(fitted.x)
-        sizes = [(len(rig.part.channels), rig.part.samples) for rig in bench.rigs]
-        start = sum((C + 1) * K for C, K in sizes[:k])
-        C, self.K = sizes[k]
-        self.own, tip = slice(start, start + (C + 1) * self.K), np.arange(self.K)
+    def __init__(self, bench: Bench, fitted: Fitted, k: int, tendon: int):
+        self.bench, self.k, self.tendon, self.numbers = bench, k, tendon, len(fitted.x)
+        sizes = [(len(rig.part.channels), rig.part.tips, rig.part.samples) for rig in bench.rigs]
+        start = sum((C + n) * K for C, n, K in sizes[:k])
+        C, n, self.K = sizes[k]
+        self.own, tip = slice(start, start + (C + n) * self.K), tendon * self.K + np.arange(self.K)
         own = np.concatenate([fitted.jacobian[self.own], np.eye(self.numbers)])
-        smooth = self._white(_smooth(bench.rigs[k].part.T_base.T_base))
+        smooth = self._white(_smooth(bench.rigs[k].part.drives[tendon].T_base))
         self.known = np.linalg.svd(np.concatenate([own, smooth], axis=1), full_matrices=False)[0]
         left = np.concatenate([fitted.rows[self.own], fitted.x])
         self.rms = float(np.sqrt(np.mean(left[tip] ** 2)))
@@ -185,7 +206,7 @@ class _Beside:
     def _white(self, changes: np.ndarray) -> np.ndarray:
         """Changes of T_tip [N], (m, K), as whitened rows, with those of the model's numbers below, (n, m)."""
         residual = np.zeros((*self.bench.rigs[self.k].part.recorded.shape, len(changes)))
-        residual[0] = changes.T
+        residual[self.tendon] = changes.T
         white = self.bench.white_of(self.k, residual)
         if self.bench.follow is not None:
             follow = self.bench.follow
@@ -226,21 +247,22 @@ class _Beside:
         return chance, min(explained / self.total, 1.0)
 
 
-def _standing(bench: Bench, k: int, residual: np.ndarray) -> list[Pattern]:
-    """Stretches in which the readings of T_tip stand still, far from a model that moves: one pattern of them
-    all, or none.
+def _standing(bench: Bench, k: int, tendon: int, residual: np.ndarray) -> list[Pattern]:
+    """Stretches in which the readings of a tendon's T_tip stand still, far from a model that moves: one
+    pattern of them all, or none.
 
     Args:
         bench: the recordings.
-        k: which of them.
+        k, tendon: which of them, and which of its tendons.
         residual: of it, simulated minus recorded, (C, K).
     """
     part = bench.rigs[k].part
-    read, T_base, K = part.T_tip, part.T_base.T_base, part.samples
-    tip = read + residual[0]
+    read, T_base, K = part.recorded[tendon], part.drives[tendon].T_base, part.samples
+    tip, whose = read + residual[tendon], words_for(part, tendon)
+    by_draw = part.robot.tendons[tendon].drive == "displacement"
     # Readings that stand still inflate the noise if it is estimated from another fit.
-    sd = min(bench.noise[k][0].sd, noise_in(bench.rigs[k], residual)[0].sd)
-    left = residual[0] / np.hypot(sd, bench.weighs[k].passed[0])
+    sd = min(bench.noise[k][tendon].sd, noise_in(bench.rigs[k], residual)[tendon].sd)
+    left = residual[tendon] / np.hypot(sd, bench.weighs[k].passed[tendon])
     beyond = float(-ndtri(0.5 * CHANCE / len(bench.rigs) / K))
     sides = np.where(np.abs(left) > beyond, np.sign(left), 0.0)
     edges = np.flatnonzero(np.diff(sides, prepend=0.0, append=0.0))
@@ -256,13 +278,14 @@ def _standing(bench: Bench, k: int, residual: np.ndarray) -> list[Pattern]:
             far[first:after] = True
             ends = [first, after - 1]
             when = None if part.time is None else tuple(part.time[ends].tolist())
-            stands.append(Stand(after - first, tuple(T_base[ends].tolist()), when))
+            driven = None if by_draw else tuple(T_base[ends].tolist())
+            stands.append(Stand(after - first, driven, when))
     share = float(np.sum(left[far] ** 2) / np.sum(left[counted] ** 2)) if stands else 0.0
     if share < SHARE:
         return []
     least = float(np.min(np.abs(left[far])))
     chance = float(min(1.0, 2 * K * len(bench.rigs) * ndtr(-least)))
-    return [Pattern(part.name, TIME, chance, share, stands=tuple(stands))]
+    return [Pattern(part.name, TIME, chance, share, stands=tuple(stands), whose=whose)]
 
 
 def _share(changes: np.ndarray, left: np.ndarray) -> float:

@@ -11,29 +11,31 @@ import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot
 from gtr_jax.errors import excerpt, nearest_first
-from gtr_jax.robot.in_plane import refuse_space
+from gtr_jax.robot.parameters import parameter
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import steps_natively
 from gtr_jax.simulation.programs import structure_with
 
-from ..channels import CHANNELS
-from ..fit import channels_of, part_of
+from ..channels import CHANNELS, quantity_of
+from ..fit import channels_of, driven_as_recorded, part_of
 from ..free import distinct
 from ..number import Number, values_in
+from ..predictor import padded_history
 from ..readings import BEND, sharpened
-from ..setup import Part, recorded
+from ..setup import Part, check_columns, recorded
 from .bench import HEAVY, Bench, passing
 from .cache import SimulationCache
 from .differ import MOST as MOST_DIFFER
 from .differ import Difference, differing, names_to_split
 from .follow import dimensions_of
 from .hypotheses import Hypothesis, base_numbers, catalogue, instrument_numbers
+from .instruments import instruments
 from .leave_out import Stretch, without
 from .model import Fitted
 from .models import Models
 from .refine import refine
 from .result import BAD_DATA, Diagnosis
-from .rig import Rig, resolution_of
+from .rig import Rig, friction_of, program_for, resolution_of, stiffness_of
 from .samples import some_samples
 from .sanity import faults
 from .search import base_fit
@@ -47,6 +49,8 @@ FEW_OF_SEVERAL = 96
 LONG = 1000
 # Names that a message offers for an unknown one.
 NEAREST = 3
+# Quantities in which a stretch of the tendon ahead of the channel is seen.
+DRAWN = ("displacement", "T_base")
 # Resolution of the mesh that the best models are corrected to, relative to the robot's own.
 FINEST = 1.5
 
@@ -120,21 +124,26 @@ def prepare(
         raise InputError("diagnose: no recording is given")
     config = robot if isinstance(robot, RobotConfig) else None
     fine = build_robot(robot) if isinstance(robot, RobotConfig) else robot
-    refuse_space(fine, "a diagnosis")
     _check_names(fine, untried)
-    if fine.tendon_names:
+    if fine.tendon_names and fine.backbone.rigid:
         raise InputError(
-            f"diagnose: {fine.name} has {len(fine.tendons)} tendons; this version diagnoses one tendon; take "
-            "the others out of the robot file"
+            f"diagnose: {fine.name} is a rigid sheath of {len(fine.tendons)} tendons, which act by "
+            "themselves; diagnose each with a robot file of its own"
         )
-    if fine.tendon.drive != "tension":
-        raise InputError(
-            f"diagnose: displacement drives the tendon of {fine.name}; this version diagnoses one that "
-            'tension drives; write drive = "tension", and record T_base_N'
-        )
-    channels = channels_of(channels, recordings, [fine] * len(recordings))
-    channels = CHANNELS if channels is None else channels
     warnings: list[str] = []
+    for k, r in enumerate(recordings):
+        check_columns(r, fine)
+        same = fine.tendons
+        fine, config, more = driven_as_recorded(fine, config, r)
+        warnings += more
+        if k and fine.tendons is not same and [t.drive for t in fine.tendons] != [t.drive for t in same]:
+            raise InputError(
+                f"{r.path}: displacement drives a tendon that tension drives in {recordings[0].path}; "
+                "diagnose each by itself"
+            )
+    channels = channels_of(channels, recordings, [fine] * len(recordings))
+    if channels is None and not (fine.space or fine.tendon_names):
+        channels = (*CHANNELS, *(marker.name for marker in fine.markers))
     names = names_of(recordings)
     parts: list[Part] = []
     for name, r in zip(names, recordings, strict=True):
@@ -146,12 +155,12 @@ def prepare(
         return Diagnosis.without_answer(BAD_DATA, found, parts, warnings, config)
     coarse = build_robot(config, resolution=resolution_of(fine)) if config else fine
     finest = build_robot(config, resolution=FINEST) if config else fine
-    deviations = deviations_of(config)
+    deviations = deviations_of(config, fine)
     dimensions = dimensions_of(config, fine)
     several = len(parts) > 1
     long = _long(parts)
     instruments, heavy = (instrument_numbers(parts[0]), HEAVY) if long else ((), None)
-    free = [*(d.name for d in dimensions), *(names_to_split(dimensions) if several else [])]
+    free = [*(d.name for d in dimensions), *(names_to_split(fine, dimensions) if several else [])]
 
     def fitted(
         parts: list[Part],
@@ -178,7 +187,7 @@ def prepare(
         bench, base = found
         return _Start(full=full, kept=kept, bench=bench, exact=exact, base=base)
 
-    say("fitting mu" if fine.backbone.rigid else "fitting mu and E")
+    say(f"fitting {' and '.join([*friction_of(fine), *stiffness_of(fine)])}")
     start = fitted(parts, None)
     differ: list[Difference] = []
     while start is not None and may_differ and several and len(differ) < MOST_DIFFER:
@@ -279,13 +288,13 @@ def _sharpened(start: _Start, readings: Sequence[np.ndarray]) -> list[Part] | No
     for part, rig, noise, read in zip(start.full, start.exact, start.bench.noise, readings, strict=True):
         base, here = part.T_base, rig(values)
         found.append(part)
-        if base.sd == 0 or here is None or part.samples != len(read):
+        if base.sd == 0 or here is None or part.samples != len(read) or part.others:
             continue
         weigh = passing(rig, here, noise, values)
         own = (weigh.last == np.arange(part.samples)) * weigh.slope * weigh.weight**2
         from_channels, residual = (
             np.sum(own * weigh.slope, axis=0),
-            weigh.centred(here.values[part.where] - part.recorded),
+            weigh.centred(here.values[rig.where] - part.recorded),
         )
         cell = base.sd**-2
         if np.median(from_channels) < cell:
@@ -299,15 +308,15 @@ def _sharpened(start: _Start, readings: Sequence[np.ndarray]) -> list[Part] | No
     return found if changed else None
 
 
-def deviations_of(config: RobotConfig | None) -> dict[str, float]:
-    """Standard deviations of ln mu and ln E that the robot file states."""
+def deviations_of(config: RobotConfig | None, robot: Robot) -> dict[str, float]:
+    """Standard deviations of the logarithms of friction and stiffness that the robot file states, by name."""
     if config is None:
         return {}
-    found, values = {}, config.numbers()
-    for name, key in (("mu", "tendon.friction_coefficient"), ("E", "backbone.youngs_modulus")):
-        sd = config.deviation(key)
+    found = {}
+    for name in (*friction_of(robot), *stiffness_of(robot)):
+        sd = config.deviation(parameter(robot, name).key)
         if sd:
-            found[name] = float(np.log1p(sd / abs(values[key])))
+            found[name] = float(np.log1p(sd / abs(float(robot.value(name)))))
     return found
 
 
@@ -323,22 +332,39 @@ def hypotheses_of(
     robot: Robot, base: Fitted, parts: Sequence[Part], untried: Sequence[str] = ()
 ) -> list[Hypothesis]:
     """What may be missing in these recordings, given a fit of the base model, but for terms left out."""
-    tip_y = np.concatenate([seen.values[CHANNELS.index("tip_y")] for seen in base.seen])
+    axes = [f"tip_{axis}" for axis in ("xyz" if robot.space else "y")]
+    travel = np.concatenate(
+        [
+            seen.values[[instruments(robot, part.channels).index(name) for name in axes]].T
+            for seen, part in zip(base.seen, parts, strict=True)
+        ]
+    )
+    if robot.space:
+        travel = (travel - np.asarray(robot.base.position)) @ np.asarray(robot.base.rotation)
     return catalogue(
         robot,
         timed=all(p.time is not None for p in parts),
-        largest_tip=max(float(np.max(p.T_tip)) for p in parts),
-        travel=np.asarray([tip_y.min(), tip_y.max()]),
+        largest_tip=max(float(np.max(p.recorded[: p.tips])) for p in parts),
+        travel=travel if robot.space else np.asarray([travel.min(), travel.max()]),
         bend=_bend(robot, base, parts[0]),
-        displaced=any("displacement" in p.channels for p in parts),
+        displaced=any(quantity_of(name) in DRAWN for p in parts for name in p.channels),
         without=untried,
     )
 
 
 def _bend(robot: Robot, fitted: Fitted, part: Part) -> float:
+    """Largest curvature that the tendons give the body [1/m], by the base model."""
     values = values_in(fitted.values, part.name)
-    own = {name: values[name] for name in ("mu", "E") if name in values}
-    top = np.asarray([0.0, float(part.T_base.T_base.max())])
-    loads = loads_of(jnp.asarray(top), jnp.arange(2.0), None)
-    run = steps_natively(robot.with_values(**own), structure_with(robot, ()), loads)
-    return float(run.bent[-1])
+    own = {name: values[name] for name in (*friction_of(robot), *stiffness_of(robot)) if name in values}
+    robot = robot.with_values(**own)
+    structure = structure_with(robot, program_for(robot, ()))
+    if not (part.others or robot.space):
+        top = np.asarray([0.0, float(part.T_base.T_base.max())])
+        loads = loads_of(jnp.asarray(top), jnp.arange(2.0), None)
+        return float(steps_natively(robot, structure, loads).bent[-1])
+    history = padded_history(
+        part.drive, part.time, part.trial, drawn=tuple(t.drive == "displacement" for t in robot.tendons)
+    )
+    loads = loads_of(history.T_base, history.time, history.cycle)
+    bent = steps_natively(robot, structure, loads, drawn=history.displacement).bent
+    return float(np.nanmax(bent))

@@ -35,35 +35,57 @@ Names = tuple[str, ...]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
+class Pull:
+    """One tendon of a recording of K samples.
+
+    Attributes:
+        tendon: its name, "" of the only one.
+        drive: true base tension as estimated [N] or, where displacement drives it, that [m], (K,).
+        by_displacement: whether it does.
+        phases: of the base model, (K,).
+        branches: base tension, D and S of the recording, before and after, see `locate.ratio_of_branches`;
+            none where displacement drives it.
+        noise_N: of the cell at the tip.
+        noise_drive: of what is recorded at the base, in the unit of `drive`.
+    """
+
+    tendon: str
+    drive: np.ndarray
+    by_displacement: bool
+    phases: np.ndarray
+    branches: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+    noise_N: float
+    noise_drive: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
 class Loop:
     """One recording of K samples beside the base model and the one that is shown.
 
     Attributes:
         name: of the recording.
-        channels: T_tip first.
+        channels: the tip tensions first, one for each tendon.
         time: [s], (K,), or None.
-        T_base: true base tension as estimated [N], (K,).
         recorded, before, after: SI, (C, K).
-        phases: of the base model, (K,).
         cycles: number of the cycle, from 1, (K,).
-        branches: base tension, D and S of the recording, before and after; see `locate.ratio_of_branches`.
-        noise_N, noise_base_N: of the cells.
         counted: samples that are compared, (K,) bool.
+        pulls: what concerns each tendon.
     """
 
     name: str
     channels: tuple[str, ...]
     time: np.ndarray | None
-    T_base: np.ndarray
     recorded: np.ndarray
     before: np.ndarray
     after: np.ndarray
-    phases: np.ndarray
     cycles: np.ndarray
-    branches: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
-    noise_N: float
-    noise_base_N: float
     counted: np.ndarray
+    pulls: tuple[Pull, ...]
+
+    @property
+    def tips(self) -> int:
+        """How many of the channels are tip tensions."""
+        return len(self.pulls)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -269,7 +291,9 @@ class Diagnosis:
         """Gather a diagnosis."""
         chosen = decision.chosen
         before_N, after_N, read_N = (
-            np.concatenate([tips[0][loop.counted] for tips, loop in zip(each, loops, strict=True)])
+            np.concatenate(
+                [row[: loop.tips, loop.counted].ravel() for row, loop in zip(each, loops, strict=True)]
+            )
             for each in zip(*((loop.before, loop.after, loop.recorded) for loop in loops), strict=True)
         )
         verdict = DIFFER if differ and decision.verdict == ADEQUATE else decision.verdict
@@ -439,9 +463,9 @@ class Diagnosis:
             "confusion_set": self.confusion_set,
             "probability": self.probability,
             "named_probability": self.named_probability,
-            "where": [dataclasses.asdict(w) for w in self.where],
-            "where_after": [dataclasses.asdict(w) for w in self.rest],
-            "episodes": [dataclasses.asdict(e) for e in self.episodes],
+            "where": [w.to_json() for w in self.where],
+            "where_after": [w.to_json() for w in self.rest],
+            "episodes": [e.to_json() for e in self.episodes],
             "left_out": [dataclasses.asdict(e) for e in self.left_out],
             "parameters": parameters,
             "fit": fit,

@@ -17,16 +17,21 @@ from jaxtyping import Array, Float
 
 from gtr_jax import Robot, true_base
 from gtr_jax.robot.parameters import parameters_of, places_of
+from gtr_jax.robot.robot import lay_out
 from gtr_jax.simulation.history import loads_of
-from gtr_jax.simulation.natively import Native, Ready, ready, sources
-from gtr_jax.simulation.programs import every, structure_of, structure_with
-from gtr_jax.simulation.sensing import cells_differ, cells_show
+from gtr_jax.simulation.markers import markers_on, shape_in_plane
+from gtr_jax.simulation.natively import Brief, Native, Ready, ready, sources
+from gtr_jax.simulation.programs import every, every_for, structure_of, structure_with
+from gtr_jax.simulation.sensing import Reading, cells_differ, cells_show
+from gtr_jax.simulation.solution import Shape
 from gtr_jax.terms import REGISTRY
 
 from ..number import values_in
-from ..predictor import Seen, padded_history
+from ..predictor import History, Seen, padded_history
+from ..predictor import shown as simulated_as
 from ..setup import Part
 from .cache import SimulationCache
+from .instruments import instruments, shown
 
 # Mesh intervals with which hypotheses are tried, and their least share of the robot's own intervals.
 INTERVALS, COARSEST = 22, 0.35
@@ -48,43 +53,66 @@ PROGRAMS = (
     tuple(kind for kind in EVERY if kind != "viscous-friction"),
     EVERY,
 )
+# In space, terms that load the body, or follow the slip, cost more: 200 steps of examples/helix.toml on 25
+# nodes take 2.3 ms without terms, 8 ms with the second set and 60 to 70 ms with the third. So each of them
+# has a program of its own, tried before those that hold several.
+_ALONE = ("presliding", "viscoelastic-body", "contact", "viscous-friction")
+IN_SPACE = (*PROGRAMS[:2], ("tip-load", "gravity-error"), *((kind,) for kind in _ALONE), *PROGRAMS[2:])
 
 
-def program_for(kinds: Collection[str]) -> tuple[str, ...]:
-    """Names of the physics terms of the fastest program that has all of these; laws of the robot file, which
-    no program has from the start, are added to it.
+def programs_of(robot: Robot) -> list[tuple[str, ...]]:
+    """Names of the physics terms in each program that may simulate a robot, the fastest first: of several
+    tendons in one plane, whose friction follows the slip, each holds some.
+    """
+    may = every_for(robot)
+    programs = IN_SPACE if robot.space else PROGRAMS
+    held = [tuple(kind for kind in kinds if kind in may) for kinds in programs]
+    plain = robot.space or not robot.tendon_names
+    return [kinds for i, kinds in enumerate(held) if (kinds or (plain and i == 0)) and kinds not in held[:i]]
+
+
+def program_for(robot: Robot, kinds: Collection[str]) -> tuple[str, ...]:
+    """Names of the physics terms of the fastest program of a robot that has all of these; laws of the robot
+    file, which no program has from the start, are added to it.
     """
     laws = tuple(sorted(set(kinds) - set(EVERY)))
-    return (*next(held for held in PROGRAMS if set(kinds) <= {*held, *laws}), *laws)
+    return (*next(held for held in programs_of(robot) if set(kinds) <= {*held, *laws}), *laws)
 
 
 class _Traced(NamedTuple):
     """What is compiled for all robots of a structure, given their numbers as `ravel_pytree` flattens them.
 
     Attributes:
-        begin: maps a robot, the base tension that its cell shows [N], time and cycles, (P,) each, to the
-            inputs of the native programs.
-        tip_cell: maps a robot, its load steps and true tip tensions [N], (P,), to the tensions that the tip
-            cell shows [N].
+        begin: maps a robot and a load history of P steps to the inputs of the native programs.
+        cells: maps a robot, true tensions at base and tip [N], (P, *tendons) each, and time, (P,), to what
+            the load cells show.
+        places: maps a robot and where its body is at P steps to the places of its markers [m], (P, markers,
+            3).
     """
 
     begin: Callable[..., tuple[Ready, Any]]
-    tip_cell: Callable[..., Float[Array, " P"]]
+    cells: Callable[..., Reading]
+    places: Callable[..., Float[Array, "P markers 3"]]
 
 
 @functools.lru_cache(maxsize=16)
 def _traced(tree, shapes: tuple[tuple[int, ...], ...]) -> _Traced:
     unravel = ravel_pytree(jtu.tree_unflatten(tree, [jnp.zeros(shape) for shape in shapes]))[1]
 
-    def begin(flat, T_base, time, cycle):
+    def begin(flat, history: History):
+        robot, time = unravel(flat), history.time
+        T_base = true_base(robot, history.T_base, time)
+        return ready(robot, T_base, history.displacement), loads_of(T_base, time, history.cycle)
+
+    def cells(flat, T_base, T_tip, time):
+        return cells_show(unravel(flat), T_base, T_tip, time)
+
+    def places(flat, body):
         robot = unravel(flat)
-        T_base = true_base(robot, T_base, time)
-        return ready(robot, T_base), loads_of(T_base, time, cycle)
+        shape = Shape(*body) if robot.space else shape_in_plane(robot, *body)
+        return markers_on(robot, lay_out(robot).mesh.s, shape)
 
-    def tip_cell(flat, loads, T_tip):
-        return cells_show(unravel(flat), loads.T_base, T_tip, loads.time).T_tip
-
-    return _Traced(jax.jit(begin), jax.jit(tip_cell))
+    return _Traced(*map(jax.jit, (begin, cells, places)))
 
 
 def resolution_of(robot: Robot) -> float:
@@ -99,6 +127,7 @@ class _Run(NamedTuple):
     ready: Ready
     structure: Any
     steps: Any
+    drawn: np.ndarray | None
 
     def __hash__(self) -> int:
         return hash(self.key)
@@ -116,15 +145,25 @@ class Rig:
     Args:
         part: the recording.
         robot: the robot to simulate it with.
-        more: names of further numbers that may change, beside mu, E and those of the terms.
+        more: names of further numbers that may change, beside friction, stiffness and those of the terms.
         cache: of simulations done before.
+
+    Attributes:
+        channels: what a simulation shows; see `instruments`.
+        where: places of the recording's channels among them.
+        drawn: which tendons displacement drives.
     """
 
     def __init__(
         self, part: Part, robot: Robot, more: Iterable[str] = (), cache: SimulationCache | None = None
     ):
         self.part, self.robot, self.cache, self.more = part, robot, cache, tuple(more)
+        self.channels = instruments(robot, part.channels)
+        self.where = [self.channels.index(name) for name in part.channels]
+        self.drawn = tuple(tendon.drive == "displacement" for tendon in robot.tendons)
         self._acting, self._cells = set(structure_of(robot, None).terms), bool(cells_differ(robot))
+        ends = robot.per_tendon(lambda tendon: robot.backbone.length if tendon.to is None else tendon.to)
+        self._anchored = np.asarray(ends) * (1 - 1e-12)
         leaves, tree = jtu.tree_flatten(robot)
         self._traced = _traced(tree, tuple(jnp.shape(leaf) for leaf in leaves))
         self._native, self._flat = Native(robot), np.asarray(ravel_pytree(robot)[0])
@@ -133,30 +172,58 @@ class Rig:
         self._places = dict(zip(names, places.tolist(), strict=True))
         self._at_hand = functools.lru_cache(AT_HAND)(self._remembered)
         # What the cell at the tip adds changes what it shows, not what is simulated.
-        self._run = functools.lru_cache(AT_HAND)(lambda of: self._native(of.ready, of.structure, of.steps))
+        self._run = functools.lru_cache(AT_HAND)(
+            lambda of: self._native(of.ready, of.structure, of.steps, drawn=of.drawn)
+        )
 
-    def __call__(self, values: Mapping[str, float], more_base: float = 0.0) -> Seen | None:
+    def __call__(self, values: Mapping[str, float], more: tuple[float, ...] = ()) -> Seen | None:
         """The recording with some numbers of the robot changed; None where the simulation breaks down.
 
         Args:
             values: SI, by name of the parameter.
-            more_base: shift added to the base tension throughout [N].
+            more: shift added throughout to what drives each tendon, base tension [N] or displacement [m];
+                none unless given.
         """
         own = values_in(values, self.part.name)
-        return self._at_hand(tuple(sorted(own.items())), more_base)
+        return self._at_hand(tuple(sorted(own.items())), more)
 
-    def _remembered(self, items: tuple[tuple[str, float], ...], more_base: float) -> Seen | None:
+    def _remembered(self, items: tuple[tuple[str, float], ...], more: tuple[float, ...]) -> Seen | None:
         values = dict(items)
         if self.cache is None:
-            return self._simulated(values, more_base)
+            return self._simulated(values, more)
         said = [f"{name}={float(value).hex()}" for name, value in items]
-        key = hashlib.blake2b("|".join([*said, float(more_base).hex()]).encode(), key=self.mark).digest()
+        said += [float(shift).hex() for shift in more]
+        key = hashlib.blake2b("|".join(said).encode(), key=self.mark).digest()
         known = self.cache.get(key)
         if known is not None:
             return Seen.of(known, self.part.samples)
-        seen = self._simulated(values, more_base)
+        seen = self._simulated(values, more)
         self.cache.put(key, np.zeros(0) if seen is None else seen.flat())
         return seen
+
+    def beyond_the_march(self, values: Mapping[str, float]) -> np.ndarray:
+        """What the base model of several tendons in one plane shows beyond the native programs, SI, (C, K):
+        these build friction up over a short slip that it does not need (docs/mechanics.md, "Several
+        tendons"). Zero for all other robots, and where it breaks down.
+
+        Args:
+            values: as of a call; those of physics terms do not count.
+        """
+        none = np.zeros((len(self.channels), self.part.samples))
+        if self.robot.space or not self.robot.tendon_names or self._acting:
+            return none
+        own = values_in(values, self.part.name)
+        plain = {name: value for name, value in own.items() if name.partition(".")[0] not in REGISTRY}
+        marched = self(plain)
+        if marched is None:
+            return none
+        part = self.part
+        history = padded_history(part.drive, part.time, part.trial)
+        rows, run = simulated_as(self.robot.with_values(**plain), history, self.channels)
+        K = part.samples
+        if not np.all(np.asarray(run.converged)[:K]):
+            return none
+        return np.asarray(rows)[:, :K] - marched.values
 
     def of(self, part: Part) -> Rig:
         """The same with another part of the same samples, of which others are compared; what was simulated is
@@ -171,44 +238,88 @@ class Rig:
         """A hash that tells this rig from others in the cache."""
         part = self.part
         whole = hashlib.blake2b(digest_size=32)
-        for array in (part.T_base.T_base, part.time, part.trial, self._flat):
+        turned = () if part.orientation is None else part.orientation
+        for array in (part.drive, part.time, part.trial, self._flat, *turned):
             whole.update(b"-" if array is None else np.ascontiguousarray(array, float).tobytes())
-        whole.update(repr((sources(), self.robot.intervals, self.robot.laws, self._places)).encode())
+        whole.update(
+            repr(
+                (sources(), self.robot.intervals, self.robot.laws, self._places, self.channels, self.drawn)
+            ).encode()
+        )
         return whole.digest()
 
-    def _simulated(self, values: Mapping[str, float], more_base: float) -> Seen | None:
+    def _simulated(self, values: Mapping[str, float], more: tuple[float, ...]) -> Seen | None:
         part, K = self.part, self.part.samples
         known = self.robot.catalogue
         asked = {name.partition(".")[0] for name in values} & known.keys()
         kinds = {kind for kind in asked if not known[kind].of_cells} | self._acting
-        history = padded_history(part.T_base.T_base, part.time, part.trial)
+        history = padded_history(part.drive, part.time, part.trial, drawn=self.drawn)
+        history = history.driven_by(jnp.asarray(more)) if more else history
         flat = self._flat.copy()
         for name, value in values.items():
             flat[self._places[name]] = value
-        shown_base = np.asarray(history.T_base) + more_base
-        ready, loads = self._traced.begin(flat, shown_base, history.time, history.cycle)
-        structure = structure_with(self.robot, program_for(kinds))
+        ready, loads = self._traced.begin(flat, history)
+        structure = structure_with(self.robot, program_for(self.robot, kinds))
         # The padding of the history is not simulated.
         steps = jtu.tree_map(lambda column: np.asarray(column)[:K], loads)
+        drawn = None if history.displacement is None else np.asarray(history.displacement)[:K]
         own = tuple(sorted((n, v) for n, v in values.items() if not self._only_shown(n)))
-        run = self._run(_Run((own, structure, steps.T_base.tobytes()), ready, structure, steps))
-        T_tip = run.T_tip
+        driven = (steps.T_base.tobytes(), None if drawn is None else drawn.tobytes())
+        run = self._run(_Run((own, structure, *driven), ready, structure, steps, drawn))
+        T_base, T_tip = run.T_base, run.T_tip
         if self._cells or any(known[kind].of_cells for kind in asked):
-            held_on = np.concatenate([T_tip, np.full(len(loads.time) - K, T_tip[-1])])
-            T_tip = np.asarray(self._traced.tip_cell(flat, loads, held_on))[:K]
-        shown = np.stack([T_tip, *run.tip_pose.T, run.displacement])
-        if not np.all(np.isfinite(shown)):
+            shows = self._traced.cells(flat, _held_on(T_base, loads), _held_on(T_tip, loads), loads.time)
+            T_base, T_tip = (np.asarray(tension)[:K] for tension in shows)
+        values_shown = shown(
+            self.robot,
+            run,
+            self.channels,
+            cells=(T_base, T_tip),
+            orientation=part.orientation,
+            places=self._marked(flat, run, loads),
+        )
+        if not np.all(np.isfinite(values_shown)):
             return None
-        whole = run.slip_front >= float(self.robot.backbone.length) * (1 - 1e-12)
-        return Seen(shown, int(np.sum(~run.converged)), whole, run.slip_direction)
+        whole = run.slip_front >= self._anchored
+        return Seen(values_shown, int(np.sum(~run.converged)), whole, run.slip_direction)
 
     def _only_shown(self, name: str) -> bool:
         """Whether a number is one of a term that acts on what the load cells show and on nothing else."""
         term = self.robot.catalogue.get(name.partition(".")[0])
         return term is not None and term.of_cells and term.ahead is None
 
+    def _marked(self, flat: np.ndarray, run: Brief, loads: Any) -> np.ndarray | None:
+        """Places of the markers [m], (K, markers, 3), where they are compared."""
+        names = tuple(f"{marker.name}_" for marker in self.robot.markers)
+        if not names or not any(name.startswith(names) for name in self.channels):
+            return None
+        body = run.along if run.shape is None else run.shape
+        assert body is not None
+        held = tuple(_held_on(values, loads) for values in body)
+        return np.asarray(self._traced.places(flat, held))[: len(run.T_tip)]
+
+
+def _held_on(values: np.ndarray, loads: Any) -> np.ndarray:
+    """Values of K steps, (K, ...), held to the length of padded loads."""
+    more = np.broadcast_to(values[-1], (len(loads.time) - len(values), *values.shape[1:]))
+    return np.concatenate([values, more])
+
 
 def robot_names(robot: Robot) -> list[str]:
     """Names of all numbers of a robot that a hypothesis may change."""
-    terms = [name for name, entry in parameters_of(robot).items() if entry.term is not None]
-    return ["mu", *([] if robot.backbone.rigid else ["E"]), *terms]
+    known = parameters_of(robot)
+    terms = [name for name, entry in known.items() if entry.term is not None]
+    return [*friction_of(robot), *stiffness_of(robot), *terms]
+
+
+def friction_of(robot: Robot) -> list[str]:
+    """Names of the friction coefficients, one for each tendon."""
+    return [f"mu.{name}" if name else "mu" for name in robot.tendon_names or ("",)]
+
+
+def stiffness_of(robot: Robot) -> list[str]:
+    """Names of the numbers that say how stiff the body is: its modulus, or else its bending stiffness; none
+    of a rigid one.
+    """
+    known = [] if robot.backbone.rigid else parameters_of(robot)
+    return ["E"] if "E" in known else [name for name in ("EI", "EI_z", "EI_y") if name in known]

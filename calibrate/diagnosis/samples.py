@@ -8,6 +8,7 @@ import heapq
 
 import numpy as np
 
+from ..readings import BaseTension
 from ..setup import Part
 
 # Samples kept after each bend of the base tension, where speed-dependent friction changes fast.
@@ -27,10 +28,13 @@ def some_samples(part: Part, most: int) -> np.ndarray:
     its base tension, some after each, and others between, evenly in tension and in time. Where it bends too
     often for that, more of them, most at its corners.
     """
-    base, K = part.T_base, part.samples
+    K = part.samples
     if most >= K:
         return np.arange(K)
-    turns = 1 + np.flatnonzero(np.diff(np.sign(np.diff(base.T_base))) != 0) if base.sd == 0 else base.knots
+    if part.others:
+        return _of_several(part, most)
+    base = part.T_base
+    turns = _turns(base)
     if len(turns) >= most // 4:
         count = max(min(MORE * most, MOST), most)
         t = np.arange(K, dtype=float) if part.time is None else part.time
@@ -40,6 +44,25 @@ def some_samples(part: Part, most: int) -> np.ndarray:
     behind = (turns[:, None] + np.asarray((0, *AFTER))).ravel()
     left = max(most - len(np.unique(behind[behind < K])), most // 2)
     return np.unique(np.concatenate([[0, K - 1], behind[behind < K], _even(base.T_base, left)]))
+
+
+def _turns(base: BaseTension) -> np.ndarray:
+    """Samples at which what drives a tendon bends."""
+    return 1 + np.flatnonzero(np.diff(np.sign(np.diff(base.T_base))) != 0) if base.sd == 0 else base.knots
+
+
+def _of_several(part: Part, most: int) -> np.ndarray:
+    """As `some_samples`, of several tendons: the corners of what drives each, half of all, and others even
+    along its way, each drive having as many.
+    """
+    K, each = part.samples, max(most // (2 * part.tips), 8)
+    t = np.arange(K, dtype=float) if part.time is None else part.time
+    kept = [np.asarray([0, K - 1])]
+    for drive in part.drives:
+        turns = _turns(drive)
+        kept.append(turns if len(turns) <= each else corners(t, drive.T_base, each))
+        kept.append(_even(drive.T_base, each))
+    return np.unique(np.concatenate(kept))
 
 
 def _even(T: np.ndarray, count: int) -> np.ndarray:

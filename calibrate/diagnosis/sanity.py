@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..setup import Part
+from .instruments import leading, words_for
 
 # Samples that a diagnosis needs.
 FEWEST = 20
@@ -27,35 +28,53 @@ def _held_back(T: np.ndarray, share: float) -> np.ndarray:
 
 
 def faults(part: Part) -> list[str]:
-    """Why a recording cannot be diagnosed; empty if it can."""
-    T, tip, where = part.T_base.T_base, part.T_tip, part.path
-    found = []
+    """Why a recording cannot be diagnosed; empty if it can. Of several tendons those that move count."""
+    where, found = part.path, []
     if part.samples < FEWEST:
         found.append(f"{where}: {part.samples} samples are too few to diagnose; record {FEWEST} or more")
-    if np.ptp(T) <= 0 or np.ptp(tip) <= 0:
-        which = "base" if np.ptp(T) <= 0 else "tip"
-        found.append(f"{where}: the {which} tension never changes; is its cell connected?")
-        return found
-    taut = T > 0.3 * T.max()
-    ratio = float(np.median(tip[taut] / T[taut]))
-    rising = taut & (np.gradient(T) > 0)
-    pulled = float(np.median(tip[rising] / T[rising])) if rising.sum() > 3 else ratio
-    if ratio > SWAPPED and pulled > SWAPPED:
-        found.append(
-            f"{where}: the tip reads {ratio:.3g} times the base even while pulling, which friction cannot "
-            "do; swap the columns, or check units and gains"
-        )
-    if abs(tip).max() < LOST * abs(T).max():
-        found.append(
-            f"{where}: the tip reads at most {abs(tip).max():.3g} N, the base {abs(T).max():.3g} N; check "
-            "the units of both columns"
-        )
-    if pulled < 0:
-        found.append(f"{where}: the tip tension has the other sign; change it")
+    moved = [i for i, drive in enumerate(part.drives) if np.ptp(drive.T_base) > 0]
+    if not moved:
+        what = "base tension" if part.pulled else "displacement at the base"
+        remedy = "is its cell connected?" if part.pulled else "was it driven?"
+        return [*found, f"{where}: the {what} never changes; {remedy}"]
+    still = [i for i in moved if np.ptp(part.recorded[i]) <= 0]
+    if still:
+        whose = words_for(part, still[0])
+        return [*found, f"{where}: the tip tension{whose} never changes; is its cell connected?"]
     if part.time is not None and np.any(np.diff(part.time) < 0):
-        found.append(f"{where}: time_s goes back; put the rows in the order of time")
+        late = [f"{where}: time_s goes back; put the rows in the order of time"]
+    else:
+        late = []
+    for i in moved:
+        found += _of_tendon(part, i, late if i == moved[0] else [])
+    return found
+
+
+def _of_tendon(part: Part, i: int, late: list[str]) -> list[str]:
+    """What is wrong with the tensions of one tendon; `late` comes before what concerns its tip alone."""
+    T, tip, whose = part.drives[i].T_base, part.recorded[i], words_for(part, i)
+    where, found = part.path, []
+    if part.robot.tendons[i].drive == "tension":
+        taut = T > 0.3 * T.max()
+        ratio = float(np.median(tip[taut] / T[taut]))
+        rising = taut & (np.gradient(T) > 0)
+        pulled = float(np.median(tip[rising] / T[rising])) if rising.sum() > 3 else ratio
+        # Beside others, one that gives way may be dragged, and be tightest at its tip.
+        if ratio > SWAPPED and pulled > SWAPPED and (not part.others or i == leading(part)):
+            found.append(
+                f"{where}: the tip{whose} reads {ratio:.3g} times the base even while pulling, which "
+                "friction cannot do; swap the columns, or check units and gains"
+            )
+        if abs(tip).max() < LOST * abs(T).max():
+            found.append(
+                f"{where}: the tip{whose} reads at most {abs(tip).max():.3g} N, the base {abs(T).max():.3g} "
+                "N; check the units of both columns"
+            )
+        if pulled < 0:
+            found.append(f"{where}: the tip tension{whose} has the other sign; change it")
+    found += late
     follows = max(float(np.corrcoef(_held_back(T, share), tip)[0, 1]) for share in HELD_BACK)
-    if follows < LEAST:
+    if follows < LEAST and not part.others:
         found.append(
             f"{where}: the tip does not follow the base, whatever friction is assumed (correlation "
             f"{follows:.2f}); are the columns those of one run?"
@@ -63,7 +82,7 @@ def faults(part: Part) -> list[str]:
     held = np.isclose(tip, tip.max(), atol=1e-12).mean()
     if held > STUCK:
         found.append(
-            f"{where}: the tip cell shows its largest value in {100 * held:.0f} % of samples; it is stuck, "
-            "or overloaded"
+            f"{where}: the tip cell{whose} shows its largest value in {100 * held:.0f} % of samples; it is "
+            "stuck, or overloaded"
         )
     return found

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..parallel import in_parallel
 from .bench import MOST_ITERATIONS, Bench
-from .hypotheses import Hypothesis
+from .hypotheses import Hypothesis, is_friction
 from .locate import misfit
 from .model import Fitted, model_of
 from .models import HEADS, HOPELESS, Models
@@ -60,14 +60,15 @@ def base_fit(bench: Bench, start: np.ndarray | None = None) -> tuple[Bench, Fitt
     numbers = model.numbers
     at = np.zeros(len(numbers)) if start is None else start
     if start is None:
-        others = [0.0] * (len(numbers) - 1)
-        starts = [np.zeros(len(numbers)), *(np.asarray([numbers[0].at(mu), *others]) for mu in MU_STARTS)]
+        starts = [np.zeros(len(numbers))]
+        starts += [np.asarray([n.at(mu) if is_friction(n) else 0.0 for n in numbers]) for mu in MU_STARTS]
 
         def rough(start):
             seen = bench.simulate(model.values(start))
             if seen is None:
                 return np.inf
-            return float(np.sum([np.sum(r[0] ** 2) for r in bench.residuals(seen)]))
+            tips = [r[: s.tips] for r, s in zip(bench.residuals(seen), seen, strict=True)]
+            return float(np.sum([np.sum(r**2) for r in tips]))
 
         costs = in_parallel(rough, starts)
         if not np.isfinite(min(costs)):

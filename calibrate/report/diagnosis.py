@@ -9,11 +9,12 @@ from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Report, Table
 
 from ..diagnosis.leave_out import ASKED, LeftOut
-from ..diagnosis.result import Diagnosis
+from ..diagnosis.result import Diagnosis, Loop, Pull
 from ..diagnosis.sentence import MAY_ACT, interval_in_words
 from ..readings import turning_points
 from . import diagnosis_figures as draw
 from .fit import detectable, noise_band, sources
+from .fit_figures import DRAWN, PULL
 
 # Rivals drawn, at most; twice as many are listed.
 SHOWN = 8
@@ -52,59 +53,9 @@ def _figures(answer: Diagnosis) -> list[Figure]:
         caption = "The law that was found, over the range that the recordings cover, and nowhere else."
         figures.append(Figure("law", png(draw.plot_law(answer.discovered)), caption))
     for loop in answer.loops:
-        several = len(answer.loops) > 1
-        ending, whose = (f"-{loop.name}", f"{loop.name}: ") if several else ("", "")
-        recorded, before = np.asarray(loop.recorded[0]), np.asarray(loop.before[0])
-        after = np.asarray(loop.after[0]) if _found(answer) else None
-        figures.append(
-            Figure(
-                f"loop{ending}",
-                png(draw.plot_before_after(loop.T_base, recorded, before, after, label)),
-                f"{whose}The recording and the model, refitted to it"
-                + (f" without and {label}." if after is not None else "."),
-            )
-        )
-        figures.append(_over_time(answer, loop, (recorded, before, after), label, ending, whose))
-        left = None if after is None else after - recorded
-        drawn = draw.plot_residual_map(
-            loop.T_base,
-            before - recorded,
-            left,
-            phases=np.asarray(loop.phases),
-            noise=loop.noise_N,
-            label=label,
-        )
-        figures.append(
-            Figure(
-                f"residual{ending}",
-                png(drawn),
-                f"{whose}Where they differ{noise_band(loop.noise_N, before - recorded)}.",
-            )
-        )
-        branches = loop.branches if after is not None else loop.branches[:2]
-        if all(len(at) > 1 for at, _, _ in branches):
-            figures.append(
-                Figure(
-                    f"branches{ending}",
-                    png(draw.plot_branches(branches, label)),
-                    f"{whose}Release against pull at the same base tension: half the difference of "
-                    "ln(T_tip/T_base) is friction, half the sum what friction cannot do.",
-                )
-            )
-        shown = before if after is None else after
-        if loop.time is not None and float(np.ptp(loop.time)) > 0:
-            rates = np.gradient(
-                loop.T_base, np.maximum.accumulate(loop.time) + 1e-9 * np.arange(len(loop.time))
-            )
-            drawn = draw.plot_against_rate(
-                rates[loop.counted],
-                _since_reversal(loop.time, loop.T_base)[loop.counted],
-                (shown - recorded)[loop.counted],
-                noise=loop.noise_N,
-                label="best fit" if after is None else label,
-            )
-            caption = f"{whose}What is left of T_tip against rate, and against time since the base turned."
-            figures.append(Figure(f"rate{ending}", png(drawn), caption))
+        for i, pull in enumerate(loop.pulls):
+            names = [loop.name] * (len(answer.loops) > 1) + [pull.tendon] * bool(pull.tendon)
+            figures += _of_pull(answer, loop, (i, pull), label, names)
     top = answer.rivals[:SHOWN]
     if len(top) > 1:
         names = [" + ".join(r.names) or "nothing missing" for r in top]
@@ -113,25 +64,104 @@ def _figures(answer: Diagnosis) -> list[Figure]:
         )
         figures.append(Figure("rivals", png(chart), "What else it could be: models refitted with mu and E."))
     if answer.experiment is not None:
-        drawn = draw.plot_history(answer.experiment.time, answer.experiment.T_base, answer.experiment.T_tip)
+        e = answer.experiment
+        pulls = answer.loops[0].pulls
+        drawn = draw.plot_history(
+            e.time,
+            e.T_base,
+            e.T_tip,
+            drawn=[pull.by_displacement for pull in pulls] if e.T_tip is None else (),
+            names=[pull.tendon for pull in pulls],
+        )
         figures.append(Figure("next-experiment", png(drawn), answer.experiment.says))
     return figures
 
 
-def _over_time(answer, loop, tips, label, ending, whose) -> Figure:
+def _of_pull(
+    answer: Diagnosis, loop: Loop, at: tuple[int, Pull], label: str, names: list[str]
+) -> list[Figure]:
+    """The figures of one tendon of a recording, with the names of both where there are several."""
+    i, pull = at
+    ending, whose = "".join(f"-{name}" for name in names), f"{', '.join(names)}: " if names else ""
+    recorded, before = np.asarray(loop.recorded[i]), np.asarray(loop.before[i])
+    after = np.asarray(loop.after[i]) if _found(answer) else None
+    drive = 1e3 * pull.drive if pull.by_displacement else pull.drive
+    of = f" of {pull.tendon}" if pull.tendon else ""
+    along = (DRAWN if pull.by_displacement else PULL).replace(" at the base", f" at the base{of}")
+    found = [
+        Figure(
+            f"loop{ending}",
+            png(draw.plot_before_after(drive, recorded, before, after, label, along=along)),
+            f"{whose}The recording and the model, refitted to it"
+            + (f" without and {label}." if after is not None else "."),
+        ),
+        _over_time(answer, loop, pull, (recorded, before, after), label, ending, whose),
+    ]
+    left = None if after is None else after - recorded
+    drawn = draw.plot_residual_map(
+        drive,
+        before - recorded,
+        left,
+        phases=np.asarray(pull.phases),
+        noise=pull.noise_N,
+        label=label,
+        along=along,
+    )
+    found.append(
+        Figure(
+            f"residual{ending}",
+            png(drawn),
+            f"{whose}Where they differ{noise_band(pull.noise_N, before - recorded)}.",
+        )
+    )
+    branches = pull.branches if after is not None else pull.branches[:2]
+    if branches and all(len(at) > 1 for at, _, _ in branches):
+        found.append(
+            Figure(
+                f"branches{ending}",
+                png(draw.plot_branches(branches, label, along=along)),
+                f"{whose}Release against pull at the same base tension: half the difference of "
+                "ln(T_tip/T_base) is friction, half the sum what friction cannot do.",
+            )
+        )
+    shown = before if after is None else after
+    if loop.time is not None and float(np.ptp(loop.time)) > 0 and float(np.ptp(drive)) > 0:
+        rates = np.gradient(drive, np.maximum.accumulate(loop.time) + 1e-9 * np.arange(len(loop.time)))
+        drawn = draw.plot_against_rate(
+            rates[loop.counted],
+            _since_reversal(loop.time, drive)[loop.counted],
+            (shown - recorded)[loop.counted],
+            noise=pull.noise_N,
+            label="best fit" if after is None else label,
+            along=f"rate of the displacement{of} [mm/s]"
+            if pull.by_displacement
+            else f"rate of $T_{{base}}${of} [N/s]",
+        )
+        caption = f"{whose}What is left of T_tip against rate, and against time since the base turned."
+        found.append(Figure(f"rate{ending}", png(drawn), caption))
+    return found
+
+
+def _over_time(answer, loop, pull, tips, label, ending, whose) -> Figure:
     """The recording over time, its episodes numbered as in the table."""
     along, clock = "time [s]", loop.time
     if clock is None:
-        along, clock = "sample", np.arange(1, len(loop.T_base) + 1)
+        along, clock = "sample", np.arange(1, len(pull.drive) + 1)
+
+    along += f", {pull.tendon}" if pull.tendon else ""
 
     def ends(e) -> tuple[float, float]:
         return (e.first + 1.0, e.last + 1.0) if e.start_s is None else (e.start_s, e.end_s)
 
     drawn = draw.plot_over_time(
         clock,
-        loop.T_base,
+        None if pull.by_displacement else pull.drive,
         tips,
-        episodes={k: ends(e) for k, e in enumerate(answer.episodes, start=1) if e.recording == loop.name},
+        episodes={
+            k: ends(e)
+            for k, e in enumerate(answer.episodes, start=1)
+            if (e.recording, e.tendon) == (loop.name, pull.tendon)
+        },
         left_out=[ends(e) for e in answer.left_out if e.recording == loop.name],
         label=label,
         along=along,
@@ -299,7 +329,7 @@ def _tables(answer: Diagnosis) -> list[Table]:
         rows = [(what, number(v, digits=3)) for what, v in answer.experiment.menu]
         tables.append(Table("What to measure next", ("experiment", "tells apart by [standard errors]"), rows))
     if answer.smallest_detectable:
-        units = {f"{t.id}.{q.name}": q.unit for t in answer.catalogue.values() for q in t.quantities}
+        units = {f"{t.id}.{q.name}": q.unit for t in answer.catalogue.values() for q in t.numbers}
         rows = [
             (name, detectable(name, v, units[name])) for name, v in sorted(answer.smallest_detectable.items())
         ]

@@ -30,14 +30,20 @@ from gtr_jax.plots.style import (
 from gtr_jax.terms.law import VARIABLES
 
 from ..diagnosis.discovery import FoundLaw
-from .fit_figures import by_phase
+from .fit_figures import PULL, by_phase
 
 FOUND = "with what was missing"
 
 
 @styled
 def plot_before_after(
-    T_base: np.ndarray, recorded: np.ndarray, before: np.ndarray, after: np.ndarray | None, label: str = FOUND
+    T_base: np.ndarray,
+    recorded: np.ndarray,
+    before: np.ndarray,
+    after: np.ndarray | None,
+    label: str = FOUND,
+    *,
+    along: str = PULL,
 ) -> Figure:
     """The loop: recorded, and the model refitted without and with what was missing.
 
@@ -45,6 +51,7 @@ def plot_before_after(
         T_base: base tension [N], (K,).
         recorded, before, after: tip tension [N], (K,); `after` None where nothing was found.
         label: what the model after has.
+        along: label of the axis of the base tension, or of what drives the tendon instead.
     """
     fig, (axes,) = figure(3.9)
     axes.plot(T_base, recorded, linestyle="", marker="o", markersize=2.4, color=GREY, alpha=0.55)
@@ -56,7 +63,7 @@ def plot_before_after(
     if after is not None:
         axes.plot(T_base, after, color=BLUE, linewidth=1.2)
         keys.append(Line2D([], [], color=BLUE, label=label))
-    axes.set_xlabel("tension at the base $T_{base}$ [N]")
+    axes.set_xlabel(along)
     axes.set_ylabel("tension at the tip $T_{tip}$ [N]")
     legend_above(fig, keys)
     return fig
@@ -71,6 +78,7 @@ def plot_residual_map(
     phases: np.ndarray,
     noise: float,
     label: str = FOUND,
+    along: str = PULL,
 ) -> Figure:
     """Simulated minus recorded tip tension against base tension, before and after, on one scale.
 
@@ -80,6 +88,7 @@ def plot_residual_map(
         phases: label of each sample, (K,).
         noise: standard deviation of the tip's cell [N].
         label: what the model after has.
+        along: as of `plot_before_after`.
     """
     panels = [("without", before)] + ([] if after is None else [(label, after)])
     fig, rows = figure(0.9 + 2.2 * len(panels), len(panels), sharex=True, sharey=True)
@@ -88,7 +97,7 @@ def plot_residual_map(
         by_phase(axes, T_base, residual, phases)
         axes.set_ylabel("simulated − recorded [N]")
         axes.set_title(f"best fit {which}" if after is not None else "best fit", loc="left", fontsize=9)
-    rows[-1].set_xlabel("tension at the base $T_{base}$ [N]")
+    rows[-1].set_xlabel(along)
     legend_above(fig, phase_keys(phases, marker="o"))
     return fig
 
@@ -96,7 +105,7 @@ def plot_residual_map(
 @styled
 def plot_over_time(
     time: np.ndarray,
-    T_base: np.ndarray,
+    T_base: np.ndarray | None,
     tips: Sequence[np.ndarray | None],
     *,
     episodes: Mapping[int, tuple[float, float]],
@@ -108,7 +117,7 @@ def plot_over_time(
 
     Args:
         time: of the samples [s], or their places in the recording, (K,).
-        T_base: base tension [N], (K,).
+        T_base: base tension [N], (K,); None where it was not recorded.
         tips: tip tension [N], (K,), recorded, simulated before, and after or None.
         episodes: first and last time of each, by its number in the table.
         left_out: the same of what is left out.
@@ -121,12 +130,13 @@ def plot_over_time(
     for axes in (over, left):
         for a, b in left_out:
             axes.axvspan(a, b, facecolor="none", edgecolor=GREY, hatch="////", linewidth=0, alpha=0.5)
-    over.plot(time, T_base, color=PURPLE, linewidth=0.8)
+    if T_base is not None:
+        over.plot(time, T_base, color=PURPLE, linewidth=0.8)
     over.plot(time, recorded, color=GREY, linewidth=2.0, alpha=0.6)
     over.plot(time, before, color=VERMILLION, linewidth=0.8)
     left.plot(time, before - recorded, color=VERMILLION, linewidth=0.8)
     keys: list[Artist] = [
-        Line2D([], [], color=PURPLE, label="$T_{base}$"),
+        *([] if T_base is None else [Line2D([], [], color=PURPLE, label="$T_{base}$")]),
         Line2D([], [], color=GREY, linewidth=2, label="$T_{tip}$ recorded"),
         Line2D([], [], color=VERMILLION, label="best fit without" if after is not None else "best fit"),
     ]
@@ -159,7 +169,13 @@ def plot_over_time(
 
 @styled
 def plot_against_rate(
-    rates: np.ndarray, since: np.ndarray, residual: np.ndarray, *, noise: float, label: str
+    rates: np.ndarray,
+    since: np.ndarray,
+    residual: np.ndarray,
+    *,
+    noise: float,
+    label: str,
+    along: str = "rate of $T_{base}$ [N/s]",
 ) -> Figure:
     """What is left of T_tip against the rate of the base tension, and against the time since it last turned.
 
@@ -169,6 +185,7 @@ def plot_against_rate(
         residual: simulated minus recorded [N], (K,).
         noise: standard deviation of the tip's cell [N].
         label: which model is shown.
+        along: label of the axis of the rate.
     """
     fig = Figure(figsize=(WIDTH, 2.6), layout="constrained")
     left, right = fig.subplots(1, 2, sharey=True)
@@ -182,7 +199,7 @@ def plot_against_rate(
     for axes in (left, right):
         axes.axhspan(-2 * noise, 2 * noise, color=PALE, linewidth=0, zorder=0)
         axes.set_xscale("log")
-    left.set_xlabel("rate of $T_{base}$ [N/s]")
+    left.set_xlabel(along)
     right.set_xlabel("time since the last reversal [s]")
     left.set_ylabel("simulated − recorded [N]")
     left.set_title(label, loc="left", fontsize=9)
@@ -192,13 +209,14 @@ def plot_against_rate(
 
 @styled
 def plot_branches(
-    branches: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], label: str = FOUND
+    branches: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], label: str = FOUND, *, along: str = PULL
 ) -> Figure:
     """Half the difference D and half the sum S of ln(T_tip/T_base) on release and pull, at matched tension.
 
     Args:
         branches: base tension [N], D and S, (n,) each: of the recording, the model before, and after.
         label: what the model after has.
+        along: as of `plot_before_after`.
     """
     fig, rows = figure(4.2, 2, sharex=True)
     styles = [
@@ -211,7 +229,7 @@ def plot_branches(
         rows[1].plot(at, S, **style)
     rows[0].set_ylabel("D: friction [–]")
     rows[1].set_ylabel("S: gains, offsets [–]")
-    rows[1].set_xlabel("tension at the base $T_{base}$ [N]")
+    rows[1].set_xlabel(along)
     legend_above(fig, [Line2D([], [], label=what, **style) for style, what in styles[: len(branches)]])
     return fig
 
@@ -261,10 +279,32 @@ def plot_rivals(names: Sequence[str], probability: np.ndarray, delta: np.ndarray
 
 
 @styled
-def plot_history(time: np.ndarray, T_base: np.ndarray, T_tip: np.ndarray | None = None) -> Figure:
+def plot_history(
+    time: np.ndarray,
+    T_base: np.ndarray,
+    T_tip: np.ndarray | None = None,
+    *,
+    drawn: Sequence[bool] = (False,),
+    names: Sequence[str] = ("",),
+) -> Figure:
     """A load history to drive: base tension [N] over time [s], (K,) each; or, for a check of the cells, the
     weights on the base cell and on the tip cell [N].
+
+    Args:
+        time: [s], (K,).
+        T_base, T_tip: tensions [N], (K,); or of several tendons T_base alone, (K, tendons).
+        drawn: which tendons displacement drives, of which `T_base` is that [m].
+        names: of the tendons.
     """
+    if any(drawn) or T_base.ndim == 2:
+        fig, rows = figure(1.0 + 1.1 * len(names), len(names), sharex=True)
+        each = T_base.T if T_base.ndim == 2 else [T_base]
+        for axes, one, by_draw, name in zip(rows, each, drawn, names, strict=True):
+            axes.plot(time, 1e3 * one if by_draw else one, color=BLUE)
+            axes.set_ylabel("displacement [mm]" if by_draw else "$T_{base}$ [N]")
+            axes.set_title(name, loc="left", fontsize=9)
+        rows[-1].set_xlabel("time [s]")
+        return fig
     fig, (axes,) = figure(2.2)
     axes.set_xlabel("time [s]")
     if T_tip is None:

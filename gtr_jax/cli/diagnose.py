@@ -68,7 +68,8 @@ def diagnose(
     force: bool,
 ) -> int:
     """Tell which physics a robot's model leaves out of its recordings: where they differ, what is missing,
-    whether a fit with it is better on samples it has not seen, and what to measure next.
+    whether a fit with it is better on samples it has not seen, and what to measure next. The robot may leave
+    the plane and have several tendons, driven by tension or by displacement.
     """
     from gtr_jax.files.config import load_config
     from gtr_jax.files.masking import times_of
@@ -85,6 +86,8 @@ def diagnose(
     recordings = read_recordings(
         given.recordings,
         [config.tendon_names] * len(given.recordings),
+        space=True,
+        markers=[[marker.name for marker in config.markers]] * len(given.recordings),
         columns=columns,
         keep_glitches=keep_glitches,
         drop=drop,
@@ -164,19 +167,33 @@ def write_answer(folder: Path, answer: Diagnosis, config: RobotConfig, settings:
     for file in answer.files:
         dump_config(file.config, folder / file.name, note=file.note)
     for loop in answer.loops:
-        columns = {"time": loop.time, "T_base": loop.T_base, "T_tip": loop.recorded[0]}
-        columns |= {"T_tip_before_N": loop.before[0], "T_tip_after_N": loop.after[0], "phase": loop.phases}
+        columns: dict[str, Any] = {} if loop.time is None else {"time": loop.time}
+        for i, pull in enumerate(loop.pulls):
+            drive = "displacement_m" if pull.by_displacement else "T_base_N"
+            rows = {"T_tip_N": loop.recorded, "T_tip_before_N": loop.before, "T_tip_after_N": loop.after}
+            own = (
+                {drive: pull.drive} | {name: each[i] for name, each in rows.items()} | {"phase": pull.phases}
+            )
+            columns |= {f"{name}.{pull.tendon}".rstrip("."): values for name, values in own.items()}
         ending = f"-{loop.name}" if len(answer.loops) > 1 else ""
-        write_recording(
-            folder / f"diagnosis{ending}.csv", {k: v for k, v in columns.items() if v is not None}
-        )
+        write_recording(folder / f"diagnosis{ending}.csv", columns)
     if answer.experiment is not None:
-        e = answer.experiment
-        driven = {"time": e.time, "T_base": e.T_base}
-        if e.T_tip is not None:
-            driven = {"time": e.time, "weight_base_N": e.T_base, "weight_tip_N": e.T_tip}
-        write_recording(folder / "next-experiment.csv", driven)
+        write_recording(folder / "next-experiment.csv", _to_drive(answer))
     data = answer.to_json()
     write_json(folder / "diagnosis.json", {**data, "settings": {**data["settings"], **settings}})
     report = diagnosis_report(answer, config.name)
     write_report(folder, report, settings, config_text(answer.config or config))
+
+
+def _to_drive(answer: Diagnosis) -> dict[str, Any]:
+    """The columns of `next-experiment.csv`: what drives each tendon, or the weights to hang on the cells."""
+    e = answer.experiment
+    assert e is not None
+    if e.T_tip is not None:
+        return {"time": e.time, "weight_base_N": e.T_base, "weight_tip_N": e.T_tip}
+    pulls = answer.loops[0].pulls
+    each = [e.T_base] if len(pulls) == 1 else list(e.T_base.T)
+    names = ["displacement_m" if pull.by_displacement else "T_base_N" for pull in pulls]
+    return {"time": e.time} | {
+        f"{name}.{pull.tendon}".rstrip("."): own for name, pull, own in zip(names, pulls, each, strict=True)
+    }

@@ -49,8 +49,9 @@ class Sections(eqx.Module):
         """Values along the tendons, past an anchor those at the anchor."""
         if self.beyond is None:
             return values
-        last = jnp.sum(~self.beyond, axis=-1, keepdims=True) - 1
-        return jnp.where(self.beyond, jnp.take_along_axis(values, last, axis=-1), values)
+        last = jnp.arange(self.beyond.shape[-1]) == jnp.sum(~self.beyond, axis=-1, keepdims=True) - 1
+        there = jnp.sum(jnp.where(last, values, 0.0), axis=-1, keepdims=True)
+        return jnp.where(self.beyond, there, values)
 
     def ended(self, values: Float[Array, "*tendons N"]) -> Float[Array, "*tendons N"]:
         """Values along the tendons, past an anchor zero."""

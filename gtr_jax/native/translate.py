@@ -735,6 +735,57 @@ def _reversed(t: Translator, params: Any, shape: tuple[int, ...], a: Value) -> V
     return t.filled(shape, a.kind, element)
 
 
+def _padded(t: Translator, params: Any, shape: tuple[int, ...], a: Value, filler: Value) -> Value:
+    edges = params["padding_config"]
+    if any(low < 0 or high < 0 or between for low, high, between in edges):
+        raise Untranslatable("pad that cuts or spreads")
+    if all(low == high == 0 for low, high, _ in edges):
+        return a
+    parts = a
+    for axis, (low, high, _) in enumerate(edges):
+        sides = [(*parts.shape[:axis], n, *parts.shape[axis + 1 :]) for n in (low, high)]
+        before, after = (t.filled(side, _kind(a), lambda index: t.element(filler, [])) for side in sides)
+        whole = (*parts.shape[:axis], low + parts.shape[axis] + high, *parts.shape[axis + 1 :])
+        parts = _joined(t, {"dimension": axis}, whole, before, parts, after)
+    return parts
+
+
+def _rows(t: Translator, params: Any, shape: tuple[int, ...], a: Value, places: Value) -> Value:
+    """Rows of an array along its first axis, at places of any shape."""
+    where, inner = params["dimension_numbers"], a.shape[1:]
+    plain = where.collapsed_slice_dims == where.start_index_map == (0,) and not where.operand_batching_dims
+    if not plain or tuple(params["slice_sizes"]) != (1, *inner):
+        raise Untranslatable("gather of other than rows")
+    fills = params["mode"] == jax.lax.GatherScatterMode.FILL_OR_DROP and _kind(a) == DOUBLE
+
+    def element(index: list[Any]) -> Any:
+        within = [index[k] for k in where.offset_dims]
+        row = t.element(places, [*[i for k, i in enumerate(index) if k not in where.offset_dims], LONG(0)])
+        low, high = t.at.icmp_signed("<", row, LONG(0)), t.at.icmp_signed(">=", row, LONG(a.shape[0]))
+        inside = t.at.select(high, LONG(a.shape[0] - 1), t.at.select(low, LONG(0), row))
+        value = t.element(a, [inside, *within])
+        return t.at.select(t.at.or_(low, high), DOUBLE(math.nan), value) if fills else value
+
+    return t.filled(shape, _kind(a), element)
+
+
+def _replaced(
+    t: Translator, params: Any, shape: tuple[int, ...], a: Value, places: Value, rows: Value
+) -> Value:
+    """An array with one of its rows along the first axis replaced."""
+    where = params["dimension_numbers"]
+    plain = where.inserted_window_dims == where.scatter_dims_to_operand_dims == (0,)
+    if not plain or where.operand_batching_dims or places.shape != (1,) or rows.shape != shape[1:]:
+        raise Untranslatable("scatter of other than one row")
+    row = t.element(places, [LONG(0)])
+
+    def element(index: list[Any]) -> Any:
+        here = t.at.icmp_signed("==", index[0], row)
+        return t.at.select(here, t.element(rows, index[1:]), t.element(a, index))
+
+    return t.filled(shape, _kind(a), element)
+
+
 SHAPES: dict[str, Callable[..., Value]] = {
     "reshape": _reshaped,
     "squeeze": _reshaped,
@@ -745,6 +796,9 @@ SHAPES: dict[str, Callable[..., Value]] = {
     "concatenate": _joined,
     "stack": _stacked,
     "rev": _reversed,
+    "pad": _padded,
+    "gather": _rows,
+    "scatter": _replaced,
     "iota": _counted,
     "argmax": _largest_at,
     "cumsum": _cumulative,

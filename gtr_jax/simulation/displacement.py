@@ -203,8 +203,12 @@ def _met(
         out, _ = _out(still, held, x)
         return jnp.where(drawn, out - goal, at.give * (x - goal))
 
+    def tried(x):
+        slope, value = jax.jacfwd(lambda x: (miss(x), miss(x)), has_aux=True)(x)
+        return value, slope
+
     least = TOLERANCE * robot.backbone.length
-    found = search(miss, jnp.where(drawn, jax.lax.stop_gradient(x), goal), at.give, least)
+    found = search(tried, jnp.where(drawn, jax.lax.stop_gradient(x), goal), at.give, least)
     close = jnp.max(jnp.abs(found.miss)) <= least
     if not sloped:
         return found.x, close, found.trials
@@ -215,20 +219,16 @@ def _met(
     return found.x - jnp.where(close, moved, 0.0), close, found.trials
 
 
-def search(miss, x, give, least) -> Search:
+def search(tried, x, give, least) -> Search:
     """Newton's method, damped as Levenberg and Marquardt do it: where friction holds a tendon its
     displacement hardly answers to its tension.
 
     Args:
-        miss: how far displacements are missed [m] at unknown tensions, (tendons,).
+        tried: how far displacements are missed [m] at unknown tensions, (tendons,), and its derivative.
         x: where to start.
         give: typical compliance of each tendon [m/N], (tendons,).
         least: when it is met [m].
     """
-
-    def tried(x):
-        slope, value = jax.jacfwd(lambda x: (miss(x), miss(x)), has_aux=True)(x)
-        return value, slope
 
     def going(now: Search):
         near = jnp.max(jnp.abs(now.miss)) <= least

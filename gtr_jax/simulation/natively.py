@@ -1,7 +1,8 @@
-"""Load histories without derivatives, as native code: tip tension, pose, displacement and slip."""
+"""Load histories without derivatives, as native code: what the tendons do, the pose, and the slip."""
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from typing import NamedTuple
 
@@ -14,115 +15,287 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .. import mechanics
 from ..mechanics import FOREVER, Load, March, Settled, Step, Structure, advance, begin, loads_before
+from ..mechanics.bodies import line_of, metric_of
 from ..native.program import Program, packed, sources
+from ..robot.parts import Tendon
 from ..robot.robot import Robot, sections
+from .displacement import TOLERANCE, compliance, search
 from .programs import at_nodes
 from .slipping import front_of, large_tension, moves_of
-from .solution import drawn_out, loaded_of
+from .solution import drawn_out, loaded_of, stretch_of
 
 __all__ = ["Brief", "Native", "Ready", "ready", "sources", "steps_natively"]
 
+# Step of the differences by which a displacement answers to tensions, as a share of a large tension.
+STEP = 1e-6
 
-class Brief(NamedTuple):
-    """A load history of K steps of a robot of one tendon, SI; as in `Simulation`.
+
+class Place(NamedTuple):
+    """Where the body of a robot in space is at K steps, as in `Shape`, at N nodes.
 
     Attributes:
-        T_tip: true tension at the anchor, (K,).
-        tip_pose: x, y, angle of the midline's tip, (K, 3).
-        displacement: tendon drawn out at the base, (K,).
-        slip_direction: of the tendon at the base, (K,).
-        slip_front: the tendon slips on [0, slip_front], (K,).
-        converged: whether each step met its tolerance, (K,).
-        residual_norm, iterations: per step, (K,).
-        bent: largest curvature that the tendon gave the body since it settled [1/m], (K,).
+        strain: in the axes of the section [1/m], (K, N, 3).
+        rotation: directors of the section as columns, in the axes of the world, (K, N, 3, 3).
+        position: of the midline in the world [m], (K, N, 3).
     """
 
-    T_tip: Float[np.ndarray, " K"]
+    strain: Float[np.ndarray, "K N 3"]
+    rotation: Float[np.ndarray, "K N 3 3"]
+    position: Float[np.ndarray, "K N 3"]
+
+
+class Along(NamedTuple):
+    """Where the body of a robot in the plane is at K steps: curvature [1/m] and angle [rad], (K, N) each."""
+
+    curvature: Float[np.ndarray, "K N"]
+    angle: Float[np.ndarray, "K N"]
+
+
+class Brief(NamedTuple):
+    """A load history of K steps, SI; as in `Simulation`.
+
+    Attributes:
+        T_base: true tension at the base, (K, *tendons).
+        T_tip: true tension at the anchor, (K, *tendons).
+        tip_pose: x, y, angle of the midline's tip, (K, 3); in space those of its projection on the plane of x
+            and y.
+        displacement: tendon drawn out at the base, (K, *tendons).
+        slip_direction: of the tendon at the base, (K, *tendons).
+        slip_front: the tendon slips on [0, slip_front], (K, *tendons).
+        converged: whether each step met its tolerance, (K,).
+        residual_norm, iterations: per step, (K,).
+        bent: largest curvature that the tendons gave the body since it settled [1/m], (K,).
+        along: the body of a robot in the plane that has markers; else None.
+        shape: the body of a robot in space: at all its N nodes if it has markers, else at its tip alone; None
+            in the plane.
+    """
+
+    T_base: Float[np.ndarray, "K *tendons"]
+    T_tip: Float[np.ndarray, "K *tendons"]
     tip_pose: Float[np.ndarray, "K 3"]
-    displacement: Float[np.ndarray, " K"]
-    slip_direction: Float[np.ndarray, " K"]
-    slip_front: Float[np.ndarray, " K"]
+    displacement: Float[np.ndarray, "K *tendons"]
+    slip_direction: Float[np.ndarray, "K *tendons"]
+    slip_front: Float[np.ndarray, "K *tendons"]
     converged: Bool[np.ndarray, " K"]
     residual_norm: Float[np.ndarray, " K"]
     iterations: Int[np.ndarray, " K"]
     bent: Float[np.ndarray, " K"]
+    along: Along | None = None
+    shape: Place | None = None
 
 
 class _Row(NamedTuple):
+    """One step: its load, how far tendons are to be drawn out [m], (*tendons,), or None where tension drives
+    all, whether the robot settles, whether it is strung, and a tension that counts as large [N].
+    """
+
     load: Load
+    drawn: Float[Array, "*tendons"] | None
     settling: Bool[Array, ""]
     stringing: Bool[Array, ""]
     scale: Float[Array, ""]
 
 
-def _left(robot: mechanics.Robot, structure: Structure, rigid: bool, settled: Settled, step: Step, row: _Row):
+class _Given(NamedTuple):
+    """Numbers of a robot: at its nodes; its tendons where they may stretch by themselves, else none; and
+    their typical compliance [m/N], (tendons,), where displacement drives any, else None.
+    """
+
+    robot: mechanics.Robot
+    tendons: tuple[Tendon, ...]
+    give: Float[Array, " tendons"] | None
+
+
+def _given(robot: Robot) -> _Given:
+    give = compliance(robot) if _drawn(robot.tendons) else None
+    return _Given(at_nodes(robot, sections(robot)), robot.tendons if robot.space else (), give)
+
+
+def _drawn(tendons: tuple[Tendon, ...]) -> bool:
+    return any(tendon.drive == "displacement" for tendon in tendons)
+
+
+class _Kind(NamedTuple):
+    """What a program has to leave: of a rigid body or not, and of its whole midline or of its tip alone."""
+
+    rigid: bool
+    whole: bool
+
+
+def _left(given: _Given, structure: Structure, kind: _Kind, settled: Settled, step: Step, row: _Row):
     """What a step leaves, as numbers."""
+    robot = given.robot
     s = robot.sections
     done = loaded_of(s, structure, settled, step)
-    direction, front = front_of(s.mesh.s, moves_of(s, structure, rigid, step, done, row.scale))
-    x, y = (jnp.sum(mechanics.increments(s.mesh.weights, f(done.state.phi))) for f in (jnp.cos, jnp.sin))
-    bent = jnp.max(jnp.abs(done.state.kappa - settled.kappa))
-    pose = jnp.stack([x, y, done.state.phi[-1]])
-    drawn = drawn_out(robot.terms, done.slip[0], row.load.T_base, robot.preload)
+    moves = moves_of(s, structure, kind.rigid, step, done, row.scale)
+    fronts = functools.partial(front_of, s.mesh.s)
+    direction, front = (fronts if moves.ndim == 1 else jax.vmap(fronts))(moves)
+    state = done.state
+    if structure.space:
+        at = slice(None) if kind.whole else slice(-1, None)
+        place = jnp.stack(line_of(s, state.phi), axis=-1)
+        body = [state.kappa[at].ravel(), state.phi[at].ravel(), place[at].ravel()]
+        bent = jnp.max(jnp.sqrt(jnp.sum((state.kappa - settled.kappa)[:, 1:] ** 2, axis=-1)))
+    else:
+        x, y = (jnp.sum(mechanics.increments(s.mesh.weights, f(state.phi))) for f in (jnp.cos, jnp.sin))
+        body = [jnp.stack([x, y, state.phi[-1]]), *([state.kappa, state.phi] if kind.whole else [])]
+        bent = jnp.max(jnp.abs(state.kappa - settled.kappa))
+    out = drawn_out(robot.terms, done.slip[..., 0], row.load.T_base, robot.preload)
+    if given.tendons:
+        metric = s.ended(metric_of(s, state.kappa))
+        out = out + stretch_of(given.tendons, s.mesh.s, s.ended(done.tension), metric)
     moved = jnp.zeros(()) if step.moved is None else jnp.where(step.met, step.moved, 0.0)
-    return step.T_tip, pose, drawn, direction, front, step.met, step.error, step.marches, bent, moved
+    each = (row.load.T_base, done.T_tip, out, direction, front)
+    return each, (step.met, step.error, step.marches, bent, moved), body
+
+
+def _driven(given: _Given, structure: Structure, how: March, settled: Settled, row: _Row, before):
+    """One load step of tendons some of which displacement drives: the base tensions at which these are drawn
+    out as far as they should be, and whether they are.
+
+    Args:
+        given, structure, how, settled, row: as for a step.
+        before: base tensions of the previous step [N], (tendons,); negative where a tendon would have to
+            push.
+    """
+    assert given.give is not None and row.drawn is not None
+    give, drawn = given.give, row.drawn
+    by_draw = jnp.asarray([tendon.drive == "displacement" for tendon in given.tendons])
+    known = jnp.atleast_1d(row.load.T_base)
+    # The steps that settle and string the robot are driven by tension.
+    free = by_draw & ~(row.settling | row.stringing)
+    length = given.robot.sections.mesh.s[-1]
+
+    def load_at(x):
+        return dataclasses.replace(row.load, T_base=jnp.where(x > 0, x, 0.0).reshape(drawn.shape))
+
+    def miss(x):
+        load = load_at(x)
+        _, step = advance(given.robot, structure, how, settled, load, (row.settling, row.stringing))
+        s = given.robot.sections
+        done = loaded_of(s, structure, settled, step)
+        out = drawn_out(given.robot.terms, done.slip[..., 0], load.T_base, given.robot.preload)
+        metric = s.ended(metric_of(s, done.state.kappa))
+        out = out + stretch_of(given.tendons, s.mesh.s, s.ended(done.tension), metric)
+        out = jnp.atleast_1d(out - drawn) + give * jnp.where(x > 0, 0.0, x)
+        return jnp.where(free, out, give * (x - known))
+
+    def tried(x):
+        # In a loop, so that the load step is compiled once.
+        size = STEP * row.scale
+        ways = jnp.concatenate([jnp.zeros((1, x.size)), size * jnp.eye(x.size)])
+        _, each = jax.lax.scan(lambda none, way: (none, miss(x + way)), None, ways)
+        return each[0], (each[1:] - each[0]).T / size
+
+    least = TOLERANCE * length
+    found = search(tried, jnp.where(free, before, known), give, least)
+    return found.x, load_at(found.x), jnp.max(jnp.abs(found.miss)) <= least
 
 
 @functools.lru_cache(maxsize=256)
-def _program(structure: Structure, how: March, rigid: bool, nodes: int, shapes: tuple) -> Program:
-    """The program for a structure and a number of nodes."""
+def _program(structure: Structure, how: March, kind: _Kind, shapes: tuple) -> Program:
+    """The program for a structure and robots of some shape."""
     leaves, tree = shapes
     fixed = jtu.tree_unflatten(tree, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
+    drawn = fixed.give is not None
+    tendons = (structure.tendons,) if structure.tendons else ()
 
-    def step(robot: mechanics.Robot, settled: Settled, row: _Row):
-        after, out = advance(robot, structure, how, settled, row.load, (row.settling, row.stringing))
-        return after, _left(robot, structure, rigid, settled, out, row)
+    def first(given: _Given):
+        start = begin(given.robot, structure)
+        return (start, jnp.atleast_1d(given.robot.preload)) if drawn else start
+
+    def step(given: _Given, carried, row: _Row):
+        at = (row.settling, row.stringing)
+        if not drawn:
+            after, out = advance(given.robot, structure, how, carried, row.load, at)
+            return after, _left(given, structure, kind, carried, out, row)
+        settled, x = carried
+        x, load, close = _driven(given, structure, how, settled, row, x)
+        row = row._replace(load=load)
+        after, out = advance(given.robot, structure, how, settled, load, at)
+        out = dataclasses.replace(out, met=out.met & close)
+        return (after, x), _left(given, structure, kind, settled, out, row)
 
     def row():
-        one, flag = jnp.zeros(()), jnp.asarray(False)
-        return _Row(Load(one, one, one, one), flag, flag, one)
+        one, flag, each = jnp.zeros(()), jnp.asarray(False), jnp.zeros(tendons)
+        return _Row(Load(each, one, one, one), each if drawn else None, flag, flag, one)
 
-    key = (structure, how, rigid, nodes)
-    return Program(lambda robot: begin(robot, structure), step, fixed, jax.eval_shape(row), key)
+    given = fixed.robot.sections
+    drives = tuple(tendon.drive for tendon in fixed.tendons) if drawn else ()
+    key = (structure, how, kind, leaves, given.beyond is None, given.guides is None, drives)
+    return Program(first, step, fixed, jax.eval_shape(row), key)
 
 
 class Ready(NamedTuple):
-    """Inputs of a native program: a robot of one tendon, and a load history.
+    """Inputs of a native program: a robot, and a load history.
 
     Attributes:
-        given: the robot at its nodes, `packed`, (n,).
-        preload: of its tendon [N].
+        given: the robot, `packed`, (n,).
+        preload: of its tendons [N], (*tendons,).
         large: a tension that counts as large in the history [N].
+        place, turn: of the base in the world: position [m], (3,), and directors as columns, (3, 3).
     """
 
     given: Float[Array, " n"]
-    preload: Float[Array, ""]
+    preload: Float[Array, "*tendons"]
     large: Float[Array, ""]
+    place: Float[Array, "3"]
+    turn: Float[Array, "3 3"]
 
 
-def ready(robot: Robot, T_base: Float[Array, " K"]) -> Ready:
-    """A robot made ready for a history of base tensions [N]; to be compiled."""
-    at = at_nodes(robot, sections(robot))
-    return Ready(packed(at), at.preload, large_tension(T_base, at.preload))
+def ready(
+    robot: Robot, T_base: Float[Array, "K *tendons"], drawn: Float[Array, "K *tendons"] | None = None
+) -> Ready:
+    """A robot made ready for a history of base tensions [N], and of displacements [m] of the tendons that
+    these drive; to be compiled.
+    """
+    given = _given(robot)
+    if drawn is not None and given.give is not None:
+        by_draw = jnp.asarray([tendon.drive == "displacement" for tendon in robot.tendons])
+        asked = drawn / (given.give if robot.tendon_names else given.give[0])
+        T_base = jnp.where(by_draw if robot.tendon_names else by_draw[0], asked, T_base)
+    preload = given.robot.preload
+    large = large_tension(T_base, preload)
+    return Ready(packed(given), preload, large, robot.base.position, robot.base.rotation)
 
 
 _ready = eqx.filter_jit(ready)
 
 
+class _Body(NamedTuple):
+    """The part of a `Brief` that says where the body is."""
+
+    tip_pose: Float[np.ndarray, "K 3"]
+    along: Along | None = None
+    shape: Place | None = None
+
+
 class Native:
-    """The native programs of a robot of one tendon: one for each structure, for any numbers.
+    """The native programs of a robot: one for each structure, for any numbers.
+
+    Several tendons in one plane are solved as `mechanics.march` does it, with their friction built up over a
+    short slip; their structure has to hold a term, which need not act.
 
     Args:
         robot: the robot, or one that differs from it in its numbers only.
     """
 
     def __init__(self, robot: Robot):
-        shapes = eqx.filter_eval_shape(lambda robot: at_nodes(robot, sections(robot)), robot)
+        shapes = eqx.filter_eval_shape(_given, robot)
         leaves, tree = jtu.tree_flatten(shapes)
         self._shapes = (tuple((leaf.shape, leaf.dtype) for leaf in leaves), tree)
-        self._nodes, self._rigid = shapes.sections.rest.shape[0], robot.backbone.rigid
+        self._nodes = shapes.robot.sections.rest.shape[0]
+        self._kind = _Kind(robot.backbone.rigid, bool(robot.markers))
+        self._space, self._tendons = robot.space, len(robot.tendons)
 
-    def __call__(self, ready: Ready, structure: Structure, loads: Load, how: March = March()) -> Brief:  # noqa: B008
+    def __call__(
+        self,
+        ready: Ready,
+        structure: Structure,
+        loads: Load,
+        how: March = March(),  # noqa: B008
+        drawn: Float[np.ndarray, "K *tendons"] | None = None,
+    ) -> Brief:
         """Go through K load steps.
 
         Args:
@@ -130,29 +303,69 @@ class Native:
             structure: which equations act.
             loads: K of them.
             how: when a search stops.
+            drawn: how far the tendons that displacement drives are drawn out [m], (K, *tendons).
         """
-        program = _program(structure, how, self._rigid, self._nodes, self._shapes)
-        columns = [np.asarray(column, float) for column in (loads.T_base, loads.dt, loads.time, loads.cycle)]
-        # Of each step: T_base, dt, time, cycle, whether the robot settles, whether it is strung, and `large`.
+        if structure.plain_pair:
+            raise ValueError("several tendons in one plane: give a structure that holds a term")
+        n = self._tendons
+        program = _program(structure, how, self._kind, self._shapes)
+        K = len(loads.time)
+        columns = [np.asarray(loads.T_base, float).reshape(K, n)]
+        columns += [np.asarray(c, float)[:, None] for c in (loads.dt, loads.time, loads.cycle)]
+        columns += [] if drawn is None else [np.asarray(drawn, float).reshape(K, n)]
+        # Of each step, as `_Row` has them: T_base, dt, time, cycle, what is drawn, whether the robot settles,
+        # whether it is strung, and `large`.
         large = float(ready.large)
-        before = loads_before(structure, float(ready.preload))
-        ahead = np.asarray([[T_base, FOREVER, 0, 0, *flags, large] for T_base, *flags in before], float)
-        rows = np.pad(np.stack(columns, axis=1), ((0, 0), (0, 3)))
+        before = loads_before(structure, np.asarray(ready.preload, float).reshape(n))
+        none = np.zeros(0 if drawn is None else n)
+        ahead = [np.concatenate([T, [FOREVER, 0, 0], none, [*flags, large]]) for T, *flags in before]
+        rows = np.pad(np.concatenate(columns, axis=1), ((0, 0), (0, 3)))
         rows[:, -1] = large
-        out = program(np.asarray(ready.given), np.concatenate([ahead.reshape(-1, 7), rows]))[len(before) :]
+        rows = np.concatenate([np.asarray(ahead).reshape(-1, rows.shape[1]), rows])
+        out = program(np.asarray(ready.given), rows)[len(before) :]
+        each, rest = np.split(out, [5 * n], axis=1)
+        shape = (K, n) if structure.tendons else (K,)
+        T_base, T_tip, displacement, direction, front = (e.reshape(shape) for e in np.split(each, 5, axis=1))
+        met, error, marches, bent, moved = rest[:, :5].T
+        away, body = np.cumsum(moved), self._body(rest[:, 5:], ready)
         return Brief(
-            T_tip=out[:, 0],
-            tip_pose=out[:, 1:4],
-            displacement=out[:, 4] + np.cumsum(out[:, 11]),
-            slip_direction=out[:, 5],
-            slip_front=out[:, 6],
-            converged=out[:, 7] != 0,
-            residual_norm=out[:, 8],
-            iterations=out[:, 9].astype(int),
-            bent=out[:, 10],
+            T_base=T_base,
+            T_tip=T_tip,
+            displacement=displacement + (away[:, None] if structure.tendons else away),
+            slip_direction=direction,
+            slip_front=front,
+            converged=met != 0,
+            residual_norm=error,
+            iterations=marches.astype(int),
+            bent=bent,
+            tip_pose=body.tip_pose,
+            along=body.along,
+            shape=body.shape,
         )
 
+    def _body(self, out: Float[np.ndarray, "K n"], ready: Ready) -> _Body:
+        """Where the body is, from what a program leaves of it."""
+        K = len(out)
+        if not self._space:
+            along = Along(*np.split(out[:, 3:], 2, axis=1)) if self._kind.whole else None
+            return _Body(out[:, :3], along)
+        nodes = self._nodes if self._kind.whole else 1
+        strain, turned, place = np.split(out, [3 * nodes, 12 * nodes], axis=1)
+        turn = np.asarray(ready.turn)
+        rotation = np.einsum("ij,knjl->knil", turn, turned.reshape(K, nodes, 3, 3))
+        position = np.asarray(ready.place) + np.einsum("ij,knj->kni", turn, place.reshape(K, nodes, 3))
+        angle = np.arctan2(rotation[:, -1, 1, 0], rotation[:, -1, 0, 0])
+        shape = Place(strain.reshape(K, nodes, 3), rotation, position)
+        return _Body(np.column_stack([position[:, -1, :2], angle]), None, shape)
 
-def steps_natively(robot: Robot, structure: Structure, loads: Load, how: March = March()) -> Brief:  # noqa: B008
+
+def steps_natively(
+    robot: Robot,
+    structure: Structure,
+    loads: Load,
+    how: March = March(),  # noqa: B008
+    drawn: Float[Array, "K *tendons"] | None = None,
+) -> Brief:
     """As `Native`, for a robot whose numbers are known."""
-    return Native(robot)(_ready(robot, loads.T_base), structure, loads, how)
+    given = None if drawn is None else np.asarray(drawn)
+    return Native(robot)(_ready(robot, loads.T_base, drawn), structure, loads, how, given)
