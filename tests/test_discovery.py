@@ -1,7 +1,7 @@
 """Laws of no catalogue: forms, where they are felt, what is told of them, and files that hold them."""
 
 from pathlib import Path
-from types import MappingProxyType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any, cast
 
 import jax.numpy as jnp
@@ -153,9 +153,9 @@ def test_a_robot_with_more_laws_is_the_same_robot(make_config):
     assert [law.name for law in more.laws] == [place.tent().name for place in PLACES]
 
 
-def recorded(config, law=None, values=MappingProxyType({}), samples=150, noise=0.02, seed=4):
+def recorded(config, law=None, values=None, samples=150, noise=0.02, seed=4):
     """Two and a half loops at a finer mesh, with a law, and noise."""
-    whole = config if law is None else with_law(config, law, values)
+    whole = config if law is None else with_law(config, law, values or {})
     time = np.arange(samples) * 0.5
     T = np.interp(np.linspace(0, 6, samples), np.arange(7), [1, 30, 3, 22, 2, 26, 4])
     run = gtr.simulate(gtr.build_robot(whole, resolution=2.0), T, time=time)

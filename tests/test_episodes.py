@@ -35,6 +35,7 @@ from gtr_jax.files.config import parse_config
 
 K = 400
 ALL = np.ones(K, bool)
+TENDON = SimpleNamespace(name="", drive="tension")
 
 
 def test_noise_and_laws_that_are_wrong_everywhere_make_no_episodes():
@@ -74,7 +75,7 @@ def part(time=True, name="rig"):
     return Part(
         name=name,
         path="rig.csv",
-        robot=None,  # type: ignore[arg-type]
+        robot=cast(Any, SimpleNamespace(tendons=(TENDON,), tendon_names=())),
         config=None,
         T_base=exact(T),
         channels=("T_tip",),
@@ -88,7 +89,7 @@ def part(time=True, name="rig"):
 def bench_of(part, residual, slips=None):
     """A bench of one recording whose simulation is off by a residual, (K,)."""
     seen = SimpleNamespace(
-        T_tip=part.T_tip + residual, slips=np.zeros(part.samples, bool) if slips is None else slips
+        values=(part.T_tip + residual)[None], slips=np.zeros(part.samples, bool) if slips is None else slips
     )
     bench = SimpleNamespace(
         rigs=[SimpleNamespace(part=part)],

@@ -186,7 +186,8 @@ def test_noise_is_told_apart_from_what_the_mesh_leaves():
         recorded=np.sqrt(T)[None],
         noise_N=None,
         counted=np.ones(200, bool),
-        T_base=SimpleNamespace(T_base=T),
+        tips=1,
+        pulled=[T],
     )
     (noise,) = noise_in(cast(Rig, SimpleNamespace(part=part)), np.zeros((1, 200)))
     assert noise.mesh == pytest.approx(DISCRETE * 40)

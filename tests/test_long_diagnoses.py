@@ -65,8 +65,8 @@ def test_few_samples_give_nearly_what_all_give():
     evenly = np.unique(np.linspace(0, 3999, len(kept)).astype(int))
     plain = Rig(whole.only(evenly), robot)(values)
     assert all_of_it is not None and few is not None and plain is not None
-    off = np.sqrt(np.mean((few.values[0] - all_of_it.values[0][kept]) ** 2))
-    even = np.sqrt(np.mean((plain.values[0] - all_of_it.values[0][evenly]) ** 2))
+    off = np.sqrt(np.mean((few.values[0] - all_of_it.values[0, kept]) ** 2))
+    even = np.sqrt(np.mean((plain.values[0] - all_of_it.values[0, evenly]) ** 2))
     assert off < 0.03 and off < 0.3 * even
 
 
