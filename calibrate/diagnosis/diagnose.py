@@ -229,15 +229,12 @@ def _discovered(models: Models, decision: Decision, say: Callable[[str], None]) 
     """A law that explains structure which no effect of the catalogue does; None if there is none.
 
     It is looked for in recordings whose readings do not stand still, beside the effects that explain a part
-    of the misfit, or else beside none and beside the nearest ones.
+    of the misfit, or else beside none.
     """
     stands = decision.pattern is not None and decision.pattern.stands
     if decision.verdict not in (UNEXPLAINED, PARTLY) or stands or models.bench.heavy is not None:
         return None
-    heads = [decision.chosen]
-    if decision.verdict == UNEXPLAINED and decision.chosen.names:
-        heads = [models.base, decision.chosen]
-    return next((d for head in heads if (d := discover(models, head, say)) is not None), None)
+    return discover(models, models.base if decision.verdict == UNEXPLAINED else decision.chosen, say)
 
 
 def _decided(
