@@ -19,7 +19,7 @@ export NO_MKDOCS_2_WARNING := 1
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 12
 
-demo: $(DEV) ## simulate, fit and diagnose the examples that ship with the package; the reports are in demo-out/
+demo: $(DEV) ## simulate, fit and diagnose the examples that ship with the package; reports in demo-out/
 	$(BIN)/gtr demo -o demo-out
 
 paper: $(DEV) ## reproduce the paper into paper-out/, and write its page of the docs again

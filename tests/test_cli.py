@@ -306,12 +306,12 @@ def test_demo_finds_what_a_good_fit_conceals(run, tmp_path):
     outcome = run("demo", "-o", "demo-out")
     assert outcome.status == 0
     reports = re.findall(r"^report: (.*)$", outcome.out, flags=re.MULTILINE)
-    assert reports == [f"demo-out/{name}/report.html" for name in ("simulate", "fit", "diagnose")]
+    assert reports == [f"demo-out/{name}/report.html" for name in ("simulate", "fit", "diagnose", "discover")]
     assert all((tmp_path / report).is_file() for report in reports)
     index = (tmp_path / "demo-out/index.html").read_text()
     for place in re.findall(r'(?:href|src)="([^"]*)"', index):
         assert (tmp_path / "demo-out" / place).is_file()
-    assert index.count("/report.html") >= 3 and "demo-out/index.html" in outcome.out
+    assert index.count("/report.html") >= 4 and "demo-out/index.html" in outcome.out
     fitted = load(tmp_path / "demo-out/fit/fit.json")
     assert "to its noise" in fitted["verdict"]
     mu = fitted["parameters"]["mu"]
@@ -321,6 +321,13 @@ def test_demo_finds_what_a_good_fit_conceals(run, tmp_path):
     mu, pulley = (found["parameters"][name] for name in ("mu", "local-friction.base"))
     assert abs(mu["after"] - 0.3) < max(3 * mu["sd"], 0.003)
     assert abs(pulley["value"] - 0.1) < max(3 * pulley["sd"], 0.003)
+    law = load(tmp_path / "demo-out/discover/diagnosis.json")
+    assert law["verdict"] == "discovered" and law["discovered"]["acts"] == "friction"
+    assert law["discovered"]["of"] == "T" and "exp(-((T-at)/width)^2)" in law["discovered"]["formula"]
+    held = law["fit"]["held_out_rms_N"]
+    assert held["after"] < 0.5 * held["before"]
+    low, high = law["parameters"]["mu"]["averaged95"]
+    assert low < 0.24 < high, "it was made with 0.24"
 
 
 # --- the run folder ---------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import log_ndtr, ndtr, ndtri
 
 from ..estimate import NORMAL_95
-from ..number import Number
+from ..number import OWN, Number
 from ..parallel import in_parallel
 from .bench import Bench
 from .hypotheses import EVENTS, Hypothesis
@@ -49,7 +49,8 @@ class Hidden(NamedTuple):
         probability: that it acts, beside the model that is shown.
         largest: size that it does not exceed with a probability of 95 %, by amount; SI.
         null: value of the size at which there is no effect.
-        mu95: ends of the 95 % interval of mu if it acts; None where mu is not fitted.
+        mu95: ends of the 95 % interval of mu if it acts, of the first tendon where there are several; None
+            where mu is not fitted.
     """
 
     name: str
@@ -164,6 +165,11 @@ def averaged(
         n.name: _quantiles([(c.values(n.name), c.weight) for c in components]) for n in shown.fitted.numbers
     }
     return Averaged(ends, _told(hidden, shown, sum(c.weight for c in components)), whole)
+
+
+def is_friction(name: str) -> bool:
+    """Whether a number is a friction coefficient, of any tendon or recording: mu, mu.left, mu@monday."""
+    return name.partition(OWN)[0].partition(".")[0] == "mu"
 
 
 def _with(chosen: Fitted, name: str) -> tuple[str, ...]:
@@ -374,6 +380,7 @@ def _told(hidden: Sequence[tuple[_Beside, _Component]], shown: Marginal, total: 
     together.
     """
     centre = {n.name: n.value(x) for n, x in zip(shown.fitted.numbers, shown.fitted.x, strict=True)}
+    mu = next((name for name in centre if is_friction(name)), None)
     by_name: dict[str, list[tuple[_Beside, _Component]]] = {}
     for b, c in hidden:
         by_name.setdefault(b.hypothesis.name, []).append((b, c))
@@ -383,10 +390,10 @@ def _told(hidden: Sequence[tuple[_Beside, _Component]], shown: Marginal, total: 
         away = [(np.abs(c.values(first.name) - first.centre), c.weight) for _, c in parts]
         share = sum(c.weight for _, c in parts) / total
         mu95, adds = None, 0.0
-        if "mu" in centre:
-            draws = [(c.values("mu"), c.weight) for _, c in parts]
+        if mu is not None:
+            draws = [(c.values(mu), c.weight) for _, c in parts]
             mu95 = _quantiles(draws)
-            adds = sum(w * float(np.mean((d - centre["mu"]) ** 2)) for d, w in draws)
+            adds = sum(w * float(np.mean((d - centre[mu]) ** 2)) for d, w in draws)
         largest = float(_at(away, np.asarray([0.95]))[0])
         found.append((adds, Hidden(name, first.name, first.unit, share, largest, first.centre, mu95)))
     return [h for _, h in sorted(found, key=lambda f: -f[0])]

@@ -228,11 +228,14 @@ def _search(
 def _discovered(models: Models, decision: Decision, say: Callable[[str], None]) -> Discovery | None:
     """A law that explains structure which no effect of the catalogue does; None if there is none.
 
-    It is looked for in recordings whose readings do not stand still, beside the effects that explain a part
-    of the misfit, or else beside none.
+    It is looked for in recordings of one tendon in the plane that tension drives, whose readings do not stand
+    still, beside the effects that explain a part of the misfit, or else beside none.
     """
+    robot = models.bench.rigs[0].robot
     stands = decision.pattern is not None and decision.pattern.stands
     if decision.verdict not in (UNEXPLAINED, PARTLY) or stands or models.bench.heavy is not None:
+        return None
+    if robot.space or robot.tendon_names or robot.tendon.drive != "tension":
         return None
     return discover(models, models.base if decision.verdict == UNEXPLAINED else decision.chosen, say)
 

@@ -11,6 +11,7 @@ from gtr_jax.terms.law import VARIABLES
 
 from ..estimate import NORMAL_95
 from ..number import OWN
+from .averaged import is_friction
 from .decide import ADEQUATE, AMBIGUOUS, DISCOVERED, PARTLY, UNEXPLAINED, structured
 from .differ import Difference
 from .leave_out import ASKED, LeftOut
@@ -78,7 +79,7 @@ def _unseen(d: Diagnosis) -> str:
     wide = [
         (c, interval_in_words(c.averaged95, c.unit), interval_in_words((c.lower95, c.upper95), c.unit))
         for c in d.parameters
-        if c.name.partition(OWN)[0] in ("mu", "E") and c.widened > WIDER
+        if (is_friction(c.name) or c.name.partition(OWN)[0] == "E") and c.widened > WIDER
         if c.averaged95 is not None and c.lower95 is not None and c.upper95 is not None
     ]
     if not wide:
@@ -90,7 +91,7 @@ def _unseen(d: Diagnosis) -> str:
     rivals = "the rivals and " if len(d.confusion_set) > 1 else ""
     words = f" Counting {rivals}effects that these recordings neither show nor exclude, {' and '.join(are)}"
     most = next((h for h in d.hidden if h.mu95 is not None and h.probability > MAY_ACT), None)
-    if most is not None and wide[0][0].name == "mu":
+    if most is not None and is_friction(wide[0][0].name):
         amount = quantity(most.largest, most.unit, 2)
         words += (
             f"; {most.name} would move mu most ({most.number} may differ from {most.null:g} by {amount}; the "
