@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import gtr_jax as gtr
-from benchmarks.blind import cases, effects, events, exam, hand, instruments, machine, rig
+from benchmarks.blind import cases, effects, events, exam, hand, instruments, machine, rig, score
 from gtr_jax.examples import CONCEALED_ROBOT
 
 GENERATOR = [machine, effects, cases, rig, hand, events, instruments]
@@ -167,3 +167,20 @@ def test_shares_of_the_cases():
     kinds = [kind for kind, _ in cases.kinds(np.random.default_rng(0), 330)]
     assert len(kinds) >= 300
     assert kinds.count("sound") >= 0.25 * len(kinds) and kinds.count("outside") >= 0.15 * len(kinds)
+
+
+def test_laws_that_were_found_are_held_against_the_cause():
+    def scored(hidden, law, kind="outside", terms=("breathing",), chi=1.1):
+        key = {"kind": kind, "hidden": [hidden], "terms": list(terms), "mu": 0.2}
+        answer = {"verdict": "discovered", "sets": [["friction-of-time-wave"]], "law": law}
+        answer |= {"held_out": [{"chi2_per_n": 9.0}, {"chi2_per_n": chi}]}
+        answer |= {"intervals": {"mu": [[0.21, 0.23], [0.19, 0.23]]}}
+        return score.Scored("case", key, {"information": 20.0}, answer)
+
+    law = {"acts": "friction", "of": "t", "formula": "", "takes": 0.9, "possible": []}
+    right = scored("breathing", law)
+    assert right.modelled and not right.wrong_law and not right.wrong and right.sets == []
+    assert score.holds(right, 0) is False and score.holds(right, 1) is True
+    assert scored("ripple", law).wrong and not scored("breathing", law, chi=2.0).modelled
+    assert not scored("ripple", law | {"possible": ["tip_cell of T"]}).wrong
+    assert scored("wear", law, kind="single", terms=("wear",)).wrong_law

@@ -97,6 +97,15 @@ def _told(found: calibrate.Diagnosis, samples: int, took: float) -> dict[str, An
         "intervals": {
             c.name: [[c.lower95, c.upper95], c.averaged95] for c in found.parameters if c.averaged95
         },
+        "law": None
+        if found.discovered is None
+        else {
+            "acts": found.discovered.acts,
+            "of": found.discovered.of,
+            "formula": found.discovered.formula,
+            "takes": found.discovered.takes,
+            "possible": found.discovered.possible,
+        },
         "left": found.left,
         "base_left": found.base_left,
         "rms_N": found.rms_N,

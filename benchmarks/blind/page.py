@@ -29,8 +29,10 @@ OUTCOMES = (
 
 def outcome(s: Scored) -> str:
     """Which of `OUTCOMES`; right is to name what is missing and nothing else, to call a sound recording
-    adequate, and to call what lies outside the catalogue unexplained.
+    adequate, and to call what lies outside the catalogue unexplained or to find its law.
     """
+    if s.law is not None:
+        return "wrong" if s.wrong_law else "right"
     expected = {"sound": "adequate", "outside": "unexplained"}.get(s.kind)
     if s.verdict == expected or (expected is None and s.exact):
         return "right"
@@ -146,9 +148,9 @@ def write(
     tools = sorted({s.answer["tool"] for s in scored})
     crashed = sum(s.verdict == "crashed" for s in scored)
     head = ["", "false alarms", "detected, information > 6", "single named exactly, information > 6"]
-    head += ["confidently wrong", "outside called unexplained, information > 6"]
+    head += ["confidently wrong", "outside called unexplained or found as a law, information > 6"]
     effect_head = ["hidden", "term", "information > 6", "information (median)", "concealment (median)"]
-    effect_head += ["its own law leaves (median)", "named", "in the set", "unexplained", "adequate"]
+    effect_head += ["its own law leaves (median)", "named", "in the set", "unexplained", "a law", "adequate"]
     effect_head += ["wrong", "not in the set"]
     stratum_head = ["stratum", "cases", "anything missing", "named exactly"]
     stratum_head += ["among the three most probable", "confidently wrong"]

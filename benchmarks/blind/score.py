@@ -24,6 +24,10 @@ from .exam import keys as keys_of
 # Information from which on an effect counts as one that should be found.
 ENOUGH = 6.0
 NOTHING, STRANGE = "nothing", "outside the catalogue"
+# Hook and variable of what lies outside the catalogue; of the rest no law of one variable is the cause.
+CAUSES = {"breathing": ("friction", "t"), "jolt": ("friction", "t"), "ripple": ("tip_cell", "T")}
+# What a law may leave on unseen samples, per sample in variances, to count as a model of the cause.
+MODELLED = 1.3
 
 
 @dataclasses.dataclass
@@ -62,8 +66,25 @@ class Scored:
 
     @property
     def sets(self) -> list[list[str]]:
-        """What it names: one set of terms, or those it does not tell apart."""
-        return [sorted(s) for s in self.answer.get("sets", [])]
+        """What it names: one set of terms, or those it does not tell apart; a law found is no term."""
+        return [] if self.law else [sorted(s) for s in self.answer.get("sets", [])]
+
+    @property
+    def law(self) -> dict[str, Any] | None:
+        """The law that it found."""
+        return self.answer.get("law")
+
+    @property
+    def modelled(self) -> bool:
+        """A law is found that predicts unseen samples to about the noise."""
+        held = self.answer.get("held_out")
+        return bool(self.law and held and held[-1]["chi2_per_n"] <= MODELLED)
+
+    @property
+    def wrong_law(self) -> bool:
+        """A law is found at another hook or of another variable than the cause's."""
+        cause = CAUSES.get(self.key["hidden"][0]) if self.kind == "outside" else None
+        return bool(self.law) and cause != (self.law["acts"], self.law["of"])
 
     @property
     def names_one(self) -> bool:
@@ -105,7 +126,11 @@ class Scored:
 
     @property
     def wrong(self) -> bool:
-        """Confidently wrong: one set of terms named, and something in it is not there."""
+        """Confidently wrong: one set of terms named, and something in it is not there; or a law told that is
+        not the cause, with none that might be it instead.
+        """
+        if self.law is not None:
+            return self.wrong_law and not self.law["possible"]
         return self.names_one and not set(self.sets[0]) <= set(self.truth)
 
     @property
@@ -209,7 +234,7 @@ def baselines(scored: Sequence[Scored], labels: Sequence[str] | None) -> list[li
             "this diagnosis",
             lambda s: s.claims,
             lambda s: s.sets[0] if s.names_one else [],
-            lambda s: s.verdict == "unexplained",
+            lambda s: s.verdict == "unexplained" or s.law is not None,
         ),
         row("refit only", lambda s: of("refit only")(s)["claims"], lambda s: [], lambda s: False),
     ]
@@ -283,10 +308,21 @@ def overview(scored: Sequence[Scored]) -> list[list[str]]:
         ],
         ["pairs and triples: part of them named and nothing wrong", "", rate([s.near for s in several])],
         [
-            "outside the catalogue called unexplained, information > 6",
+            "outside the catalogue called unexplained, or found as a law, information > 6",
             "≥ 75 %",
-            rate([s.verdict == "unexplained" for s in strong]),
+            rate([s.verdict == "unexplained" or s.law is not None for s in strong]),
         ],
+        [
+            f"outside the catalogue found as a law that leaves χ²/n ≤ {MODELLED} on unseen samples, the same",
+            "≥ 50 %",
+            rate([s.modelled for s in strong]),
+        ],
+        [
+            "laws found outside the catalogue: right hook and variable",
+            "",
+            rate([not s.wrong_law for s in outside if s.law]),
+        ],
+        ["laws found where the catalogue holds the cause", "", rate([bool(s.law) for s in several + single])],
         ["outside the catalogue, confidently wrong", "≤ 10 %", rate([s.wrong for s in outside])],
         [
             "confidently wrong of all that is not sound, information > 6",
@@ -367,7 +403,7 @@ def per_effect(scored: Sequence[Scored]) -> list[list[str]]:
         for effect in effects:
             of = [s for s in scored if s.kind == kind and s.key["hidden"] == [effect]]
             strong = [s for s in of if s.information > ENOUGH]
-            count = {v: sum(s.verdict == v for s in of) for v in ("adequate", "unexplained")}
+            count = {v: sum(s.verdict == v for s in of) for v in ("adequate", "unexplained", "discovered")}
             rows.append(
                 [
                     effect,
@@ -379,6 +415,7 @@ def per_effect(scored: Sequence[Scored]) -> list[list[str]]:
                     str(sum(s.exact for s in of)),
                     str(sum(s.covered and not s.exact for s in of)),
                     str(count["unexplained"]),
+                    str(count["discovered"]),
                     str(count["adequate"]),
                     str(sum(s.wrong for s in of)),
                     str(sum(len(s.sets) > 1 and not s.covered for s in of)),
