@@ -12,9 +12,10 @@ from test_averaged import Linear
 import calibrate
 import gtr_jax as gtr
 from calibrate.diagnosis.decide import DISCOVERED
-from calibrate.diagnosis.discovery import with_law, with_laws
-from calibrate.diagnosis.discovery.discover import Felt, promising
-from calibrate.diagnosis.discovery.forms import (
+from calibrate.diagnosis.discovery import Felt, promising, with_laws
+from calibrate.diagnosis.heldout import _when_known
+from calibrate.diagnosis.hypotheses import base_numbers
+from calibrate.diagnosis.law_forms import (
     EDGE,
     FORMS,
     coordinates,
@@ -23,9 +24,8 @@ from calibrate.diagnosis.discovery.forms import (
     law_of,
     smooth_of,
 )
-from calibrate.diagnosis.discovery.places import Place, places
-from calibrate.diagnosis.heldout import _when_known
-from calibrate.diagnosis.hypotheses import base_numbers
+from calibrate.diagnosis.law_found import with_law
+from calibrate.diagnosis.law_places import Place, places
 from calibrate.diagnosis.rig import Rig
 from calibrate.fit import part_of
 from gtr_jax.files.config import config_text, parse_config

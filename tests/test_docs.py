@@ -162,9 +162,7 @@ def test_thresholds_of_the_diagnosis_are_those_of_the_code():
     stated = THRESHOLD.findall(page)
     assert len(stated) > 30
     for module, name, place, value in stated:
-        package = {"noise": "calibrate.readings", "discover": "calibrate.diagnosis.discovery"}.get(
-            module, "calibrate.diagnosis"
-        )
+        package = "calibrate.readings" if module == "noise" else "calibrate.diagnosis"
         there = getattr(importlib.import_module(f"{package}.{module}"), name)
         there = there[int(place)] if place else there
         said = 1e-4 if value == "10⁻⁴" else float(value)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from laws import numbers
 
+from gtr_jax.dimension import NONE, Dimension, dimension_of_unit
 from gtr_jax.errors import InputError
 from gtr_jax.files.units import parse_any
-from gtr_jax.terms.dimension import NONE, Dimension, dimension_of_unit
 from gtr_jax.terms.expression import FLOOR, dimension_of, evaluate
 from gtr_jax.terms.grammar import MOST_CHARACTERS, ExpressionError, names_in, parsed
 from gtr_jax.terms.law import ACTS, VARIABLES, Law, check_law, is_odd, term_of_law

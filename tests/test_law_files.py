@@ -275,7 +275,7 @@ def test_gtr_terms_says_what_laws_are(capsys):
         (("lax",), "terms: no term 'lax'; did you mean 'law'?"),
         (("law", "--law", EXAMPLE), "terms: KIND has no effect beside --law"),
         (("--pull", "3 N"), "terms: --pull has no effect without --law"),
-        (("-o", "x"), "terms: --output has no effect without --law"),
+        (("--pictures", "x"), "terms: --pictures has no effect without --law"),
         (("--law", ROOT / "examples/tdcm-1.toml"), "states no law; add [[terms]] with kind = "),
         (("--law", EXAMPLE, "--pull", "-3"), "--pull: must be above 0 N, is -3 N"),
         (("--law", "nowhere.toml"), "nowhere.toml"),
@@ -297,7 +297,7 @@ def test_gtr_diagnose_refuses_to_leave_out_what_is_no_term(capsys, tmp_path):
 
 
 def test_gtr_terms_draws_the_laws_of_a_file(capsys, tmp_path):
-    said = run_gtr(capsys, "terms", "--law", EXAMPLE, "-o", tmp_path / "pictures")
+    said = run_gtr(capsys, "terms", "--law", EXAMPLE, "--pictures", tmp_path / "pictures")
     assert said.status == 0, said.err
     assert "fade = 40 N/m; usually 10 N/m to 200 N/m" in said.out
     assert f"picture, with size 6 N/m: {tmp_path / 'pictures/seal.png'}" in said.out

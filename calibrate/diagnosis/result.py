@@ -17,10 +17,11 @@ from ..setup import Part
 from .averaged import Averaged, Hidden
 from .decide import ADEQUATE, AMBIGUOUS, DISCOVERED, MISSING, PARTLY, UNEXPLAINED, Decision
 from .differ import Difference
-from .discovery import Discovery, FoundLaw, found_law, with_laws
+from .discovery import Discovery, with_laws
 from .episodes import Episode
 from .experiment import Experiment
 from .hypotheses import INSTRUMENT_NUMBERS
+from .law_found import FoundLaw, found_law
 from .leave_out import LeftOut
 from .locate import Where
 from .marginal import Marginal

@@ -15,7 +15,7 @@ from ..free import distinct
 from ..number import values_in
 from .decide import UNEXPLAINED, Decision
 from .differ import Difference
-from .discovery import with_law
+from .law_found import with_law
 from .marginal import Marginal
 
 # First part of the names of the robot files.

@@ -29,7 +29,7 @@ from gtr_jax.plots.style import (
 )
 from gtr_jax.terms.law import VARIABLES
 
-from ..diagnosis.discovery import FoundLaw
+from ..diagnosis.law_found import FoundLaw
 from .fit_figures import PULL, by_phase
 
 FOUND = "with what was missing"

@@ -26,13 +26,12 @@ from .options import InputFile, Quantity
     help="Tension to which the loop goes [N].  [default: 40 N]",
 )
 @click.option(
-    "-o",
-    "--output",
+    "--pictures",
     metavar="FOLDER",
     type=click.Path(path_type=Path, file_okay=False),
     help="Where the pictures go.  [default: the present folder]",
 )
-def terms(kind: str | None, robot: Path | None, pull: float | None, output: Path | None) -> None:
+def terms(kind: str | None, robot: Path | None, pull: float | None, pictures: Path | None) -> None:
     """List the physics terms, or show the one called KIND: its law, numbers and how to tell it apart. KIND
     `law` is one of your own, which a robot file states as an expression.
     """
@@ -43,9 +42,9 @@ def terms(kind: str | None, robot: Path | None, pull: float | None, output: Path
     if robot is not None:
         if kind is not None:
             raise InputError("terms: KIND has no effect beside --law; leave one of them out")
-        draw_laws(robot, pull, Path(".") if output is None else output)
+        draw_laws(robot, pull, Path(".") if pictures is None else pictures)
         return
-    for option, value in (("--pull", pull), ("--output", output)):
+    for option, value in (("--pull", pull), ("--pictures", pictures)):
         if value is not None:
             raise InputError(f"terms: {option} has no effect without --law; leave it out")
     if kind is None:

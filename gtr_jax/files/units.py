@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from gtr_jax.dimension import Dimension as UnitPowers
+from gtr_jax.dimension import dimension_of_unit
 from gtr_jax.errors import InputError, excerpt
-from gtr_jax.terms.dimension import Dimension as UnitPowers
-from gtr_jax.terms.dimension import dimension_of_unit
 
 if TYPE_CHECKING:
     import pint

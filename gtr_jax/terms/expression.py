@@ -13,7 +13,8 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from .dimension import NONE, Dimension
+from gtr_jax.dimension import NONE, Dimension
+
 from .grammar import Apply, ExpressionError, Name, Node, Number
 
 FLOOR = 1e-30  # in SI: what is smaller counts as zero

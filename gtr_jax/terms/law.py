@@ -11,9 +11,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from gtr_jax.dimension import NONE, Dimension, dimension_of_unit
 from gtr_jax.errors import did_you_mean
 
-from .dimension import NONE, Dimension, dimension_of_unit
 from .expression import dimension_of, evaluate
 from .grammar import CONSTANTS, FUNCTIONS, ExpressionError, Node, names_in, parsed
 from .term import Quantity, Term, along

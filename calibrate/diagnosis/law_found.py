@@ -16,8 +16,8 @@ from gtr_jax.terms import Law
 from gtr_jax.terms.expression import evaluate
 from gtr_jax.terms.law import VARIABLES
 
-from ..marginal import Marginal
-from .discover import Discovery
+from .discovery import Discovery
+from .marginal import Marginal
 
 # Points of a curve, and draws of the numbers for its band.
 POINTS, DRAWS = 201, 400

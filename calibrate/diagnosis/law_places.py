@@ -14,10 +14,10 @@ from gtr_jax import Robot, equilibrium
 from gtr_jax.terms import Law, Quantity
 from gtr_jax.terms.law import VARIABLES
 
-from ...channels import CHANNELS
-from ..bench import Bench
-from ..locate import cycles_of
-from ..model import Fitted
+from ..channels import CHANNELS
+from .bench import Bench
+from .locate import cycles_of
+from .model import Fitted
 
 # Variables in a word, for names.
 WORDS = {

@@ -12,9 +12,9 @@ import numpy as np
 
 from gtr_jax.terms import Law
 
-from ...number import Number
-from ..hypotheses import Hypothesis
-from .places import Place
+from ..number import Number
+from .hypotheses import Hypothesis
+from .law_places import Place
 
 # Cosines of a smooth law, and of one of the place and of the time.
 SMOOTH, SMOOTH_ALONG = 6, 9

@@ -12,20 +12,20 @@ import numpy as np
 from gtr_jax import Robot
 from gtr_jax.terms import Law, null_values
 
-from ...parallel import in_parallel
-from ..bench import MOST_ITERATIONS, Bench
-from ..decide import structured
-from ..further import Unseen
-from ..heldout import by_fold
-from ..hypotheses import Hypothesis
-from ..locate import misfit
-from ..model import Fitted, model_of
-from ..models import Models
-from ..rig import Rig
-from ..screen import FAR, SEEN, Start
-from ..search import raced
-from .forms import SIZE, Form, coordinates, forms_for, hypothesis_of, law_of, smooth_of
-from .places import Place, places
+from ..parallel import in_parallel
+from .bench import MOST_ITERATIONS, Bench
+from .decide import structured
+from .further import Unseen
+from .heldout import by_fold
+from .hypotheses import Hypothesis
+from .law_forms import SIZE, Form, coordinates, forms_for, hypothesis_of, law_of, smooth_of
+from .law_places import Place, places
+from .locate import misfit
+from .model import Fitted, model_of
+from .models import Models
+from .rig import Rig
+from .screen import FAR, SEEN, Start
+from .search import raced
 
 # Size at which a tent is tried, as a share of the usual size.
 FELT = 0.3
