@@ -1,6 +1,7 @@
 """Numbers averaged over models, against sums over a grid in problems that are linear."""
 
 import dataclasses
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -34,10 +35,18 @@ class Linear:
     follow: Any = None
     heavy: float | None = None
     dimensions: tuple[Number, ...] = ()
+    effects: tuple[Hypothesis, ...] = ()
 
     def at(self, model, x):
-        rows = sum((self.columns[n.name] * v for n, v in zip(model.numbers, x, strict=True)), -self.seen)
-        return Point(model.values(x), cast(Any, ()), rows)
+        seen = self.simulate(model.values(x))
+        return None if seen is None else Point(model.values(x), cast(Any, ()), self.rows(seen))
+
+    def simulate(self, values, names=()):
+        return [SimpleNamespace(values=values, failed=0)]
+
+    def rows(self, seen):
+        known = {n.name: n for n in (MU, *(n for h in self.effects for n in h.numbers))}
+        return sum((self.columns[k] * known[k].at(v) for k, v in seen[0].values.items()), -self.seen)
 
     def refit(self, hypotheses, start, **_):
         model = model_of(self.base, hypotheses)
@@ -67,8 +76,8 @@ def problem(hidden, others=N_OF_OTHERS, true=(0.4, 1.0), seed=3, lower=0.0):
     columns = {"mu": 3 * J, "drag.size": 3 * (hidden * J + np.sqrt(1 - hidden**2) * off) / 4}
     columns |= {f"other-{k}.size": np.zeros(60) for k in range(others)}
     seen = true[0] * columns["mu"] + true[1] * columns["drag.size"] + rng.standard_normal(60)
-    bench = Linear(seen, columns)
     of = [effect("drag", lower), *(effect(f"other-{k}") for k in range(others))]
+    bench = Linear(seen, columns, effects=tuple(of))
     models = Models(cast(Any, bench), of)
     models.bench.mean_square = lambda f: 1.0  # type: ignore[method-assign]
     models.bench.readings = 60  # type: ignore[misc]
@@ -137,13 +146,28 @@ def test_effects_that_change_nothing_leave_the_interval():
     assert found.hidden[0].largest == pytest.approx(2.0 * norm.ppf(0.975), rel=0.03)
 
 
+def test_beside_an_effect_the_odds_are_those_of_sets_of_two():
+    bench, models, _ = problem(0.5, true=(0.4, 0.5))
+    own = models.hypotheses(["drag"])
+    models.add([cast(Fitted, bench.refit(own, np.zeros(2)))])
+    fitted = models.fits[("drag",)]
+    marginal = Marginal(cast(Any, bench), fitted, np.linalg.inv(fitted.information()), ({}, {}))
+    found = averaged(models, fitted, {("drag",): 1.0}, {("drag",): marginal})
+    # The other effects change nothing, so that their odds are those of the prior (`Models.log_prior`).
+    n, one = len(models.of), dataclasses.replace(fitted, names=("drag", "other-0"))
+    odds = np.exp(models.log_prior(one) - models.log_prior(fitted))
+    assert odds == pytest.approx(HOW_MANY[2] / HOW_MANY[1] * 2 / (n - 1))
+    total = 1 + odds * N_OF_OTHERS
+    assert [h.probability for h in found.hidden] == pytest.approx([odds / total] * N_OF_OTHERS)
+
+
 def test_rivals_count_with_their_probability():
     _, models, marginal = problem(0.5, true=(0.4, 0.0))
     fitted = dataclasses.replace(marginal.fitted, names=("rival",), x=marginal.fitted.x + 1.0)
     rival = dataclasses.replace(marginal, fitted=fitted)
     both: dict[tuple[str, ...], Marginal] = {(): marginal, ("rival",): rival}
     found = averaged(models, models.base, {(): 0.7, ("rival",): 0.3}, both)
-    assert found.ends["mu"][1] > rival.interval(0)[0] and found.whole == pytest.approx(1.0)
+    assert found.ends["mu"][1] > rival.interval(0)[0]
     without = averaged(models, models.base, {(): 0.7, ("rival",): 1e-5}, both)
     assert without.ends["mu"][1] < rival.interval(0)[0]
 
@@ -174,11 +198,11 @@ def test_effects_without_a_size_have_no_null_to_be_hidden_at():
 
 def test_a_breakdown_leaves_the_effect_out():
     bench, models, marginal = problem(0.5)
-    plain = bench.at
+    plain = bench.simulate
 
-    def fails(model, x):
-        return None if "drag" in model.names else plain(model, x)
+    def fails(values, names=()):
+        return None if "drag.size" in values else plain(values, names)
 
-    bench.at = fails  # type: ignore[method-assign]
+    bench.simulate = fails  # type: ignore[method-assign]
     found = averaged(models, models.base, {(): 1.0}, {(): marginal})
     assert "drag" not in {h.name for h in found.hidden}

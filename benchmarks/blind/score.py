@@ -127,10 +127,11 @@ class Scored:
     @property
     def wrong(self) -> bool:
         """Confidently wrong: one set of terms named, and something in it is not there; or a law told that is
-        not the cause, with none that might be it instead.
+        not the cause, and the cause not among those that are possible instead.
         """
         if self.law is not None:
-            return self.wrong_law and not self.law["possible"]
+            cause = CAUSES.get(self.key["hidden"][0]) if self.kind == "outside" else None
+            return self.wrong_law and (cause is None or " of ".join(cause) not in self.law["possible"])
         return self.names_one and not set(self.sets[0]) <= set(self.truth)
 
     @property

@@ -17,10 +17,10 @@ import numpy as np
 from scipy.special import log_ndtr, ndtr, ndtri
 
 from ..estimate import NORMAL_95
-from ..number import OWN, Number
+from ..number import Number
 from ..parallel import in_parallel
 from .bench import Bench
-from .hypotheses import EVENTS, Hypothesis
+from .hypotheses import EVENTS, Hypothesis, is_friction
 from .marginal import Marginal
 from .model import Fitted, Model, model_of
 from .models import BELIEVED, HOW_MANY, Models
@@ -67,13 +67,11 @@ class Averaged(NamedTuple):
 
     Attributes:
         ends: of the 95 % interval of each number, SI, by name.
-        hidden: effects that may act unseen, those that move mu most first.
-        whole: probability of the models that the average holds.
+        hidden: effects that may act unseen, those that add most to the spread of mu first.
     """
 
     ends: dict[str, tuple[float, float]]
     hidden: list[Hidden]
-    whole: float
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -88,7 +86,7 @@ class _Component:
         """Draws of a number, SI, (DRAWS,); none where the model does not have it."""
         for n, x in zip(self.numbers, self.draws.T, strict=True):
             if n.name == name:
-                value = n.centre * np.exp(n.sd * x) if n.log else n.centre + n.sd * x
+                value = n.centre * np.exp(np.minimum(n.sd * x, 700.0)) if n.log else n.centre + n.sd * x
                 return np.clip(value, n.lower, n.upper)
         return np.zeros(0)
 
@@ -135,6 +133,8 @@ def averaged(
     chosen: Fitted,
     probability: Mapping[tuple[str, ...], float],
     marginals: Mapping[tuple[str, ...], Marginal],
+    *,
+    leaves: bool = False,
 ) -> Averaged:
     """The numbers of a diagnosis averaged over models.
 
@@ -144,18 +144,22 @@ def averaged(
         probability: of each model.
         marginals: the model that is shown, its rivals and the base model with all that is uncertain fitted
             jointly, by names of the effects.
+        leaves: whether the model that is shown leaves structure beyond the noise, which then counts as an
+            error of unknown cause: an effect that nibbles at it must not gain odds.
     """
     rng = np.random.default_rng(0)
     shown = marginals[chosen.names]
     known = {tuple(sorted(names)) for names in marginals}
-    components, whole = [], 0.0
+    components = []
     for names, marginal in marginals.items():
         p = probability.get(names, 0.0)
         if p > LEAST or names == chosen.names:
             components.append(_Component(marginal.fitted.numbers, _drawn(marginal, rng), max(p, LEAST)))
-            whole += p
     own = max(probability.get(chosen.names, 0.0), LEAST)
-    beside = [b for b in _beside(models, chosen, shown) if _with(chosen, b.hypothesis.name) not in known]
+    bench = models.bench
+    scale = bench.scale_left(chosen) if leaves or bench.heavy is not None else models.scale
+    beside = _beside(models, chosen, shown, scale)
+    beside = [b for b in beside if _with(chosen, b.hypothesis.name) not in known]
     hidden = []
     for b in beside:
         component = _hidden(shown, b, own * b.odds, rng)
@@ -164,12 +168,7 @@ def averaged(
     ends = {
         n.name: _quantiles([(c.values(n.name), c.weight) for c in components]) for n in shown.fitted.numbers
     }
-    return Averaged(ends, _told(hidden, shown, sum(c.weight for c in components)), whole)
-
-
-def is_friction(name: str) -> bool:
-    """Whether a number is a friction coefficient, of any tendon or recording: mu, mu.left, mu@monday."""
-    return name.partition(OWN)[0].partition(".")[0] == "mu"
+    return Averaged(ends, _told(hidden, shown, sum(c.weight for c in components)))
 
 
 def _with(chosen: Fitted, name: str) -> tuple[str, ...]:
@@ -203,12 +202,13 @@ def _hidden(shown: Marginal, b: _Beside, weight: float, rng: np.random.Generator
     return _Component(numbers, np.concatenate([_drawn(shown, rng) + moved, sizes], axis=1), weight)
 
 
-def _beside(models: Models, chosen: Fitted, shown: Marginal) -> list[_Beside]:
+def _beside(models: Models, chosen: Fitted, shown: Marginal, scale: float) -> list[_Beside]:
     """Each other effect beside the model, with its shapes one by one."""
     k, n = len(chosen.names), len(models.of)
     if k + 1 >= len(HOW_MANY) or n <= k:
         return []
-    prior = HOW_MANY[k + 1] / HOW_MANY[k] / (n - k)
+    # Of the sets of k + 1 effects, k + 1 share the others with each set of k (`Models.log_prior`).
+    prior = HOW_MANY[k + 1] / HOW_MANY[k] * (k + 1) / (n - k)
     taken = {m.name for m in chosen.numbers}
     items: list[tuple[Hypothesis, float]] = []
     for h in models.of.values():
@@ -216,7 +216,6 @@ def _beside(models: Models, chosen: Fitted, shown: Marginal) -> list[_Beside]:
             continue
         shaped = _shapes(h)
         items += [(own, prior / len(shaped)) for own in shaped]
-    scale = models.scale if models.bench.heavy is None else models.bench.scale_left(chosen)
 
     def one(item: tuple[Hypothesis, float]) -> _Beside | None:
         return _tried(models, chosen, shown, *item, scale)
@@ -257,10 +256,11 @@ def _tried(
         step = TRIED if high[i] >= TRIED else -TRIED
         x = np.concatenate([chosen.x, np.zeros(len(h.numbers))])
         x[p + i] = step
-        there = bench.at(model, x)
-        if there is None or there.failed > chosen.failed:
+        # With the mesh's correction of the model itself: the difference of two corrections is no effect.
+        seen = bench.simulate(model.values(x), chosen.names)
+        if seen is None or sum(s.failed for s in seen) > chosen.failed:
             return None
-        columns.append((there.rows - chosen.rows) / step)
+        columns.append((bench.rows(seen) - chosen.rows) / step)
     jacobian = np.concatenate([chosen.jacobian, np.stack(columns, axis=1)], axis=1)
     start = np.concatenate([chosen.x, np.zeros(len(h.numbers))])
     found = _gaussian(bench, chosen, h, prior, scale, (start, chosen.rows, jacobian), None)
@@ -281,7 +281,8 @@ def _tried(
         most=MOST,
     )
     if refit is None or refit.cost > chosen.cost:
-        return found
+        # The slope promised what is not there: no gain counts.
+        return _gaussian(bench, chosen, h, prior, scale, (start, chosen.rows, jacobian), chosen.cost)
     return _gaussian(bench, chosen, h, prior, scale, (refit.x, refit.rows, refit.jacobian), refit.cost)
 
 
@@ -380,12 +381,14 @@ def _told(hidden: Sequence[tuple[_Beside, _Component]], shown: Marginal, total: 
     together.
     """
     centre = {n.name: n.value(x) for n, x in zip(shown.fitted.numbers, shown.fitted.x, strict=True)}
-    mu = next((name for name in centre if is_friction(name)), None)
+    mu = next((n.name for n in shown.fitted.numbers if is_friction(n)), None)
     by_name: dict[str, list[tuple[_Beside, _Component]]] = {}
     for b, c in hidden:
         by_name.setdefault(b.hypothesis.name, []).append((b, c))
     found = []
     for name, parts in by_name.items():
+        if not sum(c.weight for _, c in parts) > 0:
+            continue
         first = parts[0][0].hypothesis.numbers[0]
         away = [(np.abs(c.values(first.name) - first.centre), c.weight) for _, c in parts]
         share = sum(c.weight for _, c in parts) / total

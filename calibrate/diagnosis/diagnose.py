@@ -15,6 +15,7 @@ from .averaged import averaged
 from .bench import Bench
 from .cache import SimulationCache
 from .decide import (
+    DISCOVERED,
     PARTLY,
     UNEXPLAINED,
     Decision,
@@ -37,7 +38,7 @@ from .leave_out import Stretch, asked_for, from_outside, left_out
 from .locate import cycles_in, locate, mu_by_stratum, phases_of, ratio_of_branches
 from .marginal import Marginal, jointly
 from .model import Fitted
-from .models import Models
+from .models import HOW_MANY, Models
 from .pairs import promising
 from .prepare import Prepared, names_of, prepare
 from .refine import refine
@@ -237,7 +238,8 @@ def _discovered(models: Models, decision: Decision, say: Callable[[str], None]) 
         return None
     if robot.space or robot.tendon_names or robot.tendon.drive != "tension":
         return None
-    return discover(models, models.base if decision.verdict == UNEXPLAINED else decision.chosen, say)
+    head = models.base if decision.verdict == UNEXPLAINED else decision.chosen
+    return discover(models, head, say) if len(head.names) + 1 < len(HOW_MANY) else None
 
 
 def _decided(
@@ -386,7 +388,8 @@ def _answer(
             refitted[own.names] = after if own is chosen else jointly(models, own, finer)
     say("averaging over models, and over what these recordings cannot show")
     marginals = {(): before} | refitted | {chosen.names: after}
-    average = averaged(models, chosen, decision.probability, marginals)
+    leaves = decision.verdict in (PARTLY, DISCOVERED, UNEXPLAINED)
+    average = averaged(models, chosen, decision.probability, marginals, leaves=leaves)
     scores = held_out(bench, [(models.hypotheses(f.names), f) for f in compared])
     wanted = decision.verdict == "ambiguous" if experiment is None else experiment
     proposal: Experiment | None = None

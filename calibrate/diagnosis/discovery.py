@@ -34,14 +34,15 @@ WORTH, EACH = 16.0, 4.0
 # Hooks and variables that are fitted inside the simulator; forms of the first and of each other of them, and
 # starts of the best form of each.
 PLACES, FORMS, STARTS = 3, (4, 2), 2
-# Largest size, in usual sizes, that a fit starts from.
-LARGEST = 2.5
+# Largest size, in usual sizes, that a fit starts from; shortest period and width, in distances of tents.
+LARGEST, WAVES, WIDE = 2.5, 2.5, 0.5
 # A law is told if it takes this share of the misfit beyond the noise on unseen samples; a short law is shown
 # in the place of the smooth one if what it leaves there is at most so many times as much. A law that leaves
 # structure beyond the noise is the wrong one, or not alone: it is told only if it takes nearly all.
 TAKES, AS_WELL, NEARLY_ALL = 0.5, 1.1, 0.9
-# Another hook or variable stays possible above this probability.
-POSSIBLE = 0.03
+# Another hook or variable stays possible above this probability; models of the catalogue's effects that are
+# shown beside the law.
+POSSIBLE, CATALOGUED = 0.03, 4
 
 
 class Felt(NamedTuple):
@@ -163,10 +164,11 @@ def feel(models: Models, head: Fitted) -> list[Felt]:
         name, step = place.tent().name, FELT * place.size
         fixed = {f"{name}.at": at, f"{name}.width": float(place.tents[1] - place.tents[0])}
         tent = Hypothesis(name, name, (), (), {**fixed, f"{name}.{SIZE}": step})
-        there = bench.at(model_of(bench.base, [*own, tent]), head.x)
-        if there is None or there.failed > head.failed:
+        # With the mesh's correction of the head: the difference of two corrections is no effect.
+        seen = bench.simulate(model_of(bench.base, [*own, tent]).values(head.x), head.names)
+        if seen is None or sum(s.failed for s in seen) > head.failed:
             return None
-        return (there.rows - head.rows) / step
+        return (bench.rows(seen) - head.rows) / step
 
     jobs = [(place, float(at)) for place in where for at in place.tents]
     found = dict(zip(jobs, in_parallel(change, jobs), strict=True))
@@ -217,7 +219,8 @@ def _of_forms(felt: Felt):
     place = felt.place
     u = (place.tents - place.low) / place.span
     for form in forms_for(place):
-        values = np.stack([form.value(u, *shapes) for shapes in form.grid])
+        grid = [shapes for shapes in form.grid if _is_felt(form, shapes, len(u))]
+        values = np.stack([form.value(u, *shapes) for shapes in grid])
         power = np.einsum("gi,ij,gj->g", values, felt.gram, values)
         toward = values @ felt.toward
         sizes = np.clip(toward / (power + place.size**-2), -LARGEST * place.size, LARGEST * place.size)
@@ -228,7 +231,16 @@ def _of_forms(felt: Felt):
             pattern = values[g] / max(np.linalg.norm(values[g]), 1e-12)
             if all(abs(pattern @ other) < 0.9 for other in taken):
                 taken.append(pattern)
-                yield float(scores[g]), form, float(sizes[g]), form.grid[g]
+                yield float(scores[g]), form, float(sizes[g]), grid[g]
+
+
+def _is_felt(form: Form, shapes: Sequence[float], tents: int) -> bool:
+    """Whether a form is coarse enough for its tents: a faster wave looks like a slow one."""
+    return all(
+        value >= (WAVES if shape.name == "period" else WIDE) / (tents - 1)
+        for shape, value in zip(form.shapes, shapes, strict=True)
+        if shape.log
+    )
 
 
 def _followed(head: Fitted, information: np.ndarray, moved: np.ndarray, own: np.ndarray) -> np.ndarray:
@@ -255,7 +267,9 @@ def _judged(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> Di
     """The law that is told, if one predicts unseen samples well enough."""
     of = {c.law.name: c for c in candidates}
     fits = [f for f in models.fits.values() if f.names and f.names[-1] in of]
-    fits = [f for f in fits if head.cost - f.cost > SEEN**2]
+    fits = [f for f in fits if head.cost - f.cost > SEEN**2 and not _refused(models, of[f.names[-1]].law, f)]
+    unseen = Unseen(models)
+    fits = [f for f in fits if np.any(np.isfinite(unseen.squares([f])))]
     if not fits:
         return None
     probability = models.beside(min(fits, key=lambda f: f.cost))
@@ -267,30 +281,30 @@ def _judged(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> Di
         best.setdefault(of[f.names[-1]].place.name, f)
     tried = [*best.values(), *smooth.values()]
     nearest = [f for f in models.fits.values() if f.names and f.names[-1] not in of]
-    nearest = sorted(nearest, key=lambda f: f.cost)[:1]
-    unseen = Unseen(models)
-    _, totals = unseen.totals([head, *nearest, *tried])
+    nearest = sorted(nearest, key=lambda f: f.cost)[:CATALOGUED]
+    rivals = [head, *nearest[:1]]
+    _, totals = unseen.totals([*rivals, *tried])
     if not totals.any():
         return None
-    least = dict(zip([f.names for f in tried], totals[1 + len(nearest) :], strict=True))
+    least = dict(zip([f.names for f in tried], totals[len(rivals) :], strict=True))
     first = min(tried, key=lambda f: least[f.names])
-    if unseen.best(head, [first]) is None or (nearest and unseen.best(nearest[0], [first]) is None):
-        return None
     # The probability decides between those that predict as well as the best.
     equal = [f for f in tried if least[f.names] <= AS_WELL * least[first.names]]
     shown = max(equal, key=lambda f: probability[f.names])
+    if any(unseen.best(other, [shown]) is None for other in rivals):
+        return None
     place = of[shown.names[-1]].place
     takes = _takes(models, head, shown)
     if takes < TAKES:
         return None
     others: dict[str, Fitted] = {}
-    for f in sorted(tried, key=lambda f: -probability[f.names]):
+    for f in sorted(equal, key=lambda f: -probability[f.names]):
         there = of[f.names[-1]].place.name
-        if there != place.name and least[f.names] <= (1 + AS_WELL) / 2 * AS_WELL * least[shown.names]:
+        if there != place.name:
             others.setdefault(there, f)
     total = probability[shown.names] + sum(probability[f.names] for f in others.values())
     possible = [f.names for f in others.values() if probability[f.names] > POSSIBLE * total]
-    models = _weighed_by(models, shown, [head.names, *possible])
+    models = _weighed_by(models, shown, [head.names, *possible, *(f.names for f in nearest)])
     if takes < NEARLY_ALL and structured(misfit(models.bench, models.stored(shown))):
         return None
     return Discovery(
@@ -304,6 +318,14 @@ def _judged(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> Di
         possible_places=[of[names[-1]].place for names in possible],
         takes=takes,
     )
+
+
+def _refused(models: Models, law: Law, fitted: Fitted) -> str:
+    """Why a robot cannot have a law with these numbers; "" if it can."""
+    robot = models.bench.rigs[0].robot
+    values = {q.name: fitted.values[f"{law.name}.{q.name}"] for q in law.numbers}
+    fault = robot.catalogue[law.name].fault
+    return "" if fault is None else fault(values, float(robot.backbone.length))
 
 
 def _weighed_by(models: Models, shown: Fitted, others: Sequence[tuple[str, ...]]) -> Models:

@@ -86,6 +86,8 @@ COMPLIANCE = 5e-5
 DELAY, DRIFT, SLACK, FARTHEST = 0.03, 0.002, 0.02, 3.0
 DRIFTS = ("zero-drift.tip", "zero-drift.base")
 INSTRUMENT_NUMBERS = {"time-skew.delay", *DRIFTS}
+# Numbers beside the size up to which all combinations of their ends are tried.
+MOST_SHAPES = 3
 # Sizes to try, in standard deviations of the prior.
 SIZES = (0.3, 1.0)
 
@@ -227,11 +229,13 @@ def _started(
     first, shapes = free[0], free[1:]
     signs = [s for s in (1.0, -1.0) if first.bounds[0] < s * SIZES[0] < first.bounds[1]]
     ends = [[n.value(-0.9), n.value(0.9)] for n in shapes]
+    # A law of the robot file may have many numbers: not all their combinations are tried.
+    few = [tuple(n.value(x) for n in shapes) for x in (-0.9, 0.0, 0.9)]
     starts = [
         {first.name: first.value(sign * size)} | dict(zip([n.name for n in shapes], shape, strict=True))
         for sign in signs
         for size in SIZES
-        for shape in itertools.product(*ends)
+        for shape in (itertools.product(*ends) if len(shapes) <= MOST_SHAPES else few)
     ]
     return Hypothesis(name=name, kind=term.id, numbers=free, starts=tuple(starts), fixed=fixed)
 

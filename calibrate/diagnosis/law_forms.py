@@ -102,6 +102,7 @@ FORMS = (
         (SCALE,),
         lambda u, scale: np.exp(-u / scale),
         [(w,) for w in (0.02, 0.05, 0.1, 0.2, 0.4)],
+        for_=("friction", "tip_cell", "base_cell"),
     ),
     Form(
         "kneed",
@@ -171,9 +172,7 @@ def coordinates(place: Place, form: Form, size: float, shapes: Sequence[float]) 
 
 
 def _in_units(place: Place, shape: Shape, share: float) -> float:
-    if shape is PHASE:
-        return share
-    return share * place.span if shape.log or place.low == 0.0 else place.low + share * place.span
+    return share if shape is PHASE else share * place.span
 
 
 def _usual(place: Place, shape: Shape) -> float:

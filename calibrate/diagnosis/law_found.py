@@ -21,13 +21,14 @@ from .marginal import Marginal
 
 # Points of a curve, and draws of the numbers for its band.
 POINTS, DRAWS = 201, 400
-# What a law changes, for people.
+# What a law changes, for people, and what its expression gives.
 CHANGES = {
     "friction": "factor on the friction coefficient",
     "bending": "addition to the bending moment over EI",
     "tip_cell": "what the cell at the tip adds",
     "base_cell": "what the cell at the base adds",
 }
+GIVES = CHANGES | {"tip_cell": "the cell at the tip shows", "base_cell": "the cell at the base shows"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -37,7 +38,7 @@ class FoundLaw:
     Attributes:
         law: the law.
         acts, of: hook and variable.
-        changes: what it changes, for people.
+        changes, gives: what it changes, for people, and what its expression gives.
         unit, of_unit: SI units of that and of the variable.
         formula: the expression.
         values: of its parameters, SI.
@@ -51,6 +52,7 @@ class FoundLaw:
     acts: str
     of: str
     changes: str
+    gives: str
     unit: str
     of_unit: str
     formula: str
@@ -101,6 +103,7 @@ def found_law(discovery: Discovery, after: Marginal) -> FoundLaw:
         acts=place.acts,
         of=place.of,
         changes=CHANGES[place.acts],
+        gives=GIVES[place.acts],
         unit=law.place.unit,
         of_unit=place.of_unit,
         formula=law.text,
@@ -139,17 +142,22 @@ def with_law(config: RobotConfig, law: Law, values: Mapping[str, float]) -> Robo
     usual = {
         q.name: [
             quantity_text(end, q.unit)
-            for end in _about(float(values[q.name]), q.usual, q.unit != "dimensionless")
+            for end in _about(float(values[q.name]), q.usual, not _is_signed(q.name))
         ]
         for q in law.numbers
     }
     section = {"kind": "law", "name": law.name, "acts": law.acts, "law": law.text, **text, "usual": usual}
     # A phase and the parts of a smooth curve may be negative; a scale may not.
-    signed = [q.name for q in law.numbers if q.unit == "dimensionless" and not q.size]
+    signed = [q.name for q in law.numbers if _is_signed(q.name)]
     if signed:
         section["bounds"] = {name: [-math.inf, math.inf] for name in signed}
     data.setdefault("terms", []).append(section)
     return parse_config(data, source=config.source)
+
+
+def _is_signed(name: str) -> bool:
+    """Whether a number of a law that is found may be negative besides its size."""
+    return name == "phase" or (name[0] == "c" and name[1:].isdigit())
 
 
 def _about(value: float, usual: tuple[float, float], scale: bool) -> tuple[float, float]:

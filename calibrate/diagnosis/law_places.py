@@ -18,6 +18,7 @@ from ..channels import CHANNELS
 from .bench import Bench
 from .locate import cycles_of
 from .model import Fitted
+from .rig import friction_of, stiffness_of
 
 # Variables in a word, for names.
 WORDS = {
@@ -48,6 +49,7 @@ class Place:
         low, high: range of the variable in the recordings [SI].
         size: usual size of the law, in `unit`.
         unit: of the size.
+        ending: that tells its laws from those that the robot has already; "" where it has none.
     """
 
     acts: str
@@ -56,11 +58,12 @@ class Place:
     high: float
     size: float
     unit: str
+    ending: str = ""
 
     @property
     def name(self) -> str:
         """For people and for the names of terms."""
-        return f"{self.acts.replace('_', '-')}-of-{WORDS[self.of]}"
+        return f"{self.acts.replace('_', '-')}-of-{WORDS[self.of]}{self.ending}"
 
     @property
     def span(self) -> float:
@@ -134,7 +137,8 @@ def places(robot: Robot, bench: Bench, fitted: Fitted) -> list[Place]:
         bench: the recordings.
         fitted: a model of them, from which the ranges are taken.
     """
-    values = {name: v for name, v in fitted.values.items() if name in ("mu", "E")}
+    known = {*friction_of(robot), *stiffness_of(robot)}
+    values = {name: v for name, v in fitted.values.items() if name in known}
     top = max(float(rig.part.T_base.T_base.max()) for rig in bench.rigs)
     at = equilibrium(robot.with_values(**values), jnp.asarray(top))
     wrap, tension, s = (np.asarray(x) for x in (at.wrap, at.tension, at.s))
@@ -160,7 +164,12 @@ def places(robot: Robot, bench: Bench, fitted: Fitted) -> list[Place]:
     turns = max(int(cycles_of(rig.part.T_base.T_base)[-1]) for rig in bench.rigs)
     if turns >= 3:
         found.append(Place("friction", "n", 0.0, float(turns), FRICTION, "dimensionless"))
-    return [place for place in found if place.span > 0]
+    there = {place.name: sum(law.name.startswith(place.name) for law in robot.laws) for place in found}
+    return [
+        dataclasses.replace(place, ending=f"-{there[place.name] + 1}" if there[place.name] else "")
+        for place in found
+        if place.span > 0
+    ]
 
 
 def _fastest(times: Sequence[np.ndarray], fitted: Fitted) -> float:

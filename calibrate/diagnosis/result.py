@@ -510,6 +510,9 @@ def _changes(before: Marginal, after: Marginal, average: Averaged) -> list[Chang
         )
     free = {n.name for n in after.fitted.numbers}
     assumed = {k: v for k, v in after.fitted.values.items() if k not in free}
+    terms = after.bench.rigs[0].robot.catalogue
+    units = {f"{t.id}.{q.name}": q.unit for t in terms.values() for q in t.numbers}
     return found + [
-        Change(name=name, unit="", before=None, after=value, sd=None) for name, value in assumed.items()
+        Change(name=name, unit=units.get(name, ""), before=None, after=value, sd=None)
+        for name, value in assumed.items()
     ]

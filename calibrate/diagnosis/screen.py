@@ -232,7 +232,7 @@ def screen(
         best: list[int] = []
         for h in hypotheses:
             mine = ranked_places(i for i, t in enumerate(found) if t.hypothesis is h)
-            best += mine[: STARTS_EACH[len(h.numbers)]]
+            best += mine[: STARTS_EACH[min(len(h.numbers), max(STARTS_EACH))]]
         try_again([i for i in best if i not in promising])
         thirds = [t for t in in_parallel(third_try, [found[i] for i in best]) if t is not None]
     screened = []

@@ -108,7 +108,7 @@ def refit_best(
     items = [
         ((*head, s.hypothesis), start)
         for s in screened
-        for start in s.starts[: starts[len(s.hypothesis.numbers)]]
+        for start in s.starts[: starts[min(len(s.hypothesis.numbers), max(starts))]]
     ]
     return raced(bench, fitted, items, most)
 
@@ -166,7 +166,7 @@ def add_to(models: Models, head: Fitted, progress: Callable[[str], None], effort
 
 def add_pairs(models: Models, pairs: Sequence[Pair], progress: Callable[[str], None]) -> None:
     """Refit pairs from the base model where they promise more than the best single effect explains."""
-    least = min((f.cost for f in models.fits.values()), default=0.0)
+    least = min((f.cost for f in models.fits.values() if len(f.names) == 1), default=models.base.cost)
     wanted = [pair for pair in pairs if pair.gain > models.base.cost - least + SECOND_WORTH]
     if wanted:
         progress(f"trying {len(wanted)} pairs that promise more together")

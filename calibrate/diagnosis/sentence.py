@@ -11,7 +11,6 @@ from gtr_jax.terms.law import VARIABLES
 
 from ..estimate import NORMAL_95
 from ..number import OWN
-from .averaged import is_friction
 from .decide import ADEQUATE, AMBIGUOUS, DISCOVERED, PARTLY, UNEXPLAINED, structured
 from .differ import Difference
 from .leave_out import ASKED, LeftOut
@@ -72,14 +71,14 @@ def interval_in_words(ends: tuple[float, float], unit: str) -> tuple[str, str]:
 
 def _unseen(d: Diagnosis) -> str:
     """Between what mu and E are once models are averaged, where that is much wider than the one model says,
-    and which effect that may act unseen moves mu most.
+    and which effect that may act unseen adds most to that.
     """
     if d.verdict == UNEXPLAINED:
         return ""
     wide = [
         (c, interval_in_words(c.averaged95, c.unit), interval_in_words((c.lower95, c.upper95), c.unit))
         for c in d.parameters
-        if (is_friction(c.name) or c.name.partition(OWN)[0] == "E") and c.widened > WIDER
+        if c.name.partition(OWN)[0].partition(".")[0] in ("mu", "E") and c.widened > WIDER
         if c.averaged95 is not None and c.lower95 is not None and c.upper95 is not None
     ]
     if not wide:
@@ -91,11 +90,11 @@ def _unseen(d: Diagnosis) -> str:
     rivals = "the rivals and " if len(d.confusion_set) > 1 else ""
     words = f" Counting {rivals}effects that these recordings neither show nor exclude, {' and '.join(are)}"
     most = next((h for h in d.hidden if h.mu95 is not None and h.probability > MAY_ACT), None)
-    if most is not None and is_friction(wide[0][0].name):
-        amount = quantity(most.largest, most.unit, 2)
+    if most is not None and wide[0][0].name.startswith("mu"):
+        amount, null = quantity(most.largest, most.unit, 2), quantity(most.null, most.unit, 3)
         words += (
-            f"; {most.name} would move mu most ({most.number} may differ from {most.null:g} by {amount}; the "
-            f"probability that it acts is {most.probability:.1g})"
+            f"; {most.name} adds most to the spread of mu ({most.number} may differ from {null} by {amount}; "
+            f"the probability that it acts is {most.probability:.1g})"
         )
     return words + "."
 
@@ -189,7 +188,7 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
     if d.verdict == PARTLY:
         return _partly(d, sizes) + better
     if d.verdict == DISCOVERED:
-        return _discovered(d, sizes, better)
+        return _discovered(d, chosen, sizes, better)
     mu = next((c for c in d.parameters if c.name == "mu"), None)
     moved = f" Friction goes from {mu.before:.3g} to {mu.after:.3g}." if mu and mu.before and mu.after else ""
     stays = ""
@@ -206,18 +205,22 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
     return f"Missing: {' and '.join(d.named)} (probability {sure}). {effects}: {sizes}.{better}{moved}{stays}"
 
 
-def _discovered(d: Diagnosis, sizes: str, better: str) -> str:
+def _discovered(d: Diagnosis, chosen: tuple[str, ...], sizes: str, better: str) -> str:
     """The law that no catalogue holds, how sure it is, and what is left."""
     found = d.discovered
     assert found is not None
-    other = [k for k in d.named if k != found.law.name]
+    other = [name for name in chosen if name != found.law.name]
     beside = f" beside {' and '.join(other)}" if other else ""
     acts, of = found.acts.replace("_", " "), VARIABLES[found.of].says
     what = f"a law of its own does{beside}: {acts} that depends on {found.of}, the {of}"
-    form = "a smooth curve (see the figure)" if found.smooth else f"{found.changes} {found.formula}, {sizes}"
+    form = "a smooth curve (see the figure)" if found.smooth else f"{found.gives} {found.formula}, {sizes}"
     words = f"Something is missing that no term of the catalogue explains; {what}: {form}.{better}"
     if better:
-        words += f" That is {100 * found.takes:.0f} % of the misfit beyond the noise."
+        left_by = " and ".join(other) if other else "the base model"
+        words += (
+            f" There the law takes {100 * found.takes:.0f} % of what {left_by} leaves beyond the noise, all "
+            "channels counted."
+        )
     if found.possible:
         words += f" These recordings do not rule out {' or '.join(found.possible)} instead."
     if structured(d.left):

@@ -141,6 +141,6 @@ def _links(simulated: str, fitted: str, diagnosed: str, discovered: str) -> list
             "Another recording, whose cause no term of the catalogue describes: where it acts and of what it "
             "depends, as a law with numbers.",
             discovered,
-            [("discover/law.png", "the law that was found, with its band")],
+            [("discover/loop.png", "the recording, and the model without and with the law")],
         ),
     ]

@@ -117,8 +117,10 @@ def evaluate(node: Node, values: Mapping[str, Any], xp: ModuleType = jnp) -> Any
         return node.value
     if isinstance(node, Name):
         return values[node.name]
-    if node.op == "^" and (whole := fixed(node.parts[1])) is not None and whole == int(whole) and whole >= 0:
-        return _whole_power(evaluate(node.parts[0], values, xp), int(whole))
+    if node.op == "^" and (whole := fixed(node.parts[1])) is not None and whole == int(whole):
+        power = _whole_power(evaluate(node.parts[0], values, xp), abs(int(whole)))
+        one, power = xp.asarray(1.0), xp.asarray(power, dtype=float)
+        return power if whole >= 0 else _joined("/", one, power, xp)
     return _applied(node.op, [evaluate(part, values, xp) for part in node.parts], xp)
 
 

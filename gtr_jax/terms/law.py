@@ -117,6 +117,7 @@ ACTS = {
 CELLS = ("tip_cell", "base_cell")
 NOT_ODD = "does not change its sign with k, and in space no direction is the positive one; write it odd in k"
 SAMPLES = 96  # at which a law is checked, with the ends of all ranges among them
+FARTHER = 1.5  # beyond the largest of its own numbers of a variable's unit a law is checked too
 DENSE = 8192  # at which it is asked whether it has any effect: it may be a narrow bump
 FLATTEST = 0.1  # least rise of what the base cell shows with the true tension
 INVERTING = 12  # steps of Newton's method from what the base cell shows to the true tension
@@ -259,6 +260,9 @@ def sampled(
     at = {}
     for name, variable in VARIABLES.items():
         low, high = variable.range
+        # A larger rig, or a longer recording, has numbers of its own in the variable's unit.
+        own = [abs(values[q.name]) for q in law.numbers if q.unit == variable.unit and q.name in values]
+        high = max([high, *(FARTHER * value for value in own if np.isfinite(value))])
         inner = draw.uniform(low, high, count - 3)
         at[name] = np.concatenate([[0.0, low, high], inner])
     with np.errstate(all="ignore"):
