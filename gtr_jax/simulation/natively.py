@@ -181,11 +181,18 @@ def _driven(given: _Given, structure: Structure, how: March, settled: Settled, r
         return jnp.where(free, out, give * (x - known))
 
     def tried(x):
-        # In a loop, so that the load step is compiled once.
+        # In a loop, so that the load step is compiled once. Differences go the way that the search has to go:
+        # where a tendon turns, its slope is another on the other side.
         size = STEP * row.scale
-        ways = jnp.concatenate([jnp.zeros((1, x.size)), size * jnp.eye(x.size)])
-        _, each = jax.lax.scan(lambda none, way: (none, miss(x + way)), None, ways)
-        return each[0], (each[1:] - each[0]).T / size
+
+        def once(here, way):
+            aside = jnp.where(here > 0, -size, size)
+            found = miss(x + way * aside)
+            return jnp.where(jnp.any(way != 0), here, found), found
+
+        ways = jnp.concatenate([jnp.zeros((1, x.size)), jnp.eye(x.size)])
+        here, each = jax.lax.scan(once, jnp.zeros_like(x), ways)
+        return here, (each[1:] - each[:1]).T / jnp.where(here > 0, -size, size)[None]
 
     least = TOLERANCE * length
     found = search(tried, jnp.where(free, before, known), give, least)
@@ -252,7 +259,7 @@ def ready(
     given = _given(robot)
     if drawn is not None and given.give is not None:
         by_draw = jnp.asarray([tendon.drive == "displacement" for tendon in robot.tendons])
-        asked = drawn / (given.give if robot.tendon_names else given.give[0])
+        asked = drawn / (given.give[None] if robot.tendon_names else given.give[0])
         T_base = jnp.where(by_draw if robot.tendon_names else by_draw[0], asked, T_base)
     preload = given.robot.preload
     large = large_tension(T_base, preload)
