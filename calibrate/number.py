@@ -61,8 +61,13 @@ class Number:
 
     def value(self, x: float) -> float:
         """The value at a coordinate, within its bounds."""
-        value = self.centre * np.exp(min(self.sd * x, 700.0)) if self.log else self.centre + self.sd * x
-        return float(np.clip(value, self.lower, self.upper))
+        return float(self.values(np.asarray(x)))
+
+    def values(self, x: np.ndarray) -> np.ndarray:
+        """The values at coordinates, within its bounds, the shape of `x`."""
+        far = self.sd * x
+        value = self.centre * np.exp(np.minimum(far, 700.0)) if self.log else self.centre + far
+        return np.clip(value, self.lower, self.upper)
 
     def at(self, value: float) -> float:
         """The coordinate of a value."""

@@ -81,10 +81,14 @@ class Scored:
         return bool(self.law and held and held[-1]["chi2_per_n"] <= MODELLED)
 
     @property
+    def cause(self) -> tuple[str, str] | None:
+        """Hook and variable of a cause outside the catalogue, where it has such."""
+        return CAUSES.get(self.key["hidden"][0]) if self.kind == "outside" else None
+
+    @property
     def wrong_law(self) -> bool:
         """A law is found at another hook or of another variable than the cause's."""
-        cause = CAUSES.get(self.key["hidden"][0]) if self.kind == "outside" else None
-        return bool(self.law) and cause != (self.law["acts"], self.law["of"])
+        return bool(self.law) and self.cause != (self.law["acts"], self.law["of"])
 
     @property
     def names_one(self) -> bool:
@@ -130,8 +134,8 @@ class Scored:
         not the cause, and the cause not among those that are possible instead.
         """
         if self.law is not None:
-            cause = CAUSES.get(self.key["hidden"][0]) if self.kind == "outside" else None
-            return self.wrong_law and (cause is None or " of ".join(cause) not in self.law["possible"])
+            told = self.cause is not None and " of ".join(self.cause) in self.law["possible"]
+            return self.wrong_law and not told
         return self.names_one and not set(self.sets[0]) <= set(self.truth)
 
     @property

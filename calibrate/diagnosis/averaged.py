@@ -86,8 +86,7 @@ class _Component:
         """Draws of a number, SI, (DRAWS,); none where the model does not have it."""
         for n, x in zip(self.numbers, self.draws.T, strict=True):
             if n.name == name:
-                value = n.centre * np.exp(np.minimum(n.sd * x, 700.0)) if n.log else n.centre + n.sd * x
-                return np.clip(value, n.lower, n.upper)
+                return n.values(x)
         return np.zeros(0)
 
 
@@ -154,14 +153,14 @@ def averaged(
     for names, marginal in marginals.items():
         p = probability.get(names, 0.0)
         if p > LEAST or names == chosen.names:
-            components.append(_Component(marginal.fitted.numbers, _drawn(marginal, rng), max(p, LEAST)))
+            drawn = marginal.draws(DRAWS, rng)
+            components.append(_Component(marginal.fitted.numbers, drawn, max(p, LEAST)))
     own = max(probability.get(chosen.names, 0.0), LEAST)
     bench = models.bench
     scale = bench.scale_left(chosen) if leaves or bench.heavy is not None else models.scale
-    beside = _beside(models, chosen, shown, scale)
-    beside = [b for b in beside if _with(chosen, b.hypothesis.name) not in known]
+    others = [h for h in models.of.values() if tuple(sorted((*chosen.names, h.name))) not in known]
     hidden = []
-    for b in beside:
+    for b in _beside(models, chosen, shown, others, scale):
         component = _hidden(shown, b, own * b.odds, rng)
         components.append(component)
         hidden.append((b, component))
@@ -169,10 +168,6 @@ def averaged(
         n.name: _quantiles([(c.values(n.name), c.weight) for c in components]) for n in shown.fitted.numbers
     }
     return Averaged(ends, _told(hidden, shown, sum(c.weight for c in components)))
-
-
-def _with(chosen: Fitted, name: str) -> tuple[str, ...]:
-    return tuple(sorted((*chosen.names, name)))
 
 
 def _truncated(mean: np.ndarray, sd: float, low: float, high: float, rng: np.random.Generator) -> np.ndarray:
@@ -188,22 +183,18 @@ def _truncated(mean: np.ndarray, sd: float, low: float, high: float, rng: np.ran
     return mean + sd * np.where(flip, -z, z)
 
 
-def _drawn(marginal: Marginal, rng: np.random.Generator) -> np.ndarray:
-    """Draws of the coordinates of a jointly fitted model, (DRAWS, p)."""
-    root = np.linalg.cholesky(marginal.covariance + 1e-12 * np.eye(len(marginal.fitted.x)))
-    return marginal.fitted.x + rng.standard_normal((DRAWS, len(root))) @ root.T
-
-
 def _hidden(shown: Marginal, b: _Beside, weight: float, rng: np.random.Generator) -> _Component:
     """The model that is shown with another effect beside it."""
     sizes = b.sizes(rng)
     moved = b.moved + (sizes - b.at) @ b.slope.T
     numbers = (*shown.fitted.numbers, *b.hypothesis.numbers)
-    return _Component(numbers, np.concatenate([_drawn(shown, rng) + moved, sizes], axis=1), weight)
+    return _Component(numbers, np.concatenate([shown.draws(DRAWS, rng) + moved, sizes], axis=1), weight)
 
 
-def _beside(models: Models, chosen: Fitted, shown: Marginal, scale: float) -> list[_Beside]:
-    """Each other effect beside the model, with its shapes one by one."""
+def _beside(
+    models: Models, chosen: Fitted, shown: Marginal, others: Sequence[Hypothesis], scale: float
+) -> list[_Beside]:
+    """Each of some other effects beside the model, with its shapes one by one."""
     k, n = len(chosen.names), len(models.of)
     if k + 1 >= len(HOW_MANY) or n <= k:
         return []
@@ -211,7 +202,7 @@ def _beside(models: Models, chosen: Fitted, shown: Marginal, scale: float) -> li
     prior = HOW_MANY[k + 1] / HOW_MANY[k] * (k + 1) / (n - k)
     taken = {m.name for m in chosen.numbers}
     items: list[tuple[Hypothesis, float]] = []
-    for h in models.of.values():
+    for h in others:
         if h.kind in EVENTS or taken & {m.name for m in h.numbers}:
             continue
         shaped = _shapes(h)
@@ -272,7 +263,7 @@ def _tried(
         return found
     size = np.clip(found.at, np.maximum(low, -FAR), np.minimum(high, FAR))
     follow = chosen.x - np.linalg.solve(
-        _information(chosen.jacobian, scale), chosen.jacobian.T @ (jacobian[:, p:] @ size) / scale
+        chosen.information(scale), chosen.jacobian.T @ (jacobian[:, p:] @ size) / scale
     )
     refit = bench.refit(
         (*models.hypotheses(chosen.names), h),
@@ -284,10 +275,6 @@ def _tried(
         # The slope promised what is not there: no gain counts.
         return _gaussian(bench, chosen, h, prior, scale, (start, chosen.rows, jacobian), chosen.cost)
     return _gaussian(bench, chosen, h, prior, scale, (refit.x, refit.rows, refit.jacobian), refit.cost)
-
-
-def _information(jacobian: np.ndarray, scale: float) -> np.ndarray:
-    return jacobian.T @ jacobian / scale + np.eye(jacobian.shape[1])
 
 
 def _gaussian(
@@ -316,7 +303,7 @@ def _gaussian(
     """
     x, rows, jacobian = point
     p = len(chosen.x)
-    information = _information(jacobian, scale)
+    information = jacobian.T @ jacobian / scale + np.eye(len(x))
     cov = np.linalg.inv(information)
     step = -cov @ (jacobian.T @ rows / scale + x)
     at, spread = x[p:] + step[p:], cov[p:, p:]

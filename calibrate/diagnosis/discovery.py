@@ -16,7 +16,6 @@ from ..parallel import in_parallel
 from .bench import MOST_ITERATIONS, Bench
 from .decide import structured
 from .further import Unseen
-from .heldout import by_fold
 from .hypotheses import Hypothesis
 from .law_forms import SIZE, Form, coordinates, forms_for, hypothesis_of, law_of, smooth_of
 from .law_places import Place, places
@@ -186,7 +185,7 @@ def promising(bench: Bench, head: Fitted, felt: Sequence[Felt]) -> list[Candidat
     """The forms and smooth laws that promise most, at the places that promise most; those of a place
     together.
     """
-    information = head.jacobian.T @ head.jacobian + np.eye(len(head.x))
+    information = head.information()
     by_place = []
     for f in felt:
         found = sorted(_of_forms(f), key=lambda entry: -entry[0])
@@ -294,7 +293,7 @@ def _judged(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> Di
     if any(unseen.best(other, [shown]) is None for other in rivals):
         return None
     place = of[shown.names[-1]].place
-    takes = _takes(models, head, shown)
+    takes = _takes(unseen, head, shown)
     if takes < TAKES:
         return None
     others: dict[str, Fitted] = {}
@@ -344,9 +343,9 @@ def _weighed_by(models: Models, shown: Fitted, others: Sequence[tuple[str, ...]]
     return again if {(), tuple(sorted(shown.names))} <= set(again.fits) else models
 
 
-def _takes(models: Models, head: Fitted, shown: Fitted) -> float:
+def _takes(unseen: Unseen, head: Fitted, shown: Fitted) -> float:
     """Share of the misfit beyond the noise, of all channels, that a model takes on unseen samples."""
-    folds = by_fold(models.bench, [(models.hypotheses(f.names), f) for f in (head, shown)])
+    folds = unseen.folds([head, shown])
     folds = folds[:, np.all(folds[..., 3] > 0, axis=0)]
     before, after = (max(float(np.sum(f[:, 2] - f[:, 3])), 0.0) for f in folds)
     return 1 - after / before if before > 0 else 0.0

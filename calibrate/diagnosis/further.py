@@ -176,17 +176,21 @@ class Unseen:
         self.models = models
         self._known: dict[tuple[str, ...], np.ndarray] = {}
 
+    def folds(self, fits: Sequence[Fitted]) -> np.ndarray:
+        """What each model leaves of each part, (models, folds, 4), as of `by_fold`."""
+        new = [f for f in fits if f.names not in self._known]
+        if new:
+            found = by_fold(self.models.bench, [(self.models.hypotheses(f.names), f) for f in new])
+            self._known |= dict(zip([f.names for f in new], found, strict=True))
+        return np.stack([self._known[f.names] for f in fits])
+
     def squares(self, fits: Sequence[Fitted]) -> np.ndarray:
         """Sum of squares, of T_tip [N²] or of the rows, of each model on each part, (models, folds); infinite
         where a refit fails.
         """
-        new = [f for f in fits if f.names not in self._known]
-        if new:
-            found = by_fold(self.models.bench, [(self.models.hypotheses(f.names), f) for f in new])
-            for f, folds in zip(new, found, strict=True):
-                told = folds[:, 0 if self.models.bench.heavy is None else 2]
-                self._known[f.names] = np.where(folds[:, 1] > 0, told, np.inf)
-        return np.stack([self._known[f.names] for f in fits])
+        folds = self.folds(fits)
+        told = folds[..., 0 if self.models.bench.heavy is None else 2]
+        return np.where(folds[..., 1] > 0, told, np.inf)
 
     def totals(self, fits: Sequence[Fitted]) -> tuple[np.ndarray, np.ndarray]:
         """Their squares on the parts on which all are judged, (models, folds), and the sums, (models,); no

@@ -91,10 +91,8 @@ def found_law(discovery: Discovery, after: Marginal) -> FoundLaw:
     x = np.linspace(place.low, place.high, POINTS)
     numbers = after.fitted.numbers
     rng = np.random.default_rng(0)
-    root = np.linalg.cholesky(after.covariance + 1e-12 * np.eye(len(numbers)))
     drawn = []
-    for z in rng.standard_normal((DRAWS, len(numbers))):
-        at = after.fitted.x + root @ z
+    for at in after.draws(DRAWS, rng):
         own = {n.name: n.value(v) for n, v in zip(numbers, at, strict=True)}
         drawn.append(_curve(law, {q: own.get(f"{law.name}.{q}", v) for q, v in values.items()}, place.of, x))
     lower, upper = np.quantile(drawn, [0.025, 0.975], axis=0)

@@ -60,6 +60,11 @@ class Marginal:
         n, x, off = self.fitted.numbers[i], self.fitted.x[i], NORMAL_95 * np.sqrt(self.covariance[i, i])
         return n.value(x - off), n.value(x + off)
 
+    def draws(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Draws of the coordinates, (count, p)."""
+        root = np.linalg.cholesky(self.covariance + 1e-12 * np.eye(len(self.fitted.x)))
+        return self.fitted.x + rng.standard_normal((count, len(root))) @ root.T
+
 
 def jointly(models: Models, fitted: Fitted, finer: float) -> Marginal:
     """Fit a model with the dimensions free as well, from where the search left it.
