@@ -49,7 +49,7 @@ class Sections(eqx.Module):
         """Values along the tendons, past an anchor those at the anchor."""
         if self.beyond is None:
             return values
-        last = jnp.arange(self.beyond.shape[-1]) == jnp.sum(~self.beyond, axis=-1, keepdims=True) - 1
+        last = ~self.beyond & jnp.roll(self.beyond, -1, axis=-1).at[..., -1].set(True)
         there = jnp.sum(jnp.where(last, values, 0.0), axis=-1, keepdims=True)
         return jnp.where(self.beyond, there, values)
 
