@@ -1,7 +1,8 @@
 """`python -m benchmarks.blind`: draw the cases, diagnose them, score the answers; each step resumes.
 
-With `--family rig` the cases are made as rigs make recordings; the page gets its section on
-them when the other family is scored after it. With `--seed` and `--cases` other sets can be drawn, to develop
+With `--family rig` the cases are made as rigs make recordings; with `--family left-out` the term that is the
+cause is left out of the catalogue. The page gets its sections on them when the family `effects` is scored
+after them. With `--seed` and `--cases` other sets can be drawn, to develop
 on.
 """
 
@@ -12,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 # The scored sets by family, seed and cases; and the one that the classifier of the baselines is trained on.
-SCORED = {"effects": (26_11_23_22, 320), "rig": (26_11_23_01, 60)}
+SCORED = {"effects": (26_11_23_22, 320), "rig": (26_11_23_01, 60), "left-out": (26_11_25_01, 40)}
 TRAINING, TRAINED = 2, 160
 STEPS = ("draw", "answer", "train", "score")
 
@@ -39,10 +40,10 @@ def main() -> None:
         asked if asked is not None else scored
         for asked, scored in zip((given.seed, given.cases), SCORED[given.family], strict=True)
     )
-    if given.family == "rig":
+    if given.family != "effects":
         if "train" in given.steps:
-            parser.error("no step 'train' for the family rig; there are draw, answer and score")
-        _rig(parser, given.output, steps, seed, count, given.jobs)
+            parser.error(f"no step 'train' for the family {given.family}; there are draw, answer and score")
+        _other(parser, given.family, given.output, steps, seed, count, given.jobs)
         return
     from . import answers, exam
 
@@ -55,7 +56,7 @@ def main() -> None:
         exam.make(training, TRAINING, TRAINED, given.jobs)
         answers.run(training, given.jobs, answers.only_features)
     if "score" in steps:
-        from . import page, rig_page, score
+        from . import left_out_score, page, rig_page, score
 
         scored = score.read(cases, given.jobs)
         if not scored:
@@ -65,31 +66,47 @@ def main() -> None:
         labels = (
             score.classified(scored, [(f, keys[name]) for name, f in trained.items()]) if trained else None
         )
-        section = given.output / "rig.md"
-        rig = section.read_text(encoding="utf-8") if section.exists() else rig_page.NOT_YET
-        page.write(scored, labels, given.output / "proof.md", f"seed {seed}", len(exam.keys(cases)), rig)
+        rig, left_out = (
+            section.read_text(encoding="utf-8") if section.exists() else not_yet
+            for section, not_yet in (
+                (given.output / "rig.md", rig_page.NOT_YET),
+                (given.output / "left-out.md", left_out_score.NOT_YET),
+            )
+        )
+        page.write(
+            scored, labels, given.output / "proof.md", f"seed {seed}", len(exam.keys(cases)), rig, left_out
+        )
         print(score.table(["what", "target", "reached"], score.overview(scored)))
 
 
-def _rig(
-    parser: argparse.ArgumentParser, output: Path, steps: Sequence[str], seed: int, count: int, jobs: int
+def _other(
+    parser: argparse.ArgumentParser,
+    family: str,
+    output: Path,
+    steps: Sequence[str],
+    seed: int,
+    count: int,
+    jobs: int,
 ) -> None:
-    """The steps of the family that is made as rigs make recordings."""
-    from . import answers, exam, rig
+    """The steps of the families beside the first."""
+    from . import answers, exam, left_out, left_out_score, rig, rig_page, rig_score
+    from .score import table
 
-    cases = output / f"rig-{seed}"
+    made, by, scoring, writing = {
+        "rig": (rig, answers.rig_answer, rig_score, rig_page),
+        "left-out": (left_out, answers.left_out_answer, left_out_score, left_out_score),
+    }[family]
+    cases = output / f"{family}-{seed}"
     if "draw" in steps:
-        exam.make(cases, seed, count, jobs, rig)
+        exam.make(cases, seed, count, jobs, made)
     if "answer" in steps:
-        answers.run(cases, jobs, answers.rig_answer)
+        answers.run(cases, jobs, by)
     if "score" in steps:
-        from . import rig_page, rig_score, score
-
-        scored = rig_score.read(cases)
+        scored = scoring.read(cases)
         if not scored:
             parser.error(f"{cases}: no answers to score; run the step 'answer' first")
-        rig_page.write(scored, output, f"seed {seed}", len(exam.keys(cases)))
-        print(score.table(["what", "target", "reached"], rig_score.overview(scored)))
+        writing.write(scored, output, f"seed {seed}", len(exam.keys(cases)))
+        print(table(["what", "target", "reached"], scoring.overview(scored)))
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from calibrate.parallel import use_threads
 from gtr_jax.cli.cache import enable_cache
 
 from . import baselines
+from .cases import WITHOUT
 
 # Packages whose source decides the answers.
 TOOL = (Path(calibrate.__file__).parent, Path(gtr.__file__).parent)
@@ -77,6 +78,16 @@ def rig_answer(folder: Path) -> dict[str, Any]:
         for m in recording.masked
     ]
     return _told(found, len(recording), time.perf_counter() - began) | more | {"masked": masked}
+
+
+def left_out_answer(folder: Path) -> dict[str, Any]:
+    """The diagnosis of a case without the term that it names, and what it took [s]."""
+    robot = gtr.load_config(folder / "robot.toml")
+    recording = gtr.read_recording(folder / "recording.csv")
+    without = (folder / WITHOUT).read_text(encoding="utf-8").split()
+    began = time.perf_counter()
+    found = calibrate.diagnose(robot, recording, experiment=False, without=without)
+    return _told(found, len(recording), time.perf_counter() - began)
 
 
 def _told(found: calibrate.Diagnosis, samples: int, took: float) -> dict[str, Any]:

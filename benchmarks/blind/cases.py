@@ -25,6 +25,7 @@ E_OFF, DIMENSION_OFF = 0.10, 0.01
 OFF = ("r1", "r2", "offset", "R_max", "r_min")
 # Noise of pose and displacement [m, rad].
 POSE_M, POSE_RAD, DRAWN_M = 2e-4, 2e-3, 2e-5
+WITHOUT = "without.txt"  # beside a recording: the term that is left out
 NASTY = ("plain", "noisy base", "heavy tails", "bad repeat", "grows with tension", "coarse")
 
 
@@ -213,11 +214,12 @@ def _several(rng: np.random.Generator, n: int) -> tuple[str, ...]:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Case:
-    """A recording and its key."""
+    """A recording and its key, and the term that whoever answers leaves out, if any."""
 
     robot: str
     rows: list[dict[str, Any]]
     key: dict[str, Any]
+    without: str = ""
 
 
 def make(kind: str, hidden: tuple[str, ...], rng: np.random.Generator) -> Case | None:
@@ -365,6 +367,8 @@ def write(case: Case, folder: Path, key: Path) -> None:
     """Robot file and recording into a folder, the key elsewhere."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "robot.toml").write_text(case.robot, encoding="utf-8")
+    if case.without:
+        (folder / WITHOUT).write_text(case.without + "\n", encoding="utf-8")
     with (folder / "recording.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(case.rows[0]))
         writer.writeheader()

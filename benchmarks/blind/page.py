@@ -127,10 +127,16 @@ def reliability_figure(scored: Sequence[Scored], path: Path) -> None:
 
 
 def write(
-    scored: Sequence[Scored], labels: Sequence[str] | None, page: Path, seeds: str, drawn: int, rig: str
+    scored: Sequence[Scored],
+    labels: Sequence[str] | None,
+    page: Path,
+    seeds: str,
+    drawn: int,
+    rig: str,
+    left_out: str,
 ) -> None:
-    """The page, its figures in a folder beside it of the same name, and a line per case. `rig` is its section
-    on recordings as rigs make them.
+    """The page, its figures in a folder beside it of the same name, and a line per case. `rig` and `left_out`
+    are its sections on recordings as rigs make them and on terms that are left out.
     """
     figures = page.with_suffix("")
     figures.mkdir(parents=True, exist_ok=True)
@@ -175,6 +181,7 @@ def write(
         crashed=crashed,
         drawn=drawn,
         rig=rig,
+        left_out=left_out,
         unanswered=(
             ""
             if drawn == len(scored)

@@ -391,8 +391,13 @@ def intervals(scored: Sequence[Scored]) -> list[list[str]]:
 
 def improvement(s: Scored) -> float:
     """Share of the held-out residual beyond the noise that the diagnosis takes away."""
-    before, after = s.answer["held_out"][0]["rms_N"], s.answer["held_out"][-1]["rms_N"]
-    return float((before**2 - after**2) / max(before**2 - s.key["sd"]["T_tip"] ** 2, 1e-12))
+    return taken(s.answer, s.key)
+
+
+def taken(answer: dict[str, Any], key: dict[str, Any]) -> float:
+    """Share of the misfit of T_tip beyond the noise that an answer takes away on unseen samples."""
+    before, after = (answer["held_out"][k]["rms_N"] for k in (0, -1))
+    return float((before**2 - after**2) / max(before**2 - key["sd"]["T_tip"] ** 2, 1e-12))
 
 
 def quantiles(values: Sequence[float], form: str) -> str:

@@ -234,7 +234,7 @@ def _discovered(models: Models, decision: Decision, say: Callable[[str], None]) 
     """
     robot = models.bench.rigs[0].robot
     stands = decision.pattern is not None and decision.pattern.stands
-    if decision.verdict not in (UNEXPLAINED, PARTLY) or stands or models.bench.heavy is not None:
+    if decision.verdict not in (UNEXPLAINED, PARTLY) or stands:
         return None
     if robot.space or robot.tendon_names or robot.tendon.drive != "tension":
         return None

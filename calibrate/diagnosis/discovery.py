@@ -17,7 +17,7 @@ from .bench import MOST_ITERATIONS, Bench
 from .decide import structured
 from .further import Unseen
 from .hypotheses import Hypothesis
-from .law_forms import SIZE, Form, coordinates, forms_for, hypothesis_of, law_of, smooth_of
+from .law_forms import SIZE, Form, coordinates, forms_for, hypothesis_of, law_of, smooth_of, waves
 from .law_places import Place, places
 from .locate import misfit
 from .model import Fitted, model_of
@@ -222,7 +222,8 @@ def _of_forms(felt: Felt):
         values = np.stack([form.value(u, *shapes) for shapes in grid])
         power = np.einsum("gi,ij,gj->g", values, felt.gram, values)
         toward = values @ felt.toward
-        sizes = np.clip(toward / (power + place.size**-2), -LARGEST * place.size, LARGEST * place.size)
+        most = LARGEST * place.size
+        sizes = np.clip(toward / (power + place.size**-2), max(-most, place.least), most)
         gains = 2 * sizes * toward - sizes**2 * (power + place.size**-2)
         scores = gains - EACH * len(form.shapes)
         taken: list[np.ndarray] = []
@@ -254,7 +255,7 @@ def _smooth(head: Fitted, information: np.ndarray, felt: Felt) -> Candidate:
     law, h = smooth_of(place)
     u = (place.tents - place.low) / place.span
     sds = np.asarray([n.sd for n in h.numbers])
-    basis = sds * np.cos(np.pi * np.outer(u, np.arange(1, len(sds) + 1)))
+    basis = sds * np.cos(np.pi * np.outer(u, waves(place)))
     inside = basis.T @ felt.gram @ basis + np.eye(len(sds))
     toward = basis.T @ felt.toward
     x = np.clip(np.linalg.solve(inside, toward), -LARGEST, LARGEST)

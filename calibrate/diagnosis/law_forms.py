@@ -68,12 +68,20 @@ PERIOD, PHASE = Shape("period", "of", True), Shape("phase", "dimensionless", Fal
 
 FORMS = (
     Form(
+        "constant",
+        "size",
+        (),
+        lambda u: np.ones_like(u),
+        [()],
+        for_=("drag",),
+    ),
+    Form(
         "linear",
         "size*{x}/reach",
         (),
         lambda u: u,
         [()],
-        for_=("friction",),
+        for_=("friction", "drag", "strain"),
     ),
     Form(
         "quadratic",
@@ -158,7 +166,7 @@ def law_of(place: Place, form: Form) -> tuple[Law, dict[str, float]]:
 def hypothesis_of(place: Place, form: Form) -> Hypothesis:
     """A form at a place with all its numbers free."""
     law, stays = law_of(place, form)
-    size = _number(f"{law.name}.{SIZE}", place.unit, 0.0, place.size, size=True)
+    size = _number(f"{law.name}.{SIZE}", place.unit, 0.0, place.size, size=True, lower=place.least)
     shapes = [_of_shape(place, law.name, shape) for shape in form.shapes]
     numbers = (size, *shapes)
     return Hypothesis(law.name, law.name, numbers, starts=(), fixed=stays, dated=place.of == "t")
@@ -202,20 +210,26 @@ def _number(
     return Number(name=name, unit=unit, centre=centre, sd=sd, log=log, size=size, lower=lower)
 
 
+def waves(place: Place) -> range:
+    """Waves over the range, in halves, of the cosines of the smooth law at a place: what does not change with
+    the variable is left to the friction coefficient, to E and to the cells, but a drag has it to itself.
+    """
+    return range(0 if place.acts == "drag" else 1, 1 + (SMOOTH_ALONG if place.of in ("s", "t") else SMOOTH))
+
+
 def smooth_of(place: Place) -> tuple[Law, Hypothesis]:
     """A law that may be any smooth function: a sum of cosines over the range, the j-th with a prior of one
-    over j of the usual size. Its mean is left to the friction coefficient.
+    over j of the usual size.
     """
-    many = SMOOTH_ALONG if place.of in ("s", "t") else SMOOTH
     name = f"{place.name}-smooth"
     x = f"pi*({place.argument}-{LOW})/{SPAN}"
-    sum_of = "+".join(f"c{j}*cos({j}*{x})" for j in range(1, many + 1))
+    sum_of = "+".join(f"c{j}*cos({j}*{x})" for j in waves(place))
     size = place.quantity(SIZE, place.unit, 1.0, size=True)
     ends = [place.quantity(LOW, place.of_unit, place.low), place.quantity(SPAN, place.of_unit, place.span)]
     numbers, free = [size, *ends], []
-    for j in range(1, many + 1):
+    for j in waves(place):
         numbers.append(place.quantity(f"c{j}", "dimensionless", 0.0))
-        free.append(_number(f"{name}.c{j}", "dimensionless", 0.0, place.size / j, size=True))
+        free.append(_number(f"{name}.c{j}", "dimensionless", 0.0, place.size / max(j, 1), size=True))
     law = place.law(name, f"{SIZE}*({sum_of})", tuple(numbers))
     fixed = {f"{name}.{SIZE}": 1.0, f"{name}.{LOW}": place.low, f"{name}.{SPAN}": place.span}
     return law, Hypothesis(name, name, tuple(free), starts=(), fixed=fixed)

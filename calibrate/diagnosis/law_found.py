@@ -24,6 +24,8 @@ POINTS, DRAWS = 201, 400
 # What a law changes, for people, and what its expression gives.
 CHANGES = {
     "friction": "factor on the friction coefficient",
+    "drag": "force per length that opposes slip",
+    "strain": "strain of the tendon",
     "bending": "addition to the bending moment over EI",
     "tip_cell": "what the cell at the tip adds",
     "base_cell": "what the cell at the base adds",

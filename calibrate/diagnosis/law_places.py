@@ -12,7 +12,7 @@ import numpy as np
 
 from gtr_jax import Robot, equilibrium
 from gtr_jax.terms import Law, Quantity
-from gtr_jax.terms.law import VARIABLES
+from gtr_jax.terms.law import ACTS, VARIABLES
 
 from ..channels import CHANNELS
 from .bench import Bench
@@ -33,8 +33,9 @@ WORDS = {
 # Tents over the range of a variable. A cell that shows waves needs more, and they cost no simulation there.
 TENTS, TENTS_OF_CELL = 24, 72
 # Usual size of an unknown law: of a factor on friction, of what a cell adds as a share of the largest
-# tension, and of the moment as a share of that of the largest curvature.
-FRICTION, CELL, BENDING = 0.5, 0.03, 0.4
+# tension, of the moment as a share of that of the largest curvature, of what drags along the whole channel as
+# a share of the largest tension, and strain of the tendon at the largest tension.
+FRICTION, CELL, BENDING, DRAG, STRAIN = 0.5, 0.03, 0.4, 0.03, 2e-3
 # Largest share of the samples that may lie beyond the range of a variable that varies without end, the speed.
 RARE = 0.05
 
@@ -71,6 +72,11 @@ class Place:
         return self.high - self.low
 
     @property
+    def least(self) -> float:
+        """Least value of the size."""
+        return 0.0 if ACTS[self.acts].one_sided else -np.inf
+
+    @property
     def of_unit(self) -> str:
         """SI unit of the variable."""
         return VARIABLES[self.of].unit
@@ -95,6 +101,8 @@ class Place:
         """
         whole = {
             "friction": f"1+{form}",
+            "drag": form,
+            "strain": form,
             "bending": f"sign(k)*{form}",
             "tip_cell": f"T+{form}",
             "base_cell": f"T+{form}",
@@ -144,13 +152,17 @@ def places(robot: Robot, bench: Bench, fitted: Fitted) -> list[Place]:
     wrap, tension, s = (np.asarray(x) for x in (at.wrap, at.tension, at.s))
     there = np.diff(s) > 0
     pressure = (tension[1:] * np.diff(wrap))[there] / np.diff(s)[there]
+    length = float(robot.backbone.length)
     found = [
         Place("friction", "T", 0.0, top, FRICTION, "dimensionless"),
         Place("friction", "p", 0.0, float(pressure.max()), FRICTION, "dimensionless"),
-        Place("friction", "s", 0.0, float(robot.backbone.length), FRICTION, "dimensionless"),
+        Place("friction", "s", 0.0, length, FRICTION, "dimensionless"),
         Place("tip_cell", "T", 0.0, max(float(r.part.T_tip.max()) for r in bench.rigs), CELL * top, "N"),
         Place("base_cell", "T", 0.0, top, CELL * top, "N"),
     ]
+    found.append(Place("drag", "s", 0.0, length, DRAG * top / length, "N/m"))
+    if any("displacement" in rig.part.channels for rig in bench.rigs):
+        found.append(Place("strain", "T", 0.0, top, STRAIN, "dimensionless"))
     if not robot.backbone.rigid:
         bend = float(np.max(np.abs(np.asarray(at.curvature))))
         found.append(Place("bending", "k", 0.0, bend, BENDING * bend, "1/m"))
