@@ -13,10 +13,22 @@ import numpy as np
 import pytest
 
 import gtr_jax as gtr
-from benchmarks.blind import cases, effects, events, exam, hand, instruments, machine, rig, score
+from benchmarks.blind import (
+    cases,
+    effects,
+    events,
+    exam,
+    hand,
+    instruments,
+    left_out,
+    left_out_score,
+    machine,
+    rig,
+    score,
+)
 from gtr_jax.examples import CONCEALED_ROBOT
 
-GENERATOR = [machine, effects, cases, rig, hand, events, instruments]
+GENERATOR = [machine, effects, cases, left_out, rig, hand, events, instruments]
 
 
 @pytest.mark.parametrize("module", GENERATOR)
@@ -167,6 +179,40 @@ def test_shares_of_the_cases():
     kinds = [kind for kind, _ in cases.kinds(np.random.default_rng(0), 330)]
     assert len(kinds) >= 300
     assert kinds.count("sound") >= 0.25 * len(kinds) and kinds.count("outside") >= 0.15 * len(kinds)
+
+
+def test_the_term_that_is_left_out_lies_beside_the_recording(tmp_path):
+    drawn = left_out.kinds(np.random.default_rng(3), 20)
+    assert [hidden for _, (hidden,) in drawn[:10]] == [hidden for _, (hidden,) in drawn[10:]]
+    assert {hidden for _, (hidden,) in drawn} == set(left_out.PLACES)
+    case = left_out.make("single", ("adhesion",), np.random.default_rng(4))
+    assert case is not None and case.key["terms"] == ["adhesion"]
+    cases.write(case, tmp_path / "case", tmp_path / "key.json")
+    assert (tmp_path / "case" / cases.WITHOUT).read_text().split() == ["adhesion"]
+
+
+def test_laws_in_the_place_of_a_term_are_held_against_it(tmp_path):
+    def case(name, verdict, law, after):
+        key = {"hidden": ["wear"], "terms": ["wear"], "robot": "one-bend", "protocol": "rich"}
+        held = [{"rms_N": 0.5}, {"rms_N": after}]
+        answer = {"verdict": verdict, "law": law, "held_out": held, "sets": [], "seconds": 9.0, "tool": "x"}
+        return left_out_score.LeftOut(name, key | {"sd": {"T_tip": 0.1}}, answer)
+
+    law = {"acts": "friction", "of": "n", "formula": "1+size*n", "possible": []}
+    right = case("a", "discovered", law, 0.1)
+    assert right.right and right.first and right.gain == pytest.approx(1.0)
+    one_of_two = case("b", "discovered", law | {"of": "t", "possible": ["friction of n"]}, 0.2)
+    assert one_of_two.right and not one_of_two.first and one_of_two.gain == pytest.approx(0.875)
+    of_many = case("c", "discovered", law | {"of": "t", "possible": ["friction of s", "friction of n"]}, 0.2)
+    assert not of_many.right
+    told = [right, one_of_two, of_many, case("d", "ambiguous", None, 0.1), case("e", "adequate", None, 0.5)]
+    rows = {what: reached for what, _, reached in left_out_score.overview(told)}
+    assert rows["of these: right hook and variable, or a set of two with it"].startswith("50 % (2/4;")
+    assert rows["another effect of the catalogue explains it as well"].startswith("25 % (1/4;")
+    left_out_score.write(told, tmp_path, "seed 0", 6)
+    text = (tmp_path / "left-out.md").read_text(encoding="utf-8")
+    assert "$" not in text and "| wear | wear | friction of n | 5 | 1 | 1 |" in text
+    assert len((tmp_path / "proof/left-out-cases.csv").read_text().splitlines()) == 6
 
 
 def test_laws_that_were_found_are_held_against_the_cause():

@@ -41,6 +41,8 @@ PLACES = [
     Place("tip_cell", "T", 0.0, 30.0, 0.9, "N"),
     Place("base_cell", "T", 0.0, 40.0, 1.2, "N"),
     Place("bending", "k", 0.0, 12.0, 4.0, "1/m"),
+    Place("drag", "s", 0.0, 0.25, 4.0, "N/m"),
+    Place("strain", "T", 0.0, 40.0, 2e-3, "dimensionless"),
 ]
 
 
@@ -84,6 +86,7 @@ def test_forms_are_laws_that_a_robot_file_may_hold(place, make_config):
     law, h = smooth_of(place)
     values = {name.partition(".")[2]: v for name, v in h.fixed.items()}
     values |= {n.name.partition(".")[2]: 0.01 * n.sd for n in h.numbers}
+    assert ("c0" in values) == (place.acts == "drag")  # elsewhere other numbers take what does not change
     check_law(law, values)
     with_law(make_config(routing=SINE), law, values)
 
@@ -136,6 +139,19 @@ def test_a_planted_form_is_felt_first(name, shapes):
     if name == "wave":
         assert values[f"{law}.period"] == pytest.approx(0.21 * 40.0, rel=0.05)
     assert found[-1].form is None and {c.place for c in found} == {place}
+
+
+def test_a_drag_is_never_negative():
+    place = next(p for p in PLACES if p.acts == "drag")
+    constant = next(f for f in FORMS if f.name == "constant")
+    assert constant in forms_for(place) and constant not in forms_for(PLACES[0])
+    for size in (0.6, -0.6):
+        bench, head, felt = planted(place, constant, (), size)
+        found = [c for c in promising(cast(Any, bench), head, [felt]) if c.form is not None]
+        assert all(c.start[1] >= 0 for c in found)
+        assert (size > 0) == any(c.form is constant for c in found)
+    (number, *_) = hypothesis_of(place, constant).numbers
+    assert number.lower == 0.0
 
 
 def test_nothing_is_felt_in_noise():
@@ -244,3 +260,16 @@ def test_a_term_left_out_of_the_catalogue_is_found_as_a_law(make_config):
     found = calibrate.diagnose(make_config(routing=SINE), recording, without=("adhesion",))
     held = found.held_out
     assert found.verdict != "adequate" and held[-1]["rms_N"] < 0.5 * held[0]["rms_N"], found.says
+
+
+@pytest.mark.slow
+def test_a_law_is_found_in_a_long_recording(make_config):
+    config = make_config(routing=SINE)
+    place = Place("friction", "T", 0.0, 30.0, 0.5, "dimensionless")
+    law, _ = law_of(place, next(f for f in FORMS if f.name == "bump"))
+    recording = recorded(config, law, {"size": 0.6, "at": 14.0, "width": 4.0}, samples=1200)
+    found = calibrate.diagnose(config, recording)
+    assert found.verdict == DISCOVERED, found.says
+    told = found.discovered
+    assert told is not None and (told.acts, told.of) == ("friction", "T")
+    assert told.values["at"] == pytest.approx(14.0, abs=0.3)

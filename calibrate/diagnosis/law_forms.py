@@ -214,7 +214,8 @@ def waves(place: Place) -> range:
     """Waves over the range, in halves, of the cosines of the smooth law at a place: what does not change with
     the variable is left to the friction coefficient, to E and to the cells, but a drag has it to itself.
     """
-    return range(0 if place.acts == "drag" else 1, 1 + (SMOOTH_ALONG if place.of in ("s", "t") else SMOOTH))
+    many, first = SMOOTH_ALONG if place.of in ("s", "t") else SMOOTH, 0 if place.acts == "drag" else 1
+    return range(first, first + many)
 
 
 def smooth_of(place: Place) -> tuple[Law, Hypothesis]:
