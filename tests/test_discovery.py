@@ -1,5 +1,6 @@
 """Laws of no catalogue: forms, where they are felt, what is told of them, and files that hold them."""
 
+import dataclasses
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -30,6 +31,9 @@ from calibrate.diagnosis.rig import Rig
 from calibrate.fit import part_of
 from gtr_jax.files.config import config_text, parse_config
 from gtr_jax.files.law_section import LawSection
+from gtr_jax.simulation.history import loads_of
+from gtr_jax.simulation.natively import Native, _needed, ready
+from gtr_jax.simulation.programs import structure_with
 from gtr_jax.terms.expression import evaluate
 from gtr_jax.terms.law import check_law
 
@@ -165,7 +169,7 @@ def test_a_robot_with_more_laws_is_the_same_robot(make_config):
     laws = [place.tent() for place in PLACES]
     more = with_laws(robot, laws)
     T = jnp.asarray([0.0, 10.0, 30.0, 12.0, 5.0])
-    np.testing.assert_allclose(gtr.simulate(more, T).T_tip, gtr.simulate(robot, T).T_tip, rtol=1e-12)
+    np.testing.assert_allclose(gtr.simulate(more, T, time=jnp.arange(4.0)).T_tip, gtr.simulate(robot, T).T_tip, rtol=1e-12)
     assert [law.name for law in more.laws] == [place.tent().name for place in PLACES]
 
 
@@ -273,3 +277,25 @@ def test_a_law_is_found_in_a_long_recording(make_config):
     told = found.discovered
     assert told is not None and (told.acts, told.of) == ("friction", "T")
     assert told.values["at"] == pytest.approx(14.0, abs=0.3)
+
+
+def test_a_compiled_program_serves_robots_with_other_laws_and_other_ranges(make_config):
+    robot = gtr.build_robot(make_config(routing=SINE))
+    first, *others = (place.tent() for place in PLACES)
+    wide = dataclasses.replace(PLACES[0], high=55.0, size=0.9).tent()
+    assert wide.numbers != first.numbers and wide.equation == first.equation
+    programs, T = set(), jnp.asarray([0.0, 10.0, 30.0, 12.0])
+    for laws in ([first], [wide], [first, *others], [others[-1], first]):
+        more = with_laws(robot, laws).with_values(**{f"{first.name}.size": 0.3, f"{first.name}.at": 20.0})
+        more = more.with_values(**{f"{first.name}.width": 8.0})
+        loads = loads_of(T, jnp.arange(4.0), None)
+        structure = structure_with(more, [first.name])
+        native = Native(more)
+        given = _needed(structure, native._shapes)
+        programs.add((given[0], given[1][0]))
+        np.testing.assert_allclose(
+            native(ready(more, loads.T_base), structure, loads).T_tip,
+            gtr.simulate(more, T, time=jnp.arange(4.0)).T_tip,
+            rtol=1e-9,
+        )
+    assert len(programs) == 1

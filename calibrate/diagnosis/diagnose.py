@@ -230,7 +230,8 @@ def _discovered(models: Models, decision: Decision, say: Callable[[str], None]) 
     """A law that explains structure which no effect of the catalogue does; None if there is none.
 
     It is looked for in recordings of one tendon in the plane that tension drives, whose readings do not stand
-    still, beside the effects that explain a part of the misfit, or else beside none.
+    still, beside the base model, and if none is found, beside the effects that explain a part of the misfit:
+    these may only imitate it.
     """
     robot = models.bench.rigs[0].robot
     stands = decision.pattern is not None and decision.pattern.stands
@@ -238,8 +239,11 @@ def _discovered(models: Models, decision: Decision, say: Callable[[str], None]) 
         return None
     if robot.space or robot.tendon_names or robot.tendon.drive != "tension":
         return None
-    head = models.base if decision.verdict == UNEXPLAINED else decision.chosen
-    return discover(models, head, say) if len(head.names) + 1 < len(HOW_MANY) else None
+    found = discover(models, models.base, say)
+    head = decision.chosen
+    if found is None and decision.verdict == PARTLY and len(head.names) + 1 < len(HOW_MANY):
+        found = discover(models, head, say)
+    return found
 
 
 def _decided(

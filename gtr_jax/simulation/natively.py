@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -233,6 +233,30 @@ def _program(structure: Structure, how: March, kind: _Kind, shapes: tuple) -> Pr
     return Program(first, step, fixed, jax.eval_shape(row), key)
 
 
+@functools.lru_cache(maxsize=256)
+def _needed(structure: Structure, shapes: tuple) -> tuple[Structure, tuple, np.ndarray | None]:
+    """The structure with the laws that it has equations of, as `Law.equation`; the shapes of robots without
+    the numbers of other laws; and where what is left stands among the packed numbers, None for all. So a
+    program is one for all robots that differ in laws which it does not have.
+    """
+    own = tuple(law.equation for law in structure.laws if law.name in structure.terms)
+    others = {law.name for law in structure.laws} - {law.name for law in own}
+    structure = dataclasses.replace(structure, laws=own)
+    if not others:
+        return structure, shapes, None
+    leaves, tree = shapes
+    ends = np.cumsum([0, *(int(np.prod(shape, dtype=int)) for shape, _ in leaves)])
+
+    def without(whole: list) -> tuple[list, Any]:
+        given = jtu.tree_unflatten(tree, whole)
+        terms = {name: values for name, values in given.robot.terms.items() if name not in others}
+        return jtu.tree_flatten(given._replace(robot=given.robot._replace(terms=terms)))
+
+    kept, small = without(list(range(len(leaves))))
+    places = np.concatenate([np.arange(ends[k], ends[k + 1]) for k in kept])
+    return structure, (tuple(leaves[k] for k in kept), small), places
+
+
 class Ready(NamedTuple):
     """Inputs of a native program: a robot, and a load history.
 
@@ -315,7 +339,8 @@ class Native:
         if structure.plain_pair:
             raise ValueError("several tendons in one plane: give a structure that holds a term")
         n = self._tendons
-        program = _program(structure, how, self._kind, self._shapes)
+        structure, shapes, places = _needed(structure, self._shapes)
+        program = _program(structure, how, self._kind, shapes)
         K = len(loads.time)
         columns = [np.asarray(loads.T_base, float).reshape(K, n)]
         columns += [np.asarray(c, float)[:, None] for c in (loads.dt, loads.time, loads.cycle)]
@@ -329,7 +354,8 @@ class Native:
         rows = np.pad(np.concatenate(columns, axis=1), ((0, 0), (0, 3)))
         rows[:, -1] = large
         rows = np.concatenate([np.asarray(ahead).reshape(-1, rows.shape[1]), rows])
-        out = program(np.asarray(ready.given), rows)[len(before) :]
+        given = np.asarray(ready.given) if places is None else np.asarray(ready.given)[places]
+        out = program(given, rows)[len(before) :]
         each, rest = np.split(out, [5 * n], axis=1)
         shape = (K, n) if structure.tendons else (K,)
         T_base, T_tip, displacement, direction, front = (e.reshape(shape) for e in np.split(each, 5, axis=1))

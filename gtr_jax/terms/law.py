@@ -161,6 +161,17 @@ class Law:
         """Its size."""
         return next(q for q in self.numbers if q.size)
 
+    @property
+    def equation(self) -> Law:
+        """What equations have of it: its expression and the names of its parameters, without their ranges and
+        usual values, so that laws that differ in these have one compiled program.
+        """
+        bare = [
+            Quantity(q.name, q.unit, 0.0 if q.size else 1.0, 1.0, "", (0.0, 1.0), size=q.size)
+            for q in self.numbers
+        ]
+        return Law(self.name, self.acts, self.text, tuple(bare))
+
 
 def check_law(law: Law, values: Mapping[str, float]) -> None:
     """Refuse a law that has unknown names, does not fit in its units, or is not null where its size is zero.
