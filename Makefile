@@ -36,7 +36,7 @@ proof: $(DEV) ## the blind benchmark of the diagnosis, into proof-out/ (hours; r
 	cp proof-out/proof/* docs/proof/
 
 test: $(DEV) ## the fast tests
-	$(BIN)/python -m pytest -n $(JOBS)
+	$(BIN)/python -m pytest -n $(JOBS) --durations=20
 
 check: lint test-all docs ## all that CI runs: linters, types, every test, docs
 
@@ -49,7 +49,7 @@ test-all: $(DEV)
 	$(BIN)/python -m pytest -n $(JOBS) -m "slow or not slow"
 
 test-slow: $(DEV) ## only the slow tests
-	$(BIN)/python -m pytest -n $(JOBS) -m slow
+	$(BIN)/python -m pytest -n $(JOBS) --durations=40 -m slow
 
 docs: $(DOCS) ## build the documentation into site/
 	$(BIN)/mkdocs build --strict
