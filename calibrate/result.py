@@ -225,6 +225,12 @@ class FitResult:
             return None
         return float(sum(chi2 * n for chi2, n in each if chi2 is not None) / sum(n for _, n in each))
 
+    def _repr_html_(self) -> str:
+        """For a notebook: the verdict, the loop and the estimates."""
+        from .report.cards import fit_card  # pictures are imported where they are drawn
+
+        return fit_card(self)
+
     def to_json(self) -> dict[str, Any]:
         """Plain values for a JSON file: units in the keys, SI; null for what is not known."""
 

@@ -137,6 +137,12 @@ class Design:
         """The answer in a sentence or three."""
         return " ".join(_sentences(self))
 
+    def _repr_html_(self) -> str:
+        """For a notebook: what was found, the channels of the straight body, and the numbers."""
+        from .report.design import design_card  # pictures are imported where they are drawn
+
+        return design_card(self)
+
     def to_json(self) -> dict[str, Any]:
         """The answer as plain values, SI, units in the keys."""
         v, search = self.verification, self.search

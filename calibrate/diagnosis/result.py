@@ -384,6 +384,12 @@ class Diagnosis:
         of = {c.name: c for c in self.parameters}
         return {k: of[f"{difference.name}{OWN}{k}"] for k in difference.own}
 
+    def _repr_html_(self) -> str:
+        """For a notebook: what is missing, the picture that shows most, and the numbers."""
+        from ..report.cards import diagnosis_card  # pictures are imported where they are drawn
+
+        return diagnosis_card(self)
+
     def to_json(self) -> dict[str, Any]:
         """The contents of `diagnosis.json`."""
         held = self.held_out

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from gtr_jax.files.numbers import measured, measured_quantity, number, quantity
@@ -36,7 +38,7 @@ def diagnosis_report(answer: Diagnosis, name: str) -> Report:
         title=f"{name}: diagnosis",
         verdict=answer.says,
         warnings=[*next_step, *answer.warnings],
-        figures=_figures(answer),
+        figures=list(_figures(answer)),
         tables=_tables(answer),
     )
 
@@ -46,23 +48,27 @@ def _found(answer: Diagnosis) -> bool:
     return len(answer.held_out) > 1
 
 
-def _figures(answer: Diagnosis) -> list[Figure]:
+def first_figure(answer: Diagnosis) -> Figure | None:
+    """The figure that shows most; None where there is none."""
+    return next(_figures(answer), None)
+
+
+def _figures(answer: Diagnosis) -> Iterator[Figure]:
     label = "with the nearest term" if answer.verdict == "unexplained" else "with what was missing"
-    figures = []
     if answer.discovered is not None:
         caption = "The law that was found, over the range that the recordings cover, and nowhere else."
-        figures.append(Figure("law", png(draw.plot_law(answer.discovered)), caption))
+        yield Figure("law", png(draw.plot_law(answer.discovered)), caption)
     for loop in answer.loops:
         for i, pull in enumerate(loop.pulls):
             names = [loop.name] * (len(answer.loops) > 1) + [pull.tendon] * bool(pull.tendon)
-            figures += _of_pull(answer, loop, (i, pull), label, names)
+            yield from _of_pull(answer, loop, (i, pull), label, names)
     top = answer.rivals[:SHOWN]
     if len(top) > 1:
         names = [" + ".join(r.names) or "nothing missing" for r in top]
         chart = draw.plot_rivals(
             names, np.asarray([r.probability for r in top]), np.asarray([r.delta for r in top])
         )
-        figures.append(Figure("rivals", png(chart), "What else it could be: models refitted with mu and E."))
+        yield Figure("rivals", png(chart), "What else it could be: models refitted with mu and E.")
     if answer.experiment is not None:
         e = answer.experiment
         pulls = answer.loops[0].pulls
@@ -73,8 +79,7 @@ def _figures(answer: Diagnosis) -> list[Figure]:
             drawn=[pull.by_displacement for pull in pulls] if e.T_tip is None else (),
             names=[pull.tendon for pull in pulls],
         )
-        figures.append(Figure("next-experiment", png(drawn), answer.experiment.says))
-    return figures
+        yield Figure("next-experiment", png(drawn), answer.experiment.says)
 
 
 def _of_pull(
@@ -213,6 +218,27 @@ def _differing(answer: Diagnosis) -> list[Table]:
     return tables
 
 
+def numbers_table(answer: Diagnosis) -> Table | None:
+    """The numbers of the model before and after; None where there are none."""
+    if not answer.parameters:
+        return None
+    rows = [
+        (
+            c.name,
+            quantity(c.before, c.unit),
+            measured_quantity(c.after, c.sd, c.unit),
+            "" if c.averaged95 is None else " to ".join(interval_in_words(c.averaged95, c.unit)),
+        )
+        for c in answer.parameters
+    ]
+    heads = ("", "before", "after ± standard deviation", "95 %, averaged over models")
+    note = (
+        "The last column counts rivals, each with its probability, and effects that these recordings "
+        "neither show nor exclude (below)."
+    )
+    return Table("Numbers", heads, rows, note=note)
+
+
 def _tables(answer: Diagnosis) -> list[Table]:
     tables = _differing(answer)
     if answer.where:
@@ -243,22 +269,9 @@ def _tables(answer: Diagnosis) -> list[Table]:
         if stretches:
             heads = ("what happens", "share of the misfit" if title == "Episodes" else "rms")
             tables.append(Table(title, heads, stretches, note=note))
-    if answer.parameters:
-        rows = [
-            (
-                c.name,
-                quantity(c.before, c.unit),
-                measured_quantity(c.after, c.sd, c.unit),
-                "" if c.averaged95 is None else " to ".join(interval_in_words(c.averaged95, c.unit)),
-            )
-            for c in answer.parameters
-        ]
-        heads = ("", "before", "after ± standard deviation", "95 %, averaged over models")
-        note = (
-            "The last column counts rivals, each with its probability, and effects that these recordings "
-            "neither show nor exclude (below)."
-        )
-        tables.append(Table("Numbers", heads, rows, note=note))
+    numbers = numbers_table(answer)
+    if numbers is not None:
+        tables.append(numbers)
         rows = [(c.name, sources(c.made_of, NAMED)) for c in answer.parameters if c.made_of]
         note = (
             "Shares of the variance. Names of numbers stand for what is known of them beforehand; what the "

@@ -8,8 +8,11 @@ from matplotlib.figure import Figure as Drawn
 
 from gtr_jax.files.numbers import number, quantity
 from gtr_jax.files.units import display_of
+from gtr_jax.plots.straight import plot_straight
 from gtr_jax.plots.style import png
 from gtr_jax.plots.tension import plot_tension
+from gtr_jax.report.card import card
+from gtr_jax.report.object_cards import DOTS
 from gtr_jax.report.page import Figure, Report, Table
 from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.robot import Robot
@@ -37,11 +40,6 @@ def design_report(answer: Design) -> Report:
     Args:
         answer: from `design.optimise`.
     """
-    warnings = []
-    if answer.verdict == "not-reached":
-        warnings.append("This is the nearest design found, not one that meets the target.")
-    if not answer.verification.converged:
-        warnings.append("Not everything could be verified: some equilibrium did not converge.")
     if answer.config.in_space or answer.config.tendons:
         figures, scenes = pictures(answer, _alternatives_of(answer))
     else:
@@ -49,11 +47,20 @@ def design_report(answer: Design) -> Report:
     return Report(
         title=f"{answer.problem.target.name}: design of {answer.config.name}",
         verdict=answer.says,
-        warnings=warnings,
+        warnings=_warnings(answer),
         figures=figures,
         tables=_tables(answer),
         scenes=scenes,
     )
+
+
+def _warnings(answer: Design) -> list[str]:
+    said = []
+    if answer.verdict == "not-reached":
+        said.append("This is the nearest design found, not one that meets the target.")
+    if not answer.verification.converged:
+        said.append("Not everything could be verified: some equilibrium did not converge.")
+    return said
 
 
 def _quantity(value: float, unit: str, digits: int = 4) -> str:
@@ -210,10 +217,9 @@ def _channel(answer: Design) -> Drawn:
     return plot_channels(lines, (1e3 * s, radius), bores, clearance, chosen)
 
 
-def _tables(answer: Design) -> list[Table]:
-    tables = []
-    best = answer.best
-    allowed = {t.parameter.name: t.allowed for t in answer.tolerances}
+def design_table(answer: Design) -> Table:
+    """The numbers of the best design, and the ranges that were searched."""
+    best, allowed = answer.best, {t.parameter.name: t.allowed for t in answer.tolerances}
     rows = [
         (
             v.name,
@@ -222,7 +228,26 @@ def _tables(answer: Design) -> list[Table]:
         )
         for v in answer.problem.space.all
     ]
-    tables.append(Table("The design", ("", "value", "searched"), rows))
+    return Table("The design", ("", "value", "searched"), rows)
+
+
+def design_card(answer: Design) -> str:
+    """For a notebook: what was found, the channels of the straight body, and the numbers."""
+    picture = png(plot_straight(build_robot(answer.config)), DOTS)
+    return card(
+        Report(
+            title=f"{answer.problem.target.name}: design of {answer.config.name}",
+            verdict=answer.says,
+            warnings=_warnings(answer),
+            figures=[Figure("channels", picture, "The straight body with its channels.")],
+            tables=[design_table(answer)],
+        )
+    )
+
+
+def _tables(answer: Design) -> list[Table]:
+    tables = [design_table(answer)]
+    best = answer.best
     if best.errors:
         heads = ("target", "base tension", "branch", "tip off by", "allowed", "angle off by", "allowed", "")
         rows = [

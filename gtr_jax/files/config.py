@@ -200,6 +200,13 @@ class RobotConfig(FileSection):
         said = tuple(f"terms.{law.name}.{table}." for law in self.laws for table in ("usual", "bounds"))
         return {k: v for k, v in dotted(data) if isinstance(v, float) and not k.startswith(said)}
 
+    def _repr_html_(self) -> str | None:
+        """For a notebook: the straight body with its channels, and its numbers."""
+        from ..report.object_cards import robot_card  # JAX and pictures are imported where they are needed
+        from ..robot.build import build_robot
+
+        return robot_card(build_robot(self))
+
     def with_values(self, values: Mapping[str, Any]) -> RobotConfig:
         """A copy with some values changed, checked like a file.
 

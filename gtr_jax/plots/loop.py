@@ -15,10 +15,10 @@ def plot_loop(
     T_tip: np.ndarray,
     *,
     phases: np.ndarray,
-    frictionless: np.ndarray,
+    frictionless: np.ndarray | None = None,
     switch: tuple[float, float] | None = None,
 ) -> Figure:
-    """Tip against base tension, coloured by phase, with the frictionless model beside it.
+    """Tip against base tension, coloured by phase, with the frictionless model beside it, if given.
 
     Args:
         T_base, T_tip: tensions [N], (K,).
@@ -27,10 +27,12 @@ def plot_loop(
         switch: base and tip tension [N] where release reaches the tip; marked unless None.
     """
     fig, (axes,) = figure(3.9)
-    order = np.argsort(T_base)
-    axes.plot(T_base[order], frictionless[order], color=GREY, linestyle=(0, (4, 3)), linewidth=1.3)
+    keys = phase_keys(phases[1:])
+    if frictionless is not None:
+        order, dashed = np.argsort(T_base), (0, (4, 3))
+        axes.plot(T_base[order], frictionless[order], color=GREY, linestyle=dashed, linewidth=1.3)
+        keys.append(Line2D([], [], color=GREY, linestyle=dashed, label="no friction"))
     line_by_phase(axes, T_base, T_tip, phases)
-    keys = [*phase_keys(phases[1:]), Line2D([], [], color=GREY, linestyle=(0, (4, 3)), label="no friction")]
     if switch is not None:
         axes.plot(*switch, marker="x", color=INK, markersize=9, markeredgewidth=2.2, linestyle="", zorder=5)
         axes.annotate(

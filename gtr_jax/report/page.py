@@ -115,7 +115,7 @@ def render_index(title: str, says: str, links: Sequence[Link]) -> str:
         links: to the reports, in the order to read them.
     """
     return (
-        _environment()
+        environment()
         .get_template("index.html.jinja")
         .render(title=title, says=says, links=links, style=STYLE)
     )
@@ -129,7 +129,7 @@ def render(report: Report, settings: Mapping[str, Any], robot_file: str | None) 
         settings: command, versions, device and hashes of the inputs, as in `run.json`.
         robot_file: the resolved robot file; None where no robot is read.
     """
-    template = _environment().get_template("page.html.jinja")
+    template = environment().get_template("page.html.jinja")
     script = TURNING if report.scenes else ""
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return template.render(
@@ -137,7 +137,8 @@ def render(report: Report, settings: Mapping[str, Any], robot_file: str | None) 
     )
 
 
-def _environment() -> Any:
+def environment() -> Any:
+    """Jinja, for the templates in this folder."""
     import jinja2
 
     return jinja2.Environment(

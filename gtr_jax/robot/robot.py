@@ -37,6 +37,12 @@ class Robot(Parts):
         """
         return dataclasses.replace(self, acting=())
 
+    def _repr_html_(self) -> str | None:
+        """For a notebook: the straight body with its channels, and its numbers."""
+        from ..report.object_cards import robot_card  # pictures are imported where they are drawn
+
+        return robot_card(self)
+
     def value(self, name: str) -> Float[Array, ""]:
         """The named parameter's value in SI units."""
         return value_of(self, name)

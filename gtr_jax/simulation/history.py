@@ -116,6 +116,12 @@ class Simulation(eqx.Module):
         change = jnp.diff(self.slip, axis=0, prepend=self.slip[:1])
         return change * rate.reshape(-1, *[1] * (change.ndim - 1))
 
+    def _repr_html_(self) -> str | None:
+        """For a notebook: the loop, and where the tip goes."""
+        from ..report.object_cards import simulation_card  # pictures are imported where they are drawn
+
+        return simulation_card(self)
+
     def of_tendon(self, index: int) -> Simulation:
         """This run for one of several tendons, without the tendon axis."""
         own = ("T_base", "T_tip", "displacement", "slip_direction", "slip_front", "tension", "slip")

@@ -1,0 +1,68 @@
+"""What a notebook shows of a fit and of a diagnosis."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gtr_jax.files.numbers import measured_quantity, quantity
+from gtr_jax.plots.style import png
+from gtr_jax.report.card import card
+from gtr_jax.report.object_cards import DOTS
+from gtr_jax.report.page import Figure, Report, Table
+
+from ..diagnosis.result import Diagnosis
+from ..result import FitResult
+from . import fit_figures as draw
+from .diagnosis import first_figure, numbers_table
+from .fit import interval
+
+
+def fit_card(fit: FitResult) -> str:
+    """Verdict, the loop of the first tendon of the first recording, and the estimates."""
+    rows = [
+        (
+            e.name,
+            measured_quantity(e.value, e.sd, e.unit),
+            interval(e.lower95, e.upper95, e.sd, e.unit),
+            quantity(e.initial, e.unit),
+        )
+        for e in fit.estimates
+    ]
+    columns = ("", "fitted ± standard error", "95 % interval", "before")
+    return card(
+        Report(
+            title="Fit",
+            verdict=fit.verdict,
+            warnings=fit.warnings,
+            figures=_loop(fit) if fit.converged else [],
+            tables=[Table("Estimates", columns, rows)],
+        )
+    )
+
+
+def _loop(fit: FitResult) -> list[Figure]:
+    fitted = fit.recordings[0]
+    if not fitted.tips or fitted.robot.tendons[0].drive == "displacement":
+        return []
+    K = len(fitted.T_base)
+    T_base, phases = (np.asarray(v).reshape(K, -1)[:, 0] for v in (fitted.T_base, fitted.phases))
+    tip = fitted.tips[0]
+    recorded = np.asarray(tip.simulated) - np.asarray(tip.residual)
+    picture = draw.plot_fit(T_base, recorded, simulated=(T_base, np.asarray(tip.simulated)), phases=phases)
+    whose = f"{fitted.name}: recorded" if len(fit.recordings) > 1 else "Recorded"
+    return [Figure("fit", png(picture, DOTS), f"{whose} tip tension, by phase, and the fitted model.")]
+
+
+def diagnosis_card(answer: Diagnosis) -> str:
+    """What is missing, the picture that shows it best, and the numbers before and after."""
+    picture = first_figure(answer)
+    numbers = numbers_table(answer)
+    return card(
+        Report(
+            title=f"Diagnosis: {answer.verdict}",
+            verdict=answer.says,
+            warnings=answer.warnings,
+            figures=[] if picture is None else [picture],
+            tables=[] if numbers is None else [numbers],
+        )
+    )

@@ -1,0 +1,56 @@
+"""The straight body with its channels, as it is made: no load, no simulation."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ..robot.clearance import place_in_section
+from ..robot.robot import Robot
+from .style import GREY, INK, PALE, figure, legend_above, styled
+from .tendons import COLOURS
+
+POINTS = 401
+
+
+@styled
+def plot_straight(robot: Robot) -> Figure:
+    """The body from its side, in space from above too, with bores, channels and guides.
+
+    Args:
+        robot: with numbers that are known, not traced.
+    """
+    body, length = robot.backbone, float(robot.backbone.length)
+    s = np.linspace(0.0, length, POINTS)
+    radius = 1e3 * np.asarray(body.radius(jnp.asarray(s)))
+    axes_names = ("y", "z") if robot.space else ("y",)
+    fig, axes = figure(1.2 + 1.5 * len(axes_names), len(axes_names), sharex=True)
+    keys = []
+    for row, (ax, name) in enumerate(zip(axes, axes_names, strict=True)):
+        ax.fill_between(1e3 * s, -radius, radius, color=PALE, linewidth=0)
+        for start, end, wide in zip(body.bore_start, body.bore_end, body.bore_diameter, strict=True):
+            ends = 1e3 * np.asarray([float(start), float(end)])
+            half = 0.5e3 * float(wide)
+            ax.fill_between(ends, -half, half, color="white", edgecolor=GREY, linewidth=0.6)
+        for k, tendon in enumerate(robot.tendons):
+            colour, wide = COLOURS[k % len(COLOURS)], max(3.0 - 0.8 * k, 1.2)  # one may lie behind another
+            end = length if tendon.to is None else float(tendon.to)
+            along = s[s <= end]
+            if tendon.guides is not None:  # straight between the disks
+                along = np.unique(np.concatenate([[0.0], np.asarray(tendon.guides), [end]]))
+            offset = 1e3 * place_in_section(tendon, along, length)[:, row]
+            marker = "" if tendon.guides is None else "|"
+            ax.plot(1e3 * along, offset, color=colour, linewidth=wide, marker=marker, markersize=9)
+            if row == 0 and tendon.name:
+                keys.append(Line2D([], [], color=colour, linewidth=1.8, label=tendon.name))
+        for marker in robot.markers:
+            x, *across = (1e3 * float(v) for v in (marker.at + marker.offset[0], *marker.offset[1:]))
+            ax.plot(x, across[row], marker="o", linestyle="", color=INK, markersize=4)
+            ax.annotate(marker.name, (x, across[row]), (4, 3), textcoords="offset points", fontsize=8)
+        ax.set_ylabel(f"{name} [mm]")
+    axes[-1].set_xlabel("along the body, from the base [mm]")
+    if keys:
+        legend_above(fig, keys)
+    return fig

@@ -1,0 +1,94 @@
+"""What a notebook shows of a robot and of a simulation."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+
+from ..files.numbers import number, quantity
+from ..plots.loop import plot_loop
+from ..plots.straight import plot_straight
+from ..plots.style import png
+from ..plots.tendons import plot_tendons
+from ..robot.parameters import Parameter, parameters_of
+from ..robot.robot import Robot
+from ..simulation.history import Simulation
+from ..simulation.phases import label_phases
+from .card import card
+from .page import Figure, Report, Table
+
+DOTS = 110  # per inch: enough for a notebook, and half as large as in a report
+
+
+def is_traced(tree: object) -> bool:
+    """Whether any number of it is unknown because JAX is tracing it."""
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree_util.tree_leaves(tree))
+
+
+def robot_card(robot: Robot) -> str | None:
+    """The straight body with its channels, and the numbers that say something; None while it is traced."""
+    if is_traced(robot):
+        return None
+    every = parameters_of(robot)
+    shown = [(p, float(robot.value(name))) for name, p in every.items()]
+    rows = [(p.name, quantity(value, p.unit), p.key) for p, value in shown if _says(robot, p, value)]
+    what = "in space" if robot.space else "in the plane"
+    many = len(robot.tendons)
+    tendons = "one tendon" if many == 1 else f"{many} tendons"
+    rigid = ", a sheath of fixed shape" if robot.backbone.rigid else ""
+    picture = Figure("channels", png(plot_straight(robot), DOTS), "The straight body with its channels.")
+    return card(
+        Report(
+            title=robot.name,
+            verdict=f"A robot {what} with {tendons}{rigid}.",
+            figures=[picture],
+            tables=[Table("Numbers", ("", "value", "key in the robot file"), rows)],
+        )
+    )
+
+
+def _says(robot: Robot, p: Parameter, value: float) -> bool:
+    """Whether a number is worth a row: that of a term only if the term acts, others unless they are zero."""
+    if p.term is not None:
+        values = robot.terms[p.term.id]
+        return any(float(values[q.name]) != q.null for q in p.term.sizes if q.name in values)
+    return (value != 0 and np.isfinite(value)) or p.name.partition(".")[0] == "mu"
+
+
+def simulation_card(run: Simulation) -> str | None:
+    """The loop, or the tensions of several tendons, and where the tip ends; None while it is traced."""
+    if is_traced(run):
+        return None
+    T_base, T_tip = np.asarray(run.T_base), np.asarray(run.T_tip)
+    failed, steps = int(np.sum(~np.asarray(run.converged))), len(T_base)
+    says = f"{steps} load steps" + (
+        ", all converged." if not failed else f", of which {failed} did not converge: do not use these."
+    )
+    if T_base.ndim == 2:
+        names = [str(k + 1) for k in range(T_base.shape[1])]
+        angle = np.linalg.norm(np.asarray(run.tip_pose)[:, 2:], axis=1)
+        picture, caption = plot_tendons(T_base, T_tip, angle, names), "Tensions and the angle of the tip."
+    else:
+        picture = plot_loop(T_base, T_tip, phases=label_phases(run))
+        caption = "Tension at the tip against tension at the base, by phase."
+    top = int(np.argmax(T_base.reshape(steps, -1).sum(axis=1)))
+    rows = [
+        (name, *(_tensions(T[k]) for T in (T_base, T_tip)), _place(np.asarray(run.tip_position)[k]))
+        for name, k in (("at the largest base tension", top), ("at the end", steps - 1))
+    ]
+    return card(
+        Report(
+            title="Simulation",
+            verdict=says,
+            figures=[Figure("loop", png(picture, DOTS), caption)],
+            tables=[Table("", ("", "T_base", "T_tip", "place of the tip"), rows)],
+        )
+    )
+
+
+def _tensions(values: np.ndarray) -> str:
+    return ", ".join(number(float(v), digits=4) for v in np.atleast_1d(values)) + " N"
+
+
+def _place(place: np.ndarray) -> str:
+    return ", ".join(number(1e3 * float(v), digits=4) for v in place) + " mm"
