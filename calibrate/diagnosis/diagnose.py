@@ -231,7 +231,8 @@ def _discovered(models: Models, decision: Decision, say: Callable[[str], None]) 
 
     It is looked for in recordings of one tendon in the plane that tension drives, whose readings do not stand
     still, beside the base model, and if none is found, beside the effects that explain a part of the misfit:
-    these may only imitate it.
+    these may only imitate it. Of a long recording, which lacks several things as a rule, it is looked for
+    beside what explains a part alone.
     """
     robot = models.bench.rigs[0].robot
     stands = decision.pattern is not None and decision.pattern.stands
@@ -239,11 +240,11 @@ def _discovered(models: Models, decision: Decision, say: Callable[[str], None]) 
         return None
     if robot.space or robot.tendon_names or robot.tendon.drive != "tension":
         return None
-    found = discover(models, models.base, say)
-    head = decision.chosen
-    if found is None and decision.verdict == PARTLY and len(head.names) + 1 < len(HOW_MANY):
-        found = discover(models, head, say)
-    return found
+    heads = [decision.chosen] if decision.verdict == PARTLY else []
+    if models.bench.heavy is None or not heads:
+        heads = [models.base, *heads]
+    room = (head for head in heads if len(head.names) + 1 < len(HOW_MANY))
+    return next((found for head in room if (found := discover(models, head, say)) is not None), None)
 
 
 def _decided(
