@@ -306,12 +306,20 @@ def overview(scored: Sequence[Scored]) -> list[list[str]]:
             rate([s.covered for s in sets]),
         ],
         ["mean size of these sets", "≤ 2", f"{np.mean([len(s.sets) for s in sets]):.2f}" if sets else "–"],
-        [
-            "pairs and triples named exactly or in the set, information > 6",
-            "",
-            rate([s.covered for s in several]),
+        *[
+            [
+                f"{kind}s named whole or in the set, information > 6",
+                target,
+                rate([s.covered for s in several if s.kind == kind]),
+            ]
+            for kind, target in (("pair", "≥ 65 %"), ("triple", "≥ 40 %"))
         ],
-        ["pairs and triples: part of them named and nothing wrong", "", rate([s.near for s in several])],
+        [
+            "pairs and triples: part of them named and nothing wrong",
+            "≥ 85 %",
+            rate([s.near for s in several]),
+        ],
+        ["pairs and triples: confidently wrong", "≤ 5 %", rate([s.wrong for s in several])],
         [
             "outside the catalogue called unexplained, or found as a law, information > 6",
             "≥ 75 %",
@@ -328,7 +336,7 @@ def overview(scored: Sequence[Scored]) -> list[list[str]]:
             rate([not s.wrong_law for s in outside if s.law]),
         ],
         ["laws found where the catalogue holds the cause", "", rate([bool(s.law) for s in several + single])],
-        ["outside the catalogue, confidently wrong", "≤ 10 %", rate([s.wrong for s in outside])],
+        ["outside the catalogue, confidently wrong", "≤ 7 %", rate([s.wrong for s in outside])],
         [
             "confidently wrong of all that is not sound, information > 6",
             "",
