@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import jax
 import numpy as np
+from jax.core import Tracer
 
 from ..files.numbers import number, quantity
 from ..plots.loop import plot_loop
@@ -22,7 +23,7 @@ DOTS = 110  # per inch: enough for a notebook, and half as large as in a report
 
 def is_traced(tree: object) -> bool:
     """Whether any number of it is unknown because JAX is tracing it."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree_util.tree_leaves(tree))
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree_util.tree_leaves(tree))
 
 
 def robot_card(robot: Robot) -> str | None:

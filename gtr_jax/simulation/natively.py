@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -245,7 +246,7 @@ def _needed(structure: Structure, shapes: tuple) -> tuple[Structure, tuple, np.n
     if not others:
         return structure, shapes, None
     leaves, tree = shapes
-    ends = np.cumsum([0, *(int(np.prod(shape, dtype=int)) for shape, _ in leaves)])
+    ends = list(itertools.accumulate((int(np.prod(shape, dtype=int)) for shape, _ in leaves), initial=0))
 
     def without(whole: list) -> tuple[list, Any]:
         given = jtu.tree_unflatten(tree, whole)
