@@ -172,7 +172,7 @@ def fit(
         parts.append(part)
         warnings += more
     if noise_N is not None and not any(part.tips for part in parts):
-        raise InputError("noise_N: no recording has a tip tension, whose noise this is; leave it out")
+        raise InputError("noise_N: no recording has a tip tension, whose noise this is; leave out --noise")
     for k, part in enumerate(parts):
         if any(k in f.parts and f.entry.name.startswith(STRETCHES) for f in wanted):
             parts[k] = dataclasses.replace(part, stretches=True)

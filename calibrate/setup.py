@@ -475,7 +475,7 @@ def fitted_to(
     Raises:
         InputError: a position or an angle that no such robot can have; nothing that is left to compare.
     """
-    kept, warnings = {}, []
+    kept, warnings, unasked = {}, [], []
     far = MOST_LENGTHS * float(robot.backbone.length) + float(np.linalg.norm(robot.base.position))
     for name, values in channels.items():
         quantity = quantity_of(name)
@@ -483,6 +483,7 @@ def fitted_to(
             kept[name] = values
             continue
         if wanted is not None and not set(chosen_by(name)) & set(wanted):
+            unasked.append(name)
             continue
         angle = unit_of(name) == "rad"
         most = MOST_TURNS * 2 * np.pi if angle else far
@@ -504,5 +505,6 @@ def fitted_to(
     if not kept:
         others = [words.removeprefix(f"{where}: ").removesuffix(".") for words in warnings]
         why = f" ({'; '.join(others)})" if others else ""
-        raise InputError(f"{where}: no tip tension, and nothing else to compare{why}; add {COMPARABLE}")
+        remedy = f"ask for some of {', '.join(unasked)}" if unasked else f"add {COMPARABLE}"
+        raise InputError(f"{where}: no tip tension, and nothing else to compare{why}; {remedy}")
     return kept, warnings

@@ -11,9 +11,11 @@ from command_line import run_gtr
 import calibrate
 import gtr_jax as gtr
 from calibrate.answer import TIP_CELL
+from gtr_jax.files.thinning import thinned
 from gtr_jax.simulation.markers import marker_places
 from tests.conftest import PARALLEL
 
+ROOT = Path(__file__).parents[1]
 LOOP = np.concatenate([np.linspace(0, 15, 24), np.linspace(15, 3, 20)[1:], np.linspace(3, 12, 16)[1:]])
 TRUTH = {"mu": 0.3, "E": 1.06e6}
 POSE = {"tip_x": 1e-4, "tip_y": 1e-4, "tip_angle": 1e-3}
@@ -164,6 +166,20 @@ def test_marks_in_space_of_two_tendons(make_config):
     assert "marker" in fit.verdict and "T_tip" not in fit.verdict
 
 
+@pytest.mark.slow
+def test_displacement_drives_and_the_pose_is_compared():
+    config = gtr.load_config(ROOT / "examples/helix.toml").with_values({"backbone.youngs_modulus": 1.31e6})
+    recording = thinned(gtr.read_recording(ROOT / "examples/helix-recording.csv", space=True), 32)
+    absent = np.full_like(recording.T_base, np.nan)
+    given = dataclasses.replace(recording, T_base=absent, T_tip=None)
+    fit = calibrate.fit(config, given, free="mu", channels="tip_x,tip_y,tip_z")
+    assert fit.converged, fit.verdict
+    assert fit.recordings[0].robot.tendon.drive == "displacement"
+    assert list(fit.recordings[0].channels) == ["tip_x", "tip_y", "tip_z"]
+    e = fit["mu"]  # the example was made with 0.24
+    assert e.sd is not None and abs(e.value - 0.24) < 4 * e.sd
+
+
 def test_nothing_to_compare_is_refused(make_config):
     config, rec = make_config(PARALLEL), gtr.Recording(T_base=LOOP, path=Path("rec.csv"), sha256="")
     with pytest.raises(gtr.InputError, match=r"rec\.csv: .*T_tip_N.*tip_x_m") as refused:
@@ -173,6 +189,8 @@ def test_nothing_to_compare_is_refused(make_config):
     with pytest.raises(gtr.InputError, match=r"tip_x never changes"):
         calibrate.fit(config, still)
     moved = dataclasses.replace(rec, tip_x=0.25 - 1e-3 * LOOP, tip_y=1e-3 * LOOP)
+    with pytest.raises(gtr.InputError, match=r"ask for some of tip_x, tip_y"):
+        calibrate.fit(config, moved, channels="")
     with pytest.raises(gtr.InputError, match=r"noise_N: .*tip tension"):
         calibrate.fit(config, moved, noise_N=0.01)
     with pytest.raises(gtr.InputError, match=r"too few"):
@@ -210,11 +228,22 @@ def test_the_command(make_config, truth, capsys, tmp_path):
     assert done.status != 0 and "T_tip_N" in done.err and done.err.count("\n") == 1
 
 
-def test_glitches_are_looked_for_without_tip_tension(make_config, truth, tmp_path):
+def test_a_column_that_may_be_the_tip_tension_is_named(tmp_path):
+    lines = [f"{x},{0.6 * x},{1e-3 * x}" for x in LOOP]
+    (tmp_path / "rec.csv").write_text("\n".join(["T_base_N,tip_force_N,tip_y_m", *lines]))
+    read = gtr.read_recording(tmp_path / "rec.csv", measured=True)
+    assert read.T_tip is None
+    assert any("add --columns 'T_tip=tip_force_N[N]'" in note for note in read.notes)
+
+
+def test_glitches_are_looked_for_where_there_are_times(make_config, truth, tmp_path):
     rec = posed(truth, np.repeat(LOOP, 4), sd_base=0.005)
     spoilt = np.array(rec.tip_y)
     spoilt[100] += 0.3
-    gtr.write_recording(tmp_path / "rec.csv", dataclasses.replace(rec, tip_y=spoilt))
+    rec = dataclasses.replace(rec, tip_y=spoilt)
+    gtr.write_recording(tmp_path / "holds.csv", rec)
+    assert len(gtr.read_recording(tmp_path / "holds.csv", measured=True)) == len(rec)
+    gtr.write_recording(tmp_path / "rec.csv", dataclasses.replace(rec, time=0.1 * np.arange(len(rec))))
     assert len(gtr.read_recording(tmp_path / "rec.csv", need_tip=False)) == len(rec)
     read = gtr.read_recording(tmp_path / "rec.csv", measured=True)
     assert len(read) == len(rec) - 1 and read.masked[0].channel == "tip_y"

@@ -123,7 +123,8 @@ def read_recording(
             ignored.
         need_tip: whether a file without a tip tension is refused.
         measured: whether one without a tip tension is a recording nonetheless, of the tip's pose, markers or
-            displacements: then one that has none of these either is refused, and glitches are looked for.
+            displacements: then one that has none of these either is refused, and where it has times, glitches
+            are looked for. Without times, rows may be holds that have nothing to do with their neighbours.
         tendons: names of the tendons, if the robot has several: then T_base, T_tip and displacement are
             looked for as T_base_N.left and the like, for all of them or none, and are (rows, tendons).
         keep_glitches: whether glitches and dropouts are kept (see `glitches`). They are never looked for in
@@ -154,7 +155,8 @@ def read_recording(
         if found and found[0] not in taken:
             chosen[key] = found
     begun = {wanted[key][0] for key in chosen}
-    needed = NEEDED if need_tip and not measured else NEEDED[:1]
+    compared = begun - {"time", "trial", *(DRIVES if "T_base" not in begun else DRIVES[:1])}
+    needed = NEEDED if (not compared if measured else need_tip) else NEEDED[:1]
     absent = [
         key
         for key, (quantity, tendon) in wanted.items()
@@ -165,13 +167,12 @@ def read_recording(
     if set(QUATERNION) & begun:
         absent += [key for key in QUATERNION if key not in chosen]
     if absent:
-        raise missing(table, absent, wanted, tendons)
+        fault = missing(table, absent, wanted, tendons)
+        without = measured and wanted[absent[0]][0] == "T_tip"
+        raise InputError(f"{fault}; or {OTHERWISE}") if without else fault
     notes = table.notes
     if measured and "T_tip" not in begun:
-        compared = begun - {"time", "trial", "T_base"} - (set() if "T_base" in begun else {"displacement"})
         first = next(key for key, (quantity, _) in wanted.items() if quantity == "T_tip")
-        if not compared:
-            raise InputError(f"{missing(table, [first], wanted, tendons)}; or {OTHERWISE}")
         meant = meant_column(table, *wanted[first], tendons)
         if meant is not None:
             notes = (*notes, unread(table, meant, first))
@@ -183,7 +184,8 @@ def read_recording(
             remedy = functools.partial(unit_remedy, table, key, index, si)
             whole[key] = table.quantity(index, unit, si, remedy=remedy, most_absent=MOST_ABSENT)
     units = {key: column_of(wanted[key][0]).unit for key in whole}
-    glitches = (measured or "T_tip" in begun) and not keep_glitches and not (said and said.keep_glitches)
+    in_time = "T_tip" in begun or (measured and "time" in begun)
+    glitches = in_time and not keep_glitches and not (said and said.keep_glitches)
     stretches = [*(said.drop if said else ()), *drop]
     try:
         keep, masked = masks(whole, units, table.numbers, glitches=glitches, drop=stretches)
