@@ -38,7 +38,9 @@ UNKNOWN_WITHOUT_SCALE = 10.0
 
 
 def together(noises: Sequence[Noise]) -> Noise:
-    """The noise of the tip tensions of several tendons as one: its root mean square."""
+    """The noise of the tip tensions of several tendons as one: its root mean square; unknown for none."""
+    if not noises:
+        return Noise(np.nan)
     if len(noises) == 1:
         return noises[0]
     return Noise(
@@ -50,7 +52,7 @@ def together(noises: Sequence[Noise]) -> Noise:
 
 def by_source(rows: np.ndarray, parts: Sequence[Part]) -> dict[str, np.ndarray]:
     """Split the weighed rows of all recordings, (D, ...), by the source of their noise. Each recording has C
-    channels of K rows, the tip tensions first, and then K rows of what drives each tendon.
+    channels of K rows, the tip tensions that it has first, and then K rows of what drives each tendon.
     """
     found: dict[str, list[np.ndarray]] = {}
     start = 0
@@ -70,10 +72,11 @@ class Judged:
     Attributes:
         residual: simulated minus recorded, (C, K).
         phases: (K, *tendons).
-        noises: of the recorded tip tension of each tendon.
+        noises: of each recorded tip tension.
         weigh: weighing by errors with the size and correlation time that the residual shows.
         by_noise: weighing by the noise alone.
-        chi2_per_n: sum of squares per degree of freedom, in units of the noise; None if the noise is unknown.
+        chi2_per_n: sum of squares of the tensions per degree of freedom, in units of the noise; None if that
+            is unknown.
         sd: standard deviation that each channel's errors are given, (C,).
         least: least standard deviation of each channel, from its noise or its neighbouring samples, (C,).
         kept: samples that count at least half, (K,); all of them unless the fit is robust.
@@ -91,7 +94,7 @@ class Judged:
 
     @property
     def rms(self) -> float:
-        """Root mean square of the residual of the tip tensions over the kept samples [N]."""
+        """Root mean square of the residual of the tip tensions, over kept samples [N]."""
         return float(np.sqrt(np.mean(self.residual[: len(self.noises), self.kept] ** 2)))
 
     @property
@@ -210,8 +213,8 @@ def _levelled(setup: Setup, part: Part, prediction: Prediction, noises: Sequence
     scaled up until it does.
     """
     residual, least, n = part.residual(prediction), part.least(noises), part.tips
-    degrees = np.full(len(least), float(part.samples))
-    degrees[:n] = max(part.samples - len(setup.free) * part.samples / (n * setup.samples), 1.0)
+    degrees, among = np.full(len(least), float(part.samples)), n or len(least)
+    degrees[:among] = max(part.samples - len(setup.free) * part.samples / (among * setup.samples), 1.0)
     share = np.ones_like(residual)
 
     def weighed(sd: np.ndarray) -> tuple[Weighing, np.ndarray]:
@@ -230,7 +233,9 @@ def _levelled(setup: Setup, part: Part, prediction: Prediction, noises: Sequence
             sd = sd * np.sqrt(np.maximum(chi2, 1.0))
         weigh, chi2 = weighed(sd)
     root = np.sqrt(share)
-    in_noise = float(np.sum(_squares(setup, by_noise, residual, share, n)[:n]) / np.sum(degrees[:n]))
+    in_noise = np.nan
+    if n:
+        in_noise = float(np.sum(_squares(setup, by_noise, residual, share, n)[:n]) / np.sum(degrees[:n]))
     return _Levelled(
         weigh=weigh.trusted(root), by_noise=by_noise.trusted(root), chi2=in_noise, sd=sd, share=share
     )
@@ -245,14 +250,20 @@ def _trust(rows: np.ndarray, share: np.ndarray) -> np.ndarray:
 
 
 def _squares(setup: Setup, weigh: Weighing, residual: np.ndarray, share: np.ndarray, tips: int) -> np.ndarray:
-    """Sum of squares of each channel, (C,); the rows of what drives a tendon count with its tip tension. In a
-    robust fit, residuals are clipped and compared with clipped normal errors.
+    """Sum of squares of each channel, (C,); the rows of what drives a tendon count with its tip tension, and
+    where there are none with all channels, as their errors draw on the drives. In a robust fit, residuals are
+    clipped and compared with clipped normal errors.
     """
-    rows, base = weigh.trusted(np.sqrt(share)).split(residual)
+    weigh = weigh.trusted(np.sqrt(share))
+    rows, base = weigh.split(residual)
     if not setup.robust:
         rows = rows**2
     else:
         rows = np.minimum(np.abs(rows) / np.sqrt(np.maximum(share, 1e-12)), HUBER) ** 2 / HUBER_SQUARES
     total = np.sum(rows, axis=1)
-    total[:tips] += np.sum(base.reshape(tips, -1) ** 2, axis=1)
+    if tips:
+        total[:tips] += np.sum(base.reshape(tips, -1) ** 2, axis=1)
+    else:
+        drawn = np.sum((weigh.weight * weigh.passed) ** 2, axis=1)
+        total += np.sum(base**2) * drawn / max(float(np.sum(drawn)), 1e-300)
     return total

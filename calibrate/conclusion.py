@@ -25,6 +25,7 @@ from .readings import BaseTension
 from .result import FitResult, FittedChannel, FittedRecording
 from .setup import Part, Setup
 from .start import Start
+from .tipless import DistanceWithoutTip, without_tip
 from .verdict import (
     LACK_OF_FIT,
     SMALL,
@@ -154,7 +155,7 @@ def ignorance(setup: Setup, answer: Answer) -> str:
 
 def _remedy(setup: Setup, answer: Answer, among: list[int]) -> str:
     """The measurement that would tell parameters apart, in a sentence, or ""."""
-    sd = [float(np.sqrt(j.weigh.tau[0]) * j.sd[0]) for j in answer.judged]
+    sd = [float(np.sqrt(j.weigh.tau[0]) * j.sd[0]) if j.noises else None for j in answer.judged]
     return remedy(setup, answer.at, answer.descent.u, answer.information(), sd, among)
 
 
@@ -228,8 +229,12 @@ def _pulled(part: Part) -> list[BaseTension]:
 
 
 def _by_phase(part: Part, residual: np.ndarray, phases: np.ndarray) -> dict[str, dict[str, float]]:
-    """As `by_phase`; of several tendons, each phase with the name of its tendon in front."""
+    """As `by_phase`; of several tendons, each phase with the name of its tendon in front; empty without tip
+    tensions.
+    """
     names = part.robot.tendon_names
+    if not part.tips:
+        return {}
     if not names:
         return by_phase(residual[0], phases)
     return {
@@ -263,7 +268,7 @@ def _fitted(
         sd = None if judged is None else float(judged.sd[c])
         channels[name] = FittedChannel(unit_of(name), simulated, off, sd)
     band = np.zeros(part.drive.shape)
-    if prediction is not None and covariance is not None:
+    if prediction is not None and covariance is not None and part.tips:
         known = np.isfinite(np.diag(covariance))
         slopes = prediction.jacobian[: part.tips, :, known]
         wide = np.sqrt(np.einsum("nkp,pq,nkq->kn", slopes, covariance[np.ix_(known, known)], slopes))
@@ -294,8 +299,15 @@ def _fitted(
         chi2_per_n=None if judged is None else judged.chi2_per_n,
         outliers=0 if judged is None else int(np.sum(~judged.kept)),
         settings={"robot": part.robot.name, "path": part.path, **chosen},
+        unrecorded=None if part.tips else _not_compared(part, prediction),
     )
     return fitted, warnings
+
+
+def _not_compared(part: Part, prediction: Prediction | None) -> np.ndarray:
+    """The simulated tip tensions of a recording that has none [N], (K, *tendons); NaN without simulation."""
+    shape = part.drive.shape
+    return np.full(shape, np.nan) if prediction is None else prediction.T_tip.T.reshape(shape)
 
 
 def concluded(setup: Setup, answer: Answer, iterations: int, evaluations: int, start: Start) -> FitResult:
@@ -369,7 +381,7 @@ def concluded(setup: Setup, answer: Answer, iterations: int, evaluations: int, s
         warnings=warnings,
         verdict=verdict(
             found[:n],
-            [_distance(setup, answer, r) for r in zip(recordings, answer.judged, strict=True)],
+            [_distance(setup, r) for r in zip(recordings, answer.judged, strict=True)],
             disagreement="; ".join(clauses),
             failure=failure,
         ),
@@ -391,18 +403,20 @@ def concluded(setup: Setup, answer: Answer, iterations: int, evaluations: int, s
 
 def _outliers(judged: Judged) -> int:
     """Number of samples that are far off while most are not; 0 where more than a few are far off."""
-    tips = judged.residual[: len(judged.noises)]
-    off = np.abs(tips - np.median(tips, axis=1, keepdims=True))
+    compared = judged.residual[: len(judged.noises) or None]  # the tip tensions, if there are any
+    off = np.abs(compared - np.median(compared, axis=1, keepdims=True))
     scale = MAD_TO_SD * np.median(off, axis=1, keepdims=True)
     far = int(np.sum(np.any((off > FAR_OFF * scale) & (scale > 0), axis=0)))
     return far if far <= FEW * off.shape[1] else 0
 
 
-def _distance(setup: Setup, answer: Answer, of: tuple[FittedRecording, Judged]) -> Distance:
+def _distance(setup: Setup, of: tuple[FittedRecording, Judged]) -> Distance | DistanceWithoutTip:
     fitted, judged = of
+    part = next(p for p in setup.parts if p.name == fitted.name)
+    if not part.tips:
+        return without_tip(part, fitted, judged)
     used = len(setup.free) * len(fitted.T_base) / setup.samples
     degrees = max(len(fitted.T_base) - used, 1) / float(judged.weigh.tau[0])
-    part = next(p for p in setup.parts if p.name == fitted.name)
     others = []
     for c, name in enumerate(part.channels):
         if c >= part.tips and fitted.channels[name].rms > SMALL * float(np.ptp(part.recorded[c])):

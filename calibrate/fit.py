@@ -15,7 +15,7 @@ from gtr_jax.terms import known_on
 
 from . import readings
 from .answer import Answer
-from .channels import ROTATION, known_to, names_of, orientation_of
+from .channels import ROTATION, known_to, names_of, of_tendons, orientation_of
 from .conclusion import concluded, ignorance, unanswered
 from .descent import descend
 from .free import Free, carried_by, distinct, free_of
@@ -61,7 +61,8 @@ def fit(
     below zero count as slack.
 
     The tip's position, angle or orientation, the tendon's displacement and the places of the robot's markers
-    are fitted as well where a recording has them, with errors scaled to their residuals. The zero of the
+    are fitted as well where a recording has them, with errors scaled to their residuals; they alone, where it
+    has no tip tension, which then is simulated but not compared. The zero of the
     displacement is unknown. A tendon of which a recording has no base tension is driven by its displacement,
     which then is what has noise; so is one that displacement drives by the robot file, of which a recorded
     base tension is fitted as well.
@@ -83,16 +84,16 @@ def fit(
     Args:
         robot: from `gtr_jax.load_config`; or a `Robot`, whose parameters then have no priors. One for all
             recordings, or one for each, the same object where it is the same robot.
-        recording: with T_base, or the displacements of tendons that these drive, and T_tip, K >= 4 samples;
-            or several.
+        recording: with T_base, or the displacements of tendons that these drive, and T_tip or anything else
+            that can be compared, K >= 4 samples; or several.
         free: parameters to fit, by short name or key of the robot file; unless given, the mu of each tendon
             and E, or mu alone for a rigid sheath.
         per_recording, per_robot: parameters of which each recording, or each robot, has its own.
         channels: what is fitted to beside T_tip, where a recording has it: some of tip_x, tip_y, tip_angle,
             displacement, and names of markers; in space tip_x, tip_y, tip_z, tip_rotation, displacement,
             T_base and markers; all unless given. Of several tendons "displacement.left" is the one of left.
-        noise_N: standard deviation of the recorded tip tensions [N]; estimated from each recording unless
-            given.
+        noise_N: standard deviation of the recorded tip tensions [N]; estimated from each recording that has
+            them unless given.
         noise_base_N: that of the recorded base tensions [N]; 0 takes them as exact.
         robust: whether samples far off count less (Huber's estimator), and lone spikes of the base tension
             not at all.
@@ -105,8 +106,8 @@ def fit(
         The answer. It does not raise where there is none: `converged` is False and `verdict` says why.
 
     Raises:
-        InputError: unknown or unsuitable parameter, recording without tip tension or too short, noise not
-            positive, robots that disagree about a shared parameter.
+        InputError: unknown or unsuitable parameter, recording too short or with nothing to compare, noise
+            not positive, robots that disagree about a shared parameter.
     """
     if sampled:
         require_sampler()
@@ -170,6 +171,8 @@ def fit(
             )
         parts.append(part)
         warnings += more
+    if noise_N is not None and not any(part.tips for part in parts):
+        raise InputError("noise_N: no recording has a tip tension, whose noise this is; leave out --noise")
     for k, part in enumerate(parts):
         if any(k in f.parts and f.entry.name.startswith(STRETCHES) for f in wanted):
             parts[k] = dataclasses.replace(part, stretches=True)
@@ -265,7 +268,7 @@ def part_of(
     Args:
         name: of the recording.
         robot, config: what was recorded, and its file.
-        recording: with T_base and T_tip.
+        recording: with what drives its tendons, and something to compare.
         wanted: channels to compare beside T_tip; all unless given.
         noise_N, noise_base_N, robust: as of `fit`.
     """
@@ -278,7 +281,8 @@ def part_of(
     channels, values = tuple(kept), np.stack(list(kept.values()))
     drives = []
     columns = drive.reshape(len(drive), -1).T
-    for tendon, pulled, T_tip in zip(robot.tendons, columns, values, strict=False):
+    tips = [kept.get(name) for name in of_tendons("T_tip", robot)]
+    for tendon, pulled, T_tip in zip(robot.tendons, columns, tips, strict=True):
         found, more = _estimated(recording, robot, tendon, pulled, T_tip, noise_base_N, robust=robust)
         drives.append(found)
         warnings += more
@@ -305,7 +309,7 @@ def _estimated(
     robot: Robot,
     tendon: Tendon,
     pulled: np.ndarray,
-    T_tip: np.ndarray,
+    T_tip: np.ndarray | None,
     noise_base_N: float | None,
     *,
     robust: bool,
@@ -356,14 +360,11 @@ def _run(setup: Setup) -> FitResult:
             most = np.max(np.abs(slope), axis=0)
             heard |= most > NO_SLOPE * (setup.stiff if c < part.tips else max(float(np.ptp(row)), 1e-6))
     if not heard[: len(setup.asked)].any():
-        names, still = (
-            " and ".join(f.name for f in setup.asked),
-            all(
-                np.all(np.ptp(p.values[: part.tips], axis=1) == 0)
-                for part, p in zip(setup.parts, first, strict=True)
-            ),
-        )
-        reason = "no slip reaches the tip" if still else "the tip tension does not depend on it"
+        names = " and ".join(f.name for f in setup.asked)
+        tips = [p.T_tip for part, p in zip(setup.parts, first, strict=True) if part.tips]
+        still = bool(tips) and all(np.all(np.ptp(T_tip, axis=1) == 0) for T_tip in tips)
+        what = "the tip tension does not depend" if tips else "nothing that is compared depends"
+        reason = "no slip reaches the tip" if still else f"{what} on it"
         which = "recording says" if len(setup.parts) == 1 else "recordings say"
         why = f"the {which} nothing about {names}: {reason}"
         return unanswered(setup, first, why, found.evaluations + 1)

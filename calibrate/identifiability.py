@@ -25,8 +25,9 @@ from .start import thin
 # Blocks of the thinned recording, and samples of each branch of the simulated pull.
 STEPS = 40
 HIGHER = 1.5  # times the largest base tension
-# Standard deviation of the tip angle in a proposed measurement [rad].
-ANGLE_SD = np.radians(1.0)
+# Standard deviation of the tip angle in a proposed measurement [rad], and of a tip tension where none was
+# recorded, as a share of the largest base tension.
+ANGLE_SD, TENSION_SD = np.radians(1.0), 0.01
 # Components below this share of the largest are left out of words.
 MINOR = 0.1
 # A measurement is worth naming if the largest standard error falls below this share of its present value.
@@ -76,7 +77,7 @@ def _jacobians(robot, at: Coordinates, history: History, u):
 
 
 def _measurements(
-    part: Part, at: Coordinates, u: np.ndarray, sd: float, of: str
+    part: Part, at: Coordinates, u: np.ndarray, sd: float | None, of: str
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Each measurement in words, with its Fisher information in the coordinates, (p, p); none for a robot of
     several tendons, or of one that displacement drives.
@@ -93,9 +94,16 @@ def _measurements(
     history, time = part.T_base.T_base[few], None if part.time is None else part.time[few]
     if "tip_angle" not in part.channels and not part.robot.space:
         yield (
-            f"the angle of the tip{of}, recorded to 1° beside the tensions,",
+            f"the angle of the tip{of}, recorded to 1° beside the {'tensions' if part.tips else 'rest'},",
             information(history, time, 1, ANGLE_SD),
         )
+    if sd is None:
+        error = TENSION_SD * float(np.max(history))
+        yield (
+            f"the tension at the tip{of}, recorded to {error:.2g} N,",
+            information(history, time, 0, error),
+        )
+        return
     peak = HIGHER * float(np.max(history))
     loop = np.concatenate([np.linspace(0.0, peak, STEPS), np.linspace(peak, 0.0, STEPS)[1:]])
     yield f"a pull{of} to {peak:.3g} N and back", information(loop, None, 0, sd)
@@ -106,7 +114,7 @@ def remedy(
     at: Sequence[Coordinates],
     u: np.ndarray,
     information: np.ndarray,
-    sd: Sequence[float],
+    sd: Sequence[float | None],
     among: list[int],
 ) -> str:
     """The measurement that would tell some of the parameters apart, in a sentence; "" if none here would.
@@ -115,7 +123,7 @@ def remedy(
         setup, at: the fit and the coordinates of its recordings.
         u: where it ended, (p,).
         information: the Fisher information of recordings and priors, (p, p).
-        sd: effective standard deviation of each recording's tip tension [N].
+        sd: effective standard deviation of each recording's tip tension [N]; None where it has none.
         among: the parameters in question.
     """
     before = _errors(information)

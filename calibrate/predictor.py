@@ -20,7 +20,7 @@ from gtr_jax.simulation.markers import marker_places
 from gtr_jax.simulation.phases import phases_of_slip
 from gtr_jax.stored import Stored
 
-from .channels import CHANNELS, ROTATION, Orientation, quantity_of, tendon_of, turned_by
+from .channels import CHANNELS, ROTATION, Orientation, of_tendons, quantity_of, tendon_of, turned_by
 from .coordinates import Coordinates
 from .parallel import in_parallel
 
@@ -215,6 +215,7 @@ class Prediction(Seen):
     """What a simulation shows, and its derivatives by p coordinates.
 
     Attributes:
+        T_tip: simulated tension at the tip of each tendon [N], (tendons, K), among the values or not.
         jacobian: derivatives of the values by u, (C, K, p).
         slope: derivative of the values with respect to a uniform shift of the base tension, per newton, (C,
             K); of several tendons, one for each, (C, K, tendons); of a tendon that displacement drives, with
@@ -222,6 +223,7 @@ class Prediction(Seen):
             where it slipped last.
     """
 
+    T_tip: np.ndarray
     jacobian: np.ndarray
     slope: np.ndarray
 
@@ -333,6 +335,10 @@ class Predictor:
         orientation: Orientation | None = None,
     ):
         self.robot, self.at, self.samples, self.channels = robot, at, len(T_base), channels
+        tips = of_tendons("T_tip", robot)
+        # Tip tensions that are not compared follow what is.
+        self._shown = (*channels, *(name for name in tips if name not in channels))
+        self._tips = [self._shown.index(name) for name in tips]
         nodes = np.arange(self.samples) if nodes is None else nodes
         self.steps = len(nodes)
         clock, number = (None if v is None else v[nodes] for v in (time, trial))
@@ -375,9 +381,9 @@ class Predictor:
         drawn = self.history.displacement is not None
         found = unless_broken(
             lambda: (
-                _by_differences(self.robot, self.at, self.history, u, self.channels)
+                _by_differences(self.robot, self.at, self.history, u, self._shown)
                 if drawn
-                else _predict(self.robot, self.at, self.history, jnp.asarray(u), self.channels)
+                else _predict(self.robot, self.at, self.history, jnp.asarray(u), self._shown)
             )
         )
         if found is None:
@@ -388,9 +394,12 @@ class Predictor:
             return None
         length = np.asarray(self.robot.per_tendon(self._anchored))
         whole = np.asarray(front) >= length * (1 - 1e-12)
+        T_tip, C = values[self._tips], len(self.channels)
+        values, slopes = values[:C], slopes[:C]
         slope = slopes[..., len(u) :]
         return Prediction(
             values=values,
+            T_tip=T_tip,
             failed=int(np.sum(~np.asarray(converged)[: self.steps])),
             slips=whole[self._next],
             direction=np.asarray(direction)[self._next],

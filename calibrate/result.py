@@ -59,20 +59,23 @@ class FittedRecording:
         name: of the recording.
         robot: the robot fitted to it.
         config: its file; None when a `Robot` was given, or when the file would refuse the fitted values.
-        channels: what was fitted to, the tip tensions first.
+        channels: what was fitted to, the tip tensions first where they were recorded.
         T_base: base tension without noise [N], (K, *tendons), as its cell shows it: a gain or offset of the
             cell is taken off for the simulation. Of a tendon that displacement drives, that instead [m].
-        band: standard error of the simulated T_tip due to the parameters' uncertainty [N], (K, *tendons).
+        band: standard error of the simulated T_tip due to the parameters' uncertainty [N], (K, *tendons);
+            zero where no T_tip was recorded.
         phases: "pulling", "transition", "releasing" or "rest", (K, *tendons).
         by_phase: per phase its "count", "rms_N" and "mean_N" of the residual; of several tendons, per tendon
-            and phase.
-        noise_N: standard deviation of the recorded tip tension [N], given or estimated; None if unknown.
+            and phase; empty where no T_tip was recorded.
+        noise_N: standard deviation of the recorded tip tension [N], given or estimated; None if unknown, or
+            if there is none.
         noise_from: what it was estimated from.
         noise_base_N: standard deviation of the recorded base tension [N]; 0 if it is taken as exact.
         chi2_per_n: sum of squared residuals of the tensions in units of the noise per degree of freedom; None
             without noise.
         outliers: samples that a robust fit counts less than half.
         settings: what was chosen for it, plain values.
+        unrecorded: simulated T_tip where none was recorded [N], (K, *tendons).
     """
 
     name: str
@@ -89,28 +92,31 @@ class FittedRecording:
     chi2_per_n: float | None
     outliers: int
     settings: dict[str, Any]
+    unrecorded: np.ndarray | None = None
 
     @property
     def T_tip(self) -> np.ndarray:
-        """Simulated [N], (K, *tendons)."""
-        return self._tips([c.simulated for c in self.tips])
+        """Simulated [N], (K, *tendons), compared or not."""
+        return self._tips([c.simulated for c in self.tips]) if self.unrecorded is None else self.unrecorded
 
     @property
     def residual(self) -> np.ndarray:
-        """Simulated minus recorded tip tension [N], (K, *tendons)."""
+        """Simulated minus recorded tip tension [N], (K, *tendons); NaN where none was recorded."""
+        if self.unrecorded is not None:
+            return np.full(self.T_base.shape, np.nan)
         return self._tips([c.residual for c in self.tips])
 
     @property
     def tips(self) -> list[FittedChannel]:
-        """The tip tension of each tendon."""
-        return [self.channels[name] for name in of_tendons("T_tip", self.robot)]
+        """The tip tension of each tendon; empty where none was recorded."""
+        return [self.channels[name] for name in of_tendons("T_tip", self.robot) if name in self.channels]
 
     def _tips(self, each: list[np.ndarray]) -> np.ndarray:
         return np.stack(each, axis=1) if self.robot.tendon_names else each[0]
 
     @property
     def rms_N(self) -> float:
-        """Root mean square of the residual [N]."""
+        """Root mean square of the residual of the tip tensions [N]; NaN where none was recorded."""
         return float(np.sqrt(np.mean(self.residual**2)))
 
 
@@ -189,7 +195,7 @@ class FitResult:
 
     @property
     def residual(self) -> np.ndarray:
-        """Simulated minus recorded tip tension [N], (K,)."""
+        """Simulated minus recorded tip tension [N], (K,); NaN where none was recorded."""
         return np.concatenate([r.residual for r in self.recordings])
 
     @property
@@ -214,14 +220,17 @@ class FitResult:
 
     @property
     def rms_N(self) -> float:
-        """Root mean square of the residual of all recordings [N]."""
-        return float(np.sqrt(np.mean(self.residual**2)))
+        """Root mean square of the residual of all recorded tip tensions [N]; NaN if there are none."""
+        each = [r.residual for r in self.recordings if r.tips]
+        return float(np.sqrt(np.mean(np.concatenate(each) ** 2))) if each else np.nan
 
     @property
     def chi2_per_n(self) -> float | None:
-        """Sum of squared residuals in units of the noise per degree of freedom, of all recordings."""
-        each = [(r.chi2_per_n, len(r.T_base)) for r in self.recordings]
-        if any(chi2 is None for chi2, _ in each):
+        """Sum of squared residuals of the tensions in units of the noise per degree of freedom, of all
+        recordings that have tip tensions.
+        """
+        each = [(r.chi2_per_n, len(r.T_base)) for r in self.recordings if r.tips]
+        if not each or any(chi2 is None for chi2, _ in each):
             return None
         return float(sum(chi2 * n for chi2, n in each if chi2 is not None) / sum(n for _, n in each))
 

@@ -42,6 +42,8 @@ LARGEST_SHIFT = 2.0
 # range.
 SMALLEST_SIGMA, ROUGH = 1e-6, 0.02
 STRETCH = "tendon-stretch"
+# What makes a recording one that a fit can use.
+COMPARABLE = "T_tip_N, the pose of the tip (tip_x_m, ...), markers of the robot file, or displacement_m"
 # Recordings with more samples than LONG are simulated at about LONG of them, or, if that is fewer, at steps
 # of the base tension of FINEST of its range.
 LONG, FINEST = 2000, 1 / 400
@@ -66,7 +68,7 @@ class Part:
         config: its file, or None.
         T_base: estimate of the true base tension [N], and how well the recorded one determines it; of the
             first tendon, if there are several. Where displacement drives the tendon, that [m].
-        channels: names of what is fitted to, the tip tensions first.
+        channels: names of what is fitted to, the tip tensions first where they were recorded.
         recorded: their readings, SI, (C, K).
         time: of the samples [s], (K,), or None.
         trial: number of the trial, (K,), or None.
@@ -107,8 +109,8 @@ class Part:
 
     @property
     def tips(self) -> int:
-        """How many of the channels are tip tensions; they come first."""
-        return len(self.drives)
+        """How many of the channels are tip tensions, which come first: one of each tendon, or none."""
+        return sum(quantity_of(name) == "T_tip" for name in self.channels)
 
     @property
     def pulled(self) -> list[np.ndarray]:
@@ -131,7 +133,7 @@ class Part:
 
     @property
     def T_tip(self) -> np.ndarray:
-        """As recorded [N], (K,); of the first tendon, if there are several."""
+        """As recorded [N], (K,), where it was; of the first tendon, if there are several."""
         return self.recorded[0]
 
     @property
@@ -144,20 +146,20 @@ class Part:
         """Error below which each channel is not resolved, whatever its noise, (C,)."""
         n = self.tips
         tensions = [*self.pulled, *self.recorded[:n]]
-        tension = max(*(float(np.max(np.abs(T))) for T in tensions), 1e-3)
+        tension = max([*(float(np.max(np.abs(T))) for T in tensions), 1e-3])
         size = [*([tension] * n), *np.ptp(self.recorded[n:], axis=1)]
         return SMALLEST_SIGMA * np.maximum(size, 1e-6)
 
     def noises(
         self, fitted: Prediction | None = None, kept: np.ndarray | None = None
     ) -> tuple[noise.Noise, ...]:
-        """Noise of the tip tension of each tendon, given or estimated. A fitted model improves the estimate:
-        it shows which stretches are locked, and replaces the samples that are not kept, (K,) bool.
+        """Noise of each tip tension that was recorded, given or estimated. A fitted model improves the
+        estimate: it shows which stretches are locked, and replaces the samples that are not kept, (K,) bool.
         """
         if self.noise_N is not None:
             return (noise.Noise(self.noise_N, source="given"),) * self.tips
         found = []
-        for i, (base, T_tip) in enumerate(zip(self.drives, self.recorded, strict=False)):
+        for i, (base, T_tip) in enumerate(zip(self.drives, self.recorded[: self.tips], strict=False)):
             locked = None
             if fitted is not None:
                 locked = ~fitted.slips.reshape(len(T_tip), -1)[:, i]
@@ -210,7 +212,7 @@ class Part:
 
     def weighing(self, prediction: Prediction, sd: np.ndarray) -> Weighing:
         """The weighing of residuals for a simulation, with one error for each channel, (C,)."""
-        stretch = self.stretch(prediction.values[: self.tips])
+        stretch = self.stretch(prediction.T_tip)
         if self.others:
             return SeveralWeighing.of_all(
                 self.drives, prediction.slips, prediction.slope, self.channels, sd, stretch
@@ -316,14 +318,16 @@ class Setup:
         return sum(part.samples for part in self.parts)
 
     @property
-    def peak(self) -> float:
-        """Largest recorded tip tension [N]."""
-        return max(float(np.max(part.recorded[: part.tips])) for part in self.parts)
+    def peak(self) -> float | None:
+        """Largest recorded tip tension [N]; None if none was recorded."""
+        each = [float(np.max(part.recorded[: part.tips])) for part in self.parts if part.tips]
+        return max(each, default=None)
 
     @property
     def stiff(self) -> float:
         """Largest tension [N]."""
-        return max(self.peak, *(float(np.max(T)) for part in self.parts for T in part.pulled), 1e-3)
+        each = [float(np.max(T)) for part in self.parts for T in part.pulled]
+        return max([self.peak or 0.0, *each, 1e-3])
 
     def friction(self) -> list[int]:
         """Which of the free numbers are friction coefficients."""
@@ -402,12 +406,10 @@ def recorded(recording: Recording, robot: Robot) -> tuple[np.ndarray, dict[str, 
     tensions first, (K,) each.
 
     Raises:
-        InputError: no tip tension, columns that do not match, fewer than four samples, numbers that are not
-            finite.
+        InputError: tip tensions of some tendons only, columns that do not match, fewer than four samples,
+            numbers that are not finite.
     """
     where = recording.path
-    if recording.T_tip is None:
-        raise InputError(f"{where}: no tip tension to fit to; map it with --columns 'T_tip=NAME[N]'")
     drive = np.array(recording.T_base, float)
     drawn = np.asarray([tendon.drive == "displacement" for tendon in robot.tendons])
     drawn = drawn.reshape(drive.shape[1:])
@@ -417,7 +419,7 @@ def recorded(recording: Recording, robot: Robot) -> tuple[np.ndarray, dict[str, 
         drive = np.where(drawn, np.asarray(recording.displacement, float), drive)
     channels = channels_in(recording, robot)
     lacking = [name for name in of_tendons("T_tip", robot) if name not in channels]
-    if lacking:
+    if lacking and recording.T_tip is not None:
         raise InputError(f"{where}: no {lacking[0]} to fit to; add the column, or leave the tendon out")
     further = {} if recording.time is None else {"time": np.asarray(recording.time, float)}
     for name, values in (channels | further).items():
@@ -465,15 +467,15 @@ def fitted_to(
     """The channels that one recording is fitted to, and a sentence for each that is left out for a fault.
 
     Args:
-        channels: those that it has, T_tip first.
+        channels: those that it has.
         wanted: those beside T_tip that are wanted; all unless given.
         robot: what was recorded.
         where: the recording, for messages.
 
     Raises:
-        InputError: a position or an angle that no such robot can have.
+        InputError: a position or an angle that no such robot can have; nothing that is left to compare.
     """
-    kept, warnings = {}, []
+    kept, warnings, unasked = {}, [], []
     far = MOST_LENGTHS * float(robot.backbone.length) + float(np.linalg.norm(robot.base.position))
     for name, values in channels.items():
         quantity = quantity_of(name)
@@ -481,6 +483,7 @@ def fitted_to(
             kept[name] = values
             continue
         if wanted is not None and not set(chosen_by(name)) & set(wanted):
+            unasked.append(name)
             continue
         angle = unit_of(name) == "rad"
         most = MOST_TURNS * 2 * np.pi if angle else far
@@ -499,4 +502,9 @@ def fitted_to(
             warnings.append(f"{where}: {name} is not fitted to, because the backbone is rigid.")
         else:
             kept[name] = values
+    if not kept:
+        others = [words.removeprefix(f"{where}: ").removesuffix(".") for words in warnings]
+        why = f" ({'; '.join(others)})" if others else ""
+        remedy = f"ask for some of {', '.join(unasked)}" if unasked else f"add {COMPARABLE}"
+        raise InputError(f"{where}: no tip tension, and nothing else to compare{why}; {remedy}")
     return kept, warnings

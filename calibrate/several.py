@@ -19,6 +19,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
+from .channels import quantity_of
 from .readings import BaseTension
 from .weighing import Weighing, along
 
@@ -51,14 +52,15 @@ class SeveralWeighing(Weighing):
             drives: what drives each of n tendons.
             slips: whether slip reaches their anchors, (K, n).
             slope: change of the channels by what drives each tendon, (C, K, n).
-            channels: their names, those of the n tip tensions first.
+            channels: their names, those of the n tip tensions first where they were recorded.
             sd: their standard deviations, (C,).
             stretch: uncertain stretch of the tendon of each channel [m], (C, K).
         """
         K, n = slips.shape
         slipped = np.maximum.accumulate(np.where(slips, np.arange(K)[:, None], 0), axis=0)
         own = np.broadcast_to(np.arange(K)[:, None], (len(channels), K, n)).copy()
-        own[:n] = slipped.T[:, :, None]
+        tips = sum(quantity_of(name) == "T_tip" for name in channels)
+        own[:tips] = slipped.T[:tips, :, None]
         plain = Weighing.plain(drives[0], channels, sd)
         fields = {f.name: getattr(plain, f.name) for f in dataclasses.fields(plain)}
         fields |= {"slope": slope, "last": own, "stretch": stretch}

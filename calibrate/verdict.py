@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.special import fdtri
@@ -79,7 +79,7 @@ def disagreement_of_phases(mu_by_phase: dict[str, Estimate], apart: float) -> st
     )
 
 
-def _by_chance(degrees: float, noise_degrees: float) -> float:
+def by_chance(degrees: float, noise_degrees: float) -> float:
     """Value that chi-square per degree of freedom exceeds by chance in a share CHANCE of recordings."""
     if not math.isfinite(degrees):
         return 1.0
@@ -126,11 +126,16 @@ class Distance(NamedTuple):
         )
 
     @property
-    def described(self) -> bool:
-        """Whether the residual is no more than noise."""
+    def tensions_described(self) -> bool:
+        """Whether the residual of the tensions is no more than noise."""
         if self.chi2 is None:
             return False
-        return self.chi2 <= max(LACK_OF_FIT, _by_chance(*self.degrees))
+        return self.chi2 <= max(LACK_OF_FIT, by_chance(*self.degrees))
+
+    @property
+    def described(self) -> bool:
+        """Whether the residuals of all that was compared are no more than noise."""
+        return self.tensions_described and not self.others
 
     def clauses(self) -> list[str]:
         """How the model describes this recording; the first clause begins a sentence or follows "but"."""
@@ -139,12 +144,12 @@ class Distance(NamedTuple):
                 f"the fitted model is {self.off}, from the recording, whose noise cannot be told",
                 self.where,
             ]
-        elif self.described and self.others:
+        elif self.tensions_described and self.others:
             clauses = [
                 "the fitted model describes only the tensions of the recording to their noise: "
                 f"{self.off}, noise {self.noise:.2g} N"
             ]
-        elif self.described:
+        elif self.tensions_described:
             clauses = [
                 f"the fitted model describes the recording to its noise: {self.off}, noise {self.noise:.2g} N"
             ]
@@ -164,15 +169,42 @@ class Distance(NamedTuple):
         if self.others:
             return True
         known = self.noise is not None and self.chi2 is not None
-        return known and not (self.described or self.rms <= SMALL * self.peak)
+        return known and not (self.tensions_described or self.rms <= SMALL * self.peak)
+
+
+def in_unit(value: float, unit: str) -> str:
+    """A value in an SI unit to two digits, in the unit people write it in."""
+    factor, shown = {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "°"), "N": (1.0, "N")}[unit]
+    return f"{factor * value:.2g} {shown}"
 
 
 def _other(name: str, rms: float, noise: float, unit: str) -> str:
-    factor, shown = {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "°"), "N": (1.0, "N")}[unit]
     return (
-        f"{words_of(name)} is off by {factor * rms:.2g} {shown} rms, "
-        f"neighbouring samples by {factor * noise:.2g} {shown}"
+        f"{words_of(name)} is off by {in_unit(rms, unit)} rms, neighbouring samples by {in_unit(noise, unit)}"
     )
+
+
+class Described(Protocol):
+    """How far the fitted model is from one recording, whatever was recorded."""
+
+    @property
+    def name(self) -> str:
+        """Of the recording."""
+        ...
+
+    @property
+    def described(self) -> bool:
+        """Whether the residuals of all that was compared are no more than noise."""
+        ...
+
+    @property
+    def bad(self) -> bool:
+        """Whether the model falls short of the recording."""
+        ...
+
+    def clauses(self) -> list[str]:
+        """How the model describes this recording."""
+        ...
 
 
 def values_apart(name: str, alone: dict[str, Estimate]) -> str:
@@ -181,7 +213,11 @@ def values_apart(name: str, alone: dict[str, Estimate]) -> str:
 
 
 def verdict(
-    estimates: Sequence[Estimate], distances: Sequence[Distance], *, disagreement: str, failure: str
+    estimates: Sequence[Estimate],
+    distances: Sequence[Described],
+    *,
+    disagreement: str,
+    failure: str,
 ) -> str:
     """One sentence: what was found, how far the model is from the recordings, and where.
 
@@ -198,7 +234,7 @@ def verdict(
         only = distances[0]
         clauses = [f"{found}{', but' if only.bad else ';'} {only.clauses()[0]}", *only.clauses()[1:]]
     else:
-        good = [d for d in distances if d.described and not d.others]
+        good = [d for d in distances if d.described]
         if len(good) == len(distances):
             every = "both" if len(distances) == 2 else f"all {len(distances)}"
             clauses = [f"{found}; the fitted model describes {every} recordings to their noise"]

@@ -284,7 +284,7 @@ def test_refused(make_config, options, words):
 
 def test_recordings_refused(make_config):
     config, rec = make_config(PARALLEL), recording(LOOP, LOOP)
-    with pytest.raises(gtr.InputError, match="no tip tension"):
+    with pytest.raises(gtr.InputError, match="no tip tension, and nothing else to compare; add T_tip_N"):
         calibrate.fit(config, dataclasses.replace(rec, T_tip=None))
     with pytest.raises(gtr.InputError, match="too few"):
         calibrate.fit(config, recording([1, 2, 3], [1, 2, 3]))

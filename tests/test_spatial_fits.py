@@ -165,6 +165,7 @@ def weighing_of_two(K=9, sds=(0.1, 0.2), seed=0):
         failed=0,
         slips=rng.random((K, 2)) < 0.6,
         direction=np.zeros((K, 2)),
+        T_tip=np.zeros((2, K)),
         jacobian=np.zeros((3, K, 1)),
         slope=rng.normal(size=(3, K, 2)),
     )

@@ -132,6 +132,11 @@ def prepare(
         )
     warnings: list[str] = []
     for k, r in enumerate(recordings):
+        if r.T_tip is None:
+            raise InputError(
+                f"{r.path}: no tip tension, which a diagnosis explains; map it with --columns "
+                "'T_tip=NAME[N]', or fit what else was recorded with gtr fit"
+            )
         check_columns(r, fine)
         same = fine.tendons
         fine, config, more = driven_as_recorded(fine, config, r)

@@ -15,8 +15,9 @@ from ..diagnosis.result import Diagnosis, Loop, Pull
 from ..diagnosis.sentence import MAY_ACT, interval_in_words
 from ..readings import turning_points
 from . import diagnosis_figures as draw
-from .fit import detectable, noise_band, sources
+from .fit import detectable, sources
 from .fit_figures import DRAWN, PULL
+from .recording_figures import noise_band
 
 # Rivals drawn, at most; twice as many are listed.
 SHOWN = 8

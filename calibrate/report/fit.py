@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
-from gtr_jax import equilibrium
 from gtr_jax.files.numbers import measured_quantity, number, quantity
 from gtr_jax.files.recording import Recording
 from gtr_jax.files.units import display_of
-from gtr_jax.plots.style import is_seen, png
+from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Report, Table
-from gtr_jax.report.spatial import shape_figure
-from gtr_jax.simulation.displacement import by_tension
 from gtr_jax.terms import REGISTRY
 
-from ..channels import channels_in, quantity_of
-from ..predictor import padded_history, simulated
-from ..result import FitResult, FittedChannel, FittedRecording
+from ..result import FitResult, FittedRecording
 from . import fit_figures as draw
-
-NAMES = {"mu": "μ"}  # as pictures write them
+from .recording_figures import recording_figures
 
 
 def fit_report(fit: FitResult, recordings: Sequence[Recording], name: str) -> Report:
@@ -37,7 +29,7 @@ def fit_report(fit: FitResult, recordings: Sequence[Recording], name: str) -> Re
     figures = [
         figure
         for fitted, recording in zip(fit.recordings, recordings, strict=True)
-        for figure in _figures(fit, fitted, recording, several=len(recordings) > 1)
+        for figure in recording_figures(fit, fitted, recording, several=len(recordings) > 1)
     ]
     return Report(
         title=f"{name}: fit",
@@ -46,153 +38,6 @@ def fit_report(fit: FitResult, recordings: Sequence[Recording], name: str) -> Re
         figures=[*figures, *_profile_figure(fit), *_posterior_figure(fit)],
         tables=_tables(fit),
     )
-
-
-def _figures(fit: FitResult, fitted: FittedRecording, recording: Recording, *, several: bool) -> list[Figure]:
-    if recording.T_tip is None:
-        raise ValueError("a recording without T_tip cannot have been fitted")
-    ending, whose = (f"-{fitted.name}", f"{fitted.name}: ") if several else ("", "")
-    figures = []
-    for i, tendon in enumerate(fitted.robot.tendons):
-        own = f"-{tendon.name}" if tendon.name else ""
-        of = f"{tendon.name}: " if tendon.name else ""
-        pull = _pull(fitted, recording, i)
-        figures += _of_tendon(fit, fitted, recording, pull, (f"{own}{ending}", f"{whose}{of}"))
-    if fit.converged and fitted.robot.space:
-        figures.append(_body(fitted, recording.time, ending, whose))
-    seen = channels_in(recording, fitted.robot)
-    others = {
-        name: (seen[name], np.asarray(channel.simulated))
-        for name, channel in fitted.channels.items()
-        if quantity_of(name) != "T_tip"
-    }
-    if others:
-        pull = _pull(fitted, recording, 0)
-        over = pull.recorded, pull.model, pull.label
-        if len(fitted.robot.tendons) > 1:
-            samples = np.arange(1, len(recording) + 1.0)
-            over = samples, samples, "sample"
-        figures.append(
-            Figure(
-                f"channels{ending}",
-                png(draw.plot_channels(*over[:2], others, phases=pull.phases, label=over[2])),
-                f"{whose}What else was recorded, and the fitted model.",
-            )
-        )
-    return figures
-
-
-def _body(fitted: FittedRecording, time: np.ndarray | None, ending: str, whose: str) -> Figure:
-    """The fitted body from three sides, at rest and where it was pulled most."""
-    robot, drive = fitted.robot, np.asarray(fitted.T_base)
-    drawn = tuple(tendon.drive == "displacement" for tendon in robot.tendons)
-    run = simulated(robot, padded_history(drive, time, None, drawn=drawn))
-    rest = equilibrium(by_tension(robot), np.zeros(drive.shape[1:]))
-    pulls = np.asarray(run.T_base)[: len(drive)].reshape(len(drive), -1)
-    top = int(np.argmax(np.max(pulls, axis=1)))
-    figure = shape_figure(robot, run, rest, [(f"sample {top + 1}", top)])
-    return dataclasses.replace(figure, name=f"{figure.name}{ending}", caption=f"{whose}{figure.caption}")
-
-
-class _Pull(NamedTuple):
-    """One tendon of a recording: what drives it, as recorded and in the model, as it is drawn, (K,) each; its
-    label; the recorded tip tension [N], its fit, and the phases, (K,) each; half the width of the band [N].
-    """
-
-    recorded: np.ndarray
-    model: np.ndarray
-    label: str
-    T_tip: np.ndarray
-    fitted: FittedChannel
-    phases: np.ndarray
-    band: np.ndarray
-
-
-def _pull(fitted: FittedRecording, recording: Recording, i: int) -> _Pull:
-    def own(values: np.ndarray | None) -> np.ndarray:
-        return np.asarray(values).reshape(len(recording), -1)[:, i]
-
-    drawn = fitted.robot.tendons[i].drive == "displacement"
-    factor, label = (1e3, draw.DRAWN) if drawn else (1.0, draw.PULL)
-    return _Pull(
-        recorded=factor * own(recording.displacement if drawn else recording.T_base),
-        model=factor * own(fitted.T_base),
-        label=label,
-        T_tip=own(recording.T_tip),
-        fitted=fitted.tips[i],
-        phases=own(fitted.phases),
-        band=own(_band(fitted)),
-    )
-
-
-def _of_tendon(
-    fit: FitResult, fitted: FittedRecording, recording: Recording, pull: _Pull, named: tuple[str, str]
-) -> list[Figure]:
-    """Loop, course and residual of one tendon; `named` are the endings of their names and the words before
-    their captions.
-    """
-    ending, whose = named
-    simulated, left = np.asarray(pull.fitted.simulated), np.asarray(pull.fitted.residual)
-    loop = draw.plot_fit(
-        pull.recorded,
-        pull.T_tip,
-        simulated=(pull.model, simulated),
-        phases=pull.phases,
-        band=pull.band,
-        found=[
-            f"{NAMES.get(e.name, e.name)} = {measured_quantity(e.value, e.sd, e.unit)}" for e in fit.estimates
-        ],
-        label=pull.label,
-    )
-    tension = pull.recorded if pull.label == draw.PULL else None
-    over_time = draw.plot_time(recording.time, tension, pull.T_tip, simulated=simulated, phases=pull.phases)
-    residual = draw.plot_residual(
-        pull.recorded, left, phases=pull.phases, noise=fitted.noise_N, label=pull.label
-    )
-    beside = "" if tension is None else ", with the tension at the base"
-    drive = "displacement" if tension is None else "base tension"
-    return [
-        Figure(
-            f"fit{ending}",
-            png(loop),
-            f"{whose}The recording, coloured by the fitted model's phase, and the model's "
-            f"loop{_within(pull.band, simulated)}.",
-        ),
-        Figure(
-            f"time{ending}",
-            png(over_time),
-            f"{whose}The same {'sample by sample' if recording.time is None else 'over time'}{beside}.",
-        ),
-        Figure(
-            f"residual{ending}",
-            png(residual),
-            f"{whose}Simulated minus recorded tip tension, against {drive} and along it"
-            f"{noise_band(fitted.noise_N, left)}. A pattern means that the model lacks something.",
-        ),
-    ]
-
-
-def noise_band(noise: float | None, residual: np.ndarray) -> str:
-    """Words about the noise [N] for the caption of a residual."""
-    if not noise:
-        return ""
-    if is_seen(2 * noise, residual):
-        return "; the grey band is two standard deviations of the noise"
-    return f"; the noise, {number(noise, 'N', 2)}, is too small to be seen here"
-
-
-def _within(band: np.ndarray, T_tip: np.ndarray) -> str:
-    """Words about the band [N], (K,), for the caption of a loop."""
-    if is_seen(float(np.max(band)), T_tip):
-        return "; 95 in 100 samples lie within the grey band if the model is right"
-    return f"; 95 in 100 samples lie within {number(float(np.max(band)), 'N', 2)} of it if the model is right"
-
-
-def _band(fitted: FittedRecording) -> np.ndarray:
-    """Half width of the band that holds 95 % of samples: noise and the parameters' uncertainty [N], (K,
-    *tendons).
-    """
-    return 1.96 * np.hypot(np.asarray(fitted.band), fitted.noise_N or 0.0)
 
 
 def _profile_figure(fit: FitResult) -> list[Figure]:
@@ -313,7 +158,8 @@ def _tables(fit: FitResult) -> list[Table]:
         ("result", fit.result if fit.converged else f"not converged: {fit.result}"),
         ("iterations, evaluations", f"{fit.iterations}, {fit.evaluations}"),
     ]
-    return [*tables, Table("By phase", heads, phases), Table("Solver", ("", ""), solver)]
+    by_phase = [Table("By phase", heads, phases)] if any(r.tips for r in fit.recordings) else []
+    return [*tables, *by_phase, Table("Solver", ("", ""), solver)]
 
 
 def _made_of(fit: FitResult) -> list[Table]:
@@ -397,13 +243,14 @@ def _correlations(fit: FitResult) -> list[Table]:
 def _distances(recordings: Sequence[FittedRecording]) -> list[Table]:
     tables = []
     for r in recordings:
-        base_noise = number(r.noise_base_N, "N", 3) if r.noise_base_N else "none: taken as exact"
-        rows = [
+        tip = [
             ("residual, root mean square", number(r.rms_N, "N", 3)),
             ("noise of the tip cell, one sd", number(r.noise_N, "N", 3)),
-            ("noise of the base cell, one sd", base_noise),
-            ("chi² per sample", number(r.chi2_per_n, digits=3)),
         ]
+        chi2 = [("chi² per sample", number(r.chi2_per_n, digits=3))]
+        base_noise = number(r.noise_base_N, "N", 3) if r.noise_base_N else "none: taken as exact"
+        base = [("noise of the base cell, one sd", base_noise)]
+        rows = [*tip, *base, *chi2] if r.tips else base
         steps = r.settings.get("samples_simulated", len(r.T_base))
         if steps < len(r.T_base):
             rows.append(("samples compared, simulated", f"{len(r.T_base)}, {steps}"))

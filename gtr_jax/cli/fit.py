@@ -89,9 +89,9 @@ def fit(
     force: bool,
 ) -> int:
     """Fit a robot to recordings of base and tip tension, and of what else they have of the tip's pose,
-    markers and displacements, starting from the values in its file. Several recordings share the parameters;
-    each belongs to the ROBOT.toml before it. A tendon that has displacement_m without T_base_N is driven by
-    it.
+    markers and displacements, starting from the values in its file. A recording without T_tip_N is compared
+    by what else it has. Several recordings share the parameters; each belongs to the ROBOT.toml before it. A
+    tendon that has displacement_m without T_base_N is driven by it.
     """
     from gtr_jax.files.config import load_config
     from gtr_jax.files.thinning import MOST
@@ -111,6 +111,7 @@ def fit(
         drop=drop,
         most=MOST,
         space=True,
+        measured=True,
         markers=[[marker.name for marker in config.markers] for config in of],
     )
     options = {
@@ -270,7 +271,9 @@ def columns_of(recording: Recording, fitted: FittedRecording) -> dict[str, Any]:
         left = np.stack([fitted.channels[name].residual for name in ROTATION], axis=1)
         fits = turned_back(recording.tip_quaternion, left).T
         columns |= {f"{name}_fitted": row for name, row in zip(QUATERNION, fits, strict=True)}
-    columns |= {"residual_N": fitted.residual, "phase": fitted.phases}
+    if fitted.tips:
+        columns["residual_N"] = fitted.residual
+    columns["phase"] = fitted.phases
     return {name: values for name, values in columns.items() if values is not None}
 
 

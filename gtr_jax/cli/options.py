@@ -125,8 +125,8 @@ files_argument = click.argument(
 channels_option = click.option(
     "--channels",
     metavar="NAMES",
-    help="What to compare beside T_tip, where a recording has it: some of tip_x, tip_y, tip_angle, "
-    "displacement, names of markers, and in space tip_z, tip_rotation; '' for nothing.  "
+    help="What to compare beside a recorded T_tip, where a recording has it: some of tip_x, tip_y, "
+    "tip_angle, displacement, names of markers, and in space tip_z, tip_rotation; '' for nothing.  "
     "[default: all]",
 )
 noise_option = click.option(

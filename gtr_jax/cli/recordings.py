@@ -63,6 +63,7 @@ def read_recordings(
     keep_glitches: bool,
     drop: Sequence[str],
     need_tip: bool = True,
+    measured: bool = False,
     most: int | None = None,
     space: bool = False,
     markers: Sequence[Sequence[str]] = (),
@@ -74,6 +75,7 @@ def read_recordings(
         tendons: names of the tendons of each, as `read_recording` takes them.
         columns, keep_glitches, drop: values of the options.
         need_tip: whether a file without a tip tension is refused.
+        measured: whether one without is a recording nonetheless, as of `read_recording`.
         most: samples that each is thinned to; all of them unless given.
         space: whether what only robots in space have is looked for, as of `read_recording`.
         markers: names of the markers whose places are looked for in each; in none unless given.
@@ -93,6 +95,7 @@ def read_recordings(
             path,
             mapping,
             need_tip=need_tip,
+            measured=measured,
             tendons=names,
             keep_glitches=keep_glitches,
             drop=drop,

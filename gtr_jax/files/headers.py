@@ -147,6 +147,13 @@ def meant_column(table: Table, quantity: str, tendon: str, tendons: Sequence[str
     return best[0] if len(best) == 1 else None
 
 
+def unread(table: Table, index: int, key: str) -> str:
+    """A sentence on a column that is not read, though it may be the one that is missing."""
+    header = table.header[index]
+    entry = f"{key}={header}[{unit_meant(table, index, column_of(key.partition('.')[0]).unit)}]"
+    return f"has no {key}; if that is column '{header}', add --columns '{entry}'"
+
+
 def unit_remedy(table: Table, key: str, index: int, si: str) -> str:
     """What to add to the command for a column whose unit is not understood."""
     return f"give its unit with --columns '{key}={table.header[index]}[{unit_meant(table, index, si)}]'"

@@ -25,7 +25,7 @@ from .columns import Columns, mapped, read_columns
 from .guessing import Guess as Guess
 from .guessing import Guessed as Guessed
 from .guessing import guess as guess
-from .headers import missing, recognised, unit_remedy
+from .headers import meant_column, missing, recognised, unit_remedy, unread
 from .large_csv import large_text
 from .masking import Masked, masks
 from .quantities import (
@@ -46,6 +46,8 @@ SWAP_FACTOR = 1.3
 """A tip tension peaking above this multiple of the base's suggests swapped columns or wrong units."""
 QUATERNION_ERROR = 0.02
 """Most by which the length of a recorded quaternion may differ from 1."""
+OTHERWISE = "record the pose of the tip (tip_x_m, ...), markers of the robot file, or displacement_m"
+"""What a recording may be compared by in place of a tip tension."""
 LARGE = 50_000
 """Rows from which on polars writes a recording."""
 MOST_ABSENT = 0.05
@@ -102,6 +104,7 @@ def read_recording(
     columns: str | os.PathLike[str] | Columns | None = None,
     *,
     need_tip: bool = True,
+    measured: bool = False,
     tendons: Sequence[str] = (),
     keep_glitches: bool = False,
     drop: Sequence[str] = (),
@@ -119,10 +122,14 @@ def read_recording(
             do; the quantities it leaves out are still looked for in the header. Columns of no use are
             ignored.
         need_tip: whether a file without a tip tension is refused.
+        measured: whether one without a tip tension is a recording nonetheless, of the tip's pose, markers or
+            displacements: then one that has none of these either is refused, and where it has times, glitches
+            are looked for. Without times, rows may be holds that have nothing to do with their neighbours.
         tendons: names of the tendons, if the robot has several: then T_base, T_tip and displacement are
             looked for as T_base_N.left and the like, for all of them or none, and are (rows, tendons).
         keep_glitches: whether glitches and dropouts are kept (see `glitches`). They are never looked for in
-            a history without a tip tension, which prescribes loads and measures none.
+            a history without a tip tension, which prescribes loads and measures none, unless it is
+            `measured`.
         drop: stretches of time to leave out, as "12.5 s:13 s", "12.5:13" [s], or ":2 s" for the beginning.
         doubtful: whether time going backwards and a tip tension far above the base's are let pass, for
             somebody who looks for what is wrong with a recording.
@@ -148,7 +155,8 @@ def read_recording(
         if found and found[0] not in taken:
             chosen[key] = found
     begun = {wanted[key][0] for key in chosen}
-    needed = NEEDED if need_tip else NEEDED[:1]
+    compared = begun - {"time", "trial", *(DRIVES if "T_base" not in begun else DRIVES[:1])}
+    needed = NEEDED if (not compared if measured else need_tip) else NEEDED[:1]
     absent = [
         key
         for key, (quantity, tendon) in wanted.items()
@@ -159,7 +167,15 @@ def read_recording(
     if set(QUATERNION) & begun:
         absent += [key for key in QUATERNION if key not in chosen]
     if absent:
-        raise missing(table, absent, wanted, tendons)
+        fault = missing(table, absent, wanted, tendons)
+        without = measured and wanted[absent[0]][0] == "T_tip"
+        raise InputError(f"{fault}; or {OTHERWISE}") if without else fault
+    notes = table.notes
+    if measured and "T_tip" not in begun:
+        first = next(key for key, (quantity, _) in wanted.items() if quantity == "T_tip")
+        meant = meant_column(table, *wanted[first], tendons)
+        if meant is not None:
+            notes = (*notes, unread(table, meant, first))
     whole = {}
     for key, (quantity, _) in wanted.items():
         if key in chosen:
@@ -168,7 +184,8 @@ def read_recording(
             remedy = functools.partial(unit_remedy, table, key, index, si)
             whole[key] = table.quantity(index, unit, si, remedy=remedy, most_absent=MOST_ABSENT)
     units = {key: column_of(wanted[key][0]).unit for key in whole}
-    glitches = "T_tip" in begun and not keep_glitches and not (said and said.keep_glitches)
+    in_time = "T_tip" in begun or (measured and "time" in begun)
+    glitches = in_time and not keep_glitches and not (said and said.keep_glitches)
     stretches = [*(said.drop if said else ()), *drop]
     try:
         keep, masked = masks(whole, units, table.numbers, glitches=glitches, drop=stretches)
@@ -200,7 +217,7 @@ def read_recording(
         tendons=tuple(tendons),
         rows=rows,
         masked=masked,
-        notes=table.notes,
+        notes=notes,
     )
 
 
