@@ -9,6 +9,7 @@ import numpy as np
 
 from gtr_jax import Robot, RobotConfig
 from gtr_jax.files.plain import plain
+from gtr_jax.notebook import drawn_by
 
 from .channels import of_tendons
 from .estimate import Estimate, Profile
@@ -234,11 +235,7 @@ class FitResult:
             return None
         return float(sum(chi2 * n for chi2, n in each if chi2 is not None) / sum(n for _, n in each))
 
-    def _repr_html_(self) -> str:
-        """For a notebook: the verdict, the loop and the estimates."""
-        from .report.cards import fit_card  # pictures are imported where they are drawn
-
-        return fit_card(self)
+    _repr_html_ = drawn_by("calibrate.report.cards:fit_card")
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for a JSON file: units in the keys, SI; null for what is not known."""

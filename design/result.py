@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from gtr_jax.files.config import RobotConfig
 from gtr_jax.files.numbers import quantity
 from gtr_jax.files.plain import plain
+from gtr_jax.notebook import drawn_by
 
 from .compare import Comparison
 from .distinct import by_loss
@@ -137,11 +138,7 @@ class Design:
         """The answer in a sentence or three."""
         return " ".join(_sentences(self))
 
-    def _repr_html_(self) -> str:
-        """For a notebook: what was found, the channels of the straight body, and the numbers."""
-        from .report.design import design_card  # pictures are imported where they are drawn
-
-        return design_card(self)
+    _repr_html_ = drawn_by("design.report.design:design_card")
 
     def to_json(self) -> dict[str, Any]:
         """The answer as plain values, SI, units in the keys."""

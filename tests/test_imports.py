@@ -15,7 +15,8 @@ PACKAGES = ("gtr_jax", "calibrate", "design")
 FILES = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
 
 # Names that users import from a package stand in its __init__.py, its door: it imports from the folders what
-# it shows. "base" is what lies beside gtr_jax/__init__.py: errors, Ctrl-C, how JAX is set up.
+# it shows. "base" is what lies beside gtr_jax/__init__.py: errors, Ctrl-C, how JAX is set up, who draws
+# objects in a notebook.
 DOOR = {package: f"{package} (door)" for package in PACKAGES}
 # What each folder may import besides itself.
 BELOW = {"base", "files", "robot", "mechanics", "simulation", "terms"}
@@ -31,7 +32,7 @@ ALLOWED = {
     "inspection": {"base", "files"},
     "inspection.report": {"base", "files", "inspection", "plots", "report"},
     "robot": {"base", "files", "mechanics", "terms"},
-    "simulation": {"robot", "mechanics", "mechanics.several", "native", "terms"},
+    "simulation": {"base", "robot", "mechanics", "mechanics.several", "native", "terms"},
     "gtr_jax (door)": BELOW | {"inspection"},
     "sweep": BELOW,
     "plots": BELOW | {"sweep"},

@@ -10,6 +10,7 @@ import numpy as np
 
 from gtr_jax import Robot, RobotConfig
 from gtr_jax.files.plain import plain
+from gtr_jax.notebook import drawn_by
 from gtr_jax.terms import Law, Term, catalogue_of
 
 from ..number import OWN
@@ -384,11 +385,7 @@ class Diagnosis:
         of = {c.name: c for c in self.parameters}
         return {k: of[f"{difference.name}{OWN}{k}"] for k in difference.own}
 
-    def _repr_html_(self) -> str:
-        """For a notebook: what is missing, the picture that shows most, and the numbers."""
-        from ..report.cards import diagnosis_card  # pictures are imported where they are drawn
-
-        return diagnosis_card(self)
+    _repr_html_ = drawn_by("calibrate.report.cards:diagnosis_card")
 
     def to_json(self) -> dict[str, Any]:
         """The contents of `diagnosis.json`."""

@@ -17,6 +17,7 @@ from pydantic import ConfigDict, Field, ModelWrapValidatorHandler, StrictBool, S
 from gtr_jax.errors import InputError
 from gtr_jax.terms import REGISTRY, Law, Term, catalogue_of, null_values
 
+from ..notebook import drawn_by
 from .config_checks import check_robot
 from .config_file import dotted, find_key, place_of, read_toml
 from .config_form import LAW, check_strings, check_terms
@@ -200,12 +201,7 @@ class RobotConfig(FileSection):
         said = tuple(f"terms.{law.name}.{table}." for law in self.laws for table in ("usual", "bounds"))
         return {k: v for k, v in dotted(data) if isinstance(v, float) and not k.startswith(said)}
 
-    def _repr_html_(self) -> str | None:
-        """For a notebook: the straight body with its channels, and its numbers."""
-        from ..report.object_cards import robot_card  # JAX and pictures are imported where they are needed
-        from ..robot.build import build_robot
-
-        return robot_card(build_robot(self))
+    _repr_html_ = drawn_by("gtr_jax.report.object_cards:config_card")
 
     def with_values(self, values: Mapping[str, Any]) -> RobotConfig:
         """A copy with some values changed, checked like a file.

@@ -6,11 +6,13 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
+from ..files.config import RobotConfig
 from ..files.numbers import number, quantity
 from ..plots.loop import plot_loop
 from ..plots.straight import plot_straight
 from ..plots.style import png
 from ..plots.tendons import plot_tendons
+from ..robot.build import build_robot
 from ..robot.parameters import Parameter, parameters_of
 from ..robot.robot import Robot
 from ..simulation.history import Simulation
@@ -24,6 +26,11 @@ DOTS = 110  # per inch: enough for a notebook, and half as large as in a report
 def is_traced(tree: object) -> bool:
     """Whether any number of it is unknown because JAX is tracing it."""
     return any(isinstance(leaf, Tracer) for leaf in jax.tree_util.tree_leaves(tree))
+
+
+def config_card(config: RobotConfig) -> str | None:
+    """Of a robot file: the robot that it makes."""
+    return robot_card(build_robot(config))
 
 
 def robot_card(robot: Robot) -> str | None:

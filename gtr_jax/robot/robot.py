@@ -14,6 +14,7 @@ from gtr_jax.mechanics.offset import Offset, SpatialOffset
 from ..mechanics.guides import Guides, guides_of
 from ..mechanics.mesh import Mesh, build_mesh, panel_index
 from ..mechanics.sections import Sections
+from ..notebook import drawn_by
 from .parameters import check_bounds, value_of, with_values
 from .parts import Loads, Parts
 
@@ -37,11 +38,7 @@ class Robot(Parts):
         """
         return dataclasses.replace(self, acting=())
 
-    def _repr_html_(self) -> str | None:
-        """For a notebook: the straight body with its channels, and its numbers."""
-        from ..report.object_cards import robot_card  # pictures are imported where they are drawn
-
-        return robot_card(self)
+    _repr_html_ = drawn_by("gtr_jax.report.object_cards:robot_card")
 
     def value(self, name: str) -> Float[Array, ""]:
         """The named parameter's value in SI units."""

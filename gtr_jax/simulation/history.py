@@ -19,6 +19,7 @@ from ..mechanics.bodies import turning_of
 from ..mechanics.sections import State, either_of
 from ..mechanics.several.rootfinder import RootFinder
 from ..mechanics.several.slip import Kept
+from ..notebook import drawn_by
 from ..robot.robot import Robot, sections
 from ..terms import known_on
 from ..terms.term import NO_SLIP, NO_TUG
@@ -116,11 +117,7 @@ class Simulation(eqx.Module):
         change = jnp.diff(self.slip, axis=0, prepend=self.slip[:1])
         return change * rate.reshape(-1, *[1] * (change.ndim - 1))
 
-    def _repr_html_(self) -> str | None:
-        """For a notebook: the loop, and where the tip goes."""
-        from ..report.object_cards import simulation_card  # pictures are imported where they are drawn
-
-        return simulation_card(self)
+    _repr_html_ = drawn_by("gtr_jax.report.object_cards:simulation_card")
 
     def of_tendon(self, index: int) -> Simulation:
         """This run for one of several tendons, without the tendon axis."""
