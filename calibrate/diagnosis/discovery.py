@@ -25,6 +25,7 @@ from .models import Models
 from .rig import Rig
 from .screen import FAR, SEEN, Start
 from .search import raced
+from .twins import settled
 
 # Size at which a tent is tried, as a share of the usual size.
 FELT = 0.3
@@ -136,7 +137,10 @@ def discover(models: Models, head: Fitted, progress: Callable[[str], None]) -> D
     wider = _with_candidates(models, candidates)
     own = models.hypotheses(head.names)
     items = [((*own, c.hypothesis), Start(c.start, {})) for c in candidates]
-    wider.add([f for f in raced(wider.bench, head, items, MOST_ITERATIONS) if f.cost < head.cost])
+    fits = [f for f in raced(wider.bench, head, items, MOST_ITERATIONS) if f.cost < head.cost]
+    wider.add(fits)
+    if wider.bench.heavy is not None:  # far from the data, rows that count less when far off show no way
+        settled(wider, fits)
     return _judged(wider, head, candidates)
 
 
