@@ -181,8 +181,7 @@ def part_of(memory: Memory, structure: Structure) -> Memory:
 
 def _every(structure: Structure) -> Structure:
     """The structure of all equations that its robot may need."""
-    laws = structure.laws
-    return Structure(every(laws), structure.tendons, loaded=True, space=structure.space, laws=laws)
+    return dataclasses.replace(structure, terms=every(structure.laws), loaded=True, acting=False)
 
 
 def _unknowns(structure: Structure, displacement, moment, stop) -> Float[Array, " n"] | None:

@@ -127,6 +127,15 @@ class Geometry(abc.ABC):
         """Components of the midline's tangent."""
 
     @abc.abstractmethod
+    def stretch(self, strain, shift) -> Any:
+        """Length of the axis per length that it has unbent; None where it keeps its length.
+
+        Args:
+            strain: of the section.
+            shift: of the axis from the neutral line, as of `Sections`, or None.
+        """
+
+    @abc.abstractmethod
     def slackened(self, start, rest, compliance, tension, moment, R) -> Any:
         """Strain that a node would have under given tensions and external moment [1/m], approximately.
 
@@ -138,7 +147,9 @@ class Geometry(abc.ABC):
         """
 
     @abc.abstractmethod
-    def root(self, residual: Callable, guess, near: Callable, steps: int) -> Any:
+    def root(
+        self, residual: Callable, guess, near: Callable, steps: int, flattest: float, stopped: Callable | None
+    ) -> Any:
         """Root of a node's residual.
 
         Args:
@@ -146,6 +157,8 @@ class Geometry(abc.ABC):
             guess: to start from.
             near: its derivative at a strain if nothing else changes over the interval.
             steps: how many are taken, at least.
+            flattest: slope below which a step in the plane is shortened.
+            stopped: where a step in the plane ends, from where it starts and would end; None: there.
         """
 
     @abc.abstractmethod

@@ -238,7 +238,7 @@ class Space(Geometry):
 
     def bent(self, term, values, strain, at):
         assert term.bend_in_space is not None
-        at = Bent(tuple(at.rest), tuple(at.before), tuple(at.kept), at.dt, tuple(at.compliance))
+        at = Bent(tuple(at.rest), tuple(at.before), tuple(at.kept), at.dt, tuple(at.compliance), at.reach)
         extra, kept = term.bend_in_space(values, tuple(strain), at)
         return Vector(*extra), Vector(*kept)
 
@@ -258,6 +258,9 @@ class Space(Geometry):
 
     def line(self, direction):
         return Vector(*(row.x for row in direction))
+
+    def stretch(self, strain, shift):
+        return None
 
     def slackened(self, start, rest, compliance, tension, moment, R):
         strain = start
@@ -285,12 +288,12 @@ class Space(Geometry):
             Vector(c.z * xz, c.z * yz, 1.0 + c.z * zz),
         )
 
-    def root(self, residual, guess, near, steps):
+    def root(self, residual, guess, near, steps, flattest, stopped):
         # Broyden's method from the derivative in which tensions stay: what that leaves out is small, of the
         # order of the interval, and nearly of rank one.
         slope = inverse(near(guess))
         strain, taken = guess, []
-        for _ in range(BROYDEN_STEPS):
+        for _ in range(max(BROYDEN_STEPS, steps)):
             step = -applied(slope, residual(strain))
             for one, after in itertools.pairwise(taken):
                 step = step + after * (dot(one, step) / _positive(dot(one, one)))

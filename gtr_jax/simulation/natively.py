@@ -134,11 +134,11 @@ def _left(given: _Given, structure: Structure, kind: _Kind, settled: Settled, st
     state = done.state
     if structure.space:
         at = slice(None) if kind.whole else slice(-1, None)
-        place = jnp.stack(line_of(s, state.phi), axis=-1)
+        place = jnp.stack(line_of(s, state.phi, state.kappa), axis=-1)
         body = [state.kappa[at].ravel(), state.phi[at].ravel(), place[at].ravel()]
         bent = jnp.max(jnp.sqrt(jnp.sum((state.kappa - settled.kappa)[:, 1:] ** 2, axis=-1)))
     else:
-        x, y = (jnp.sum(mechanics.increments(s.mesh.weights, f(state.phi))) for f in (jnp.cos, jnp.sin))
+        x, y = (along[-1] for along in line_of(s, state.phi, state.kappa))
         body = [jnp.stack([x, y, state.phi[-1]]), *([state.kappa, state.phi] if kind.whole else [])]
         bent = jnp.max(jnp.abs(state.kappa - settled.kappa))
     out = drawn_out(robot.terms, done.slip[..., 0], row.load.T_base, robot.preload)

@@ -287,7 +287,7 @@ def loaded_of(s: Sections, structure: Structure, settled: Settled, done: Step) -
 def _shape(s: Sections, base: Base, y: State) -> Shape:
     """The shape in the world of a body in space."""
     turn = base.rotation
-    place = jnp.stack(line_of(s, y.phi), axis=-1)
+    place = jnp.stack(line_of(s, y.phi, y.kappa), axis=-1)
     rotation = jnp.einsum("ij,njk->nik", turn, y.phi)
     return Shape(y.kappa, rotation, base.position[None, :] + jnp.einsum("ij,nj->ni", turn, place))
 
@@ -307,7 +307,7 @@ def _seen(s: Sections, y: State, shape: Shape | None):
     """Curvature, angle, x, y of the midline and the angle of the tendons' tangent."""
     if shape is None:
         tangent = at_tendons(y.phi, s.R) + channel.tangent_lead(at_tendons(y.kappa, s.R), s.R)
-        x, across = line_of(s, y.phi)
+        x, across = line_of(s, y.phi, y.kappa)
         return y.kappa, y.phi, x, across, tangent
     course = SPACE.course(y.kappa, offset_of(s, y.kappa))
     tangent = _projected(jnp.einsum("nij,...nj->...ni", shape.rotation, course))
@@ -340,7 +340,7 @@ def describe(s: Sections, base: Base, loaded: Loaded, memory: Memory | None = No
         wrap=loaded.wrap,
         tendon_angle=tendon_angle,
         metric=s.ended(metric_of(s, y.kappa)),
-        R=offset_of(s, y.kappa).value,
+        R=offset_of(s, y.kappa).value - (0.0 if s.shift is None else s.shift),
         tendon_length=tendon_length(s, y),
         mobilisation=loaded.mobilisation,
         result=outcome(loaded.result),
