@@ -288,6 +288,26 @@ def test_a_column_that_may_be_the_tip_tension_is_named(tmp_path):
     assert any("add --columns 'T_tip=tip_force_N[N]'" in note for note in read.notes)
 
 
+def read_columns(tmp_path, header, **options):
+    lines = [",".join([f"{x}"] * (header.count(",") + 1)) for x in LOOP]
+    (tmp_path / "rec.csv").write_text("\n".join([header, *lines]))
+    return gtr.read_recording(tmp_path / "rec.csv", measured=True, **options)
+
+
+def test_a_column_that_is_read_is_not_proposed_as_the_tip_tension(tmp_path):
+    read = read_columns(tmp_path, "Force,tip_y_m", columns="T_base=Force[N]")
+    assert read.notes == ()
+    read = read_columns(tmp_path, "Force,load_N,tip_y_m", columns="T_base=Force[N]")
+    assert any("add --columns 'T_tip=load_N[N]'" in note for note in read.notes)
+
+
+def test_what_is_there_already_is_not_asked_for(tmp_path):
+    with pytest.raises(gtr.InputError, match=r"no column T_tip_N\.b; (?!.*or record)"):
+        read_columns(tmp_path, "T_base_N.a,T_base_N.b,T_tip_N.a,tip_y_m", tendons=("a", "b"))
+    with pytest.raises(gtr.InputError, match=r"no column T_tip_N; .*or record the pose (?!.*displacement_m)"):
+        read_columns(tmp_path, "time_s,displacement_m", space=True)
+
+
 def test_glitches_are_looked_for_where_there_are_times(make_config, truth, tmp_path):
     rec = posed(truth, np.repeat(LOOP, 4), sd_base=0.005)
     spoilt = np.array(rec.tip_y)
