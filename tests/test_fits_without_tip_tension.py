@@ -13,6 +13,8 @@ from command_line import run_gtr
 import calibrate
 import gtr_jax as gtr
 from calibrate.answer import TIP_CELL, Judged
+from calibrate.identifiability import _measurements
+from calibrate.readings import exact
 from calibrate.result import FittedChannel
 from calibrate.tipless import without_tip
 from gtr_jax.files.thinning import thinned
@@ -111,6 +113,19 @@ def test_friction_that_the_pose_does_not_tell_is_said(make_config, truth):
     fit = calibrate.fit(make_config(PARALLEL), rec, free="mu")
     assert not fit.converged
     assert "does not determine mu" in fit.verdict
+
+
+def test_where_nobody_pulls_no_tip_tension_is_proposed(make_robot):
+    still = SimpleNamespace(
+        robot=make_robot(routing=PARALLEL),
+        T_base=exact(np.zeros(20)),
+        pulled=[np.zeros(20)],
+        others=(),
+        channels=("tip_angle",),
+        time=None,
+        tips=0,
+    )
+    assert not list(_measurements(cast(Any, still), cast(Any, None), np.zeros(2), None, ""))
 
 
 def test_few_samples_have_no_known_noise(make_config, truth):
