@@ -56,6 +56,11 @@ def pose_facts(run: Simulation, step: int) -> dict[str, Any]:
     }
 
 
+def tip_angle(run: Simulation) -> np.ndarray:
+    """Angle of the tip to the base at every step [rad], (K,): in the plane signed, in space between both."""
+    return np.asarray(run.tip_pose)[:, 2] if run.shape is None else turned(run)
+
+
 def turned(run: Simulation) -> np.ndarray:
     """Angle between the directions of tip and base at every step [rad], (K,)."""
     assert run.shape is not None
