@@ -294,7 +294,7 @@ class Rig:
             return None
         body = run.along if run.shape is None else run.shape
         assert body is not None
-        held = tuple(_held_on(values, loads) for values in body)
+        held = tuple(None if values is None else _held_on(values, loads) for values in body)
         return np.asarray(self._traced.places(flat, held))[: len(run.T_tip)]
 
 

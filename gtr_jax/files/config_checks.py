@@ -121,6 +121,7 @@ def _check_backbone(backbone: BackboneConfig) -> None:
     _check_pieces(backbone)
     _check_bores(backbone)
     _check_notches(backbone)
+    _check_axial(backbone)
 
 
 def _check_modulus(backbone: BackboneConfig) -> None:
@@ -258,6 +259,21 @@ def _check_bores(backbone: BackboneConfig) -> None:
             f"the bore is {mm(bore.diameter)} wide and the body {mm(2 * radii[narrowest])} at "
             f"s = {mm(stations[narrowest])}; narrow the bore or widen the body",
         )
+
+
+def _check_axial(backbone: BackboneConfig) -> None:
+    stiffness = backbone.axial_stiffness
+    key = "backbone.extensible" if stiffness is None else "backbone.axial_stiffness"
+    _require(not (backbone.stretches and backbone.rigid), key, "has no effect on a body with rigid = true")
+    _require(stiffness is None or stiffness > 0, key, f"must be positive, is {stiffness or 0:g} N")
+    moduli = backbone.bending_stiffness is None and all(
+        p.bending_stiffness is None for p in backbone.sections
+    )
+    _require(
+        not backbone.extensible or stiffness is not None or moduli,
+        key,
+        "needs a modulus all along; give axial_stiffness beside bending_stiffness",
+    )
 
 
 def _check_notches(backbone: BackboneConfig) -> None:

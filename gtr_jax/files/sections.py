@@ -254,8 +254,17 @@ class BackboneConfig(Section):
     """Pieces that differ from the rest, which do not overlap."""
     notches: tuple[NotchesConfig, ...] = ()
     """Rows of notches, which do not overlap."""
+    extensible: StrictBool = False
+    """Whether forces along the body stretch and shorten it, by its modulus and section."""
+    axial_stiffness: Force | None = None
+    """EA [N] of a body that stretches, instead of modulus and section."""
     rigid: StrictBool = False
     """Whether the backbone keeps its natural shape (a sheath), so that only friction acts."""
+
+    @property
+    def stretches(self) -> bool:
+        """Whether forces along the body stretch it."""
+        return self.extensible or self.axial_stiffness is not None
 
 
 class TendonConfig(Section):

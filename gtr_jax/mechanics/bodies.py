@@ -11,15 +11,17 @@ from .mesh import along_nodes, cumulative, derivatives, increments
 from .offset import Offset, SpatialOffset
 from .plane import PLANE
 from .sections import Sections
-from .space import SPACE
+from .space import SPACE, STRETCHING
 
 
 def geometry_of(s: Sections) -> Geometry:
     """The geometry of a robot."""
-    return SPACE if isinstance(s.R, SpatialOffset) else PLANE
+    if not isinstance(s.R, SpatialOffset):
+        return PLANE
+    return STRETCHING if s.compliance.shape[-1] == 4 else SPACE
 
 
-def chords_of(s: Sections, strain: Float[Array, "N 3"]) -> Chords:
+def chords_of(s: Sections, strain: Float[Array, "N strains"]) -> Chords:
     """The chords of guided tendons."""
     assert s.guides is not None
     direction = directions_of(s, strain)

@@ -40,7 +40,11 @@ class Geometry(abc.ABC):
 
     @abc.abstractmethod
     def zero(self) -> Any:
-        """A strain or moment of zero."""
+        """A moment of zero."""
+
+    @abc.abstractmethod
+    def unstrained(self) -> Any:
+        """A strain of zero."""
 
     @abc.abstractmethod
     def start(self) -> Any:
@@ -134,6 +138,16 @@ class Geometry(abc.ABC):
             strain: of the section.
             shift: of the axis from the neutral line, as of `Sections`, or None.
         """
+
+    @abc.abstractmethod
+    def pushed(self, pulls, direction, force) -> Any:
+        """Moments of `pull`, and the force along the axis that external forces beyond the section add, where
+        the axis stretches.
+        """
+
+    @abc.abstractmethod
+    def bending_slope(self, law: Callable, strain) -> Any:
+        """Derivative of a bending law by the strain, as `near` has that of the residual."""
 
     @abc.abstractmethod
     def slackened(self, start, rest, compliance, tension, moment, R) -> Any:

@@ -36,7 +36,7 @@ class Closing(NamedTuple):
     """
 
     slip: Float[Array, "*tendons"] | None
-    moment: Float[Array, "*strain"] | None
+    moment: Float[Array, "*moment"] | None
     stop: Float[Array, ""] | None
     level: Float[Array, ""] | None
 

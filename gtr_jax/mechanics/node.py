@@ -40,6 +40,7 @@ from .guides import Strung, corner, direction_of, either, entering, offset_on
 from .mesh import STENCIL, Interval
 from .offset import Offset, SpatialOffset
 from .sections import State, either_of, node_first
+from .space import STRETCHING
 from .structure import PRESLIDING, carried, mobilise
 from .vector import Vector, applied, columns_of
 
@@ -86,6 +87,7 @@ class Row(NamedTuple):
     reach: Asked
     shift: Asked
     closing: Asked
+    beyond: Asked
 
 
 class Held(NamedTuple):
@@ -331,7 +333,10 @@ class Equations(eqx.Module):
             held = self.held(carry.held, row, kappa, tension, kept, margin)
 
         more, bent = self.bending(row, kappa)
-        pulls = geometry.pull(tension, kappa, row.R)
+        acting = tension if row.beyond is None else jnp.where(row.beyond, 0.0, tension)
+        pulls = geometry.pull(acting, kappa, row.R)
+        if what.bends:
+            pulls = geometry.pushed(pulls, phi, force)
         if what.bends or not what.space:  # in space, a moment that acts makes the external moment unknown
             pulls = pulls + geometry.felt(phi, moment)
         error = kappa - row.rest - row.compliance * pulls
@@ -393,7 +398,7 @@ class Equations(eqx.Module):
         slope = geometry.near(row.compliance, self.in_channels(carry.tension), kappa, row.R)
         if slope is None or not self.case.structure.has("bend"):
             return slope
-        _, more = geometry.slope(lambda k: self.bending(row, k)[0], kappa)
+        more = geometry.bending_slope(lambda k: self.bending(row, k)[0], kappa)
         return jtu.tree_map(operator.add, slope, more)
 
     def strung(self, before: Strung, row: Row, kappa, direction, place):
@@ -526,6 +531,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         reach=s.reach if what.softens else None,
         shift=s.shift,
         closing=s.closing,
+        beyond=node_first(s.beyond) if geometry is STRETCHING and s.beyond is not None else None,
     )
     low = high = entry = load.T_base
     if what.has("base_grip"):
@@ -536,7 +542,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
     back = STENCIL - 1
     local = what.shares_slip  # only the preceding node's tension counts
     carry = Carry(
-        kappas=(geometry.zero(),) * back,
+        kappas=(geometry.unstrained(),) * back,
         drawn=(none,) * back if what.follows_slip else (),
         slopes=(geometry.zero(),) * back if what.bends else (),
         ways=(zero,) * back if what.has_stop else (),

@@ -29,6 +29,9 @@ class Plane(Geometry):
     def zero(self):
         return jnp.zeros(())
 
+    def unstrained(self):
+        return self.zero()
+
     def start(self):
         return jnp.zeros(())
 
@@ -86,6 +89,12 @@ class Plane(Geometry):
 
     def stretch(self, strain, shift):
         return None if shift is None else 1.0 - shift * strain
+
+    def pushed(self, pulls, direction, force):
+        return pulls
+
+    def bending_slope(self, law, strain):
+        return self.slope(law, strain)[1]
 
     def slackened(self, start, rest, compliance, tension, moment, R):
         strain = rest

@@ -100,7 +100,7 @@ class State(eqx.Module):
     kappa: Float[Array, "*nodes_strain"]
     phi: Float[Array, "*nodes_frame"]
     wrap: Float[Array, "*tendons_nodes"]
-    moment: Float[Array, "*nodes_strain"]
+    moment: Float[Array, "*nodes_moment"]
 
 
 def at_tendons(tree: Tree, R: Offset) -> Tree:

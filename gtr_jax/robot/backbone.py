@@ -86,6 +86,8 @@ class Backbone(eqx.Module):
         stiffness: of the whole body, given instead of modulus and radius.
         pieces: of the body that differ; they do not overlap.
         notches: rows of notches, which do not overlap.
+        extensible: whether forces along the body stretch it (static).
+        axial_stiffness: EA [N], given instead of modulus and section; None: of those.
     """
 
     length: Float[Array, ""]
@@ -106,6 +108,8 @@ class Backbone(eqx.Module):
     stiffness: Stiffness | None = None
     pieces: tuple[Piece, ...] = ()
     notches: tuple[Notches, ...] = ()
+    extensible: bool = eqx.field(static=True, default=False)
+    axial_stiffness: Float[Array, ""] | None = None
 
     @property
     def notch_start(self) -> Float[Array, " notches"]:
@@ -237,18 +241,36 @@ class Backbone(eqx.Module):
             return jnp.zeros_like(s)
         return 1.0 / self.stiffnesses(s, within)[2]
 
-    def compliances(self, s: Float[Array, " N"], within: Bool[Array, "stretches N"]) -> Float[Array, "N 3"]:
-        """1/GJ, 1/EI_y, 1/EI_z [1/(N m^2)] at s; 0 for a rigid sheath."""
+    def compliances(
+        self, s: Float[Array, " N"], within: Bool[Array, "stretches N"]
+    ) -> Float[Array, "N strains"]:
+        """1/GJ, 1/EI_y, 1/EI_z [1/(N m^2)] at s, and of a body that stretches 1/EA [1/N]; 0 for a rigid
+        sheath.
+        """
         if self.rigid:
             return jnp.zeros((s.shape[0], 3))
-        return 1.0 / jnp.stack(self.stiffnesses(s, within), axis=-1)
+        along = [self._axial(s, within)] if self.extensible else []
+        return 1.0 / jnp.stack([*self.stiffnesses(s, within), *along], axis=-1)
+
+    def _axial(self, s: Float[Array, " N"], within: Bool[Array, "stretches N"]) -> Float[Array, " N"]:
+        """EA [N] at s."""
+        if self.axial_stiffness is not None:
+            return jnp.broadcast_to(self.axial_stiffness, s.shape)
+        modulus = jnp.broadcast_to(self.youngs_modulus, s.shape)
+        for i, piece in enumerate(self.pieces):
+            if piece.youngs_modulus is not None:
+                modulus = jnp.where(self._in_piece(i, within), piece.youngs_modulus, modulus)
+        return modulus * self.area(s, within)
 
     def curvature_at_rest(self, s: Float[Array, " N"]) -> Float[Array, " N"]:
         """Natural curvature kappa_0 [1/m] at s, in the plane of the robot."""
         return along_body(s, self.natural_curvature_s, self.natural_curvature)
 
-    def strain_at_rest(self, s: Float[Array, " N"]) -> Float[Array, "N 3"]:
-        """Natural twist and curvatures about y and z [1/m] at s: the strain of the unloaded body."""
+    def strain_at_rest(self, s: Float[Array, " N"]) -> Float[Array, "N strains"]:
+        """The strain of the unloaded body at s: natural twist and curvatures about y and z [1/m], and the
+        stretch of one that stretches, 0.
+        """
         twist = along_body(s, self.natural_twist_s, self.natural_twist)
         up = along_body(s, self.natural_curvature_y_s, self.natural_curvature_y)
-        return jnp.stack([twist, up, self.curvature_at_rest(s)], axis=-1)
+        along = [jnp.zeros_like(s)] if self.extensible else []
+        return jnp.stack([twist, up, self.curvature_at_rest(s), *along], axis=-1)

@@ -159,6 +159,8 @@ def _backbone(body: BackboneConfig, in_space: bool) -> Backbone:
         stiffness=_stiffness(body.bending_stiffness, body.torsional_stiffness),
         pieces=tuple(map(_piece, body.sections)),
         notches=tuple(map(_notches, body.notches)),
+        extensible=body.stretches,
+        axial_stiffness=None if body.axial_stiffness is None else _array(body.axial_stiffness),
     )
 
 

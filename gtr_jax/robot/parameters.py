@@ -174,6 +174,9 @@ def _of_body(robot: Parts) -> Iterator[Parameter]:
             yield Parameter(f"{name}_E", f"{key}.{own}", "Pa", 0.0, None, log=True, at=f"{at}.{own}")
         if piece.stiffness is not None:
             yield from _of_stiffness(piece.stiffness, f"{name}_", key, f"{at}.stiffness", robot.space)
+    if body.axial_stiffness is not None:
+        key = "backbone.axial_stiffness"
+        yield Parameter("body_EA", key, "N", 0.0, None, log=True)
     for k, row in enumerate(body.notches):
         name = "notches" if len(body.notches) == 1 else f"notches_{k}"
         key, at = f"backbone.notches.{k}", f"backbone.notches.{k}"

@@ -141,12 +141,14 @@ def _hermite(s: Float[Array, " N"], at: Float[Array, " markers"]):
 def _places(
     s: Float[Array, " N"], shape: Shape, at: Float[Array, " markers"], offset: Float[Array, "markers 3"]
 ) -> Float[Array, "markers 3"]:
-    """Hermite's cubic between the nodes about each marker: p + D o runs along D (e1 + u x o)."""
+    """Hermite's cubic between the nodes about each marker: p + D o runs along D ((1 + e) e1 + u x o)."""
     before, length, weights = _hermite(s, at)
 
     def of(node):
         frame = shape.rotation[node]
-        along = jnp.asarray([[1.0, 0.0, 0.0]]) + jnp.cross(shape.strain[node], offset)
+        axis = jnp.asarray([[1.0, 0.0, 0.0]])
+        axis = axis if shape.stretch is None else (1.0 + shape.stretch[node])[:, None] * axis
+        along = axis + jnp.cross(shape.strain[node], offset)
         return shape.position[node] + _turned(frame, offset), length[:, None] * _turned(frame, along)
 
     each = (*of(before), *of(before + 1))

@@ -30,11 +30,20 @@ class Shape(eqx.Module):
         strain: twist and the two bendings, in the axes of the section [1/m], (N, 3).
         rotation: the directors of the section as columns, in the axes of the world, (N, 3, 3).
         position: of the midline in the world [m], (N, 3).
+        stretch: of the axis [-], (N,); None of a body that does not stretch.
     """
 
     strain: Float[Array, "*batch N 3"]
     rotation: Float[Array, "*batch N 3 3"]
     position: Float[Array, "*batch N 3"]
+    stretch: Float[Array, "*batch N"] | None = None
+
+    @property
+    def whole_strain(self) -> Float[Array, "*batch N strains"]:
+        """The strain as the mechanics has it, with the stretch if there is one."""
+        if self.stretch is None:
+            return self.strain
+        return jnp.concatenate([self.strain, self.stretch[..., None]], axis=-1)
 
 
 def tip_position(shape: Shape | None, pose: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
@@ -88,7 +97,7 @@ class Equilibrium(eqx.Module):
     tension: Float[Array, "*tendons N"]
     T_tip: Float[Array, "*tendons"]
     slip: Float[Array, "*tendons N"]
-    external_moment: Float[Array, "N *strain"]
+    external_moment: Float[Array, "N *moment"]
     x: Float[Array, " N"]
     y: Float[Array, " N"]
     wrap: Float[Array, "*tendons N"]
@@ -289,10 +298,12 @@ def _shape(s: Sections, base: Base, y: State) -> Shape:
     turn = base.rotation
     place = jnp.stack(line_of(s, y.phi, y.kappa), axis=-1)
     rotation = jnp.einsum("ij,njk->nik", turn, y.phi)
-    return Shape(y.kappa, rotation, base.position[None, :] + jnp.einsum("ij,nj->ni", turn, place))
+    position = base.position[None, :] + jnp.einsum("ij,nj->ni", turn, place)
+    stretch = y.kappa[:, 3] if y.kappa.shape[-1] == 4 else None
+    return Shape(y.kappa[:, :3], rotation, position, stretch)
 
 
-def _bending(strain: Float[Array, "N 3"]) -> Float[Array, " N"]:
+def _bending(strain: Float[Array, "N strains"]) -> Float[Array, " N"]:
     """Size of the curvature, with derivative 0 where the body is straight."""
     square = strain[:, 1] ** 2 + strain[:, 2] ** 2
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
