@@ -14,7 +14,7 @@ import gtr_jax as gtr
 from gtr_jax.files.config import parse_config
 from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.notches import remaining
-from gtr_jax.simulation.markers import marker_places
+from gtr_jax.simulation.markers import marker_angles
 
 OUTER, INNER, DEPTH = 0.81e-3, 0.70e-3, 1.4e-3
 HEIGHT, SPACING, FIRST = 0.8e-3, 1.2e-3, 1.2e-3
@@ -62,7 +62,7 @@ def angles(robot, T):
     """Angles of the notches [rad], (K, count)."""
     run = gtr.simulate(robot, np.asarray(T))
     assert np.all(run.converged)
-    return np.asarray(marker_places(robot, run))[..., 3]
+    return np.asarray(marker_angles(robot, run))
 
 
 def of_tube(T, count=3):
@@ -132,7 +132,7 @@ def test_the_axis_shortens_as_notches_close_about_their_neutral_line():
     config = wrist(count=3)
     robot = build_robot(config)
     run = gtr.simulate(robot, np.array([0.0, 3.0]))
-    theta = np.asarray(marker_places(robot, run))[-1, :, 3]
+    theta = np.asarray(marker_angles(robot, run))[-1]
     left = float(section().centroid[0])
     place, turned = np.zeros(2), 0.0
 

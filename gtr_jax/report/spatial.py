@@ -19,7 +19,7 @@ from gtr_jax.robot.robot import Robot
 from gtr_jax.robot.rotation import quaternion_of
 
 from ..simulation.history import Simulation
-from ..simulation.markers import marker_places, marker_rows
+from ..simulation.markers import marker_places, marker_readings, marker_rows
 from ..simulation.solution import Equilibrium
 from .page import Figure, Scene
 from .scene import scene
@@ -41,7 +41,7 @@ def marker_columns(robot: Robot, run: Simulation) -> dict[str, np.ndarray]:
     """The places of markers at every step [m], in the plane x and y, and the angles of their sections [rad],
     by header, (K,) each.
     """
-    rows = marker_rows(robot, np.asarray(marker_places(robot, run)))
+    rows = marker_rows(robot, np.asarray(marker_readings(robot, run)))
     return {column_of(name).header: row for name, row in rows.items() if robot.space or name[-2:] != "_z"}
 
 
