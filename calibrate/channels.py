@@ -116,6 +116,16 @@ def words_of(channel: str) -> str:
     return f"the angle at marker {marker}" if axis == ANGLE else f"the {axis} of marker {marker}"
 
 
+def instrument_of(channel: str) -> str:
+    """What the channels have in common that one instrument measures with one error: the places of all
+    markers, the angles of their sections; else the channel itself.
+    """
+    quantity = quantity_of(channel)
+    if quantity in _WORDS:
+        return channel
+    return "marker angles" if quantity.endswith(f"_{ANGLE}") else "marker places"
+
+
 def chosen_by(channel: str) -> tuple[str, ...]:
     """The names under which a channel may be asked for: its own, its quantity's, and the orientation's or
     the marker's of which it is a part.

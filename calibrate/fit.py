@@ -371,7 +371,7 @@ def _run(setup: Setup) -> FitResult:
     weighs = []
     for part, prediction in zip(setup.parts, first, strict=True):
         rms = np.sqrt(np.mean(part.residual(prediction) ** 2, axis=1))
-        sd = np.maximum(part.least(part.noises()), rms)
+        sd = part.pooled(np.maximum(part.least(part.noises()), rms))
         weighs.append(part.weighing(prediction, sd))
     problem = dataclasses.replace(problem, weighs=tuple(weighs))
     known, iterations, answer, evaluations = first, 0, None, found.evaluations + 1

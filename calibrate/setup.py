@@ -21,6 +21,7 @@ from .channels import (
     Orientation,
     channels_in,
     chosen_by,
+    instrument_of,
     of_tendons,
     quantity_of,
     tendon_of,
@@ -172,7 +173,17 @@ class Part:
         tensions; for other channels, the difference between neighbouring samples.
         """
         others = [noise.from_differences(row) or 0.0 for row in self.recorded[self.tips :]]
-        return np.maximum([*(tip.sd_if_known or 0.0 for tip in tips), *others], self.smallest)
+        return self.pooled(np.maximum([*(tip.sd_if_known or 0.0 for tip in tips), *others], self.smallest))
+
+    def pooled(self, sizes: np.ndarray) -> np.ndarray:
+        """Errors of the channels, (C,), the same for all that one instrument measures: their root mean
+        square. A model that falls short of some markers must not count those less than the others.
+        """
+        names = np.array([instrument_of(name) for name in self.channels])
+        pooled = np.array(sizes, float)
+        for name in set(names):
+            pooled[names == name] = np.sqrt(np.mean(pooled[names == name] ** 2))
+        return pooled
 
     def rough(self) -> np.ndarray:
         """Errors used in the search for a start, (C,): the tips' noise, and for other channels a share of

@@ -334,3 +334,25 @@ def test_glitches_are_looked_for_where_there_are_times(make_config, truth, tmp_p
     assert len(gtr.read_recording(tmp_path / "rec.csv", need_tip=False)) == len(rec)
     read = gtr.read_recording(tmp_path / "rec.csv", measured=True)
     assert len(read) == len(rec) - 1 and read.masked[0].channel == "tip_y"
+
+
+def test_markers_share_their_error_however_far_the_model_is_off_some(make_config):
+    """Otherwise a model that cannot reach the tip would give it up and follow the markers near the base."""
+    markers = [{"name": "near", "at": "60 mm"}, {"name": "far", "at": "250 mm"}]
+    truth = gtr.build_robot(
+        make_config(PARALLEL, markers=markers, terms=[{"kind": "stiffening", "coefficient": 0.03}])
+    )
+    config = make_config(PARALLEL, markers=markers)
+    T_base = np.linspace(0, 15, 20)
+    rows = gtr.simulate(truth, T_base)
+    seen = np.asarray(marker_places(truth, rows)) + 1e-4 * np.random.default_rng(0).normal(size=(20, 2, 3))
+    named = {
+        f"{m}_{axis}": seen[:, n, i] for n, m in enumerate(("near", "far")) for i, axis in enumerate("xy")
+    }
+    recording = gtr.Recording(T_base=T_base, path=Path("rec.csv"), sha256="", markers=named)
+    fit = calibrate.fit(config, recording, free=("E",), noise_base_N=0.0)
+    fitted = fit.recordings[0]
+    sizes = {name: channel.sd for name, channel in fitted.channels.items()}
+    assert len(set(sizes.values())) == 1
+    off = {name: np.sqrt(np.mean(channel.residual**2)) for name, channel in fitted.channels.items()}
+    assert off["far_y"] > 3 * off["near_y"]

@@ -1,7 +1,7 @@
 """A tendon in a sheath with a load cell at each end, as its rig recorded it: what the diagnosis says of it.
 
-`python -m examples.robots.giraffe` reads the recording where it lies, and writes docs/robots/giraffe.md with
-its picture. The recording has no licence and does not ship.
+`python -m examples.robots.giraffe` reads the recording where it lies, and writes docs/robots/giraffe.md, and
+a picture into out-robots. The recording has no licence and does not ship.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import gtr_jax as gtr
 from calibrate import Diagnosis
 from gtr_jax.plots.style import BLUE, GREY, PALE, VERMILLION, styled
 
-from .pages import DOCS, elsewhere, page, say, table, write
+from .pages import elsewhere, page, save, say, table, write
 
 COLUMNS = "time=Time [s],T_base=data_0[gf],T_tip=data_2[gf]"
 
@@ -60,8 +60,7 @@ def main() -> None:
     found = calibrate.diagnose(config, recording, experiment=False)
     before, after = held_out(found)
     say(f"  {found.verdict}: {before:.3f} N before, {after:.3f} N after, on cycles that were not fitted")
-    DOCS.mkdir(exist_ok=True)
-    picture(found).savefig(DOCS / "giraffe.png", dpi=150)
+    save(picture(found), "giraffe", shows_recording=True)
     rows = [
         [
             f"`{c.name}`",

@@ -7,6 +7,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
 from calibrate.diagnosis.sentence import interval_in_words
 from calibrate.estimate import Estimate
 from gtr_jax.files.numbers import measured_quantity
@@ -14,6 +16,8 @@ from gtr_jax.files.whole import write_whole
 
 HERE = Path(__file__).parent
 DOCS = HERE.parents[1] / "docs" / "robots"
+# Pictures that show recordings without a licence: never in the repository.
+OUT = HERE.parents[1] / "out-robots"
 # Recordings without a licence lie outside the repository.
 SHARED = Path(os.environ.get("GTR_SHARED_DATA", HERE.parents[2] / "shared" / "data"))
 
@@ -53,6 +57,14 @@ def say(text: str) -> None:
 def page(name: str) -> str:
     """The text of a page, with gaps for its numbers."""
     return (HERE / name / "page.md").read_text(encoding="utf-8")
+
+
+def save(picture: Figure, name: str, *, shows_recording: bool = False) -> None:
+    """A picture: into the docs, or, if it shows a recording that does not ship, into `OUT`."""
+    folder = OUT if shows_recording else DOCS
+    folder.mkdir(exist_ok=True)
+    picture.savefig(folder / f"{name}.png", dpi=150)
+    say(f"  {folder / name}.png")
 
 
 def write(name: str, text: str) -> None:

@@ -17,7 +17,7 @@ import gtr_jax as gtr
 from gtr_jax.files.config import dump_config
 from gtr_jax.plots.style import BLUE, GREY, INK, VERMILLION, styled
 
-from .pages import DOCS, HERE, numbers, page, say, table, write
+from .pages import HERE, numbers, page, save, say, table, write
 
 FOLDER = HERE / "tentacle"
 MARKERS = ("m1", "m2", "m3", "m4")
@@ -112,8 +112,7 @@ def main() -> None:
         FOLDER / "fitted.toml",
         note="Fitted to the eight holds of train.csv by examples/robots/tentacle.py.",
     )
-    DOCS.mkdir(exist_ok=True)
-    picture(fits[0][0].robot, best.robot).savefig(DOCS / "tentacle.png", dpi=150)
+    save(picture(fits[0][0].robot, best.robot), "tentacle")
     names, tensions, _ = holds("test")
     by_hold = [
         [name, f"{left:.2f}, {right:.2f}", *(f"{d:.1f}" for d in own)]

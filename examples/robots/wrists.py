@@ -1,7 +1,7 @@
 """Two notched wrists of nitinol: fitted to the first trial of each, predicting the others.
 
 `python -m examples.robots.wrists` reads the recordings where they lie, and writes docs/robots/wrists.md with
-its picture. The recordings have no licence and do not ship.
+a picture that shows none of them; one that does goes to out-robots. They have no licence and do not ship.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import calibrate
 import gtr_jax as gtr
 from gtr_jax.plots.style import BLUE, GREY, VERMILLION, styled
 
-from .pages import DOCS, HERE, elsewhere, numbers, page, say, table, write
+from .pages import HERE, elsewhere, numbers, page, save, say, table, write
 
 WRISTS = ("wrist90", "wrist150")
 COUNT = 5
@@ -29,13 +29,15 @@ MATERIAL = ("E", "superelastic.softening", "superelastic.strain")
 # Each model with what is free of every wrist; the last two fit both wrists together.
 ALONE = (
     ("modulus", ("E",)),
-    ("and friction", ("E", "mu")),
-    ("and superelastic", (*MATERIAL, "mu")),
+    ("modulus and friction", ("E", "mu")),
+    ("superelastic, no friction", MATERIAL),
+    ("superelastic, with friction", (*MATERIAL, "mu")),
 )
 TOGETHER = (
     ("one material and one friction for both", (*MATERIAL, "mu")),
     ("and notches that bend shorter than they are cut", (*MATERIAL, "mu", "notches_end_correction")),
 )
+PLAIN, FOUND = ALONE[1][0], ALONE[3][0]
 KNOWN = {"wrist90": "0.61", "wrist150": "1.14"}  # degrees, the authors' law by SOURCE
 
 
@@ -120,7 +122,33 @@ def picture(robots: dict[str, dict[str, gtr.Robot]]) -> Figure:
     fig.supxlabel("tension at the base [N]", fontsize=10)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
-    fig.legend(once.values(), once.keys(), loc="outside lower center", ncols=3)
+    fig.legend(once.values(), once.keys(), loc="outside upper center", ncols=3)
+    return fig
+
+
+@styled
+def models(robots: dict[str, dict[str, gtr.Robot]], seen: dict[str, list[Trial]]) -> Figure:
+    """Angles of the notches of both models, and their held-out errors by notch."""
+    fig = Figure(figsize=(9.6, 5.8), layout="constrained")
+    axes = fig.subplots(2, 2, width_ratios=(3, 2))
+    for (left, right), wrist in zip(axes, WRISTS, strict=True):
+        T = np.linspace(0.0, 2.0, 60)
+        for (name, robot), colour, width in zip(
+            robots[wrist].items(), (GREY, BLUE), (-0.2, 0.2), strict=True
+        ):
+            angles = np.rad2deg(gtr.marker_angles(robot, gtr.simulate(robot, T)))
+            for i in range(COUNT):
+                left.plot(T, angles[:, i], color=colour, lw=1.4, label=name if i == 0 else None)
+            errors = [predicted(robot, trial, False) - trial.angles for trial in seen[wrist][1:]]
+            each = np.rad2deg(np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0)))
+            right.bar(np.arange(1, COUNT + 1) + width, each, 0.38, color=colour)
+        left.set_title(f"{wrist}: notches 1 (upper) to {COUNT} (lower)", fontsize=9)
+        left.set_xlabel("tension at the base [N]")
+        left.set_ylabel("angle of each notch [°]")
+        right.set_title("trials that no model was fitted to", fontsize=9)
+        right.set_xlabel("notch")
+        right.set_ylabel("rms error [°]")
+    fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return fig
 
 
@@ -169,13 +197,16 @@ def main() -> None:
             cells += [f"{error:.2f}°" for error in errors]
         rows.append(cells)
         say("  " + ", ".join(cells[1:]))
-    friction = {(says, wrist): found[wrist]["mu"] for says, found in fits[1:3] for wrist in WRISTS}
+    friction = {(says, wrist): found[wrist]["mu"] for says, found in fits[1:4:2] for wrist in WRISTS}
     shown = {
-        wrist: {"modulus and friction": robots[wrist][ALONE[1][0]], "found": robots[wrist][ALONE[2][0]]}
+        wrist: {
+            "modulus and friction": robots[wrist][PLAIN],
+            "with the plateau of nitinol": robots[wrist][FOUND],
+        }
         for wrist in WRISTS
     }
-    DOCS.mkdir(exist_ok=True)
-    picture(shown).savefig(DOCS / "wrists.png", dpi=150)
+    save(picture(shown), "wrists-recorded", shows_recording=True)
+    save(models(shown, seen), "wrists")
     header = ["model"] + [
         f"{wrist}: {what}" for wrist in WRISTS for what in ("trained on", "held out", "own rest")
     ]
@@ -183,24 +214,24 @@ def main() -> None:
     def told(e: Any) -> str:
         return f"{e.value:.3f} ± {e.sd:.3f}"
 
-    superelastic_mu = {w: told(friction[ALONE[2][0], w]) for w in WRISTS}
+    superelastic_mu = {w: told(friction[FOUND, w]) for w in WRISTS}
     write(
         "wrists",
         page("wrists").format(
             models=table(header, rows),
             mu90=superelastic_mu["wrist90"],
             mu150=superelastic_mu["wrist150"],
-            alone90=numbers(fits[2][1]["wrist90"].estimates),
-            alone150=numbers(fits[2][1]["wrist150"].estimates),
+            alone90=numbers(fits[3][1]["wrist90"].estimates),
+            alone150=numbers(fits[3][1]["wrist150"].estimates),
             both=numbers(
                 [e for e in fits[-1][1]["wrist90"].estimates if not e.name.startswith("notches_natural")]
             ),
             known90=KNOWN["wrist90"],
             known150=KNOWN["wrist150"],
-            off90=rows[2][2],
-            off150=rows[2][5],
-            rest90=rows[2][3],
-            rest150=rows[2][6],
+            off90=rows[3][2],
+            off150=rows[3][5],
+            rest90=rows[3][3],
+            rest150=rows[3][6],
             both90=rows[-1][2],
             both150=rows[-1][5],
         ),
