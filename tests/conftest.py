@@ -14,11 +14,18 @@ from gtr_jax.files.config import parse_config
 
 # Nearly all of the time goes into compiling: without optimisation it takes half as long, and runs take twice.
 # A worker inherits them.
-UNOPTIMISED = "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
+# What only helps optimisation is not written down either.
+UNOPTIMISED = (
+    "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
+    " --xla_llvm_enable_alias_scope_metadata=false --xla_llvm_enable_noalias_metadata=false"
+)
 if UNOPTIMISED not in os.environ.get("XLA_FLAGS", ""):
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {UNOPTIMISED}"
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+# Tracing makes many objects and hardly any cycles: Python looks for these every so many new objects.
+NEW_OBJECTS = 50_000
 
 # Memory [pages of 4 KiB] beyond which compiled programs are dropped: a worker keeps all it ever compiled.
 LARGE, STATISTICS = 3 * 2**18, Path("/proc/self/statm")
@@ -28,6 +35,7 @@ LARGEST_CACHE, QUICK = 2**31, 0.2
 
 
 def pytest_configure(config):
+    gc.set_threshold(NEW_OBJECTS, 10, 10)
     os.environ["GTR_JAX_CACHE"] = "off"  # the commands leave the user's own cache alone
     if not hasattr(config, "cache"):  # -p no:cacheprovider
         return
