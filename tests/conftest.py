@@ -45,15 +45,27 @@ def pytest_configure(config):
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 
+def large() -> bool:
+    """Whether this process holds more memory than it should."""
+    return STATISTICS.exists() and int(STATISTICS.read_text().split()[1]) > LARGE
+
+
+def give_back():
+    """Freed memory goes back to the system; it stays with the process otherwise, in pieces."""
+    gc.collect()
+    ctypes.CDLL(None).malloc_trim(0)
+
+
 @pytest.fixture(autouse=True)
 def programs_do_not_pile_up():
-    """Drop compiled programs where a worker has gathered too many, and give their memory back."""
+    """Give memory back where a worker has much of it, and drop compiled programs where they hold it."""
     yield
-    if STATISTICS.exists() and int(STATISTICS.read_text().split()[1]) > LARGE:
-        eqx.clear_caches()
-        jax.clear_caches()
-        gc.collect()
-        ctypes.CDLL(None).malloc_trim(0)  # or freed memory stays with the process, in pieces
+    if large():
+        give_back()
+        if large():
+            eqx.clear_caches()
+            jax.clear_caches()
+            give_back()
 
 
 @pytest.fixture
