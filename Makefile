@@ -14,7 +14,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 export NO_MKDOCS_2_WARNING := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test paper proof check lint test-slow test-all docs bench clean
+.PHONY: help demo test paper proof robots check lint test-slow test-all docs bench clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 12
@@ -35,6 +35,11 @@ proof: $(DEV) ## the blind benchmark of the diagnosis, into proof-out/ (hours; r
 	mkdir -p docs/proof
 	cp proof-out/proof.md docs/
 	cp proof-out/proof/* docs/proof/
+
+robots: $(DEV) ## fit the real robots of examples/robots, and write their pages of the docs (half an hour)
+	$(BIN)/python -m examples.robots.tentacle
+	$(BIN)/python -m examples.robots.wrists
+	$(BIN)/python -m examples.robots.giraffe
 
 test: $(DEV) ## the fast tests
 	$(BIN)/python -m pytest -n $(JOBS) --durations=20

@@ -95,7 +95,11 @@ class Judged:
     @property
     def rms(self) -> float:
         """Root mean square of the residual of the tip tensions, over kept samples [N]."""
-        return float(np.sqrt(np.mean(self.residual[: len(self.noises), self.kept] ** 2)))
+        return self.rms_of(self.residual[: len(self.noises)])
+
+    def rms_of(self, rows: np.ndarray) -> float:
+        """Root mean square of rows, (..., K), over kept samples; over all where none is kept."""
+        return float(np.sqrt(np.mean((rows[..., self.kept] if self.kept.any() else rows) ** 2)))
 
     @property
     def noise(self) -> Noise:

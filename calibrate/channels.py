@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gtr_jax import Recording, Robot
+from gtr_jax.files.quantities import ANGLE, AXES
 from gtr_jax.robot.rotation import quaternion_of
 
 # Of one tendon in the plane.
@@ -102,7 +103,7 @@ def unit_of(channel: str) -> str:
     quantity = quantity_of(channel)
     if quantity in ("T_tip", "T_base"):
         return "N"
-    return "rad" if quantity in ("tip_angle", *ROTATION) else "m"
+    return "rad" if quantity in ("tip_angle", *ROTATION) or quantity.endswith(f"_{ANGLE}") else "m"
 
 
 def words_of(channel: str) -> str:
@@ -112,7 +113,7 @@ def words_of(channel: str) -> str:
     if quantity in _WORDS:
         return _WORDS[quantity] + of
     marker, _, axis = quantity.rpartition("_")
-    return f"the {axis} of marker {marker}"
+    return f"the angle at marker {marker}" if axis == ANGLE else f"the {axis} of marker {marker}"
 
 
 def chosen_by(channel: str) -> tuple[str, ...]:
@@ -152,19 +153,22 @@ def channels_in(recording: Recording, robot: Robot) -> dict[str, np.ndarray]:
     per_tendon("displacement", "tension")
     per_tendon("T_base", "displacement")
     for marker in robot.markers:
-        for axis in "xyz" if robot.space else "xy":
+        for axis in _of_marker(robot):
             values = recording.markers.get(f"{marker.name}_{axis}")
             if values is not None:
                 found[f"{marker.name}_{axis}"] = np.asarray(values, float)
     return found
 
 
+def _of_marker(robot: Robot) -> tuple[str, ...]:
+    """What is compared of a marker: its place, and the angle of its section."""
+    return (*(AXES if robot.space else AXES[:2]), ANGLE)
+
+
 def known_to(robot: Robot) -> list[str]:
     """Names of all that recordings of a robot may be asked to be compared by."""
     pose = ["tip_z", *ROTATION] if robot.space else ["tip_angle"]
-    places = [
-        f"{marker.name}_{axis}" for marker in robot.markers for axis in ("xyz" if robot.space else "xy")
-    ]
+    places = [f"{marker.name}_{axis}" for marker in robot.markers for axis in _of_marker(robot)]
     ends = [name for quantity in ("displacement", "T_base") for name in of_tendons(quantity, robot)]
     drawn = any(tendon.drive == "displacement" for tendon in robot.tendons)
     ends = [name for name in ends if drawn or quantity_of(name) != "T_base"]

@@ -419,8 +419,9 @@ def _distance(setup: Setup, of: tuple[FittedRecording, Judged]) -> Distance | Di
     degrees = max(len(fitted.T_base) - used, 1) / float(judged.weigh.tau[0])
     others = []
     for c, name in enumerate(part.channels):
-        if c >= part.tips and fitted.channels[name].rms > SMALL * float(np.ptp(part.recorded[c])):
-            others.append((name, fitted.channels[name].rms, float(judged.least[c]), unit_of(name)))
+        rms = judged.rms_of(fitted.channels[name].residual)
+        if c >= part.tips and rms > SMALL * float(np.ptp(part.recorded[c])):
+            others.append((name, rms, float(judged.least[c]), unit_of(name)))
     return Distance(
         name=fitted.name,
         rms=judged.rms,

@@ -99,6 +99,8 @@ def _measurements(
         )
     if sd is None:
         error = TENSION_SD * float(np.max(history))
+        if error <= 0:  # nobody pulls: there is no tension to record
+            return
         yield (
             f"the tension at the tip{of}, recorded to {error:.2g} N,",
             information(history, time, 0, error),

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, Int
 from gtr_jax import Robot, Simulation, reading, simulate, true_base
 from gtr_jax.robot.parts import Tendon
 from gtr_jax.simulation.history import cycles, padded_length
-from gtr_jax.simulation.markers import marker_places
+from gtr_jax.simulation.markers import marker_readings, marker_rows
 from gtr_jax.simulation.phases import phases_of_slip
 from gtr_jax.stored import Stored
 
@@ -74,9 +74,7 @@ def shown(
         turned = turned_by(run.tip_rotation, history.orientation)
         rows |= dict(zip(ROTATION, turned.T, strict=True))
     if robot.markers and any(quantity_of(name) not in (*rows, *OF_TENDONS) for name in channels):
-        places = marker_places(robot, run)
-        for n, marker in enumerate(robot.markers):
-            rows |= {f"{marker.name}_{axis}": places[:, n, i] for i, axis in enumerate("xyz")}
+        rows |= marker_rows(robot, marker_readings(robot, run))
     seen = reading(robot, run)
     ends = {"T_tip": seen.T_tip, "T_base": seen.T_base, "displacement": run.displacement}
 

@@ -22,7 +22,7 @@ class Compared(NamedTuple):
 
     Attributes:
         words: what it is.
-        rms: of the residual, in the SI unit.
+        rms: of the residual, outliers left out, in the SI unit.
         noise: differences of neighbouring samples, one standard deviation.
         unit: SI unit.
         described: whether the residual is no more than that noise, or small.
@@ -82,21 +82,28 @@ def without_tip(part: Part, fitted: FittedRecording, judged: Judged) -> Distance
     """The distance of a recording without tip tension from its fit."""
     groups: dict[str, list[int]] = {}
     for c, name in enumerate(part.channels):
-        groups.setdefault(chosen_by(name)[-1], []).append(c)
+        groups.setdefault(_whole(name), []).append(c)
     known = part.samples >= FEWEST_SAMPLES
     compared = [_compared(part, fitted, judged, whole, rows) for whole, rows in groups.items()]
     compared.sort(key=lambda c: -c.rms / c.noise if known else -c.rms)
     return DistanceWithoutTip(part.name, known, compared, fitted.outliers)
 
 
+def _whole(channel: str) -> str:
+    """The marker or the rotation that a channel is an axis of; else the channel, of whatever tendon."""
+    _, _, *whole = chosen_by(channel)
+    return whole[0] if whole else channel
+
+
 def _compared(part: Part, fitted: FittedRecording, judged: Judged, whole: str, rows: list[int]) -> Compared:
     names = [part.channels[c] for c in rows]
-    rms, noise = np.asarray([fitted.channels[name].rms for name in names]), judged.least[rows]
+    rms = np.asarray([judged.rms_of(fitted.channels[name].residual) for name in names])
+    noise = judged.least[rows]
     degrees = part.samples / judged.weigh.tau[rows]
     limit = [max(LACK_OF_FIT, by_chance(float(n), part.samples / 3)) for n in degrees]
     small = rms <= SMALL * np.ptp(part.recorded[rows], axis=1)
     words = words_of(names[0])
-    if len(rows) > 1 or whole != names[0]:
+    if whole != names[0]:
         words = "the tip's rotation" if whole == ORIENTATION else f"the place of marker {whole}"
     return Compared(
         words=words,

@@ -26,8 +26,9 @@ COARSE = 120  # intervals of the coarser mesh, about
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Line:
-    """The robot at N places: arc length [m], channel offset (N, 2) and slope, 1/GJ, 1/EI_y, 1/EI_z (N, 3),
-    natural strain (N, 3), force of gravity on each interval (N-1, 3), and the loads, in the axes of the base.
+    """The robot at N points along its midline, in the axes of the base, SI: arc length, offset of the channel
+    (N, 2) and slope, 1/GJ, 1/EI_y, 1/EI_z (N, 3) and natural strain (N, 3), of a body that stretches beside
+    them 1/EA and 0, (N, 4), force of gravity on each interval (N-1, 3), and the loads.
     """
 
     s: np.ndarray
@@ -83,14 +84,16 @@ def line_of(robot: Robot, count: int) -> Line:
 def _shape(line: Line, strain: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Midline, directors as columns, and directions of the tendon, in the axes of the base."""
     steps = np.diff(line.s)[:, None]
-    middle = 0.5 * (strain[1:] + strain[:-1])
+    middle = 0.5 * (strain[1:, :3] + strain[:-1, :3])
+    length = 1.0 + strain[:, 3] if strain.shape[1] == 4 else np.ones(len(line.s))
     frames = [np.eye(3)]
     for turn in Rotation.from_rotvec(steps * middle).as_matrix():
         frames.append(frames[-1] @ turn)
     D = np.array(frames)
-    line_ = np.concatenate([np.zeros((1, 3)), np.cumsum(steps * 0.5 * (D[1:, :, 0] + D[:-1, :, 0]), axis=0)])
+    axis = length[:, None] * D[:, :, 0]
+    line_ = np.concatenate([np.zeros((1, 3)), np.cumsum(steps * 0.5 * (axis[1:] + axis[:-1]), axis=0)])
     offset = np.column_stack([np.zeros(len(line.s)), line.R])
-    course = np.cross(strain, offset) + np.column_stack([np.ones(len(line.s)), line.slope])
+    course = np.cross(strain[:, :3], offset) + np.column_stack([length, line.slope])
     along = np.einsum("nij,nj->ni", D, course)
     return line_, D, along / np.linalg.norm(along, axis=1, keepdims=True)
 
@@ -103,7 +106,9 @@ def _tension(line: Line, along: np.ndarray, T_base: float, memory: np.ndarray) -
 
 
 def _moment(line: Line, middle: np.ndarray, D: np.ndarray, pull: np.ndarray) -> np.ndarray:
-    """Moment in each section from every force beyond it, in its axes [N m], (N, 3)."""
+    """Moment in each section from every force beyond it, in its axes [N m], (N, 3); where the body stretches,
+    beside it the force along its axis [N].
+    """
     holes = middle + np.einsum("nij,nj->ni", D[:, :, 1:], line.R)
     inside = [
         (0.5 * (holes[1:] + holes[:-1]), np.diff(pull, axis=0)),
@@ -117,7 +122,10 @@ def _moment(line: Line, middle: np.ndarray, D: np.ndarray, pull: np.ndarray) -> 
     for place, force in inside:
         moment[:-1] += np.cumsum(np.cross(place, force)[::-1], axis=0)[::-1]
         push[:-1] += np.cumsum(force[::-1], axis=0)[::-1]
-    return np.einsum("nji,nj->ni", D, moment - np.cross(middle, push))
+    moment = np.einsum("nji,nj->ni", D, moment - np.cross(middle, push))
+    if line.compliance.shape[1] == 3:
+        return moment
+    return np.column_stack([moment, np.sum(D[:, :, 0] * push, axis=1)])
 
 
 def _solve(line: Line, T_base: float, memory: np.ndarray) -> tuple[np.ndarray, bool]:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from .simulation.equilibrium import equilibrium
     from .simulation.forces import ChannelForces, channel_forces
     from .simulation.history import Simulation, equilibrium_at, reading, simulate
-    from .simulation.markers import marker_places
+    from .simulation.markers import marker_angles, marker_places
     from .simulation.phases import Switch, label_phases, release_switch
     from .simulation.sensing import Reading, true_base
     from .simulation.solution import Equilibrium, Shape
@@ -51,7 +51,7 @@ FILES = {
     "simulation.equilibrium": ("equilibrium",),
     "simulation.forces": ("ChannelForces", "channel_forces"),
     "simulation.history": ("Simulation", "equilibrium_at", "reading", "simulate"),
-    "simulation.markers": ("marker_places",),
+    "simulation.markers": ("marker_angles", "marker_places"),
     "simulation.phases": ("Switch", "label_phases", "release_switch"),
     "simulation.sensing": ("Reading", "true_base"),
     "simulation.solution": ("Equilibrium", "Shape"),
@@ -84,6 +84,7 @@ __all__ = [
     "label_phases",
     "load_config",
     "load_robot",
+    "marker_angles",
     "marker_places",
     "parameters_of",
     "read_recording",

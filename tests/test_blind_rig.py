@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import gtr_jax as gtr
-from benchmarks.blind import cases, events, hand, instruments, machine, rig, rig_page, rig_score
+from benchmarks.blind import cases, events, exam, hand, instruments, machine, rig, rig_page, rig_score
 from benchmarks.blind.effects import CATALOGUE, OUTSIDE
 
 TURNED, MU = 6.0, 0.1
@@ -266,3 +266,11 @@ def test_the_section_reports_refused_files_and_every_effect(tmp_path):
     assert "| snag | – | 1 |" in text and "1 recordings were refused" in text
     lines = (tmp_path / "proof/rig-cases.csv").read_text(encoding="utf-8").splitlines()
     assert len(lines) == 5 and (tmp_path / "proof/rig-effects.png").stat().st_size > 5000
+
+
+def test_a_case_that_the_machine_cannot_make_is_left_out_and_told(tmp_path, capsys):
+    def never(kind, hidden, rng):
+        return None
+
+    assert exam._one((1, 7, "rig", ("creep",), tmp_path, never)) is None
+    assert "case 7 of seed 1 is left out" in capsys.readouterr().out

@@ -7,17 +7,20 @@ from html.parser import HTMLParser
 from types import SimpleNamespace
 from typing import Any, cast
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 import pytest
+from matplotlib.figure import Figure
 
 import gtr_jax as gtr
 from calibrate.report.cards import fit_card
 from design.report.design import design_table
 from gtr_jax.files.config import load_config
 from gtr_jax.plots.straight import plot_straight
+from gtr_jax.report import object_cards
 
 HELIX, THREE = "examples/helix.toml", "examples/three-tendons.toml"
 VOID = {"img", "br"}
@@ -110,6 +113,45 @@ def test_nothing_is_drawn_while_jax_traces(make_robot):
 
     jax.jit(value)(0.2)
     assert seen == [None]
+
+
+def test_nothing_is_drawn_of_a_batch_or_of_a_part(make_robot):
+    robot = make_robot(routing={"kind": "parallel", "offset": 0.01})
+    run = gtr.simulate(robot, np.array([0.0, 10.0, 5.0]))
+    many = jax.vmap(lambda mu: robot.with_values(mu=mu))(jnp.array([0.1, 0.2]))
+    assert many._repr_html_() is None
+    assert jax.tree_util.tree_map(lambda x: jnp.stack([x, x]), run)._repr_html_() is None
+    assert eqx.partition(robot, eqx.is_array)[1]._repr_html_() is None
+    for thing in (robot, run):
+        assert eqx.filter_eval_shape(lambda thing=thing: thing)._repr_html_() is None
+
+
+@pytest.mark.parametrize("space", [False, True])
+def test_the_angle_of_the_tip_has_its_sign_in_the_plane_and_leaves_it_in_space(
+    make_robot, monkeypatch, space
+):
+    drawn = []
+    monkeypatch.setattr(object_cards, "plot_tendons", lambda *given: drawn.append(given) or Figure())
+    angles = {"left": 0.5 * np.pi, "right": -0.5 * np.pi}
+    tendons = [
+        {
+            "name": name,
+            "friction_coefficient": 0.2,
+            "routing": {"kind": "straight", "radius": 0.008, "angle": angle}
+            if space
+            else {"kind": "parallel", "offset": offset},
+        }
+        for (name, angle), offset in zip(angles.items(), (0.008, -0.008), strict=True)
+    ]
+    more = {"space": True, "backbone": {"outer_radius": 0.012, "poissons_ratio": 0.45}} if space else {}
+    run = gtr.simulate(make_robot(tendons=tendons, **more), np.array([[0.0, 0.0], [0.0, 3.0], [2.0, 0.0]]))
+    assert shown(run)
+    ((_, _, angle, _),) = drawn
+    if space:  # it leaves the plane of x and y, in which its projection does not turn
+        assert np.all(angle[1:] > 0.1)
+    else:
+        np.testing.assert_array_equal(angle, np.asarray(run.tip_pose)[:, 2])
+        assert angle[1] * angle[2] < 0
 
 
 def test_a_fit_shows_its_loop_and_estimates(make_robot):

@@ -242,10 +242,12 @@ def test_every_term_is_a_hypothesis_unless_it_cannot_act(make_robot):
         given = {"largest_tip": 10.0, "travel": np.array([0.0, 0.1]), "bend": 5.0}
         return {h.kind for h in catalogue(robot, timed=timed, displaced=displaced, **given)}
 
-    never = {"gravity-error", "quantisation"} | EVENTS
+    never = {"gravity-error", "quantisation", "superelastic"} | EVENTS
     assert {"shaken-sheath", "sheath-moved", "tip-moved"} == EVENTS
     assert set(REGISTRY) - kinds(make_robot()) == never | {"free-length"}
     assert set(REGISTRY) - kinds(make_robot(), displaced=True) == never
+    metal = make_robot(backbone={"youngs_modulus": 50e9})
+    assert set(REGISTRY) - kinds(metal, displaced=True) == never - {"superelastic"}
     assert "viscous-friction" not in kinds(make_robot(), timed=False)
     assert "adhesion" not in kinds(make_robot(terms=[{"kind": "adhesion", "drag": 1.0}]))
     sheath = {"rigid": True, "natural_curvature": 4.0}

@@ -3,6 +3,8 @@
 import dataclasses
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -10,7 +12,11 @@ from command_line import run_gtr
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.answer import TIP_CELL
+from calibrate.answer import TIP_CELL, Judged
+from calibrate.identifiability import _measurements
+from calibrate.readings import exact
+from calibrate.result import FittedChannel
+from calibrate.tipless import without_tip
 from gtr_jax.files.thinning import thinned
 from gtr_jax.simulation.markers import marker_places
 from tests.conftest import PARALLEL
@@ -109,11 +115,72 @@ def test_friction_that_the_pose_does_not_tell_is_said(make_config, truth):
     assert "does not determine mu" in fit.verdict
 
 
+def test_where_nobody_pulls_no_tip_tension_is_proposed(make_robot):
+    still = SimpleNamespace(
+        robot=make_robot(routing=PARALLEL),
+        T_base=exact(np.zeros(20)),
+        pulled=[np.zeros(20)],
+        others=(),
+        channels=("tip_angle",),
+        time=None,
+        tips=0,
+    )
+    assert not list(_measurements(cast(Any, still), cast(Any, None), np.zeros(2), None, ""))
+
+
 def test_few_samples_have_no_known_noise(make_config, truth):
     rec = posed(truth, LOOP[::6], sd_base=0.0)
     fit = calibrate.fit(wrong(make_config), rec, free="E", noise_base_N=0.0)
     assert fit.converged, fit.verdict
     assert "whose noise cannot be told" in fit.verdict and "neighbouring" not in fit.verdict
+
+
+def told(channels, residual, kept=None, noise=1e-4):
+    """What is said of residuals, (C, K), of a recording without tip tension."""
+    C, K = residual.shape
+    kept = np.ones(K, bool) if kept is None else kept
+    recorded = np.linspace(0, 1e-2, K) * np.ones((C, 1))
+    part = SimpleNamespace(name="rec", channels=channels, samples=K, recorded=recorded)
+    fitted = SimpleNamespace(
+        channels={n: FittedChannel("m", r, r, 1.0) for n, r in zip(channels, residual, strict=True)},
+        outliers=int(np.sum(~kept)),
+    )
+    judged = Judged(
+        residual=residual,
+        phases=np.full(K, "pulling"),
+        noises=(),
+        weigh=cast(Any, SimpleNamespace(tau=np.ones(C))),
+        by_noise=cast(Any, None),
+        chi2_per_n=None,
+        sd=np.full(C, noise),
+        least=np.full(C, noise),
+        kept=kept,
+    )
+    return without_tip(cast(Any, part), cast(Any, fitted), judged)
+
+
+def test_displacements_of_several_tendons_are_no_marker():
+    residual = 1e-4 * np.random.default_rng(0).normal(size=(5, 40))
+    channels = ("displacement.left", "displacement.right", "mid_x", "mid_y", "tip_rotation_x")
+    words = {c.words for c in told(channels, residual).compared}
+    assert words == {
+        "the tendon's displacement of left",
+        "the tendon's displacement of right",
+        "the place of marker mid",
+        "the tip's rotation",
+    }
+
+
+def test_outliers_of_a_robust_fit_are_left_out_of_its_distance():
+    residual = 1e-4 * np.random.default_rng(0).normal(size=(2, 40))
+    residual[1, 7] = 0.05
+    channels, kept = ("tip_x", "tip_y"), np.arange(40) != 7
+    assert not told(channels, residual).described
+    robust = told(channels, residual, kept)
+    assert robust.described and "without 1 outliers" in robust.clauses()[0]
+    assert all(c.rms < 2e-4 for c in robust.compared)
+    none = told(channels, residual, np.zeros(40, bool))  # far off everywhere
+    assert not none.described and np.isfinite([c.rms for c in none.compared]).all()
 
 
 def test_a_recording_with_tip_tension_beside_one_without(make_config, truth):
@@ -234,6 +301,26 @@ def test_a_column_that_may_be_the_tip_tension_is_named(tmp_path):
     read = gtr.read_recording(tmp_path / "rec.csv", measured=True)
     assert read.T_tip is None
     assert any("add --columns 'T_tip=tip_force_N[N]'" in note for note in read.notes)
+
+
+def read_columns(tmp_path, header, **options):
+    lines = [",".join([f"{x}"] * (header.count(",") + 1)) for x in LOOP]
+    (tmp_path / "rec.csv").write_text("\n".join([header, *lines]))
+    return gtr.read_recording(tmp_path / "rec.csv", measured=True, **options)
+
+
+def test_a_column_that_is_read_is_not_proposed_as_the_tip_tension(tmp_path):
+    read = read_columns(tmp_path, "Force,tip_y_m", columns="T_base=Force[N]")
+    assert read.notes == ()
+    read = read_columns(tmp_path, "Force,load_N,tip_y_m", columns="T_base=Force[N]")
+    assert any("add --columns 'T_tip=load_N[N]'" in note for note in read.notes)
+
+
+def test_what_is_there_already_is_not_asked_for(tmp_path):
+    with pytest.raises(gtr.InputError, match=r"no column T_tip_N\.b; (?!.*or record)"):
+        read_columns(tmp_path, "T_base_N.a,T_base_N.b,T_tip_N.a,tip_y_m", tendons=("a", "b"))
+    with pytest.raises(gtr.InputError, match=r"no column T_tip_N; .*or record the pose (?!.*displacement_m)"):
+        read_columns(tmp_path, "time_s,displacement_m", space=True)
 
 
 def test_glitches_are_looked_for_where_there_are_times(make_config, truth, tmp_path):

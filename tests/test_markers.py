@@ -17,7 +17,7 @@ def marked(make_config):
     def build(resolution=1.0, **rest):
         markers = [
             {"name": "m1", "at": 0.1291, "offset": OFFSET},
-            {"name": "end", "at": 0.25, "offset": OFFSET},
+            {"name": "end", "at": 0.25, "offset": OFFSET, "angle_from": 0.1},
         ]
         return gtr.build_robot(make_config(markers=markers, **rest), resolution=resolution)
 
@@ -37,6 +37,8 @@ def test_on_an_arc(marked):
     run = gtr.simulate(robot, jnp.array([0.0, 5.0]))
     for k in range(2):
         kappa = float(run.curvature[k, 0])
+        turns = [kappa * 0.1291, kappa * 0.15]
+        np.testing.assert_allclose(gtr.marker_angles(robot, run)[k], turns, atol=1e-9)
         for i, at in enumerate((0.1291, 0.25)):
             angle = kappa * at
             middle = [np.sin(angle) / kappa, (1 - np.cos(angle)) / kappa] if kappa else [at, 0.0]
@@ -51,6 +53,8 @@ def test_on_a_body_that_is_a_helix_at_rest(marked):
     run = gtr.simulate(robot, jnp.array([0.0]))
     twist = np.zeros((4, 4))
     twist[:3, :3], twist[0, 3] = hat([4.0, -6.0, 9.0]), 1.0
+    turned = expm(twist * 0.15)[:3, 0]
+    assert float(gtr.marker_angles(robot, run)[0, 1]) == pytest.approx(np.arccos(turned[0]), abs=1e-6)
     for i, at in enumerate((0.1291, 0.25)):
         want = expm(twist * at) @ [*OFFSET, 1.0]
         np.testing.assert_allclose(

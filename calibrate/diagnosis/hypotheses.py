@@ -88,6 +88,8 @@ DRIFTS = ("zero-drift.tip", "zero-drift.base")
 INSTRUMENT_NUMBERS = {"time-skew.delay", *DRIFTS}
 # Numbers beside the size up to which all combinations of their ends are tried.
 MOST_SHAPES = 3
+# Modulus from which a body may be of a superelastic metal [Pa].
+METAL = 1e9
 # Sizes to try, in standard deviations of the prior.
 SIZES = (0.3, 1.0)
 
@@ -150,6 +152,8 @@ def catalogue(
         if rigid and (term.bend or term.loads or term.stop):
             continue
         if term.id == "gravity-error" and not robot.loaded:
+            continue
+        if term.softens and not float(robot.backbone.youngs_modulus) >= METAL:
             continue
         known = term.numbers if robot.space else term.quantities
         plain = {"": tuple(q.name for q in known)}

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax import Robot
+from gtr_jax.simulation.markers import marker_rows
 from gtr_jax.simulation.natively import Brief
 
 from ..channels import CHANNELS, ROTATION, Orientation, of_tendons, quantity_of, tendon_of, turned_by
@@ -59,7 +60,7 @@ def shown(
         channels: names of what is wanted.
         cells: what the cells at base and tip show [N], (K, *tendons) each.
         orientation: of the tip as recorded, where it is compared.
-        places: of the markers [m], (K, markers, 3), where they are.
+        places: of the markers [m] and angles of their sections [rad], (K, markers, 4), where they are.
     """
     rows: dict[str, np.ndarray] = {}
     if run.shape is None:
@@ -70,9 +71,8 @@ def shown(
         assert run.shape is not None
         turned = np.asarray(_turned_by(jnp.asarray(run.shape.rotation[:, -1]), orientation))
         rows |= dict(zip(ROTATION, turned.T, strict=True))
-    for n, marker in enumerate(robot.markers if places is not None else ()):
-        assert places is not None
-        rows |= {f"{marker.name}_{axis}": places[:, n, i] for i, axis in enumerate("xyz")}
+    if places is not None:
+        rows |= marker_rows(robot, places)
     ends = {"T_base": cells[0], "T_tip": cells[1], "displacement": run.displacement}
 
     def row(name: str) -> np.ndarray:

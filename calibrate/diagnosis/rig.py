@@ -86,13 +86,12 @@ class _Traced(NamedTuple):
         begin: maps a robot and a load history of P steps to the inputs of the native programs.
         cells: maps a robot, true tensions at base and tip [N], (P, *tendons) each, and time, (P,), to what
             the load cells show.
-        places: maps a robot and where its body is at P steps to the places of its markers [m], (P, markers,
-            3).
+        places: maps a robot and where its body is at P steps to what `markers_on` gives, (P, markers, 4).
     """
 
     begin: Callable[..., tuple[Ready, Any]]
     cells: Callable[..., Reading]
-    places: Callable[..., Float[Array, "P markers 3"]]
+    places: Callable[..., Float[Array, "P markers 4"]]
 
 
 @functools.lru_cache(maxsize=16)
@@ -289,13 +288,13 @@ class Rig:
         return term is not None and term.of_cells and term.ahead is None
 
     def _marked(self, flat: np.ndarray, run: Brief, loads: Any) -> np.ndarray | None:
-        """Places of the markers [m], (K, markers, 3), where they are compared."""
+        """What `markers_on` gives, (K, markers, 4), where it is compared."""
         names = tuple(f"{marker.name}_" for marker in self.robot.markers)
         if not names or not any(name.startswith(names) for name in self.channels):
             return None
         body = run.along if run.shape is None else run.shape
         assert body is not None
-        held = tuple(_held_on(values, loads) for values in body)
+        held = tuple(None if values is None else _held_on(values, loads) for values in body)
         return np.asarray(self._traced.places(flat, held))[: len(run.T_tip)]
 
 

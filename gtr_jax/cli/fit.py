@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from gtr_jax.errors import InputError
+from gtr_jax.files.quantities import column_of
 from gtr_jax.interruption import interruption
 
 from .options import (
@@ -256,7 +257,7 @@ def columns_of(recording: Recording, fitted: FittedRecording) -> dict[str, Any]:
     from gtr_jax.files.quantities import COLUMNS, QUATERNION
 
     columns = {name: getattr(recording, name) for name in COLUMNS}
-    columns |= {f"{name}_m": values for name, values in recording.markers.items()}
+    columns |= {column_of(name).header: values for name, values in recording.markers.items()}
     drawn = np.asarray([tendon.drive == "displacement" for tendon in fitted.robot.tendons])
     which = drawn.reshape(fitted.T_base.shape[1:])
     if not drawn.all():

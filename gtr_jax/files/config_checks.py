@@ -120,6 +120,8 @@ def _check_backbone(backbone: BackboneConfig) -> None:
     _check_stiffness("backbone", backbone.bending_stiffness, backbone.torsional_stiffness, length)
     _check_pieces(backbone)
     _check_bores(backbone)
+    _check_notches(backbone)
+    _check_axial(backbone)
 
 
 def _check_modulus(backbone: BackboneConfig) -> None:
@@ -257,6 +259,67 @@ def _check_bores(backbone: BackboneConfig) -> None:
             f"the bore is {mm(bore.diameter)} wide and the body {mm(2 * radii[narrowest])} at "
             f"s = {mm(stations[narrowest])}; narrow the bore or widen the body",
         )
+
+
+def _check_axial(backbone: BackboneConfig) -> None:
+    stiffness = backbone.axial_stiffness
+    key = "backbone.extensible" if stiffness is None else "backbone.axial_stiffness"
+    _require(not (backbone.stretches and backbone.rigid), key, "has no effect on a body with rigid = true")
+    _require(stiffness is None or stiffness > 0, key, f"must be positive, is {stiffness or 0:g} N")
+    moduli = backbone.bending_stiffness is None and all(
+        p.bending_stiffness is None for p in backbone.sections
+    )
+    _require(
+        not backbone.extensible or stiffness is not None or moduli,
+        key,
+        "needs a modulus all along; give axial_stiffness beside bending_stiffness",
+    )
+
+
+def _check_notches(backbone: BackboneConfig) -> None:
+    """Notches must be cut into a tube or rod of known modulus, leave something of it, and not overlap."""
+    before, last = 0.0, ""
+    order = sorted(range(len(backbone.notches)), key=lambda i: backbone.notches[i].from_)
+    for i in order:
+        row, key = backbone.notches[i], f"backbone.notches[{i}]"
+        _require(not backbone.rigid, key, "has no effect on a backbone with rigid = true; remove it")
+        _require(
+            backbone.youngs_modulus > 0 and backbone.bending_stiffness is None,
+            key,
+            "needs the stiffness of its section; give youngs_modulus instead of bending_stiffness",
+        )
+        _check_length(row.height, f"{key}.height")
+        _require(row.spacing >= 0, f"{key}.spacing", f"cannot be negative, is {mm(row.spacing)}")
+        _require(
+            row.height + row.end_correction > 0.05 * row.height,
+            f"{key}.end_correction",
+            f"of {mm(row.end_correction)} leaves nothing of a height of {mm(row.height)}; correct one",
+        )
+        _require(
+            len(row.natural_angle) == row.count,
+            f"{key}.natural_angle",
+            f"gives {len(row.natural_angle)} angles for {row.count} notches; give one for all or for each",
+        )
+        for start, end in row.ends:
+            _require(
+                start >= -_NEAR * backbone.length and end <= backbone.length * (1 + _NEAR),
+                key,
+                f"a notch runs from {mm(start)} to {mm(end)}, outside the backbone; keep it within 0 mm and "
+                f"{mm(backbone.length)}",
+            )
+            _require(
+                start >= before - _NEAR * backbone.length,
+                key,
+                f"a notch starts at {mm(start)}, before {last} ends at {mm(before)}; give more spacing",
+            )
+            before, last = end, f"notches[{i}]"
+            outer = outer_radius_at(backbone, np.array([start, end]))
+            _require(
+                bool(np.all((row.depth > outer) & (row.depth < 2 * outer))),
+                f"{key}.depth",
+                f"is {mm(row.depth)}, and the body is {mm(2 * outer[0])} thick; a notch goes beyond the axis "
+                "and leaves something of the body",
+            )
 
 
 def _check_routing(routing: Any, length: float, table: str) -> None:

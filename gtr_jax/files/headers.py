@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import itertools
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -119,8 +119,12 @@ def force_meant(unit: str) -> str:
     return _MEANT.get(unit.lower(), unit)
 
 
-def meant_column(table: Table, quantity: str, tendon: str, tendons: Sequence[str]) -> int | None:
-    """The column that may be a quantity under a name that is not known; None if none suggests itself."""
+def meant_column(
+    table: Table, quantity: str, tendon: str, tendons: Sequence[str], *, taken: Collection[int] = ()
+) -> int | None:
+    """The column that may be a quantity under a name that is not known, and is not taken; None if none
+    suggests itself.
+    """
     spellings = {s: q for q, column in COLUMNS.items() for s in column.spellings}
     si = column_of(quantity).unit
     others = [other for other in tendons if other != tendon]
@@ -130,6 +134,8 @@ def meant_column(table: Table, quantity: str, tendon: str, tendons: Sequence[str
         own = of_tendon(header, tendon) or header
         name = plain_name(split_unit(own, si)[0])
         if not header or any(of_tendon(header, other) for other in others) or not table.has_numbers(index):
+            continue
+        if index in taken:
             continue
         if spellings.get(name, quantity) != quantity:
             continue  # it is another quantity

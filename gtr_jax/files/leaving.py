@@ -31,6 +31,8 @@ def _ways(config: RobotConfig) -> Iterator[tuple[str, bool]]:
     body, loads = config.backbone, config.loads
     for key in ("natural_curvature_y", "natural_twist"):
         yield f"backbone.{key}", _any(getattr(body, key))
+    yield "backbone.extensible", body.extensible
+    yield "backbone.axial_stiffness", body.axial_stiffness is not None
     yield "loads.gravity", loads.gravity is not None and loads.gravity[2] != 0.0
     yield "loads.tip_force", any(loads.tip_force[2:])
     yield "loads.tip_moment", isinstance(loads.tip_moment, tuple) and any(loads.tip_moment[:2])

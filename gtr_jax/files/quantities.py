@@ -39,6 +39,7 @@ QUATERNION = ("tip_qx", "tip_qy", "tip_qz", "tip_qw")
 SPELLINGS = {spelling: name for name, column in COLUMNS.items() for spelling in column.spellings}
 IN_SPACE = ("tip_z", *QUATERNION)
 AXES = ("x", "y", "z")
+ANGLE = "angle"  # of a marker's section
 # Units known as a header's ending, as in T_base_gf; in brackets, as in Tbase [gf], any unit is known.
 _HEADER_ENDINGS = {
     "s": ("s", "ms", "us", "min"),
@@ -82,10 +83,11 @@ def quantities_of(
 
 
 def column_of(quantity: str) -> Column:
-    """The column of a quantity; one that is not in COLUMNS is a place of a marker."""
+    """The column of a quantity; one that is not in COLUMNS is a place of a marker, or its section's angle."""
     if quantity in COLUMNS:
         return COLUMNS[quantity]
-    return Column("m", f"{quantity}_m", frozenset({plain_name(quantity)}))
+    unit = "rad" if quantity.endswith(f"_{ANGLE}") else "m"
+    return Column(unit, f"{quantity}_{unit}", frozenset({plain_name(quantity)}))
 
 
 def with_tendon(name: str, tendon: str) -> str:
@@ -102,5 +104,5 @@ def of_tendon(header: str, tendon: str) -> str | None:
 
 
 def marker_quantities(name: str) -> tuple[str, ...]:
-    """The quantities of a marker: m1_x, m1_y, m1_z, each a length."""
-    return tuple(f"{name}_{axis}" for axis in AXES)
+    """The quantities of a marker: its place m1_x, m1_y, m1_z, and the angle of its section m1_angle."""
+    return tuple(f"{name}_{axis}" for axis in (*AXES, ANGLE))

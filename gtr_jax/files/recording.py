@@ -46,8 +46,9 @@ SWAP_FACTOR = 1.3
 """A tip tension peaking above this multiple of the base's suggests swapped columns or wrong units."""
 QUATERNION_ERROR = 0.02
 """Most by which the length of a recorded quaternion may differ from 1."""
+POSED = "record the pose of the tip (tip_x_m, ...) or markers of the robot file"
 OTHERWISE = "record the pose of the tip (tip_x_m, ...), markers of the robot file, or displacement_m"
-"""What a recording may be compared by in place of a tip tension."""
+"""What a recording may be compared by in place of a tip tension: where displacement drives, and else."""
 LARGE = 50_000
 """Rows from which on polars writes a recording."""
 MOST_ABSENT = 0.05
@@ -168,12 +169,13 @@ def read_recording(
         absent += [key for key in QUATERNION if key not in chosen]
     if absent:
         fault = missing(table, absent, wanted, tendons)
-        without = measured and wanted[absent[0]][0] == "T_tip"
-        raise InputError(f"{fault}; or {OTHERWISE}") if without else fault
+        if not measured or wanted[absent[0]][0] != "T_tip" or "T_tip" in begun:  # of some tendons, it has
+            raise fault
+        raise InputError(f"{fault}; or {OTHERWISE if 'T_base' in begun else POSED}")
     notes = table.notes
     if measured and "T_tip" not in begun:
         first = next(key for key, (quantity, _) in wanted.items() if quantity == "T_tip")
-        meant = meant_column(table, *wanted[first], tendons)
+        meant = meant_column(table, *wanted[first], tendons, taken={index for index, _ in chosen.values()})
         if meant is not None:
             notes = (*notes, unread(table, meant, first))
     whole = {}

@@ -20,6 +20,7 @@ from pydantic import (
     Field,
     PrivateAttr,
     StrictBool,
+    StrictInt,
     StrictStr,
     Tag,
     ValidationError,
@@ -48,6 +49,8 @@ from .section import (
     TermSection,
 )
 from .units import Unit, parse_quantity, quantity_text
+
+MOST_NOTCHES = 200  # in a row; each is a panel of the mesh
 
 _SHARES = re.compile(r".*[\d.]\s*(|%|percent|dimensionless)\s*")
 
@@ -174,6 +177,50 @@ class PieceConfig(Section):
     """GJ [N m^2]; absent: that of a round section, EI/(1 + poissons_ratio)."""
 
 
+def _angles(value: Any) -> Any:
+    return value if isinstance(value, list | tuple) else (value,)
+
+
+class NotchesConfig(Section):
+    """A row of equal notches, cut into a tube from one side so that it bends there."""
+
+    from_: Length = Field(alias="from", examples=["1.5 mm"])
+    """Arc length [m] where the first begins."""
+    height: Length = Field(examples=["0.5 mm"])
+    """Length [m] of each along the body."""
+    depth: Length = Field(examples=["1.4 mm"])
+    """Depth [m] of each from the outside; more than the outer radius, less than the diameter."""
+    count: Annotated[StrictInt, Field(ge=1, le=MOST_NOTCHES)] = 1
+    """How many there are."""
+    spacing: Length = 0.0
+    """Uncut length [m] between two."""
+    side: Literal["left", "right"] = "left"
+    """Side of the body that is cut."""
+    end_correction: Length = 0.0
+    """Length [m] by which each bends as if it were longer than it is cut; negative where rounded corners make
+    it stiffer."""
+    natural_angle: Annotated[
+        tuple[Angle, ...],
+        BeforeValidator(_angles, json_schema_input_type=Angle | tuple[Angle, ...]),
+    ] = (0.0,)
+    """Angle [rad] by which each is bent without load, towards the side of the cut; one for all, or a list."""
+
+    @classmethod
+    def _resolved(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
+        """With an angle for each notch."""
+        angle, count = data.get("natural_angle", 0.0), data.get("count", 1)
+        each = angle if isinstance(angle, list | tuple) else (angle,)
+        if len(each) == 1 and isinstance(count, int) and 0 < count <= MOST_NOTCHES:
+            data["natural_angle"] = tuple(each) * count
+        return data
+
+    @property
+    def ends(self) -> tuple[tuple[float, float], ...]:
+        """Where each begins and ends [m]."""
+        each = [self.from_ + i * (self.height + self.spacing) for i in range(self.count)]
+        return tuple((start, start + self.height) for start in each)
+
+
 class BackboneConfig(Section):
     """The elastic body, or the sheath of fixed shape."""
 
@@ -205,8 +252,19 @@ class BackboneConfig(Section):
     EI/(1 + poissons_ratio)."""
     sections: tuple[PieceConfig, ...] = ()
     """Pieces that differ from the rest, which do not overlap."""
+    notches: tuple[NotchesConfig, ...] = ()
+    """Rows of notches, which do not overlap."""
+    extensible: StrictBool = False
+    """Whether forces along the body stretch and shorten it, by its modulus and section."""
+    axial_stiffness: Force | None = None
+    """EA [N] of a body that stretches, instead of modulus and section."""
     rigid: StrictBool = False
     """Whether the backbone keeps its natural shape (a sheath), so that only friction acts."""
+
+    @property
+    def stretches(self) -> bool:
+        """Whether forces along the body stretch it."""
+        return self.extensible or self.axial_stiffness is not None
 
 
 class TendonConfig(Section):
@@ -285,6 +343,8 @@ class MarkerConfig(Section):
     """Arc length [m] of its section."""
     offset: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
     """Place [m] in it: along the body, to its left, across the plane."""
+    angle_from: Length = 0.0
+    """Arc length [m] of the section from which its section's angle (m1_angle_rad) is counted."""
 
 
 def _term_section(term: Term) -> type[TermSection]:

@@ -31,6 +31,11 @@ def check_space(config: RobotConfig, *, in_space: bool) -> None:
     for name, tendon, _ in config.strung:
         table = f"tendons.{name}" if name else "tendon"
         _check_tendon(table, tendon, config.backbone.length, stretching)
+    if in_space and config.backbone.notches:
+        raise InputError(
+            f"backbone.notches: are computed in the plane, which '{config.leaves_plane}' leaves; remove "
+            "one of the two"
+        )
     if in_space:
         _check_twist(config)
         _check_terms(config)

@@ -11,19 +11,21 @@ from .mesh import along_nodes, cumulative, derivatives, increments
 from .offset import Offset, SpatialOffset
 from .plane import PLANE
 from .sections import Sections
-from .space import SPACE
+from .space import SPACE, STRETCHING
 
 
 def geometry_of(s: Sections) -> Geometry:
     """The geometry of a robot."""
-    return SPACE if isinstance(s.R, SpatialOffset) else PLANE
+    if not isinstance(s.R, SpatialOffset):
+        return PLANE
+    return STRETCHING if s.compliance.shape[-1] == 4 else SPACE
 
 
-def chords_of(s: Sections, strain: Float[Array, "N 3"]) -> Chords:
+def chords_of(s: Sections, strain: Float[Array, "N strains"]) -> Chords:
     """The chords of guided tendons."""
     assert s.guides is not None
     direction = directions_of(s, strain)
-    return chords_on(s.guides, s.R, strain, direction, jnp.stack(line_of(s, direction), axis=-1))
+    return chords_on(s.guides, s.R, strain, direction, jnp.stack(line_of(s, direction, strain), axis=-1))
 
 
 def offset_of(s: Sections, strain: Float[Array, "N *strain"]) -> Offset | SpatialOffset:
@@ -51,7 +53,11 @@ def directions_of(s: Sections, strain: Float[Array, "N *strain"]) -> Float[Array
     return geometry_of(s).directions(s.mesh.weights, s.mesh.interval, strain)
 
 
-def line_of(s: Sections, direction: Float[Array, "N *frame"]) -> tuple[Float[Array, " N"], ...]:
-    """Components of the midline's position [m], (N,) each, from the directions of the sections."""
+def line_of(
+    s: Sections, direction: Float[Array, "N *frame"], strain: Float[Array, "N *strain"]
+) -> tuple[Float[Array, " N"], ...]:
+    """Components of the axis' position [m], (N,) each, from the sections' directions and strain."""
     geometry = geometry_of(s)
-    return tuple(cumulative(s.mesh.weights, c) for c in geometry.line(geometry.split_direction(direction)))
+    stretch = geometry.stretch(strain, s.shift)
+    along = geometry.line(geometry.split_direction(direction))
+    return tuple(cumulative(s.mesh.weights, c if stretch is None else stretch * c) for c in along)

@@ -44,7 +44,7 @@ class Memory(eqx.Module):
         stencil: turning since the preceding node minus its value by the trapezoidal rule [rad], from the step
             in which the tendon last slipped there, (N, *tendons).
         elements: memory of the presliding law, (N, elements, *tendons).
-        bent: memory of the bending laws, (N, numbers, *strain) each.
+        bent: memory of the bending laws, (N, numbers, *moment) each.
         entry: tension where the tendon enters the channel, past the friction lumped ahead of it [N],
             (*tendons,).
         T_tip: tension at the anchor [N], (*tendons,).
@@ -62,7 +62,7 @@ class Memory(eqx.Module):
     mobilised: Float[Array, "N *tendons"] | None
     stencil: Float[Array, "N *tendons"] | None
     elements: Float[Array, "N elements *tendons"] | None
-    bent: dict[str, Float[Array, "N _ *strain"]]
+    bent: dict[str, Float[Array, "N _ *moment"]]
     entry: Float[Array, "*tendons"]
     T_tip: Float[Array, "*tendons"]
     T_base: Float[Array, "*tendons"]
@@ -90,7 +90,7 @@ class Case(eqx.Module):
     sections: Sections
     mu: Float[Array, "*tendons"]
     preload: Float[Array, "*tendons"]
-    tip_moment: Float[Array, "*strain"]
+    tip_moment: Float[Array, "*moment"]
     terms: dict[str, dict[str, Float[Array, ""]]]
     metric: Float[Array, "N *tendons"] | None
     load: Load
@@ -125,7 +125,7 @@ def untouched(
         stencil=none if structure.creeping else None,
         elements=jnp.zeros((nodes, count, *at_base.shape)) if structure.presliding else None,
         bent={
-            kind: jnp.zeros((nodes, structure.catalogue[kind].remembers, *state.kappa.shape[1:]))
+            kind: jnp.zeros((nodes, structure.catalogue[kind].remembers, *state.moment.shape[1:]))
             for kind, _ in structure.hooks("bend")
         },
         entry=at_base,
@@ -181,8 +181,7 @@ def part_of(memory: Memory, structure: Structure) -> Memory:
 
 def _every(structure: Structure) -> Structure:
     """The structure of all equations that its robot may need."""
-    laws = structure.laws
-    return Structure(every(laws), structure.tendons, loaded=True, space=structure.space, laws=laws)
+    return dataclasses.replace(structure, terms=every(structure.laws), loaded=True, acting=False)
 
 
 def _unknowns(structure: Structure, displacement, moment, stop) -> Float[Array, " n"] | None:

@@ -40,7 +40,11 @@ class Geometry(abc.ABC):
 
     @abc.abstractmethod
     def zero(self) -> Any:
-        """A strain or moment of zero."""
+        """A moment of zero."""
+
+    @abc.abstractmethod
+    def unstrained(self) -> Any:
+        """A strain of zero."""
 
     @abc.abstractmethod
     def start(self) -> Any:
@@ -127,6 +131,25 @@ class Geometry(abc.ABC):
         """Components of the midline's tangent."""
 
     @abc.abstractmethod
+    def stretch(self, strain, shift) -> Any:
+        """Length of the axis per length that it has unbent; None where it keeps its length.
+
+        Args:
+            strain: of the section.
+            shift: of the axis from the neutral line, as of `Sections`, or None.
+        """
+
+    @abc.abstractmethod
+    def pushed(self, pulls, direction, force) -> Any:
+        """Moments of `pull`, and the force along the axis that external forces beyond the section add, where
+        the axis stretches.
+        """
+
+    @abc.abstractmethod
+    def bending_slope(self, law: Callable, strain) -> Any:
+        """Derivative of a bending law by the strain, as `near` has that of the residual."""
+
+    @abc.abstractmethod
     def slackened(self, start, rest, compliance, tension, moment, R) -> Any:
         """Strain that a node would have under given tensions and external moment [1/m], approximately.
 
@@ -138,7 +161,9 @@ class Geometry(abc.ABC):
         """
 
     @abc.abstractmethod
-    def root(self, residual: Callable, guess, near: Callable, steps: int) -> Any:
+    def root(
+        self, residual: Callable, guess, near: Callable, steps: int, flattest: float, stopped: Callable | None
+    ) -> Any:
         """Root of a node's residual.
 
         Args:
@@ -146,6 +171,8 @@ class Geometry(abc.ABC):
             guess: to start from.
             near: its derivative at a strain if nothing else changes over the interval.
             steps: how many are taken, at least.
+            flattest: slope below which a step in the plane is shortened.
+            stopped: where a step in the plane ends, from where it starts and would end; None: there.
         """
 
     @abc.abstractmethod

@@ -25,7 +25,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .offset import SpatialOffset
 from .space import angle_of, course_of
-from .vector import Vector, applied, columns_of, cross, dot, parts
+from .vector import Vector, applied, columns_of, cross, dot, length_of, parts
 
 SHORTEST = 1e-9  # of the length of the body, below which a segment is none
 
@@ -97,7 +97,7 @@ def offset_on(point: Vector, chord: Vector, strain: Vector) -> SpatialOffset:
         strain: of the section [1/m].
     """
     r = point - chord * (point.x / chord.x)
-    stretch = (1.0 + strain.y * r.z - strain.z * r.y) / chord.x
+    stretch = (length_of(strain) + strain.y * r.z - strain.z * r.y) / chord.x
     slope = chord.y * stretch + strain.x * r.z, chord.z * stretch - strain.x * r.y
     none = jnp.zeros_like(r.y)
     return SpatialOffset(*(jnp.stack(pair, axis=-1) for pair in ((r.y, r.z), slope, (none, none))))
@@ -141,7 +141,7 @@ class Chords(NamedTuple):
 def chords_on(
     guides: Guides,
     R: SpatialOffset,
-    strain: Float[Array, "N 3"],
+    strain: Float[Array, "N strains"],
     direction: Float[Array, "N 3 3"],
     place: Float[Array, "N 3"],
 ) -> Chords:

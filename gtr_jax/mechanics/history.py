@@ -38,7 +38,7 @@ class Robot(NamedTuple):
     sections: Sections
     mu: Float[Array, "*tendons"]
     preload: Float[Array, "*tendons"]
-    tip_moment: Float[Array, "*strain"]
+    tip_moment: Float[Array, "*moment"]
     terms: dict[str, dict[str, Float[Array, ""]]]
 
 
@@ -90,7 +90,7 @@ def rest_state(s: Sections) -> State:
     phi = directions_of(s, s.rest)
     lever = geometry_of(s).lever(phi, s.force, s.mesh.interval.length)
     moment = jnp.where(jnp.any(s.compliance > 0), lever, 0.0)
-    along = jnp.broadcast_to(moment, s.rest.shape)
+    along = jnp.broadcast_to(moment, (*s.mesh.s.shape, *moment.shape))
     return State(s.rest, phi, jnp.zeros_like(metric_of(s, s.rest)), along)
 
 
@@ -153,9 +153,11 @@ def begin(robot: Robot, structure: Structure, before: Before | None = None) -> S
     slack = jnp.zeros((s.rest.shape[0], *strung_to.shape))
     at_rest = rest_state(s)
     if not steps_before(structure):
-        at_rest = dataclasses.replace(
-            at_rest, kappa=s.rest + s.compliance * jnp.broadcast_to(robot.tip_moment, s.rest.shape)
-        )
+        moment = robot.tip_moment
+        if moment.ndim:  # a moment does not stretch the axis
+            moment = jnp.pad(moment, (0, s.rest.shape[-1] - moment.shape[0]))
+        moment = jnp.broadcast_to(moment, s.rest.shape)
+        at_rest = dataclasses.replace(at_rest, kappa=s.rest + s.compliance * moment)
         memory = untouched(structure, at_rest, jnp.broadcast_to(strung_to, slack.shape), one)
         memory = memory if before is None else before(at_rest, memory)
         return Settled(memory, node_first(metric_of(s, at_rest.kappa)), strung_to, at_rest.kappa)

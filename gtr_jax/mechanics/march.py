@@ -24,6 +24,8 @@ from .sections import either_of, largest
 
 STEP = 1e-5  # of an unknown, relative to its scale, for differences
 NEWTON_PLAIN, NEWTON_WITH_TERMS = 2, 3  # steps per node; two reach rounding in the base model
+NEWTON_BENT = 8  # where a law of the body has a kink, or its slope falls far
+FLATTEST, FLATTEST_SOFT = 0.3, 0.005  # slope of the moment balance below which a step is shortened
 
 
 class Closing(NamedTuple):
@@ -34,7 +36,7 @@ class Closing(NamedTuple):
     """
 
     slip: Float[Array, "*tendons"] | None
-    moment: Float[Array, "*strain"] | None
+    moment: Float[Array, "*moment"] | None
     stop: Float[Array, ""] | None
     level: Float[Array, ""] | None
 
@@ -141,7 +143,7 @@ def closed(case: Case, flat: Float[Array, " n"], end: Carry, modes: Modes):
 
 def _solved(equations: Equations, carry: Carry, row: Row, guess, use_guess, steps: int):
     """Curvature of a node [1/m]."""
-    geometry = equations.geometry
+    geometry, what, closing = equations.geometry, equations.case.structure, row.closing
     # Without friction since its predecessor.
     moment = equations.expected(carry, row)
     start = either_of(row.interval.joined > 0, carry.kappas[0], row.rest)
@@ -149,9 +151,11 @@ def _solved(equations: Equations, carry: Carry, row: Row, guess, use_guess, step
     near = geometry.slackened(start, row.rest, row.compliance, tension, moment, row.R)
     return geometry.root(
         lambda k: equations(carry, row, k)[0],
-        either_of(use_guess, guess, near),
+        either_of(use_guess, guess, near if closing is None else closing.stopped(row.rest, near)),
         lambda k: equations.near(carry, row, k),
-        steps,
+        NEWTON_BENT if what.softens or closing is not None else steps,
+        FLATTEST_SOFT if what.softens else FLATTEST,
+        None if closing is None else closing.stopped,
     )
 
 

@@ -40,6 +40,7 @@ from .guides import Strung, corner, direction_of, either, entering, offset_on
 from .mesh import STENCIL, Interval
 from .offset import Offset, SpatialOffset
 from .sections import State, either_of, node_first
+from .space import STRETCHING
 from .structure import PRESLIDING, carried, mobilise
 from .vector import Vector, applied, columns_of
 
@@ -83,6 +84,10 @@ class Row(NamedTuple):
     nu: Asked
     begins: Asked
     chord: Asked
+    reach: Asked
+    shift: Asked
+    closing: Asked
+    beyond: Asked
 
 
 class Held(NamedTuple):
@@ -245,7 +250,7 @@ class Equations(eqx.Module):
         own, strung, corners = row, None, wrap
         if case.sections.guides is not None:
             assert carry.strung is not None
-            line = geometry.line(phi)
+            line = self.onward(row, kappa, geometry.line(phi))
             place = carry.strung.place + increment(line, carry.strung.lines)
             strung, corners, offset = self.strung(carry.strung, row, kappa, phi, place)
             strung = strung._replace(lines=later(line, carry.strung.lines))
@@ -316,9 +321,9 @@ class Equations(eqx.Module):
             if what.has_stop:
                 towards = geometry.components(self.stop_way)
                 force = tuple(f - self.stop * c for f, c in zip(force, towards, strict=True))
-                way = geometry.advance(phi, self.stop_way)
+                way = self.onward(row, kappa, geometry.advance(phi, self.stop_way))
                 place, ways = carry.place + increment(way, carry.ways), later(way, carry.ways)
-            slope = geometry.moment_slope(phi, force)
+            slope = self.onward(row, kappa, geometry.moment_slope(phi, force))
             moment, slopes = carry.moment + increment(slope, carry.slopes), later(slope, carry.slopes)
 
         held = None
@@ -328,11 +333,14 @@ class Equations(eqx.Module):
             held = self.held(carry.held, row, kappa, tension, kept, margin)
 
         more, bent = self.bending(row, kappa)
-        pulls = geometry.pull(tension, kappa, row.R)
+        acting = tension if row.beyond is None else jnp.where(row.beyond, 0.0, tension)
+        pulls = geometry.pull(acting, kappa, row.R)
+        if what.bends:
+            pulls = geometry.pushed(pulls, phi, force)
         if what.bends or not what.space:  # in space, a moment that acts makes the external moment unknown
             pulls = pulls + geometry.felt(phi, moment)
         error = kappa - row.rest - row.compliance * pulls
-        error = error + more if bent else error
+        error = error if isinstance(more, float) else error + more
         bent = {kind: geometry.join(kept) for kind, kept in bent.items()}
 
         new = Carry(
@@ -361,18 +369,25 @@ class Equations(eqx.Module):
         left = jnp.exp(-self.case.mu * turn)
         return carry.pulled * left, carry.released / left
 
+    def onward(self, row: Row, kappa, each):
+        """What there is of something for each length of the axis, for each length that it has unbent."""
+        stretch = self.geometry.stretch(kappa, row.shift)
+        return each if stretch is None else each * stretch
+
     def bending(self, row: Row, kappa) -> tuple[Any, dict[str, Any]]:
         """What the bending laws add to the moment over EI [1/m], 0.0 without any, and what they remember."""
         added, kept = [], {}
         for kind, _ in self.case.structure.hooks("bend"):
             extra, kept[kind] = self.bends(kind, row, kappa)
             added.append(extra)
+        if row.closing is not None:
+            added.append(row.closing.moment(kappa))
         return functools.reduce(operator.add, added) if added else 0.0, kept
 
     def bends(self, kind: str, row: Row, kappa) -> tuple[Any, Any]:
         """One bending law at a strain."""
         kept = self.geometry.split(row.bent[kind])
-        at = Bent(row.rest, row.kappa, kept, self.case.load.dt, row.compliance)
+        at = Bent(row.rest, row.kappa, kept, self.case.load.dt, row.compliance, row.reach)
         return self.geometry.bent(self.case.structure.catalogue[kind], self.case.terms[kind], kappa, at)
 
     def near(self, carry: Carry, row: Row, kappa) -> Any:
@@ -383,7 +398,7 @@ class Equations(eqx.Module):
         slope = geometry.near(row.compliance, self.in_channels(carry.tension), kappa, row.R)
         if slope is None or not self.case.structure.has("bend"):
             return slope
-        _, more = geometry.slope(lambda k: self.bending(row, k)[0], kappa)
+        more = geometry.bending_slope(lambda k: self.bending(row, k)[0], kappa)
         return jtu.tree_map(operator.add, slope, more)
 
     def strung(self, before: Strung, row: Row, kappa, direction, place):
@@ -513,6 +528,10 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         nu=node_first(metric_of(s, memory.kappa)) if what.carries else None,
         begins=None if s.guides is None else node_first(s.guides.begins()),
         chord=None if s.guides is None else jnp.moveaxis(s.guides.along(), -2, 0),
+        reach=s.reach if what.softens else None,
+        shift=s.shift,
+        closing=s.closing,
+        beyond=node_first(s.beyond) if geometry is STRETCHING and s.beyond is not None else None,
     )
     low = high = entry = load.T_base
     if what.has("base_grip"):
@@ -523,7 +542,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
     back = STENCIL - 1
     local = what.shares_slip  # only the preceding node's tension counts
     carry = Carry(
-        kappas=(geometry.zero(),) * back,
+        kappas=(geometry.unstrained(),) * back,
         drawn=(none,) * back if what.follows_slip else (),
         slopes=(geometry.zero(),) * back if what.bends else (),
         ways=(zero,) * back if what.has_stop else (),

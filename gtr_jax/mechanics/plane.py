@@ -10,8 +10,6 @@ from .geometry import Geometry
 from .mesh import cumulative
 from .sections import at_tendons, moment_slope, over_tendons
 
-FLATTEST = 0.3  # slope of the moment balance below which a step is shortened
-
 
 class Plane(Geometry):
     """Strain kappa, direction phi; see `channel` for what the tendon does."""
@@ -30,6 +28,9 @@ class Plane(Geometry):
 
     def zero(self):
         return jnp.zeros(())
+
+    def unstrained(self):
+        return self.zero()
 
     def start(self):
         return jnp.zeros(())
@@ -86,6 +87,15 @@ class Plane(Geometry):
     def line(self, direction):
         return jnp.cos(direction), jnp.sin(direction)
 
+    def stretch(self, strain, shift):
+        return None if shift is None else 1.0 - shift * strain
+
+    def pushed(self, pulls, direction, force):
+        return pulls
+
+    def bending_slope(self, law, strain):
+        return self.slope(law, strain)[1]
+
     def slackened(self, start, rest, compliance, tension, moment, R):
         strain = rest
         for _ in range(2):
@@ -95,11 +105,12 @@ class Plane(Geometry):
     def near(self, compliance, tension, strain, R):
         return None
 
-    def root(self, residual, guess, near, steps):
+    def root(self, residual, guess, near, steps, flattest, stopped):
         strain = guess
         for _ in range(steps):
             error, slope = self.slope(residual, strain)
-            strain = strain - error / jnp.where(slope > FLATTEST, slope, FLATTEST)
+            after = strain - error / jnp.where(slope > flattest, slope, flattest)
+            strain = after if stopped is None else stopped(strain, after)
         return strain
 
     def slope(self, residual, strain):

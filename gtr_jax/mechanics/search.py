@@ -220,7 +220,7 @@ def _closed(case: Case, how: March) -> Found:
         """Slopes of the chords of a shape, and of those to try next."""
         own = chords_of(s, found.kappa).slopes
         tension = jnp.moveaxis(found.passed.nodes.tension, 0, -1)
-        soft = jnp.max(s.compliance[:, 1:], axis=1)
+        soft = jnp.max(s.compliance[:, 1:3], axis=1)
         pull = jnp.take_along_axis(tension, guides.starts, axis=-1) * soft[guides.starts]
         square = pull * (s.mesh.s[guides.ends] - s.mesh.s[guides.starts]) ** 2
         x = jnp.sqrt(jnp.where(square > 0, square, 0.0))

@@ -21,6 +21,32 @@ from .offset import Offset
 Tree = TypeVar("Tree")
 
 
+class Closing(eqx.Module):
+    """Where the body may bend only so far because it is notched.
+
+    Attributes:
+        side: towards which a notch closes, 1.0 or -1.0, (N,); 0.0 where there is none.
+        limit: curvature towards that side at which it is closed [1/m], (N,).
+        stiffness: of the closed notch over that of the open one, less one, (N,).
+    """
+
+    side: Float[Array, " N"]
+    limit: Float[Array, " N"]
+    stiffness: Float[Array, " N"]
+
+    def moment(self, kappa: Float[Array, "*nodes"]) -> Float[Array, "*nodes"]:
+        """Moment of closed notches over the EI of open ones [1/m]."""
+        beyond = self.side * kappa - self.limit
+        return self.side * self.stiffness * jnp.where(beyond > 0, beyond, 0.0)
+
+    def stopped(self, before: Float[Array, ""], after: Float[Array, ""]) -> Float[Array, ""]:
+        """Where a step of a search for the curvature ends: just beyond the limit if it would pass that. Far
+        beyond it the body would fold over, and the tendon bend it back.
+        """
+        passes = (self.side * before < self.limit) & (self.side * after > self.limit)
+        return jnp.where(passes, self.side * self.limit * (1.0 + 1e-9), after)
+
+
 class Sections(eqx.Module):
     """What the mechanics needs to know of the robot, at the nodes.
 
@@ -35,6 +61,10 @@ class Sections(eqx.Module):
         beyond: which nodes lie past the anchor of a tendon, (*tendons, N), where its offset is zero, so that
             it does nothing; None if all end at the tip.
         guides: those of the tendons; None if all run in channels.
+        reach: distance of the outermost fibre from the neutral line [m], (N,).
+        shift: how far the axis lies to the left of the neutral line [m], (N,); offsets R are from the neutral
+            line. None where the two are one.
+        closing: of notches; None without any.
     """
 
     mesh: Mesh
@@ -44,6 +74,9 @@ class Sections(eqx.Module):
     force: tuple[Float[Array, " N"], ...]
     beyond: Bool[Array, "*tendons N"] | None = None
     guides: Guides | None = None
+    reach: Float[Array, " N"] | None = None
+    shift: Float[Array, " N"] | None = None
+    closing: Closing | None = None
 
     def to_anchor(self, values: Float[Array, "*tendons N"]) -> Float[Array, "*tendons N"]:
         """Values along the tendons, past an anchor those at the anchor."""
@@ -67,7 +100,7 @@ class State(eqx.Module):
     kappa: Float[Array, "*nodes_strain"]
     phi: Float[Array, "*nodes_frame"]
     wrap: Float[Array, "*tendons_nodes"]
-    moment: Float[Array, "*nodes_strain"]
+    moment: Float[Array, "*nodes_moment"]
 
 
 def at_tendons(tree: Tree, R: Offset) -> Tree:

@@ -18,13 +18,14 @@ import numpy as np
 from ..terms.term import Bent
 from .geometry import Geometry
 from .mesh import along_nodes, increments
-from .vector import Vector, applied, columns_of, cross, dot, inverse, joined, parts
+from .vector import Stretched, Vector, applied, columns_of, cross, dot, inverse, joined, length_of, parts
 
 TURNED_BACK = 1e-12  # 1 + cosine of the angle of a corner at which the tendon turns back
 SMALLEST_TURN = 1e-14  # rad; below it the plane of a turn is that of rounding
 # tan(a/2)/(a/2) in powers of a^2
 HALF_TANGENT = (1.0, 1 / 12, 1 / 120, 17 / 20160, 31 / 362880, 691 / 79833600)
 BROYDEN_STEPS = 3  # per node; they reach rounding at the default mesh
+BROYDEN_STRETCHING = 5  # the same, of a body that stretches
 LEAST_SHARE = 0.2  # of a Broyden step's correction: least denominator
 
 
@@ -98,7 +99,7 @@ def _spread(vector, shape):
 def course_of(u, r):
     """w = e1 + u x r + r', which the channel runs along, and its length nu."""
     (y, z), (dy, dz), _ = r
-    w = Vector(1.0 + u.y * z - u.z * y, dy - u.x * z, dz + u.x * y)
+    w = Vector(length_of(u) + u.y * z - u.z * y, dy - u.x * z, dz + u.x * y)
     return w, jnp.sqrt(dot(w, w))
 
 
@@ -110,6 +111,8 @@ def _sweep(u, du, r):
     w, nu = course_of(u, r)
     change = cross(u, w) + Vector(du.y * z - du.z * y, ddy - du.x * z, ddz + du.x * y)
     change = change + Vector(u.y * dz - u.z * dy, -u.x * dz, u.x * dy)
+    if isinstance(du, Stretched):
+        change = change + Vector(du.e, 0.0, 0.0)
     each = 1.0 / nu
     t, change = w * each, change * each
     return t, change - t * dot(t, change)
@@ -149,6 +152,8 @@ class Space(Geometry):
     their last axis, or their last two.
     """
 
+    steps = BROYDEN_STEPS
+
     def split(self, values):
         return parts(values)
 
@@ -163,6 +168,9 @@ class Space(Geometry):
 
     def zero(self):
         return Vector(*jnp.zeros(3))
+
+    def unstrained(self):
+        return self.zero()
 
     def start(self):
         return tuple(Vector(*row) for row in jnp.eye(3))
@@ -238,7 +246,7 @@ class Space(Geometry):
 
     def bent(self, term, values, strain, at):
         assert term.bend_in_space is not None
-        at = Bent(tuple(at.rest), tuple(at.before), tuple(at.kept), at.dt, tuple(at.compliance))
+        at = Bent(tuple(at.rest), tuple(at.before), tuple(at.kept), at.dt, tuple(at.compliance), at.reach)
         extra, kept = term.bend_in_space(values, tuple(strain), at)
         return Vector(*extra), Vector(*kept)
 
@@ -259,12 +267,22 @@ class Space(Geometry):
     def line(self, direction):
         return Vector(*(row.x for row in direction))
 
+    def stretch(self, strain, shift):
+        return None
+
+    def pushed(self, pulls, direction, force):
+        return pulls
+
     def slackened(self, start, rest, compliance, tension, moment, R):
         strain = start
         for _ in range(2):
             error = strain - rest - compliance * (self.pull(tension, strain, R) + moment)
             strain = strain - applied(inverse(self.near(compliance, tension, strain, R)), error)
         return strain
+
+    def through(self, slope, error):
+        """The step that an approximate inverse of the slope makes of an error."""
+        return applied(slope, error)
 
     def near(self, compliance, tension, strain, R):
         u, r = _along(strain, R)
@@ -285,17 +303,18 @@ class Space(Geometry):
             Vector(c.z * xz, c.z * yz, 1.0 + c.z * zz),
         )
 
-    def root(self, residual, guess, near, steps):
+    def root(self, residual, guess, near, steps, flattest, stopped):
         # Broyden's method from the derivative in which tensions stay: what that leaves out is small, of the
         # order of the interval, and nearly of rank one.
         slope = inverse(near(guess))
         strain, taken = guess, []
-        for _ in range(BROYDEN_STEPS):
-            step = -applied(slope, residual(strain))
+        for _ in range(max(self.steps, steps)):
+            step = -self.through(slope, residual(strain))
             for one, after in itertools.pairwise(taken):
-                step = step + after * (dot(one, step) / _positive(dot(one, one)))
+                step = step + after * (self.inner(one, step) / _positive(self.inner(one, one)))
             if taken:
-                left = 1.0 - dot(taken[-1], step) / _positive(dot(taken[-1], taken[-1]))
+                last = self.inner(taken[-1], taken[-1])
+                left = 1.0 - self.inner(taken[-1], step) / _positive(last)
                 step = step * (1.0 / jnp.where(left > LEAST_SHARE, left, LEAST_SHARE))
             strain = strain + step
             taken.append(step)
@@ -306,8 +325,75 @@ class Space(Geometry):
         rows = jax.vmap(along)(Vector(*jnp.eye(3)))
         return error, tuple(Vector(*row) for row in rows)
 
+    def bending_slope(self, law, strain):
+        return self.slope(law, strain)[1]
+
     def quotient(self, change, slope):
         return applied(inverse(slope), change)
 
 
-SPACE = Space()
+class Stretching(Space):
+    """Strain a `Stretched`: the axis of the body is stretched or shortened by the force along it,
+
+        EA e = t . n_ext - (sum of T t_x),
+
+    and a channel runs along w = (1 + e) e1 + u x r + r'.
+    """
+
+    steps = BROYDEN_STRETCHING
+
+    def unstrained(self):
+        return Stretched(*jnp.zeros(4))
+
+    def pull(self, tension, strain, R):
+        u, r = _along(strain, R)
+        w, nu = course_of(u, r)
+        turning = super().pull(tension, strain, R)
+        return Stretched(*turning, _over(-tension * w.x / nu, tension))
+
+    def pushed(self, pulls, direction, force):
+        return Stretched(*pulls, pulls.e + dot(self.line(direction), force))
+
+    def stretch(self, strain, shift):
+        return 1.0 + parts(strain).e
+
+    def give(self, compliance, strain, R):
+        u, r = _along(strain, R)
+        w, nu = course_of(u, r)
+        return super().give(compliance, strain, R) + parts(compliance).e * (w.x / nu) ** 2
+
+    def inner(self, one, other):
+        both = isinstance(one, Stretched) and isinstance(other, Stretched)
+        return dot(one, other) + (one.e * other.e if both else 0.0)
+
+    def slackened(self, start, rest, compliance, tension, moment, R):
+        strain = start
+        for _ in range(2):
+            error = strain - rest - compliance * (self.pull(tension, strain, R) + moment)
+            strain = strain - self.through(inverse(self.near(compliance, tension, strain, R)), error)
+        return strain
+
+    def through(self, slope, error):
+        # The stretch and the others hardly depend on one another, and the search corrects for that.
+        return Stretched(*applied(slope, error), error.e)
+
+    def slope(self, residual, strain):
+        error, along = jax.linearize(residual, strain)
+        by = jax.vmap(along)(Stretched(*jnp.eye(4)))
+        return error, tuple(Stretched(*row) for row in (*by, by.e))
+
+    def bending_slope(self, law, strain):
+        _, along = jax.linearize(law, strain)
+        rows = jax.vmap(along)(Stretched(*jnp.eye(3, 4).T))
+        return tuple(Vector(*row) for row in rows)
+
+    def quotient(self, change, slope):
+        *bent, last = slope
+        within = inverse(tuple(Vector(*row) for row in bent))
+        across = applied(within, Vector(*(row.e for row in bent)))
+        own = applied(within, change)
+        e = (change.e - dot(last, own)) / (last.e - dot(last, across))
+        return Stretched(*(own - across * e), e)
+
+
+SPACE, STRETCHING = Space(), Stretching()

@@ -43,6 +43,7 @@ class Structure:
         acting: whether all its terms are known to act, so that the law that holds a tendon is known.
         space: whether the robot may leave the plane, so that a node has three unknowns.
         laws: of the robot file, by which `terms` may be named too.
+        notched: whether the body has notches.
     """
 
     terms: tuple[str, ...]
@@ -51,6 +52,7 @@ class Structure:
     acting: bool = False
     space: bool = False
     laws: tuple[Law, ...] = ()
+    notched: bool = False
 
     @property
     def catalogue(self) -> Mapping[str, Term]:
@@ -67,15 +69,22 @@ class Structure:
 
     @property
     def plain_pair(self) -> bool:
-        """Whether it is of several tendons in the plane without terms, which `mechanics.several` solves."""
-        return bool(self.tendons) and not self.terms and not self.space
+        """Whether it is of several tendons in the plane without terms, which `mechanics.several` solves, on a
+        body without notches.
+        """
+        return bool(self.tendons) and not self.terms and not self.space and not self.notched
 
     @property
     def shares_slip(self) -> bool:
         """Whether the slip of several tendons, which the body they share moves, decides their friction: so it
         does in the plane. In space each is held against its own base tension, as one tendon is.
         """
-        return bool(self.tendons) and bool(self.terms) and not self.space
+        return bool(self.tendons) and not self.plain_pair and not self.space
+
+    @property
+    def softens(self) -> bool:
+        """Whether the body may grow far softer as it bends."""
+        return any(self.catalogue[kind].softens for kind in self.terms)
 
     @functools.cached_property
     def presliding(self) -> bool:

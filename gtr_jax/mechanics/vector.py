@@ -42,14 +42,36 @@ class Vector(eqx.Module):
         return self * -1.0
 
 
+class Stretched(Vector):
+    """Strain of a section that its axis stretches too: twist and bendings, and the stretch `e`. As a vector,
+    it is that of twist and bendings.
+    """
+
+    e: Any
+
+    def _with(self, other, combine):
+        whole = super()._with(other, combine)
+        own = other.e if isinstance(other, Stretched) else None if isinstance(other, Vector) else other
+        return Stretched(whole.x, whole.y, whole.z, self.e if own is None else combine(self.e, own))
+
+
 def parts(vector) -> Vector:
-    """A vector from an array whose last axis holds its components."""
-    return vector if isinstance(vector, Vector) else Vector(*(vector[..., i] for i in range(3)))
+    """A vector, or where there are four components a strain, from an array whose last axis holds them."""
+    if isinstance(vector, Vector):
+        return vector
+    each = [vector[..., i] for i in range(vector.shape[-1])]
+    return Stretched(*each) if len(each) == 4 else Vector(*each)
 
 
 def joined(vector):
     """The array of a vector, with its components along the last axis."""
-    return jnp.stack([*vector], axis=-1)
+    more = [vector.e] if isinstance(vector, Stretched) else []
+    return jnp.stack([*vector, *more], axis=-1)
+
+
+def length_of(strain) -> Any:
+    """Length of the axis per length that it has without strain."""
+    return 1.0 + strain.e if isinstance(strain, Stretched) else 1.0
 
 
 def cross(a, b) -> Vector:

@@ -19,13 +19,15 @@ from ..simulation.history import Simulation
 from ..simulation.phases import label_phases
 from .card import card
 from .page import Figure, Report, Table
+from .spatial import tip_angle
 
 DOTS = 110  # per inch: enough for a notebook, and half as large as in a report
 
 
-def is_traced(tree: object) -> bool:
-    """Whether any number of it is unknown because JAX is tracing it."""
-    return any(isinstance(leaf, Tracer) for leaf in jax.tree_util.tree_leaves(tree))
+def is_known(tree: object) -> bool:
+    """Whether all its numbers are known: none is when JAX traces it, or has only its shapes."""
+    leaves = jax.tree_util.tree_leaves(tree)
+    return not any(isinstance(leaf, Tracer | jax.ShapeDtypeStruct) for leaf in leaves)
 
 
 def config_card(config: RobotConfig) -> str | None:
@@ -34,8 +36,10 @@ def config_card(config: RobotConfig) -> str | None:
 
 
 def robot_card(robot: Robot) -> str | None:
-    """The straight body with its channels, and the numbers that say something; None while it is traced."""
-    if is_traced(robot):
+    """The straight body with its channels, and the numbers that say something; None where they are unknown,
+    as while it is traced, or it is a batch of robots or a part of one.
+    """
+    if not is_known(robot) or not _is_one(robot):
         return None
     every = parameters_of(robot)
     shown = [(p, float(robot.value(name))) for name, p in every.items()]
@@ -55,6 +59,14 @@ def robot_card(robot: Robot) -> str | None:
     )
 
 
+def _is_one(robot: Robot) -> bool:
+    """Whether it is one robot: neither many side by side, as `vmap` makes them, nor a part of one."""
+    body = robot.backbone
+    needed = [body.length, *(tendon.friction_coefficient for tendon in robot.tendons)]
+    numbers = [*needed, body.youngs_modulus, *jax.tree_util.tree_leaves(robot.terms)]
+    return all(value is not None for value in needed) and all(np.ndim(value) == 0 for value in numbers)
+
+
 def _says(robot: Robot, p: Parameter, value: float) -> bool:
     """Whether a number is worth a row: that of a term only if the term acts, others unless they are zero."""
     if p.term is not None:
@@ -64,8 +76,10 @@ def _says(robot: Robot, p: Parameter, value: float) -> bool:
 
 
 def simulation_card(run: Simulation) -> str | None:
-    """The loop, or the tensions of several tendons, and where the tip ends; None while it is traced."""
-    if is_traced(run):
+    """The loop, or the tensions of several tendons, and where the tip ends; None where its numbers are
+    unknown, as while it is traced, or it is a batch of simulations.
+    """
+    if not is_known(run) or np.ndim(run.residual_norm) != 1:
         return None
     T_base, T_tip = np.asarray(run.T_base), np.asarray(run.T_tip)
     failed, steps = int(np.sum(~np.asarray(run.converged))), len(T_base)
@@ -74,8 +88,8 @@ def simulation_card(run: Simulation) -> str | None:
     )
     if T_base.ndim == 2:
         names = [str(k + 1) for k in range(T_base.shape[1])]
-        angle = np.linalg.norm(np.asarray(run.tip_pose)[:, 2:], axis=1)
-        picture, caption = plot_tendons(T_base, T_tip, angle, names), "Tensions and the angle of the tip."
+        picture = plot_tendons(T_base, T_tip, tip_angle(run), names)
+        caption = "Tensions and the angle of the tip."
     else:
         picture = plot_loop(T_base, T_tip, phases=label_phases(run))
         caption = "Tension at the tip against tension at the base, by phase."

@@ -287,7 +287,7 @@ def verdict(answer: SimulationAnswer) -> str:
             f"{number(float(part.run.T_tip[top]), 'N', 3)} at the tip"
             for part in _parts(answer)
         )
-        turned = number(float(np.degrees(_tip_angle(answer)[top])), "°", 3)
+        turned = number(float(np.degrees(spatial.tip_angle(answer.run)[top])), "°", 3)
         return f"{name}: at the largest base tension {ends}; the tip turns by {turned}."
     loss = tension_loss(answer)
     if loss is None:
@@ -302,11 +302,6 @@ def verdict(answer: SimulationAnswer) -> str:
     if answer.released:
         return text + f"; on release the tip keeps its tension until the base is down to {switch}."
     return text + f"; on release the tip keeps its tension, and would until the base is down to {switch}."
-
-
-def _tip_angle(answer: SimulationAnswer) -> np.ndarray:
-    """Angle of the tip to the base at every step [rad], (K,)."""
-    return spatial.turned(answer.run) if answer.robot.space else np.asarray(answer.run.tip_pose[:, 2])
 
 
 def simulation_report(answer: SimulationAnswer) -> Report:
@@ -341,7 +336,7 @@ def _suffix(answer: SimulationAnswer) -> tuple[str, str]:
 
 def _overview(answer: SimulationAnswer) -> list[Figure]:
     run = answer.run
-    T_base, T_tip, angle = np.asarray(run.T_base), np.asarray(run.T_tip), _tip_angle(answer)
+    T_base, T_tip, angle = np.asarray(run.T_base), np.asarray(run.T_tip), spatial.tip_angle(answer.run)
     picture = plot_tendons(T_base, T_tip, angle, answer.robot.tendon_names)
     caption = "Tension of every tendon at the tip (full) and at the base (dashed), and the angle of the tip."
     return [Figure("tendons", png(picture), caption)]

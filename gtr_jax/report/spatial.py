@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax.files.numbers import number
+from gtr_jax.files.quantities import column_of
 from gtr_jax.plots.style import png
 from gtr_jax.plots.views import Posture, Strung, plot_views
 from gtr_jax.robot.clearance import place_in_section
@@ -18,7 +19,7 @@ from gtr_jax.robot.robot import Robot
 from gtr_jax.robot.rotation import quaternion_of
 
 from ..simulation.history import Simulation
-from ..simulation.markers import marker_places
+from ..simulation.markers import marker_places, marker_readings, marker_rows
 from ..simulation.solution import Equilibrium
 from .page import Figure, Scene
 from .scene import scene
@@ -37,14 +38,11 @@ def tip_columns(robot: Robot, run: Simulation) -> dict[str, np.ndarray]:
 
 
 def marker_columns(robot: Robot, run: Simulation) -> dict[str, np.ndarray]:
-    """The places of markers at every step [m], by header, (K,) each; in the plane x and y."""
-    places = np.asarray(marker_places(robot, run))
-    axes = AXES if robot.space else AXES[:2]
-    return {
-        f"{marker.name}_{axis}_m": places[:, n, i]
-        for n, marker in enumerate(robot.markers)
-        for i, axis in enumerate(axes)
-    }
+    """The places of markers at every step [m], in the plane x and y, and the angles of their sections [rad],
+    by header, (K,) each.
+    """
+    rows = marker_rows(robot, np.asarray(marker_readings(robot, run)))
+    return {column_of(name).header: row for name, row in rows.items() if robot.space or name[-2:] != "_z"}
 
 
 def pose_facts(run: Simulation, step: int) -> dict[str, Any]:
@@ -56,6 +54,11 @@ def pose_facts(run: Simulation, step: int) -> dict[str, Any]:
         **{name: float(quaternion[i]) for i, name in enumerate(QUATERNION)},
         "tip_turned_rad": float(turned(run)[step]),
     }
+
+
+def tip_angle(run: Simulation) -> np.ndarray:
+    """Angle of the tip to the base at every step [rad], (K,): in the plane signed, in space between both."""
+    return np.asarray(run.tip_pose)[:, 2] if run.shape is None else turned(run)
 
 
 def turned(run: Simulation) -> np.ndarray:
@@ -92,7 +95,7 @@ def _posture(name: str, run: Simulation, places: np.ndarray, step: int) -> Postu
     assert run.shape is not None
     tension = np.atleast_2d(np.asarray(run.tension[step]))
     position, frames = np.asarray(run.shape.position[step]), np.asarray(run.shape.rotation[step])
-    return Posture(name, position, frames, tension, places[step])
+    return Posture(name, position, frames, tension, places[step, :, :3])
 
 
 def shape_figure(

@@ -45,6 +45,7 @@ SHOWN: dict[str, dict[str, float]] = {
     "friction-asymmetry": {"ratio": 1.15},
     "viscous-friction": {"coefficient": 60.0},
     "stiffening": {"coefficient": 0.02},
+    "superelastic": {"softening": 0.5, "strain": 0.03},
     "free-length": {"compliance": 1e-4},
     "shaken-sheath": {"share": 0.6, "time": 66.0, "duration": 6.0, "edge": 1.0},
     "tip-moved": {"tension": -4.0, "time": 66.0, "duration": 1.0},

@@ -8,6 +8,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .notches import Cut, Notches, cut
+
 POISSONS_RATIO = 0.5  # of the elastomers that soft arms are cast from, which keep their volume
 
 
@@ -83,6 +85,9 @@ class Backbone(eqx.Module):
         natural_twist_s, natural_twist: likewise, twist about the axis; None: zero.
         stiffness: of the whole body, given instead of modulus and radius.
         pieces: of the body that differ; they do not overlap.
+        notches: rows of notches, which do not overlap.
+        extensible: whether forces along the body stretch it (static).
+        axial_stiffness: EA [N], given instead of modulus and section; None: of those.
     """
 
     length: Float[Array, ""]
@@ -102,6 +107,32 @@ class Backbone(eqx.Module):
     natural_twist: Float[Array, " twists"] | None = None
     stiffness: Stiffness | None = None
     pieces: tuple[Piece, ...] = ()
+    notches: tuple[Notches, ...] = ()
+    extensible: bool = eqx.field(static=True, default=False)
+    axial_stiffness: Float[Array, ""] | None = None
+
+    @property
+    def notch_start(self) -> Float[Array, " notches"]:
+        """Arc lengths [m] where the notches begin."""
+        return jnp.concatenate([row.ends[0] for row in self.notches] or [jnp.zeros(0)])
+
+    @property
+    def notch_end(self) -> Float[Array, " notches"]:
+        """Arc lengths [m] where the notches end."""
+        return jnp.concatenate([row.ends[1] for row in self.notches] or [jnp.zeros(0)])
+
+    def cut(self, s: Float[Array, " N"], within: Bool[Array, "stretches N"]) -> Cut | None:
+        """What the notches make of the body; None without any. `within` is as of `stiffnesses`."""
+        if not self.notches:
+            return None
+        inner = jnp.max(self._bore_radii(within), axis=0, initial=0.0)
+        notched = within[self.bore_start.shape[0] + len(self.pieces) :]
+        return cut(self.notches, notched, self.radius(s, within), inner)
+
+    def reach(self, s: Float[Array, " N"], within: Bool[Array, "stretches N"]) -> Float[Array, " N"]:
+        """Distance of the outermost fibre from the neutral line [m] at s; `within` as of `stiffnesses`."""
+        radius, cut = self.radius(s, within), self.cut(s, within)
+        return radius if cut is None else jnp.where(cut.within, cut.section.reach, radius)
 
     @property
     def piece_start(self) -> Sequence[Float[Array, ""]]:
@@ -151,7 +182,9 @@ class Backbone(eqx.Module):
     def area(self, s: Float[Array, " N"], within: Bool[Array, "stretches N"]) -> Float[Array, " N"]:
         """Cross-section area [m^2] at s; `within` is as of `stiffnesses`."""
         radii = self._bore_radii(within)
-        return jnp.pi * (self.radius(s, within) ** 2 - jnp.sum(radii**2, axis=0))
+        whole = jnp.pi * (self.radius(s, within) ** 2 - jnp.sum(radii**2, axis=0))
+        cut = self.cut(s, within)
+        return whole if cut is None else jnp.where(cut.within, cut.section.area, whole)
 
     def stiffnesses(
         self, s: Float[Array, " N"], within: Bool[Array, "stretches N"]
@@ -160,7 +193,8 @@ class Backbone(eqx.Module):
 
         Args:
             s: arc length [m], (N,).
-            within: which bores, then which pieces, each node lies in, (bores + pieces, N).
+            within: which bores, then which pieces and which notches, each node lies in, (bores + pieces +
+                notches, N).
         """
         if self.stiffness is not None:
             found = self.stiffness.at(s, self.poissons_ratio)
@@ -176,7 +210,23 @@ class Backbone(eqx.Module):
                 continue
             here = self._in_piece(i, within)
             found = [jnp.where(here, new, old) for new, old in zip(own, found, strict=True)]
-        return found
+        cut = self.cut(s, within)
+        if cut is None:
+            return found
+        # A body with notches stays in its plane: only its bending there is used.
+        left = self.youngs_modulus * cut.section.second
+        return [jnp.where(cut.within, left, old) for old in found]
+
+    def closed_stiffness(
+        self, s: Float[Array, " N"], within: Bool[Array, "stretches N"]
+    ) -> Float[Array, " N"]:
+        """How many times as stiff as open a closed notch is, less one: as stiff as the tube; `within` as of
+        `stiffnesses`.
+        """
+        cut = self.cut(s, within)
+        assert cut is not None
+        tube = self.radius(s, within) ** 4 - jnp.sum(self._bore_radii(within) ** 4, axis=0)
+        return jnp.where(cut.within, jnp.pi / 4 * tube / cut.section.second - 1.0, 0.0)
 
     def _round(
         self, s: Float[Array, " N"], within: Bool[Array, "stretches N"], modulus: Float[Array, ""]
@@ -191,18 +241,36 @@ class Backbone(eqx.Module):
             return jnp.zeros_like(s)
         return 1.0 / self.stiffnesses(s, within)[2]
 
-    def compliances(self, s: Float[Array, " N"], within: Bool[Array, "stretches N"]) -> Float[Array, "N 3"]:
-        """1/GJ, 1/EI_y, 1/EI_z [1/(N m^2)] at s; 0 for a rigid sheath."""
+    def compliances(
+        self, s: Float[Array, " N"], within: Bool[Array, "stretches N"]
+    ) -> Float[Array, "N strains"]:
+        """1/GJ, 1/EI_y, 1/EI_z [1/(N m^2)] at s, and of a body that stretches 1/EA [1/N]; 0 for a rigid
+        sheath.
+        """
         if self.rigid:
             return jnp.zeros((s.shape[0], 3))
-        return 1.0 / jnp.stack(self.stiffnesses(s, within), axis=-1)
+        along = [self._axial(s, within)] if self.extensible else []
+        return 1.0 / jnp.stack([*self.stiffnesses(s, within), *along], axis=-1)
+
+    def _axial(self, s: Float[Array, " N"], within: Bool[Array, "stretches N"]) -> Float[Array, " N"]:
+        """EA [N] at s."""
+        if self.axial_stiffness is not None:
+            return jnp.broadcast_to(self.axial_stiffness, s.shape)
+        modulus = jnp.broadcast_to(self.youngs_modulus, s.shape)
+        for i, piece in enumerate(self.pieces):
+            if piece.youngs_modulus is not None:
+                modulus = jnp.where(self._in_piece(i, within), piece.youngs_modulus, modulus)
+        return modulus * self.area(s, within)
 
     def curvature_at_rest(self, s: Float[Array, " N"]) -> Float[Array, " N"]:
         """Natural curvature kappa_0 [1/m] at s, in the plane of the robot."""
         return along_body(s, self.natural_curvature_s, self.natural_curvature)
 
-    def strain_at_rest(self, s: Float[Array, " N"]) -> Float[Array, "N 3"]:
-        """Natural twist and curvatures about y and z [1/m] at s: the strain of the unloaded body."""
+    def strain_at_rest(self, s: Float[Array, " N"]) -> Float[Array, "N strains"]:
+        """The strain of the unloaded body at s: natural twist and curvatures about y and z [1/m], and the
+        stretch of one that stretches, 0.
+        """
         twist = along_body(s, self.natural_twist_s, self.natural_twist)
         up = along_body(s, self.natural_curvature_y_s, self.natural_curvature_y)
-        return jnp.stack([twist, up, self.curvature_at_rest(s)], axis=-1)
+        along = [jnp.zeros_like(s)] if self.extensible else []
+        return jnp.stack([twist, up, self.curvature_at_rest(s), *along], axis=-1)

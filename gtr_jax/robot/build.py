@@ -14,13 +14,21 @@ import numpy as np
 from gtr_jax.errors import InputError
 from gtr_jax.files.channel_check import check_channel
 from gtr_jax.files.config import RobotConfig, load_config
-from gtr_jax.files.sections import BackboneConfig, LoadsConfig, PieceConfig, TendonConfig
+from gtr_jax.files.sections import (
+    BackboneConfig,
+    LoadsConfig,
+    MarkerConfig,
+    NotchesConfig,
+    PieceConfig,
+    TendonConfig,
+)
 from gtr_jax.mechanics.structure import in_order
 from gtr_jax.terms import known_acting
 
 from . import routing, spatial_routing
 from .backbone import Backbone, Piece, Stiffness
 from .clearance import TOUCHING, distances
+from .notches import Notches
 from .parts import Base, Loads, Marker, Tendon
 from .robot import STANDARD_GRAVITY, Robot, inner_kinks
 
@@ -111,6 +119,22 @@ def _piece(piece: PieceConfig) -> Piece:
     )
 
 
+def _notches(row: NotchesConfig) -> Notches:
+    return Notches(
+        start=_array(row.from_),
+        height=_array(row.height),
+        spacing=_array(row.spacing),
+        depth=_array(row.depth),
+        end_correction=_array(row.end_correction),
+        natural_angle=_array(row.natural_angle),
+        side=1.0 if row.side == "left" else -1.0,
+    )
+
+
+def _marker(marker: MarkerConfig) -> Marker:
+    return Marker(_array(marker.at), _array(marker.offset), _array(marker.angle_from), marker.name)
+
+
 def _backbone(body: BackboneConfig, in_space: bool) -> Backbone:
     bent, up, twisted = map(_knots, (body.natural_curvature, body.natural_curvature_y, body.natural_twist))
     across = {
@@ -134,6 +158,9 @@ def _backbone(body: BackboneConfig, in_space: bool) -> Backbone:
         **(across if in_space else {}),
         stiffness=_stiffness(body.bending_stiffness, body.torsional_stiffness),
         pieces=tuple(map(_piece, body.sections)),
+        notches=tuple(map(_notches, body.notches)),
+        extensible=body.stretches,
+        axial_stiffness=None if body.axial_stiffness is None else _array(body.axial_stiffness),
     )
 
 
@@ -192,9 +219,13 @@ def build_robot(config: RobotConfig, *, resolution: float = 1.0) -> Robot:
     length = body.length
     kinks = tuple(
         (f"{kind}_{end}", i)
-        for kind, stretches in (("bore", body.bores), ("piece", body.sections))
+        for kind, stretches in (
+            ("bore", [(bore.from_, bore.to) for bore in body.bores]),
+            ("piece", [(piece.from_, piece.to) for piece in body.sections]),
+            ("notch", [ends for row in body.notches for ends in row.ends]),
+        )
         for i, stretch in enumerate(stretches)
-        for end, at in (("start", stretch.from_), ("end", stretch.to))
+        for end, at in zip(("start", "end"), stretch, strict=True)
         if 1e-9 * length < at < (1 - 1e-9) * length
     )
     terms = {kind: {name: _array(v) for name, v in p.items()} for kind, p in config.term_values.items()}
@@ -211,7 +242,7 @@ def build_robot(config: RobotConfig, *, resolution: float = 1.0) -> Robot:
         loaded=(weighs or pushed) and not body.rigid,
         acting=in_order(known_acting(terms, config.laws), config.laws),
         base=Base(_array(config.base.position), _array(config.base.rotation)),
-        markers=tuple(Marker(_array(m.at), _array(m.offset), m.name) for m in config.markers),
+        markers=tuple(map(_marker, config.markers)),
         space=config.in_space,
         laws=config.laws,
     )

@@ -112,7 +112,7 @@ def impossible_in_space(
     """
     if backbone.rigid:
         return Impossible(None, 0.0, 0.0, 0)
-    radius, rest = np.asarray(backbone.radius(s)), np.asarray(backbone.strain_at_rest(s))
+    radius, rest = np.asarray(backbone.radius(s)), np.asarray(backbone.strain_at_rest(s))[:, :3]
     u, p, nodes = np.asarray(strain), np.asarray(position), np.asarray(s)
     pull = np.asarray(T_base).reshape(len(u), -1).max(axis=1)
     more = u - rest

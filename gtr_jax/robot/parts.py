@@ -97,11 +97,13 @@ class Marker(eqx.Module):
     Attributes:
         at: arc length [m].
         offset: from the midline, along the body, to its left and across the plane [m], (3,).
+        angle_from: arc length of the section from which the angle of its own is counted [m].
         name: with which its columns begin (static).
     """
 
     at: Float[Array, ""]
     offset: Float[Array, "3"]
+    angle_from: Float[Array, ""]
     name: str = eqx.field(static=True)
 
 

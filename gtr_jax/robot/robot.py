@@ -13,7 +13,7 @@ from gtr_jax.mechanics.offset import Offset, SpatialOffset
 
 from ..mechanics.guides import Guides, guides_of
 from ..mechanics.mesh import Mesh, build_mesh, panel_index
-from ..mechanics.sections import Sections
+from ..mechanics.sections import Closing, Sections
 from ..notebook import drawn_by
 from .parameters import check_bounds, value_of, with_values
 from .parts import Loads, Parts
@@ -51,7 +51,8 @@ class Layout(eqx.Module):
     Attributes:
         mesh: the nodes.
         passed: for each tendon, which kinks of its routing lie before each node, (kinks, N).
-        bored: which bores, then which pieces of the body each node lies in, (bores + pieces, N).
+        bored: which bores, then which pieces of the body and which notches each node lies in, (bores +
+            pieces + notches, N).
         beyond: which nodes lie past the end of each tendon, (tendons, N).
         guides: which guides of each tendon lie before each node, (guides, N).
     """
@@ -99,7 +100,11 @@ def lay_out(robot: Robot) -> Layout:
     begun_at_base, ended_at_tip = jnp.ones(mesh.s.shape, bool), jnp.zeros(mesh.s.shape, bool)
     bored = [
         where.get((f"{kind}_start", i), begun_at_base) & ~where.get((f"{kind}_end", i), ended_at_tip)
-        for kind, count in (("bore", body.bore_start.shape[0]), ("piece", len(body.pieces)))
+        for kind, count in (
+            ("bore", body.bore_start.shape[0]),
+            ("piece", len(body.pieces)),
+            ("notch", body.notch_start.shape[0]),
+        )
         for i in range(count)
     ]
     count += len(robot.bore_kinks)
@@ -166,6 +171,7 @@ def _in_space(robot: Robot) -> Sections:
         force=tuple(tip_force[i] + mass * gravity[i] for i in range(3)),
         beyond=(at.beyond if len(channels) > 1 else at.beyond[0]) if anchored else None,
         guides=_guides(robot, at),
+        reach=body.reach(mesh.s, at.bored),
     )
 
 
@@ -196,10 +202,21 @@ def _in_plane(robot: Robot) -> Sections:
         tendon.routing.offset(mesh.s, passed, body.length)
         for tendon, passed in zip(robot.tendons, at.passed, strict=True)
     ]
+    rest, shift, closing = body.curvature_at_rest(mesh.s), None, None
+    cut = body.cut(mesh.s, at.bored)
+    if cut is not None:
+        # The body bends about its neutral line; channels and the axis lie beside it.
+        shift = jnp.where(cut.within, cut.side * cut.section.centroid, 0.0)
+        channels = [channel._replace(value=channel.value + shift) for channel in channels]
+        rest = rest + cut.natural
+        closing = Closing(cut.side, cut.limit, body.closed_stiffness(mesh.s, at.bored))
     return Sections(
         mesh=mesh,
         R=channels[0] if len(channels) == 1 else Offset(*map(jnp.stack, zip(*channels, strict=True))),
         compliance=body.compliance(mesh.s, at.bored),
-        rest=body.curvature_at_rest(mesh.s),
+        rest=rest,
         force=tuple(loads.tip_force[i] + mass * gravity[i] for i in range(2)),
+        reach=body.reach(mesh.s, at.bored),
+        shift=shift,
+        closing=closing,
     )

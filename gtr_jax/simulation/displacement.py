@@ -255,7 +255,7 @@ def compliance(robot: Robot) -> Float[Array, " tendons"]:
     """About how far each tendon is drawn out per tension [m/N], (tendons,), by bending and by its stretch."""
     s = sections(robot)
     arms = jnp.sum(s.R.value**2, axis=-1).reshape(len(robot.tendons), -1)
-    bends = jnp.max(arms * jnp.max(s.compliance[:, 1:], axis=-1)[None, :], axis=-1) * robot.backbone.length
+    bends = jnp.max(arms * jnp.max(s.compliance[:, 1:3], axis=-1)[None, :], axis=-1) * robot.backbone.length
     one = jnp.ones(2)
     ends = jnp.stack([jnp.zeros(()), robot.backbone.length])
     stretch = [stretch_of((_strung(t),), ends, one, one) for t in robot.tendons]

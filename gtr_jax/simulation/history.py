@@ -87,7 +87,7 @@ class Simulation(eqx.Module):
     slip: Float[Array, "K *tendons N"]
     curvature: Float[Array, "K N"]
     angle: Float[Array, "K N"]
-    external_moment: Float[Array, "K N *strain"]
+    external_moment: Float[Array, "K N *moment"]
     mobilisation: Float[Array, "K tendons N"] | None
     result: optx.RESULTS
     residual_norm: Float[Array, " K"]
@@ -370,7 +370,7 @@ def equilibrium_at(robot: Robot, run: Simulation, step: int) -> Equilibrium:
     }
     strain, direction = at["curvature"], at["angle"]
     if run.shape is not None:
-        strain = run.shape.strain[step]
+        strain = run.shape.whole_strain[step]
         direction = jnp.einsum("ji,njk->nik", robot.base.rotation, run.shape.rotation[step])
     wrap = s.to_anchor(jnp.cumsum(turning_of(s, strain), axis=-1))
     return describe(

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..mechanics.mesh import cumulative
-from ..robot.robot import Robot, lay_out
+from ..files.quantities import ANGLE, AXES
+from ..mechanics.bodies import line_of
+from ..robot.robot import Robot, sections
 from .history import Simulation
 from .solution import Shape
 
@@ -21,10 +24,10 @@ def shape_in_plane(robot: Robot, curvature: Float[Array, "K N"], angle: Float[Ar
         curvature: of the midline [1/m].
         angle: of the midline [rad].
     """
-    weights = lay_out(robot).mesh.weights
+    s = sections(robot)
     along, across = jnp.cos(angle), jnp.sin(angle)
     nil, one = jnp.zeros_like(angle), jnp.ones_like(angle)
-    x, y = (jax.vmap(lambda slope: cumulative(weights, slope))(slope) for slope in (along, across))
+    x, y = jax.vmap(lambda phi, kappa: line_of(s, phi, kappa))(angle, curvature)
     rows = ((along, -across, nil), (across, along, nil), (nil, nil, one))
     return Shape(
         strain=jnp.stack([nil, nil, curvature], axis=-1),
@@ -33,9 +36,20 @@ def shape_in_plane(robot: Robot, curvature: Float[Array, "K N"], angle: Float[Ar
     )
 
 
-@eqx.filter_jit
 def marker_places(robot: Robot, run: Simulation) -> Float[Array, "K markers 3"]:
-    """Places of the robot's markers in the world at every step [m]; see `markers_on`.
+    """Places of the robot's markers in the world at every step [m]; arguments as of `marker_readings`."""
+    return marker_readings(robot, run)[..., :3]
+
+
+def marker_angles(robot: Robot, run: Simulation) -> Float[Array, "K markers"]:
+    """Angles of the sections of the robot's markers at every step [rad]; as `marker_readings`."""
+    return marker_readings(robot, run)[..., 3]
+
+
+@eqx.filter_jit
+def marker_readings(robot: Robot, run: Simulation) -> Float[Array, "K markers 4"]:
+    """Places of the robot's markers in the world at every step [m], and the angles of their sections [rad];
+    see `markers_on`.
 
     Args:
         robot: as simulated.
@@ -45,8 +59,20 @@ def marker_places(robot: Robot, run: Simulation) -> Float[Array, "K markers 3"]:
     return markers_on(robot, run.s, shape)
 
 
-def markers_on(robot: Robot, s: Float[Array, " N"], shape: Shape) -> Float[Array, "K markers 3"]:
-    """Places of the robot's markers in the world [m], of order four in the mesh.
+def marker_rows(robot: Robot, places: Any) -> dict[str, Any]:
+    """What `markers_on` gives, by the names of a recording's quantities, (K,) each."""
+    names = (*AXES, ANGLE)
+    return {
+        f"{marker.name}_{name}": places[:, n, i]
+        for n, marker in enumerate(robot.markers)
+        for i, name in enumerate(names)
+    }
+
+
+def markers_on(robot: Robot, s: Float[Array, " N"], shape: Shape) -> Float[Array, "K markers 4"]:
+    """Places of the robot's markers in the world [m], of order four in the mesh; and the angles of their
+    sections from the ones that they are counted from [rad]: of a robot in the plane positive to the left, of
+    one in space the angle between the two tangents of the midline.
 
     Args:
         robot: whose markers they are.
@@ -54,32 +80,89 @@ def markers_on(robot: Robot, s: Float[Array, " N"], shape: Shape) -> Float[Array
         shape: of its body at K steps.
     """
     if not robot.markers:
-        return jnp.zeros((shape.position.shape[0], 0, 3))
+        return jnp.zeros((shape.position.shape[0], 0, 4))
     at = jnp.stack([marker.at for marker in robot.markers])
+    start = jnp.stack([marker.angle_from for marker in robot.markers])
     offset = jnp.stack([marker.offset for marker in robot.markers])
-    return jax.vmap(lambda one: _places(s, one, at, offset))(shape)
+
+    def one(shape):
+        angle = _turn if robot.space else _angle
+        turned = angle(s, shape, at, start)
+        return jnp.concatenate([_places(s, shape, at, offset), turned[:, None]], axis=1)
+
+    return jax.vmap(one)(shape)
+
+
+def _angle(s, shape: Shape, at, start) -> Float[Array, " markers"]:
+    """Angle of a section of a body in the plane from another one [rad], by Hermite's cubic of its angle."""
+    # The angle of the midline may be beyond a turn; its increments between neighbouring nodes are not.
+    rotation = shape.rotation
+    sine = rotation[:-1, 0, 0] * rotation[1:, 1, 0] - rotation[:-1, 1, 0] * rotation[1:, 0, 0]
+    cosine = rotation[:-1, 0, 0] * rotation[1:, 0, 0] + rotation[:-1, 1, 0] * rotation[1:, 1, 0]
+    phi = jnp.concatenate([jnp.zeros(1), jnp.cumsum(jnp.arctan2(sine, cosine))])
+
+    def at_place(place):
+        before, length, weights = _hermite(s, place)
+        each = (
+            phi[before],
+            length * shape.strain[before, 2],
+            phi[before + 1],
+            length * shape.strain[before + 1, 2],
+        )
+        return jnp.sum(jnp.stack([w * v for w, v in zip(weights, each, strict=True)]), axis=0)
+
+    return at_place(at) - at_place(start)
+
+
+def _turn(s, shape: Shape, at, start) -> Float[Array, " markers"]:
+    """Angle between the tangents of the midline at two sections [rad]."""
+
+    def tangent(place):
+        before, length, weights = _hermite(s, place)
+        found = jnp.zeros((place.shape[0], 3))
+        for node, w in ((before, weights[:2]), (before + 1, weights[2:])):
+            frame, strain = shape.rotation[node], shape.strain[node]
+            changes = strain[:, 2:3] * frame[:, :, 1] - strain[:, 1:2] * frame[:, :, 2]
+            found = found + w[0][:, None] * frame[:, :, 0] + (w[1] * length)[:, None] * changes
+        return found / jnp.linalg.norm(found, axis=1, keepdims=True)
+
+    one, other = tangent(start), tangent(at)
+    across = jnp.sum(jnp.cross(one, other) ** 2, axis=1)
+    sine = jnp.where(across > 0, jnp.sqrt(jnp.where(across > 0, across, 1.0)), 0.0)
+    return jnp.arctan2(sine, jnp.sum(one * other, axis=1))
+
+
+def _hermite(s: Float[Array, " N"], at: Float[Array, " markers"]):
+    """The node before each place, the length to the next [m], and the weights there of value and slope times
+    that length at the one and at the other.
+    """
+    before = jnp.clip(jnp.searchsorted(s, at, side="right") - 1, 0, s.shape[0] - 2)
+    length = s[before + 1] - s[before]
+    x = (at - s[before]) / jnp.where(length > 0, length, 1.0)
+    weights = (
+        (1 + 2 * x) * (1 - x) ** 2,
+        x * (1 - x) ** 2,
+        x**2 * (3 - 2 * x),
+        x**2 * (x - 1),
+    )
+    return before, length, weights
 
 
 def _places(
     s: Float[Array, " N"], shape: Shape, at: Float[Array, " markers"], offset: Float[Array, "markers 3"]
 ) -> Float[Array, "markers 3"]:
-    """Hermite's cubic between the nodes about each marker: p + D o runs along D (e1 + u x o)."""
-    before = jnp.clip(jnp.searchsorted(s, at, side="right") - 1, 0, s.shape[0] - 2)
-    length = s[before + 1] - s[before]
-    x = ((at - s[before]) / length)[:, None]
+    """Hermite's cubic between the nodes about each marker: p + D o runs along D ((1 + e) e1 + u x o)."""
+    before, length, weights = _hermite(s, at)
 
     def of(node):
         frame = shape.rotation[node]
-        along = jnp.asarray([[1.0, 0.0, 0.0]]) + jnp.cross(shape.strain[node], offset)
+        axis = jnp.asarray([[1.0, 0.0, 0.0]])
+        axis = axis if shape.stretch is None else (1.0 + shape.stretch[node])[:, None] * axis
+        along = axis + jnp.cross(shape.strain[node], offset)
         return shape.position[node] + _turned(frame, offset), length[:, None] * _turned(frame, along)
 
-    (start, leaves), (end, arrives) = of(before), of(before + 1)
-    return (
-        (1 + 2 * x) * (1 - x) ** 2 * start
-        + x * (1 - x) ** 2 * leaves
-        + x**2 * (3 - 2 * x) * end
-        + x**2 * (x - 1) * arrives
-    )
+    each = (*of(before), *of(before + 1))
+    return jnp.sum(jnp.stack([w[:, None] * v for w, v in zip(weights, each, strict=True)]), axis=0)
 
 
 def _turned(

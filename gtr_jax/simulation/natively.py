@@ -38,11 +38,13 @@ class Place(NamedTuple):
         strain: in the axes of the section [1/m], (K, N, 3).
         rotation: directors of the section as columns, in the axes of the world, (K, N, 3, 3).
         position: of the midline in the world [m], (K, N, 3).
+        stretch: of the axis [-], (K, N); None of a body that does not stretch.
     """
 
     strain: Float[np.ndarray, "K N 3"]
     rotation: Float[np.ndarray, "K N 3 3"]
     position: Float[np.ndarray, "K N 3"]
+    stretch: Float[np.ndarray, "K N"] | None = None
 
 
 class Along(NamedTuple):
@@ -134,11 +136,11 @@ def _left(given: _Given, structure: Structure, kind: _Kind, settled: Settled, st
     state = done.state
     if structure.space:
         at = slice(None) if kind.whole else slice(-1, None)
-        place = jnp.stack(line_of(s, state.phi), axis=-1)
+        place = jnp.stack(line_of(s, state.phi, state.kappa), axis=-1)
         body = [state.kappa[at].ravel(), state.phi[at].ravel(), place[at].ravel()]
-        bent = jnp.max(jnp.sqrt(jnp.sum((state.kappa - settled.kappa)[:, 1:] ** 2, axis=-1)))
+        bent = jnp.max(jnp.sqrt(jnp.sum((state.kappa - settled.kappa)[:, 1:3] ** 2, axis=-1)))
     else:
-        x, y = (jnp.sum(mechanics.increments(s.mesh.weights, f(state.phi))) for f in (jnp.cos, jnp.sin))
+        x, y = (along[-1] for along in line_of(s, state.phi, state.kappa))
         body = [jnp.stack([x, y, state.phi[-1]]), *([state.kappa, state.phi] if kind.whole else [])]
         bent = jnp.max(jnp.abs(state.kappa - settled.kappa))
     out = drawn_out(robot.terms, done.slip[..., 0], row.load.T_base, robot.preload)
@@ -384,12 +386,15 @@ class Native:
             along = Along(*np.split(out[:, 3:], 2, axis=1)) if self._kind.whole else None
             return _Body(out[:, :3], along)
         nodes = self._nodes if self._kind.whole else 1
-        strain, turned, place = np.split(out, [3 * nodes, 12 * nodes], axis=1)
+        each = out.shape[1] // nodes - 12  # components of the strain
+        strain, turned, place = np.split(out, [each * nodes, (each + 9) * nodes], axis=1)
+        strain = strain.reshape(K, nodes, each)
         turn = np.asarray(ready.turn)
         rotation = np.einsum("ij,knjl->knil", turn, turned.reshape(K, nodes, 3, 3))
         position = np.asarray(ready.place) + np.einsum("ij,knj->kni", turn, place.reshape(K, nodes, 3))
         angle = np.arctan2(rotation[:, -1, 1, 0], rotation[:, -1, 0, 0])
-        shape = Place(strain.reshape(K, nodes, 3), rotation, position)
+        stretch = strain[..., 3] if each > 3 else None
+        shape = Place(strain[..., :3], rotation, position, stretch)
         return _Body(np.column_stack([position[:, -1, :2], angle]), None, shape)
 
 

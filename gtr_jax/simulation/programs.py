@@ -59,6 +59,7 @@ def structure_with(robot: Robot, terms: Collection[str]) -> Structure:
         robot.loaded or loads or _tip_moment_acts(robot),
         space=robot.space,
         laws=robot.laws,
+        notched=bool(robot.backbone.notches),
     )
 
 

@@ -30,11 +30,20 @@ class Shape(eqx.Module):
         strain: twist and the two bendings, in the axes of the section [1/m], (N, 3).
         rotation: the directors of the section as columns, in the axes of the world, (N, 3, 3).
         position: of the midline in the world [m], (N, 3).
+        stretch: of the axis [-], (N,); None of a body that does not stretch.
     """
 
     strain: Float[Array, "*batch N 3"]
     rotation: Float[Array, "*batch N 3 3"]
     position: Float[Array, "*batch N 3"]
+    stretch: Float[Array, "*batch N"] | None = None
+
+    @property
+    def whole_strain(self) -> Float[Array, "*batch N strains"]:
+        """The strain as the mechanics has it, with the stretch if there is one."""
+        if self.stretch is None:
+            return self.strain
+        return jnp.concatenate([self.strain, self.stretch[..., None]], axis=-1)
 
 
 def tip_position(shape: Shape | None, pose: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
@@ -88,7 +97,7 @@ class Equilibrium(eqx.Module):
     tension: Float[Array, "*tendons N"]
     T_tip: Float[Array, "*tendons"]
     slip: Float[Array, "*tendons N"]
-    external_moment: Float[Array, "N *strain"]
+    external_moment: Float[Array, "N *moment"]
     x: Float[Array, " N"]
     y: Float[Array, " N"]
     wrap: Float[Array, "*tendons N"]
@@ -287,12 +296,14 @@ def loaded_of(s: Sections, structure: Structure, settled: Settled, done: Step) -
 def _shape(s: Sections, base: Base, y: State) -> Shape:
     """The shape in the world of a body in space."""
     turn = base.rotation
-    place = jnp.stack(line_of(s, y.phi), axis=-1)
+    place = jnp.stack(line_of(s, y.phi, y.kappa), axis=-1)
     rotation = jnp.einsum("ij,njk->nik", turn, y.phi)
-    return Shape(y.kappa, rotation, base.position[None, :] + jnp.einsum("ij,nj->ni", turn, place))
+    position = base.position[None, :] + jnp.einsum("ij,nj->ni", turn, place)
+    stretch = y.kappa[:, 3] if y.kappa.shape[-1] == 4 else None
+    return Shape(y.kappa[:, :3], rotation, position, stretch)
 
 
-def _bending(strain: Float[Array, "N 3"]) -> Float[Array, " N"]:
+def _bending(strain: Float[Array, "N strains"]) -> Float[Array, " N"]:
     """Size of the curvature, with derivative 0 where the body is straight."""
     square = strain[:, 1] ** 2 + strain[:, 2] ** 2
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
@@ -307,7 +318,7 @@ def _seen(s: Sections, y: State, shape: Shape | None):
     """Curvature, angle, x, y of the midline and the angle of the tendons' tangent."""
     if shape is None:
         tangent = at_tendons(y.phi, s.R) + channel.tangent_lead(at_tendons(y.kappa, s.R), s.R)
-        x, across = line_of(s, y.phi)
+        x, across = line_of(s, y.phi, y.kappa)
         return y.kappa, y.phi, x, across, tangent
     course = SPACE.course(y.kappa, offset_of(s, y.kappa))
     tangent = _projected(jnp.einsum("nij,...nj->...ni", shape.rotation, course))
@@ -340,7 +351,7 @@ def describe(s: Sections, base: Base, loaded: Loaded, memory: Memory | None = No
         wrap=loaded.wrap,
         tendon_angle=tendon_angle,
         metric=s.ended(metric_of(s, y.kappa)),
-        R=offset_of(s, y.kappa).value,
+        R=offset_of(s, y.kappa).value - (0.0 if s.shift is None else s.shift),
         tendon_length=tendon_length(s, y),
         mobilisation=loaded.mobilisation,
         result=outcome(loaded.result),

@@ -10,13 +10,13 @@ import jax.tree_util as jtu
 from jaxtyping import Array
 
 from gtr_jax.files.quantities import AXES, QUATERNION
-from gtr_jax.robot.robot import Robot, lay_out, sections
+from gtr_jax.robot.robot import Robot, sections
 from gtr_jax.robot.rotation import quaternion_of
 
 from ..mechanics import metric_of
-from ..mechanics.mesh import cumulative
+from ..mechanics.bodies import line_of
 from ..simulation.history import Simulation
-from ..simulation.markers import markers_on, shape_in_plane
+from ..simulation.markers import marker_rows, markers_on, shape_in_plane
 from ..simulation.sensing import cells_show
 from ..simulation.solution import Equilibrium, Shape, drawn_out, stretch_beyond, stretch_of
 from .outputs import NODE_QUATERNION, PER_TENDON, POSE, of_markers
@@ -80,7 +80,7 @@ def along(robot: Robot, run: Simulation, kept: Sequence[int], wanted: Collection
     else:
         said |= {v.name: run.tip_pose[at, i] for i, v in enumerate(POSE)} | {"angle": run.angle[at]}
         if "x" in wanted:
-            x, y = jax.vmap(lambda phi: midline(robot, phi))(run.angle[at])
+            x, y = jax.vmap(lambda phi, kappa: midline(robot, phi, kappa))(run.angle[at], run.curvature[at])
             said |= {"x": x, "y": y}
     said |= _markers(robot, run.s, shape, run.curvature[at], run.angle[at], wanted)
     return _named(robot, said)
@@ -106,15 +106,13 @@ def _markers(
     if not {v.name for v in found} & {*wanted}:
         return {}
     places = markers_on(robot, s, shape_in_plane(robot, curvature, angle) if shape is None else shape)
-    axes = range(3 if robot.space else 2)
-    each = [places[:, n, i] for n in range(len(robot.markers)) for i in axes]
-    return {v.name: values for v, values in zip(found, each, strict=True)}
+    rows = marker_rows(robot, places)
+    return {v.name: rows[v.name] for v in found}
 
 
-def midline(robot: Robot, phi: Array) -> tuple[Array, Array]:
-    """Position of the nodes [m], (N,) each, from the angle of the midline."""
-    weights = lay_out(robot).mesh.weights
-    return cumulative(weights, jnp.cos(phi)), cumulative(weights, jnp.sin(phi))
+def midline(robot: Robot, phi: Array, kappa: Array) -> tuple[Array, ...]:
+    """Position of the nodes [m], (N,) each, from the angle of the midline and its curvature."""
+    return line_of(sections(robot), phi, kappa)
 
 
 def dissipation(robot: Robot, run: Simulation) -> Array:
@@ -127,7 +125,7 @@ def dissipation(robot: Robot, run: Simulation) -> Array:
     slid = run.slip
     if run.shape is not None:
         s = sections(robot)
-        metric = jax.vmap(lambda strain: s.ended(metric_of(s, strain)))(run.shape.strain)
+        metric = jax.vmap(lambda strain: s.ended(metric_of(s, strain)))(run.shape.whole_strain)
         slid = slid + jax.vmap(lambda T, nu: stretch_beyond(robot.tendons, run.s, T, nu))(run.tension, metric)
     grip = run.tension[..., :-1] - run.tension[..., 1:]
     slip = 0.5 * (slid[..., :-1] + slid[..., 1:])

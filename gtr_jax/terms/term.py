@@ -96,8 +96,10 @@ class Bent(NamedTuple):
         kept: what the law remembers, (remembers, ...).
         dt: time since the previous step [s].
         compliance: one over the stiffness [1/(N m^2)], where the law is for a section in space.
+        reach: distance of the outermost fibre from the neutral line [m], where a law `softens`.
 
-    In space all but the time are tuples of three: of twist, and of the bendings about y and about z.
+    In space all but the time and the reach are tuples of three: of twist, and of the bendings about y and
+    about z.
     """
 
     rest: Any
@@ -105,6 +107,7 @@ class Bent(NamedTuple):
     kept: Any
     dt: Float[Array, ""]
     compliance: Any = None
+    reach: Any = None
 
 
 class Clock(NamedTuple):
@@ -141,6 +144,7 @@ class Term:
             the neighbouring section instead of against the base.
         relaxes: whether the body goes on bending where the tendon is locked, and carries it along; the first
             number that `bend` remembers is then its moment over EI.
+        softens: whether `bend` may take away most of the stiffness.
         event: whether it happens once, at a time of its own.
         loosens: whether `friction` falls with time where the tendon is locked, so that the tension held there
             relaxes.
@@ -188,6 +192,7 @@ class Term:
     timed: bool = False
     creeps: bool = False
     relaxes: bool = False
+    softens: bool = False
     event: bool = False
     loosens: bool = False
     reads_speed: bool = False

@@ -1,0 +1,91 @@
+"""A tendon in a sheath with a load cell at each end, as its rig recorded it: what the diagnosis says of it.
+
+`python -m examples.robots.giraffe` reads the recording where it lies, and writes docs/robots/giraffe.md with
+its picture. The recording has no licence and does not ship.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from matplotlib.figure import Figure
+
+import calibrate
+import gtr_jax as gtr
+from calibrate import Diagnosis
+from gtr_jax.plots.style import BLUE, GREY, PALE, VERMILLION, styled
+
+from .pages import DOCS, elsewhere, page, say, table, write
+
+COLUMNS = "time=Time [s],T_base=data_0[gf],T_tip=data_2[gf]"
+
+
+@styled
+def picture(found: Diagnosis) -> Figure:
+    """The recording over time, before and after, and what is left of it."""
+    loop = found.loops[0]
+    assert loop.time is not None
+    fig = Figure(figsize=(9.6, 5.6), layout="constrained")
+    top, below = fig.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    top.plot(loop.time, loop.recorded[0], color=VERMILLION, lw=2.5, label="recorded")
+    top.plot(loop.time, loop.before[0], color=GREY, lw=1, label="friction alone")
+    top.plot(loop.time, loop.after[0], color=BLUE, lw=1, label="with what was found")
+    below.plot(loop.time, loop.before[0] - loop.recorded[0], color=GREY, lw=0.8)
+    below.plot(loop.time, loop.after[0] - loop.recorded[0], color=BLUE, lw=0.8)
+    for left in found.left_out:
+        if left.start_s is not None and left.end_s is not None:
+            for at in (top, below):
+                at.axvspan(left.start_s, left.end_s, color=PALE, zorder=0)
+    top.set_ylabel("tension at the tip [N]")
+    below.set_ylabel("simulated − recorded [N]")
+    below.set_xlabel("time [s]; grey: left out")
+    top.legend(loc="upper right", ncols=3)
+    return fig
+
+
+def held_out(found: Diagnosis) -> tuple[float, float]:
+    """Misfit of cycles that were not fitted, before and after [N], rms."""
+    return found.held_out[0]["rms_N"], found.held_out[1]["rms_N"]
+
+
+def _lines(texts: Sequence[str]) -> str:
+    return "\n".join(f"- {text}" for text in texts) or "None."
+
+
+def main() -> None:
+    """Diagnose the recording, and write the page."""
+    config = gtr.load_config(elsewhere("giraffe", "robot.toml"))
+    recording = gtr.read_recording(elsewhere("giraffe", "loadcell_measurements.csv"), COLUMNS)
+    say("giraffe: diagnosis, two minutes")
+    found = calibrate.diagnose(config, recording, experiment=False)
+    before, after = held_out(found)
+    say(f"  {found.verdict}: {before:.3f} N before, {after:.3f} N after, on cycles that were not fitted")
+    DOCS.mkdir(exist_ok=True)
+    picture(found).savefig(DOCS / "giraffe.png", dpi=150)
+    rows = [
+        [
+            f"`{c.name}`",
+            f"{c.before:.4g}" if c.before is not None else "–",
+            f"{c.after:.4g} {c.unit}".strip(),
+            "" if c.lower95 is None or c.upper95 is None else f"{c.lower95:.4g} to {c.upper95:.4g}",
+        ]
+        for c in found.parameters
+        if c.after is not None
+    ]
+    write(
+        "giraffe",
+        page("giraffe").format(
+            says=found.says,
+            before=f"{before:.2f}",
+            after=f"{after:.3f}",
+            noise=f"{found.noise_N:.3f}",
+            sets=_lines([" and ".join(f"`{name}`" for name in names) for names in found.confusion_set]),
+            numbers=table(["number", "friction alone", "with what was found", "95 % interval"], rows),
+            episodes=_lines([episode.says for episode in found.episodes]),
+            left=_lines([left.why for left in found.left_out]),
+        ),
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,61 @@
+"""What the pages of the real robots share: models that are fitted one after the other, and their tables."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from calibrate.diagnosis.sentence import interval_in_words
+from calibrate.estimate import Estimate
+from gtr_jax.files.numbers import measured_quantity
+from gtr_jax.files.whole import write_whole
+
+HERE = Path(__file__).parent
+DOCS = HERE.parents[1] / "docs" / "robots"
+# Recordings without a licence lie outside the repository.
+SHARED = Path(os.environ.get("GTR_SHARED_DATA", HERE.parents[2] / "shared" / "data"))
+
+
+def elsewhere(*names: str) -> Path:
+    """A recording that does not ship; ends the program where it is not there."""
+    path = SHARED.joinpath(*names)
+    if not path.exists():
+        sys.exit(
+            f"{path} is not there: it has no licence and does not ship; set GTR_SHARED_DATA to its folder"
+        )
+    return path
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
+
+
+def numbers(estimates: Sequence[Estimate]) -> str:
+    """The fitted numbers of a robot, with their intervals."""
+    rows = []
+    for e in estimates:
+        value = measured_quantity(e.value, e.sd, e.unit)
+        known = e.lower95 is not None and e.upper95 is not None
+        within = " to ".join(interval_in_words((e.lower95, e.upper95), e.unit)) if known else e.note
+        rows.append([f"`{e.name}`", value, within])
+    return table(["number", "fitted", "95 % interval"], rows)
+
+
+def say(text: str) -> None:
+    """Progress, at once."""
+    print(text, flush=True)
+
+
+def page(name: str) -> str:
+    """The text of a page, with gaps for its numbers."""
+    return (HERE / name / "page.md").read_text(encoding="utf-8")
+
+
+def write(name: str, text: str) -> None:
+    """A page of the docs."""
+    DOCS.mkdir(exist_ok=True)
+    write_whole(DOCS / f"{name}.md", text)

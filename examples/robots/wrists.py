@@ -1,0 +1,211 @@
+"""Two notched wrists of nitinol: fitted to the first trial of each, predicting the others.
+
+`python -m examples.robots.wrists` reads the recordings where they lie, and writes docs/robots/wrists.md with
+its picture. The recordings have no licence and do not ship.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import calibrate
+import gtr_jax as gtr
+from gtr_jax.plots.style import BLUE, GREY, VERMILLION, styled
+
+from .pages import DOCS, HERE, elsewhere, numbers, page, say, table, write
+
+WRISTS = ("wrist90", "wrist150")
+COUNT = 5
+NATURAL = tuple(f"notches_natural_angle_{i}" for i in range(COUNT))
+MATERIAL = ("E", "superelastic.softening", "superelastic.strain")
+# Each model with what is free of every wrist; the last two fit both wrists together.
+ALONE = (
+    ("modulus", ("E",)),
+    ("and friction", ("E", "mu")),
+    ("and superelastic", (*MATERIAL, "mu")),
+)
+TOGETHER = (
+    ("one material and one friction for both", (*MATERIAL, "mu")),
+    ("and notches that bend shorter than they are cut", (*MATERIAL, "mu", "notches_end_correction")),
+)
+KNOWN = {"wrist90": "0.61", "wrist150": "1.14"}  # degrees, the authors' law by SOURCE
+
+
+@dataclasses.dataclass(frozen=True)
+class Trial:
+    """Base tensions [N], (K,), and angles of the notches [rad], (K, 5)."""
+
+    T_base: np.ndarray
+    angles: np.ndarray
+
+
+def trials(wrist: str) -> list[Trial]:
+    """The trials of a wrist, in order."""
+    with elsewhere("wrists", f"{wrist}.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    found = []
+    for name in dict.fromkeys(row["trial"] for row in rows):
+        own = [row for row in rows if row["trial"] == name]
+        angles = [[float(row[f"theta{i + 1}_deg"]) for i in range(COUNT)] for row in own]
+        found.append(Trial(np.array([float(row["T_base_N"]) for row in own]), np.deg2rad(angles)))
+    return found
+
+
+def recording(wrist: str, trial: Trial, folder: Path) -> gtr.Recording:
+    """A trial as a recording."""
+    path = folder / f"{wrist}.csv"
+    header = ",".join(["T_base_N", *(f"n{i + 1}_angle_rad" for i in range(COUNT))])
+    np.savetxt(path, np.column_stack([trial.T_base, trial.angles]), delimiter=",", header=header, comments="")
+    return gtr.read_recording(path, measured=True, markers=[f"n{i + 1}" for i in range(COUNT)])
+
+
+def predicted(robot: gtr.Robot, trial: Trial, own_rest: bool) -> np.ndarray:
+    """Angles of the notches [rad], (K, 5); with `own_rest` from the angles that the trial begins with."""
+    if own_rest:
+        robot = robot.with_values(**dict(zip(NATURAL, trial.angles[0], strict=True)))
+    run = gtr.simulate(robot, np.maximum(trial.T_base, 0.0))
+    if not np.all(run.converged):
+        raise SystemExit("a step did not converge")
+    return np.asarray(gtr.marker_angles(robot, run))
+
+
+def off(robot: gtr.Robot, several: Sequence[Trial], own_rest: bool = False) -> float:
+    """Root mean square error of an angle [degrees]; where a trial's first row is its rest, of the others."""
+    errors = [
+        (predicted(robot, trial, own_rest) - trial.angles)[1 if own_rest else 0 :].ravel()
+        for trial in several
+    ]
+    return float(np.rad2deg(np.sqrt(np.mean(np.concatenate(errors) ** 2))))
+
+
+def superelastic(config: gtr.RobotConfig) -> gtr.RobotConfig:
+    """The robot with the term at usual values, to start from."""
+    return config.with_values({"terms.superelastic.softening": 0.8, "terms.superelastic.strain": 0.025})
+
+
+@styled
+def picture(robots: dict[str, dict[str, gtr.Robot]]) -> Figure:
+    """Angles of the notches against the base tension in the trials that were not trained on."""
+    fig = Figure(figsize=(9.6, 6.4), layout="constrained")
+    axes = fig.subplots(2, COUNT, sharex=True, sharey="row")
+    for row, wrist in zip(axes, WRISTS, strict=True):
+        later = trials(wrist)[1:]
+        T = np.linspace(0.0, max(trial.T_base.max() for trial in later), 60)
+        lines = {
+            name: np.rad2deg(gtr.marker_angles(robot, gtr.simulate(robot, T)))
+            for name, robot in robots[wrist].items()
+        }
+        for i, at in enumerate(row):
+            for (name, line), colour in zip(lines.items(), (GREY, BLUE), strict=True):
+                at.plot(T, line[:, i], color=colour, label=name)
+            for trial in later:
+                at.plot(
+                    trial.T_base,
+                    np.rad2deg(trial.angles[:, i]),
+                    ".",
+                    color=VERMILLION,
+                    ms=4,
+                    label="measured",
+                )
+            at.set_title(f"{wrist}, notch {i + 1}", fontsize=9)
+        row[0].set_ylabel("angle of the notch [°]")
+    fig.supxlabel("tension at the base [N]", fontsize=10)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    once = dict(zip(labels, handles, strict=True))
+    fig.legend(once.values(), once.keys(), loc="outside lower center", ncols=3)
+    return fig
+
+
+def main() -> None:
+    """Fit all models, and write the page."""
+    configs = {wrist: gtr.load_config(HERE / "wrists" / f"{wrist}.toml") for wrist in WRISTS}
+    seen = {wrist: trials(wrist) for wrist in WRISTS}
+    fits: list[tuple[str, dict[str, Any]]] = []
+    with tempfile.TemporaryDirectory() as temporary:
+        first = {wrist: recording(wrist, seen[wrist][0], Path(temporary)) for wrist in WRISTS}
+        for says, free in ALONE:
+            say(f"wrists: {says}")
+            started = {
+                wrist: superelastic(config) if MATERIAL[1] in free else config
+                for wrist, config in configs.items()
+            }
+            if "mu" not in free:
+                started = {
+                    wrist: config.with_values({"friction_coefficient": 0.0})
+                    for wrist, config in started.items()
+                }
+            fits.append(
+                (says, {w: calibrate.fit(started[w], first[w], free=(*free, *NATURAL)) for w in WRISTS})
+            )
+        for says, free in TOGETHER:
+            say(f"wrists: {says}")
+            found = calibrate.fit(
+                [superelastic(configs[w]) for w in WRISTS],
+                [first[w] for w in WRISTS],
+                free=(*free, *NATURAL),
+                per_robot=NATURAL,
+            )
+            fits.append((says, {w: found for w in WRISTS}))
+    rows, robots = [], {}
+    for says, found in fits:
+        cells = [says]
+        for i, wrist in enumerate(WRISTS):
+            each = found[wrist].recordings
+            robot = each[i if len(each) > 1 else 0].robot
+            robots.setdefault(wrist, {})[says] = robot
+            errors = (
+                off(robot, seen[wrist][:1]),
+                off(robot, seen[wrist][1:]),
+                off(robot, seen[wrist][1:], own_rest=True),
+            )
+            cells += [f"{error:.2f}°" for error in errors]
+        rows.append(cells)
+        say("  " + ", ".join(cells[1:]))
+    friction = {(says, wrist): found[wrist]["mu"] for says, found in fits[1:3] for wrist in WRISTS}
+    shown = {
+        wrist: {"modulus and friction": robots[wrist][ALONE[1][0]], "found": robots[wrist][ALONE[2][0]]}
+        for wrist in WRISTS
+    }
+    DOCS.mkdir(exist_ok=True)
+    picture(shown).savefig(DOCS / "wrists.png", dpi=150)
+    header = ["model"] + [
+        f"{wrist}: {what}" for wrist in WRISTS for what in ("trained on", "held out", "own rest")
+    ]
+
+    def told(e: Any) -> str:
+        return f"{e.value:.3f} ± {e.sd:.3f}"
+
+    superelastic_mu = {w: told(friction[ALONE[2][0], w]) for w in WRISTS}
+    write(
+        "wrists",
+        page("wrists").format(
+            models=table(header, rows),
+            mu90=superelastic_mu["wrist90"],
+            mu150=superelastic_mu["wrist150"],
+            alone90=numbers(fits[2][1]["wrist90"].estimates),
+            alone150=numbers(fits[2][1]["wrist150"].estimates),
+            both=numbers(
+                [e for e in fits[-1][1]["wrist90"].estimates if not e.name.startswith("notches_natural")]
+            ),
+            known90=KNOWN["wrist90"],
+            known150=KNOWN["wrist150"],
+            off90=rows[2][2],
+            off150=rows[2][5],
+            rest90=rows[2][3],
+            rest150=rows[2][6],
+            both90=rows[-1][2],
+            both150=rows[-1][5],
+        ),
+    )
+
+
+if __name__ == "__main__":
+    main()
