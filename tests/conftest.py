@@ -14,11 +14,18 @@ from gtr_jax.files.config import parse_config
 
 # Nearly all of the time goes into compiling: without optimisation it takes half as long, and runs take twice.
 # A worker inherits them.
-UNOPTIMISED = "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
+# What only helps optimisation is not written down either.
+UNOPTIMISED = (
+    "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
+    " --xla_llvm_enable_alias_scope_metadata=false --xla_llvm_enable_noalias_metadata=false"
+)
 if UNOPTIMISED not in os.environ.get("XLA_FLAGS", ""):
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {UNOPTIMISED}"
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+# Tracing makes many objects and hardly any cycles: Python looks for these every so many new objects.
+NEW_OBJECTS = 50_000
 
 # Memory [pages of 4 KiB] beyond which compiled programs are dropped: a worker keeps all it ever compiled.
 LARGE, STATISTICS = 3 * 2**18, Path("/proc/self/statm")
@@ -28,6 +35,7 @@ LARGEST_CACHE, QUICK = 2**31, 0.2
 
 
 def pytest_configure(config):
+    gc.set_threshold(NEW_OBJECTS, 10, 10)
     os.environ["GTR_JAX_CACHE"] = "off"  # the commands leave the user's own cache alone
     if not hasattr(config, "cache"):  # -p no:cacheprovider
         return
@@ -37,15 +45,27 @@ def pytest_configure(config):
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 
+def large() -> bool:
+    """Whether this process holds more memory than it should."""
+    return STATISTICS.exists() and int(STATISTICS.read_text().split()[1]) > LARGE
+
+
+def give_back():
+    """Freed memory goes back to the system; it stays with the process otherwise, in pieces."""
+    gc.collect()
+    ctypes.CDLL(None).malloc_trim(0)
+
+
 @pytest.fixture(autouse=True)
 def programs_do_not_pile_up():
-    """Drop compiled programs where a worker has gathered too many, and give their memory back."""
+    """Give memory back where a worker has much of it, and drop compiled programs where they hold it."""
     yield
-    if STATISTICS.exists() and int(STATISTICS.read_text().split()[1]) > LARGE:
-        eqx.clear_caches()
-        jax.clear_caches()
-        gc.collect()
-        ctypes.CDLL(None).malloc_trim(0)  # or freed memory stays with the process, in pieces
+    if large():
+        give_back()
+        if large():
+            eqx.clear_caches()
+            jax.clear_caches()
+            give_back()
 
 
 @pytest.fixture

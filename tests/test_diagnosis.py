@@ -565,7 +565,7 @@ def test_uncertain_dimensions_are_not_missing_physics():
         "r_min": 0.97 * float(made.value("r_min")),
     }
     rng = np.random.default_rng(4)
-    T = np.concatenate([np.linspace(0, 45, 30), np.linspace(45, 3, 30)[1:], np.linspace(3, 30, 20)[1:]])
+    T = np.concatenate([np.linspace(0, 45, 15), np.linspace(45, 3, 15)[1:], np.linspace(3, 30, 10)[1:]])
     run = gtr.simulate(made.with_values(**values), T)
     pose = np.asarray(run.tip_pose) + rng.normal(size=(len(T), 3)) * (2e-4, 2e-4, 2e-3)
     recording = gtr.Recording(

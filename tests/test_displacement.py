@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import gtr_jax as gtr
+from gtr_jax.simulation import displacement as by_displacement
+from gtr_jax.simulation.equilibrium import solved
 
 HELIX = {"kind": "helix", "radius": 0.008, "turns": 0.5, "start_angle": 0.5}
 BODY = {"outer_radius": 0.012, "youngs_modulus": 1.2e6}
@@ -57,6 +59,23 @@ def test_a_tendon_that_would_push_is_slack(pair_of):
     assert found.converged.all()
     assert float(found.T_base[1]) > 1.0 and float(found.T_base[2]) == 0.0 < float(found.T_base[3])
     np.testing.assert_allclose(found.tip_position[2], [0.25, 0, 0], atol=1e-12)
+
+
+def test_a_trial_takes_one_equilibrium(pair_of, monkeypatch):
+    """Its derivative comes from the same."""
+    _, drawn = pair_of()
+    taken = []
+
+    def counted(*given):
+        taken.append(given)
+        return solved(*given)
+
+    monkeypatch.setattr(by_displacement, "solved", counted)
+    jax.eval_shape(
+        lambda way: by_displacement.drawn_at_once(drawn, jnp.zeros(()), way, gtr.March(), sloped=False),
+        jnp.asarray(0.004),
+    )
+    assert len(taken) == 1
 
 
 @pytest.mark.slow

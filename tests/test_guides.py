@@ -36,10 +36,9 @@ def guided(make_robot):
     return make
 
 
-@pytest.mark.parametrize("count", [2, 7])
-def test_a_rigid_straight_body_is_a_capstan_of_corners(guided, count):
+def test_a_rigid_straight_body_is_a_capstan_of_corners(guided):
     """Tension falls by exp(-mu times the angle) at each corner of the polyline, the entry's included."""
-    guides = evenly(count)
+    guides = evenly(7)
     robot = guided(guides, backbone={"rigid": True})
     s = np.array([0.0, *guides, L])
     angle = 0.5 + 2 * np.pi * 1.25 * s / L
@@ -97,10 +96,20 @@ def bent_by_chords(T, guides, mu):
     return place, T
 
 
-@pytest.mark.parametrize("guides", [[0.08, 0.15], [0.03, 0.06, 0.1, 0.15, 0.2]])
-def test_a_soft_body_bends_as_the_elastica_of_each_segment(guided, guides):
+@pytest.fixture
+def in_thirds(guided):
+    """A finely meshed robot of two guides, with other values: all share one program."""
+    robot = guided(evenly(3), resolution=2.0)
+    return lambda **values: robot.with_values(**values)
+
+
+STRAIGHTENED = {"turns": 0.0, "start_angle": 0.0}  # a helix that is `PARALLEL`
+
+
+@pytest.mark.parametrize("guides", [(0.08, 0.15), (0.05, 0.18)])
+def test_a_soft_body_bends_as_the_elastica_of_each_segment(in_thirds, guides):
     place, T_tip = bent_by_chords(5.0, guides, MU)
-    eq = gtr.equilibrium(guided(guides, PARALLEL, resolution=2.0), 5.0)
+    eq = gtr.equilibrium(in_thirds(guide_0=guides[0], guide_1=guides[1], **STRAIGHTENED), 5.0)
     assert eq.converged
     np.testing.assert_allclose(eq.T_tip, T_tip, rtol=1e-6)
     np.testing.assert_allclose(eq.tip_position, [*place, 0.0], atol=1e-7)
@@ -110,20 +119,20 @@ def test_a_soft_body_bends_as_the_elastica_of_each_segment(guided, guides):
 def test_many_guides_are_a_channel(make_robot, guided):
     channel = make_robot(backbone=SOFT, routing=HELIX, tendon={"friction_coefficient": MU}, space=True)
     want = gtr.equilibrium(channel, 8.0)
-    found = [gtr.equilibrium(guided(evenly(n)), 8.0) for n in (12, 24, 48)]
+    found = [gtr.equilibrium(guided(evenly(n)), 8.0) for n in (24, 48)]
     assert all(bool(eq.converged) for eq in found)
     lost = [abs(float(eq.T_tip - want.T_tip)) for eq in found]
     away = [float(jnp.linalg.norm(eq.tip_position - want.tip_position)) for eq in found]
     # The last segment has no corner at its end: half of what turns there costs nothing.
     rate = (want.wrap[-1] - want.wrap[-2]) / (want.s[-1] - want.s[-2])
     spared = float(want.T_tip * MU * rate * L / 48 / 2)
-    assert lost[0] / lost[1] > 1.8 < lost[1] / lost[2] and lost[2] == pytest.approx(spared, rel=0.2)
-    assert away[0] / away[1] > 1.8 < away[1] / away[2] and away[2] < 3e-4
+    assert lost[0] / lost[1] > 1.8 and lost[1] == pytest.approx(spared, rel=0.2)
+    assert away[0] / away[1] > 1.8 and away[1] < 3e-4
 
 
-def test_the_tendon_is_as_long_as_its_chords(guided):
-    guides = evenly(5)
-    eq = gtr.equilibrium(guided(guides, resolution=2.0), 8.0)
+def test_the_tendon_is_as_long_as_its_chords(in_thirds):
+    guides = evenly(3)
+    eq = gtr.equilibrium(in_thirds(), 8.0)
     assert eq.shape is not None
     s, R = np.asarray(eq.s), np.asarray(eq.R)
     offset = np.concatenate([np.zeros((len(s), 1)), R], axis=1)
@@ -209,8 +218,8 @@ def test_a_mirror_image_mirrors_under_a_load(guided):
     np.testing.assert_allclose(np.asarray(image.tip_position) * [1, 1, -1], run.tip_position, atol=1e-8)
 
 
-def test_a_tendon_that_would_bend_the_body_without_bound_is_flagged(guided):
-    eq = gtr.equilibrium(guided([0.2], PARALLEL), 12.0)
+def test_a_tendon_that_would_bend_the_body_without_bound_is_flagged(in_thirds):
+    eq = gtr.equilibrium(in_thirds(guide_0=0.2, guide_1=0.225, **STRAIGHTENED), 12.0)
     assert not eq.converged
 
 

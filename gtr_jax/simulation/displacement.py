@@ -201,10 +201,11 @@ def _met(
 
     def miss(x):
         out, _ = _out(still, held, x)
-        return jnp.where(drawn, out - goal, at.give * (x - goal))
+        missed = jnp.where(drawn, out - goal, at.give * (x - goal))
+        return missed, missed
 
     def tried(x):
-        slope, value = jax.jacfwd(lambda x: (miss(x), miss(x)), has_aux=True)(x)
+        slope, value = jax.jacfwd(miss, has_aux=True)(x)
         return value, slope
 
     least = TOLERANCE * robot.backbone.length
