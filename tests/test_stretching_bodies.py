@@ -59,6 +59,7 @@ def test_a_parallel_tendon_bends_to_an_arc_of_the_shortened_axis():
     robot = soft({"kind": "straight", "radius": R, "angle": 0.0}, 0.0)
     run = gtr.simulate(robot, np.array([0.0, T]))
     kappa, e = T * R / (E * SECOND), -T / (E * AREA)
+    assert run.shape is not None and run.shape.stretch is not None
     assert np.allclose(run.shape.strain[-1, :, 2], kappa, rtol=1e-10)
     assert np.allclose(run.shape.stretch[-1], e, rtol=1e-10)
     reached = (1 + e) / kappa * np.array([np.sin(kappa * L), 1 - np.cos(kappa * L)])
@@ -99,6 +100,7 @@ def test_a_stiff_axis_is_that_of_a_body_that_keeps_its_length():
 def test_past_its_anchor_a_tendon_shortens_nothing():
     robot = soft({"kind": "straight", "radius": 5e-3, "angle": 1.0}, tendon={"to": 0.6 * L})
     run = gtr.simulate(robot, np.array([0.0, 5.0]))
+    assert run.shape is not None and run.shape.stretch is not None
     stretch, s = np.asarray(run.shape.stretch[-1]), np.asarray(run.s)
     assert np.allclose(stretch[s > 0.6 * L + 1e-9], 0.0, atol=1e-12)
     assert np.all(stretch[s < 0.6 * L - 1e-9] < -1e-3)

@@ -18,7 +18,19 @@ import numpy as np
 from ..terms.term import Bent
 from .geometry import Geometry
 from .mesh import along_nodes, increments
-from .vector import Stretched, Vector, applied, columns_of, cross, dot, inverse, joined, length_of, parts
+from .vector import (
+    Stretched,
+    Vector,
+    applied,
+    columns_of,
+    cross,
+    dot,
+    inverse,
+    joined,
+    length_of,
+    parts,
+    stretched,
+)
 
 TURNED_BACK = 1e-12  # 1 + cosine of the angle of a corner at which the tendon turns back
 SMALLEST_TURN = 1e-14  # rad; below it the plane of a turn is that of rounding
@@ -349,10 +361,10 @@ class Stretching(Space):
         u, r = _along(strain, R)
         w, nu = course_of(u, r)
         turning = super().pull(tension, strain, R)
-        return Stretched(*turning, _over(-tension * w.x / nu, tension))
+        return stretched(turning, _over(-tension * w.x / nu, tension))
 
     def pushed(self, pulls, direction, force):
-        return Stretched(*pulls, pulls.e + dot(self.line(direction), force))
+        return stretched(pulls, pulls.e + dot(self.line(direction), force))
 
     def stretch(self, strain, shift):
         return 1.0 + parts(strain).e
@@ -375,7 +387,7 @@ class Stretching(Space):
 
     def through(self, slope, error):
         # The stretch and the others hardly depend on one another, and the search corrects for that.
-        return Stretched(*applied(slope, error), error.e)
+        return stretched(applied(slope, error), error.e)
 
     def slope(self, residual, strain):
         error, along = jax.linearize(residual, strain)
@@ -393,7 +405,7 @@ class Stretching(Space):
         across = applied(within, Vector(*(row.e for row in bent)))
         own = applied(within, change)
         e = (change.e - dot(last, own)) / (last.e - dot(last, across))
-        return Stretched(*(own - across * e), e)
+        return stretched(own - across * e, e)
 
 
 SPACE, STRETCHING = Space(), Stretching()

@@ -55,7 +55,7 @@ class Stretched(Vector):
         return Stretched(whole.x, whole.y, whole.z, self.e if own is None else combine(self.e, own))
 
 
-def parts(vector) -> Vector:
+def parts(vector) -> Any:
     """A vector, or where there are four components a strain, from an array whose last axis holds them."""
     if isinstance(vector, Vector):
         return vector
@@ -67,6 +67,11 @@ def joined(vector):
     """The array of a vector, with its components along the last axis."""
     more = [vector.e] if isinstance(vector, Stretched) else []
     return jnp.stack([*vector, *more], axis=-1)
+
+
+def stretched(vector: Vector, e) -> Stretched:
+    """A strain of twist and bendings, and of the stretch."""
+    return Stretched(vector.x, vector.y, vector.z, e)
 
 
 def length_of(strain) -> Any:
