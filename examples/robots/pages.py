@@ -43,8 +43,9 @@ def numbers(estimates: Sequence[Estimate]) -> str:
     rows = []
     for e in estimates:
         value = measured_quantity(e.value, e.sd, e.unit)
-        known = e.lower95 is not None and e.upper95 is not None
-        within = " to ".join(interval_in_words((e.lower95, e.upper95), e.unit)) if known else e.note
+        within = e.note
+        if e.lower95 is not None and e.upper95 is not None:
+            within = " to ".join(interval_in_words((e.lower95, e.upper95), e.unit))
         rows.append([f"`{e.name}`", value, within])
     return table(["number", "fitted", "95 % interval"], rows)
 

@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 
 import calibrate
 import gtr_jax as gtr
+from gtr_jax.files.config import dump_config
 from gtr_jax.plots.style import BLUE, GREY, VERMILLION, styled
 
 from .pages import HERE, elsewhere, numbers, page, save, say, table, write
@@ -86,6 +87,21 @@ def off(robot: gtr.Robot, several: Sequence[Trial], own_rest: bool = False) -> f
         for trial in several
     ]
     return float(np.rad2deg(np.sqrt(np.mean(np.concatenate(errors) ** 2))))
+
+
+def alone(config: gtr.RobotConfig, first: gtr.Recording, free: Sequence[str]) -> Any:
+    """A model fitted to one wrist."""
+    if MATERIAL[1] in free:
+        config = superelastic(config)
+    if "mu" not in free:
+        config = config.with_values({"friction_coefficient": 0.0})
+    return calibrate.fit(config, first, free=(*free, *NATURAL))
+
+
+def keep(wrist: str, found: Any) -> None:
+    """The fitted robot file of a wrist."""
+    note = f"Fitted to the first trial of {wrist} by examples/robots/wrists.py."
+    dump_config(found.config, HERE / "wrists" / f"{wrist}-fitted.toml", note=note)
 
 
 def superelastic(config: gtr.RobotConfig) -> gtr.RobotConfig:
@@ -161,18 +177,7 @@ def main() -> None:
         first = {wrist: recording(wrist, seen[wrist][0], Path(temporary)) for wrist in WRISTS}
         for says, free in ALONE:
             say(f"wrists: {says}")
-            started = {
-                wrist: superelastic(config) if MATERIAL[1] in free else config
-                for wrist, config in configs.items()
-            }
-            if "mu" not in free:
-                started = {
-                    wrist: config.with_values({"friction_coefficient": 0.0})
-                    for wrist, config in started.items()
-                }
-            fits.append(
-                (says, {w: calibrate.fit(started[w], first[w], free=(*free, *NATURAL)) for w in WRISTS})
-            )
+            fits.append((says, {w: alone(configs[w], first[w], free) for w in WRISTS}))
         for says, free in TOGETHER:
             say(f"wrists: {says}")
             found = calibrate.fit(
@@ -182,6 +187,8 @@ def main() -> None:
                 per_robot=NATURAL,
             )
             fits.append((says, {w: found for w in WRISTS}))
+    for wrist in WRISTS:
+        keep(wrist, dict(fits)[FOUND][wrist])
     rows, robots = [], {}
     for says, found in fits:
         cells = [says]
