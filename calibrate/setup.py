@@ -39,6 +39,8 @@ from .weighing import Weighing
 # Range searched: this factor up and down for a positive parameter; this many scales to each side for others.
 LARGEST_FACTOR = 30.0
 LARGEST_SHIFT = 2.0
+# Standard deviations of a prior to each side that are searched, where they are more than these scales.
+FARTHEST = 4.0
 # Least error of a channel, as a share of its size; and its error in the search for a start, as a share of its
 # range.
 SMALLEST_SIGMA, ROUGH = 1e-6, 0.02
@@ -372,6 +374,7 @@ class Setup:
         has = np.asarray([p is not None for p in self.priors])
         sd = np.asarray([p or 1.0 for p in self.priors])
         spread = sd / np.where(log, np.where(self.initial > 0, self.initial, 1.0), scale)
+        far = FARTHEST * spread
         start = at[0].at(np.where(has, self.initial, np.asarray(at[0].reference)))
         return Objective(
             predictors=tuple(
@@ -392,7 +395,9 @@ class Setup:
             weighs=tuple(Weighing.plain(exact(p.T_base.T_base), p.channels, p.rough()) for p in parts),
             centre=np.where(has, start, 0.0),
             precision=np.where(has, 1 / np.where(has, spread, 1.0), 0.0),
-            reach=np.where(log, np.log(LARGEST_FACTOR), LARGEST_SHIFT),
+            reach=np.where(
+                log, np.log(LARGEST_FACTOR), np.where(has, np.maximum(LARGEST_SHIFT, far), LARGEST_SHIFT)
+            ),
         )
 
 

@@ -122,7 +122,7 @@ def test_gradients_with_loads():
 
 
 def test_markers_of_a_body_that_stretches_lie_on_it():
-    markers = [{"name": "tip", "at": L}, {"name": "half", "at": 0.37 * L, "offset": [1e-3, 2e-3, 3e-3]}]
+    markers = [{"name": "end", "at": L}, {"name": "half", "at": 0.37 * L, "offset": [1e-3, 2e-3, 3e-3]}]
     robot, fine = soft(markers=markers), soft(markers=markers, resolution=4.0)
     run = gtr.simulate(robot, np.array([0.0, 6.0]))
     assert np.allclose(marker_places(robot, run)[:, 0], run.tip_position, atol=1e-12)

@@ -244,6 +244,8 @@ def test_any_three_terms_together(make_robot, kind):
         values = {}
         for i in chosen:
             values |= typical(MECHANICAL[i])
+        if "superelastic.strain" in values:
+            values["superelastic.strain"] = 0.1  # these bodies are of rubber, strained so far, not of metal
         done = run(robot.with_values(**values))
         assert float(jnp.min(done.tension)) >= 0.0
         if not bool(done.converged.all()):

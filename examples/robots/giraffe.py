@@ -13,6 +13,8 @@ from matplotlib.figure import Figure
 import calibrate
 import gtr_jax as gtr
 from calibrate import Diagnosis
+from calibrate.diagnosis.sentence import interval_in_words
+from gtr_jax.files.numbers import measured_quantity, quantity
 from gtr_jax.plots.style import BLUE, GREY, PALE, VERMILLION, styled
 
 from .pages import elsewhere, page, save, say, table, write
@@ -39,7 +41,7 @@ def picture(found: Diagnosis) -> Figure:
     top.set_ylabel("tension at the tip [N]")
     below.set_ylabel("simulated − recorded [N]")
     below.set_xlabel("time [s]; grey: left out")
-    top.legend(loc="upper right", ncols=3)
+    top.legend(loc="upper left")
     return fig
 
 
@@ -61,16 +63,14 @@ def main() -> None:
     before, after = held_out(found)
     say(f"  {found.verdict}: {before:.3f} N before, {after:.3f} N after, on cycles that were not fitted")
     save(picture(found), "giraffe", shows_recording=True)
-    rows = [
-        [
-            f"`{c.name}`",
-            f"{c.before:.4g}" if c.before is not None else "–",
-            f"{c.after:.4g} {c.unit}".strip(),
-            "" if c.lower95 is None or c.upper95 is None else f"{c.lower95:.4g} to {c.upper95:.4g}",
-        ]
-        for c in found.parameters
-        if c.after is not None
-    ]
+    rows = []
+    for c in found.parameters:
+        within = ""
+        if c.lower95 is not None and c.upper95 is not None:
+            within = " to ".join(interval_in_words((c.lower95, c.upper95), c.unit))
+        rows.append(
+            [f"`{c.name}`", quantity(c.before, c.unit), measured_quantity(c.after, c.sd, c.unit), within]
+        )
     write(
         "giraffe",
         page("giraffe").format(

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from gtr_jax.errors import InputError
-from gtr_jax.files.quantities import column_of
 from gtr_jax.interruption import interruption
 
 from .options import (
@@ -254,7 +253,7 @@ def columns_of(recording: Recording, fitted: FittedRecording) -> dict[str, Any]:
     import numpy as np
 
     from calibrate.channels import ROTATION, turned_back
-    from gtr_jax.files.quantities import COLUMNS, QUATERNION
+    from gtr_jax.files.quantities import COLUMNS, QUATERNION, column_of
 
     columns = {name: getattr(recording, name) for name in COLUMNS}
     columns |= {column_of(name).header: values for name, values in recording.markers.items()}

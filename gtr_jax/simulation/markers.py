@@ -9,11 +9,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..files.quantities import ANGLE, AXES
 from ..mechanics.bodies import line_of
 from ..robot.robot import Robot, sections
 from .history import Simulation
 from .solution import Shape
+
+READ = ("x", "y", "z", "angle")  # of a marker, as a recording's quantities end
 
 
 def shape_in_plane(robot: Robot, curvature: Float[Array, "K N"], angle: Float[Array, "K N"]) -> Shape:
@@ -61,11 +62,10 @@ def marker_readings(robot: Robot, run: Simulation) -> Float[Array, "K markers 4"
 
 def marker_rows(robot: Robot, places: Any) -> dict[str, Any]:
     """What `markers_on` gives, by the names of a recording's quantities, (K,) each."""
-    names = (*AXES, ANGLE)
     return {
         f"{marker.name}_{name}": places[:, n, i]
         for n, marker in enumerate(robot.markers)
-        for i, name in enumerate(names)
+        for i, name in enumerate(READ)
     }
 
 
