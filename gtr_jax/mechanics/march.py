@@ -21,10 +21,13 @@ from .bodies import geometry_of
 from .case import Case
 from .node import Carry, Equations, Modes, Node, Row, clip, joined_state, prepared, pressing, total
 from .sections import either_of, largest
+from .structure import Structure
 
 STEP = 1e-5  # of an unknown, relative to its scale, for differences
 NEWTON_PLAIN, NEWTON_WITH_TERMS = 2, 3  # steps per node; two reach rounding in the base model
-NEWTON_BENT = 8  # where a law of the body has a kink, or its slope falls far
+# The same where a law of the body has a kink or its slope falls far, and where that may be: each step adds to
+# the time that a program takes to compile.
+NEWTON_BENT, NEWTON_MAY_BEND = 8, 5
 FLATTEST, FLATTEST_SOFT = 0.3, 0.005  # slope of the moment balance below which a step is shortened
 
 
@@ -141,6 +144,13 @@ def closed(case: Case, flat: Float[Array, " n"], end: Carry, modes: Modes):
     return Closing(slip, moment, stop, level).flat(), T_tip
 
 
+def _steps(what: Structure, closes: bool, plain: int) -> int:
+    """Newton steps of a node."""
+    if closes or (what.softens and what.acting):
+        return NEWTON_BENT
+    return NEWTON_MAY_BEND if what.softens else plain
+
+
 def _solved(equations: Equations, carry: Carry, row: Row, guess, use_guess, steps: int):
     """Curvature of a node [1/m]."""
     geometry, what, closing = equations.geometry, equations.case.structure, row.closing
@@ -153,7 +163,7 @@ def _solved(equations: Equations, carry: Carry, row: Row, guess, use_guess, step
         lambda k: equations(carry, row, k)[0],
         either_of(use_guess, guess, near if closing is None else closing.stopped(row.rest, near)),
         lambda k: equations.near(carry, row, k),
-        NEWTON_BENT if what.softens or closing is not None else steps,
+        _steps(what, closing is not None, steps),
         FLATTEST_SOFT if what.softens else FLATTEST,
         None if closing is None else closing.stopped,
     )
