@@ -109,6 +109,8 @@ def _no_literal(robot: Robot) -> str:
     """Why the literal integrals do not solve a robot; "" if they do."""
     if terms_act(robot):
         return "the paper has no physics terms"
+    if robot.backbone.notches:
+        return "the paper has no notches"
     if robot.tendon_names:
         return "the paper has them for one tendon"
     if robot.tendon.to is not None or robot.tendon.guides is not None:

@@ -16,6 +16,7 @@ import gtr_jax as gtr
 from gtr_jax.files.config import parse_config
 from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.notches import remaining
+from gtr_jax.robot.overlap import impossible
 from gtr_jax.simulation.markers import marker_angles
 
 OUTER, INNER, DEPTH = 0.81e-3, 0.70e-3, 1.4e-3
@@ -270,3 +271,12 @@ def test_angles_are_read_fitted_and_written(tmp_path):
         low, high = fit[name].lower95, fit[name].upper95
         assert low is not None and high is not None
         assert low < truth < high
+
+
+def test_the_strain_that_is_told_is_that_of_what_a_notch_leaves():
+    robot = build_robot(wrist())
+    run = gtr.simulate(robot, np.array([0.0, 3.0]))
+    told = impossible(robot.backbone, run.s, curvature=run.curvature, angle=run.angle, T_base=run.T_base)
+    largest = float(np.max(run.curvature[-1])) * float(section().reach[0])
+    assert told.strain == pytest.approx(largest)
+    assert not told.says

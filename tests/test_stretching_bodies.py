@@ -11,6 +11,7 @@ import gtr_jax as gtr
 from design.literal_in_space import solve_in_space
 from gtr_jax.files.config import parse_config
 from gtr_jax.robot.build import build_robot
+from gtr_jax.robot.channel_table import natural_shape
 from gtr_jax.simulation.markers import marker_places
 
 L, RADIUS, E = 0.2, 8e-3, 1e6
@@ -128,6 +129,12 @@ def test_markers_of_a_body_that_stretches_lie_on_it():
     assert np.allclose(marker_places(robot, run)[:, 0], run.tip_position, atol=1e-12)
     other = gtr.simulate(fine, np.array([0.0, 6.0]))
     assert np.allclose(marker_places(robot, run)[:, 1], marker_places(fine, other)[:, 1], atol=1e-7)
+
+
+def test_the_unloaded_body_is_as_long_as_it_is_written():
+    middle, frames = natural_shape(soft(), np.linspace(0.0, L, 11))
+    assert np.allclose(middle[-1], [L, 0.0, 0.0], atol=1e-12)
+    assert np.allclose(frames[-1], np.eye(3), atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -146,10 +146,10 @@ class Backbone(eqx.Module):
 
     @property
     def stretches(self) -> tuple[Float[Array, " stretches"], Float[Array, " stretches"]]:
-        """Arc lengths [m] where the bores, then the pieces, start and end."""
-        starts = jnp.stack([*self.bore_start, *self.piece_start]) if self.pieces else self.bore_start
-        ends = jnp.stack([*self.bore_end, *self.piece_end]) if self.pieces else self.bore_end
-        return starts, ends
+        """Arc lengths [m] where the bores, then the pieces, then the notches, start and end."""
+        starts = [*self.bore_start, *self.piece_start, *self.notch_start]
+        ends = [*self.bore_end, *self.piece_end, *self.notch_end]
+        return jnp.stack(starts) if starts else jnp.zeros(0), jnp.stack(ends) if ends else jnp.zeros(0)
 
     def kinks(self) -> Sequence[Float[Array, " kinks"]]:
         """Arc lengths [m] where natural strain or stiffness has a knot inside the body."""

@@ -39,6 +39,7 @@ def natural_shape(robot: Parts, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     fine = np.interp(np.arange(FINER * (len(s) - 1) + 1) / FINER, np.arange(len(s)), s)
     steps = np.diff(fine)[:, None]
     strain = np.asarray(robot.backbone.strain_at_rest(jnp.asarray(0.5 * (fine[1:] + fine[:-1]))))
+    strain = strain[:, :3]  # nothing stretches it
     frames, middle = [np.eye(3)], [np.zeros(3)]
     halves, wholes = (Rotation.from_rotvec(part * steps * strain).as_matrix() for part in (0.5, 1.0))
     for half, whole, (step,) in zip(halves, wholes, steps, strict=True):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -78,9 +79,12 @@ def impossible(
     if backbone.rigid:
         return Impossible(None, 0.0, 0.0, 0)
     radius, rest = np.asarray(backbone.radius(s)), np.asarray(backbone.curvature_at_rest(s))
+    start, end = (np.asarray(places)[:, None] for places in backbone.stretches)
+    within = jnp.asarray((start <= np.asarray(s)) & (np.asarray(s) <= end))
+    fibre = np.asarray(backbone.reach(s, within)) if backbone.notches else radius
     kappa, phi, nodes = np.asarray(curvature), np.asarray(angle), np.asarray(s)
     pull = np.asarray(T_base).reshape(len(phi), -1).max(axis=1)
-    bent = np.abs(kappa - rest) * radius
+    bent = np.abs(kappa - rest) * fibre
     strain = np.where(np.all(np.isfinite(bent), axis=1), bent.max(axis=1), 0.0)
     # A curve in a plane that turns by less than half a turn in all, and nowhere more sharply than its wall
     # allows, does not cross itself, nor do its walls.
