@@ -156,6 +156,25 @@ def test_the_axis_shortens_as_notches_close_about_their_neutral_line():
     assert np.allclose(np.asarray(run.tip_pose)[-1], [*place, turned], atol=3e-6, rtol=1e-3)
 
 
+def test_loads_bend_notches_about_their_neutral_line():
+    """The moment of the tip force about the neutral line, from the shape found: nothing of the march."""
+    force = np.array([-1.0, 0.2])
+    robot = build_robot(wrist(loads={"tip_force": force.tolist()}))
+    state = gtr.equilibrium(robot, 0.0)
+    left = section()
+    starts, ends = (np.asarray(ends) for ends in (robot.backbone.notch_start, robot.backbone.notch_end))
+    s, kappa, phi = (np.asarray(values) for values in (state.s, state.curvature, state.angle))
+    inside = np.any((s[:, None] > starts + 1e-9) & (s[:, None] < ends - 1e-9), axis=1)
+    beside = np.where(inside, float(left.centroid[0]), 0.0)
+    arm = np.stack([state.x[-1] - state.x, state.y[-1] - state.y]) + beside * np.stack(
+        [-np.sin(phi), np.cos(phi)]
+    )
+    moment = arm[0] * force[1] - arm[1] * force[0]
+    wanted = moment / (E * float(left.second[0]))
+    assert 0 < inside.sum() < len(s)
+    assert np.allclose(kappa[inside], wanted[inside], rtol=1e-6)
+
+
 def test_an_end_correction_bends_less_and_closes_at_the_same_angle():
     T = np.array([0.0, 2.0, 30.0])
     found, plain = (

@@ -140,9 +140,16 @@ class Geometry(abc.ABC):
         """
 
     @abc.abstractmethod
-    def pushed(self, pulls, direction, force) -> Any:
-        """Moments of `pull`, and the force along the axis that external forces beyond the section add, where
-        the axis stretches.
+    def pushed(self, pulls, direction, force, shift) -> Any:
+        """Moments of `pull` with what external forces beyond the section add, of which those act that push
+        along the axis: where the axis stretches, that force; where it lies beside the neutral line, their
+        moment about that.
+
+        Args:
+            pulls: of `pull`.
+            direction: of the section.
+            force: the external force beyond it [N].
+            shift: of the axis from the neutral line, as of `Sections`, or None.
         """
 
     @abc.abstractmethod

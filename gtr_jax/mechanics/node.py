@@ -336,7 +336,7 @@ class Equations(eqx.Module):
         acting = tension if row.beyond is None else jnp.where(row.beyond, 0.0, tension)
         pulls = geometry.pull(acting, kappa, row.R)
         if what.bends:
-            pulls = geometry.pushed(pulls, phi, force)
+            pulls = geometry.pushed(pulls, phi, force, row.shift)
         if what.bends or not what.space:  # in space, a moment that acts makes the external moment unknown
             pulls = pulls + geometry.felt(phi, moment)
         error = kappa - row.rest - row.compliance * pulls

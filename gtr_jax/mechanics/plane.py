@@ -90,8 +90,11 @@ class Plane(Geometry):
     def stretch(self, strain, shift):
         return None if shift is None else 1.0 - shift * strain
 
-    def pushed(self, pulls, direction, force):
-        return pulls
+    def pushed(self, pulls, direction, force, shift):
+        if shift is None:
+            return pulls
+        x, y = self.line(direction)
+        return pulls - shift * (x * force[0] + y * force[1])
 
     def bending_slope(self, law, strain):
         return self.slope(law, strain)[1]

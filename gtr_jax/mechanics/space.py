@@ -282,7 +282,7 @@ class Space(Geometry):
     def stretch(self, strain, shift):
         return None
 
-    def pushed(self, pulls, direction, force):
+    def pushed(self, pulls, direction, force, shift):
         return pulls
 
     def slackened(self, start, rest, compliance, tension, moment, R):
@@ -363,7 +363,7 @@ class Stretching(Space):
         turning = super().pull(tension, strain, R)
         return stretched(turning, _over(-tension * w.x / nu, tension))
 
-    def pushed(self, pulls, direction, force):
+    def pushed(self, pulls, direction, force, shift):
         return stretched(pulls, pulls.e + dot(self.line(direction), force))
 
     def stretch(self, strain, shift):
