@@ -123,6 +123,13 @@ def test_friction_closes_the_notches_one_after_the_other():
     assert shut[-1] > shut[0] > 0
 
 
+def test_a_notch_has_the_modulus_of_its_piece():
+    piece = {"from": FIRST, "to": FIRST + HEIGHT, "youngs_modulus": E / 2}
+    found = angles(build_robot(wrist(backbone={"sections": [piece]})), [0.0, 1.0])
+    plain = angles(build_robot(wrist()), [0.0, 1.0])
+    assert np.allclose((found - of_tube([0.0, 1.0]))[1], (plain - of_tube([0.0, 1.0]))[1] * [2, 1, 1])
+
+
 def test_either_side():
     one, other = (
         angles(build_robot(wrist(mu=0.2, side=side)), [0.0, 2.0, 20.0]) for side in ("left", "right")
@@ -265,6 +272,10 @@ def test_gradients_reach_the_numbers_of_notches():
         ({"notches": {"natural_angle": ["1 deg", "2 deg"]}}, "2 angles for 3 notches"),
         ({"backbone": {"youngs_modulus": 0.0, "bending_stiffness": 1e-3}}, "needs the stiffness"),
         ({"space": True}, "computed in the plane"),
+        (
+            {"backbone": {"sections": [{"from": FIRST, "to": 3e-3, "bending_stiffness": 1.0}]}},
+            "needs the stiffness of its section",
+        ),
     ],
 )
 def test_wrong_notches_are_refused(changes, words):

@@ -279,6 +279,7 @@ def _check_axial(backbone: BackboneConfig) -> None:
 def _check_notches(backbone: BackboneConfig) -> None:
     """Notches must be cut into a tube or rod of known modulus, leave something of it, and not overlap."""
     before, last = 0.0, ""
+    stiff = [piece for piece in backbone.sections if piece.bending_stiffness is not None]
     order = sorted(range(len(backbone.notches)), key=lambda i: backbone.notches[i].from_)
     for i in order:
         row, key = backbone.notches[i], f"backbone.notches[{i}]"
@@ -313,6 +314,12 @@ def _check_notches(backbone: BackboneConfig) -> None:
                 f"a notch starts at {mm(start)}, before {last} ends at {mm(before)}; give more spacing",
             )
             before, last = end, f"notches[{i}]"
+            _require(
+                not any(piece.from_ < end and start < piece.to for piece in stiff),
+                key,
+                f"the notch from {mm(start)} to {mm(end)} needs the stiffness of its section; give the piece "
+                "of the body there a youngs_modulus instead of bending_stiffness",
+            )
             outer = outer_radius_at(backbone, np.array([start, end]))
             _require(
                 bool(np.all((row.depth > outer) & (row.depth < 2 * outer))),

@@ -214,7 +214,7 @@ class Backbone(eqx.Module):
         if cut is None:
             return found
         # A body with notches stays in its plane: only its bending there is used.
-        left = self.youngs_modulus * cut.section.second
+        left = self._modulus(s, within) * cut.section.second
         return [jnp.where(cut.within, left, old) for old in found]
 
     def closed_stiffness(
@@ -256,11 +256,15 @@ class Backbone(eqx.Module):
         """EA [N] at s."""
         if self.axial_stiffness is not None:
             return jnp.broadcast_to(self.axial_stiffness, s.shape)
+        return self._modulus(s, within) * self.area(s, within)
+
+    def _modulus(self, s: Float[Array, " N"], within: Bool[Array, "stretches N"]) -> Float[Array, " N"]:
+        """E [Pa] at s."""
         modulus = jnp.broadcast_to(self.youngs_modulus, s.shape)
         for i, piece in enumerate(self.pieces):
             if piece.youngs_modulus is not None:
                 modulus = jnp.where(self._in_piece(i, within), piece.youngs_modulus, modulus)
-        return modulus * self.area(s, within)
+        return modulus
 
     def curvature_at_rest(self, s: Float[Array, " N"]) -> Float[Array, " N"]:
         """Natural curvature kappa_0 [1/m] at s, in the plane of the robot."""
