@@ -123,6 +123,14 @@ def test_friction_closes_the_notches_one_after_the_other():
     assert shut[-1] > shut[0] > 0
 
 
+def test_a_moment_at_the_tip_may_close_notches_before_the_tendon_is_pulled():
+    robot = build_robot(wrist(loads={"tip_moment": 0.05}))
+    run = gtr.simulate(robot, np.array([0.0, 1e-6]))
+    closed = HEIGHT / (OUTER + float(section().centroid[0]))
+    assert np.all(np.asarray(marker_angles(robot, run))[0] > closed)
+    assert abs(float(run.displacement[0])) < 1e-12
+
+
 def test_a_notch_has_the_modulus_of_its_piece():
     piece = {"from": FIRST, "to": FIRST + HEIGHT, "youngs_modulus": E / 2}
     found = angles(build_robot(wrist(backbone={"sections": [piece]})), [0.0, 1.0])
@@ -272,6 +280,8 @@ def test_gradients_reach_the_numbers_of_notches():
         ({"notches": {"natural_angle": ["1 deg", "2 deg"]}}, "2 angles for 3 notches"),
         ({"backbone": {"youngs_modulus": 0.0, "bending_stiffness": 1e-3}}, "needs the stiffness"),
         ({"space": True}, "computed in the plane"),
+        ({"notches": {"natural_angle": "60 deg"}}, "closed at 30.63 deg"),
+        ({"side": "right", "notches": {"natural_angle": ["1 deg", "31 deg", "2 deg"]}}, "natural_angle"),
         (
             {"backbone": {"sections": [{"from": FIRST, "to": 3e-3, "bending_stiffness": 1.0}]}},
             "needs the stiffness of its section",

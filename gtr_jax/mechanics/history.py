@@ -157,7 +157,9 @@ def begin(robot: Robot, structure: Structure, before: Before | None = None) -> S
         if moment.ndim:  # a moment does not stretch the axis
             moment = jnp.pad(moment, (0, s.rest.shape[-1] - moment.shape[0]))
         moment = jnp.broadcast_to(moment, s.rest.shape)
-        at_rest = dataclasses.replace(at_rest, kappa=s.rest + s.compliance * moment)
+        kappa = s.rest + s.compliance * moment
+        kappa = kappa if s.closing is None else s.closing.settled(kappa)
+        at_rest = dataclasses.replace(at_rest, kappa=kappa)
         memory = untouched(structure, at_rest, jnp.broadcast_to(strung_to, slack.shape), one)
         memory = memory if before is None else before(at_rest, memory)
         return Settled(memory, node_first(metric_of(s, at_rest.kappa)), strung_to, at_rest.kappa)

@@ -39,6 +39,12 @@ class Closing(eqx.Module):
         beyond = self.side * kappa - self.limit
         return self.side * self.stiffness * jnp.where(beyond > 0, beyond, 0.0)
 
+    def settled(self, kappa: Float[Array, " N"]) -> Float[Array, " N"]:
+        """Curvature under a moment [1/m], from what it were if no notch closed."""
+        beyond = self.side * kappa - self.limit
+        held = self.side * (self.limit + beyond / (1.0 + self.stiffness))
+        return jnp.where(beyond > 0, held, kappa)
+
     def stopped(self, before: Float[Array, ""], after: Float[Array, ""]) -> Float[Array, ""]:
         """Where a step of a search for the curvature ends: just beyond the limit if it would pass that. Far
         beyond it the body would fold over, and the tendon bend it back.

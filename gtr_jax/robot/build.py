@@ -30,7 +30,7 @@ from .backbone import Backbone, Piece, Stiffness
 from .clearance import TOUCHING, distances
 from .notches import Notches
 from .parts import Base, Loads, Marker, Tendon
-from .robot import STANDARD_GRAVITY, Robot, inner_kinks
+from .robot import STANDARD_GRAVITY, Robot, inner_kinks, sections
 
 # Mesh intervals along the body, per half wave of a channel, and at least in each panel; errors of this mesh
 # are in docs/solver.md.
@@ -255,7 +255,28 @@ def build_robot(config: RobotConfig, *, resolution: float = 1.0) -> Robot:
 
         check_channel(config, offset, tendon=tendon.name or None)
     _refuse_one_channel_of_two(config, robot)
-    return dataclasses.replace(robot, intervals=choose_intervals(robot, resolution))
+    robot = dataclasses.replace(robot, intervals=choose_intervals(robot, resolution))
+    _refuse_closed_notches(config, robot)
+    return robot
+
+
+def _refuse_closed_notches(config: RobotConfig, robot: Robot) -> None:
+    """InputError if a notch is bent beyond where it closes without load."""
+    s = sections(robot) if robot.backbone.notches else None
+    if s is None or s.closing is None:
+        return
+    bent = np.asarray(s.closing.side * s.rest)
+    limit = np.where(np.asarray(s.closing.side) != 0, np.asarray(s.closing.limit), np.inf)
+    if not np.any(bent > limit):
+        return
+    node = int(np.argmax(bent / limit))
+    for i, row in enumerate(config.backbone.notches):
+        if any(start <= s.mesh.s[node] <= end for start, end in row.ends):
+            angle, most = (np.degrees(k * row.height) for k in (bent[node], limit[node]))
+            raise InputError(
+                f"{config.source}: backbone.notches[{i}].natural_angle: without load a notch is bent by "
+                f"{angle:.4g} deg, and closed at {most:.4g} deg; give less"
+            )
 
 
 def _refuse_one_channel_of_two(config: RobotConfig, robot: Robot) -> None:
