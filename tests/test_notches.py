@@ -131,6 +131,15 @@ def test_a_moment_at_the_tip_may_close_notches_before_the_tendon_is_pulled():
     assert abs(float(run.displacement[0])) < 1e-12
 
 
+def test_markers_in_a_notch_follow_the_axis_that_it_shortens():
+    markers = [{"name": f"m{i}", "at": FIRST + x * HEIGHT} for i, x in enumerate((0.03, 0.3, 0.77))]
+    coarse, fine = (
+        gtr.marker_places(robot, gtr.simulate(robot, np.array([0.0, 8.0])))
+        for robot in (build_robot(wrist(markers=markers), resolution=r) for r in (1.0, 3.0))
+    )
+    assert np.allclose(coarse, fine, atol=1e-9)
+
+
 def test_a_notch_has_the_modulus_of_its_piece():
     piece = {"from": FIRST, "to": FIRST + HEIGHT, "youngs_modulus": E / 2}
     found = angles(build_robot(wrist(backbone={"sections": [piece]})), [0.0, 1.0])
