@@ -34,7 +34,7 @@ def shape_in_plane(robot: Robot, curvature: Float[Array, "K N"], angle: Float[Ar
         strain=jnp.stack([nil, nil, curvature], axis=-1),
         rotation=jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2),
         position=jnp.stack([x, y, nil], axis=-1),
-        stretch=None if s.shift is None else -s.shift * curvature,  # of the axis beside the neutral line
+        stretch=None if s.shift is None else -s.shift[None] * curvature,  # beside the neutral line
     )
 
 
