@@ -223,8 +223,7 @@ def _levelled(setup: Setup, part: Part, prediction: Prediction, noises: Sequence
 
     def weighed(sd: np.ndarray) -> tuple[Weighing, np.ndarray]:
         weigh = part.weighing(prediction, sd)
-        chi2 = _squares(setup, weigh, residual, share, n) / degrees
-        return weigh, part.pooled(np.sqrt(np.maximum(chi2, 0.0))) ** 2
+        return weigh, part.pooled_squares(_squares(setup, weigh, residual, share, n) / degrees)
 
     weigh, chi2 = weighed(least)
     by_noise, sd = weigh, least

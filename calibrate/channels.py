@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gtr_jax import Recording, Robot
-from gtr_jax.files.quantities import ANGLE, AXES
+from gtr_jax.files.quantities import ANGLE, column_of, marker_quantities
 from gtr_jax.robot.rotation import quaternion_of
 
 # Of one tendon in the plane.
@@ -101,9 +101,7 @@ def tendon_of(channel: str, robot: Robot) -> int:
 def unit_of(channel: str) -> str:
     """SI unit of a channel."""
     quantity = quantity_of(channel)
-    if quantity in ("T_tip", "T_base"):
-        return "N"
-    return "rad" if quantity in ("tip_angle", *ROTATION) or quantity.endswith(f"_{ANGLE}") else "m"
+    return "rad" if quantity in ROTATION else column_of(quantity).unit
 
 
 def words_of(channel: str) -> str:
@@ -120,10 +118,9 @@ def instrument_of(channel: str) -> str:
     """What the channels have in common that one instrument measures with one error: the places of all
     markers, the angles of their sections; else the channel itself.
     """
-    quantity = quantity_of(channel)
-    if quantity in _WORDS:
+    if quantity_of(channel) in _WORDS:
         return channel
-    return "marker angles" if quantity.endswith(f"_{ANGLE}") else "marker places"
+    return "marker angles" if unit_of(channel) == "rad" else "marker places"
 
 
 def chosen_by(channel: str) -> tuple[str, ...]:
@@ -163,22 +160,17 @@ def channels_in(recording: Recording, robot: Robot) -> dict[str, np.ndarray]:
     per_tendon("displacement", "tension")
     per_tendon("T_base", "displacement")
     for marker in robot.markers:
-        for axis in _of_marker(robot):
-            values = recording.markers.get(f"{marker.name}_{axis}")
+        for name in marker_quantities(marker.name, space=robot.space):
+            values = recording.markers.get(name)
             if values is not None:
-                found[f"{marker.name}_{axis}"] = np.asarray(values, float)
+                found[name] = np.asarray(values, float)
     return found
-
-
-def _of_marker(robot: Robot) -> tuple[str, ...]:
-    """What is compared of a marker: its place, and the angle of its section."""
-    return (*(AXES if robot.space else AXES[:2]), ANGLE)
 
 
 def known_to(robot: Robot) -> list[str]:
     """Names of all that recordings of a robot may be asked to be compared by."""
     pose = ["tip_z", *ROTATION] if robot.space else ["tip_angle"]
-    places = [f"{marker.name}_{axis}" for marker in robot.markers for axis in _of_marker(robot)]
+    places = [name for m in robot.markers for name in marker_quantities(m.name, space=robot.space)]
     ends = [name for quantity in ("displacement", "T_base") for name in of_tendons(quantity, robot)]
     drawn = any(tendon.drive == "displacement" for tendon in robot.tendons)
     ends = [name for name in ends if drawn or quantity_of(name) != "T_base"]

@@ -181,11 +181,12 @@ class Part:
         """Errors of the channels, (C,), the same for all that one instrument measures: their root mean
         square. A model that falls short of some markers must not count those less than the others.
         """
+        return np.sqrt(self.pooled_squares(np.square(sizes)))
+
+    def pooled_squares(self, squares: np.ndarray) -> np.ndarray:
+        """Squares of the channels, (C,), for each the mean over all that its instrument measures."""
         names = np.array([instrument_of(name) for name in self.channels])
-        pooled = np.array(sizes, float)
-        for name in set(names):
-            pooled[names == name] = np.sqrt(np.mean(pooled[names == name] ** 2))
-        return pooled
+        return np.array([np.mean(squares[names == name]) for name in names])
 
     def rough(self) -> np.ndarray:
         """Errors used in the search for a start, (C,): the tips' noise, and for other channels a share of

@@ -13,11 +13,10 @@ from matplotlib.figure import Figure
 import calibrate
 import gtr_jax as gtr
 from calibrate import Diagnosis
-from calibrate.diagnosis.sentence import interval_in_words
 from gtr_jax.files.numbers import measured_quantity, quantity
 from gtr_jax.plots.style import BLUE, GREY, PALE, VERMILLION, styled
 
-from .pages import elsewhere, page, save, say, table, write
+from .pages import elsewhere, interval, page, save, say, table, write
 
 COLUMNS = "time=Time [s],T_base=data_0[gf],T_tip=data_2[gf]"
 
@@ -63,14 +62,15 @@ def main() -> None:
     before, after = held_out(found)
     say(f"  {found.verdict}: {before:.3f} N before, {after:.3f} N after, on cycles that were not fitted")
     save(picture(found), "giraffe", shows_recording=True)
-    rows = []
-    for c in found.parameters:
-        within = ""
-        if c.lower95 is not None and c.upper95 is not None:
-            within = " to ".join(interval_in_words((c.lower95, c.upper95), c.unit))
-        rows.append(
-            [f"`{c.name}`", quantity(c.before, c.unit), measured_quantity(c.after, c.sd, c.unit), within]
-        )
+    rows = [
+        [
+            f"`{c.name}`",
+            quantity(c.before, c.unit),
+            measured_quantity(c.after, c.sd, c.unit),
+            interval(c),
+        ]
+        for c in found.parameters
+    ]
     write(
         "giraffe",
         page("giraffe").format(

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from calibrate.diagnosis.result import Change
 from calibrate.diagnosis.sentence import interval_in_words
 from calibrate.estimate import Estimate
 from gtr_jax.files.numbers import measured_quantity
@@ -38,15 +39,18 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
 
 
+def interval(found: Estimate | Change) -> str:
+    """The 95 % interval of a number; "" without one."""
+    if found.lower95 is None or found.upper95 is None:
+        return ""
+    return " to ".join(interval_in_words((found.lower95, found.upper95), found.unit))
+
+
 def numbers(estimates: Sequence[Estimate]) -> str:
     """The fitted numbers of a robot, with their intervals."""
-    rows = []
-    for e in estimates:
-        value = measured_quantity(e.value, e.sd, e.unit)
-        within = e.note
-        if e.lower95 is not None and e.upper95 is not None:
-            within = " to ".join(interval_in_words((e.lower95, e.upper95), e.unit))
-        rows.append([f"`{e.name}`", value, within])
+    rows = [
+        [f"`{e.name}`", measured_quantity(e.value, e.sd, e.unit), interval(e) or e.note] for e in estimates
+    ]
     return table(["number", "fitted", "95 % interval"], rows)
 
 

@@ -68,7 +68,7 @@ def fitted(free: tuple[str, ...], stretches: bool, start: Any) -> Any:
     config = start.config if start is not None else gtr.load_config(FOLDER / "tentacle.toml")
     if config.backbone.extensible != stretches:
         config = config.with_values({"backbone.extensible": stretches})
-    if free[-1] not in ("E", "density"):
+    if set(POSE) <= set(free):
         config = config.with_deviations(MOUNTED)
     recording = gtr.read_recording(
         FOLDER / "train.csv", measured=True, tendons=config.tendon_names, markers=MARKERS, space=True
@@ -105,7 +105,8 @@ def main() -> None:
     fits, rows, found = [], [], None
     for says, free, stretches in MODELS:
         say(f"tentacle: {says}")
-        found = fitted(free, stretches, found if stretches and fits and MODELS[len(fits) - 1][2] else None)
+        start = found if found is not None and found.config.backbone.extensible else None
+        found = fitted(free, stretches, start)
         train, test = (distances(found.robot, name) for name in ("train", "test"))
         fits.append((found, train, test))
         rows.append([says, str(len(free)), f"{rms(train):.1f} mm", f"{rms(test):.1f} mm"])

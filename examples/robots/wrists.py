@@ -187,8 +187,9 @@ def main() -> None:
                 per_robot=NATURAL,
             )
             fits.append((says, {w: found for w in WRISTS}))
+    best, both = dict(fits)[FOUND], fits[-1][1]["wrist90"]
     for wrist in WRISTS:
-        keep(wrist, dict(fits)[FOUND][wrist])
+        keep(wrist, best[wrist])
     rows, robots = [], {}
     for says, found in fits:
         cells = [says]
@@ -204,7 +205,6 @@ def main() -> None:
             cells += [f"{error:.2f}°" for error in errors]
         rows.append(cells)
         say("  " + ", ".join(cells[1:]))
-    friction = {(says, wrist): found[wrist]["mu"] for says, found in fits[1:4:2] for wrist in WRISTS}
     shown = {
         wrist: {
             "modulus and friction": robots[wrist][PLAIN],
@@ -221,24 +221,23 @@ def main() -> None:
     def told(e: Any) -> str:
         return f"{e.value:.3f} ± {e.sd:.3f}"
 
-    superelastic_mu = {w: told(friction[FOUND, w]) for w in WRISTS}
+    shared = [e for e in both.estimates if not e.name.startswith("notches_natural")]
+    own = {cells[0]: cells for cells in rows}[FOUND]
     write(
         "wrists",
         page("wrists").format(
             models=table(header, rows),
-            mu90=superelastic_mu["wrist90"],
-            mu150=superelastic_mu["wrist150"],
-            alone90=numbers(fits[3][1]["wrist90"].estimates),
-            alone150=numbers(fits[3][1]["wrist150"].estimates),
-            both=numbers(
-                [e for e in fits[-1][1]["wrist90"].estimates if not e.name.startswith("notches_natural")]
-            ),
+            mu90=told(best["wrist90"]["mu"]),
+            mu150=told(best["wrist150"]["mu"]),
+            alone90=numbers(best["wrist90"].estimates),
+            alone150=numbers(best["wrist150"].estimates),
+            both=numbers(shared),
             known90=KNOWN["wrist90"],
             known150=KNOWN["wrist150"],
-            off90=rows[3][2],
-            off150=rows[3][5],
-            rest90=rows[3][3],
-            rest150=rows[3][6],
+            off90=own[2],
+            off150=own[5],
+            rest90=own[3],
+            rest150=own[6],
             both90=rows[-1][2],
             both150=rows[-1][5],
         ),

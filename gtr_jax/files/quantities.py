@@ -103,6 +103,8 @@ def of_tendon(header: str, tendon: str) -> str | None:
     return f"{found[1]}{found[2] or ''}" if found else None
 
 
-def marker_quantities(name: str) -> tuple[str, ...]:
-    """The quantities of a marker: its place m1_x, m1_y, m1_z, and the angle of its section m1_angle."""
-    return tuple(f"{name}_{axis}" for axis in (*AXES, ANGLE))
+def marker_quantities(name: str, *, space: bool = True) -> tuple[str, ...]:
+    """The quantities of a marker: its place m1_x, m1_y and, in space, m1_z, and the angle of its section,
+    m1_angle.
+    """
+    return tuple(f"{name}_{end}" for end in (*(AXES if space else AXES[:2]), ANGLE))

@@ -289,7 +289,7 @@ class Space(Geometry):
         strain = start
         for _ in range(2):
             error = strain - rest - compliance * (self.pull(tension, strain, R) + moment)
-            strain = strain - applied(inverse(self.near(compliance, tension, strain, R)), error)
+            strain = strain - self.through(inverse(self.near(compliance, tension, strain, R)), error)
         return strain
 
     def through(self, slope, error):
@@ -377,13 +377,6 @@ class Stretching(Space):
     def inner(self, one, other):
         both = isinstance(one, Stretched) and isinstance(other, Stretched)
         return dot(one, other) + (one.e * other.e if both else 0.0)
-
-    def slackened(self, start, rest, compliance, tension, moment, R):
-        strain = start
-        for _ in range(2):
-            error = strain - rest - compliance * (self.pull(tension, strain, R) + moment)
-            strain = strain - self.through(inverse(self.near(compliance, tension, strain, R)), error)
-        return strain
 
     def through(self, slope, error):
         # The stretch and the others hardly depend on one another, and the search corrects for that.

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax.files.numbers import number
-from gtr_jax.files.quantities import column_of
+from gtr_jax.files.quantities import column_of, marker_quantities
 from gtr_jax.plots.style import png
 from gtr_jax.plots.views import Posture, Strung, plot_views
 from gtr_jax.robot.clearance import place_in_section
@@ -42,7 +42,8 @@ def marker_columns(robot: Robot, run: Simulation) -> dict[str, np.ndarray]:
     by header, (K,) each.
     """
     rows = marker_rows(robot, np.asarray(marker_readings(robot, run)))
-    return {column_of(name).header: row for name, row in rows.items() if robot.space or name[-2:] != "_z"}
+    shown = [name for m in robot.markers for name in marker_quantities(m.name, space=robot.space)]
+    return {column_of(name).header: rows[name] for name in shown}
 
 
 def pose_facts(run: Simulation, step: int) -> dict[str, Any]:
@@ -95,7 +96,7 @@ def _posture(name: str, run: Simulation, places: np.ndarray, step: int) -> Postu
     assert run.shape is not None
     tension = np.atleast_2d(np.asarray(run.tension[step]))
     position, frames = np.asarray(run.shape.position[step]), np.asarray(run.shape.rotation[step])
-    return Posture(name, position, frames, tension, places[step, :, :3])
+    return Posture(name, position, frames, tension, places[step])
 
 
 def shape_figure(

@@ -225,8 +225,8 @@ class Backbone(eqx.Module):
         """
         cut = self.cut(s, within)
         assert cut is not None
-        tube = self.radius(s, within) ** 4 - jnp.sum(self._bore_radii(within) ** 4, axis=0)
-        return jnp.where(cut.within, jnp.pi / 4 * tube / cut.section.second - 1.0, 0.0)
+        tube = self._round(s, within, jnp.ones(()))[2]
+        return jnp.where(cut.within, tube / cut.section.second - 1.0, 0.0)
 
     def _round(
         self, s: Float[Array, " N"], within: Bool[Array, "stretches N"], modulus: Float[Array, ""]

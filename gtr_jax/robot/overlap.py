@@ -79,9 +79,11 @@ def impossible(
     if backbone.rigid:
         return Impossible(None, 0.0, 0.0, 0)
     radius, rest = np.asarray(backbone.radius(s)), np.asarray(backbone.curvature_at_rest(s))
-    start, end = (np.asarray(places)[:, None] for places in backbone.stretches)
-    within = jnp.asarray((start <= np.asarray(s)) & (np.asarray(s) <= end))
-    fibre = np.asarray(backbone.reach(s, within)) if backbone.notches else radius
+    fibre = radius
+    if backbone.notches:
+        start, end = (np.asarray(places)[:, None] for places in backbone.stretches)
+        within = jnp.asarray((start <= np.asarray(s)) & (np.asarray(s) <= end))
+        fibre = np.asarray(backbone.reach(s, within))
     kappa, phi, nodes = np.asarray(curvature), np.asarray(angle), np.asarray(s)
     pull = np.asarray(T_base).reshape(len(phi), -1).max(axis=1)
     bent = np.abs(kappa - rest) * fibre

@@ -179,13 +179,12 @@ def _of_body(robot: Parts) -> Iterator[Parameter]:
         yield Parameter("body_EA", key, "N", 0.0, None, log=True)
     for k, row in enumerate(body.notches):
         name = "notches" if len(body.notches) == 1 else f"notches_{k}"
-        key, at = f"backbone.notches.{k}", f"backbone.notches.{k}"
+        key = f"backbone.notches.{k}"
         for field in ("height", "depth", "spacing", "end_correction"):
             least = None if field == "end_correction" else 0.0
-            yield Parameter(f"{name}_{field}", f"{key}.{field}", "m", least, None, at=f"{at}.{field}")
+            yield Parameter(f"{name}_{field}", f"{key}.{field}", "m", least, None)
         for i in range(row.count):
-            own = f"natural_angle.{i}"
-            yield Parameter(f"{name}_natural_angle_{i}", f"{key}.{own}", "rad", at=f"{at}.{own}")
+            yield Parameter(f"{name}_natural_angle_{i}", f"{key}.natural_angle.{i}", "rad")
     strains = ("natural_curvature", "natural_curvature_y", "natural_twist")
     for name in strains if robot.space else strains[:1]:
         if getattr(body, name).shape[0] == 1:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -28,7 +30,7 @@ def shape_in_plane(robot: Robot, curvature: Float[Array, "K N"], angle: Float[Ar
     s = sections(robot)
     along, across = jnp.cos(angle), jnp.sin(angle)
     nil, one = jnp.zeros_like(angle), jnp.ones_like(angle)
-    x, y = jax.vmap(lambda phi, kappa: line_of(s, phi, kappa))(angle, curvature)
+    x, y = jax.vmap(functools.partial(line_of, s))(angle, curvature)
     rows = ((along, -across, nil), (across, along, nil), (nil, nil, one))
     return Shape(
         strain=jnp.stack([nil, nil, curvature], axis=-1),
@@ -102,29 +104,21 @@ def _angle(s, shape: Shape, at, start) -> Float[Array, " markers"]:
     cosine = rotation[:-1, 0, 0] * rotation[1:, 0, 0] + rotation[:-1, 1, 0] * rotation[1:, 1, 0]
     phi = jnp.concatenate([jnp.zeros(1), jnp.cumsum(jnp.arctan2(sine, cosine))])
 
-    def at_place(place):
-        before, length, weights = _hermite(s, place)
-        each = (
-            phi[before],
-            length * shape.strain[before, 2],
-            phi[before + 1],
-            length * shape.strain[before + 1, 2],
-        )
-        return jnp.sum(jnp.stack([w * v for w, v in zip(weights, each, strict=True)]), axis=0)
+    def of(node):
+        return phi[node], shape.strain[node, 2]
 
-    return at_place(at) - at_place(start)
+    return _between(s, at, of) - _between(s, start, of)
 
 
 def _turn(s, shape: Shape, at, start) -> Float[Array, " markers"]:
     """Angle between the tangents of the midline at two sections [rad]."""
 
+    def of(node):
+        frame, strain = shape.rotation[node], shape.strain[node]
+        return frame[:, :, 0], strain[:, 2:3] * frame[:, :, 1] - strain[:, 1:2] * frame[:, :, 2]
+
     def tangent(place):
-        before, length, weights = _hermite(s, place)
-        found = jnp.zeros((place.shape[0], 3))
-        for node, w in ((before, weights[:2]), (before + 1, weights[2:])):
-            frame, strain = shape.rotation[node], shape.strain[node]
-            changes = strain[:, 2:3] * frame[:, :, 1] - strain[:, 1:2] * frame[:, :, 2]
-            found = found + w[0][:, None] * frame[:, :, 0] + (w[1] * length)[:, None] * changes
+        found = _between(s, place, of)
         return found / jnp.linalg.norm(found, axis=1, keepdims=True)
 
     one, other = tangent(start), tangent(at)
@@ -133,37 +127,45 @@ def _turn(s, shape: Shape, at, start) -> Float[Array, " markers"]:
     return jnp.arctan2(sine, jnp.sum(one * other, axis=1))
 
 
-def _hermite(s: Float[Array, " N"], at: Float[Array, " markers"]):
-    """The node before each place, the length to the next [m], and the weights there of value and slope times
-    that length at the one and at the other.
+def _between(
+    s: Float[Array, " N"], at: Float[Array, " markers"], of: Callable[[Array], tuple[Array, Array]]
+) -> Float[Array, "markers *any"]:
+    """Hermite's cubic at places between the nodes.
+
+    Args:
+        s: nodes [m].
+        at: the places [m].
+        of: the quantity and its derivative by s at given nodes, (markers, ...) each.
     """
     before = jnp.clip(jnp.searchsorted(s, at, side="right") - 1, 0, s.shape[0] - 2)
+    (start, leaves), (end, arrives) = of(before), of(before + 1)
+
+    def along(values: Float[Array, " markers"]) -> Array:
+        return values.reshape(-1, *[1] * (start.ndim - 1))
+
     length = s[before + 1] - s[before]
-    x = (at - s[before]) / jnp.where(length > 0, length, 1.0)
-    weights = (
-        (1 + 2 * x) * (1 - x) ** 2,
-        x * (1 - x) ** 2,
-        x**2 * (3 - 2 * x),
-        x**2 * (x - 1),
+    x, length = along((at - s[before]) / jnp.where(length > 0, length, 1.0)), along(length)
+    return (
+        (1 + 2 * x) * (1 - x) ** 2 * start
+        + x * (1 - x) ** 2 * length * leaves
+        + x**2 * (3 - 2 * x) * end
+        + x**2 * (x - 1) * length * arrives
     )
-    return before, length, weights
 
 
 def _places(
     s: Float[Array, " N"], shape: Shape, at: Float[Array, " markers"], offset: Float[Array, "markers 3"]
 ) -> Float[Array, "markers 3"]:
-    """Hermite's cubic between the nodes about each marker: p + D o runs along D ((1 + e) e1 + u x o)."""
-    before, length, weights = _hermite(s, at)
+    """Places of points of sections: p + D o runs along D ((1 + e) e1 + u x o)."""
 
     def of(node):
         frame = shape.rotation[node]
         axis = jnp.asarray([[1.0, 0.0, 0.0]])
         axis = axis if shape.stretch is None else (1.0 + shape.stretch[node])[:, None] * axis
         along = axis + jnp.cross(shape.strain[node], offset)
-        return shape.position[node] + _turned(frame, offset), length[:, None] * _turned(frame, along)
+        return shape.position[node] + _turned(frame, offset), _turned(frame, along)
 
-    each = (*of(before), *of(before + 1))
-    return jnp.sum(jnp.stack([w[:, None] * v for w, v in zip(weights, each, strict=True)]), axis=0)
+    return _between(s, at, of)
 
 
 def _turned(

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 
 from gtr_jax.errors import did_you_mean
-from gtr_jax.files.quantities import ANGLE, AXES, QUATERNION
+from gtr_jax.files.quantities import ANGLE, AXES, QUATERNION, column_of, marker_quantities
 from gtr_jax.robot.robot import Robot
 
 from .config import SweepConfig
@@ -141,11 +141,14 @@ def of_tendons(variable: Variable, tendons: Sequence[str]) -> tuple[Variable, ..
 
 def of_markers(robot: Robot) -> tuple[Variable, ...]:
     """The places of the markers, in the plane x and y, and the angles of their sections."""
-    found = []
-    for marker in robot.markers:
-        for axis in AXES if robot.space else AXES[:2]:
-            says = f"marker {marker.name} along {axis} of the world"
-            found.append(Variable(f"{marker.name}_{axis}", "m", says, smooth=True))
-        says = f"angle of the section at marker {marker.name}"
-        found.append(Variable(f"{marker.name}_{ANGLE}", "rad", says, smooth=True))
-    return tuple(found)
+
+    def says(marker: str, end: str) -> str:
+        if end == ANGLE:
+            return f"angle of the section at marker {marker}"
+        return f"marker {marker} along {end} of the world"
+
+    return tuple(
+        Variable(name, column_of(name).unit, says(m.name, name.removeprefix(f"{m.name}_")), smooth=True)
+        for m in robot.markers
+        for name in marker_quantities(m.name, space=robot.space)
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Collection, Sequence
 
 import jax
@@ -80,7 +81,7 @@ def along(robot: Robot, run: Simulation, kept: Sequence[int], wanted: Collection
     else:
         said |= {v.name: run.tip_pose[at, i] for i, v in enumerate(POSE)} | {"angle": run.angle[at]}
         if "x" in wanted:
-            x, y = jax.vmap(lambda phi, kappa: midline(robot, phi, kappa))(run.angle[at], run.curvature[at])
+            x, y = jax.vmap(functools.partial(line_of, sections(robot)))(run.angle[at], run.curvature[at])
             said |= {"x": x, "y": y}
     said |= _markers(robot, run.s, shape, run.curvature[at], run.angle[at], wanted)
     return _named(robot, said)
@@ -108,11 +109,6 @@ def _markers(
     places = markers_on(robot, s, shape_in_plane(robot, curvature, angle) if shape is None else shape)
     rows = marker_rows(robot, places)
     return {v.name: rows[v.name] for v in found}
-
-
-def midline(robot: Robot, phi: Array, kappa: Array) -> tuple[Array, ...]:
-    """Position of the nodes [m], (N,) each, from the angle of the midline and its curvature."""
-    return line_of(sections(robot), phi, kappa)
 
 
 def dissipation(robot: Robot, run: Simulation) -> Array:
