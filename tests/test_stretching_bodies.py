@@ -148,3 +148,28 @@ def test_the_unloaded_body_is_as_long_as_it_is_written():
 def test_wrong_axes_are_refused(backbone, words):
     with pytest.raises(gtr.InputError, match=words):
         soft(backbone=backbone)
+
+
+def test_a_tendon_that_ends_early_knows_nothing_of_the_body_beyond():
+    """The other tendon shortens all of the body; of the one that ends half-way only what lies before counts,
+    of the body's length and of its own stretch."""
+    give, EA = 1e-4, E * AREA
+    on_axis = {"kind": "straight", "radius": 0.0, "angle": 0.0}
+    beside = {"kind": "straight", "radius": 5e-3, "angle": 1.0}
+    data = {
+        "schema": 1,
+        "backbone": {"length": L, "outer_radius": RADIUS, "youngs_modulus": E, "extensible": True},
+        "tendons": [
+            {"name": "half", "to": L / 2, "friction_coefficient": 0.0, "routing": on_axis},
+            {"name": "whole", "friction_coefficient": 0.0, "routing": beside},
+        ],
+    }
+    T = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 3.0], [2.0, 3.0]])
+    shorter = T.sum(axis=1) * L / 2 / EA
+    for compliance in (0.0, give):
+        terms = [{"kind": "tendon-stretch", "compliance": compliance}] if compliance else []
+        robot = build_robot(parse_config({**data, "terms": terms}))
+        run = gtr.simulate(robot, T)
+        assert np.all(run.converged)
+        wanted = shorter + compliance * T[:, 0] * L / 2
+        assert np.allclose(run.displacement[:, 0], wanted, rtol=1e-7, atol=1e-12)

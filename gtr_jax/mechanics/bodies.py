@@ -34,8 +34,8 @@ def offset_of(s: Sections, strain: Float[Array, "N *strain"]) -> Offset | Spatia
 
 
 def metric_of(s: Sections, strain: Float[Array, "N *strain"]) -> Float[Array, "*tendons N"]:
-    """nu = ds_c/ds of the tendons, (*tendons, N)."""
-    return geometry_of(s).metric(strain, offset_of(s, strain))
+    """nu = ds_c/ds of the tendons, (*tendons, N); past an anchor, where there is no tendon, zero."""
+    return s.ended(geometry_of(s).metric(strain, offset_of(s, strain)))
 
 
 def turning_of(s: Sections, strain: Float[Array, "N *strain"]) -> Float[Array, "*tendons N"]:

@@ -115,7 +115,8 @@ def _compliance(case: Case) -> Float[Array, " N"]:
     """How much of the tendon slips out of each length of channel, per tension: 1/N, (N,)."""
     s, kappa = case.sections, case.memory.kappa
     gives = RIGID + _give(case, "strain", case.memory.tension)
-    return gives * metric_of(s, kappa) + geometry_of(s).give(s.compliance, kappa, offset_of(s, kappa))
+    body = geometry_of(s).give(s.compliance, kappa, offset_of(s, kappa))
+    return gives * metric_of(s, kappa) + s.ended(body)
 
 
 def _give(case: Case, name: str, tension):

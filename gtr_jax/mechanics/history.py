@@ -167,7 +167,8 @@ def begin(robot: Robot, structure: Structure, before: Before | None = None) -> S
     # only.
     memory = untouched(structure, jax.lax.stop_gradient(at_rest), slack, zero)
     memory = dataclasses.replace(memory, kappa=s.rest)
-    return Settled(memory, jnp.ones_like(slack), jnp.zeros_like(strung_to), s.rest)
+    straight = node_first(s.ended(jnp.moveaxis(jnp.ones_like(slack), 0, -1)))
+    return Settled(memory, straight, jnp.zeros_like(strung_to), s.rest)
 
 
 def advance(

@@ -40,7 +40,6 @@ from .guides import Strung, corner, direction_of, either, entering, offset_on
 from .mesh import STENCIL, Interval
 from .offset import Offset, SpatialOffset
 from .sections import State, either_of, node_first
-from .space import STRETCHING
 from .structure import PRESLIDING, carried, mobilise
 from .vector import Vector, applied, columns_of
 
@@ -277,7 +276,7 @@ class Equations(eqx.Module):
         if what.follows_slip:
             # First the slip without the tendon's strain at this node, which is added below, once its tension
             # is known.
-            shortened = row.metric - geometry.metric(kappa, row.R)
+            shortened = row.metric - self.metric(row, kappa)
             known = carry.slip - w[1] * carry.drawn[0] - w[2] * carry.drawn[1] - w[3] * carry.drawn[2]
             # The strain at this node is taken at the preceding node's tension: a second-order error.
             near = known - w[0] * self.strained(shortened, carry.tension, row)
@@ -374,6 +373,11 @@ class Equations(eqx.Module):
         stretch = self.geometry.stretch(kappa, row.shift)
         return each if stretch is None else each * stretch
 
+    def metric(self, row: Row, kappa):
+        """nu of the tendons, zero past an anchor."""
+        nu = self.geometry.metric(kappa, row.R)
+        return nu if row.beyond is None else jnp.where(row.beyond, 0.0, nu)
+
     def bending(self, row: Row, kappa) -> tuple[Any, dict[str, Any]]:
         """What the bending laws add to the moment over EI [1/m], 0.0 without any, and what they remember."""
         added, kept = [], {}
@@ -468,7 +472,7 @@ class Equations(eqx.Module):
         far as the margin, interpolated linearly between its ends, stays positive.
         """
         margin = jnp.where(self.modes.carried, margin, -1.0)
-        change = self.geometry.metric(kappa, row.R) - (1.0 + self.strain(tension, row.tension)) * row.nu
+        change = self.metric(row, kappa) - (1.0 + self.strain(tension, row.tension)) * row.nu
         span = jnp.abs(margin) + jnp.abs(before.margin)
         each = row.interval.length / jnp.where(span > 0, span, 1.0)
         here, there = (each * jnp.where(m > 0, m, 0.0) for m in (margin, before.margin))
@@ -531,7 +535,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         reach=s.reach if what.softens else None,
         shift=s.shift,
         closing=s.closing,
-        beyond=node_first(s.beyond) if geometry is STRETCHING and s.beyond is not None else None,
+        beyond=None if s.beyond is None else node_first(s.beyond),
     )
     low = high = entry = load.T_base
     if what.has("base_grip"):

@@ -114,7 +114,8 @@ def slip_of(
     gone = case.metric - node_first(metric_of(s, kappa))
     away = jnp.zeros_like(T_tip)
     if case.structure.has("strain"):
-        gone = gone + (total(case, "strain", tension) - total(case, "strain", case.preload)) * case.metric
+        strung = total(case, "strain", case.preload)[None]
+        gone = gone + (total(case, "strain", tension) - strung) * case.metric
     if case.structure.has("anchor"):
         away = total(case, "anchor", T_tip) - total(case, "anchor", case.preload)
     along = jnp.moveaxis(gone, 0, -1)

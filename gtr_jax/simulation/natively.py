@@ -145,7 +145,7 @@ def _left(given: _Given, structure: Structure, kind: _Kind, settled: Settled, st
         bent = jnp.max(jnp.abs(state.kappa - settled.kappa))
     out = drawn_out(robot.terms, done.slip[..., 0], row.load.T_base, robot.preload)
     if given.tendons:
-        metric = s.ended(metric_of(s, state.kappa))
+        metric = metric_of(s, state.kappa)
         out = out + stretch_of(given.tendons, s.mesh.s, s.ended(done.tension), metric)
     moved = jnp.zeros(()) if step.moved is None else jnp.where(step.met, step.moved, 0.0)
     each = (row.load.T_base, done.T_tip, out, direction, front)
@@ -178,7 +178,7 @@ def _driven(given: _Given, structure: Structure, how: March, settled: Settled, r
         s = given.robot.sections
         done = loaded_of(s, structure, settled, step)
         out = drawn_out(given.robot.terms, done.slip[..., 0], load.T_base, given.robot.preload)
-        metric = s.ended(metric_of(s, done.state.kappa))
+        metric = metric_of(s, done.state.kappa)
         out = out + stretch_of(given.tendons, s.mesh.s, s.ended(done.tension), metric)
         out = jnp.atleast_1d(out - drawn) + give * jnp.where(x > 0, 0.0, x)
         return jnp.where(free, out, give * (x - known))

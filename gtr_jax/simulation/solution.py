@@ -145,7 +145,7 @@ def tendon_length(s: Sections, y: State) -> Float[Array, "*tendons"]:
     def length(metric):
         return jnp.sum(increments(s.mesh.weights, metric))
 
-    metric = s.ended(metric_of(s, y.kappa))
+    metric = metric_of(s, y.kappa)
     return length(metric) if metric.ndim == 1 else jax.vmap(length)(metric)
 
 
@@ -350,7 +350,7 @@ def describe(s: Sections, base: Base, loaded: Loaded, memory: Memory | None = No
         y=across,
         wrap=loaded.wrap,
         tendon_angle=tendon_angle,
-        metric=s.ended(metric_of(s, y.kappa)),
+        metric=metric_of(s, y.kappa),
         R=offset_of(s, y.kappa).value - (0.0 if s.shift is None else s.shift),
         tendon_length=tendon_length(s, y),
         mobilisation=loaded.mobilisation,

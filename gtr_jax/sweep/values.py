@@ -121,7 +121,7 @@ def dissipation(robot: Robot, run: Simulation) -> Array:
     slid = run.slip
     if run.shape is not None:
         s = sections(robot)
-        metric = jax.vmap(lambda strain: s.ended(metric_of(s, strain)))(run.shape.whole_strain)
+        metric = jax.vmap(lambda strain: metric_of(s, strain))(run.shape.whole_strain)
         slid = slid + jax.vmap(lambda T, nu: stretch_beyond(robot.tendons, run.s, T, nu))(run.tension, metric)
     grip = run.tension[..., :-1] - run.tension[..., 1:]
     slip = 0.5 * (slid[..., :-1] + slid[..., 1:])
