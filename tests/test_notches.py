@@ -18,6 +18,7 @@ from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.notches import remaining
 from gtr_jax.robot.overlap import impossible
 from gtr_jax.simulation.markers import marker_angles
+from gtr_jax.sweep.validity import is_robot
 
 OUTER, INNER, DEPTH = 0.81e-3, 0.70e-3, 1.4e-3
 HEIGHT, SPACING, FIRST = 0.8e-3, 1.2e-3, 1.2e-3
@@ -138,6 +139,13 @@ def test_markers_in_a_notch_follow_the_axis_that_it_shortens():
         for robot in (build_robot(wrist(markers=markers), resolution=r) for r in (1.0, 3.0))
     )
     assert np.allclose(coarse, fine, atol=1e-9)
+
+
+def test_a_sweep_marks_notches_that_no_body_has():
+    robot = build_robot(wrist())
+    assert bool(is_robot(robot))
+    for values in ({"notches_height": 3e-3}, {"notches_depth": 0.5e-3}, {"notches_depth": 1.7e-3}):
+        assert not bool(is_robot(robot.with_values(**values)))
 
 
 def test_a_notch_has_the_modulus_of_its_piece():

@@ -96,3 +96,13 @@ def test_the_wall_is_strained_by_bending_and_by_twist(make_robot):
     )
     assert (found.strain, found.strain_step) == (pytest.approx(0.66), 1)
     assert any("strained by 66 %" in text for text in found.says)
+
+
+def test_the_stretch_of_the_axis_strains_the_wall_and_lets_it_fold_sooner(make_robot):
+    body = make_robot(backbone={"outer_radius": 0.011}).backbone
+    s, stretch = jnp.linspace(0.0, 0.25, 3), jnp.full((2, 3), -0.6)
+    strain = jnp.array([[[0.0, 0.0, 10.0]], [[0.0, 0.0, 40.0]]]) * jnp.ones((2, 3, 1))
+    pulls, places = jnp.array([1.0, 2.0]), jnp.ones((2, 3, 3)) * s[None, :, None]
+    found = impossible_in_space(body, s, strain=strain, position=places, T_base=pulls, stretch=stretch)
+    assert (found.strain, found.strain_step) == (pytest.approx(1.04), 1)
+    assert found.overlap_step == 1

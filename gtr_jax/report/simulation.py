@@ -148,8 +148,15 @@ def answer_simulation(
 def _impossible(robot: Robot, run: Simulation) -> Impossible:
     if run.shape is None:
         return impossible(robot.backbone, run.s, curvature=run.curvature, angle=run.angle, T_base=run.T_base)
-    strain, position = run.shape.strain, run.shape.position
-    return impossible_in_space(robot.backbone, run.s, strain=strain, position=position, T_base=run.T_base)
+    shape = run.shape
+    return impossible_in_space(
+        robot.backbone,
+        run.s,
+        strain=shape.strain,
+        position=shape.position,
+        T_base=run.T_base,
+        stretch=shape.stretch,
+    )
 
 
 def _switch(robot: Robot, T_base_max: Array) -> Switch:

@@ -27,7 +27,8 @@ class Impossible:
         overlap_step: first of the steps looked at in which the body's outline crosses itself, from 0; None if
             none does.
         overlap_T_base: largest base tension in that step [N].
-        strain: largest bending strain of the wall, |kappa - kappa_0| r, in any step.
+        strain: largest strain of the wall, |kappa - kappa_0| r and of a body that stretches |e| more, in any
+            step.
         strain_step: the step of that strain, from 0.
     """
 
@@ -105,9 +106,11 @@ def impossible_in_space(
     strain: Float[Array, "K N 3"],
     position: Float[Array, "K N 3"],
     T_base: Float[Array, "K *tendons"],
+    stretch: Float[Array, "K N"] | None = None,
 ) -> Impossible:
     """What no real body can do of a simulation in space; nothing for a rigid sheath. The wall is strained by
-    bending, |kappa - kappa_0| r, and sheared by twist; the larger one is told.
+    bending and by the stretch of the axis, |kappa - kappa_0| r + |e|, and sheared by twist; the larger one is
+    told.
 
     Args:
         backbone: the body.
@@ -115,20 +118,23 @@ def impossible_in_space(
         strain: twist and bendings in every step [1/m], (K, N, 3).
         position: of the midline [m], (K, N, 3).
         T_base: base tension of every tendon [N], (K, *tendons).
+        stretch: of the axis [-]; None of a body that does not stretch.
     """
     if backbone.rigid:
         return Impossible(None, 0.0, 0.0, 0)
+    longer = 0.0 if stretch is None else np.asarray(stretch)
     radius, rest = np.asarray(backbone.radius(s)), np.asarray(backbone.strain_at_rest(s))[:, :3]
     u, p, nodes = np.asarray(strain), np.asarray(position), np.asarray(s)
     pull = np.asarray(T_base).reshape(len(u), -1).max(axis=1)
     more = u - rest
-    wall = np.maximum(np.abs(more[..., 0]), np.linalg.norm(more[..., 1:], axis=-1)) * radius
+    sheared, bends = np.abs(more[..., 0]) * radius, np.linalg.norm(more[..., 1:], axis=-1) * radius
+    wall = np.maximum(sheared, bends + np.abs(longer))
     worst = np.where(np.all(np.isfinite(wall), axis=1), wall.max(axis=1), 0.0)
     bent = np.linalg.norm(u[..., 1:], axis=-1)
     turned = np.sum(0.5 * (bent[:, 1:] + bent[:, :-1]) * np.diff(nodes), axis=1)
-    able = np.flatnonzero((turned > 0.5 * np.pi) | (bent * radius >= 1.0).any(axis=1))
+    able = np.flatnonzero((turned > 0.5 * np.pi) | (bent * radius >= 1.0 + longer).any(axis=1))
     some = able[:: -(-len(able) // LOOKED_AT)] if len(able) else able
-    folded = (bent * radius >= 1.0).any(axis=1)
+    folded = (bent * radius >= 1.0 + longer).any(axis=1)
     found = next((int(k) for k in some if folded[k] or meets_itself(nodes, p[k], radius)), None)
     at = 0.0 if found is None else float(pull[found])
     return Impossible(found, at, float(worst.max()), int(worst.argmax()))

@@ -40,6 +40,11 @@ def is_robot(robot: Robot) -> Bool[Array, ""]:
         slimmest = jnp.minimum(body.radius(body.bore_start), body.radius(body.bore_end))
         holds.append(jnp.all(body.bore_diameter < 2 * slimmest))
         holds += _apart(body.bore_start, body.bore_end, body.length)
+    if body.notches:
+        holds += _apart(body.notch_start, body.notch_end, body.length)
+        for row in body.notches:
+            outer = body.radius(jnp.concatenate(row.ends))
+            holds += [jnp.all(row.depth > outer), jnp.all(row.depth < 2 * outer), row.height > 0]
     return jnp.all(jnp.stack(holds))
 
 
