@@ -141,6 +141,29 @@ def test_markers_in_a_notch_follow_the_axis_that_it_shortens():
     assert np.allclose(coarse, fine, atol=1e-9)
 
 
+def test_rows_on_both_sides_alternate():
+    """Each tendon bends the notches of its side towards it, and opens the others: the mirror image."""
+    pitch = HEIGHT + SPACING
+    row = {"height": 0.4 * HEIGHT, "depth": DEPTH, "count": 3, "spacing": pitch - 0.4 * HEIGHT}
+    sides = [{**row, "from": FIRST, "side": "left"}, {**row, "from": FIRST + 0.5 * pitch, "side": "right"}]
+    length = 2 * FIRST + 3 * pitch
+    tendons = [
+        {"name": name, "friction_coefficient": 0.0, "routing": {"kind": "parallel", "offset": offset}}
+        for name, offset in (("left", INNER), ("right", -INNER))
+    ]
+    bore = {"from": 0.0, "to": length, "diameter": 2 * INNER}
+    body = {"length": length, "outer_radius": OUTER, "youngs_modulus": E, "bores": [bore], "notches": sides}
+    robot = build_robot(parse_config({"schema": 1, "backbone": body, "tendons": tendons}))
+    run = gtr.simulate(robot, np.array([[3.0, 0.0], [0.0, 3.0], [40.0, 0.0], [0.0, 40.0]]))
+    assert np.all(run.converged)
+    angle = np.asarray(run.tip_pose)[:, 2]
+    assert np.allclose(angle[::2], -angle[1::2], rtol=1e-9)
+    left = section()
+    arms, width = INNER + np.array([1.0, -1.0]) * float(left.centroid[0]), 3 * 0.4 * HEIGHT
+    tube = 3.0 * INNER * (length - 2 * width) / (E * np.pi / 4 * (OUTER**4 - INNER**4))
+    assert angle[0] == pytest.approx(3.0 * arms.sum() * width / (E * float(left.second[0])) + tube, rel=1e-9)
+
+
 def test_a_sweep_marks_notches_that_no_body_has():
     robot = build_robot(wrist())
     assert bool(is_robot(robot))

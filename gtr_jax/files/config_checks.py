@@ -278,11 +278,9 @@ def _check_axial(backbone: BackboneConfig) -> None:
 
 def _check_notches(backbone: BackboneConfig) -> None:
     """Notches must be cut into a tube or rod of known modulus, leave something of it, and not overlap."""
-    before, last = 0.0, ""
     stiff = [piece for piece in backbone.sections if piece.bending_stiffness is not None]
-    order = sorted(range(len(backbone.notches)), key=lambda i: backbone.notches[i].from_)
-    for i in order:
-        row, key = backbone.notches[i], f"backbone.notches[{i}]"
+    for i, row in enumerate(backbone.notches):
+        key = f"backbone.notches[{i}]"
         _require(not backbone.rigid, key, "has no effect on a backbone with rigid = true; remove it")
         _require(
             backbone.youngs_modulus > 0 and backbone.bending_stiffness is None,
@@ -309,12 +307,6 @@ def _check_notches(backbone: BackboneConfig) -> None:
                 f"{mm(backbone.length)}",
             )
             _require(
-                start >= before - _NEAR * backbone.length,
-                key,
-                f"a notch starts at {mm(start)}, before {last} ends at {mm(before)}; give more spacing",
-            )
-            before, last = end, f"notches[{i}]"
-            _require(
                 not any(piece.from_ < end and start < piece.to for piece in stiff),
                 key,
                 f"the notch from {mm(start)} to {mm(end)} needs the stiffness of its section; give the piece "
@@ -327,6 +319,15 @@ def _check_notches(backbone: BackboneConfig) -> None:
                 f"is {mm(row.depth)}, and the body is {mm(2 * outer[0])} thick; a notch goes beyond the axis "
                 "and leaves something of the body",
             )
+    # Rows may alternate, as of tubes that are cut from both sides.
+    each = sorted((start, end, i) for i, row in enumerate(backbone.notches) for start, end in row.ends)
+    for (_, before, last), (start, _, i) in itertools.pairwise(each):
+        _require(
+            start >= before - _NEAR * backbone.length,
+            f"backbone.notches[{i}]",
+            f"a notch starts at {mm(start)}, before one of notches[{last}] ends at {mm(before)}; give more "
+            "spacing",
+        )
 
 
 def _check_routing(routing: Any, length: float, table: str) -> None:

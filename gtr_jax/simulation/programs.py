@@ -12,7 +12,7 @@ from jaxtyping import Array
 from .. import mechanics
 from ..mechanics import Structure, every, in_order
 from ..mechanics.sections import Sections
-from ..mechanics.structure import carried
+from ..mechanics.structure import PRESLIDING, carried
 from ..robot.robot import Robot, tip_moment_of
 from ..terms import known_acting, known_on
 from ..terms.term import ONE_HELD
@@ -29,9 +29,14 @@ def structure_of(robot: Robot, with_terms: bool | Collection[str] | None) -> Str
         return structure_with(robot, every_for(robot) if with_terms else ())
     if with_terms is not None:
         return structure_with(robot, with_terms)
+    acting = _acting(robot)
+    return dataclasses.replace(structure_with(robot, tuple(acting)), acting=all(acting.values()))
+
+
+def _acting(robot: Robot) -> dict[str, bool | None]:
+    """The terms that act or may act, and whether that is known."""
     known = {kind: known_on(robot.catalogue[kind], robot.terms[kind]) for kind in every(robot.laws)}
-    acting = [kind for kind, on in known.items() if (kind in robot.acting if on is None else on)]
-    return dataclasses.replace(structure_with(robot, acting), acting=all(known[kind] for kind in acting))
+    return {kind: on for kind, on in known.items() if (kind in robot.acting if on is None else on)}
 
 
 def every_for(robot: Robot) -> tuple[str, ...]:
@@ -53,8 +58,13 @@ def structure_with(robot: Robot, terms: Collection[str]) -> Structure:
     """
     loads = any(robot.catalogue[kind].loads for kind in terms)
     refuse_in_space(robot, terms)
+    given = in_order(terms, robot.laws)
+    if robot.backbone.notches and robot.tendon_names and not given:
+        # Several tendons without terms have a solver of their own, which knows no notches. The others follow
+        # the slip, by this term, whose numbers are those of none.
+        given = (PRESLIDING,)
     return Structure(
-        in_order(terms, robot.laws),
+        given,
         len(robot.tendon_names),
         robot.loaded or loads or _tip_moment_acts(robot),
         space=robot.space,
@@ -103,4 +113,4 @@ def terms_act(robot: Robot) -> bool:
     """Whether any physics term acts that is not of the load cells; where their numbers are traced, whether
     any may.
     """
-    return bool(structure_of(robot, None).terms)
+    return bool(_acting(robot))

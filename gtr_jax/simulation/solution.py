@@ -303,6 +303,11 @@ def _shape(s: Sections, base: Base, y: State) -> Shape:
     return Shape(y.kappa[:, :3], rotation, position, stretch)
 
 
+def _from_axis(s: Sections, R: Float[Array, "*any"]) -> Float[Array, "*any"]:
+    """Offsets from the axis, of those from the neutral line."""
+    return R if s.shift is None else R - jnp.broadcast_to(s.shift, R.shape)
+
+
 def _bending(strain: Float[Array, "N strains"]) -> Float[Array, " N"]:
     """Size of the curvature, with derivative 0 where the body is straight."""
     square = strain[:, 1] ** 2 + strain[:, 2] ** 2
@@ -351,7 +356,7 @@ def describe(s: Sections, base: Base, loaded: Loaded, memory: Memory | None = No
         wrap=loaded.wrap,
         tendon_angle=tendon_angle,
         metric=metric_of(s, y.kappa),
-        R=offset_of(s, y.kappa).value - (0.0 if s.shift is None else s.shift),
+        R=_from_axis(s, offset_of(s, y.kappa).value),
         tendon_length=tendon_length(s, y),
         mobilisation=loaded.mobilisation,
         result=outcome(loaded.result),
