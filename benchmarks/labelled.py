@@ -42,7 +42,7 @@ def row(folder: Path) -> tuple[bool, str]:
     else:
         right = effects in sets
     mu = found.parameters[0]
-    held = " → ".join(f"{h['rms_N']:.3f}" for h in found.held_out)
+    held = " → ".join(f"{h['rms']:.3f}" for h in found.held_out)
     said = " or ".join(" + ".join(sorted(s)) for s in sets) or "–"
     left = truth.get("sqrt_delta_chi2")
     cells = (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Callable, Sequence
 
 import jax.numpy as jnp
@@ -114,6 +115,14 @@ class Part:
     def tips(self) -> int:
         """How many of the channels are tip tensions, which come first: one of each tendon, or none."""
         return sum(quantity_of(name) == "T_tip" for name in self.channels)
+
+    @property
+    def explained(self) -> int:
+        """How many of the channels, the first, a diagnosis explains: the tip tensions; where none was
+        recorded, all at the start that have one unit.
+        """
+        unit = unit_of(self.channels[0])
+        return self.tips or sum(1 for _ in itertools.takewhile(lambda c: unit_of(c) == unit, self.channels))
 
     @property
     def pulled(self) -> list[np.ndarray]:

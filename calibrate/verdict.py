@@ -172,10 +172,10 @@ class Distance(NamedTuple):
         return known and not (self.tensions_described or self.rms <= SMALL * self.peak)
 
 
-def in_unit(value: float, unit: str) -> str:
-    """A value in an SI unit to two digits, in the unit people write it in."""
+def in_unit(value: float, unit: str, digits: int = 2) -> str:
+    """A value in an SI unit to two digits, or others, in the unit people write it in."""
     factor, shown = {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "°"), "N": (1.0, "N")}[unit]
-    return f"{factor * value:.2g} {shown}"
+    return f"{factor * value:.{digits}g} {shown}"
 
 
 def _other(name: str, rms: float, noise: float, unit: str) -> str:

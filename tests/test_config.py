@@ -598,3 +598,20 @@ def test_a_term_that_the_files_do_not_know_is_told_the_terms(monkeypatch):
     with pytest.raises(InputError, match=r"unknown kind 'my-own-law'; the terms, nearest first: ") as caught:
         parse_config(tomllib.loads(ROBOT) | {"terms": [{"kind": "my-own-law"}]})
     assert "parallel" not in str(caught.value) and "presliding" in str(caught.value)
+
+
+def test_what_is_uncertain_of_a_list_is_so_of_each_of_its_numbers(make_config):
+    config = make_config(uncertainty={"outer_radius": "0.1 mm", "mu": 0.1})
+    assert config.deviation("backbone.outer_radius.0") == pytest.approx(1e-4)
+    assert config.deviation("backbone.outer_radius.1") == pytest.approx(1e-4)
+    with pytest.raises(InputError, match=r"outer_radius\.0 stands twice"):
+        make_config(uncertainty={"outer_radius": "0.1 mm", "outer_radius.0": "0.2 mm"})
+
+
+@pytest.mark.parametrize(
+    "written, words", [("1 250 mm", "two numbers"), ("250 ± 1 mm", "deviation.*uncertainty")]
+)
+def test_a_second_number_is_not_dropped(make_config, written, words):
+    with pytest.raises(InputError, match=words) as refused:
+        make_config(backbone={"length": written})
+    assert "\n" not in str(refused.value)

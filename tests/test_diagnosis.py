@@ -112,7 +112,9 @@ def test_a_regularity_is_no_noise():
     def found(z, timed=True):
         tendon = SimpleNamespace(name="", drive="tension")
         robot = SimpleNamespace(tendons=(tendon,), tendon_names=())
-        part = SimpleNamespace(name="r", samples=K, channels=("T_tip",), robot=robot, tips=1, others=())
+        part = SimpleNamespace(
+            name="r", samples=K, channels=("T_tip",), robot=robot, tips=1, explained=1, others=()
+        )
         part.recorded, part.smallest, part.noise_N = (z + tip)[None], [0.0], None
         part.counted = np.ones(K, bool)
         part.drives, part.pulled = (SimpleNamespace(T_base=T),), [T]
@@ -283,7 +285,7 @@ def test_a_sound_recording_is_adequate():
     found = calibrate.diagnose(config, recording)
     assert found.verdict == "adequate" and found.named == [] and found.converged
     assert found.probability[""] > 0.9
-    assert found.rms_N[0] == pytest.approx(found.noise_N, rel=0.15)
+    assert found.rms[0] == pytest.approx(found.noise, rel=0.15)
     assert found.smallest_detectable["presliding.length"] < 5e-4
 
 
@@ -300,9 +302,9 @@ def test_readings_that_stand_still_are_unexplained():
     assert stand["readings"] == 4 and recording.time is not None
     assert stand["time_s"] == pytest.approx(recording.time[[37, 40]].tolist())
     # What a sentence says of the residual, its numbers carry.
-    seen = dataclasses.replace(found, verdict="adequate", rms_N=(0.9, 0.9), noise_N=0.3, expected_N=0.3)
+    seen = dataclasses.replace(found, verdict="adequate", rms=(0.9, 0.9), noise=0.3, expected=0.3)
     assert "is 0.9 N where the noise is 0.3 N, which is more" in sentence(seen, ())
-    assert "is 0.4 N where the noise is 0.3 N." in sentence(dataclasses.replace(seen, rms_N=(0.4, 0.4)), ())
+    assert "is 0.4 N where the noise is 0.3 N." in sentence(dataclasses.replace(seen, rms=(0.4, 0.4)), ())
     named = dataclasses.replace(found, verdict="missing-physics", named=["presliding"], left=(1.2, 30.0))
     assert "Structure of 1.2 standard deviations" in sentence(named, ("presliding",))
     assert "Structure" not in sentence(dataclasses.replace(named, left=(0.3, 30.0)), ("presliding",))

@@ -263,7 +263,7 @@ def test_a_term_left_out_of_the_catalogue_is_found_as_a_law(make_config):
     recording = recorded(truth)
     found = calibrate.diagnose(make_config(routing=SINE), recording, without=("adhesion",))
     held = found.held_out
-    assert found.verdict != "adequate" and held[-1]["rms_N"] < 0.5 * held[0]["rms_N"], found.says
+    assert found.verdict != "adequate" and held[-1]["rms"] < 0.5 * held[0]["rms"], found.says
 
 
 @pytest.mark.slow

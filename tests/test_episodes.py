@@ -137,7 +137,7 @@ def test_stretches_that_a_user_leaves_out():
     thin = out.only(np.arange(0, K, 3))
     assert (~thin.counted).sum() == 6  # 102, 105, ... 117
     (said,) = left_out(thin, [Stretch(100, 119, ASKED)], thin.T_tip + 0.3)
-    assert said.size_N == pytest.approx(0.3) and said.samples == 6
+    assert said.size == pytest.approx(0.3) and said.samples == 6
     assert said.start_s == pytest.approx(10.2) and said.end_s == pytest.approx(11.7)
 
 
@@ -300,7 +300,7 @@ def test_a_sheath_that_moves_and_a_tip_end_that_is_pulled(tmp_path):
     ends = [(e.start_s, e.end_s) for e in found.left_out if e.start_s is not None and e.end_s is not None]
     assert any(start < 1058.3 and end > 1057.5 for start, end in ends)
     assert sum(e.samples for e in found.left_out) < 0.1 * len(time)
-    assert found.held_out[-1]["rms_N"] < 0.05 and (found.share_explained or 0.0) > 0.95
+    assert found.held_out[-1]["rms"] < 0.05 and (found.share_explained or 0.0) > 0.95
     says = found.to_json()
     assert says["left_out"] and "share_explained" in says
     # The same, told by the user.

@@ -264,13 +264,6 @@ def test_nothing_to_compare_is_refused(make_config):
         calibrate.fit(config, dataclasses.replace(moved, T_base=LOOP[:3], tip_x=LOOP[:3], tip_y=LOOP[:3]))
 
 
-def test_a_diagnosis_asks_for_the_tip_tension(make_config):
-    rec = gtr.Recording(T_base=LOOP, path=Path("rec.csv"), sha256="", tip_x=0.25 - 1e-3 * LOOP)
-    with pytest.raises(gtr.InputError, match=r"rec\.csv: no tip tension.*gtr fit") as refused:
-        calibrate.diagnose(make_config(PARALLEL), rec)
-    assert "\n" not in str(refused.value)
-
-
 def test_the_command(make_config, truth, capsys, tmp_path):
     gtr.dump_config(wrong(make_config), tmp_path / "robot.toml")
     gtr.write_recording(tmp_path / "rec.csv", posed(truth, LOOP))
@@ -288,8 +281,6 @@ def test_the_command(make_config, truth, capsys, tmp_path):
     report = (tmp_path / "out/report.html").read_text()
     assert "T_tip" not in report.partition("robot.toml")[0] and "tip cell" not in report
     assert "tip_angle, root mean square" in report
-    done = run_gtr(capsys, "diagnose", *given, "-o", tmp_path / "other")
-    assert done.status != 0 and "no column T_tip_N" in done.err and done.err.count("\n") == 1
     gtr.write_recording(tmp_path / "bare.csv", {"T_base": LOOP})
     done = run_gtr(capsys, "fit", given[0], tmp_path / "bare.csv", "-o", tmp_path / "other")
     assert done.status != 0 and "T_tip_N" in done.err and done.err.count("\n") == 1

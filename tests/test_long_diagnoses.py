@@ -119,7 +119,7 @@ def test_a_delay_and_a_drift_are_no_missing_physics_and_hide_none():
     told = {c.name: c for c in found.instruments}
     assert told["time-skew.delay"].after == pytest.approx(0.012, abs=1e-3)
     assert told["zero-drift.tip"].after == pytest.approx(1e-3, abs=2e-4)
-    assert "time-skew.delay" in found.says and found.rms_N[1] < 0.015 < found.rms_N[0]
+    assert "time-skew.delay" in found.says and found.rms[1] < 0.015 < found.rms[0]
     wears = by_hand(3000, **{"time-skew.delay": 0.012, "friction-drift.rate": -5e-3})
     found = calibrate.diagnose(CONFIG, wears, experiment=False)
     assert found.verdict == "missing-physics" and found.named == ["friction-drift"], found.says

@@ -1,5 +1,6 @@
 """The native program of a load history is the traced one: to 1e-10, and with the same slip."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -45,6 +46,54 @@ def test_native_steps_are_the_traced_ones(make_robot, name):
     np.testing.assert_array_equal(found.converged, traced.converged)
     # At the tolerance rounding decides whether one more is taken.
     np.testing.assert_allclose(found.iterations, traced.iterations, atol=1)
+
+
+STRAIGHT = {"kind": "straight", "radius": 0.01}
+
+
+@pytest.mark.parametrize("extensible", [False, True])
+def test_native_steps_in_space_are_the_traced_ones(make_robot, extensible):
+    """Of two tendons of which one ends early."""
+    tendons = [
+        {"name": f"t{i}", "friction_coefficient": 0.2, "routing": {**STRAIGHT, "angle": angle}}
+        for i, angle in enumerate((0.3, 2.0))
+    ]
+    tendons[0]["to"] = 0.15
+    body = {"poissons_ratio": 0.4, "extensible": extensible}
+    robot = make_robot(0.3, backbone=body, tendons=tendons)
+    T = np.stack([LOOP, 0.5 * LOOP[::-1]], axis=1)
+    how = gtr.March(atol=1e-12)
+    traced = gtr.simulate(robot, T, time=CLOCK, solver=how)
+    structure = structure_of(robot, None)
+    assert structure is not None and np.all(traced.converged)
+    found = steps_natively(robot, structure, loads_of(jnp.asarray(T), jnp.asarray(CLOCK), None), how)
+    for quantity in ("T_tip", "displacement", "slip_front", "slip_direction"):
+        np.testing.assert_allclose(
+            getattr(found, quantity), getattr(traced, quantity), rtol=1e-9, atol=1e-11, err_msg=quantity
+        )
+
+
+def _picked(robot, carried, row):
+    """Rows of two arrays side by side, at places of each its own, as chords of guided tendons are taken."""
+    places = jnp.asarray([[2, 0], [1, 1]])
+    each = robot.reshape(2, 3, 2)
+    rows = jax.vmap(lambda a, i: a[i])(each, places)
+    again = jnp.take_along_axis(each, places[..., None], axis=-2)
+    carried = carried + jnp.sum(rows * again * row)
+    return carried, jnp.concatenate([rows.ravel(), again.ravel()])
+
+
+def test_rows_side_by_side_are_taken_from_each_its_own():
+    shape = jax.ShapeDtypeStruct
+    robot, rows = np.arange(12.0), np.array([1.0, -2.0])
+    native = program.Program(
+        lambda robot: jnp.zeros(()), _picked, shape((12,), jnp.float64), shape((), jnp.float64), ("rows",)
+    )
+    found = native(robot, rows[:, None])
+    carried = jnp.zeros(())
+    for row, out in zip(rows, found, strict=True):
+        carried, wanted = _picked(jnp.asarray(robot), carried, jnp.asarray(row))
+        np.testing.assert_array_equal(out, wanted)
 
 
 def _double(robot, carried, row):

@@ -16,6 +16,7 @@ from ..several import SeveralWeighing
 from ..weighing import Weighing
 from .follow import Follow
 from .hypotheses import Hypothesis
+from .instruments import tendon_of_channel
 from .model import Fitted, Model, Point, model_of
 from .rig import Rig
 
@@ -43,7 +44,7 @@ def noise_in(rig: Rig, residual: np.ndarray) -> list[Noise]:
     if part.noise_N is not None:
         noise[:n] = [Noise(part.noise_N, own.rho) for own in noise[:n]]
     tensions = part.pulled or part.recorded[:n]
-    largest = max(float(np.max(np.abs(T))) for T in tensions)
+    largest = max((float(np.max(np.abs(T))) for T in tensions), default=0.0)
     size = [*([largest] * n), *np.ptp(part.recorded[n:], axis=1)]
     return [
         Noise(float(np.hypot(n.sd, DISCRETE * s)), n.rho, DISCRETE * s)
@@ -57,7 +58,7 @@ def passing(rig: Rig, seen: Seen, noise: list[Noise], values: Mapping[str, float
     """
     part, K = rig.part, rig.part.samples
     sd, base = np.asarray([n.sd for n in noise]), part.T_base
-    slopes = [_slope(rig, values, i) for i in range(part.tips)]
+    slopes = [_slope(rig, values, i) for i in range(len(part.drives))]
     if part.others:
         known = np.stack([np.zeros(part.recorded.shape) if one is None else one for one in slopes], axis=-1)
         sds = tuple(
@@ -84,7 +85,7 @@ def _slope(rig: Rig, values: Mapping[str, float], tendon: int) -> np.ndarray | N
     part = rig.part
     drive = part.drives[tendon]
     step = 1e-3 * max(float(np.ptp(drive.T_base)), 1e-3)
-    more = tuple(step if i == tendon else 0.0 for i in range(part.tips))
+    more = tuple(step if i == tendon else 0.0 for i in range(len(part.drives)))
     plainly, raised = rig(values), rig(values, more)
     if drive.sd == 0 or raised is None or plainly is None:
         return None
@@ -174,14 +175,15 @@ class Bench:
         return other if self.heavy is None else dataclasses.replace(other, heavy=other.far(seen))
 
     def far(self, seen: Sequence[Seen]) -> float:
-        """Where rows of a simulation are far off: `HEAVY` times what is usual among those of T_tip. A law
-        that is missing is wrong by many standard deviations of the noise wherever it applies.
+        """Where rows of a simulation are far off: `HEAVY` times what is usual among those of what is
+        explained. A law that is missing is wrong by many standard deviations of the noise wherever it
+        applies.
         """
-        tips = [
-            z[: rig.part.tips, rig.part.counted]
+        rows = [
+            z[: rig.part.explained, rig.part.counted]
             for z, rig in zip(self.by_channel(self._free(seen)), self.rigs, strict=True)
         ]
-        each = np.concatenate([z.ravel() for z in tips])
+        each = np.concatenate([z.ravel() for z in rows])
         return HEAVY * max(1.0, MAD_TO_SD * float(np.median(np.abs(each))))
 
     def answer_of_dimensions(self, values: Mapping[str, float]) -> Follow | None:
@@ -207,15 +209,16 @@ class Bench:
         return Follow(change, *np.linalg.svd(np.stack(white, axis=1), full_matrices=False))
 
     def expected_rms(self, *, mesh: bool = True) -> float:
-        """Expected rms residual of T_tip [N] if only noise is left in it and, with `mesh`, the discretisation
-        error.
+        """Expected rms residual of what is explained, SI, if only noise is left in it and, with `mesh`, the
+        discretisation error.
         """
         total, count = 0.0, 0
         for rig, noise, weigh in zip(self.rigs, self.noise, self.weighs, strict=True):
-            for i, drive in enumerate(rig.part.drives):
+            for c, name in enumerate(rig.part.channels[: rig.part.explained]):
+                drive = rig.part.drives[tendon_of_channel(rig.part, name)]
                 # The straight runs average the base cell's noise: their numbers stand for all samples.
-                passed = weigh.passed[i] ** 2 * drive.size / rig.part.samples
-                own = noise[i].sd if mesh else noise[i].cell
+                passed = weigh.passed[c] ** 2 * drive.size / rig.part.samples
+                own = noise[c].sd if mesh else noise[c].cell
                 total += rig.part.samples * own**2 + float(np.sum(passed))
                 count += rig.part.samples
         return float(np.sqrt(total / count))
@@ -383,7 +386,7 @@ class Bench:
         for rig in self.rigs:
             C, K = len(rig.part.channels), rig.part.samples
             found.append(rows[start : start + C * K].reshape(C, K, *rows.shape[1:]))
-            start += (C + rig.part.tips) * K
+            start += (C + len(rig.part.drives)) * K
         return found
 
     def without(self, held: Sequence[np.ndarray]) -> Bench:

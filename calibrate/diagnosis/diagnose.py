@@ -33,7 +33,7 @@ from .experiment import Experiment, propose
 from .further import beaten, with_further
 from .heldout import held_out
 from .hypotheses import EVENTS, INSTRUMENT_NUMBERS
-from .instruments import of_one
+from .instruments import of_one, tendon_of_channel
 from .leave_out import Stretch, asked_for, from_outside, left_out
 from .locate import cycles_in, locate, mu_by_stratum, phases_of, ratio_of_branches
 from .marginal import Marginal, jointly
@@ -165,7 +165,7 @@ def _leaves_less(again: Diagnosis, found: Diagnosis) -> bool:
         return False
     squares = [
         sum(
-            float(np.sum((one.after - one.recorded)[: one.tips, other.counted & one.counted] ** 2))
+            float(np.sum((one.after - one.recorded)[: one.explained, other.counted & one.counted] ** 2))
             for one, other in zip(mine.loops, others.loops, strict=True)
         )
         for mine, others in ((again, found), (found, again))
@@ -410,13 +410,13 @@ def _answer(
         def pull(i: int, part=part, k=k, ends=(part.recorded, plain, shown), phases=phases) -> Pull:
             drive, tendon = part.drives[i], part.robot.tendons[i]
             T, own, by_draw = drive.T_base, of_one(phases, i), tendon.drive == "displacement"
+            tensions = part.tips > 0 and not by_draw
             return Pull(
                 tendon=tendon.name if part.others else "",
                 drive=T,
                 by_displacement=by_draw,
                 phases=own,
-                branches=[] if by_draw else [ratio_of_branches(T, rows[i], own) for rows in ends],
-                noise_N=float(bench.noise[k][i].sd),
+                branches=[ratio_of_branches(T, rows[i], own) for rows in ends] if tensions else [],
                 noise_drive=float(drive.sd),
             )
 
@@ -430,7 +430,10 @@ def _answer(
                 after=shown,
                 cycles=cycles_in(part),
                 counted=part.counted,
-                pulls=tuple(pull(i) for i in range(part.tips)),
+                explained=part.explained,
+                noise=np.asarray([noise.sd for noise in bench.noise[k]]),
+                of=tuple(tendon_of_channel(part, name) for name in part.channels),
+                pulls=tuple(pull(i) for i in range(len(part.drives))),
             )
         )
     probability = decision.probability
@@ -469,8 +472,8 @@ def _answer(
         episodes=episodes(bench, after.fitted),
         left_out=[
             out
-            for part, seen in zip(ready.full, after.fitted.seen, strict=True)
-            for out in left_out(part, leave_out[part.name], seen.values[: seen.tips])
+            for part, rig, seen in zip(ready.full, bench.rigs, after.fitted.seen, strict=True)
+            for out in left_out(part, leave_out[part.name], seen.values[rig.where])
         ],
         warnings=ready.warnings,
     )

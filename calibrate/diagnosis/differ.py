@@ -117,7 +117,9 @@ def candidates(bench: Bench, robot: Robot) -> list[Number]:
         if name in taken:
             continue
         tensions = [T for rig in bench.rigs for T in rig.part.pulled or rig.part.recorded[: rig.part.tips]]
-        largest = max(float(np.max(T)) for T in tensions)
+        largest = max((float(np.max(T)) for T in tensions), default=0.0)
+        if largest == 0:  # nothing says how large the tensions are
+            continue
         preload = number_at(parameter(robot, name), float(robot.value(name)), sd=PRELOAD_SHARE * largest)
         found.append(dataclasses.replace(preload, size=True))
     for kind in ZEROS:

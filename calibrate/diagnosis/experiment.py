@@ -28,6 +28,8 @@ from .rig import Rig
 
 # Standard deviation assumed for instruments that were not used: m, m, m, rad, m.
 POSE_NOISE = {"tip_x": 3e-4, "tip_y": 3e-4, "tip_z": 3e-4, "tip_angle": 5e-3, "displacement": 1e-4}
+# Noise of a cell at the tip where none was, as a share of the largest tension.
+CELL_NOISE = 2e-3
 # Rivals to separate, the most probable ones.
 MOST_RIVALS = 3
 # Step of the finite differences, in coordinates.
@@ -210,7 +212,7 @@ class _Option(NamedTuple):
     @property
     def needs(self) -> list[str]:
         """All it takes beyond another load history."""
-        return [self.done] * bool(self.done) + ["pose recorded"] * bool(self.added)
+        return [self.done] * bool(self.done) + ["more recorded"] * bool(self.added)
 
 
 class _Drive(NamedTuple):
@@ -257,7 +259,7 @@ def _driven(rig: Rig, load: np.ndarray, tendon: int) -> Part:
     return dataclasses.replace(
         part,
         T_base=drive(0),
-        others=tuple(drive(i) for i in range(1, part.tips)),
+        others=tuple(drive(i) for i in range(1, len(part.drives))),
         time=None,
         trial=None,
         left_out=None,
@@ -271,14 +273,15 @@ def _options(models: Models, rig: Rig) -> list[_Option]:
     clock = part.time
     # As many samples as the bench simulates: no other program is compiled.
     duration = 20.0 if clock is None else max(float(clock[-1] - clock[0]) / 6, 1.0)
-    n = part.tips
-    tip = max(own.sd for own in noise[:n])
+    n = len(part.drives)
+    largest = max((float(np.max(T)) for T in part.pulled or part.recorded[: part.tips]), default=1.0)
+    # Where there is no cell at the tip, one may be added.
+    tip = max((own.sd for own in noise[: part.tips]), default=CELL_NOISE * largest)
     sd = dict.fromkeys(rig.channels[:n], tip)
     if not rig.robot.backbone.rigid:
         sd |= {c: POSE_NOISE[quantity_of(c)] for c in rig.channels if quantity_of(c) in POSE_NOISE}
     sd |= dict(zip(part.channels, [own.sd for own in noise], strict=True))
     every = tuple(c for c in rig.channels if c in sd)
-    largest = max(float(np.max(T)) for T in part.pulled or part.recorded[:n])
     found = []
     for tendon in range(n):
         drive = part.drives[tendon].T_base

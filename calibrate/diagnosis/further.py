@@ -27,8 +27,8 @@ from .twins import settled, swapped, twins_of
 # Effects that are tried at each stage, those of them that are judged on unseen samples, and iterations of a
 # refit.
 TRIED, JUDGED, ITERATIONS = 6, 2, 8
-# An effect is kept if it lowers the sum of squares of T_tip on unseen samples by this share, and is better in
-# more than this share of the parts.
+# An effect is kept if it lowers the sum of squares of what is explained on unseen samples by this share, and
+# is better in more than this share of the parts.
 PAYS, MOST_PARTS = 0.1, 0.5
 # Other cycles do not tell when an event happens. It is kept if the cost drops by this many variances of what
 # is left, correlation counted, and by `PAYS`.
@@ -165,8 +165,8 @@ def _event(models: Models, head: Fitted, fits: Sequence[Fitted]) -> Fitted | Non
 
 
 class Unseen:
-    """How well models predict unseen samples; each is judged once. By T_tip; or, where rows far off count
-    less, by all rows.
+    """How well models predict unseen samples; each is judged once. By what is explained; or, where rows
+    far off count less, by all rows.
 
     Args:
         models: all that were refitted.
@@ -185,8 +185,8 @@ class Unseen:
         return np.stack([self._known[f.names] for f in fits])
 
     def squares(self, fits: Sequence[Fitted]) -> np.ndarray:
-        """Sum of squares, of T_tip [N²] or of the rows, of each model on each part, (models, folds); infinite
-        where a refit fails.
+        """Sum of squares, of what is explained (SI) or of the rows, of each model on each part, (models,
+        folds); infinite where a refit fails.
         """
         folds = self.folds(fits)
         told = folds[..., 0 if self.models.bench.heavy is None else 2]

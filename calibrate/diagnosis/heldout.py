@@ -56,8 +56,8 @@ def _when_known(hypotheses: Sequence[Hypothesis], fitted: Fitted) -> tuple[list[
 
 def by_fold(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]) -> np.ndarray:
     """What each model leaves of each part when it is refitted to the others, (models, folds, 4): sum of
-    squares [N²] and number of the samples of T_tip, sum of squares and number of all whitened rows; zeros
-    where the refit fails.
+    squares (SI) and number of the samples of what is explained, sum of squares and number of all whitened
+    rows; zeros where the refit fails.
 
     Args:
         bench: the recordings.
@@ -86,8 +86,8 @@ def by_fold(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]])
         white = bench.by_channel(bench.tamed(bench.white(residuals)))
         for z, residual, held, rig in zip(white, residuals, parts[f][1], bench.rigs, strict=True):
             out = held & rig.part.counted
-            tips = residual[: rig.part.tips, out]
-            squares, n = squares + float(np.sum(tips**2)), n + tips.size
+            told = residual[: rig.part.explained, out]
+            squares, n = squares + float(np.sum(told**2)), n + told.size
             chi, rows = chi + float(np.sum(z[:, out] ** 2)), rows + z[:, out].size
         return squares, n, chi, rows
 
@@ -98,9 +98,9 @@ def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]
     """Score of each model on samples to which it was not fitted; arguments as of `by_fold`.
 
     Returns:
-        For each model: "rms_N" of the tip tension, and "chi2_per_n" of all channels, over all folds; "folds",
-        how many there are; and "best_in", the number of folds in which the rms of this model was the lowest.
-        A fold in which a refit fails does not count; NaN where none is left.
+        For each model: "rms" of what is explained, SI, and "chi2_per_n" of all channels, over all folds;
+        "folds", how many there are; and "best_in", the number of folds in which the rms of this model was
+        the lowest. A fold in which a refit fails does not count; NaN where none is left.
     """
     found = by_fold(bench, models)
     # Parts in which every model was refitted: all are judged on the same samples.
@@ -110,7 +110,7 @@ def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]
     best = np.argmin(rms, axis=0)
     return [
         {
-            "rms_N": float(np.sqrt(np.sum(f[:, 0]) / np.sum(f[:, 1]))) if np.any(f[:, 1]) else float("nan"),
+            "rms": float(np.sqrt(np.sum(f[:, 0]) / np.sum(f[:, 1]))) if np.any(f[:, 1]) else float("nan"),
             "chi2_per_n": float(np.sum(f[:, 2]) / np.sum(f[:, 3])) if np.any(f[:, 3]) else float("nan"),
             "folds": found.shape[1],
             "best_in": int(np.sum((best == m) & np.isfinite(rms[m]))),

@@ -69,6 +69,8 @@ VARIANTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "pressure-dependent-friction": {"": ("exponent",)},
     "contact": {"": ("stiffness", "distance")},
 }
+# The number of an effect on the cell at the tip, or at the anchor before it.
+AT_TIP = "tip"
 # Events: their free time lets them fit any bump, so that none is offered until a misfit is located in time.
 EVENTS = {kind for kind, term in REGISTRY.items() if term.event}
 # Terms without an effect on anything that varies, or read from the samples themselves.
@@ -125,6 +127,7 @@ def catalogue(
     travel: np.ndarray,
     bend: float,
     displaced: bool = False,
+    tip_cell: bool = True,
     without: Collection[str] = (),
 ) -> list[Hypothesis]:
     """The hypotheses that can act on a robot, laws of its file that are null included, except those that its
@@ -133,11 +136,12 @@ def catalogue(
     Args:
         robot: the robot.
         timed: whether the recordings have times.
-        largest_tip: largest recorded tip tension [N].
+        largest_tip: largest recorded tip tension [N]; not used where none was.
         travel: where the tip goes across the base tangent, smallest and largest y [m], (2,); in space its
             places in the axes of the base [m], (M, 3).
         bend: largest change of curvature [1/m].
         displaced: whether a recording has the displacement, in which alone some terms are seen.
+        tip_cell: whether the tension at the tip is recorded, in which alone some terms are seen.
         without: names of terms that are left out.
     """
     rigid, found = robot.backbone.rigid, []
@@ -159,6 +163,8 @@ def catalogue(
         plain = {"": tuple(q.name for q in known)}
         for variant, names in VARIANTS.get(term.id, plain).items():
             name = f"{term.id}.{variant}" if variant else term.id
+            if not tip_cell and (names[0] == AT_TIP or (term.tip and not term.true_base)):
+                continue
             free = tuple(number_of(term, q) for wanted in names for q in known if q.name == wanted)
             found.append(_started(name, term, free, robot, largest_tip, travel, bend))
     return found
@@ -290,10 +296,11 @@ def instrument_numbers(part: Part) -> tuple[Number, ...]:
         part: a recording with times.
     """
     assert part.time is not None
-    found = [_instrument("time-skew.delay", 0.0, DELAY, np.inf)]
+    found = [_instrument("time-skew.delay", 0.0, DELAY, np.inf)] if part.tips else []
     if part.others or not part.pulled:
         return tuple(found)  # the terms of the cells would drift alike at every tendon
-    shown = {"zero-drift.tip": part.T_tip, "zero-drift.base": part.T_base.T_base}
+    shown = {"zero-drift.base": part.T_base.T_base}
+    shown |= {"zero-drift.tip": part.T_tip} if part.tips else {}
     unit = float(np.max(part.T_base.T_base)) / float(np.ptp(part.time))
     for name, T in shown.items():
         seen = zero_drift(part.time, T)

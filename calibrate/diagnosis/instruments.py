@@ -8,6 +8,7 @@ are recorded.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import jax
@@ -18,7 +19,7 @@ from gtr_jax import Robot
 from gtr_jax.simulation.markers import marker_rows
 from gtr_jax.simulation.natively import Brief
 
-from ..channels import CHANNELS, ROTATION, Orientation, of_tendons, quantity_of, tendon_of, turned_by
+from ..channels import CHANNELS, ROTATION, Orientation, of_tendons, quantity_of, tendon_of, turned_by, unit_of
 from ..setup import Part
 
 _turned_by = jax.jit(turned_by)
@@ -84,6 +85,19 @@ def shown(
     return np.stack([row(name) for name in channels])
 
 
+def explained_first(part: Part) -> Part:
+    """A recording with the channels first that a diagnosis explains: the tip tensions; where none was
+    recorded, those of the unit that most channels have.
+    """
+    if part.tips:
+        return part
+    units = [unit_of(name) for name in part.channels]
+    most = max(dict.fromkeys(units), key=units.count)
+    order = sorted(range(len(units)), key=lambda c: units[c] != most)
+    channels = tuple(part.channels[c] for c in order)
+    return dataclasses.replace(part, channels=channels, recorded=part.recorded[order])
+
+
 def leading(part: Part) -> int:
     """Number of the tendon that leads: what drives it changes most, as a share of its largest value, and
     then, of several, by most.
@@ -93,7 +107,7 @@ def leading(part: Part) -> int:
         T = part.drives[i].T_base
         return round(float(np.ptp(T)) / max(float(np.max(np.abs(T))), 1e-12), 2), float(np.ptp(T))
 
-    return max(range(part.tips), key=lambda i: (*size(i), -i))
+    return max(range(len(part.drives)), key=lambda i: (*size(i), -i))
 
 
 def of_one(values: np.ndarray, tendon: int) -> np.ndarray:

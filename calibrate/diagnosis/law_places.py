@@ -157,9 +157,11 @@ def places(robot: Robot, bench: Bench, fitted: Fitted) -> list[Place]:
         Place("friction", "T", 0.0, top, FRICTION, "dimensionless"),
         Place("friction", "p", 0.0, float(pressure.max()), FRICTION, "dimensionless"),
         Place("friction", "s", 0.0, length, FRICTION, "dimensionless"),
-        Place("tip_cell", "T", 0.0, max(float(r.part.T_tip.max()) for r in bench.rigs), CELL * top, "N"),
         Place("base_cell", "T", 0.0, top, CELL * top, "N"),
     ]
+    if all(rig.part.tips for rig in bench.rigs):
+        largest = max(float(rig.part.T_tip.max()) for rig in bench.rigs)
+        found.append(Place("tip_cell", "T", 0.0, largest, CELL * top, "N"))
     found.append(Place("drag", "s", 0.0, length, DRAG * top / length, "N/m"))
     if any("displacement" in rig.part.channels for rig in bench.rigs):
         found.append(Place("strain", "T", 0.0, top, STRAIN, "dimensionless"))

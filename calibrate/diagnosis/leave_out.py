@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from gtr_jax import InputError, Recording
 
+from ..channels import unit_of
 from ..setup import Part
 from .episodes import AFTER_GAP, ALONE, RELAXES, TOGETHER, Episode, when
 from .sanity import FEWEST
@@ -41,7 +42,8 @@ class LeftOut:
         first, last: places of its first and last sample in the recording.
         start_s, end_s: time [s]; None where the recording has none.
         samples: how many of those simulated are left out.
-        size_N: rms of simulated minus recorded T_tip there, by the model that is shown.
+        size: rms of simulated minus recorded there, of what is explained, by the model that is shown, SI.
+        unit: of it.
         why: the reason.
         outside: whether something outside the model acts there.
     """
@@ -52,7 +54,8 @@ class LeftOut:
     start_s: float | None
     end_s: float | None
     samples: int
-    size_N: float
+    size: float
+    unit: str
     why: str
     outside: bool
 
@@ -60,6 +63,12 @@ class LeftOut:
     def when(self) -> str:
         """In words."""
         return when(self.first, self.last, self.start_s, self.end_s)
+
+    def to_json(self) -> dict[str, Any]:
+        """For `diagnosis.json`: the unit is in the name of the size."""
+        given = dataclasses.asdict(self)
+        unit = given.pop("unit")
+        return {f"size_{unit}" if key == "size" else key: value for key, value in given.items()}
 
 
 def asked_for(
@@ -157,13 +166,13 @@ def without(part: Part, stretches: Sequence[Stretch]) -> Part:
     return dataclasses.replace(part, left_out=out)
 
 
-def left_out(part: Part, stretches: Sequence[Stretch], T_tip: np.ndarray) -> list[LeftOut]:
+def left_out(part: Part, stretches: Sequence[Stretch], shown: np.ndarray) -> list[LeftOut]:
     """What was left out of a recording as it was simulated.
 
     Args:
         part: the recording.
         stretches: what is left out.
-        T_tip: simulated of each tendon [N], (tendons, K).
+        shown: what is simulated of its channels, SI, (C, K).
     """
     found = []
     for first, last, why, outside in stretches:
@@ -171,7 +180,7 @@ def left_out(part: Part, stretches: Sequence[Stretch], T_tip: np.ndarray) -> lis
         if not inside.size:
             continue
         ends = (None, None) if part.time is None else part.time[inside[[0, -1]]].tolist()
-        off = (T_tip - part.recorded[: part.tips])[:, inside]
+        off = (shown - part.recorded)[: part.explained, inside]
         found.append(
             LeftOut(
                 recording=part.name,
@@ -180,7 +189,8 @@ def left_out(part: Part, stretches: Sequence[Stretch], T_tip: np.ndarray) -> lis
                 start_s=ends[0],
                 end_s=ends[1],
                 samples=len(inside),
-                size_N=float(np.sqrt(np.mean(off**2))),
+                size=float(np.sqrt(np.mean(off**2))),
+                unit=unit_of(part.channels[0]),
                 why=why,
                 outside=outside,
             )

@@ -222,7 +222,7 @@ def _as_they_show(bench: Bench, fitted: Fitted) -> np.ndarray:
         for row, long in zip(z, tau, strict=True):
             large = max(1.0, float(np.mean(row**2)) / free)
             found.append(np.full(len(row), 1 / np.sqrt(large * long)))
-        found += [np.full(z.shape[1], 1 / np.sqrt(own)) for own in tau[: rig.part.tips]]
+        found += [np.full(z.shape[1], 1 / np.sqrt(own)) for own in tau[: len(rig.part.drives)]]
     return np.concatenate(found)
 
 

@@ -1,4 +1,5 @@
-"""Regularities in the residual of T_tip that noise does not have, from causes outside the catalogue.
+"""Regularities in the residual of T_tip, or of what else is explained, that noise does not have, from causes
+outside the catalogue.
 
 The noise is estimated from differences of neighbouring readings, which contain swings from sample to sample
 and waves over a tension as well. These tests estimate it from what is left beside the pattern instead: each
@@ -18,9 +19,11 @@ from scipy.special import fdtrc, ndtr, ndtri
 
 from gtr_jax.files.differences import MAD_TO_SD
 
+from ..channels import quantity_of, words_of
 from ..readings.noise import resolution
+from ..setup import Part
 from .bench import Bench, noise_in
-from .instruments import words_for
+from .instruments import tendon_of_channel, words_for
 from .model import Fitted
 
 SAMPLE, TIME, NAN = "sample", "time", float("nan")
@@ -53,7 +56,7 @@ EACH = 3
 
 
 class Stand(NamedTuple):
-    """Readings of T_tip that stand still far from the model: how many, base tension of the first and the last
+    """Readings that stand still far from the model: how many, base tension of the first and the last
     [N] or, where displacement drives the tendon, None, and their time [s] or None.
     """
 
@@ -72,7 +75,7 @@ class Stand(NamedTuple):
 
 
 class Pattern(NamedTuple):
-    """A regularity in the residual of T_tip.
+    """A regularity in the residual of a channel that is explained.
 
     Attributes:
         recording: its name.
@@ -83,7 +86,7 @@ class Pattern(NamedTuple):
         period_N: period of waves [N], else NaN.
         at_N, width_N: place and width of a bump [N], else NaN.
         stands: where readings stand still.
-        whose: of which of several tendons, as in " of left".
+        of: the channel in words, "T_tip" of the only tendon.
     """
 
     recording: str
@@ -94,51 +97,60 @@ class Pattern(NamedTuple):
     at_N: float = NAN
     width_N: float = NAN
     stands: tuple[Stand, ...] = ()
-    whose: str = ""
+    of: str = "T_tip"
 
     @property
     def says(self) -> str:
         """In words."""
         if self.along == SAMPLE:
             return (
-                f"what is left of T_tip{self.whose} follows the changes of the last samples, as a cell does "
-                "that rings"
+                f"what is left of {self.of} follows the changes of the last samples, as a cell does that "
+                "rings"
             )
         if self.along == TIME:
             at = ", ".join(stand.says for stand in self.stands[:TOLD])
             more = len(self.stands) - TOLD
             others = "" if more < 1 else f" and {more} more stretch{'es' if more > 1 else ''}"
-            return f"what is left of T_tip{self.whose} is large where its readings stand still, {at}{others}"
+            return f"what is left of {self.of} is large where its readings stand still, {at}{others}"
         if np.isfinite(self.at_N):
             return (
-                f"what is left of T_tip{self.whose} bulges where {self.along} is near {self.at_N:.3g} N, "
+                f"what is left of {self.of} bulges where {self.along} is near {self.at_N:.3g} N, "
                 f"{self.width_N:.2g} N wide"
             )
         period = f"with a period of {self.period_N:.2g} N"
-        return f"what is left of T_tip{self.whose} swings with {self.along}, {period}"
+        return f"what is left of {self.of} swings with {self.along}, {period}"
 
 
 def pattern_in(bench: Bench, fitted: Fitted) -> Pattern | None:
-    """The regularity in the residual of T_tip that is least probable by chance; None if there is none."""
+    """The regularity in the residual of what is explained that is least probable by chance, or None."""
     found: list[Pattern] = []
     for k, (rig, residual) in enumerate(zip(bench.rigs, bench.residuals(fitted.seen), strict=True)):
-        for tendon in range(rig.part.tips):
-            found += _standing(bench, k, tendon, residual * rig.part.counted)
-            found += _regular(bench, fitted, k, tendon)
+        for c in range(rig.part.explained):
+            found += _standing(bench, k, c, residual * rig.part.counted)
+            found += _regular(bench, fitted, k, c)
     return min(found, key=lambda pattern: pattern.chance, default=None)
 
 
-def _regular(bench: Bench, fitted: Fitted, k: int, tendon: int) -> list[Pattern]:
-    """Regularities in the residual of the tip tension of one tendon of recording k."""
+def _of(part: Part, c: int) -> str:
+    """A channel in words, a tip tension as T_tip."""
+    name = part.channels[c]
+    if quantity_of(name) == "T_tip":
+        return f"T_tip{words_for(part, tendon_of_channel(part, name))}"
+    return words_of(name)
+
+
+def _regular(bench: Bench, fitted: Fitted, k: int, c: int) -> list[Pattern]:
+    """Regularities in the residual of channel c of recording k."""
     found, rig = [], bench.rigs[k]
     part = rig.part
-    beside = _Beside(bench, fitted, k, tendon)
+    beside = _Beside(bench, fitted, k, c)
     if beside.rms < LEAST:
         return []
-    tip, read, drive = fitted.seen[k].values[tendon], part.recorded[tendon], part.drives[tendon].T_base
+    tendon = tendon_of_channel(part, part.channels[c])
+    tip, read, drive = fitted.seen[k].values[rig.where[c]], part.recorded[c], part.drives[tendon].T_base
     way = _way(drive)
     groups = [[Candidate(SAMPLE, _lagged(tip))]]
-    tensions = [("T_tip", tip)]
+    tensions = [("T_tip", tip)] if c < part.tips else []
     if part.robot.tendons[tendon].drive == "tension":
         tensions.append(("T_base", drive))
     whose = words_for(part, tendon)
@@ -146,29 +158,29 @@ def _regular(bench: Bench, fitted: Fitted, k: int, tendon: int) -> list[Pattern]
         groups.append(_waves(name + whose, along, resolution(read)))
         groups.append(_bumps(name + whose, along, way))
     for group in groups:
-        tested = beside.explained([c.changes for c in group])
-        for c, (chance, share) in zip(group, tested, strict=True):
+        tested = beside.explained([one.changes for one in group])
+        for one, (chance, share) in zip(group, tested, strict=True):
             chance = min(1.0, chance * len(group))
-            if np.isfinite(c.at_N):
-                share = _share(c.changes, read - tip)
-            if chance < CHANCE / len(bench.rigs) / part.tips and share > SHARE:
+            if np.isfinite(one.at_N):
+                share = _share(one.changes, read - tip)
+            if chance < CHANCE / len(bench.rigs) / part.explained and share > SHARE:
                 found.append(
                     Pattern(
                         recording=part.name,
-                        along=c.along,
+                        along=one.along,
                         chance=chance,
                         share=share,
-                        period_N=c.period_N,
-                        at_N=c.at_N,
-                        width_N=c.width_N,
-                        whose=whose,
+                        period_N=one.period_N,
+                        at_N=one.at_N,
+                        width_N=one.width_N,
+                        of=_of(part, c),
                     )
                 )
     return found
 
 
 class Candidate(NamedTuple):
-    """A pattern to look for: along what; changes of T_tip [N], (m, K); and the rest as in `Pattern`."""
+    """A pattern to look for: along what; changes of the channel, SI, (m, K); and the rest as in `Pattern`."""
 
     along: str
     changes: np.ndarray
@@ -178,21 +190,23 @@ class Candidate(NamedTuple):
 
 
 class _Beside:
-    """The residual of one tendon's T_tip that neither the model's own numbers nor a smooth misfit explain.
+    """The residual of one channel that neither the model's own numbers nor a smooth misfit explain.
     The numbers are as free as this recording alone leaves them; other recordings do not count.
 
     Attributes:
-        rms: of the white residual of T_tip.
+        rms: of its white residual.
     """
 
-    def __init__(self, bench: Bench, fitted: Fitted, k: int, tendon: int):
-        self.bench, self.k, self.tendon, self.numbers = bench, k, tendon, len(fitted.x)
-        sizes = [(len(rig.part.channels), rig.part.tips, rig.part.samples) for rig in bench.rigs]
+    def __init__(self, bench: Bench, fitted: Fitted, k: int, c: int):
+        self.bench, self.k, self.c, self.numbers = bench, k, c, len(fitted.x)
+        part = bench.rigs[k].part
+        tendon = tendon_of_channel(part, part.channels[c])
+        sizes = [(len(rig.part.channels), len(rig.part.drives), rig.part.samples) for rig in bench.rigs]
         start = sum((C + n) * K for C, n, K in sizes[:k])
         C, n, self.K = sizes[k]
-        self.own, tip = slice(start, start + (C + n) * self.K), tendon * self.K + np.arange(self.K)
+        self.own, tip = slice(start, start + (C + n) * self.K), c * self.K + np.arange(self.K)
         own = np.concatenate([fitted.jacobian[self.own], np.eye(self.numbers)])
-        smooth = self._white(_smooth(bench.rigs[k].part.drives[tendon].T_base))
+        smooth = self._white(_smooth(part.drives[tendon].T_base))
         self.known = np.linalg.svd(np.concatenate([own, smooth], axis=1), full_matrices=False)[0]
         left = np.concatenate([fitted.rows[self.own], fitted.x])
         self.rms = float(np.sqrt(np.mean(left[tip] ** 2)))
@@ -200,13 +214,13 @@ class _Beside:
         rough = MAD_TO_SD * float(np.median(np.abs(left[tip] - middle)))
         left[tip] = np.clip(left[tip] - middle, -MOST * rough, MOST * rough)
         self.left = self._without_known(left)
-        both = np.concatenate([tip, tip + C * self.K])  # T_tip and the base tension
+        both = np.concatenate([tip, (C + tendon) * self.K + np.arange(self.K)])  # it and the base tension
         self.total = float(np.sum(self.left[both] ** 2))
 
     def _white(self, changes: np.ndarray) -> np.ndarray:
-        """Changes of T_tip [N], (m, K), as whitened rows, with those of the model's numbers below, (n, m)."""
+        """Changes of the channel, SI, (m, K), as whitened rows, with those of the numbers below, (n, m)."""
         residual = np.zeros((*self.bench.rigs[self.k].part.recorded.shape, len(changes)))
-        residual[self.tendon] = changes.T
+        residual[self.c] = changes.T
         white = self.bench.white_of(self.k, residual)
         if self.bench.follow is not None:
             follow = self.bench.follow
@@ -217,8 +231,8 @@ class _Beside:
         return rows - self.known @ (self.known.T @ rows)
 
     def explained(self, patterns: Sequence[np.ndarray]) -> list[tuple[float, float]]:
-        """For each pattern, changes of T_tip [N], (m, K): the probability that noise fits it as well, and the
-        share of the residual that it explains.
+        """For each pattern, changes of the channel, SI, (m, K): the probability that noise fits it as well,
+        and the share of the residual that it explains.
         """
         if not patterns or self.total == 0:
             return [(1.0, 0.0)] * len(patterns)
@@ -247,22 +261,23 @@ class _Beside:
         return chance, min(explained / self.total, 1.0)
 
 
-def _standing(bench: Bench, k: int, tendon: int, residual: np.ndarray) -> list[Pattern]:
-    """Stretches in which the readings of a tendon's T_tip stand still, far from a model that moves: one
+def _standing(bench: Bench, k: int, c: int, residual: np.ndarray) -> list[Pattern]:
+    """Stretches in which the readings of a channel stand still, far from a model that moves: one
     pattern of them all, or none.
 
     Args:
         bench: the recordings.
-        k, tendon: which of them, and which of its tendons.
+        k, c: which of them, and which of its channels.
         residual: of it, simulated minus recorded, (C, K).
     """
     part = bench.rigs[k].part
-    read, T_base, K = part.recorded[tendon], part.drives[tendon].T_base, part.samples
-    tip, whose = read + residual[tendon], words_for(part, tendon)
+    tendon = tendon_of_channel(part, part.channels[c])
+    read, T_base, K = part.recorded[c], part.drives[tendon].T_base, part.samples
+    tip = read + residual[c]
     by_draw = part.robot.tendons[tendon].drive == "displacement"
     # Readings that stand still inflate the noise if it is estimated from another fit.
-    sd = min(bench.noise[k][tendon].sd, noise_in(bench.rigs[k], residual)[tendon].sd)
-    left = residual[tendon] / np.hypot(sd, bench.weighs[k].passed[tendon])
+    sd = min(bench.noise[k][c].sd, noise_in(bench.rigs[k], residual)[c].sd)
+    left = residual[c] / np.hypot(sd, bench.weighs[k].passed[c])
     beyond = float(-ndtri(0.5 * CHANCE / len(bench.rigs) / K))
     sides = np.where(np.abs(left) > beyond, np.sign(left), 0.0)
     edges = np.flatnonzero(np.diff(sides, prepend=0.0, append=0.0))
@@ -285,11 +300,11 @@ def _standing(bench: Bench, k: int, tendon: int, residual: np.ndarray) -> list[P
         return []
     least = float(np.min(np.abs(left[far])))
     chance = float(min(1.0, 2 * K * len(bench.rigs) * ndtr(-least)))
-    return [Pattern(part.name, TIME, chance, share, stands=tuple(stands), whose=whose)]
+    return [Pattern(part.name, TIME, chance, share, stands=tuple(stands), of=_of(part, c))]
 
 
 def _share(changes: np.ndarray, left: np.ndarray) -> float:
-    """Share of the residual [N], (K,), that changes (m, K) explain. The whitened residual is not used,
+    """Share of the residual, SI, (K,), that changes (m, K) explain. The whitened residual is not used,
     because a bump in it is small where samples are dense.
     """
     left = left - np.median(left)
@@ -311,7 +326,7 @@ def _way(T_base: np.ndarray) -> np.ndarray:
 
 
 def _lagged(tip: np.ndarray) -> np.ndarray:
-    """Changes of the tip's tension now and some samples before, (LAGS, K)."""
+    """Changes of what is simulated now and some samples before, (LAGS, K)."""
     change = np.diff(tip, prepend=tip[0])
     return np.stack([np.concatenate([np.zeros(lag), change[: len(change) - lag]]) for lag in range(LAGS)])
 

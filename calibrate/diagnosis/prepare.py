@@ -29,7 +29,7 @@ from .differ import MOST as MOST_DIFFER
 from .differ import Difference, differing, names_to_split
 from .follow import dimensions_of
 from .hypotheses import Hypothesis, base_numbers, catalogue, instrument_numbers
-from .instruments import instruments
+from .instruments import explained_first, instruments
 from .leave_out import Stretch, without
 from .model import Fitted
 from .models import Models
@@ -132,10 +132,11 @@ def prepare(
         )
     warnings: list[str] = []
     for k, r in enumerate(recordings):
-        if r.T_tip is None:
+        if (r.T_tip is None) != (recordings[0].T_tip is None):
+            lacks, has = (r, recordings[0]) if r.T_tip is None else (recordings[0], r)
             raise InputError(
-                f"{r.path}: no tip tension, which a diagnosis explains; map it with --columns "
-                "'T_tip=NAME[N]', or fit what else was recorded with gtr fit"
+                f"{lacks.path}: no tip tension, which {has.path} has; map it with --columns "
+                "'T_tip=NAME[N]', or diagnose each by itself"
             )
         check_columns(r, fine)
         same = fine.tendons
@@ -153,8 +154,10 @@ def prepare(
     parts: list[Part] = []
     for name, r in zip(names, recordings, strict=True):
         part, more = part_of(name, fine, config, r, channels, noise_N=noise_N, noise_base_N=noise_base_N)
-        parts.append(without(part, (leave_out or {}).get(name, ())))
+        parts.append(without(explained_first(part), (leave_out or {}).get(name, ())))
         warnings += more
+    if noise_N is not None and not parts[0].tips:
+        raise InputError("noise_N: no recording has a tip tension, whose noise this is; leave out --noise")
     found = [fault for part in parts for fault in faults(part)]
     if found:
         return Diagnosis.without_answer(BAD_DATA, found, parts, warnings, config)
@@ -349,10 +352,11 @@ def hypotheses_of(
     return catalogue(
         robot,
         timed=all(p.time is not None for p in parts),
-        largest_tip=max(float(np.max(p.recorded[: p.tips])) for p in parts),
+        largest_tip=max((float(np.max(p.recorded[: p.tips])) for p in parts if p.tips), default=0.0),
         travel=travel if robot.space else np.asarray([travel.min(), travel.max()]),
         bend=_bend(robot, base, parts[0]),
         displaced=any(quantity_of(name) in DRAWN for p in parts for name in p.channels),
+        tip_cell=all(p.tips for p in parts),
         without=untried,
     )
 

@@ -13,6 +13,7 @@ from gtr_jax.files.plain import plain
 from gtr_jax.notebook import drawn_by
 from gtr_jax.terms import Law, Term, catalogue_of
 
+from ..channels import unit_of
 from ..number import OWN
 from ..setup import Part
 from .averaged import Averaged, Hidden
@@ -47,7 +48,6 @@ class Pull:
         phases: of the base model, (K,).
         branches: base tension, D and S of the recording, before and after, see `locate.ratio_of_branches`;
             none where displacement drives it.
-        noise_N: of the cell at the tip.
         noise_drive: of what is recorded at the base, in the unit of `drive`.
     """
 
@@ -56,7 +56,6 @@ class Pull:
     by_displacement: bool
     phases: np.ndarray
     branches: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
-    noise_N: float
     noise_drive: float
 
 
@@ -66,11 +65,15 @@ class Loop:
 
     Attributes:
         name: of the recording.
-        channels: the tip tensions first, one for each tendon.
+        channels: first those that are explained: the tip tensions, one for each tendon, or where none was
+            recorded, what else has one unit.
         time: [s], (K,), or None.
         recorded, before, after: SI, (C, K).
         cycles: number of the cycle, from 1, (K,).
         counted: samples that are compared, (K,) bool.
+        explained: how many of the channels are.
+        noise: standard deviation of the noise of each channel, SI, (C,).
+        of: number of the tendon that each channel belongs to, or that leads.
         pulls: what concerns each tendon.
     """
 
@@ -82,12 +85,10 @@ class Loop:
     after: np.ndarray
     cycles: np.ndarray
     counted: np.ndarray
+    explained: int
+    noise: np.ndarray
+    of: tuple[int, ...]
     pulls: tuple[Pull, ...]
-
-    @property
-    def tips(self) -> int:
-        """How many of the channels are tip tensions."""
-        return len(self.pulls)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -161,12 +162,13 @@ class Diagnosis:
         where: where the base model and the recordings differ, most of the misfit first.
         rest: the same for the model that is shown.
         parameters: numbers before and after.
-        rms_N, held_out: residual of T_tip before and after; see `heldout.held_out`.
-        noise_N: standard deviation of the noise in T_tip, with the base cell's noise passed on to it.
-        expected_N: expected rms residual of T_tip: `noise_N` and the error of the mesh.
+        unit: SI unit of what is explained: N of tip tensions; m or rad where none was recorded.
+        rms, held_out: residual of what is explained before and after; see `heldout.held_out`.
+        noise: standard deviation of its noise, with the base cell's noise passed on to it.
+        expected: expected rms residual: `noise` and the error of the mesh.
         left, base_left: structure left by the model shown, and by the base model: size in standard deviations
             of the noise, and significance.
-        pattern: a regularity in the residual of T_tip that noise does not have, or None.
+        pattern: a regularity in the residual of what is explained that noise does not have, or None.
         rivals: models refitted, the most probable first.
         strata: friction coefficient of the base model from parts of the samples: label, value, standard
             error, and the standard error from the part's own noise alone.
@@ -197,10 +199,11 @@ class Diagnosis:
     where: list[Where]
     rest: list[Where]
     parameters: list[Change]
-    rms_N: tuple[float, float]
+    unit: str
+    rms: tuple[float, float]
     held_out: list[dict[str, float]]
-    noise_N: float
-    expected_N: float
+    noise: float
+    expected: float
     left: tuple[float, float]
     base_left: tuple[float, float]
     pattern: Pattern | None
@@ -246,10 +249,11 @@ class Diagnosis:
             where=[],
             rest=[],
             parameters=[],
-            rms_N=(unknown, unknown),
+            unit="N",
+            rms=(unknown, unknown),
             held_out=[],
-            noise_N=unknown,
-            expected_N=unknown,
+            noise=unknown,
+            expected=unknown,
             left=(unknown, unknown),
             base_left=(unknown, unknown),
             pattern=None,
@@ -292,9 +296,9 @@ class Diagnosis:
     ) -> Diagnosis:
         """Gather a diagnosis."""
         chosen = decision.chosen
-        before_N, after_N, read_N = (
+        was, now, read = (
             np.concatenate(
-                [row[: loop.tips, loop.counted].ravel() for row, loop in zip(each, loops, strict=True)]
+                [row[: loop.explained, loop.counted].ravel() for row, loop in zip(each, loops, strict=True)]
             )
             for each in zip(*((loop.before, loop.after, loop.recorded) for loop in loops), strict=True)
         )
@@ -325,10 +329,11 @@ class Diagnosis:
             where=where,
             rest=rest,
             parameters=_changes(before, after, average),
-            rms_N=(_rms(before_N - read_N), _rms(after_N - read_N)),
+            unit=unit_of(loops[0].channels[0]),
+            rms=(_rms(was - read), _rms(now - read)),
             held_out=held,
-            noise_N=models.bench.expected_rms(mesh=False),
-            expected_N=models.bench.expected_rms(),
+            noise=models.bench.expected_rms(mesh=False),
+            expected=models.bench.expected_rms(),
             left=decision.left,
             base_left=decision.base_left,
             pattern=decision.pattern,
@@ -370,14 +375,15 @@ class Diagnosis:
 
     @property
     def share_explained(self) -> float | None:
-        """Share of the misfit of T_tip beyond the noise, in squares, that the model shown takes: on samples
-        the fit has not seen where there are such, else on those fitted. None where nothing is missing.
+        """Share of the misfit of what is explained beyond the noise, in squares, that the model shown takes:
+        on samples the fit has not seen where there are such, else on those fitted. None where nothing is
+        missing.
         """
         if len(self.held_out) < 2:
             return None
-        ends = [h["rms_N"] for h in self.held_out]
-        ends = ends if np.all(np.isfinite(ends)) else list(self.rms_N)
-        before, after = (max(end**2 - self.expected_N**2, 0.0) for end in (ends[0], ends[-1]))
+        ends = [h["rms"] for h in self.held_out]
+        ends = ends if np.all(np.isfinite(ends)) else list(self.rms)
+        before, after = (max(end**2 - self.expected**2, 0.0) for end in (ends[0], ends[-1]))
         return 1 - after / before if before > 0 and np.isfinite(before + after) else None
 
     def own(self, difference: Difference) -> dict[str, Change]:
@@ -389,11 +395,11 @@ class Diagnosis:
 
     def to_json(self) -> dict[str, Any]:
         """The contents of `diagnosis.json`."""
-        held = self.held_out
+        held, unit = self.held_out, self.unit
         fit: dict[str, Any] = {
-            "rms_N": {"before": self.rms_N[0], "after": self.rms_N[1]},
-            "noise_N": self.noise_N,
-            "expected_rms_N": self.expected_N,
+            f"rms_{unit}": {"before": self.rms[0], "after": self.rms[1]},
+            f"noise_{unit}": self.noise,
+            f"expected_rms_{unit}": self.expected,
             "structure_left": {
                 "before": {"noise_sd": self.base_left[0], "z": self.base_left[1]},
                 "after": {"noise_sd": self.left[0], "z": self.left[1]},
@@ -411,7 +417,7 @@ class Diagnosis:
                 "stands_still": [stand._asdict() for stand in self.pattern.stands],
             }
         if held:
-            fit["held_out_rms_N"] = {"before": held[0]["rms_N"], "after": held[-1]["rms_N"]}
+            fit[f"held_out_rms_{unit}"] = {"before": held[0]["rms"], "after": held[-1]["rms"]}
             fit["held_out_chi2_per_n"] = {"before": held[0]["chi2_per_n"], "after": held[-1]["chi2_per_n"]}
             fit["held_out_folds"] = {"number": held[0]["folds"], "better_after": held[-1]["best_in"]}
         parameters = {
@@ -470,7 +476,7 @@ class Diagnosis:
             "where": [w.to_json() for w in self.where],
             "where_after": [w.to_json() for w in self.rest],
             "episodes": [e.to_json() for e in self.episodes],
-            "left_out": [dataclasses.asdict(e) for e in self.left_out],
+            "left_out": [e.to_json() for e in self.left_out],
             "parameters": parameters,
             "fit": fit,
             "rivals": [dataclasses.asdict(r) for r in self.rivals],

@@ -39,7 +39,7 @@ def some_samples(part: Part, most: int) -> np.ndarray:
         count = max(min(MORE * most, MOST), most)
         t = np.arange(K, dtype=float) if part.time is None else part.time
         at_base, at_tip = int(AT_BASE * count), int(AT_TIP * count)
-        kept = [corners(t, base.T_base, at_base), corners(t, part.T_tip, at_tip)]
+        kept = [corners(t, base.T_base, at_base), corners(t, part.recorded[0], at_tip)]
         return np.unique(np.concatenate([*kept, _even(base.T_base, count - at_base - at_tip)]))
     behind = (turns[:, None] + np.asarray((0, *AFTER))).ravel()
     left = max(most - len(np.unique(behind[behind < K])), most // 2)
@@ -55,7 +55,7 @@ def _of_several(part: Part, most: int) -> np.ndarray:
     """As `some_samples`, of several tendons: the corners of what drives each, half of all, and others even
     along its way, each drive having as many.
     """
-    K, each = part.samples, max(most // (2 * part.tips), 8)
+    K, each = part.samples, max(most // (2 * len(part.drives)), 8)
     t = np.arange(K, dtype=float) if part.time is None else part.time
     kept = [np.asarray([0, K - 1])]
     for drive in part.drives:

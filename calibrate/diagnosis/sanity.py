@@ -9,6 +9,8 @@ from .instruments import leading, words_for
 
 # Samples that a diagnosis needs.
 FEWEST = 20
+# Samples that one without tip tension needs at least, whatever the number of its channels.
+FEWEST_WITHOUT_TIP = 6
 # Ratio of tip to base tension above which columns or units are wrong; share of samples at the largest reading
 # above which a cell is stuck; ratio of the largest tip to the largest base tension below which the units are
 # wrong.
@@ -30,14 +32,16 @@ def _held_back(T: np.ndarray, share: float) -> np.ndarray:
 def faults(part: Part) -> list[str]:
     """Why a recording cannot be diagnosed; empty if it can. Of several tendons those that move count."""
     where, found = part.path, []
-    if part.samples < FEWEST:
-        found.append(f"{where}: {part.samples} samples are too few to diagnose; record {FEWEST} or more")
+    fewest = FEWEST if part.tips else max(FEWEST_WITHOUT_TIP, -(-FEWEST // part.explained))
+    if part.samples < fewest:
+        found.append(f"{where}: {part.samples} samples are too few to diagnose; record {fewest} or more")
     moved = [i for i, drive in enumerate(part.drives) if np.ptp(drive.T_base) > 0]
     if not moved:
         what = "base tension" if part.pulled else "displacement at the base"
         remedy = "is its cell connected?" if part.pulled else "was it driven?"
         return [*found, f"{where}: the {what} never changes; {remedy}"]
-    still = [i for i in moved if np.ptp(part.recorded[i]) <= 0]
+    cells = moved if part.tips else []
+    still = [i for i in cells if np.ptp(part.recorded[i]) <= 0]
     if still:
         whose = words_for(part, still[0])
         return [*found, f"{where}: the tip tension{whose} never changes; is its cell connected?"]
@@ -45,9 +49,9 @@ def faults(part: Part) -> list[str]:
         late = [f"{where}: time_s goes back; put the rows in the order of time"]
     else:
         late = []
-    for i in moved:
+    for i in cells:
         found += _of_tendon(part, i, late if i == moved[0] else [])
-    return found
+    return found if cells else [*found, *late]
 
 
 def _of_tendon(part: Part, i: int, late: list[str]) -> list[str]:

@@ -67,8 +67,8 @@ def base_fit(bench: Bench, start: np.ndarray | None = None) -> tuple[Bench, Fitt
             seen = bench.simulate(model.values(start))
             if seen is None:
                 return np.inf
-            tips = [r[: s.tips] for r, s in zip(bench.residuals(seen), seen, strict=True)]
-            return float(np.sum([np.sum(r**2) for r in tips]))
+            left = zip(bench.residuals(seen), bench.rigs, strict=True)
+            return float(np.sum([np.sum(r[: rig.part.explained] ** 2) for r, rig in left]))
 
         costs = in_parallel(rough, starts)
         if not np.isfinite(min(costs)):

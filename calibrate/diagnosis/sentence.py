@@ -11,6 +11,7 @@ from gtr_jax.terms.law import VARIABLES
 
 from ..estimate import NORMAL_95
 from ..number import OWN
+from ..verdict import in_unit
 from .decide import ADEQUATE, AMBIGUOUS, DISCOVERED, PARTLY, UNEXPLAINED, structured
 from .differ import Difference
 from .leave_out import ASKED, LeftOut
@@ -51,9 +52,9 @@ def difference_in_words(d: Diagnosis, difference: Difference) -> str:
 
 def _noise(d: Diagnosis, verb: str = "") -> str:
     """The noise in words, and what the mesh leaves out where that counts."""
-    mesh = float(np.sqrt(max(d.expected_N**2 - d.noise_N**2, 0.0)))
-    also = f" and the mesh leaves out {mesh:.1g} N" if mesh > COUNTS * d.noise_N else ""
-    return f"noise{verb} {d.noise_N:.2g} N{also}"
+    mesh = float(np.sqrt(max(d.expected**2 - d.noise**2, 0.0)))
+    also = f" and the mesh leaves out {in_unit(mesh, d.unit, 1)}" if mesh > COUNTS * d.noise else ""
+    return f"noise{verb} {in_unit(d.noise, d.unit)}{also}"
 
 
 def sentence(d: Diagnosis, chosen: tuple[str, ...]) -> str:
@@ -126,9 +127,7 @@ def _left_out(d: Diagnosis) -> str:
     if gaps:
         words += f" Left out of the fit, because the load is not known in the gap before: {', '.join(gaps)}."
     if outside:
-        size = float(
-            np.sqrt(np.average([e.size_N**2 for e in outside], weights=[e.samples for e in outside]))
-        )
+        size = float(np.sqrt(np.average([e.size**2 for e in outside], weights=[e.samples for e in outside])))
         words += (
             f" Left out of the fit, because friction should hold the tip there and it moves: "
             f"{', '.join(map(which, outside))}; simulated and recorded T_tip differ by {size:.2g} N rms "
@@ -140,10 +139,11 @@ def _left_out(d: Diagnosis) -> str:
 def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
     held = d.held_out
     better = ""
-    if len(held) > 1 and np.isfinite(held[1]["rms_N"]):
+    if len(held) > 1 and np.isfinite(held[1]["rms"]):
+        ends = [in_unit(h["rms"], d.unit) for h in held[:2]]
         better = (
-            f" On samples the fit has not seen, the residual goes from {held[0]['rms_N']:.2g} to "
-            f"{held[1]['rms_N']:.2g} N ({_noise(d)})."
+            f" On samples the fit has not seen, the residual goes from {ends[0].split()[0]} to {ends[1]} "
+            f"({_noise(d)})."
         )
     if d.verdict in (ADEQUATE, DIFFER):
         best = d.rivals[0] if d.rivals else None
@@ -151,19 +151,19 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
         if best is not None and best.names and best.probability > 0.5:
             hint = f" {' with '.join(best.names)} would fit a little better, too little to be claimed."
         more = ""
-        if d.rms_N[1] > MORE * d.expected_N:
+        if d.rms[1] > MORE * d.expected:
             more = ", which is more, with too little structure in it to claim anything"
         what = "Nothing else is missing" if d.verdict == DIFFER else "Nothing is missing"
         return (
-            f"{what} that these recordings could show: the residual is {d.rms_N[1]:.2g} N where "
+            f"{what} that these recordings could show: the residual is {in_unit(d.rms[1], d.unit)} where "
             f"the {_noise(d, ' is')}{more}.{hint}"
         )
     outside = any(e.outside for e in d.left_out)
     if d.verdict == UNEXPLAINED and outside and not (structured(d.left) or d.pattern or chosen):
         return (
             "Something from outside acts on the tendon in short episodes, which no term of the catalogue "
-            f"explains. In the rest nothing is missing: the residual is {d.rms_N[1]:.2g} N where the "
-            f"{_noise(d, ' is')}."
+            f"explains. In the rest nothing is missing: the residual is {in_unit(d.rms[1], d.unit)} where "
+            f"the {_noise(d, ' is')}."
         )
     if d.verdict == UNEXPLAINED:
         nearest = ""
@@ -178,7 +178,7 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
             where = f" (in {d.pattern.recording})" if len(d.loops) > 1 else ""
             what += f" {d.pattern.says}{where} ({by_chance}), {100 * d.pattern.share:.0f} % of it;"
         at = f" Most of it: {d.where[0].says}." if d.where else ""
-        off = f"the fit is off by {d.rms_N[0 if chosen else 1]:.2g} N where the {_noise(d, ' is')}"
+        off = f"the fit is off by {in_unit(d.rms[0 if chosen else 1], d.unit)} where the {_noise(d, ' is')}"
         return f"{what} {off}.{at}{nearest}"
     sizes = ", ".join(
         f"{c.name} = {measured_quantity(c.after, c.sd, c.unit)}{' (assumed)' if c.sd is None else ''}"

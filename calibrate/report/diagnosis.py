@@ -10,15 +10,19 @@ from gtr_jax.files.numbers import measured, measured_quantity, number, quantity
 from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Report, Table
 
+from ..channels import quantity_of
 from ..diagnosis.leave_out import ASKED, LeftOut
-from ..diagnosis.result import Diagnosis, Loop, Pull
+from ..diagnosis.result import Diagnosis, Loop
 from ..diagnosis.sentence import MAY_ACT, interval_in_words
 from ..readings import turning_points
+from ..verdict import in_unit
 from . import diagnosis_figures as draw
 from .fit import detectable, sources
 from .fit_figures import DRAWN, PULL
 from .recording_figures import noise_band
 
+# Channels drawn of a recording without tip tension.
+MOST_DRAWN = 4
 # Rivals drawn, at most; twice as many are listed.
 SHOWN = 8
 # Share of its range by which the base tension goes back at a reversal.
@@ -60,9 +64,8 @@ def _figures(answer: Diagnosis) -> Iterator[Figure]:
         caption = "The law that was found, over the range that the recordings cover, and nowhere else."
         yield Figure("law", png(draw.plot_law(answer.discovered)), caption)
     for loop in answer.loops:
-        for i, pull in enumerate(loop.pulls):
-            names = [loop.name] * (len(answer.loops) > 1) + [pull.tendon] * bool(pull.tendon)
-            yield from _of_pull(answer, loop, (i, pull), label, names)
+        for c in _drawn(loop):
+            yield from _of_channel(answer, loop, c, label)
     top = answer.rivals[:SHOWN]
     if len(top) > 1:
         names = [" + ".join(r.names) or "nothing missing" for r in top]
@@ -83,25 +86,42 @@ def _figures(answer: Diagnosis) -> Iterator[Figure]:
         yield Figure("next-experiment", png(drawn), answer.experiment.says)
 
 
-def _of_pull(
-    answer: Diagnosis, loop: Loop, at: tuple[int, Pull], label: str, names: list[str]
-) -> list[Figure]:
-    """The figures of one tendon of a recording, with the names of both where there are several."""
-    i, pull = at
-    ending, whose = "".join(f"-{name}" for name in names), f"{', '.join(names)}: " if names else ""
-    recorded, before = np.asarray(loop.recorded[i]), np.asarray(loop.before[i])
-    after = np.asarray(loop.after[i]) if _found(answer) else None
+def _drawn(loop: Loop) -> list[int]:
+    """The channels that are drawn: every tip tension; of others some, those that the base model misses by
+    most.
+    """
+    tips = [c for c, name in enumerate(loop.channels) if quantity_of(name) == "T_tip"]
+    if tips:
+        return tips
+    off = np.mean((loop.before - loop.recorded)[: loop.explained, loop.counted] ** 2, axis=1)
+    return sorted(np.argsort(-off / loop.noise[: loop.explained] ** 2)[:MOST_DRAWN].tolist())
+
+
+def _of_channel(answer: Diagnosis, loop: Loop, c: int, label: str) -> list[Figure]:
+    """The figures of one channel of a recording, with the names of recording and tendon where there are
+    several.
+    """
+    channel, pull = loop.channels[c], loop.pulls[loop.of[c]]
+    axis, tip = draw.axis_of(channel), quantity_of(channel) == "T_tip"
+    recording = [loop.name] * (len(answer.loops) > 1)
+    tendon = [pull.tendon] * bool(pull.tendon)
+    ending = "".join(f"-{name}" for name in (*recording, *(tendon if tip else [channel])))
+    said = [*recording, *(tendon if tip else [axis.short])]
+    whose = f"{', '.join(said)}: " if said else ""
+    recorded, before = axis.size * np.asarray(loop.recorded[c]), axis.size * np.asarray(loop.before[c])
+    after = axis.size * np.asarray(loop.after[c]) if _found(answer) else None
+    noise = axis.size * float(loop.noise[c])
     drive = 1e3 * pull.drive if pull.by_displacement else pull.drive
     of = f" of {pull.tendon}" if pull.tendon else ""
     along = (DRAWN if pull.by_displacement else PULL).replace(" at the base", f" at the base{of}")
     found = [
         Figure(
             f"loop{ending}",
-            png(draw.plot_before_after(drive, recorded, before, after, label, along=along)),
+            png(draw.plot_before_after(drive, recorded, before, after, label, along=along, axis=axis)),
             f"{whose}The recording and the model, refitted to it"
             + (f" without and {label}." if after is not None else "."),
         ),
-        _over_time(answer, loop, pull, (recorded, before, after), label, ending, whose),
+        _over_time(answer, loop, pull, axis, (recorded, before, after), label, ending, whose),
     ]
     left = None if after is None else after - recorded
     drawn = draw.plot_residual_map(
@@ -109,15 +129,16 @@ def _of_pull(
         before - recorded,
         left,
         phases=np.asarray(pull.phases),
-        noise=pull.noise_N,
+        noise=noise,
         label=label,
         along=along,
+        axis=axis,
     )
     found.append(
         Figure(
             f"residual{ending}",
             png(drawn),
-            f"{whose}Where they differ{noise_band(pull.noise_N, before - recorded)}.",
+            f"{whose}Where they differ{noise_band(noise, before - recorded, axis.unit)}.",
         )
     )
     branches = pull.branches if after is not None else pull.branches[:2]
@@ -137,18 +158,19 @@ def _of_pull(
             rates[loop.counted],
             _since_reversal(loop.time, drive)[loop.counted],
             (shown - recorded)[loop.counted],
-            noise=pull.noise_N,
+            noise=noise,
+            axis=axis,
             label="best fit" if after is None else label,
             along=f"rate of the displacement{of} [mm/s]"
             if pull.by_displacement
             else f"rate of $T_{{base}}${of} [N/s]",
         )
-        caption = f"{whose}What is left of T_tip against rate, and against time since the base turned."
+        caption = f"{whose}What is left of {axis.short} against rate, and against time since the base turned."
         found.append(Figure(f"rate{ending}", png(drawn), caption))
     return found
 
 
-def _over_time(answer, loop, pull, tips, label, ending, whose) -> Figure:
+def _over_time(answer, loop, pull, axis, rows, label, ending, whose) -> Figure:
     """The recording over time, its episodes numbered as in the table."""
     along, clock = "time [s]", loop.time
     if clock is None:
@@ -162,7 +184,8 @@ def _over_time(answer, loop, pull, tips, label, ending, whose) -> Figure:
     drawn = draw.plot_over_time(
         clock,
         None if pull.by_displacement else pull.drive,
-        tips,
+        rows,
+        axis=axis,
         episodes={
             k: ends(e)
             for k, e in enumerate(answer.episodes, start=1)
@@ -262,7 +285,7 @@ def _tables(answer: Diagnosis) -> list[Table]:
         ),
         (
             "Left out",
-            [(_stretch(e), number(e.size_N, "N", 2)) for e in answer.left_out],
+            [(_stretch(e), in_unit(e.size, e.unit)) for e in answer.left_out],
             "Simulated, so that the history goes on, and not compared; the second column is what simulation "
             "and recording differ by there.",
         ),
@@ -298,11 +321,12 @@ def _tables(answer: Diagnosis) -> list[Table]:
         tables.append(Table("What may act unseen", heads, rows, note=note))
     if len(answer.held_out) > 1:
         before, after = answer.held_out
+        unit, what = answer.unit, " of T_tip" if answer.unit == "N" else ""
         rows = [
-            ("residual of T_tip on what was fitted, rms", *(number(v, "N", 3) for v in answer.rms_N)),
-            ("on what was held out, rms", *(number(h["rms_N"], "N", 3) for h in answer.held_out)),
+            (f"residual{what} on what was fitted, rms", *(in_unit(v, unit, 3) for v in answer.rms)),
+            ("on what was held out, rms", *(in_unit(h["rms"], unit, 3) for h in answer.held_out)),
             ("chi² per sample, held out", *(number(h["chi2_per_n"], digits=3) for h in answer.held_out)),
-            ("noise, as it should be left, rms", *(number(answer.expected_N, "N", 3),) * 2),
+            ("noise, as it should be left, rms", *(in_unit(answer.expected, unit, 3),) * 2),
         ]
         note = (
             f"Held out in turn: {after['folds']:.0f} parts (cycles, recordings, or stretches of one loop); "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -29,10 +30,32 @@ from gtr_jax.plots.style import (
 )
 from gtr_jax.terms.law import VARIABLES
 
+from ..channels import quantity_of, unit_of, words_of
 from ..diagnosis.law_found import FoundLaw
 from .fit_figures import PULL, by_phase
 
 FOUND = "with what was missing"
+
+
+class Axis(NamedTuple):
+    """How a channel is drawn: its label, its short name, the unit on paper, and that unit per SI unit."""
+
+    label: str
+    short: str
+    unit: str
+    size: float
+
+
+TIP = Axis("tension at the tip $T_{tip}$", "$T_{tip}$", "N", 1.0)
+
+
+def axis_of(channel: str) -> Axis:
+    """How a channel is drawn."""
+    if quantity_of(channel) == "T_tip":
+        return TIP
+    unit, size = {"N": ("N", 1.0), "m": ("mm", 1e3), "rad": ("°", float(np.degrees(1.0)))}[unit_of(channel)]
+    words = words_of(channel).removeprefix("the ")
+    return Axis(words, words, unit, size)
 
 
 @styled
@@ -44,14 +67,17 @@ def plot_before_after(
     label: str = FOUND,
     *,
     along: str = PULL,
+    axis: Axis = TIP,
 ) -> Figure:
     """The loop: recorded, and the model refitted without and with what was missing.
 
     Args:
         T_base: base tension [N], (K,).
-        recorded, before, after: tip tension [N], (K,); `after` None where nothing was found.
+        recorded, before, after: of the channel, in the unit of the axis, (K,); `after` None where nothing was
+            found.
         label: what the model after has.
         along: label of the axis of the base tension, or of what drives the tendon instead.
+        axis: how the channel is drawn.
     """
     fig, (axes,) = figure(3.9)
     axes.plot(T_base, recorded, linestyle="", marker="o", markersize=2.4, color=GREY, alpha=0.55)
@@ -64,7 +90,7 @@ def plot_before_after(
         axes.plot(T_base, after, color=BLUE, linewidth=1.2)
         keys.append(Line2D([], [], color=BLUE, label=label))
     axes.set_xlabel(along)
-    axes.set_ylabel("tension at the tip $T_{tip}$ [N]")
+    axes.set_ylabel(f"{axis.label} [{axis.unit}]")
     legend_above(fig, keys)
     return fig
 
@@ -79,23 +105,24 @@ def plot_residual_map(
     noise: float,
     label: str = FOUND,
     along: str = PULL,
+    axis: Axis = TIP,
 ) -> Figure:
-    """Simulated minus recorded tip tension against base tension, before and after, on one scale.
+    """Simulated minus recorded against base tension, before and after, on one scale.
 
     Args:
         T_base: base tension [N], (K,).
-        before, after: residuals [N], (K,).
+        before, after: residuals, in the unit of the axis, (K,).
         phases: label of each sample, (K,).
-        noise: standard deviation of the tip's cell [N].
+        noise: standard deviation of the noise, likewise.
         label: what the model after has.
-        along: as of `plot_before_after`.
+        along, axis: as of `plot_before_after`.
     """
     panels = [("without", before)] + ([] if after is None else [(label, after)])
     fig, rows = figure(0.9 + 2.2 * len(panels), len(panels), sharex=True, sharey=True)
     for axes, (which, residual) in zip(rows, panels, strict=True):
         axes.axhspan(-2 * noise, 2 * noise, color=PALE, linewidth=0, zorder=0)
         by_phase(axes, T_base, residual, phases)
-        axes.set_ylabel("simulated − recorded [N]")
+        axes.set_ylabel(f"simulated − recorded [{axis.unit}]")
         axes.set_title(f"best fit {which}" if after is not None else "best fit", loc="left", fontsize=9)
     rows[-1].set_xlabel(along)
     legend_above(fig, phase_keys(phases, marker="o"))
@@ -106,8 +133,9 @@ def plot_residual_map(
 def plot_over_time(
     time: np.ndarray,
     T_base: np.ndarray | None,
-    tips: Sequence[np.ndarray | None],
+    rows: Sequence[np.ndarray | None],
     *,
+    axis: Axis = TIP,
     episodes: Mapping[int, tuple[float, float]],
     left_out: Sequence[tuple[float, float]],
     label: str = FOUND,
@@ -118,26 +146,30 @@ def plot_over_time(
     Args:
         time: of the samples [s], or their places in the recording, (K,).
         T_base: base tension [N], (K,); None where it was not recorded.
-        tips: tip tension [N], (K,), recorded, simulated before, and after or None.
+        rows: of the channel, in the unit of the axis, (K,): recorded, simulated before, and after or None.
+        axis: how the channel is drawn.
         episodes: first and last time of each, by its number in the table.
         left_out: the same of what is left out.
         label: what the model after has.
         along: label of the axis.
     """
-    recorded, before, after = tips
+    recorded, before, after = rows
     assert recorded is not None and before is not None
-    fig, (over, left) = figure(5.4, 2, sharex=True)
-    for axes in (over, left):
+    apart = T_base is not None and axis.unit != "N"
+    fig, (*above, over, left) = figure(5.4 + 1.8 * apart, 2 + apart, sharex=True)
+    for axes in (*above, over, left):
         for a, b in left_out:
             axes.axvspan(a, b, facecolor="none", edgecolor=GREY, hatch="////", linewidth=0, alpha=0.5)
     if T_base is not None:
-        over.plot(time, T_base, color=PURPLE, linewidth=0.8)
+        (above[0] if apart else over).plot(time, T_base, color=PURPLE, linewidth=0.8)
+    for axes in above:
+        axes.set_ylabel("tension [N]")
     over.plot(time, recorded, color=GREY, linewidth=2.0, alpha=0.6)
     over.plot(time, before, color=VERMILLION, linewidth=0.8)
     left.plot(time, before - recorded, color=VERMILLION, linewidth=0.8)
     keys: list[Artist] = [
         *([] if T_base is None else [Line2D([], [], color=PURPLE, label="$T_{base}$")]),
-        Line2D([], [], color=GREY, linewidth=2, label="$T_{tip}$ recorded"),
+        Line2D([], [], color=GREY, linewidth=2, label=f"{axis.short} recorded"),
         Line2D([], [], color=VERMILLION, label="best fit without" if after is not None else "best fit"),
     ]
     if after is not None:
@@ -160,8 +192,8 @@ def plot_over_time(
         keys.append(Patch(color=ORANGE, alpha=0.25, label="episode"))
     if left_out:
         keys.append(Patch(facecolor="none", edgecolor=GREY, hatch="////", label="left out"))
-    over.set_ylabel("tension [N]")
-    left.set_ylabel("simulated − recorded [N]")
+    over.set_ylabel("tension [N]" if axis is TIP else textwrap.fill(f"{axis.label} [{axis.unit}]", 24))
+    left.set_ylabel(f"simulated − recorded [{axis.unit}]")
     left.set_xlabel(along)
     legend_above(fig, keys)
     return fig
@@ -175,16 +207,18 @@ def plot_against_rate(
     *,
     noise: float,
     label: str,
+    axis: Axis = TIP,
     along: str = "rate of $T_{base}$ [N/s]",
 ) -> Figure:
-    """What is left of T_tip against the rate of the base tension, and against the time since it last turned.
+    """What is left of a channel against the rate of the base tension, and the time since that last turned.
 
     Args:
         rates: of the base tension [N/s], (K,).
         since: time since the last reversal of the base tension [s], (K,).
-        residual: simulated minus recorded [N], (K,).
-        noise: standard deviation of the tip's cell [N].
+        residual: simulated minus recorded, in the unit of the axis, (K,).
+        noise: standard deviation of the noise, likewise.
         label: which model is shown.
+        axis: how the channel is drawn.
         along: label of the axis of the rate.
     """
     fig = Figure(figsize=(WIDTH, 2.6), layout="constrained")
@@ -201,7 +235,7 @@ def plot_against_rate(
         axes.set_xscale("log")
     left.set_xlabel(along)
     right.set_xlabel("time since the last reversal [s]")
-    left.set_ylabel("simulated − recorded [N]")
+    left.set_ylabel(f"simulated − recorded [{axis.unit}]")
     left.set_title(label, loc="left", fontsize=9)
     legend_above(fig, keys)
     return fig

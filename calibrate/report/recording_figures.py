@@ -152,13 +152,13 @@ def _of_tendon(
     ]
 
 
-def noise_band(noise: float | None, residual: np.ndarray) -> str:
-    """Words about the noise [N] for the caption of a residual."""
+def noise_band(noise: float | None, residual: np.ndarray, unit: str = "N") -> str:
+    """Words about the noise, in the unit of the residual, for the caption of that."""
     if not noise:
         return ""
     if is_seen(2 * noise, residual):
         return "; the grey band is two standard deviations of the noise"
-    return f"; the noise, {number(noise, 'N', 2)}, is too small to be seen here"
+    return f"; the noise, {number(noise, unit, 2)}, is too small to be seen here"
 
 
 def _within(band: np.ndarray, T_tip: np.ndarray) -> str:

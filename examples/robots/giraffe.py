@@ -46,7 +46,7 @@ def picture(found: Diagnosis) -> Figure:
 
 def held_out(found: Diagnosis) -> tuple[float, float]:
     """Misfit of cycles that were not fitted, before and after [N], rms."""
-    return found.held_out[0]["rms_N"], found.held_out[1]["rms_N"]
+    return found.held_out[0]["rms"], found.held_out[1]["rms"]
 
 
 def _lines(texts: Sequence[str]) -> str:
@@ -77,7 +77,7 @@ def main() -> None:
             says=found.says,
             before=f"{before:.2f}",
             after=f"{after:.3f}",
-            noise=f"{found.noise_N:.3f}",
+            noise=f"{found.noise:.3f}",
             sets=_lines([" and ".join(f"`{name}`" for name in names) for names in found.confusion_set]),
             numbers=table(["number", "friction alone", "with what was found", "95 % interval"], rows),
             episodes=_lines([episode.says for episode in found.episodes]),

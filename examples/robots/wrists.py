@@ -38,6 +38,7 @@ TOGETHER = (
     ("one material and one friction for both", (*MATERIAL, "mu")),
     ("and notches that bend shorter than they are cut", (*MATERIAL, "mu", "notches_end_correction")),
 )
+RESTS = np.deg2rad(1.0)
 PLAIN, FOUND = ALONE[1][0], ALONE[3][0]
 KNOWN = {"wrist90": "0.61", "wrist150": "1.14"}  # degrees, the authors' law by SOURCE
 
@@ -102,6 +103,12 @@ def keep(wrist: str, found: Any) -> None:
     """The fitted robot file of a wrist."""
     note = f"Fitted to the first trial of {wrist} by examples/robots/wrists.py."
     dump_config(found.config, HERE / "wrists" / f"{wrist}-fitted.toml", note=note)
+
+
+def diagnosed(config: gtr.RobotConfig, first: gtr.Recording) -> str:
+    """What `gtr diagnose` says of a wrist, whose notches may be bent at rest by a degree more or less."""
+    angles = {f"backbone.notches.0.natural_angle.{i}": RESTS for i in range(COUNT)}
+    return calibrate.diagnose(config.with_deviations(angles), first).says
 
 
 def superelastic(config: gtr.RobotConfig) -> gtr.RobotConfig:
@@ -175,6 +182,9 @@ def main() -> None:
     fits: list[tuple[str, dict[str, Any]]] = []
     with tempfile.TemporaryDirectory() as temporary:
         first = {wrist: recording(wrist, seen[wrist][0], Path(temporary)) for wrist in WRISTS}
+        lacks = {w: diagnosed(configs[w], first[w]) for w in WRISTS}
+        for wrist, says in lacks.items():
+            say(f"{wrist}: {says}")
         for says, free in ALONE:
             say(f"wrists: {says}")
             fits.append((says, {w: alone(configs[w], first[w], free) for w in WRISTS}))
@@ -227,6 +237,8 @@ def main() -> None:
         "wrists",
         page("wrists").format(
             models=table(header, rows),
+            lacks90=lacks["wrist90"],
+            lacks150=lacks["wrist150"],
             mu90=told(best["wrist90"]["mu"]),
             mu150=told(best["wrist150"]["mu"]),
             alone90=numbers(best["wrist90"].estimates),

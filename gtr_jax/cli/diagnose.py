@@ -69,7 +69,8 @@ def diagnose(
 ) -> int:
     """Tell which physics a robot's model leaves out of its recordings: where they differ, what is missing,
     whether a fit with it is better on samples it has not seen, and what to measure next. The robot may leave
-    the plane and have several tendons, driven by tension or by displacement.
+    the plane and have several tendons, driven by tension or by displacement. Recordings without T_tip_N are
+    explained by what they have most of: places (of the tip, markers, displacements) or angles.
     """
     from gtr_jax.files.config import load_config
     from gtr_jax.files.masking import times_of
@@ -92,6 +93,7 @@ def diagnose(
         keep_glitches=keep_glitches,
         drop=drop,
         most=MOST,
+        measured=True,
     )
     paths = {"robot": given.robots[0]}
     paths |= {f"recording {i + 1}": path for i, path in enumerate(given.recordings)}
@@ -157,6 +159,7 @@ def summary(answer: Diagnosis) -> list[str]:
 
 def write_answer(folder: Path, answer: Diagnosis, config: RobotConfig, settings: dict[str, Any]) -> None:
     """Write all that a diagnosis leaves into a folder."""
+    from calibrate.channels import quantity_of, unit_of
     from calibrate.report.diagnosis import diagnosis_report
     from gtr_jax.files.config import config_text, dump_config
     from gtr_jax.files.recording import write_recording
@@ -170,10 +173,13 @@ def write_answer(folder: Path, answer: Diagnosis, config: RobotConfig, settings:
         columns: dict[str, Any] = {} if loop.time is None else {"time": loop.time}
         for i, pull in enumerate(loop.pulls):
             drive = "displacement_m" if pull.by_displacement else "T_base_N"
-            rows = {"T_tip_N": loop.recorded, "T_tip_before_N": loop.before, "T_tip_after_N": loop.after}
-            own = (
-                {drive: pull.drive} | {name: each[i] for name, each in rows.items()} | {"phase": pull.phases}
-            )
+            own: dict[str, Any] = {drive: pull.drive}
+            for c, channel in enumerate(loop.channels[: loop.explained]):
+                if loop.of[c] == i:
+                    quantity, unit = quantity_of(channel), unit_of(channel)
+                    rows = {"": loop.recorded, "_before": loop.before, "_after": loop.after}
+                    own |= {f"{quantity}{which}_{unit}": each[c] for which, each in rows.items()}
+            own["phase"] = pull.phases
             columns |= {f"{name}.{pull.tendon}".rstrip("."): values for name, values in own.items()}
         ending = f"-{loop.name}" if len(answer.loops) > 1 else ""
         write_recording(folder / f"diagnosis{ending}.csv", columns)

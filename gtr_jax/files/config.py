@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -49,6 +49,18 @@ _SHORT = {"mu": "friction_coefficient", "E": "youngs_modulus"}
 
 def _one_tendon_or_several(schema: dict[str, Any]) -> None:
     schema["oneOf"] = [{"required": ["routing", "tendon"]}, {"required": ["tendons"]}]
+
+
+def _of_lists(
+    uncertainty: Mapping[str, float | str], known: Mapping[str, float]
+) -> Iterator[tuple[str, float | str]]:
+    """What [uncertainty] says, where a key names a list once for each of its numbers."""
+    for key, deviation in uncertainty.items():
+        whole = [path for path in known if path.rpartition(".")[2].isdigit()]
+        lists = dict.fromkeys(path.rpartition(".")[0] for path in whole)
+        meant = [one for one in lists if one == key or one.endswith(f".{key}")]
+        each = [path for path in whole if meant == [path.rpartition(".")[0]]]
+        yield from ((path, deviation) for path in each or [key])
 
 
 class RobotConfig(FileSection):
@@ -124,8 +136,9 @@ class RobotConfig(FileSection):
     def _dotted_deviations(self) -> dict[str, float | str]:
         """What [uncertainty] says, by dotted key; InputError if it cannot be."""
         resolved: dict[str, float | str] = {}
-        for key, deviation in self.uncertainty.items():
-            path = find_key(_SHORT.get(key, key), self.numbers(), "uncertainty")
+        known = self.numbers()
+        for key, deviation in _of_lists(self.uncertainty, known):
+            path = find_key(_SHORT.get(key, key), known, "uncertainty")
             size = deviation
             if isinstance(size, str):
                 size = to_si(size, self._unit_of(path), f"uncertainty.{key}")

@@ -144,6 +144,13 @@ def parse_quantity(value: object, si: str) -> float:
             said = excerpt(value)
             raise InputError(f"cannot read '{said}' as {dimension.noun}; write for example {example}")
         number, unit = match.groups()
+        if "±" in unit:
+            raise InputError(
+                f"'{excerpt(value)}' holds a deviation; write the value here and the deviation under "
+                "[uncertainty]"
+            )
+        if re.match(r"[\d.]+\s", unit):
+            raise InputError(f"'{excerpt(value)}' holds two numbers; write one, for example {example}")
         if not unit and si != "dimensionless":
             raise InputError(f"'{excerpt(value)}' carries no unit; write for example {example}")
         try:

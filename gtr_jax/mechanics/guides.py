@@ -175,7 +175,7 @@ def chords_on(
     before = jax.tree_util.tree_map(lambda v: jnp.concatenate([v[:1], v[:-1]]), along)
     turned = jnp.where(guides.begins(), corner(before, along), 0.0)
     entry = corner(entering(taken(u, 0), jax.tree_util.tree_map(lambda r: r[0], R)), taken(along, 0))
-    return Chords(slopes, offset, turned.at[0].set(entry))
+    return Chords(slopes, offset, jnp.concatenate([entry[None], turned[1:]]))
 
 
 def entering(strain: Vector, R: SpatialOffset) -> Vector:

@@ -88,7 +88,8 @@ class Sections(eqx.Module):
         """Values along the tendons, past an anchor those at the anchor."""
         if self.beyond is None:
             return values
-        last = ~self.beyond & jnp.roll(self.beyond, -1, axis=-1).at[..., -1].set(True)
+        after = jnp.concatenate([self.beyond[..., 1:], jnp.ones_like(self.beyond[..., :1])], axis=-1)
+        last = ~self.beyond & after
         there = jnp.sum(jnp.where(last, values, 0.0), axis=-1, keepdims=True)
         return jnp.where(self.beyond, there, values)
 

@@ -751,19 +751,25 @@ def _padded(t: Translator, params: Any, shape: tuple[int, ...], a: Value, filler
 
 
 def _rows(t: Translator, params: Any, shape: tuple[int, ...], a: Value, places: Value) -> Value:
-    """Rows of an array along its first axis, at places of any shape."""
-    where, inner = params["dimension_numbers"], a.shape[1:]
-    plain = where.collapsed_slice_dims == where.start_index_map == (0,) and not where.operand_batching_dims
-    if not plain or tuple(params["slice_sizes"]) != (1, *inner):
+    """Rows of an array along one axis, at places of any shape; where it is a batch, of each its own."""
+    where = params["dimension_numbers"]
+    along, batch = where.start_index_map, where.operand_batching_dims
+    sizes = tuple(1 if d in (*along, *batch) else n for d, n in enumerate(a.shape))
+    plain = len(along) == 1 and where.collapsed_slice_dims == along
+    if not plain or tuple(params["slice_sizes"]) != sizes:
         raise Untranslatable("gather of other than rows")
     fills = params["mode"] == jax.lax.GatherScatterMode.FILL_OR_DROP and _kind(a) == DOUBLE
+    length = a.shape[along[0]]
 
     def element(index: list[Any]) -> Any:
-        within = [index[k] for k in where.offset_dims]
-        row = t.element(places, [*[i for k, i in enumerate(index) if k not in where.offset_dims], LONG(0)])
-        low, high = t.at.icmp_signed("<", row, LONG(0)), t.at.icmp_signed(">=", row, LONG(a.shape[0]))
-        inside = t.at.select(high, LONG(a.shape[0] - 1), t.at.select(low, LONG(0), row))
-        value = t.element(a, [inside, *within])
+        within = iter([index[k] for k in where.offset_dims])
+        at = [i for k, i in enumerate(index) if k not in where.offset_dims]
+        row = t.element(places, [*at, LONG(0)])
+        low, high = t.at.icmp_signed("<", row, LONG(0)), t.at.icmp_signed(">=", row, LONG(length))
+        inside = t.at.select(high, LONG(length - 1), t.at.select(low, LONG(0), row))
+        own = dict(zip(batch, (at[k] for k in where.start_indices_batching_dims), strict=True))
+        own[along[0]] = inside
+        value = t.element(a, [own[d] if d in own else next(within) for d in range(len(a.shape))])
         return t.at.select(t.at.or_(low, high), DOUBLE(math.nan), value) if fills else value
 
     return t.filled(shape, _kind(a), element)
