@@ -1,6 +1,5 @@
 """Which physics is missing, from recordings without a cell at the tip: poses, markers and angles."""
 
-import dataclasses
 import json
 from pathlib import Path
 
@@ -125,5 +124,5 @@ def test_what_cannot_be_diagnosed_together_is_refused(make_config):
         calibrate.diagnose(config, [felt, seen])
     with pytest.raises(gtr.InputError, match=r"noise_N: no recording has a tip tension"):
         calibrate.diagnose(config, seen, noise_N=0.01)
-    few = dataclasses.replace(seen, T_base=T[:8], tip_x=seen.tip_x[:8], tip_y=seen.tip_y[:8])
-    assert "8 samples are too few to diagnose; record 10 or more" in calibrate.diagnose(config, few).says
+    few = gtr.Recording(T_base=T[:8], path=Path("few.csv"), sha256="", tip_x=0.25 - 1e-4 * T[:8])
+    assert "8 samples are too few to diagnose; record 20 or more" in calibrate.diagnose(config, few).says
