@@ -42,7 +42,7 @@ robots: $(DEV) ## fit the real robots of examples/robots, and write their pages 
 	$(BIN)/python -m examples.robots.giraffe
 
 test: $(DEV) ## the fast tests
-	$(BIN)/python -m pytest -n $(JOBS) --durations=20
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal --durations=20
 
 check: lint test-all docs ## all that CI runs: linters, types, every test, docs
 
@@ -52,10 +52,10 @@ lint: $(DEV) ## ruff and pyright
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
 test-all: $(DEV)
-	$(BIN)/python -m pytest -n $(JOBS) -m "slow or not slow"
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "slow or not slow"
 
 test-slow: $(DEV) ## only the slow tests
-	$(BIN)/python -m pytest -n $(JOBS) --durations=40 -m slow
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal --durations=40 -m slow
 
 docs: $(DOCS) ## build the documentation into site/
 	$(BIN)/mkdocs build --strict

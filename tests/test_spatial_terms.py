@@ -178,11 +178,14 @@ def test_several_tendons_take_what_does_not_bend_a_held_stretch(robot_with):
 
 
 DRIVEN = {
-    "viscous": {"viscous-friction": {"coefficient": 20.0}},
+    "viscous, stretch and drag": {
+        "viscous-friction": {"coefficient": 20.0},
+        "tendon-stretch": {"compliance": 1e-4},
+        "adhesion": {"drag": 1.0},
+    },
     "creep": {"viscoelastic-body": {"ratio": 0.3, "time": 5.0}},
     "presliding": {"presliding": {"length": 4e-4}},
     "wear and contact": {"wear": {"rate": 0.1}, "contact": {"stiffness": 100.0, "distance": 0.03}},
-    "stretch and drag": {"tendon-stretch": {"compliance": 1e-4}, "adhesion": {"drag": 1.0}},
 }
 
 
