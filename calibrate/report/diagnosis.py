@@ -8,16 +8,18 @@ import numpy as np
 
 from gtr_jax.files.numbers import measured, measured_quantity, number, quantity
 from gtr_jax.plots.style import png
-from gtr_jax.report.page import Figure, Report, Table
+from gtr_jax.report.page import Figure, Playback, Report, Table
 
 from ..diagnosis.leave_out import ASKED, LeftOut
 from ..diagnosis.result import Diagnosis, Loop, Pull
 from ..diagnosis.sentence import MAY_ACT, interval_in_words
 from ..readings import turning_points
 from . import diagnosis_figures as draw
+from .diagnosis_playback import diagnosis_playback
 from .fit import detectable, sources
 from .fit_figures import DRAWN, PULL
 from .recording_figures import noise_band
+from .recording_motion import BODIES, FEWEST
 
 # Rivals drawn, at most; twice as many are listed.
 SHOWN = 8
@@ -41,7 +43,29 @@ def diagnosis_report(answer: Diagnosis, name: str) -> Report:
         warnings=[*next_step, *answer.warnings],
         figures=list(_figures(answer)),
         tables=_tables(answer),
+        playbacks=_playbacks(answer),
     )
+
+
+def _playbacks(answer: Diagnosis) -> list[Playback]:
+    several = len(answer.loops) > 1
+    most = max(BODIES // max(len(answer.loops), 1), FEWEST)
+    return [
+        diagnosis_playback(
+            answer,
+            loop,
+            _label(answer),
+            found=_found(answer),
+            named=loop.name if several else "",
+            most=most,
+        )
+        for loop in answer.loops
+    ]
+
+
+def _label(answer: Diagnosis) -> str:
+    """What the model that is shown has, in words."""
+    return "with the nearest term" if answer.verdict == "unexplained" else "with what was missing"
 
 
 def _found(answer: Diagnosis) -> bool:
@@ -55,7 +79,7 @@ def first_figure(answer: Diagnosis) -> Figure | None:
 
 
 def _figures(answer: Diagnosis) -> Iterator[Figure]:
-    label = "with the nearest term" if answer.verdict == "unexplained" else "with what was missing"
+    label = _label(answer)
     if answer.discovered is not None:
         caption = "The law that was found, over the range that the recordings cover, and nowhere else."
         yield Figure("law", png(draw.plot_law(answer.discovered)), caption)

@@ -15,7 +15,9 @@ from gtr_jax.terms import REGISTRY
 
 from ..result import FitResult, FittedRecording
 from . import fit_figures as draw
+from .fit_playback import fit_playback
 from .recording_figures import recording_figures
+from .recording_motion import BODIES, FEWEST, motion_along
 
 
 def fit_report(fit: FitResult, recordings: Sequence[Recording], name: str) -> Report:
@@ -26,17 +28,20 @@ def fit_report(fit: FitResult, recordings: Sequence[Recording], name: str) -> Re
         recordings: what was fitted.
         name: of the robot.
     """
-    figures = [
-        figure
-        for fitted, recording in zip(fit.recordings, recordings, strict=True)
-        for figure in recording_figures(fit, fitted, recording, several=len(recordings) > 1)
-    ]
+    figures, playbacks, several = [], [], len(recordings) > 1
+    for fitted, recording in zip(fit.recordings, recordings, strict=True):
+        motion = motion_along(fitted.robot, fitted.T_base, recording.time) if fit.converged else None
+        figures += recording_figures(fit, fitted, recording, several=several, motion=motion)
+        most = max(BODIES // len(recordings), FEWEST)
+        own = fitted.name if several else ""
+        playbacks.append(fit_playback(fitted, recording, motion, named=own, most=most))
     return Report(
         title=f"{name}: fit",
         verdict=fit.verdict,
         warnings=fit.warnings,
         figures=[*figures, *_profile_figure(fit), *_posterior_figure(fit)],
         tables=_tables(fit),
+        playbacks=playbacks,
     )
 
 

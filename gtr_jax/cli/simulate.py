@@ -333,5 +333,5 @@ def write_answer(
         write_recording(folder / name, channel_curve(answer.robot, tendon))
     write_recording(folder / "profile.csv", profile(answer.loaded), tendons=config.tendon_names)
     write_json(folder / "simulation.json", {**facts(answer), "settings": settings})
-    report = simulation_report(answer)
+    report = simulation_report(answer, time)
     write_report(folder, report, settings, (folder / "robot.toml").read_text(encoding="utf-8"))

@@ -31,6 +31,7 @@ from ..simulation.sensing import cells_differ
 from ..simulation.solution import Equilibrium
 from . import spatial
 from .page import Figure, Report, Table
+from .simulation_playback import simulation_playback
 
 APART = 2e-3  # of the length, by which two shapes must differ for both to be drawn
 
@@ -311,17 +312,20 @@ def verdict(answer: SimulationAnswer) -> str:
     return text + f"; on release the tip keeps its tension, and would until the base is down to {switch}."
 
 
-def simulation_report(answer: SimulationAnswer) -> Report:
-    """Verdict, figures and tables of a simulation."""
+def simulation_report(answer: SimulationAnswer, time: np.ndarray | None = None) -> Report:
+    """Verdict, figures and tables of a simulation.
+
+    Args:
+        answer: what it found.
+        time: of the steps [s], (K,), where it was given.
+    """
     return Report(
         title=f"{answer.robot.name}: simulation",
         verdict=verdict(answer),
         warnings=[text for text in answer.warnings if text not in verdict(answer)],
         figures=_figures(answer),
         tables=_tables(answer),
-        scenes=[spatial.body_scene(answer.robot, answer.run, answer.rest, answer.top)]
-        if answer.robot.space
-        else (),
+        playbacks=[simulation_playback(answer, time)],
     )
 
 
