@@ -2,8 +2,9 @@
 // A canvas with axes that the reader zooms: by dragging a box, by the wheel while it has the focus or Ctrl is
 // held, by the keys + - 0, and by buttons. What stands between the axes is drawn by others. Of `spec` it reads:
 //   title; across, up: labels of the axes; says: what screen readers are told;
-//   x, y: ranges that hold everything; equal: whether both axes have one scale.
+//   x, y: ranges that hold everything; equal: whether both axes have one scale; above: pixels above the axes.
 // `on` holds: paint(pen, place), drawn between the axes, where place.x(v) and place.y(v) are pixels;
+//   head(pen, place), drawn above them;
 //   pick(px, py), a click; hover(px, py), or hover() when the mouse leaves; step(by), a key; zoomed(x), a new
 //   range across.
 const frameOf = (function () {
@@ -55,7 +56,7 @@ const frameOf = (function () {
     // Pixels of the area between the axes, and of values.
     function placed() {
       const left = ROOM.left, right = canvas.clientWidth - ROOM.right;
-      const top = ROOM.top, bottom = canvas.clientHeight - ROOM.bottom;
+      const top = ROOM.top + (spec.above || 0), bottom = canvas.clientHeight - ROOM.bottom;
       let [x, y] = [view.x, view.y];
       if (spec.equal) {
         const size = Math.max((x[1] - x[0]) / (right - left), (y[1] - y[0]) / (bottom - top));
@@ -73,11 +74,15 @@ const frameOf = (function () {
     function look(x, y, quietly) {
       const moved = x !== view.x;
       Object.assign(view, { x, y });
-      canvas.dataset.x = x.join(" ");
-      canvas.dataset.y = y.join(" ");
+      tell();
       reset.disabled = x === spec.x && y === spec.y;
       draw();
       if (moved && !quietly && on.zoomed) on.zoomed(x);
+    }
+
+    function tell() {
+      canvas.dataset.x = view.x.join(" ");
+      canvas.dataset.y = view.y.join(" ");
     }
 
     function zoom(factor, px, py) {
@@ -130,6 +135,7 @@ const frameOf = (function () {
       pen.textAlign = "left";
       on.paint(pen, p);
       pen.restore();
+      if (on.head) on.head(pen, p);
       if (!box) return;
       pen.fillStyle = "rgba(0,114,178,0.12)";
       pen.strokeStyle = "#0072b2";
@@ -202,6 +208,7 @@ const frameOf = (function () {
       e.preventDefault();
     });
     reset.disabled = true;
+    tell();
     return { element, canvas, draw, placed, look: (x) => look(x, view.y, true) };
   };
 })();

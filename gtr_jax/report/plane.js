@@ -39,9 +39,9 @@ const planeOf = (function () {
       return [low - 0.05 * (high - low), high + 0.05 * (high - low)];
     };
     const frame = frameOf({
-      title: "Body", across: "x [mm]", up: "y [mm]", equal: true, x: range(0), y: range(1),
+      title: "Body", across: "x [mm]", up: "y [mm]", equal: true, above: 30, x: range(0), y: range(1),
       says: "The body in its plane with its channels, coloured by the tension of the tendon.",
-    }, { paint, step: link.step });
+    }, { paint, head, step: link.step });
     const key = document.createElement("p");
     key.className = "key";
     key.textContent = "Grey: at the first " + link.unit + ". Channels are coloured by the tension in them.";
@@ -62,7 +62,10 @@ const planeOf = (function () {
       });
       pen.fillStyle = MARKER;
       for (const [x, y] of step.markers) pen.fillRect(place.x(x) - 3, place.y(y) - 3, 6, 6);
-      shades.key(pen, place.right - 4, place.top + 4, body.most);
+    }
+
+    function head(pen, place) {
+      shades.key(pen, place.right, 2, body.most);
     }
 
     function outline(pen, place, step, colour) {

@@ -145,7 +145,8 @@ def playback(
         "body": body,
     }
     fewer = f" {len(kept):,} of {K:,} samples are shown." if len(kept) < K else ""
-    return Playback(data, f"{says} {CAPTION}{fewer}".strip(), tuple(stills))
+    turned = " Drag the body, or press its arrow keys, to turn it." if body and body["space"] else ""
+    return Playback(data, f"{says} {CAPTION}{turned}{fewer}".strip(), tuple(stills))
 
 
 def kept_samples(values: np.ndarray, most: int) -> np.ndarray:

@@ -20,7 +20,7 @@ const shades = (function () {
     }
     pen.fillStyle = INK;
     pen.textAlign = "right";
-    pen.fillText("tension 0 to " + most + " N", right, top + 24);
+    pen.fillText("tension 0 to " + most + " N", right, top + 22);
     pen.textAlign = "left";
   }
 
