@@ -37,7 +37,7 @@ def opened(profile: Path, *, scripts: bool = True, calm: bool = False):
     from selenium.webdriver.chrome.service import Service
 
     options = webdriver.ChromeOptions()
-    options.binary_location = CHROMIUM
+    options.binary_location = str(CHROMIUM)
     for option in (*QUIET, f"--user-data-dir={profile}", "--window-size=1200,1000"):
         options.add_argument(option)
     if calm:

@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 
-from gtr_jax.plots.style import figure, png, styled
+from gtr_jax.plots.style import figure, styled
 from gtr_jax.report.page import Figure, Report, render
 from gtr_jax.report.scene import in_space
 from tests.browser import needs_chromium, opened
@@ -51,7 +51,7 @@ def page(tmp_path_factory):
     report = Report(
         title="Made up",
         verdict="All of it is made up.",
-        figures=[Figure("loop", png(picture()), "The loop."), Figure("other", png(picture()), "Another.")],
+        figures=[Figure("loop", picture(), "The loop."), Figure("other", picture(), "Another.")],
         playbacks=[made_up(K, first=40, body=in_plane(), stills=["loop"]), made_up(K, body=space)],
     )
     (folder / "report.html").write_text(render(report, SETTINGS, "[robot]"), encoding="utf-8")

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from gtr_jax.files.numbers import measured, measured_quantity, number, quantity
-from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Playback, Report, Table
 
 from ..diagnosis.leave_out import ASKED, LeftOut
@@ -82,7 +81,7 @@ def _figures(answer: Diagnosis) -> Iterator[Figure]:
     label = _label(answer)
     if answer.discovered is not None:
         caption = "The law that was found, over the range that the recordings cover, and nowhere else."
-        yield Figure("law", png(draw.plot_law(answer.discovered)), caption)
+        yield Figure("law", draw.plot_law(answer.discovered), caption)
     for loop in answer.loops:
         for i, pull in enumerate(loop.pulls):
             names = [loop.name] * (len(answer.loops) > 1) + [pull.tendon] * bool(pull.tendon)
@@ -93,7 +92,7 @@ def _figures(answer: Diagnosis) -> Iterator[Figure]:
         chart = draw.plot_rivals(
             names, np.asarray([r.probability for r in top]), np.asarray([r.delta for r in top])
         )
-        yield Figure("rivals", png(chart), "What else it could be: models refitted with mu and E.")
+        yield Figure("rivals", chart, "What else it could be: models refitted with mu and E.")
     if answer.experiment is not None:
         e = answer.experiment
         pulls = answer.loops[0].pulls
@@ -104,7 +103,7 @@ def _figures(answer: Diagnosis) -> Iterator[Figure]:
             drawn=[pull.by_displacement for pull in pulls] if e.T_tip is None else (),
             names=[pull.tendon for pull in pulls],
         )
-        yield Figure("next-experiment", png(drawn), answer.experiment.says)
+        yield Figure("next-experiment", drawn, answer.experiment.says)
 
 
 def _of_pull(
@@ -121,7 +120,7 @@ def _of_pull(
     found = [
         Figure(
             f"loop{ending}",
-            png(draw.plot_before_after(drive, recorded, before, after, label, along=along)),
+            draw.plot_before_after(drive, recorded, before, after, label, along=along),
             f"{whose}The recording and the model, refitted to it"
             + (f" without and {label}." if after is not None else "."),
         ),
@@ -140,7 +139,7 @@ def _of_pull(
     found.append(
         Figure(
             f"residual{ending}",
-            png(drawn),
+            drawn,
             f"{whose}Where they differ{noise_band(pull.noise_N, before - recorded)}.",
         )
     )
@@ -149,7 +148,7 @@ def _of_pull(
         found.append(
             Figure(
                 f"branches{ending}",
-                png(draw.plot_branches(branches, label, along=along)),
+                draw.plot_branches(branches, label, along=along),
                 f"{whose}Release against pull at the same base tension: half the difference of "
                 "ln(T_tip/T_base) is friction, half the sum what friction cannot do.",
             )
@@ -168,7 +167,7 @@ def _of_pull(
             else f"rate of $T_{{base}}${of} [N/s]",
         )
         caption = f"{whose}What is left of T_tip against rate, and against time since the base turned."
-        found.append(Figure(f"rate{ending}", png(drawn), caption))
+        found.append(Figure(f"rate{ending}", drawn, caption))
     return found
 
 
@@ -198,7 +197,7 @@ def _over_time(answer, loop, pull, tips, label, ending, whose) -> Figure:
     )
     caption = f"{whose}The recording over time, and what is left of it"
     return Figure(
-        f"time{ending}", png(drawn), f"{caption}, episodes numbered." if answer.episodes else f"{caption}."
+        f"time{ending}", drawn, f"{caption}, episodes numbered." if answer.episodes else f"{caption}."
     )
 
 

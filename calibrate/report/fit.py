@@ -9,7 +9,6 @@ import numpy as np
 from gtr_jax.files.numbers import measured_quantity, number, quantity
 from gtr_jax.files.recording import Recording
 from gtr_jax.files.units import display_of
-from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Report, Table
 from gtr_jax.terms import REGISTRY
 
@@ -58,7 +57,7 @@ def _profile_figure(fit: FitResult) -> list[Figure]:
     return [
         Figure(
             "profiles",
-            png(draw.plot_profiles(curves)),
+            draw.plot_profiles(curves),
             "Rise of the sum of squares as one parameter is held and the others are fitted anew. Where it "
             "leaves the parabola of the standard error, believe the profile.",
         )
@@ -74,7 +73,7 @@ def _posterior_figure(fit: FitResult) -> list[Figure]:
     for e, values in zip(fit.estimates, draws.T, strict=True):
         display, factor = display_of(e.unit)
         columns[f"{e.name} [{display}]" if display else e.name] = values / factor
-    return [Figure("posterior", png(draw.plot_draws(columns)), "Draws from the posterior, and their shares.")]
+    return [Figure("posterior", draw.plot_draws(columns), "Draws from the posterior, and their shares.")]
 
 
 def _posterior_table(fit: FitResult) -> list[Table]:

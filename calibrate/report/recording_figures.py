@@ -10,7 +10,7 @@ import numpy as np
 from gtr_jax import equilibrium
 from gtr_jax.files.numbers import measured_quantity, number
 from gtr_jax.files.recording import Recording
-from gtr_jax.plots.style import is_seen, png
+from gtr_jax.plots.style import is_seen
 from gtr_jax.report.page import Figure
 from gtr_jax.report.spatial import shape_figure
 from gtr_jax.simulation.displacement import by_tension
@@ -63,7 +63,7 @@ def recording_figures(
         figures.append(
             Figure(
                 f"channels{ending}",
-                png(draw.plot_channels(*over[:2], others, phases=pull.phases, label=over[2])),
+                draw.plot_channels(*over[:2], others, phases=pull.phases, label=over[2]),
                 f"{whose}What {'else ' if fitted.tips else ''}was recorded, and the fitted model.",
             )
         )
@@ -141,18 +141,18 @@ def _of_tendon(
     return [
         Figure(
             f"fit{ending}",
-            png(loop),
+            loop,
             f"{whose}The recording, coloured by the fitted model's phase, and the model's "
             f"loop{_within(band, simulated)}.",
         ),
         Figure(
             f"time{ending}",
-            png(over_time),
+            over_time,
             f"{whose}The same {'sample by sample' if recording.time is None else 'over time'}{beside}.",
         ),
         Figure(
             f"residual{ending}",
-            png(residual),
+            residual,
             f"{whose}Simulated minus recorded tip tension, against {drive} and along it"
             f"{noise_band(fitted.noise_N, left)}. A pattern means that the model lacks something.",
         ),

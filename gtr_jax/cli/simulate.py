@@ -15,6 +15,7 @@ from .options import (
     Pull,
     Quantity,
     check_resolution,
+    figures_option,
     output_option,
     resolution_option,
     robot_argument,
@@ -62,6 +63,7 @@ STEPS = 40
 )
 @recording_options
 @resolution_option
+@figures_option
 @output_option
 def simulate(
     robot: Path,
@@ -75,6 +77,7 @@ def simulate(
     keep_glitches: bool,
     drop: Sequence[str],
     resolution: float,
+    figures: Sequence[str],
     output: Path,
     force: bool,
 ) -> int:
@@ -127,7 +130,7 @@ def simulate(
         progress("drawing")
         with folder.write() as part:
             settings = folder.settings() | left_out([given] if given else [])
-            write_answer(part, answer, config, settings, time=time)
+            write_answer(part, answer, config, settings, time=time, figures=figures)
     from gtr_jax.report.simulation import verdict
 
     said = verdict(answer)
@@ -294,6 +297,7 @@ def write_answer(
     settings: dict,
     *,
     time: np.ndarray | None = None,
+    figures: Sequence[str] = (),
 ) -> None:
     """Write all that a simulation leaves into a folder."""
     import numpy as np
@@ -334,4 +338,5 @@ def write_answer(
     write_recording(folder / "profile.csv", profile(answer.loaded), tendons=config.tendon_names)
     write_json(folder / "simulation.json", {**facts(answer), "settings": settings})
     report = simulation_report(answer, time)
-    write_report(folder, report, settings, (folder / "robot.toml").read_text(encoding="utf-8"))
+    robot = (folder / "robot.toml").read_text(encoding="utf-8")
+    write_report(folder, report, settings, robot, figures=figures)

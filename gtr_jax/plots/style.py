@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextvars
 import functools
 import io
+import weakref
 from collections.abc import Callable, Sequence
 from typing import Any, ParamSpec
 
@@ -21,7 +23,7 @@ BLUE, ORANGE, GREEN, VERMILLION, PURPLE = "#0072B2", "#E69F00", "#009E73", "#D55
 INK, GREY, PALE = "#222222", "#777777", "#DDDDDD"
 PHASE_COLOUR = {"pulling": BLUE, "transition": ORANGE, "releasing": GREEN, "rest": GREY}
 
-WIDTH = 5.2  # inches; 85 mm in print leaves 6.5 pt letters
+WIDTH = 5.2  # inches, in reports
 DOTS = 200
 LOOK: Any = mpl.rcParamsDefault | {
     "backend": "agg",
@@ -43,20 +45,40 @@ LOOK: Any = mpl.rcParamsDefault | {
 }
 
 
+_width = contextvars.ContextVar("width", default=WIDTH)
+_again: weakref.WeakKeyDictionary[Figure, Callable[[], Figure]] = weakref.WeakKeyDictionary()
+
+
 def styled(plot: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Draw in this look, whatever the user's matplotlib settings."""
+    """Draw in this look, whatever the user's matplotlib settings, so that it can be drawn again for print."""
 
     @functools.wraps(plot)
     def in_style(*args: P.args, **kwargs: P.kwargs) -> Figure:
         with mpl.rc_context(LOOK):
-            return plot(*args, **kwargs)
+            fig = plot(*args, **kwargs)
+        _again[fig] = lambda: in_style(*args, **kwargs)
+        return fig
 
     return in_style
 
 
+def width() -> float:
+    """Width of a figure of one column [inches]."""
+    return _width.get()
+
+
+def drawn_again(fig: Figure, wide: float) -> Figure:
+    """A figure that a styled function drew, drawn anew with columns of another width [inches]."""
+    token = _width.set(wide)
+    try:
+        return _again[fig]()
+    finally:
+        _width.reset(token)
+
+
 def figure(height: float, rows: int = 1, **grid: Any) -> tuple[Figure, list[Axes]]:
     """A figure of the standard width with `rows` axes above one another; `height` in inches."""
-    fig = Figure(figsize=(WIDTH, height), layout="constrained")
+    fig = Figure(figsize=(width(), height), layout="constrained")
     return fig, list(fig.subplots(rows, 1, squeeze=False, **grid)[:, 0])
 
 

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import base64
+import functools
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from matplotlib.figure import Figure as Drawing
+
+from gtr_jax.plots.style import DOTS, png
 
 FOLDER = Path(__file__).parent
 STYLE = (FOLDER / "page.css").read_text(encoding="utf-8")
@@ -19,11 +24,24 @@ SCRIPT = "\n".join((FOLDER / name).read_text(encoding="utf-8") for name in SCRIP
 
 @dataclass(frozen=True)
 class Figure:
-    """A picture with what it shows. `name` is its file name without ending."""
+    """A picture with what it shows.
+
+    Attributes:
+        name: its file name without ending.
+        drawn: the picture.
+        caption: what it shows.
+        dots: of its image, per inch.
+    """
 
     name: str
-    image: bytes
+    drawn: Drawing
     caption: str
+    dots: int = DOTS
+
+    @functools.cached_property
+    def image(self) -> bytes:
+        """The picture as PNG."""
+        return png(self.drawn, self.dots)
 
     @property
     def source(self) -> str:

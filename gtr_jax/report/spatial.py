@@ -10,7 +10,6 @@ import numpy as np
 
 from gtr_jax.files.numbers import number
 from gtr_jax.files.quantities import column_of, marker_quantities
-from gtr_jax.plots.style import png
 from gtr_jax.plots.views import Posture, Strung, plot_views
 from gtr_jax.robot.clearance import place_in_section
 from gtr_jax.robot.robot import Robot
@@ -113,7 +112,7 @@ def shape_figure(
     postures = [still, *(_posture(name, run, places, step) for name, step in named)]
     return Figure(
         "shape",
-        png(plot_views(strung_of(robot, rest), postures)),
+        plot_views(strung_of(robot, rest), postures),
         "The body from three sides at one scale, with its channels coloured by the tension of the tendon in "
         "them (grey: at rest).",
     )
