@@ -21,11 +21,11 @@ from gtr_jax.plots.style import (
     PALE,
     PURPLE,
     VERMILLION,
+    column_width,
     figure,
     legend_above,
     phase_keys,
     styled,
-    width,
 )
 from gtr_jax.terms.law import VARIABLES
 
@@ -187,7 +187,7 @@ def plot_against_rate(
         label: which model is shown.
         along: label of the axis of the rate.
     """
-    fig = Figure(figsize=(width(), 2.6), layout="constrained")
+    fig = Figure(figsize=(column_width(), 2.6), layout="constrained")
     left, right = fig.subplots(1, 2, sharey=True)
     keys: list[Artist] = []
     for way, colour, what in ((1, BLUE, "base rising"), (-1, GREEN, "base falling")):
@@ -264,7 +264,7 @@ def plot_rivals(names: Sequence[str], probability: np.ndarray, delta: np.ndarray
         delta: root of the drop of the sum of squares, (n,).
     """
     n = len(names)
-    fig = Figure(figsize=(width(), 1.1 + 0.34 * n), layout="constrained")
+    fig = Figure(figsize=(column_width(), 1.1 + 0.34 * n), layout="constrained")
     left, right = fig.subplots(1, 2, sharey=True)
     at = np.arange(n)[::-1]
     left.barh(at, delta, color=[BLUE if i == 0 else GREY for i in range(n)], height=0.6)

@@ -18,11 +18,11 @@ from gtr_jax.plots.style import (
     PALE,
     PHASE_COLOUR,
     VERMILLION,
+    column_width,
     figure,
     legend_above,
     phase_keys,
     styled,
-    width,
 )
 
 PULL = "tension at the base $T_{base}$ [N]"
@@ -205,7 +205,9 @@ def plot_draws(draws: Mapping[str, np.ndarray]) -> Figure:
         draws: by the parameter's label, with unit, (n,) each.
     """
     labels, count = list(draws), len(draws)
-    fig = Figure(figsize=(width(), width() * min(1.0, 0.35 + 0.22 * count)), layout="constrained")
+    fig = Figure(
+        figsize=(column_width(), column_width() * min(1.0, 0.35 + 0.22 * count)), layout="constrained"
+    )
     grid = fig.subplots(count, count, squeeze=False, sharex="col")
     for i, row in enumerate(labels):
         for j, column in enumerate(labels):

@@ -140,7 +140,7 @@ def plot_targets(
     width, height = np.ptp(everything, axis=0)
     tall = min(max(4.6 * height / max(width, 1e-9), 2.2), 5.6) + 0.9
     near = near[:MAGNIFIED]
-    fig = Figure(figsize=(width(), tall + (PANEL if near else 0.0)), layout="constrained")
+    fig = Figure(figsize=(column_width(), tall + (PANEL if near else 0.0)), layout="constrained")
     parts = fig.add_gridspec(2 if near else 1, 1, height_ratios=[tall, PANEL] if near else [tall])
     axes = fig.add_subplot(parts[0])
     if near:

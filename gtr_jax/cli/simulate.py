@@ -63,6 +63,12 @@ STEPS = 40
 )
 @recording_options
 @resolution_option
+@click.option(
+    "--movie",
+    metavar="FILE",
+    help="Write a movie of the body and its loop, OUT/FILE: a name that ends in .gif, or in .mp4, for which "
+    "ffmpeg must be installed.",
+)
 @figures_option
 @output_option
 def simulate(
@@ -77,6 +83,7 @@ def simulate(
     keep_glitches: bool,
     drop: Sequence[str],
     resolution: float,
+    movie: str | None,
     figures: Sequence[str],
     output: Path,
     force: bool,
@@ -94,6 +101,10 @@ def simulate(
     from .run_folder import RunFolder
 
     check_resolution(resolution)
+    if movie is not None:
+        from gtr_jax.plots.movie import check_movie
+
+        check_movie(movie)
     config = load_config(robot)
     given: Recording | None = None
     if history is None:
@@ -131,6 +142,11 @@ def simulate(
         with folder.write() as part:
             settings = folder.settings() | left_out([given] if given else [])
             write_answer(part, answer, config, settings, time=time, figures=figures)
+            if movie is not None:
+                from gtr_jax.report.simulation_movie import simulation_movie
+
+                progress("drawing the movie")
+                simulation_movie(part / movie, answer)
     from gtr_jax.report.simulation import verdict
 
     said = verdict(answer)

@@ -62,7 +62,7 @@ def styled(plot: Callable[P, Figure]) -> Callable[P, Figure]:
     return in_style
 
 
-def width() -> float:
+def column_width() -> float:
     """Width of a figure of one column [inches]."""
     return _width.get()
 
@@ -78,7 +78,7 @@ def drawn_again(fig: Figure, wide: float) -> Figure:
 
 def figure(height: float, rows: int = 1, **grid: Any) -> tuple[Figure, list[Axes]]:
     """A figure of the standard width with `rows` axes above one another; `height` in inches."""
-    fig = Figure(figsize=(width(), height), layout="constrained")
+    fig = Figure(figsize=(column_width(), height), layout="constrained")
     return fig, list(fig.subplots(rows, 1, squeeze=False, **grid)[:, 0])
 
 

@@ -17,7 +17,7 @@ from gtr_jax.files.numbers import number
 from gtr_jax.files.units import display_of
 from gtr_jax.sweep.sensitivity import Index
 
-from .style import BLUE, GREY, INK, ORANGE, PALE, WIDTH, figure, styled, width
+from .style import BLUE, GREY, INK, ORANGE, PALE, WIDTH, column_width, figure, styled
 
 if TYPE_CHECKING:
     import xarray
@@ -90,7 +90,7 @@ def plot_maps(data: Mapping[str, xarray.DataArray]) -> Figure:
     across, up = [str(d) for d in first.dims if d in by_length]
     columns = min(len(data), 2)
     rows = -(-len(data) // columns)
-    fig = Figure(figsize=(width() if columns == 1 else 1.55 * WIDTH, 3.4 * rows), layout="constrained")
+    fig = Figure(figsize=(column_width() if columns == 1 else 1.55 * WIDTH, 3.4 * rows), layout="constrained")
     panels = fig.subplots(rows, columns, squeeze=False).ravel()
     words = ""
     for axes, array in zip(panels, data.values(), strict=False):
@@ -163,7 +163,7 @@ def plot_parallel(points: Mapping[str, xarray.DataArray], output: xarray.DataArr
         low, high = (float(own.min()), float(own.max())) if len(own) else (0.0, 1.0)
         ends.append((low, high))
         scaled.append((shown(column)[some] - low) / ((high - low) or 1.0))
-    fig = Figure(figsize=(max(width(), 1.25 * len(columns)), 3.6), layout="constrained")
+    fig = Figure(figsize=(max(column_width(), 1.25 * len(columns)), 3.6), layout="constrained")
     axes = fig.subplots()
     order = np.argsort(value)
     lines = np.stack(scaled, axis=1)[order]
@@ -224,7 +224,7 @@ def plot_sensitivity(indices: Mapping[str, Mapping[str, Index]]) -> Figure:
         panels[-1].set_xlim(left=0)
         known = all(i.first_sd is None for of in indices.values() for i in of.values())
         panels[-1].set_xlabel(
-            "share of the variance: blue alone, grey together with others"
+            "share of the variance:\nblue alone, grey together with others"
             + ("" if known else "\n(lines: one standard deviation)")
         )
     else:
