@@ -200,7 +200,7 @@ def plot_against_rate(
         axes.axhspan(-2 * noise, 2 * noise, color=PALE, linewidth=0, zorder=0)
         axes.set_xscale("log")
     left.set_xlabel(along)
-    right.set_xlabel("time since the last reversal [s]")
+    right.set_xlabel("time since reversal [s]")
     left.set_ylabel("simulated − recorded [N]")
     left.set_title(label, loc="left", fontsize=9)
     legend_above(fig, keys)
@@ -270,7 +270,7 @@ def plot_rivals(names: Sequence[str], probability: np.ndarray, delta: np.ndarray
     left.barh(at, delta, color=[BLUE if i == 0 else GREY for i in range(n)], height=0.6)
     right.barh(at, probability, color=[BLUE if i == 0 else GREY for i in range(n)], height=0.6)
     left.set_yticks(at, names, fontsize=8)
-    left.set_xlabel("better by [standard errors]")
+    left.set_xlabel("better by\n[standard errors]")
     right.set_xlabel("probability")
     right.set_xlim(0, 1)
     for y, p in zip(at, probability, strict=True):

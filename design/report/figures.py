@@ -21,6 +21,7 @@ from gtr_jax.plots.style import (
     PHASE_COLOUR,
     PURPLE,
     VERMILLION,
+    column_width,
     figure,
     legend_above,
     line_by_phase,
@@ -173,7 +174,7 @@ def plot_targets(
     for key in phase_keys(phases[1:]):
         key.set_label(f"tip, {key.get_label()}")
         keys.append(key)
-    fig.legend(handles=keys, loc="outside upper center", ncols=4, handlelength=1.4, columnspacing=1.2)
+    legend_above(fig, keys)
     return fig
 
 

@@ -90,6 +90,9 @@ def png(fig: Figure, dots: int = DOTS) -> bytes:
     return stream.getvalue()
 
 
+LEGEND = 0.98  # of the width of a figure, that a legend may take
+
+
 def legend_above(fig: Figure, handles: Sequence[Artist]) -> None:
     """Legend entries above the axes: in one row, or in as many as the width of the figure asks for."""
     for rows in range(1, len(handles) + 1):
@@ -100,7 +103,7 @@ def legend_above(fig: Figure, handles: Sequence[Artist]) -> None:
             handlelength=1.4,
             columnspacing=1.2,
         )
-        if legend.get_window_extent().width <= fig.bbox.width:
+        if legend.get_window_extent().width <= LEGEND * fig.bbox.width:
             return
         if rows < len(handles):
             legend.remove()
