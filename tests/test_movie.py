@@ -77,6 +77,22 @@ def test_mp4_without_ffmpeg_names_the_remedy(monkeypatch):
     check_movie("motion.MP4")
 
 
+def test_an_ffmpeg_that_fails_is_one_line(tmp_path, monkeypatch):
+    false = tmp_path / "ffmpeg"
+    false.write_text("#!/bin/sh\ncat > /dev/null\nexit 3\n")
+    false.chmod(0o755)
+    monkeypatch.setitem(movie.LOOK, "animation.ffmpeg_path", str(false))
+    with pytest.raises(InputError, match=r"motion\.mp4: ffmpeg cannot write it .*; give motion\.gif"):
+        write_movie(
+            tmp_path / "motion.mp4",
+            BODY,
+            [made_up("step 1", 0.0)],
+            steps=[0],
+            loop=Loop(T_BASE[:2], T_BASE[:2], None),
+            space=True,
+        )
+
+
 @pytest.mark.skipif(not movie.animation.writers.is_available("ffmpeg"), reason="needs ffmpeg")
 def test_mp4(tmp_path):
     write_movie(

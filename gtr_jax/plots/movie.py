@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
-from gtr_jax.errors import InputError
+from gtr_jax.errors import InputError, reason
 
 from .style import GREY, INK, LOOK, PALE, PHASE_COLOUR, VERMILLION
 from .tendons import COLOURS
@@ -72,6 +73,9 @@ def write_movie(
         steps: which of the K steps each frame shows.
         loop: the tensions.
         space: whether the body leaves the plane of x and y.
+
+    Raises:
+        InputError: ffmpeg fails.
     """
     gif = path.suffix.lower() == ".gif"
     with mpl.rc_context(LOOK):
@@ -79,11 +83,16 @@ def write_movie(
         picture = _Picture(
             [drawn(body, p, POINTS, CORNERS if space else 2) for p in postures], body, loop, space=space
         )
-        with writer.saving(picture.fig, str(path), DOTS):
-            for k, (step, posture) in enumerate(zip(steps, postures, strict=True)):
-                picture.show(k, step, posture)
-                for _ in range(1 + HELD * (k == len(postures) - 1)):
-                    writer.grab_frame()
+        try:
+            with writer.saving(picture.fig, str(path), DOTS):
+                for k, (step, posture) in enumerate(zip(steps, postures, strict=True)):
+                    picture.show(k, step, posture)
+                    for _ in range(1 + HELD * (k == len(postures) - 1)):
+                        writer.grab_frame()
+        except (subprocess.CalledProcessError, BrokenPipeError) as fault:
+            raise InputError(
+                f"--movie {path.name}: ffmpeg cannot write it ({reason(fault)}); give {path.stem}.gif"
+            ) from None
 
 
 class _Picture:
