@@ -50,7 +50,7 @@ def _png(fig: Figure, scale: float) -> bytes:
 
 def _svg(fig: Figure, scale: float) -> bytes:
     stream = io.StringIO()
-    fig.savefig(stream, format="svg", metadata={"Date": None})
+    fig.savefig(stream, format="svg", dpi=DOTS * scale, metadata={"Date": None})
     head, svg, rest = stream.getvalue().partition("<svg ")
     for side, length in zip(("width", "height"), fig.get_size_inches(), strict=True):
         rest = re.sub(rf'{side}="[\d.]+pt"', f'{side}="{INCH * scale * length:.3f}mm"', rest, count=1)
@@ -67,7 +67,8 @@ def _pdf(fig: Figure, scale: float) -> bytes:
         file.newPage(scale * width, scale * height)
         file.width, file.height = width, height  # beyond which it leaves out what it draws
         file.output(scale, 0, 0, scale, 0, 0, Op.concat_matrix)
-        renderer: Any = MixedModeRenderer(fig, width, height, 72, RendererPdf(file, 72, height, width))
+        vector = RendererPdf(file, DOTS * scale, height, width)
+        renderer: Any = MixedModeRenderer(fig, width, height, DOTS * scale, vector)
         fig.draw(renderer)
         renderer.finalize()
         file.finalize()

@@ -56,7 +56,8 @@ def styled(plot: Callable[P, Figure]) -> Callable[P, Figure]:
     def in_style(*args: P.args, **kwargs: P.kwargs) -> Figure:
         with mpl.rc_context(LOOK):
             fig = plot(*args, **kwargs)
-        _again[fig] = lambda: in_style(*args, **kwargs)
+        if kwargs.get("axes") is None:  # else it is the caller's figure
+            _again[fig] = lambda: in_style(*args, **kwargs)
         return fig
 
     return in_style
@@ -76,8 +77,26 @@ def drawn_again(fig: Figure, wide: float) -> Figure:
         _width.reset(token)
 
 
-def figure(height: float, rows: int = 1, **grid: Any) -> tuple[Figure, list[Axes]]:
-    """A figure of the standard width with `rows` axes above one another; `height` in inches."""
+Into = Axes | Sequence[Axes] | None
+
+
+def figure(height: float, rows: int = 1, into: Into = None, **grid: Any) -> tuple[Figure, list[Axes]]:
+    """A figure of the standard width with `rows` axes above one another; `height` in inches.
+
+    Args:
+        height: of the figure [inches].
+        rows: how many axes.
+        into: axes of the caller to draw into instead, as many.
+        grid: as of `Figure.subplots`.
+
+    Raises:
+        ValueError: another number of axes is given.
+    """
+    if into is not None:
+        given = own_axes(into, rows)
+        own = given[0].get_figure(root=True)
+        assert own is not None
+        return own, given
     fig = Figure(figsize=(column_width(), height), layout="constrained")
     return fig, list(fig.subplots(rows, 1, squeeze=False, **grid)[:, 0])
 
@@ -93,8 +112,22 @@ def png(fig: Figure, dots: int = DOTS) -> bytes:
 LEGEND = 0.98  # of the width of a figure, that a legend may take
 
 
-def legend_above(fig: Figure, handles: Sequence[Artist]) -> None:
-    """Legend entries above the axes: in one row, or in as many as the width of the figure asks for."""
+def own_axes(into: Axes | Sequence[Axes], count: int) -> list[Axes]:
+    """The caller's axes as a list; ValueError if they are not so many."""
+    given = [into] if isinstance(into, Axes) else list(into)
+    if len(given) != count:
+        raise ValueError(f"axes: this is drawn into {count}, but {len(given)} are given")
+    return given
+
+
+def legend_above(fig: Figure, handles: Sequence[Artist], into: Into = None) -> None:
+    """Legend entries above the axes: in one row, or in as many as the width of the figure asks for; within
+    the first of the caller's axes where these are drawn into.
+    """
+    if into is not None:
+        first = into if isinstance(into, Axes) else into[0]
+        first.legend(handles=list(handles))
+        return
     for rows in range(1, len(handles) + 1):
         legend = fig.legend(
             handles=list(handles),
