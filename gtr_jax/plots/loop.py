@@ -23,7 +23,8 @@ def plot_loop(
     """Tip against base tension, coloured by phase, with the frictionless model beside it, if given.
 
     Args:
-        T_base, T_tip: tensions [N], (K,).
+        T_base: tension at the base [N], (K,).
+        T_tip: tension at the tip [N], (K,).
         phases: label of each step, (K,).
         frictionless: tip tension of the model without friction [N], (K,).
         switch: base and tip tension [N] where release reaches the tip; marked unless None.
@@ -54,5 +55,5 @@ def plot_loop(
     axes.set_ylabel("tension at the tip $T_{tip}$ [N]")
     axes.set_xlim(min(0.0, float(np.min(T_base))), None)
     axes.set_ylim(min(0.0, float(np.min(T_tip))), None)
-    legend_above(fig, keys, into)
+    legend_above(fig, keys, into, "lower right")
     return fig

@@ -120,13 +120,13 @@ def own_axes(into: Axes | Sequence[Axes], count: int) -> list[Axes]:
     return given
 
 
-def legend_above(fig: Figure, handles: Sequence[Artist], into: Into = None) -> None:
+def legend_above(fig: Figure, handles: Sequence[Artist], into: Into = None, where: str = "best") -> None:
     """Legend entries above the axes: in one row, or in as many as the width of the figure asks for; within
-    the first of the caller's axes where these are drawn into.
+    the first of the caller's axes, `where` it is to stand there, where these are drawn into.
     """
     if into is not None:
         first = into if isinstance(into, Axes) else into[0]
-        first.legend(handles=list(handles))
+        first.legend(handles=list(handles), loc=where)
         return
     for rows in range(1, len(handles) + 1):
         legend = fig.legend(

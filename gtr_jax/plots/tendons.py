@@ -26,7 +26,8 @@ def plot_tendons(
     """Tensions of every tendon at base and tip, and the angle of the tip, step by step.
 
     Args:
-        T_base, T_tip: tensions [N], (K, tendons).
+        T_base: tensions at the base [N], (K, tendons).
+        T_tip: tensions at the tip [N], (K, tendons).
         angle: of the tip [rad], (K,).
         names: of the tendons.
         axes: two to draw into, tensions and angle; a figure is made unless given.
