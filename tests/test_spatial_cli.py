@@ -40,7 +40,7 @@ def test_simulate_a_helix(run, tmp_path):
     facts = json.loads((tmp_path / "a/simulation.json").read_text())
     assert facts["at_T_base_max"]["tip_z_m"] == float(loaded["tip_z_m"])
     html = (tmp_path / "a/report.html").read_text()
-    assert 'class="turning"' in html and (tmp_path / "a/shape.png").exists()
+    assert 'class="playback"' in html and '"space":true' in html and (tmp_path / "a/shape.png").exists()
     profile = rows_of("a/profile.csv")
     assert {"z_m", "twist_per_m", "offset_z_m"} <= set(profile[0])
     ends = rows_of("a/channel.csv")[-1]

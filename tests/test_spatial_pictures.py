@@ -12,7 +12,7 @@ import pytest
 
 from gtr_jax.plots.style import png
 from gtr_jax.plots.views import Posture, Strung, drawn, plot_views
-from gtr_jax.report.page import TURNING, Report, render
+from gtr_jax.report.page import SCRIPT, Report, render
 from gtr_jax.report.scene import scene
 
 LENGTH, N = 0.25, 41
@@ -81,10 +81,10 @@ def page():
 
 def test_the_page_that_turns_loads_nothing_and_runs_this_script_only():
     body, html = page()
-    digest = base64.b64encode(hashlib.sha256(TURNING.encode()).digest()).decode()
+    digest = base64.b64encode(hashlib.sha256(SCRIPT.encode()).digest()).decode()
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', html)
     assert policy and "default-src 'none'" in policy[1] and f"script-src 'sha256-{digest}'" in policy[1]
-    assert f"<script>{TURNING}</script>" in html
+    assert f"<script>{SCRIPT}</script>" in html
     assert "http://" not in html and "https://" not in html and "<noscript>" in html
     assert len(html) < 1_000_000 and "Turn it &lt;script&gt;." in html
     assert body.data["steps"][body.data["first"]]["label"] == "step 33"
@@ -107,8 +107,9 @@ const element = (kind) => ({ kind, style: {}, children: [], on: {}, clientWidth:
 const figure = element("figure");
 figure.querySelector = () => ({ textContent: DATA });
 globalThis.window = { devicePixelRatio: 1, addEventListener() {} };
-globalThis.document = { createElement: element, querySelectorAll: () => [figure] };
-SCRIPT
+globalThis.document = { createElement: element,
+                        querySelectorAll: (what) => (what === ".turning" ? [figure] : []) };
+PROGRAM
 const [canvas, controls] = figure.children;
 const button = controls.children.find((c) => c.textContent === "x, z");
 const seen = (act) => { calls.length = 0; act();
@@ -127,7 +128,7 @@ console.log(JSON.stringify({ flat, after, said: controls.children[1].textContent
 @pytest.mark.skipif(shutil.which("node") is None, reason="needs node")
 def test_the_script_draws_and_turns():
     body, _ = page()
-    program = STUB.replace("SCRIPT", TURNING).replace("DATA", json.dumps(json.dumps(body.data)))
+    program = STUB.replace("PROGRAM", SCRIPT).replace("DATA", json.dumps(json.dumps(body.data)))
     done = subprocess.run(
         ["node", "-"], input=program, capture_output=True, text=True, timeout=60, check=False
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from gtr_jax.files.numbers import measured_quantity, quantity
-from gtr_jax.plots.style import png
 from gtr_jax.report.card import card
 from gtr_jax.report.object_cards import DOTS
 from gtr_jax.report.page import Figure, Report, Table
@@ -50,7 +49,7 @@ def _loop(fit: FitResult) -> list[Figure]:
     recorded = np.asarray(tip.simulated) - np.asarray(tip.residual)
     picture = draw.plot_fit(T_base, recorded, simulated=(T_base, np.asarray(tip.simulated)), phases=phases)
     whose = f"{fitted.name}: recorded" if len(fit.recordings) > 1 else "Recorded"
-    return [Figure("fit", png(picture, DOTS), f"{whose} tip tension, by phase, and the fitted model.")]
+    return [Figure("fit", picture, f"{whose} tip tension, by phase, and the fitted model.", DOTS)]
 
 
 def diagnosis_card(answer: Diagnosis) -> str:

@@ -7,22 +7,21 @@ from collections.abc import Iterator
 import numpy as np
 
 from gtr_jax.files.numbers import measured, measured_quantity, number, quantity
-from gtr_jax.plots.style import png
-from gtr_jax.report.page import Figure, Report, Table
+from gtr_jax.report.page import Figure, Playback, Report, Table
 
-from ..channels import quantity_of
 from ..diagnosis.leave_out import ASKED, LeftOut
 from ..diagnosis.result import Diagnosis, Loop
 from ..diagnosis.sentence import MAY_ACT, interval_in_words
 from ..readings import turning_points
 from ..verdict import in_unit
 from . import diagnosis_figures as draw
+from .diagnosis_channels import channels_shown, named
+from .diagnosis_playback import diagnosis_playback
 from .fit import detectable, sources
 from .fit_figures import DRAWN, PULL
 from .recording_figures import noise_band
+from .recording_motion import BODIES, FEWEST
 
-# Channels drawn of a recording without tip tension.
-MOST_DRAWN = 4
 # Rivals drawn, at most; twice as many are listed.
 SHOWN = 8
 # Share of its range by which the base tension goes back at a reversal.
@@ -45,7 +44,29 @@ def diagnosis_report(answer: Diagnosis, name: str) -> Report:
         warnings=[*next_step, *answer.warnings],
         figures=list(_figures(answer)),
         tables=_tables(answer),
+        playbacks=_playbacks(answer),
     )
+
+
+def _playbacks(answer: Diagnosis) -> list[Playback]:
+    several = len(answer.loops) > 1
+    most = max(BODIES // max(len(answer.loops), 1), FEWEST)
+    return [
+        diagnosis_playback(
+            answer,
+            loop,
+            _label(answer),
+            found=_found(answer),
+            named=loop.name if several else "",
+            most=most,
+        )
+        for loop in answer.loops
+    ]
+
+
+def _label(answer: Diagnosis) -> str:
+    """What the model that is shown has, in words."""
+    return "with the nearest term" if answer.verdict == "unexplained" else "with what was missing"
 
 
 def _found(answer: Diagnosis) -> bool:
@@ -59,12 +80,12 @@ def first_figure(answer: Diagnosis) -> Figure | None:
 
 
 def _figures(answer: Diagnosis) -> Iterator[Figure]:
-    label = "with the nearest term" if answer.verdict == "unexplained" else "with what was missing"
+    label = _label(answer)
     if answer.discovered is not None:
         caption = "The law that was found, over the range that the recordings cover, and nowhere else."
-        yield Figure("law", png(draw.plot_law(answer.discovered)), caption)
+        yield Figure("law", draw.plot_law(answer.discovered), caption)
     for loop in answer.loops:
-        for c in _drawn(loop):
+        for c in channels_shown(loop):
             yield from _of_channel(answer, loop, c, label)
     top = answer.rivals[:SHOWN]
     if len(top) > 1:
@@ -72,7 +93,7 @@ def _figures(answer: Diagnosis) -> Iterator[Figure]:
         chart = draw.plot_rivals(
             names, np.asarray([r.probability for r in top]), np.asarray([r.delta for r in top])
         )
-        yield Figure("rivals", png(chart), "What else it could be: models refitted with mu and E.")
+        yield Figure("rivals", chart, "What else it could be: models refitted with mu and E.")
     if answer.experiment is not None:
         e = answer.experiment
         pulls = answer.loops[0].pulls
@@ -83,31 +104,15 @@ def _figures(answer: Diagnosis) -> Iterator[Figure]:
             drawn=[pull.by_displacement for pull in pulls] if e.T_tip is None else (),
             names=[pull.tendon for pull in pulls],
         )
-        yield Figure("next-experiment", png(drawn), answer.experiment.says)
-
-
-def _drawn(loop: Loop) -> list[int]:
-    """The channels that are drawn: every tip tension; of others some, those that the base model misses by
-    most.
-    """
-    tips = [c for c, name in enumerate(loop.channels) if quantity_of(name) == "T_tip"]
-    if tips:
-        return tips
-    off = np.mean((loop.before - loop.recorded)[: loop.explained, loop.counted] ** 2, axis=1)
-    return sorted(np.argsort(-off / loop.noise[: loop.explained] ** 2)[:MOST_DRAWN].tolist())
+        yield Figure("next-experiment", drawn, answer.experiment.says)
 
 
 def _of_channel(answer: Diagnosis, loop: Loop, c: int, label: str) -> list[Figure]:
     """The figures of one channel of a recording, with the names of recording and tendon where there are
     several.
     """
-    channel, pull = loop.channels[c], loop.pulls[loop.of[c]]
-    axis, tip = draw.axis_of(channel), quantity_of(channel) == "T_tip"
-    recording = [loop.name] * (len(answer.loops) > 1)
-    tendon = [pull.tendon] * bool(pull.tendon)
-    ending = "".join(f"-{name}" for name in (*recording, *(tendon if tip else [channel])))
-    said = [*recording, *(tendon if tip else [axis.short])]
-    whose = f"{', '.join(said)}: " if said else ""
+    pull, axis = loop.pulls[loop.of[c]], draw.axis_of(loop.channels[c])
+    ending, whose = named(loop, c, several=len(answer.loops) > 1)
     recorded, before = axis.size * np.asarray(loop.recorded[c]), axis.size * np.asarray(loop.before[c])
     after = axis.size * np.asarray(loop.after[c]) if _found(answer) else None
     noise = axis.size * float(loop.noise[c])
@@ -117,7 +122,7 @@ def _of_channel(answer: Diagnosis, loop: Loop, c: int, label: str) -> list[Figur
     found = [
         Figure(
             f"loop{ending}",
-            png(draw.plot_before_after(drive, recorded, before, after, label, along=along, axis=axis)),
+            draw.plot_before_after(drive, recorded, before, after, label, along=along, axis=axis),
             f"{whose}The recording and the model, refitted to it"
             + (f" without and {label}." if after is not None else "."),
         ),
@@ -137,7 +142,7 @@ def _of_channel(answer: Diagnosis, loop: Loop, c: int, label: str) -> list[Figur
     found.append(
         Figure(
             f"residual{ending}",
-            png(drawn),
+            drawn,
             f"{whose}Where they differ{noise_band(noise, before - recorded, axis.unit)}.",
         )
     )
@@ -146,7 +151,7 @@ def _of_channel(answer: Diagnosis, loop: Loop, c: int, label: str) -> list[Figur
         found.append(
             Figure(
                 f"branches{ending}",
-                png(draw.plot_branches(branches, label, along=along)),
+                draw.plot_branches(branches, label, along=along),
                 f"{whose}Release against pull at the same base tension: half the difference of "
                 "ln(T_tip/T_base) is friction, half the sum what friction cannot do.",
             )
@@ -166,7 +171,7 @@ def _of_channel(answer: Diagnosis, loop: Loop, c: int, label: str) -> list[Figur
             else f"rate of $T_{{base}}${of} [N/s]",
         )
         caption = f"{whose}What is left of {axis.short} against rate, and against time since the base turned."
-        found.append(Figure(f"rate{ending}", png(drawn), caption))
+        found.append(Figure(f"rate{ending}", drawn, caption))
     return found
 
 
@@ -197,7 +202,7 @@ def _over_time(answer, loop, pull, axis, rows, label, ending, whose) -> Figure:
     )
     caption = f"{whose}The recording over time, and what is left of it"
     return Figure(
-        f"time{ending}", png(drawn), f"{caption}, episodes numbered." if answer.episodes else f"{caption}."
+        f"time{ending}", drawn, f"{caption}, episodes numbered." if answer.episodes else f"{caption}."
     )
 
 

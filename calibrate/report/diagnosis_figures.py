@@ -22,7 +22,7 @@ from gtr_jax.plots.style import (
     PALE,
     PURPLE,
     VERMILLION,
-    WIDTH,
+    column_width,
     figure,
     legend_above,
     phase_keys,
@@ -221,7 +221,7 @@ def plot_against_rate(
         axis: how the channel is drawn.
         along: label of the axis of the rate.
     """
-    fig = Figure(figsize=(WIDTH, 2.6), layout="constrained")
+    fig = Figure(figsize=(column_width(), 2.6), layout="constrained")
     left, right = fig.subplots(1, 2, sharey=True)
     keys: list[Artist] = []
     for way, colour, what in ((1, BLUE, "base rising"), (-1, GREEN, "base falling")):
@@ -234,7 +234,7 @@ def plot_against_rate(
         axes.axhspan(-2 * noise, 2 * noise, color=PALE, linewidth=0, zorder=0)
         axes.set_xscale("log")
     left.set_xlabel(along)
-    right.set_xlabel("time since the last reversal [s]")
+    right.set_xlabel("time since reversal [s]")
     left.set_ylabel(f"simulated − recorded [{axis.unit}]")
     left.set_title(label, loc="left", fontsize=9)
     legend_above(fig, keys)
@@ -298,13 +298,13 @@ def plot_rivals(names: Sequence[str], probability: np.ndarray, delta: np.ndarray
         delta: root of the drop of the sum of squares, (n,).
     """
     n = len(names)
-    fig = Figure(figsize=(WIDTH, 1.1 + 0.34 * n), layout="constrained")
+    fig = Figure(figsize=(column_width(), 1.1 + 0.34 * n), layout="constrained")
     left, right = fig.subplots(1, 2, sharey=True)
     at = np.arange(n)[::-1]
     left.barh(at, delta, color=[BLUE if i == 0 else GREY for i in range(n)], height=0.6)
     right.barh(at, probability, color=[BLUE if i == 0 else GREY for i in range(n)], height=0.6)
     left.set_yticks(at, names, fontsize=8)
-    left.set_xlabel("better by [standard errors]")
+    left.set_xlabel("better by\n[standard errors]")
     right.set_xlabel("probability")
     right.set_xlim(0, 1)
     for y, p in zip(at, probability, strict=True):

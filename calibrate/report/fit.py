@@ -9,13 +9,14 @@ import numpy as np
 from gtr_jax.files.numbers import measured_quantity, number, quantity
 from gtr_jax.files.recording import Recording
 from gtr_jax.files.units import display_of
-from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Report, Table
 from gtr_jax.terms import REGISTRY
 
 from ..result import FitResult, FittedRecording
 from . import fit_figures as draw
+from .fit_playback import fit_playback
 from .recording_figures import recording_figures
+from .recording_motion import BODIES, FEWEST, motion_along
 
 
 def fit_report(fit: FitResult, recordings: Sequence[Recording], name: str) -> Report:
@@ -26,17 +27,20 @@ def fit_report(fit: FitResult, recordings: Sequence[Recording], name: str) -> Re
         recordings: what was fitted.
         name: of the robot.
     """
-    figures = [
-        figure
-        for fitted, recording in zip(fit.recordings, recordings, strict=True)
-        for figure in recording_figures(fit, fitted, recording, several=len(recordings) > 1)
-    ]
+    figures, playbacks, several = [], [], len(recordings) > 1
+    for fitted, recording in zip(fit.recordings, recordings, strict=True):
+        motion = motion_along(fitted.robot, fitted.T_base, recording.time) if fit.converged else None
+        figures += recording_figures(fit, fitted, recording, several=several, motion=motion)
+        most = max(BODIES // len(recordings), FEWEST)
+        own = fitted.name if several else ""
+        playbacks.append(fit_playback(fitted, recording, motion, named=own, most=most))
     return Report(
         title=f"{name}: fit",
         verdict=fit.verdict,
         warnings=fit.warnings,
         figures=[*figures, *_profile_figure(fit), *_posterior_figure(fit)],
         tables=_tables(fit),
+        playbacks=playbacks,
     )
 
 
@@ -53,7 +57,7 @@ def _profile_figure(fit: FitResult) -> list[Figure]:
     return [
         Figure(
             "profiles",
-            png(draw.plot_profiles(curves)),
+            draw.plot_profiles(curves),
             "Rise of the sum of squares as one parameter is held and the others are fitted anew. Where it "
             "leaves the parabola of the standard error, believe the profile.",
         )
@@ -69,7 +73,7 @@ def _posterior_figure(fit: FitResult) -> list[Figure]:
     for e, values in zip(fit.estimates, draws.T, strict=True):
         display, factor = display_of(e.unit)
         columns[f"{e.name} [{display}]" if display else e.name] = values / factor
-    return [Figure("posterior", png(draw.plot_draws(columns)), "Draws from the posterior, and their shares.")]
+    return [Figure("posterior", draw.plot_draws(columns), "Draws from the posterior, and their shares.")]
 
 
 def _posterior_table(fit: FitResult) -> list[Table]:

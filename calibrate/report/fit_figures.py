@@ -18,7 +18,7 @@ from gtr_jax.plots.style import (
     PALE,
     PHASE_COLOUR,
     VERMILLION,
-    WIDTH,
+    column_width,
     figure,
     legend_above,
     phase_keys,
@@ -205,7 +205,9 @@ def plot_draws(draws: Mapping[str, np.ndarray]) -> Figure:
         draws: by the parameter's label, with unit, (n,) each.
     """
     labels, count = list(draws), len(draws)
-    fig = Figure(figsize=(WIDTH, WIDTH * min(1.0, 0.35 + 0.22 * count)), layout="constrained")
+    fig = Figure(
+        figsize=(column_width(), column_width() * min(1.0, 0.35 + 0.22 * count)), layout="constrained"
+    )
     grid = fig.subplots(count, count, squeeze=False, sharex="col")
     for i, row in enumerate(labels):
         for j, column in enumerate(labels):

@@ -10,21 +10,26 @@ import numpy as np
 from gtr_jax import equilibrium
 from gtr_jax.files.numbers import measured_quantity, number
 from gtr_jax.files.recording import Recording
-from gtr_jax.plots.style import is_seen, png
+from gtr_jax.plots.style import is_seen
 from gtr_jax.report.page import Figure
 from gtr_jax.report.spatial import shape_figure
 from gtr_jax.simulation.displacement import by_tension
 
 from ..channels import channels_in, quantity_of
-from ..predictor import padded_history, simulated
 from ..result import FitResult, FittedRecording
 from . import fit_figures as draw
+from .recording_motion import Motion
 
 NAMES = {"mu": "μ"}  # as pictures write them
 
 
 def recording_figures(
-    fit: FitResult, fitted: FittedRecording, recording: Recording, *, several: bool
+    fit: FitResult,
+    fitted: FittedRecording,
+    recording: Recording,
+    *,
+    several: bool,
+    motion: Motion | None,
 ) -> list[Figure]:
     """Of each tendon whose tip tension was recorded the loop, its course and the residual; the body in space;
     and everything else that was compared.
@@ -33,6 +38,7 @@ def recording_figures(
         fit: which the recording is part of.
         fitted, recording: the recording, fitted and as it is.
         several: whether there are others.
+        motion: the fitted robot moved along the recording, for the body in space; None to draw none.
     """
     ending, whose = (f"-{fitted.name}", f"{fitted.name}: ") if several else ("", "")
     figures = []
@@ -40,8 +46,8 @@ def recording_figures(
         own = f"-{tendon.name}" if tendon.name else ""
         of = f"{tendon.name}: " if tendon.name else ""
         figures += _of_tendon(fit, fitted, recording, i, (f"{own}{ending}", f"{whose}{of}"))
-    if fit.converged and fitted.robot.space:
-        figures.append(_body(fitted, recording.time, ending, whose))
+    if motion is not None and fitted.robot.space:
+        figures.append(_body(motion, ending, whose))
     seen = channels_in(recording, fitted.robot)
     others = {
         name: (seen[name], np.asarray(channel.simulated))
@@ -57,22 +63,19 @@ def recording_figures(
         figures.append(
             Figure(
                 f"channels{ending}",
-                png(draw.plot_channels(*over[:2], others, phases=pull.phases, label=over[2])),
+                draw.plot_channels(*over[:2], others, phases=pull.phases, label=over[2]),
                 f"{whose}What {'else ' if fitted.tips else ''}was recorded, and the fitted model.",
             )
         )
     return figures
 
 
-def _body(fitted: FittedRecording, time: np.ndarray | None, ending: str, whose: str) -> Figure:
+def _body(motion: Motion, ending: str, whose: str) -> Figure:
     """The fitted body from three sides, at rest and where it was pulled most."""
-    robot, drive = fitted.robot, np.asarray(fitted.T_base)
-    drawn = tuple(tendon.drive == "displacement" for tendon in robot.tendons)
-    run = simulated(robot, padded_history(drive, time, None, drawn=drawn))
-    rest = equilibrium(by_tension(robot), np.zeros(drive.shape[1:]))
-    pulls = np.asarray(run.T_base)[: len(drive)].reshape(len(drive), -1)
-    top = int(np.argmax(np.max(pulls, axis=1)))
-    figure = shape_figure(robot, run, rest, [(f"sample {top + 1}", top)])
+    robot = motion.robot
+    rest = equilibrium(by_tension(robot), np.zeros(np.shape(motion.run.T_base)[1:]))
+    named = [(f"sample {motion.samples[motion.top] + 1}", motion.top)]
+    figure = shape_figure(robot, motion.run, rest, named)
     return dataclasses.replace(figure, name=f"{figure.name}{ending}", caption=f"{whose}{figure.caption}")
 
 
@@ -91,14 +94,14 @@ def _pull(fitted: FittedRecording, recording: Recording, i: int) -> _Pull:
     drawn = fitted.robot.tendons[i].drive == "displacement"
     factor, label = (1e3, draw.DRAWN) if drawn else (1.0, draw.PULL)
     return _Pull(
-        recorded=factor * _of(i, recording.displacement if drawn else recording.T_base),
-        model=factor * _of(i, fitted.T_base),
+        recorded=factor * of_tendon(i, recording.displacement if drawn else recording.T_base),
+        model=factor * of_tendon(i, fitted.T_base),
         label=label,
-        phases=_of(i, fitted.phases),
+        phases=of_tendon(i, fitted.phases),
     )
 
 
-def _of(i: int, values: np.ndarray | None) -> np.ndarray:
+def of_tendon(i: int, values: np.ndarray | None) -> np.ndarray:
     """Values of one tendon, (K,), from those of all, (K, *tendons)."""
     each = np.asarray(values)
     return each.reshape(len(each), -1)[:, i]
@@ -111,7 +114,11 @@ def _of_tendon(
     their captions.
     """
     ending, whose = named
-    pull, T_tip, band = _pull(fitted, recording, i), _of(i, recording.T_tip), _of(i, _band(fitted))
+    pull, T_tip, band = (
+        _pull(fitted, recording, i),
+        of_tendon(i, recording.T_tip),
+        of_tendon(i, _band(fitted)),
+    )
     simulated, left = np.asarray(fitted.tips[i].simulated), np.asarray(fitted.tips[i].residual)
     loop = draw.plot_fit(
         pull.recorded,
@@ -134,18 +141,18 @@ def _of_tendon(
     return [
         Figure(
             f"fit{ending}",
-            png(loop),
+            loop,
             f"{whose}The recording, coloured by the fitted model's phase, and the model's "
             f"loop{_within(band, simulated)}.",
         ),
         Figure(
             f"time{ending}",
-            png(over_time),
+            over_time,
             f"{whose}The same {'sample by sample' if recording.time is None else 'over time'}{beside}.",
         ),
         Figure(
             f"residual{ending}",
-            png(residual),
+            residual,
             f"{whose}Simulated minus recorded tip tension, against {drive} and along it"
             f"{noise_band(fitted.noise_N, left)}. A pattern means that the model lacks something.",
         ),

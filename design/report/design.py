@@ -9,7 +9,6 @@ from matplotlib.figure import Figure as Drawn
 from gtr_jax.files.numbers import number, quantity
 from gtr_jax.files.units import display_of
 from gtr_jax.plots.straight import plot_straight
-from gtr_jax.plots.style import png
 from gtr_jax.plots.tension import plot_tension
 from gtr_jax.report.card import card
 from gtr_jax.report.object_cards import DOTS
@@ -123,7 +122,7 @@ def _figures(answer: Design) -> list[Figure]:
     return [
         Figure(
             "target",
-            png(plot_targets(states, radius, pose[:, :2], phases, marks, near, cloud)),
+            plot_targets(states, radius, pose[:, :2], phases, marks, near, cloud),
             "The deformed shape at each target, the way of the tip through the whole pull and release "
             "(coloured by phase), and what is wanted: crosses, arrows of the angle"
             + ("; dots, the tip at the edge of what is not known." if cloud is not None else ".")
@@ -131,19 +130,19 @@ def _figures(answer: Design) -> list[Figure]:
         ),
         Figure(
             "tip",
-            png(plot_tip(T, pose, phases, _tip_marks(answer))),
+            plot_tip(T, pose, phases, _tip_marks(answer)),
             "Tip against base tension, pulled and released; where the two differ is hysteresis. Bars are the "
             "tolerances, where these are larger than the marks.",
         ),
         Figure(
             "channel",
-            png(_channel(answer)),
+            _channel(answer),
             "The channel in the unloaded body, its bores white."
             + (" Alternatives reach the targets within the limits too." if _alternatives_of(answer) else ""),
         ),
         Figure(
             "tension",
-            png(plot_tension(run, phases)),
+            plot_tension(run, phases),
             "Tension along the tendon at several steps; dotted where the tendon is locked.",
         ),
     ]
@@ -233,13 +232,13 @@ def design_table(answer: Design) -> Table:
 
 def design_card(answer: Design) -> str:
     """For a notebook: what was found, the channels of the straight body, and the numbers."""
-    picture = png(plot_straight(build_robot(answer.config)), DOTS)
+    picture = plot_straight(build_robot(answer.config))
     return card(
         Report(
             title=f"{answer.problem.target.name}: design of {answer.config.name}",
             verdict=answer.says,
             warnings=_warnings(answer),
-            figures=[Figure("channels", picture, "The straight body with its channels.")],
+            figures=[Figure("channels", picture, "The straight body with its channels.", DOTS)],
             tables=[design_table(answer)],
         )
     )

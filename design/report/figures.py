@@ -21,7 +21,7 @@ from gtr_jax.plots.style import (
     PHASE_COLOUR,
     PURPLE,
     VERMILLION,
-    WIDTH,
+    column_width,
     figure,
     legend_above,
     line_by_phase,
@@ -141,7 +141,7 @@ def plot_targets(
     width, height = np.ptp(everything, axis=0)
     tall = min(max(4.6 * height / max(width, 1e-9), 2.2), 5.6) + 0.9
     near = near[:MAGNIFIED]
-    fig = Figure(figsize=(WIDTH, tall + (PANEL if near else 0.0)), layout="constrained")
+    fig = Figure(figsize=(column_width(), tall + (PANEL if near else 0.0)), layout="constrained")
     parts = fig.add_gridspec(2 if near else 1, 1, height_ratios=[tall, PANEL] if near else [tall])
     axes = fig.add_subplot(parts[0])
     if near:
@@ -174,7 +174,7 @@ def plot_targets(
     for key in phase_keys(phases[1:]):
         key.set_label(f"tip, {key.get_label()}")
         keys.append(key)
-    fig.legend(handles=keys, loc="outside upper center", ncols=4, handlelength=1.4, columnspacing=1.2)
+    legend_above(fig, keys)
     return fig
 
 

@@ -9,7 +9,6 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.plots.style import png
 from gtr_jax.plots.tension import plot_tension
 from gtr_jax.plots.views import Around, Posture, Strung, plot_views
 from gtr_jax.report.page import Figure, Scene
@@ -106,7 +105,7 @@ def _views(answer: Design, robot: Robot, ways: list[Way], body: Strung) -> Figur
     left = len(ways) - DRAWN
     return Figure(
         "target",
-        png(plot_views(body, postures, around)),
+        plot_views(body, postures, around),
         "The body at the targets from three sides at one scale, its channels coloured by the tension of the "
         "tendon in them, and what is wanted: crosses, and arrows of the direction."
         + (" Obstacles are shaded." if len(around.radius) else "")
@@ -130,7 +129,7 @@ def _tip(answer: Design, robot: Robot) -> Figure:
     ]
     return Figure(
         "tip",
-        png(plot_tip(history, np.asarray(run.tip_position), label_phases(run), marks, space=True)),
+        plot_tip(history, np.asarray(run.tip_position), label_phases(run), marks, space=True),
         "Tip against base tension, pulled and released; where the two differ is hysteresis. Bars are the "
         "tolerances, where these are larger than the marks.",
     )
@@ -150,7 +149,7 @@ def _channels(answer: Design, alternatives: list[Option]) -> Figure:
     drawn = [unroll(config), *(unroll(option.config) for option in alternatives)]
     return Figure(
         "channel",
-        png(plot_unrolled(drawn, (1e3 * s, 1e3 * least, 1e3 * largest), chosen)),
+        plot_unrolled(drawn, (1e3 * s, 1e3 * least, 1e3 * largest), chosen),
         "The channels about the axis of the unloaded body: angle from the y axis towards z, and distance "
         "from the axis, which the walls keep between the dashed lines."
         + (" Alternatives reach the targets within the limits too." if alternatives else ""),
@@ -165,7 +164,7 @@ def _tensions(robot: Robot, ways: list[Way]) -> list[Figure]:
         figures.append(
             Figure(
                 f"tension-{tendon.name}" if tendon.name else "tension",
-                png(plot_tension(run, label_phases(run))),
+                plot_tension(run, label_phases(run)),
                 (f"Tendon {tendon.name}. " if tendon.name else "")
                 + "Tension along the tendon at several steps; dotted where the tendon is locked.",
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +10,7 @@ import click
 
 from gtr_jax.errors import InputError
 
-from .options import check_resolution, output_option, robot_argument
+from .options import check_resolution, figures_option, output_option, robot_argument
 
 if TYPE_CHECKING:
     from design import Design, TargetConfig
@@ -36,9 +37,16 @@ RESOLUTION = 0.5
     metavar="FACTOR",
     help="Factor on the mesh of the search; what is found is checked on a mesh of 4.",
 )
+@figures_option
 @output_option
 def design(
-    robot: Path, target: Path, against: Path | None, resolution: float, output: Path, force: bool
+    robot: Path,
+    target: Path,
+    against: Path | None,
+    resolution: float,
+    figures: Sequence[str],
+    output: Path,
+    force: bool,
 ) -> int:
     """Choose the routing of ROBOT.toml, and whatever else TARGET.toml frees, so that the tip is where
     TARGET.toml wants it, within its limits.
@@ -65,7 +73,7 @@ def design(
         answer = solve(config, wanted, against=plain, resolution=resolution, progress=progress)
         progress("drawing")
         with folder.write() as part:
-            write_answer(part, answer, config, folder.settings())
+            write_answer(part, answer, config, folder.settings(), figures=figures)
     click.echo(f"{answer.verdict}: {answer.says}")
     click.echo(f"report: {output / 'report.html'}")
     return 0 if answer.verdict in ("reached", "optimal") else 1
@@ -86,7 +94,14 @@ def solve(config: RobotConfig, target: TargetConfig, *, progress: Any, **options
     return design.optimise(config, target, progress=progress, **options)
 
 
-def write_answer(folder: Path, answer: Design, config: RobotConfig, settings: dict[str, Any]) -> None:
+def write_answer(
+    folder: Path,
+    answer: Design,
+    config: RobotConfig,
+    settings: dict[str, Any],
+    *,
+    figures: Sequence[str] = (),
+) -> None:
     """Write all that a design leaves into a folder."""
     from design.report.design import design_report
     from design.target import target_text
@@ -105,7 +120,7 @@ def write_answer(folder: Path, answer: Design, config: RobotConfig, settings: di
     dump_config(answer.config, folder / "designed.toml")
     _draw(folder, answer.config, target)
     write_json(folder / "design.json", {**answer.to_json(), "settings": settings})
-    write_report(folder, design_report(answer), settings, config_text(answer.config))
+    write_report(folder, design_report(answer), settings, config_text(answer.config), figures=figures)
 
 
 def _draw(folder: Path, config: RobotConfig, target: TargetConfig) -> None:

@@ -14,6 +14,7 @@ from .fit import inputs
 from .options import (
     channels_option,
     check_noise,
+    figures_option,
     files_argument,
     noise_base_option,
     noise_option,
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     help="Leave physics terms out of what is tried: presliding,local-friction. `gtr terms` lists them.",
 )
 @recording_options
+@figures_option
 @output_option
 def diagnose(
     files: Sequence[Path],
@@ -64,6 +66,7 @@ def diagnose(
     columns: Sequence[str],
     keep_glitches: bool,
     drop: Sequence[str],
+    figures: Sequence[str],
     output: Path,
     force: bool,
 ) -> int:
@@ -117,7 +120,8 @@ def diagnose(
         )
         progress("drawing")
         with folder.write() as part:
-            write_answer(part, answer, config, folder.settings() | left_out(recordings))
+            settings = folder.settings() | left_out(recordings)
+            write_answer(part, answer, config, settings, figures=figures)
         folder.steps.unlink(missing_ok=True)
     for line in summary(answer):
         click.echo(line)
@@ -157,7 +161,14 @@ def summary(answer: Diagnosis) -> list[str]:
     return [*lines, *(f"warning: {text}" for text in answer.warnings)]
 
 
-def write_answer(folder: Path, answer: Diagnosis, config: RobotConfig, settings: dict[str, Any]) -> None:
+def write_answer(
+    folder: Path,
+    answer: Diagnosis,
+    config: RobotConfig,
+    settings: dict[str, Any],
+    *,
+    figures: Sequence[str] = (),
+) -> None:
     """Write all that a diagnosis leaves into a folder."""
     from calibrate.channels import quantity_of, unit_of
     from calibrate.report.diagnosis import diagnosis_report
@@ -188,7 +199,7 @@ def write_answer(folder: Path, answer: Diagnosis, config: RobotConfig, settings:
     data = answer.to_json()
     write_json(folder / "diagnosis.json", {**data, "settings": {**data["settings"], **settings}})
     report = diagnosis_report(answer, config.name)
-    write_report(folder, report, settings, config_text(answer.config or config))
+    write_report(folder, report, settings, config_text(answer.config or config), figures=figures)
 
 
 def _to_drive(answer: Diagnosis) -> dict[str, Any]:

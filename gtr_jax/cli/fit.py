@@ -18,6 +18,7 @@ from .options import (
     STDIN,
     channels_option,
     check_noise,
+    figures_option,
     files_argument,
     held_stdin,
     noise_base_option,
@@ -71,6 +72,7 @@ class Inputs(NamedTuple):
     help="Sample the posterior by NUTS too: minutes; needs pip install 'gtr-jax[posterior]'.",
 )
 @recording_options
+@figures_option
 @output_option
 def fit(
     files: Sequence[Path],
@@ -85,6 +87,7 @@ def fit(
     columns: Sequence[str],
     keep_glitches: bool,
     drop: Sequence[str],
+    figures: Sequence[str],
     output: Path,
     force: bool,
 ) -> int:
@@ -131,7 +134,8 @@ def fit(
         result = solve(of, recordings, noise=noise, noise_base=noise_base, progress=progress, **options)
         progress("drawing")
         with folder.write() as part:
-            write_answer(part, result, recordings, of, folder.settings() | left_out(recordings))
+            settings = folder.settings() | left_out(recordings)
+            write_answer(part, result, recordings, of, settings, figures=figures)
     for line in summary(result):
         click.echo(line)
     click.echo(f"report: {output / 'report.html'}")
@@ -283,6 +287,8 @@ def write_answer(
     recordings: Sequence[Recording],
     configs: Sequence[RobotConfig],
     settings: dict[str, Any],
+    *,
+    figures: Sequence[str] = (),
 ) -> None:
     """Write all that a fit leaves into a folder: of one recording fit.csv, of several fit-NAME.csv of each;
     robot.toml and fitted.toml likewise where there are several robots; draws.csv of a posterior.
@@ -305,4 +311,4 @@ def write_answer(
     write_json(folder / "fit.json", {**data, "settings": {**data["settings"], **settings}})
     report = fit_report(result, recordings, " and ".join(dict.fromkeys(c.name for c in configs)))
     files = dict.fromkeys(config_text(config) for config in configs)
-    write_report(folder, report, settings, "\n".join(files))
+    write_report(folder, report, settings, "\n".join(files), figures=figures)

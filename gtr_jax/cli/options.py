@@ -122,6 +122,13 @@ def output_option(command: Callable) -> Callable:
 files_argument = click.argument(
     "files", nargs=-1, required=True, metavar="ROBOT.toml REC.csv ...", type=click.Path(path_type=Path)
 )
+figures_option = click.option(
+    "--figures",
+    type=click.Choice(["svg", "pdf", "png"]),
+    multiple=True,
+    help="Write the figures for papers too, one or two columns wide (88 or 181 mm), into OUT/figures. "
+    "Repeatable.",
+)
 channels_option = click.option(
     "--channels",
     metavar="NAMES",

@@ -11,7 +11,7 @@ import shlex
 import shutil
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from gtr_jax.report.page import Report
 
 MARK = "run.json"
+FIGURES = "figures"  # folder of the figures for papers
 PACKAGES = ("gtr-jax", "jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
 
 
@@ -250,9 +251,30 @@ def write_json(path: Path, data: Any) -> None:
     )
 
 
-def write_report(folder: Path, report: Report, settings: Mapping[str, Any], robot: str | None) -> None:
-    """Write a report's pictures and its page, which shows the text of the robot file, if there is one."""
+def write_report(
+    folder: Path,
+    report: Report,
+    settings: Mapping[str, Any],
+    robot: str | None,
+    *,
+    figures: Sequence[str] = (),
+) -> None:
+    """Write a report's pictures and its page.
+
+    Args:
+        folder: to write into.
+        report: what it says.
+        settings: as of `render`.
+        robot: text of the robot file, which the page shows, if there is one.
+        figures: endings of the files for papers that are written of each picture, see `plots.printed`.
+    """
+    from gtr_jax.plots.printed import printed
     from gtr_jax.report.page import render
+
+    for ending in dict.fromkeys(figures):
+        (folder / FIGURES).mkdir(exist_ok=True)
+        for figure in report.all_figures:
+            (folder / FIGURES / f"{figure.name}.{ending}").write_bytes(printed(figure.drawn, ending))
 
     for figure in report.all_figures:
         (folder / f"{figure.name}.png").write_bytes(figure.image)

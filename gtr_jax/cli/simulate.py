@@ -15,6 +15,7 @@ from .options import (
     Pull,
     Quantity,
     check_resolution,
+    figures_option,
     output_option,
     resolution_option,
     robot_argument,
@@ -62,6 +63,13 @@ STEPS = 40
 )
 @recording_options
 @resolution_option
+@click.option(
+    "--movie",
+    metavar="FILE",
+    help="Write a movie of the body and its loop, OUT/FILE: a name that ends in .gif, or in .mp4, for which "
+    "ffmpeg must be installed.",
+)
+@figures_option
 @output_option
 def simulate(
     robot: Path,
@@ -75,6 +83,8 @@ def simulate(
     keep_glitches: bool,
     drop: Sequence[str],
     resolution: float,
+    movie: str | None,
+    figures: Sequence[str],
     output: Path,
     force: bool,
 ) -> int:
@@ -91,6 +101,10 @@ def simulate(
     from .run_folder import RunFolder
 
     check_resolution(resolution)
+    if movie is not None:
+        from gtr_jax.plots.movie import check_movie
+
+        check_movie(movie)
     config = load_config(robot)
     given: Recording | None = None
     if history is None:
@@ -127,7 +141,12 @@ def simulate(
         progress("drawing")
         with folder.write() as part:
             settings = folder.settings() | left_out([given] if given else [])
-            write_answer(part, answer, config, settings, time=time)
+            write_answer(part, answer, config, settings, time=time, figures=figures)
+            if movie is not None:
+                from gtr_jax.report.simulation_movie import simulation_movie
+
+                progress("drawing the movie")
+                simulation_movie(part / movie, answer)
     from gtr_jax.report.simulation import verdict
 
     said = verdict(answer)
@@ -294,6 +313,7 @@ def write_answer(
     settings: dict,
     *,
     time: np.ndarray | None = None,
+    figures: Sequence[str] = (),
 ) -> None:
     """Write all that a simulation leaves into a folder."""
     import numpy as np
@@ -333,5 +353,6 @@ def write_answer(
         write_recording(folder / name, channel_curve(answer.robot, tendon))
     write_recording(folder / "profile.csv", profile(answer.loaded), tendons=config.tendon_names)
     write_json(folder / "simulation.json", {**facts(answer), "settings": settings})
-    report = simulation_report(answer)
-    write_report(folder, report, settings, (folder / "robot.toml").read_text(encoding="utf-8"))
+    report = simulation_report(answer, time)
+    robot = (folder / "robot.toml").read_text(encoding="utf-8")
+    write_report(folder, report, settings, robot, figures=figures)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 import shutil
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -12,7 +13,7 @@ import click
 
 from gtr_jax.errors import InputError
 
-from .options import OUTPUT_HELP, force_option
+from .options import OUTPUT_HELP, figures_option, force_option
 
 if TYPE_CHECKING:
     from gtr_jax.sweep.run import Done, Estimate
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     "for job arrays on a shared disk.",
 )
 @click.option("--plot/--no-plot", default=True, show_default=True, help="Draw the answer.")
+@figures_option
 def sweep(
     sweep: Path,
     output: Path | None,
@@ -55,6 +57,7 @@ def sweep(
     scheduler: str | None,
     part: str | None,
     plot: bool,
+    figures: Sequence[str],
 ) -> int:
     """Compute every point of SWEEP.toml and store what it asks for in OUT/sweep.zarr.
 
@@ -70,6 +73,7 @@ def sweep(
 
     how = How(threads, workers, scheduler, None if part is None else _numbers(part))
     _check(how, output, dry_run)
+    _check_figures(figures, plot, {"--dry-run": dry_run, "--part": how.part is not None})
     file = load_sweep(sweep)
     enable_cache()
     task = task_of(file)
@@ -96,7 +100,7 @@ def sweep(
             click.echo(f"error: block {block} was not computed: {fault}", err=True)
         if done.lost or how.part is not None:
             return _unfinished(store, done, how)
-        return _finish(folder, output, task, store, done, plot, progress)
+        return _finish(folder, output, task, store, done, plot, figures, progress)
 
 
 class How(NamedTuple):
@@ -131,6 +135,13 @@ def _check(how: How, output: Path | None, dry_run: bool) -> None:
         raise InputError(f"--part: has no effect with {given[0]}; leave one of the two out")
     if dry_run and (how.part or how.workers or how.scheduler):
         raise InputError("--dry-run: times this process alone; leave --part, --workers and --scheduler out")
+
+
+def _check_figures(figures: Sequence[str], plot: bool, without: Mapping[str, bool]) -> None:
+    """Refuse to write figures where none are drawn."""
+    reasons = {"--no-plot": not plot, **without}
+    for name in (name for name, given in reasons.items() if given and figures):
+        raise InputError(f"--figures: has no effect with {name}, which draws none; leave one of the two out")
 
 
 def _numbers(part: str) -> tuple[int, int]:
@@ -197,7 +208,14 @@ def size(count: int) -> str:
 
 
 def _finish(
-    folder: RunFolder, output: Path, task: Task, store: Store, done: Done, plot: bool, progress: Any
+    folder: RunFolder,
+    output: Path,
+    task: Task,
+    store: Store,
+    done: Done,
+    plot: bool,
+    figures: Sequence[str],
+    progress: Any,
 ) -> int:
     """Write all that a sweep leaves, beside it everything that its file names."""
     from gtr_jax.files.config import config_text, dump_config
@@ -225,7 +243,7 @@ def _finish(
                 shutil.copyfile(path, part / f"{role}.csv")
         write_whole(part / "sweep.toml", sweep_text(named_beside(task.file)))
         write_json(part / "sweep.json", {**answer.to_json(), "settings": settings})
-        write_report(part, report, settings, config_text(task.config))
+        write_report(part, report, settings, config_text(task.config), figures=figures)
     click.echo(answer.says)
     click.echo(f"report: {output / 'report.html'}")
     return 0 if answer.converged else 1

@@ -8,7 +8,6 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Table
 
 from ..simulation.forces import channel_forces
@@ -164,13 +163,13 @@ def study_antagonists(progress: Callable[[str], None]) -> Study:
         figures=[
             Figure(
                 "antagonists-loops",
-                png(draw.plot_pairs(cases)),
+                draw.plot_pairs(cases),
                 "Tip tensions of the pulled and of the held tendon, and the tip's angle, against the "
                 "tension pulled with. Dashed: the held base tension.",
             ),
             Figure(
                 "antagonists-along",
-                png(draw.plot_along(shown)),
+                draw.plot_along(shown),
                 f"Tensions along the robot at {PULL:g} N against {SHOWN:g} N, and on the way back.",
             ),
         ],

@@ -15,7 +15,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Table
 from gtr_jax.robot.robot import Robot, sections
 
@@ -330,13 +329,13 @@ def study_histories(progress: Callable[[str], None]) -> Study:
     figures = [
         Figure(
             "memory-loops",
-            png(draw.plot_loops({n: (s.run, s.phases) for n, s in stories.items()})),
+            draw.plot_loops({n: (s.run, s.phases) for n, s in stories.items()}),
             "Tip against base tension of TD-CM I, by phase. Transition: part of the tendon is locked.",
         ),
         *(
             Figure(
                 f"memory-map-{key}",
-                png(draw.plot_map(story.run)),
+                draw.plot_map(story.run),
                 f"{name.capitalize()}: tensions at base and tip, and what each part of the tendon does. "
                 "Fronts start at the base and run until the next turn.",
             )
@@ -347,7 +346,7 @@ def study_histories(progress: Callable[[str], None]) -> Study:
         ),
         Figure(
             "memory-tension",
-            png(draw.plot_tensions(decaying.run, decaying.at[1:])),
+            draw.plot_tensions(decaying.run, decaying.at[1:]),
             "Tension along the tendon at the turns of the decaying cycles, as far as it has just slipped. "
             "Dotted: what is locked at the end; it keeps a kink for every swing that has not been wiped out.",
         ),

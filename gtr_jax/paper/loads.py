@@ -16,7 +16,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Table
 from gtr_jax.robot.robot import STANDARD_GRAVITY, Robot
 
@@ -288,18 +287,18 @@ def study_loads(progress: Callable[[str], None]) -> Study:
         figures=[
             Figure(
                 "loads-force",
-                png(draw.plot_forces(FORCES, points)),
+                draw.plot_forces(FORCES, points),
                 f"TD-CM I at {T_MAX:g} N under a dead force on its tip, put on before the pull.",
             ),
             Figure(
                 "loads-gravity",
-                png(draw.plot_gravity(ANGLES, gravity, unloaded)),
+                draw.plot_gravity(ANGLES, gravity, unloaded),
                 f"TD-CM I at {T_MAX:g} N with its weight, turned through a circle. 0°: hanging; 90°: the "
                 "weight helps the tendon; 180°: upright; 270°: the tendon lifts. Dashed: no gravity.",
             ),
             Figure(
                 "loads-loops",
-                png(draw.plot_loaded_loops(runs)),
+                draw.plot_loaded_loops(runs),
                 "Loops of TD-CM I under loads that stand from the start.",
             ),
         ],

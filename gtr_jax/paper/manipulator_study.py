@@ -10,7 +10,6 @@ import numpy as np
 from gtr_jax.files.config import config_text
 from gtr_jax.files.numbers import number
 from gtr_jax.mechanics import rest_state
-from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Table
 from gtr_jax.robot.robot import sections
 
@@ -365,19 +364,17 @@ def study_manipulators(progress: Callable[[str], None]) -> Study:
     figures = [
         Figure(
             "manipulator-family",
-            png(draw.plot_family(OFFSETS, solved.pairs)),
+            draw.plot_family(OFFSETS, solved.pairs),
             "μ and E that meet both published tensions, against the offset that is not published. Shaded: "
             "the tendon would lie in the bore.",
         ),
         Figure(
             "manipulator-loops",
-            png(
-                draw.plot_loops(
-                    {n: pulled_and_released(n) for n in NAMES},
-                    {n: pulled_and_released(n, 0.0) for n in NAMES},
-                    {n: loops[n]["T_base_switch_release_switch_N"] for n in NAMES},
-                    every=round(5.0 / FINE_STEP),
-                )
+            draw.plot_loops(
+                {n: pulled_and_released(n) for n in NAMES},
+                {n: pulled_and_released(n, 0.0) for n in NAMES},
+                {n: loops[n]["T_base_switch_release_switch_N"] for n in NAMES},
+                every=round(5.0 / FINE_STEP),
             ),
             "Loops of TD-CM I and II at |r| = 10 mm. Rings: at the paper's steps of 5 N. ×: T_base,switch.",
         ),

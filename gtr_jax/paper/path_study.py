@@ -9,7 +9,6 @@ import numpy as np
 
 from gtr_jax.files.config import config_text
 from gtr_jax.files.numbers import number
-from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Table
 
 from . import path_figures as draw
@@ -255,13 +254,13 @@ def study_paths(progress: Callable[[str], None]) -> Study:
         figures += [
             Figure(
                 f"{name}-shapes",
-                png(draw.plot_shapes(own)),
+                draw.plot_shapes(own),
                 f"As Fig. {number_of}(a): shapes at {base:.0f} N with f_n (blue) and f_f (red) along the "
                 "channel.",
             ),
             Figure(
                 f"{name}-along",
-                png(draw.plot_along(own)),
+                draw.plot_along(own),
                 f"As Fig. {number_of}(b, c): tension, curvature of the tendon and wrap along the robot.",
             ),
         ]

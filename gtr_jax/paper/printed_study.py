@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Table
 
 from . import path_figures as draw
@@ -100,7 +99,7 @@ def study_printed(progress: Callable[[str], None]) -> Study:
         figures=[
             Figure(
                 "metric-factor",
-                png(draw.plot_factor(moved, length, turned)),
+                draw.plot_factor(moved, length, turned),
                 "What the factor missing in eq. (16) does to the tip of the eight paths.",
             )
         ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -17,16 +18,20 @@ def plot_loop(
     phases: np.ndarray,
     frictionless: np.ndarray | None = None,
     switch: tuple[float, float] | None = None,
+    axes: Axes | None = None,
 ) -> Figure:
     """Tip against base tension, coloured by phase, with the frictionless model beside it, if given.
 
     Args:
-        T_base, T_tip: tensions [N], (K,).
+        T_base: tension at the base [N], (K,).
+        T_tip: tension at the tip [N], (K,).
         phases: label of each step, (K,).
         frictionless: tip tension of the model without friction [N], (K,).
         switch: base and tip tension [N] where release reaches the tip; marked unless None.
+        axes: to draw into; a figure is made unless given.
     """
-    fig, (axes,) = figure(3.9)
+    into = axes
+    fig, (axes,) = figure(3.9, into=into)
     keys = phase_keys(phases[1:])
     if frictionless is not None:
         order, dashed = np.argsort(T_base), (0, (4, 3))
@@ -50,5 +55,5 @@ def plot_loop(
     axes.set_ylabel("tension at the tip $T_{tip}$ [N]")
     axes.set_xlim(min(0.0, float(np.min(T_base))), None)
     axes.set_ylim(min(0.0, float(np.min(T_tip))), None)
-    legend_above(fig, keys)
+    legend_above(fig, keys, into, "lower right")
     return fig

@@ -77,6 +77,7 @@ def plot_shape(
     radius: np.ndarray,
     pressed: list[Pressed],
     bores: Sequence[tuple[float, float, float]] = (),
+    axes: Sequence[Axes] | None = None,
 ) -> Figure:
     """Midline, outline and channels of each posture, and the forces along the channels of the loaded one.
 
@@ -88,13 +89,14 @@ def plot_shape(
         radius: outer radius of the body at the nodes [m], (N,).
         pressed: the tendons, in the state whose forces are drawn.
         bores: along the midline: start, end and diameter of each [m]; their walls are dotted.
+        axes: two to draw into, the shape and the forces along it; a figure is made unless given.
     """
     strung = [_curves_of(posture.state, radius) for posture in postures]
     curves = [tendons[0] for tendons in strung]
     colours = [GREY, INK, PURPLE] if len(curves) > 1 else [INK]
     width, height = np.ptp(np.concatenate([c.outline for c in curves]), axis=0)
     tall = min(max(DRAWN_WIDTH * height / width, SHORTEST), TALLEST)
-    fig, (plane, along) = figure(tall + BELOW, 2, height_ratios=[tall, 1.4])
+    fig, (plane, along) = figure(tall + BELOW, 2, axes, height_ratios=[tall, 1.4])
     for tendons, colour in zip(strung, colours, strict=False):
         draw_body(plane, tendons[0], colour)
         _draw_bores(plane, tendons[0], bores, colour)
@@ -122,7 +124,7 @@ def plot_shape(
     keys.append(Line2D([], [], color=GREEN, label="tendon", linewidth=1.6))
     if bores:
         keys.append(Line2D([], [], color=INK, label="bore", linewidth=0.9, linestyle=DOTTED))
-    legend_above(fig, keys)
+    legend_above(fig, keys, axes)
     return fig
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import jax.numpy as jnp
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -16,19 +19,20 @@ POINTS = 401
 
 
 @styled
-def plot_straight(robot: Robot) -> Figure:
+def plot_straight(robot: Robot, *, axes: Axes | Sequence[Axes] | None = None) -> Figure:
     """The body from its side, in space from above too, with bores, channels and guides.
 
     Args:
         robot: with numbers that are known, not traced.
+        axes: to draw into, one, in space two; a figure is made unless given.
     """
     body, length = robot.backbone, float(robot.backbone.length)
     s = np.linspace(0.0, length, POINTS)
     radius = 1e3 * np.asarray(body.radius(jnp.asarray(s)))
     axes_names = ("y", "z") if robot.space else ("y",)
-    fig, axes = figure(1.2 + 1.5 * len(axes_names), len(axes_names), sharex=True)
+    fig, sides = figure(1.2 + 1.5 * len(axes_names), len(axes_names), axes, sharex=True)
     keys = []
-    for row, (ax, name) in enumerate(zip(axes, axes_names, strict=True)):
+    for row, (ax, name) in enumerate(zip(sides, axes_names, strict=True)):
         ax.fill_between(1e3 * s, -radius, radius, color=PALE, linewidth=0)
         for start, end, wide in zip(body.bore_start, body.bore_end, body.bore_diameter, strict=True):
             ends = 1e3 * np.asarray([float(start), float(end)])
@@ -50,7 +54,7 @@ def plot_straight(robot: Robot) -> Figure:
             ax.plot(x, across[row], marker="o", linestyle="", color=INK, markersize=4)
             ax.annotate(marker.name, (x, across[row]), (4, 3), textcoords="offset points", fontsize=8)
         ax.set_ylabel(f"{name} [mm]")
-    axes[-1].set_xlabel("along the body, from the base [mm]")
+    sides[-1].set_xlabel("along the body, from the base [mm]")
     if keys:
-        legend_above(fig, keys)
+        legend_above(fig, keys, axes)
     return fig

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextvars
 import functools
 import io
+import weakref
 from collections.abc import Callable, Sequence
 from typing import Any, ParamSpec
 
@@ -21,7 +23,7 @@ BLUE, ORANGE, GREEN, VERMILLION, PURPLE = "#0072B2", "#E69F00", "#009E73", "#D55
 INK, GREY, PALE = "#222222", "#777777", "#DDDDDD"
 PHASE_COLOUR = {"pulling": BLUE, "transition": ORANGE, "releasing": GREEN, "rest": GREY}
 
-WIDTH = 5.2  # inches; 85 mm in print leaves 6.5 pt letters
+WIDTH = 5.2  # inches, in reports
 DOTS = 200
 LOOK: Any = mpl.rcParamsDefault | {
     "backend": "agg",
@@ -43,20 +45,59 @@ LOOK: Any = mpl.rcParamsDefault | {
 }
 
 
+_width = contextvars.ContextVar("width", default=WIDTH)
+_again: weakref.WeakKeyDictionary[Figure, Callable[[], Figure]] = weakref.WeakKeyDictionary()
+
+
 def styled(plot: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Draw in this look, whatever the user's matplotlib settings."""
+    """Draw in this look, whatever the user's matplotlib settings, so that it can be drawn again for print."""
 
     @functools.wraps(plot)
     def in_style(*args: P.args, **kwargs: P.kwargs) -> Figure:
         with mpl.rc_context(LOOK):
-            return plot(*args, **kwargs)
+            fig = plot(*args, **kwargs)
+        if kwargs.get("axes") is None:  # else it is the caller's figure
+            _again[fig] = lambda: in_style(*args, **kwargs)
+        return fig
 
     return in_style
 
 
-def figure(height: float, rows: int = 1, **grid: Any) -> tuple[Figure, list[Axes]]:
-    """A figure of the standard width with `rows` axes above one another; `height` in inches."""
-    fig = Figure(figsize=(WIDTH, height), layout="constrained")
+def column_width() -> float:
+    """Width of a figure of one column [inches]."""
+    return _width.get()
+
+
+def drawn_again(fig: Figure, wide: float) -> Figure:
+    """A figure that a styled function drew, drawn anew with columns of another width [inches]."""
+    token = _width.set(wide)
+    try:
+        return _again[fig]()
+    finally:
+        _width.reset(token)
+
+
+Into = Axes | Sequence[Axes] | None
+
+
+def figure(height: float, rows: int = 1, into: Into = None, **grid: Any) -> tuple[Figure, list[Axes]]:
+    """A figure of the standard width with `rows` axes above one another; `height` in inches.
+
+    Args:
+        height: of the figure [inches].
+        rows: how many axes.
+        into: axes of the caller to draw into instead, as many.
+        grid: as of `Figure.subplots`.
+
+    Raises:
+        ValueError: another number of axes is given.
+    """
+    if into is not None:
+        given = own_axes(into, rows)
+        own = given[0].get_figure(root=True)
+        assert own is not None
+        return own, given
+    fig = Figure(figsize=(column_width(), height), layout="constrained")
     return fig, list(fig.subplots(rows, 1, squeeze=False, **grid)[:, 0])
 
 
@@ -68,8 +109,25 @@ def png(fig: Figure, dots: int = DOTS) -> bytes:
     return stream.getvalue()
 
 
-def legend_above(fig: Figure, handles: Sequence[Artist]) -> None:
-    """Legend entries above the axes: in one row, or in as many as the width of the figure asks for."""
+LEGEND = 0.98  # of the width of a figure, that a legend may take
+
+
+def own_axes(into: Axes | Sequence[Axes], count: int) -> list[Axes]:
+    """The caller's axes as a list; ValueError if they are not so many."""
+    given = [into] if isinstance(into, Axes) else list(into)
+    if len(given) != count:
+        raise ValueError(f"axes: this is drawn into {count}, but {len(given)} are given")
+    return given
+
+
+def legend_above(fig: Figure, handles: Sequence[Artist], into: Into = None, where: str = "best") -> None:
+    """Legend entries above the axes: in one row, or in as many as the width of the figure asks for; within
+    the first of the caller's axes, `where` it is to stand there, where these are drawn into.
+    """
+    if into is not None:
+        first = into if isinstance(into, Axes) else into[0]
+        first.legend(handles=list(handles), loc=where)
+        return
     for rows in range(1, len(handles) + 1):
         legend = fig.legend(
             handles=list(handles),
@@ -78,7 +136,7 @@ def legend_above(fig: Figure, handles: Sequence[Artist]) -> None:
             handlelength=1.4,
             columnspacing=1.2,
         )
-        if legend.get_window_extent().width <= fig.bbox.width:
+        if legend.get_window_extent().width <= LEGEND * fig.bbox.width:
             return
         if rows < len(handles):
             legend.remove()

@@ -17,7 +17,7 @@ from gtr_jax.files.numbers import number
 from gtr_jax.files.units import display_of
 from gtr_jax.sweep.sensitivity import Index
 
-from .style import BLUE, GREY, INK, ORANGE, PALE, WIDTH, figure, styled
+from .style import BLUE, GREY, INK, ORANGE, PALE, WIDTH, column_width, figure, styled
 
 if TYPE_CHECKING:
     import xarray
@@ -79,27 +79,32 @@ def _fixed(data: xarray.DataArray, dims: Sequence[str]) -> tuple[xarray.DataArra
 
 
 @styled
-def plot_maps(data: Mapping[str, xarray.DataArray]) -> Figure:
+def plot_maps(data: Mapping[str, xarray.DataArray], *, axes: Axes | Sequence[Axes] | None = None) -> Figure:
     """Outputs over the two longest dimensions of a grid, the others at their middle values.
 
     Args:
         data: arrays over the same grid of at least two dimensions of two values, by name.
+        axes: to draw into, one for each output; a figure is made unless given.
     """
     first = next(iter(data.values()))
     by_length = sorted(first.dims, key=lambda d: -first.sizes[d])[:2]
     across, up = [str(d) for d in first.dims if d in by_length]
     columns = min(len(data), 2)
     rows = -(-len(data) // columns)
-    fig = Figure(figsize=(WIDTH * (1.0 if columns == 1 else 1.55), 3.4 * rows), layout="constrained")
-    panels = fig.subplots(rows, columns, squeeze=False).ravel()
+    if axes is None:
+        wide = column_width() if columns == 1 else 1.55 * WIDTH
+        fig = Figure(figsize=(wide, 3.4 * rows), layout="constrained")
+        panels = list(fig.subplots(rows, columns, squeeze=False).ravel())
+    else:
+        fig, panels = figure(0.0, len(data), axes)
     words = ""
-    for axes, array in zip(panels, data.values(), strict=False):
+    for panel, array in zip(panels, data.values(), strict=False):
         part, words = _fixed(array, (across, up))
         part = part.transpose(up, across)
         part = part[:: -(-part.shape[0] // FINEST), :: -(-part.shape[1] // FINEST)]
         x, y = part[across], part[up]
-        axes.set_facecolor(MISSING)
-        drawn = axes.pcolormesh(
+        panel.set_facecolor(MISSING)
+        drawn = panel.pcolormesh(
             shown(x),
             shown(y),
             np.ma.masked_invalid(shown(part)),
@@ -107,37 +112,38 @@ def plot_maps(data: Mapping[str, xarray.DataArray]) -> Figure:
             shading="nearest",
             rasterized=True,
         )
-        bar = fig.colorbar(drawn, ax=axes)
+        bar = fig.colorbar(drawn, ax=panel)
         bar.set_label(label(array))
         bar.outline.set_visible(False)
-        axes.grid(False)
-        axes.set_title(title(array), loc="left", fontsize=9)
+        panel.grid(False)
+        panel.set_title(title(array), loc="left", fontsize=9)
         for scale, values in (("x", x), ("y", y)):
             if _spaced_by_ratio(np.asarray(values.values, dtype=float)):
-                _by_ratio(axes, scale)
-        axes.set_xlabel(label(x))
-        axes.set_ylabel(label(y))
-    for axes in panels[len(data) :]:
-        axes.set_visible(False)
-    if words:
+                _by_ratio(panel, scale)
+        panel.set_xlabel(label(x))
+        panel.set_ylabel(label(y))
+    for panel in panels[len(data) :]:
+        panel.set_visible(False)
+    if words and axes is None:
         fig.suptitle(words, fontsize=9, color=GREY)
     return fig
 
 
 @styled
-def plot_curves(data: Mapping[str, xarray.DataArray]) -> Figure:
+def plot_curves(data: Mapping[str, xarray.DataArray], *, axes: Axes | Sequence[Axes] | None = None) -> Figure:
     """Outputs over the only dimension of a grid that has several values.
 
     Args:
         data: arrays over the same grid, by name.
+        axes: to draw into, one for each output; a figure is made unless given.
     """
     first = next(iter(data.values()))
     dim = max(first.dims, key=lambda d: first.sizes[d])
-    fig, panels = figure(1.9 * len(data) + 0.4, len(data), sharex=True)
-    for axes, array in zip(panels, data.values(), strict=True):
+    fig, panels = figure(1.9 * len(data) + 0.4, len(data), axes, sharex=True)
+    for panel, array in zip(panels, data.values(), strict=True):
         part, _ = _fixed(array, (str(dim),))
-        axes.plot(shown(part[dim]), shown(part), color=BLUE, linewidth=2)
-        axes.set_ylabel(label(array))
+        panel.plot(shown(part[dim]), shown(part), color=BLUE, linewidth=2)
+        panel.set_ylabel(label(array))
     x = first[dim]
     if _spaced_by_ratio(np.asarray(x.values, dtype=float)):
         _by_ratio(panels[-1], "x")
@@ -146,12 +152,15 @@ def plot_curves(data: Mapping[str, xarray.DataArray]) -> Figure:
 
 
 @styled
-def plot_parallel(points: Mapping[str, xarray.DataArray], output: xarray.DataArray) -> Figure:
+def plot_parallel(
+    points: Mapping[str, xarray.DataArray], output: xarray.DataArray, *, axes: Axes | None = None
+) -> Figure:
     """Points of a sample as lines through what was varied, coloured by an output.
 
     Args:
         points: coordinates (n,) by name.
         output: values (n,); points without a number are left out.
+        axes: to draw into; a figure is made unless given.
     """
     known = np.flatnonzero(np.isfinite(np.asarray(output.values, dtype=float)))
     some = known[:: -(-len(known) // LINES)] if len(known) else known
@@ -163,8 +172,11 @@ def plot_parallel(points: Mapping[str, xarray.DataArray], output: xarray.DataArr
         low, high = (float(own.min()), float(own.max())) if len(own) else (0.0, 1.0)
         ends.append((low, high))
         scaled.append((shown(column)[some] - low) / ((high - low) or 1.0))
-    fig = Figure(figsize=(max(WIDTH, 1.25 * len(columns)), 3.6), layout="constrained")
-    axes = fig.subplots()
+    if axes is None:
+        fig = Figure(figsize=(max(column_width(), 1.25 * len(columns)), 3.6), layout="constrained")
+        axes = fig.subplots()
+    else:
+        fig, (axes,) = figure(0.0, 1, axes)
     order = np.argsort(value)
     lines = np.stack(scaled, axis=1)[order]
     places = np.arange(len(columns))
@@ -197,34 +209,37 @@ def _parallel_axes(
 
 
 @styled
-def plot_sensitivity(indices: Mapping[str, Mapping[str, Index]]) -> Figure:
+def plot_sensitivity(
+    indices: Mapping[str, Mapping[str, Index]], *, axes: Axes | Sequence[Axes] | None = None
+) -> Figure:
     """Sensitivity indices as bars: total effects behind, first-order ones in front, or mean changes.
 
     Args:
         indices: by parameter, by output.
+        axes: to draw into, one for each output; a figure is made unless given.
     """
     names = list(next(iter(indices.values())))
     fig, panels = figure(
-        (0.35 + 0.26 * len(names)) * len(indices) + 0.9, len(indices), sharex=_shares(indices)
+        (0.35 + 0.26 * len(names)) * len(indices) + 0.9, len(indices), axes, sharex=_shares(indices)
     )
-    for axes, (output, of) in zip(panels, indices.items(), strict=True):
+    for panel, (output, of) in zip(panels, indices.items(), strict=True):
         places = np.arange(len(names))[::-1]
         for place, name in zip(places, names, strict=True):
             index = of[name]
             if index.effect is not None:
-                axes.barh(place, index.effect, color=BLUE, height=0.6)
+                panel.barh(place, index.effect, color=BLUE, height=0.6)
                 continue
             if index.total is not None:
-                axes.barh(place, index.total, color=PALE, height=0.7, xerr=index.total_sd, ecolor=GREY)
-            axes.barh(place, index.first, color=BLUE, height=0.4, xerr=index.first_sd, ecolor=ORANGE)
-        axes.set_yticks(places, names)
-        axes.set_title(output, loc="left", fontsize=10)
-        axes.grid(axis="y", visible=False)
+                panel.barh(place, index.total, color=PALE, height=0.7, xerr=index.total_sd, ecolor=GREY)
+            panel.barh(place, index.first, color=BLUE, height=0.4, xerr=index.first_sd, ecolor=ORANGE)
+        panel.set_yticks(places, names)
+        panel.set_title(output, loc="left", fontsize=10)
+        panel.grid(axis="y", visible=False)
     if _shares(indices):
         panels[-1].set_xlim(left=0)
         known = all(i.first_sd is None for of in indices.values() for i in of.values())
         panels[-1].set_xlabel(
-            "share of the variance: blue alone, grey together with others"
+            "share of the variance:\nblue alone, grey together with others"
             + ("" if known else "\n(lines: one standard deviation)")
         )
     else:

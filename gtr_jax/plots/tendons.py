@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -14,15 +15,24 @@ COLOURS = (BLUE, VERMILLION, GREEN, PURPLE)
 
 
 @styled
-def plot_tendons(T_base: np.ndarray, T_tip: np.ndarray, angle: np.ndarray, names: Sequence[str]) -> Figure:
+def plot_tendons(
+    T_base: np.ndarray,
+    T_tip: np.ndarray,
+    angle: np.ndarray,
+    names: Sequence[str],
+    *,
+    axes: Sequence[Axes] | None = None,
+) -> Figure:
     """Tensions of every tendon at base and tip, and the angle of the tip, step by step.
 
     Args:
-        T_base, T_tip: tensions [N], (K, tendons).
+        T_base: tensions at the base [N], (K, tendons).
+        T_tip: tensions at the tip [N], (K, tendons).
         angle: of the tip [rad], (K,).
         names: of the tendons.
+        axes: two to draw into, tensions and angle; a figure is made unless given.
     """
-    fig, (tensions, turn) = figure(5.0, 2, sharex=True, height_ratios=[1.7, 1])
+    fig, (tensions, turn) = figure(5.0, 2, axes, sharex=True, height_ratios=[1.7, 1])
     steps = np.arange(1, len(angle) + 1)
     keys = []
     for i, name in enumerate(names):
@@ -36,5 +46,5 @@ def plot_tendons(T_base: np.ndarray, T_tip: np.ndarray, angle: np.ndarray, names
     tensions.set_ylim(0, None)
     turn.set_ylabel("angle of the tip [°]")
     turn.set_xlabel("step")
-    legend_above(fig, keys)
+    legend_above(fig, keys, axes)
     return fig

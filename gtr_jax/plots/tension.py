@@ -30,7 +30,11 @@ def stations(T_base: np.ndarray) -> list[int]:
 
 @styled
 def plot_tension(
-    run: Simulation, phases: np.ndarray, *, pulled: tuple[str, np.ndarray] | None = None
+    run: Simulation,
+    phases: np.ndarray,
+    *,
+    pulled: tuple[str, np.ndarray] | None = None,
+    axes: Axes | None = None,
 ) -> Figure:
     """Tension along the tendon at several steps; dotted where the tendon is locked.
 
@@ -39,8 +43,10 @@ def plot_tension(
         phases: label of each step, (K,).
         pulled: name and base tension [N], (K,), of the tendon by which steps are chosen and called; this one
             unless given.
+        axes: to draw into; a figure is made unless given.
     """
-    fig, (axes,) = figure(3.9)
+    into = axes
+    fig, (axes,) = figure(3.9, into=into)
     name, T_base = pulled or ("", np.asarray(run.T_base))
     s = np.asarray(run.s)
     chosen = stations(T_base)
@@ -59,7 +65,7 @@ def plot_tension(
     _name_ends(axes, [(k, float(run.tension[k, -1]), float(T_base[k]), str(phases[k])) for k in chosen], name)
     keys = phase_keys(phases[chosen])
     keys.append(Line2D([], [], color=INK, linestyle=LOCKED, linewidth=2, label="locked"))
-    legend_above(fig, keys)
+    legend_above(fig, keys, into)
     return fig
 
 

@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
-from .style import BLUE, GREY, INK, PURPLE, VERMILLION, WIDTH, legend_above, styled
+from .style import BLUE, GREY, INK, PURPLE, VERMILLION, column_width, legend_above, styled
 
 SIDES = ((0, 1), (0, 2), (1, 2))  # axes across and up of each view
 AXES = "xyz"
@@ -217,14 +217,15 @@ def _views(size: np.ndarray) -> tuple[Figure, list[Axes], Axes]:
     the axes of a colour bar in the corner.
     """
     room, between = 1.6, 0.75  # for labels beside and between the views [in]
-    scale = min((WIDTH - room) / (size[0] + size[1]), TALLEST / (size[1] + size[2]))  # in per mm
+    wide_of_all = column_width()
+    scale = min((wide_of_all - room) / (size[0] + size[1]), TALLEST / (size[1] + size[2]))  # in per mm
     wide, deep, tall = scale * size
     height = deep + tall + between + 1.0
-    fig = Figure(figsize=(WIDTH, height))
+    fig = Figure(figsize=(wide_of_all, height))
     left, gap = 0.62, 0.72
 
     def place(x, y, w, h):
-        return fig.add_axes((x / WIDTH, y / height, w / WIDTH, h / height))
+        return fig.add_axes((x / wide_of_all, y / height, w / wide_of_all, h / height))
 
     low = 0.5
     views = [

@@ -10,7 +10,6 @@ from ..files.config import RobotConfig
 from ..files.numbers import number, quantity
 from ..plots.loop import plot_loop
 from ..plots.straight import plot_straight
-from ..plots.style import png
 from ..plots.tendons import plot_tendons
 from ..robot.build import build_robot
 from ..robot.parameters import Parameter, parameters_of
@@ -48,7 +47,7 @@ def robot_card(robot: Robot) -> str | None:
     many = len(robot.tendons)
     tendons = "one tendon" if many == 1 else f"{many} tendons"
     rigid = ", a sheath of fixed shape" if robot.backbone.rigid else ""
-    picture = Figure("channels", png(plot_straight(robot), DOTS), "The straight body with its channels.")
+    picture = Figure("channels", plot_straight(robot), "The straight body with its channels.", DOTS)
     return card(
         Report(
             title=robot.name,
@@ -102,7 +101,7 @@ def simulation_card(run: Simulation) -> str | None:
         Report(
             title="Simulation",
             verdict=says,
-            figures=[Figure("loop", png(picture, DOTS), caption)],
+            figures=[Figure("loop", picture, caption, DOTS)],
             tables=[Table("", ("", "T_base", "T_tip", "place of the tip"), rows)],
         )
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import functools
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
@@ -10,18 +11,37 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from matplotlib.figure import Figure as Drawing
+
+from gtr_jax.plots.style import DOTS, png
+
 FOLDER = Path(__file__).parent
 STYLE = (FOLDER / "page.css").read_text(encoding="utf-8")
-TURNING = (FOLDER / "turning.js").read_text(encoding="utf-8")  # turns the bodies of scenes with the mouse
+# Each says at its top what it draws; the later ones use the earlier.
+SCRIPTS = ("shades.js", "frame.js", "chart.js", "plane.js", "turning.js", "playback.js")
+SCRIPT = "\n".join((FOLDER / name).read_text(encoding="utf-8") for name in SCRIPTS)
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A picture with what it shows. `name` is its file name without ending."""
+    """A picture with what it shows.
+
+    Attributes:
+        name: its file name without ending.
+        drawn: the picture.
+        caption: what it shows.
+        dots: of its image, per inch.
+    """
 
     name: str
-    image: bytes
+    drawn: Drawing
     caption: str
+    dots: int = DOTS
+
+    @functools.cached_property
+    def image(self) -> bytes:
+        """The picture as PNG."""
+        return png(self.drawn, self.dots)
 
     @property
     def source(self) -> str:
@@ -39,7 +59,32 @@ class Scene:
     @property
     def text(self) -> str:
         """The data as JSON that can stand in a page."""
-        return json.dumps(self.data, separators=(",", ":")).replace("<", "\\u003c")
+        return _embedded(self.data)
+
+
+@dataclass(frozen=True)
+class Playback:
+    """A load history that the reader goes through, with charts to zoom and the body at every step;
+    `playback.js` says what `data` holds.
+
+    Attributes:
+        data: of the charts and the body.
+        caption: what is seen.
+        stills: names of the figures it stands in for; these stay for print and for pages without scripts.
+    """
+
+    data: Mapping[str, Any]
+    caption: str
+    stills: Sequence[str] = ()
+
+    @property
+    def text(self) -> str:
+        """The data as JSON that can stand in a page."""
+        return _embedded(self.data)
+
+
+def _embedded(data: Mapping[str, Any]) -> str:
+    return json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 @dataclass(frozen=True)
@@ -79,6 +124,7 @@ class Report:
         figures, tables: in this order.
         sections: parts that follow, each with its own.
         scenes: bodies that can be turned; below the figures.
+        playbacks: histories that can be gone through; above the figures.
     """
 
     title: str
@@ -88,6 +134,12 @@ class Report:
     tables: Sequence[Table] = field(default_factory=tuple)
     sections: Sequence[Section] = ()
     scenes: Sequence[Scene] = ()
+    playbacks: Sequence[Playback] = ()
+
+    @property
+    def stills(self) -> set[str]:
+        """Names of the figures that playbacks stand in for."""
+        return {name for playback in self.playbacks for name in playback.stills}
 
     @property
     def all_figures(self) -> list[Figure]:
@@ -130,7 +182,7 @@ def render(report: Report, settings: Mapping[str, Any], robot_file: str | None) 
         robot_file: the resolved robot file; None where no robot is read.
     """
     template = environment().get_template("page.html.jinja")
-    script = TURNING if report.scenes else ""
+    script = SCRIPT if report.scenes or report.playbacks else ""
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return template.render(
         report=report, settings=settings, robot_file=robot_file, style=STYLE, script=script, digest=digest

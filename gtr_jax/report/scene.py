@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -26,34 +27,38 @@ def scene(body: Strung, postures: Sequence[Posture], *, first: int, caption: str
     """
     count = min(len(postures), STEPS)
     kept = np.unique([*np.linspace(0, len(postures) - 1, count).round().astype(int), first])
-    shapes = [drawn(body, postures[k], PLACES, 1) for k in kept]
+    names = [{"label": postures[k].name} for k in kept]
+    body_data = in_space(body, [postures[k] for k in kept])
+    steps = [name | step for name, step in zip(names, body_data["steps"], strict=True)]
+    return Scene(body_data | {"first": int(np.flatnonzero(kept == first)[0]), "steps": steps}, caption)
+
+
+def in_space(body: Strung, postures: Sequence[Posture]) -> dict[str, Any]:
+    """What `turning.js` reads of a body in each of some postures, but for labels."""
+    shapes = [drawn(body, posture, PLACES, 1) for posture in postures]
     most = max(float(np.max(shape.tension)) for shape in shapes)
     at = shapes[0].s
     section = [np.stack([np.interp(at, body.s, own[:, i]) for i in range(2)], axis=1) for own in body.offsets]
-    return Scene(
-        {
-            "scale": SCALE,
-            "most": float(f"{most:.3g}"),
-            "names": list(body.names),
-            "radius": np.round(1e3 * np.interp(at, body.s, body.radius), 3).tolist(),
-            "offsets": [np.round(1e3 * own, 3).ravel().tolist() for own in section],
-            "ends": [int(np.sum(at <= end * (1 + 1e-9))) for end in body.ends],
-            "first": int(np.flatnonzero(kept == first)[0]),
-            "steps": [
-                {
-                    "label": postures[k].name,
-                    "place": _rounded(shape.middle, SCALE),
-                    "left": _rounded(shape.left, 1e-4),
-                    "up": _rounded(shape.up, 1e-4),
-                    "tension": [_rounded(own, (most or 1.0) / 1000) for own in shape.tension],
-                    "markers": _rounded(1e3 * postures[k].markers, SCALE),
-                }
-                for k, shape in zip(kept, shapes, strict=True)
-            ],
-        },
-        caption,
-    )
+    return {
+        "scale": SCALE,
+        "most": float(f"{most:.3g}"),
+        "names": list(body.names),
+        "radius": np.round(1e3 * np.interp(at, body.s, body.radius), 3).tolist(),
+        "offsets": [np.round(1e3 * own, 3).ravel().tolist() for own in section],
+        "ends": [int(np.sum(at <= end * (1 + 1e-9))) for end in body.ends],
+        "steps": [
+            {
+                "place": whole_numbers(shape.middle, SCALE),
+                "left": whole_numbers(shape.left, 1e-4),
+                "up": whole_numbers(shape.up, 1e-4),
+                "tension": [whole_numbers(own, (most or 1.0) / 1000) for own in shape.tension],
+                "markers": whole_numbers(1e3 * posture.markers, SCALE),
+            }
+            for posture, shape in zip(postures, shapes, strict=True)
+        ],
+    }
 
 
-def _rounded(values: np.ndarray, unit: float) -> list[int]:
+def whole_numbers(values: np.ndarray, unit: float) -> list[int]:
+    """Values in whole units, flat: short in a page."""
     return np.round(np.ravel(values) / unit).astype(int).tolist()

@@ -13,7 +13,6 @@ from jax import Array
 from gtr_jax.files.numbers import number
 from gtr_jax.plots.loop import plot_loop
 from gtr_jax.plots.shape import Posture, Pressed, plot_shape
-from gtr_jax.plots.style import png
 from gtr_jax.plots.tendons import plot_tendons
 from gtr_jax.plots.tension import plot_tension
 from gtr_jax.robot.clearance import distances
@@ -31,6 +30,7 @@ from ..simulation.sensing import cells_differ
 from ..simulation.solution import Equilibrium
 from . import spatial
 from .page import Figure, Report, Table
+from .simulation_playback import simulation_playback
 
 APART = 2e-3  # of the length, by which two shapes must differ for both to be drawn
 
@@ -311,17 +311,20 @@ def verdict(answer: SimulationAnswer) -> str:
     return text + f"; on release the tip keeps its tension, and would until the base is down to {switch}."
 
 
-def simulation_report(answer: SimulationAnswer) -> Report:
-    """Verdict, figures and tables of a simulation."""
+def simulation_report(answer: SimulationAnswer, time: np.ndarray | None = None) -> Report:
+    """Verdict, figures and tables of a simulation.
+
+    Args:
+        answer: what it found.
+        time: of the steps [s], (K,), where it was given.
+    """
     return Report(
         title=f"{answer.robot.name}: simulation",
         verdict=verdict(answer),
         warnings=[text for text in answer.warnings if text not in verdict(answer)],
         figures=_figures(answer),
         tables=_tables(answer),
-        scenes=[spatial.body_scene(answer.robot, answer.run, answer.rest, answer.top)]
-        if answer.robot.space
-        else (),
+        playbacks=[simulation_playback(answer, time)],
     )
 
 
@@ -346,7 +349,7 @@ def _overview(answer: SimulationAnswer) -> list[Figure]:
     T_base, T_tip, angle = np.asarray(run.T_base), np.asarray(run.T_tip), spatial.tip_angle(answer.run)
     picture = plot_tendons(T_base, T_tip, angle, answer.robot.tendon_names)
     caption = "Tension of every tendon at the tip (full) and at the base (dashed), and the angle of the tip."
-    return [Figure("tendons", png(picture), caption)]
+    return [Figure("tendons", picture, caption)]
 
 
 def _loop(answer: SimulationAnswer) -> Figure:
@@ -363,7 +366,7 @@ def _loop(answer: SimulationAnswer) -> Figure:
     ending, who = _suffix(answer)
     return Figure(
         f"loop{ending}",
-        png(loop),
+        loop,
         f"{who}Tension at the tip against tension at the base, coloured by phase; dashed, without friction"
         + ("; the cross marks where release reaches the tip." if switch else "."),
     )
@@ -373,7 +376,7 @@ def _along(answer: SimulationAnswer, pulled: tuple[str, np.ndarray]) -> Figure:
     ending, who = _suffix(answer)
     return Figure(
         f"tension{ending}",
-        png(plot_tension(answer.run, answer.phases, pulled=pulled)),
+        plot_tension(answer.run, answer.phases, pulled=pulled),
         f"{who}Tension along the tendon at several steps, numbered in the order of the history; dotted where "
         "the tendon is locked.",
     )
@@ -412,7 +415,7 @@ def _shape(answer: SimulationAnswer) -> Figure:
     at_kinks = f" Kinks of the channel carry up to {kinks:.2g} N besides." if kinks > 1e-9 else ""
     return Figure(
         "shape",
-        png(shape),
+        shape,
         "Midline, body"
         + (", bores (dotted)" if bores else "")
         + " and tendon. At the largest base tension, along the tendon and below against s: "

@@ -1,6 +1,4 @@
-"""What a simulation in space shows: where the tip stands and points, the body from three sides, and
-turned.
-"""
+"""What a simulation in space shows: where the tip stands and points, and the body from three sides."""
 
 from __future__ import annotations
 
@@ -12,7 +10,6 @@ import numpy as np
 
 from gtr_jax.files.numbers import number
 from gtr_jax.files.quantities import column_of, marker_quantities
-from gtr_jax.plots.style import png
 from gtr_jax.plots.views import Posture, Strung, plot_views
 from gtr_jax.robot.clearance import place_in_section
 from gtr_jax.robot.robot import Robot
@@ -21,8 +18,7 @@ from gtr_jax.robot.rotation import quaternion_of
 from ..simulation.history import Simulation
 from ..simulation.markers import marker_places, marker_readings, marker_rows
 from ..simulation.solution import Equilibrium
-from .page import Figure, Scene
-from .scene import scene
+from .page import Figure
 
 AXES = ("x", "y", "z")
 QUATERNION = ("tip_qx", "tip_qy", "tip_qz", "tip_qw")
@@ -80,8 +76,8 @@ def pose_rows(top: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
-def strung_of(robot: Robot, state: Equilibrium) -> Strung:
-    """The body and its channels, for pictures."""
+def strung_of(robot: Robot, state: Equilibrium | Simulation) -> Strung:
+    """The body and its channels at the nodes of a solution, for pictures."""
     length, s = float(robot.backbone.length), np.asarray(state.s)
     return Strung(
         s,
@@ -116,27 +112,9 @@ def shape_figure(
     postures = [still, *(_posture(name, run, places, step) for name, step in named)]
     return Figure(
         "shape",
-        png(plot_views(strung_of(robot, rest), postures)),
+        plot_views(strung_of(robot, rest), postures),
         "The body from three sides at one scale, with its channels coloured by the tension of the tendon in "
         "them (grey: at rest).",
-    )
-
-
-def body_scene(robot: Robot, run: Simulation, rest: Equilibrium, top: int) -> Scene:
-    """The body at every step, to be turned; the step `top` is shown first."""
-    places = np.asarray(marker_places(robot, run))
-    names = robot.tendon_names
-    postures = []
-    for k, pull in enumerate(np.asarray(run.T_base).reshape(len(run.time), -1)):
-        tensions = [number(float(T), "N", 3) for T in pull]
-        ends = ", ".join(f"{n} {T}" for n, T in zip(names, tensions, strict=True)) if names else tensions[0]
-        postures.append(_posture(f"step {k + 1} of {len(run.time)}: {ends} at the base", run, places, k))
-    return scene(
-        strung_of(robot, rest),
-        postures,
-        first=top,
-        caption="Turn the body with the mouse, a finger or the arrow keys; the wheel zooms, the slider goes "
-        "through the history.",
     )
 
 

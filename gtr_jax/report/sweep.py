@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gtr_jax.files.numbers import number, quantity
-from gtr_jax.plots.style import png
 from gtr_jax.plots.sweep import plot_curves, plot_maps, plot_parallel, plot_sensitivity
 from gtr_jax.sweep.axes import Axis
 from gtr_jax.sweep.sensitivity import Index
@@ -57,14 +56,14 @@ def _figures(answer: Summary, task: Task, data: xarray.Dataset) -> list[Figure]:
         figures += [
             Figure(
                 f"parallel-{name}",
-                png(plot_parallel(points, array[some])),
+                plot_parallel(points, array[some]),
                 f"Each line is a point of the sample, coloured by {name}, the last column.",
             )
             for name, array in list(arrays.items())[:3]
         ]
     indices = {k: v for k, v in answer.sensitivity.indices.items() if k in outputs}
     if indices:
-        figures.append(Figure("sensitivity", png(plot_sensitivity(indices)), answer.sensitivity.says))
+        figures.append(Figure("sensitivity", plot_sensitivity(indices), answer.sensitivity.says))
     return figures
 
 
@@ -76,11 +75,9 @@ def _of_grid(task: Task, arrays: dict[str, xarray.DataArray]) -> Figure:
     pulled = "displacement" if task.drawn else "base tension"
     last = f" at the largest {pulled} kept" if len(task.history.kept) > 1 else ""
     if sum(n > 1 for n in task.plan.shape) < 2:
-        return Figure("curves", png(plot_curves(arrays)), f"What was computed{last}.")
+        return Figure("curves", plot_curves(arrays), f"What was computed{last}.")
     others = " Other parameters are at their middle values." if len(task.plan.shape) > 2 else ""
-    return Figure(
-        "maps", png(plot_maps(arrays)), f"What was computed{last}.{others} Tinted: no number there."
-    )
+    return Figure("maps", plot_maps(arrays), f"What was computed{last}.{others} Tinted: no number there.")
 
 
 def _tables(answer: Summary, task: Task) -> list[Table]:

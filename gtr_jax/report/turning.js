@@ -3,19 +3,13 @@
 //   scale: mm of one unit of "place"; most: largest tension [N]; names: of the tendons;
 //   radius: of the body [mm], M values; offsets: of each channel in the section [mm], y and z at M places;
 //   ends: how many of the M places each tendon reaches;
-//   steps: label, place (x, y, z at M places), left and up (directors, in 1/10000, at M places), tension of
+//   steps: place (x, y, z at M places), left and up (directors, in 1/10000, at M places), tension of
 //   each tendon at M places, in thousandths of "most"; markers: places of markers, as "place".
-(function () {
+// A body that stands alone has a slider of its own, and reads of each step its label too; one of a playback
+// follows that.
+const turningOf = (function () {
   const CORNERS = 14;
-  const COLOURS = [[253, 231, 37], [94, 201, 98], [33, 145, 140], [59, 82, 139], [68, 1, 84]];
   const SIDES = { "x, y": [90, 90], "x, z": [90, 0], "y, z": [0, 0] };
-
-  function colour(share) {
-    const at = Math.min(Math.max(share, 0), 1) * (COLOURS.length - 1);
-    const i = Math.min(Math.floor(at), COLOURS.length - 2);
-    const mixed = COLOURS[i].map((c, k) => Math.round(c + (at - i) * (COLOURS[i + 1][k] - c)));
-    return "rgb(" + mixed.join(",") + ")";
-  }
 
   function triples(flat, scale) {
     const out = [];
@@ -43,18 +37,15 @@
     return { middle, rings, channels, tension: step.tension, markers: triples(step.markers, body.scale) };
   }
 
-  function show(figure) {
-    const body = JSON.parse(figure.querySelector("script").textContent);
+  return function (body, link) {
     const steps = body.steps.map((step) => built(body, step));
+    let shown = body.first || 0;
     const canvas = document.createElement("canvas");
     canvas.tabIndex = 0;
     canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", "The body in space; turn it with the mouse or the arrow keys.");
     const controls = document.createElement("div");
     controls.className = "controls";
-    const slider = document.createElement("input");
-    Object.assign(slider, { type: "range", min: 0, max: steps.length - 1, value: body.first || 0 });
-    slider.setAttribute("aria-label", "step");
     const said = document.createElement("span");
     const view = { yaw: 60, pitch: 25, zoom: 1 };
     const low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9];
@@ -62,7 +53,7 @@
       for (let k = 0; k < 3; k++) { low[k] = Math.min(low[k], p[k]); high[k] = Math.max(high[k], p[k]); }
     const centre = low.map((v, k) => 0.5 * (v + high[k]));
     const size = Math.hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2]);
-    controls.append(slider, said);
+    if (!link) controls.append(slider(), said);
     for (const [name, [yaw, pitch]] of Object.entries(SIDES)) {
       const button = document.createElement("button");
       button.type = "button";
@@ -70,10 +61,24 @@
       button.addEventListener("click", () => { Object.assign(view, { yaw, pitch }); draw(); });
       controls.append(button);
     }
-    figure.prepend(canvas, controls);
+
+    function slider() {
+      const made = document.createElement("input");
+      Object.assign(made, { type: "range", min: 0, max: steps.length - 1, value: shown });
+      made.setAttribute("aria-label", "step");
+      made.addEventListener("input", () => step(Number(made.value)));
+      return made;
+    }
+
+    function step(k) {
+      shown = k;
+      if (!link) said.textContent = body.steps[k].label;
+      draw();
+    }
 
     function draw() {
       const ratio = window.devicePixelRatio || 1, wide = canvas.clientWidth, tall = canvas.clientHeight;
+      if (!wide || !tall) return; // hidden, as in print
       canvas.width = wide * ratio;
       canvas.height = tall * ratio;
       const pen = canvas.getContext("2d");
@@ -87,7 +92,7 @@
         const q = p.map((x, k) => x - centre[k]);
         return [0.5 * wide + scale * dot(q, right), 0.5 * tall - scale * dot(q, up), dot(q, into)];
       };
-      const step = steps[slider.value], parts = [];
+      const step = steps[shown], parts = [];
       const rings = step.rings.map((ring) => ring.map(seen));
       for (let i = 0; i + 1 < rings.length; i++) for (let k = 0; k < CORNERS; k++) {
         const l = (k + 1) % CORNERS, face = [rings[i][k], rings[i][l], rings[i + 1][l], rings[i + 1][k]];
@@ -100,7 +105,7 @@
         const places = channel.slice(0, body.ends[n]).map(seen);
         for (let i = 0; i + 1 < places.length; i++) parts.push({
           depth: 0.5 * (places[i][2] + places[i + 1][2]), line: [places[i], places[i + 1]],
-          stroke: colour((step.tension[n][i] + step.tension[n][i + 1]) / 2000), wide: 2.5,
+          stroke: shades.colour((step.tension[n][i] + step.tension[n][i + 1]) / 2000), wide: 2.5,
         });
       });
       for (const marker of step.markers) { const p = seen(marker); parts.push({ depth: p[2], dot: p }); }
@@ -119,9 +124,8 @@
         }
       }
       axes(pen, tall, right, up);
-      bar(pen, wide, tall, scale);
-      legend(pen, wide);
-      said.textContent = body.steps[slider.value].label;
+      shades.bar(pen, wide - 20, tall - 22, scale);
+      shades.key(pen, wide - 30, 16, body.most);
     }
 
     function axes(pen, tall, right, up) {
@@ -139,27 +143,6 @@
       });
     }
 
-    function bar(pen, wide, tall, scale) {
-      const wanted = 120 / scale, power = Math.pow(10, Math.floor(Math.log10(wanted)));
-      const length = [1, 2, 5].map((m) => m * power).filter((l) => l <= wanted).pop();
-      pen.fillStyle = "#222";
-      pen.fillRect(wide - 20 - length * scale, tall - 22, length * scale, 3);
-      pen.textAlign = "right";
-      pen.fillText(length + " mm", wide - 20, tall - 30);
-      pen.textAlign = "left";
-    }
-
-    function legend(pen, wide) {
-      for (let i = 0; i < 100; i++) {
-        pen.fillStyle = colour(i / 99);
-        pen.fillRect(wide - 130 + i, 16, 1.5, 8);
-      }
-      pen.fillStyle = "#222";
-      pen.textAlign = "right";
-      pen.fillText("tension 0 to " + body.most + " N", wide - 30, 40);
-      pen.textAlign = "left";
-    }
-
     let held = null;
     canvas.addEventListener("pointerdown", (e) => { held = [e.clientX, e.clientY]; canvas.setPointerCapture(e.pointerId); });
     canvas.addEventListener("pointerup", () => { held = null; });
@@ -169,6 +152,7 @@
       held = [e.clientX, e.clientY];
     });
     canvas.addEventListener("wheel", (e) => {
+      if (link && document.activeElement !== canvas && !e.ctrlKey) return; // the page scrolls, as over charts
       e.preventDefault();
       view.zoom = Math.min(Math.max(view.zoom * Math.exp(-e.deltaY / 500), 0.3), 20);
       draw();
@@ -184,10 +168,13 @@
       view.pitch = Math.min(Math.max(view.pitch + 0.5 * down, -90), 90);
       draw();
     }
-    slider.addEventListener("input", draw);
-    window.addEventListener("resize", draw);
-    draw();
-  }
-
-  document.querySelectorAll(".turning").forEach(show);
+    if (!link) window.addEventListener("resize", draw);
+    return { canvas, controls, draw, step };
+  };
 })();
+
+document.querySelectorAll(".turning").forEach((figure) => {
+  const body = JSON.parse(figure.querySelector("script").textContent), made = turningOf(body, null);
+  figure.prepend(made.canvas, made.controls);
+  made.step(body.first || 0);
+});

@@ -9,7 +9,6 @@ import numpy as np
 from gtr_jax.errors import listed
 from gtr_jax.files.numbers import measured, number
 from gtr_jax.files.recording import Recording
-from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Report, Section, Table
 
 from ..cell import Cell
@@ -85,7 +84,7 @@ def _figures(found: Inspection, recording: Recording, ending: str) -> list[Figur
     shown = [
         Figure(
             f"channels{ending}",
-            png(draw.plot_channels(recording, found)),
+            draw.plot_channels(recording, found),
             "Both cells over time. The strip shows the phase: in pulling and releasing the tip follows the "
             "base; in transition friction holds it; at rest the base stands still, or the tendon "
             "is slack. Numbers count the pulls.",
@@ -93,7 +92,7 @@ def _figures(found: Inspection, recording: Recording, ending: str) -> list[Figur
         *_close_up(found, recording, ending),
         Figure(
             f"loop{ending}",
-            png(draw.plot_loop(recording, found)),
+            draw.plot_loop(recording, found),
             "The loop. Dashed: the mean ratio of the two tensions on pull and on release.",
         ),
     ]
@@ -101,7 +100,7 @@ def _figures(found: Inspection, recording: Recording, ending: str) -> list[Figur
         shown.append(
             Figure(
                 f"ratio{ending}",
-                png(draw.plot_ratio(recording, found)),
+                draw.plot_ratio(recording, found),
                 "The ratio of the two tensions where the tendon slips. Friction that is alike both ways puts "
                 "release as far above 1 as pull below; by Coulomb's law in a channel of fixed shape both are "
                 "level.",
@@ -114,7 +113,7 @@ def _figures(found: Inspection, recording: Recording, ending: str) -> list[Figur
         shown.append(
             Figure(
                 f"left-out{ending}",
-                png(draw.plot_left_out(recording, chosen)),
+                draw.plot_left_out(recording, chosen),
                 f"The {len(chosen)} largest of {len(glitches)} glitches and dropouts (cross), all left out.",
             )
         )
@@ -122,7 +121,7 @@ def _figures(found: Inspection, recording: Recording, ending: str) -> list[Figur
         shown.append(
             Figure(
                 f"steps{ending}",
-                png(draw.plot_steps(recording.time, found)),
+                draw.plot_steps(recording.time, found),
                 "Steps from sample to sample, of the samples that were kept.",
             )
         )
@@ -130,7 +129,7 @@ def _figures(found: Inspection, recording: Recording, ending: str) -> list[Figur
             shown.append(
                 Figure(
                     f"rates{ending}",
-                    png(draw.plot_rates(recording, found)),
+                    draw.plot_rates(recording, found),
                     "How fast the base tension moves (in steps of the same change of tension), and the "
                     "scatter of each cell from sample to sample at that rate. Dotted: at rest.",
                 )
@@ -139,7 +138,7 @@ def _figures(found: Inspection, recording: Recording, ending: str) -> list[Figur
         shown.append(
             Figure(
                 f"delay{ending}",
-                png(draw.plot_delay(found)),
+                draw.plot_delay(found),
                 "The rates of the two cells, correlated where the tendon slips. The peak is the delay "
                 "(band: two standard errors).",
             )
@@ -151,7 +150,7 @@ def _close_up(found: Inspection, recording: Recording, ending: str) -> list[Figu
     """A few cycles, where the picture of all is too dense to tell one from another."""
     if len(found.cycles.cycles) <= draw.MOST_NAMED:
         return []
-    drawn = png(draw.plot_channels(recording, found, rows=draw.close_up(found)))
+    drawn = draw.plot_channels(recording, found, rows=draw.close_up(found))
     return [Figure(f"cycles{ending}", drawn, "The same, around the largest pull.")]
 
 

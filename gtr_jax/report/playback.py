@@ -1,0 +1,184 @@
+"""A load history for the page: what `playback.js` needs for charts of its samples and the body among them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from gtr_jax.plots.style import GREY, PHASE_COLOUR
+
+from .page import Playback
+
+MOST = 4000  # samples in charts
+DIGITS = 5  # of a value: more than a chart or a load cell shows
+CAPTION = (
+    "Play the history, or go through it with the slider, the arrow keys, or a click into a chart. Drag a box "
+    "to zoom; Shift and drag moves what is seen; the wheel zooms the chart that was clicked last, or with "
+    "Ctrl any; a double click shows all."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """A quantity of K samples: what to call it, its unit and its values as shown, NaN where there is none."""
+
+    label: str
+    unit: str
+    values: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """One quantity over another; dots or a line of one colour, or in the colours of phases, (K,) labels;
+    about it a band, of which `band` is half the height.
+    """
+
+    x: Column
+    y: Column
+    colour: str = GREY
+    style: Literal["line", "dashed", "dots"] = "line"
+    phases: np.ndarray | None = None
+    band: Column | None = None
+
+
+class Span(NamedTuple):
+    """A stretch of the axis across, in its unit: what it is, a mark that is written above it, its colour."""
+
+    start: float
+    end: float
+    label: str
+    mark: str
+    colour: str
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """Lines over common axes.
+
+    Attributes:
+        title, across, up: of the chart and of its axes, with units.
+        lines: in the order in which they are drawn.
+        noise: standard deviation of what is drawn; a band of two of it lies about zero. None for no band.
+        spans: stretches across that are told apart by colour.
+    """
+
+    title: str
+    across: str
+    up: str
+    lines: Sequence[Line]
+    noise: float | None = None
+    spans: Sequence[Span] = ()
+
+
+def playback(
+    charts: Sequence[Chart],
+    *,
+    clock: Column,
+    told: Sequence[Column],
+    unit: str,
+    first: int = 0,
+    body: Mapping[str, Any] | None = None,
+    stills: Sequence[str] = (),
+    says: str = "",
+) -> Playback:
+    """A history of K samples as a part of a page.
+
+    Args:
+        charts: to draw, in this order, after the body.
+        clock: time, or the number, of the samples.
+        told: columns whose present values are told above the charts.
+        unit: what a sample is called.
+        first: the sample that is shown first.
+        body: from `motion.body_of`, or None.
+        stills: as of `Playback`.
+        says: a sentence about these charts, before the one on how to use them.
+    """
+    lines = [line for chart in charts for line in chart.lines]
+    used = [c for line in lines for c in (line.x, line.y, line.band) if c is not None]
+    columns = list(dict.fromkeys([clock, *told, *used]))
+    lists = list({id(line.phases): line.phases for line in lines if line.phases is not None}.values())
+    K = len(clock.values)
+    kept = kept_samples(lines[0].y.values, MOST)
+    if first not in kept:
+        kept = np.sort([*kept, first])
+
+    def one(line: Line) -> dict[str, Any]:
+        which = [i for i, own in enumerate(lists) if own is line.phases]
+        return {
+            "x": columns.index(line.x),
+            "y": columns.index(line.y),
+            "colour": line.colour,
+            "style": line.style,
+            "phases": which[0] if which else None,
+            "band": None if line.band is None else columns.index(line.band),
+        }
+
+    data = {
+        "unit": unit,
+        "of": K,
+        "numbers": (kept + 1).tolist(),
+        "clock": columns.index(clock),
+        "first": int(np.flatnonzero(kept == first)[0]),
+        "columns": [
+            {"label": c.label, "unit": c.unit, "values": _short(np.asarray(c.values, float)[kept])}
+            for c in columns
+        ],
+        "phases": [_phases(own[kept]) for own in lists],
+        "told": [columns.index(column) for column in told],
+        "charts": [
+            {
+                "title": chart.title,
+                "across": chart.across,
+                "up": chart.up,
+                "says": f"{chart.title}: {chart.up} over {chart.across}.",
+                "lines": [one(line) for line in chart.lines],
+                "noise": chart.noise,
+                "spans": [span._asdict() for span in chart.spans],
+                "clock": all(line.x is clock for line in chart.lines),
+            }
+            for chart in charts
+        ],
+        "body": body,
+    }
+    fewer = f" {len(kept):,} of {K:,} samples are shown." if len(kept) < K else ""
+    turned = " Drag the body, or press its arrow keys, to turn it." if body and body["space"] else ""
+    return Playback(data, f"{says} {CAPTION}{turned}{fewer}".strip(), tuple(stills))
+
+
+def kept_samples(values: np.ndarray, most: int) -> np.ndarray:
+    """Which samples of a long recording charts show: of each stretch the least and the largest, so that peaks
+    stay; the first and the last always.
+
+    Args:
+        values: (K,).
+        most: samples to keep, about.
+    """
+    K = len(values)
+    if most >= K:
+        return np.arange(K)
+    known = np.where(np.isfinite(values), values, np.nanmedian(values))
+    ends = np.linspace(0, K, most // 2 + 1).astype(int)
+    picked = [a + int(pick(known[a:b])) for a, b in itertools.pairwise(ends) for pick in _ENDS]
+    return np.unique([0, *picked, K - 1])
+
+
+_ENDS = (np.argmin, np.argmax)
+
+
+def _short(values: np.ndarray) -> list[float | None]:
+    return [float(f"{v:.{DIGITS}g}") if np.isfinite(v) else None for v in values]
+
+
+def _phases(labels: np.ndarray) -> dict[str, Any]:
+    # A line has the colour of its later end, so that the first sample's is seen nowhere unless it is alone.
+    labels = np.concatenate([labels[1:2], labels[1:]]) if len(labels) > 1 else labels
+    names = [name for name in PHASE_COLOUR if name in set(labels.tolist())]
+    return {
+        "names": names,
+        "colours": [PHASE_COLOUR[name] for name in names],
+        "of": "".join(str(names.index(label)) for label in labels.tolist()),
+    }
