@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
 from pydantic import ConfigDict, Field, ModelWrapValidatorHandler, StrictBool, StrictStr, model_validator
 
 from gtr_jax.errors import InputError
@@ -197,11 +198,20 @@ class RobotConfig(FileSection):
         return catalogue_of(self.laws)
 
     @property
-    def term_values(self) -> dict[str, dict[str, float]]:
-        """The numbers of all terms, those of absent ones at their null values, by term and name, SI."""
-        values = null_values(self.laws)
+    def term_values(self) -> dict[str, dict[str, Any]]:
+        """The numbers of all terms, those of absent ones at their null values, by term and name, SI; of one
+        that the file gives to single tendons one for each tendon, (tendons,).
+        """
+        values: dict[str, dict[str, Any]] = dict(null_values(self.laws))
         for term in self.terms:
-            values[term.id] |= {name: getattr(term, name) for name in values[term.id]}
+            own = values[term.id]
+            if term.tendon is None:
+                values[term.id] = own | {name: getattr(term, name) for name in own}
+                continue
+            for name, known in own.items():
+                each = np.array(np.broadcast_to(known, len(self.tendons)), float)
+                each[self.tendon_names.index(term.tendon)] = getattr(term, name)
+                own[name] = each
         return values
 
     def numbers(self) -> dict[str, float]:
@@ -221,16 +231,20 @@ class RobotConfig(FileSection):
 
         Args:
             values: SI numbers or unit strings, by dotted key ("tendon.friction_coefficient",
-                "backbone.outer_radius.0", "tendons.left.preload", "terms.tip-gain.gain") or by a bare key
-                where it is the only one. A term that is not there is added.
+                "backbone.outer_radius.0", "tendons.left.preload", "terms.tip-gain.gain", of one tendon
+                "terms.tip-gain:left.gain") or by a bare key where it is the only one. A term that is not
+                there is added.
 
         Raises InputError naming the key that is unknown or whose value does not fit.
         """
         data = self.model_dump(mode="json", by_alias=True, exclude_none=True)
-        there = {term["kind"] for term in data.get("terms", ())}
+        there = {(term["kind"], term.get("tendon")) for term in data.get("terms", ())}
         for kind, null in null_values().items():
-            if kind not in there and any(key.startswith(f"terms.{kind}.") for key in values):
-                data.setdefault("terms", []).append({"kind": kind, **null})
+            for tendon in (None, *self.tendon_names):
+                table = f"terms.{kind}." if tendon is None else f"terms.{kind}:{tendon}."
+                if (kind, tendon) not in there and any(key.startswith(table) for key in values):
+                    whose = {} if tendon is None else {"tendon": tendon}
+                    data.setdefault("terms", []).append({"kind": kind, **whose, **null})
         keys = {key: value for key, value in dotted(data) if not key.startswith("uncertainty.")}
         for key, value in values.items():
             *parents, last = find_key(key, keys, self.source).split(".")

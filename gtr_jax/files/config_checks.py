@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from gtr_jax.errors import InputError
+from gtr_jax.errors import InputError, excerpt
 from gtr_jax.terms import Term, catalogue_of
 from gtr_jax.terms.term import NO_SLIP, NO_TUG
 
@@ -24,12 +24,20 @@ _NEAR = 1e-9  # relative: the same length written in two units may differ by a r
 
 
 def _check_terms(
-    terms: Sequence[TermConfig], backbone: BackboneConfig, several: bool, known: Mapping[str, Term]
+    terms: Sequence[TermConfig], backbone: BackboneConfig, tendons: Sequence[str], known: Mapping[str, Term]
 ) -> None:
-    kinds, rigid = {term.id for term in terms}, backbone.rigid
+    kinds, rigid, several = {term.id for term in terms}, backbone.rigid, len(tendons) > 1
     for term in terms:
         law, key = known[term.id], f"terms.{term.id}"
         bends = law.bend or law.loads or law.stop
+        if term.tendon is not None:
+            _require(several, f"{key}.tendon", "the robot has one tendon; leave tendon out")
+            _require(
+                term.tendon in tendons,
+                f"{key}.tendon",
+                f"there is no tendon '{excerpt(term.tendon)}'; one of {', '.join(tendons)}",
+            )
+            _require(not bends, f"{key}.tendon", "it acts on the body, not on a tendon; leave tendon out")
         _require(not (rigid and bends), key, "has no effect on a backbone with rigid = true; remove it")
         moved = not rigid or any(known[kind].strain for kind in kinds)
         _require(law.mobilise is None or moved, key, NO_SLIP)
@@ -73,7 +81,9 @@ def check_robot(
     """
     _check_backbone(backbone)
     laws = tuple(term.checked() for term in terms if isinstance(term, LawSection))
-    _check_terms(terms, backbone, len(strung) > 1, catalogue_of(laws))
+    _check_terms(
+        terms, backbone, [getattr(tendon, "name", "") for _, tendon, _ in strung], catalogue_of(laws)
+    )
     for name, tendon, routing in strung:
         table, channel = (f"tendons.{name}", f"tendons.{name}.routing") if name else ("tendon", "routing")
         _check_routing(routing, backbone.length, channel)

@@ -64,7 +64,7 @@ def read_route(path: Path, names: Sequence[str] = ("s", "R")) -> tuple[tuple[flo
 
 def dotted(node: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     """Every key of nested tables and lists with its dotted path; a table in a list stands under its name or
-    its kind, if it has one, else under its number.
+    its kind, if it has one, and the tendon it is for ("terms.tip-gain:left.gain"), else under its number.
     """
     if isinstance(node, dict):
         items = list(node.items())
@@ -79,7 +79,10 @@ def dotted(node: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _name_in_list(value: Any, number: int) -> str:
-    return str(value.get("name", value.get("kind", number))) if isinstance(value, dict) else str(number)
+    if not isinstance(value, dict):
+        return str(number)
+    name, tendon = str(value.get("name", value.get("kind", number))), value.get("tendon")
+    return f"{name}:{tendon}" if isinstance(tendon, str) else name
 
 
 def place_of(part: str, node: Any) -> str | int:

@@ -130,7 +130,7 @@ def check_terms(data: Mapping[str, Any], known: Iterable[str]) -> None:
     terms = data.get("terms", ())
     if not isinstance(terms, list | tuple):
         raise InputError("terms: expected one [[terms]] table for each term")
-    known, seen = [*known], set()
+    known, seen = [*known], {}
     for i, term in enumerate(terms):
         kind = term.get("kind") if isinstance(term, Mapping) else getattr(term, "kind", None)
         if kind is None:
@@ -140,7 +140,11 @@ def check_terms(data: Mapping[str, Any], known: Iterable[str]) -> None:
         name = kind
         if kind == LAW:
             name = term.get("name", LAW) if isinstance(term, Mapping) else getattr(term, "id", LAW)
-        if str(name) in seen:
+        tendon = term.get("tendon") if isinstance(term, Mapping) else getattr(term, "tendon", None)
+        before = seen.setdefault(str(name), [])
+        if tendon in before or (before and (tendon is None or None in before or kind == LAW)):
             key, remedy = ("name", "give each law its own name") if kind == LAW else ("kind", "keep one")
+            if kind != LAW and (tendon is not None or None not in before):
+                remedy = f"{remedy}, or give each a tendon of its own"
             raise InputError(f"terms[{i}].{key}: '{excerpt(name)}' stands twice; {remedy}")
-        seen.add(str(name))
+        before.append(tendon)

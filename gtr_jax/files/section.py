@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, ValidationInfo, model_validator
+from pydantic import BaseModel, ConfigDict, StrictStr, ValidationInfo, model_validator
 
 from .config_form import check_keys
 from .units import Unit
@@ -50,6 +50,8 @@ class TermSection(Section):
     """One physics term; see `gtr_jax.terms`."""
 
     kind: str
+    tendon: StrictStr | None = None
+    """Tendon on which it acts, where there are several; absent: all of them."""
 
     @property
     def id(self) -> str:

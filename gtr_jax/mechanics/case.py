@@ -91,7 +91,7 @@ class Case(eqx.Module):
     mu: Float[Array, "*tendons"]
     preload: Float[Array, "*tendons"]
     tip_moment: Float[Array, "*moment"]
-    terms: dict[str, dict[str, Float[Array, ""]]]
+    terms: dict[str, dict[str, Float[Array, "*each"]]]
     metric: Float[Array, "N *tendons"] | None
     load: Load
     memory: Memory

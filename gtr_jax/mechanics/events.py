@@ -28,6 +28,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..terms import called
 from ..terms.term import Channel
 from .bodies import geometry_of, metric_of, offset_of, turning_of
 from .case import Case, Load, Memory
@@ -72,7 +73,7 @@ def after_tug(case: Case, load: Load, memory: Memory) -> tuple[Memory, Float[Arr
     gripped = case.structure.has("tip_grip")
     end = memory.T_tip if gripped else tension[-1]
     added = sum(
-        hook(case.terms[kind], load.time) - hook(case.terms[kind], load.time - load.dt)
+        called(hook, case.terms[kind], load.time) - called(hook, case.terms[kind], load.time - load.dt)
         for kind, hook in case.structure.hooks("tugged")
     )
     end = jnp.where(end + added > 0, end + added, 0.0)
@@ -101,7 +102,7 @@ def _factor(case: Case, time: Float[Array, ""]) -> Float[Array, " N"]:
     factor = jnp.ones_like(mesh.s)
     for kind, hook in case.structure.hooks("friction"):
         if case.structure.catalogue[kind].loosens:
-            factor = factor * hook(case.terms[kind], at)
+            factor = factor * called(hook, case.terms[kind], at)
     return jnp.where(factor > 0, factor, 0.0)
 
 

@@ -39,7 +39,7 @@ class Robot(NamedTuple):
     mu: Float[Array, "*tendons"]
     preload: Float[Array, "*tendons"]
     tip_moment: Float[Array, "*moment"]
-    terms: dict[str, dict[str, Float[Array, ""]]]
+    terms: dict[str, dict[str, Float[Array, "*each"]]]
 
 
 class Step(eqx.Module):

@@ -31,7 +31,7 @@ import jax.numpy as jnp
 import jax.tree_util as jtu
 from jaxtyping import Array, Bool, Float
 
-from ..terms import is_on
+from ..terms import called, is_on
 from ..terms.term import STILL, Bent, Channel, Passing
 from .bodies import geometry_of, metric_of
 from .case import Case
@@ -162,14 +162,23 @@ def clip(value, low, high):
 
 def product(case: Case, name: str, *args) -> Any:
     """Product of the factors of all terms that have the hook `name`; 1.0 without any."""
-    factors = [hook(case.terms[kind], *args) for kind, hook in case.structure.hooks(name)]
-    return functools.reduce(operator.mul, factors) if factors else 1.0
+    factors = [called(hook, case.terms[kind], *args) for kind, hook in case.structure.hooks(name)]
+    return functools.reduce(operator.mul, _alike(factors)) if factors else 1.0
 
 
 def total(case: Case, name: str, *args) -> Any:
     """Sum of the additions of all terms that have the hook `name`; 0.0 without any."""
-    added = [hook(case.terms[kind], *args) for kind, hook in case.structure.hooks(name)]
-    return functools.reduce(operator.add, added) if added else 0.0
+    added = [called(hook, case.terms[kind], *args) for kind, hook in case.structure.hooks(name)]
+    return functools.reduce(operator.add, _alike(added)) if added else 0.0
+
+
+def _alike(values: list[Any]) -> list[Any]:
+    """Values of one shape, but for scalars; some may be one number for each tendon."""
+    shapes = {jnp.shape(value) for value in values} - {()}
+    if len(shapes) < 2:
+        return values
+    shape = jnp.broadcast_shapes(*shapes)
+    return [jnp.broadcast_to(value, shape) if jnp.ndim(value) else value for value in values]
 
 
 class Equations(eqx.Module):
@@ -283,7 +292,8 @@ class Equations(eqx.Module):
             middle = 0.5 * (carry.slip + near)
             speed = (middle - row.middle) / case.load.dt
             if what.presliding:
-                z, elements = mobilise(self.presliding, middle - row.middle, row.elements)
+                slipped = middle - row.middle
+                z, elements = called(mobilise, self.presliding, slipped, row.elements)
 
         def behind(sense, bound):
             """Tension past the interval if friction is mobilised to `sense`."""

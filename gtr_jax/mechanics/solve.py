@@ -53,7 +53,7 @@ def _left(case: Case, marched: Passed, unknowns: Float[Array, " n"]) -> tuple[Me
         # No law depends on the slip of this step, so the march counted it from the base; count it from the
         # anchor.
         away = marched.slip - total(case, "anchor", marched.T_tip) + total(case, "anchor", case.preload)
-        slip, middle = slip - away, middle - away
+        slip, middle = slip - away[None], middle - away[None]
         speed = (middle - case.memory.middle) / case.load.dt
     if what.terms and not what.follows_slip:
         slip = slip_of(case, nodes.state.kappa, nodes.tension, marched.T_tip)

@@ -221,13 +221,22 @@ def parameters_of(robot: Parts) -> dict[str, Parameter]:
     for kind, values in robot.terms.items():
         term = robot.catalogue[kind]
         for q in term.numbers if robot.space else term.quantities:
-            if q.name in values:
-                name, unit = f"{kind}.{q.name}", "" if q.unit == "dimensionless" else q.unit
-                key = f"terms.{name}"
+            for name, key, at in _of_term(robot, kind, q.name) if q.name in values else ():
+                unit = "" if q.unit == "dimensionless" else q.unit
                 if name in found:
                     raise InputError(f"{key}: the robot has a number {name} already; rename the law")
-                found[name] = Parameter(name, key, unit, q.lower, q.upper, log=q.log, at=key, term=term)
+                found[name] = Parameter(name, key, unit, q.lower, q.upper, log=q.log, at=at, term=term)
     return found
+
+
+def _of_term(robot: Parts, kind: str, number: str) -> Iterator[tuple[str, str, str]]:
+    """Name, key and place of a number of a term, or of each tendon's where each has its own."""
+    whole = f"{kind}.{number}"
+    if not jnp.ndim(robot.terms[kind][number]):
+        yield whole, f"terms.{whole}", f"terms.{whole}"
+        return
+    for i, tendon in enumerate(robot.tendon_names):
+        yield f"{whole}.{tendon}", f"terms.{kind}:{tendon}.{number}", f"terms.{whole}.{i}"
 
 
 def _no_modulus(body: Backbone) -> str:
@@ -333,7 +342,7 @@ def with_values(robot: AnyRobot, values: Mapping[str, Float[Array, ""] | float])
         robot = eqx.tree_at(where, robot, new)
         loaded = loaded or entry.external
         term = entry.term
-        if term is not None and entry.name.partition(".")[2] in [q.name for q in term.sizes]:
+        if term is not None and entry.name.split(".")[1] in [q.name for q in term.sizes]:
             acting.append(term.id)
     acting += known_acting(robot.terms, robot.laws)
     return dataclasses.replace(robot, loaded=loaded, acting=in_order(acting, robot.laws))

@@ -130,7 +130,7 @@ class Parts(eqx.Module):
     backbone: Backbone
     tendons: tuple[Tendon, ...]
     loads: Loads
-    terms: dict[str, dict[str, Float[Array, ""]]]
+    terms: dict[str, dict[str, Float[Array, "*each"]]]
     name: str = eqx.field(static=True)
     intervals: tuple[int, ...] = eqx.field(static=True)
     bore_kinks: tuple[tuple[str, int], ...] = eqx.field(static=True)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from ..robot.robot import Robot
-from ..terms import known_on
+from ..terms import called, known_on
 from ..terms.term import Clock
 
 
@@ -30,8 +30,8 @@ def cells_show(
     at = Clock(time, T_base)
     for term in robot.catalogue.values():
         values = robot.terms[term.id]
-        T_base = T_base if term.base is None else term.base(values, T_base, at)
-        T_tip = T_tip if term.tip is None else term.tip(values, T_tip, at)
+        T_base = T_base if term.base is None else called(term.base, values, T_base, at)
+        T_tip = T_tip if term.tip is None else called(term.tip, values, T_tip, at)
     return Reading(T_base, T_tip)
 
 
@@ -73,12 +73,13 @@ def true_base(
     Raises:
         ValueError: no time for a term that needs it.
     """
-    shown = jnp.asarray(shown, dtype=float)
+    tension: Array = jnp.asarray(shown, dtype=float)
     for term in robot.catalogue.values():
         if time is None and term.timed and term.true_base and known_on(term, robot.terms[term.id]):
             raise ValueError(f"time: {term.id} depends on it; give the time of each sample")
-    clock = jnp.arange(shown.shape[0], dtype=float) if time is None else jnp.asarray(time, dtype=float)
+    clock = jnp.arange(tension.shape[0], dtype=float) if time is None else jnp.asarray(time, dtype=float)
     for term in reversed([*robot.catalogue.values()]):
         if term.true_base is not None:
-            shown = term.true_base(robot.terms[term.id], shown, Clock(clock - clock[0], shown))
-    return shown
+            at = Clock(clock - clock[0], tension)
+            tension = called(term.true_base, robot.terms[term.id], tension, at)
+    return tension

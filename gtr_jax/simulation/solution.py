@@ -18,7 +18,7 @@ from ..mechanics.offset import SpatialOffset
 from ..mechanics.sections import Sections, State, at_tendons
 from ..mechanics.space import SPACE
 from ..robot.parts import Base, Tendon
-from ..terms import REGISTRY
+from ..terms import REGISTRY, called
 from ..terms.term import Values
 from .outcome import outcome
 
@@ -178,8 +178,8 @@ def drawn_out(
     for term in REGISTRY.values():
         if term.ahead is not None:
             values = terms[term.id]
-            strung = term.ahead(values, jnp.broadcast_to(preload, T_base.shape))
-            slip = slip + term.ahead(values, T_base) - strung
+            strung = called(term.ahead, values, jnp.broadcast_to(preload, T_base.shape))
+            slip = slip + called(term.ahead, values, T_base) - strung
     return slip
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -90,11 +91,13 @@ class Lanes:
             own = {axis.name: i for i, axis in enumerate(task.axes) if axis.name.startswith(f"{term.id}.")}
             if term.fault is None or not own:
                 continue
-            values, length = dict(task.config.term_values[term.id]), task.config.backbone.length
+            given, length = task.config.term_values[term.id], task.config.backbone.length
             along = next((i for i, axis in enumerate(task.axes) if axis.name == "length"), None)
+            names = task.config.tendon_names
+            each = names if any(np.ndim(value) for value in given.values()) else ("",)
             for row, point in enumerate(points):
-                values |= {name.partition(".")[2]: float(point[i]) for name, i in own.items()}
-                if term.fault(values, length if along is None else float(point[along])):
+                long = length if along is None else float(point[along])
+                if any(term.fault(_of_tendon(given, own, point, names, whose), long) for whose in each):
                     found["result"][row] = NO_ROBOT
                     for name in found.keys() - {"result"}:
                         found[name][row] = np.nan
@@ -177,3 +180,27 @@ def _squeezed(task: Task, name: str, values: Array) -> Array:
     if per_step is None or "step" not in per_step.dims or len(task.history.kept) > 1:
         return values
     return values[0]
+
+
+def _of_tendon(
+    given: Mapping[str, Any],
+    varied: Mapping[str, int],
+    point: np.ndarray,
+    names: Sequence[str],
+    whose: str,
+) -> dict[str, float]:
+    """The numbers of a term at a point, of one tendon where each has its own.
+
+    Args:
+        given: as the file has them.
+        varied: columns of the point by names of the numbers that vary.
+        point: values of the axes.
+        names: of all tendons.
+        whose: the tendon; "" where the term is of all.
+    """
+    values = {name: float(value[names.index(whose)] if whose else value) for name, value in given.items()}
+    for name, column in varied.items():
+        _, number, *tendon = name.split(".")
+        if "".join(tendon) == whose:
+            values[number] = float(point[column])
+    return values

@@ -18,6 +18,7 @@ from gtr_jax.files.driving import Drive, driven
 from gtr_jax.files.recording import read_recording
 from gtr_jax.files.units import to_si
 from gtr_jax.robot.robot import Robot
+from gtr_jax.terms import known_on
 
 from .axes import Axis
 from .config import SweepConfig
@@ -297,7 +298,7 @@ def _turns(way: np.ndarray) -> list[int]:
 def _timed(config: RobotConfig, axes: Sequence[Axis]) -> str | None:
     """A physics term that depends on time, if any acts."""
     for term in config.catalogue.values():
-        acts = any(config.term_values[term.id][q.name] != q.null for q in term.sizes)
+        acts = known_on(term, config.term_values[term.id])
         varied = any(axis.name.startswith(f"{term.id}.") for axis in axes)
         if term.timed and (acts or varied):
             return term.id

@@ -6,10 +6,11 @@ A robot has these terms and the laws of its own file; `catalogue_of` gives both.
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
@@ -117,6 +118,16 @@ def is_on(term: Term, values: Values) -> Bool[Array, ""]:
     return jnp.any(jnp.stack([values[q.name] != q.null for q in term.sizes]))
 
 
+def called(hook: Callable[..., Any], values: Values, *args: Any) -> Any:
+    """What a hook of a term gives for its numbers. These may be one for each tendon, (tendons,), where the
+    robot file says so: hooks act on each element by itself, with the tendons along the last axis.
+    """
+    if not any(jnp.ndim(value) for value in values.values()):
+        return hook(values, *args)
+    with jax.numpy_rank_promotion("allow"):
+        return hook(values, *args)
+
+
 def known_on(term: Term, values: Mapping[str, Any]) -> bool | None:
     """As `is_on`, but on the host; None if any of these numbers is traced."""
     if any(isinstance(values[q.name], Tracer) for q in term.sizes):
@@ -134,6 +145,7 @@ __all__ = [
     "Law",
     "Quantity",
     "Term",
+    "called",
     "catalogue_of",
     "is_on",
     "known_acting",

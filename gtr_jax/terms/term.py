@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-Values = Mapping[str, Float[Array, ""]]
+Values = Mapping[str, Float[Array, "*each"]]
 
 # A slip [m], a speed [m/s] or a curvature [1/m] that is only rounding, while nothing moves. Laws whose
 # derivative differs between the directions count it as forward, so that all programs take the same one.

@@ -9,10 +9,14 @@ def late(p, T, clock):
     """The tension as late as the clocks are apart, linear between the samples; beyond them the first and last
     value.
     """
-    read = clock - p["delay"] - p["rate"] * clock
     if T.ndim == 1:
-        return jnp.interp(read, clock, T)
-    return jnp.stack([jnp.interp(read, clock, column) for column in T.T], axis=1)
+        return jnp.interp(clock - p["delay"] - p["rate"] * clock, clock, T)
+    each = (jnp.broadcast_to(p[name], T.shape[1:]) for name in ("delay", "rate"))
+    columns = [
+        jnp.interp(clock - delay - rate * clock, clock, column)
+        for delay, rate, column in zip(*each, T.T, strict=True)
+    ]
+    return jnp.stack(columns, axis=1)
 
 
 TERM = Term(
