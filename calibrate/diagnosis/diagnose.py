@@ -431,6 +431,7 @@ def _answer(
                 cycles=cycles_in(part),
                 counted=part.counted,
                 pulls=tuple(pull(i) for i in range(part.tips)),
+                noise=tuple(bench.noise[k]),
             )
         )
     probability = decision.probability

@@ -13,7 +13,9 @@ from gtr_jax.files.plain import plain
 from gtr_jax.notebook import drawn_by
 from gtr_jax.terms import Law, Term, catalogue_of
 
+from ..channels import unit_of
 from ..number import OWN
+from ..readings.noise import Noise
 from ..setup import Part
 from .averaged import Averaged, Hidden
 from .decide import ADEQUATE, AMBIGUOUS, DISCOVERED, MISSING, PARTLY, UNEXPLAINED, Decision
@@ -72,6 +74,7 @@ class Loop:
         cycles: number of the cycle, from 1, (K,).
         counted: samples that are compared, (K,) bool.
         pulls: what concerns each tendon.
+        noise: of each channel.
     """
 
     name: str
@@ -83,6 +86,7 @@ class Loop:
     cycles: np.ndarray
     counted: np.ndarray
     pulls: tuple[Pull, ...]
+    noise: tuple[Noise, ...]
 
     @property
     def tips(self) -> int:
@@ -458,8 +462,20 @@ class Diagnosis:
                     "recording": f.recording or None,
                     "probability": f.probability,
                     "settled": f.settled,
+                    "information": {"names": list(f.numbers), "matrix": f.information},
                 }
                 for f in self.files
+            ],
+            "recordings": [
+                {
+                    "name": loop.name,
+                    "samples": len(loop.cycles),
+                    "channels": {
+                        name: {"unit": unit_of(name), "sd": own.sd, "correlation": own.rho}
+                        for name, own in zip(loop.channels, loop.noise, strict=True)
+                    },
+                }
+                for loop in self.loops
             ],
             "named": self.named,
             "share_explained": self.share_explained,
