@@ -66,7 +66,10 @@ class Marginal:
         """
         fitted = self.fitted
         unit = np.asarray(
-            [n.sd * (abs(n.value(x)) if n.log else 1.0) for n, x in zip(fitted.numbers, fitted.x, strict=True)]
+            [
+                n.sd * (abs(n.value(x)) if n.log else 1.0)
+                for n, x in zip(fitted.numbers, fitted.x, strict=True)
+            ]
         )
         return np.linalg.inv(self.covariance) / np.outer(unit, unit)
 

@@ -33,6 +33,7 @@ from .patterns import Pattern
 from .robots import RobotFile, kinds, robot_files
 from .screen import SEEN, Screened
 from .sentence import DIFFER, sentence
+from .settled import Settled
 
 BAD_DATA = "bad-data"
 Names = tuple[str, ...]
@@ -190,6 +191,7 @@ class Diagnosis:
         hidden: effects that these recordings neither show nor exclude, those that move mu most first.
         discovered: the law that was found; None unless that is the verdict.
         laws: of the robot file, which were tried too where they were null, and those that were looked for.
+        settles: what it settles of an earlier diagnosis, if that was asked.
     """
 
     verdict: str
@@ -224,6 +226,7 @@ class Diagnosis:
     hidden: list[Hidden] = dataclasses.field(default_factory=list)
     discovered: FoundLaw | None = None
     laws: tuple[Law, ...] = ()
+    settles: Settled | None = None
 
     @property
     def catalogue(self) -> Mapping[str, Term]:
@@ -496,6 +499,7 @@ class Diagnosis:
             "next_experiment": proposal,
             "smallest_detectable": self.smallest_detectable,
             "hidden": [h._asdict() for h in self.hidden],
+            "settles": None if self.settles is None else dataclasses.asdict(self.settles),
             "converged": self.converged,
             "warnings": self.warnings,
             "settings": self.settings,

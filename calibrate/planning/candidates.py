@@ -1,4 +1,4 @@
-"""The catalogue of experiments: what to drive, what to do to the rig before, and which instruments to read."""
+"""The catalogue of experiments: what to drive, what to do to the rig before, and what to read."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Candidate:
 
     @property
     def joins(self) -> bool:
-        """Whether its recording can be diagnosed or fitted together with those before: the rig is as it was."""
+        """Whether its recording can be diagnosed or fitted with those before: the rig is as it was."""
         return not self.done
 
 
@@ -89,8 +89,8 @@ def candidates(
     if largest is not None:
         if any(tendon.drive == "displacement" for tendon in robot.tendons):
             raise InputError(
-                "--max-tension: displacement drives a tendon of this robot; leave it out, and the plan keeps to "
-                "the displacements that were recorded"
+                "--max-tension: displacement drives a tendon of this robot; leave it out, and the plan "
+                "keeps to the displacements that were recorded"
             )
         most = np.full(len(most), largest)
         least = np.minimum(least, 0.5 * most)
@@ -109,9 +109,7 @@ def candidates(
             drive[:, tendon] = share * most[tendon]
             whose = f" by {robot.tendon_names[tendon]}" if robot.tendon_names else ""
             for added, sd in readings:
-                found.append(
-                    Candidate(way.name + whose, way.done, added, time, drive, None, sd, way.changed)
-                )
+                found.append(Candidate(way.name + whose, way.done, added, time, drive, None, sd, way.changed))
     return [*found, *_checks(opened, model, float(np.max(most)), longest)]
 
 
@@ -152,7 +150,7 @@ def _readings(opened: Opened, largest: float) -> list[tuple[tuple[str, ...], dic
         for words, names in ((POSE, pose), (DRAWN, drawn), (MARKERS, places)):
             if names and not any(name in before for name in names):
                 more[words] = {n: POSE_NOISE.get(quantity_of(n)) or MARKER_NOISE[unit_of(n)] for n in names}
-    found = [((), before)] if before else []
+    found: list[tuple[tuple[str, ...], dict[str, float]]] = [((), before)] if before else []
     found += [((words,), before | sd) for words, sd in more.items()]
     if len(more) > 1:
         every = {name: sd for each in more.values() for name, sd in each.items()}

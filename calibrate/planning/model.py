@@ -1,4 +1,4 @@
-"""A model that recordings leave open: a robot, the numbers of it that are not known, and what is known of them."""
+"""A model that recordings leave open: a robot, its numbers that are not known, and what is known of them."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from gtr_jax.terms import known_acting
 from ..diagnosis.rig import friction_of, resolution_of, stiffness_of
 from ..number import UNIT_SCALE, Number
 
-# A number of which nothing is known counts as known to its own size; derivatives are taken over a change of at
-# most this share of it.
+# A number of which nothing is known counts as known to its own size; derivatives are taken over a change of
+# at most this share of it.
 NOTHING_KNOWN, SMALL = 1.0, 0.1
 
 
@@ -27,17 +27,18 @@ class OpenModel:
         name: what it has beyond the base model, in words.
         file: the robot file that holds it, by its name.
         probability: of the model; 1 where it has no rival.
+        config: its robot file.
         robot: on a coarse mesh, without what happens once.
         numbers: what is not known of it, p of them, each at its value where the coordinate is zero, in steps
             that its standard deviation or its size allows.
         information: about the coordinates, (p, p).
-        asked: which of the numbers are to be known better, (p,) bool: those that no robot file calls
-            uncertain.
+        asked: which of the numbers are to be known better, (p,) bool.
     """
 
     name: str
     file: str
     probability: float
+    config: RobotConfig
     robot: Robot
     numbers: tuple[Number, ...]
     information: np.ndarray
@@ -66,6 +67,7 @@ def open_model(
     probability: float = 1.0,
     names: Sequence[str],
     information: np.ndarray,
+    asked: Sequence[str] | None = None,
 ) -> OpenModel:
     """A model from its robot file and what is known of some of its numbers.
 
@@ -74,6 +76,8 @@ def open_model(
         config: the file.
         names: of the numbers.
         information: about them, per product of their SI units, (p, p).
+        asked: which of them are to be known better; friction, stiffness and the numbers of terms unless
+            given.
     """
     config = _without_events(config)
     robot = build_robot(config, resolution=resolution_of(build_robot(config)))
@@ -101,15 +105,15 @@ def open_model(
         for e, v, s in zip(entries, values, step, strict=True)
     )
     told = np.linalg.inv(covariance / np.outer(step, step))
-    asked = np.asarray([e.key not in config.uncertainty for e in entries], bool)
-    if not asked.any():
-        asked = np.ones(len(asked), bool)
-    return OpenModel(name, file, probability, robot, numbers, 0.5 * (told + told.T), asked)
+    if asked is None:
+        asked = [e.name for e in entries if e.term is not None] + friction_of(robot) + stiffness_of(robot)
+    counts = np.asarray([e.name in asked for e in entries], bool)
+    return OpenModel(name, file, probability, config, robot, numbers, 0.5 * (told + told.T), counts)
 
 
 def known_beforehand(config: RobotConfig) -> tuple[list[str], np.ndarray]:
-    """The numbers of a robot file that recordings would be fitted to, and what the file says of them: friction,
-    stiffness, the numbers of its terms, and whatever `[uncertainty]` names.
+    """The numbers of a robot file that recordings would be fitted to, and what the file says of them:
+    friction, stiffness, the numbers of its terms, and whatever `[uncertainty]` names.
     """
     robot = build_robot(_without_events(config))
     acting = known_acting(robot.terms, robot.laws)

@@ -41,7 +41,7 @@ class Opened:
         resting: the same at least.
         pace: seconds of a loop that is neither slow nor fast.
         recordings: files that were recorded so far, as they were named.
-        robot: the robot file as it was named; "" where that is not known.
+        command: line that answered so far; "" of robot files alone.
         left_out: sentences on what is left out of the plan.
     """
 
@@ -53,7 +53,7 @@ class Opened:
     resting: np.ndarray
     pace: float
     recordings: tuple[str, ...] = ()
-    robot: str = ""
+    command: str = ""
     left_out: tuple[str, ...] = ()
 
     @property
@@ -109,8 +109,8 @@ def open_files(
         )
         if any(tendon.drive == "displacement" for tendon in model.robot.tendons):
             raise InputError(
-                f"{path}: displacement drives a tendon, and no recording tells how far; give the run folder of "
-                "a diagnosis or a fit"
+                f"{path}: displacement drives a tendon, and no recording tells how far; give the run "
+                "folder of a diagnosis or a fit"
             )
         models.append(model)
     if len({model.robot.tendon_names for model in models}) > 1:
@@ -125,7 +125,6 @@ def open_files(
         largest=np.full(tendons, largest),
         resting=np.zeros(tendons),
         pace=PACE,
-        robot=str(paths[0]),
     )
 
 
@@ -161,7 +160,9 @@ def _of_diagnosis(folder: Path, answer: Mapping[str, Any]) -> Opened:
     left_out = []
     if len(chosen) > MOST:
         names = ", ".join(_held(f) for f in chosen[MOST:])
-        left_out.append(f"Of {len(chosen)} rivals the {MOST} most probable are planned with, without {names}.")
+        left_out.append(
+            f"Of {len(chosen)} rivals the {MOST} most probable are planned with, without {names}."
+        )
     if several:
         left_out.append(f"Numbers that differ between the recordings are those of {last}, the last one.")
     if not chosen:
@@ -218,7 +219,15 @@ def _of_fit(folder: Path, answer: Mapping[str, Any]) -> Opened:
     left_out = ()
     if len(names) < len(known["names"]):
         left_out = (f"Numbers of which each recording has its own are those of {last}, the last one.",)
-    model = open_model("the fitted model", fitted[0].name, load_config(fitted[0]), names=names, information=matrix)
+    free = [name.partition(OWN)[0] for name in answer["settings"]["free"]]
+    model = open_model(
+        "the fitted model",
+        fitted[0].name,
+        load_config(fitted[0]),
+        names=names,
+        information=matrix,
+        asked=free,
+    )
     noise = _noise(answer, path, tip=None)
     return _opened(folder, answer, answer["verdict"], [model], noise, "fit", left_out)
 
@@ -256,8 +265,8 @@ def _opened(
     largest = np.max([np.max(rows, axis=0) for rows, _ in driven], axis=0)
     resting = np.min([np.min(rows, axis=0) for rows, _ in driven], axis=0)
     lasts = [float(np.ptp(time)) for _, time in driven if time is not None]
-    inputs = answer.get("settings", {}).get("inputs", {})
-    paths = {role: own["path"] for role, own in inputs.items()}
+    settings = answer.get("settings", {})
+    paths = {role: own["path"] for role, own in settings.get("inputs", {}).items()}
     return Opened(
         source=str(folder),
         verdict=says,
@@ -267,7 +276,7 @@ def _opened(
         resting=np.atleast_1d(resting),
         pace=max(lasts[-1] / LOOPS, 1.0) if lasts else PACE,
         recordings=tuple(path for role, path in paths.items() if role.startswith("recording")),
-        robot=next((path for role, path in paths.items() if role.startswith("robot")), ""),
+        command=settings.get("command") or f"gtr {stem.replace('diagnosis', 'diagnose')} ROBOT.toml REC.csv",
         left_out=left_out,
     )
 

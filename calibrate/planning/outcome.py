@@ -21,6 +21,9 @@ from .model import OpenModel
 
 # Change of a coordinate to each side by which derivatives are taken: wide enough to cross kinks of friction.
 STEP = 0.5
+# Rounds of a refit, the shares of a step that are tried, and the share of the cost that a round must gain for
+# another to follow.
+ROUNDS, SHARES, SETTLED = 6, (1.0, 0.4, 0.15), 0.02
 Shows = Callable[[Values], np.ndarray | None]
 
 
@@ -64,7 +67,9 @@ def shows(model: OpenModel, candidate: Candidate, channels: Sequence[str]) -> Sh
     return shown
 
 
-def outcome(model: OpenModel, shown: Shows, channels: Sequence[str]) -> Outcome | None:
+def outcome(
+    model: OpenModel, shown: Shows, channels: Sequence[str], x: np.ndarray | None = None
+) -> Outcome | None:
     """What an experiment would show under a model, with derivatives by differences; None where load steps do
     not converge.
 
@@ -72,96 +77,68 @@ def outcome(model: OpenModel, shown: Shows, channels: Sequence[str]) -> Outcome 
         model: the model.
         shown: from `shows`.
         channels: that it reads.
+        x: coordinates of its numbers, (p,); at zero unless given.
     """
-    start = shown(model.values)
+    x = np.zeros(len(model.numbers)) if x is None else x
+    start = shown(model.at(x))
     if start is None:
         return None
     slopes = []
-    for i in range(len(model.numbers)):
+    for i, n in enumerate(model.numbers):
         ends = []
         for step in (-STEP, STEP):
-            x = np.zeros(len(model.numbers))
-            x[i] = np.clip(step, *model.numbers[i].bounds)
-            there = shown(model.at(x)) if x[i] else start
+            moved = np.array(x)
+            moved[i] = np.clip(x[i] + step, *n.bounds)
+            there = start if moved[i] == x[i] else shown(model.at(moved))
             if there is None:
                 return None
-            ends.append((x[i], there))
+            ends.append((moved[i], there))
         (low, before), (high, after) = ends
         slopes.append((after - before) / (high - low))
     return Outcome(tuple(channels), start, np.stack(slopes, axis=-1))
 
 
 def refitted(
-    model: OpenModel, shown: Shows, candidate: Candidate, channels: Sequence[str], target: np.ndarray
-) -> tuple[float, np.ndarray] | None:
+    model: OpenModel, shown: Shows, candidate: Candidate, target: np.ndarray, first: Outcome
+) -> tuple[float, np.ndarray]:
     """How far a model stays from what another one would show, once its numbers have followed within what is
-    known of them: Gauss-Newton, halving steps that do not help.
+    known of them: Gauss-Newton, with shorter steps where a whole one does not help.
 
     Args:
         model: that is refitted.
-        shown, channels: as of `outcome`.
+        shown: from `shows`.
         candidate: the experiment.
         target: what the other model shows of its channels, in standard deviations of the noise, (n,).
+        first: what the model shows before.
 
     Returns:
-        The distance [standard errors], what is known of the numbers counted in, and the readings of the
-        refitted model in standard deviations of the noise, (n,); None where load steps do not converge.
+        The distance [standard errors], in which what is known of the numbers is counted, and the readings
+        of the refitted model, SI, (C, K).
     """
-    at = [channels.index(name) for name in candidate.sd]
-    sd = np.asarray(list(candidate.sd.values()))[:, None]
-    first = outcome(model, shown, channels)
-    if first is None:
-        return None
     low, high = (np.asarray([n.bounds[k] for n in model.numbers]) for k in (0, 1))
-    x = np.zeros(len(model.numbers))
-    rows, slopes = first.weighed(candidate)
 
     def cost(x: np.ndarray, rows: np.ndarray) -> float:
         return float(np.sum((rows - target) ** 2) + x @ model.information @ x)
 
-    best = cost(x, rows)
+    x, here = np.zeros(len(model.numbers)), first
+    best = cost(x, here.weighed(candidate)[0])
     for _ in range(ROUNDS):
+        rows, slopes = here.weighed(candidate)
         normal = slopes.T @ slopes + model.information
         step = -np.linalg.solve(normal, slopes.T @ (rows - target) + model.information @ x)
-        for share in (1.0, 0.5, 0.25, 0.1):
-            there = np.clip(x + share * step, low, high)
-            seen = shown(model.at(there))
-            if seen is None:
-                continue
-            moved = (seen[at] / sd).ravel()
-            if cost(there, moved) < best:
+        before, there = best, None
+        for share in SHARES:
+            moved = np.clip(x + share * step, low, high)
+            there = outcome(model, shown, here.channels, moved)
+            if there is not None and cost(moved, there.weighed(candidate)[0]) < best:
                 break
-        else:
+            there = None
+        if there is None:
             break
-        gained = best - cost(there, moved)
-        x, rows, best = there, moved, cost(there, moved)
-        if gained < SETTLED * best:
+        x, here, best = moved, there, cost(moved, there.weighed(candidate)[0])
+        if before - best < SETTLED * best:
             break
-        slopes = _slopes_at(model, shown, x, (at, sd), slopes)
-    return float(np.sqrt(best)), rows
-
-
-# Rounds of a refit, and share of the cost that a round must gain for another to follow.
-ROUNDS, SETTLED = 6, 0.02
-
-
-def _slopes_at(
-    model: OpenModel, shown: Shows, x: np.ndarray, of: tuple[list[int], np.ndarray], before: np.ndarray
-) -> np.ndarray:
-    """Derivatives of the weighed readings at coordinates, (n, p); those before where load steps fail."""
-    at, sd = of
-    found = np.array(before)
-    for i, n in enumerate(model.numbers):
-        ends = []
-        for step in (-STEP, STEP):
-            moved = np.array(x)
-            moved[i] = np.clip(x[i] + step, *n.bounds)
-            seen = shown(model.at(moved))
-            if seen is not None:
-                ends.append((moved[i], (seen[at] / sd).ravel()))
-        if len(ends) == 2 and ends[1][0] > ends[0][0]:
-            found[:, i] = (ends[1][1] - ends[0][1]) / (ends[1][0] - ends[0][0])
-    return found
+    return float(np.sqrt(best)), here.rows
 
 
 def _part(model: OpenModel, candidate: Candidate, channels: Sequence[str]) -> Part:
@@ -193,5 +170,7 @@ def _cells(model: OpenModel, candidate: Candidate, values: Values) -> np.ndarray
     tip = np.tile(candidate.weight[:, None], (1, len(several))) if several else candidate.weight
     base = candidate.drive if several else candidate.drive[:, 0]
     shown = cells_show(robot, jnp.asarray(base), jnp.asarray(tip), jnp.asarray(candidate.time))
-    each = [np.asarray(values).reshape(len(candidate.time), -1)[:, 0] for values in (shown.T_base, shown.T_tip)]
+    each = [
+        np.asarray(values).reshape(len(candidate.time), -1)[:, 0] for values in (shown.T_base, shown.T_tip)
+    ]
     return np.stack(each)

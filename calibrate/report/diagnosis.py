@@ -240,8 +240,26 @@ def numbers_table(answer: Diagnosis) -> Table | None:
     return Table("Numbers", heads, rows, note=note)
 
 
+def _settled(answer: Diagnosis) -> list[Table]:
+    """What became of the rivals of an earlier diagnosis."""
+    if answer.settles is None:
+        return []
+    rows = [
+        (
+            " with ".join(r.terms),
+            r.status,
+            number(r.before, digits=2),
+            number(r.after, digits=2),
+            "not refitted" if r.behind is None else number(r.behind, digits=3),
+        )
+        for r in answer.settles.rivals
+    ]
+    heads = ("rival", "", "probability before", "now", "behind the best by [standard errors]")
+    return [Table("What these recordings settle", heads, rows, note=answer.settles.says)]
+
+
 def _tables(answer: Diagnosis) -> list[Table]:
-    tables = _differing(answer)
+    tables = [*_settled(answer), *_differing(answer)]
     if answer.where:
         rows = [(w.says, number(w.z, digits=3), f"{100 * w.share:.0f} %") for w in answer.where]
         tables.append(
