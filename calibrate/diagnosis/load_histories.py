@@ -9,6 +9,8 @@ import numpy as np
 LOOPS, REST, ALONE = 8, 20.0, 60.0
 # Share of the largest base tension at which the tendon rests.
 RESTING = 0.02
+# Samples of a hold, as a share of those of a leg that moves.
+SHARE_OF_HOLD = 0.3
 
 
 def menu(largest: float, samples: int, duration: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -68,10 +70,11 @@ def further(largest: float, samples: int, duration: float) -> dict[str, tuple[np
 
 def _through(corners: np.ndarray, times: np.ndarray, samples: int) -> tuple[np.ndarray, np.ndarray]:
     """A course that is straight between corners, with a sample at each of them. Legs have samples in
-    proportion to the root of their time, so that short ones are seen as well.
+    proportion to the root of their time, so that short ones are seen as well; a hold, whose readings share
+    the error of what was driven before, has few however long it is.
     """
-    legs = np.diff(times)
-    each = np.sqrt(legs / legs.sum())
+    each, holds = np.sqrt(np.diff(times)), np.diff(corners) == 0
+    each[holds] = np.minimum(each[holds], SHARE_OF_HOLD * np.mean(each[~holds]))
     ends = np.round((samples - 1) * np.concatenate([[0.0], np.cumsum(each / each.sum())])).astype(int)
     t = np.interp(np.arange(samples), ends, times)
     return t, np.interp(t, times, corners)

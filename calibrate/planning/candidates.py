@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -20,13 +20,18 @@ from .opened import READINGS, TENSION_SD, Opened
 # Standard deviation of a marker's place and of the angle of its section where none was recorded [m, rad].
 MARKER_NOISE = {"m": 3e-4, "rad": 5e-3}
 TENSION, POSE, DRAWN, MARKERS = (
-    "a load cell at the tip",
-    "the pose of the tip recorded",
-    "the tendon's displacement recorded",
-    "the markers recorded",
+    "the tension at the tip",
+    "the pose of the tip",
+    "the tendon's displacement",
+    "the markers",
 )
 # What it takes to do something to the rig, and to add an instrument, in the worth of `plan`.
 EFFORT_OF_RIG, EFFORT_OF_INSTRUMENT = 1.0, 0.5
+
+
+def listed(names: Sequence[str], word: str = "and") -> str:
+    """Names as a sentence lists them: a, b and c."""
+    return f" {word} ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -62,7 +67,10 @@ class Candidate:
     @property
     def in_words(self) -> str:
         """What it is, in words."""
-        return ", ".join((self.name, *([self.done] if self.done else []), *self.added))
+        more = [self.done] if self.done else []
+        if self.added:
+            more.append(f"{listed(self.added)} recorded")
+        return f"{self.name}, with {listed(more)}" if more else self.name
 
     @property
     def joins(self) -> bool:

@@ -233,9 +233,9 @@ def _of_fit(folder: Path, answer: Mapping[str, Any]) -> Opened:
 
 
 def _noise(answer: Mapping[str, Any], path: Path, *, tip: float | None) -> dict[str, float]:
-    """Standard deviation of each recorded channel, SI, of the recording in which it is largest: as if the
-    readings were independent, so that those of correlated ones are larger. That of the tip's cell is at least
-    `tip` [N], in which the noise of the base cell is counted.
+    """Standard deviation of each recorded channel, SI, of the recording in which it is largest; of correlated
+    readings as large as if they were independent. In that of the tip's cell the noise of the base cell is
+    counted, as if the tip followed all of it; it is at least `tip` [N].
     """
     found: dict[str, float] = {}
     for recording in _entry(answer, "recordings", path):
@@ -245,7 +245,7 @@ def _noise(answer: Mapping[str, Any], path: Path, *, tip: float | None) -> dict[
             grown = (1 + rho) / (1 - rho) if "correlation" in own else tau
             sd = float(own["sd"] or 0.0) * float(np.sqrt(max(grown, 1.0)))
             if quantity_of(name) == "T_tip":
-                sd = max(sd, tip or 0.0)
+                sd = max(np.hypot(sd, float(recording.get("noise_base_N") or 0.0)), tip or 0.0)
             found[name] = max(found.get(name, 0.0), sd)
     return {name: sd for name, sd in found.items() if sd > 0}
 

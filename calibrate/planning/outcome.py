@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -24,6 +25,7 @@ STEP = 0.5
 # Rounds of a refit, the shares of a step that are tried, and the share of the cost that a round must gain for
 # another to follow.
 ROUNDS, SHARES, SETTLED = 6, (1.0, 0.4, 0.15), 0.02
+_cells_show = eqx.filter_jit(cells_show)
 Shows = Callable[[Values], np.ndarray | None]
 
 
@@ -169,7 +171,7 @@ def _cells(model: OpenModel, candidate: Candidate, values: Values) -> np.ndarray
     several = robot.tendon_names
     tip = np.tile(candidate.weight[:, None], (1, len(several))) if several else candidate.weight
     base = candidate.drive if several else candidate.drive[:, 0]
-    shown = cells_show(robot, jnp.asarray(base), jnp.asarray(tip), jnp.asarray(candidate.time))
+    shown = _cells_show(robot, jnp.asarray(base), jnp.asarray(tip), jnp.asarray(candidate.time))
     each = [
         np.asarray(values).reshape(len(candidate.time), -1)[:, 0] for values in (shown.T_base, shown.T_tip)
     ]

@@ -21,9 +21,11 @@ from .outcome import Outcome, Shows, outcome, refitted, shows
 from .words import NARROWS, TELLS, in_words
 from .worth import pairs, sd_after, separations, worth_of_narrowing, worth_of_separation
 
-# Candidates whose separation is computed again with every rival refitted, beyond the first order.
-CONFIRMED = 3
+# Candidates, at most, whose separation is computed again with every rival refitted, beyond the first order:
+# the first ones, until the first of all is one of them.
+CONFIRMED = 12
 SETTLES, PARTLY, NOTHING = "settles", "settles-some", "settles-nothing"
+NARROWS_ONE, NARROWS_NONE = "narrows", "narrows-nothing"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -71,8 +73,9 @@ class Plan:
 
     Attributes:
         opened: what is open.
-        verdict: "settles" where the experiment would settle it, "settles-some" where it would tell some of
-            the rivals apart, "settles-nothing" where no experiment of the catalogue does.
+        verdict: "settles" where the experiment would tell all rivals apart, "settles-some" where some of
+            them, "settles-nothing" where no experiment of the catalogue does; of one model "narrows" or
+            "narrows-nothing".
         says: the same in sentences.
         ranked: every experiment that could be simulated, the best first.
         best_of: distance of each pair of models in the experiment that tells it apart best, (m, m).
@@ -93,7 +96,7 @@ class Plan:
     @property
     def chosen(self) -> Candidate | None:
         """The experiment to do; None where none settles anything."""
-        return None if self.verdict == NOTHING else self.ranked[0].candidate
+        return None if self.verdict in (NOTHING, NARROWS_NONE) else self.ranked[0].candidate
 
     def to_json(self) -> dict[str, Any]:
         """The contents of `next.json`."""
@@ -197,8 +200,12 @@ def plan(
     trial_of = {id(c): trial for group, trial in zip(groups, trials, strict=True) for c in group}
     if opened.rivals:
         progress("refitting the rivals to what the best experiments would show")
-        top = [_confirmed(opened, r, trial_of[id(r.candidate)]) for r in ranked[:CONFIRMED]]
-        ranked = sorted(top, key=_order) + ranked[CONFIRMED:]
+        for _ in range(CONFIRMED):
+            if ranked[0].confirmed:
+                break
+            first = _confirmed(opened, ranked[0], trial_of[id(ranked[0].candidate)])
+            ranked = sorted([first, *ranked[1:]], key=_order)
+        ranked.sort(key=lambda r: not r.confirmed)
     best_of = np.max([r.separation for r in ranked], axis=0)
     best = ranked[0]
     verdict = _verdict(opened, best, counts)
@@ -206,7 +213,7 @@ def plan(
     return Plan(
         opened=opened,
         verdict=verdict,
-        says=in_words(opened, best, best_of, counts, verdict == NOTHING),
+        says=in_words(opened, ranked, counts, nothing=verdict in (NOTHING, NARROWS_NONE)),
         ranked=ranked,
         best_of=best_of,
         expected=_expected(models, best.candidate, trial),
@@ -233,8 +240,7 @@ def _counted(opened: Opened, wanted: Sequence[str]) -> np.ndarray:
     names = [n.name for n in first.numbers]
     for name in wanted:
         if name not in names:
-            known = ", ".join(names)
-            raise InputError(f"--for: no free number '{name}'{did_you_mean(name, names)}; known: {known}")
+            raise InputError(f"--for: no free number '{name}'; {did_you_mean(name, names)}")
     return np.asarray([name in wanted for name in names])
 
 
@@ -295,7 +301,7 @@ def _verdict(opened: Opened, best: Ranked, counts: np.ndarray) -> str:
         told = pairs(best.separation) > TELLS
         return SETTLES if told.all() else PARTLY if told.any() else NOTHING
     narrowed = (best.sd / opened.models[0].sd)[counts]
-    return SETTLES if float(np.min(narrowed)) < NARROWS else NOTHING
+    return NARROWS_ONE if float(np.min(narrowed)) < NARROWS else NARROWS_NONE
 
 
 def _expected(models: Sequence[OpenModel], candidate: Candidate, trial: _Trial | None) -> Expected:

@@ -10,12 +10,13 @@ import numpy as np
 from gtr_jax.files.numbers import display_unit, measured_quantity, number, quantity
 from gtr_jax.files.quantities import column_of
 from gtr_jax.plots.style import png
-from gtr_jax.report.page import Figure, Report, Table
+from gtr_jax.report.page import Figure, Report, Section, Table
 
 from ..channels import quantity_of, unit_of, words_of
-from ..planning.candidates import Candidate
-from ..planning.plan import Plan
+from ..planning.candidates import Candidate, listed
+from ..planning.plan import Plan, Ranked
 from ..planning.words import TELLS
+from ..planning.worth import ENOUGH, pairs, worth_of_separation
 from . import plan_figures as draw
 from .diagnosis_figures import plot_history
 
@@ -31,17 +32,35 @@ def plan_report(plan: Plan, name: str, steps: Sequence[str]) -> Report:
         name: of the robot.
         steps: what to do, a sentence each, from `steps_of`.
     """
-    tables = []
+    tables, drive, expected = [], *_figures(plan)
     if plan.chosen is not None:
         rows = [(f"{k}.", step) for k, step in enumerate(steps, start=1)]
         tables = [Table("What to do", ("", ""), rows), *_corners(plan)]
+    more = Section(
+        title="Why this experiment",
+        verdict=_why(plan),
+        figures=[expected],
+        tables=[*_told(plan), *_narrowed(plan), _catalogue(plan), _models(plan)],
+    )
     return Report(
         title=f"{name}: what to measure next",
         verdict=plan.says,
         warnings=plan.warnings,
-        figures=_figures(plan),
-        tables=[*tables, *_told(plan), *_narrowed(plan), _catalogue(plan), _models(plan)],
+        figures=[drive],
+        tables=tables,
+        sections=[more],
     )
+
+
+def _why(plan: Plan) -> str:
+    """What the catalogue was judged by."""
+    count, models = len(plan.ranked), plan.opened.models
+    if plan.opened.rivals:
+        return (
+            f"{count} experiments were simulated under each of {len(models)} models that may be true. What "
+            "counts is how far apart their readings stay once each model has followed the others."
+        )
+    return f"{count} experiments were simulated. What counts is how much they would narrow the intervals."
 
 
 def steps_of(plan: Plan, *, file: str, then: str) -> list[str]:
@@ -94,7 +113,7 @@ def _read(c: Candidate, plan: Plan) -> str:
         *(_header(name) for name in c.sd if quantity_of(name) != quantity_of(drive)),
     ]
     columns = list(dict.fromkeys(columns))
-    added = f" New beside what was recorded so far: {', '.join(c.added)}." if c.added else ""
+    added = f" New beside what was recorded so far: {listed(c.added)}." if c.added else ""
     return f"Record the columns {', '.join(columns)}.{added}"
 
 
@@ -149,7 +168,8 @@ def telling_channel(plan: Plan) -> int:
     return int(np.argmax(np.sum(off**2, axis=(0, 2)))) if len(off) > 1 else 0
 
 
-def _figures(plan: Plan) -> list[Figure]:
+def _figures(plan: Plan) -> tuple[Figure, Figure]:
+    """What is driven, and what would be read."""
     c, e, robot = plan.ranked[0].candidate, plan.expected, plan.opened.models[0].robot
     names = list(robot.tendon_names) or [""]
     if c.weight is not None:
@@ -187,10 +207,10 @@ def _figures(plan: Plan) -> list[Figure]:
     else:
         caption += " under the model as it is known so far."
     title = "The experiment" if plan.chosen is not None else "The best experiment of the catalogue"
-    return [
+    return (
         Figure("next-experiment", png(history), f"{title}: {c.in_words}."),
         Figure("expected", png(drawn_rows), caption),
-    ]
+    )
 
 
 def _told(plan: Plan) -> list[Table]:
@@ -201,8 +221,8 @@ def _told(plan: Plan) -> list[Table]:
     rows = [
         (
             f"{models[i].name} / {models[j].name}",
-            number(plan.ranked[0].separation[i, j], digits=3),
-            number(plan.best_of[i, j], digits=3),
+            f"{plan.ranked[0].separation[i, j]:.1f}",
+            f"{plan.best_of[i, j]:.1f}",
         )
         for i, j in itertools.combinations(range(len(models)), 2)
     ]
@@ -230,27 +250,35 @@ def _narrowed(plan: Plan) -> list[Table]:
 
 
 def _catalogue(plan: Plan) -> Table:
-    rivals = plan.opened.rivals
     rows = [
-        (
-            own.candidate.in_words,
-            quantity(float(own.candidate.time[-1]), "s", 3),
-            number(own.least, digits=3)
-            if rivals
-            else ", ".join(
-                f"{n.name} {quantity(float(sd), n.unit, 2)}"
-                for n, sd in zip(plan.opened.models[0].numbers, own.sd, strict=True)
-                if n.name in plan.wanted
-            ),
-        )
+        (own.candidate.in_words, quantity(float(own.candidate.time[-1]), "s", 3), *_tells(plan, own))
         for own in plan.ranked[:LISTED]
     ]
-    worth = "least distance of two rivals [standard errors]" if rivals else "standard deviations with it"
-    left = len(plan.ranked) - len(rows)
+    heads = ("pairs told apart", "mean distance") if plan.opened.rivals else ("standard deviations with it",)
     note = "Ranked by what they tell, less the effort of changing the rig or adding an instrument."
-    if left > 0:
-        note += f" {left} more are in next.json."
-    return Table("The catalogue", ("experiment", "takes", worth), rows, note=note)
+    if plan.opened.rivals:
+        note += (
+            f" Mean distance: over all pairs, in standard errors, of which {ENOUGH:g} are enough. Those with "
+            "a star are computed to first order only, which says too much where models follow each other far."
+        )
+    if len(plan.ranked) > len(rows):
+        note += f" {len(plan.ranked) - len(rows)} more are in next.json."
+    return Table("The catalogue", ("experiment", "takes", *heads), rows, note=note)
+
+
+def _tells(plan: Plan, own: Ranked) -> tuple[str, ...]:
+    """What an experiment tells, as cells of the table."""
+    if not plan.opened.rivals:
+        numbers = zip(plan.opened.models[0].numbers, own.sd, strict=True)
+        return (
+            ", ".join(
+                f"{n.name} {quantity(float(sd), n.unit, 2)}" for n, sd in numbers if n.name in plan.wanted
+            ),
+        )
+    both = pairs(own.separation)
+    star = "" if own.confirmed else "*"
+    mean = worth_of_separation(own.separation, 0.0)
+    return (f"{int(np.sum(both > TELLS))} of {len(both)}{star}", f"{mean:.1f}{star}")
 
 
 def _models(plan: Plan) -> Table:

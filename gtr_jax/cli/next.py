@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from calibrate.planning import Opened, Plan
 
 HISTORY, NEW = "next-experiment.csv", "NEW.csv"
+# Decimals, in SI, of what the rig is changed by: the cosine of a right angle is not quite zero.
+ROUNDED = 12
 
 
 @click.command("next")
@@ -150,7 +152,7 @@ def rig_files(answer: Plan) -> dict[str, Any]:
     for model in answer.opened.models:
         keys = {n.name: n.key for n in model.numbers}
         values = {
-            keys.get(name, f"terms.{name}"): value
+            keys.get(name, f"terms.{name}"): round(value, ROUNDED)
             for name, value in chosen.changed(model.values).items()
             if value != model.values.get(name)
         }
