@@ -20,6 +20,7 @@ from gtr_jax.errors import InputError
 from gtr_jax.interruption import INTERRUPTED, NOTHING_WRITTEN, interruption
 
 from . import demo, design, diagnose, fit, init, inspect, next, paper, schema, simulate, sweep, terms
+from .options import with_terms_option
 
 ANSWERED, NOT_CONVERGED, BAD_INPUT = 0, 1, 2
 
@@ -52,21 +53,19 @@ def cli() -> None:
     """
 
 
+for _command in (init.init, inspect.inspect, demo.demo, paper.paper):
+    cli.add_command(_command)
 for _command in (
-    init.init,
     simulate.simulate,
-    inspect.inspect,
     fit.fit,
     diagnose.diagnose,
     next.next_,
     design.design,
     sweep.sweep,
-    demo.demo,
-    paper.paper,
     terms.terms,
     schema.schema,
 ):
-    cli.add_command(_command)
+    cli.add_command(with_terms_option(_command))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

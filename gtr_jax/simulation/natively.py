@@ -20,6 +20,7 @@ from ..mechanics.bodies import line_of, metric_of
 from ..native.program import Program, packed, sources
 from ..robot.parts import Tendon
 from ..robot.robot import Robot, sections
+from ..terms import OWN
 from .displacement import TOLERANCE, compliance, search
 from .programs import at_nodes
 from .slipping import front_of, large_tension, moves_of
@@ -233,17 +234,18 @@ def _program(structure: Structure, how: March, kind: _Kind, shapes: tuple) -> Pr
     given = fixed.robot.sections
     drives = tuple(tendon.drive for tendon in fixed.tendons) if drawn else ()
     key = (structure, how, kind, leaves, given.beyond is None, given.guides is None, drives)
-    return Program(first, step, fixed, jax.eval_shape(row), key)
+    # What is on disk was compiled from other files than those of a user's term.
+    return Program(first, step, fixed, jax.eval_shape(row), key, kept=not OWN & {*structure.terms})
 
 
 @functools.lru_cache(maxsize=256)
 def _needed(structure: Structure, shapes: tuple) -> tuple[Structure, tuple, np.ndarray | None]:
     """The structure with the laws that it has equations of, as `Law.equation`; the shapes of robots without
-    the numbers of other laws; and where what is left stands among the packed numbers, None for all. So a
-    program is one for all robots that differ in laws which it does not have.
+    the numbers of other laws, and of users' terms that it lacks; and where what is left stands among the
+    packed numbers, None for all. So a program is one for all robots that differ in what it does not have.
     """
     own = tuple(law.equation for law in structure.laws if law.name in structure.terms)
-    others = {law.name for law in structure.laws} - {law.name for law in own}
+    others = ({law.name for law in structure.laws} | OWN) - {*structure.terms}
     structure = dataclasses.replace(structure, laws=own)
     if not others:
         return structure, shapes, None
