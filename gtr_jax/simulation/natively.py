@@ -15,9 +15,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .. import mechanics
+from ..errors import InputError
 from ..mechanics import FOREVER, Load, March, Settled, Step, Structure, advance, begin, loads_before
 from ..mechanics.bodies import line_of, metric_of
 from ..native.program import Program, packed, sources
+from ..native.translate import Untranslatable
 from ..robot.parts import Tendon
 from ..robot.robot import Robot, sections
 from ..terms import OWN
@@ -340,6 +342,9 @@ class Native:
             loads: K of them.
             how: when a search stops.
             drawn: how far the tendons that displacement drives are drawn out [m], (K, *tendons).
+
+        Raises:
+            InputError: a user's term computes what native code does not.
         """
         if structure.plain_pair:
             raise ValueError("several tendons in one plane: give a structure that holds a term")
@@ -360,7 +365,16 @@ class Native:
         rows[:, -1] = large
         rows = np.concatenate([np.asarray(ahead).reshape(-1, rows.shape[1]), rows])
         given = np.asarray(ready.given) if places is None else np.asarray(ready.given)[places]
-        out = program(given, rows)[len(before) :]
+        try:
+            out = program(given, rows)[len(before) :]
+        except Untranslatable as fault:
+            own = sorted(OWN & {*structure.terms})
+            if not own:
+                raise
+            raise InputError(
+                f"term '{' or '.join(own)}': computes '{fault}', which native code does not; write it with "
+                "arithmetic, exp, log, sqrt, trigonometric functions and where"
+            ) from None
         each, rest = np.split(out, [5 * n], axis=1)
         shape = (K, n) if structure.tendons else (K,)
         T_base, T_tip, displacement, direction, front = (e.reshape(shape) for e in np.split(each, 5, axis=1))

@@ -193,7 +193,7 @@ def _check_hook(term: Term, name: str, hook: _Hook, at: str) -> None:
             found = hook.at(call, values, where)
         except Exception as fault:  # of any kind: it is the user's code
             remedy = "write it with jax.numpy, for arrays of any shape, without branches on values"
-            if not where.channel:
+            if not where.channel and "NoneType" in str(fault):
                 remedy = "set reads_channel=True if it depends on the channel"
             raise InputError(f"{at}: {name} cannot be computed ({reason(fault)}); {remedy}") from None
         if not np.all(np.isfinite(found)):
