@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import importlib.util
 import marshal
@@ -307,21 +308,31 @@ def _listed(found: Any, where: str) -> list[Any]:
 
 
 def mark_of(terms: Sequence[Term]) -> str:
-    """What tells terms from others of the same names, as far as their own functions do; "" for none."""
+    """What tells terms from others of the same names, by their numbers and by the code of their functions,
+    with those of the same file that these call; "" for none.
+    """
     if not terms:
         return ""
     whole = hashlib.blake2b(digest_size=16)
     for term in terms:
         for field in dataclasses.fields(term):
-            value = getattr(term, field.name)
             whole.update(field.name.encode())
-            whole.update(_of_function(value) if callable(value) else repr(value).encode())
+            whole.update(_said(getattr(term, field.name), set()))
     return whole.hexdigest()
 
 
-def _of_function(function: Any) -> bytes:
-    """The code of a function and what it holds; something new each time for what is no plain function."""
-    if not isinstance(function, FunctionType):
-        return os.urandom(16)
-    held = [cell.cell_contents for cell in function.__closure__ or ()]
-    return marshal.dumps(function.__code__) + repr((held, function.__defaults__)).encode()
+def _said(value: Any, seen: set[int]) -> bytes:
+    """A value as bytes that are the same in every process; functions by their code and what it draws on."""
+    if isinstance(value, functools.partial):
+        return b"|".join(_said(part, seen) for part in (value.func, value.args, value.keywords))
+    if not isinstance(value, FunctionType):
+        return repr(value).encode()
+    if id(value) in seen:
+        return b"again"
+    seen.add(id(value))
+    held = [cell.cell_contents for cell in value.__closure__ or ()]
+    known = (value.__globals__.get(name) for name in value.__code__.co_names)
+    called = [f for f in known if isinstance(f, FunctionType) and f.__module__ == value.__module__]
+    parts = [_said(part, seen) for part in (*held, *called, value.__defaults__)]
+    # Later formats depend on who else refers to a constant.
+    return b"|".join([marshal.dumps(value.__code__, 2), *parts])
