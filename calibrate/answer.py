@@ -168,6 +168,14 @@ class Answer:
         """Fisher information of data and priors in the coordinates, (p, p)."""
         return self.jacobian.T @ self.jacobian + np.diag(self.problem.precision**2)
 
+    def information_at(self, values: np.ndarray) -> np.ndarray:
+        """The same about the numbers themselves, per product of their SI units, where they have some values,
+        (p,): (p, p).
+        """
+        at = self.at[0]
+        unit = np.where(np.asarray(at.log), values, np.asarray(at.scale))
+        return self.information() / np.outer(unit, unit)
+
     @staticmethod
     def of(setup: Setup, at: tuple[Coordinates, ...], problem: Objective, descent: Descent) -> Answer:
         """Judge the point where a descent ended."""

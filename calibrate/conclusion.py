@@ -378,6 +378,7 @@ def concluded(setup: Setup, answer: Answer, iterations: int, evaluations: int, s
         iterations=iterations,
         evaluations=evaluations + phases.evaluations + apart.evaluations,
         correlation=correlation(known.covariance[:n, :n]),
+        information=answer.information_at(values),
         warnings=warnings,
         verdict=verdict(
             found[:n],
@@ -436,9 +437,15 @@ def _distance(setup: Setup, of: tuple[FittedRecording, Judged]) -> Distance | Di
 
 
 def unanswered(
-    setup: Setup, predictions: tuple[Prediction, ...] | None, why: str, evaluations: int
+    setup: Setup,
+    predictions: tuple[Prediction, ...] | None,
+    why: str,
+    evaluations: int,
+    information: np.ndarray | None = None,
 ) -> FitResult:
-    """The result of a fit that could not begin: the robots as they were, no intervals, and why."""
+    """The result of a fit that could not begin, or that determines nothing: the robots as they were, no
+    intervals, and why. `information` is what the recordings say nonetheless, as of `FitResult`.
+    """
     p = len(setup.asked)
     recordings = tuple(
         _fitted(setup, k, None if predictions is None else predictions[k], None, setup.initial, None, ())[0]
@@ -467,6 +474,7 @@ def unanswered(
         iterations=0,
         evaluations=evaluations,
         correlation=np.full((p, p), np.nan),
+        information=information,
         warnings=[why[0].upper() + why[1:] + "."],
         verdict=f"No answer: {why}.",
         settings=_settings(setup),

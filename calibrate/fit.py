@@ -401,7 +401,8 @@ def _run(setup: Setup) -> FitResult:
     unknown = ignorance(setup, answer)
     if unknown:
         as_given = np.where(np.asarray(at[0].log), np.maximum(setup.initial, 1e-9), setup.initial)
-        return unanswered(setup, problem.predict(at[0].at(as_given)), unknown, evaluations)
+        said = answer.information_at(as_given)
+        return unanswered(setup, problem.predict(at[0].at(as_given)), unknown, evaluations, said)
     result = concluded(setup, answer, iterations, evaluations, found)
     if not result.converged:
         return result

@@ -135,6 +135,8 @@ class FitResult:
         result: how the optimiser ended, in words.
         iterations, evaluations: steps of the optimiser, and times that all recordings were simulated.
         correlation: between the estimates, (p, p); NaN where one is unknown.
+        information: Fisher information of recordings and priors about all free numbers, those carried along
+            last, per product of their SI units, (p, p); None where nothing was simulated.
         warnings: what a reader must know, a sentence each.
         verdict: the answer in one sentence.
         settings: what was asked and what was chosen, plain values.
@@ -158,6 +160,7 @@ class FitResult:
     warnings: list[str]
     verdict: str
     settings: dict[str, Any]
+    information: np.ndarray | None = None
     mu_by_phase: dict[str, Estimate] = dataclasses.field(default_factory=dict)
     by_recording: dict[str, dict[str, Estimate]] = dataclasses.field(default_factory=dict)
     axes: list[tuple[str, float]] = dataclasses.field(default_factory=list)
@@ -235,6 +238,12 @@ class FitResult:
             return None
         return float(sum(chi2 * n for chi2, n in each if chi2 is not None) / sum(n for _, n in each))
 
+    def _information(self) -> dict[str, Any] | None:
+        """What is known of the free numbers, for a file."""
+        if self.information is None:
+            return None
+        return {"names": self.settings["free"] + self.settings["carried"], "matrix": self.information}
+
     _repr_html_ = drawn_by("calibrate.report.cards:fit_card")
 
     def to_json(self) -> dict[str, Any]:
@@ -268,6 +277,7 @@ class FitResult:
                 "parameters": {e.name: entry(e) for e in self.estimates},
                 "carried": {e.name: entry(e) for e in self.carried},
                 "correlation": {"names": [e.name for e in self.estimates], "matrix": self.correlation},
+                "information": self._information(),
                 "axes": [{"says": says, "relative_sd": sd} for says, sd in self.axes],
                 "fit": {"samples": len(self.residual), "rms_N": self.rms_N, "chi2_per_n": self.chi2_per_n},
                 "recordings": [recording(r) for r in self.recordings],

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from .simulation.phases import Switch, label_phases, release_switch
     from .simulation.sensing import Reading, true_base
     from .simulation.solution import Equilibrium, Shape
+    from .terms import register_term
 
 # The names of each file; a test checks this table against the imports above.
 FILES = {
@@ -55,6 +56,7 @@ FILES = {
     "simulation.phases": ("Switch", "label_phases", "release_switch"),
     "simulation.sensing": ("Reading", "true_base"),
     "simulation.solution": ("Equilibrium", "Shape"),
+    "terms": ("register_term",),
 }
 _FILE_OF = {name: file for file, names in FILES.items() for name in names}
 
@@ -89,6 +91,7 @@ __all__ = [
     "parameters_of",
     "read_recording",
     "reading",
+    "register_term",
     "release_switch",
     "simulate",
     "true_base",

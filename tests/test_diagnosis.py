@@ -16,8 +16,9 @@ import gtr_jax as gtr
 from calibrate.diagnosis import decide
 from calibrate.diagnosis.bench import Bench
 from calibrate.diagnosis.cache import SimulationCache
-from calibrate.diagnosis.experiment import checks, menu, propose, turned, weighed, weight_to_hang
+from calibrate.diagnosis.experiment import propose
 from calibrate.diagnosis.hypotheses import EVENTS, Hypothesis, base_numbers, catalogue, number_of
+from calibrate.diagnosis.load_histories import checks, further, menu
 from calibrate.diagnosis.locate import cycles_of, ratio_of_branches
 from calibrate.diagnosis.model import Fitted
 from calibrate.diagnosis.models import Models
@@ -26,6 +27,7 @@ from calibrate.diagnosis.prepare import prepare
 from calibrate.diagnosis.rig import Rig
 from calibrate.diagnosis.screen import screen
 from calibrate.diagnosis.sentence import sentence
+from calibrate.diagnosis.ways_to_drive import turned, weighed, weight_to_hang
 from calibrate.fit import part_of
 from calibrate.number import Number
 from calibrate.readings import exact
@@ -275,7 +277,7 @@ def test_cycles_and_branches():
 
 
 def test_the_menu_is_driveable():
-    for name, (time, T) in menu(20.0, 80, 15.0).items():
+    for name, (time, T) in (menu(20.0, 80, 15.0) | further(20.0, 80, 15.0)).items():
         assert len(time) == len(T) == 80 and np.all(np.diff(time) > 0), name
         assert T.min() >= 0 and T.max() <= 20.0 + 1e-9
 

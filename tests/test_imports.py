@@ -40,8 +40,10 @@ ALLOWED = {
     "calibrate.readings": {"files", "inspection"},
     "calibrate": CALIBRATE,
     "calibrate.diagnosis": CALIBRATE | {"calibrate"},
+    "calibrate.planning": CALIBRATE | {"calibrate", "calibrate.diagnosis"},
     "calibrate (door)": {"calibrate", "calibrate.diagnosis"},
-    "calibrate.report": CALIBRATE | {"calibrate", "calibrate.diagnosis", "plots", "report"},
+    "calibrate.report": CALIBRATE
+    | {"calibrate", "calibrate.diagnosis", "calibrate.planning", "plots", "report"},
     "design": BELOW | {"gtr_jax (door)"},
     "design (door)": {"design"},
     "design.report": BELOW | {"gtr_jax (door)", "design", "plots", "report"},

@@ -14,8 +14,8 @@ from command_line import run_gtr
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "docs/quickstart.md"]
 TUTORIAL = ROOT / "docs/tutorial.md"
-# Shown with files that only the reader has.
-ILLUSTRATIVE = ("rig.csv",)
+# Shown with files that only the reader has, or with answers that only the reader gives.
+ILLUSTRATIVE = ("rig.csv", "init robot.toml")
 HISTORY = "T_base_N\n0\n15\n30\n20\n"
 
 

@@ -431,7 +431,7 @@ def _answer(
                 cycles=cycles_in(part),
                 counted=part.counted,
                 explained=part.explained,
-                noise=np.asarray([noise.sd for noise in bench.noise[k]]),
+                noise=tuple(bench.noise[k]),
                 of=tuple(tendon_of_channel(part, name) for name in part.channels),
                 pulls=tuple(pull(i) for i in range(len(part.drives))),
             )

@@ -5,15 +5,13 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax import Robot
 from gtr_jax.robot.parameters import with_values
-from gtr_jax.robot.robot import sections
 from gtr_jax.simulation.sensing import cells_show
 
 from ..channels import Orientation, quantity_of
@@ -22,9 +20,11 @@ from ..parallel import in_parallel
 from ..readings import BaseTension, exact
 from ..setup import Part
 from .decide import UNEXPLAINED, Decision
+from .load_histories import checks, menu
 from .model import Fitted
 from .models import Models
 from .rig import Rig
+from .ways_to_drive import Values, ways_to_drive
 
 # Standard deviation assumed for instruments that were not used: m, m, m, rad, m.
 POSE_NOISE = {"tip_x": 3e-4, "tip_y": 3e-4, "tip_z": 3e-4, "tip_angle": 5e-3, "displacement": 1e-4}
@@ -36,15 +36,7 @@ MOST_RIVALS = 3
 STEP = 0.05
 # Separation [standard errors] above which more brings no advantage.
 ENOUGH = 6.0
-# Number of equal loops; a long rest, and the time for which unloaded cells are read, both in durations of a
-# loop.
-LOOPS, REST, ALONE = 8, 20.0, 60.0
-# The weight to hang from the tip would deflect a straight body, across it, by this share of the length; it is
-# at most this share of the largest base tension.
-DEFLECTION, HEAVIEST = 0.1, 0.2
 REMOVED, ALL_REMOVED = "the tendon taken off", "the tendons taken off"
-TURNED = "the rig turned to the left by a right angle"
-Values = Mapping[str, float]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -73,127 +65,6 @@ class Experiment:
     menu: list[tuple[str, float]]
 
 
-def menu(largest: float, samples: int, duration: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Load histories that a rig could follow: time [s] and base tension [N], by description.
-
-    Args:
-        largest: base tension not to exceed [N].
-        samples: of each.
-        duration: of a loop that is neither slow nor fast [s].
-    """
-
-    def through(corners, times, shares=None):
-        ends = times if shares is None else np.cumsum([0.0, *shares])
-        t = np.interp(np.linspace(0.0, ends[-1], samples), ends, times)
-        return t, np.interp(t, times, corners)
-
-    a, d = largest, duration
-    rest = 0.02 * a
-    return {
-        "one slow loop to the largest tension": through([rest, a, rest], [0, 2 * d, 4 * d]),
-        "the same loop at four rates, each four times the one before": through(
-            [rest, a, rest, a, rest, a, rest, a, rest],
-            np.cumsum([0, 2 * d, 2 * d, d / 2, d / 2, d / 8, d / 8, d / 32, d / 32]),
-        ),
-        "inner loops of falling size, at one rate": through(
-            [rest, a, 0.3 * a, 0.8 * a, 0.4 * a, 0.7 * a, 0.5 * a, 0.62 * a, 0.56 * a, rest],
-            d * np.cumsum([0, 1, 0.7, 0.5, 0.4, 0.3, 0.2, 0.12, 0.06, 0.56]),
-        ),
-        "loops at low tension": through(
-            [rest, 0.15 * a, rest, 0.3 * a, rest, 0.5 * a, rest],
-            d * np.cumsum([0, 0.15, 0.15, 0.3, 0.3, 0.5, 0.5]),
-        ),
-        "steps with long holds, up and down": through(
-            [rest, *np.repeat([0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25], 2) * a, rest],
-            np.cumsum([0, *([0.1 * d, 1.5 * d] * 7), 0.1 * d]),
-        ),
-        "many equal loops": through([rest, *([a, rest] * LOOPS)], np.cumsum([0, *([0.5 * d] * (2 * LOOPS))])),
-        f"two equal loops with a rest of {REST * d:.0f} s between": through(
-            [rest, a, rest, rest, a, rest],
-            d * np.cumsum([0, 0.5, 0.5, REST, 0.5, 0.5]),
-            shares=(2, 2, 1, 2, 2),
-        ),
-    }
-
-
-def checks(largest: float, duration: float) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Checks of the cells by themselves: time [s], and true tension at the base cell and at the tip cell [N],
-    (K,) each, by description.
-
-    Args:
-        largest, duration: as of `menu`.
-    """
-    up_and_down = largest * np.asarray([0, 0.25, 0.5, 0.75, 1, 0.75, 0.5, 0.25, 0])
-    none = np.zeros(len(up_and_down))
-    base, tip = np.concatenate([up_and_down, none]), np.concatenate([none, up_and_down])
-    alone = np.linspace(0.0, ALONE * duration, len(base))
-    seconds = f"{alone[-1]:.0f} s"
-    return {
-        "hang known weights on each cell in turn, up and down": (10.0 * np.arange(len(base)), base, tip),
-        f"read the cells with nothing on them, for {seconds}": (alone, 0.0 * alone, 0.0 * alone),
-    }
-
-
-def _axes(robot: Robot) -> str:
-    """The axes in which a robot may be bent."""
-    return "xyz" if robot.space else "xy"
-
-
-def _gravity(robot: Robot) -> np.ndarray:
-    """Acceleration of gravity as the robot file has it [m/s^2], (axes,)."""
-    if robot.space:
-        return np.asarray(robot.loads.gravity_vector())
-    angle = float(robot.loads.gravity_angle)
-    return float(robot.loads.gravity) * np.asarray([np.cos(angle), np.sin(angle)])
-
-
-def _down(robot: Robot) -> np.ndarray:
-    """Direction of gravity as the robot file has it, (axes,)."""
-    if robot.space:
-        g = _gravity(robot)
-        return g / max(float(np.linalg.norm(g)), 1e-12)
-    angle = float(robot.loads.gravity_angle)
-    return np.asarray([np.cos(angle), np.sin(angle)])
-
-
-def _acts(robot: Robot, values: Values, kind: str) -> np.ndarray:
-    """Components of a term that turns with gravity, from `values` if they are there, else from the robot."""
-    names = [f"{kind}.{axis}" for axis in _axes(robot)]
-    return np.asarray([float(values.get(name, robot.value(name))) for name in names])
-
-
-def turned(robot: Robot, values: Values) -> dict[str, float]:
-    """Values of a robot whose rig is turned to the left by a right angle. Gravity and dead forces keep their
-    direction in space: what pulled to the right of the base tangent then pulls against it.
-    """
-    loads = robot.loads
-    known = {"gravity-error": _gravity(robot), "tip-load": np.asarray(loads.tip_force)}
-    after = dict(values)
-    for kind, own in known.items():
-        x, y, *_ = own + _acts(robot, values, kind)
-        after |= {f"{kind}.x": y - own[0], f"{kind}.y": -x - own[1]}
-    return after
-
-
-def weighed(robot: Robot, weight: np.ndarray, values: Values) -> dict[str, float]:
-    """Values of a robot with a known weight (axes,) [N] hung from its tip."""
-    force = _acts(robot, values, "tip-load") + weight
-    return dict(values) | {f"tip-load.{axis}": float(f) for axis, f in zip(_axes(robot), force, strict=True)}
-
-
-def weight_to_hang(robot: Robot, largest: float) -> np.ndarray:
-    """Weight [N] of one digit along gravity, (axes,), that would bend a straight body moderately if across
-    it.
-
-    Args:
-        robot: whose file says where gravity pulls.
-        largest: base tension [N], of which it is a small share at most.
-    """
-    compliance = float(jnp.mean(sections(robot).compliance))
-    force = 3 * DEFLECTION / (compliance * float(robot.backbone.length) ** 2)
-    return float(f"{min(force, HEAVIEST * largest):.0e}") * _down(robot)
-
-
 class _Option(NamedTuple):
     """Something to measure: what it is, what is done to the rig ("" for nothing), its load history, the
     channels to record, those of them that the recording did not have, and what it would show under some
@@ -213,33 +84,6 @@ class _Option(NamedTuple):
     def needs(self) -> list[str]:
         """All it takes beyond another load history."""
         return [self.done] * bool(self.done) + ["more recorded"] * bool(self.added)
-
-
-class _Drive(NamedTuple):
-    """A load history and what is done to the rig: in words, "" for nothing, and to its values."""
-
-    name: str
-    done: str
-    changed: Callable[[Values], Values]
-
-
-def _drives(histories: Sequence[str], robot: Robot, largest: float) -> list[_Drive]:
-    """What may be driven: every history with the rig as it is; where the file says which way gravity pulls,
-    the first one with the rig turned as well, or a weight hung from the tip.
-    """
-    found = [_Drive(name, "", dict) for name in histories]
-    if robot.backbone.rigid or not np.any(_gravity(robot)):
-        return found
-    weight = weight_to_hang(robot, largest)
-    return [
-        *found,
-        _Drive(histories[0], TURNED, functools.partial(turned, robot)),
-        _Drive(
-            histories[0],
-            f"a weight of {np.linalg.norm(weight):g} N hung from the tip",
-            functools.partial(weighed, robot, weight),
-        ),
-    ]
 
 
 def _driven(rig: Rig, load: np.ndarray, tendon: int) -> Part:
@@ -288,7 +132,7 @@ def _options(models: Models, rig: Rig) -> list[_Option]:
         # Shares of the largest tension; a robot of one tendon is driven in newtons throughout.
         most = 1.0 if part.others or not part.pulled else float(drive.max())
         histories = menu(most, part.samples, duration)
-        for name, done, changed in _drives(list(histories), rig.robot, largest):
+        for name, done, changed in ways_to_drive(list(histories), rig.robot, largest):
             if tendon and done:
                 continue
             time, load = histories[name]

@@ -60,6 +60,19 @@ class Marginal:
         n, x, off = self.fitted.numbers[i], self.fitted.x[i], NORMAL_95 * np.sqrt(self.covariance[i, i])
         return n.value(x - off), n.value(x + off)
 
+    def information(self) -> np.ndarray:
+        """What is known of the numbers, those of recordings and priors together: the inverse of their
+        covariance, per product of their SI units, (p, p).
+        """
+        fitted = self.fitted
+        unit = np.asarray(
+            [
+                n.sd * (abs(n.value(x)) if n.log else 1.0)
+                for n, x in zip(fitted.numbers, fitted.x, strict=True)
+            ]
+        )
+        return np.linalg.inv(self.covariance) / np.outer(unit, unit)
+
     def draws(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Draws of the coordinates, (count, p)."""
         root = np.linalg.cholesky(self.covariance + 1e-12 * np.eye(len(self.fitted.x)))

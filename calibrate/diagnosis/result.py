@@ -15,6 +15,7 @@ from gtr_jax.terms import Law, Term, catalogue_of
 
 from ..channels import unit_of
 from ..number import OWN
+from ..readings.noise import Noise
 from ..setup import Part
 from .averaged import Averaged, Hidden
 from .decide import ADEQUATE, AMBIGUOUS, DISCOVERED, MISSING, PARTLY, UNEXPLAINED, Decision
@@ -32,6 +33,7 @@ from .patterns import Pattern
 from .robots import RobotFile, kinds, robot_files
 from .screen import SEEN, Screened
 from .sentence import DIFFER, sentence
+from .settled import Settled
 
 BAD_DATA = "bad-data"
 Names = tuple[str, ...]
@@ -72,9 +74,9 @@ class Loop:
         cycles: number of the cycle, from 1, (K,).
         counted: samples that are compared, (K,) bool.
         explained: how many of the channels are.
-        noise: standard deviation of the noise of each channel, SI, (C,).
         of: number of the tendon that each channel belongs to, or that leads.
         pulls: what concerns each tendon.
+        noise: of each channel.
     """
 
     name: str
@@ -86,9 +88,9 @@ class Loop:
     cycles: np.ndarray
     counted: np.ndarray
     explained: int
-    noise: np.ndarray
     of: tuple[int, ...]
     pulls: tuple[Pull, ...]
+    noise: tuple[Noise, ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -188,6 +190,7 @@ class Diagnosis:
         hidden: effects that these recordings neither show nor exclude, those that move mu most first.
         discovered: the law that was found; None unless that is the verdict.
         laws: of the robot file, which were tried too where they were null, and those that were looked for.
+        settles: what it settles of an earlier diagnosis, if that was asked.
     """
 
     verdict: str
@@ -223,6 +226,7 @@ class Diagnosis:
     hidden: list[Hidden] = dataclasses.field(default_factory=list)
     discovered: FoundLaw | None = None
     laws: tuple[Law, ...] = ()
+    settles: Settled | None = None
 
     @property
     def catalogue(self) -> Mapping[str, Term]:
@@ -464,8 +468,20 @@ class Diagnosis:
                     "recording": f.recording or None,
                     "probability": f.probability,
                     "settled": f.settled,
+                    "information": {"names": list(f.numbers), "matrix": f.information},
                 }
                 for f in self.files
+            ],
+            "recordings": [
+                {
+                    "name": loop.name,
+                    "samples": len(loop.cycles),
+                    "channels": {
+                        name: {"unit": unit_of(name), "sd": own.sd, "correlation": own.rho}
+                        for name, own in zip(loop.channels, loop.noise, strict=True)
+                    },
+                }
+                for loop in self.loops
             ],
             "named": self.named,
             "share_explained": self.share_explained,
@@ -486,6 +502,7 @@ class Diagnosis:
             "next_experiment": proposal,
             "smallest_detectable": self.smallest_detectable,
             "hidden": [h._asdict() for h in self.hidden],
+            "settles": None if self.settles is None else dataclasses.asdict(self.settles),
             "converged": self.converged,
             "warnings": self.warnings,
             "settings": self.settings,

@@ -24,7 +24,7 @@ from gtr_jax.simulation.natively import Brief, Native, Ready, ready, sources
 from gtr_jax.simulation.programs import every, every_for, structure_of, structure_with
 from gtr_jax.simulation.sensing import Reading, cells_differ, cells_show
 from gtr_jax.simulation.solution import Shape
-from gtr_jax.terms import REGISTRY
+from gtr_jax.terms import OWN, REGISTRY, own_mark
 
 from ..number import values_in
 from ..predictor import History, Seen, padded_history
@@ -43,7 +43,8 @@ AT_HAND = 64
 # Terms in each program that simulates a recording, from the fastest to the slowest program: a hypothesis uses
 # the first that has all its terms. Load steps a second on the demo's mesh: 90,000, 40,000, 23,000, 20,000 and
 # 11,000; each compiles in 0.7 to 1.8 s. A program of its own for every hypothesis would take 0.7 s each.
-EVERY = every()
+# Terms of a user's own are added to them, as laws are.
+EVERY = tuple(kind for kind in every() if kind not in OWN)
 _BESIDE_LOADS = [kind for kind in EVERY if not REGISTRY[kind].loads and REGISTRY[kind].stop is None]
 _BY_SLIP = ("presliding", "viscous-friction")
 PROGRAMS = (
@@ -73,7 +74,7 @@ def programs_of(robot: Robot) -> list[tuple[str, ...]]:
 
 def program_for(robot: Robot, kinds: Collection[str]) -> tuple[str, ...]:
     """Names of the physics terms of the fastest program of a robot that has all of these; laws of the robot
-    file, which no program has from the start, are added to it.
+    file and terms of a user's own, which no program has from the start, are added to it.
     """
     laws = tuple(sorted(set(kinds) - set(EVERY)))
     return (*next(held for held in programs_of(robot) if set(kinds) <= {*held, *laws}), *laws)
@@ -242,7 +243,15 @@ class Rig:
             whole.update(b"-" if array is None else np.ascontiguousarray(array, float).tobytes())
         whole.update(
             repr(
-                (sources(), self.robot.intervals, self.robot.laws, self._places, self.channels, self.drawn)
+                (
+                    sources(),
+                    own_mark(),
+                    self.robot.intervals,
+                    self.robot.laws,
+                    self._places,
+                    self.channels,
+                    self.drawn,
+                )
             ).encode()
         )
         return whole.digest()

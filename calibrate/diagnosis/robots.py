@@ -7,6 +7,8 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from gtr_jax import InputError, Robot, RobotConfig
 from gtr_jax.robot.parameters import parameters_of
 from gtr_jax.terms import Law
@@ -22,7 +24,7 @@ from .marginal import Marginal
 STEM = "diagnosed"
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class RobotFile:
     """A robot with what was found.
 
@@ -33,6 +35,8 @@ class RobotFile:
         probability: of the model.
         config: the robot.
         settled: False if it is one of several rivals that the recordings do not tell apart.
+        numbers: names of the numbers that were fitted, p of them.
+        information: about them, (p, p); see `Marginal.information`.
         note: what a user must know before using it, in sentences; "" if it is settled and the only file.
     """
 
@@ -42,6 +46,8 @@ class RobotFile:
     probability: float
     config: RobotConfig
     settled: bool
+    numbers: tuple[str, ...]
+    information: np.ndarray
     note: str
 
 
@@ -104,6 +110,8 @@ def robot_files(
                 probability=decision.probability[effects],
                 config=robot,
                 settled=not sets,
+                numbers=tuple(n.name for n in model.fitted.numbers),
+                information=model.information(),
                 note="",
             )
         )

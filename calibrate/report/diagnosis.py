@@ -115,7 +115,7 @@ def _of_channel(answer: Diagnosis, loop: Loop, c: int, label: str) -> list[Figur
     ending, whose = named(loop, c, several=len(answer.loops) > 1)
     recorded, before = axis.size * np.asarray(loop.recorded[c]), axis.size * np.asarray(loop.before[c])
     after = axis.size * np.asarray(loop.after[c]) if _found(answer) else None
-    noise = axis.size * float(loop.noise[c])
+    noise = axis.size * loop.noise[c].sd
     drive = 1e3 * pull.drive if pull.by_displacement else pull.drive
     of = f" of {pull.tendon}" if pull.tendon else ""
     along = (DRAWN if pull.by_displacement else PULL).replace(" at the base", f" at the base{of}")
@@ -268,8 +268,26 @@ def numbers_table(answer: Diagnosis) -> Table | None:
     return Table("Numbers", heads, rows, note=note)
 
 
+def _settled(answer: Diagnosis) -> list[Table]:
+    """What became of the rivals of an earlier diagnosis."""
+    if answer.settles is None:
+        return []
+    rows = [
+        (
+            " with ".join(r.terms),
+            r.status,
+            number(r.before, digits=2),
+            number(r.after, digits=2),
+            "not refitted" if r.behind is None else number(r.behind, digits=3),
+        )
+        for r in answer.settles.rivals
+    ]
+    heads = ("rival", "", "probability before", "now", "behind the best by [standard errors]")
+    return [Table("What these recordings settle", heads, rows, note=answer.settles.says)]
+
+
 def _tables(answer: Diagnosis) -> list[Table]:
-    tables = _differing(answer)
+    tables = [*_settled(answer), *_differing(answer)]
     if answer.where:
         rows = [(w.says, number(w.z, digits=3), f"{100 * w.share:.0f} %") for w in answer.where]
         tables.append(

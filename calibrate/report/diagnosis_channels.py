@@ -21,7 +21,8 @@ def channels_shown(loop: Loop) -> list[int]:
     if tips:
         return tips
     off = np.mean((loop.before - loop.recorded)[: loop.explained, loop.counted] ** 2, axis=1)
-    return sorted(np.argsort(-off / loop.noise[: loop.explained] ** 2)[:MOST].tolist())
+    sd = np.asarray([noise.sd for noise in loop.noise[: loop.explained]])
+    return sorted(np.argsort(-off / sd**2)[:MOST].tolist())
 
 
 class Named(NamedTuple):

@@ -68,7 +68,7 @@ def diagnosis_playback(
             told.append(model)
     kinds = {"displacement" if pull.by_displacement else "tension" for pull in loop.pulls}
     across = DRIVES[kinds.pop()] if len(kinds) == 1 else "tension [N] or displacement [mm] at the base"
-    noise, unit = max(axes[0].size * float(loop.noise[c]) for c in shown), axes[0].unit
+    noise, unit = max(axes[0].size * loop.noise[c].sd for c in shown), axes[0].unit
     all_of = "tension at the tip" if tensions else axes[0].label if len(shown) == 1 else "what was recorded"
     charts = [
         Chart("Loop", across, f"{all_of} [{unit}]", loops),

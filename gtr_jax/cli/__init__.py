@@ -1,4 +1,4 @@
-"""The command `gtr`: simulate, inspect, fit, diagnose, design, sweep, demo, paper, terms, schema.
+"""The command `gtr`: init, simulate, inspect, fit, diagnose, next, design, sweep, demo, paper, terms, schema.
 
 Answers go to stdout, progress and errors to stderr. Exit status: 0 answered, 1 answered but not converged
 or not of any body, 2 bad input (one line on stderr), 130 interrupted. What takes long to import is imported
@@ -19,7 +19,8 @@ import click
 from gtr_jax.errors import InputError
 from gtr_jax.interruption import INTERRUPTED, NOTHING_WRITTEN, interruption
 
-from . import demo, design, diagnose, fit, inspect, paper, schema, simulate, sweep, terms
+from . import demo, design, diagnose, fit, init, inspect, next, paper, schema, simulate, sweep, terms
+from .options import with_terms_option
 
 ANSWERED, NOT_CONVERGED, BAD_INPUT = 0, 1, 2
 
@@ -52,19 +53,19 @@ def cli() -> None:
     """
 
 
+for _command in (init.init, inspect.inspect, demo.demo, paper.paper):
+    cli.add_command(_command)
 for _command in (
     simulate.simulate,
-    inspect.inspect,
     fit.fit,
     diagnose.diagnose,
+    next.next_,
     design.design,
     sweep.sweep,
-    demo.demo,
-    paper.paper,
     terms.terms,
     schema.schema,
 ):
-    cli.add_command(_command)
+    cli.add_command(with_terms_option(_command))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -44,8 +44,10 @@ def enable_cache() -> Path | None:
     import jax
 
     from gtr_jax import stored
+    from gtr_jax.terms import OWN
 
-    stored.enable(folder)
+    if not OWN:  # those programs are told apart by our sources, and not by those of a user's terms
+        stored.enable(folder)
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

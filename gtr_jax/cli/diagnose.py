@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,6 +42,12 @@ if TYPE_CHECKING:
     help="Propose the experiment that would tell the rivals apart even where one is named.",
 )
 @click.option(
+    "--settles",
+    metavar="FOLDER",
+    type=click.Path(path_type=Path),
+    help="Run folder of an earlier diagnosis that left rivals: say what the recordings now settle of them.",
+)
+@click.option(
     "--exclude",
     metavar="FROM:TO",
     multiple=True,
@@ -61,6 +68,7 @@ def diagnose(
     noise: float | None,
     noise_base: float | None,
     experiment: bool | None,
+    settles: Path | None,
     exclude: Sequence[str],
     without: str,
     columns: Sequence[str],
@@ -75,6 +83,7 @@ def diagnose(
     the plane and have several tendons, driven by tension or by displacement. Recordings without T_tip_N are
     explained by what they have most of: places (of the tip, markers, displacements) or angles.
     """
+    from calibrate.diagnosis.settled import earlier_set, settled
     from gtr_jax.files.config import load_config
     from gtr_jax.files.masking import times_of
     from gtr_jax.files.thinning import MOST
@@ -87,6 +96,7 @@ def diagnose(
     if len(given.robots) > 1:
         raise InputError(f"{given.robots[1]}: a diagnosis is of one robot; run it once for each")
     config = load_config(given.robots[0])
+    earlier = None if settles is None else earlier_set(settles)
     recordings = read_recordings(
         given.recordings,
         [config.tendon_names] * len(given.recordings),
@@ -118,6 +128,8 @@ def diagnose(
             steps=folder.steps,
             progress=progress,
         )
+        if earlier is not None:
+            answer = dataclasses.replace(answer, settles=settled(str(settles), earlier, answer))
         progress("drawing")
         with folder.write() as part:
             settings = folder.settings() | left_out(recordings)
@@ -152,6 +164,8 @@ def solve(
 def summary(answer: Diagnosis) -> list[str]:
     """The verdict, where, the robot files, and what to measure next, as lines for the terminal."""
     lines = [f"{answer.verdict}: {answer.says}"]
+    if answer.settles is not None:
+        lines.append(f"settles: {answer.settles.says}")
     lines += [f"where: {w.says}" for w in answer.where[:3]]
     lines += [f"when: {e.says}" for e in answer.episodes[:3]]
     if answer.files and answer.files[0].note:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import tempfile
 from collections.abc import Callable
@@ -97,6 +98,33 @@ def held_stdin(ending: str, context: click.Context | None = None) -> Path:
     context.meta[HELD] = folder / f"stdin{ending}"
     context.meta[HELD].write_bytes(data)
     return context.meta[HELD]
+
+
+def _use_terms(context: click.Context, param: click.Parameter, files: tuple[Path, ...]) -> None:
+    """Have the files looked for when the terms are imported, in this process and in those that it starts."""
+    if not files:
+        return
+    variable = "GTR_JAX_TERMS"
+    if "gtr_jax.terms" in sys.modules:  # the command line in somebody's own process
+        raise InputError(f"--terms: terms are known already; set {variable} before Python starts")
+    before = [path for path in os.environ.get(variable, "").split(os.pathsep) if path]
+    os.environ[variable] = os.pathsep.join([*before, *(str(path.resolve()) for path in files)])
+
+
+def with_terms_option(command: click.Command) -> click.Command:
+    """A command with --terms FILE.py, whose terms are known to it."""
+    option = click.Option(
+        ["--terms"],
+        metavar="FILE.py",
+        multiple=True,
+        type=click.Path(path_type=Path),
+        expose_value=False,
+        is_eager=True,
+        callback=_use_terms,
+        help="Python file with physics terms of your own, each a TERM; it is executed. Repeatable.",
+    )
+    command.params.append(option)
+    return command
 
 
 robot_argument = click.argument("robot", metavar="ROBOT.toml", type=InputFile(".toml"))

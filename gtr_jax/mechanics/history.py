@@ -119,7 +119,8 @@ def _without_friction(robot: Robot, catalogue: Mapping[str, Term]) -> dict[str, 
             return robot.terms[term.id]
         return {q.name: jnp.full_like(robot.terms[term.id][q.name], q.null) for q in term.quantities}
 
-    return {term.id: values(term) for term in catalogue.values()}
+    # Programs leave out the numbers of terms of users that they do not have.
+    return {kind: values(catalogue[kind]) for kind in robot.terms}
 
 
 Before = Callable[[State, Memory], Memory]

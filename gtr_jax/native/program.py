@@ -42,6 +42,7 @@ class Program:
         fixed: the shapes of the fixed values, as a pytree of `jax.ShapeDtypeStruct`.
         row: the shapes of the row of a step.
         key: tells this program from every other; the same key means the same code.
+        kept: whether it is kept on disk.
     """
 
     def __init__(
@@ -51,19 +52,23 @@ class Program:
         fixed: Any,
         row: Any,
         key: Sequence[Any],
+        *,
+        kept: bool = True,
     ):
         self._begin, self._step, self._fixed, self._row = begin, step, fixed, row
         self._key = hashlib.blake2b(repr((*key, _surroundings())).encode(), digest_size=16).hexdigest()
+        self._kept = kept
         self._lock = threading.Lock()
 
     @functools.cached_property
     def _ready(self) -> tuple[Any, int, int, Any]:
         """The function, bytes of its workspace, number of outputs per step, and the engine that holds it."""
         with self._lock:
-            held = _read(self._key)
+            held = _read(self._key) if self._kept else None
             if held is None:
                 held = self._compiled()
-                _write(self._key, held)
+                if self._kept:
+                    _write(self._key, held)
         size, width, code = (
             int.from_bytes(held[:8], "little"),
             int.from_bytes(held[8:16], "little"),

@@ -15,11 +15,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .. import mechanics
+from ..errors import InputError
 from ..mechanics import FOREVER, Load, March, Settled, Step, Structure, advance, begin, loads_before
 from ..mechanics.bodies import line_of, metric_of
 from ..native.program import Program, packed, sources
+from ..native.translate import Untranslatable
 from ..robot.parts import Tendon
 from ..robot.robot import Robot, sections
+from ..terms import OWN
 from .displacement import TOLERANCE, compliance, search
 from .programs import at_nodes
 from .slipping import front_of, large_tension, moves_of
@@ -233,17 +236,18 @@ def _program(structure: Structure, how: March, kind: _Kind, shapes: tuple) -> Pr
     given = fixed.robot.sections
     drives = tuple(tendon.drive for tendon in fixed.tendons) if drawn else ()
     key = (structure, how, kind, leaves, given.beyond is None, given.guides is None, drives)
-    return Program(first, step, fixed, jax.eval_shape(row), key)
+    # What is on disk was compiled from other files than those of a user's term.
+    return Program(first, step, fixed, jax.eval_shape(row), key, kept=not OWN & {*structure.terms})
 
 
 @functools.lru_cache(maxsize=256)
 def _needed(structure: Structure, shapes: tuple) -> tuple[Structure, tuple, np.ndarray | None]:
     """The structure with the laws that it has equations of, as `Law.equation`; the shapes of robots without
-    the numbers of other laws; and where what is left stands among the packed numbers, None for all. So a
-    program is one for all robots that differ in laws which it does not have.
+    the numbers of other laws, and of users' terms that it lacks; and where what is left stands among the
+    packed numbers, None for all. So a program is one for all robots that differ in what it does not have.
     """
     own = tuple(law.equation for law in structure.laws if law.name in structure.terms)
-    others = {law.name for law in structure.laws} - {law.name for law in own}
+    others = ({law.name for law in structure.laws} | OWN) - {*structure.terms}
     structure = dataclasses.replace(structure, laws=own)
     if not others:
         return structure, shapes, None
@@ -338,6 +342,9 @@ class Native:
             loads: K of them.
             how: when a search stops.
             drawn: how far the tendons that displacement drives are drawn out [m], (K, *tendons).
+
+        Raises:
+            InputError: a user's term computes what native code does not.
         """
         if structure.plain_pair:
             raise ValueError("several tendons in one plane: give a structure that holds a term")
@@ -358,7 +365,16 @@ class Native:
         rows[:, -1] = large
         rows = np.concatenate([np.asarray(ahead).reshape(-1, rows.shape[1]), rows])
         given = np.asarray(ready.given) if places is None else np.asarray(ready.given)[places]
-        out = program(given, rows)[len(before) :]
+        try:
+            out = program(given, rows)[len(before) :]
+        except Untranslatable as fault:
+            own = sorted(OWN & {*structure.terms})
+            if not own:
+                raise
+            raise InputError(
+                f"term '{' or '.join(own)}': computes '{fault}', which native code does not; write it with "
+                "arithmetic, exp, log, sqrt, trigonometric functions and where"
+            ) from None
         each, rest = np.split(out, [5 * n], axis=1)
         shape = (K, n) if structure.tendons else (K,)
         T_base, T_tip, displacement, direction, front = (e.reshape(shape) for e in np.split(each, 5, axis=1))

@@ -21,7 +21,7 @@ from gtr_jax.files.space_checks import refused_in_space
 from gtr_jax.files.table import read_table
 from gtr_jax.robot.build import build_robot, choose_intervals
 from gtr_jax.robot.robot import Robot
-from gtr_jax.terms import known_on
+from gtr_jax.terms import OWN, known_on, own_mark
 
 from .axes import Axis, axes_of, check_values, find
 from .config import SweepConfig, sweep_text
@@ -179,6 +179,7 @@ class Task:
                 if self.history.displacement is None
                 else {"displacement": self.history.displacement.tolist()}
             ),
+            **({"terms": own_mark()} if OWN else {}),
             "versions": {name: version(name) for name in ("gtr-jax", "jax", "jaxlib", "scipy", "SALib")},
             "device": jax.default_backend(),
         }

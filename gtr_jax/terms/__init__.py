@@ -1,11 +1,13 @@
 """Physics beyond the paper, one term per file. A new term needs its file and its entry in REGISTRY below.
 
-A robot has these terms and the laws of its own file; `catalogue_of` gives both.
+A robot has these terms, those of a user's own (`register_term`) and the laws of its own file; `catalogue_of`
+gives all.
 """
 
 from __future__ import annotations
 
 import functools
+import sys
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
@@ -15,6 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool
+
+from gtr_jax.errors import InputError
 
 from . import (
     adhesion,
@@ -52,6 +56,7 @@ from . import (
     zero_drift,
 )
 from .law import Law, term_of_law
+from .own import check_term, mark_of, outside_terms
 from .term import Quantity, Term, Values
 
 # Terms of the load cells act in this order, from the true tension to the tension shown.
@@ -93,6 +98,47 @@ REGISTRY: dict[str, Term] = {
         quantisation,
     )
 }
+
+
+# Names of those that users registered.
+OWN: set[str] = set()
+# The file whose classes hold a table for each term.
+_READERS = "gtr_jax.files.sections"
+# Whether terms are looked for that lie outside, on import: these may register themselves.
+_looking = True
+
+
+def register_term(term: Term, *, where: str = "register_term") -> Term:
+    """Add a term of your own to the catalogue: robot files, fits, diagnoses, sweeps and `gtr terms` then know
+    it like any other. Terms of the load cells act before those of the catalogue.
+
+    Args:
+        term: its id, words, quantities and hooks; see `gtr_jax.terms.Term`.
+        where: it comes from, for messages.
+
+    Returns:
+        The term.
+
+    Raises:
+        InputError: its name is taken, it has no hook, does something at its null values or reads what it
+            does not declare; or robot files have been read already, with tables for the terms known then.
+    """
+    if _READERS in sys.modules and not _looking:
+        raise InputError(
+            f"{where}: robot files are read already, with the terms known then; register terms right after "
+            "'import gtr_jax', before calibrate, design or a robot file"
+        )
+    check_term(term, REGISTRY, where)
+    before = dict(REGISTRY)
+    REGISTRY.clear()
+    REGISTRY.update({term.id: term} | before)
+    OWN.add(term.id)
+    return term
+
+
+def own_mark() -> str:
+    """What tells the registered terms of users from others of the same names; "" where there are none."""
+    return mark_of([REGISTRY[name] for name in sorted(OWN)])
 
 
 def catalogue_of(laws: tuple[Law, ...]) -> Mapping[str, Term]:
@@ -140,7 +186,13 @@ def known_acting(terms: Mapping[str, Values], laws: tuple[Law, ...] = ()) -> lis
     return [kind for kind, term in catalogue_of(laws).items() if known_on(term, terms[kind])]
 
 
+for _where, _term in outside_terms():
+    register_term(_term, where=_where)
+_looking = False
+
+
 __all__ = [
+    "OWN",
     "REGISTRY",
     "Law",
     "Quantity",
@@ -151,4 +203,6 @@ __all__ = [
     "known_acting",
     "known_on",
     "null_values",
+    "own_mark",
+    "register_term",
 ]

@@ -1,0 +1,102 @@
+"""What a plan says: which experiment, what it would settle, and what no experiment of the catalogue does."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gtr_jax.files.numbers import quantity
+
+from ..diagnosis.experiment import ALL_REMOVED
+from .candidates import Candidate, listed
+from .opened import Opened
+from .worth import pairs
+
+if TYPE_CHECKING:
+    from .plan import Ranked
+
+# Distance [standard errors] above which two models are told apart, and share of its present width to which an
+# interval must narrow for an experiment to be worth the work.
+TELLS, NARROWS = 3.0, 0.8
+# A standard deviation above this share of a number's value is no knowledge of it.
+UNKNOWN, NOT_KNOWN = 0.7, "unknown"
+
+
+def in_words(opened: Opened, ranked: Sequence[Ranked], counts: np.ndarray, *, nothing: bool) -> str:
+    """The answer in sentences.
+
+    Args:
+        opened: what is open.
+        ranked: every experiment, the best first.
+        counts: numbers whose intervals are to narrow, (p,) bool.
+        nothing: whether no experiment settles anything.
+    """
+    if opened.rivals:
+        return _of_rivals(opened, ranked, nothing)
+    return _of_intervals(opened, ranked[0], counts, nothing)
+
+
+def instruction(candidate: Candidate) -> str:
+    """The experiment as an instruction."""
+    if candidate.weight is not None:
+        return f"Take the tendon{'s' if candidate.done == ALL_REMOVED else ''} off and {candidate.name}"
+    return f"Drive {candidate.in_words}"
+
+
+def _of_rivals(opened: Opened, ranked: Sequence[Ranked], nothing: bool) -> str:
+    names, best = [model.name for model in opened.models], ranked[0]
+    every = listed(names)
+    if nothing:
+        return (
+            f"No experiment of the catalogue tells {every} apart: the best, {best.candidate.in_words}, holds "
+            f"them {float(np.max(pairs(best.separation))):.1f} standard errors apart, where {TELLS:g} are "
+            "needed. More tension, a longer time, another instrument or a look at the rig itself may."
+        )
+    both = list(itertools.combinations(range(len(names)), 2))
+    told = [best.separation[pair] for pair in both if best.separation[pair] > TELLS]
+    says = f"{instruction(best.candidate)}: it would tell {every} apart (by {min(told):.1f} standard errors"
+    says += " or more)" if len(both) > 1 else ")"
+    left = [pair for pair in both if best.separation[pair] <= TELLS]
+    says += f", but not {listed([f'{names[i]} from {names[j]}' for i, j in left], 'or')}." if left else "."
+    for i, j in left:
+        other = max(ranked, key=lambda r: r.separation[i, j])
+        apart = other.separation[i, j]
+        pair = f"{names[i]} from {names[j]}"
+        if apart > TELLS:
+            says += f" To tell {pair}: {_lower(instruction(other.candidate))} ({apart:.1f} standard errors)."
+        else:
+            says += f" No experiment of the catalogue tells {pair} ({apart:.1f} standard errors at best)."
+    return says
+
+
+def _lower(text: str) -> str:
+    return text[0].lower() + text[1:]
+
+
+def _of_intervals(opened: Opened, best: Ranked, counts: np.ndarray, nothing: bool) -> str:
+    model = opened.models[0]
+    each, silent = [], []
+    for n, before, after, own in zip(model.numbers, model.sd, best.sd, counts, strict=True):
+        now, then = _share(before, n.centre, n.unit), _share(after, n.centre, n.unit)
+        if own and then == NOT_KNOWN:
+            silent.append(n.name)
+        elif own:
+            each.append(f"{n.name} to {then} (now {now})")
+    if nothing:
+        bring = f"would bring {listed(each)}" if each else f"says nothing of {listed(silent, 'or')}"
+        return (
+            f"No experiment of the catalogue narrows an interval to {100 * NARROWS:.0f} % of its width: the "
+            f"best, {best.candidate.in_words}, {bring}."
+        )
+    beside = f" It says nothing of {listed(silent, 'or')}." if silent else ""
+    return f"{instruction(best.candidate)}: it would narrow {listed(each)}.{beside}"
+
+
+def _share(sd: float, value: float, unit: str) -> str:
+    """A standard deviation as a share of a value, or in its unit where that is zero."""
+    if value and sd > UNKNOWN * abs(value):
+        return NOT_KNOWN
+    return f"± {100 * sd / abs(value):.2g} %" if value else f"± {quantity(sd, unit, 2)}"
