@@ -72,7 +72,7 @@ def diagnosis_playback(
         first=0 if motion is None else int(motion.samples[motion.top]),
         body=None if motion is None else motion.body(most),
         stills=[f"{what}{o}" for what in ("loop", "time") for o in own],
-        says=f"{named}: the recording beside the models." if named else "",
+        title=named,
     )
 
 

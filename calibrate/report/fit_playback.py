@@ -83,7 +83,7 @@ def fit_playback(
         first=0 if motion is None else int(motion.samples[motion.top]),
         body=None if motion is None else motion.body(most),
         stills=[f"{what}{o}{ending}" for what in ("fit", "time", "residual") for o in own],
-        says=f"{named}: the recording beside the fitted model." if named else "",
+        title=named,
     )
 
 

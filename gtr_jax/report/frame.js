@@ -8,7 +8,7 @@
 //   pick(px, py), a click; hover(px, py), or hover() when the mouse leaves; step(by), a key; zoomed(x), a new
 //   range across.
 const frameOf = (function () {
-  const ROOM = { left: 56, right: 12, top: 10, bottom: 40 };
+  const ROOM = { left: 56, right: 18, top: 10, bottom: 40 };
   const FONT = "12px system-ui, sans-serif", INK = "#222", FAINT = "#e6e6e6", AXIS = "#777";
   const STEPS = { ArrowLeft: -1, ArrowRight: 1, ArrowDown: -1, ArrowUp: 1, PageDown: -10, PageUp: 10,
     Home: -Infinity, End: Infinity };

@@ -58,7 +58,7 @@
     name.textContent = data.unit;
     controls.append(button, name, slider, told);
     parts.append(...bodies.map((b) => b.element), ...charts.map((c) => c.element));
-    figure.prepend(controls, parts);
+    figure.querySelector("script").before(controls, parts);
 
     function go(k) {
       link.now = k;

@@ -83,7 +83,7 @@ def playback(
     first: int = 0,
     body: Mapping[str, Any] | None = None,
     stills: Sequence[str] = (),
-    says: str = "",
+    title: str = "",
 ) -> Playback:
     """A history of K samples as a part of a page.
 
@@ -95,7 +95,7 @@ def playback(
         first: the sample that is shown first.
         body: from `motion.body_of`, or None.
         stills: as of `Playback`.
-        says: a sentence about these charts, before the one on how to use them.
+        title: above them, where a page has several.
     """
     lines = [line for chart in charts for line in chart.lines]
     used = [c for line in lines for c in (line.x, line.y, line.band) if c is not None]
@@ -146,7 +146,7 @@ def playback(
     }
     fewer = f" {len(kept):,} of {K:,} samples are shown." if len(kept) < K else ""
     turned = " Drag the body, or press its arrow keys, to turn it." if body and body["space"] else ""
-    return Playback(data, f"{says} {CAPTION}{turned}{fewer}".strip(), tuple(stills))
+    return Playback(data, f"{CAPTION}{turned}{fewer}", tuple(stills), title)
 
 
 def kept_samples(values: np.ndarray, most: int) -> np.ndarray:
