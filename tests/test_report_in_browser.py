@@ -54,7 +54,7 @@ def page(tmp_path_factory):
         figures=[Figure("loop", picture(), "The loop."), Figure("other", picture(), "Another.")],
         playbacks=[
             made_up(K, first=40, body=in_plane(), stills=["loop"]),
-            made_up(K, body=space, title="In space"),
+            made_up(K, body=space, title="Space"),
         ],
     )
     (folder / "report.html").write_text(render(report, SETTINGS, "[robot]"), encoding="utf-8")
@@ -183,6 +183,10 @@ def test_a_chart_zooms_by_box_wheel_keys_and_buttons(shown):
     # Charts over time share it, and the page scrolls over a chart that is not in use.
     tensions.send_keys("+")
     assert range_of(rest)[:2] == range_of(tensions)[:2]
+    again = [canvas.find_elements("xpath", "../div/button")[2] for canvas in (tensions, rest)]
+    assert all(button.is_enabled() for button in again)
+    again[0].click()
+    assert not any(button.is_enabled() for button in again), "both show all of the time"
     before, top = range_of(rest), shown.execute_script("return window.scrollY")
     wheel(rest, 100)
     assert range_of(rest) == before and shown.execute_script("return window.scrollY") > top

@@ -23,6 +23,8 @@ const frameOf = (function () {
     return out.map((v) => [v, Math.abs(v) < 1e-9 * step ? "0" : v.toFixed(Math.min(digits, 12)).replace("-", "−")]);
   }
 
+  const same = (a, b) => a[0] === b[0] && a[1] === b[1];
+
   function button(text, says, act) {
     const made = document.createElement("button");
     made.type = "button";
@@ -72,10 +74,10 @@ const frameOf = (function () {
     }
 
     function look(x, y, quietly) {
-      const moved = x !== view.x;
+      const moved = !same(x, view.x);
       Object.assign(view, { x, y });
       tell();
-      reset.disabled = x === spec.x && y === spec.y;
+      reset.disabled = same(x, spec.x) && same(y, spec.y);
       draw();
       if (moved && !quietly && on.zoomed) on.zoomed(x);
     }

@@ -14,7 +14,8 @@ from gtr_jax.plots.style import GREY, PHASE_COLOUR
 from .page import Playback
 
 MOST = 4000  # samples in charts
-DIGITS = 5  # of a value: more than a chart or a load cell shows
+PEAKS = 8  # of the quantities that are told, whose peaks a long history keeps
+DIGITS = 6  # of a value: more than a chart or a load cell shows
 CAPTION = (
     "Play the history, or go through it with the slider, the arrow keys, or a click into a chart. Drag a box "
     "to zoom; Shift and drag moves what is seen; the wheel zooms the chart that was clicked last, or with "
@@ -102,7 +103,7 @@ def playback(
     columns = list(dict.fromkeys([clock, *told, *used]))
     lists = list({id(line.phases): line.phases for line in lines if line.phases is not None}.values())
     K = len(clock.values)
-    kept = kept_samples(lines[0].y.values, MOST)
+    kept = kept_samples([np.asarray(c.values, float) for c in told[:PEAKS]], MOST)
     if first not in kept:
         kept = np.sort([*kept, first])
 
@@ -149,21 +150,23 @@ def playback(
     return Playback(data, f"{CAPTION}{turned}{fewer}", tuple(stills), title)
 
 
-def kept_samples(values: np.ndarray, most: int) -> np.ndarray:
-    """Which samples of a long recording charts show: of each stretch the least and the largest, so that peaks
-    stay; the first and the last always.
+def kept_samples(columns: Sequence[np.ndarray], most: int) -> np.ndarray:
+    """Which samples of a long recording charts show: of each stretch those where a quantity is least and
+    largest, so that peaks stay; the first and the last always.
 
     Args:
-        values: (K,).
+        columns: quantities, (K,) each; NaN where there is no reading.
         most: samples to keep, about.
     """
-    K = len(values)
+    K = len(columns[0])
     if most >= K:
         return np.arange(K)
-    known = np.where(np.isfinite(values), values, np.nanmedian(values))
-    ends = np.linspace(0, K, most // 2 + 1).astype(int)
-    picked = [a + int(pick(known[a:b])) for a, b in itertools.pairwise(ends) for pick in _ENDS]
-    return np.unique([0, *picked, K - 1])
+    ends = np.linspace(0, K, max(most // (2 * len(columns)), 1) + 1).astype(int)
+    picked = [0, K - 1]
+    for values in columns:
+        known = np.where(np.isfinite(values), values, np.nanmedian(values))
+        picked += [a + int(pick(known[a:b])) for a, b in itertools.pairwise(ends) for pick in _ENDS]
+    return np.unique(picked)
 
 
 _ENDS = (np.argmin, np.argmax)
