@@ -152,7 +152,7 @@ def playback(
 
 def kept_samples(columns: Sequence[np.ndarray], most: int) -> np.ndarray:
     """Which samples of a long recording charts show: of each stretch those where a quantity is least and
-    largest, so that peaks stay; the first and the last always.
+    largest, so that peaks stay, and others at even steps; the first and the last always.
 
     Args:
         columns: quantities, (K,) each; NaN where there is no reading.
@@ -162,11 +162,13 @@ def kept_samples(columns: Sequence[np.ndarray], most: int) -> np.ndarray:
     if most >= K:
         return np.arange(K)
     ends = np.linspace(0, K, max(most // (2 * len(columns)), 1) + 1).astype(int)
-    picked = [0, K - 1]
+    picked: list[int] = []
     for values in columns:
-        known = np.where(np.isfinite(values), values, np.nanmedian(values))
+        read = np.isfinite(values)
+        known = np.where(read, values, np.median(values[read]) if read.any() else 0.0)
         picked += [a + int(pick(known[a:b])) for a, b in itertools.pairwise(ends) for pick in _ENDS]
-    return np.unique(picked)
+    peaks = np.unique(picked)
+    return np.unique([*peaks, *np.linspace(0, K - 1, max(most - len(peaks), 2)).astype(int)])
 
 
 _ENDS = (np.argmin, np.argmax)
