@@ -12,7 +12,7 @@ from gtr_jax.report.playback import Chart, Column, Line, Span, playback
 from gtr_jax.robot.build import build_robot
 
 from ..diagnosis.result import Diagnosis, Loop
-from .fit_playback import DRIVES
+from .fit_playback import DRIVES, OTHERS, channel_chart
 from .recording_motion import Motion, motion_along
 
 
@@ -29,10 +29,15 @@ def diagnosis_playback(
         named: name of the recording where there are several, else "".
         most: steps at which the body is shown.
     """
-    K = len(loop.pulls[0].drive)
+    K = loop.recorded.shape[1]
     number = Column("sample", "", np.arange(1.0, K + 1))
     clock = number if loop.time is None else Column("time", "s", np.asarray(loop.time))
     along = "sample" if loop.time is None else "time [s]"
+
+    def models(i: int) -> list[tuple[str, np.ndarray, str]]:
+        before = ("best fit without" if found else "best fit", loop.before[i], VERMILLION)
+        return [before, (label, loop.after[i], BLUE)] if found else [before]
+
     loops, course, left, told = [], [], [], []
     for i, pull in enumerate(loop.pulls):
         of = f" of {pull.tendon}" if pull.tendon else ""
@@ -40,13 +45,11 @@ def diagnosis_playback(
         what, factor, unit = ("displacement", 1e3, "mm") if drawn else ("T_base", 1.0, "N")
         drive = Column(f"{what}{of}", unit, factor * np.asarray(pull.drive))
         recorded = Column(f"T_tip{of}, recorded", "N", np.asarray(loop.recorded[i]))
-        models = [("best fit without" if found else "best fit", loop.before[i], VERMILLION)]
-        models += [(label, loop.after[i], BLUE)] if found else []
         loops.append(Line(drive, recorded, GREY, "dots"))
         course += [] if drawn else [Line(clock, drive, PURPLE, "dashed")]
         course.append(Line(clock, recorded, GREY, "dots"))
         told += [drive, recorded]
-        for name, values, colour in models:
+        for name, values, colour in models(i):
             tip = Column(f"T_tip{of}, {name}", "N", np.asarray(values))
             residual = Column(f"simulated − recorded{of}, {name}", "N", tip.values - recorded.values)
             loops.append(Line(drive, tip, colour))
@@ -56,10 +59,12 @@ def diagnosis_playback(
     kinds = {"displacement" if pull.by_displacement else "tension" for pull in loop.pulls}
     across = DRIVES[kinds.pop()] if len(kinds) == 1 else "tension [N] or displacement [mm] at the base"
     noise = max(pull.noise_N for pull in loop.pulls)
+    others = list(enumerate(loop.channels))[loop.tips :][:OTHERS]
     charts = [
         Chart("Loop", across, "tension at the tip [N]", loops),
         Chart("Tensions", along, "tension [N]", course),
         Chart("What is left", along, "simulated − recorded T_tip [N]", left, noise, _spans(answer, loop)),
+        *(channel_chart(name, clock, along, loop.recorded[i], models(i)) for i, name in others),
     ]
     motion = _motion(answer, loop)
     ending = [named] * bool(named)

@@ -91,7 +91,7 @@ def playback(
     Args:
         charts: to draw, in this order, after the body.
         clock: time, or the number, of the samples.
-        told: columns whose present values are told above the charts.
+        told: columns whose present values are told above the charts; at least one.
         unit: what a sample is called.
         first: the sample that is shown first.
         body: from `motion.body_of`, or None.
