@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -344,6 +345,14 @@ def test_the_command_names_an_effect(asymmetry, capsys):
     assert len(driven) >= 18 and driven.max() <= 1.01 * 45
     page = (out / "report.html").read_text()
     assert "friction-asymmetry" in page and "http" not in page.split("<body")[1].split("settings")[0][:2000]
+    (text,) = re.findall(r'<script type="application/json">(.*?)</script>', page)
+    played = json.loads(text)
+    titles = [chart["title"] for chart in played["charts"]]
+    assert titles[:5] == ["Loop", "Tensions", "What is left", "Tip x", "Tip y"]
+    rows = np.genfromtxt(out / "diagnosis.csv", delimiter=",", names=True, usecols=range(5))
+    columns = {c["label"]: np.array(c["values"], float) for c in played["columns"]}
+    np.testing.assert_allclose(columns["T_tip, recorded"], rows["T_tip_N"], rtol=1e-4, atol=1e-9)
+    assert len(played["body"]["steps"]) > 20 and played["body"]["samples"][-1] == len(rows) - 1
     for name in ("loop.png", "residual.png", "rivals.png", "next-experiment.png", "diagnosis.csv"):
         assert (out / name).exists(), name
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -281,6 +282,9 @@ def test_the_command(make_config, truth, capsys, tmp_path):
     report = (tmp_path / "out/report.html").read_text()
     assert "T_tip" not in report.partition("robot.toml")[0] and "tip cell" not in report
     assert "tip_angle, root mean square" in report
+    (played,) = re.findall(r'<script type="application/json">(.*?)</script>', report)
+    titles = [chart["title"] for chart in json.loads(played)["charts"]]
+    assert titles == ["Tip y", "Tip angle"] and len(json.loads(played)["told"]) == 4
     gtr.write_recording(tmp_path / "bare.csv", {"T_base": LOOP})
     done = run_gtr(capsys, "fit", given[0], tmp_path / "bare.csv", "-o", tmp_path / "other")
     assert done.status != 0 and "T_tip_N" in done.err and done.err.count("\n") == 1

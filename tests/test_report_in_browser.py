@@ -52,7 +52,10 @@ def page(tmp_path_factory):
         title="Made up",
         verdict="All of it is made up.",
         figures=[Figure("loop", picture(), "The loop."), Figure("other", picture(), "Another.")],
-        playbacks=[made_up(K, first=40, body=in_plane(), stills=["loop"]), made_up(K, body=space)],
+        playbacks=[
+            made_up(K, first=40, body=in_plane(), stills=["loop"]),
+            made_up(K, body=space, title="Space"),
+        ],
     )
     (folder / "report.html").write_text(render(report, SETTINGS, "[robot]"), encoding="utf-8")
     return folder
@@ -88,7 +91,7 @@ def in_the_middle(canvas):
     """The sample in the middle of a chart over time, from its range and the room beside its axes."""
     low, high = range_of(canvas)[:2]
     wide = canvas.size["width"]
-    seconds = low + (wide / 2 - 56) / (wide - 56 - 12) * (high - low)
+    seconds = low + (wide / 2 - 56) / (wide - 56 - 18) * (high - low)
     return 1 + seconds * (K - 1) / 60
 
 
@@ -118,6 +121,7 @@ def test_charts_stand_in_for_their_pictures_and_bring_them_back(shown):
     loop, other = all_of(shown, "figure:not(.playback)")
     assert not loop.is_displayed() and other.is_displayed()
     assert len(all_of(shown, ".playback canvas")) == 8
+    assert [heading.text for heading in all_of(shown, ".playback > h2")] == ["Space"]
     assert all(inked(shown, canvas) > 1000 for canvas in all_of(shown, ".playback canvas"))
     (button,) = all_of(shown, "button.pictures")
     button.click()
@@ -179,6 +183,10 @@ def test_a_chart_zooms_by_box_wheel_keys_and_buttons(shown):
     # Charts over time share it, and the page scrolls over a chart that is not in use.
     tensions.send_keys("+")
     assert range_of(rest)[:2] == range_of(tensions)[:2]
+    again = [canvas.find_elements("xpath", "../div/button")[2] for canvas in (tensions, rest)]
+    assert all(button.is_enabled() for button in again)
+    again[0].click()
+    assert not any(button.is_enabled() for button in again), "both show all of the time"
     before, top = range_of(rest), shown.execute_script("return window.scrollY")
     wheel(rest, 100)
     assert range_of(rest) == before and shown.execute_script("return window.scrollY") > top

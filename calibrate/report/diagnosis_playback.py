@@ -15,7 +15,7 @@ from ..diagnosis.result import Diagnosis, Loop, Pull
 from .diagnosis_channels import channels_shown
 from .diagnosis_channels import named as naming
 from .diagnosis_figures import TIP, axis_of
-from .fit_playback import DRIVES
+from .fit_playback import DRIVES, OTHERS, channel_chart
 from .recording_motion import Motion, motion_along
 
 
@@ -32,10 +32,15 @@ def diagnosis_playback(
         named: name of the recording where there are several, else "".
         most: steps at which the body is shown.
     """
-    K = len(loop.pulls[0].drive)
+    K = loop.recorded.shape[1]
     number = Column("sample", "", np.arange(1.0, K + 1))
     clock = number if loop.time is None else Column("time", "s", np.asarray(loop.time))
     along = "sample" if loop.time is None else "time [s]"
+
+    def models(i: int) -> list[tuple[str, np.ndarray, str]]:
+        before = ("best fit without" if found else "best fit", loop.before[i], VERMILLION)
+        return [before, (label, loop.after[i], BLUE)] if found else [before]
+
     loops, course, left, told = [], [], [], []
     drives = [_drive_of(pull) for pull in loop.pulls]
     told += drives
@@ -53,12 +58,10 @@ def diagnosis_playback(
         tendon = f" of {pull.tendon}" if pull.tendon else ""
         what = f"T_tip{tendon}" if axis is TIP else axis.short
         recorded = Column(f"{what}, recorded", axis.unit, axis.size * np.asarray(loop.recorded[c]))
-        models = [("best fit without" if found else "best fit", loop.before[c], VERMILLION)]
-        models += [(label, loop.after[c], BLUE)] if found else []
         loops.append(Line(drive, recorded, GREY, "dots"))
         course.append(Line(clock, recorded, GREY, "dots"))
         told.append(recorded)
-        for name, values, colour in models:
+        for name, values, colour in models(c):
             model = Column(f"{what}, {name}", axis.unit, axis.size * np.asarray(values))
             of = tendon if axis is TIP else f", {axis.short}"
             residual = Column(f"simulated − recorded{of}, {name}", axis.unit, model.values - recorded.values)
@@ -69,6 +72,7 @@ def diagnosis_playback(
     kinds = {"displacement" if pull.by_displacement else "tension" for pull in loop.pulls}
     across = DRIVES[kinds.pop()] if len(kinds) == 1 else "tension [N] or displacement [mm] at the base"
     noise, unit = max(axes[0].size * loop.noise[c].sd for c in shown), axes[0].unit
+    others = [c for c in range(len(loop.channels)) if c not in shown]
     all_of = "tension at the tip" if tensions else axes[0].label if len(shown) == 1 else "what was recorded"
     charts = [
         Chart("Loop", across, f"{all_of} [{unit}]", loops),
@@ -86,6 +90,10 @@ def diagnosis_playback(
             noise,
             _spans(answer, loop),
         ),
+        *(
+            channel_chart(loop.channels[c], clock, along, loop.recorded[c], models(c))
+            for c in others[:OTHERS]
+        ),
     ]
     motion = _motion(answer, loop)
     own = [naming(loop, c, several=bool(named)).ending for c in shown]
@@ -97,7 +105,7 @@ def diagnosis_playback(
         first=0 if motion is None else int(motion.samples[motion.top]),
         body=None if motion is None else motion.body(most),
         stills=[f"{what}{o}" for what in ("loop", "time") for o in own],
-        says=f"{named}: the recording beside the models." if named else "",
+        title=named,
     )
 
 

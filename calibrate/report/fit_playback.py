@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -72,7 +73,9 @@ def fit_playback(
             Chart("Residual over the recording", along, difference, left, fitted.noise_N),
             Chart("Residual over the pull", drive, difference, against, fitted.noise_N),
         ]
-    charts += _others(fitted, recording, clock, along)
+    others = _others(fitted, recording, clock, along)
+    charts += others
+    told = told or [line.y for chart in others for line in chart.lines]
     ending = f"-{named}" if named else ""
     own = [f"-{tendon.name}" if tendon.name else "" for tendon in tendons]
     return playback(
@@ -83,7 +86,7 @@ def fit_playback(
         first=0 if motion is None else int(motion.samples[motion.top]),
         body=None if motion is None else motion.body(most),
         stills=[f"{what}{o}{ending}" for what in ("fit", "time", "residual") for o in own],
-        says=f"{named}: the recording beside the fitted model." if named else "",
+        title=named,
     )
 
 
@@ -91,14 +94,36 @@ def _others(fitted: FittedRecording, recording: Recording, clock: Column, along:
     """What was compared beside the tip tensions, each over the recording."""
     seen = channels_in(recording, fitted.robot)
     names = [name for name in fitted.channels if quantity_of(name) != "T_tip"][:OTHERS]
-    charts = []
-    for name in names:
-        quantity, _, tendon = name.partition(".")
-        unit, factor = SHOWN[unit_of(name)]
-        words = LABELS.get(quantity, quantity.replace("_", " ")).replace("$", "")
-        words = " of ".join(filter(None, (words, tendon)))
-        recorded = Column(f"{words}, recorded", unit, factor * np.asarray(seen[name]))
-        fits = Column(f"{words}, fitted model", unit, factor * np.asarray(fitted.channels[name].simulated))
-        lines = [Line(clock, recorded, GREY, "dots"), Line(clock, fits, INK)]
-        charts.append(Chart(words[0].upper() + words[1:], along, f"{words} [{unit}]", lines))
-    return charts
+    return [
+        channel_chart(
+            name, clock, along, seen[name], [("fitted model", fitted.channels[name].simulated, INK)]
+        )
+        for name in names
+    ]
+
+
+def channel_chart(
+    name: str,
+    clock: Column,
+    along: str,
+    recorded: np.ndarray,
+    models: Sequence[tuple[str, np.ndarray, str]],
+) -> Chart:
+    """One channel over a recording of K samples.
+
+    Args:
+        name: of the channel.
+        clock, along: time or number of the samples, and the label of that axis.
+        recorded: SI, (K,).
+        models: what each is called, what it simulates, SI, (K,), and its colour.
+    """
+    quantity, _, tendon = name.partition(".")
+    unit, factor = SHOWN[unit_of(name)]
+    words = LABELS.get(quantity, quantity.replace("_", " ")).replace("$", "")
+    words = " of ".join(filter(None, (words, tendon)))
+    lines = [Line(clock, Column(f"{words}, recorded", unit, factor * np.asarray(recorded)), GREY, "dots")]
+    lines += [
+        Line(clock, Column(f"{words}, {label}", unit, factor * np.asarray(values)), colour)
+        for label, values, colour in models
+    ]
+    return Chart(words[0].upper() + words[1:], along, f"{words} [{unit}]", lines)

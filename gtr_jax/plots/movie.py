@@ -106,8 +106,8 @@ class _Picture:
         self.sides = _axonometric() if space else np.eye(3)[:2]
         rest = _outline(shapes[0], self.sides)
         self._frame(left, space=space)
-        for polygons in _body(left, PALE, INSIDE):
-            polygons.set_verts(rest)
+        for collection in _body(left, PALE, INSIDE):
+            collection.set_verts(rest)
         self.body = _body(left, GREY, FILL)
         most = max(float(np.max(shape.tension)) for shape in shapes)
         norm = Normalize(0.0, most if most > 0 else 1.0)

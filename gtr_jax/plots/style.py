@@ -7,7 +7,7 @@ import functools
 import io
 import weakref
 from collections.abc import Callable, Sequence
-from typing import Any, ParamSpec
+from typing import Any, Literal, ParamSpec
 
 import matplotlib as mpl
 import numpy as np
@@ -120,7 +120,9 @@ def own_axes(into: Axes | Sequence[Axes], count: int) -> list[Axes]:
     return given
 
 
-def legend_above(fig: Figure, handles: Sequence[Artist], into: Into = None, where: str = "best") -> None:
+def legend_above(
+    fig: Figure, handles: Sequence[Artist], into: Into = None, where: Literal["best", "lower right"] = "best"
+) -> None:
     """Legend entries above the axes: in one row, or in as many as the width of the figure asks for; within
     the first of the caller's axes, `where` it is to stand there, where these are drawn into.
     """

@@ -25,6 +25,7 @@ const chartOf = (function () {
     const hint = document.createElement("div");
     hint.className = "hint";
     hint.hidden = true;
+    const dotted = lines.some((line) => line.style === "dots");
     let under = null; // the sample under the mouse
     const frame = frameOf({ ...spec, x: range(lines.map((line) => line.x)), y }, {
       paint,
@@ -92,13 +93,13 @@ const chartOf = (function () {
         if (line.x[k] === null || line.y[k] === null) continue;
         pen.fillStyle = colourOf(line, k);
         pen.globalAlpha = 0.65;
-        pen.fillRect(place.x(line.x[k]) - 1.5, place.y(line.y[k]) - 1.5, 3, 3);
+        pen.fillRect(place.x(line.x[k]) - 2, place.y(line.y[k]) - 2, 4, 4);
       }
       pen.globalAlpha = 1;
     }
 
     function stroke(pen, place, line) {
-      pen.lineWidth = line.style === "dashed" ? 1.2 : line.wide || 1.6;
+      pen.lineWidth = line.style === "dashed" || dotted ? 1.1 : 1.6; // thin over dots
       pen.lineJoin = "round";
       pen.setLineDash(line.style === "dashed" ? [5, 4] : []);
       let last = null; // colour of the path under the pen

@@ -8,7 +8,7 @@
 //   pick(px, py), a click; hover(px, py), or hover() when the mouse leaves; step(by), a key; zoomed(x), a new
 //   range across.
 const frameOf = (function () {
-  const ROOM = { left: 56, right: 12, top: 10, bottom: 40 };
+  const ROOM = { left: 56, right: 18, top: 10, bottom: 40 };
   const FONT = "12px system-ui, sans-serif", INK = "#222", FAINT = "#e6e6e6", AXIS = "#777";
   const STEPS = { ArrowLeft: -1, ArrowRight: 1, ArrowDown: -1, ArrowUp: 1, PageDown: -10, PageUp: 10,
     Home: -Infinity, End: Infinity };
@@ -22,6 +22,8 @@ const frameOf = (function () {
     const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
     return out.map((v) => [v, Math.abs(v) < 1e-9 * step ? "0" : v.toFixed(Math.min(digits, 12)).replace("-", "−")]);
   }
+
+  const same = (a, b) => a[0] === b[0] && a[1] === b[1];
 
   function button(text, says, act) {
     const made = document.createElement("button");
@@ -72,10 +74,10 @@ const frameOf = (function () {
     }
 
     function look(x, y, quietly) {
-      const moved = x !== view.x;
+      const moved = !same(x, view.x);
       Object.assign(view, { x, y });
       tell();
-      reset.disabled = x === spec.x && y === spec.y;
+      reset.disabled = same(x, spec.x) && same(y, spec.y);
       draw();
       if (moved && !quietly && on.zoomed) on.zoomed(x);
     }

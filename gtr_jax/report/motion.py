@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import equinox as eqx
+import jax
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
@@ -12,11 +14,12 @@ from gtr_jax.plots.views import Posture, Strung
 
 from ..robot.robot import Robot
 from ..simulation.history import Simulation, equilibrium_at
-from ..simulation.markers import marker_places, shape_in_plane
+from ..simulation.markers import markers_on, shape_in_plane
 from .scene import PLACES, SCALE, in_space, whole_numbers
 from .spatial import strung_of
 
-STEPS = 200  # most that a body is shown at
+STEPS = 200  # most that a body is shown at, and besides
+FIXED = 3  # the first, the last and another
 
 
 class Moved(NamedTuple):
@@ -38,18 +41,27 @@ def moved(robot: Robot, run: Simulation, *, first: int, steps: int | None = None
         most: steps to show.
     """
     K = len(run.time) if steps is None else steps
-    shape = shape_in_plane(robot, run.curvature, run.angle) if run.shape is None else run.shape
-    position, frames = (np.asarray(values)[:K] for values in (shape.position, shape.rotation))
     tension = np.asarray(run.tension)[:K].reshape(K, len(robot.tendons), -1)
-    markers = np.asarray(marker_places(robot, run))[:K]
+    bent = np.asarray(run.angle)[:K, :, None] if run.shape is None else np.asarray(run.shape.position)[:K]
+    kept = kept_steps(bent, tension, first, most)
+    # Always as many, so that one program is compiled for all histories.
+    at = np.concatenate([kept, np.full(most + FIXED - len(kept), kept[-1])])
+    if run.shape is None:
+        shape = _shape_in_plane(robot, run.curvature[at], run.angle[at])
+    else:
+        shape = jax.tree_util.tree_map(lambda values: values[at], run.shape)
+    position, frames = np.asarray(shape.position), np.asarray(shape.rotation)
+    markers = np.asarray(_markers_on(robot, run.s, shape))[..., :3]
     body = strung_of(robot, run)
-    if not robot.space:
-        # Of guided tendons these are those of the chords, which the routing does not have.
+    if any(tendon.guides is not None for tendon in robot.tendons) and not robot.space:
+        # The chords between guides, which the routing does not have.
         R = np.asarray(equilibrium_at(robot, run, 0).R).reshape(len(robot.tendons), -1)
         body = body._replace(offsets=np.stack([R, np.zeros_like(R)], axis=-1))
-    kept = kept_steps(position, tension, first, most)
-    postures = [Posture("", position[k], frames[k], tension[k], markers[k]) for k in kept]
+    postures = [Posture("", position[i], frames[i], tension[k], markers[i]) for i, k in enumerate(kept)]
     return Moved(body, postures, kept)
+
+
+_shape_in_plane, _markers_on = eqx.filter_jit(shape_in_plane), eqx.filter_jit(markers_on)
 
 
 def body_of(
@@ -97,21 +109,21 @@ def _in_plane(body: Strung, postures: Sequence[Posture]) -> dict[str, Any]:
     }
 
 
-def kept_steps(position: np.ndarray, tension: np.ndarray, first: int, most: int) -> np.ndarray:
+def kept_steps(bent: np.ndarray, tension: np.ndarray, first: int, most: int) -> np.ndarray:
     """Which steps of a history to show a body at: evenly along the way that its shape and the tensions go, so
     that none of them looks much different from the next, and nothing is spent where it rests.
 
     Args:
-        position: of the midline [m], (K, N, 3).
+        bent: angles or places along the midline, (K, N, any).
         tension: along the tendons [N], (K, tendons, N).
         first: a step that is always kept, as are the first and the last.
         most: steps to keep.
     """
-    K = len(position)
+    K = len(bent)
     if most >= K:
         return np.arange(K)
     way = np.zeros(K)
-    for values in (position, tension):
+    for values in (bent, tension):
         moved = np.max(np.abs(np.diff(values, axis=0)).reshape(K - 1, -1), axis=1)
         size = float(np.max(np.ptp(values, axis=0)))
         way[1:] += moved / size if size > 0 else 0.0

@@ -71,11 +71,13 @@ class Playback:
         data: of the charts and the body.
         caption: what is seen.
         stills: names of the figures it stands in for; these stay for print and for pages without scripts.
+        title: above it, where there are several.
     """
 
     data: Mapping[str, Any]
     caption: str
     stills: Sequence[str] = ()
+    title: str = ""
 
     @property
     def text(self) -> str:

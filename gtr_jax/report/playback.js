@@ -56,9 +56,10 @@
     Object.assign(slider, { type: "range", min: 0, max: count - 1, step: 1, value: link.now });
     slider.id = name.htmlFor = "at-" + document.querySelectorAll(".playback .controls").length;
     name.textContent = data.unit;
+    told.setAttribute("aria-live", "off"); // the slider tells the same to screen readers
     controls.append(button, name, slider, told);
     parts.append(...bodies.map((b) => b.element), ...charts.map((c) => c.element));
-    figure.prepend(controls, parts);
+    figure.querySelector("script").before(controls, parts);
 
     function go(k) {
       link.now = k;

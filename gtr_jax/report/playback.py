@@ -14,7 +14,8 @@ from gtr_jax.plots.style import GREY, PHASE_COLOUR
 from .page import Playback
 
 MOST = 4000  # samples in charts
-DIGITS = 5  # of a value: more than a chart or a load cell shows
+PEAKS = 8  # of the quantities that are told, whose peaks a long history keeps
+DIGITS = 6  # of a value: more than a chart or a load cell shows
 CAPTION = (
     "Play the history, or go through it with the slider, the arrow keys, or a click into a chart. Drag a box "
     "to zoom; Shift and drag moves what is seen; the wheel zooms the chart that was clicked last, or with "
@@ -83,26 +84,26 @@ def playback(
     first: int = 0,
     body: Mapping[str, Any] | None = None,
     stills: Sequence[str] = (),
-    says: str = "",
+    title: str = "",
 ) -> Playback:
     """A history of K samples as a part of a page.
 
     Args:
         charts: to draw, in this order, after the body.
         clock: time, or the number, of the samples.
-        told: columns whose present values are told above the charts.
+        told: columns whose present values are told above the charts; at least one.
         unit: what a sample is called.
         first: the sample that is shown first.
         body: from `motion.body_of`, or None.
         stills: as of `Playback`.
-        says: a sentence about these charts, before the one on how to use them.
+        title: above them, where a page has several.
     """
     lines = [line for chart in charts for line in chart.lines]
     used = [c for line in lines for c in (line.x, line.y, line.band) if c is not None]
     columns = list(dict.fromkeys([clock, *told, *used]))
     lists = list({id(line.phases): line.phases for line in lines if line.phases is not None}.values())
     K = len(clock.values)
-    kept = kept_samples(lines[0].y.values, MOST)
+    kept = kept_samples([np.asarray(c.values, float) for c in told[:PEAKS]], MOST)
     if first not in kept:
         kept = np.sort([*kept, first])
 
@@ -146,24 +147,28 @@ def playback(
     }
     fewer = f" {len(kept):,} of {K:,} samples are shown." if len(kept) < K else ""
     turned = " Drag the body, or press its arrow keys, to turn it." if body and body["space"] else ""
-    return Playback(data, f"{says} {CAPTION}{turned}{fewer}".strip(), tuple(stills))
+    return Playback(data, f"{CAPTION}{turned}{fewer}", tuple(stills), title)
 
 
-def kept_samples(values: np.ndarray, most: int) -> np.ndarray:
-    """Which samples of a long recording charts show: of each stretch the least and the largest, so that peaks
-    stay; the first and the last always.
+def kept_samples(columns: Sequence[np.ndarray], most: int) -> np.ndarray:
+    """Which samples of a long recording charts show: of each stretch those where a quantity is least and
+    largest, so that peaks stay, and others at even steps; the first and the last always.
 
     Args:
-        values: (K,).
+        columns: quantities, (K,) each; NaN where there is no reading.
         most: samples to keep, about.
     """
-    K = len(values)
+    K = len(columns[0])
     if most >= K:
         return np.arange(K)
-    known = np.where(np.isfinite(values), values, np.nanmedian(values))
-    ends = np.linspace(0, K, most // 2 + 1).astype(int)
-    picked = [a + int(pick(known[a:b])) for a, b in itertools.pairwise(ends) for pick in _ENDS]
-    return np.unique([0, *picked, K - 1])
+    ends = np.linspace(0, K, max(most // (2 * len(columns)), 1) + 1).astype(int)
+    picked: list[int] = []
+    for values in columns:
+        read = np.isfinite(values)
+        known = np.where(read, values, np.median(values[read]) if read.any() else 0.0)
+        picked += [a + int(pick(known[a:b])) for a, b in itertools.pairwise(ends) for pick in _ENDS]
+    peaks = np.unique(picked)
+    return np.unique([*peaks, *np.linspace(0, K - 1, max(most - len(peaks), 2)).astype(int)])
 
 
 _ENDS = (np.argmin, np.argmax)
