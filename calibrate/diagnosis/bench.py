@@ -7,11 +7,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..channels import quantity_of
 from ..least_squares import BY_DIFFERENCES, Rules, minimise
 from ..number import Number
 from ..predictor import Seen
 from ..readings import exact
 from ..readings.noise import MAD_TO_SD, Noise, correlation_time, of_residual, resolution, whitened
+from ..setup import Part
 from ..several import SeveralWeighing
 from ..weighing import Weighing
 from .follow import Follow
@@ -50,6 +52,22 @@ def noise_in(rig: Rig, residual: np.ndarray) -> list[Noise]:
         Noise(float(np.hypot(n.sd, DISCRETE * s)), n.rho, DISCRETE * s)
         for n, s in zip(noise, size, strict=True)
     ]
+
+
+def without_zero(part: Part, residual: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """The residual of a recording, (C, K), less the mean of displacements: where they are counted from is
+    not known.
+
+    Args:
+        part: the recording.
+        residual: of it.
+        inside: samples from which the mean is taken, (K,) bool.
+    """
+    floating = [quantity_of(name) == "displacement" for name in part.channels]
+    if not any(floating) or not inside.any():
+        return residual
+    zero = np.where(floating, residual[:, inside].mean(axis=1), 0.0)
+    return residual - zero[:, None]
 
 
 def passing(rig: Rig, seen: Seen, noise: list[Noise], values: Mapping[str, float]) -> Weighing:
@@ -154,8 +172,11 @@ class Bench:
         return dataclasses.replace(self, corrections=known)
 
     def residuals(self, seen: Sequence[Seen]) -> list[np.ndarray]:
-        """Simulated minus recorded of each recording, (C, K)."""
-        return [s.values[rig.where] - rig.part.recorded for rig, s in zip(self.rigs, seen, strict=True)]
+        """Simulated minus recorded of each recording, (C, K), but for the unknown zero of displacements."""
+        return [
+            without_zero(rig.part, s.values[rig.where] - rig.part.recorded, rig.part.counted)
+            for rig, s in zip(self.rigs, seen, strict=True)
+        ]
 
     def weighed(
         self, values: Mapping[str, float], seen: Sequence[Seen], known: Sequence[list[Noise]] | None = None

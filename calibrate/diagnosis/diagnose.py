@@ -77,7 +77,8 @@ def diagnose(
 
     Args:
         robot: from `gtr_jax.load_config`; or a `Robot`, whose mu and E then have no priors.
-        recording: with T_base, or the displacements of tendons that these drive, and T_tip, 20 samples or
+        recording: with T_base, or the displacements of tendons that these drive, and T_tip or what else shows
+            the robot (pose, markers, angles, displacements), all of them T_tip or none; 20 samples or
             more; or several of the same robot.
         channels: what is compared beside T_tip, where a recording has it; as of `calibrate.fit`.
         noise_N, noise_base_N: standard deviations of the recorded tensions [N]; estimated unless given.
@@ -403,8 +404,7 @@ def _answer(
         proposal = propose(models, decision, bench.rigs[0])
     loops = []
     for k, part in enumerate(ready.full):
-        where = bench.rigs[k].where
-        plain, shown = (m.fitted.seen[k].values[where] for m in (before, after))
+        plain, shown = (part.recorded + bench.residuals(m.fitted.seen)[k] for m in (before, after))
         phases = phases_of(bench, before.fitted, k)
 
         def pull(i: int, part=part, k=k, ends=(part.recorded, plain, shown), phases=phases) -> Pull:
@@ -472,8 +472,8 @@ def _answer(
         episodes=episodes(bench, after.fitted),
         left_out=[
             out
-            for part, rig, seen in zip(ready.full, bench.rigs, after.fitted.seen, strict=True)
-            for out in left_out(part, leave_out[part.name], seen.values[rig.where])
+            for part, residual in zip(ready.full, bench.residuals(after.fitted.seen), strict=True)
+            for out in left_out(part, leave_out[part.name], residual)
         ],
         warnings=ready.warnings,
     )

@@ -24,6 +24,7 @@ from ..number import OWN, Number, number_at, values_in
 from ..parallel import in_parallel
 from .bench import Bench
 from .hypotheses import Hypothesis, number_of
+from .instruments import cells_of
 from .model import Fitted, model_of
 from .models import BELIEVED, HOW_MANY, LARGEST_SCALE, Models
 from .screen import SEEN, screen
@@ -122,7 +123,10 @@ def candidates(bench: Bench, robot: Robot) -> list[Number]:
             continue
         preload = number_at(parameter(robot, name), float(robot.value(name)), sd=PRELOAD_SHARE * largest)
         found.append(dataclasses.replace(preload, size=True))
-    for kind in ZEROS:
+    cells = cells_of([rig.part for rig in bench.rigs])
+    for kind, read in zip(ZEROS, (cells.tip, cells.base), strict=True):
+        if not read:
+            continue
         term = REGISTRY[kind]
         number = number_of(term, term.quantities[0])
         if number.name not in taken and not known_on(term, robot.terms[kind]):

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..number import OWN
 from ..parallel import in_parallel
-from .bench import Bench
+from .bench import Bench, without_zero
 from .hypotheses import EVENTS, Hypothesis
 from .locate import cycles_in
 from .model import Fitted
@@ -86,7 +86,8 @@ def by_fold(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]])
         white = bench.by_channel(bench.tamed(bench.white(residuals)))
         for z, residual, held, rig in zip(white, residuals, parts[f][1], bench.rigs, strict=True):
             out = held & rig.part.counted
-            told = residual[: rig.part.explained, out]
+            known = without_zero(rig.part, residual, rig.part.counted & ~held)
+            told = known[: rig.part.explained, out]
             squares, n = squares + float(np.sum(told**2)), n + told.size
             chi, rows = chi + float(np.sum(z[:, out] ** 2)), rows + z[:, out].size
         return squares, n, chi, rows

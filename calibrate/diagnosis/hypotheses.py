@@ -15,6 +15,7 @@ from gtr_jax.terms.term import Quantity
 
 from ..number import Number
 from ..setup import Part
+from .instruments import BOTH, Cells
 from .rig import friction_of, stiffness_of
 
 # Half width of a range that holds 90 % of a normal distribution, in standard deviations.
@@ -69,8 +70,8 @@ VARIANTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "pressure-dependent-friction": {"": ("exponent",)},
     "contact": {"": ("stiffness", "distance")},
 }
-# The number of an effect on the cell at the tip, or at the anchor before it.
-AT_TIP = "tip"
+# The number of an effect on the cell at the tip, or at the anchor before it, and on the cell at the base.
+AT_TIP, AT_BASE = "tip", "base"
 # Events: their free time lets them fit any bump, so that none is offered until a misfit is located in time.
 EVENTS = {kind for kind, term in REGISTRY.items() if term.event}
 # Terms without an effect on anything that varies, or read from the samples themselves.
@@ -127,7 +128,7 @@ def catalogue(
     travel: np.ndarray,
     bend: float,
     displaced: bool = False,
-    tip_cell: bool = True,
+    cells: Cells = BOTH,
     without: Collection[str] = (),
 ) -> list[Hypothesis]:
     """The hypotheses that can act on a robot, laws of its file that are null included, except those that its
@@ -141,7 +142,7 @@ def catalogue(
             places in the axes of the base [m], (M, 3).
         bend: largest change of curvature [1/m].
         displaced: whether a recording has the displacement, in which alone some terms are seen.
-        tip_cell: whether the tension at the tip is recorded, in which alone some terms are seen.
+        cells: those of the recordings, in which alone some terms are seen.
         without: names of terms that are left out.
     """
     rigid, found = robot.backbone.rigid, []
@@ -163,7 +164,9 @@ def catalogue(
         plain = {"": tuple(q.name for q in known)}
         for variant, names in VARIANTS.get(term.id, plain).items():
             name = f"{term.id}.{variant}" if variant else term.id
-            if not tip_cell and (names[0] == AT_TIP or (term.tip and not term.true_base)):
+            if not cells.tip and (names[0] == AT_TIP or (term.tip and not term.true_base)):
+                continue
+            if not cells.base and term.of_cells and (names[0] == AT_BASE or (term.base and not term.tip)):
                 continue
             free = tuple(number_of(term, q) for wanted in names for q in known if q.name == wanted)
             found.append(_started(name, term, free, robot, largest_tip, travel, bend))

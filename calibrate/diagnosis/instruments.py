@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax import Robot
+from gtr_jax import InputError, Robot
 from gtr_jax.simulation.markers import marker_rows
 from gtr_jax.simulation.natively import Brief
 
@@ -85,17 +86,43 @@ def shown(
     return np.stack([row(name) for name in channels])
 
 
-def explained_first(part: Part) -> Part:
-    """A recording with the channels first that a diagnosis explains: the tip tensions; where none was
-    recorded, those of the unit that most channels have.
+def explained_first(parts: Sequence[Part]) -> list[Part]:
+    """Recordings with the channels first that a diagnosis explains: the tip tensions; where none was
+    recorded, those of the unit that most channels of all recordings have.
+
+    Raises:
+        InputError: a recording without tip tension has no channel of that unit.
     """
-    if part.tips:
-        return part
-    units = [unit_of(name) for name in part.channels]
-    most = max(dict.fromkeys(units), key=units.count)
-    order = sorted(range(len(units)), key=lambda c: units[c] != most)
-    channels = tuple(part.channels[c] for c in order)
-    return dataclasses.replace(part, channels=channels, recorded=part.recorded[order])
+    if parts[0].tips:
+        return list(parts)
+    units = [unit_of(name) for part in parts for name in part.channels]
+    most, found = max(dict.fromkeys(units), key=units.count), []
+    for part in parts:
+        order = sorted(range(len(part.channels)), key=lambda c: unit_of(part.channels[c]) != most)
+        channels = tuple(part.channels[c] for c in order)
+        if unit_of(channels[0]) != most:
+            what = {"m": "place", "rad": "angle", "N": "tension"}[most]
+            raise InputError(
+                f"{part.path}: has no {what}, which the others have; diagnose it by itself, or add the column"
+            )
+        found.append(dataclasses.replace(part, channels=channels, recorded=part.recorded[order]))
+    return found
+
+
+class Cells(NamedTuple):
+    """Whether the tension at the tip, and at the base, is read by a cell in every recording."""
+
+    tip: bool = True
+    base: bool = True
+
+
+BOTH = Cells()
+
+
+def cells_of(parts: Sequence[Part]) -> Cells:
+    """Which cells recordings have."""
+    base = all(p.pulled or any(quantity_of(name) == "T_base" for name in p.channels) for p in parts)
+    return Cells(all(p.tips for p in parts), bool(base))
 
 
 def leading(part: Part) -> int:

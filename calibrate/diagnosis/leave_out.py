@@ -13,7 +13,7 @@ from gtr_jax import InputError, Recording
 from ..channels import unit_of
 from ..setup import Part
 from .episodes import AFTER_GAP, ALONE, RELAXES, TOGETHER, Episode, when
-from .sanity import FEWEST
+from .sanity import fewest_of
 
 # What no load history at the base brings about, and a fit is better without.
 FROM_OUTSIDE = (AFTER_GAP, ALONE, RELAXES, TOGETHER)
@@ -154,25 +154,25 @@ def without(part: Part, stretches: Sequence[Stretch]) -> Part:
     """A recording with stretches that are not compared.
 
     Raises:
-        InputError: fewer than `FEWEST` samples are left to compare.
+        InputError: fewer samples than a diagnosis needs are left to compare.
     """
     if not stretches:
         return part
     out = np.zeros(part.samples, bool)
     for first, last, *_ in stretches:
         out |= (part.places >= first) & (part.places <= last)
-    if (left := int((~out).sum())) < FEWEST:
-        raise InputError(f"{part.path}: --exclude leaves {left} samples to compare; leave {FEWEST} or more")
+    if (left := int((~out).sum())) < (fewest := fewest_of(part)):
+        raise InputError(f"{part.path}: --exclude leaves {left} samples to compare; leave {fewest} or more")
     return dataclasses.replace(part, left_out=out)
 
 
-def left_out(part: Part, stretches: Sequence[Stretch], shown: np.ndarray) -> list[LeftOut]:
+def left_out(part: Part, stretches: Sequence[Stretch], residual: np.ndarray) -> list[LeftOut]:
     """What was left out of a recording as it was simulated.
 
     Args:
         part: the recording.
         stretches: what is left out.
-        shown: what is simulated of its channels, SI, (C, K).
+        residual: simulated minus recorded of its channels, SI, (C, K).
     """
     found = []
     for first, last, why, outside in stretches:
@@ -180,7 +180,7 @@ def left_out(part: Part, stretches: Sequence[Stretch], shown: np.ndarray) -> lis
         if not inside.size:
             continue
         ends = (None, None) if part.time is None else part.time[inside[[0, -1]]].tolist()
-        off = (shown - part.recorded)[: part.explained, inside]
+        off = residual[: part.explained, inside]
         found.append(
             LeftOut(
                 recording=part.name,

@@ -110,7 +110,7 @@ def locate(bench: Bench, fitted: Fitted) -> list[Where]:
     """The parts in which a fit and the recordings differ by more than noise, those with most of the misfit
     first.
     """
-    found = []
+    found: list[tuple[Where, bool, float]] = []
     for k, (rig, residual) in enumerate(zip(bench.rigs, bench.residuals(fitted.seen), strict=True)):
         part = rig.part
         phases, cycle = phases_of(bench, fitted, k), cycles_in(part)
@@ -140,38 +140,35 @@ def locate(bench: Bench, fitted: Fitted) -> list[Where]:
                 )
                 reach = (float(T[inside].min()), float(T[inside].max()))
                 whose = part.robot.tendon_names[tendon] if part.others else ""
-                found.append(
-                    Where(
-                        recording=part.name,
-                        channel=name,
-                        phase=phase,
-                        T_base_N=None if by_draw else reach,
-                        cycle=number,
-                        mean=mean,
-                        excess_rms=excess,
-                        unit=unit_of(name),
-                        z=float(z),
-                        share=share,
-                        says=("" if len(bench.rigs) == 1 else f"{part.name}: ")
-                        + _words(
-                            (name, unit_of(name)),
-                            phase,
-                            number,
-                            _reach(reach, whose, by_draw=by_draw),
-                            mean,
-                            excess,
-                        ),
-                        tendon=whose,
-                        displacement_m=reach if by_draw else None,
-                    )
+                place = Where(
+                    recording=part.name,
+                    channel=name,
+                    phase=phase,
+                    T_base_N=None if by_draw else reach,
+                    cycle=number,
+                    mean=mean,
+                    excess_rms=excess,
+                    unit=unit_of(name),
+                    z=float(z),
+                    share=share,
+                    says=("" if len(bench.rigs) == 1 else f"{part.name}: ")
+                    + _words(
+                        (name, unit_of(name)),
+                        phase,
+                        number,
+                        _reach(reach, whose, by_draw=by_draw),
+                        mean,
+                        excess,
+                    ),
+                    tendon=whose,
+                    displacement_m=reach if by_draw else None,
                 )
-
-    def tip(w: Where) -> bool:
-        return quantity_of(w.channel) == "T_tip"
-
-    by_tension = sorted((w for w in found if w.cycle is None), key=lambda w: (not tip(w), -w.share))
-    by_cycle = sorted((w for w in found if w.cycle is not None and tip(w)), key=lambda w: -w.share)
-    return [*by_tension[:MOST], *by_cycle[: MOST // 2]]
+                # Channels of one unit are compared by what they miss in variances of their noise.
+                size = share if part.tips else n * excess**2 / expected
+                found.append((place, c < part.explained, size))
+    by_tension = sorted((f for f in found if f[0].cycle is None), key=lambda f: (not f[1], -f[2]))
+    by_cycle = sorted((f for f in found if f[0].cycle is not None and f[1]), key=lambda f: -f[2])
+    return [place for place, *_ in (*by_tension[:MOST], *by_cycle[: MOST // 2])]
 
 
 def _reach(reach: tuple[float, float], tendon: str, *, by_draw: bool) -> str:
@@ -239,6 +236,18 @@ def ratio_of_branches(T_base: np.ndarray, T_tip: np.ndarray, phases: np.ndarray,
     return np.asarray(at), np.asarray(D), np.asarray(S)
 
 
+def _rows_of(part: Part, tendon: int) -> list[int]:
+    """Channels of a recording without tip tension that tell of the friction of a tendon: all but those of
+    other tendons.
+    """
+    several = bool(part.others)
+    return [
+        c
+        for c, name in enumerate(part.channels)
+        if not (several and "." in name) or tendon_of_channel(part, name) == tendon
+    ]
+
+
 def mu_by_stratum(
     bench: Bench, fitted: Fitted, covariance: np.ndarray
 ) -> list[tuple[str, float, float, float]]:
@@ -264,25 +273,27 @@ def mu_by_stratum(
             own = f"{mu_name}{OWN}{rig.part.name}"
             at = names.index(own) if own in names else names.index(mu_name)
             number, others = fitted.numbers[at], np.arange(len(names)) != at
-            T = rig.part.drives[i].T_base
-            z, j = white[k][i], columns[k][i]
+            part, T = rig.part, rig.part.drives[i].T_base
+            rows = [i] if part.tips else _rows_of(part, i)
+            z, j = white[k][rows], columns[k][rows]
             half = 0.5 * (float(T.max()) + float(T.min()))
-            what = "tension" if rig.part.robot.tendons[i].drive == "tension" else "displacement"
-            parts = {p: of_one(phases, i) == p for p in ("pulling", "releasing")}
-            parts |= {f"below half the {what}": T < half, f"above half the {what}": T >= half}
+            what = "tension" if part.robot.tendons[i].drive == "tension" else "displacement"
+            strata = {p: of_one(phases, i) == p for p in ("pulling", "releasing")}
+            strata |= {f"below half the {what}": T < half, f"above half the {what}": T >= half}
             if cycle[-1] > 1:
-                parts |= {f"cycle {c}": cycle == c for c in range(1, int(cycle[-1]) + 1)}
-            for label, part in parts.items():
-                inside = part & rig.part.counted
-                mu = j[inside, at]
+                strata |= {f"cycle {c}": cycle == c for c in range(1, int(cycle[-1]) + 1)}
+            for label, stratum in strata.items():
+                inside = stratum & part.counted
+                slopes = j[:, inside].reshape(-1, len(names))
+                mu = slopes[:, at]
                 power = float(mu @ mu)
                 if inside.sum() < 6 or power < 1.0:
                     continue
-                x = fitted.x[at] - float(mu @ z[inside]) / power
-                lean = -(mu @ j[inside][:, others]) / power
+                x = fitted.x[at] - float(mu @ z[:, inside].ravel()) / power
+                lean = -(mu @ slopes[:, others]) / power
                 sd = float(np.sqrt(wide / power + lean @ covariance[np.ix_(others, others)] @ lean))
-                whose = f"{rig.part.name}, " if len(bench.rigs) > 1 else ""
-                whose += f"{rig.part.robot.tendon_names[i]}, " if len(friction) > 1 else ""
+                whose = f"{part.name}, " if len(bench.rigs) > 1 else ""
+                whose += f"{part.robot.tendon_names[i]}, " if len(friction) > 1 else ""
                 size = number.value(fitted.x[at]) * number.sd
                 found.append((whose + label, number.value(x), size * sd, size * float(np.sqrt(wide / power))))
     return found

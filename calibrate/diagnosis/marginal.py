@@ -21,7 +21,7 @@ from ..readings.noise import correlation_time
 from ..setup import STRETCH
 from .bench import LARGEST_STEP, Bench
 from .hypotheses import Hypothesis
-from .instruments import leading, of_one
+from .instruments import tendon_of_channel, leading, of_one
 from .locate import phases_of
 from .model import Fitted, Model, model_of
 from .models import Models
@@ -235,7 +235,12 @@ def _as_they_show(bench: Bench, fitted: Fitted) -> np.ndarray:
         for row, long in zip(z, tau, strict=True):
             large = max(1.0, float(np.mean(row**2)) / free)
             found.append(np.full(len(row), 1 / np.sqrt(large * long)))
-        found += [np.full(z.shape[1], 1 / np.sqrt(own)) for own in tau[: len(rig.part.drives)]]
+        part = rig.part
+        of = [tendon_of_channel(part, name) for name in part.channels]
+        for i in range(len(part.drives)):
+            # That of the tendon's cell at the tip, which comes first; without one of what moves with it.
+            own = tau[i] if part.tips else max([t for t, k in zip(tau, of, strict=True) if k == i] or tau)
+            found.append(np.full(z.shape[1], 1 / np.sqrt(own)))
     return np.concatenate(found)
 
 

@@ -29,7 +29,7 @@ from .differ import MOST as MOST_DIFFER
 from .differ import Difference, differing, names_to_split
 from .follow import dimensions_of
 from .hypotheses import Hypothesis, base_numbers, catalogue, instrument_numbers
-from .instruments import explained_first, instruments
+from .instruments import cells_of, explained_first, instruments
 from .leave_out import Stretch, without
 from .model import Fitted
 from .models import Models
@@ -154,8 +154,9 @@ def prepare(
     parts: list[Part] = []
     for name, r in zip(names, recordings, strict=True):
         part, more = part_of(name, fine, config, r, channels, noise_N=noise_N, noise_base_N=noise_base_N)
-        parts.append(without(explained_first(part), (leave_out or {}).get(name, ())))
+        parts.append(part)
         warnings += more
+    parts = [without(part, (leave_out or {}).get(part.name, ())) for part in explained_first(parts)]
     if noise_N is not None and not parts[0].tips:
         raise InputError("noise_N: no recording has a tip tension, whose noise this is; leave out --noise")
     found = [fault for part in parts for fault in faults(part)]
@@ -355,8 +356,9 @@ def hypotheses_of(
         largest_tip=max((float(np.max(p.recorded[: p.tips])) for p in parts if p.tips), default=0.0),
         travel=travel if robot.space else np.asarray([travel.min(), travel.max()]),
         bend=_bend(robot, base, parts[0]),
-        displaced=any(quantity_of(name) in DRAWN for p in parts for name in p.channels),
-        tip_cell=all(p.tips for p in parts),
+        displaced=any(tendon.drive == "displacement" for tendon in robot.tendons)
+        or any(quantity_of(name) in DRAWN for p in parts for name in p.channels),
+        cells=cells_of(parts),
         without=untried,
     )
 

@@ -253,7 +253,7 @@ class Diagnosis:
             where=[],
             rest=[],
             parameters=[],
-            unit="N",
+            unit=unit_of(parts[0].channels[0]) if parts else "N",
             rms=(unknown, unknown),
             held_out=[],
             noise=unknown,
@@ -412,6 +412,7 @@ class Diagnosis:
         if self.pattern is not None:
             fit["pattern"] = {
                 "recording": self.pattern.recording,
+                "of": self.pattern.of,
                 "along": self.pattern.along,
                 "period_N": self.pattern.period_N,
                 "at_N": self.pattern.at_N,

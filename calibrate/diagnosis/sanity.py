@@ -29,10 +29,15 @@ def _held_back(T: np.ndarray, share: float) -> np.ndarray:
     return np.asarray(found)
 
 
+def fewest_of(part: Part) -> int:
+    """Samples of a recording that a diagnosis needs."""
+    return FEWEST if part.tips else max(FEWEST_WITHOUT_TIP, -(-FEWEST // part.explained))
+
+
 def faults(part: Part) -> list[str]:
     """Why a recording cannot be diagnosed; empty if it can. Of several tendons those that move count."""
     where, found = part.path, []
-    fewest = FEWEST if part.tips else max(FEWEST_WITHOUT_TIP, -(-FEWEST // part.explained))
+    fewest = fewest_of(part)
     if part.samples < fewest:
         found.append(f"{where}: {part.samples} samples are too few to diagnose; record {fewest} or more")
     moved = [i for i, drive in enumerate(part.drives) if np.ptp(drive.T_base) > 0]

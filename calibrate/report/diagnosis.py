@@ -9,6 +9,7 @@ import numpy as np
 from gtr_jax.files.numbers import measured, measured_quantity, number, quantity
 from gtr_jax.report.page import Figure, Playback, Report, Table
 
+from ..channels import quantity_of
 from ..diagnosis.leave_out import ASKED, LeftOut
 from ..diagnosis.result import Diagnosis, Loop
 from ..diagnosis.sentence import MAY_ACT, interval_in_words
@@ -344,7 +345,8 @@ def _tables(answer: Diagnosis) -> list[Table]:
         tables.append(Table("What may act unseen", heads, rows, note=note))
     if len(answer.held_out) > 1:
         before, after = answer.held_out
-        unit, what = answer.unit, " of T_tip" if answer.unit == "N" else ""
+        tips = quantity_of(answer.loops[0].channels[0]) == "T_tip"
+        unit, what = answer.unit, " of T_tip" if tips else ""
         rows = [
             (f"residual{what} on what was fitted, rms", *(in_unit(v, unit, 3) for v in answer.rms)),
             ("on what was held out, rms", *(in_unit(h["rms"], unit, 3) for h in answer.held_out)),

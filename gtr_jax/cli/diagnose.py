@@ -184,7 +184,7 @@ def write_answer(
     figures: Sequence[str] = (),
 ) -> None:
     """Write all that a diagnosis leaves into a folder."""
-    from calibrate.channels import quantity_of, unit_of
+    from calibrate.channels import unit_of
     from calibrate.report.diagnosis import diagnosis_report
     from gtr_jax.files.config import config_text, dump_config
     from gtr_jax.files.recording import write_recording
@@ -197,15 +197,16 @@ def write_answer(
     for loop in answer.loops:
         columns: dict[str, Any] = {} if loop.time is None else {"time": loop.time}
         for i, pull in enumerate(loop.pulls):
-            drive = "displacement_m" if pull.by_displacement else "T_base_N"
-            own: dict[str, Any] = {drive: pull.drive}
+            ending = f".{pull.tendon}" if pull.tendon else ""
+            columns[("displacement_m" if pull.by_displacement else "T_base_N") + ending] = pull.drive
             for c, channel in enumerate(loop.channels[: loop.explained]):
                 if loop.of[c] == i:
-                    quantity, unit = quantity_of(channel), unit_of(channel)
+                    quantity, _, tendon = channel.partition(".")
                     rows = {"": loop.recorded, "_before": loop.before, "_after": loop.after}
-                    own |= {f"{quantity}{which}_{unit}": each[c] for which, each in rows.items()}
-            own["phase"] = pull.phases
-            columns |= {f"{name}.{pull.tendon}".rstrip("."): values for name, values in own.items()}
+                    for which, each in rows.items():
+                        name = f"{quantity}{which}_{unit_of(channel)}"
+                        columns[f"{name}.{tendon}" if tendon else name] = each[c]
+            columns[f"phase{ending}"] = pull.phases
         ending = f"-{loop.name}" if len(answer.loops) > 1 else ""
         write_recording(folder / f"diagnosis{ending}.csv", columns)
     if answer.experiment is not None:

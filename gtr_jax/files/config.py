@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, ModelWrapValidatorHandler, StrictBool, StrictStr, model_validator
 
-from gtr_jax.errors import InputError
+from gtr_jax.errors import InputError, listed
 from gtr_jax.terms import REGISTRY, Law, Term, catalogue_of, null_values
 
 from ..notebook import drawn_by
@@ -60,6 +60,8 @@ def _of_lists(
         whole = [path for path in known if path.rpartition(".")[2].isdigit()]
         lists = dict.fromkeys(path.rpartition(".")[0] for path in whole)
         meant = [one for one in lists if one == key or one.endswith(f".{key}")]
+        if len(meant) > 1:
+            raise InputError(f"uncertainty: '{key}' may be any of {listed(meant)}; write one of them")
         each = [path for path in whole if meant == [path.rpartition(".")[0]]]
         yield from ((path, deviation) for path in each or [key])
 

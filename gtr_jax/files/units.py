@@ -144,12 +144,12 @@ def parse_quantity(value: object, si: str) -> float:
             said = excerpt(value)
             raise InputError(f"cannot read '{said}' as {dimension.noun}; write for example {example}")
         number, unit = match.groups()
-        if "±" in unit:
+        if re.match(r"±|\+/?-", unit):
             raise InputError(
                 f"'{excerpt(value)}' holds a deviation; write the value here and the deviation under "
                 "[uncertainty]"
             )
-        if re.match(r"[\d.]+\s", unit):
+        if re.match(r"[-+–−]?\s*[\d.]+(?![\d.]*\s*[/*(])", unit):
             raise InputError(f"'{excerpt(value)}' holds two numbers; write one, for example {example}")
         if not unit and si != "dimensionless":
             raise InputError(f"'{excerpt(value)}' carries no unit; write for example {example}")
