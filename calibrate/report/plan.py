@@ -14,14 +14,15 @@ from gtr_jax.report.page import Figure, Report, Section, Table
 
 from ..channels import quantity_of, unit_of, words_of
 from ..planning.candidates import Candidate, listed
+from ..planning.disturbed import corners
 from ..planning.plan import Plan, Ranked
 from ..planning.words import TELLS
 from ..planning.worth import ENOUGH, pairs, worth_of_separation
 from . import plan_figures as draw
 from .diagnosis_figures import plot_history
 
-# Experiments that are listed; change of slope, as a share of the steepest, that makes a corner.
-LISTED, BEND = 12, 1e-6
+# Experiments that are listed.
+LISTED = 12
 
 
 def plan_report(plan: Plan, name: str, steps: Sequence[str]) -> Report:
@@ -150,12 +151,9 @@ def _corners(plan: Plan) -> list[Table]:
         ]
         return [Table("The weights", ("time", "on the base cell", "on the tip cell"), rows)]
     own = c.drive[:, _driven(c)]
-    slope = np.diff(own) / np.diff(c.time)
-    bends = np.flatnonzero(np.abs(np.diff(slope)) > BEND * np.max(np.abs(slope))) + 1
     unit = "m" if _by_displacement(plan) else "N"
     rows = [
-        (number(float(c.time[k]), "s", 4), quantity(float(own[k]), unit, 3))
-        for k in (0, *bends.tolist(), len(own) - 1)
+        (number(float(c.time[k]), "s", 4), quantity(float(own[k]), unit, 3)) for k in corners(c.time, own)
     ]
     return [Table("The corners of the load history", ("time", "to"), rows)]
 
