@@ -203,7 +203,7 @@ def test_a_rig_that_is_changed_has_robot_files_that_say_so(make_config, tmp_path
         ),
         (["robot.toml", "other.toml", "--max-tension", "20N", "--for", "mu"], "which of 2 models is right"),
         ([".", "--noise", "0.1N"], "leave it out"),
-        (["robot.toml", "absent.toml", "--max-tension", "20N"], "absent.toml"),
+        (["robot.toml", "absent.toml", "--max-tension", "20N"], "absent.toml: no such folder or file"),
     ],
 )
 def test_what_cannot_be_planned_is_refused_in_one_line(

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from gtr_jax.files.numbers import display_unit, measured_quantity, number, quantity
-from gtr_jax.files.quantities import column_of
+from gtr_jax.files.quantities import QUATERNION, column_of
 from gtr_jax.plots.style import png
 from gtr_jax.report.page import Figure, Report, Section, Table
 
-from ..channels import quantity_of, unit_of, words_of
+from ..channels import ORIENTATION, quantity_of, unit_of, words_of
 from ..planning.candidates import Candidate, listed
 from ..planning.disturbed import corners
 from ..planning.plan import Plan, Ranked
@@ -113,6 +113,8 @@ def _read(c: Candidate, plan: Plan) -> str:
         *drives,
         *(_header(name) for name in c.sd if quantity_of(name) != quantity_of(drive)),
     ]
+    if any(name.startswith(ORIENTATION) for name in plan.opened.noise):
+        columns += QUATERNION  # which a plan does not count, and a fit compares
     columns = list(dict.fromkeys(columns))
     added = f" New beside what was recorded so far: {listed(c.added)}." if c.added else ""
     return f"Record the columns {', '.join(columns)}.{added}"

@@ -110,6 +110,9 @@ def _opened(
     from calibrate.planning import open_files, open_folder
     from calibrate.planning.opened import DIAGNOSIS, FIT
 
+    for path in sources:
+        if not path.exists():
+            raise InputError(f"{path}: no such folder or file; give the run folder of a diagnosis or a fit")
     folders = [path for path in sources if path.is_dir()]
     if not folders:
         opened = open_files(sources, largest=largest, noise=noise)
