@@ -88,7 +88,7 @@ def open_files(
     Args:
         files: of robots that tension drives.
         largest: base tension not to exceed [N].
-        noise: standard deviation of a reading of the tip tension [N]; a hundredth of `largest` unless given.
+        noise: standard deviation of a reading of either cell [N]; a hundredth of `largest` unless given.
 
     Raises:
         InputError: a file is refused, no largest tension is given, or displacement drives a tendon.

@@ -167,8 +167,8 @@ def plan(
         opened: what is open, from `open_folder` or `open_files`.
         largest: base tension not to exceed [N]; as far as was recorded unless given.
         longest: time that an experiment may take [s].
-        wanted: names of the numbers whose intervals are to narrow; all that no robot file calls uncertain
-            unless given, and then also that they no longer trade off counts.
+        wanted: names of the numbers whose intervals are to narrow; all that were fitted unless given, and
+            then also that they no longer trade off counts.
         as_it_is: whether only experiments with the rig and the instruments as they are count.
         progress: called with a line of text at each stage.
 

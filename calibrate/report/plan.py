@@ -76,7 +76,7 @@ def steps_of(plan: Plan, *, file: str, then: str) -> list[str]:
     if c is None:
         return []
     robot = plan.opened.models[0].robot
-    steps = [_prepare(c), _read(c, plan)]
+    steps = [_prepare(c, plan), _read(c, plan)]
     if c.weight is None:
         what = "displacement" if _by_displacement(plan) else "base tension"
         unit = "m" if what == "displacement" else "N"
@@ -97,9 +97,12 @@ def steps_of(plan: Plan, *, file: str, then: str) -> list[str]:
     return [*steps, then]
 
 
-def _prepare(c: Candidate) -> str:
+def _prepare(c: Candidate, plan: Plan) -> str:
     if not c.done:
-        return "Leave the rig as it was for the recordings so far."
+        as_it_was = (
+            "it was for the recordings so far" if plan.opened.command else "the robot file describes it"
+        )
+        return f"Leave the rig as {as_it_was}."
     return f"Do this to the rig first: {c.done}."
 
 
@@ -116,7 +119,8 @@ def _read(c: Candidate, plan: Plan) -> str:
     if any(name.startswith(ORIENTATION) for name in plan.opened.noise):
         columns += QUATERNION  # which a plan does not count, and a fit compares
     columns = list(dict.fromkeys(columns))
-    added = f" New beside what was recorded so far: {listed(c.added)}." if c.added else ""
+    before = " beside what was recorded so far" if plan.opened.command else " beside the tensions"
+    added = f" New{before}: {listed(c.added)}." if c.added else ""
     return f"Record the columns {', '.join(columns)}.{added}"
 
 

@@ -54,7 +54,7 @@ ROUNDED = 12
 @click.option(
     "--noise",
     type=Quantity("N", "SD"),
-    help="With robot files: standard deviation of a reading of the tip tension.  [default: 1 % of "
+    help="With robot files: standard deviation of a reading of either load cell.  [default: 1 % of "
     "--max-tension]",
 )
 @output_option
@@ -149,7 +149,7 @@ def rig_files(answer: Plan) -> dict[str, Any]:
     stays as it is, or only its cells are checked.
     """
     chosen = answer.chosen
-    if chosen is None or not chosen.done or chosen.weight is not None:
+    if chosen is None or chosen.joins or chosen.weight is not None:
         return {}
     found = {}
     for model in answer.opened.models:
