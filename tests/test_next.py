@@ -13,7 +13,9 @@ from calibrate.diagnosis.settled import settled
 from calibrate.number import Number
 from calibrate.planning import open_files, open_folder, plan
 from calibrate.planning.candidates import candidates
+from calibrate.planning.disturbed import corners, disturbances, whitening
 from calibrate.planning.model import OpenModel
+from calibrate.planning.outcome import Trial, Weighed
 from calibrate.planning.worth import apart, sd_after, separations, worth_of_narrowing
 from gtr_jax.cli.next import rig_files
 from gtr_jax.files.config import dump_config
@@ -95,7 +97,7 @@ def test_separations_take_the_model_that_follows_better():
     free, held = model(np.zeros((2, 2)) + 1e-9 * np.eye(2)), model(1e9 * np.eye(2), name="two")
     J = np.eye(4)[:, :2]
     a, b = np.array([1.0, 1.0, 0.0, 2.0]), np.zeros(4)
-    found = separations([held, free], [(a, J), (b, J)])
+    found = separations([held, free], [Weighed(rows, J, lambda rows: rows) for rows in (a, b)])
     np.testing.assert_allclose(found, [[0.0, 2.0], [2.0, 0.0]], atol=1e-6)
 
 
@@ -201,7 +203,7 @@ def test_a_rig_that_is_changed_has_robot_files_that_say_so(make_config, tmp_path
         ),
         (["robot.toml", "other.toml", "--max-tension", "20N", "--for", "mu"], "which of 2 models is right"),
         ([".", "--noise", "0.1N"], "leave it out"),
-        (["robot.toml", "absent.toml", "--max-tension", "20N"], "absent.toml"),
+        (["robot.toml", "absent.toml", "--max-tension", "20N"], "absent.toml: no such folder or file"),
     ],
 )
 def test_what_cannot_be_planned_is_refused_in_one_line(
@@ -250,6 +252,35 @@ def test_what_became_of_the_rivals_of_an_earlier_diagnosis(named, confusion, say
     assert [r.after for r in found.rivals] == [0.9, 0.1]
 
 
+def test_disturbances_that_many_readings_share_are_whitened():
+    rng = np.random.default_rng(1)
+    D, v = rng.normal(size=(20, 3)), rng.normal(size=20)
+    covariance = np.eye(20) + D @ D.T
+    white = whitening(D)
+    assert np.sum(white(v) ** 2) == pytest.approx(v @ np.linalg.solve(covariance, v), rel=1e-10)
+    np.testing.assert_allclose(white(white(covariance)), np.eye(20), atol=1e-9)
+    np.testing.assert_array_equal(whitening(np.zeros((20, 0)))(v), v)
+
+
+def test_an_error_of_the_base_tension_stays_where_friction_holds_the_tip(sheath):
+    # Tip at half the base tension while pulling, held on the way back: the error of the peak is what is left.
+    opened = open_files([sheath("one")], largest=10.0, noise=0.02)
+    own = next(c for c in candidates(opened) if c.name.startswith("one slow loop"))
+    drive = own.drive[:, 0]
+    peak = int(np.argmax(drive))
+    tip = np.where(np.arange(len(drive)) <= peak, 0.5 * drive, 0.5 * drive.max())
+    part = Trial(opened.models[0], own, ("T_tip",), 0.1).part
+    (found,) = disturbances(own, part, ("T_tip",), tip[None], 0.1)
+    assert corners(own.time, drive).tolist() == [0, peak, len(drive) - 1] and found.shape == (len(drive), 3)
+    sd = np.sqrt(np.sum(found**2, axis=1))
+    np.testing.assert_allclose(sd[peak:], sd[peak])
+    # Straight lines through readings: at the corner in the middle 0.1 N over the root of their information.
+    K = len(drive)
+    hats = np.stack([np.interp(np.arange(K), [0, peak, K - 1], unit) for unit in np.eye(3)], axis=1)
+    assert sd[peak] == pytest.approx(0.5 * 0.1 * np.sqrt(np.linalg.inv(hats.T @ hats)[1, 1]), rel=1e-6)
+    assert sd.max() < 0.05
+
+
 def recorded(robot, T, time, path, seed):
     """Write what both cells would record of a load history, with noise; and return the path."""
     rng = np.random.default_rng(seed)
@@ -289,3 +320,21 @@ def test_the_experiment_that_is_proposed_settles_what_the_diagnosis_left_open(sh
     # A diagnosis that leaves nothing open has nothing to settle.
     refused = run_gtr(capsys, "diagnose", robot, new, "--settles", second, "-o", tmp_path / "third")
     assert refused.status == 2 and "left no rivals (its verdict is 'missing-physics')" in refused.err
+
+
+@pytest.mark.slow
+def test_an_interval_narrows_as_the_plan_says(sheath, tmp_path, capsys):
+    robot, first, second = sheath("robot"), tmp_path / "first", tmp_path / "second"
+    truth = gtr.load_robot(robot)
+    T = np.concatenate([np.linspace(1.0, 20.0, 31), np.linspace(20.0, 1.0, 31)[1:]])
+    old = recorded(truth, T, 0.5 * np.arange(len(T)), tmp_path / "old.csv", seed=3)
+    assert run_gtr(capsys, "fit", robot, old, "-o", first).status == 0
+    planned = run_gtr(capsys, "next", first, "-o", tmp_path / "next", "--max-tension", "40N")
+    assert planned.out.startswith("narrows: "), planned.err
+    told = json.loads((tmp_path / "next" / "next.json").read_text())
+    history = np.genfromtxt(tmp_path / "next" / "next-experiment.csv", delimiter=",", names=True)
+    new = recorded(truth, history["T_base_N"], history["time_s"], tmp_path / "new.csv", seed=4)
+    assert run_gtr(capsys, "fit", robot, old, new, "-o", second).status == 0
+    came = json.loads((second / "fit.json").read_text())["parameters"]["mu"]["sd"]
+    before = told["models"][0]["numbers"]["mu"]["sd"]
+    assert came == pytest.approx(told["chosen"]["sd_after"]["mu"], rel=0.3) and came < 0.7 * before

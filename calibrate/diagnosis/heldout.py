@@ -86,8 +86,8 @@ def by_fold(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]])
         white = bench.by_channel(bench.tamed(bench.white(residuals)))
         for z, residual, held, rig in zip(white, residuals, parts[f][1], bench.rigs, strict=True):
             out = held & rig.part.counted
-            known = without_zero(rig.part, residual, rig.part.counted & ~held)
-            told = known[: rig.part.explained, out]
+            off = without_zero(rig.part, residual, rig.part.counted & ~held)
+            told = off[: rig.part.explained, out]
             squares, n = squares + float(np.sum(told**2)), n + told.size
             chi, rows = chi + float(np.sum(z[:, out] ** 2)), rows + z[:, out].size
         return squares, n, chi, rows

@@ -21,7 +21,7 @@ from ..readings.noise import correlation_time
 from ..setup import STRETCH
 from .bench import LARGEST_STEP, Bench
 from .hypotheses import Hypothesis
-from .instruments import tendon_of_channel, leading, of_one
+from .instruments import leading, of_one, tendon_of_channel
 from .locate import phases_of
 from .model import Fitted, Model, model_of
 from .models import Models

@@ -477,6 +477,9 @@ class Diagnosis:
                 {
                     "name": loop.name,
                     "samples": len(loop.cycles),
+                    "noise_base_N": max(
+                        (p.noise_drive for p in loop.pulls if not p.by_displacement), default=0.0
+                    ),
                     "channels": {
                         name: {"unit": unit_of(name), "sd": own.sd, "correlation": own.rho}
                         for name, own in zip(loop.channels, loop.noise, strict=True)

@@ -10,7 +10,7 @@ import numpy as np
 from gtr_jax import InputError
 from gtr_jax.files.quantities import marker_quantities
 
-from ..channels import of_tendons, quantity_of, unit_of
+from ..channels import ORIENTATION, of_tendons, quantity_of, unit_of
 from ..diagnosis.experiment import ALL_REMOVED, POSE_NOISE, REMOVED
 from ..diagnosis.load_histories import checks, further, menu
 from ..diagnosis.ways_to_drive import Values, ways_to_drive
@@ -142,7 +142,7 @@ def _readings(opened: Opened, largest: float) -> list[tuple[tuple[str, ...], dic
     and the standard deviation of each channel.
     """
     robot = opened.models[0].robot
-    before = {name: sd for name, sd in opened.noise.items() if not name.startswith("tip_rotation")}
+    before = {name: sd for name, sd in opened.noise.items() if not name.startswith(ORIENTATION)}
     more: dict[str, dict[str, float]] = {}
     tips = [name for name in of_tendons("T_tip", robot) if name not in before]
     if tips:

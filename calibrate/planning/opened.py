@@ -13,7 +13,6 @@ import numpy as np
 
 from gtr_jax import InputError, Recording, load_config, read_recording
 
-from ..channels import quantity_of
 from ..number import OWN
 from .model import OpenModel, known_beforehand, open_model
 
@@ -37,6 +36,7 @@ class Opened:
         verdict: what was answered so far, in a sentence; "" of robot files alone.
         models: that may be true, the most probable first.
         noise: standard deviation of each channel that was recorded, SI, by name, correlation counted in.
+        noise_drive: standard deviation of a reading of what drives the tendons, SI.
         largest: what drives each tendon at most, a tension [N] or a displacement [m].
         resting: the same at least.
         pace: seconds of a loop that is neither slow nor fast.
@@ -49,6 +49,7 @@ class Opened:
     verdict: str
     models: tuple[OpenModel, ...]
     noise: dict[str, float]
+    noise_drive: float
     largest: np.ndarray
     resting: np.ndarray
     pace: float
@@ -87,7 +88,7 @@ def open_files(
     Args:
         files: of robots that tension drives.
         largest: base tension not to exceed [N].
-        noise: standard deviation of a reading of the tip tension [N]; a hundredth of `largest` unless given.
+        noise: standard deviation of a reading of either cell [N]; a hundredth of `largest` unless given.
 
     Raises:
         InputError: a file is refused, no largest tension is given, or displacement drives a tendon.
@@ -122,6 +123,7 @@ def open_files(
         verdict="",
         models=tuple(models),
         noise=dict.fromkeys(tips, noise or TENSION_SD * largest),
+        noise_drive=noise or TENSION_SD * largest,
         largest=np.full(tendons, largest),
         resting=np.zeros(tendons),
         pace=PACE,
@@ -168,7 +170,7 @@ def _of_diagnosis(folder: Path, answer: Mapping[str, Any]) -> Opened:
     if not chosen:
         chosen = [next((f for f in files[::-1] if f["recording"] == last), files[0])]
     models = [_model(folder, f, path) for f in chosen[:MOST]]
-    noise = _noise(answer, path, tip=answer["fit"].get("noise_N"))
+    noise = _noise(answer, path)
     return _opened(folder, answer, answer["says"], models, noise, "diagnosis", tuple(left_out))
 
 
@@ -228,14 +230,13 @@ def _of_fit(folder: Path, answer: Mapping[str, Any]) -> Opened:
         information=matrix,
         asked=free,
     )
-    noise = _noise(answer, path, tip=None)
+    noise = _noise(answer, path)
     return _opened(folder, answer, answer["verdict"], [model], noise, "fit", left_out)
 
 
-def _noise(answer: Mapping[str, Any], path: Path, *, tip: float | None) -> dict[str, float]:
+def _noise(answer: Mapping[str, Any], path: Path) -> dict[str, float]:
     """Standard deviation of each recorded channel, SI, of the recording in which it is largest; of correlated
-    readings as large as if they were independent. In that of the tip's cell the noise of the base cell is
-    counted, as if the tip followed all of it; it is at least `tip` [N].
+    readings as large as if they were independent.
     """
     found: dict[str, float] = {}
     for recording in _entry(answer, "recordings", path):
@@ -244,8 +245,6 @@ def _noise(answer: Mapping[str, Any], path: Path, *, tip: float | None) -> dict[
             rho = float(own.get("correlation", 0.0))
             grown = (1 + rho) / (1 - rho) if "correlation" in own else tau
             sd = float(own["sd"] or 0.0) * float(np.sqrt(max(grown, 1.0)))
-            if quantity_of(name) == "T_tip":
-                sd = max(np.hypot(sd, float(recording.get("noise_base_N") or 0.0)), tip or 0.0)
             found[name] = max(found.get(name, 0.0), sd)
     return {name: sd for name, sd in found.items() if sd > 0}
 
@@ -272,6 +271,7 @@ def _opened(
         verdict=says,
         models=tuple(models),
         noise=noise,
+        noise_drive=max(float(r.get("noise_base_N") or 0.0) for r in answer["recordings"]),
         largest=np.atleast_1d(largest),
         resting=np.atleast_1d(resting),
         pace=max(lasts[-1] / LOOPS, 1.0) if lasts else PACE,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -18,6 +19,7 @@ from ..diagnosis.ways_to_drive import Values
 from ..readings import exact
 from ..setup import Part
 from .candidates import Candidate
+from .disturbed import White, disturbances, whitening
 from .model import OpenModel
 
 # Change of a coordinate to each side by which derivatives are taken: wide enough to cross kinks of friction.
@@ -26,7 +28,16 @@ STEP = 0.5
 # another to follow.
 ROUNDS, SHARES, SETTLED = 6, (1.0, 0.4, 0.15), 0.02
 _cells_show = eqx.filter_jit(cells_show)
-Shows = Callable[[Values], np.ndarray | None]
+
+
+class Weighed(NamedTuple):
+    """Readings in standard deviations of their noise, (n,), their derivatives by the coordinates of the
+    model's numbers, (n, p), and what makes such rows independent of each other.
+    """
+
+    rows: np.ndarray
+    slopes: np.ndarray
+    white: White
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -37,52 +48,76 @@ class Outcome:
         channels: what is read, C of them.
         rows: the readings, SI, (C, K).
         slopes: their derivatives by the coordinates of the model's numbers, (C, K, p).
+        disturbed: their changes by one standard deviation of what disturbs many at once, SI, (C, K, q).
     """
 
     channels: tuple[str, ...]
     rows: np.ndarray
     slopes: np.ndarray
+    disturbed: np.ndarray
 
-    def weighed(self, candidate: Candidate) -> tuple[np.ndarray, np.ndarray]:
-        """The readings that an experiment takes in standard deviations of their noise, (n,), and the
-        derivatives, (n, p).
-        """
+    def weighed(self, candidate: Candidate) -> Weighed:
+        """The readings that an experiment takes, in standard deviations of their noise."""
         at = [self.channels.index(name) for name in candidate.sd]
         sd = np.asarray(list(candidate.sd.values()))
-        rows, slopes = self.rows[at] / sd[:, None], self.slopes[at] / sd[:, None, None]
-        return rows.ravel(), slopes.reshape(rows.size, -1)
+        rows = (self.rows[at] / sd[:, None]).ravel()
+        slopes, beside = (
+            (columns[at] / sd[:, None, None]).reshape(rows.size, -1)
+            for columns in (self.slopes, self.disturbed)
+        )
+        return Weighed(rows, slopes, whitening(beside))
 
 
-def shows(model: OpenModel, candidate: Candidate, channels: Sequence[str]) -> Shows:
-    """A function from values of the model's numbers, SI, to the readings, SI, (C, K); None where load steps
-    do not converge.
+class Trial:
+    """A drive of the rig under one model, to be simulated with any values of its numbers.
+
+    Args:
+        model: that is true.
+        candidate: the experiment.
+        channels: that are read, C of them.
+        noise: standard deviation of a reading of what drives the tendons, SI.
+
+    Attributes:
+        part: the experiment as a recording without readings.
     """
-    if candidate.weight is not None:
-        return lambda values: _cells(model, candidate, values)
-    rig = Rig(_part(model, candidate, channels), model.robot, [n.name for n in model.numbers])
-    at = [rig.channels.index(name) for name in channels]
 
-    def shown(values: Values) -> np.ndarray | None:
-        seen = rig(candidate.changed(values))
-        return None if seen is None or seen.failed else seen.values[at]
+    def __init__(self, model: OpenModel, candidate: Candidate, channels: Sequence[str], noise: float) -> None:
+        self.model, self.candidate, self.channels = model, candidate, tuple(channels)
+        self._noise = noise
+        self.part = _part(model, candidate, channels)
+        self._rig = Rig(self.part, model.robot, [n.name for n in model.numbers])
 
-    return shown
+    def disturbed(self, rows: np.ndarray) -> np.ndarray:
+        """Changes of readings, SI, (C, K), by what disturbs many at once, SI, (C, K, q)."""
+        if self.candidate.weight is not None:
+            return np.zeros((*rows.shape, 0))
+        return disturbances(self.candidate, self.part, self.channels, rows, self._noise)
+
+    def __call__(self, values: Values) -> np.ndarray | None:
+        """The readings, SI, (C, K); None where load steps do not converge.
+
+        Args:
+            values: of the model's numbers, SI, by name.
+        """
+        if self.candidate.weight is not None:
+            return _cells(self.model, self.candidate, values)
+        seen = self._rig(self.candidate.changed(values))
+        if seen is None or seen.failed:
+            return None
+        return seen.values[[self._rig.channels.index(name) for name in self.channels]]
 
 
-def outcome(
-    model: OpenModel, shown: Shows, channels: Sequence[str], x: np.ndarray | None = None
-) -> Outcome | None:
+def outcome(trial: Trial, x: np.ndarray | None = None) -> Outcome | None:
     """What an experiment would show under a model, with derivatives by differences; None where load steps do
     not converge.
 
     Args:
-        model: the model.
-        shown: from `shows`.
-        channels: that it reads.
-        x: coordinates of its numbers, (p,); at zero unless given.
+        trial: the experiment under the model.
+        x: coordinates of the model's numbers, (p,); at zero unless given.
     """
+    model = trial.model
     x = np.zeros(len(model.numbers)) if x is None else x
-    start = shown(model.at(x))
+    start = trial(model.at(x))
     if start is None:
         return None
     slopes = []
@@ -91,53 +126,55 @@ def outcome(
         for step in (-STEP, STEP):
             moved = np.array(x)
             moved[i] = np.clip(x[i] + step, *n.bounds)
-            there = start if moved[i] == x[i] else shown(model.at(moved))
+            there = start if moved[i] == x[i] else trial(model.at(moved))
             if there is None:
                 return None
             ends.append((moved[i], there))
         (low, before), (high, after) = ends
         slopes.append((after - before) / (high - low))
-    return Outcome(tuple(channels), start, np.stack(slopes, axis=-1))
+    return Outcome(trial.channels, start, np.stack(slopes, axis=-1), trial.disturbed(start))
 
 
 def refitted(
-    model: OpenModel, shown: Shows, candidate: Candidate, target: np.ndarray, first: Outcome
+    trial: Trial, candidate: Candidate, target: np.ndarray, first: Outcome
 ) -> tuple[float, np.ndarray]:
     """How far a model stays from what another one would show, once its numbers have followed within what is
     known of them: Gauss-Newton, with shorter steps where a whole one does not help.
 
     Args:
-        model: that is refitted.
-        shown: from `shows`.
-        candidate: the experiment.
-        target: what the other model shows of its channels, in standard deviations of the noise, (n,).
+        trial: the experiment under the model that is refitted.
+        candidate: the same with the instruments that are read.
+        target: what the other model shows of them, in standard deviations of the noise, (n,).
         first: what the model shows before.
 
     Returns:
         The distance [standard errors], in which what is known of the numbers is counted, and the readings
         of the refitted model, SI, (C, K).
     """
+    model = trial.model
     low, high = (np.asarray([n.bounds[k] for n in model.numbers]) for k in (0, 1))
+    white = first.weighed(candidate).white
 
     def cost(x: np.ndarray, rows: np.ndarray) -> float:
-        return float(np.sum((rows - target) ** 2) + x @ model.information @ x)
+        return float(np.sum(white(rows - target) ** 2) + x @ model.information @ x)
 
     x, here = np.zeros(len(model.numbers)), first
-    best = cost(x, here.weighed(candidate)[0])
+    best = cost(x, here.weighed(candidate).rows)
     for _ in range(ROUNDS):
-        rows, slopes = here.weighed(candidate)
+        rows, slopes, _ = here.weighed(candidate)
+        slopes = white(slopes)
         normal = slopes.T @ slopes + model.information
-        step = -np.linalg.solve(normal, slopes.T @ (rows - target) + model.information @ x)
+        step = -np.linalg.solve(normal, slopes.T @ white(rows - target) + model.information @ x)
         before, there = best, None
         for share in SHARES:
             moved = np.clip(x + share * step, low, high)
-            there = outcome(model, shown, here.channels, moved)
-            if there is not None and cost(moved, there.weighed(candidate)[0]) < best:
+            there = outcome(trial, moved)
+            if there is not None and cost(moved, there.weighed(candidate).rows) < best:
                 break
             there = None
         if there is None:
             break
-        x, here, best = moved, there, cost(moved, there.weighed(candidate)[0])
+        x, here, best = moved, there, cost(moved, there.weighed(candidate).rows)
         if before - best < SETTLED * best:
             break
     return float(np.sqrt(best)), here.rows

@@ -15,9 +15,8 @@ from gtr_jax.files.plain import plain
 
 from ..parallel import in_parallel
 from .candidates import Candidate, candidates
-from .model import OpenModel
 from .opened import Opened
-from .outcome import Outcome, Shows, outcome, refitted, shows
+from .outcome import Outcome, Trial, outcome, refitted
 from .words import NARROWS, TELLS, in_words
 from .worth import pairs, sd_after, separations, worth_of_narrowing, worth_of_separation
 
@@ -168,8 +167,8 @@ def plan(
         opened: what is open, from `open_folder` or `open_files`.
         largest: base tension not to exceed [N]; as far as was recorded unless given.
         longest: time that an experiment may take [s].
-        wanted: names of the numbers whose intervals are to narrow; all that no robot file calls uncertain
-            unless given, and then also that they no longer trade off counts.
+        wanted: names of the numbers whose intervals are to narrow; all that were fitted unless given, and
+            then also that they no longer trade off counts.
         as_it_is: whether only experiments with the rig and the instruments as they are count.
         progress: called with a line of text at each stage.
 
@@ -187,7 +186,7 @@ def plan(
         raise InputError(f"{opened.source}: nothing was recorded that a new load history could be read by")
     groups = [list(g) for _, g in itertools.groupby(every, key=lambda c: (c.name, c.done))]
     progress(f"simulating {len(groups)} experiments under {len(models)} model{'s'[: len(models) - 1]}")
-    trials = in_parallel(lambda group: _tried(models, group), groups)
+    trials = in_parallel(lambda group: _tried(opened, group), groups)
     ranked = []
     for group, trial in zip(groups, trials, strict=True):
         if trial is not None:
@@ -216,7 +215,7 @@ def plan(
         says=in_words(opened, ranked, counts, nothing=verdict in (NOTHING, NARROWS_NONE)),
         ranked=ranked,
         best_of=best_of,
-        expected=_expected(models, best.candidate, trial),
+        expected=_expected(best.candidate, trial),
         wanted=tuple(n.name for n, own in zip(models[0].numbers, counts, strict=True) if own),
         warnings=opened.left_out,
     )
@@ -245,23 +244,21 @@ def _counted(opened: Opened, wanted: Sequence[str]) -> np.ndarray:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Trial:
-    """A drive simulated under every model: what is read, and how to simulate it again."""
+class _Tried:
+    """A drive simulated under every model, and what it shows."""
 
-    channels: tuple[str, ...]
-    shown: list[Shows]
+    trials: list[Trial]
     outcomes: list[Outcome]
 
 
-def _tried(models: Sequence[OpenModel], group: Sequence[Candidate]) -> _Trial | None:
+def _tried(opened: Opened, group: Sequence[Candidate]) -> _Tried | None:
     """One drive of the rig under every model, with all instruments of its candidates; None where load steps
     of a model do not converge.
     """
     channels = tuple(dict.fromkeys(name for candidate in group for name in candidate.sd))
-    shown = [shows(model, group[0], channels) for model in models]
-    outcomes = [outcome(model, own, channels) for model, own in zip(models, shown, strict=True)]
-    found = [own for own in outcomes if own is not None]
-    return _Trial(channels, shown, found) if len(found) == len(models) else None
+    trials = [Trial(model, group[0], channels, opened.noise_drive) for model in opened.models]
+    outcomes = [own for own in map(outcome, trials) if own is not None]
+    return _Tried(trials, outcomes) if len(outcomes) == len(trials) else None
 
 
 def _judged(
@@ -269,7 +266,7 @@ def _judged(
 ) -> Ranked:
     shown = [own.weighed(candidate) for own in outcomes]
     separation = separations(opened.models, shown)
-    first, slopes = opened.models[0], shown[0][1]
+    first, slopes = opened.models[0], shown[0].white(shown[0].slopes)
     if opened.rivals:
         worth = worth_of_separation(separation, candidate.effort)
     else:
@@ -277,7 +274,7 @@ def _judged(
     return Ranked(candidate, worth, separation, sd_after(first, slopes))
 
 
-def _confirmed(opened: Opened, ranked: Ranked, trial: _Trial | None) -> Ranked:
+def _confirmed(opened: Opened, ranked: Ranked, trial: _Tried | None) -> Ranked:
     """The same with the rivals refitted beyond the first order."""
     assert trial is not None  # it was ranked
     models, candidate = opened.models, ranked.candidate
@@ -285,8 +282,8 @@ def _confirmed(opened: Opened, ranked: Ranked, trial: _Trial | None) -> Ranked:
 
     def left(way: tuple[int, int]) -> float:
         true, other = way
-        target = trial.outcomes[true].weighed(candidate)[0]
-        return refitted(models[other], trial.shown[other], candidate, target, trial.outcomes[other])[0]
+        target = trial.outcomes[true].weighed(candidate).rows
+        return refitted(trial.trials[other], candidate, target, trial.outcomes[other])[0]
 
     distances = dict(zip(ways, in_parallel(left, ways), strict=True))
     separation = np.zeros_like(ranked.separation)
@@ -304,13 +301,13 @@ def _verdict(opened: Opened, best: Ranked, counts: np.ndarray) -> str:
     return NARROWS_ONE if float(np.min(narrowed)) < NARROWS else NARROWS_NONE
 
 
-def _expected(models: Sequence[OpenModel], candidate: Candidate, trial: _Trial | None) -> Expected:
+def _expected(candidate: Candidate, trial: _Tried | None) -> Expected:
     assert trial is not None  # it was ranked
-    at = [trial.channels.index(name) for name in candidate.sd]
-    target = trial.outcomes[0].weighed(candidate)[0]
-    after = [trial.outcomes[0].rows]
-    for model, shown, own in zip(models[1:], trial.shown[1:], trial.outcomes[1:], strict=True):
-        after.append(refitted(model, shown, candidate, target, own)[1])
+    first = trial.outcomes[0]
+    at = [first.channels.index(name) for name in candidate.sd]
+    target, after = first.weighed(candidate).rows, [first.rows]
+    for other, own in zip(trial.trials[1:], trial.outcomes[1:], strict=True):
+        after.append(refitted(other, candidate, target, own)[1])
     return Expected(
         channels=tuple(candidate.sd),
         rows=np.stack([own.rows[at] for own in trial.outcomes]),

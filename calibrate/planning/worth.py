@@ -9,6 +9,7 @@ import numpy as np
 
 from ..diagnosis.experiment import ENOUGH
 from .model import OpenModel
+from .outcome import Weighed
 
 # What the effort of an experiment counts against the narrowing of intervals, in logarithms.
 EFFORT_IN_LOGS = 0.2
@@ -29,18 +30,19 @@ def apart(a: np.ndarray, b: np.ndarray, slopes: np.ndarray, information: np.ndar
     return float(np.sqrt(max(float(off @ off - follow @ (slopes.T @ off)), 0.0)))
 
 
-def separations(models: Sequence[OpenModel], shown: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+def separations(models: Sequence[OpenModel], shown: Sequence[Weighed]) -> np.ndarray:
     """Distance of each pair of models [standard errors], (m, m), the smaller of both ways.
 
     Args:
         models: m of them.
-        shown: readings and derivatives of each, as of `Outcome.weighed`.
+        shown: readings and derivatives of each.
     """
     found = np.zeros((len(models), len(models)))
     for i, j in itertools.combinations(range(len(models)), 2):
-        ways = [
-            apart(shown[a][0], shown[b][0], shown[b][1], models[b].information) for a, b in ((i, j), (j, i))
-        ]
+        ways = []
+        for a, b in ((shown[i].rows, j), (shown[j].rows, i)):
+            rows, slopes, white = shown[b]
+            ways.append(apart(white(a), white(rows), white(slopes), models[b].information))
         found[i, j] = found[j, i] = min(ways)
     return found
 

@@ -38,11 +38,12 @@ def diagnosis_report(answer: Diagnosis, name: str) -> Report:
         answer: from `calibrate.diagnose`.
         name: of the robot.
     """
+    settles = [] if answer.settles is None else [answer.settles.says]
     next_step = [] if answer.experiment is None else [f"Measure next: {answer.experiment.says}"]
     return Report(
         title=f"{name}: diagnosis",
         verdict=answer.says,
-        warnings=[*next_step, *answer.warnings],
+        warnings=[*settles, *next_step, *answer.warnings],
         figures=list(_figures(answer)),
         tables=_tables(answer),
         playbacks=_playbacks(answer),

@@ -8,19 +8,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from gtr_jax.files.numbers import display_unit, measured_quantity, number, quantity
-from gtr_jax.files.quantities import column_of
+from gtr_jax.files.quantities import QUATERNION, column_of
 from gtr_jax.report.page import Figure, Report, Section, Table
 
-from ..channels import quantity_of, unit_of, words_of
+from ..channels import ORIENTATION, quantity_of, unit_of, words_of
 from ..planning.candidates import Candidate, listed
+from ..planning.disturbed import corners
 from ..planning.plan import Plan, Ranked
 from ..planning.words import TELLS
 from ..planning.worth import ENOUGH, pairs, worth_of_separation
 from . import plan_figures as draw
 from .diagnosis_figures import plot_history
 
-# Experiments that are listed; change of slope, as a share of the steepest, that makes a corner.
-LISTED, BEND = 12, 1e-6
+# Experiments that are listed.
+LISTED = 12
 
 
 def plan_report(plan: Plan, name: str, steps: Sequence[str]) -> Report:
@@ -74,7 +75,7 @@ def steps_of(plan: Plan, *, file: str, then: str) -> list[str]:
     if c is None:
         return []
     robot = plan.opened.models[0].robot
-    steps = [_prepare(c), _read(c, plan)]
+    steps = [_prepare(c, plan), _read(c, plan)]
     if c.weight is None:
         what = "displacement" if _by_displacement(plan) else "base tension"
         unit = "m" if what == "displacement" else "N"
@@ -95,9 +96,12 @@ def steps_of(plan: Plan, *, file: str, then: str) -> list[str]:
     return [*steps, then]
 
 
-def _prepare(c: Candidate) -> str:
+def _prepare(c: Candidate, plan: Plan) -> str:
     if not c.done:
-        return "Leave the rig as it was for the recordings so far."
+        as_it_was = (
+            "it was for the recordings so far" if plan.opened.command else "the robot file describes it"
+        )
+        return f"Leave the rig as {as_it_was}."
     return f"Do this to the rig first: {c.done}."
 
 
@@ -111,8 +115,11 @@ def _read(c: Candidate, plan: Plan) -> str:
         *drives,
         *(_header(name) for name in c.sd if quantity_of(name) != quantity_of(drive)),
     ]
+    if any(name.startswith(ORIENTATION) for name in plan.opened.noise):
+        columns += QUATERNION  # which a plan does not count, and a fit compares
     columns = list(dict.fromkeys(columns))
-    added = f" New beside what was recorded so far: {listed(c.added)}." if c.added else ""
+    before = " beside what was recorded so far" if plan.opened.command else " beside the tensions"
+    added = f" New{before}: {listed(c.added)}." if c.added else ""
     return f"Record the columns {', '.join(columns)}.{added}"
 
 
@@ -149,12 +156,9 @@ def _corners(plan: Plan) -> list[Table]:
         ]
         return [Table("The weights", ("time", "on the base cell", "on the tip cell"), rows)]
     own = c.drive[:, _driven(c)]
-    slope = np.diff(own) / np.diff(c.time)
-    bends = np.flatnonzero(np.abs(np.diff(slope)) > BEND * np.max(np.abs(slope))) + 1
     unit = "m" if _by_displacement(plan) else "N"
     rows = [
-        (number(float(c.time[k]), "s", 4), quantity(float(own[k]), unit, 3))
-        for k in (0, *bends.tolist(), len(own) - 1)
+        (number(float(c.time[k]), "s", 4), quantity(float(own[k]), unit, 3)) for k in corners(c.time, own)
     ]
     return [Table("The corners of the load history", ("time", "to"), rows)]
 

@@ -54,7 +54,7 @@ ROUNDED = 12
 @click.option(
     "--noise",
     type=Quantity("N", "SD"),
-    help="With robot files: standard deviation of a reading of the tip tension.  [default: 1 % of "
+    help="With robot files: standard deviation of a reading of either load cell.  [default: 1 % of "
     "--max-tension]",
 )
 @output_option
@@ -110,6 +110,9 @@ def _opened(
     from calibrate.planning import open_files, open_folder
     from calibrate.planning.opened import DIAGNOSIS, FIT
 
+    for path in sources:
+        if not path.exists():
+            raise InputError(f"{path}: no such folder or file; give the run folder of a diagnosis or a fit")
     folders = [path for path in sources if path.is_dir()]
     if not folders:
         opened = open_files(sources, largest=largest, noise=noise)
@@ -146,7 +149,7 @@ def rig_files(answer: Plan) -> dict[str, Any]:
     stays as it is, or only its cells are checked.
     """
     chosen = answer.chosen
-    if chosen is None or not chosen.done or chosen.weight is not None:
+    if chosen is None or chosen.joins or chosen.weight is not None:
         return {}
     found = {}
     for model in answer.opened.models:

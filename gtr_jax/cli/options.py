@@ -60,6 +60,7 @@ class Pull(Quantity):
 
 
 STDIN = Path("-")
+TERMS_VARIABLE = "GTR_JAX_TERMS"  # as `gtr_jax.terms.own` reads it, which would import JAX
 HELD = f"{__name__}.stdin"  # where a command's context keeps the file that holds it
 
 
@@ -104,11 +105,16 @@ def _use_terms(context: click.Context, param: click.Parameter, files: tuple[Path
     """Have the files looked for when the terms are imported, in this process and in those that it starts."""
     if not files:
         return
-    variable = "GTR_JAX_TERMS"
     if "gtr_jax.terms" in sys.modules:  # the command line in somebody's own process
-        raise InputError(f"--terms: terms are known already; set {variable} before Python starts")
-    before = [path for path in os.environ.get(variable, "").split(os.pathsep) if path]
-    os.environ[variable] = os.pathsep.join([*before, *(str(path.resolve()) for path in files)])
+        raise InputError(f"--terms: terms are known already; set {TERMS_VARIABLE} before Python starts")
+    before = [path for path in os.environ.get(TERMS_VARIABLE, "").split(os.pathsep) if path]
+    os.environ[TERMS_VARIABLE] = os.pathsep.join([*before, *(str(path.resolve()) for path in files)])
+
+
+def own_terms() -> dict[str, Path]:
+    """The files that hold terms of the user's own, by the role that a run folder records them under."""
+    files = [path for path in os.environ.get(TERMS_VARIABLE, "").split(os.pathsep) if path]
+    return {f"terms {i + 1}": Path(path) for i, path in enumerate(files)}
 
 
 def with_terms_option(command: click.Command) -> click.Command:

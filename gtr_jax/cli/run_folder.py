@@ -23,7 +23,7 @@ from gtr_jax.files.plain import plain
 from gtr_jax.files.text import digest
 from gtr_jax.interruption import interruption
 
-from .options import HELD
+from .options import HELD, own_terms
 
 if TYPE_CHECKING:
     from gtr_jax.report.page import Report
@@ -55,7 +55,10 @@ class RunFolder:
             "written_by": "gtr-jax",
             "command": command_line(),
             "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-            "inputs": {role: {"path": _named(path), "sha256": digest(path)} for role, path in inputs.items()},
+            "inputs": {
+                role: {"path": _named(path), "sha256": digest(path)}
+                for role, path in {**inputs, **own_terms()}.items()
+            },
         }
         self._began = time.monotonic()
         self._target = out.resolve()
