@@ -1,4 +1,4 @@
-"""The command `gtr`: simulate, inspect, fit, diagnose, design, sweep, demo, paper, terms, schema.
+"""The command `gtr`: simulate, inspect, fit, diagnose, design, sweep, view, demo, paper, terms, schema.
 
 Answers go to stdout, progress and errors to stderr. Exit status: 0 answered, 1 answered but not converged
 or not of any body, 2 bad input (one line on stderr), 130 interrupted. What takes long to import is imported
@@ -19,7 +19,7 @@ import click
 from gtr_jax.errors import InputError
 from gtr_jax.interruption import INTERRUPTED, NOTHING_WRITTEN, interruption
 
-from . import demo, design, diagnose, fit, inspect, paper, schema, simulate, sweep, terms
+from . import demo, design, diagnose, fit, inspect, paper, schema, simulate, sweep, terms, view
 
 ANSWERED, NOT_CONVERGED, BAD_INPUT = 0, 1, 2
 
@@ -59,6 +59,7 @@ for _command in (
     diagnose.diagnose,
     design.design,
     sweep.sweep,
+    view.view,
     demo.demo,
     paper.paper,
     terms.terms,

@@ -1,0 +1,81 @@
+"""The sliders of the robot: its numbers in groups, and its physics terms, which come and go."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from bokeh.models import Button, Column, Div, Select
+
+from .dials import LABEL, Dial, dial_of
+from .knobs import GROUPS, Knob, knobs_of
+from .model import Setting
+
+HEADING = ":host { color: #222222; font-size: 14px; } p { margin: 0; }"
+CHOOSE = "choose a term …"
+
+
+class Controls:
+    """All numbers of a robot as sliders.
+
+    Args:
+        setting: the robot.
+        changed: called with the robot when a slider was moved, or a term added or taken away.
+    """
+
+    def __init__(self, setting: Setting, changed: Callable[[Setting], None]) -> None:
+        self.setting, self._changed = setting, changed
+        self._dials: dict[str, Dial] = {}
+        self.groups = {name: Column(name=name, sizing_mode="stretch_width", margin=0) for name in GROUPS}
+        self.terms = Column(name="terms", sizing_mode="stretch_width", margin=0)
+        self._added = Select(name="add term", title="Add a physics term, without effect at first")
+        self._added.sizing_mode = "stretch_width"
+        self._added.on_change("value", self._add)
+        self.show(setting)
+
+    def show(self, setting: Setting) -> None:
+        """Put another robot on the sliders, without calling `changed`."""
+        self.setting, self._dials = setting, {}
+        knobs = knobs_of(setting.robot, setting.terms)
+        for name, column in self.groups.items():
+            column.children = [self._row(knob) for knob in knobs if knob.group == name]
+        self._show_terms(knobs)
+
+    def _row(self, knob: Knob) -> Column:
+        value = float(self.setting.values.get(knob.name, knob.value))
+        self._dials[knob.name] = dial_of(knob, value, self._moved)
+        return self._dials[knob.name].row
+
+    def _moved(self, name: str, value: float) -> None:
+        self.setting = self.setting.with_value(name, value)
+        self._changed(self.setting)
+
+    def _show_terms(self, knobs: Sequence[Knob]) -> None:
+        rows = []
+        for term in self.setting.terms:
+            about = self.setting.catalogue[term]
+            gone = Button(
+                label="Take away",
+                name=f"remove {term}",
+                width=96,
+                html_attributes={"role": "group", "aria-label": f"Take away the term {term}"},
+            )
+            gone.on_click(lambda term=term: self._remove(term))
+            heading = Div(text=f"<p><b>{term}</b>: {about.says}</p>", stylesheets=[HEADING])
+            rows += [heading, *(self._row(knob) for knob in knobs if knob.term == term), gone]
+        names = [(term.id, term.id) for term in self.setting.addable]
+        self._added.options = [("", CHOOSE), *names]
+        self._added.value = ""
+        none = [] if rows else [Div(text="None of them acts yet.", stylesheets=[LABEL])]
+        self.terms.children = [*none, *rows, self._added]
+
+    def _add(self, attr: str, old: str, new: str) -> None:
+        if new and new not in self.setting.terms:
+            self._with(self.setting.with_term(new))
+
+    def _remove(self, term: str) -> None:
+        self._with(self.setting.without_term(term))
+
+    def _with(self, setting: Setting) -> None:
+        self.setting = setting
+        self._show_terms(knobs_of(setting.robot, setting.terms))
+        self._changed(setting)

@@ -1,0 +1,225 @@
+"""The plots of the page: loop, tensions and residual over time with linked samples, and along the channel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from bokeh.models import (
+    BoxSelectTool,
+    ColumnDataSource,
+    ResetTool,
+    SaveTool,
+    Span,
+    TapTool,
+    WheelZoomTool,
+)
+from bokeh.plotting import figure
+
+from gtr_jax.plots.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, VERMILLION
+
+from .model import Curves
+from .postures import Along
+
+TENDONS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, INK)
+GHOSTS = (ORANGE, PURPLE, GREEN, "#56B4E9", VERMILLION, GREY)
+CHOSEN = VERMILLION
+HEIGHT = 300
+# Columns of the samples, of each tendon: what is simulated, and what that is compared with.
+SHOWN, COMPARED = ("T_base", "T_tip"), ("recorded_base", "recorded_tip", "residual")
+
+
+def plot(title: str, x: str, y: str, *, select: str = "", height: int = HEIGHT, **more: Any) -> Any:
+    """An empty plot in the page's look; `select` is "both" or "width" where samples can be brushed."""
+    tools: list[Any] = [WheelZoomTool(), ResetTool(), SaveTool()]
+    drag = BoxSelectTool(dimensions=select) if select else None
+    fig = figure(
+        title=title,
+        x_axis_label=x,
+        y_axis_label=y,
+        height=height,
+        sizing_mode="stretch_width",
+        tools=[*tools, *([drag, TapTool()] if drag else [])],
+        active_drag=drag,
+        toolbar_location="above",
+        output_backend="canvas",
+        html_attributes={"role": "img", "aria-label": f"Plot: {title}"},
+        **more,
+    )
+    fig.toolbar.logo = None
+    fig.toolbar.autohide = True
+    fig.grid.grid_line_color = "#E6E6E6"
+    fig.outline_line_color = None
+    fig.axis.axis_line_color = fig.axis.major_tick_line_color = GREY
+    fig.axis.minor_tick_line_color = None
+    fig.axis.axis_label_text_font_style = "normal"
+    fig.axis.axis_label_text_color = fig.axis.major_label_text_color = INK
+    fig.title.text_color = INK
+    fig.min_border_right = 12
+    return fig
+
+
+class Curvesheet:
+    """The plots over a history: tip against base tension, both over time, and the residual, or the angle of
+    the tip where nothing was recorded. Samples brushed in one are lit up in all.
+
+    Args:
+        names: of the tendons; [""] for one.
+        recorded: whether there is a recording with tip tensions.
+    """
+
+    def __init__(self, names: Sequence[str], recorded: bool) -> None:
+        self._names = names
+        tensions = [f"{name}_{i}" for name in SHOWN for i in range(len(names))]
+        both = [f"{name}_{i}" for name in COMPARED for i in range(len(names))]
+        empty: list[float] = []
+        every = ("time", "tip_angle", *tensions, *both)
+        self.samples = ColumnDataSource({name: empty for name in every}, name="samples")
+        self._now = ColumnDataSource({name: empty for name in tensions}, name="now")
+        self._ghosts = {
+            part: ColumnDataSource({"xs": [], "ys": [], "colour": []}) for part in ("loop", "time", "last")
+        }
+        self.loop = plot("Tension at the tip against the base", "T_base [N]", "T_tip [N]", select="both")
+        self.time = plot("Tensions over time", "time [s]", "tension [N]", select="width")
+        if recorded:
+            self.last = plot("Simulated minus recorded", "time [s]", "residual of T_tip [N]", select="width")
+            self.last.add_layout(Span(location=0, dimension="width", line_color=GREY, line_width=1))
+        else:
+            self.last = plot("Angle of the tip", "time [s]", "angle [deg]", select="width")
+        self.last.x_range = self.time.x_range
+        for part, fig in (("loop", self.loop), ("time", self.time), ("last", self.last)):
+            fig.multi_line(
+                "xs", "ys", source=self._ghosts[part], line_color="colour", line_width=2, line_dash="dashed"
+            )
+        for i in range(len(names)):
+            self._draw(i, recorded)
+        for fig in (self.loop, self.time):
+            fig.legend.location = "top_left"
+            fig.legend.background_fill_alpha = 0.7
+            fig.legend.label_text_font_size = "12px"
+            fig.legend.padding = 4
+            fig.legend.spacing = 0
+            fig.legend.border_line_color = None
+        self._cursor = Span(dimension="height", line_color=CHOSEN, line_width=1.5)
+        self.time.add_layout(self._cursor)
+        self.last.add_layout(self._cursor)
+
+    def _draw(self, i: int, recorded: bool) -> None:
+        several = len(self._names) > 1
+        of = f" {self._names[i]}" if several else ""
+        colour = TENDONS[i % len(TENDONS)]
+        names = (f"T_base_{i}", f"T_tip_{i}")
+        if recorded:
+            look = {"size": 4, "color": INK if not several else colour, "alpha": 0.35}
+            at = {"source": self.samples, **look, **_lit(1.0)}
+            self.loop.scatter(f"recorded_base_{i}", f"recorded_tip_{i}", legend_label=f"recorded{of}", **at)
+            self.time.scatter("time", f"recorded_tip_{i}", legend_label=f"recorded{of}", **at)
+        line = {"source": self.samples, "color": colour, "line_width": 2}
+        dots = {"source": self.samples, "size": 4, "color": colour, "alpha": 0.0, **_lit(0.0)}
+        self.loop.line(*names, legend_label=f"simulated{of}", **line)
+        self.time.line("time", names[1], legend_label=f"T_tip{of}", **line)
+        self.time.line(
+            "time",
+            names[0],
+            legend_label=f"T_base{of}",
+            **(line | {"color": GREY if not several else colour}),
+            line_dash="dotted",
+        )
+        last = f"residual_{i}" if recorded else "tip_angle"
+        if recorded or i == 0:
+            self.last.line("time", last, **(line | {"color": colour if recorded else INK, "line_width": 1.5}))
+            self.last.scatter("time", last, **dots)
+        self.loop.scatter(*names, **dots)
+        self.time.scatter("time", names[1], **dots)
+        self.loop.scatter(
+            *names, source=self._now, size=11, fill_color="white", line_color=CHOSEN, line_width=3
+        )
+
+    def show(self, curves: Curves) -> None:
+        """Draw a simulation."""
+        at = slice(curves.history.padded, None)
+        data = {"time": curves.time[at], "tip_angle": np.degrees(curves.tip_angle[at])}
+        for i in range(len(self._names)):
+            data |= {f"T_base_{i}": curves.T_base[at, i], f"T_tip_{i}": curves.T_tip[at, i]}
+            residual = curves.residual
+            none = np.full(len(data["time"]), np.nan)
+            data[f"residual_{i}"] = none if residual is None else residual[at, i]
+            for name, values in (("base", curves.recorded_base), ("tip", curves.recorded_tip)):
+                data[f"recorded_{name}_{i}"] = none if values is None else values[at, i]
+        self.samples.data = data
+
+    def point_at(self, curves: Curves, step: int) -> None:
+        """Mark one step in all plots."""
+        self._cursor.location = float(curves.time[step])
+        self._now.data = {
+            f"{name}_{i}": [float(values[step, i])]
+            for i in range(len(self._names))
+            for name, values in (("T_base", curves.T_base), ("T_tip", curves.T_tip))
+        }
+
+    def show_ghosts(self, ghosts: Sequence[tuple[str, Curves]]) -> None:
+        """Draw curves that are kept, each in its colour."""
+        rows: dict[str, tuple[list, list, list]] = {part: ([], [], []) for part in self._ghosts}
+        for colour, curves in ghosts:
+            at = slice(curves.history.padded, None)
+            time = curves.time[at]
+            for i in range(len(self._names)):
+                lasts = [np.degrees(curves.tip_angle)] if curves.residual is None else list(curves.residual.T)
+                drawn = {
+                    "loop": (curves.T_base[at, i], curves.T_tip[at, i]),
+                    "time": (time, curves.T_tip[at, i]),
+                }
+                if i < len(lasts):
+                    drawn["last"] = (time, lasts[i][at])
+                for part, (x, y) in drawn.items():
+                    for column, values in zip(rows[part], (x, y, colour), strict=True):
+                        column.append(values)
+        for part, (xs, ys, colours) in rows.items():
+            self._ghosts[part].data = {"xs": xs, "ys": ys, "colour": colours}
+
+
+def _lit(alpha: float) -> dict[str, Any]:
+    """How chosen samples look, and the others beside them."""
+    return {
+        "selection_color": CHOSEN,
+        "selection_alpha": 0.9,
+        "nonselection_alpha": 0.25 * alpha,
+    }
+
+
+class Channelsheet:
+    """The plots along the channel: contact force and friction per length, and tension.
+
+    Args:
+        names: of the tendons; [""] for one.
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._sources = [
+            ColumnDataSource({"s": [], "tension": [], "normal": [], "friction": []}) for _ in names
+        ]
+        self.force = plot("Force on the channel", "s [mm]", "force per length [N/m]")
+        self.tension = plot("Tension along the tendon", "s [mm]", "tension [N]")
+        self.tension.x_range = self.force.x_range
+        for i, (name, source) in enumerate(zip(names, self._sources, strict=True)):
+            of = f" {name}" if len(names) > 1 else ""
+            colour = TENDONS[i % len(TENDONS)]
+            look = {"source": source, "line_width": 2}
+            self.force.line("s", "normal", legend_label=f"contact{of}", color=colour, **look)
+            friction = VERMILLION if len(names) == 1 else colour
+            self.force.line(
+                "s", "friction", legend_label=f"friction{of}", color=friction, line_dash="dashed", **look
+            )
+            self.tension.line("s", "tension", color=colour, **look)
+        self.force.legend.location = "top_left"
+        self.force.legend.background_fill_alpha = 0.7
+        self.force.legend.label_text_font_size = "12px"
+        self.force.legend.padding = 4
+        self.force.legend.spacing = 0
+        self.force.legend.border_line_color = None
+
+    def show(self, along: Sequence[Along]) -> None:
+        """Draw one step."""
+        for source, own in zip(self._sources, along, strict=True):
+            source.data = {"s": own.s, "tension": own.tension, "normal": own.normal, "friction": own.friction}

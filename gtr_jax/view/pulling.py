@@ -1,0 +1,142 @@
+"""How the tendons are pulled: by a pull and release, by a recording, or by hand, each with its sliders."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from bokeh.models import Button, Column, Div, RadioButtonGroup, Select
+
+from gtr_jax.files.numbers import display_unit
+from gtr_jax.files.recording import Recording
+from gtr_jax.robot.robot import Robot
+
+from .dials import LABEL, Dial
+from .histories import (
+    History,
+    at_rest,
+    by_hand,
+    moved_by,
+    pull_and_release,
+    recorded,
+    usual_pull,
+)
+from .knobs import FARTHEST, STEPS, rounded
+from .model import names_of
+
+LOOP, RECORDING, HAND = "Pull and release", "As recorded", "By hand"
+
+
+class Pulling:
+    """What drives the tendons.
+
+    Args:
+        robot: as it is first.
+        recording: of it, if there is one.
+        changed: called when the history is another one.
+    """
+
+    def __init__(self, robot: Robot, recording: Recording | None, changed: Callable[[], None]) -> None:
+        self._recording, self._changed = recording, changed
+        self._moves: list[np.ndarray] = []
+        self._ways = [RECORDING, LOOP, HAND] if recording else [LOOP, HAND]
+        self._choice = RadioButtonGroup(
+            labels=self._ways,
+            active=0,
+            name="way",
+            sizing_mode="stretch_width",
+            html_attributes={"role": "group", "aria-label": "How the tendons are pulled"},
+        )
+        self._choice.on_change("active", lambda attr, old, new: self._chosen())
+        names = [name or "the tendon" for name in names_of(robot)]
+        self._tendon = Select(name="tendon", title="Tendon to pull", options=names, value=names[0])
+        self._tendon.sizing_mode = "stretch_width"
+        self._tendon.on_change("value", lambda attr, old, new: self._chosen())
+        self._pulls = [usual_pull(robot, i) for i in range(len(names))]
+        self._ends: list[Dial] = []
+        self._hands: list[Dial] = []
+        self._loop = Column(sizing_mode="stretch_width", margin=0)
+        again = Button(label="Begin again", name="begin again", width=110)
+        again.on_click(self._begin)
+        says = "Move a slider: the tendon remembers how it was pulled."
+        self._hand = Column(Div(text=says, stylesheets=[LABEL]), sizing_mode="stretch_width", margin=0)
+        self._again = again
+        self.box = Column(
+            self._choice, self._loop, self._hand, name="pulling", sizing_mode="stretch_width", margin=0
+        )
+        self._show(robot)
+        self._visible()
+
+    @property
+    def way(self) -> str:
+        """LOOP, RECORDING or HAND."""
+        return self._ways[self._choice.active or 0]
+
+    def history(self, robot: Robot) -> History:
+        """What drives a robot with these tendons."""
+        if self.way == RECORDING and self._recording is not None:
+            return recorded(robot, self._recording)
+        if self.way == HAND:
+            return by_hand(robot, self._moves)
+        pull, release = (dial.value * self._size(robot, self._index) for dial in self._ends)
+        return pull_and_release(robot, self._index, pull, release)
+
+    @property
+    def _index(self) -> int:
+        return list(self._tendon.options).index(self._tendon.value)
+
+    def _size(self, robot: Robot, tendon: int) -> float:
+        return display_unit(moved_by(robot)[tendon])[1]
+
+    def _show(self, robot: Robot) -> None:
+        """Sliders for the tendons."""
+        self._robot, rest = robot, at_rest(robot)
+        i = self._index
+        self._ends = [
+            self._dial("pull", i, self._pulls[i], "Pull to", self._looped),
+            self._dial("release", i, float(rest[i]), "Release to", self._looped),
+        ]
+        rows = [dial.row for dial in self._ends]
+        self._loop.children = [self._tendon, *rows] if len(self._tendon.options) > 1 else rows
+        self._hands = []
+        for k, name in enumerate(names_of(robot)):
+            what = "Base tension" if moved_by(robot)[k] == "N" else "Drawn out at the base"
+            title = f"{what} of {name}" if name else what
+            self._hands.append(self._dial(f"hand {k}", k, float(rest[k]), title, self._handed))
+        self._hand.children = [self._hand.children[0], *(dial.row for dial in self._hands), self._again]
+
+    def _dial(self, name: str, tendon: int, value: float, title: str, moved: Callable[[float], None]) -> Dial:
+        unit, size = display_unit(moved_by(self._robot)[tendon])
+        high = FARTHEST * self._pulls[tendon] / size
+        return Dial(
+            name,
+            f"{title} [{unit}]",
+            low=0.0,
+            high=high,
+            step=rounded(high / STEPS),
+            value=float(f"{value / size:.12g}"),
+            moved=moved,
+            bounds=(0.0, None),
+        )
+
+    def _looped(self, value: float) -> None:
+        self._changed()
+
+    def _handed(self, value: float) -> None:
+        ways = [dial.value * self._size(self._robot, k) for k, dial in enumerate(self._hands)]
+        self._moves.append(np.array(ways))
+        self._changed()
+
+    def _begin(self) -> None:
+        self._moves = []
+        self._show(self._robot)
+        self._changed()
+
+    def _chosen(self) -> None:
+        self._show(self._robot)
+        self._moves = []
+        self._visible()
+        self._changed()
+
+    def _visible(self) -> None:
+        self._loop.visible, self._hand.visible = self.way == LOOP, self.way == HAND
