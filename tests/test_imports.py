@@ -47,6 +47,7 @@ ALLOWED = {
     "design.report": BELOW | {"gtr_jax (door)", "design", "plots", "report"},
 }
 ALLOWED["paper"] = {*ALLOWED} - {"paper"}
+ALLOWED["view"] = {*ALLOWED} - {"view"}
 ALLOWED["cli"] = {*ALLOWED}
 
 
@@ -170,6 +171,7 @@ HEAVY = {
     "xarray",
     "rich",
     "jinja2",
+    "bokeh",
 }
 
 

@@ -36,7 +36,7 @@ OUT = "gtr-view"
     metavar="OUT",
     type=click.Path(path_type=Path),
     default=Path(OUT),
-    help=f"Folder that the page saves robot files, fits and diagnoses in, made when one is.  [default: {OUT}]",
+    help=f"Folder that the page saves robot files, fits and diagnoses in.  [default: {OUT}]",
 )
 @recording_options
 def view(

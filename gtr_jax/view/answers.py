@@ -9,7 +9,8 @@ from html import escape
 from pathlib import Path
 
 from bokeh.document import Document
-from bokeh.models import Button, Column, Div, MultiChoice, Row, TextInput
+from bokeh.layouts import column, row
+from bokeh.models import Button, Div, MultiChoice, TextInput
 
 from gtr_jax.errors import InputError
 from gtr_jax.files.config import RobotConfig, dump_config, load_config
@@ -55,26 +56,27 @@ class Answers:
             sizing_mode="stretch_width",
             placeholder="mu and E unless chosen",
         )
-        self._fit = Button(label="Fit from here", name="fit", button_type="primary", width=150)
+        self._fit = Button(label="Fit from here", name="fit", button_type="primary")
         self._fit.on_click(partial(self._start, "fit"))
         self._diagnose = Button(label="Diagnose from here", name="diagnose", button_type="primary", width=150)
         self._diagnose.on_click(partial(self._start, "diagnose"))
         self._stop = Button(label="Stop", name="stop", width=70, visible=False)
         self._stop.on_click(self._stopped)
-        self._found = Column(sizing_mode="stretch_width", margin=0)
+        self._found = column(sizing_mode="stretch_width", margin=0)
         if recording is None:
             none = Div(text="Give a recording after the robot to fit or diagnose it.", stylesheets=[LABEL])
-            self.box = Column(none, name="runs", sizing_mode="stretch_width", margin=0)
+            self.box = column(none, name="runs", sizing_mode="stretch_width", margin=0)
         else:
-            buttons = Row(self._fit, self._diagnose, margin=0)
+            self._fit.sizing_mode = self._diagnose.sizing_mode = "stretch_width"
+            buttons = row(self._fit, self._diagnose, margin=0, sizing_mode="stretch_width")
             parts = [self._free, buttons, self._stop, self._says, self._found]
-            self.box = Column(*parts, name="runs", sizing_mode="stretch_width", margin=0)
+            self.box = column(*parts, name="runs", sizing_mode="stretch_width", margin=0)
         self._name = TextInput(name="file name", title="Name of the file", value="robot")
         self._name.sizing_mode = "stretch_width"
         save = Button(label="Save as robot file", name="save", width=150)
         save.on_click(self._save)
         self._saved = Div(name="saved", text="", stylesheets=[LABEL], sizing_mode="stretch_width")
-        self.saving = Column(
+        self.saving = column(
             self._name, save, self._saved, name="saving", sizing_mode="stretch_width", margin=0
         )
         self.show(present())

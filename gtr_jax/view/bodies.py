@@ -17,7 +17,9 @@ from .postures import Drawing, View
 
 MIDDLE = "#9A9A9A"
 _FIRST, _SECOND = slice(None, -1), slice(1, None)  # ends of the pieces of a line
-NOTHING: dict[str, list] = {"xs": [], "ys": []}
+NOTHING: Any = {"xs": [], "ys": []}
+NO_COLOUR: Any = {"colour": []}
+NO_TENSION: Any = {"tension": []}
 
 
 class Side:
@@ -30,10 +32,10 @@ class Side:
     """
 
     def __init__(self, axes: str, colours: LinearColorMapper, *, bar: bool) -> None:
-        empty = {"x0": [], "y0": [], "x1": [], "y1": []}
-        self._outline, self._ghosts = ColumnDataSource(NOTHING), ColumnDataSource(NOTHING | {"colour": []})
+        empty: Any = {"x0": [], "y0": [], "x1": [], "y1": []}
+        self._outline, self._ghosts = ColumnDataSource(NOTHING), ColumnDataSource(NOTHING | NO_COLOUR)
         self._middle = ColumnDataSource({"x": [], "y": []}, name="midline" if bar else f"midline {axes}")
-        self._channel, self._teeth = ColumnDataSource(empty | {"tension": []}), ColumnDataSource(empty)
+        self._channel, self._teeth = ColumnDataSource(empty | NO_TENSION), ColumnDataSource(empty)
         self._room, self._seen = ColumnDataSource({"x": [], "y": []}), np.zeros((0, 2))
         self.plot = plot(
             "The body, its channels coloured by tension"
@@ -67,7 +69,7 @@ class Side:
     def show(self, view: View) -> None:
         """Draw one shape."""
         self._outline.data = _lines(view.outline)
-        self._middle.data = {"x": view.middle[:, 0], "y": view.middle[:, 1]}
+        self._middle.data = dict(zip("xy", view.middle.T, strict=True))
         starts, ends = (np.concatenate([line[cut] for line in view.channels]) for cut in (_FIRST, _SECOND))
         tension = np.concatenate([0.5 * (T[_FIRST] + T[_SECOND]) for T in view.tension])
         self._channel.data = _segments(starts, ends) | {"tension": tension}
@@ -90,14 +92,14 @@ class Side:
         corners = np.stack([points.min(axis=0), points.max(axis=0)])
         if len(self._seen) != 2 or np.any(corners != self._seen):
             self._seen = corners
-            self._room.data = {"x": corners[:, 0], "y": corners[:, 1]}
+            self._room.data = dict(zip("xy", corners.T, strict=True))
 
 
-def _lines(lines: Sequence[np.ndarray]) -> dict[str, list]:
+def _lines(lines: Sequence[np.ndarray]) -> Any:
     return {"xs": [line[:, 0] for line in lines], "ys": [line[:, 1] for line in lines]}
 
 
-def _segments(starts: np.ndarray, ends: np.ndarray) -> dict[str, np.ndarray]:
+def _segments(starts: np.ndarray, ends: np.ndarray) -> dict[str, Any]:
     return {"x0": starts[:, 0], "y0": starts[:, 1], "x1": ends[:, 0], "y1": ends[:, 1]}
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
+from bokeh.layouts import column
 from bokeh.models import Button, Column, Div, Select
 
 from .dials import LABEL, Dial, dial_of
@@ -25,8 +27,8 @@ class Controls:
     def __init__(self, setting: Setting, changed: Callable[[Setting], None]) -> None:
         self.setting, self._changed = setting, changed
         self._dials: dict[str, Dial] = {}
-        self.groups = {name: Column(name=name, sizing_mode="stretch_width", margin=0) for name in GROUPS}
-        self.terms = Column(name="terms", sizing_mode="stretch_width", margin=0)
+        self.groups = {name: column(name=name, sizing_mode="stretch_width", margin=0) for name in GROUPS}
+        self.terms = column(name="terms", sizing_mode="stretch_width", margin=0)
         self._added = Select(name="add term", title="Add a physics term, without effect at first")
         self._added.sizing_mode = "stretch_width"
         self._added.on_change("value", self._add)
@@ -34,10 +36,16 @@ class Controls:
 
     def show(self, setting: Setting) -> None:
         """Put another robot on the sliders, without calling `changed`."""
-        self.setting, self._dials = setting, {}
         knobs = knobs_of(setting.robot, setting.terms)
-        for name, column in self.groups.items():
-            column.children = [self._row(knob) for knob in knobs if knob.group == name]
+        alike = setting.terms == self.setting.terms and {*self._dials} == {knob.name for knob in knobs}
+        self.setting = setting
+        if alike:
+            for knob in knobs:
+                self._dials[knob.name].show(knob.shown(setting.values.get(knob.name, knob.value)))
+            return
+        self._dials = {}
+        for name, group in self.groups.items():
+            group.children = [self._row(knob) for knob in knobs if knob.group == name]
         self._show_terms(knobs)
 
     def _row(self, knob: Knob) -> Column:
@@ -59,7 +67,7 @@ class Controls:
                 width=96,
                 html_attributes={"role": "group", "aria-label": f"Take away the term {term}"},
             )
-            gone.on_click(lambda term=term: self._remove(term))
+            gone.on_click(partial(self._remove, term))
             heading = Div(text=f"<p><b>{term}</b>: {about.says}</p>", stylesheets=[HEADING])
             rows += [heading, *(self._row(knob) for knob in knobs if knob.term == term), gone]
         names = [(term.id, term.id) for term in self.setting.addable]

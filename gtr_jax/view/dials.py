@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from bokeh.layouts import Row
-from bokeh.models import Column, CustomJS, Div, Slider, Spinner
+from bokeh.layouts import column, row
+from bokeh.models import CustomJS, Div, Slider, Spinner
 
 from .knobs import Knob
 
 FIELD = 92  # px, the width of a field
-# The field shows what is typed at once on the slider, whose range grows where it must.
-TYPED = "if (v == null) return; if (v < s.start) s.start = v; if (v > s.end) s.end = v; s.value = v"
+# Slider and field follow each other in the browser; the slider's range grows to what is typed.
+MOVED = "f.value = parseFloat(this.value.toPrecision(6))"
+TYPED = """
+if (this.value == null) return
+s.start = Math.min(s.start, this.value)
+s.end = Math.max(s.end, this.value)
+s.value = this.value
+"""
 SLIM = """
     .noUi-target { height: 6px; margin-top: 11px; }
     .noUi-handle { width: 16px !important; height: 18px !important; }
@@ -73,14 +79,14 @@ class Dial:
             stylesheets=[FOCUS],
             html_attributes={"role": "group", **about},
         )
-        self._slider.js_link("value", self._field, "value")
-        typed = CustomJS(args={"s": self._slider}, code=f"const v = this.value; {TYPED}")
+        self._slider.js_on_change("value", CustomJS(args={"f": self._field}, code=MOVED))
+        typed = CustomJS(args={"s": self._slider}, code=TYPED)
         self._field.js_on_change("value", typed)
         self._slider.on_change("value", self._changed)
         label = Div(text=title, stylesheets=[LABEL], margin=(4, 5, 0, 5), html_attributes=about)
-        self.row = Column(
+        self.row = column(
             label,
-            Row(self._slider, self._field, sizing_mode="stretch_width", margin=0),
+            row(self._slider, self._field, sizing_mode="stretch_width", margin=0),
             sizing_mode="stretch_width",
             margin=0,
         )

@@ -30,11 +30,11 @@ HEIGHT = 300
 SHOWN, COMPARED = ("T_base", "T_tip"), ("recorded_base", "recorded_tip", "residual")
 
 
-def plot(title: str, x: str, y: str, *, select: str = "", height: int = HEIGHT, **more: Any) -> Any:
+def plot(title: str, x: str, y: str, *, select: Any = "", height: int = HEIGHT, **more: Any) -> Any:
     """An empty plot in the page's look; `select` is "both" or "width" where samples can be brushed."""
     tools: list[Any] = [WheelZoomTool(), ResetTool(), SaveTool()]
     drag = BoxSelectTool(dimensions=select) if select else None
-    fig = figure(
+    fig: Any = figure(
         title=title,
         x_axis_label=x,
         y_axis_label=y,
@@ -70,7 +70,7 @@ class Curvesheet:
     """
 
     def __init__(self, names: Sequence[str], recorded: bool) -> None:
-        self._names = names
+        self._names, self._history = names, None
         tensions = [f"{name}_{i}" for name in SHOWN for i in range(len(names))]
         both = [f"{name}_{i}" for name in COMPARED for i in range(len(names))]
         empty: list[float] = []
@@ -115,7 +115,7 @@ class Curvesheet:
             at = {"source": self.samples, **look, **_lit(1.0)}
             self.loop.scatter(f"recorded_base_{i}", f"recorded_tip_{i}", legend_label=f"recorded{of}", **at)
             self.time.scatter("time", f"recorded_tip_{i}", legend_label=f"recorded{of}", **at)
-        line = {"source": self.samples, "color": colour, "line_width": 2}
+        line = {"source": self.samples, "color": colour, "line_width": 2, "nonselection_alpha": 0.6}
         dots = {"source": self.samples, "size": 4, "color": colour, "alpha": 0.0, **_lit(0.0)}
         self.loop.line(*names, legend_label=f"simulated{of}", **line)
         self.time.line("time", names[1], legend_label=f"T_tip{of}", **line)
@@ -139,15 +139,19 @@ class Curvesheet:
     def show(self, curves: Curves) -> None:
         """Draw a simulation."""
         at = slice(curves.history.padded, None)
-        data = {"time": curves.time[at], "tip_angle": np.degrees(curves.tip_angle[at])}
-        for i in range(len(self._names)):
-            data |= {f"T_base_{i}": curves.T_base[at, i], f"T_tip_{i}": curves.T_tip[at, i]}
-            residual = curves.residual
-            none = np.full(len(data["time"]), np.nan)
-            data[f"residual_{i}"] = none if residual is None else residual[at, i]
-            for name, values in (("base", curves.recorded_base), ("tip", curves.recorded_tip)):
-                data[f"recorded_{name}_{i}"] = none if values is None else values[at, i]
-        self.samples.data = data
+        data: dict[str, Any] = {"time": curves.time[at], "tip_angle": np.degrees(curves.tip_angle[at])}
+        none = np.full(len(data["time"]), np.nan)
+        compared = curves.recorded_base, curves.recorded_tip, curves.residual
+        for names, each in ((SHOWN, (curves.T_base, curves.T_tip)), (COMPARED, compared)):
+            for name, values in zip(names, each, strict=True):
+                for i in range(len(self._names)):
+                    data[f"{name}_{i}"] = none if values is None else values[at, i]
+        if curves.history is self._history:  # only what a slider changes
+            gone = "time", *(name for name in data if name.startswith("recorded"))
+            self.samples.data.update({name: v for name, v in data.items() if name not in gone})
+        else:
+            self.samples.data = data
+        self._history = curves.history
 
     def point_at(self, curves: Curves, step: int) -> None:
         """Mark one step in all plots."""

@@ -6,7 +6,8 @@ import dataclasses
 from collections.abc import Callable
 from html import escape
 
-from bokeh.models import Button, Column, Div, Row, TextInput
+from bokeh.layouts import column, row
+from bokeh.models import Button, Div, Row, TextInput
 
 from .dials import LABEL
 from .figures import GHOSTS
@@ -44,8 +45,8 @@ class Ghosts:
         keep = Button(label="Keep these curves", name="keep ghost", width=150)
         keep.on_click(self._keep)
         self._keep_button = keep
-        self._list = Column(sizing_mode="stretch_width", margin=0)
-        self.box = Column(self._name, keep, self._list, name="ghosts", sizing_mode="stretch_width", margin=0)
+        self._list = column(sizing_mode="stretch_width", margin=0)
+        self.box = column(self._name, keep, self._list, name="ghosts", sizing_mode="stretch_width", margin=0)
 
     def _keep(self) -> None:
         present = self._present()
@@ -75,7 +76,7 @@ class Ghosts:
         back.on_click(lambda: self._taken(ghost.setting))
         gone = Button(label="Remove", width=76, html_attributes=_about(f"Remove {ghost.name}"))
         gone.on_click(lambda: self._remove(ghost))
-        return Row(says, back, gone, sizing_mode="stretch_width", margin=0)
+        return row(says, back, gone, sizing_mode="stretch_width", margin=0)
 
 
 def _about(text: str) -> dict[str, str]:

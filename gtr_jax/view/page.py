@@ -11,7 +11,8 @@ from html import escape
 from pathlib import Path
 
 from bokeh.document import Document
-from bokeh.models import Column, Div, Row
+from bokeh.layouts import column, row
+from bokeh.models import Div
 from jinja2 import Environment, PackageLoader
 
 from gtr_jax.errors import InputError
@@ -37,7 +38,7 @@ PATIENCE = 0.5  # seconds until the page says that it computes
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Wanted:
-    """What the page is to show: a robot along a history, at a step (None: the one that is looked at first)."""
+    """What the page is to show: a robot along a history, at a step; None for that of the largest tension."""
 
     setting: Setting
     history: History
@@ -81,7 +82,7 @@ class Page:
         setting = Setting.of(self._driven(given.config))
         self._shown: Found | None = None
         self._step: int | None = None
-        self._quiet = False
+        self._drawn_ghosts: Sequence[Ghost] = ()
         names = names_of(setting.robot)
         recording = given.recording
         self._body, self._channel = Body(setting.robot.space), Channelsheet(names)
@@ -105,6 +106,7 @@ class Page:
         )
         self._history = self._pulling.history(setting.robot)
         self._worker: Latest[Wanted] = Latest(self._work)
+        self._last: tuple[Wanted, Curves] | None = None
         self._closed = False
         self._lay_out()
         self._ask()
@@ -126,8 +128,8 @@ class Page:
     def _lay_out(self) -> None:
         wide = "stretch_width"
         first, *others = self._body.plots
-        body = Column(
-            first, *([Row(*others, sizing_mode=wide)] if others else []), name="body", sizing_mode=wide
+        body = column(
+            first, *([row(*others, sizing_mode=wide)] if others else []), name="body", sizing_mode=wide
         )
         sheet, channel = self._curves, self._channel
         plots = {
@@ -222,8 +224,6 @@ class Page:
             time.perf_counter() - began,
         )
 
-    _last: tuple[Wanted, Curves] | None = None
-
     def _kept(self, wanted: Wanted) -> Curves | None:
         """The curves of the last request, if this one asks for the same."""
         if self._last is None:
@@ -254,10 +254,13 @@ class Page:
             self._curves.show(curves)
             count = len(curves.time) - curves.history.padded
             self._at.reach(1, max(count, 2))
-        self._curves.show_ghosts([(ghost.colour, ghost.curves) for ghost in wanted.ghosts])
+        if wanted.ghosts != self._drawn_ghosts:
+            self._curves.show_ghosts([(ghost.colour, ghost.curves) for ghost in wanted.ghosts])
         self._curves.point_at(curves, found.step)
         self._body.show(found.drawing, float(curves.run.tension.max()))
-        self._body.show_ghosts(found.ghosts)
+        if found.ghosts or self._drawn_ghosts:
+            self._body.show_ghosts(found.ghosts)
+        self._drawn_ghosts = wanted.ghosts
         self._channel.show(found.drawing.along)
         self._at.show(found.step + 1 - curves.history.padded)
         self._shown = found

@@ -15,6 +15,7 @@ from gtr_jax.report.spatial import strung_of
 from gtr_jax.robot.robot import Robot
 from gtr_jax.simulation.forces import ChannelForces, channel_forces
 from gtr_jax.simulation.history import Simulation, equilibrium_at
+from gtr_jax.simulation.solution import Equilibrium
 
 from .model import Curves
 
@@ -74,11 +75,12 @@ def _at(robot: Robot, run: Simulation, step: jax.Array):
 def drawing(curves: Curves, step: int) -> Drawing:
     """The body of a simulation at a step, counted from 0."""
     robot = curves.robot.for_any_terms()
-    eq, forces, radius = jax.tree_util.tree_map(np.asarray, _at(robot, curves.run, jnp.asarray(step)))
+    found = _at(robot, curves.run, jnp.asarray(step))
+    eq, forces, radius = jax.tree_util.tree_map(np.asarray, found)
     several = bool(robot.tendon_names)
     each = [eq.of_tendon(i) for i in range(len(robot.tendons))] if several else [eq]
     if eq.shape is not None:
-        return _in_space(robot, eq, each, forces)
+        return _in_space(strung_of(robot, found[0]), eq, each, forces)
     shapes = [curve_of(own, radius) for own in each]
     along = [_along(own, shape, force) for own, shape, force in zip(each, shapes, forces, strict=True)]
     most = max(1e-9, *(float(np.max(a.normal)) for a in along))
@@ -94,7 +96,7 @@ def drawing(curves: Curves, step: int) -> Drawing:
     return Drawing([view], along)
 
 
-def _along(own, shape: Curve, forces: ChannelForces) -> Along:
+def _along(own: Equilibrium, shape: Curve, forces: ChannelForces) -> Along:
     normal, friction = (along_curve(shape, forces, np.asarray(v)) for v in (forces.normal, forces.friction))
     tension = np.interp(shape.s, np.asarray(own.s), np.asarray(own.tension))
     return Along(1e3 * shape.s, tension, normal, friction)
@@ -112,9 +114,9 @@ def _teeth(shape: Curve, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return at, ends
 
 
-def _in_space(robot: Robot, eq, each: list, forces: list[ChannelForces]) -> Drawing:
-    body: Strung = strung_of(robot, eq)
-    posture = Posture("", eq.shape.position, eq.shape.rotation, np.atleast_2d(eq.tension))
+def _in_space(body: Strung, eq: Equilibrium, each: list, forces: list[ChannelForces]) -> Drawing:
+    assert eq.shape is not None
+    posture = Posture("", *map(np.asarray, (eq.shape.position, eq.shape.rotation, np.atleast_2d(eq.tension))))
     shape = drawn(body, posture, SECTIONS, CORNERS)
     runs = [shape.s <= end * (1 + 1e-9) for end in body.ends]
     tension = [own[run] for own, run in zip(shape.tension, runs, strict=True)]

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
-from bokeh.models import Button, Column, Div, RadioButtonGroup, Select
+from bokeh.layouts import column
+from bokeh.models import Button, Div, RadioButtonGroup, Select
 
 from gtr_jax.files.numbers import display_unit
 from gtr_jax.files.recording import Recording
@@ -48,20 +50,20 @@ class Pulling:
             html_attributes={"role": "group", "aria-label": "How the tendons are pulled"},
         )
         self._choice.on_change("active", lambda attr, old, new: self._chosen())
-        names = [name or "the tendon" for name in names_of(robot)]
+        names: list[Any] = [name or "the tendon" for name in names_of(robot)]
         self._tendon = Select(name="tendon", title="Tendon to pull", options=names, value=names[0])
         self._tendon.sizing_mode = "stretch_width"
         self._tendon.on_change("value", lambda attr, old, new: self._chosen())
         self._pulls = [usual_pull(robot, i) for i in range(len(names))]
         self._ends: list[Dial] = []
         self._hands: list[Dial] = []
-        self._loop = Column(sizing_mode="stretch_width", margin=0)
+        self._loop = column(sizing_mode="stretch_width", margin=0)
         again = Button(label="Begin again", name="begin again", width=110)
         again.on_click(self._begin)
         says = "Move a slider: the tendon remembers how it was pulled."
-        self._hand = Column(Div(text=says, stylesheets=[LABEL]), sizing_mode="stretch_width", margin=0)
+        self._hand = column(Div(text=says, stylesheets=[LABEL]), sizing_mode="stretch_width", margin=0)
         self._again = again
-        self.box = Column(
+        self.box = column(
             self._choice, self._loop, self._hand, name="pulling", sizing_mode="stretch_width", margin=0
         )
         self._show(robot)
@@ -96,7 +98,7 @@ class Pulling:
             self._dial("pull", i, self._pulls[i], "Pull to", self._looped),
             self._dial("release", i, float(rest[i]), "Release to", self._looped),
         ]
-        rows = [dial.row for dial in self._ends]
+        rows: list[Any] = [dial.row for dial in self._ends]
         self._loop.children = [self._tendon, *rows] if len(self._tendon.options) > 1 else rows
         self._hands = []
         for k, name in enumerate(names_of(robot)):

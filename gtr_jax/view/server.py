@@ -9,6 +9,8 @@ from pathlib import Path
 
 from bokeh.application import Application
 from bokeh.application.handlers.function import FunctionHandler
+from bokeh.core.validation import silence
+from bokeh.core.validation.warnings import EMPTY_LAYOUT
 from bokeh.document import Document
 from bokeh.server.server import BaseServer
 from bokeh.server.tornado import BokehTornado
@@ -23,6 +25,8 @@ from gtr_jax.errors import InputError
 from .guard import Guard
 
 HERE = "127.0.0.1"
+MOST_PORTS = 65535
+silence(EMPTY_LAYOUT)  # places for what comes later, such as the physics terms
 
 
 class _Prompt(HTTPServer):
@@ -85,10 +89,10 @@ class Server:
 
 
 def _listening(port: int) -> list[socket.socket]:
+    if not 0 <= port <= MOST_PORTS:
+        raise InputError(f"--port: {port} is no port; leave it out for a free one")
     try:
         return bind_sockets(port, HERE, family=socket.AF_INET)
     except OSError as fault:
         why = "is in use" if fault.errno == errno.EADDRINUSE else f"cannot be used ({fault.strerror})"
         raise InputError(f"--port: {port} {why}; leave it out for a free one") from None
-    except OverflowError:
-        raise InputError(f"--port: {port} is no port; leave it out for a free one") from None
