@@ -71,10 +71,18 @@ class Ghosts:
         dash = f'<span style="color: {ghost.colour}; font-weight: bold" aria-hidden="true">- - -</span>'
         says = Div(text=f"{dash} {escape(ghost.name)}", stylesheets=[LABEL], sizing_mode="stretch_width")
         back = Button(
-            label="Take back", width=90, html_attributes=_about(f"Take {ghost.name} back to the sliders")
+            label="Take back",
+            name=f"take back {ghost.name}",
+            width=90,
+            html_attributes=_about(f"Take {ghost.name} back to the sliders"),
         )
         back.on_click(lambda: self._taken(ghost.setting))
-        gone = Button(label="Remove", width=76, html_attributes=_about(f"Remove {ghost.name}"))
+        gone = Button(
+            label="Remove",
+            name=f"remove {ghost.name}",
+            width=76,
+            html_attributes=_about(f"Remove {ghost.name}"),
+        )
         gone.on_click(lambda: self._remove(ghost))
         return row(says, back, gone, sizing_mode="stretch_width", margin=0)
 

@@ -11,7 +11,7 @@ import numpy as np
 from gtr_jax.errors import InputError
 from gtr_jax.files.config import RobotConfig
 from gtr_jax.robot.build import build_robot
-from gtr_jax.robot.parameters import parameter
+from gtr_jax.robot.parameters import parameter, parameters_of
 from gtr_jax.robot.robot import Robot
 from gtr_jax.simulation.history import Simulation, simulate
 from gtr_jax.simulation.programs import every_for
@@ -78,7 +78,9 @@ class Setting:
 
     def without_term(self, term: str) -> Setting:
         """One term fewer on the page, its numbers at their null values."""
-        null = {f"{term}.{q.name}": float(q.null) for q in self.catalogue[term].quantities}
+        known = parameters_of(self.robot)
+        each = {f"{term}.{q.name}": float(q.null) for q in self.catalogue[term].numbers}
+        null = {name: value for name, value in each.items() if name in known}
         kept = tuple(name for name in self.terms if name != term)
         return dataclasses.replace(self, values={**self.values, **null}, terms=kept)
 
@@ -102,14 +104,12 @@ def _with_vectors(config: RobotConfig, keys: Mapping[str, float]) -> RobotConfig
     """
     loads, update = config.loads, {}
     for name in ("tip_force", "tip_moment", "gravity"):
-        given = np.atleast_1d(np.asarray(getattr(loads, name) or 0.0, float))
+        given = getattr(loads, name)
         places = [int(key.rpartition(".")[2]) for key in keys if key.startswith(f"loads.{name}.")]
-        if config.in_space and any(getattr(loads, name) is None or i >= given.size for i in places):
-            # A moment in the plane is about z, the last; a force or an acceleration begins with x.
-            before = 2 if name == "tip_moment" and given.size == 1 else 0
-            whole = np.zeros(3)
-            whole[before : before + given.size] = given
-            update[name] = tuple(float(x) for x in whole)
+        if not config.in_space or all(isinstance(given, tuple) and i < len(given) for i in places):
+            continue
+        numbers = given if isinstance(given, tuple) else (0.0, 0.0, given or 0.0)  # a moment is about z
+        update[name] = (*numbers, *[0.0] * (3 - len(numbers)))
     return config.model_copy(update={"loads": loads.model_copy(update=update)}) if update else config
 
 
