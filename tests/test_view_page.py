@@ -10,10 +10,10 @@ import urllib.request
 from http.cookiejar import CookieJar
 
 import pytest
-from browser import chromium
 from command_line import RECORDED, RECORDING
 
 import gtr_jax as gtr
+from benchmarks.browser import chromium, found
 
 # Begins the scripts that run in the page.
 NAMED = "const model = name => Bokeh.documents[0].get_model_by_name(name);"
@@ -111,7 +111,10 @@ class Tab:
 
 @pytest.fixture(scope="module")
 def tab(served, tmp_path_factory):
-    with chromium(tmp_path_factory.mktemp("chromium")) as chrome:
+    paths = found()
+    if paths is None:
+        pytest.skip("no Chromium with its driver on this machine; apt-get install chromium chromium-driver")
+    with chromium(paths, tmp_path_factory.mktemp("chromium")) as chrome:
         chrome.get(served[1])
         page = Tab(chrome)
         page.until(lambda: "load steps" in page.text("status"), "first curves")

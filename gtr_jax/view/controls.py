@@ -8,6 +8,8 @@ from functools import partial
 from bokeh.layouts import column
 from bokeh.models import Button, Column, Div, Select
 
+from gtr_jax.errors import InputError
+
 from .dials import LABEL, Dial, dial_of
 from .knobs import GROUPS, Knob, knobs_of
 from .model import Setting
@@ -22,10 +24,13 @@ class Controls:
     Args:
         setting: the robot.
         changed: called with the robot when a slider was moved, or a term added or taken away.
+        refused: called with what is wrong with a number that the robot cannot have.
     """
 
-    def __init__(self, setting: Setting, changed: Callable[[Setting], None]) -> None:
-        self.setting, self._changed = setting, changed
+    def __init__(
+        self, setting: Setting, changed: Callable[[Setting], None], refused: Callable[[str], None]
+    ) -> None:
+        self.setting, self._changed, self._refused = setting, changed, refused
         self._dials: dict[str, Dial] = {}
         self.groups = {name: column(name=name, sizing_mode="stretch_width", margin=0) for name in GROUPS}
         self.terms = column(name="terms", sizing_mode="stretch_width", margin=0)
@@ -54,7 +59,11 @@ class Controls:
         return self._dials[knob.name].row
 
     def _moved(self, name: str, value: float) -> None:
-        self.setting = self.setting.with_value(name, value)
+        try:
+            self.setting = self.setting.with_value(name, value)
+        except InputError as fault:
+            self._refused(str(fault))
+            return
         self._changed(self.setting)
 
     def _show_terms(self, knobs: Sequence[Knob]) -> None:

@@ -60,6 +60,26 @@ def plot(title: str, x: str, y: str, *, select: Any = "", height: int = HEIGHT, 
     return fig
 
 
+def legend_above(fig: Any) -> None:
+    """Put a plot's legend above it, where it hides nothing."""
+    legend = fig.legend[0]
+    fig.center = [part for part in fig.center if part is not legend]
+    fig.add_layout(legend, "above")
+    legend.update(
+        orientation="horizontal",
+        ncols=4,
+        border_line_color=None,
+        padding=0,
+        margin=0,
+        spacing=14,
+        label_standoff=4,
+        glyph_width=18,
+        label_text_font_size="12px",
+        label_text_color=INK,
+        background_fill_alpha=0.0,
+    )
+
+
 class Curvesheet:
     """The plots over a history: tip against base tension, both over time, and the residual, or the angle of
     the tip where nothing was recorded. Samples brushed in one are lit up in all.
@@ -95,12 +115,7 @@ class Curvesheet:
         for i in range(len(names)):
             self._draw(i, recorded)
         for fig in (self.loop, self.time):
-            fig.legend.location = "top_left"
-            fig.legend.background_fill_alpha = 0.7
-            fig.legend.label_text_font_size = "12px"
-            fig.legend.padding = 4
-            fig.legend.spacing = 0
-            fig.legend.border_line_color = None
+            legend_above(fig)
         self._cursor = Span(dimension="height", line_color=CHOSEN, line_width=1.5)
         self.time.add_layout(self._cursor)
         self.last.add_layout(self._cursor)
@@ -216,12 +231,7 @@ class Channelsheet:
                 "s", "friction", legend_label=f"friction{of}", color=friction, line_dash="dashed", **look
             )
             self.tension.line("s", "tension", color=colour, **look)
-        self.force.legend.location = "top_left"
-        self.force.legend.background_fill_alpha = 0.7
-        self.force.legend.label_text_font_size = "12px"
-        self.force.legend.padding = 4
-        self.force.legend.spacing = 0
-        self.force.legend.border_line_color = None
+        legend_above(self.force)
 
     def show(self, along: Sequence[Along]) -> None:
         """Draw one step."""

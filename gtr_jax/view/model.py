@@ -28,28 +28,22 @@ class Setting:
     Attributes:
         config: the robot file that it began from.
         robot: as the file has it.
+        changed: the robot with its numbers as they are set.
         values: of the numbers that were changed [SI], by the names of `gtr_jax.parameters_of`.
         terms: names of the physics terms that are on the page, whether they act or not.
     """
 
     config: RobotConfig
     robot: Robot
+    changed: Robot
     values: Mapping[str, float]
     terms: tuple[str, ...]
 
     @classmethod
     def of(cls, config: RobotConfig) -> Setting:
         """As a robot file has it."""
-        return cls(config, build_robot(config), {}, tuple(term.id for term in config.terms))
-
-    @property
-    def changed(self) -> Robot:
-        """The robot with its numbers as they are set.
-
-        Raises:
-            InputError: a number out of its bounds.
-        """
-        return self.robot.with_values(**self.values)
+        robot = build_robot(config)
+        return cls(config, robot, robot, {}, tuple(term.id for term in config.terms))
 
     @property
     def catalogue(self) -> Mapping[str, Term]:
@@ -69,8 +63,16 @@ class Setting:
         ]
 
     def with_value(self, name: str, value: float) -> Setting:
-        """One number set to a value [SI]."""
-        return dataclasses.replace(self, values={**self.values, name: value})
+        """One number set to a value [SI].
+
+        Raises:
+            InputError: it is out of its bounds.
+        """
+        return self._with({name: value})
+
+    def _with(self, values: Mapping[str, float]) -> Setting:
+        changed = self.changed.with_values(**values)
+        return dataclasses.replace(self, changed=changed, values={**self.values, **values})
 
     def with_term(self, term: str) -> Setting:
         """One term more on the page, at its null values."""
@@ -82,7 +84,7 @@ class Setting:
         each = {f"{term}.{q.name}": float(q.null) for q in self.catalogue[term].numbers}
         null = {name: value for name, value in each.items() if name in known}
         kept = tuple(name for name in self.terms if name != term)
-        return dataclasses.replace(self, values={**self.values, **null}, terms=kept)
+        return dataclasses.replace(self._with(null), terms=kept)
 
     def written(self) -> RobotConfig:
         """The robot file with the numbers as they are set, checked like a file.
@@ -156,7 +158,7 @@ def simulated(setting: Setting, history: History) -> Curves:
     through zero too, none is compiled again.
 
     Raises:
-        InputError: a number out of its bounds, or a robot that cannot have its terms together.
+        InputError: the robot cannot have its terms together.
     """
     robot = setting.changed
     there = [setting.catalogue[term] for term in setting.terms]

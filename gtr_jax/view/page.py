@@ -10,6 +10,7 @@ from functools import partial
 from html import escape
 from pathlib import Path
 
+import numpy as np
 from bokeh.document import Document
 from bokeh.layouts import column, row
 from bokeh.models import Div
@@ -48,12 +49,15 @@ class Wanted:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Found:
-    """What it then shows."""
+    """What it then shows: curves, the step and the body there, the bodies of ghosts by colour, the largest
+    tension of the history [N], and how long it took [s].
+    """
 
     curves: Curves
     step: int
     drawing: Drawing
     ghosts: list[tuple[str, Drawing]]
+    most: float
     seconds: float
 
 
@@ -93,7 +97,7 @@ class Page:
         )
         self._at = Dial("step", "Step shown", low=1, high=2, step=1, value=1, moved=self._stepped)
         self._here = Div(name="here", text="", stylesheets=[LABEL], sizing_mode="stretch_width")
-        self._controls = Controls(setting, self._moved)
+        self._controls = Controls(setting, self._moved, self._refuse)
         self._pulling = Pulling(setting.robot, recording, self._repulled)
         self._ghosts = Ghosts(self._present, self._take, self._ask)
         self._answers = Answers(
@@ -221,6 +225,7 @@ class Page:
             step,
             drawing(curves, step),
             [(ghost.colour, drawing(ghost.curves, step)) for ghost in alike],
+            float(np.max(np.asarray(curves.run.tension))),
             time.perf_counter() - began,
         )
 
@@ -240,7 +245,7 @@ class Page:
 
     def _show(self, wanted: Wanted, found: Found | str) -> None:
         if isinstance(found, str):
-            self._say(found, "#A33C00", "Not shown")
+            self._refuse(found)
             return
         self._document.hold("combine")
         try:
@@ -257,7 +262,7 @@ class Page:
         if wanted.ghosts != self._drawn_ghosts:
             self._curves.show_ghosts([(ghost.colour, ghost.curves) for ghost in wanted.ghosts])
         self._curves.point_at(curves, found.step)
-        self._body.show(found.drawing, float(curves.run.tension.max()))
+        self._body.show(found.drawing, found.most)
         if found.ghosts or self._drawn_ghosts:
             self._body.show_ghosts(found.ghosts)
         self._drawn_ghosts = wanted.ghosts
@@ -273,6 +278,9 @@ class Page:
             )
         else:
             self._say(says)
+
+    def _refuse(self, fault: str) -> None:
+        self._say(fault, "#A33C00", "Not shown")
 
     def _say(self, text: str, colour: str = "#222222", begin: str = "") -> None:
         start = f"<b>{begin}:</b> " if begin else ""

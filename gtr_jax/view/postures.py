@@ -20,7 +20,8 @@ from gtr_jax.simulation.solution import Equilibrium
 from .model import Curves
 
 SECTIONS, CORNERS = 48, 14  # of a body in space: sections drawn, corners of each
-COMB = 0.14  # height of the tallest force drawn at the channel, relative to the body's length
+EVERY = 4  # points of a picture's curve of which one is drawn, so that a shape follows its slider
+COMB = 0.08  # height of the tallest force drawn at the channel, relative to the body's length
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -81,7 +82,7 @@ def drawing(curves: Curves, step: int) -> Drawing:
     each = [eq.of_tendon(i) for i in range(len(robot.tendons))] if several else [eq]
     if eq.shape is not None:
         return _in_space(strung_of(robot, found[0]), eq, each, forces)
-    shapes = [curve_of(own, radius) for own in each]
+    shapes = [_coarser(curve_of(own, radius)) for own in each]
     along = [_along(own, shape, force) for own, shape, force in zip(each, shapes, forces, strict=True)]
     most = max(1e-9, *(float(np.max(a.normal)) for a in along))
     scale = COMB * 1e3 * float(eq.s[-1]) / most
@@ -94,6 +95,15 @@ def drawing(curves: Curves, step: int) -> Drawing:
         [_teeth(shape, scale * a.normal) for shape, a in zip(shapes, along, strict=True)],
     )
     return Drawing([view], along)
+
+
+def _coarser(shape: Curve) -> Curve:
+    """The shape at fewer points: every EVERY-th, and both ends of each panel."""
+    last = np.append(np.diff(shape.panel) != 0, True)
+    kept = np.flatnonzero((np.arange(len(shape.s)) % EVERY == 0) | last | np.roll(last, 1))
+    left, right = np.split(shape.outline[:-1], 2)
+    outline = np.concatenate([left[kept], right[::-1][kept][::-1], left[:1]])
+    return Curve(shape.s[kept], shape.panel[kept], shape.middle[kept], shape.channel[kept], outline)
 
 
 def _along(own: Equilibrium, shape: Curve, forces: ChannelForces) -> Along:

@@ -1,11 +1,10 @@
-"""A headless Chromium of this machine, for tests of pages; nothing is downloaded."""
+"""A headless Chromium of this machine, for pages; nothing is downloaded."""
 
 import contextlib
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
 from selenium.webdriver import Chrome, ChromeOptions
 from selenium.webdriver.chrome.service import Service
 
@@ -27,18 +26,29 @@ ARGUMENTS = (
 )
 
 
-@contextlib.contextmanager
-def chromium(folder: Path, width: int = 1200, height: int = 1400) -> Iterator[Chrome]:
-    """A browser with a fresh profile in a folder; the test is skipped where there is none."""
+def found() -> tuple[str, str] | None:
+    """Paths of a browser and of its driver; None if this machine has not both."""
     browser, driver = (next(filter(None, map(shutil.which, names)), None) for names in (BROWSERS, DRIVERS))
-    if browser is None or driver is None:
-        pytest.skip("no Chromium with its driver on this machine; apt-get install chromium chromium-driver")
+    return None if browser is None or driver is None else (browser, driver)
+
+
+@contextlib.contextmanager
+def chromium(
+    paths: tuple[str, str], profile: Path, width: int = 1200, height: int = 1400
+) -> Iterator[Chrome]:
+    """A browser with a fresh profile in a folder.
+
+    Args:
+        paths: of browser and driver.
+        profile: the folder.
+        width, height: of the window [px].
+    """
     options = ChromeOptions()
-    options.binary_location = browser
-    for argument in (*ARGUMENTS, f"--window-size={width},{height}", f"--user-data-dir={folder}"):
+    options.binary_location = paths[0]
+    for argument in (*ARGUMENTS, f"--window-size={width},{height}", f"--user-data-dir={profile}"):
         options.add_argument(argument)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    chrome = Chrome(options=options, service=Service(driver))
+    chrome = Chrome(options=options, service=Service(paths[1]))
     chrome.set_script_timeout(60)
     try:
         yield chrome
