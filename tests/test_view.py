@@ -40,7 +40,7 @@ def compiled():
     """Counts what is compiled from here on."""
     events = []
 
-    def heard(event, seconds, **more):
+    def heard(event: str, duration_secs: float, **more: str | int) -> None:
         if event.endswith("backend_compile_duration"):
             events.append(event)
 
@@ -91,6 +91,7 @@ def test_a_robot_in_space_is_drawn_from_three_sides(make_config):
     curves = simulated(setting, pull_and_release(setting.robot, 0, 5.0, 0.0))
     shape = drawing(curves, curves.largest)
     assert [view.axes for view in shape.views] == ["xy", "xz", "yz"]
+    assert curves.run.shape is not None
     tip = 1e3 * np.asarray(curves.run.shape.position)[curves.largest, -1]
     for view in shape.views:
         assert view.middle[-1] == pytest.approx(tip[["xyz".index(axis) for axis in view.axes]], rel=1e-6)
@@ -163,6 +164,7 @@ def test_a_hand_pulls_through_steps_that_are_remembered(setting):
     history = by_hand(setting.robot, moves)
     assert len(history) == HELD
     assert history.T_base[history.padded :] == pytest.approx([0.0, 2.0, 8.0, 5.0])
+    assert history.time[history.padded :] == pytest.approx([0.0, 1.0, 2.0, 3.0])
     whole = simulated(setting, history).T_tip[-1, 0]
     alone = gtr.simulate(setting.robot, [0.0, 2.0, 8.0, 5.0]).T_tip[-1]
     assert whole == pytest.approx(float(alone), rel=1e-9)

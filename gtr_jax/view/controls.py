@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 from bokeh.layouts import column
 from bokeh.models import Button, Column, Div, Select
@@ -32,6 +33,7 @@ class Controls:
     ) -> None:
         self.setting, self._changed, self._refused = setting, changed, refused
         self._dials: dict[str, Dial] = {}
+        self._rows: dict[str, list[Any]] = {}
         self.groups = {name: column(name=name, sizing_mode="stretch_width", margin=0) for name in GROUPS}
         self.terms = column(name="terms", sizing_mode="stretch_width", margin=0)
         self._added = Select(name="add term", title="Add a physics term, without effect at first")
@@ -48,7 +50,7 @@ class Controls:
             for knob in knobs:
                 self._dials[knob.name].show(knob.shown(setting.values.get(knob.name, knob.value)))
             return
-        self._dials = {}
+        self._dials, self._rows = {}, {}
         for name, group in self.groups.items():
             group.children = [self._row(knob) for knob in knobs if knob.group == name]
         self._show_terms(knobs)
@@ -67,29 +69,34 @@ class Controls:
         self._changed(self.setting)
 
     def _show_terms(self, knobs: Sequence[Knob]) -> None:
-        rows = []
-        for term in self.setting.terms:
-            about = self.setting.catalogue[term]
-            gone = Button(
-                label="Take away",
-                name=f"remove {term}",
-                width=96,
-                html_attributes={"role": "group", "aria-label": f"Take away the term {term}"},
-            )
-            gone.on_click(partial(self._remove, term))
-            heading = Div(text=f"<p><b>{term}</b>: {about.says}</p>", stylesheets=[HEADING])
-            rows += [heading, *(self._row(knob) for knob in knobs if knob.term == term), gone]
+        self._rows = {term: self._rows.get(term) or self._rows_of(term, knobs) for term in self.setting.terms}
+        rows = [row for own in self._rows.values() for row in own]
         names = [(term.id, term.id) for term in self.setting.addable]
         self._added.options = [("", CHOOSE), *names]
         self._added.value = ""
         none = [] if rows else [Div(text="None of them acts yet.", stylesheets=[LABEL])]
         self.terms.children = [*none, *rows, self._added]
 
+    def _rows_of(self, term: str, knobs: Sequence[Knob]) -> list[Any]:
+        """What stands on the page for a term."""
+        gone = Button(
+            label="Take away",
+            name=f"remove {term}",
+            width=96,
+            html_attributes={"role": "group", "aria-label": f"Take away the term {term}"},
+        )
+        gone.on_click(partial(self._remove, term))
+        heading = Div(
+            text=f"<p><b>{term}</b>: {self.setting.catalogue[term].says}</p>", stylesheets=[HEADING]
+        )
+        return [heading, *(self._row(knob) for knob in knobs if knob.term == term), gone]
+
     def _add(self, attr: str, old: str, new: str) -> None:
         if new and new not in self.setting.terms:
             self._with(self.setting.with_term(new))
 
     def _remove(self, term: str) -> None:
+        self._dials = {name: dial for name, dial in self._dials.items() if not name.startswith(f"{term}.")}
         self._with(self.setting.without_term(term))
 
     def _with(self, setting: Setting) -> None:

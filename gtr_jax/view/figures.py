@@ -81,8 +81,8 @@ def legend_above(fig: Any) -> None:
 
 
 class Curvesheet:
-    """The plots over a history: tip against base tension, both over time, and the residual, or the angle of
-    the tip where nothing was recorded. Samples brushed in one are lit up in all.
+    """The plots over a history: tip against base tension, both over time, the residual where tip tensions
+    were recorded, and the angle of the tip. Samples brushed in one are lit up in all.
 
     Args:
         names: of the tendons; [""] for one.
@@ -98,17 +98,18 @@ class Curvesheet:
         self.samples = ColumnDataSource({name: empty for name in every}, name="samples")
         self._now = ColumnDataSource({name: empty for name in tensions}, name="now")
         self._ghosts = {
-            part: ColumnDataSource({"xs": [], "ys": [], "colour": []}) for part in ("loop", "time", "last")
+            part: ColumnDataSource({"xs": [], "ys": [], "colour": []})
+            for part in ("loop", "time", "residual", "angle")
         }
         self.loop = plot("Tension at the tip against the base", "T_base [N]", "T_tip [N]", select="both")
         self.time = plot("Tensions over time", "time [s]", "tension [N]", select="width")
-        if recorded:
-            self.last = plot("Simulated minus recorded", "time [s]", "residual of T_tip [N]", select="width")
-            self.last.add_layout(Span(location=0, dimension="width", line_color=GREY, line_width=1))
-        else:
-            self.last = plot("Angle of the tip", "time [s]", "angle [deg]", select="width")
-        self.last.x_range = self.time.x_range
-        for part, fig in (("loop", self.loop), ("time", self.time), ("last", self.last)):
+        self.residual = plot("Simulated minus recorded", "time [s]", "residual of T_tip [N]", select="width")
+        self.residual.add_layout(Span(location=0, dimension="width", line_color=GREY, line_width=1))
+        self.residual.visible = recorded
+        self.angle = plot("Angle of the tip", "time [s]", "angle [deg]", select="width")
+        self.residual.x_range = self.angle.x_range = self.time.x_range
+        parts = {"loop": self.loop, "time": self.time, "residual": self.residual, "angle": self.angle}
+        for part, fig in parts.items():
             fig.multi_line(
                 "xs", "ys", source=self._ghosts[part], line_color="colour", line_width=2, line_dash="dashed"
             )
@@ -117,8 +118,8 @@ class Curvesheet:
         for fig in (self.loop, self.time):
             legend_above(fig)
         self._cursor = Span(dimension="height", line_color=CHOSEN, line_width=1.5)
-        self.time.add_layout(self._cursor)
-        self.last.add_layout(self._cursor)
+        for fig in (self.time, self.residual, self.angle):
+            fig.add_layout(self._cursor)
 
     def _draw(self, i: int, recorded: bool) -> None:
         several = len(self._names) > 1
@@ -141,10 +142,12 @@ class Curvesheet:
             **(line | {"color": GREY if not several else colour}),
             line_dash="dotted",
         )
-        last = f"residual_{i}" if recorded else "tip_angle"
-        if recorded or i == 0:
-            self.last.line("time", last, **(line | {"color": colour if recorded else INK, "line_width": 1.5}))
-            self.last.scatter("time", last, **dots)
+        thin = line | {"line_width": 1.5}
+        self.residual.line("time", f"residual_{i}", **thin)
+        self.residual.scatter("time", f"residual_{i}", **dots)
+        if i == 0:
+            self.angle.line("time", "tip_angle", **(thin | {"color": INK}))
+            self.angle.scatter("time", "tip_angle", **dots)
         self.loop.scatter(*names, **dots)
         self.time.scatter("time", names[1], **dots)
         self.loop.scatter(
@@ -166,6 +169,7 @@ class Curvesheet:
             self.samples.data.update({name: v for name, v in data.items() if name not in gone})
         else:
             self.samples.data = data
+            self.residual.visible = curves.residual is not None
         self._history = curves.history
 
     def point_at(self, curves: Curves, step: int) -> None:
@@ -184,13 +188,14 @@ class Curvesheet:
             at = slice(curves.history.padded, None)
             time = curves.time[at]
             for i in range(len(self._names)):
-                lasts = [np.degrees(curves.tip_angle)] if curves.residual is None else list(curves.residual.T)
                 drawn = {
                     "loop": (curves.T_base[at, i], curves.T_tip[at, i]),
                     "time": (time, curves.T_tip[at, i]),
                 }
-                if i < len(lasts):
-                    drawn["last"] = (time, lasts[i][at])
+                if curves.residual is not None:
+                    drawn["residual"] = (time, curves.residual[at, i])
+                if i == 0:
+                    drawn["angle"] = (time, np.degrees(curves.tip_angle[at]))
                 for part, (x, y) in drawn.items():
                     for column, values in zip(rows[part], (x, y, colour), strict=True):
                         column.append(values)

@@ -65,7 +65,7 @@ def _history(robot: Robot, ways: np.ndarray, padded: int = 0) -> History:
     return History(
         T_base=T_base[:, 0] if one else T_base,
         displacement=None if not drawn.any() else displacement[:, 0] if one else displacement,
-        time=np.arange(len(ways), dtype=float),
+        time=np.arange(len(ways), dtype=float) - padded,
         padded=padded,
     )
 

@@ -139,7 +139,8 @@ class Page:
         plots = {
             "loop": sheet.loop,
             "time": sheet.time,
-            "last": sheet.last,
+            "residual": sheet.residual,
+            "angle": sheet.angle,
             "force": channel.force,
             "along": channel.tension,
         }

@@ -54,19 +54,25 @@ class Pulling:
         self._tendon = Select(name="tendon", title="Tendon to pull", options=names, value=names[0])
         self._tendon.sizing_mode = "stretch_width"
         self._tendon.on_change("value", lambda attr, old, new: self._chosen())
-        self._pulls = [usual_pull(robot, i) for i in range(len(names))]
-        self._ends: list[Dial] = []
+        self._robot, self._pulls = robot, [_pull(robot, i, recording) for i in range(len(names))]
+        rest = at_rest(robot)
+        self._ends: list[tuple[Dial, Dial]] = []
         self._hands: list[Dial] = []
-        self._loop = column(sizing_mode="stretch_width", margin=0)
+        for i, name in enumerate(names_of(robot)):
+            of = f" of {name}" if name else ""
+            what = "Base tension" if moved_by(robot)[i] == "N" else "Drawn out at the base"
+            pull = self._dial(f"pull {i}", i, self._pulls[i], f"Pull{of} to", self._looped)
+            release = self._dial(f"release {i}", i, float(rest[i]), f"Release{of} to", self._looped)
+            self._ends.append((pull, release))
+            self._hands.append(self._dial(f"hand {i}", i, float(rest[i]), f"{what}{of}", self._handed))
+        wide: Any = {"sizing_mode": "stretch_width", "margin": 0}
+        rows = [dial.row for ends in self._ends for dial in ends]
+        self._loop = column(*([self._tendon] if len(names) > 1 else []), *rows, **wide)
         again = Button(label="Begin again", name="begin again", width=110)
         again.on_click(self._begin)
-        says = "Move a slider: the tendon remembers how it was pulled."
-        self._hand = column(Div(text=says, stylesheets=[LABEL]), sizing_mode="stretch_width", margin=0)
-        self._again = again
-        self.box = column(
-            self._choice, self._loop, self._hand, name="pulling", sizing_mode="stretch_width", margin=0
-        )
-        self._show(robot)
+        says = Div(text="Move a slider: the tendon remembers how it was pulled.", stylesheets=[LABEL])
+        self._hand = column(says, *(dial.row for dial in self._hands), again, **wide)
+        self.box = column(self._choice, self._loop, self._hand, name="pulling", **wide)
         self._visible()
 
     @property
@@ -80,7 +86,7 @@ class Pulling:
             return recorded(robot, self._recording)
         if self.way == HAND:
             return by_hand(robot, self._moves)
-        pull, release = (dial.value * self._size(robot, self._index) for dial in self._ends)
+        pull, release = (dial.value * self._size(robot, self._index) for dial in self._ends[self._index])
         return pull_and_release(robot, self._index, pull, release)
 
     @property
@@ -89,23 +95,6 @@ class Pulling:
 
     def _size(self, robot: Robot, tendon: int) -> float:
         return display_unit(moved_by(robot)[tendon])[1]
-
-    def _show(self, robot: Robot) -> None:
-        """Sliders for the tendons."""
-        self._robot, rest = robot, at_rest(robot)
-        i = self._index
-        self._ends = [
-            self._dial("pull", i, self._pulls[i], "Pull to", self._looped),
-            self._dial("release", i, float(rest[i]), "Release to", self._looped),
-        ]
-        rows: list[Any] = [dial.row for dial in self._ends]
-        self._loop.children = [self._tendon, *rows] if len(self._tendon.options) > 1 else rows
-        self._hands = []
-        for k, name in enumerate(names_of(robot)):
-            what = "Base tension" if moved_by(robot)[k] == "N" else "Drawn out at the base"
-            title = f"{what} of {name}" if name else what
-            self._hands.append(self._dial(f"hand {k}", k, float(rest[k]), title, self._handed))
-        self._hand.children = [self._hand.children[0], *(dial.row for dial in self._hands), self._again]
 
     def _dial(self, name: str, tendon: int, value: float, title: str, moved: Callable[[float], None]) -> Dial:
         unit, size = display_unit(moved_by(self._robot)[tendon])
@@ -130,15 +119,34 @@ class Pulling:
         self._changed()
 
     def _begin(self) -> None:
-        self._moves = []
-        self._show(self._robot)
+        self._let_go()
         self._changed()
 
-    def _chosen(self) -> None:
-        self._show(self._robot)
+    def _let_go(self) -> None:
+        """Forget what the hand did."""
         self._moves = []
+        for k, (dial, rest) in enumerate(zip(self._hands, at_rest(self._robot), strict=True)):
+            dial.show(float(rest) / self._size(self._robot, k))
+
+    def _chosen(self) -> None:
+        self._let_go()
         self._visible()
         self._changed()
 
     def _visible(self) -> None:
         self._loop.visible, self._hand.visible = self.way == LOOP, self.way == HAND
+        for i, ends in enumerate(self._ends):
+            for dial in ends:
+                dial.row.visible = i == self._index
+
+
+def _pull(robot: Robot, tendon: int, recording: Recording | None) -> float:
+    """How far a tendon is pulled: about as far as it was recorded, or so far that the body bends visibly."""
+    drives = None if recording is None else recording.T_base
+    if recording is not None and moved_by(robot)[tendon] == "m":
+        drives = recording.displacement
+    if drives is not None:
+        most = float(np.nanmax(drives.reshape(len(drives), -1)[:, tendon], initial=0.0))
+        if most > 0:
+            return rounded(most)
+    return usual_pull(robot, tendon)
