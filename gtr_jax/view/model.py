@@ -13,11 +13,13 @@ from gtr_jax.files.config import RobotConfig
 from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.parameters import parameter, parameters_of
 from gtr_jax.robot.robot import Robot
+from gtr_jax.simulation.displacement import by_tension
 from gtr_jax.simulation.history import Simulation, simulate
 from gtr_jax.simulation.programs import every_for
 from gtr_jax.simulation.sensing import true_base
 from gtr_jax.terms import Term, catalogue_of
 
+from .drawn import base_tensions
 from .histories import History
 
 
@@ -127,6 +129,7 @@ class Curves:
         recorded_base, recorded_tip: as recorded [N], (K, tendons); None where they were not.
         displacement: drawn out at the base [m], (K, tendons).
         tip_angle: against the base tangent [rad], in space between the tangents, (K,).
+        most: largest tension anywhere along the tendons [N].
         failed: how many steps did not converge.
     """
 
@@ -140,6 +143,7 @@ class Curves:
     recorded_tip: np.ndarray | None
     displacement: np.ndarray
     tip_angle: np.ndarray
+    most: float
     failed: int
 
     @property
@@ -163,17 +167,13 @@ def simulated(setting: Setting, history: History) -> Curves:
     robot = setting.changed
     there = [setting.catalogue[term] for term in setting.terms]
     held, recording = [term.id for term in there if not term.of_cells], history.recording
-    T_base = history.T_base
+    T_base, met = history.T_base, None
     try:
         if recording is not None and any(term.true_base for term in there):
-            T_base = true_base(robot, T_base, history.time)
-        run = simulate(
-            robot,
-            T_base,
-            time=history.time,
-            displacement=history.displacement,
-            with_terms=held,
-        )
+            T_base = np.asarray(true_base(robot, T_base, history.time))
+        if history.displacement is not None:
+            T_base, met = base_tensions(robot, T_base, history.displacement, history.time, held)
+        run = simulate(by_tension(robot), T_base, time=history.time, with_terms=held)
     except InputError:
         raise
     except ValueError as fault:
@@ -189,7 +189,8 @@ def simulated(setting: Setting, history: History) -> Curves:
         recorded_tip=None if recording is None or recording.T_tip is None else _columns(recording.T_tip),
         displacement=_columns(run.displacement),
         tip_angle=_tip_angle(run),
-        failed=int(np.sum(~np.asarray(run.converged))),
+        most=float(np.nanmax(np.asarray(run.tension))),
+        failed=int(np.sum(~(np.asarray(run.converged) & (True if met is None else met)))),
     )
 
 

@@ -10,7 +10,6 @@ from functools import partial
 from html import escape
 from pathlib import Path
 
-import numpy as np
 from bokeh.document import Document
 from bokeh.layouts import column, row
 from bokeh.models import Div
@@ -49,15 +48,14 @@ class Wanted:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Found:
-    """What it then shows: curves, the step and the body there, the bodies of ghosts by colour, the largest
-    tension of the history [N], and how long it took [s].
+    """What it then shows: curves, the step and the body there, the bodies of ghosts by colour, and how long
+    it took [s].
     """
 
     curves: Curves
     step: int
     drawing: Drawing
     ghosts: list[tuple[str, Drawing]]
-    most: float
     seconds: float
 
 
@@ -226,7 +224,6 @@ class Page:
             step,
             drawing(curves, step),
             [(ghost.colour, drawing(ghost.curves, step)) for ghost in alike],
-            float(np.max(np.asarray(curves.run.tension))),
             time.perf_counter() - began,
         )
 
@@ -263,7 +260,7 @@ class Page:
         if wanted.ghosts != self._drawn_ghosts:
             self._curves.show_ghosts([(ghost.colour, ghost.curves) for ghost in wanted.ghosts])
         self._curves.point_at(curves, found.step)
-        self._body.show(found.drawing, found.most)
+        self._body.show(found.drawing, curves.most)
         if found.ghosts or self._drawn_ghosts:
             self._body.show_ghosts(found.ghosts)
         self._drawn_ghosts = wanted.ghosts

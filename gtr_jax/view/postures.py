@@ -21,7 +21,9 @@ from .model import Curves
 
 SECTIONS, CORNERS = 48, 14  # of a body in space: sections drawn, corners of each
 EVERY = 4  # points of a picture's curve of which one is drawn, so that a shape follows its slider
-COMB = 0.08  # height of the tallest force drawn at the channel, relative to the body's length
+SLACK = 1e-9  # N, N/m: nothing pulls, nothing presses
+# Height of the force drawn at the channel under the largest tension, relative to the length of the body.
+COMB = 0.1
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -84,8 +86,10 @@ def drawing(curves: Curves, step: int) -> Drawing:
         return _in_space(strung_of(robot, found[0]), eq, each, forces)
     shapes = [_coarser(curve_of(own, radius)) for own in each]
     along = [_along(own, shape, force) for own, shape, force in zip(each, shapes, forces, strict=True)]
-    most = max(1e-9, *(float(np.max(a.normal)) for a in along))
-    scale = COMB * 1e3 * float(eq.s[-1]) / most
+    pressed = max(SLACK, *(float(np.max(a.normal)) for a in along))
+    now = max(float(np.max(a.tension)) for a in along)
+    # Of about one scale along the history: what presses grows with the tension.
+    scale = COMB * 1e3 * float(eq.s[-1]) / pressed * now / max(curves.most, SLACK)
     view = View(
         "xy",
         [shapes[0].outline],
