@@ -63,7 +63,7 @@ class Run:
         dump_config(config, robot, note=f"The robot as `gtr view` gave it to gtr {command}.")
         arguments = [command, str(robot), str(recording), *options, "-o", str(self.folder)]
         self.line = shlex.join(["gtr", *arguments])
-        self._progress, self._done = progress, done
+        self._progress, self._done, self._stopped = progress, done, False
         self._process = subprocess.Popen(
             [sys.executable, "-m", "gtr_jax", *arguments],
             stdin=subprocess.DEVNULL,
@@ -77,9 +77,10 @@ class Run:
         threading.Thread(target=self._follow, name=f"gtr {command}", daemon=True).start()
 
     def stop(self) -> None:
-        """Interrupt the command, as Ctrl-C does; without effect once it has ended."""
+        """Interrupt the command, as Ctrl-C does; the second time end it at once."""
         if self._process.poll() is None:
-            self._process.send_signal(signal.SIGINT)
+            self._process.send_signal(signal.SIGTERM if self._stopped else signal.SIGINT)
+        self._stopped = True
 
     def wait(self, seconds: float) -> None:
         """Wait until it has ended, and end it if that takes longer."""
