@@ -146,6 +146,10 @@ def test_a_setting_becomes_a_robot_file(setting):
     gone = held.without_term("presliding")
     assert float(gone.changed.value("presliding.length")) == 0.0
     assert "presliding" in [term.id for term in gone.addable]
+    assert gone.written().terms == ()
+    assert (
+        float(gtr.build_robot(again.without_term("presliding").written()).value("presliding.length")) == 0.0
+    )
     with pytest.raises(gtr.InputError, match="bore"):
         setting.with_value("bore_0_diameter", 0.5).written()
 

@@ -92,9 +92,13 @@ class Answers:
         self._free.value = [name for name in self._free.value if name in names]
 
     def close(self) -> None:
-        """End what is running."""
+        """Interrupt what is running."""
         if self._run is not None:
             self._run.stop()
+
+    def wait(self) -> None:
+        """Wait until nothing is running, and end what takes too long."""
+        if self._run is not None:
             self._run.wait(LEAST)
 
     def _start(self, command: str) -> None:

@@ -43,21 +43,26 @@ class Controls:
 
     def show(self, setting: Setting) -> None:
         """Put another robot on the sliders, without calling `changed`."""
-        knobs = knobs_of(setting.robot, setting.terms)
-        alike = setting.terms == self.setting.terms and {*self._dials} == {knob.name for knob in knobs}
         self.setting = setting
-        if alike:
-            for knob in knobs:
-                self._dials[knob.name].show(knob.shown(setting.values.get(knob.name, knob.value)))
-            return
-        self._dials, self._rows = {}, {}
+        knobs = knobs_of(setting.robot, setting.terms)
+        self._show_values(knobs)
         for name, group in self.groups.items():
-            group.children = [self._row(knob) for knob in knobs if knob.group == name]
+            own = [knob for knob in knobs if knob.group == name]
+            if any(knob.name not in self._dials for knob in own) or len(own) != len(group.children):
+                group.children = [self._row(knob) for knob in own]
         self._show_terms(knobs)
 
+    def _show_values(self, knobs: Sequence[Knob]) -> None:
+        """Set the sliders there are; those of terms that were on the page before are still there."""
+        for knob in knobs:
+            if knob.name in self._dials:
+                self._dials[knob.name].show(knob.shown(self._value(knob)))
+
+    def _value(self, knob: Knob) -> float:
+        return float(self.setting.values.get(knob.name, knob.value))
+
     def _row(self, knob: Knob) -> Column:
-        value = float(self.setting.values.get(knob.name, knob.value))
-        self._dials[knob.name] = dial_of(knob, value, self._moved)
+        self._dials[knob.name] = dial_of(knob, self._value(knob), self._moved)
         return self._dials[knob.name].row
 
     def _moved(self, name: str, value: float) -> None:
@@ -69,8 +74,9 @@ class Controls:
         self._changed(self.setting)
 
     def _show_terms(self, knobs: Sequence[Knob]) -> None:
-        self._rows = {term: self._rows.get(term) or self._rows_of(term, knobs) for term in self.setting.terms}
-        rows = [row for own in self._rows.values() for row in own]
+        terms = self.setting.terms
+        self._rows |= {term: self._rows_of(term, knobs) for term in terms if term not in self._rows}
+        rows = [row for term in terms for row in self._rows[term]]
         names = [(term.id, term.id) for term in self.setting.addable]
         self._added.options = [("", CHOOSE), *names]
         self._added.value = ""
@@ -96,10 +102,11 @@ class Controls:
             self._with(self.setting.with_term(new))
 
     def _remove(self, term: str) -> None:
-        self._dials = {name: dial for name, dial in self._dials.items() if not name.startswith(f"{term}.")}
         self._with(self.setting.without_term(term))
 
     def _with(self, setting: Setting) -> None:
         self.setting = setting
-        self._show_terms(knobs_of(setting.robot, setting.terms))
+        knobs = knobs_of(setting.robot, setting.terms)
+        self._show_values(knobs)
+        self._show_terms(knobs)
         self._changed(setting)

@@ -94,7 +94,13 @@ class Setting:
         Raises:
             InputError: no robot file can hold them.
         """
-        keys = {parameter(self.robot, name).key: value for name, value in self.values.items()}
+        kept = {*self.terms, *(term.id for term in self.config.terms)}
+        entries = {name: parameter(self.robot, name) for name in self.values}
+        keys = {
+            entry.key: self.values[name]
+            for name, entry in entries.items()
+            if entry.term is None or entry.term.id in kept
+        }
         for term in self.terms:  # those that were added and not moved
             for q in self.catalogue[term].sizes:
                 key = f"terms.{term}.{q.name}"

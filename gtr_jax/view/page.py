@@ -122,6 +122,7 @@ class Page:
     def wait(self) -> None:
         """Wait until nothing runs for this tab any more."""
         self._worker.wait()
+        self._answers.wait()
 
     def _driven(self, config: RobotConfig) -> RobotConfig:
         """The robot as the recording drives it."""
@@ -232,7 +233,8 @@ class Page:
         if self._last is None:
             return None
         before, curves = self._last
-        return curves if (before.setting, before.history) == (wanted.setting, wanted.history) else None
+        alike = before.setting is wanted.setting and before.history is wanted.history
+        return curves if alike else None
 
     def _tell(self, show) -> None:
         """Have something shown by the thread that the page belongs to."""
