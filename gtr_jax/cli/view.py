@@ -81,12 +81,8 @@ def view(
             space=True,
             markers=[[marker.name for marker in config.markers]],
         )[0]
-        options = [
-            part
-            for name, all_ in (("--columns", columns), ("--drop", drop))
-            for v in all_
-            for part in (name, v)
-        ]
+        options += [part for value in columns for part in ("--columns", value)]
+        options += [part for value in drop for part in ("--drop", value)]
         options += ["--keep-glitches"] if keep_glitches else []
     if output.exists() and not output.is_dir():
         raise InputError(f"-o {output}: is a file; name a folder")

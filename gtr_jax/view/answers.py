@@ -15,8 +15,9 @@ from bokeh.models import Button, Div, MultiChoice, TextInput
 from gtr_jax.errors import InputError
 from gtr_jax.files.config import RobotConfig, dump_config, load_config
 from gtr_jax.robot.parameters import parameters_of
+from gtr_jax.robot.robot import Robot
 
-from .dials import LABEL
+from .dials import LABEL, warning
 from .model import Setting
 from .runs import Done, Run, free_name
 
@@ -49,6 +50,7 @@ class Answers:
         self._document, self._present, self._loaded = document, present, loaded
         self._recording, self._options, self._out = recording, list(options), out
         self._run: Run | None = None
+        self._offered: tuple[Robot, tuple[str, ...]] | None = None
         self._says = Div(name="run status", text="", stylesheets=[LABEL], sizing_mode="stretch_width")
         self._free = MultiChoice(
             name="free",
@@ -83,6 +85,10 @@ class Answers:
 
     def show(self, setting: Setting) -> None:
         """Offer the numbers of a robot to be fitted."""
+        before = self._offered
+        if before is not None and before[0] is setting.robot and before[1] == setting.terms:
+            return
+        self._offered = setting.robot, setting.terms
         names = [
             p.name
             for p in parameters_of(setting.robot).values()
@@ -115,7 +121,7 @@ class Answers:
                 done=self._from_thread(self._done),
             )
         except (InputError, OSError) as fault:
-            self._says.text = _warning(fault)
+            self._says.text = warning("Not done", fault)
             return
         self._busy(True)
         self._says.text = f"<code>{escape(self._run.line)}</code>"
@@ -140,7 +146,7 @@ class Answers:
         self._run = None
         self._busy(False)
         if not done.answered:
-            self._says.text = _warning(" ".join(done.says))
+            self._says.text = warning("Not done", " ".join(done.says))
             return
         lines = "<br>".join(escape(line) for line in done.says if not line.startswith("report:"))
         report = (
@@ -162,7 +168,7 @@ class Answers:
         try:
             self._loaded(load_config(path))
         except InputError as fault:
-            self._says.text = _warning(fault)
+            self._says.text = warning("Not done", fault)
 
     def _save(self) -> None:
         name = self._name.value.strip().removesuffix(".toml")
@@ -177,10 +183,6 @@ class Answers:
             self._out.mkdir(parents=True, exist_ok=True)
             dump_config(self._present().written(), path, note="Written by gtr view.")
         except (InputError, OSError) as fault:
-            self._saved.text = _warning(fault)
+            self._saved.text = warning("Not done", fault)
             return
         self._saved.text = f"written: {escape(str(path))}"
-
-
-def _warning(fault: object) -> str:
-    return f'<span style="color: #A33C00"><b>Not done:</b> {escape(str(fault))}</span>'

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from html import escape
 from typing import Any
 
 from bokeh.layouts import column
@@ -93,7 +94,7 @@ class Controls:
         )
         gone.on_click(partial(self._remove, term))
         heading = Div(
-            text=f"<p><b>{term}</b>: {self.setting.catalogue[term].says}</p>", stylesheets=[HEADING]
+            text=f"<p><b>{term}</b>: {escape(self.setting.catalogue[term].says)}</p>", stylesheets=[HEADING]
         )
         return [heading, *(self._row(knob) for knob in knobs if knob.term == term), gone]
 

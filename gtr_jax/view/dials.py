@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from html import escape
 
 from bokeh.layouts import column, row
 from bokeh.models import CustomJS, Div, Slider, Spinner
 
 from .knobs import Knob
 
+RED = "#A33C00"  # of warnings, dark enough to be read
 FIELD = 92  # px, the width of a field
 # Slider and field follow each other in the browser; the slider's range grows to what is typed.
 MOVED = "f.value = parseFloat(this.value.toPrecision(6))"
 TYPED = """
 if (this.value == null) return
+if (Math.abs(this.value - s.value) <= 1e-5 * Math.abs(s.value)) return  // what the slider itself has said
 s.start = Math.min(s.start, this.value)
 s.end = Math.max(s.end, this.value)
 s.value = this.value
@@ -26,6 +29,11 @@ SLIM = """
 """
 LABEL = ":host { color: #222222; font-size: 13px; line-height: 1.25; }"
 FOCUS = "input:focus-visible { outline: 3px solid #0072B2; outline-offset: 1px; }"
+
+
+def warning(begin: str, text: object) -> str:
+    """A warning as HTML, told by its first words and its colour."""
+    return f'<span style="color: {RED}"><b>{begin}:</b> {escape(str(text))}</span>'
 
 
 class Dial:
@@ -83,7 +91,7 @@ class Dial:
         typed = CustomJS(args={"s": self._slider}, code=TYPED)
         self._field.js_on_change("value", typed)
         self._slider.on_change("value", self._changed)
-        label = Div(text=title, stylesheets=[LABEL], margin=(4, 5, 0, 5), html_attributes=about)
+        label = Div(text=escape(title), stylesheets=[LABEL], margin=(4, 5, 0, 5), html_attributes=about)
         self.row = column(
             label,
             row(self._slider, self._field, sizing_mode="stretch_width", margin=0),

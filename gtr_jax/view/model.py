@@ -23,7 +23,7 @@ from .drawn import base_tensions
 from .histories import History
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Setting:
     """A robot with its numbers as they are set.
 

@@ -15,7 +15,7 @@ from bokeh.layouts import column, row
 from bokeh.models import Div
 from jinja2 import Environment, PackageLoader
 
-from gtr_jax.errors import InputError
+from gtr_jax.errors import InputError, reason
 from gtr_jax.files.config import RobotConfig
 from gtr_jax.files.driving import driven
 from gtr_jax.files.recording import Recording
@@ -23,7 +23,7 @@ from gtr_jax.files.recording import Recording
 from .answers import Answers
 from .bodies import Body
 from .controls import Controls
-from .dials import LABEL, Dial
+from .dials import LABEL, Dial, warning
 from .figures import Channelsheet, Curvesheet
 from .ghosts import Ghost, Ghosts
 from .histories import History
@@ -82,7 +82,7 @@ class Page:
     def __init__(self, document: Document, given: Given) -> None:
         self._document, self._given = document, given
         setting = Setting.of(self._driven(given.config))
-        self._shown: Found | None = None
+        self._shown: tuple[Setting, Curves] | None = None
         self._step: int | None = None
         self._drawn_ghosts: Sequence[Ghost] = ()
         names = names_of(setting.robot)
@@ -183,7 +183,7 @@ class Page:
         self._moved(setting)
 
     def _present(self) -> tuple[Setting, Curves] | None:
-        return None if self._shown is None else (self._controls.setting, self._shown.curves)
+        return self._shown
 
     def _stepped(self, value: float) -> None:
         self._step = int(value) - 1 + self._history.padded
@@ -209,6 +209,8 @@ class Page:
             found: Found | str = self._found(wanted)
         except InputError as fault:
             found = str(fault)
+        except Exception as fault:  # of any kind, such as of a spline through what did not converge
+            found = f"no shape is found ({reason(fault)}); move the slider back"
         finally:
             slow.cancel()
         self._tell(partial(self._show, wanted, found))
@@ -254,8 +256,8 @@ class Page:
             self._document.unhold()
 
     def _draw(self, wanted: Wanted, found: Found) -> None:
-        curves, before = found.curves, self._shown
-        if before is None or before.curves is not curves:
+        curves = found.curves
+        if self._shown is None or self._shown[1] is not curves:
             self._curves.show(curves)
             count = len(curves.time) - curves.history.padded
             self._at.reach(1, max(count, 2))
@@ -268,23 +270,20 @@ class Page:
         self._drawn_ghosts = wanted.ghosts
         self._channel.show(found.drawing.along)
         self._at.show(found.step + 1 - curves.history.padded)
-        self._shown = found
+        self._shown = wanted.setting, curves
         self._here.text = _where(curves, found.step, names_of(curves.robot))
         steps = len(curves.time) - curves.history.padded
-        says = f"{steps} load steps, computed in {1e3 * found.seconds:.0f} ms."
         if curves.failed:
-            self._say(
-                f"{curves.failed} of {steps} steps did not converge; do not use these.", "#A33C00", "Warning"
-            )
+            text = f"{curves.failed} of {steps} steps did not converge; do not use these."
+            self._status.text = warning("Warning", text)
         else:
-            self._say(says)
+            self._say(f"{steps} load steps, computed in {1e3 * found.seconds:.0f} ms.")
 
     def _refuse(self, fault: str) -> None:
-        self._say(fault, "#A33C00", "Not shown")
+        self._status.text = warning("Not shown", fault)
 
-    def _say(self, text: str, colour: str = "#222222", begin: str = "") -> None:
-        start = f"<b>{begin}:</b> " if begin else ""
-        self._status.text = f'<span style="color: {colour}">{start}{escape(text)}</span>'
+    def _say(self, text: str) -> None:
+        self._status.text = escape(text)
 
 
 def _where(curves: Curves, step: int, names: Sequence[str]) -> str:
