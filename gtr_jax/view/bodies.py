@@ -88,7 +88,8 @@ class Side:
         self._ghosts.data = _lines([line for _, line in lines]) | {"colour": [colour for colour, _ in lines]}
 
     def _make_room(self, view: View) -> None:
-        points = np.concatenate([*view.outline, self._seen])
+        tips = [ends for _, ends in view.teeth or ()]
+        points = np.concatenate([*view.outline, *tips, self._seen])
         corners = np.stack([points.min(axis=0), points.max(axis=0)])
         if len(self._seen) != 2 or np.any(corners != self._seen):
             self._seen = corners
