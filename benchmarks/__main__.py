@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 import sys
 
-from . import commands, measure, sweeping
+from . import commands, live_page, measure, sweeping
 from .gate import BASELINE, worse, write_baseline
 from .speed import GROUPS as SPEEDS
 from .speed import Metric
 
 WAITED = {"fit": commands.fit, "diagnose": commands.diagnose, "design": commands.design}
-GROUPS = SPEEDS | WAITED | sweeping.GROUPS
+GROUPS = SPEEDS | WAITED | sweeping.GROUPS | live_page.GROUPS
 
 
 def _row(m: Metric) -> str:

@@ -49,6 +49,7 @@ ALLOWED = {
     "design.report": BELOW | {"gtr_jax (door)", "design", "plots", "report"},
 }
 ALLOWED["paper"] = {*ALLOWED} - {"paper"}
+ALLOWED["view"] = {*ALLOWED} - {"view"}
 ALLOWED["cli"] = {*ALLOWED}
 
 
@@ -172,6 +173,7 @@ HEAVY = {
     "xarray",
     "rich",
     "jinja2",
+    "bokeh",
 }
 
 

@@ -1,4 +1,5 @@
-"""The command `gtr`: init, simulate, inspect, fit, diagnose, next, design, sweep, demo, paper, terms, schema.
+"""The command `gtr`: init, simulate, inspect, fit, diagnose, next, design, sweep, view, demo, paper, terms,
+schema.
 
 Answers go to stdout, progress and errors to stderr. Exit status: 0 answered, 1 answered but not converged
 or not of any body, 2 bad input (one line on stderr), 130 interrupted. What takes long to import is imported
@@ -19,7 +20,7 @@ import click
 from gtr_jax.errors import InputError
 from gtr_jax.interruption import INTERRUPTED, NOTHING_WRITTEN, interruption
 
-from . import demo, design, diagnose, fit, init, inspect, next, paper, schema, simulate, sweep, terms
+from . import demo, design, diagnose, fit, init, inspect, next, paper, schema, simulate, sweep, terms, view
 from .options import with_terms_option
 
 ANSWERED, NOT_CONVERGED, BAD_INPUT = 0, 1, 2
@@ -62,6 +63,7 @@ for _command in (
     next.next_,
     design.design,
     sweep.sweep,
+    view.view,
     terms.terms,
     schema.schema,
 ):

@@ -354,13 +354,13 @@ def _refuse_timed(robot: Robot) -> None:
 
 
 @eqx.filter_jit
-def equilibrium_at(robot: Robot, run: Simulation, step: int) -> Equilibrium:
+def equilibrium_at(robot: Robot, run: Simulation, step: int | Int[Array, ""]) -> Equilibrium:
     """The equilibrium of one step of a simulation, with all that `Equilibrium` offers.
 
     Args:
         robot: as simulated.
         run: its simulation.
-        step: counted from 0; negative ones from the end.
+        step: counted from 0; negative ones from the end. One program serves all steps that are arrays.
     """
     s = sections(robot)
     at = {

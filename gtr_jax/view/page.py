@@ -1,0 +1,307 @@
+"""The page: sliders on one side, plots on the other, and the thread between them that simulates."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+import time
+from collections.abc import Sequence
+from functools import partial
+from html import escape
+from pathlib import Path
+
+from bokeh.document import Document
+from bokeh.layouts import column, row
+from bokeh.models import Div
+from jinja2 import Environment, PackageLoader
+
+from gtr_jax.errors import InputError, reason
+from gtr_jax.files.config import RobotConfig
+from gtr_jax.files.driving import driven
+from gtr_jax.files.recording import Recording
+
+from .answers import Answers
+from .bodies import Body
+from .controls import Controls
+from .dials import LABEL, Dial, warning
+from .figures import Channelsheet, Curvesheet
+from .ghosts import Ghost, Ghosts
+from .histories import History
+from .knobs import GROUPS
+from .latest import Latest
+from .model import Curves, Setting, names_of, simulated
+from .postures import Drawing, drawing
+from .pulling import HAND, Pulling
+
+PATIENCE = 0.5  # seconds until the page says that it computes
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Wanted:
+    """What the page is to show: a robot along a history, at a step; None for that of the largest tension."""
+
+    setting: Setting
+    history: History
+    step: int | None
+    ghosts: Sequence[Ghost]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Found:
+    """What it then shows: curves, the step and the body there, the bodies of ghosts by colour, and how long
+    it took [s].
+    """
+
+    curves: Curves
+    step: int
+    drawing: Drawing
+    ghosts: list[tuple[str, Drawing]]
+    seconds: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Given:
+    """What the command was given: the robot, the recording with the options it was read with, and the folder
+    to write to.
+    """
+
+    config: RobotConfig
+    recording: Recording | None
+    options: Sequence[str]
+    out: Path
+
+
+class Page:
+    """One tab.
+
+    Args:
+        document: to fill.
+        given: what the command was given.
+    """
+
+    def __init__(self, document: Document, given: Given) -> None:
+        self._document, self._given = document, given
+        setting = Setting.of(self._driven(given.config))
+        self._shown: tuple[Setting, Curves] | None = None
+        self._step: int | None = None
+        self._drawn_ghosts: Sequence[Ghost] = ()
+        names = names_of(setting.robot)
+        recording = given.recording
+        self._body, self._channel = Body(setting.robot.space), Channelsheet(names)
+        self._curves = Curvesheet(names, recording is not None and recording.T_tip is not None)
+        self._curves.samples.selected.on_change("indices", self._brushed)
+        self._status = Div(
+            name="status", text="computing …", stylesheets=[LABEL], sizing_mode="stretch_width"
+        )
+        self._at = Dial("step", "Step shown", low=1, high=2, step=1, value=1, moved=self._stepped)
+        self._here = Div(name="here", text="", stylesheets=[LABEL], sizing_mode="stretch_width")
+        self._controls = Controls(setting, self._moved, self._refuse)
+        self._pulling = Pulling(setting.robot, recording, self._repulled)
+        self._ghosts = Ghosts(self._present, self._take, self._ask)
+        self._answers = Answers(
+            document,
+            lambda: self._controls.setting,
+            lambda config: self._take(Setting.of(self._driven(config))),
+            recording=None if recording is None else recording.path,
+            options=given.options,
+            out=given.out,
+        )
+        self._history = self._pulling.history(setting.robot)
+        self._worker: Latest[Wanted] = Latest(self._work)
+        self._last: tuple[Wanted, Curves] | None = None
+        self._closed = False
+        self._lay_out()
+        self._ask()
+
+    def close(self) -> None:
+        """End what runs for this tab."""
+        self._closed = True
+        self._worker.close()
+        self._answers.close()
+
+    def wait(self) -> None:
+        """Wait until nothing runs for this tab any more."""
+        self._worker.wait()
+        self._answers.wait()
+
+    def _driven(self, config: RobotConfig) -> RobotConfig:
+        """The robot as the recording drives it."""
+        return config if self._given.recording is None else driven(config, self._given.recording)[0]
+
+    def _lay_out(self) -> None:
+        wide = "stretch_width"
+        first, *others = self._body.plots
+        body = column(
+            first, *([row(*others, sizing_mode=wide)] if others else []), name="body", sizing_mode=wide
+        )
+        sheet, channel = self._curves, self._channel
+        plots = {
+            "loop": sheet.loop,
+            "time": sheet.time,
+            "residual": sheet.residual,
+            "angle": sheet.angle,
+            "force": channel.force,
+            "along": channel.tension,
+        }
+        for name, plot in plots.items():
+            plot.name = name
+        self._at.row.name = "sample"
+        controls = self._controls
+        groups = [name for name in GROUPS if controls.groups[name].children]
+        boxes = [self._pulling.box, *(controls.groups[name] for name in groups), controls.terms]
+        boxes.append(self._ghosts.box)
+        boxes += [self._answers.box, self._answers.saving, self._status, self._at.row, self._here]
+        for root in (*boxes, body, *plots.values()):
+            self._document.add_root(root)
+        given, config = self._given, self._given.config
+        self._document.title = f"{config.name}: gtr view"
+        self._document.template = Environment(
+            loader=PackageLoader("gtr_jax", "view"), autoescape=False
+        ).get_template("page.html.jinja")
+        self._document.template_variables.update(
+            robot=escape(config.name),
+            source=escape(config.source),
+            recording="" if given.recording is None else escape(str(given.recording.path)),
+            groups=groups,
+        )
+
+    # What the user does
+
+    def _moved(self, setting: Setting) -> None:
+        self._answers.show(setting)
+        self._ask()
+
+    def _repulled(self) -> None:
+        self._history = self._pulling.history(self._controls.setting.robot)
+        self._step = None
+        self._body.forget_room()
+        self._ask()
+
+    def _take(self, setting: Setting) -> None:
+        """Put another robot on the sliders."""
+        self._controls.show(setting)
+        self._moved(setting)
+
+    def _present(self) -> tuple[Setting, Curves] | None:
+        return self._shown
+
+    def _stepped(self, value: float) -> None:
+        self._step = int(value) - 1 + self._history.padded
+        self._ask()
+
+    def _brushed(self, attr: str, old: list[int], new: list[int]) -> None:
+        if new:
+            self._step = max(new) + self._history.padded
+            self._ask()
+
+    # What is computed, in the thread
+
+    def _ask(self) -> None:
+        step = len(self._history) - 1 if self._pulling.way == HAND and self._step is None else self._step
+        self._worker.ask(Wanted(self._controls.setting, self._history, step, tuple(self._ghosts.kept)))
+
+    def _work(self, wanted: Wanted) -> None:
+        slow = threading.Timer(
+            PATIENCE, lambda: self._tell(partial(self._say, "compiling, once for this kind of robot …"))
+        )
+        slow.start()
+        try:
+            found: Found | str = self._found(wanted)
+        except InputError as fault:
+            found = str(fault)
+        except Exception as fault:  # of any kind, such as of a spline through what did not converge
+            found = f"no shape is found ({reason(fault)}); move the slider back"
+        finally:
+            slow.cancel()
+        self._tell(partial(self._show, wanted, found))
+
+    def _found(self, wanted: Wanted) -> Found:
+        began, curves = time.perf_counter(), self._kept(wanted)
+        if curves is None:
+            curves = simulated(wanted.setting, wanted.history)
+        step = curves.largest if wanted.step is None else min(wanted.step, len(curves.time) - 1)
+        alike = [ghost for ghost in wanted.ghosts if len(ghost.curves.time) == len(curves.time)]
+        self._last = (wanted, curves)
+        return Found(
+            curves,
+            step,
+            drawing(curves, step),
+            [(ghost.colour, drawing(ghost.curves, step)) for ghost in alike],
+            time.perf_counter() - began,
+        )
+
+    def _kept(self, wanted: Wanted) -> Curves | None:
+        """The curves of the last request, if this one asks for the same."""
+        if self._last is None:
+            return None
+        before, curves = self._last
+        alike = before.setting is wanted.setting and before.history is wanted.history
+        return curves if alike else None
+
+    def _tell(self, show) -> None:
+        """Have something shown by the thread that the page belongs to."""
+        if not self._closed:
+            self._document.add_next_tick_callback(show)
+
+    # What is shown
+
+    def _show(self, wanted: Wanted, found: Found | str) -> None:
+        if isinstance(found, str):
+            self._refuse(found)
+            return
+        self._document.hold("combine")
+        try:
+            self._draw(wanted, found)
+        finally:
+            self._document.unhold()
+
+    def _draw(self, wanted: Wanted, found: Found) -> None:
+        curves = found.curves
+        if self._shown is None or self._shown[1] is not curves:
+            self._curves.show(curves)
+            count = len(curves.time) - curves.history.padded
+            self._at.reach(1, max(count, 2))
+        if wanted.ghosts != self._drawn_ghosts:
+            self._curves.show_ghosts([(ghost.colour, ghost.curves) for ghost in wanted.ghosts])
+        self._curves.point_at(curves, found.step)
+        self._body.show(found.drawing, curves.most)
+        if found.ghosts or self._drawn_ghosts:
+            self._body.show_ghosts(found.ghosts)
+        self._drawn_ghosts = wanted.ghosts
+        self._channel.show(found.drawing.along)
+        self._at.show(found.step + 1 - curves.history.padded)
+        self._shown = wanted.setting, curves
+        self._here.text = _where(curves, found.step, names_of(curves.robot))
+        steps = len(curves.time) - curves.history.padded
+        if curves.failed:
+            text = f"{curves.failed} of {steps} steps did not converge; do not use these."
+            self._status.text = warning("Warning", text)
+        else:
+            self._say(f"{steps} load steps, computed in {1e3 * found.seconds:.0f} ms.")
+
+    def _refuse(self, fault: str) -> None:
+        self._status.text = warning("Not shown", fault)
+
+    def _say(self, text: str) -> None:
+        self._status.text = escape(text)
+
+
+def _where(curves: Curves, step: int, names: Sequence[str]) -> str:
+    """The step that is shown, in words."""
+    each = []
+    for i, name in enumerate(names):
+        of = f" of {name}" if name else ""
+        each.append(f"T_base{of} {curves.T_base[step, i]:.3g} N, T_tip {curves.T_tip[step, i]:.3g} N")
+    return escape(f"t = {curves.time[step]:.4g} s: {'; '.join(each)}.")
+
+
+def fill(document: Document, given: Given, pages: list[Page]) -> None:
+    """Fill a new document with a page, which is added to `pages` as long as its tab is open."""
+    page = Page(document, given)
+    pages.append(page)
+
+    def left(context) -> None:
+        page.close()
+        pages.remove(page)
+
+    document.on_session_destroyed(left)

@@ -1,0 +1,282 @@
+"""The model behind the live page: its curves are those of `simulate`, by programs that are compiled once."""
+
+import builtins
+import threading
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from command_line import RECORDED, RECORDING, run_gtr
+from conftest import SINE
+
+import gtr_jax as gtr
+from gtr_jax.robot.parameters import parameters_of
+from gtr_jax.view.histories import (
+    HELD,
+    at_rest,
+    by_hand,
+    pull_and_release,
+    recorded,
+    shortened,
+    usual_pull,
+)
+from gtr_jax.view.knobs import knobs_of, rounded
+from gtr_jax.view.latest import Latest
+from gtr_jax.view.model import Setting, simulated
+from gtr_jax.view.postures import drawing
+from gtr_jax.view.runs import free_name
+
+HELIX = {"kind": "helix", "radius": "4 mm", "turns": 0.5, "start_angle": "30 deg"}
+
+
+@pytest.fixture
+def setting(make_config):
+    return Setting.of(make_config(routing=SINE))
+
+
+@pytest.fixture
+def compiled():
+    """Counts what is compiled from here on."""
+    events = []
+
+    def heard(event: str, duration_secs: float, **more: str | int) -> None:
+        if event.endswith("backend_compile_duration"):
+            events.append(event)
+
+    jax.monitoring.register_event_duration_secs_listener(heard)
+    yield events
+    jax.monitoring.unregister_event_duration_listener(heard)
+
+
+def test_curves_are_those_of_simulate_and_no_slider_compiles_anything(setting, compiled):
+    history = pull_and_release(setting.robot, 0, 10.0, 1.0)
+    moves = {"mu": 0.1, "r1": -0.008, "length": 0.21, "presliding.length": 1e-3, "outer_radius_tip": 0.013}
+    held = setting.with_term("presliding").with_value("E", 2e6)
+    for name, value in moves.items():  # the first move of each
+        drawing(simulated(held.with_value(name, 1.01 * value), history), 4)
+    del compiled[:]
+    found = {}
+    for name, value in moves.items():
+        held = held.with_value(name, value)
+        found[name] = simulated(held, history)
+        drawing(found[name], 50)
+    back = simulated(held.with_value("presliding.length", 0.0), history)
+    assert compiled == []
+    robot = setting.robot.with_values(E=2e6)
+    for name, value in moves.items():
+        robot = robot.with_values(**{name: value})
+        run = gtr.simulate(robot, history.T_base, time=history.time)
+        np.testing.assert_allclose(found[name].T_tip[:, 0], run.T_tip, rtol=1e-8, atol=1e-9)
+        np.testing.assert_allclose(found[name].tip_angle, run.tip_pose[:, 2], rtol=1e-8, atol=1e-9)
+    run = gtr.simulate(robot.with_values(**{"presliding.length": 0.0}), history.T_base, time=history.time)
+    np.testing.assert_allclose(back.T_tip[:, 0], run.T_tip, rtol=1e-8, atol=1e-9)
+
+
+def test_the_drawn_body_ends_where_the_tip_is_and_its_forces_are_those_of_the_tendon(setting):
+    curves = simulated(setting, pull_and_release(setting.robot, 0, 10.0, 0.0))
+    step = curves.largest
+    assert curves.T_base[step, 0] == 10.0
+    shape = drawing(curves, step)
+    (view,), (along,) = shape.views, shape.along
+    assert view.middle[-1] == pytest.approx(1e3 * np.asarray(curves.run.tip_pose)[step, :2], rel=1e-4)
+    assert (along.tension[0], along.tension[-1]) == pytest.approx((10.0, float(curves.T_tip[step, 0])))
+    # While all of the tendon slips, friction is the friction coefficient times what presses.
+    mu = float(setting.robot.value("mu"))
+    np.testing.assert_allclose(along.friction, mu * along.normal, rtol=1e-2, atol=1e-2)
+
+
+def test_a_robot_in_space_is_drawn_from_three_sides(make_config):
+    setting = Setting.of(make_config(routing=HELIX))
+    curves = simulated(setting, pull_and_release(setting.robot, 0, 5.0, 0.0))
+    shape = drawing(curves, curves.largest)
+    assert [view.axes for view in shape.views] == ["xy", "xz", "yz"]
+    assert curves.run.shape is not None
+    tip = 1e3 * np.asarray(curves.run.shape.position)[curves.largest, -1]
+    for view in shape.views:
+        assert view.middle[-1] == pytest.approx(tip[["xyz".index(axis) for axis in view.axes]], rel=1e-6)
+        # The channel lies within the body.
+        points = np.concatenate(view.outline)
+        for channel in view.channels:
+            assert np.all(channel >= points.min(axis=0) - 1e-6)
+            assert np.all(channel <= points.max(axis=0) + 1e-6)
+    moved = setting.with_value("tip_force_z", 0.5).with_value("tip_moment_x", 0.01).written()
+    assert (moved.loads.tip_force, moved.loads.tip_moment) == ((0, 0, 0.5), (0.01, 0, 0))
+    assert gtr.build_robot(moved).value("tip_force_z") == 0.5
+
+
+def test_every_number_has_a_slider_that_reaches_beyond_it(make_config):
+    for config in (make_config(routing=SINE), make_config(routing=HELIX)):
+        setting = Setting.of(config)
+        knobs = {knob.name: knob for knob in knobs_of(setting.robot, ("presliding", "tip-gain"))}
+        entries = {
+            p.name: p
+            for p in parameters_of(setting.robot).values()
+            if np.isfinite(float(setting.robot.value(p.name)))
+            and (p.term is None or p.term.id in ("presliding", "tip-gain"))
+        }
+        assert {*knobs} == {*entries}
+        for name, knob in knobs.items():
+            lower, upper = entries[name].lower, entries[name].upper
+            assert knob.low < knob.high and knob.low <= knob.value <= knob.high
+            assert lower is None or knob.low >= lower
+            assert upper is None or knob.high <= upper
+            assert not (entries[name].positive and knob.low <= 0)
+    assert knobs["gravity_angle"].title == "gravity angle [deg]"
+    assert knobs["gravity_angle"].shown(knobs["gravity_angle"].high) == 180.0
+    assert knobs["tip-gain.gain"].says
+
+
+@pytest.mark.parametrize(
+    ("amount", "next_one"), [(0.9, 1.0), (1.0, 1.0), (1.1, 2.0), (30.0, 50.0), (7e-4, 1e-3)]
+)
+def test_steps_are_round(amount, next_one):
+    assert rounded(amount) == next_one
+
+
+def test_a_setting_becomes_a_robot_file(setting):
+    held = setting.with_value("mu", 0.41).with_term("presliding").with_value("presliding.length", 2e-3)
+    config = held.written()
+    again = Setting.of(config)
+    assert again.terms == ("presliding",)
+    for name in ("mu", "presliding.length", "E"):
+        assert float(again.robot.value(name)) == pytest.approx(float(held.changed.value(name)))
+    # A term that is at its null value is in the file, so that a fit can find its numbers.
+    assert [term.id for term in setting.with_term("tip-gain").written().terms] == ["tip-gain"]
+    gone = held.without_term("presliding")
+    assert float(gone.changed.value("presliding.length")) == 0.0
+    assert "presliding" in [term.id for term in gone.addable]
+    assert gone.written().terms == ()
+    assert (
+        float(gtr.build_robot(again.without_term("presliding").written()).value("presliding.length")) == 0.0
+    )
+    with pytest.raises(gtr.InputError, match="bore"):
+        setting.with_value("bore_0_diameter", 0.5).written()
+
+
+def test_terms_that_a_robot_cannot_have_together_are_refused_in_a_line(make_config):
+    setting = (
+        Setting.of(make_config(routing=SINE)).with_term("tip-moved").with_value("tip-moved.tension", 2.0)
+    )
+    history = pull_and_release(setting.robot, 0, 10.0, 0.0)
+    with pytest.raises(gtr.InputError, match=r"tip-moved: .*take a term off the page"):
+        simulated(setting.with_term("presliding").with_value("presliding.length", 1e-3), history)
+
+
+def test_a_hand_pulls_through_steps_that_are_remembered(setting):
+    moves = [np.array([T]) for T in (2.0, 8.0, 5.0)]
+    history = by_hand(setting.robot, moves)
+    assert len(history) == HELD
+    assert history.T_base[history.padded :] == pytest.approx([0.0, 2.0, 8.0, 5.0])
+    assert history.time[history.padded :] == pytest.approx([0.0, 1.0, 2.0, 3.0])
+    whole = simulated(setting, history).T_tip[-1, 0]
+    alone = gtr.simulate(setting.robot, [0.0, 2.0, 8.0, 5.0]).T_tip[-1]
+    assert whole == pytest.approx(float(alone), rel=1e-9)
+    fresh = gtr.equilibrium(setting.robot, 5.0).T_tip
+    assert whole > float(fresh) + 0.1  # friction holds what the release let go
+
+
+def test_a_long_history_keeps_its_turning_points():
+    up, down = np.linspace(0.0, 10.0, 60), np.linspace(10.0, 3.0, 60)[1:]
+    again = np.linspace(3.0, 6.0, 30)[1:]
+    moves = [np.array([T]) for T in np.concatenate([up, down, again])]
+    kept = np.array(shortened(moves, HELD))[:, 0]
+    assert len(kept) <= HELD
+    assert (kept[0], kept[-1]) == (0.0, 6.0)
+    assert {10.0, 3.0} <= {*kept}
+    zigzag = [np.array([T]) for T in [0.0, *np.tile([1.0, 0.5], 80), 0.75]]
+    left = np.array(shortened(zigzag, HELD))[:, 0]
+    assert len(left) <= HELD and left[-1] == 0.75
+
+
+def test_a_recording_is_pulled_as_a_fit_would():
+    config = gtr.load_config(RECORDED)
+    recording = gtr.read_recording(RECORDING)
+    setting = Setting.of(config)
+    history = recorded(setting.robot, recording)
+    curves = simulated(setting.with_value("mu", 0.2611).with_value("E", 1.335e6), history)
+    assert curves.residual is not None and curves.recorded_tip is not None
+    np.testing.assert_allclose(curves.residual, curves.T_tip - curves.recorded_tip)
+    assert np.sqrt(np.mean(curves.residual**2)) < 0.05 * np.ptp(curves.recorded_tip)
+    gained = setting.with_term("base-gain").with_value("base-gain.gain", 1.1)
+    # What a cell at the base adds is taken off before the tendon is pulled, and shown again.
+    np.testing.assert_allclose(simulated(gained, history).T_base[:, 0], history.T_base, atol=1e-9)
+
+
+def test_the_first_pull_bends_the_body_visibly(setting):
+    pull = usual_pull(setting.robot, 0)
+    curves = simulated(setting, pull_and_release(setting.robot, 0, pull, 0.0))
+    assert 0.2 < np.max(np.abs(np.asarray(curves.run.angle))) < 3.0
+    assert at_rest(setting.robot) == pytest.approx([0.0])
+
+
+def test_requests_that_are_overtaken_are_left_out():
+    done, begun, go_on, last = [], threading.Event(), threading.Event(), threading.Event()
+
+    def work(request):
+        done.append(request)
+        begun.set()
+        go_on.wait(10)
+        if request == 3:
+            last.set()
+
+    latest = Latest(work)
+    latest.ask(0)
+    assert begun.wait(10)
+    for request in (1, 2, 3):
+        latest.ask(request)
+    go_on.set()
+    assert last.wait(10)
+    latest.close()
+    latest.wait()
+    assert done == [0, 3]
+
+
+def test_tendons_that_displacement_drives_are_drawn_out_as_far_as_they_should_be(make_config):
+    tendon = {"drive": "displacement", "friction_coefficient": 0.2, "axial_stiffness": 4000.0}
+    setting = Setting.of(make_config(routing=HELIX, tendon=tendon))
+    history = pull_and_release(setting.robot, 0, 0.004, 0.002)
+    curves = simulated(setting, history)
+    assert history.displacement is not None and np.max(curves.T_base) > 1.0
+    np.testing.assert_allclose(curves.displacement[:, 0], history.displacement, atol=1e-9)
+    assert curves.failed == 0
+
+
+def test_names_in_the_folder_are_free(tmp_path):
+    assert free_name(tmp_path, "fit").name == "fit-1"
+    (tmp_path / "fit-1").mkdir()
+    (tmp_path / "fit-2.toml").write_text("")
+    assert free_name(tmp_path, "fit").name == "fit-3"
+
+
+def test_without_bokeh_the_command_says_what_to_install(capsys, monkeypatch):
+    real = builtins.__import__
+
+    def absent(name, *rest, **more):
+        if name.partition(".")[0] == "bokeh":
+            raise ImportError(name)
+        return real(name, *rest, **more)
+
+    monkeypatch.setattr(builtins, "__import__", absent)
+    done = run_gtr(capsys, "view", RECORDED)
+    assert (done.status, done.out) == (2, "")
+    assert done.err == "error: gtr view needs Bokeh, which is not installed; pip install 'gtr-jax[view]'\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--drop", "1:2"], "--drop: has no effect without a recording; leave it out"),
+        (["--port", "70000"], "--port: 70000 is no port; leave it out for a free one"),
+    ],
+)
+def test_options_that_cannot_be_are_refused(capsys, tmp_path, arguments, says):
+    done = run_gtr(capsys, "view", RECORDED, "--no-browser", "-o", tmp_path, *arguments)
+    assert (done.status, done.err) == (2, f"error: {says}\n")
+
+
+def test_a_robot_with_a_law_of_its_own_has_its_sliders():
+    config = gtr.load_config(Path(__file__).parents[1] / "examples/tdcm-1-law.toml")
+    setting = Setting.of(config)
+    own = [knob.name for knob in knobs_of(setting.robot, setting.terms) if knob.term]
+    assert own and all(name.partition(".")[0] == setting.terms[0] for name in own)

@@ -1,0 +1,229 @@
+"""The live page in a browser, and who is let in."""
+
+import re
+import signal
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from http.cookiejar import CookieJar
+
+import pytest
+from command_line import RECORDED, RECORDING
+
+import gtr_jax as gtr
+from benchmarks.browser import chromium, found
+
+# Begins the scripts that run in the page.
+NAMED = "const model = name => Bokeh.documents[0].get_model_by_name(name);"
+WAIT = 60.0  # seconds
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    """The command at work, its address, and the folder that it writes to."""
+    out = tmp_path_factory.mktemp("view") / "out"
+    command = [sys.executable, "-m", "gtr_jax", "view", RECORDED, RECORDING, "--no-browser", "-o", out]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None and process.stderr is not None
+    line = process.stdout.readline()
+    address = re.search(r"http://127\.0\.0\.1:\d+/\?token=\S+", line)
+    assert address, line + process.stderr.read()
+    yield process, address[0], out
+    if process.poll() is None:
+        process.kill()
+    process.communicate()
+
+
+def answer(address, opener=None, **headers):
+    """Status and text of what is served there."""
+    request = urllib.request.Request(address, headers=headers)
+    try:
+        with (opener or urllib.request.build_opener()).open(request, timeout=60) as response:
+            return response.status, response.read().decode()
+    except urllib.error.HTTPError as refused:
+        with refused:
+            return refused.code, refused.read().decode()
+
+
+def test_nothing_is_served_without_the_token(served):
+    _, address, _ = served
+    bare = address.partition("?")[0]
+    asked = [bare, f"{bare}?token=", f"{bare}?token=wrong", f"{bare}ws", f"{bare}static/js/bokeh.min.js"]
+    for place in [*asked, f"{bare}runs/robot.toml", f"{bare}metadata", address.replace("/?", "/ws?")]:
+        status, text = answer(place)
+        assert status == 403 and "with its token" in text
+    port = bare.rpartition(":")[2].rstrip("/")
+    status, _ = answer(bare, Cookie=f"gtr-view-{port}=wrong")
+    assert status == 403
+    known = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(CookieJar()))
+    status, page = answer(address, known)
+    assert status == 200 and "<h1>" in page
+    assert not re.findall(r'(?:src|href)="(?:https?:)?//', page)
+    assert answer(bare, known)[0] == 200
+
+
+class Tab:
+    """The page in a browser."""
+
+    def __init__(self, chrome):
+        self.chrome = chrome
+
+    def run(self, script, *arguments):
+        return self.chrome.execute_script(NAMED + script, *arguments)
+
+    def get(self, name, attribute):
+        return self.run("return model(arguments[0])?.[arguments[1]]", name, attribute)
+
+    def set(self, name, attribute, value):
+        self.run("model(arguments[0])[arguments[1]] = arguments[2]", name, attribute, value)
+
+    def text(self, name):
+        return re.sub("<[^>]*>", "", self.get(name, "text") or "")
+
+    def column(self, name):
+        """A column of the samples."""
+        return self.run("return [...model('samples').get_array(arguments[0])]", name)
+
+    def element(self, name, selector):
+        """Something within what a model looks like."""
+        script = """
+        const look = view => view.model.name === arguments[0] ? view
+          : (view.child_views ?? []).map(look).find(found => found)
+        const view = Object.values(Bokeh.index).concat([...(Bokeh.index.roots ?? [])]).map(look).find(v => v)
+        return view.shadow_el.querySelector(arguments[1])
+        """
+        return self.run(script, name, selector)
+
+    def until(self, condition, what):
+        end = time.monotonic() + WAIT
+        while time.monotonic() < end:
+            try:
+                if condition():
+                    return
+            except Exception:
+                if time.monotonic() > end - 1:
+                    raise
+            time.sleep(0.05)
+        raise AssertionError(f"{what}: not within {WAIT:.0f} s; the page says {self.text('status')!r}")
+
+
+@pytest.fixture(scope="module")
+def tab(served, tmp_path_factory):
+    paths = found()
+    if paths is None:
+        pytest.skip("no Chromium with its driver on this machine; apt-get install chromium chromium-driver")
+    with chromium(paths, tmp_path_factory.mktemp("chromium")) as chrome:
+        chrome.get(served[1])
+        page = Tab(chrome)
+        page.until(lambda: "load steps" in page.text("status"), "first curves")
+        yield page
+
+
+def expected(**values):
+    """Largest tip tension of the robot through the recording, as the page pulls it."""
+    from gtr_jax.view.histories import recorded
+
+    robot = gtr.load_robot(RECORDED).with_values(**values)
+    history = recorded(robot, gtr.read_recording(RECORDING))
+    return float(gtr.simulate(robot, history.T_base, time=history.time).T_tip.max())
+
+
+def test_a_slider_moved_by_key_moves_the_curves(tab):
+    first = max(tab.column("T_tip_0"))
+    assert first == pytest.approx(expected(), rel=1e-6)
+    handle = tab.element("mu", ".noUi-handle")
+    for _ in range(3):
+        handle.send_keys("\ue014")  # arrow to the right
+    step = tab.get("mu", "step")
+    value = float(gtr.load_robot(RECORDED).value("mu")) + 3 * step
+    tab.until(lambda: tab.get("mu", "value") == pytest.approx(value, abs=step / 2), "slider")
+    wanted = expected(mu=tab.get("mu", "value"))
+    tab.until(lambda: max(tab.column("T_tip_0")) == pytest.approx(wanted, rel=1e-6), "curves")
+    assert tab.get("mu field", "value") == pytest.approx(tab.get("mu", "value"))
+    assert "ms" in tab.text("status")
+
+
+def test_a_number_typed_beyond_the_slider_widens_it(tab):
+    tab.set("mu field", "value", 2.5)
+    tab.until(lambda: max(tab.column("T_tip_0")) == pytest.approx(expected(mu=2.5), rel=1e-6), "curves")
+    assert tab.get("mu", "end") >= 2.5
+    tab.set("mu field", "value", 0.3)
+    tab.until(lambda: max(tab.column("T_tip_0")) == pytest.approx(expected(mu=0.3), rel=1e-6), "curves")
+
+
+def test_brushed_samples_show_the_body_there(tab):
+    before = tab.run("return [...model('midline').get_array('y')]")
+    tab.run("model('samples').selected.indices = [3, 4, 5]")
+    tab.until(lambda: tab.get("step", "value") == 6, "step")
+    time_s, T_base = tab.column("time")[5], tab.column("T_base_0")[5]
+    assert tab.text("here").startswith(f"t = {time_s:.4g} s: T_base {T_base:.3g} N")
+    assert tab.run("return [...model('midline').get_array('y')]") != before
+
+
+def test_curves_are_kept_as_a_ghost_and_taken_back(tab):
+    kept = tab.get("mu", "value")
+    tab.set("ghost name", "value", "less friction")
+    tab.element("keep ghost", "button").click()
+    tab.until(lambda: tab.element("remove less friction", "button"), "ghost")
+    tab.set("mu", "value", 0.45)
+    tab.until(lambda: max(tab.column("T_tip_0")) == pytest.approx(expected(mu=0.45), rel=1e-6), "curves")
+    tab.element("take back less friction", "button").click()
+    tab.until(lambda: max(tab.column("T_tip_0")) == pytest.approx(expected(mu=kept), rel=1e-6), "curves")
+    assert tab.get("mu", "value") == pytest.approx(kept)
+
+
+def test_a_term_is_added_at_null_and_taken_away(tab):
+    before = tab.column("T_tip_0")
+    tab.set("add term", "value", "tip-gain")
+    tab.until(lambda: tab.get("tip-gain.gain", "value") == 1, "term")
+    tab.set("tip-gain.gain", "value", 1.05)
+    tab.until(lambda: tab.column("T_tip_0")[50] == pytest.approx(1.05 * before[50], rel=1e-6), "gain")
+    tab.element("remove tip-gain", "button").click()
+    tab.until(lambda: tab.column("T_tip_0") == pytest.approx(before), "no gain")
+
+
+def test_the_robot_is_saved_and_never_over_another(tab, served):
+    out = served[2]
+    tab.set("file name", "value", "mine")
+    tab.element("save", "button").click()
+    tab.until(lambda: tab.text("saved").startswith("written"), "file")
+    robot = gtr.load_robot(out / "mine.toml")
+    assert float(robot.value("mu")) == pytest.approx(tab.get("mu", "value"))
+    contents = (out / "mine.toml").read_bytes()
+    tab.element("save", "button").click()
+    tab.until(lambda: "choose another name" in tab.text("saved"), "refusal")
+    assert (out / "mine.toml").read_bytes() == contents
+
+
+def test_all_is_loaded_from_this_machine_and_named_for_screen_readers(tab, served):
+    names = tab.run("return performance.getEntriesByType('resource').map(entry => entry.name)")
+    here = served[1].partition("?")[0]
+    assert names and all(name.startswith(here) for name in names)
+    assert [entry for entry in tab.chrome.get_log("browser") if entry["level"] == "SEVERE"] == []
+    assert "token" not in tab.chrome.current_url
+    sliders = "[...Bokeh.documents[0]._all_models.values()].filter(m => m.type.endsWith('Slider'))"
+    named = tab.run(f"return {sliders}.map(m => m.html_attributes['aria-label'])")
+    assert named and all(named)
+
+
+@pytest.mark.slow
+def test_a_fit_from_the_page_lands_on_the_sliders(tab, served):
+    tab.set("free", "value", ["mu"])
+    tab.element("fit", "button").click()
+    tab.until(lambda: "Report of fit-1" in tab.text("run status"), "fit")
+    fitted = gtr.load_robot(served[2] / "fit-1" / "fitted.toml")
+    assert tab.get("mu", "value") == pytest.approx(float(fitted.value("mu")))
+    tab.chrome.get(f"{served[1].partition('?')[0]}runs/fit-1/report.html")
+    assert fitted.name in tab.chrome.title
+
+
+def test_it_closes_on_an_interruption(served):
+    process, address, _ = served
+    time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(30) == 0
+    assert process.stderr.read().endswith("closing\n")
+    with pytest.raises(OSError):
+        urllib.request.urlopen(address, timeout=5)
