@@ -12,6 +12,8 @@ from gtr_jax.files.config import config_text, parse_config
 from gtr_jax.files.config_file import read_toml
 from gtr_jax.simulation.sensing import cells_show, true_base
 from gtr_jax.terms import REGISTRY
+from gtr_jax.view.knobs import knobs_of
+from gtr_jax.view.model import Setting
 
 T = np.stack([[0.0, 4, 8, 5, 2, 6], [1.0, 1, 2, 3, 3, 2]], axis=1)
 CLOCK = 0.5 * np.arange(len(T))
@@ -116,6 +118,18 @@ def test_it_is_fitted_and_written(make_config, tmp_path):
     assert again.term_values["tip-gain"]["gain"].tolist() == [found.value, 1.0]
     more = again.with_values({"terms.crosstalk:right.share": 0.02})
     assert [(t.kind, t.tendon) for t in more.terms] == [("tip-gain", "left"), ("crosstalk", "right")]
+
+
+def test_the_live_page_has_sliders_of_each_tendon(make_config):
+    terms = [typical("tip-gain", gain=1.05, tendon=name) for name in ("left", "right")]
+    setting = Setting.of(config(make_config, terms))
+    assert setting.terms == ("tip-gain",)
+    knobs = {knob.name: knob for knob in knobs_of(setting.robot, setting.terms)}
+    assert knobs["tip-gain.gain.right"].label == "gain of right"
+    moved = setting.with_value("tip-gain.gain.right", 1.02).written()
+    assert moved.term_values["tip-gain"]["gain"].tolist() == [1.05, 1.02]
+    without = setting.without_term("tip-gain")
+    assert np.all(np.asarray(without.changed.terms["tip-gain"]["gain"]) == 1.0)
 
 
 WRONG = {

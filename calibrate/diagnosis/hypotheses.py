@@ -217,7 +217,7 @@ def _started(
     if term.id == "presliding":
         # A presliding length shorter than the slip between samples is Coulomb friction, and hard to solve.
         free = (dataclasses.replace(free[0], lower=SHORTEST), *free[1:])
-        stretches = float(robot.terms["tendon-stretch"]["compliance"]) > 0
+        stretches = bool(np.any(np.asarray(robot.terms["tendon-stretch"]["compliance"]) > 0))
         fixed = {"tendon-stretch.compliance": COMPLIANCE} if robot.backbone.rigid and not stretches else {}
     if term.id in ("tip-load", "gravity-error"):
         across = [*range(1, len(free)), 0]

@@ -131,7 +131,7 @@ def _quantity(entry: Parameter) -> Quantity | None:
     """What the term of a parameter says of it."""
     if entry.term is None:
         return None
-    return next(q for q in entry.term.numbers if q.name == entry.name.partition(".")[2])
+    return next(q for q in entry.term.numbers if q.name == entry.name.split(".")[1])
 
 
 def _range(entry: Parameter, value: float) -> tuple[float, float]:
@@ -165,7 +165,7 @@ def _usual(quantity: Quantity, value: float) -> tuple[float, float]:
 def _place(entry: Parameter) -> tuple[str, str]:
     """The group and the label of a number."""
     if entry.term is not None:
-        return "terms", entry.name.partition(".")[2].replace("_", " ")
+        return "terms", " of ".join(entry.name.split(".")[1:]).replace("_", " ")
     table, *rest = entry.key.split(".")
     group = _TABLES.get(table, "Tendon")
     if table == "tendons" and rest[1] == "routing":

@@ -45,7 +45,7 @@ class Setting:
     def of(cls, config: RobotConfig) -> Setting:
         """As a robot file has it."""
         robot = build_robot(config)
-        return cls(config, robot, robot, {}, tuple(term.id for term in config.terms))
+        return cls(config, robot, robot, {}, tuple(dict.fromkeys(term.id for term in config.terms)))
 
     @property
     def catalogue(self) -> Mapping[str, Term]:
@@ -82,9 +82,9 @@ class Setting:
 
     def without_term(self, term: str) -> Setting:
         """One term fewer on the page, its numbers at their null values."""
-        known = parameters_of(self.robot)
-        each = {f"{term}.{q.name}": float(q.null) for q in self.catalogue[term].numbers}
-        null = {name: value for name, value in each.items() if name in known}
+        own = {q.name: float(q.null) for q in self.catalogue[term].numbers}
+        known = parameters_of(self.robot).items()
+        null = {name: own[name.split(".")[1]] for name, p in known if p.term and p.term.id == term}
         kept = tuple(name for name in self.terms if name != term)
         return dataclasses.replace(self._with(null), terms=kept)
 
@@ -94,7 +94,8 @@ class Setting:
         Raises:
             InputError: no robot file can hold them.
         """
-        kept = {*self.terms, *(term.id for term in self.config.terms)}
+        in_file = {term.id for term in self.config.terms}
+        kept = {*self.terms, *in_file}
         entries = {name: parameter(self.robot, name) for name in self.values}
         keys = {
             entry.key: self.values[name]
@@ -102,7 +103,7 @@ class Setting:
             if entry.term is None or entry.term.id in kept
         }
         for term in self.terms:  # those that were added and not moved
-            for q in self.catalogue[term].sizes:
+            for q in () if term in in_file else self.catalogue[term].sizes:
                 key = f"terms.{term}.{q.name}"
                 keys.setdefault(key, float(self.robot.terms[term][q.name]))
         return _with_vectors(self.config, keys).with_values(keys)
