@@ -120,6 +120,46 @@ def test_it_is_fitted_and_written(make_config, tmp_path):
     assert [(t.kind, t.tendon) for t in more.terms] == [("tip-gain", "left"), ("crosstalk", "right")]
 
 
+@pytest.mark.slow
+def test_the_diagnosis_tells_on_which_tendon_an_effect_acts(tmp_path):
+    """A gain of the left tip cell; the cell of the right one is sound."""
+
+    def arm(*terms):
+        routing = {"kind": "helix", "radius": 0.009}
+        tendons = [
+            {"name": "left", "routing": routing | {"turns": 0.4, "start_angle": 0.2}},
+            {"name": "right", "routing": routing | {"turns": -0.3, "start_angle": 2.2}},
+        ]
+        body = {"length": 0.25, "outer_radius": 0.012, "youngs_modulus": 1e6, "poissons_ratio": 0.4}
+        return parse_config(
+            {
+                "schema": 1,
+                "backbone": body,
+                "tendons": [{**tendon, "friction_coefficient": 0.2} for tendon in tendons],
+                "terms": terms,
+            }
+        )
+
+    way = np.linspace(0.0, 2 * np.pi, 100)
+    pulled = np.stack([2 - 2 * np.cos(1.5 * way), 1.5 - 1.5 * np.cos(2 * way)], axis=1)
+    run = gtr.simulate(gtr.build_robot(arm({"kind": "tip-gain", "gain": 1.06, "tendon": "left"})), pulled)
+    rng = np.random.default_rng(3)
+    place = np.asarray(run.tip_position) + 1e-4 * rng.normal(size=(len(way), 3))
+    recording = gtr.Recording(
+        T_base=pulled,
+        T_tip=np.asarray(run.reading.T_tip) + 5e-3 * rng.normal(size=pulled.shape),
+        path=tmp_path / "rec.csv",
+        sha256="",
+        **dict(zip(("tip_x", "tip_y", "tip_z"), place.T, strict=True)),
+    )
+    found = calibrate.diagnose(arm(), recording)
+    assert found.verdict == "missing-physics" and found.named == ["tip-gain"], found.says
+    gain = next(c for c in found.parameters if c.name == "tip-gain.gain.left")
+    assert gain.lower95 < 1.06 < gain.upper95
+    assert found.config is not None
+    assert [(term.kind, term.tendon) for term in found.config.terms] == [("tip-gain", "left")]
+
+
 def test_the_live_page_has_sliders_of_each_tendon(make_config):
     terms = [typical("tip-gain", gain=1.05, tendon=name) for name in ("left", "right")]
     setting = Setting.of(config(make_config, terms))

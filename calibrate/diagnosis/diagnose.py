@@ -32,7 +32,7 @@ from .episodes import episodes
 from .experiment import Experiment, propose
 from .further import beaten, with_further
 from .heldout import held_out
-from .hypotheses import EVENTS, INSTRUMENT_NUMBERS
+from .hypotheses import EVENTS, INSTRUMENT_NUMBERS, Hypothesis, of_single_tendons
 from .instruments import of_one, tendon_of_channel
 from .leave_out import Stretch, asked_for, from_outside, left_out
 from .locate import cycles_in, locate, mu_by_stratum, phases_of, ratio_of_branches
@@ -50,6 +50,8 @@ from .twins import SETTLED, settled_with_twins
 
 # Number of best models that are refitted to all samples, and that are corrected to a fine mesh before.
 FINAL, REFINED = 4, 3
+# Most promising effects that are tried on each of several tendons alone, beside those of the cells.
+OF_TENDONS = 3
 
 
 def diagnose(
@@ -186,6 +188,11 @@ def _search(
     models.add([base])
     say(f"trying {len(hypotheses)} hypotheses")
     screened = screen(bench, base, hypotheses)
+    if single := of_single_tendons(bench.rigs[0].robot, _on_tendons(bench, screened)):
+        say("trying cells and the most promising on single tendons")
+        models.of |= {h.name: h for h in single}
+        hypotheses = [*hypotheses, *single]
+        screened = sorted([*screened, *screen(bench, base, single)], key=lambda s: -s.gain)
     pairs = promising(base, screened, PAIRS)
     firm = firm_fit(bench, base)
     if firm is not None:
@@ -225,6 +232,16 @@ def _search(
     return _answer(
         ready, leave_out, decision, whole, screened, discovery=discovery, experiment=experiment, say=say
     )
+
+
+def _on_tendons(bench: Bench, screened: Sequence[Screened]) -> list[Hypothesis]:
+    """The effects that are tried on single tendons: those of the cells, which cost little because the robot
+    need not be simulated again, and the most promising others.
+    """
+    known = bench.rigs[0].robot.catalogue
+    cells = [s.hypothesis for s in screened if known[s.hypothesis.kind].of_cells]
+    others = [s for s in screened if not known[s.hypothesis.kind].of_cells and s.gain > WORTH]
+    return [*cells, *(s.hypothesis for s in others[:OF_TENDONS])]
 
 
 def _discovered(models: Models, decision: Decision, say: Callable[[str], None]) -> Discovery | None:

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.robot.parameters import with_values
 from gtr_jax.simulation.sensing import cells_show
 
 from ..channels import Orientation, quantity_of
@@ -23,7 +22,7 @@ from .decide import UNEXPLAINED, Decision
 from .load_histories import checks, menu
 from .model import Fitted
 from .models import Models
-from .rig import Rig
+from .rig import Rig, valued
 from .ways_to_drive import Values, ways_to_drive
 
 # Standard deviation assumed for instruments that were not used: m, m, m, rad, m.
@@ -174,7 +173,7 @@ def _options(models: Models, rig: Rig) -> list[_Option]:
     for name, (time, base, weight) in checks(largest, duration).items():
 
         def cells(values, time=time, base=base, weight=weight):
-            robot = with_values(rig.robot, values_in(values, part.name))
+            robot = valued(rig.robot, values_in(values, part.name))
             on = [jnp.asarray(np.tile(w[:, None], (1, several)) if several else w) for w in (base, weight)]
             shown = cells_show(robot, on[0], on[1], jnp.asarray(time))
             each = np.asarray(shown.T_base) / sd_base, np.asarray(shown.T_tip) / tip

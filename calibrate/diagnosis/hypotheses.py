@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from gtr_jax.terms.term import Quantity
 from ..number import Number
 from ..setup import Part
 from .instruments import BOTH, Cells
-from .rig import friction_of, stiffness_of
+from .rig import acts_on_tendon, friction_of, stiffness_of
 
 # Half width of a range that holds 90 % of a normal distribution, in standard deviations.
 NINE_OF_TEN = 1.645
@@ -171,6 +171,29 @@ def catalogue(
             free = tuple(number_of(term, q) for wanted in names for q in known if q.name == wanted)
             found.append(_started(name, term, free, robot, largest_tip, travel, bend))
     return found
+
+
+def of_single_tendons(robot: Robot, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Hypotheses of one of several tendons each: "crosstalk.left" of "crosstalk"."""
+    return [
+        _of_tendon(h, tendon)
+        for h in hypotheses
+        for tendon in robot.tendon_names
+        if acts_on_tendon(robot.catalogue[h.kind])
+    ]
+
+
+def _of_tendon(h: Hypothesis, tendon: str) -> Hypothesis:
+    def own(name: str) -> str:
+        return f"{name}.{tendon}" if name.partition(".")[0] == h.kind else name
+
+    return dataclasses.replace(
+        h,
+        name=f"{h.name}.{tendon}",
+        numbers=tuple(dataclasses.replace(n, name=own(n.name)) for n in h.numbers),
+        starts=tuple({own(name): value for name, value in start.items()} for start in h.starts),
+        fixed={own(name): value for name, value in h.fixed.items()},
+    )
 
 
 def _started(

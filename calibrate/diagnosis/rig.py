@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import functools
 import hashlib
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -16,7 +17,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from gtr_jax import Robot, true_base
-from gtr_jax.robot.parameters import parameters_of, places_of
+from gtr_jax.robot.parameters import parameters_of, places_of, with_values
 from gtr_jax.robot.robot import lay_out
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.markers import markers_on, shape_in_plane
@@ -24,7 +25,7 @@ from gtr_jax.simulation.natively import Brief, Native, Ready, ready, sources
 from gtr_jax.simulation.programs import every, every_for, structure_of, structure_with
 from gtr_jax.simulation.sensing import Reading, cells_differ, cells_show
 from gtr_jax.simulation.solution import Shape
-from gtr_jax.terms import OWN, REGISTRY, own_mark
+from gtr_jax.terms import OWN, REGISTRY, Term, own_mark
 
 from ..number import values_in
 from ..predictor import History, Seen, padded_history
@@ -162,14 +163,17 @@ class Rig:
         self.where = [self.channels.index(name) for name in part.channels]
         self.drawn = tuple(tendon.drive == "displacement" for tendon in robot.tendons)
         self._acting, self._cells = set(structure_of(robot, None).terms), bool(cells_differ(robot))
+        own = of_each_tendon(robot)
         ends = robot.per_tendon(lambda tendon: robot.backbone.length if tendon.to is None else tendon.to)
         self._anchored = np.asarray(ends) * (1 - 1e-12)
-        leaves, tree = jtu.tree_flatten(robot)
+        leaves, tree = jtu.tree_flatten(own)
         self._traced = _traced(tree, tuple(jnp.shape(leaf) for leaf in leaves))
-        self._native, self._flat = Native(robot), np.asarray(ravel_pytree(robot)[0])
-        names = [*robot_names(robot), *self.more]
-        places = np.asarray(places_of(robot, names))
-        self._places = dict(zip(names, places.tolist(), strict=True))
+        self._native, self._flat = Native(own), np.asarray(ravel_pytree(own)[0])
+        names = [*robot_names(own), *self.more]
+        places = np.asarray(places_of(own, names))
+        self._places: dict[str, Any] = dict(zip(names, places.tolist(), strict=True))
+        for name in set(robot_names(robot)) - self._places.keys():  # of all tendons at once
+            self._places[name] = [self._places[f"{name}.{tendon}"] for tendon in robot.tendon_names]
         self._at_hand = functools.lru_cache(AT_HAND)(self._remembered)
         # What the cell at the tip adds changes what it shows, not what is simulated.
         self._run = functools.lru_cache(AT_HAND)(
@@ -305,6 +309,35 @@ class Rig:
         assert body is not None
         held = tuple(None if values is None else _held_on(values, loads) for values in body)
         return np.asarray(self._traced.places(flat, held))[: len(run.T_tip)]
+
+
+def of_each_tendon(robot: Robot) -> Robot:
+    """The robot with the numbers of its physics terms that may belong to a tendon given for each of several,
+    so that one may differ.
+    """
+    if not robot.tendon_names:
+        return robot
+    count = len(robot.tendon_names)
+    terms = {
+        kind: {n: jnp.broadcast_to(v, (count,)) for n, v in values.items()}
+        if acts_on_tendon(robot.catalogue[kind])
+        else values
+        for kind, values in robot.terms.items()
+    }
+    return dataclasses.replace(robot, terms=terms)
+
+
+def valued(robot: Robot, values: Mapping[str, float]) -> Robot:
+    """The robot with numbers changed, of a term that acts on one of several tendons as well."""
+    known = parameters_of(robot)
+    shared = {name: value for name, value in values.items() if name in known}
+    robot, own = with_values(robot, shared), {n: v for n, v in values.items() if n not in shared}
+    return with_values(of_each_tendon(robot), own) if own else robot
+
+
+def acts_on_tendon(term: Term) -> bool:
+    """Whether a term acts on a tendon, and not on the body, and goes on."""
+    return not (term.bend or term.loads or term.stop or term.event)
 
 
 def _held_on(values: np.ndarray, loads: Any) -> np.ndarray:

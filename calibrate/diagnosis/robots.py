@@ -19,6 +19,7 @@ from .decide import UNEXPLAINED, Decision
 from .differ import Difference
 from .law_found import with_law
 from .marginal import Marginal
+from .rig import of_each_tendon
 
 # First part of the names of the robot files.
 STEM = "diagnosed"
@@ -125,7 +126,7 @@ def _diagnosed(
     """The robot file with the numbers of a fit, those of one recording where they differ; the numbers that it
     called uncertain get the standard deviations of the fit.
     """
-    known, fitted = parameters_of(fine), model.fitted
+    known, fitted = parameters_of(of_each_tendon(fine)) | parameters_of(fine), model.fitted
     for name in [name for name in fitted.names if name in laws]:
         own = {q.name: fitted.values[f"{name}.{q.name}"] for q in laws[name].numbers}
         config = with_law(config, laws[name], own)

@@ -395,7 +395,8 @@ def _tables(answer: Diagnosis) -> list[Table]:
     if answer.smallest_detectable:
         units = {f"{t.id}.{q.name}": q.unit for t in answer.catalogue.values() for q in t.numbers}
         rows = [
-            (name, detectable(name, v, units[name])) for name, v in sorted(answer.smallest_detectable.items())
+            (name, detectable(name, v, units[".".join(name.split(".")[:2])]))
+            for name, v in sorted(answer.smallest_detectable.items())
         ]
         note = (
             "Changes from null that move the recordings by "
