@@ -511,7 +511,7 @@ def test_the_file_of_steps_is_left_where_no_answer_was_written(tmp_path, monkeyp
     folder, out = LABELLED / "case-011", tmp_path / "out"
     given = ["diagnose", folder / "robot.toml", folder / "recording.csv", "-o", out]
 
-    def interrupt(*_):
+    def interrupt(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("gtr_jax.cli.diagnose.write_answer", interrupt)

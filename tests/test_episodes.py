@@ -136,7 +136,7 @@ def test_stretches_that_a_user_leaves_out():
     # Of some of the samples, those that are left out stay left out.
     thin = out.only(np.arange(0, K, 3))
     assert (~thin.counted).sum() == 6  # 102, 105, ... 117
-    (said,) = left_out(thin, [Stretch(100, 119, ASKED)], thin.T_tip + 0.3)
+    (said,) = left_out(thin, [Stretch(100, 119, ASKED)], np.full((1, thin.samples), 0.3))
     assert said.size == pytest.approx(0.3) and said.samples == 6
     assert said.start_s == pytest.approx(10.2) and said.end_s == pytest.approx(11.7)
 
