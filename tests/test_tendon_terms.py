@@ -7,6 +7,7 @@ import pytest
 
 import calibrate
 import gtr_jax as gtr
+from calibrate.planning.model import _without_events
 from gtr_jax.errors import InputError
 from gtr_jax.files.config import config_text, parse_config
 from gtr_jax.files.config_file import read_toml
@@ -170,6 +171,17 @@ def test_the_live_page_has_sliders_of_each_tendon(make_config):
     assert moved.term_values["tip-gain"]["gain"].tolist() == [1.05, 1.02]
     without = setting.without_term("tip-gain")
     assert np.all(np.asarray(without.changed.terms["tip-gain"]["gain"]) == 1.0)
+
+
+def test_its_card_shows_the_number_of_the_tendon(make_robot):
+    card = robot(make_robot, SPACE, [typical("tip-gain", gain=1.05, tendon="left")])._repr_html_()
+    assert card is not None and "tip-gain.gain.left" in card and "tip-gain.gain.right" not in card
+
+
+def test_what_happens_once_on_a_tendon_is_not_planned_for(make_config):
+    once = config(make_config, [typical("shaken-sheath", tendon="left")])
+    assert np.all(once.term_values["shaken-sheath"]["share"] == [0.5, 0.0])
+    assert np.all(_without_events(once).term_values["shaken-sheath"]["share"] == 0.0)
 
 
 WRONG = {

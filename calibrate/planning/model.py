@@ -127,12 +127,11 @@ def known_beforehand(config: RobotConfig) -> tuple[list[str], np.ndarray]:
 
 def _without_events(config: RobotConfig) -> RobotConfig:
     """The robot without what happens once, which a new recording does not repeat."""
-    there = {term.id for term in config.terms}
     sizes = {
-        f"terms.{term.id}.{q.name}": float(q.null)
-        for term in config.catalogue.values()
-        if term.event and term.id in there
-        for q in term.sizes
+        f"terms.{term.id}{f':{term.tendon}' if term.tendon else ''}.{q.name}": float(q.null)
+        for term in config.terms
+        if config.catalogue[term.id].event
+        for q in config.catalogue[term.id].sizes
     }
     return config.with_values(sizes) if sizes else config
 

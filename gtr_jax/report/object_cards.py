@@ -62,15 +62,19 @@ def _is_one(robot: Robot) -> bool:
     """Whether it is one robot: neither many side by side, as `vmap` makes them, nor a part of one."""
     body = robot.backbone
     needed = [body.length, *(tendon.friction_coefficient for tendon in robot.tendons)]
-    numbers = [*needed, body.youngs_modulus, *jax.tree_util.tree_leaves(robot.terms)]
-    return all(value is not None for value in needed) and all(np.ndim(value) == 0 for value in numbers)
+    if any(value is None for value in needed) or any(map(np.ndim, [*needed, body.youngs_modulus])):
+        return False
+    # Numbers of a term may be one for each of several tendons.
+    shapes = {np.shape(value) for value in jax.tree_util.tree_leaves(robot.terms)}
+    return shapes <= {(), *([(len(robot.tendons),)] if robot.tendon_names else [])}
 
 
 def _says(robot: Robot, p: Parameter, value: float) -> bool:
     """Whether a number is worth a row: that of a term only if the term acts, others unless they are zero."""
     if p.term is not None:
-        values = robot.terms[p.term.id]
-        return any(float(values[q.name]) != q.null for q in p.term.sizes if q.name in values)
+        values, (_, _, *tendon) = robot.terms[p.term.id], p.name.split(".")
+        own = robot.tendon_names.index(tendon[0]) if tendon else ...
+        return any(float(np.asarray(values[q.name])[own]) != q.null for q in p.term.sizes if q.name in values)
     return (value != 0 and np.isfinite(value)) or p.name.partition(".")[0] == "mu"
 
 
