@@ -2,7 +2,7 @@
 
 import contextlib
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from selenium.webdriver import Chrome, ChromeOptions
@@ -34,7 +34,11 @@ def found() -> tuple[str, str] | None:
 
 @contextlib.contextmanager
 def chromium(
-    paths: tuple[str, str], profile: Path, width: int = 1200, height: int = 1400
+    paths: tuple[str, str],
+    profile: Path,
+    width: int = 1200,
+    height: int = 1400,
+    more: Sequence[str] = (),
 ) -> Iterator[Chrome]:
     """A browser with a fresh profile in a folder.
 
@@ -42,10 +46,11 @@ def chromium(
         paths: of browser and driver.
         profile: the folder.
         width, height: of the window [px].
+        more: further arguments of the browser.
     """
     options = ChromeOptions()
     options.binary_location = paths[0]
-    for argument in (*ARGUMENTS, f"--window-size={width},{height}", f"--user-data-dir={profile}"):
+    for argument in (*ARGUMENTS, *more, f"--window-size={width},{height}", f"--user-data-dir={profile}"):
         options.add_argument(argument)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     chrome = Chrome(options=options, service=Service(paths[1]))

@@ -22,7 +22,7 @@ from .free import Free, carried_by, distinct, free_of
 from .posterior import CHAINS, DRAWS, WARM_UP, require_sampler, sample
 from .profiles import profiles
 from .result import FitResult
-from .setup import STRETCH, Part, Setup, check_columns, check_tension, fitted_to, recorded
+from .setup import STRETCH, Part, Setup, check_columns, check_noise, check_tension, fitted_to, recorded
 from .start import candidates, search
 
 # Slopes of the tip tension below this share of the largest tension are rounding.
@@ -171,8 +171,7 @@ def fit(
             )
         parts.append(part)
         warnings += more
-    if noise_N is not None and not any(part.tips for part in parts):
-        raise InputError("noise_N: no recording has a tip tension, whose noise this is; leave out --noise")
+    check_noise(noise_N, parts)
     for k, part in enumerate(parts):
         if any(k in f.parts and f.entry.name.startswith(STRETCHES) for f in wanted):
             parts[k] = dataclasses.replace(part, stretches=True)

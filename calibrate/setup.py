@@ -411,6 +411,12 @@ class Setup:
         )
 
 
+def check_noise(noise_N: float | None, parts: Sequence[Part]) -> None:
+    """Refuse a noise of the cell at the tip where no recording has one."""
+    if noise_N is not None and not any(part.tips for part in parts):
+        raise InputError("noise_N: no recording has a tip tension, whose noise this is; leave out --noise")
+
+
 def check_columns(recording: Recording, robot: Robot) -> None:
     """Refuse a recording that has not a column for each tendon, and no more.
 

@@ -419,9 +419,9 @@ def _answer(
     if wanted and chosen.names:
         say("looking for the experiment that would decide")
         proposal = propose(models, decision, bench.rigs[0])
-    loops = []
+    loops, left = [], [bench.residuals(m.fitted.seen) for m in (before, after)]
     for k, part in enumerate(ready.full):
-        plain, shown = (part.recorded + bench.residuals(m.fitted.seen)[k] for m in (before, after))
+        plain, shown = part.recorded + left[0][k], part.recorded + left[1][k]
         phases = phases_of(bench, before.fitted, k)
 
         def pull(i: int, part=part, k=k, ends=(part.recorded, plain, shown), phases=phases) -> Pull:
@@ -489,7 +489,7 @@ def _answer(
         episodes=episodes(bench, after.fitted),
         left_out=[
             out
-            for part, residual in zip(ready.full, bench.residuals(after.fitted.seen), strict=True)
+            for part, residual in zip(ready.full, left[1], strict=True)
             for out in left_out(part, leave_out[part.name], residual)
         ],
         warnings=ready.warnings,

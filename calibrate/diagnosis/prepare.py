@@ -22,7 +22,7 @@ from ..free import distinct
 from ..number import Number, values_in
 from ..predictor import padded_history
 from ..readings import BEND, sharpened
-from ..setup import Part, check_columns, recorded
+from ..setup import Part, check_columns, check_noise, recorded
 from .bench import HEAVY, Bench, passing
 from .cache import SimulationCache
 from .differ import MOST as MOST_DIFFER
@@ -157,8 +157,7 @@ def prepare(
         parts.append(part)
         warnings += more
     parts = [without(part, (leave_out or {}).get(part.name, ())) for part in explained_first(parts)]
-    if noise_N is not None and not parts[0].tips:
-        raise InputError("noise_N: no recording has a tip tension, whose noise this is; leave out --noise")
+    check_noise(noise_N, parts)
     found = [fault for part in parts for fault in faults(part)]
     if found:
         return Diagnosis.without_answer(BAD_DATA, found, parts, warnings, config)

@@ -15,7 +15,7 @@ from ..diagnosis.result import Diagnosis, Loop, Pull
 from .diagnosis_channels import channels_shown
 from .diagnosis_channels import named as naming
 from .diagnosis_figures import TIP, axis_of
-from .fit_playback import DRIVES, OTHERS, channel_chart
+from .fit_playback import OTHERS, across, channel_chart, clock_of
 from .recording_motion import Motion, motion_along
 
 
@@ -32,10 +32,7 @@ def diagnosis_playback(
         named: name of the recording where there are several, else "".
         most: steps at which the body is shown.
     """
-    K = loop.recorded.shape[1]
-    number = Column("sample", "", np.arange(1.0, K + 1))
-    clock = number if loop.time is None else Column("time", "s", np.asarray(loop.time))
-    along = "sample" if loop.time is None else "time [s]"
+    clock, along = clock_of(loop.time, loop.recorded.shape[1])
 
     def models(i: int) -> list[tuple[str, np.ndarray, str]]:
         before = ("best fit without" if found else "best fit", loop.before[i], VERMILLION)
@@ -69,13 +66,12 @@ def diagnosis_playback(
             course.append(Line(clock, model, colour))
             left.append(Line(clock, residual, colour))
             told.append(model)
-    kinds = {"displacement" if pull.by_displacement else "tension" for pull in loop.pulls}
-    across = DRIVES[kinds.pop()] if len(kinds) == 1 else "tension [N] or displacement [mm] at the base"
+    drive_axis = across(["displacement" if pull.by_displacement else "tension" for pull in loop.pulls])
     noise, unit = max(axes[0].size * loop.noise[c].sd for c in shown), axes[0].unit
     others = [c for c in range(len(loop.channels)) if c not in shown]
     all_of = "tension at the tip" if tensions else axes[0].label if len(shown) == 1 else "what was recorded"
     charts = [
-        Chart("Loop", across, f"{all_of} [{unit}]", loops),
+        Chart("Loop", drive_axis, f"{all_of} [{unit}]", loops),
         Chart(
             "Tensions" if tensions else "Course",
             along,

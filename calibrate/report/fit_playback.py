@@ -34,10 +34,7 @@ def fit_playback(
         named: its name where there are several, else "".
         most: steps at which the body is shown.
     """
-    K = len(recording)
-    number = Column("sample", "", np.arange(1.0, K + 1))
-    clock = number if recording.time is None else Column("time", "s", np.asarray(recording.time))
-    along = "sample" if recording.time is None else "time [s]"
+    clock, along = clock_of(recording.time, len(recording))
     loops, course, left, against, told = [], [], [], [], []
     tendons = fitted.robot.tendons if fitted.tips else ()
     for i, tendon in enumerate(tendons):
@@ -62,8 +59,7 @@ def fit_playback(
         left.append(dots(clock, residual))
         against.append(dots(pull, residual))
         told += [pull, tip, fits, residual]
-    kinds = {tendon.drive for tendon in tendons}
-    drive = DRIVES[kinds.pop()] if len(kinds) == 1 else "tension [N] or displacement [mm] at the base"
+    drive = across([tendon.drive for tendon in tendons])
     charts = []
     if loops:
         difference = "simulated − recorded T_tip [N]"
@@ -88,6 +84,19 @@ def fit_playback(
         stills=[f"{what}{o}{ending}" for what in ("fit", "time", "residual") for o in own],
         title=named,
     )
+
+
+def clock_of(time: np.ndarray | None, samples: int) -> tuple[Column, str]:
+    """What the courses of a recording run along, and the label of that axis: time, or numbers of samples."""
+    if time is None:
+        return Column("sample", "", np.arange(1.0, samples + 1)), "sample"
+    return Column("time", "s", np.asarray(time)), "time [s]"
+
+
+def across(drives: Sequence[str]) -> str:
+    """Label of the axis of what drives the tendons, by tension or displacement each."""
+    kinds = set(drives)
+    return DRIVES[kinds.pop()] if len(kinds) == 1 else "tension [N] or displacement [mm] at the base"
 
 
 def _others(fitted: FittedRecording, recording: Recording, clock: Column, along: str) -> list[Chart]:

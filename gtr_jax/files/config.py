@@ -56,9 +56,9 @@ def _of_lists(
     uncertainty: Mapping[str, float | str], known: Mapping[str, float]
 ) -> Iterator[tuple[str, float | str]]:
     """What [uncertainty] says, where a key names a list once for each of its numbers."""
+    whole = [path for path in known if path.rpartition(".")[2].isdigit()]
+    lists = dict.fromkeys(path.rpartition(".")[0] for path in whole)
     for key, deviation in uncertainty.items():
-        whole = [path for path in known if path.rpartition(".")[2].isdigit()]
-        lists = dict.fromkeys(path.rpartition(".")[0] for path in whole)
         meant = [one for one in lists if one == key or one.endswith(f".{key}")]
         if len(meant) > 1:
             raise InputError(f"uncertainty: '{key}' may be any of {listed(meant)}; write one of them")
