@@ -206,3 +206,17 @@ def test_a_breakdown_leaves_the_effect_out():
     bench.simulate = fails  # type: ignore[method-assign]
     found = averaged(models, models.base, {(): 1.0}, {(): marginal})
     assert "drag" not in {h.name for h in found.hidden}
+
+
+def test_an_effect_that_was_refitted_is_no_likelier_than_the_refit_says():
+    _, models, marginal = problem(0.5, true=(0.4, 3.0))
+    # The slope of this effect promises much; the search refitted it and found next to nothing.
+    promised = averaged(models, models.base, {(): 1.0}, {(): marginal})
+    refitted = averaged(models, models.base, {(): 0.95, ("drag",): 0.05}, {(): marginal})
+    before, after = (
+        next(h.probability for h in found.hidden if h.name == "drag") for found in (promised, refitted)
+    )
+    others = 1 + HOW_MANY[1] / HOW_MANY[0] * N_OF_OTHERS / (1 + N_OF_OTHERS)
+    assert before > 0.5
+    assert after == pytest.approx(0.05 / 0.95 / (0.05 / 0.95 + others), rel=1e-6)
+    assert np.diff(refitted.ends["mu"]) < np.diff(promised.ends["mu"])

@@ -160,7 +160,7 @@ def averaged(
     scale = bench.scale_left(chosen) if leaves or bench.heavy is not None else models.scale
     others = [h for h in models.of.values() if tuple(sorted((*chosen.names, h.name))) not in known]
     hidden = []
-    for b in _beside(models, chosen, shown, others, scale):
+    for b in _no_likelier_than_refitted(_beside(models, chosen, shown, others, scale), chosen, probability):
         component = _hidden(shown, b, own * b.odds, rng)
         components.append(component)
         hidden.append((b, component))
@@ -168,6 +168,29 @@ def averaged(
         n.name: _quantiles([(c.values(n.name), c.weight) for c in components]) for n in shown.fitted.numbers
     }
     return Averaged(ends, _told(hidden, shown, sum(c.weight for c in components)))
+
+
+def _no_likelier_than_refitted(
+    effects: Sequence[_Beside], chosen: Fitted, probability: Mapping[tuple[str, ...], float]
+) -> list[_Beside]:
+    """The effects, no likelier in all their shapes than the search found them where it refitted them beside
+    the model with their shapes free: the slope of one shape can promise what no refit finds.
+    """
+    refitted = {tuple(sorted(names)): p for names, p in probability.items()}
+    own = max(probability.get(chosen.names, 0.0), LEAST)
+    total: dict[str, float] = {}
+    for b in effects:
+        total[b.hypothesis.name] = total.get(b.hypothesis.name, 0.0) + b.odds
+
+    def most(name: str) -> float:
+        return refitted.get(tuple(sorted((*chosen.names, name))), np.inf) / own
+
+    return [
+        dataclasses.replace(b, odds=b.odds * min(1.0, most(b.hypothesis.name) / total[b.hypothesis.name]))
+        if total[b.hypothesis.name] > 0
+        else b
+        for b in effects
+    ]
 
 
 def _truncated(mean: np.ndarray, sd: float, low: float, high: float, rng: np.random.Generator) -> np.ndarray:

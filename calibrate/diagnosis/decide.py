@@ -11,7 +11,7 @@ from scipy.special import ndtr
 
 from .locate import misfit
 from .model import Fitted
-from .models import HOW_MANY, Models
+from .models import HOW_MANY, INEXACT, Models
 from .patterns import Pattern, pattern_in
 from .screen import SEEN, Screened
 
@@ -174,6 +174,33 @@ def decide_partly(models: Models, chosen: Fitted, nearest: Decision) -> Decision
         return dataclasses.replace(found, verdict=UNEXPLAINED)
     confusion, _ = _told_apart(models, chosen, probability, models.bench.scale_left(chosen))
     return dataclasses.replace(found, verdict=PARTLY, confusion=confusion)
+
+
+def decide_combined(models: Models, chosen: Fitted, nearest: Decision) -> Decision:
+    """The verdict where effects that pay on unseen samples leave nothing beyond the noise beside some that
+    alone leave more than an error of their laws could: then the others do not make up for that error.
+
+    Args:
+        models: all that were refitted.
+        chosen: the model with all of these effects.
+        nearest: what was decided before effects were added.
+    """
+    alone = nearest.chosen
+    explained = models.base.chi2 - alone.chi2
+    within = max(alone.chi2 - chosen.chi2, 0.0) <= max(INEXACT) ** 2 * explained
+    if within or not set(alone.names) < set(chosen.names):
+        return decide(models)
+    probability = models.beside(chosen)
+    confusion, single = _told_apart(models, chosen, probability, models.bench.scale_left(chosen))
+    return dataclasses.replace(
+        nearest,
+        verdict=MISSING if single else AMBIGUOUS,
+        chosen=chosen,
+        confusion=confusion,
+        probability=probability,
+        left=misfit(models.bench, chosen),
+        pattern=None,
+    )
 
 
 def decide_discovered(models: Models, discovery: Discovery, nearest: Decision) -> Decision:

@@ -20,6 +20,7 @@ from .decide import (
     UNEXPLAINED,
     Decision,
     decide,
+    decide_combined,
     decide_discovered,
     decide_partly,
     narrowed,
@@ -284,9 +285,8 @@ def _decided(
     decision = decide(whole)
     if structured(decision.left) and decision.pattern is None:
         best = with_further(whole, decision.chosen, say) if known is None else whole.stored(known)
-        decision = decide_partly(whole, best, decision)
-        if not structured(decision.left):
-            decision = decide(whole)
+        partly = decide_partly(whole, best, decision)
+        decision = partly if structured(partly.left) else decide_combined(whole, best, decision)
     if whole.bench.heavy is not None:
         # Long recordings have cycles enough to tell by.
         decision = narrowed(whole, decision, beaten(whole, decision.chosen, decision.confusion))

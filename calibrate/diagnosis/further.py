@@ -31,13 +31,16 @@ TRIED, JUDGED, ITERATIONS = 6, 2, 8
 # is better in more than this share of the parts.
 PAYS, MOST_PARTS = 0.1, 0.5
 # Other cycles do not tell when an event happens. It is kept if the cost drops by this many variances of what
-# is left, correlation counted, and by `PAYS`.
+# is left, correlation counted, and by `PAYS`. Nor is an effect taken out that lowers the cost as much, though
+# the parts held out miss it: where a recording has no cycles, each holds what no other shows.
 SURE = 25.0
 # Starts of an event that are refitted, by how many numbers it has.
 EVENT_STARTS = {2: 5, 3: 4}
 # Effects whose refits differ by less than this many variances of what is left are tried in place of each
 # other.
 NEAR = 8.0
+# Effects tried in place of one of several, those that promise this share of what it does beside the others.
+EXCHANGED, PROMISES = 4, 0.15
 
 
 def with_further(models: Models, start: Fitted, progress: Callable[[str], None]) -> Fitted:
@@ -74,7 +77,8 @@ def with_further(models: Models, start: Fitted, progress: Callable[[str], None])
     parts = [f for f in models.fits.values() if f.names and set(f.names) < set(head.names)]
     for name, others in twins_of(models, head).items():
         instead[name] = instead.get(name, ()) + others
-    rivals = [models.stored(f) for f in settled(models, [head, *parts, *swapped(models, head, instead)])]
+    swaps = [*swapped(models, head, instead), *_exchanged(models, head)]
+    rivals = [models.stored(f) for f in settled(models, [head, *parts, *swaps])]
     probability = models.beside(models.stored(head))
     return max(rivals, key=lambda f: probability[f.names])
 
@@ -95,6 +99,31 @@ def _alike(models: Models, start: Fitted) -> dict[str, tuple[str, ...]]:
         other, own = set(f.names) - set(start.names), set(start.names) - set(f.names)
         if len(f.names) == len(start.names) and len(other) == 1 and abs(f.cost - start.cost) < near:
             found[own.pop()] += (other.pop(),)
+    return found
+
+
+def _exchanged(models: Models, head: Fitted) -> list[Fitted]:
+    """The model with each of its effects replaced by another that does nearly as well beside the rest, or
+    better: beside fewer effects, in whose company it was chosen, another may have seemed far worse.
+    """
+    if len(head.names) < 2:
+        return []
+    near, found = NEAR * models.bench.scale_left(head), list[Fitted]()
+    for name in head.names:
+        parent = models.fits.get(tuple(sorted(n for n in head.names if n != name)))
+        if parent is None:
+            continue
+        taken = {n.name for n in parent.numbers}
+        others = [
+            h
+            for h in models.of.values()
+            if h.kind not in EVENTS and h.name not in head.names and not taken & {n.name for n in h.numbers}
+        ]
+        least = PROMISES * (parent.cost - head.cost)
+        wanted = [s for s in screen(models.bench, parent, others, thorough=False) if s.gain > least]
+        own = models.hypotheses(parent.names)
+        fits = refit_best(models.bench, own, parent, wanted[:EXCHANGED], ONE_EACH, ITERATIONS)
+        found += [f for f in fits if f.cost < head.cost + near]
     return found
 
 
@@ -218,6 +247,7 @@ def _without_idle(models: Models, unseen: Unseen, head: Fitted, start: Fitted) -
     """The model without effects that no longer pay beside the others."""
     while len(head.names) > max(len(start.names), 1):
         smaller = [tuple(n for n in head.names if n != name) for name in head.names]
+        needed = head.cost + SURE * models.bench.scale_left(head)
 
         def refit(names, head=head):
             own = models.hypotheses(names)
@@ -225,6 +255,7 @@ def _without_idle(models: Models, unseen: Unseen, head: Fitted, start: Fitted) -
 
         fits = [f for f in in_parallel(refit, smaller) if f is not None]
         models.add(fits)
+        fits = [f for f in (models.stored(f) for f in fits) if f.cost < needed]
         if not fits:
             return head
         squares, total = unseen.totals([head, *fits])
