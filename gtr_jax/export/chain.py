@@ -5,7 +5,8 @@ The body of length L is cut into n stretches of the length h = L/n. In the middl
 s = (i + 1/2) h; its spring is as compliant as the stretch, the integral of 1/EI, and at rest where the body
 is. Link i reaches from joint i to the next one; the half stretch before the first joint is fixed to the base.
 A tendon goes through the points of its channel at s = 0, h, 2h, ..., the middles of the links, so that a pull
-has at each joint the moment arm of the channel there, to second order in h.
+has at each joint the moment arm of the channel there, to second order in h. Points nearer to the joints would
+tilt what crosses them by more than the body is strained, since all of a stretch's strain is in its joint.
 """
 
 from __future__ import annotations

@@ -12,7 +12,8 @@ DEGREE = 3
 FIRST_PIECES = 4  # between two kinks, before any is halved
 SAMPLES = 12  # of the line in each piece, to which the spline is fitted
 LOOKED_AT = 24  # places in each piece where it is compared with the line
-ROUNDS = 24  # of halving
+ROUNDS = 20  # of halving
+MOST_PIECES = 2000
 HELD = 1e4  # weight of the two ends, which other lines join
 
 Line = Callable[[np.ndarray], np.ndarray]
@@ -78,6 +79,8 @@ def fitted(line: Line, start: float, end: float, *, tolerance: float, kinks: Ite
             return spline
         middles = 0.5 * (breaks[far] + breaks[far + 1])
         breaks = np.sort(np.concatenate([breaks, middles]))
+        if len(breaks) > MOST_PIECES:
+            break
     raise ValueError(
         f"no spline follows the line to {tolerance:g} m; the nearest is {spline.deviation:.2g} m off"
     )
