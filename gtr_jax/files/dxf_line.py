@@ -58,8 +58,11 @@ def read_line(path: Path, *, layer: str | None = None, unit: str | None = None) 
     if not own:
         raise InputError(f"{path}: no line on a layer '{layer}'; layers with lines: {listed(layers)}")
     place = f"{path}: layer {layer}"
-    points = _chained(place, [scale * points for points, _ in own])
-    return DrawnLine(points, all(straight for _, straight in own))
+    measured = all(straight for _, straight in own)
+    points = _chained(
+        place, [scale * (points if measured or not straight else _dense(points)) for points, straight in own]
+    )
+    return DrawnLine(points, measured)
 
 
 def _document(path: Path) -> Any:
@@ -112,12 +115,20 @@ def _sampled(entity: Any) -> tuple[np.ndarray, bool] | None:
     if kind == "LWPOLYLINE" or (kind == "POLYLINE" and (entity.is_2d_polyline or entity.is_3d_polyline)):
         if getattr(entity, "has_arc", False):
             parts = [_sampled(part) for part in entity.virtual_entities()]
-            return np.concatenate(_in_turn([part[0] for part in parts if part])), False
+            sampled = [_dense(points) if straight else points for points, straight in filter(None, parts)]
+            return np.concatenate(_in_turn(sampled)), False
         points = entity.vertices_in_wcs() if kind == "LWPOLYLINE" else entity.points_in_wcs()
         closed = entity.is_closed
         points = list(points)
         return _array([*points, points[0]] if closed else points), True
     return None
+
+
+def _dense(points: np.ndarray) -> np.ndarray:
+    """Samples of straight lines between places."""
+    share = np.arange(SAMPLES)[:, None] / SAMPLES
+    lines = [one + share * (other - one) for one, other in zip(points, points[1:], strict=False)]
+    return np.concatenate([*lines, points[-1:]])
 
 
 def _array(points: Any) -> np.ndarray:
