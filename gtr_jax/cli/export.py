@@ -50,8 +50,8 @@ FINEST = 1e-8  # m, the least tolerance
 @click.option(
     "--friction-at",
     type=Quantity("N", "TENSION"),
-    help="Give the tendons in MuJoCo a friction loss: as much as Coulomb friction takes from the mean "
-    "tension along them at this base tension.  [default: no friction]",
+    help="Let tendons in MuJoCo pull with the share of the base tension that friction leaves on average "
+    "along them, when they are pulled to this one.  [default: no friction]",
 )
 @click.option("--force", is_flag=True, help="Replace a file that is there.")
 def export(robot: Path, kind: str | None, output: Path, force: bool, **given: Any) -> int:

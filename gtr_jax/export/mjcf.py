@@ -1,8 +1,9 @@
 """A robot as MJCF, the model file of MuJoCo: the chain of `chain`, its tendons as spatial tendons.
 
 MuJoCo has one tension along a whole tendon. Coulomb friction in the channel, by which the tension falls from
-base to tip and remembers which way it was pulled, has no counterpart. A tendon's `frictionloss` is one force
-that opposes its motion, the same along its length and at every tension.
+base to tip and remembers which way it was pulled, has no counterpart. A tendon's `frictionloss` is none either:
+one force for the whole tendon, independent of the tension, which resists motion only and is gone when the robot
+rests (docs/export.md). So friction is left out, or a pull is reduced by the share that friction takes of it.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 
+import jax.numpy as jnp
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -21,6 +23,7 @@ from gtr_jax.robot.robot import Robot, loads_of
 from gtr_jax.simulation.equilibrium import equilibrium
 
 from .chain import Chain, Link, chain_of
+from .unloaded import end_of
 
 LINKS = 40
 MOST_LINKS = 500
@@ -40,8 +43,8 @@ def mjcf(config: RobotConfig, *, links: int = LINKS, friction_at: float | None =
     Args:
         config: the robot; of its terms those that are loads are taken, see `left_out`.
         links: number of the rigid links.
-        friction_at: base tension [N] at which tendons get a friction loss as large as what Coulomb friction
-            takes from the mean tension along them; None: without friction.
+        friction_at: base tension [N]; actuators then pull with the share of their control that Coulomb
+            friction leaves on average along the tendon, when it is pulled to this tension. None: with all.
 
     Raises:
         InputError: the body is rigid, notched or has no density.
@@ -52,7 +55,7 @@ def mjcf(config: RobotConfig, *, links: int = LINKS, friction_at: float | None =
         raise InputError(f"links: must lie between 2 and {MOST_LINKS}, is {links}; {LINKS} is the default")
     robot = build_robot(config)
     chain = chain_of(robot, links)
-    losses = np.zeros(len(robot.tendons)) if friction_at is None else friction_losses(robot, friction_at)
+    shares = np.ones(len(robot.tendons)) if friction_at is None else shares_left(robot, friction_at)
     root = ET.Element("mujoco", model=config.name)
     root.append(ET.Comment(_says(config, links, friction_at)))
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
@@ -63,17 +66,15 @@ def mjcf(config: RobotConfig, *, links: int = LINKS, friction_at: float | None =
     _bodies(ET.SubElement(root, "worldbody"), chain)
     strings = ET.SubElement(root, "tendon")
     motors = ET.SubElement(root, "actuator")
-    for i, (tendon, loss) in enumerate(zip(robot.tendons, losses, strict=True)):
+    for i, (tendon, share) in enumerate(zip(robot.tendons, shares, strict=True)):
         name = tendon.name or "tendon"
         width = WIDTH * float(robot.backbone.outer_radius[0])
         string = ET.SubElement(
             strings, "spatial", name=name, width=f"{width:.6g}", rgba=STRING[i % len(STRING)]
         )
-        if loss > 0:
-            string.set("frictionloss", f"{loss:.9g}")
         for k in range(len(chain.through(tendon))):
             ET.SubElement(string, "site", site=_site(tendon, k))
-        ET.SubElement(motors, "motor", name=name, tendon=name, gear="-1", ctrlrange=f"0 {STRONGEST:g}")
+        ET.SubElement(motors, "motor", name=name, tendon=name, gear=f"{-share:.9g}", ctrlrange=f"0 {STRONGEST:g}")
     force = _tip_load(robot)
     if np.any(force):
         ET.SubElement(motors, "motor", name=LOAD, site="tip", refsite="world", gear=_numbers(force))
@@ -89,7 +90,7 @@ def left_out(config: RobotConfig, *, friction_at: float | None = None) -> list[s
     strung = [tendon for _, tendon, _ in config.strung]
     out = []
     if any(tendon.friction_coefficient > 0 for tendon in strung):
-        out.append("friction along the tendon" if friction_at is None else "friction that grows with tension")
+        out.append("friction" if friction_at is None else "friction's course along the tendon and its memory")
     if any(tendon.axial_stiffness is not None for tendon in strung):
         out.append("stretch of the tendons")
     if any(tendon.drive == "displacement" for tendon in strung):
@@ -97,9 +98,8 @@ def left_out(config: RobotConfig, *, friction_at: float | None = None) -> list[s
     return out + [term.id for term in config.terms if config.catalogue[term.id].loads is None]
 
 
-def friction_losses(robot: Robot, T_base: float) -> np.ndarray:
-    """How much less than a base tension [N], with which all tendons are pulled, the mean tension along each
-    is, (tendons,) [N].
+def shares_left(robot: Robot, T_base: float) -> np.ndarray:
+    """Mean tension along each tendon over the base tension [N] with which all are pulled, (tendons,).
 
     Raises:
         RuntimeError: there is no equilibrium.
@@ -109,12 +109,12 @@ def friction_losses(robot: Robot, T_base: float) -> np.ndarray:
     if not bool(found.converged):
         raise RuntimeError(f"no equilibrium at a base tension of {T_base:g} N; try a lower one")
     s, tension = np.asarray(found.s), np.atleast_2d(np.asarray(found.tension))
-    losses = []
+    shares = []
     for tendon, own in zip(robot.tendons, tension, strict=True):
-        end = s[-1] if tendon.to is None else float(tendon.to)
+        end = end_of(tendon, s[-1])
         there = s <= end * (1 + 1e-12)
-        losses.append(T_base - np.trapezoid(own[there], s[there]) / end)
-    return np.maximum(losses, 0.0)
+        shares.append(np.trapezoid(own[there], s[there]) / end / T_base)
+    return np.array(shares)
 
 
 def _refuse(config: RobotConfig) -> None:
@@ -254,9 +254,9 @@ def _joints(body: ET.Element, link: Link, number: int) -> None:
 
 
 def _drawn(body: ET.Element, chain: Chain, start: float, end: float) -> None:
-    """The link as a capsule that touches nothing and weighs nothing."""
+    """The link as a cylinder that touches nothing and weighs nothing."""
     (first, last), (frame, _) = chain.body.at(np.array([start, end]))
-    radius = float(np.mean(np.asarray(chain.robot.backbone.radius(np.array([start, end])))))
+    radius = float(np.mean(np.asarray(chain.robot.backbone.radius(jnp.array([start, end])))))
     tip = last - first if start == 0 else frame.T @ (last - first)
     ET.SubElement(
         body,
