@@ -5,6 +5,7 @@ and how long MuJoCo's own friction loss holds. It writes results/mujoco.md.
 
 from __future__ import annotations
 
+import importlib
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -46,8 +47,7 @@ class Model:
     """
 
     def __init__(self, text: str) -> None:
-        import mujoco
-
+        mujoco: Any = importlib.import_module("mujoco")
         self.mujoco = mujoco
         self.model = mujoco.MjModel.from_xml_string(text)
         self.data = mujoco.MjData(self.model)
@@ -164,8 +164,14 @@ def main() -> int:
         for pull, row in zip(pulls, table.T, strict=True):
             lines.append(f"| {says} | {pull:g} | " + " | ".join(f"{100 * e:.2g} %" for e in row) + " |")
     loop = (5.0, 10.0, 20.0, 10.0, 5.0)
-    heads = [f"{b:g} N {'pulling' if b > a else 'releasing'}" for a, b in zip((0.0, *loop), loop, strict=False)]
-    lines += ["", f"| with friction, {WITH} links | " + " | ".join(heads) + " |", "|---|" + "---|" * len(loop)]
+    heads = [
+        f"{b:g} N {'pulling' if b > a else 'releasing'}" for a, b in zip((0.0, *loop), loop, strict=False)
+    ]
+    lines += [
+        "",
+        f"| with friction, {WITH} links | " + " | ".join(heads) + " |",
+        "|---|" + "---|" * len(loop),
+    ]
     for says, name, _, _ in CASES[:2]:
         for at in (None, 5.0, 20.0):
             row = along_a_loop(robot(name), loop, at, WITH)

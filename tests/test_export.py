@@ -2,17 +2,18 @@
 
 import io
 
-import ezdxf
 import numpy as np
 import pytest
 from command_line import run_gtr
+from ezdxf import filemanagement, units
+from ezdxf.enums import InsertUnits
 
 from gtr_jax.errors import InputError
 from gtr_jax.export import lines
 from gtr_jax.export import step as step_file
 from gtr_jax.export.dxf import dxf
 from gtr_jax.export.spline import fitted
-from gtr_jax.export.step import step
+from gtr_jax.export.step import occ, step
 from gtr_jax.export.unit import METRES
 from gtr_jax.export.unloaded import unloaded
 from gtr_jax.files.config import load_config
@@ -23,7 +24,7 @@ BORE = {"bores": [{"from": 0.0, "to": 0.02, "diameter": 0.01}]}
 
 
 def read(text):
-    return ezdxf.read(io.StringIO(text))
+    return filemanagement.read(io.StringIO(text))
 
 
 def on(document, layer, kind="*"):
@@ -74,7 +75,7 @@ def test_a_body_that_is_bent_at_rest_is_an_arc(make_robot):
 def test_a_drawing_has_units_layers_and_dimensions(make_config):
     config = make_config(routing=SINE, backbone=BORE)
     document = read(dxf(config, channel_diameter=1e-3, wall_clearance=1.5e-3))
-    assert document.header["$INSUNITS"] == ezdxf.units.MM and document.header["$MEASUREMENT"] == 1
+    assert document.header["$INSUNITS"] == units.MM and document.header["$MEASUREMENT"] == 1
     assert not document.audit().errors
     drawn = {entity.dxf.layer for entity in document.modelspace()}
     assert drawn == {"AXIS", "BODY", "BORES", "CHANNEL", "CHANNEL_WALLS", "WALL_LIMIT", "DIMENSIONS"}
@@ -105,7 +106,7 @@ def test_walls_lie_half_a_diameter_from_the_channel(make_config):
 @pytest.mark.parametrize("unit", METRES)
 def test_a_drawing_is_in_the_unit_chosen(unit, make_config):
     document = read(dxf(make_config(routing=PARALLEL), unit=unit))
-    factor = ezdxf.units.conversion_factor(document.units, ezdxf.units.M)
+    factor = units.conversion_factor(InsertUnits(document.units), InsertUnits.Meters)
     (channel,) = on(document, "CHANNEL")
     places = factor * np.array([channel.dxf.start, channel.dxf.end])
     np.testing.assert_allclose(places, [[0.0, 0.008, 0.0], [0.25, 0.008, 0.0]], atol=1e-12)
@@ -115,7 +116,12 @@ def test_several_tendons_have_a_layer_each_and_guided_ones_are_chords(make_confi
     guided = {"guides": [0.05, 0.15], "to": 0.2}
     tendons = [
         {"name": "a", "friction_coefficient": 0.1, "routing": PARALLEL},
-        {"name": "b", "friction_coefficient": 0.1, "routing": {"kind": "parallel", "offset": -8e-3}, **guided},
+        {
+            "name": "b",
+            "friction_coefficient": 0.1,
+            "routing": {"kind": "parallel", "offset": -8e-3},
+            **guided,
+        },
     ]
     document = read(dxf(make_config(tendons=tendons)))
     assert len(on(document, "CHANNEL_A", "LINE")) == 1
@@ -135,26 +141,21 @@ def test_a_robot_in_space_is_drawn_in_space():
 
 def shapes_of(text, path):
     """Edges of the wires outside of solids with their curves, and the volume of all solids [mm^3]."""
-    from OCP.BRepAdaptor import BRepAdaptor_Curve
-    from OCP.BRepGProp import BRepGProp
-    from OCP.GProp import GProp_GProps
-    from OCP.STEPControl import STEPControl_Reader
-    from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE
-    from OCP.TopExp import TopExp_Explorer
-    from OCP.TopoDS import TopoDS
 
     path.write_text(text)
-    reader = STEPControl_Reader()
+    reader = occ("STEPControl").STEPControl_Reader()
     reader.ReadFile(str(path))
     reader.TransferRoots()
     shape = reader.OneShape()
-    found = TopExp_Explorer(shape, TopAbs_EDGE, TopAbs_FACE)  # edges that are not of a face
+    found = occ("TopExp").TopExp_Explorer(
+        shape, occ("TopAbs").TopAbs_EDGE, occ("TopAbs").TopAbs_FACE
+    )  # edges that are not of a face
     curves = []
     while found.More():
-        curves.append(BRepAdaptor_Curve(TopoDS.Edge(found.Current())))
+        curves.append(occ("BRepAdaptor").BRepAdaptor_Curve(occ("TopoDS").TopoDS.Edge(found.Current())))
         found.Next()
-    properties = GProp_GProps()
-    BRepGProp.VolumeProperties_s(shape, properties)
+    properties = occ("GProp").GProp_GProps()
+    occ("BRepGProp").BRepGProp.VolumeProperties_s(shape, properties)
     return curves, properties.Mass()
 
 
@@ -208,7 +209,7 @@ def test_step_without_its_library_is_refused_in_a_line(monkeypatch, capsys, tmp_
 def test_the_command_writes_once_and_says_what_has_no_effect(capsys, tmp_path):
     path = tmp_path / "robot.dxf"
     assert run_gtr(capsys, "export", HELIX, "-o", path, "--unit", "in", "--tolerance", "10um").status == 0
-    assert ezdxf.readfile(path).units == ezdxf.units.IN
+    assert filemanagement.readfile(path).units == units.IN
     again = run_gtr(capsys, "export", HELIX, "-o", path)
     assert again.status == 2 and "--force" in again.err
     assert run_gtr(capsys, "export", HELIX, "-o", path, "--force").status == 0

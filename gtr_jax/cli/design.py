@@ -41,7 +41,9 @@ RESOLUTION = 0.5
     "--unit", type=click.Choice(UNITS), default="mm", show_default=True, help="Unit of the drawings for CAD."
 )
 @click.option(
-    "--step", is_flag=True, help="Write the channels and the body as STEP too; needs pip install 'gtr-jax[cad]'."
+    "--step",
+    is_flag=True,
+    help="Write the channels and the body as STEP too; needs pip install 'gtr-jax[cad]'.",
 )
 @figures_option
 @output_option

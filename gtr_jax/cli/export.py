@@ -82,7 +82,9 @@ def export(robot: Path, kind: str | None, output: Path, force: bool, **given: An
         from gtr_jax.export.mjcf import left_out
 
         if out := left_out(config, friction_at=options.get("friction_at")):
-            click.echo(f"left out, which MuJoCo cannot hold or this export does not give it: {', '.join(out)}")
+            click.echo(
+                f"left out, which MuJoCo cannot hold or this export does not give it: {', '.join(out)}"
+            )
     return 0
 
 
@@ -101,7 +103,9 @@ def _check(options: dict[str, Any]) -> None:
     from gtr_jax.export.mjcf import LINKS, MOST_LINKS
 
     if options.get("tolerance", 1.0) < FINEST:
-        raise InputError(f"--tolerance: must be at least {FINEST:g} m, is {options['tolerance']:g} m; 1um is usual")
+        raise InputError(
+            f"--tolerance: must be at least {FINEST:g} m, is {options['tolerance']:g} m; 1um is usual"
+        )
     if not 2 <= options.get("links", LINKS) <= MOST_LINKS:
         raise InputError(f"--links: must lie between 2 and {MOST_LINKS}, is {options['links']}")
     if options.get("friction_at", 1.0) <= 0:

@@ -7,8 +7,8 @@ import itertools
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-import ezdxf
 import numpy as np
+from ezdxf import filemanagement
 from ezdxf.document import Drawing as Document
 from ezdxf.math import BSpline
 
@@ -27,6 +27,8 @@ TEXT = 0.016  # height of dimensions, of the body's length
 INSUNITS = {"mm": 4, "cm": 5, "m": 6, "in": 1}  # as $INSUNITS has them
 ROWS = 2.5  # text heights between two rows of dimensions
 
+Place = Sequence[float] | np.ndarray
+
 
 class Sheet:
     """A DXF document in a unit, into which lines in metres are drawn.
@@ -37,7 +39,7 @@ class Sheet:
     """
 
     def __init__(self, unit: str, size: float) -> None:
-        self.document: Document = ezdxf.new(VERSION, setup=True)
+        self.document: Document = filemanagement.new(VERSION, setup=True)
         self.document.units = INSUNITS[unit]
         self.document.header["$MEASUREMENT"] = 0 if unit == "in" else 1
         self.model = self.document.modelspace()
@@ -74,7 +76,9 @@ class Sheet:
             return
         points = [self.place(point) for point in spline.points]
         drawn = self.model.add_spline(dxfattribs={"layer": self.layer(layer, colour), "degree": DEGREE})
-        drawn.apply_construction_tool(BSpline(points, order=DEGREE + 1, knots=list(spline.knots * self.scale)))
+        drawn.apply_construction_tool(
+            BSpline(points, order=DEGREE + 1, knots=list(spline.knots * self.scale))
+        )
 
     def circle(self, middle: np.ndarray, along: np.ndarray, radius: float, layer: str, colour: int) -> None:
         """A circle about a direction."""
@@ -84,7 +88,7 @@ class Sheet:
         attributes = {"layer": self.layer(layer, colour), "extrusion": tuple(map(float, along))}
         self.model.add_circle(centre, radius * self.scale, dxfattribs=attributes)
 
-    def dimension(self, one: Sequence[float], other: Sequence[float], away: float, text: str = "<>") -> None:
+    def dimension(self, one: Place, other: Place, away: float, text: str = "<>") -> None:
         """The distance of two places in the plane [m], written `away` [m] to the left of the way between."""
         if np.allclose(one[:2], other[:2], atol=1e-12):
             return
@@ -195,9 +199,7 @@ def _body_in_space(sheet: Sheet, body: Unloaded, tolerance: float) -> None:
 
 
 def _midline(body: Unloaded, tolerance: float) -> Spline:
-    return fitted(
-        lambda s: body.at(s)[0], 0.0, body.length, tolerance=tolerance, kinks=body.kinks_of_body()
-    )
+    return fitted(lambda s: body.at(s)[0], 0.0, body.length, tolerance=tolerance, kinks=body.kinks_of_body())
 
 
 def _radius(body: Unloaded, s: float) -> float:

@@ -1,15 +1,15 @@
 """A robot as MJCF, the model file of MuJoCo: the chain of `chain`, its tendons as spatial tendons.
 
 MuJoCo has one tension along a whole tendon. Coulomb friction in the channel, by which the tension falls from
-base to tip and remembers which way it was pulled, has no counterpart. A tendon's `frictionloss` is none either:
-one force for the whole tendon, independent of the tension, which resists motion only and is gone when the robot
-rests (docs/export.md). So friction is left out, or a pull is reduced by the share that friction takes of it.
+base to tip and remembers which way it was pulled, has no counterpart. A tendon's `frictionloss` is none
+either: one force for the whole tendon at every tension, which is gone once the robot rests (docs/export.md).
+So friction is left out, or a pull is reduced by the share that friction takes of it.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -74,7 +74,9 @@ def mjcf(config: RobotConfig, *, links: int = LINKS, friction_at: float | None =
         )
         for k in range(len(chain.through(tendon))):
             ET.SubElement(string, "site", site=_site(tendon, k))
-        ET.SubElement(motors, "motor", name=name, tendon=name, gear=f"{-share:.9g}", ctrlrange=f"0 {STRONGEST:g}")
+        ET.SubElement(
+            motors, "motor", name=name, tendon=name, gear=f"{-share:.9g}", ctrlrange=f"0 {STRONGEST:g}"
+        )
     force = _tip_load(robot)
     if np.any(force):
         ET.SubElement(motors, "motor", name=LOAD, site="tip", refsite="world", gear=_numbers(force))
@@ -138,7 +140,7 @@ def _says(config: RobotConfig, links: int, friction_at: float | None) -> str:
     return f" {said.replace('--', '- -')} "
 
 
-def _numbers(values: Sequence[float] | np.ndarray) -> str:
+def _numbers(values: Any) -> str:
     return " ".join(f"{float(v):.12g}" for v in np.asarray(values).ravel())
 
 
@@ -225,9 +227,7 @@ def _inertial(body: ET.Element, link: Link, chain: Chain, *, last: bool) -> None
         mass, centre = whole, both
     i = inertia
     full = [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]
-    ET.SubElement(
-        body, "inertial", pos=_numbers(centre), mass=_numbers([mass]), fullinertia=_numbers(full)
-    )
+    ET.SubElement(body, "inertial", pos=_numbers(centre), mass=_numbers([mass]), fullinertia=_numbers(full))
 
 
 def _joints(body: ET.Element, link: Link, number: int) -> None:

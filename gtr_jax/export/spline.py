@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Iterable
 
 import numpy as np
@@ -70,7 +71,7 @@ def fitted(line: Line, start: float, end: float, *, tolerance: float, kinks: Ite
     near = 1e-9 * (end - start)
     inner = sorted({float(k) for k in kinks if start + near < k < end - near})
     bounds = [start, *inner, end]
-    parts = [np.linspace(a, b, FIRST_PIECES + 1) for a, b in zip(bounds, bounds[1:], strict=False)]
+    parts = [np.linspace(a, b, FIRST_PIECES + 1) for a, b in itertools.pairwise(bounds)]
     breaks = np.unique(np.concatenate(parts))
     for _ in range(ROUNDS):
         spline, off = _fit(line, breaks, inner)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -46,7 +47,7 @@ def with_drawn_channels(data: dict[str, Any], folder: Path) -> dict[str, Any]:
 
     def read(table: Mapping[str, Any]) -> dict[str, Any]:
         routing = table.get("routing")
-        if not _drawn(routing):
+        if routing is None or not _drawn(routing):
             return dict(table)
         return {**table, "routing": _with_knots(routing, folder, midline)}
 
@@ -95,13 +96,14 @@ def knots_of(line: DrawnLine, midline: Midline, place: str, *, flat: bool) -> np
     back = np.flatnonzero(np.diff(s) <= 0)
     if back.size:
         raise InputError(
-            f"{place}: the line turns back at s = {1e3 * s[back[0]]:.4g} mm; a channel leads on from base to tip"
+            f"{place}: the line turns back at s = {1e3 * s[back[0]]:.4g} mm; a channel leads on from base to "
+            "tip"
         )
     length = float(midline.s[-1])
     if s[0] > SNAPPED * length or s[-1] < (1 - SNAPPED) * length:
         raise InputError(
-            f"{place}: the line runs from s = {1e3 * s[0]:.4g} mm to {1e3 * s[-1]:.4g} mm, the body from 0 mm to "
-            f"{1e3 * length:.4g} mm; draw it with the base at the origin and the body along +x"
+            f"{place}: the line runs from s = {1e3 * s[0]:.4g} mm to {1e3 * s[-1]:.4g} mm, the body from 0 "
+            f"mm to {1e3 * length:.4g} mm; draw it with the base at the origin and the body along +x"
         )
     if flat:
         off = float(np.max(np.abs(across[:, 1])))
@@ -128,7 +130,7 @@ def _fewest(s: np.ndarray, values: np.ndarray, place: str) -> np.ndarray:
         gap = np.linalg.norm(CubicSpline(s[chosen], values[chosen])(s) - values, axis=1)
         far = [
             (a + b) // 2
-            for a, b in zip(chosen, chosen[1:], strict=False)
+            for a, b in itertools.pairwise(chosen)
             if b - a > 1 and gap[a : b + 1].max() > TOLERANCE
         ]
         if not far:
@@ -137,7 +139,8 @@ def _fewest(s: np.ndarray, values: np.ndarray, place: str) -> np.ndarray:
         if len(chosen) > MOST_KNOTS:
             at = 1e3 * s[int(np.argmax(gap))]
             raise InputError(
-                f"{place}: no spline of {MOST_KNOTS} knots follows the line at s = {at:.4g} mm; round its corners"
+                f"{place}: no spline of {MOST_KNOTS} knots follows the line at s = {at:.4g} mm; round its "
+                "corners"
             )
 
 

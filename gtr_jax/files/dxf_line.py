@@ -1,7 +1,8 @@
-"""A line out of a DXF drawing, by ezdxf: polylines, splines, arcs and lines of one layer, joined end to end."""
+"""A line out of a DXF drawing, by ezdxf: polylines, splines, arcs and lines of one layer, end to end."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -43,7 +44,9 @@ def read_line(path: Path, *, layer: str | None = None, unit: str | None = None) 
     """
     document = _document(path)
     scale = _metres(path, document, unit)
-    pieces = [(own, *found) for own, entity in _entities(document.modelspace()) if (found := _sampled(entity))]
+    pieces = [
+        (own, *found) for own, entity in _entities(document.modelspace()) if (found := _sampled(entity))
+    ]
     layers = list(dict.fromkeys(own for own, *_ in pieces))
     if not layers:
         raise InputError(f"{path}: has no polyline, spline, arc or line in its model space; draw the channel")
@@ -66,11 +69,11 @@ def read_line(path: Path, *, layer: str | None = None, unit: str | None = None) 
 
 
 def _document(path: Path) -> Any:
-    import ezdxf
+    from ezdxf import filemanagement
 
     read_bytes(path)  # which says what is wrong with a file that cannot be read
     try:
-        return ezdxf.readfile(path)
+        return filemanagement.readfile(path)
     except Exception as fault:  # a damaged drawing breaks ezdxf in many ways
         raise InputError(f"{path}: not a whole DXF drawing ({reason(fault)}); save it again as DXF") from None
 
@@ -78,15 +81,18 @@ def _document(path: Path) -> Any:
 def _metres(path: Path, document: Any, unit: str | None) -> float:
     """Length of a unit of the drawing [m]."""
     from ezdxf import units
+    from ezdxf.enums import InsertUnits
 
     header = units.decode(document.units) if document.units else None
     if header is None and unit is None:
-        raise InputError(f'{path}: its header has no unit ($INSUNITS); say it beside the file, as unit = "mm"')
+        raise InputError(
+            f'{path}: its header has no unit ($INSUNITS); say it beside the file, as unit = "mm"'
+        )
     if header is not None and unit is not None:
         raise InputError(f"{path}: its header says the unit, {header}; remove unit = '{unit}'")
     if unit is not None:
         return to_si(f"1 {unit}", "m", f"{path}: unit")
-    return float(units.conversion_factor(document.units, units.M))
+    return float(units.conversion_factor(document.units, InsertUnits.Meters))
 
 
 def _entities(container: Any, layer: str | None = None, depth: int = 0) -> Iterator[tuple[str, Any]]:
@@ -100,8 +106,8 @@ def _entities(container: Any, layer: str | None = None, depth: int = 0) -> Itera
 
 
 def _sampled(entity: Any) -> tuple[np.ndarray, bool] | None:
-    """Places along an entity in the unit of the drawing, (N, 3), and whether it is straight between them; None
-    of one that is no line.
+    """Places along an entity in the unit of the drawing, (N, 3), and whether it is straight between them;
+    None of one that is no line.
     """
     kind = entity.dxftype()
     if kind == "LINE":
@@ -127,7 +133,7 @@ def _sampled(entity: Any) -> tuple[np.ndarray, bool] | None:
 def _dense(points: np.ndarray) -> np.ndarray:
     """Samples of straight lines between places."""
     share = np.arange(SAMPLES)[:, None] / SAMPLES
-    lines = [one + share * (other - one) for one, other in zip(points, points[1:], strict=False)]
+    lines = [one + share * (other - one) for one, other in itertools.pairwise(points)]
     return np.concatenate([*lines, points[-1:]])
 
 
@@ -159,9 +165,7 @@ def _in_turn(parts: list[np.ndarray]) -> list[np.ndarray]:
         found = [first if min(ends[1]) <= min(ends[0]) else first[::-1]]
     for part in parts[1:]:
         end = found[-1][-1]
-        found.append(
-            part if np.linalg.norm(part[0] - end) <= np.linalg.norm(part[-1] - end) else part[::-1]
-        )
+        found.append(part if np.linalg.norm(part[0] - end) <= np.linalg.norm(part[-1] - end) else part[::-1])
     return found
 
 

@@ -1,5 +1,5 @@
-"""The midline of a body that nothing loads: its natural strain, followed along the body from the base, which is
-at the origin with its tangent along x.
+"""The midline of a body that nothing loads: its natural strain, followed along the body from the base, which
+is at the origin with its tangent along x.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ def _steps(step: np.ndarray, strain: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def followed(s: np.ndarray, strain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Midline [m], (N, 3), and directors as columns, (N, 3, 3), at increasing arc lengths from 0 on [m], (N,),
-    of a body with this strain in the middles between them [1/m], (N - 1, 3).
+    """Midline [m], (N, 3), and directors as columns, (N, 3, 3), at increasing arc lengths from 0 on [m],
+    (N,), of a body with this strain in the middles between them [1/m], (N - 1, 3).
     """
     frames, middle = [np.eye(3)], [np.zeros(3)]
     for ahead, turn in zip(*_steps(np.diff(s), strain), strict=True):

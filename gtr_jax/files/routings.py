@@ -149,7 +149,9 @@ def _with_knots(data: dict[str, Any], folder: Path, columns: Sequence[str]) -> d
     file = data.get("file")
     for key in ("layer", "unit"):
         if data.get(key) is not None and not str(file).lower().endswith(".dxf"):
-            raise InputError(f"{key}: has no effect without the DXF drawing of a channel as 'file'; remove it")
+            raise InputError(
+                f"{key}: has no effect without the DXF drawing of a channel as 'file'; remove it"
+            )
     if file is None:
         return data
     if "knots" in data:
