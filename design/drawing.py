@@ -1,4 +1,6 @@
-"""The channel for those who make it: `route.csv`, and drawings of the unloaded body at 1:1, DXF and SVG."""
+"""The channel for those who make it: `route.csv`, and a picture of the unloaded body at 1:1, SVG; the drawing
+for CAD is `gtr_jax.export.dxf`.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +9,7 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 
+from gtr_jax.export.unloaded import Unloaded, unloaded
 from gtr_jax.files.config import RobotConfig
 from gtr_jax.robot.build import build_robot
 
@@ -45,7 +48,8 @@ def draw(config: RobotConfig, *, channel_diameter: float = 0.0) -> Drawing:
     at = stations_of(robot, robot.tendon, PLACES)
     s, first = np.unique(np.round(np.asarray(at.s), 12), return_index=True)
     R = np.asarray(at.R.value)[first]
-    middle, normal = _midline(config, s)
+    body = unloaded(robot)
+    middle, normal = _midline(body, s)
     channel = middle + R[:, None] * normal
     tangent = np.gradient(channel, s, axis=0, edge_order=1)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
@@ -56,7 +60,7 @@ def draw(config: RobotConfig, *, channel_diameter: float = 0.0) -> Drawing:
     bores = []
     for bore in config.backbone.bores:
         inside = np.union1d(s[(s >= bore.from_) & (s <= bore.to)], [bore.from_, bore.to])
-        own, away = _midline(config, inside)
+        own, away = _midline(body, inside)
         bores.append(1e3 * _band(own, away, np.full(len(inside), 0.5 * bore.diameter)))
     return Drawing(
         1e3 * s,
@@ -68,20 +72,10 @@ def draw(config: RobotConfig, *, channel_diameter: float = 0.0) -> Drawing:
     )
 
 
-def _midline(config: RobotConfig, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _midline(body: Unloaded, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The unloaded midline [m] and its left normal at s, each (M, 2)."""
-    rest = config.backbone.natural_curvature
-    fine = np.union1d(np.linspace(0.0, config.backbone.length, 4001), s)
-    knots = np.asarray(rest if isinstance(rest, tuple) else [(0.0, rest)], float)
-    kappa = np.interp(fine, knots[:, 0], knots[:, 1])
-
-    def sums(values):
-        return np.concatenate([[0.0], np.cumsum(np.diff(fine) * 0.5 * (values[1:] + values[:-1]))])
-
-    phi = sums(kappa)
-    line = np.stack([sums(np.cos(phi)), sums(np.sin(phi)), phi], axis=1)
-    x, y, angle = (np.interp(s, fine, column) for column in line.T)
-    return np.stack([x, y], axis=1), np.stack([-np.sin(angle), np.cos(angle)], axis=1)
+    middle, frames = body.at(s)
+    return middle[:, :2], frames[:, :2, 1]
 
 
 def _band(middle: np.ndarray, normal: np.ndarray, half: np.ndarray) -> np.ndarray:
@@ -119,18 +113,3 @@ def svg(drawing: Drawing, title: str) -> str:
         path = "M" + " L".join(f"{x:.4f},{-y:.4f}" for x, y in line) + (" Z" if closed else "")
         out.append(f'<path class="{layer}" d="{path}" fill="none" stroke="{colour}" stroke-width="0.25"/>')
     return "\n".join([*out, "</svg>", ""])
-
-
-def dxf(drawing: Drawing) -> str:
-    """The drawing as DXF (release 12, which everything reads), in mm: one polyline for each line."""
-    pairs: list[tuple[int, str]] = [(0, "SECTION"), (2, "HEADER"), (9, "$ACADVER"), (1, "AC1009")]
-    pairs += [(9, "$MEASUREMENT"), (70, "1"), (0, "ENDSEC"), (0, "SECTION"), (2, "ENTITIES")]
-    for layer, _, line, closed in _layers(drawing):
-        points = line[:-1] if closed else line
-        pairs += [(0, "POLYLINE"), (8, layer), (66, "1"), (70, "1" if closed else "0")]
-        pairs += [(10, "0.0"), (20, "0.0"), (30, "0.0")]
-        for x, y in points:
-            pairs += [(0, "VERTEX"), (8, layer), (10, f"{x:.6f}"), (20, f"{y:.6f}"), (30, "0.0")]
-        pairs += [(0, "SEQEND"), (8, layer)]
-    pairs += [(0, "ENDSEC"), (0, "EOF")]
-    return "".join(f"{code}\n{value}\n" for code, value in pairs)

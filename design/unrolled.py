@@ -1,5 +1,6 @@
 """The channels of a robot in space, or of several tendons, for those who make them: a table of each as a
-curve for CAD, all of them as three-dimensional lines in DXF, and the body's surface unrolled at 1:1, SVG.
+curve for CAD, and the body's surface unrolled at 1:1, SVG. All of them as lines in space are drawn by
+`gtr_jax.export.dxf`.
 """
 
 from __future__ import annotations
@@ -68,23 +69,6 @@ def channel_csv(channel: Unrolled) -> str:
     }
     rows = zip(*columns.values(), strict=True)
     return ",".join(columns) + "\n" + "".join(",".join(f"{v:.9g}" for v in row) + "\n" for row in rows)
-
-
-def dxf_in_space(channels: Iterable[Unrolled]) -> str:
-    """The channels in the unloaded body as DXF (release 12), in mm: a three-dimensional polyline of each."""
-    pairs: list[tuple[int, str]] = [(0, "SECTION"), (2, "HEADER"), (9, "$ACADVER"), (1, "AC1009")]
-    pairs += [(9, "$MEASUREMENT"), (70, "1"), (0, "ENDSEC"), (0, "SECTION"), (2, "ENTITIES")]
-    for channel in channels:
-        layer = f"CHANNEL_{channel.name.upper()}" if channel.name else "CHANNEL"
-        pairs += [(0, "POLYLINE"), (8, layer), (66, "1"), (70, "8")]
-        pairs += [(10, "0.0"), (20, "0.0"), (30, "0.0")]
-        points = np.column_stack([channel.curve[f"body_{axis}_mm"] for axis in "xyz"])
-        for x, y, z in points:
-            pairs += [(0, "VERTEX"), (8, layer), (10, f"{x:.6f}"), (20, f"{y:.6f}"), (30, f"{z:.6f}")]
-            pairs += [(70, "32")]
-        pairs += [(0, "SEQEND"), (8, layer)]
-    pairs += [(0, "ENDSEC"), (0, "EOF")]
-    return "".join(f"{code}\n{value}\n" for code, value in pairs)
 
 
 def svg_unrolled(config: RobotConfig, channels: Iterable[Unrolled], title: str) -> str:

@@ -34,6 +34,7 @@ ALLOWED = {
     "robot": {"base", "files", "mechanics", "terms"},
     "simulation": {"base", "robot", "mechanics", "mechanics.several", "native", "terms"},
     "gtr_jax (door)": BELOW | {"inspection"},
+    "export": {"base", "files", "mechanics", "robot", "simulation", "terms"},
     "sweep": BELOW,
     "plots": BELOW | {"sweep"},
     "report": BELOW | {"sweep", "plots", "examples"},
@@ -44,7 +45,7 @@ ALLOWED = {
     "calibrate (door)": {"calibrate", "calibrate.diagnosis"},
     "calibrate.report": CALIBRATE
     | {"calibrate", "calibrate.diagnosis", "calibrate.planning", "plots", "report"},
-    "design": BELOW | {"gtr_jax (door)"},
+    "design": BELOW | {"gtr_jax (door)", "export"},
     "design (door)": {"design"},
     "design.report": BELOW | {"gtr_jax (door)", "design", "plots", "report"},
 }
@@ -174,6 +175,7 @@ HEAVY = {
     "rich",
     "jinja2",
     "bokeh",
+    "ezdxf",
 }
 
 

@@ -1,5 +1,5 @@
-"""The command `gtr`: init, simulate, inspect, fit, diagnose, next, design, sweep, view, demo, paper, terms,
-schema.
+"""The command `gtr`: init, simulate, inspect, fit, diagnose, next, design, sweep, export, view, demo, paper,
+terms, schema.
 
 Answers go to stdout, progress and errors to stderr. Exit status: 0 answered, 1 answered but not converged
 or not of any body, 2 bad input (one line on stderr), 130 interrupted. What takes long to import is imported
@@ -20,7 +20,22 @@ import click
 from gtr_jax.errors import InputError
 from gtr_jax.interruption import INTERRUPTED, NOTHING_WRITTEN, interruption
 
-from . import demo, design, diagnose, fit, init, inspect, next, paper, schema, simulate, sweep, terms, view
+from . import (
+    demo,
+    design,
+    diagnose,
+    export,
+    fit,
+    init,
+    inspect,
+    next,
+    paper,
+    schema,
+    simulate,
+    sweep,
+    terms,
+    view,
+)
 from .options import with_terms_option
 
 ANSWERED, NOT_CONVERGED, BAD_INPUT = 0, 1, 2
@@ -49,8 +64,8 @@ class Commands(click.Group):
 @click.version_option(package_name="gtr-jax", prog_name="gtr", message="%(prog)s %(version)s")
 def cli() -> None:
     """Simulate tendon-driven continuum manipulators with tendon friction, fit them to recordings,
-    tell which physics a recording asks for that the model leaves out, design their routing, and sweep their
-    parameters.
+    tell which physics a recording asks for that the model leaves out, design their routing, sweep their
+    parameters, and write them for CAD and MuJoCo.
     """
 
 
@@ -63,6 +78,7 @@ for _command in (
     next.next_,
     design.design,
     sweep.sweep,
+    export.export,
     view.view,
     terms.terms,
     schema.schema,

@@ -10,7 +10,7 @@ import click
 
 from gtr_jax.errors import InputError
 
-from .options import check_resolution, figures_option, output_option, robot_argument
+from .options import UNITS, check_resolution, figures_option, output_option, robot_argument
 
 if TYPE_CHECKING:
     from design import Design, TargetConfig
@@ -37,6 +37,14 @@ RESOLUTION = 0.5
     metavar="FACTOR",
     help="Factor on the mesh of the search; what is found is checked on a mesh of 4.",
 )
+@click.option(
+    "--unit", type=click.Choice(UNITS), default="mm", show_default=True, help="Unit of the drawings for CAD."
+)
+@click.option(
+    "--step",
+    is_flag=True,
+    help="Write the channels and the body as STEP too; needs pip install 'gtr-jax[cad]'.",
+)
 @figures_option
 @output_option
 def design(
@@ -44,6 +52,8 @@ def design(
     target: Path,
     against: Path | None,
     resolution: float,
+    unit: str,
+    step: bool,
     figures: Sequence[str],
     output: Path,
     force: bool,
@@ -61,6 +71,10 @@ def design(
     from .run_folder import RunFolder
 
     check_resolution(resolution)
+    if step:
+        from gtr_jax.export.step import check_installed
+
+        check_installed()
     config = load_config(robot)
     plain = None if against is None else load_config(against)
     paths = {"robot": robot, "target": target} | ({"against": against} if against else {})
@@ -73,7 +87,7 @@ def design(
         answer = solve(config, wanted, against=plain, resolution=resolution, progress=progress)
         progress("drawing")
         with folder.write() as part:
-            write_answer(part, answer, config, folder.settings(), figures=figures)
+            write_answer(part, answer, config, folder.settings(), figures=figures, unit=unit, step=step)
     click.echo(f"{answer.verdict}: {answer.says}")
     click.echo(f"report: {output / 'report.html'}")
     return 0 if answer.verdict in ("reached", "optimal") else 1
@@ -101,8 +115,10 @@ def write_answer(
     settings: dict[str, Any],
     *,
     figures: Sequence[str] = (),
+    unit: str = "mm",
+    step: bool = False,
 ) -> None:
-    """Write all that a design leaves into a folder."""
+    """Write all that a design leaves into a folder; drawings for CAD in a unit, as STEP too if `step`."""
     from design.report.design import design_report
     from design.target import target_text
     from gtr_jax.files.config import config_text, dump_config
@@ -118,24 +134,36 @@ def write_answer(
     dump_config(config, folder / "robot.toml")
     write_whole(folder / "target.toml", target_text(target))
     dump_config(answer.config, folder / "designed.toml")
-    _draw(folder, answer.config, target)
+    _draw(folder, answer.config, target, unit=unit, step=step)
     write_json(folder / "design.json", {**answer.to_json(), "settings": settings})
     write_report(folder, design_report(answer), settings, config_text(answer.config), figures=figures)
 
 
-def _draw(folder: Path, config: RobotConfig, target: TargetConfig) -> None:
+def _draw(folder: Path, config: RobotConfig, target: TargetConfig, *, unit: str, step: bool) -> None:
     """Write the channel for those who make it: in the plane a route and drawings of the body, in space or of
     several tendons a curve of each and the unrolled body.
     """
-    from design.drawing import draw, dxf, route_csv, svg
-    from design.unrolled import channel_csv, dxf_in_space, svg_unrolled, unroll
+    from design.drawing import draw, route_csv, svg
+    from design.unrolled import channel_csv, svg_unrolled, unroll
+    from gtr_jax.export.dxf import dxf
     from gtr_jax.files.whole import write_whole
 
+    limits = target.limits
+    sheet = dxf(
+        config,
+        unit=unit,
+        channel_diameter=limits.channel_diameter,
+        wall_clearance=limits.wall_clearance or None,
+    )
+    if step:
+        from gtr_jax.export.step import step as written
+
+        write_whole(folder / "designed.step", written(config, unit=unit))
     if not (config.in_space or config.tendons):
-        drawn = draw(config, channel_diameter=target.limits.channel_diameter)
+        drawn = draw(config, channel_diameter=limits.channel_diameter)
         write_whole(folder / "route.csv", route_csv(drawn))
         write_whole(folder / "channel.svg", svg(drawn, f"{target.name}: channel at 1:1, mm"))
-        write_whole(folder / "channel.dxf", dxf(drawn))
+        write_whole(folder / "channel.dxf", sheet)
         return
     channels = unroll(config)
     for channel in channels:
@@ -143,4 +171,4 @@ def _draw(folder: Path, config: RobotConfig, target: TargetConfig) -> None:
         write_whole(folder / name, channel_csv(channel))
     title = f"{target.name}: the body unrolled at 1:1, mm"
     write_whole(folder / "unrolled.svg", svg_unrolled(config, channels, title))
-    write_whole(folder / "channels.dxf", dxf_in_space(channels))
+    write_whole(folder / "channels.dxf", sheet)

@@ -59,6 +59,7 @@ class Pull(Quantity):
             raise InputError(f"{param.opts[0] if param else self.name}: {fault}") from None
 
 
+UNITS = ("mm", "cm", "m", "in")  # of drawings, as `gtr_jax.export.unit` has them
 STDIN = Path("-")
 TERMS_VARIABLE = "GTR_JAX_TERMS"  # as `gtr_jax.terms.own` reads it, which would import JAX
 HELD = f"{__name__}.stdin"  # where a command's context keeps the file that holds it

@@ -22,6 +22,7 @@ from ..notebook import drawn_by
 from .config_checks import check_robot
 from .config_file import dotted, find_key, place_of, read_toml
 from .config_form import LAW, check_strings, check_terms
+from .drawn_channel import with_drawn_channels
 from .law_section import LawSection
 from .leaving import out_of_plane
 from .markers import check_markers
@@ -102,7 +103,7 @@ class RobotConfig(FileSection):
     def _resolved(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
         check_terms(data, [*REGISTRY, LAW])
         check_strings(data)
-        return data
+        return with_drawn_channels(data, folder)
 
     @property
     def strung(self) -> tuple[tuple[str, TendonConfig, Any], ...]:

@@ -83,7 +83,12 @@ class TableRouting(PlanarChannel):
     knots: tuple[tuple[Length, Length], ...] = Field(examples=[[["0 mm", "10 mm"], ["250 mm", "8 mm"]]])
     """Pairs [s, R] of arc length and offset [m], in increasing s, covering the backbone."""
     file: StrictStr | None = None
-    """CSV file of the knots, relative to the robot file; None once it is read into `knots`."""
+    """CSV file of the knots, or DXF drawing of the channel in the unloaded body, relative to the robot file;
+    None once it is read into `knots`."""
+    layer: StrictStr | None = None
+    """Layer of the drawing on which the channel is; absent: the only one with lines."""
+    unit: StrictStr | None = None
+    """Unit of a drawing whose header says none."""
 
     @classmethod
     def _resolved(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -127,7 +132,12 @@ class CurveRouting(Section):
     )
     """Triples [s, y, z] of arc length and offsets [m], in increasing s, covering the backbone."""
     file: StrictStr | None = None
-    """CSV file of the knots, relative to the robot file; None once it is read into `knots`."""
+    """CSV file of the knots, or DXF drawing of the channel in the unloaded body, relative to the robot file;
+    None once it is read into `knots`."""
+    layer: StrictStr | None = None
+    """Layer of the drawing on which the channel is; absent: the only one with lines."""
+    unit: StrictStr | None = None
+    """Unit of a drawing whose header says none."""
 
     @classmethod
     def _resolved(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -137,10 +147,17 @@ class CurveRouting(Section):
 def _with_knots(data: dict[str, Any], folder: Path, columns: Sequence[str]) -> dict[str, Any]:
     """The table with the knots of the CSV file that it names put in place."""
     file = data.get("file")
+    for key in ("layer", "unit"):
+        if data.get(key) is not None and not str(file).lower().endswith(".dxf"):
+            raise InputError(
+                f"{key}: has no effect without the DXF drawing of a channel as 'file'; remove it"
+            )
     if file is None:
         return data
     if "knots" in data:
         raise InputError("has both 'knots' and 'file'; remove one of the two")
+    if str(file).lower().endswith(".dxf"):
+        raise InputError("file: a drawing is read for a whole robot; correct the body first")
     if not isinstance(file, str):
         raise InputError(f"file: expected the name of a CSV file, found {file!r}")
     return {**data, "file": None, "knots": read_route(folder / file, columns)}

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.spatial.transform import Rotation
+
+from gtr_jax.files.midline import followed
 
 from .clearance import place_in_section
 from .parts import Parts, Tendon
@@ -37,12 +38,6 @@ def natural_shape(robot: Parts, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     arc lengths from 0 on [m], (N,).
     """
     fine = np.interp(np.arange(FINER * (len(s) - 1) + 1) / FINER, np.arange(len(s)), s)
-    steps = np.diff(fine)[:, None]
     strain = np.asarray(robot.backbone.strain_at_rest(jnp.asarray(0.5 * (fine[1:] + fine[:-1]))))
-    strain = strain[:, :3]  # nothing stretches it
-    frames, middle = [np.eye(3)], [np.zeros(3)]
-    halves, wholes = (Rotation.from_rotvec(part * steps * strain).as_matrix() for part in (0.5, 1.0))
-    for half, whole, (step,) in zip(halves, wholes, steps, strict=True):
-        middle.append(middle[-1] + step * (frames[-1] @ half)[:, 0])
-        frames.append(frames[-1] @ whole)
-    return np.array(middle)[::FINER], np.array(frames)[::FINER]
+    middle, frames = followed(fine, strain[:, :3])  # nothing stretches it
+    return middle[::FINER], frames[::FINER]
