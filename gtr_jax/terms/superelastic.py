@@ -1,5 +1,5 @@
-"""The body is of a superelastic metal, nitinol: it grows soft where it is strained beyond its plateau, and unloads
-on a lower one.
+"""The body is of a superelastic metal, nitinol: it grows soft where it is strained beyond its plateau, and
+unloads on a lower one.
 
 The law is a generalised play, the element of Krasnosel'skii and Pokrovskii: the share of the bend that has
 transformed stays as it is between a curve on which it grows and one on which it shrinks again.
@@ -38,8 +38,8 @@ def bend(p, kappa, at):
 
 
 def bend_in_space(p, strain, at):
-    """The same for the vector of both bendings: what has transformed stays in the ball whose poles are the two
-    limits along the bend, and moves to its nearest point; twist stays linear.
+    """The same for the vector of both bendings: what has transformed stays in the ball whose poles are the
+    two limits along the bend, and moves to its nearest point; twist stays linear.
     """
     _, y, z = (u - rest for u, rest in zip(strain, at.rest, strict=True))
     square = y * y + z * z
@@ -59,21 +59,22 @@ def bend_in_space(p, strain, at):
 
 def fault(values, length):
     """Why no body can have these numbers; empty if one can."""
-    return "" if values["softening"] or not values["hysteresis"] else "hysteresis acts with softening only; give it"
+    alone = values["hysteresis"] and not values["softening"]
+    return "hysteresis does nothing without softening; give both" if alone else ""
 
 
 TERM = Term(
     id="superelastic",
-    says="A body of nitinol is superelastic: where it is strained beyond its plateau it grows soft, and it unloads "
-    "on a lower plateau.",
-    law="M = EI (e − softening·q), e = κ − κ₀; bent farther q(e) = e (1 − 1.5/x + 0.5/x³) where x = |e| c/strain > 1, "
-    "c the distance of the outermost fibre from the neutral line, and 0 below; bent back q stays until it "
-    "meets the same curve with (1 − hysteresis)·strain; in between M changes by EI",
-    seen="Beyond some tension the body bends far more for each newton, notch after notch; on release it stays bent "
-    "until the tension is well below that.",
-    told_apart="The angle against the tension over the whole range, before any notch closes; friction alone "
-    "never makes the slope grow. Friction, too, holds the bend on release: load and unload the body by a "
-    "weight, with the tendon slack.",
+    says="A body of nitinol is superelastic: where it is strained beyond its plateau it grows soft, and it "
+    "unloads on a lower plateau.",
+    law="M = EI (e − softening·q), e = κ − κ₀; bent farther q(e) = e (1 − 1.5/x + 0.5/x³) where x = |e| "
+    "c/strain > 1, c the distance of the outermost fibre from the neutral line, and 0 below; bent back q "
+    "stays until it meets the same curve with (1 − hysteresis)·strain; in between M changes by EI",
+    seen="Beyond some tension the body bends far more for each newton, notch after notch; on release it "
+    "stays bent until the tension is well below that.",
+    told_apart="The angle against the tension over the whole range, before any notch closes; friction "
+    "alone never makes the slope grow. Friction, too, holds the bend on release: load and unload the body "
+    "by a weight, with the tendon slack.",
     quantities=(
         Quantity(
             "softening",
@@ -107,14 +108,15 @@ TERM = Term(
             0.95,
         ),
     ),
-    source="moment of a rectangular section of a bilinear material; flag with elastic inner loops: Auricchio and Sacco "
-    "1997; generalised play: Krasnosel'skii and Pokrovskii 1989",
-    note="Sections that are no rectangles pass over to the plateau a little more slowly or faster; the strain "
-    "takes that up. Both plateaus are those of fibres that transform one by one. From one to the other the section "
-    "turns as a whole, while its outer fibres turn first: at most 4 % of the largest moment apart, bent to four "
-    "times the strain of the plateau. Inner loops are elastic and close. In space what has transformed lags behind a "
-    "bend that turns round.",
+    source="moment of a rectangular section of a bilinear material; flag with elastic inner loops: "
+    "Auricchio and Sacco 1997; generalised play: Krasnosel'skii and Pokrovskii 1989",
+    note="Sections that are no rectangles pass over to the plateau a little more slowly or faster; the "
+    "strain takes that up. Both plateaus are those of fibres that transform one by one. From one to the "
+    "other the section turns as a whole, while its outer fibres turn first: at most 4 % of the largest "
+    "moment apart, bent to four times the strain of the plateau. Inner loops are elastic and close. In "
+    "space what has transformed lags behind a bend that turns round.",
     softens=True,
+    by_strain=True,
     bend=bend,
     bend_in_space=bend_in_space,
     remembers=1,
