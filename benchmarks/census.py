@@ -11,7 +11,8 @@ numbers are drawn from their usual ranges go through a pull and two closed loops
 - robots with a tip tension above the base's on the first pull.
 
 Each is told apart by the law that allows it (`allowed`); what no law allows is a bug. The terms of the load
-cells change no state and are left out, and so is `superelastic`, a law of metals: these bodies are soft.
+cells change no state and are left out, and so are `superelastic`, a law of metals (these bodies are soft),
+and `hyperelastic`, which is `stiffening` on a body of one radius.
 Robots of one kind of routing share a mesh, hence a program.
 """
 
@@ -166,7 +167,11 @@ def draw(seed: int, index: int) -> Drawn:
             float(force * np.cos(angle)),
             float(force * np.sin(angle)),
         )
-    known = [t for t in REGISTRY.values() if not (t.of_cells or t.event or t.id == "superelastic")]
+    known = [
+        t
+        for t in REGISTRY.values()
+        if not (t.of_cells or t.event or t.id in ("superelastic", "hyperelastic"))
+    ]
     if rigid:
         body = ("stiffening", "viscoelastic-body", "body-hysteresis", "tip-load", "gravity-error", "contact")
         known = [t for t in known if t.id not in body]

@@ -73,6 +73,19 @@ def test_angles_show_that_the_body_is_superelastic(told):
     assert told.episodes == [] and "tip-gain" not in told.settings["hypotheses"]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("known", [False, True], ids=["nothing known", "its plateau known"])
+def test_angles_show_that_it_unloads_on_a_lower_plateau(known):
+    """Friction holds the bend on release, too, and is told apart from it."""
+    robot, truth = wrist(terms=[SOFT] * known), wrist(terms=[SOFT | {"hysteresis": 0.5}])
+    found = calibrate.diagnose(robot, angles(truth, seed=1))
+    assert found.verdict == "missing-physics" and found.named == ["superelastic"], found.says
+    told = {c.name: c for c in found.parameters}
+    assert ("superelastic.softening" in told) == (not known)
+    for name, value in (("superelastic.hysteresis", 0.5), ("mu", 0.15)):
+        assert told[name].lower95 < value < told[name].upper95
+
+
 def test_sound_angles_are_adequate():
     found = calibrate.diagnose(wrist(), angles(wrist(), seed=2))
     assert found.verdict == "adequate", found.says

@@ -23,6 +23,7 @@ SETS = {
     "viscous": ("viscous-friction",),
     "contact": ("contact",),
     "events": ("sheath-moved", "tip-moved", "free-length"),
+    "rubber and nitinol": ("hyperelastic", "superelastic"),
     "several": ("body-hysteresis", "tendon-stretch", "adhesion", "clearance", "local-friction"),
 }
 
@@ -33,6 +34,8 @@ def test_native_steps_are_the_traced_ones(make_robot, name):
     terms = {f"{kind}.{q.name}": float(q.typical) for kind in SETS[name] for q in REGISTRY[kind].quantities}
     if name == "events":
         terms |= {"sheath-moved.change": -0.6, "sheath-moved.time": 3.0, "tip-moved.time": 4.5}
+    if name == "rubber and nitinol":
+        terms |= {"superelastic.strain": 0.1}
     robot = make_robot(0.4, routing=SINE, loads=loads).with_values(**terms)
     how = gtr.March(atol=1e-12)
     traced = gtr.simulate(robot, LOOP, time=CLOCK, solver=how)

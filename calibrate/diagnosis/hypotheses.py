@@ -66,16 +66,20 @@ VARIANTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "low-pass": {"tip": ("tip",), "base": ("base",)},
     "time-skew": {"": ("delay",), "drift": ("rate", "delay")},
     "saturation": {"tip": ("tip",), "base": ("base",)},
+    "superelastic": {"": ("softening", "strain"), "unloading": ("hysteresis",)},
     # The reference cannot be told from mu; the direction of a stop is set by the direction of the bend.
     "pressure-dependent-friction": {"": ("exponent",)},
     "contact": {"": ("stiffness", "distance")},
 }
+# Variants that act where the rest of their term does: offered beside it, and to robots that have the rest.
+WITHIN = {"superelastic.unloading"}
 # The number of an effect on the cell at the tip, or at the anchor before it, and on the cell at the base.
 AT_TIP, AT_BASE = "tip", "base"
 # Events: their free time lets them fit any bump, so that none is offered until a misfit is located in time.
 EVENTS = {kind for kind, term in REGISTRY.items() if term.event}
-# Terms without an effect on anything that varies, or read from the samples themselves.
-NEVER = {"quantisation"}
+# Terms without an effect on anything that varies, or read from the samples themselves; and one that on a body
+# of one radius is stiffening by another name.
+NEVER = {"quantisation", "hyperelastic"}
 # Shortest presliding length [m]: a little below what is usual. Shooting from the base becomes ill-conditioned
 # for shorter ones: at 5e-5 m slip at the tip changes 2e5 times as much as at the base, at 1.5e-5 m 2e12
 # times.
@@ -152,8 +156,9 @@ def catalogue(
             continue
         if not term.of_cells and term.id not in may:
             continue
-        if (term.timed and not timed) or known_on(term, robot.terms[term.id]):
+        if term.timed and not timed:
             continue
+        acts = known_on(term, robot.terms[term.id])
         if rigid and (term.bend or term.loads or term.stop):
             continue
         if term.id == "gravity-error" and not robot.loaded:
@@ -164,6 +169,8 @@ def catalogue(
         plain = {"": tuple(q.name for q in known)}
         for variant, names in VARIANTS.get(term.id, plain).items():
             name = f"{term.id}.{variant}" if variant else term.id
+            if acts and (name not in WITHIN or _is_set(robot, term, names)):
+                continue
             if not cells.tip and (names[0] == AT_TIP or (term.tip and not term.true_base)):
                 continue
             if not cells.base and term.of_cells and (names[0] == AT_BASE or (term.base and not term.tip)):
@@ -171,6 +178,12 @@ def catalogue(
             free = tuple(number_of(term, q) for wanted in names for q in known if q.name == wanted)
             found.append(_started(name, term, free, robot, largest_tip, travel, bend))
     return found
+
+
+def _is_set(robot: Robot, term: Term, names: Collection[str]) -> bool:
+    """Whether any of some numbers of a term is set to what does something."""
+    values = robot.terms[term.id]
+    return any(bool(np.any(np.asarray(values[q.name]) != q.null)) for q in term.sizes if q.name in names)
 
 
 def of_single_tendons(robot: Robot, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:

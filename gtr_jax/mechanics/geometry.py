@@ -169,7 +169,14 @@ class Geometry(abc.ABC):
 
     @abc.abstractmethod
     def root(
-        self, residual: Callable, guess, near: Callable, steps: int, flattest: float, stopped: Callable | None
+        self,
+        residual: Callable,
+        guess,
+        near: Callable,
+        steps: int,
+        flattest: float,
+        stopped: Callable | None,
+        first: Any,
     ) -> Any:
         """Root of a node's residual.
 
@@ -180,6 +187,9 @@ class Geometry(abc.ABC):
             steps: how many are taken, at least.
             flattest: slope below which a step in the plane is shortened.
             stopped: where a step in the plane ends, from where it starts and would end; None: there.
+            first: least slope of the first step in the plane, where the slope may be that of the elastic
+                body, 1, between two flat stretches: steps then stay between what is known to be too little
+                and too much. None where it has no such stretch.
         """
 
     @abc.abstractmethod

@@ -156,16 +156,22 @@ def _solved(equations: Equations, carry: Carry, row: Row, guess, use_guess, step
     geometry, what, closing = equations.geometry, equations.case.structure, row.closing
     # Without friction since its predecessor.
     moment = equations.expected(carry, row)
-    start = either_of(row.interval.joined > 0, carry.kappas[0], row.rest)
-    tension = equations.in_channels(carry.tension)
-    near = geometry.slackened(start, row.rest, row.compliance, tension, moment, row.R)
+    if what.lags:
+        near = row.kappa
+    else:
+        start = either_of(row.interval.joined > 0, carry.kappas[0], row.rest)
+        tension = equations.in_channels(carry.tension)
+        near = geometry.slackened(start, row.rest, row.compliance, tension, moment, row.R)
+        near = near if closing is None else closing.stopped(row.rest, near)
+    flattest = FLATTEST_SOFT if what.softens else FLATTEST
     return geometry.root(
         lambda k: equations(carry, row, k)[0],
-        either_of(use_guess, guess, near if closing is None else closing.stopped(row.rest, near)),
+        either_of(use_guess, guess, near),
         lambda k: equations.near(carry, row, k),
         _steps(what, closing is not None, steps),
-        FLATTEST_SOFT if what.softens else FLATTEST,
+        flattest,
         None if closing is None else closing.stopped,
+        jnp.where(use_guess, flattest, 1.0) if what.lags else None,
     )
 
 

@@ -542,7 +542,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         nu=node_first(metric_of(s, memory.kappa)) if what.carries else None,
         begins=None if s.guides is None else node_first(s.guides.begins()),
         chord=None if s.guides is None else jnp.moveaxis(s.guides.along(), -2, 0),
-        reach=s.reach if what.softens else None,
+        reach=s.reach if what.by_strain else None,
         shift=s.shift,
         closing=s.closing,
         beyond=None if s.beyond is None else node_first(s.beyond),

@@ -108,12 +108,19 @@ class Plane(Geometry):
     def near(self, compliance, tension, strain, R):
         return None
 
-    def root(self, residual, guess, near, steps, flattest, stopped):
-        strain = guess
-        for _ in range(steps):
+    def root(self, residual, guess, near, steps, flattest, stopped, first):
+        strain, low, high = guess, -jnp.inf, jnp.inf
+        for i in range(steps):
             error, slope = self.slope(residual, strain)
-            after = strain - error / jnp.where(slope > flattest, slope, flattest)
-            strain = after if stopped is None else stopped(strain, after)
+            least = flattest if first is None or i else first
+            after = strain - error / jnp.where(slope > least, slope, least)
+            after = after if stopped is None else stopped(strain, after)
+            if first is not None:
+                low, high = jnp.where(error < 0, strain, low), jnp.where(error > 0, strain, high)
+                astray = (after < low) | (after > high)
+                known = jnp.isfinite(low) & jnp.isfinite(high)
+                after = jnp.where(astray & known, 0.5 * (low + high), after)
+            strain = after
         return strain
 
     def slope(self, residual, strain):

@@ -315,7 +315,7 @@ class Space(Geometry):
             Vector(c.z * xz, c.z * yz, 1.0 + c.z * zz),
         )
 
-    def root(self, residual, guess, near, steps, flattest, stopped):
+    def root(self, residual, guess, near, steps, flattest, stopped, first):
         # Broyden's method from the derivative in which tensions stay: what that leaves out is small, of the
         # order of the interval, and nearly of rank one.
         slope = inverse(near(guess))

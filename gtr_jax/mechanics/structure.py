@@ -86,6 +86,18 @@ class Structure:
         """Whether the body may grow far softer as it bends."""
         return any(self.catalogue[kind].softens for kind in self.terms)
 
+    @property
+    def by_strain(self) -> bool:
+        """Whether a law of the body depends on the strain of its outermost fibre."""
+        return any(self.catalogue[kind].by_strain for kind in self.terms)
+
+    @property
+    def lags(self) -> bool:
+        """Whether a body that grows softer may stay so until it is bent back a good way: the balance of a
+        node then has a steep stretch between two flat ones, past which Newton's method would jump to and fro.
+        """
+        return any(self.catalogue[kind].softens and self.catalogue[kind].remembers for kind in self.terms)
+
     @functools.cached_property
     def presliding(self) -> bool:
         """Whether friction may build up over a slip, as it always does where several tendons share it."""

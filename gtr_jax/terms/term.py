@@ -96,7 +96,7 @@ class Bent(NamedTuple):
         kept: what the law remembers, (remembers, ...).
         dt: time since the previous step [s].
         compliance: one over the stiffness [1/(N m^2)], where the law is for a section in space.
-        reach: distance of the outermost fibre from the neutral line [m], where a law `softens`.
+        reach: distance of the outermost fibre from the neutral line [m], where a law is `by_strain`.
 
     In space all but the time and the reach are tuples of three: of twist, and of the bendings about y and
     about z.
@@ -145,6 +145,7 @@ class Term:
         relaxes: whether the body goes on bending where the tendon is locked, and carries it along; the first
             number that `bend` remembers is then its moment over EI.
         softens: whether `bend` may take away most of the stiffness.
+        by_strain: whether `bend` depends on the strain of the outermost fibre.
         event: whether it happens once, at a time of its own.
         loosens: whether `friction` falls with time where the tendon is locked, so that the tension held there
             relaxes.
@@ -193,6 +194,7 @@ class Term:
     creeps: bool = False
     relaxes: bool = False
     softens: bool = False
+    by_strain: bool = False
     event: bool = False
     loosens: bool = False
     reads_speed: bool = False
