@@ -88,7 +88,7 @@ def diagnose(
     from gtr_jax.files.masking import times_of
     from gtr_jax.files.thinning import MOST
 
-    from .cache import enable_cache
+    from ..cache import enable_cache
     from .progress import Progress, kept
     from .run_folder import RunFolder
 

@@ -99,7 +99,7 @@ def fit(
     from gtr_jax.files.config import load_config
     from gtr_jax.files.thinning import MOST
 
-    from .cache import enable_cache
+    from ..cache import enable_cache
     from .progress import Progress
     from .run_folder import RunFolder
 
