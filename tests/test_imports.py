@@ -35,6 +35,7 @@ ALLOWED = {
     "simulation": {"base", "robot", "mechanics", "mechanics.several", "native", "terms"},
     "gtr_jax (door)": BELOW | {"inspection"},
     "sweep": BELOW,
+    "tables": BELOW,
     "plots": BELOW | {"sweep"},
     "report": BELOW | {"sweep", "plots", "examples"},
     "calibrate.readings": {"files", "inspection"},
