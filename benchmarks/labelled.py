@@ -13,7 +13,7 @@ from pathlib import Path
 
 import calibrate
 import gtr_jax as gtr
-from gtr_jax.cli.cache import enable_cache
+from gtr_jax.cache import enable_cache
 
 ELSEWHERE = {
     "point-friction-base": "local-friction",

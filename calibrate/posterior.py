@@ -19,7 +19,7 @@ from gtr_jax import InputError, Robot
 
 from .answer import Answer
 from .coordinates import Coordinates
-from .posterior_draws import Posterior
+from .posterior_draws import EXTRA, Posterior
 from .predictor import History, Predictor, shown
 from .setup import Part, Setup
 from .weighing import Weighing
@@ -28,6 +28,13 @@ from .weighing import Weighing
 CHAINS, WARM_UP, DRAWS = 4, 150, 250
 # Knots of the base tension, at most: the program holds a dense matrix of them, 32 MB for this number.
 MOST_KNOTS = 2000
+# What the sampler says of each draw, by its names, and those of ArviZ.
+SAID = {
+    "diverging": "diverging",
+    "potential_energy": "lp",
+    "accept_prob": "acceptance_rate",
+    "num_steps": "n_steps",
+}
 # Depth of the sampler's tree: at most 2^6 simulations with derivatives for each draw.
 DEEPEST = 6
 
@@ -179,9 +186,7 @@ def require_sampler() -> None:
     try:
         import numpyro  # noqa: F401
     except ImportError:
-        raise InputError(
-            "the posterior needs NumPyro, which is not installed; pip install 'gtr-jax[posterior]'"
-        ) from None
+        raise InputError(f"the posterior needs NumPyro, which is not installed; {EXTRA}") from None
 
 
 def sample(
@@ -218,7 +223,7 @@ def sample(
     start = jnp.asarray(0.5 * rng.normal(size=(chains, len(best))))
     # NumPyro relies on JAX's standard promotion rules, whatever the process has set.
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        mcmc.run(jax.random.key(seed), init_params=start, extra_fields=("diverging",))
+        mcmc.run(jax.random.key(seed), init_params=start, extra_fields=tuple(SAID))
     y = mcmc.get_samples(group_by_chain=True)
     statistics = summary({"y": np.asarray(y)}, prob=0.95)["y"]
     u = np.asarray(best) + np.asarray(y) @ np.asarray(root).T
@@ -227,13 +232,16 @@ def sample(
     values = values[..., :n]
     flat = values.reshape(-1, values.shape[-1])
     lower, upper = np.quantile(flat, [0.025, 0.975], axis=0)
+    fields = mcmc.get_extra_fields(group_by_chain=True)
+    said = {name: np.asarray(fields[own]) for own, name in SAID.items()}
     return Posterior(
         names=tuple(f.name for f in setup.asked),
+        units=tuple(f.entry.unit for f in setup.asked),
         draws=values,
         lower95=lower,
         upper95=upper,
         sd=flat.std(axis=0, ddof=1),
         effective=np.asarray(statistics["n_eff"])[:n],
         rhat=np.asarray(statistics["r_hat"])[:n],
-        divergences=int(np.sum(np.asarray(mcmc.get_extra_fields()["diverging"]))),
+        statistics=said | {"lp": -said["lp"]},
     )

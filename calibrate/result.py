@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gtr_jax import Robot, RobotConfig
+from gtr_jax import Recording, Robot, RobotConfig
+from gtr_jax.files.headed import dataset_of, frame_of
 from gtr_jax.files.plain import plain
+from gtr_jax.files.recording import SAMPLE
 from gtr_jax.notebook import drawn_by
 
 from .channels import of_tendons
 from .estimate import Estimate, Profile
 from .posterior_draws import Posterior
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
 
 
 def _posterior(found: Posterior) -> dict[str, Any]:
@@ -94,6 +100,22 @@ class FittedRecording:
     outliers: int
     settings: dict[str, Any]
     unrecorded: np.ndarray | None = None
+
+    def to_pandas(self, recording: Recording) -> pandas.DataFrame:
+        """The recording and the fitted model, with the columns of `fit.csv`: SI, units in the names.
+
+        Args:
+            recording: that was fitted; ValueError if it has another length.
+        """
+        from .tables import beside
+
+        return frame_of(beside(recording, self), SAMPLE)
+
+    def to_xarray(self, recording: Recording) -> xarray.Dataset:
+        """The same as a dataset with units: (sample,), of several tendons (sample, tendon)."""
+        from .tables import beside
+
+        return dataset_of(beside(recording, self), SAMPLE, tendons=recording.tendons)
 
     @property
     def T_tip(self) -> np.ndarray:
@@ -245,6 +267,14 @@ class FitResult:
         return {"names": self.settings["free"] + self.settings["carried"], "matrix": self.information}
 
     _repr_html_ = drawn_by("calibrate.report.cards:fit_card")
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """The estimates, a row for each number by its name: key, value, sd, ends of the 95 % interval, value
+        in the robot file, SI unit, smallest change that would show, note, and whether it was carried along.
+        """
+        from .tables import estimates_frame
+
+        return estimates_frame(self)
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for a JSON file: units in the keys, SI; null for what is not known."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,9 +20,13 @@ from .option import Margin, Option, TargetError
 from .pose import ANGLE, PLANE, place_of, rotation_matrix
 from .problem import DesignProblem
 from .robustness import Robustness, Spread
+from .tables import options_frame
 from .tensions import pull_says
 from .tolerances import Sensitivity
 from .verify import Verification
+
+if TYPE_CHECKING:
+    import pandas
 
 REACHED, NEAREST, OPTIMAL, UNSETTLED = "reached", "not-reached", "optimal", "not-converged"
 GOAL_UNITS = {"reach": "m", "bend": "rad", "tension": "N"}
@@ -139,6 +143,13 @@ class Design:
         return " ".join(_sentences(self))
 
     _repr_html_ = drawn_by("design.report.design:design_card")
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """The designs found, the best first, a row each: what was searched and the base tensions, SI with
+        units in the names, the largest error in units of its tolerance, the share of the tension that is
+        lost, and whether targets and limits are kept.
+        """
+        return options_frame(self)
 
     def to_json(self) -> dict[str, Any]:
         """The answer as plain values, SI, units in the keys."""

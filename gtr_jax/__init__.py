@@ -18,6 +18,7 @@ from .runtime import set_up  # noqa: E402
 set_up()
 
 if TYPE_CHECKING:
+    from .cache import enable_cache
     from .errors import InputError
     from .files.config import RobotConfig, dump_config, load_config
     from .files.recording import Recording, read_recording, write_recording
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 
 # The names of each file; a test checks this table against the imports above.
 FILES = {
+    "cache": ("enable_cache",),
     "errors": ("InputError",),
     "files.config": ("RobotConfig", "dump_config", "load_config"),
     "files.recording": ("Recording", "read_recording", "write_recording"),
@@ -80,6 +82,7 @@ __all__ = [
     "build_robot",
     "channel_forces",
     "dump_config",
+    "enable_cache",
     "equilibrium",
     "equilibrium_at",
     "inspect",

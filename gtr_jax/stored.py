@@ -33,6 +33,8 @@ FLAGS = ("jax_enable_x64", "jax_numpy_dtype_promotion", "jax_numpy_rank_promotio
 EARLIER = 2
 
 _root: Path | None = None
+# Whether our sources alone determine the programs.
+_ours = True
 
 
 def enable(folder: Path) -> None:
@@ -41,6 +43,14 @@ def enable(folder: Path) -> None:
     """
     global _root
     _root = folder
+
+
+def keep_none() -> None:
+    """From now on neither keep nor read programs: they depend on sources of others, such as a user's terms,
+    which do not tell them apart.
+    """
+    global _ours
+    _ours = False
 
 
 class Stored:
@@ -63,7 +73,7 @@ class Stored:
         arrays, rest = eqx.partition(args, eqx.is_array)
         leaves, tree = jax.tree_util.tree_flatten(arrays)
         traced = any(isinstance(leaf, Tracer) for leaf in leaves)
-        if _root is None or traced or jax.default_backend() != "cpu":
+        if _root is None or not _ours or traced or jax.default_backend() != "cpu":
             return self._jitted(*args)
         shapes = [(leaf.shape, str(leaf.dtype)) for leaf in leaves]
         key = hashlib.sha256(

@@ -195,6 +195,11 @@ def test_answer_of_an_example(answer):
     json.dumps(data, allow_nan=False)
     assert {m["name"] for m in data["limits"]} >= {"wall_clearance", "bore_clearance", "max_tension_loss"}
     assert all(m["margin"] >= 0 for m in data["limits"])
+    table = answer.to_pandas()
+    assert len(table) == len(answer.options) and table["reached"].all() and table["limits_kept"].all()
+    assert table.loc[0, "r1_m"] == answer.best.values["r1"]
+    assert table.loc[0, "T_base_N"] == answer.best.tensions[0]
+    assert table["tension_loss"].tolist() == [option.loss for option in answer.options]
 
 
 def test_a_designed_robot_is_written_in_numbers_for_people(answer):

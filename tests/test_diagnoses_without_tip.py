@@ -124,6 +124,13 @@ def test_the_command_writes_what_was_recorded(told, tmp_path, monkeypatch, capsy
     header = (out / "diagnosis.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
     assert header[:4] == ["T_base_N", "n0_angle_rad", "n0_angle_before_rad", "n0_angle_after_rad"]
     assert header[-1] == "phase"
+    assert list(told.loops[0].to_pandas().columns) == header
+    data = told.loops[0].to_xarray()
+    assert data.n0_angle_after.units == "rad" and "phase" in data.coords
+    np.testing.assert_array_equal(data.n0_angle_after, told.loops[0].after[0])
+    numbers = told.to_pandas()
+    assert numbers.index.tolist() == [c.name for c in told.parameters]
+    assert numbers["sd"].isna().tolist() == [c.sd is None for c in told.parameters]
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "angle at marker n0" in page and "residual of T_tip" not in page
 

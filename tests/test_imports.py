@@ -36,6 +36,7 @@ ALLOWED = {
     "gtr_jax (door)": BELOW | {"inspection"},
     "export": {"base", "files", "mechanics", "robot", "simulation", "terms"},
     "sweep": BELOW,
+    "tables": BELOW,
     "plots": BELOW | {"sweep"},
     "report": BELOW | {"sweep", "plots", "examples"},
     "calibrate.readings": {"files", "inspection"},

@@ -259,6 +259,22 @@ def test_the_sampler_sees_the_sum_of_squares_that_is_minimised(tdcm, monkeypatch
     assert np.isinf(float(potential(jnp.asarray([9.0, 0.0])))), "beyond the range searched"
 
 
+def test_a_fit_is_tables_and_datasets(tdcm, pair):
+    fit = fitted(tdcm, pair[0])
+    table = fit.to_pandas()
+    assert table.index.tolist() == [e.name for e in (*fit.estimates, *fit.carried)]
+    assert table.loc["mu", "value"] == fit["mu"].value and table.loc["E", "unit"] == "Pa"
+    assert table["carried"].sum() == len(fit.carried)
+    one = fit.recordings[0]
+    rows, data = one.to_pandas(pair[0]), one.to_xarray(pair[0])
+    names = ["T_base_N", "T_tip_N", "T_base_fitted_N", "T_tip_fitted_N", "residual_N", "phase"]
+    assert list(rows.columns) == names
+    np.testing.assert_allclose(data.T_tip_fitted - data.T_tip, one.residual, atol=1e-12)
+    assert data.residual.units == "N" and data.phase.dims == ("sample",)
+    with pytest.raises(ValueError, match=r"rec\.csv has 9 samples, and first, which was fitted, 86"):
+        one.to_pandas(dataclasses.replace(pair[0], path=Path("rec.csv"), T_base=PULLED[:9]))
+
+
 @pytest.mark.slow
 def test_the_posterior_agrees_with_the_errors(tdcm, pair):
     fit = fitted(tdcm, pair[0], sampled=True, profiled=True)
@@ -270,6 +286,13 @@ def test_the_posterior_agrees_with_the_errors(tdcm, pair):
         assert posterior.lower95[i] == pytest.approx(e.lower95, abs=0.5 * sd)
         assert posterior.upper95[i] == pytest.approx(e.upper95, abs=0.5 * sd)
     assert fit.to_json()["posterior"]["parameters"]["mu"]["effective_draws"] > 200
+    chains = posterior.to_arviz()
+    np.testing.assert_array_equal(chains.posterior["mu"], posterior.draws[..., 0])
+    # The density is highest at the draws near the best, in every chain.
+    lp = chains.sample_stats["lp"].values
+    off = np.abs(posterior.draws[..., 0] - fit["mu"].value)
+    assert lp.shape == off.shape and np.corrcoef(lp.ravel(), off.ravel())[0, 1] < -0.3
+    assert np.all(chains.sample_stats["acceptance_rate"] > 0) and chains.posterior["E"].units == "Pa"
 
 
 def test_an_interrupted_profile_loses_no_fit(tdcm, monkeypatch):

@@ -195,6 +195,7 @@ if factor:
     gtr.register_term(Term(id=name, quantities=(size,), drag=lambda p, at: factor * p["size"], **words))
     odd = lambda p, at: p["size"] * jax.lax.lgamma(1.0 + at.pressure)
     gtr.register_term(Term(id="odd-drag", quantities=(size,), drag=odd, **words))
+    gtr.enable_cache()  # before or after terms are registered
     gtr.register_term(Term(id="my-drag", quantities=(size,), drag=lambda p, at: factor * p["size"], **words))
 
 from gtr_jax.files.config import load_config
@@ -222,6 +223,8 @@ if factor > 1:
         tip(**{"terms.odd-drag.size": 3.0})
     except gtr.InputError as fault:
         found["says"] = str(fault)
+from gtr_jax import stored
+found["kept"] = stored._ours
 print(json.dumps(found))
 """
 
@@ -256,6 +259,7 @@ def test_no_program_of_another_term_stands_for_a_users_own(tmp_path, make_config
         "term 'odd-drag': computes 'lgamma', which native code does not; write it with"
     )
     assert list((tmp_path / "cache").rglob("*.o"))
+    assert not one["kept"] and not two["kept"]
 
 
 def test_the_command_knows_the_terms_of_a_file(tmp_path):

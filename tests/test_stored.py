@@ -89,3 +89,12 @@ def test_a_program_from_the_compilation_cache_does_no_harm(kept, tmp_path, monke
     file.unlink()
     for _ in range(2):
         np.testing.assert_array_equal(build()(LINE, X, 3)[0], 3 * (2 * X - 1))
+
+
+def test_no_program_is_kept_that_a_users_term_may_be_in(kept, monkeypatch):
+    build, traced, folder = kept
+    monkeypatch.setattr(stored, "_ours", True)  # as it was, once the test is over
+    build()(LINE, X, 3)
+    stored.keep_none()
+    np.testing.assert_array_equal(build()(LINE, X, 3)[0], 3 * (2 * X - 1))
+    assert len(traced) == 2 and len(list(folder.glob("programs-*/*"))) == 1

@@ -19,7 +19,7 @@ import gtr_jax as gtr
 from calibrate.diagnosis.cache import SimulationCache
 from calibrate.diagnosis.prepare import prepare
 from calibrate.parallel import use_threads
-from gtr_jax.cli.cache import enable_cache
+from gtr_jax.cache import enable_cache
 
 from . import baselines
 from .cases import WITHOUT

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gtr_jax import Robot, RobotConfig
+from gtr_jax.files.headed import dataset_of, frame_of
 from gtr_jax.files.plain import plain
+from gtr_jax.files.recording import SAMPLE
 from gtr_jax.notebook import drawn_by
 from gtr_jax.terms import Law, Term, catalogue_of
 
@@ -34,6 +36,11 @@ from .robots import RobotFile, kinds, robot_files
 from .screen import SEEN, Screened
 from .sentence import DIFFER, sentence
 from .settled import Settled
+from .tables import changes_frame, loop_columns
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
 
 BAD_DATA = "bad-data"
 Names = tuple[str, ...]
@@ -91,6 +98,15 @@ class Loop:
     of: tuple[int, ...]
     pulls: tuple[Pull, ...]
     noise: tuple[Noise, ...]
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """The recording beside both models, with the columns of `diagnosis.csv`: SI, units in the names."""
+        return frame_of(loop_columns(self), SAMPLE)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The same as a dataset with units: (sample,), of several tendons (sample, tendon)."""
+        names = tuple(pull.tendon for pull in self.pulls if pull.tendon)
+        return dataset_of(loop_columns(self), SAMPLE, tendons=names)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -396,6 +412,12 @@ class Diagnosis:
         return {k: of[f"{difference.name}{OWN}{k}"] for k in difference.own}
 
     _repr_html_ = drawn_by("calibrate.report.cards:diagnosis_card")
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """The numbers before and after, a row for each by its name: SI, with sd, the 95 % interval under the
+        model shown, the one averaged over models, and the unit; NaN where there is none.
+        """
+        return changes_frame(self)
 
     def to_json(self) -> dict[str, Any]:
         """The contents of `diagnosis.json`."""

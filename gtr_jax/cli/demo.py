@@ -48,7 +48,7 @@ def demo(output: Path, force: bool) -> int:
     from gtr_jax.report.page import render_index
     from gtr_jax.report.simulation import verdict
 
-    from .cache import enable_cache
+    from ..cache import enable_cache
     from .progress import Progress
     from .run_folder import RunFolder
 

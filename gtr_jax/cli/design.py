@@ -66,7 +66,7 @@ def design(
     """
     from gtr_jax.files.config import load_config
 
-    from .cache import enable_cache
+    from ..cache import enable_cache
     from .progress import Progress
     from .run_folder import RunFolder
 

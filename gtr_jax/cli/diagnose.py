@@ -88,7 +88,7 @@ def diagnose(
     from gtr_jax.files.masking import times_of
     from gtr_jax.files.thinning import MOST
 
-    from .cache import enable_cache
+    from ..cache import enable_cache
     from .progress import Progress, kept
     from .run_folder import RunFolder
 
@@ -184,7 +184,7 @@ def write_answer(
     figures: Sequence[str] = (),
 ) -> None:
     """Write all that a diagnosis leaves into a folder."""
-    from calibrate.channels import unit_of
+    from calibrate.diagnosis.tables import loop_columns
     from calibrate.report.diagnosis import diagnosis_report
     from gtr_jax.files.config import config_text, dump_config
     from gtr_jax.files.recording import write_recording
@@ -195,20 +195,8 @@ def write_answer(
     for file in answer.files:
         dump_config(file.config, folder / file.name, note=file.note)
     for loop in answer.loops:
-        columns: dict[str, Any] = {} if loop.time is None else {"time": loop.time}
-        for i, pull in enumerate(loop.pulls):
-            ending = f".{pull.tendon}" if pull.tendon else ""
-            columns[("displacement_m" if pull.by_displacement else "T_base_N") + ending] = pull.drive
-            for c, channel in enumerate(loop.channels[: loop.explained]):
-                if loop.of[c] == i:
-                    quantity, _, tendon = channel.partition(".")
-                    rows = {"": loop.recorded, "_before": loop.before, "_after": loop.after}
-                    for which, each in rows.items():
-                        name = f"{quantity}{which}_{unit_of(channel)}"
-                        columns[f"{name}.{tendon}" if tendon else name] = each[c]
-            columns[f"phase{ending}"] = pull.phases
         ending = f"-{loop.name}" if len(answer.loops) > 1 else ""
-        write_recording(folder / f"diagnosis{ending}.csv", columns)
+        write_recording(folder / f"diagnosis{ending}.csv", loop_columns(loop))
     if answer.experiment is not None:
         write_recording(folder / "next-experiment.csv", _to_drive(answer))
     data = answer.to_json()

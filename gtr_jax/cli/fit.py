@@ -28,10 +28,7 @@ from .options import (
 from .recordings import left_out, mapping_files, read_recordings, recording_options
 
 if TYPE_CHECKING:
-    import numpy as np
-
-    from calibrate import Estimate, FitResult, Posterior
-    from calibrate.result import FittedRecording
+    from calibrate import FitResult
     from gtr_jax.files.config import RobotConfig
     from gtr_jax.files.recording import Recording
 
@@ -69,7 +66,8 @@ class Inputs(NamedTuple):
 @click.option(
     "--posterior",
     is_flag=True,
-    help="Sample the posterior by NUTS too: minutes; needs pip install 'gtr-jax[posterior]'.",
+    help="Sample the posterior by NUTS too, and write its draws, as draws.csv and for ArviZ as draws.nc: "
+    "minutes; needs pip install 'gtr-jax[posterior]'.",
 )
 @recording_options
 @figures_option
@@ -99,7 +97,7 @@ def fit(
     from gtr_jax.files.config import load_config
     from gtr_jax.files.thinning import MOST
 
-    from .cache import enable_cache
+    from ..cache import enable_cache
     from .progress import Progress
     from .run_folder import RunFolder
 
@@ -129,6 +127,10 @@ def fit(
     paths |= {f"recording {i + 1}": path for i, path in enumerate(given.recordings)}
     paths |= mapping_files(columns)
     folder = RunFolder(output, paths, force=force)
+    if posterior:
+        from calibrate.posterior_draws import require_netcdf
+
+        require_netcdf("draws.nc")  # before minutes are spent on draws
     enable_cache()
     with Progress() as progress:
         result = solve(of, recordings, noise=noise, noise_base=noise_base, progress=progress, **options)
@@ -237,50 +239,6 @@ def _named(robots: Sequence[RobotConfig | None], recordings: Sequence[str]) -> d
     return {f"-{name}": robot for name, robot in zip(recordings, robots, strict=True) if robot is not None}
 
 
-def _draws(posterior: Posterior, estimates: Sequence[Estimate]) -> dict[str, np.ndarray]:
-    """The draws of the posterior as columns, a row each, SI with the unit in the name."""
-    import numpy as np
-
-    draws = np.asarray(posterior.draws)
-    chains, each, _ = draws.shape
-    columns = {
-        "chain": np.repeat(np.arange(1, chains + 1), each),
-        "draw": np.tile(np.arange(1, each + 1), chains),
-    }
-    for i, e in enumerate(estimates):
-        columns[f"{e.name} [{e.unit}]" if e.unit else e.name] = draws[..., i].reshape(-1)
-    return columns
-
-
-def columns_of(recording: Recording, fitted: FittedRecording) -> dict[str, Any]:
-    """A recording, and beside it what the fitted model shows, by column."""
-    import numpy as np
-
-    from calibrate.channels import ROTATION, turned_back
-    from gtr_jax.files.quantities import COLUMNS, QUATERNION, column_of
-
-    columns = {name: getattr(recording, name) for name in COLUMNS}
-    columns |= {column_of(name).header: values for name, values in recording.markers.items()}
-    drawn = np.asarray([tendon.drive == "displacement" for tendon in fitted.robot.tendons])
-    which = drawn.reshape(fitted.T_base.shape[1:])
-    if not drawn.all():
-        columns["T_base_fitted_N"] = np.where(which, np.nan, fitted.T_base)
-    if drawn.any():
-        columns["displacement_fitted_m"] = np.where(which, fitted.T_base, np.nan)
-    for name, channel in fitted.channels.items():
-        quantity, dot, tendon = name.partition(".")
-        if quantity not in ROTATION:
-            columns[f"{quantity}_fitted_{channel.unit}{dot}{tendon}"] = channel.simulated
-    if ROTATION[0] in fitted.channels and recording.tip_quaternion is not None:
-        left = np.stack([fitted.channels[name].residual for name in ROTATION], axis=1)
-        fits = turned_back(recording.tip_quaternion, left).T
-        columns |= {f"{name}_fitted": row for name, row in zip(QUATERNION, fits, strict=True)}
-    if fitted.tips:
-        columns["residual_N"] = fitted.residual
-    columns["phase"] = fitted.phases
-    return {name: values for name, values in columns.items() if values is not None}
-
-
 def write_answer(
     folder: Path,
     result: FitResult,
@@ -291,9 +249,10 @@ def write_answer(
     figures: Sequence[str] = (),
 ) -> None:
     """Write all that a fit leaves into a folder: of one recording fit.csv, of several fit-NAME.csv of each;
-    robot.toml and fitted.toml likewise where there are several robots; draws.csv of a posterior.
+    robot.toml and fitted.toml likewise where there are several robots; draws.csv and draws.nc of a posterior.
     """
     from calibrate.report.fit import fit_report
+    from calibrate.tables import draws_columns, fitted_columns
     from gtr_jax.files.config import config_text, dump_config
     from gtr_jax.files.recording import write_recording
 
@@ -304,9 +263,12 @@ def write_answer(
             dump_config(robot, folder / f"{stem}{ending}.toml")
     for recording, fitted in zip(recordings, result.recordings, strict=True):
         ending = f"-{fitted.name}" if len(recordings) > 1 else ""
-        write_recording(folder / f"fit{ending}.csv", columns_of(recording, fitted), tendons=recording.tendons)
+        write_recording(
+            folder / f"fit{ending}.csv", fitted_columns(recording, fitted), tendons=recording.tendons
+        )
     if result.posterior is not None:
-        write_recording(folder / "draws.csv", _draws(result.posterior, result.estimates))
+        write_recording(folder / "draws.csv", draws_columns(result.posterior))
+        result.posterior.to_netcdf(folder / "draws.nc")
     data = result.to_json()
     write_json(folder / "fit.json", {**data, "settings": {**data["settings"], **settings}})
     report = fit_report(result, recordings, " and ".join(dict.fromkeys(c.name for c in configs)))

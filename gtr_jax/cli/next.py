@@ -74,7 +74,7 @@ def next_(
     simulated under each of them, and the one that holds them apart best is chosen; else the one that narrows
     the intervals most. Several robot files are rivals; a single one is planned for from what it says.
     """
-    from .cache import enable_cache
+    from ..cache import enable_cache
     from .progress import Progress
     from .run_folder import RunFolder
 

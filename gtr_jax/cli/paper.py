@@ -22,7 +22,7 @@ def paper(output: Path, force: bool) -> int:
     from gtr_jax.paper import pages
     from gtr_jax.paper.studies import studies
 
-    from .cache import enable_cache
+    from ..cache import enable_cache
     from .progress import Progress
     from .run_folder import RunFolder, write_json
 

@@ -96,7 +96,7 @@ def simulate(
     """
     from gtr_jax.files.config import load_config
 
-    from .cache import enable_cache
+    from ..cache import enable_cache
     from .progress import Progress
     from .run_folder import RunFolder
 
@@ -316,37 +316,19 @@ def write_answer(
     figures: Sequence[str] = (),
 ) -> None:
     """Write all that a simulation leaves into a folder."""
-    import numpy as np
 
     from gtr_jax.files.config import dump_config
     from gtr_jax.files.recording import write_recording
     from gtr_jax.report.profile import profile
     from gtr_jax.report.simulation import facts, simulation_report
-    from gtr_jax.report.spatial import marker_columns, tip_columns
+    from gtr_jax.tables.simulation import simulation_columns
 
     from ..robot.channel_table import channel_curve
-    from ..simulation.sensing import cells_differ
     from .run_folder import write_json, write_report
 
-    run, shown = answer.run, answer.run.reading
+    run = answer.run
     dump_config(config, folder / "robot.toml")
-    if answer.robot.space:
-        pose = tip_columns(answer.robot, run)
-    else:
-        pose = {name: run.tip_pose[:, i] for i, name in enumerate(("tip_x", "tip_y", "tip_angle"))}
-        pose |= marker_columns(answer.robot, run) if config.markers else {}
-    columns = {
-        "time": time,
-        "T_base": shown.T_base,
-        "T_tip": shown.T_tip,
-        **pose,
-        "displacement": run.displacement,
-        "phase": answer.phases,
-    }
-    if cells_differ(answer.robot):
-        columns |= {"T_base_true_N": run.T_base, "T_tip_true_N": run.T_tip}
-    if not answer.converged:
-        columns["converged"] = np.asarray(run.converged).astype(int)
+    columns = simulation_columns(run, answer.robot, timed=time is not None)
     write_recording(folder / "simulation.csv", columns, tendons=config.tendon_names)
     for tendon in answer.robot.tendons if answer.robot.space else ():
         name = f"channel-{tendon.name}.csv" if tendon.name else "channel.csv"

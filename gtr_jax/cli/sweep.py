@@ -67,7 +67,7 @@ def sweep(
     from gtr_jax.sweep import load_sweep, task_of
     from gtr_jax.sweep.task import inputs_of
 
-    from .cache import enable_cache
+    from ..cache import enable_cache
     from .progress import Progress, kept
     from .run_folder import RunFolder
 

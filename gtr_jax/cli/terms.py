@@ -67,7 +67,7 @@ def draw_laws(robot: Path, pull: float | None, folder: Path) -> None:
     from gtr_jax.report.term_pages import FAST, PULL
     from gtr_jax.report.terms import value_text
 
-    from .cache import enable_cache
+    from ..cache import enable_cache
 
     config = load_config(robot)
     tension = PULL if pull is None else pull

@@ -56,7 +56,7 @@ def view(
     """
     from gtr_jax.files.config import load_config
 
-    from .cache import enable_cache
+    from ..cache import enable_cache
 
     try:
         import bokeh  # noqa: F401

@@ -15,7 +15,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from .columns import Columns, mapped, read_columns
 from .guessing import Guess as Guess
 from .guessing import Guessed as Guessed
 from .guessing import guess as guess
+from .headed import dataset_of, frame_of, headed
 from .headers import meant_column, missing, recognised, unit_remedy, unread
 from .large_csv import large_text
 from .masking import Masked, masks
@@ -42,6 +43,10 @@ from .quantities import (
 from .table import Table, read_table
 from .whole import write_whole
 
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
 SWAP_FACTOR = 1.3
 """A tip tension peaking above this multiple of the base's suggests swapped columns or wrong units."""
 QUATERNION_ERROR = 0.02
@@ -49,6 +54,8 @@ QUATERNION_ERROR = 0.02
 POSED = "record the pose of the tip (tip_x_m, ...) or markers of the robot file"
 OTHERWISE = "record the pose of the tip (tip_x_m, ...), markers of the robot file, or displacement_m"
 """What a recording may be compared by in place of a tip tension: where displacement drives, and else."""
+SAMPLE = "sample"
+"""Dimension of recordings as tables and datasets."""
 LARGE = 50_000
 """Rows from which on polars writes a recording."""
 MOST_ABSENT = 0.05
@@ -92,6 +99,14 @@ class Recording:
 
     def __len__(self) -> int:
         return len(self.T_base)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """The recording as a table, its columns as `write_recording` writes them: SI, units in the names."""
+        return frame_of(columns_of(self), SAMPLE)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The recording as a dataset: (sample,), of several tendons (sample, tendon), SI with `units`."""
+        return dataset_of(columns_of(self), SAMPLE, tendons=self.tendons)
 
     @property
     def tip_quaternion(self) -> np.ndarray | None:
@@ -299,6 +314,13 @@ def _check_signals(
             )
 
 
+def columns_of(recording: Recording) -> dict[str, np.ndarray]:
+    """The columns of a recording by their headers, (rows,) each."""
+    given = {own.name: getattr(recording, own.name) for own in fields(recording)}
+    named = {quantity: given[quantity] for quantity in COLUMNS} | dict(recording.markers)
+    return headed(named, tendons=recording.tendons, markers=recording.markers)
+
+
 def write_recording(
     path: str | os.PathLike[str],
     recording: Recording | Mapping[str, Iterable[float] | Sequence[str]],
@@ -315,28 +337,9 @@ def write_recording(
     Raises ValueError if the columns differ in length.
     """
     if isinstance(recording, Recording):
-        given = {own.name: getattr(recording, own.name) for own in fields(recording)}
-        named = {quantity: given[quantity] for quantity in COLUMNS} | dict(recording.markers)
-        tendons = recording.tendons
+        columns = columns_of(recording)
     else:
-        named = {quantity: recording.get(quantity) for quantity in COLUMNS}
-        named |= {name: values for name, values in recording.items() if name not in COLUMNS}
-    columns = {}
-    for name, values in named.items():
-        if values is None:
-            continue
-        known = name in COLUMNS or (isinstance(recording, Recording) and name in recording.markers)
-        header, table = column_of(name).header if known else name, np.asarray(values)
-        if table.ndim == 1 and name == "T_base" and _not_recorded(table):
-            continue
-        if table.ndim == 1:
-            columns[header] = table
-        else:
-            columns |= {
-                f"{header}.{t}": own
-                for t, own in zip(tendons, table.T, strict=True)
-                if name not in DRIVES or not _not_recorded(own)
-            }
+        columns = headed(recording, tendons=tendons)
     write_whole(path, _csv_text(columns))
 
 
@@ -351,8 +354,3 @@ def _csv_text(columns: Mapping[str, np.ndarray]) -> str:
     writer.writerow(columns)
     writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
     return stream.getvalue()
-
-
-def _not_recorded(values: np.ndarray) -> bool:
-    """Whether a column holds nothing but NaN."""
-    return values.dtype.kind == "f" and bool(np.all(np.isnan(values)))

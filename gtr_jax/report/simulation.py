@@ -11,6 +11,7 @@ import numpy as np
 from jax import Array
 
 from gtr_jax.files.numbers import number
+from gtr_jax.files.quantities import AXES
 from gtr_jax.plots.loop import plot_loop
 from gtr_jax.plots.shape import Posture, Pressed, plot_shape
 from gtr_jax.plots.tendons import plot_tendons
@@ -484,7 +485,7 @@ def _several_tables(answer: SimulationAnswer, data: dict[str, Any]) -> list[Tabl
         for name, t in top["tendons"].items()
     ]
     if answer.robot.space:
-        pose = ", ".join(number(1e3 * top[f"tip_{axis}_m"]) for axis in spatial.AXES) + " mm"
+        pose = ", ".join(number(1e3 * top[f"tip_{axis}_m"]) for axis in AXES) + " mm"
         points = f"is turned by {number(float(np.degrees(top['tip_turned_rad'])), '°')}"
     else:
         pose = f"{number(1e3 * top['tip_x_m'])}, {number(1e3 * top['tip_y_m'])} mm"

@@ -9,37 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax.files.numbers import number
-from gtr_jax.files.quantities import column_of, marker_quantities
+from gtr_jax.files.quantities import AXES, QUATERNION
 from gtr_jax.plots.views import Posture, Strung, plot_views
 from gtr_jax.robot.clearance import place_in_section
 from gtr_jax.robot.robot import Robot
 from gtr_jax.robot.rotation import quaternion_of
 
 from ..simulation.history import Simulation
-from ..simulation.markers import marker_places, marker_readings, marker_rows
+from ..simulation.markers import marker_places
 from ..simulation.solution import Equilibrium
 from .page import Figure
-
-AXES = ("x", "y", "z")
-QUATERNION = ("tip_qx", "tip_qy", "tip_qz", "tip_qw")
-
-
-def tip_columns(robot: Robot, run: Simulation) -> dict[str, np.ndarray]:
-    """The tip's place and orientation and the places of markers at every step, by quantity, (K,) each."""
-    quaternion = np.asarray(quaternion_of(run.tip_rotation))
-    columns = {f"tip_{axis}": np.asarray(run.tip_position)[:, i] for i, axis in enumerate(AXES)}
-    return (
-        columns | {name: quaternion[:, i] for i, name in enumerate(QUATERNION)} | marker_columns(robot, run)
-    )
-
-
-def marker_columns(robot: Robot, run: Simulation) -> dict[str, np.ndarray]:
-    """The places of markers at every step [m], in the plane x and y, and the angles of their sections [rad],
-    by header, (K,) each.
-    """
-    rows = marker_rows(robot, np.asarray(marker_readings(robot, run)))
-    shown = [name for m in robot.markers for name in marker_quantities(m.name, space=robot.space)]
-    return {column_of(name).header: rows[name] for name in shown}
 
 
 def pose_facts(run: Simulation, step: int) -> dict[str, Any]:

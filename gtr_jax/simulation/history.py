@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax
@@ -14,6 +15,7 @@ import optimistix as optx
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
+from ..elsewhere import elsewhere
 from ..mechanics import Load, March, Structure, metric_of, steps
 from ..mechanics.bodies import turning_of
 from ..mechanics.sections import State, either_of
@@ -39,6 +41,10 @@ from .solution import (
     tip_position,
     tip_rotation,
 )
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
 
 SHORTEST = 1e-9  # s, assumed between samples with equal times
 
@@ -118,6 +124,29 @@ class Simulation(eqx.Module):
         return change * rate.reshape(-1, *[1] * (change.ndim - 1))
 
     _repr_html_ = drawn_by("gtr_jax.report.object_cards:simulation_card")
+
+    def to_xarray(self, robot: Robot | None = None) -> xarray.Dataset:
+        """The simulation as a dataset with labels and units: tensions (step, tendon), along the tendons
+        (step, tendon, s), the body (step, s); without the dimension `tendon` where there is one.
+
+        `T_base` and `T_tip` are what the load cells show, as in `simulation.csv` and in sweeps, `T_base_true`
+        and `T_tip_true` the true tensions. Where two nodes are at one place, before and behind a kink, the
+        label of the latter is the next larger number.
+
+        Args:
+            robot: as simulated: its tendons give their names, and in the plane the places x and y of the
+                body, and its markers, are there too. Without it tendons are numbered from "1".
+
+        Raises:
+            ValueError: it is traced by JAX, or a batch of simulations.
+        """
+        return elsewhere("gtr_jax.tables.simulation:simulation_dataset")(self, robot)
+
+    def to_pandas(self, robot: Robot | None = None) -> pandas.DataFrame:
+        """A row for each step, with the columns of `simulation.csv`: SI, units in their names; arguments and
+        errors as of `to_xarray`.
+        """
+        return elsewhere("gtr_jax.tables.simulation:simulation_frame")(self, robot)
 
     def of_tendon(self, index: int) -> Simulation:
         """This run for one of several tendons, without the tendon axis."""

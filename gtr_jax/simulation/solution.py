@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax
@@ -11,6 +12,7 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
+from ..elsewhere import elsewhere
 from ..mechanics import Memory, Settled, Step, Structure, channel, metric_of
 from ..mechanics.bodies import line_of, offset_of
 from ..mechanics.mesh import cumulative, increments
@@ -21,6 +23,11 @@ from ..robot.parts import Base, Tendon
 from ..terms import REGISTRY, called
 from ..terms.term import Values
 from .outcome import outcome
+
+if TYPE_CHECKING:
+    import xarray
+
+    from ..robot.robot import Robot
 
 
 class Shape(eqx.Module):
@@ -131,6 +138,12 @@ class Equilibrium(eqx.Module):
     def converged(self) -> Bool[Array, "*batch"]:
         """True where the solver met its tolerance."""
         return self.result == optx.RESULTS.successful
+
+    def to_xarray(self, robot: Robot | None = None) -> xarray.Dataset:
+        """The equilibrium as a dataset with labels and units, along the tendons (tendon, s), the body (s);
+        as `Simulation.to_xarray`.
+        """
+        return elsewhere("gtr_jax.tables.simulation:equilibrium_dataset")(self, robot)
 
     def of_tendon(self, index: int) -> Equilibrium:
         """This solution for one of several tendons, without the tendon axis."""

@@ -130,11 +130,14 @@ def register_term(term: Term, *, where: str = "register_term") -> Term:
             f"{where}: robot files are read already, with the terms known then; register terms right after "
             "'import gtr_jax', before calibrate, design or a robot file"
         )
+    from gtr_jax.stored import keep_none
+
     check_term(term, REGISTRY, where)
     before = dict(REGISTRY)
     REGISTRY.clear()
     REGISTRY.update({term.id: term} | before)
     OWN.add(term.id)
+    keep_none()
     return term
 
 

@@ -27,10 +27,14 @@ def cache_folder() -> Path | None:
 
 
 def enable_cache() -> Path | None:
-    """Switch the cache on, for every program however small. Must run before anything is compiled.
+    """Keep compiled programs on the disk, however small, for later sessions. The command `gtr` does so by
+    itself; in Python call it once, after the import.
+
+    The folder is that of the command: one per user and per jaxlib, or what the environment variable
+    GTR_JAX_CACHE says, a folder or `off`. Programs in it are executed, so nobody else may have write access.
 
     Returns:
-        The folder, or None: switched off, or nowhere to write (the run is then slower, not wrong).
+        The folder, or None: switched off, or nowhere to write (the session is then slower, not wrong).
     """
     folder = cache_folder()
     if folder is None:
@@ -42,13 +46,13 @@ def enable_cache() -> Path | None:
     if not os.access(folder, os.W_OK):
         return None
     import jax
+    from jax.experimental.compilation_cache import compilation_cache
 
-    from gtr_jax import stored
-    from gtr_jax.terms import OWN
+    from . import stored
 
-    if not OWN:  # those programs are told apart by our sources, and not by those of a user's terms
-        stored.enable(folder)
+    stored.enable(folder)
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    compilation_cache.reset_cache()  # JAX looks for the folder once, when it first compiles
     return folder

@@ -1,0 +1,1 @@
+"""Simulations as labelled datasets and tables, with units."""
