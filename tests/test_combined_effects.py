@@ -1,0 +1,67 @@
+"""Several effects beside each other: which are kept, and when all of them are named."""
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from calibrate.diagnosis import decide, further
+
+
+def fitted(cost, *names):
+    return SimpleNamespace(names=names, cost=cost, chi2=cost)
+
+
+@pytest.mark.parametrize(("needed", "kept"), [(900.0, ("a", "b")), (120.0, ("a",))])
+def test_an_effect_that_the_cost_needs_is_kept_though_the_parts_held_out_miss_it(monkeypatch, needed, kept):
+    """Without b the parts held out are predicted as well; the cost rises by 800 variances, or by 20."""
+    head, start, without_b = fitted(100.0, "a", "b"), fitted(5000.0), fitted(needed, "a")
+    fits = {("a",): without_b, ("b",): fitted(9000.0, "b")}
+    models = SimpleNamespace(
+        bench=SimpleNamespace(scale_left=lambda f: 1.0, refit=lambda own, start, exact: fits[own]),
+        hypotheses=lambda names: names,
+        coordinates=lambda names, f: np.zeros(0),
+        add=lambda fits: None,
+        stored=lambda f: f,
+    )
+    unseen = SimpleNamespace(totals=lambda fits: (np.ones((len(fits), 2)), np.full(len(fits), 2.0)))
+    monkeypatch.setattr(further, "in_parallel", lambda f, items: [f(i) for i in items])
+    args = cast(tuple[Any, Any, Any, Any], (models, unseen, head, start))
+    assert further._without_idle(*args).names == kept
+
+
+@pytest.mark.parametrize(
+    ("alone", "verdict", "chosen"),
+    [
+        # 39 % of what the first effect explains is left by it: no error of a law is as large.
+        (fitted(550.0, "a"), "missing-physics", ("a", "b")),
+        # 20 % is left, which an inexact law could: the evidence with that allowance decides as before.
+        (fitted(310.0, "a"), "as-before", ()),
+        # The model found later has not the effect that was found first: the same.
+        (fitted(550.0, "c"), "as-before", ()),
+    ],
+)
+def test_all_effects_are_named_where_an_error_of_one_law_cannot_be_what_is_left(
+    monkeypatch, alone, verdict, chosen
+):
+    base, whole = fitted(3000.0), fitted(200.0, "a", "b")
+    models = SimpleNamespace(
+        base=base, beside=lambda f: {("a", "b"): 1.0}, bench=SimpleNamespace(scale_left=lambda f: 1.0)
+    )
+    before = SimpleNamespace(verdict="as-before", chosen=base)
+    monkeypatch.setattr(decide, "decide", lambda m: before)
+    monkeypatch.setattr(decide, "misfit", lambda bench, f: (0.1, 0.3))
+    monkeypatch.setattr(decide, "_told_apart", lambda *some: ([("a", "b")], True))
+    nearest = decide.Decision(
+        verdict="missing-physics",
+        chosen=cast(Any, alone),
+        confusion=[alone.names],
+        probability={alone.names: 1.0},
+        left=(1.2, 24.0),
+        base_left=(3.3, 270.0),
+    )
+    found = decide.decide_combined(cast(Any, models), cast(Any, whole), nearest)
+    assert (found.verdict, found.chosen.names) == (verdict, chosen)
+    if chosen:
+        assert found.confusion == [("a", "b")] and found.left == (0.1, 0.3)
