@@ -110,7 +110,11 @@ def _exchanged(models: Models, head: Fitted) -> list[Fitted]:
         return []
     near, found = NEAR * models.bench.scale_left(head), list[Fitted]()
     for name in head.names:
-        parent = models.fits.get(tuple(sorted(n for n in head.names if n != name)))
+        names = tuple(n for n in head.names if n != name)
+        if tuple(sorted(names)) not in models.fits:
+            less = models.bench.refit(models.hypotheses(names), models.coordinates(names, head))
+            models.add([] if less is None else [less])
+        parent = models.fits.get(tuple(sorted(names)))
         if parent is None:
             continue
         taken = {n.name for n in parent.numbers}
