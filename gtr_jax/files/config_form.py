@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -49,7 +49,7 @@ def _toml(value: Any) -> str:
     return json.dumps(value)
 
 
-def one_line(error: ValidationError, kinds: Mapping[str, Iterable[str]]) -> str:
+def one_line(error: ValidationError, kinds: Mapping[str, Collection[str]]) -> str:
     """The first fault of a pydantic error as "key: what; remedy". `kinds` are the names that `kind` may
     have, by the table that has it.
     """
