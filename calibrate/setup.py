@@ -479,9 +479,12 @@ def check_tension(T_base: np.ndarray, robot: Robot, where: str, tendon: Tendon) 
         return
     s = jnp.linspace(0.0, body.length, 101)
     offset = np.linalg.norm(place_in_section(tendon, np.asarray(s), float(body.length)), axis=-1)
-    lever = np.mean(offset * np.asarray(body.radius(s)) ** -3.0)
+    if body.shape is None:
+        lever = np.mean(offset * np.asarray(body.radius(s)) ** -3.0) / (0.25 * np.pi)
+    else:
+        lever = np.mean(offset) * float(body.shape.reach() / body.shape.stiffnesses(body.poissons_ratio)[2])
     high = float(np.percentile(T_base, OFTEN))
-    strain = high * lever / (0.25 * np.pi * float(body.youngs_modulus))
+    strain = high * lever / float(body.youngs_modulus)
     if strain > MOST_STRAIN:
         raise InputError(
             f"{where}: T_base reaches {high:.4g} N, {strain / MOST_STRAIN:.2g} times the most that bends a "

@@ -83,7 +83,9 @@ def test_angles_show_that_it_unloads_on_a_lower_plateau(known):
     told = {c.name: c for c in found.parameters}
     assert ("superelastic.softening" in told) == (not known)
     for name, value in (("superelastic.hysteresis", 0.5), ("mu", 0.15)):
-        assert told[name].lower95 < value < told[name].upper95
+        low, high = told[name].lower95, told[name].upper95
+        assert low is not None and high is not None
+        assert low < value < high
 
 
 def test_sound_angles_are_adequate():

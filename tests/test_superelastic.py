@@ -1,6 +1,7 @@
 """Superelastic metal that unloads on a lower plateau: one section, inner loops, robots in plane and space."""
 
 import itertools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -48,7 +49,9 @@ def plateau(bent, strain):
 
 
 def inverted(moment, strain):
-    return brentq(lambda bent: plateau(bent, strain) - moment, 0.0, 200.0, xtol=1e-13)
+    """Curvature at which a plateau has a moment over EI."""
+    root: Any = brentq(lambda bent: plateau(bent, strain) - moment, 0.0, 200.0, xtol=1e-13)
+    return root
 
 
 def test_a_section_under_a_moment_runs_through_the_flag():

@@ -16,7 +16,7 @@ from gtr_jax.terms import Term, catalogue_of
 from gtr_jax.terms.term import NO_SLIP, NO_TUG
 
 from .law_section import LawSection
-from .sections import BackboneConfig, LoadsConfig, TendonConfig, TermConfig
+from .sections import BackboneConfig, LoadsConfig, RectangleConfig, TendonConfig, TermConfig
 
 # What floats can compute with: least length [m] and bending stiffness of a full section [N m^2].
 _LEAST_LENGTH, _LEAST_STIFFNESS = 1e-9, 1e-60
@@ -130,6 +130,7 @@ def _check_backbone(backbone: BackboneConfig) -> None:
     _check_stiffness("backbone", backbone.bending_stiffness, backbone.torsional_stiffness, length)
     _check_pieces(backbone)
     _check_bores(backbone)
+    _check_section(backbone)
     _check_notches(backbone)
     _check_axial(backbone)
 
@@ -269,6 +270,48 @@ def _check_bores(backbone: BackboneConfig) -> None:
             f"the bore is {mm(bore.diameter)} wide and the body {mm(2 * radii[narrowest])} at "
             f"s = {mm(stations[narrowest])}; narrow the bore or widen the body",
         )
+
+
+def _check_section(backbone: BackboneConfig) -> None:
+    """What carries the load must fit into the body, and say alone how stiff it is."""
+    section = backbone.section
+    if section is None:
+        return
+    key = "backbone.section"
+    _require(not backbone.rigid, key, "has no effect on a backbone with rigid = true; remove it")
+    _require(
+        backbone.bending_stiffness is None,
+        key,
+        "says with youngs_modulus what bending_stiffness says; keep one of the two",
+    )
+    for table in ("bores", "notches"):
+        _require(
+            not getattr(backbone, table),
+            f"backbone.{table}",
+            "is not computed beside section; remove one of the two",
+        )
+    if isinstance(section, RectangleConfig):
+        sizes, least = (
+            {"height": section.height, "width": section.width},
+            float(np.hypot(section.height, section.width)),
+        )
+    else:
+        sizes, least = {"outer_diameter": section.outer_diameter}, section.outer_diameter
+        _require(
+            0 <= section.inner_diameter < section.outer_diameter,
+            f"{key}.inner_diameter",
+            f"is {mm(section.inner_diameter)}, and the tube {mm(section.outer_diameter)} thick; "
+            "give 0 or more, and less than that",
+        )
+    for name, size in sizes.items():
+        _check_length(size, f"{key}.{name}")
+    ends = [end for piece in backbone.sections for end in (piece.from_, piece.to)]
+    room = 2 * float(np.min(outer_radius_at(backbone, np.array([0.0, backbone.length, *ends]))))
+    _require(
+        least <= room * (1 + _NEAR),
+        key,
+        f"is {mm(least)} from side to side, and the body {mm(room)} where it is thinnest; correct one",
+    )
 
 
 def _check_axial(backbone: BackboneConfig) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -49,14 +49,16 @@ def _toml(value: Any) -> str:
     return json.dumps(value)
 
 
-def one_line(error: ValidationError, kinds: Mapping[str, object]) -> str:
-    """The first fault of a pydantic error as "key: what; remedy". `kinds` are the names of the routings."""
+def one_line(error: ValidationError, kinds: Mapping[str, Collection[str]]) -> str:
+    """The first fault of a pydantic error as "key: what; remedy". `kinds` are the names that `kind` may
+    have, by the table that has it.
+    """
     faults = error.errors()
     fault = faults[0]
     place = ""
     for i, part in enumerate(fault["loc"]):
         before = fault["loc"][i - 1] if i else None
-        tag = str(part).startswith("#") or (before == "routing" and part in kinds)
+        tag = str(part).startswith("#") or part in kinds.get(str(before), ())
         tag = tag or (fault["loc"][0] == "terms" and isinstance(before, int) and part in KINDS)
         if not tag:
             place += f"[{part}]" if isinstance(part, int) else f".{part}"
@@ -68,7 +70,7 @@ def one_line(error: ValidationError, kinds: Mapping[str, object]) -> str:
         unknown = f"unknown kind '{excerpt(tag)}'; {did_you_mean(tag, expected)}"
         place, says = f"{place}.kind", _unknown_term(tag, expected) if fault["loc"][0] == "terms" else unknown
     elif fault["type"] == "union_tag_not_found":
-        says = f"missing key 'kind'; one of {', '.join(kinds)}"
+        says = f"missing key 'kind'; one of {', '.join(kinds.get(str(fault['loc'][-1]), ()))}"
     elif fault["type"] == "literal_error":
         says = f"expected {context['expected']}, found {_found(fault['input'])}"
     else:

@@ -102,7 +102,9 @@ class FileSection(Section):
         try:
             return cls.model_validate(data, context={"folder": folder, "source": source})
         except ValidationError as error:
-            raise InputError(f"{source}: {one_line(error, ROUTINGS)}") from None
+            raise InputError(
+                f"{source}: {one_line(error, {'routing': ROUTINGS, 'section': SECTIONS})}"
+            ) from None
 
 
 class BoreConfig(Section):
@@ -221,6 +223,30 @@ class NotchesConfig(Section):
         return tuple((start, start + self.height) for start in each)
 
 
+class TubeConfig(Section):
+    """A round tube that carries the load, or a rod without a hole."""
+
+    kind: Literal["tube"]
+    outer_diameter: Length = Field(examples=["2 mm"])
+    """Outer diameter [m]."""
+    inner_diameter: Length = 0.0
+    """Inner diameter [m]; 0: a rod."""
+
+
+class RectangleConfig(Section):
+    """A strip that carries the load."""
+
+    kind: Literal["rectangle"]
+    height: Length = Field(examples=["0.5 mm"])
+    """Its size [m] along y, in the plane of a robot in the plane."""
+    width: Length = Field(examples=["8 mm"])
+    """Its size [m] along z, across that plane."""
+
+
+SECTIONS = ("tube", "rectangle")
+SectionShape = Annotated[TubeConfig | RectangleConfig, Field(discriminator="kind")]
+
+
 class BackboneConfig(Section):
     """The elastic body, or the sheath of fixed shape."""
 
@@ -250,6 +276,8 @@ class BackboneConfig(Section):
     torsional_stiffness: Torsion | None = None
     """GJ [N m^2], one number or [s, GJ] pairs from base to tip; absent: that of a round section,
     EI/(1 + poissons_ratio)."""
+    section: SectionShape | None = None
+    """What carries the load, where that is not all of the body within outer_radius: a tube, or a strip."""
     sections: tuple[PieceConfig, ...] = ()
     """Pieces that differ from the rest, which do not overlap."""
     notches: tuple[NotchesConfig, ...] = ()

@@ -11,7 +11,7 @@ from gtr_jax.terms import Term
 from gtr_jax.terms.term import ONE_HELD, UNMOVED
 
 from .config_checks import mm
-from .sections import TendonConfig
+from .sections import RectangleConfig, TendonConfig
 
 if TYPE_CHECKING:
     from .config import RobotConfig
@@ -90,6 +90,9 @@ def refused_in_space(config: RobotConfig, term: Term) -> str | None:
         return ONE_HELD
     if term.not_in_space:
         return term.not_in_space
+    section = config.backbone.section
+    if term.round_only and isinstance(section, RectangleConfig) and section.height != section.width:
+        return "is for sections that are as stiff in every direction; give a tube instead of a rectangle"
     if term.round_only and any(_two(bending) for _, bending, _ in _stiffnesses(config)):
         return "is for sections that are as stiff in every direction; give one bending_stiffness, not two"
     drawn = any(tendon.drive == "displacement" for _, tendon, _ in config.strung)

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .notches import Cut, Notches, cut
+from .shapes import Rectangle, Tube
 
 POISSONS_RATIO = 0.5  # of the elastomers that soft arms are cast from, which keep their volume
 
@@ -88,6 +89,7 @@ class Backbone(eqx.Module):
         notches: rows of notches, which do not overlap.
         extensible: whether forces along the body stretch it (static).
         axial_stiffness: EA [N], given instead of modulus and section; None: of those.
+        shape: of the section that carries the load, the same all along; None: all within the outer radius.
     """
 
     length: Float[Array, ""]
@@ -110,6 +112,7 @@ class Backbone(eqx.Module):
     notches: tuple[Notches, ...] = ()
     extensible: bool = eqx.field(static=True, default=False)
     axial_stiffness: Float[Array, ""] | None = None
+    shape: Tube | Rectangle | None = None
 
     @property
     def notch_start(self) -> Float[Array, " notches"]:
@@ -131,6 +134,8 @@ class Backbone(eqx.Module):
 
     def reach(self, s: Float[Array, " N"], within: Bool[Array, "stretches N"]) -> Float[Array, " N"]:
         """Distance of the outermost fibre from the neutral line [m] at s; `within` as of `stiffnesses`."""
+        if self.shape is not None:
+            return jnp.broadcast_to(self.shape.reach(), s.shape)
         radius, cut = self.radius(s, within), self.cut(s, within)
         return radius if cut is None else jnp.where(cut.within, cut.section.reach, radius)
 
@@ -181,6 +186,8 @@ class Backbone(eqx.Module):
 
     def area(self, s: Float[Array, " N"], within: Bool[Array, "stretches N"]) -> Float[Array, " N"]:
         """Cross-section area [m^2] at s; `within` is as of `stiffnesses`."""
+        if self.shape is not None:
+            return jnp.broadcast_to(self.shape.area(), s.shape)
         radii = self._bore_radii(within)
         whole = jnp.pi * (self.radius(s, within) ** 2 - jnp.sum(radii**2, axis=0))
         cut = self.cut(s, within)
@@ -199,13 +206,13 @@ class Backbone(eqx.Module):
         if self.stiffness is not None:
             found = self.stiffness.at(s, self.poissons_ratio)
         else:
-            found = self._round(s, within, self.youngs_modulus)
+            found = self._by_section(s, within, self.youngs_modulus)
         for i, piece in enumerate(self.pieces):
             if piece.stiffness is not None:
                 own = piece.stiffness.at(s, self.poissons_ratio)
             elif piece.youngs_modulus is not None or piece.outer_radius is not None:
                 modulus = self.youngs_modulus if piece.youngs_modulus is None else piece.youngs_modulus
-                own = self._round(s, within, modulus)
+                own = self._by_section(s, within, modulus)
             else:
                 continue
             here = self._in_piece(i, within)
@@ -227,6 +234,14 @@ class Backbone(eqx.Module):
         assert cut is not None
         tube = self._round(s, within, jnp.ones(()))[2]
         return jnp.where(cut.within, tube / cut.section.second - 1.0, 0.0)
+
+    def _by_section(
+        self, s: Float[Array, " N"], within: Bool[Array, "stretches N"], modulus: Float[Array, ""]
+    ) -> list[Float[Array, " N"]]:
+        """GJ, EI_y, EI_z [N m^2] at s, of a modulus and the section."""
+        if self.shape is None:
+            return self._round(s, within, modulus)
+        return [jnp.broadcast_to(modulus * v, s.shape) for v in self.shape.stiffnesses(self.poissons_ratio)]
 
     def _round(
         self, s: Float[Array, " N"], within: Bool[Array, "stretches N"], modulus: Float[Array, ""]

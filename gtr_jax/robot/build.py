@@ -20,6 +20,8 @@ from gtr_jax.files.sections import (
     MarkerConfig,
     NotchesConfig,
     PieceConfig,
+    RectangleConfig,
+    SectionShape,
     TendonConfig,
 )
 from gtr_jax.mechanics.structure import in_order
@@ -31,6 +33,7 @@ from .clearance import TOUCHING, distances
 from .notches import Notches
 from .parts import Base, Loads, Marker, Tendon
 from .robot import STANDARD_GRAVITY, Robot, inner_kinks, sections
+from .shapes import Rectangle, Tube
 
 # Mesh intervals along the body, per half wave of a channel, and at least in each panel; errors of this mesh
 # are in docs/solver.md.
@@ -131,6 +134,15 @@ def _notches(row: NotchesConfig) -> Notches:
     )
 
 
+def _shape(section: SectionShape | None) -> Tube | Rectangle | None:
+    """The section that carries the load; None: all within the outer radius."""
+    if section is None:
+        return None
+    if isinstance(section, RectangleConfig):
+        return Rectangle(_array(section.height), _array(section.width))
+    return Tube(_array(section.outer_diameter), _array(section.inner_diameter))
+
+
 def _marker(marker: MarkerConfig) -> Marker:
     return Marker(_array(marker.at), _array(marker.offset), _array(marker.angle_from), marker.name)
 
@@ -161,6 +173,7 @@ def _backbone(body: BackboneConfig, in_space: bool) -> Backbone:
         notches=tuple(map(_notches, body.notches)),
         extensible=body.stretches,
         axial_stiffness=None if body.axial_stiffness is None else _array(body.axial_stiffness),
+        shape=_shape(body.section),
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .backbone import Backbone
+from .shapes import strains
 
 STRAIN_LIMIT = 0.5  # strain of the wall beyond which the linear law of bending is not credible
 LOOKED_AT = 200  # most steps of a history checked for overlap; a check takes (2 nodes)^2 comparisons
@@ -81,7 +82,7 @@ def impossible(
         return Impossible(None, 0.0, 0.0, 0)
     radius, rest = np.asarray(backbone.radius(s)), np.asarray(backbone.curvature_at_rest(s))
     fibre = radius
-    if backbone.notches:
+    if backbone.notches or backbone.shape is not None:
         start, end = (np.asarray(places)[:, None] for places in backbone.stretches)
         within = jnp.asarray((start <= np.asarray(s)) & (np.asarray(s) <= end))
         fibre = np.asarray(backbone.reach(s, within))
@@ -127,7 +128,10 @@ def impossible_in_space(
     u, p, nodes = np.asarray(strain), np.asarray(position), np.asarray(s)
     pull = np.asarray(T_base).reshape(len(u), -1).max(axis=1)
     more = u - rest
-    sheared, bends = np.abs(more[..., 0]) * radius, np.linalg.norm(more[..., 1:], axis=-1) * radius
+    if backbone.shape is None:
+        sheared, bends = np.abs(more[..., 0]) * radius, np.linalg.norm(more[..., 1:], axis=-1) * radius
+    else:
+        sheared, bends = strains(backbone.shape, more)
     wall = np.maximum(sheared, bends + np.abs(longer))
     worst = np.where(np.all(np.isfinite(wall), axis=1), wall.max(axis=1), 0.0)
     bent = np.linalg.norm(u[..., 1:], axis=-1)

@@ -174,6 +174,9 @@ def _of_body(robot: Parts) -> Iterator[Parameter]:
             yield Parameter(f"{name}_E", f"{key}.{own}", "Pa", 0.0, None, log=True, at=f"{at}.{own}")
         if piece.stiffness is not None:
             yield from _of_stiffness(piece.stiffness, f"{name}_", key, f"{at}.stiffness", robot.space)
+    for field in () if body.shape is None else [f.name for f in dataclasses.fields(body.shape)]:
+        key, at = f"backbone.section.{field}", f"backbone.shape.{field}"
+        yield Parameter(f"section_{field}", key, "m", 0.0, None, log=field != "inner_diameter", at=at)
     if body.axial_stiffness is not None:
         key = "backbone.axial_stiffness"
         yield Parameter("body_EA", key, "N", 0.0, None, log=True)

@@ -13,6 +13,7 @@ from gtr_jax.robot.clearance import TOUCHING
 from gtr_jax.robot.parts import Tendon
 from gtr_jax.robot.robot import Layout, Robot, lay_out
 from gtr_jax.robot.routing import StraightSineStraight
+from gtr_jax.robot.shapes import Tube
 
 
 def is_robot(robot: Robot) -> Bool[Array, ""]:
@@ -40,6 +41,12 @@ def is_robot(robot: Robot) -> Bool[Array, ""]:
         slimmest = jnp.minimum(body.radius(body.bore_start), body.radius(body.bore_end))
         holds.append(jnp.all(body.bore_diameter < 2 * slimmest))
         holds += _apart(body.bore_start, body.bore_end, body.length)
+    if isinstance(body.shape, Tube):
+        holds.append(
+            (body.shape.inner_diameter >= 0) & (body.shape.inner_diameter < body.shape.outer_diameter)
+        )
+    if body.shape is not None:
+        holds.append(body.shape.reach() <= jnp.min(radius) * (1 + NEAR))
     if body.notches:
         holds += _apart(body.notch_start, body.notch_end, body.length)
         for row in body.notches:
