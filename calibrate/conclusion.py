@@ -30,6 +30,7 @@ from .verdict import (
     LACK_OF_FIT,
     SMALL,
     Distance,
+    by_chance,
     by_phase,
     disagreement_of_phases,
     values_apart,
@@ -418,10 +419,14 @@ def _distance(setup: Setup, of: tuple[FittedRecording, Judged]) -> Distance | Di
         return without_tip(part, fitted, judged)
     used = len(setup.free) * len(fitted.T_base) / setup.samples
     degrees = max(len(fitted.T_base) - used, 1) / float(judged.weigh.tau[0])
-    others = []
+    others, compared = [], max(len(part.channels) - part.tips, 1)
     for c, name in enumerate(part.channels):
         rms = judged.rms_of(fitted.channels[name].residual)
-        if c >= part.tips and rms > SMALL * float(np.ptp(part.recorded[c])):
+        if c < part.tips or rms <= SMALL * float(np.ptp(part.recorded[c])):
+            continue
+        # Third differences of samples tell a variance as a third as many independent readings would.
+        chance = by_chance(part.samples / float(judged.weigh.tau[c]), part.samples / 3, among=compared)
+        if rms**2 > max(LACK_OF_FIT, chance) * float(judged.least[c]) ** 2:
             others.append((name, rms, float(judged.least[c]), unit_of(name)))
     return Distance(
         name=fitted.name,
@@ -432,7 +437,7 @@ def _distance(setup: Setup, of: tuple[FittedRecording, Judged]) -> Distance | Di
         chi2=fitted.chi2_per_n,
         degrees=(degrees, judged.noise.degrees),
         table=fitted.by_phase,
-        others=[o for o in others if o[1] ** 2 > LACK_OF_FIT * o[2] ** 2],
+        others=others,
     )
 
 

@@ -79,11 +79,13 @@ def disagreement_of_phases(mu_by_phase: dict[str, Estimate], apart: float) -> st
     )
 
 
-def by_chance(degrees: float, noise_degrees: float) -> float:
-    """Value that chi-square per degree of freedom exceeds by chance in a share CHANCE of recordings."""
+def by_chance(degrees: float, noise_degrees: float, among: int = 1) -> float:
+    """Value that chi-square per degree of freedom exceeds by chance in a share CHANCE of recordings; the
+    largest of it among several channels.
+    """
     if not math.isfinite(degrees):
         return 1.0
-    return float(fdtri(degrees, min(noise_degrees, 1e6), 1 - CHANCE))
+    return float(fdtri(degrees, min(noise_degrees, 1e6), 1 - CHANCE / among))
 
 
 class Distance(NamedTuple):

@@ -13,6 +13,7 @@ from command_line import run_gtr
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "docs/quickstart.md"]
+GRADIENTS = ROOT / "docs/gradients.md"
 TUTORIAL = ROOT / "docs/tutorial.md"
 # Shown with files that only the reader has, or with answers that only the reader gives.
 ILLUSTRATIVE = ("rig.csv", "init robot.toml")
@@ -46,6 +47,21 @@ def test_page(page, tmp_path, monkeypatch, capsys):
                 assert outcome.status == 0, f"{line}: {outcome.err}"
                 ran += 1
     assert ran >= 3
+
+
+@pytest.mark.slow
+def test_gradients_of_your_own(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("optax")
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(ROOT / "examples", "examples")
+    within = {"__name__": "__main__"}
+    for _, text in blocks(GRADIENTS):
+        exec(compile(text, GRADIENTS.name, "exec"), within)
+    found, area = capsys.readouterr().out.splitlines()
+    assert found.startswith("mu = 0.2800, E = 1.2000 MPa")
+    step = 1e-4
+    rise = float(within["area"](0.36 + step) - within["area"](0.36 - step)) / (2 * step)
+    assert abs(float(within["slope"]) / rise - 1) < 1e-3 and rise > 0, area
 
 
 def said(line: str) -> tuple[str, list[float]]:
