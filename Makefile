@@ -44,7 +44,7 @@ robots: $(DEV) ## fit the real robots of examples/robots, and write their pages 
 test: $(DEV) ## the fast tests
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal --durations=20
 
-check: lint test-all docs ## all that CI runs: linters, types, every test, docs
+check: lint test-all docs ## linters, types, every test, docs; CI runs a quarter of the slow tests
 
 lint: $(DEV) ## ruff and pyright
 	$(BIN)/ruff check
@@ -54,8 +54,8 @@ lint: $(DEV) ## ruff and pyright
 test-all: $(DEV)
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "slow or not slow"
 
-test-slow: $(DEV) ## only the slow tests
-	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal --durations=40 -m slow
+test-slow: $(DEV) ## only the slow tests; PART=2/4 is the second of four parts of them
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal --durations=40 -m slow $(if $(PART),--part $(PART))
 
 docs: $(DOCS) ## build the documentation into site/
 	$(BIN)/mkdocs build --strict

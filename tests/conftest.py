@@ -3,6 +3,7 @@
 import ctypes
 import gc
 import os
+import zlib
 from pathlib import Path
 
 import equinox as eqx
@@ -32,6 +33,27 @@ LARGE, STATISTICS = 3 * 2**18, Path("/proc/self/statm")
 # Programs are compiled once for both workers and kept in pytest's cache: the most of them [bytes], and the
 # quickest to compile that is worth keeping [s].
 LARGEST_CACHE, QUICK = 2**31, 0.2
+
+
+def pytest_addoption(parser):
+    parser.addoption("--part", metavar="K/N", help="only the Kth of N parts of the tests")
+
+
+def pytest_collection_modifyitems(config, items):
+    """Leave out what is not in the part asked for: tests are dealt out by their names, so that a part stays
+    the same when others are added.
+    """
+    if config.option.part is None:
+        return
+    try:
+        k, n = map(int, config.option.part.split("/"))
+    except ValueError:
+        raise pytest.UsageError(f"--part {config.option.part}: not two whole numbers, as 2/4") from None
+    if not 1 <= k <= n:
+        raise pytest.UsageError(f"--part {config.option.part}: parts are counted from 1 to {n}")
+    others = [item for item in items if zlib.crc32(item.nodeid.encode()) % n != k - 1]
+    config.hook.pytest_deselected(items=others)
+    items[:] = [item for item in items if zlib.crc32(item.nodeid.encode()) % n == k - 1]
 
 
 def pytest_configure(config):

@@ -61,6 +61,7 @@ def told():
     return calibrate.diagnose(wrist(), angles(wrist(terms=[SOFT]), seed=1))
 
 
+@pytest.mark.slow
 def test_angles_show_that_the_body_is_superelastic(told):
     assert told.verdict == "missing-physics" and told.named == ["superelastic"], told.says
     found = {c.name: c for c in told.parameters}
@@ -93,6 +94,7 @@ def test_sound_angles_are_adequate():
     assert found.verdict == "adequate", found.says
 
 
+@pytest.mark.slow
 def test_a_tip_that_is_seen_by_a_camera(make_config):
     """Places tell that a load acts; the tip's angle is compared beside them."""
     sound = make_config(routing={"kind": "parallel", "offset": 0.01})
@@ -110,6 +112,7 @@ def test_a_tip_that_is_seen_by_a_camera(make_config):
     assert any("tip-load" in names for names in (found.named, *found.confusion_set)), found.says
 
 
+@pytest.mark.slow
 def test_the_command_writes_what_was_recorded(told, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(calibrate, "diagnose", lambda *_, **__: told)
     gtr.dump_config(wrist(), tmp_path / "robot.toml")

@@ -292,6 +292,7 @@ def test_a_sound_recording_is_adequate():
     assert found.smallest_detectable["presliding.length"] < 5e-4
 
 
+@pytest.mark.slow
 def test_readings_that_stand_still_are_unexplained():
     # A cell that hangs is far off for a few readings on end, as outliers are: their share of all is small.
     config, recording, _ = case(11)
@@ -485,6 +486,7 @@ def test_an_interrupted_diagnosis_goes_on_where_it_stopped(tmp_path, monkeypatch
     assert calibrate.diagnose(config, recording, steps=steps).to_json() == whole.to_json() and not simulated
 
 
+@pytest.mark.slow
 def test_a_simulation_does_not_depend_on_those_before_it(make_robot):
     robot = make_robot()
     T = np.concatenate([np.linspace(0.0, 20.0, 21), np.linspace(20.0, 0.0, 21)[1:]])

@@ -53,6 +53,7 @@ def test_a_tendon_that_stretches_is_drawn_out_farther_by_its_tension(pair_of):
     assert float(one.T_tip[1]) * length + 0.4 * 6 < 3e3 * more < 6 * (length + 0.4)
 
 
+@pytest.mark.slow
 def test_a_tendon_that_would_push_is_slack(pair_of):
     _, drawn = pair_of()
     found = gtr.simulate(drawn, jnp.zeros(4), displacement=jnp.array([0.0, 0.004, -0.002, 0.001]))

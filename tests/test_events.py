@@ -194,6 +194,7 @@ GRADIENTS["let go"] = {"tip-moved.tension": -2.0, "tip-moved.time": 31.0, "tip-m
 
 
 @pytest.mark.parametrize("name", GRADIENTS)
+@pytest.mark.slow
 def test_gradients_of_events(name):
     values, corners = GRADIENTS[name], INNER if "inner" in name else HOLD
     time, T_base = (a[::2] for a in history(corners))

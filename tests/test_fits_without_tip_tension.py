@@ -199,6 +199,7 @@ def test_a_recording_with_tip_tension_beside_one_without(make_config, truth):
     assert set(fit.by_recording["mu"]) == {"tension", "pose"}
 
 
+@pytest.mark.slow
 def test_marks_in_space_of_two_tendons(make_config):
     tendons = [
         {

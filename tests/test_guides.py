@@ -208,6 +208,7 @@ def test_a_slack_tendon_beside_it_does_nothing(make_robot, guided):
     np.testing.assert_allclose(run.tip_position, want.tip_position, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_mirror_image_mirrors_under_a_load(guided):
     loads = {"tip_force": [0.02, 0.05, -0.08]}
     run = gtr.simulate(guided(evenly(6), loads=loads), HISTORY)

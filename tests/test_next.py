@@ -148,6 +148,7 @@ def test_friction_that_wears_is_told_from_friction_that_drifts_by_cycles_at_anot
     assert 0 < np.sum(left**2) < np.sum(plain**2)
 
 
+@pytest.mark.slow
 def test_a_fit_is_planned_for_by_what_it_knows(tmp_path, capsys):
     fitted = run_gtr(capsys, "fit", RECORDED, RECORDING, "-o", tmp_path / "fit")
     assert fitted.status == 0, fitted.err

@@ -274,6 +274,7 @@ def test_superelastic_follows_its_law():
     assert np.allclose(angles(robot, T) - of_tube(T), np.array(wanted)[:, None], rtol=1e-7, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_superelastic_in_space_is_that_of_the_plane():
     body = {"length": 0.1, "outer_radius": 1e-3, "youngs_modulus": 50e9}
     data = {

@@ -229,6 +229,7 @@ print(json.dumps(found))
 """
 
 
+@pytest.mark.slow
 def test_no_program_of_another_term_stands_for_a_users_own(tmp_path, make_config):
     dump_config(make_config(), tmp_path / "robot.toml")
 

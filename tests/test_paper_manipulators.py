@@ -21,6 +21,7 @@ def loop(robot):
     return histories.tell(robot, (0, 45, 20, 35, 20, 45, 0))
 
 
+@pytest.mark.slow
 def test_the_published_tensions_are_met_at_10_mm():
     pairs = manipulators.solve_pairs(template(False), stacked([case_of(name) for name in NAMES]))
     assert bool(jnp.all(pairs.converged))

@@ -39,6 +39,7 @@ def test_the_robot_files_carry_that_material():
         assert abs(1 - float(eq.T_tip) / T_BASE[path] - loss) < HALF_DIGIT
 
 
+@pytest.mark.slow
 def test_what_the_paper_says_of_the_others():
     found = states()
     assert all(bool(state.pulled.converged) for state in found.values())

@@ -3,6 +3,7 @@
 import io
 import re
 
+import matplotlib
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -29,6 +30,18 @@ def wide():
     fig = Figure(figsize=(1.55 * WIDTH, 3.0), layout="constrained")
     fig.subplots().plot([0, 1])
     return fig
+
+
+def test_the_users_backend_stays():
+    """A figure that a styled function draws in a notebook does not hide the user's own."""
+    before = matplotlib.get_backend()
+    try:
+        matplotlib.use("svg")
+        png(wide())
+        printed(wide(), "pdf")
+        assert matplotlib.get_backend() == "svg"
+    finally:
+        matplotlib.use(before)
 
 
 FIGURES = {

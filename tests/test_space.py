@@ -177,9 +177,10 @@ class TestDerivatives:
         "loads",
         [
             pytest.param({}, id="free"),
-            pytest.param({"tip_force": [0.02, 0.05, -0.08]}, id="loaded", marks=pytest.mark.slow),
+            pytest.param({"tip_force": [0.02, 0.05, -0.08]}, id="loaded"),
         ],
     )
+    @pytest.mark.slow
     def test_gradients_equal_differences(self, spatial, loads):
         robot = spatial(loads=loads)
         history = jnp.asarray([4.0, 9.0, 6.0])

@@ -265,7 +265,8 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", ["helix", pytest.param("three tendons", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("case", ["helix", "three tendons"])
 def test_derivatives_of_residuals_and_margins_in_space(case):
     """Every coordinate, tensions and modulus included, against central differences."""
     config, sections = CASES[case]

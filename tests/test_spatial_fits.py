@@ -109,6 +109,7 @@ def noisy(recording, seed, force=0.01, place=1e-4):
     )
 
 
+@pytest.mark.slow
 def test_each_of_two_tendons_in_space_gets_its_friction(make_config):
     config, case = two_helices(make_config)
     recording = gtr.read_recording(RUNS / "two-tendons.csv", space=True, tendons=("a", "b"))

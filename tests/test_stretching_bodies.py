@@ -88,6 +88,7 @@ def test_the_integrals_of_all_forces_agree(loads, released_from):
     assert np.linalg.norm(stiff.tip_position[-1] - literal.place) > 0.005 * L
 
 
+@pytest.mark.slow
 def test_a_stiff_axis_is_that_of_a_body_that_keeps_its_length():
     path = np.concatenate([np.linspace(0, 9, 10), np.linspace(9, 2, 8)])
     for loads in ({}, LOADS):

@@ -228,6 +228,7 @@ def test_slip_and_its_speed(robot):
 
 
 @pytest.mark.parametrize("kind", ["free", "loaded", "two tendons"])
+@pytest.mark.slow
 def test_any_three_terms_together(make_robot, kind):
     rng = np.random.default_rng(11)
     if kind == "two tendons":
@@ -291,6 +292,7 @@ def test_a_simulation_is_told_with_terms(robot):
     assert phases[25] == "pulling" and phases[32] == "transition" and phases[-1] == "releasing"
 
 
+@pytest.mark.slow
 def test_preload_strings_without_friction(make_robot):
     robot = make_robot(routing=SINE, tendon={"friction_coefficient": 0.3, "preload": 5.0})
     for values in ({"presliding.length": 6e-4}, {"adhesion.drag": 1e-9}, {"local-friction.base": 1e-9}):
