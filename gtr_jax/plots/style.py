@@ -25,7 +25,7 @@ PHASE_COLOUR = {"pulling": BLUE, "transition": ORANGE, "releasing": GREEN, "rest
 
 WIDTH = 5.2  # inches, in reports
 DOTS = 200
-# Without the backend, which `rc_context` would leave changed: in a notebook the user's own figures would not show.
+# Without the backend, which `rc_context` leaves changed: the user's own figures would not show in a notebook.
 LOOK: Any = {key: value for key, value in mpl.rcParamsDefault.items() if key != "backend"} | {
     "font.size": 10,
     "axes.spines.top": False,
