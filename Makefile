@@ -31,6 +31,7 @@ paper: $(DEV) ## reproduce the paper into paper-out/, and write its page of the 
 proof: $(DEV) ## the blind benchmark of the diagnosis, into proof-out/ (hours; resumes), and its page of the docs
 	$(BIN)/python -m benchmarks.blind --family rig -o proof-out --jobs $(JOBS)
 	$(BIN)/python -m benchmarks.blind --family left-out -o proof-out --jobs $(JOBS)
+	$(BIN)/python -m benchmarks.blind --family combined -o proof-out --jobs $(JOBS)
 	$(BIN)/python -m benchmarks.blind -o proof-out --jobs $(JOBS)
 	mkdir -p docs/proof
 	cp proof-out/proof.md docs/

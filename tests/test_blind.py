@@ -15,6 +15,8 @@ import pytest
 import gtr_jax as gtr
 from benchmarks.blind import (
     cases,
+    combined,
+    combined_score,
     effects,
     events,
     exam,
@@ -26,9 +28,10 @@ from benchmarks.blind import (
     rig,
     score,
 )
+from benchmarks.blind.effects import CATALOGUE
 from gtr_jax.examples import CONCEALED_ROBOT
 
-GENERATOR = [machine, effects, cases, left_out, rig, hand, events, instruments]
+GENERATOR = [machine, effects, cases, combined, left_out, rig, hand, events, instruments]
 
 
 @pytest.mark.parametrize("module", GENERATOR)
@@ -189,6 +192,40 @@ def test_the_term_that_is_left_out_lies_beside_the_recording(tmp_path):
     assert case is not None and case.key["terms"] == ["adhesion"]
     cases.write(case, tmp_path / "case", tmp_path / "key.json")
     assert (tmp_path / "case" / cases.WITHOUT).read_text().split() == ["adhesion"]
+
+
+def test_combinations_are_counted(tmp_path):
+    drawn = combined.kinds(np.random.default_rng(3), 40)
+    assert [kind for kind, _ in drawn] == ["pair"] * 30 + ["triple"] * 10
+    assert all(len({CATALOGUE[c][0] for c in hidden}) == 2 + (kind == "triple") for kind, hidden in drawn)
+
+    def case(name, verdict, sets, *, strong=True):
+        key = {"kind": "pair", "hidden": ["a", "b"], "terms": ["wear", "contact"], "robot": "r", "mu": 0.3}
+        key |= {"protocol": "rich", "sd": {"T_tip": 0.1}, "pose": False, "noise": "plain"}
+        held = [{"rms_N": 0.5, "chi2_per_n": 9.0}, {"rms_N": 0.1, "chi2_per_n": 1.0}]
+        answer = {"verdict": verdict, "sets": sets, "seconds": 9.0, "tool": "x", "held_out": held}
+        answer |= {"intervals": {"mu": [[0.2, 0.25], [0.2, 0.4]]}, "parameters": {"mu": [0.3, 0.3]}}
+        information = {"information": 9.0 if strong else 2.0, "apart": 9.0, "own": 0.0, "rival": 9.0}
+        return score.Scored(name, key, information | {"concealment": 0.2}, answer)
+
+    both, part, other = ["wear", "contact"], ["wear"], ["wear", "low-pass"]
+    told = [
+        case("a", "missing-physics", [both]),
+        case("b", "ambiguous", [both, other]),
+        case("c", "partly-explained", [part]),
+        case("d", "missing-physics", [other]),
+        case("e", "adequate", [], strong=False),
+    ]
+    rows = {what.partition(",")[0]: reached for what, _, reached in combined_score.overview(told)}
+    assert rows["pairs named whole or in the set"].startswith("50 % (2/4;")
+    assert rows["triples named whole or in the set"] == "–"
+    assert rows["part of them named and nothing wrong"].startswith("50 % (2/4;")
+    assert rows["confidently wrong"].startswith("25 % (1/4;")
+    assert rows["95 % interval of μ holds the truth"].startswith("100 % (5/5;")
+    assert ["missing-physics", "2", "1", "0", "0", "1"] in combined_score.verdicts(told)
+    combined_score.write(told, tmp_path, "seed 0", 6)
+    assert "$" not in (tmp_path / "combined.md").read_text(encoding="utf-8")
+    assert len((tmp_path / "proof/combined-cases.csv").read_text().splitlines()) == 6
 
 
 def test_laws_in_the_place_of_a_term_are_held_against_it(tmp_path):

@@ -6,6 +6,7 @@ import shlex
 import shutil
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -54,7 +55,7 @@ def test_gradients_of_your_own(tmp_path, monkeypatch, capsys):
     pytest.importorskip("optax")
     monkeypatch.chdir(tmp_path)
     shutil.copytree(ROOT / "examples", "examples")
-    within = {"__name__": "__main__"}
+    within: dict[str, Any] = {"__name__": "__main__"}
     for _, text in blocks(GRADIENTS):
         exec(compile(text, GRADIENTS.name, "exec"), within)
     found, area = capsys.readouterr().out.splitlines()

@@ -1,9 +1,9 @@
 """`python -m benchmarks.blind`: draw the cases, diagnose them, score the answers; each step resumes.
 
 With `--family rig` the cases are made as rigs make recordings; with `--family left-out` the term that is the
-cause is left out of the catalogue. The page gets its sections on them when the family `effects` is scored
-after them. With `--seed` and `--cases` other sets can be drawn, to develop
-on.
+cause is left out of the catalogue; with `--family combined` each has two or three effects. The page gets its
+sections on them when the family `effects` is scored after them. With `--seed` and `--cases` other sets can be
+drawn, to develop on.
 """
 
 from __future__ import annotations
@@ -13,7 +13,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 # The scored sets by family, seed and cases; and the one that the classifier of the baselines is trained on.
-SCORED = {"effects": (26_11_25_63, 200), "rig": (26_11_23_01, 60), "left-out": (26_11_25_62, 40)}
+SCORED = {
+    "effects": (26_11_25_63, 200),
+    "rig": (26_11_23_01, 60),
+    "left-out": (26_11_25_62, 40),
+    "combined": (26_11_26_41, 40),
+}
 TRAINING, TRAINED = 2, 160
 STEPS = ("draw", "answer", "train", "score")
 
@@ -56,7 +61,7 @@ def main() -> None:
         exam.make(training, TRAINING, TRAINED, given.jobs)
         answers.run(training, given.jobs, answers.only_features)
     if "score" in steps:
-        from . import left_out_score, page, rig_page, score
+        from . import combined_score, left_out_score, page, rig_page, score
 
         scored = score.read(cases, given.jobs)
         if not scored:
@@ -66,16 +71,16 @@ def main() -> None:
         labels = (
             score.classified(scored, [(f, keys[name]) for name, f in trained.items()]) if trained else None
         )
-        rig, left_out = (
+        rig, left_out, combined = (
             section.read_text(encoding="utf-8") if section.exists() else not_yet
             for section, not_yet in (
                 (given.output / "rig.md", rig_page.NOT_YET),
                 (given.output / "left-out.md", left_out_score.NOT_YET),
+                (given.output / "combined.md", combined_score.NOT_YET),
             )
         )
-        page.write(
-            scored, labels, given.output / "proof.md", f"seed {seed}", len(exam.keys(cases)), rig, left_out
-        )
+        sections = {"rig": rig, "left_out": left_out, "combined": combined}
+        page.write(scored, labels, given.output / "proof.md", f"seed {seed}", len(exam.keys(cases)), sections)
         print(score.table(["what", "target", "reached"], score.overview(scored)))
 
 
@@ -89,12 +94,13 @@ def _other(
     jobs: int,
 ) -> None:
     """The steps of the families beside the first."""
-    from . import answers, exam, left_out, left_out_score, rig, rig_page, rig_score
+    from . import answers, combined, combined_score, exam, left_out, left_out_score, rig, rig_page, rig_score
     from .score import table
 
     made, by, scoring, writing = {
         "rig": (rig, answers.rig_answer, rig_score, rig_page),
         "left-out": (left_out, answers.left_out_answer, left_out_score, left_out_score),
+        "combined": (combined, answers.combined_answer, combined_score, combined_score),
     }[family]
     cases = output / f"{family}-{seed}"
     if "draw" in steps:

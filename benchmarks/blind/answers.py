@@ -81,6 +81,15 @@ def rig_answer(folder: Path) -> dict[str, Any]:
     return _told(found, len(recording), time.perf_counter() - began) | more | {"masked": masked}
 
 
+def combined_answer(folder: Path) -> dict[str, Any]:
+    """The diagnosis of a case with two or three effects, and what it took [s]."""
+    robot = gtr.load_config(folder / "robot.toml")
+    recording = gtr.read_recording(folder / "recording.csv")
+    began = time.perf_counter()
+    found = calibrate.diagnose(robot, recording, experiment=False)
+    return _told(found, len(recording), time.perf_counter() - began)
+
+
 def left_out_answer(folder: Path) -> dict[str, Any]:
     """The diagnosis of a case without the term that it names, and what it took [s]."""
     robot = gtr.load_config(folder / "robot.toml")

@@ -199,12 +199,13 @@ def kinds(rng: np.random.Generator, count: int) -> list[tuple[str, tuple[str, ..
             elif kind in ("single", "outside"):
                 hidden = (str(turn[k % len(turn)]),)
             else:
-                hidden = _several(rng, 2 if kind == "pair" else 3)
+                hidden = several(rng, 2 if kind == "pair" else 3)
             found.append((kind, hidden))
     return found
 
 
-def _several(rng: np.random.Generator, n: int) -> tuple[str, ...]:
+def several(rng: np.random.Generator, n: int) -> tuple[str, ...]:
+    """Names of n effects of different terms that one rig may have together."""
     while True:
         chosen = [str(c) for c in rng.permutation(list(CATALOGUE))[:n]]
         terms = {CATALOGUE[c][0] for c in chosen}

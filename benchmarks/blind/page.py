@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from string import Template
 
@@ -132,11 +132,10 @@ def write(
     page: Path,
     seeds: str,
     drawn: int,
-    rig: str,
-    left_out: str,
+    sections: Mapping[str, str],
 ) -> None:
-    """The page, its figures in a folder beside it of the same name, and a line per case. `rig` and `left_out`
-    are its sections on recordings as rigs make them and on terms that are left out.
+    """The page, its figures in a folder beside it of the same name, and a line per case. `sections` are those
+    on the other families: `rig`, `left_out` and `combined`.
     """
     figures = page.with_suffix("")
     figures.mkdir(parents=True, exist_ok=True)
@@ -180,8 +179,7 @@ def write(
         seconds_most=f"{np.max(seconds):.0f}",
         crashed=crashed,
         drawn=drawn,
-        rig=rig,
-        left_out=left_out,
+        **sections,
         unanswered=(
             ""
             if drawn == len(scored)
