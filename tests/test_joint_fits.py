@@ -165,6 +165,24 @@ def test_cells_that_are_off(tdcm, name, truth):
     assert fit.config is not None and fit.config.terms[0].kind == name.split(".")[0]
 
 
+def test_commanded_tension_has_an_error_model(make_config):
+    """Torque constant, current at rest and pulleys of a motor whose command stands for a cell at the base."""
+    terms = [
+        {"kind": "base-gain", "gain": 1.05},
+        {"kind": "base-offset", "force": 0.2},
+        {"kind": "local-friction", "base": 0.05},
+    ]
+    known = {"base-gain.gain": 0.1, "base-offset.force": 0.3, "local-friction.base": 0.05}
+    config = make_config(terms=terms, uncertainty={f"terms.{name}": sd for name, sd in known.items()})
+    truth = {"mu": 0.27, "base-gain.gain": 1.09, "base-offset.force": -0.15, "local-friction.base": 0.12}
+    fit = fitted(config, recorded(config, 8, pose=True, **truth), free=("mu", "E"))
+    assert {e.name for e in fit.carried} == set(known)
+    for name, value in truth.items():
+        holds(fit, name, value)
+    holds(fit, "E", config.backbone.youngs_modulus)
+    assert error(fit, "base-gain.gain") < 0.01 and error(fit, "local-friction.base") < 0.02
+
+
 def test_knots_of_a_table_and_bores_may_be_free(make_config):
     table = {"kind": "table", "knots": [[0.0, 0.01], [0.1, 0.006], [0.25, 0.01]]}
     config = make_config(table)
