@@ -1,12 +1,18 @@
 """Several effects beside each other: which are kept, and when all of them are named."""
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
+import calibrate
+import gtr_jax as gtr
 from calibrate.diagnosis import decide, further
+
+# Recordings of the machine of the blind benchmark, of seeds that it does not score.
+DATA = Path(__file__).parent / "data/combined"
 
 
 def fitted(cost, *names):
@@ -65,3 +71,19 @@ def test_all_effects_are_named_where_an_error_of_one_law_cannot_be_what_is_left(
     assert (found.verdict, found.chosen.names) == (verdict, chosen)
     if chosen:
         assert found.confusion == [("a", "b")] and found.left == (0.1, 0.3)
+
+
+@pytest.mark.slow
+def test_a_gain_is_found_beside_a_delay():
+    """Friction makes up for most of a gain of the tip's cell, along a valley too curved for one step: beside
+    the delay a crosstalk and a low-pass promised more, and left fifty times as much.
+    """
+    folder = DATA / "delay-and-gain"
+    robot, recording = gtr.load_config(folder / "robot.toml"), gtr.read_recording(folder / "recording.csv")
+    found = calibrate.diagnose(robot, recording, experiment=False)
+    sets = [sorted(names) for names in found.confusion_set] or [sorted(found.named)]
+    assert ["time-skew", "tip-gain"] in sets and all("time-skew" in names for names in sets), found.says
+    best = next(r for r in found.rivals if sorted(r.names) == ["time-skew", "tip-gain"])
+    assert best.values["tip-gain.gain"] == pytest.approx(1.1166, abs=0.01)  # as it was made
+    assert best.values["time-skew.delay"] == pytest.approx(3.260, abs=0.05)
+    assert best.chi2_per_n < 1.5

@@ -218,3 +218,26 @@ def test_the_page_names_the_thresholds_of_the_code():
         f"least {LEAST_SD:g} of a sampling step",
     ):
         assert said in " ".join(page.split()), said
+
+
+def test_the_report_goes_through_the_recording(recording, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    others = tmp_path / "again.csv"
+    others.write_bytes(recording.read_bytes())
+    assert run_gtr(capsys, "inspect", recording, others, "-o", "out").status == 0
+    page = (tmp_path / "out/report.html").read_text(encoding="utf-8")
+    assert "<h2>rig</h2>" in page and "<h2>again</h2>" in page
+    one, other = (json.loads(t) for t in re.findall(r'<script type="application/json">(.*?)</script>', page))
+    assert one == other
+    read = read_recording(recording)
+    assert read.T_tip is not None and read.time is not None
+    assert one["of"] == len(read) and len(one["numbers"]) <= 4100
+    kept = np.asarray(one["numbers"]) - 1
+    shown = {c["label"]: np.asarray(c["values"], float) for c in one["columns"]}
+    for label, values in (("T_base", read.T_base), ("T_tip", read.T_tip), ("time", read.time)):
+        np.testing.assert_allclose(shown[label], values[kept], rtol=1e-5, atol=1e-9)
+    assert np.max(shown["T_base"]) == pytest.approx(np.max(read.T_base), rel=1e-5)
+    spans = {span["label"]: span for span in one["charts"][0]["spans"]}
+    assert spans["gap"]["start"] == pytest.approx(18.0, abs=0.02)
+    assert spans["gap"]["end"] == pytest.approx(18.5, abs=0.02)
+    assert set(one["phases"][0]["names"]) >= {"pulling", "releasing", "transition"}

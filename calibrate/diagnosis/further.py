@@ -124,8 +124,9 @@ def _exchanged(models: Models, head: Fitted) -> list[Fitted]:
             if h.kind not in EVENTS and h.name not in head.names and not taken & {n.name for n in h.numbers}
         ]
         least = PROMISES * (parent.cost - head.cost)
-        wanted = [s for s in screen(models.bench, parent, others, thorough=False) if s.gain > least]
         own = models.hypotheses(parent.names)
+        tried = screen(models.bench, parent, others, head=own, thorough=False)
+        wanted = [s for s in tried if s.gain > least]
         fits = refit_best(models.bench, own, parent, wanted[:EXCHANGED], ONE_EACH, ITERATIONS)
         found += [f for f in fits if f.cost < head.cost + near]
     return found
@@ -170,7 +171,7 @@ def _refitted_beside(models: Models, head: Fitted) -> list[Fitted]:
     others = [
         h for h in models.of.values() if h.kind not in EVENTS and not taken & {n.name for n in h.numbers}
     ]
-    lasting = screen(bench, head, others, thorough=False)
+    lasting = screen(bench, head, others, head=models.hypotheses(head.names), thorough=False)
     return _refitted(models, head, [*lasting, *screen(bench, head, _events(models, head))])
 
 

@@ -158,9 +158,9 @@ def add_to(models: Models, head: Fitted, progress: Callable[[str], None], effort
     progress(f"adding to {' + '.join(head.names)}")
     taken = {n.name for n in head.numbers}
     others = [h for h in models.of.values() if not taken & {n.name for n in h.numbers}]
-    screened = screen(models.bench, head, others, thorough=False)
-    wanted = [s for s in screened if s.gain > SECOND_WORTH][: effort.most]
     own = models.hypotheses(head.names)
+    screened = screen(models.bench, head, others, head=own, thorough=False)
+    wanted = [s for s in screened if s.gain > SECOND_WORTH][: effort.most]
     models.add(refit_best(models.bench, own, head, wanted, effort.starts, effort.iterations))
 
 

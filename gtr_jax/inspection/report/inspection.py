@@ -19,6 +19,7 @@ from ..sampling import GAP
 from ..slip import NAMES
 from ..zero import Zero
 from . import figures as draw
+from .playback import inspection_playback
 
 LISTED = 40
 """Rows of the longest table."""
@@ -53,6 +54,10 @@ def inspection_report(
         )
         for own, recording, name, mapping in zip(found, recordings, names, mappings, strict=True)
     ]
+    playbacks = [
+        inspection_playback(own, recording, named=name if several else "")
+        for own, recording, name in zip(found, recordings, names, strict=True)
+    ]
     if several:
         problems = [
             name
@@ -62,7 +67,7 @@ def inspection_report(
         verdict = f"{len(found)} recordings: " + (
             f"look at {', '.join(problems)} before use." if problems else "no problem found in any."
         )
-        return Report(title="Inspection", verdict=verdict, sections=sections)
+        return Report(title="Inspection", verdict=verdict, sections=sections, playbacks=playbacks)
     (one,) = sections
     return Report(
         title=f"{one.title}: inspection",
@@ -70,6 +75,7 @@ def inspection_report(
         warnings=one.warnings,
         figures=one.figures,
         tables=one.tables,
+        playbacks=playbacks,
     )
 
 
