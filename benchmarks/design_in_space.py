@@ -180,10 +180,9 @@ def main(argv: list[str] | None = None) -> int:
             continue
         results.append(study(family, args.targets, args.seed + i))
         print(json.dumps(results[-1]), flush=True)
-    said = table(results, measure.machine())
-    print(said)
-    if args.write:
-        (measure.RESULTS / "design_in_space.md").write_text(said)
+        if args.write:  # what is done is kept, should the next family be cut short
+            (measure.RESULTS / "design_in_space.md").write_text(table(results, measure.machine()))
+    print(table(results, measure.machine()))
     return 0
 
 
