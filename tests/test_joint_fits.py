@@ -5,6 +5,7 @@ them.
 import dataclasses
 import sys
 from pathlib import Path
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -175,7 +176,7 @@ def test_commanded_tension_has_an_error_model(make_config):
     known = {"base-gain.gain": 0.1, "base-offset.force": 0.3, "local-friction.base": 0.05}
     config = make_config(terms=terms, uncertainty={f"terms.{name}": sd for name, sd in known.items()})
     truth = {"mu": 0.27, "base-gain.gain": 1.09, "base-offset.force": -0.15, "local-friction.base": 0.12}
-    fit = fitted(config, recorded(config, 8, pose=True, **truth), free=("mu", "E"))
+    fit = fitted(config, recorded(config, 8, pose=True, **cast(Any, truth)), free=("mu", "E"))
     assert {e.name for e in fit.carried} == set(known)
     for name, value in truth.items():
         holds(fit, name, value)
