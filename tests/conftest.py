@@ -2,6 +2,7 @@
 
 import ctypes
 import gc
+import itertools
 import os
 import zlib
 from pathlib import Path
@@ -51,9 +52,11 @@ def pytest_collection_modifyitems(config, items):
         raise pytest.UsageError(f"--part {config.option.part}: not two whole numbers, as 2/4") from None
     if not 1 <= k <= n:
         raise pytest.UsageError(f"--part {config.option.part}: parts are counted from 1 to {n}")
-    others = [item for item in items if zlib.crc32(item.nodeid.encode()) % n != k - 1]
-    config.hook.pytest_deselected(items=others)
-    items[:] = [item for item in items if zlib.crc32(item.nodeid.encode()) % n == k - 1]
+    parts: list[list[pytest.Item]] = [[] for _ in range(n)]
+    for item in items:
+        parts[zlib.crc32(item.nodeid.encode()) % n].append(item)
+    items[:] = parts.pop(k - 1)
+    config.hook.pytest_deselected(items=[*itertools.chain(*parts)])
 
 
 def pytest_configure(config):

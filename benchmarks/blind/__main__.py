@@ -100,7 +100,7 @@ def _other(
     made, by, scoring, writing = {
         "rig": (rig, answers.rig_answer, rig_score, rig_page),
         "left-out": (left_out, answers.left_out_answer, left_out_score, left_out_score),
-        "combined": (combined, answers.combined_answer, combined_score, combined_score),
+        "combined": (combined, answers.plain_answer, combined_score, combined_score),
     }[family]
     cases = output / f"{family}-{seed}"
     if "draw" in steps:

@@ -10,7 +10,7 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -81,20 +81,15 @@ def rig_answer(folder: Path) -> dict[str, Any]:
     return _told(found, len(recording), time.perf_counter() - began) | more | {"masked": masked}
 
 
-def combined_answer(folder: Path) -> dict[str, Any]:
-    """The diagnosis of a case with two or three effects, and what it took [s]."""
-    robot = gtr.load_config(folder / "robot.toml")
-    recording = gtr.read_recording(folder / "recording.csv")
-    began = time.perf_counter()
-    found = calibrate.diagnose(robot, recording, experiment=False)
-    return _told(found, len(recording), time.perf_counter() - began)
-
-
 def left_out_answer(folder: Path) -> dict[str, Any]:
     """The diagnosis of a case without the term that it names, and what it took [s]."""
+    return plain_answer(folder, (folder / WITHOUT).read_text(encoding="utf-8").split())
+
+
+def plain_answer(folder: Path, without: Sequence[str] = ()) -> dict[str, Any]:
+    """The diagnosis of a case, without some terms and without the baselines, and what it took [s]."""
     robot = gtr.load_config(folder / "robot.toml")
     recording = gtr.read_recording(folder / "recording.csv")
-    without = (folder / WITHOUT).read_text(encoding="utf-8").split()
     began = time.perf_counter()
     found = calibrate.diagnose(robot, recording, experiment=False, without=without)
     return _told(found, len(recording), time.perf_counter() - began)

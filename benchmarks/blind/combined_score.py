@@ -9,7 +9,7 @@ from string import Template
 import numpy as np
 
 from . import score
-from .score import ENOUGH, Scored, holds, quantiles, rate, rows_csv, table, taken
+from .score import ENOUGH, Scored, holds, quantiles, rate, rows_csv, seconds, table, taken
 
 NOT_YET = """## Two and three effects at once
 
@@ -29,9 +29,13 @@ def overview(cases: Sequence[Scored]) -> list[list[str]]:
     gains = [taken(s.answer, s.key) for s in strong if s.answer.get("held_out")]
     known = [within for s in cases if (within := holds(s, 1)) is not None]
     return [
-        ["information > 6", "", rate([s in strong for s in cases])],
+        ["information > 6", "", rate([s.information > ENOUGH for s in cases])],
         *[
-            [f"{kind}s named whole or in the set, information > 6", target, rate(_covered(strong, kind))]
+            [
+                f"{kind}s named whole or in the set, information > 6",
+                target,
+                rate([s.covered for s in strong if s.kind == kind]),
+            ]
             for kind, target in KINDS.items()
         ],
         ["part of them named and nothing wrong, the same", "≥ 85 %", rate([s.near for s in strong])],
@@ -41,27 +45,19 @@ def overview(cases: Sequence[Scored]) -> list[list[str]]:
             rate([s.covered or s.near for s in strong]),
         ],
         ["confidently wrong, the same", "≤ 5 %", rate([s.wrong for s in strong])],
-        ["all that is named, or each set of it, holds what is not there, the same", "", rate(_off(strong))],
+        [
+            "all that is named, or each set of it, holds what is not there, the same",
+            "",
+            rate([s.all_wrong for s in strong]),
+        ],
         [
             "share of what there is to gain on unseen samples that is gained (median; 90 % above), the same",
             "",
             "–" if not gains else f"{np.median(gains):.0%}; {np.quantile(gains, 0.1):.0%}",
         ],
         ["95 % interval of μ holds the truth", "", rate(known)],
-        ["time of an answer [s] (median; 90 % below)", "", quantiles(_seconds(cases), "{:.0f}; {:.0f}")],
+        ["time of an answer [s] (median; 90 % below)", "", quantiles(seconds(cases), "{:.0f}; {:.0f}")],
     ]
-
-
-def _covered(cases: Sequence[Scored], kind: str) -> list[bool]:
-    return [s.covered for s in cases if s.kind == kind]
-
-
-def _off(cases: Sequence[Scored]) -> list[bool]:
-    return [s.all_wrong for s in cases]
-
-
-def _seconds(cases: Sequence[Scored]) -> list[float]:
-    return [s.answer["seconds"] for s in cases if "seconds" in s.answer]
 
 
 def verdicts(cases: Sequence[Scored]) -> list[list[str]]:

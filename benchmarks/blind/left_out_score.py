@@ -15,7 +15,7 @@ import numpy as np
 
 from .exam import keys as keys_of
 from .left_out import PLACES
-from .score import quantiles, rate, table, taken
+from .score import quantiles, rate, seconds, table, taken
 
 NOT_YET = """## One term left out
 
@@ -111,12 +111,8 @@ def overview(cases: Sequence[LeftOut]) -> list[list[str]]:
             "–" if not gains else f"{np.median(gains):.0%}; {np.quantile(gains, 0.1):.0%}",
         ],
         ["the same, of all that shows (median)", "", quantiles(anyhow, "{:.0%}")],
-        ["time of an answer [s] (median; 90 % below)", "≤ 60", quantiles(_seconds(cases), "{:.0f}; {:.0f}")],
+        ["time of an answer [s] (median; 90 % below)", "≤ 60", quantiles(seconds(cases), "{:.0f}; {:.0f}")],
     ]
-
-
-def _seconds(cases: Sequence[LeftOut]) -> list[float]:
-    return [c.answer["seconds"] for c in cases if "seconds" in c.answer]
 
 
 def by_effect(cases: Sequence[LeftOut]) -> list[list[str]]:

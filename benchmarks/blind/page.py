@@ -149,7 +149,7 @@ def write(
     sound = [s for s in scored if s.kind == "sound"]
     off = [s.holds["refit_rms_N"] for s in sound]
     noise = [s.holds["refit_rms_N"] / s.holds["noise_N"] for s in sound]
-    seconds = [s.answer["seconds"] for s in scored if "seconds" in s.answer]
+    seconds = score.seconds(scored)
     tools = sorted({s.answer["tool"] for s in scored})
     crashed = sum(s.verdict == "crashed" for s in scored)
     head = ["", "false alarms", "detected, information > 6", "single named exactly, information > 6"]

@@ -13,7 +13,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from . import rig_score
+from . import rig_score, score
 from .rig_score import Rig
 from .score import table
 
@@ -60,7 +60,7 @@ def write(cases: Sequence[Rig], folder: Path, seeds: str, drawn: int) -> None:
     (figures / "rig-cases.csv").write_text(rig_score.rows_csv(cases), encoding="utf-8")
     samples = [len(c.key["clean"]["T_tip"]) for c in cases]
     rigs = [c for c in cases if c.key["kind"] == "rig"]
-    seconds = [c.answer["seconds"] for c in cases if "seconds" in c.answer]
+    seconds = score.seconds(cases)
     template = Template(Path(__file__).with_name("rig.md").read_text(encoding="utf-8"))
     text = template.substitute(
         cases=len(cases),

@@ -413,6 +413,11 @@ def quantiles(values: Sequence[float], form: str) -> str:
     return form.format(*np.quantile(values, [0.5, 0.9])) if values else "–"
 
 
+def seconds(answered: Sequence[Any]) -> list[float]:
+    """What the answers of cases of any family took [s]."""
+    return [s.answer["seconds"] for s in answered if "seconds" in s.answer]
+
+
 def per_effect(scored: Sequence[Scored]) -> list[list[str]]:
     """Rows by hidden effect, singles and those outside the catalogue."""
     rows = []

@@ -8,14 +8,14 @@ import numpy as np
 
 from gtr_jax.plots.style import BLUE, GREY, ORANGE, PURPLE, VERMILLION
 from gtr_jax.report.page import Playback
-from gtr_jax.report.playback import Chart, Column, Line, Span, playback
+from gtr_jax.report.playback import Chart, Column, Line, Span, clock_of, playback
 from gtr_jax.robot.build import build_robot
 
 from ..diagnosis.result import Diagnosis, Loop, Pull
 from .diagnosis_channels import channels_shown
 from .diagnosis_channels import named as naming
 from .diagnosis_figures import TIP, axis_of
-from .fit_playback import OTHERS, across, channel_chart, clock_of
+from .fit_playback import OTHERS, across, channel_chart
 from .recording_motion import Motion, motion_along
 
 

@@ -11,7 +11,7 @@ from gtr_jax.files.recording import Recording
 from gtr_jax.plots.style import GREY, INK
 from gtr_jax.plots.tendons import COLOURS
 from gtr_jax.report.page import Playback
-from gtr_jax.report.playback import Chart, Column, Line, playback
+from gtr_jax.report.playback import Chart, Column, Line, clock_of, playback
 
 from ..channels import channels_in, quantity_of, unit_of
 from ..result import FittedRecording
@@ -84,13 +84,6 @@ def fit_playback(
         stills=[f"{what}{o}{ending}" for what in ("fit", "time", "residual") for o in own],
         title=named,
     )
-
-
-def clock_of(time: np.ndarray | None, samples: int) -> tuple[Column, str]:
-    """What the courses of a recording run along, and the label of that axis: time, or numbers of samples."""
-    if time is None:
-        return Column("sample", "", np.arange(1.0, samples + 1)), "sample"
-    return Column("time", "s", np.asarray(time)), "time [s]"
 
 
 def across(drives: Sequence[str]) -> str:

@@ -150,6 +150,13 @@ def playback(
     return Playback(data, f"{CAPTION}{turned}{fewer}", tuple(stills), title)
 
 
+def clock_of(time: np.ndarray | None, samples: int) -> tuple[Column, str]:
+    """What the courses of a recording run along, and the label of that axis: time, or numbers of samples."""
+    if time is None:
+        return Column("sample", "", np.arange(1.0, samples + 1)), "sample"
+    return Column("time", "s", np.asarray(time)), "time [s]"
+
+
 def kept_samples(columns: Sequence[np.ndarray], most: int) -> np.ndarray:
     """Which samples of a long recording charts show: of each stretch those where a quantity is least and
     largest, so that peaks stay, and others at even steps; the first and the last always.

@@ -7,10 +7,10 @@ import numpy as np
 from gtr_jax.files.recording import Recording
 from gtr_jax.plots.style import GREY, INK, ORANGE, PURPLE, VERMILLION
 from gtr_jax.report.page import Playback
-from gtr_jax.report.playback import Chart, Column, Line, Span, playback
+from gtr_jax.report.playback import Chart, Column, Line, Span, clock_of, playback
 
 from ..inspection import Inspection
-from .figures import PHASES, clock
+from .figures import PHASES
 
 MOST_SPANS = 200  # stretches that are told apart by colour, the longest
 
@@ -24,9 +24,7 @@ def inspection_playback(found: Inspection, recording: Recording, *, named: str) 
         named: its name where there are several, else "".
     """
     assert recording.T_tip is not None
-    at, along = clock(recording)
-    clocked = recording.time is not None
-    across = Column("time", "s", at) if clocked else Column("sample", "", at + 1)
+    across, along = clock_of(recording.time, len(recording))
     base = Column("T_base", "N", np.asarray(recording.T_base))
     tip = Column("T_tip", "N", np.asarray(recording.T_tip))
     words = np.asarray(["", *(PHASES[phase] for phase in sorted(PHASES))])[found.phases.label]
@@ -70,6 +68,4 @@ def _spans(found: Inspection, at: np.ndarray) -> list[Span]:
         ),
     ]
     longest = sorted(spans, key=lambda s: s.start - s.end)[:MOST_SPANS]
-    return sorted(
-        (s._replace(start=float(s.start), end=float(s.end)) for s in longest), key=lambda s: s.start
-    )
+    return sorted(longest, key=lambda s: s.start)
