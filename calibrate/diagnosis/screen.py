@@ -86,7 +86,7 @@ FAR_OFF = 9.0
 # of a third try; ratio to the fit's sum of squares above which a start with shapes gets no third try
 # (presliding that is far too short is hard to solve: half a minute).
 PROMISED, AGAIN, QUICK, AMISS = 0.3, 24, 3, 5.0
-# Hypotheses that get a third try beside a model that has effects. Without it a gain of the tip cell beside a
+# Hypotheses that get a third try beside a model of the search. Without it a gain of the tip cell beside a
 # delay between the cells promised too little to be among five; refitted, it left a fiftieth of their best.
 FURTHER = 12
 
@@ -134,7 +134,8 @@ def screen(
         bench: the recordings.
         fitted: the model that they are added to.
         hypotheses: what to add.
-        head: effects of the model; the most promising beside them are tried a third time if they are given.
+        head: effects of the model, none or more; the most promising beside them are tried a third time if
+            they are given.
         thorough: whether all starts are tried, or few.
         reference: sum of squares from which the drop counts, that of the fit unless given; if it is given,
             nothing is tried a third time.
@@ -237,8 +238,8 @@ def screen(
         best: list[int] = []
         for h in hypotheses:
             mine = ranked_places(i for i, t in enumerate(found) if t.hypothesis is h)
-            best += mine[: 1 if head else STARTS_EACH[min(len(h.numbers), max(STARTS_EACH))]]
-        best = ranked_places(best)[:FURTHER] if head else best
+            best += mine[: 1 if head is not None else STARTS_EACH[min(len(h.numbers), max(STARTS_EACH))]]
+        best = ranked_places(best)[:FURTHER] if head is not None else best
         try_again([i for i in best if i not in promising])
         thirds = [t for t in in_parallel(third_try, [found[i] for i in best]) if t is not None]
     screened = []
