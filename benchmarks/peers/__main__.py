@@ -50,7 +50,13 @@ def main(argv: list[str] | None = None) -> int:
         "tension_N": TENSION,
         "levels": list(LEVELS),
         "problems": [
-            {"name": p.name, "tip_force_N": list(p.tip_force), "tip_m": list(reference(p))} for p in PROBLEMS
+            {
+                "name": p.name,
+                "tip_force_N": list(p.tip_force),
+                "tip_m": list(reference(p)),
+                "channels": [str(c) for c in getattr(p, "channels", ())],
+            }
+            for p in PROBLEMS
         ],
         "solvers": {},
     }

@@ -9,9 +9,11 @@ import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+import numpy as np
 
 COLOURS = {"gtr-jax": "#0072b2", "soromox": "#d55e00", "solve_bvp": "#009e73", "pyelastica": "#7a3b8f"}
 MARKS = {"gtr-jax": "o", "soromox": "s", "solve_bvp": "^", "pyelastica": "D"}
+COLUMNS = 2
 EXACT = 1e-11  # errors below are drawn here
 
 
@@ -28,8 +30,12 @@ def frontier(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
 def plot(found: dict[str, Any], path: Path) -> None:
     """One panel per problem; the line joins the settings that are worth using."""
     problems = found["problems"]
-    fig, axes = plt.subplots(1, len(problems), figsize=(6.0 * len(problems), 5.2), sharex=True, sharey=True)
-    for ax, problem in zip(axes, problems, strict=True):
+    rows, columns = -(-len(problems) // COLUMNS), min(COLUMNS, len(problems))
+    fig, grid = plt.subplots(rows, columns, figsize=(5.2 * columns, 4.6 * rows), sharex=True, sharey=True)
+    axes = np.atleast_1d(grid).ravel()
+    for ax in axes[len(problems) :]:
+        ax.set_visible(False)
+    for ax, problem in zip(axes, problems, strict=False):
         for name, solver in found["solvers"].items():
             points = [
                 (p["warm_s"] * 1e3, max(p["error"], EXACT))
@@ -51,8 +57,10 @@ def plot(found: dict[str, Any], path: Path) -> None:
         ax.set_yscale("log")
         ax.set_ylim(EXACT / 100, 0.3)
         ax.set_xlabel("time of one warm solve [ms]")
+        ax.tick_params(labelbottom=True)
         ax.grid(alpha=0.25)
-    axes[0].set_ylabel("distance of the tip from the reference / length [-]")
+    for ax in axes[::columns]:
+        ax.set_ylabel("distance of the tip from the reference / length [-]")
     axes[0].text(
         0.99, 0.01, f"errors below {EXACT:g} drawn there", transform=axes[0].transAxes, ha="right", fontsize=7
     )

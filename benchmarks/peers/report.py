@@ -6,7 +6,15 @@ import math
 from pathlib import Path
 from typing import Any
 
-from .problem import BENDING_STIFFNESS, LENGTH, OFFSET, RADIUS, YOUNGS_MODULUS, cheapest
+from .problem import (
+    BENDING_STIFFNESS,
+    LENGTH,
+    OFFSET,
+    POISSONS_RATIO,
+    RADIUS,
+    YOUNGS_MODULUS,
+    cheapest,
+)
 
 OURS = "gtr-jax"
 
@@ -40,8 +48,10 @@ def _levels(found: dict[str, Any], problem: str) -> list[str]:
         cells = []
         for level in levels:
             point = cheapest(solver["points"], problem, level)
-            if point is None:
-                best = min(p["error"] for p in solver["points"] if p["problem"] == problem)
+            best = min((p["error"] for p in solver["points"] if p["problem"] == problem), default=None)
+            if best is None:
+                cells.append("not tried")
+            elif point is None:
                 cells.append(f"not reached (best {best:.1e})")
             else:
                 cold = f", cold {seconds(point['cold_s'])}" if "cold_s" in point else ""
@@ -138,19 +148,22 @@ def markdown(found: dict[str, Any]) -> str:
         f"{m['cores']} cores, {m['date']}; Python {m['python']}, {versions}. "
         "Solvers run one after another, each in a process and, for the peers, an environment of its own.",
         "",
-        f"A rod of {LENGTH:g} m and EI = {BENDING_STIFFNESS:.4g} N m², clamped, bent in the plane by a "
-        f"frictionless parallel tendon {OFFSET * 1e3:g} mm off its midline under {found['tension_N']:g} N; "
-        "inextensible and unshearable. The error is the tip's distance from the reference, over the length. "
-        "Entered is the cheapest of the settings tried that reaches an error: in bold the warm time of "
-        "one solve from the straight rod; cold includes compilation (pyelastica: import and numba, once).",
+        f"A rod of {LENGTH:g} m and EI = {BENDING_STIFFNESS:.4g} N m², clamped, inextensible and "
+        f"unshearable, with frictionless tendons: one parallel to its midline, {OFFSET * 1e3:g} mm off it, "
+        f"under {found['tension_N']:g} N, which bends it in the plane; or others, as said, which take it out "
+        f"of every plane (Poisson's ratio {POISSONS_RATIO:g}). The error is the tip's distance from the "
+        "reference, over the length. Entered is the cheapest of the settings tried that reaches an error: "
+        "in bold the warm time of one solve from the straight rod; cold includes compilation (pyelastica: import and numba, once).",
         "",
         "![error against time](peers.png)",
         "",
     ]
     for problem in found["problems"]:
-        name, (x, y), (fx, fy) = problem["name"], problem["tip_m"], problem["tip_force_N"]
-        force = f", dead tip force ({fx:g}, {fy:g}) N" if fx or fy else ""
-        lines += [f"## {name[0].upper()}{name[1:]}", "", f"Tip at ({x:.9f}, {y:.9f}) m{force}.", ""]
+        name, tip = problem["name"], ", ".join(f"{v:.9f}" for v in problem["tip_m"])
+        loads = ", ".join(f"{f:g}" for f in problem["tip_force_N"])
+        force = f", dead tip force ({loads}) N" if any(problem["tip_force_N"]) else ""
+        channels = " ".join(f"{c}." for c in problem.get("channels", ()))
+        lines += [f"## {name[0].upper()}{name[1:]}", "", f"{channels} Tip at ({tip}) m{force}.".strip(), ""]
         lines += [*_levels(found, name), ""]
         ratios = _ratios(found, name)
         if ratios:

@@ -33,7 +33,7 @@ from .problem import (  # noqa: E402
     LENGTH,
     LOADED,
     OFFSET,
-    PROBLEMS,
+    PLANAR,
     RADIUS,
     TENDON,
     TENSION,
@@ -195,7 +195,7 @@ def run(quick: bool) -> dict[str, Any]:
             }
         )
 
-    for problem in PROBLEMS:
+    for problem in PLANAR:
         for setting in SETTINGS[problem][:: 3 if quick else 1]:
             enter(problem, setting)
     if not quick:

@@ -1,14 +1,16 @@
-"""soromox's planar piecewise-constant-strain robot, brought to rest by Newton's method; prints JSON.
+"""soromox's robots of piecewise constant strain, and in space of polynomial strain too, brought to rest by
+Newton's method; prints JSON.
 
 soromox gives forces and energies, not a static solver. So optimistix's Newton, which its environment brings,
 solves "elastic force = actuation force + tip force", from the straight robot. The residual is written both
-ways that soromox offers: the sum of its forces, or the gradient of its energies. Only bending is active, so
-the rod is inextensible and unshearable.
+ways that soromox offers: the sum of its forces, or the gradient of its energies. Only bending, and in space
+twist, is active, so the rod is inextensible and unshearable.
 """
 # pyright: reportMissingImports=false
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import jax
@@ -18,7 +20,7 @@ from soromox.actuation import ThreadlikeActuator, ThreadlikeRouting
 from soromox.systems import LinkSpec, PlanarPCS, PlanarPCSStructure
 
 from .. import measure
-from . import lanes
+from . import lanes, soromox_in_space
 from .answer import answer
 from .problem import (
     BENDING_STIFFNESS,
@@ -30,12 +32,14 @@ from .problem import (
     TENSION,
     YOUNGS_MODULUS,
     Problem,
+    SpatialProblem,
     cheapest,
     error,
 )
+from .soromox_in_space import Setting
 
 SEGMENTS = {False: (1, 2, 4, 8), True: (1, 2, 4, 8, 16, 25, 50, 100, 250)}  # by whether a force acts
-LARGE = 50  # segments, above which only the energies are tried: the forces' Jacobian has cost more by then
+LARGE = 50  # coordinates, above which only the energies are tried: the forces' Jacobian costs more by then
 NEWTON = optx.Newton(rtol=1e-6, atol=1e-6)
 
 
@@ -62,12 +66,34 @@ def robot_of(segments: int) -> PlanarPCS:
     )
 
 
-def forces(robot: PlanarPCS, problem: Problem):
+def settings(problem: Problem | SpatialProblem, quick: bool) -> Iterator[Setting]:
+    """Every robot that is tried."""
+    if isinstance(problem, SpatialProblem):
+        yield from soromox_in_space.settings(problem, quick)
+        return
+    for n in SEGMENTS[problem.loaded][: 4 if quick else None]:
+        yield Setting(f"{n} segment{'s' * (n > 1)}", robot_of(n), n)
+
+
+def tensions(problem: Problem | SpatialProblem, T):
+    """Of the tendons under a tension of the first, the others' in proportion."""
+    channels = problem.channels if isinstance(problem, SpatialProblem) else ()
+    return T * jnp.asarray([channel.tension / TENSION for channel in channels] or [1.0])
+
+
+def tip_of(robot, q):
+    """Place of the tip, (2,) or in space (3,)."""
+    tip = robot.forward_kinematics_tips(q)[-1]
+    return tip[:3, 3] if tip.ndim == 2 else tip[1:]
+
+
+def forces(robot, problem: Problem | SpatialProblem):
     """Residual as a sum of generalised forces [N m]; stiffness is over the robot's own."""
-    wrench = jnp.array([0.0, *problem.tip_force])
+    spatial = isinstance(problem, SpatialProblem)
+    wrench = jnp.array([*([0.0] * (3 if spatial else 1)), *problem.tip_force])
 
     def residual(q, T, stiffness):
-        out = stiffness * robot.elastic_force(q) - robot.actuation_force(q, T[None])
+        out = stiffness * robot.elastic_force(q) - robot.actuation_force(q, tensions(problem, T))
         if problem.loaded:
             out = out - robot.jacobian_inertialframe(q, jnp.asarray(LENGTH)).T @ wrench
         return out
@@ -75,15 +101,13 @@ def forces(robot: PlanarPCS, problem: Problem):
     return residual
 
 
-def energies(robot: PlanarPCS, problem: Problem):
+def energies(robot, problem: Problem | SpatialProblem):
     """Residual as the gradient of the potential energy [N m]; stiffness is over the robot's own."""
-    wrench = jnp.array([0.0, *problem.tip_force])
+    force = jnp.asarray(problem.tip_force)
 
     def potential(q, T, stiffness):
-        out = stiffness * robot.elastic_energy(q) - T * robot.actuator_coordinates(q)[0]
-        if problem.loaded:
-            out = out - wrench @ robot.forward_kinematics_tips(q)[-1]
-        return out
+        out = stiffness * robot.elastic_energy(q) - tensions(problem, T) @ robot.actuator_coordinates(q)
+        return out - force @ tip_of(robot, q) if problem.loaded else out
 
     return jax.grad(potential)
 
@@ -91,24 +115,24 @@ def energies(robot: PlanarPCS, problem: Problem):
 FORMULATIONS = {"forces": forces, "energies": energies}
 
 
-def solver_of(problem: Problem, segments: int, formulation: str):
-    """`solve(tension, stiffness=1.0) -> tip (x, y, angle), converged, steps`."""
-    robot = robot_of(segments)
+def solver_of(problem: Problem | SpatialProblem, setting: Setting, formulation: str):
+    """`solve(tension, stiffness=1.0) -> tip, converged, steps`."""
+    robot = setting.robot
     residual = FORMULATIONS[formulation](robot, problem)
-    scale = BENDING_STIFFNESS * LENGTH / segments  # so that the residual is a curvature
+    # So that the residual is a curvature.
+    scale = BENDING_STIFFNESS * LENGTH / (1 if "order" in setting.name else len(robot.L_cum))
 
     def solve(T, stiffness=1.0):
         found = optx.root_find(
             lambda q, given: residual(q, *given) / scale,
             NEWTON,
-            jnp.zeros(segments),
+            jnp.zeros(setting.size),
             args=(T, stiffness),
             max_steps=50,
             throw=False,
         )
-        angle, x, y = robot.forward_kinematics_tips(found.value)[-1]
         converged = found.result == optx.RESULTS.successful
-        return jnp.stack([x, y, angle]), converged, found.stats["num_steps"]
+        return tip_of(robot, found.value), converged, found.stats["num_steps"]
 
     return solve
 
@@ -118,18 +142,20 @@ def run(quick: bool) -> dict[str, Any]:
     points, batches = [], []
     T_base = jnp.asarray(TENSION)
     for problem in PROBLEMS:
-        for segments in SEGMENTS[problem.loaded][: 4 if quick else None]:
-            for formulation in FORMULATIONS if segments <= LARGE else ("energies",):
-                timed = measure.timed(solver_of(problem, segments, formulation), T_base)
-                pose, converged, steps = timed.value
+        known: dict[str, Setting] = {}
+        for setting in settings(problem, quick):
+            known[setting.name] = setting
+            for formulation in FORMULATIONS if setting.size <= LARGE else ("energies",):
+                timed = measure.timed(solver_of(problem, setting, formulation), T_base)
+                tip, converged, steps = timed.value
                 points.append(
                     {
                         "problem": problem.name,
-                        "setting": f"{segments} segment{'s' * (segments > 1)}",
-                        "segments": segments,
+                        "setting": setting.name,
+                        "coordinates": setting.size,
                         "formulation": formulation,
                         "steps": int(steps),
-                        "error": error(problem, pose[:2]),
+                        "error": error(problem, tip),
                         "converged": bool(converged),
                         "warm_s": timed.warm,
                         "cold_s": timed.cold,
@@ -139,7 +165,7 @@ def run(quick: bool) -> dict[str, Any]:
             point = cheapest(points, problem.name, level)
             if point is None or "gradient_s" in point:
                 continue
-            solve = solver_of(problem, point["segments"], point["formulation"])
+            solve = solver_of(problem, known[point["setting"]], point["formulation"])
             height = jax.value_and_grad(lambda T, E, solve=solve: solve(T, E)[0][1], argnums=(0, 1))
             point["gradient_s"] = measure.timed(height, T_base, jnp.asarray(1.0)).warm
             found = lanes.batch(solve, point["warm_s"], 1000 if quick else 10_000, threads=False)
