@@ -153,7 +153,8 @@ def markdown(found: dict[str, Any]) -> str:
         f"under {found['tension_N']:g} N, which bends it in the plane; or others, as said, which take it out "
         f"of every plane (Poisson's ratio {POISSONS_RATIO:g}). The error is the tip's distance from the "
         "reference, over the length. Entered is the cheapest of the settings tried that reaches an error: "
-        "in bold the warm time of one solve from the straight rod; cold includes compilation (pyelastica: import and numba, once).",
+        "in bold the warm time of one solve from the straight rod; cold includes compilation (pyelastica: "
+        "import and numba, once).",
         "",
         "![error against time](peers.png)",
         "",
