@@ -1,5 +1,6 @@
-"""`python -m benchmarks.space_census [--count N] [--seed S]`: random robots in space, of one to four tendons,
-half of them under gravity and a force at the tip, pulled through loops that close, and their mirror images.
+"""`python -m benchmarks.space_census [--count N] [--seed S] [--resume]`: random robots in space, of one to four
+tendons, half of them under gravity and a force at the tip, pulled through loops that close, and their mirror
+images.
 
 The base tensions rise to random sizes and then go round and round, each tendon with a phase of its own.
 Counted are
@@ -231,9 +232,11 @@ def examined(d: Drawn) -> Seen:
     )
 
 
-def census(count: int, seed: int) -> Iterator[tuple[Drawn, Seen]]:
-    """Random robots and what they show, batch by batch, of every number of tendons by turns."""
-    for index in range(-(-count // LANES)):
+def census(count: int, seed: int, known: int = 0) -> Iterator[tuple[Drawn, Seen]]:
+    """Random robots and what they show, batch by batch, of every number of tendons by turns; on from as many
+    as are known.
+    """
+    for index in range(known // LANES, -(-count // LANES)):
         tendons, loaded = 1 + index // 2 % 4, bool(index % 2)
         d = draw(seed, index, tendons, loaded)
         yield d, examined(d)
@@ -268,18 +271,41 @@ def table(total: Counter[tuple[int, bool, str]]) -> str:
     return "\n".join([*lines, "| all | | " + " | ".join(whole) + " |"]) + "\n"
 
 
+def read_table(text: str) -> Counter[tuple[int, bool, str]]:
+    """The counts of a table."""
+    header, _, *rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines()]
+    return Counter(
+        {
+            (int(tendons), loads == "yes", name): int(value)
+            for tendons, loads, *values in rows
+            if tendons != "all"
+            for name, value in zip(header[2:], values, strict=True)
+        }
+    )
+
+
+def robots(total: Counter[tuple[int, bool, str]]) -> int:
+    """How many were counted."""
+    return sum(v for (_, _, name), v in total.items() if name == "robots")
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Count, and write the table after every batch."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.space_census", description=__doc__)
     parser.add_argument("--count", type=int, default=COUNT)
     parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument(
+        "--resume", action="store_true", help="count on from the table that a run of the same seed left"
+    )
     given = parser.parse_args(arguments)
     total: Counter[tuple[int, bool, str]] = Counter()
-    for d, seen in census(given.count, given.seed):
+    if given.resume and RESULTS.exists():
+        total = read_table(RESULTS.read_text())
+    for d, seen in census(given.count, given.seed, robots(total)):
         total.update(counted(d, seen))
         for i in np.flatnonzero((seen.unsettled > 0) | (seen.gained > GIVES_BACK)):
             print(d.tendons, d.loaded, i, *(f"{name} {getattr(seen, name)[i]:.3g}" for name in Seen._fields))
-        print(sum(v for (_, _, name), v in total.items() if name == "robots"), "robots", flush=True)
+        print(robots(total), "robots", flush=True)
         RESULTS.write_text(table(total))
     print(table(total))
     return 0

@@ -4,7 +4,18 @@ import numpy as np
 import pytest
 
 from benchmarks import space_census
-from benchmarks.space_census import GIVES_BACK, MIRRORS, SEED, counted, draw, examined, mirrored, table
+from benchmarks.space_census import (
+    GIVES_BACK,
+    MIRRORS,
+    SEED,
+    counted,
+    draw,
+    examined,
+    mirrored,
+    read_table,
+    robots,
+    table,
+)
 
 
 @pytest.mark.slow
@@ -48,3 +59,4 @@ def test_the_census_sees_energy_made_from_nothing(monkeypatch, ahead, gives):
     assert total[1, False, "robots"] == 50
     assert total[1, False, "energy given back"] == (50 if gives else 0)
     assert "| all | | 50 |" in table(total)
+    assert read_table(table(total)) == total and robots(total) == 50
