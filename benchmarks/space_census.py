@@ -1,6 +1,6 @@
-"""`python -m benchmarks.space_census [--count N] [--seed S] [--resume]`: random robots in space, of one to four
-tendons, half of them under gravity and a force at the tip, pulled through loops that close, and their mirror
-images.
+"""`python -m benchmarks.space_census [--count N] [--seed S] [--resume]`: random robots in space, of one to
+four tendons, half of them under gravity and a force at the tip, pulled through loops that close, and their
+mirror images.
 
 The base tensions rise to random sizes and then go round and round, each tendon with a phase of its own.
 Counted are
