@@ -25,6 +25,7 @@ from benchmarks.blind import (
     left_out,
     left_out_score,
     machine,
+    oracle,
     rig,
     score,
 )
@@ -199,25 +200,26 @@ def test_combinations_are_counted(tmp_path):
     assert [kind for kind, _ in drawn] == ["pair"] * 30 + ["triple"] * 10
     assert all(len({CATALOGUE[c][0] for c in hidden}) == 2 + (kind == "triple") for kind, hidden in drawn)
 
-    def case(name, verdict, sets, *, strong=True):
+    def case(name, verdict, sets, *, strong=True, missed=9.0):
         key = {"kind": "pair", "hidden": ["a", "b"], "terms": ["wear", "contact"], "robot": "r", "mu": 0.3}
         key |= {"protocol": "rich", "sd": {"T_tip": 0.1}, "pose": False, "noise": "plain"}
         held = [{"rms_N": 0.5, "chi2_per_n": 9.0}, {"rms_N": 0.1, "chi2_per_n": 1.0}]
         answer = {"verdict": verdict, "sets": sets, "seconds": 9.0, "tool": "x", "held_out": held}
         answer |= {"intervals": {"mu": [[0.2, 0.25], [0.2, 0.4]]}, "parameters": {"mu": [0.3, 0.3]}}
         information = {"information": 9.0 if strong else 2.0, "apart": 9.0, "own": 0.0, "rival": 9.0}
-        return score.Scored(name, key, information | {"concealment": 0.2}, answer)
+        return score.Scored(name, key, information | {"concealment": 0.2, "least_part": missed}, answer)
 
     both, part, other = ["wear", "contact"], ["wear"], ["wear", "low-pass"]
     told = [
         case("a", "missing-physics", [both]),
         case("b", "ambiguous", [both, other]),
-        case("c", "partly-explained", [part]),
+        case("c", "partly-explained", [part], missed=2.0),
         case("d", "missing-physics", [other]),
         case("e", "adequate", [], strong=False),
     ]
     rows = {what.partition(",")[0]: reached for what, _, reached in combined_score.overview(told)}
     assert rows["pairs named whole or in the set"].startswith("50 % (2/4;")
+    assert rows["the same"].startswith("67 % (2/3;")
     assert rows["triples named whole or in the set"] == "–"
     assert rows["part of them named and nothing wrong"].startswith("50 % (2/4;")
     assert rows["confidently wrong"].startswith("25 % (1/4;")
@@ -226,6 +228,22 @@ def test_combinations_are_counted(tmp_path):
     combined_score.write(told, tmp_path, "seed 0", 6)
     assert "$" not in (tmp_path / "combined.md").read_text(encoding="utf-8")
     assert len((tmp_path / "proof/combined-cases.csv").read_text().splitlines()) == 6
+
+
+@pytest.mark.slow
+def test_what_each_of_two_effects_is_missed_by(tmp_path):
+    """An offset of half a newton is missed; one of a tenth of the noise is not."""
+    left = {}
+    for size in (0.5, 0.0):
+        rng = np.random.default_rng(7)
+        case = cases.make("pair", ("crosstalk", "tip-offset"), rng)
+        assert case is not None
+        cells = np.asarray(case.key["clean"]["T_tip"])
+        case.key["clean"]["T_tip"] = (cells - case.key["numbers"]["tip-offset.offset_N"] + size).tolist()
+        cases.write(case, tmp_path / "case", tmp_path / "key.json")
+        left[size] = oracle.left(tmp_path / "case", case.key)
+    assert left[0.5]["own"] < 6 < left[0.5]["least_part"]
+    assert left[0.0]["least_part"] < 1
 
 
 def test_laws_in_the_place_of_a_term_are_held_against_it(tmp_path):

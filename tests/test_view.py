@@ -11,7 +11,9 @@ from command_line import RECORDED, RECORDING, run_gtr
 from conftest import SINE
 
 import gtr_jax as gtr
+from gtr_jax.files.recording import Recording
 from gtr_jax.robot.parameters import parameters_of
+from gtr_jax.simulation.markers import marker_places
 from gtr_jax.view.histories import (
     HELD,
     at_rest,
@@ -103,6 +105,44 @@ def test_a_robot_in_space_is_drawn_from_three_sides(make_config):
     moved = setting.with_value("tip_force_z", 0.5).with_value("tip_moment_x", 0.01).written()
     assert (moved.loads.tip_force, moved.loads.tip_moment) == ((0, 0, 0.5), (0.01, 0, 0))
     assert gtr.build_robot(moved).value("tip_force_z") == 0.5
+
+
+def test_the_comb_in_space_is_that_in_the_plane(make_config):
+    """A planar robot computed in space has the comb that it has in the plane, and none out of it."""
+    flat, space = (Setting.of(make_config(routing=SINE, **more)) for more in ({}, {"space": True}))
+    combs = []
+    for setting in (flat, space):
+        curves = simulated(setting, pull_and_release(setting.robot, 0, 8.0, 0.0))
+        combs.append([view.teeth[0] for view in drawing(curves, curves.largest).views])
+    (starts, ends), (shown, tips) = combs[0][0], combs[1][0]
+    heights = np.linalg.norm(ends - starts, axis=1), np.linalg.norm(tips - shown, axis=1)
+    assert heights[0].max() == pytest.approx(heights[1].max(), rel=0.05)
+    way, own = ((b - a)[np.argmax(h)] for a, b, h in ((starts, ends, heights[0]), (shown, tips, heights[1])))
+    assert way @ own > 0.95 * np.linalg.norm(way) * np.linalg.norm(own)
+    _, (across, above), _ = combs[1]
+    np.testing.assert_allclose(above[:, 1], across[:, 1], atol=1e-6)
+
+
+def test_markers_and_what_was_recorded_of_them_are_drawn(make_config):
+    markers = [{"name": "m", "at": "100 mm", "offset": ["0 mm", "5 mm", "0 mm"]}]
+    setting = Setting.of(make_config(routing=SINE, markers=markers))
+    n = 30
+    T_base, place = np.linspace(0.0, 5.0, n), np.linspace(0.0, 0.01, n)
+    recording = Recording(
+        T_base,
+        Path("r.csv"),
+        "",
+        T_tip=0.8 * T_base,
+        tip_x=0.2 - place,
+        tip_y=place,
+        markers={"m_x": 0.1 + 0 * place, "m_y": np.where(place > 0.005, np.nan, place)},
+    )
+    curves = simulated(setting, recorded(setting.robot, recording))
+    (late,), (early,) = (drawing(curves, step).views for step in (n - 1, 3))
+    np.testing.assert_allclose(late.recorded, [[190.0, 10.0]])
+    np.testing.assert_allclose(early.recorded[1], [100.0, 1e3 * place[3]])
+    expected = marker_places(curves.robot, curves.run)[3, 0, :2]
+    np.testing.assert_allclose(early.markers, [1e3 * np.asarray(expected)], atol=1e-6)
 
 
 def test_every_number_has_a_slider_that_reaches_beyond_it(make_config):

@@ -5,6 +5,8 @@ by how much the nearest rival of the effect that is hidden stays behind it.
 from __future__ import annotations
 
 import dataclasses
+import functools
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +24,11 @@ from calibrate.diagnosis.search import refit_best
 from calibrate.fit import part_of
 from calibrate.readings.noise import Noise
 
+from .effects import CATALOGUE
+
 # Rivals refitted to find the nearest, and friction coefficients to refit the base model from.
 NEAREST, OTHERS = 6, (0.1, 0.2, 0.35, 0.6)
+SEVERAL = ("pair", "triple")
 
 
 def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
@@ -35,10 +40,12 @@ def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
         "raw_rms_N", and refitted, "refit_rms_N"; "concealment", the share that refitting hides; and of a
         single effect "own" and "rival", the roots of the sums of squares that the best fit of its own term
         and of a term of another kind leave, and "apart", that of their difference, 0 where the rival leaves
-        less.
+        less. Of several effects "own", what the best fit of all their terms leaves, and "least_part", the
+        root of what is left in addition without the one of them that is missed least.
     """
     config = gtr.load_config(folder / "robot.toml")
-    recording = gtr.read_recording(folder / "recording.csv")
+    # All readings, those too that the diagnosis takes for glitches: the key has all.
+    recording = gtr.read_recording(folder / "recording.csv", keep_glitches=True)
     robot = gtr.build_robot(config)
     channels = tuple(key["clean"])
     part, _ = part_of("clean", robot, config, recording, channels)
@@ -58,6 +65,7 @@ def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
     found = _least(bench, np.asarray([n.at(values[n.name]) for n in bench.base]))
     if found is None:
         raise RuntimeError(f"{folder}: the base model cannot be refitted")
+    terms = [CATALOGUE[effect][0] for effect in key["hidden"]] if key["kind"] in SEVERAL else []
     off = [s.values[rig.where][0] - clean[0] for s in (true, found.seen[0])]
     raw, refit = (float(np.sqrt(np.mean(o**2))) for o in off)
     return {
@@ -67,6 +75,7 @@ def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
         "concealment": float(np.clip(1 - refit / max(raw, 1e-12), 0, 1)),
         "noise_N": float(np.hypot(noise[0].sd, key["sd_base"])),
         **(_rivalry(bench, found, key["terms"][0]) if key["kind"] == "single" else {}),
+        **(_parts(bench, found, terms) if key["kind"] in SEVERAL else {}),
     }
 
 
@@ -84,6 +93,30 @@ def _noise(row: np.ndarray) -> Noise:
     """Noise as it is, not as it looks."""
     sd = float(np.std(row))
     return Noise(sd, float(np.clip(np.mean(row[1:] * row[:-1]) / max(sd**2, 1e-300), 0.0, 0.8)))
+
+
+def _parts(bench: Bench, base: Fitted, terms: Sequence[str]) -> dict[str, float]:
+    """What the terms that are hidden leave together, and how much each is missed beside the others; see
+    `left`. Each may be added last.
+    """
+    hypotheses = hypotheses_of(bench.rigs[0].part.robot, base, [bench.rigs[0].part])
+    of = {h.name: h for h in hypotheses}
+
+    @functools.cache
+    def best(places: frozenset[int]) -> Fitted:
+        fits = []
+        for last in places:
+            parent = best(places - {last})
+            head, taken = [of[name] for name in parent.names], {n.name for n in parent.numbers}
+            own = [h for h in hypotheses if h.kind == terms[last] and not taken & {n.name for n in h.numbers}]
+            screened = screen(bench, parent, own, head=head)
+            fits += [parent, *refit_best(bench, head, parent, screened, STARTS_EACH)]
+        return min(fits, key=lambda f: f.cost, default=base)
+
+    every = frozenset(range(len(terms)))
+    whole = best(every).cost
+    missed = [max(best(every - {place}).cost - whole, 0.0) for place in every]
+    return {"own": float(np.sqrt(whole)), "least_part": float(np.sqrt(min(missed)))}
 
 
 def _rivalry(bench: Bench, base: Fitted, truth: str) -> dict[str, float]:

@@ -536,7 +536,7 @@ def rows_csv(scored: Sequence[Scored]) -> str:
     """One line per case, for those who want to look."""
     out = io.StringIO()
     names = ["case", "kind", "hidden", "robot", "protocol", "pose", "noise", "information", "concealment"]
-    names += ["own", "rival", "apart", "verdict", "sets", "mu", "mu_before", "mu_after", "seconds"]
+    names += ["own", "rival", "apart", "least_part", "verdict", "sets", "mu", "mu_before", "mu_after", "seconds"]
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(names)
     for s in sorted(scored, key=lambda s: (s.kind, s.key["hidden"], s.name)):
@@ -551,7 +551,7 @@ def rows_csv(scored: Sequence[Scored]) -> str:
                 int(s.key["pose"]),
             ]
             + [s.key["noise"], f"{s.information:.2f}", f"{s.holds['concealment']:.2f}"]
-            + [f"{s.holds[x]:.2f}" if x in s.holds else "" for x in ("own", "rival", "apart")]
+            + [f"{s.holds[x]:.2f}" if x in s.holds else "" for x in ("own", "rival", "apart", "least_part")]
             + [s.verdict]
             + [" or ".join(" + ".join(x) for x in s.sets), f"{s.key['mu']:.4f}"]
             + [f"{v:.4f}" for v in mu[:2]]

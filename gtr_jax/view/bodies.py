@@ -1,4 +1,6 @@
-"""The plot of the body: its outline, its channels coloured by tension, and the contact force as a comb."""
+"""The plot of the body: its outline, its channels coloured by tension, the contact force as a comb, and
+markers and what was recorded of them and of the tip.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +11,10 @@ import numpy as np
 from bokeh.models import ColorBar, ColumnDataSource, DataRange1d, LinearColorMapper
 from bokeh.palettes import Viridis256
 
-from gtr_jax.plots.style import BLUE, INK
+from gtr_jax.plots.style import BLUE, INK, VERMILLION
 from gtr_jax.plots.views import INSIDE
 
-from .figures import plot
+from .figures import legend_above, plot
 from .postures import Drawing, View
 
 MIDDLE = "#9A9A9A"
@@ -36,6 +38,10 @@ class Side:
         self._outline, self._ghosts = ColumnDataSource(NOTHING), ColumnDataSource(NOTHING | NO_COLOUR)
         self._middle = ColumnDataSource({"x": [], "y": []}, name="midline" if bar else f"midline {axes}")
         self._channel, self._teeth = ColumnDataSource(empty | NO_TENSION), ColumnDataSource(empty)
+        self._markers, self._recorded = (
+            ColumnDataSource({"x": [], "y": []}, name=f"{name}{'' if bar else f' {axes}'}")
+            for name in ("markers", "recorded places")
+        )
         self._room, self._seen = ColumnDataSource({"x": [], "y": []}), np.zeros((0, 2))
         self.plot = plot(
             "The body, its channels coloured by tension"
@@ -62,6 +68,22 @@ class Side:
         self.plot.segment(
             "x0", "y0", "x1", "y1", source=self._channel, color=coloured, line_width=4, line_cap="round"
         )
+        self.plot.scatter(
+            "x", "y", source=self._markers, marker="square", size=7, color=INK, legend_label="marker"
+        )
+        self.plot.scatter(
+            "x",
+            "y",
+            source=self._recorded,
+            marker="x",
+            size=11,
+            line_width=2.5,
+            color=VERMILLION,
+            legend_label="recorded",
+        )
+        legend_above(self.plot)
+        self._says = self.plot.above[-1]
+        self._says.visible = False
         if bar:
             legend = ColorBar(color_mapper=colours, title="T [N]", width=10, label_standoff=5, padding=4)
             self.plot.add_layout(legend, "right")
@@ -73,9 +95,12 @@ class Side:
         starts, ends = (np.concatenate([line[cut] for line in view.channels]) for cut in (_FIRST, _SECOND))
         tension = np.concatenate([0.5 * (T[_FIRST] + T[_SECOND]) for T in view.tension])
         self._channel.data = _segments(starts, ends) | {"tension": tension}
-        if view.teeth is not None:
-            starts, tips = (np.concatenate(part) for part in zip(*view.teeth, strict=True))
-            self._teeth.data = _segments(starts, tips)
+        starts, tips = (np.concatenate(part) for part in zip(*view.teeth, strict=True))
+        self._teeth.data = _segments(starts, tips)
+        self._markers.data = dict(zip("xy", view.markers.T, strict=True))
+        self._recorded.data = dict(zip("xy", view.recorded.T, strict=True))
+        if self._says.visible != (shown := bool(len(view.markers) or len(view.recorded))):
+            self._says.visible = shown
         self._make_room(view)
 
     def forget_room(self) -> None:
@@ -88,8 +113,8 @@ class Side:
         self._ghosts.data = _lines([line for _, line in lines]) | {"colour": [colour for colour, _ in lines]}
 
     def _make_room(self, view: View) -> None:
-        tips = [ends for _, ends in view.teeth or ()]
-        points = np.concatenate([*view.outline, *tips, self._seen])
+        tips = [ends for _, ends in view.teeth]
+        points = np.concatenate([*view.outline, *tips, view.markers, view.recorded, self._seen])
         corners = np.stack([points.min(axis=0), points.max(axis=0)])
         if len(self._seen) != 2 or np.any(corners != self._seen):
             self._seen = corners

@@ -15,6 +15,7 @@ from gtr_jax.report.spatial import strung_of
 from gtr_jax.robot.robot import Robot
 from gtr_jax.simulation.forces import ChannelForces, channel_forces
 from gtr_jax.simulation.history import Simulation, equilibrium_at
+from gtr_jax.simulation.markers import markers_on, shape_in_plane
 from gtr_jax.simulation.solution import Equilibrium
 
 from .model import Curves
@@ -36,8 +37,10 @@ class View:
         middle: the midline, (M, 2).
         channels: of each tendon, (P, 2).
         tension: of each tendon there [N], (P,).
-        teeth: of the contact force of each tendon: where each tooth starts and ends, (P, 2) each; None in
-            space.
+        teeth: of the contact force of each tendon: where each tooth starts and ends, (P, 2) each; none of a
+            tendon in space that guides hold.
+        markers: places of the robot's markers, (markers, 2).
+        recorded: where the tip and they were recorded, of those that were, (n, 2).
     """
 
     axes: str
@@ -45,7 +48,9 @@ class View:
     middle: np.ndarray
     channels: list[np.ndarray]
     tension: list[np.ndarray]
-    teeth: list[tuple[np.ndarray, np.ndarray]] | None = None
+    teeth: list[tuple[np.ndarray, np.ndarray]]
+    markers: np.ndarray
+    recorded: np.ndarray
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -72,24 +77,28 @@ class Drawing:
 def _at(robot: Robot, run: Simulation, step: jax.Array):
     eq = equilibrium_at(robot, run, step)
     each = [eq.of_tendon(i) for i in range(len(robot.tendons))] if robot.tendon_names else [eq]
-    return eq, [channel_forces(own) for own in each], robot.backbone.radius(eq.s)
+    if eq.shape is None:
+        shape = shape_in_plane(robot, eq.curvature[None], eq.angle[None])
+    else:
+        shape = jax.tree_util.tree_map(lambda values: values[None], eq.shape)
+    markers = markers_on(robot, eq.s, shape)[0, :, :3]
+    return eq, [channel_forces(own) for own in each], robot.backbone.radius(eq.s), markers
 
 
 def drawing(curves: Curves, step: int) -> Drawing:
     """The body of a simulation at a step, counted from 0."""
     robot = curves.robot.for_any_terms()
     found = _at(robot, curves.run, jnp.asarray(step))
-    eq, forces, radius = jax.tree_util.tree_map(np.asarray, found)
+    eq, forces, radius, markers = jax.tree_util.tree_map(np.asarray, found)
+    places = 1e3 * markers, _recorded(curves, step)
     several = bool(robot.tendon_names)
     each = [eq.of_tendon(i) for i in range(len(robot.tendons))] if several else [eq]
     if eq.shape is not None:
-        return _in_space(strung_of(robot, found[0]), eq, each, forces)
+        guided = [tendon.guides is not None for tendon in robot.tendons]
+        return _in_space(curves, strung_of(robot, found[0]), eq, each, forces, guided, places)
     shapes = [_coarser(curve_of(own, radius)) for own in each]
     along = [_along(own, shape, force) for own, shape, force in zip(each, shapes, forces, strict=True)]
-    pressed = max(SLACK, *(float(np.max(a.normal)) for a in along))
-    now = max(float(np.max(a.tension)) for a in along)
-    # Of about one scale along the history: what presses grows with the tension.
-    scale = COMB * 1e3 * float(eq.s[-1]) / pressed * now / max(curves.most, SLACK)
+    scale = _height(curves, eq, along)
     view = View(
         "xy",
         [shapes[0].outline],
@@ -97,8 +106,41 @@ def drawing(curves: Curves, step: int) -> Drawing:
         [shape.channel for shape in shapes],
         [a.tension for a in along],
         [_teeth(shape, scale * a.normal) for shape, a in zip(shapes, along, strict=True)],
+        *(_finite(place[:, :2]) for place in places),
     )
     return Drawing([view], along)
+
+
+def _finite(points: np.ndarray) -> np.ndarray:
+    return points[np.all(np.isfinite(points), axis=1)]
+
+
+def _recorded(curves: Curves, step: int) -> np.ndarray:
+    """Where the tip and the robot's markers were recorded at a step [mm], (1 + markers, 3); NaN where they
+    were not.
+    """
+    recording, space = curves.history.recording, curves.robot.space
+    places = np.full((1 + len(curves.robot.markers), 3), np.nan)
+    if recording is None:
+        return places
+    names = ["tip", *(marker.name for marker in curves.robot.markers)]
+    for place, name in zip(places, names, strict=True):
+        for i, axis in enumerate("xyz"):
+            of = f"{name}_{axis}"
+            values = getattr(recording, of) if name == "tip" else recording.markers.get(of)
+            place[i] = np.nan if values is None else 1e3 * values[step]
+        if not space:
+            place[2] = 0.0
+    return places
+
+
+def _height(curves: Curves, eq: Equilibrium, along: list[Along]) -> float:
+    """Of the comb [mm] by contact force [N/m], of about one scale along the history: what presses grows with
+    the tension.
+    """
+    pressed = max(SLACK, *(float(np.max(a.normal, initial=0.0)) for a in along))
+    now = max(float(np.max(a.tension, initial=0.0)) for a in along)
+    return COMB * 1e3 * float(eq.s[-1]) / pressed * now / max(curves.most, SLACK)
 
 
 def _coarser(shape: Curve) -> Curve:
@@ -128,27 +170,67 @@ def _teeth(shape: Curve, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return at, ends
 
 
-def _in_space(body: Strung, eq: Equilibrium, each: list, forces: list[ChannelForces]) -> Drawing:
+def _teeth_in_space(channel: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """Where the teeth of a comb at a channel end, (P, 3): to the side that the tendon presses to, which is
+    the one that its channel turns to.
+    """
+    along = np.gradient(channel, axis=0)
+    heading = along / np.linalg.norm(along, axis=1, keepdims=True)
+    turning = np.gradient(heading, axis=0)
+    size = np.linalg.norm(turning, axis=1, keepdims=True)
+    return channel + height[:, None] * np.divide(turning, size, out=np.zeros_like(turning), where=size > 0)
+
+
+def _in_space(
+    curves: Curves,
+    body: Strung,
+    eq: Equilibrium,
+    each: list,
+    forces: list[ChannelForces],
+    guided: list[bool],
+    places: tuple[np.ndarray, np.ndarray],
+) -> Drawing:
     assert eq.shape is not None
     posture = Posture("", *map(np.asarray, (eq.shape.position, eq.shape.rotation, np.atleast_2d(eq.tension))))
     shape = drawn(body, posture, SECTIONS, CORNERS)
     runs = [shape.s <= end * (1 + 1e-9) for end in body.ends]
     tension = [own[run] for own, run in zip(shape.tension, runs, strict=True)]
+    along = [
+        _along_in_space(own, force, end) for own, force, end in zip(each, forces, body.ends, strict=True)
+    ]
+    scale = _height(curves, eq, along)
+    combs = []
+    for channel, own, run, held in zip(shape.channels, along, runs, guided, strict=True):
+        there = run if not held and len(own.s) else np.zeros_like(run)
+        height = scale * np.interp(1e3 * shape.s[there], own.s, own.normal) if there.any() else np.zeros(0)
+        starts = channel[there]
+        combs.append((starts, _teeth_in_space(starts, height) if len(starts) > 1 else starts))
     views = []
     for side in SIDES:
         rims = shape.sections[:, :, side]
         channels = [channel[run][:, side] for channel, run in zip(shape.channels, runs, strict=True)]
         outline = [*rims, *_between(rims)]
-        views.append(View("".join(AXES[i] for i in side), outline, shape.middle[:, side], channels, tension))
-    along = []
-    for own, force, end in zip(each, forces, body.ends, strict=True):
-        there = (np.asarray(force.length) > 0) & (np.asarray(force.s) <= end * (1 + 1e-9))
-        at = np.asarray(force.s)[there]
-        tension = np.interp(at, np.asarray(own.s), np.asarray(own.tension))
-        along.append(
-            Along(1e3 * at, tension, np.asarray(force.normal)[there], np.asarray(force.friction)[there])
+        teeth = [(starts[:, side], ends[:, side]) for starts, ends in combs]
+        axes, middle = "".join(AXES[i] for i in side), shape.middle[:, side]
+        views.append(
+            View(
+                axes,
+                outline,
+                middle,
+                channels,
+                tension,
+                teeth,
+                *(_finite(place[:, side]) for place in places),
+            )
         )
     return Drawing(views, along)
+
+
+def _along_in_space(own: Equilibrium, force: ChannelForces, end: float) -> Along:
+    there = (np.asarray(force.length) > 0) & (np.asarray(force.s) <= end * (1 + 1e-9))
+    at = np.asarray(force.s)[there]
+    tension = np.interp(at, np.asarray(own.s), np.asarray(own.tension))
+    return Along(1e3 * at, tension, np.asarray(force.normal)[there], np.asarray(force.friction)[there])
 
 
 def _between(rims: np.ndarray) -> list[np.ndarray]:
