@@ -44,9 +44,7 @@ class Side:
         )
         self._room, self._seen = ColumnDataSource({"x": [], "y": []}), np.zeros((0, 2))
         self.plot = plot(
-            "The body, its channels coloured by tension"
-            if bar
-            else f"From the side: {axes[0]} and {axes[1]}",
+            "The body, its channels coloured by tension" if bar else f"{axes[0]} and {axes[1]}",
             f"{axes[0]} [mm]",
             f"{axes[1]} [mm]",
             height=430 if bar else 330,
@@ -68,9 +66,8 @@ class Side:
         self.plot.segment(
             "x0", "y0", "x1", "y1", source=self._channel, color=coloured, line_width=4, line_cap="round"
         )
-        self.plot.scatter(
-            "x", "y", source=self._markers, marker="square", size=7, color=INK, legend_label="marker"
-        )
+        marked, recorded = ({"legend_label": name} if bar else {} for name in ("marker", "recorded"))
+        self.plot.scatter("x", "y", source=self._markers, marker="square", size=7, color=INK, **marked)
         self.plot.scatter(
             "x",
             "y",
@@ -79,12 +76,13 @@ class Side:
             size=11,
             line_width=2.5,
             color=VERMILLION,
-            legend_label="recorded",
+            **recorded,
         )
-        legend_above(self.plot)
-        self._says = self.plot.above[-1]
-        self._says.visible = False
+        self._says = None
         if bar:
+            legend_above(self.plot)
+            self._says = self.plot.above[-1]
+            self._says.visible = False
             legend = ColorBar(color_mapper=colours, title="T [N]", width=10, label_standoff=5, padding=4)
             self.plot.add_layout(legend, "right")
 
@@ -99,7 +97,8 @@ class Side:
         self._teeth.data = _segments(starts, tips)
         self._markers.data = dict(zip("xy", view.markers.T, strict=True))
         self._recorded.data = dict(zip("xy", view.recorded.T, strict=True))
-        if self._says.visible != (shown := bool(len(view.markers) or len(view.recorded))):
+        shown = bool(len(view.markers) or len(view.recorded))
+        if self._says is not None and self._says.visible != shown:
             self._says.visible = shown
         self._make_room(view)
 
