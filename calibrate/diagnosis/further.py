@@ -9,18 +9,20 @@ not seen.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from ..parallel import in_parallel
+from .decide import STAYS_SIZE, STAYS_Z, structured
 from .episodes import episodes
 from .events import event_hypotheses
 from .heldout import by_fold
 from .hypotheses import EVENTS, Hypothesis
+from .locate import misfit
 from .model import Fitted
 from .models import HOW_MANY, Models
-from .screen import Screened, screen
+from .screen import STARTS_EACH, Screened, screen
 from .search import ONE_EACH, SECOND_WORTH, refit_best
 from .twins import settled, swapped, twins_of
 
@@ -62,17 +64,16 @@ def with_further(models: Models, start: Fitted, progress: Callable[[str], None])
     instead, unseen = _alike(models, start), Unseen(models)
     while len(head.names) + 1 < len(HOW_MANY):
         progress(f"adding to {' + '.join(head.names) or 'the base model'} what pays on unseen samples")
-        fits = _refitted_beside(models, head)
-        models.add(fits)
-        lasting = [f for f in fits if models.of[_new(f, head)].kind not in EVENTS]
-        event = _event(models, head, fits)
-        best = unseen.best(head, lasting[:JUDGED]) if event is None else settled(models, [event])[0]
+        best, fits = _one_more(models, unseen, head)
+        if best is None and structured(misfit(models.bench, head), STAYS_Z, STAYS_SIZE):
+            progress("nothing does: trying every start of every effect")
+            best, fits = _one_more(models, unseen, head, thorough=True)
         if best is None:
             break
         new = _new(best, head)
         near = NEAR * models.bench.scale_left(best)
         instead[new] = tuple(_new(f, head) for f in fits if f is not best and f.cost - best.cost < near)
-        head = best
+        head = _best_variants(models, best)
     head = _without_idle(models, unseen, head, start)
     parts = [f for f in models.fits.values() if f.names and set(f.names) < set(head.names)]
     for name, others in twins_of(models, head).items():
@@ -81,6 +82,19 @@ def with_further(models: Models, start: Fitted, progress: Callable[[str], None])
     rivals = [models.stored(f) for f in settled(models, [head, *parts, *swaps])]
     probability = models.beside(models.stored(head))
     return max(rivals, key=lambda f: probability[f.names])
+
+
+def _one_more(
+    models: Models, unseen: Unseen, head: Fitted, *, thorough: bool = False
+) -> tuple[Fitted | None, list[Fitted]]:
+    """The model with a further effect that pays, None if none does, and all that were refitted."""
+    fits = _refitted_beside(models, head, thorough)
+    models.add(fits)
+    lasting = [f for f in fits if models.of[_new(f, head)].kind not in EVENTS]
+    event = _event(models, head, fits)
+    if event is not None:
+        return settled(models, [event])[0], fits
+    return unseen.best(head, lasting[:JUDGED]), fits
 
 
 def beaten(models: Models, best: Fitted, others: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
@@ -110,11 +124,7 @@ def _exchanged(models: Models, head: Fitted) -> list[Fitted]:
         return []
     near, found = NEAR * models.bench.scale_left(head), list[Fitted]()
     for name in head.names:
-        names = tuple(n for n in head.names if n != name)
-        if tuple(sorted(names)) not in models.fits:
-            less = models.bench.refit(models.hypotheses(names), models.coordinates(names, head))
-            models.add([] if less is None else [less])
-        parent = models.fits.get(tuple(sorted(names)))
+        parent = _less(models, head, name)
         if parent is None:
             continue
         taken = {n.name for n in parent.numbers}
@@ -130,6 +140,39 @@ def _exchanged(models: Models, head: Fitted) -> list[Fitted]:
         fits = refit_best(models.bench, own, parent, wanted[:EXCHANGED], ONE_EACH, ITERATIONS)
         found += [f for f in fits if f.cost < head.cost + near]
     return found
+
+
+def _best_variants(models: Models, head: Fitted) -> Fitted:
+    """The model with each of its effects in the variant that fits best beside the others: where friction
+    acts locally, or which cell drifts, was chosen in other company. The better refit is added to `models`.
+    """
+    for name in head.names:
+        parent = _less(models, head, name)
+        taken = set() if parent is None else {n.name for n in parent.numbers}
+        variants = [
+            h
+            for h in models.of.values()
+            if h.kind == models.of[name].kind and h.name != name and not taken & {n.name for n in h.numbers}
+        ]
+        if parent is None or not variants or models.of[name].kind in EVENTS:
+            continue
+        own = models.hypotheses(parent.names)
+        tried = screen(models.bench, parent, variants, head=own)
+        fits = refit_best(models.bench, own, parent, tried, STARTS_EACH, ITERATIONS)
+        better = min(fits, key=lambda f: f.cost, default=head)
+        if better.cost < head.cost - NEAR * models.bench.scale_left(better):
+            models.add([better])
+            head = models.stored(better)
+    return head
+
+
+def _less(models: Models, head: Fitted, name: str) -> Fitted | None:
+    """The model without one of its effects, refitted once; None where that fails."""
+    names = tuple(n for n in head.names if n != name)
+    if tuple(sorted(names)) not in models.fits:
+        less = models.bench.refit(models.hypotheses(names), models.coordinates(names, head))
+        models.add([] if less is None else [less])
+    return models.fits.get(tuple(sorted(names)))
 
 
 def _new(fitted: Fitted, head: Fitted) -> str:
@@ -165,23 +208,30 @@ def _events(models: Models, head: Fitted) -> list[Hypothesis]:
     return events
 
 
-def _refitted_beside(models: Models, head: Fitted) -> list[Fitted]:
-    """The most promising further effects, refitted beside those of a model, the best first."""
+def _refitted_beside(models: Models, head: Fitted, thorough: bool) -> list[Fitted]:
+    """The most promising further effects, refitted beside those of a model, the best first; thoroughly from
+    all their starts, else from few.
+    """
     bench, taken = models.bench, {n.name for n in head.numbers}
     others = [
         h for h in models.of.values() if h.kind not in EVENTS and not taken & {n.name for n in h.numbers}
     ]
-    lasting = screen(bench, head, others, head=models.hypotheses(head.names), thorough=False)
-    return _refitted(models, head, [*lasting, *screen(bench, head, _events(models, head))])
+    lasting = screen(bench, head, others, head=models.hypotheses(head.names), thorough=thorough)
+    tried = [*lasting, *screen(bench, head, _events(models, head))]
+    return _refitted(models, head, tried, STARTS_EACH if thorough else ONE_EACH)
 
 
-def _refitted(models: Models, head: Fitted, screened: Sequence[Screened]) -> list[Fitted]:
-    """The most promising of some effects, refitted beside those of a model, the best first."""
+def _refitted(
+    models: Models, head: Fitted, screened: Sequence[Screened], starts: Mapping[int, int] = ONE_EACH
+) -> list[Fitted]:
+    """The most promising of some effects, refitted beside those of a model, the best first; from so many
+    starts, by how many numbers an effect has.
+    """
     best = sorted(screened, key=lambda s: -s.gain)
     wanted = [s for s in best if s.gain > SECOND_WORTH][:TRIED]
     own = models.hypotheses(head.names)
     lasting = [s for s in wanted if s.hypothesis.kind not in EVENTS]
-    fits = refit_best(models.bench, own, head, lasting, ONE_EACH, ITERATIONS)
+    fits = refit_best(models.bench, own, head, lasting, starts, ITERATIONS)
     # When an event happens is found from several starts: the cost has a minimum beside each.
     at_once = [s for s in wanted if s.hypothesis.kind in EVENTS]
     fits += refit_best(models.bench, own, head, at_once, EVENT_STARTS, ITERATIONS)

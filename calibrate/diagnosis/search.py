@@ -26,8 +26,8 @@ ONE_EACH, SEVERAL_EACH = {1: 1, 2: 1, 3: 2}, {1: 2, 2: 3, 3: 4}
 
 
 class Effort(NamedTuple):
-    """How further effects are sought beside a model: how many are refitted, from which starts, and with how
-    many iterations.
+    """How further effects are sought beside a model: how many are refitted, from how many starts, and with
+    how many iterations.
     """
 
     most: int
@@ -35,8 +35,8 @@ class Effort(NamedTuple):
     iterations: int
 
 
-# Where one effect is enough a second is looked for in brief; where structure is left, thoroughly: the slopes
-# beside a wrong or lonely effect order the others badly.
+# Where one effect is enough a second is looked for in brief; where structure is left, thoroughly, from all
+# starts: the slopes beside a wrong or lonely effect order the others badly.
 BRIEF, THOROUGH = Effort(3, ONE_EACH, 6), Effort(5, SEVERAL_EACH, 10)
 # Drop of the sum of squares that is worth a refit: of a first effect, and of a further one.
 WORTH, SECOND_WORTH = 6.0, 9.0
@@ -159,7 +159,7 @@ def add_to(models: Models, head: Fitted, progress: Callable[[str], None], effort
     taken = {n.name for n in head.numbers}
     others = [h for h in models.of.values() if not taken & {n.name for n in h.numbers}]
     own = models.hypotheses(head.names)
-    screened = screen(models.bench, head, others, head=own, thorough=False)
+    screened = screen(models.bench, head, others, head=own, thorough=effort is THOROUGH)
     wanted = [s for s in screened if s.gain > SECOND_WORTH][: effort.most]
     models.add(refit_best(models.bench, own, head, wanted, effort.starts, effort.iterations))
 
