@@ -219,9 +219,9 @@ def test_combinations_are_counted(tmp_path):
     ]
     rows = {what.partition(",")[0]: reached for what, _, reached in combined_score.overview(told)}
     assert rows["pairs named whole or in the set"].startswith("50 % (2/4;")
-    assert rows["the same"].startswith("67 % (2/3;")
+    assert rows["pairs and triples named whole or in the set"].startswith("67 % (2/3;")
     assert rows["triples named whole or in the set"] == "–"
-    assert rows["part of them named and nothing wrong"].startswith("50 % (2/4;")
+    assert rows["all or a part of them named and nothing wrong"].startswith("50 % (2/4;")
     assert rows["confidently wrong"].startswith("25 % (1/4;")
     assert rows["95 % interval of μ holds the truth"].startswith("100 % (5/5;")
     assert ["missing-physics", "2", "1", "0", "0", "1"] in combined_score.verdicts(told)

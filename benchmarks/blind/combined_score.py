@@ -39,13 +39,13 @@ def overview(cases: Sequence[Scored]) -> list[list[str]]:
             for kind, target in KINDS.items()
         ],
         [
-            "the same, where every one of them is missed beside the others, by more than 6",
+            "pairs and triples named whole or in the set, every one missed beside the others by more than 6",
             "",
             rate([s.covered for s in strong if s.holds["least_part"] > ENOUGH]),
         ],
-        ["part of them named and nothing wrong, information > 6", "≥ 85 %", rate([s.near for s in strong])],
+        ["all or a part of them named and nothing wrong, information > 6", "≥ 85 %", rate([s.near for s in strong])],
         [
-            "whole, in the set, or a part and nothing wrong, the same",
+            "whole or in the set, or a part and nothing wrong, the same",
             "",
             rate([s.covered or s.near for s in strong]),
         ],

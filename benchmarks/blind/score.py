@@ -536,7 +536,8 @@ def rows_csv(scored: Sequence[Scored]) -> str:
     """One line per case, for those who want to look."""
     out = io.StringIO()
     names = ["case", "kind", "hidden", "robot", "protocol", "pose", "noise", "information", "concealment"]
-    names += ["own", "rival", "apart", "least_part", "verdict", "sets", "mu", "mu_before", "mu_after", "seconds"]
+    names += ["own", "rival", "apart", "least_part", "verdict", "sets", "mu", "mu_before", "mu_after"]
+    names += ["seconds"]
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(names)
     for s in sorted(scored, key=lambda s: (s.kind, s.key["hidden"], s.name)):
