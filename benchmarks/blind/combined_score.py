@@ -43,7 +43,11 @@ def overview(cases: Sequence[Scored]) -> list[list[str]]:
             "",
             rate([s.covered for s in strong if s.holds["least_part"] > ENOUGH]),
         ],
-        ["all or a part of them named and nothing wrong, information > 6", "≥ 85 %", rate([s.near for s in strong])],
+        [
+            "all or a part of them named and nothing wrong, information > 6",
+            "≥ 85 %",
+            rate([s.near for s in strong]),
+        ],
         [
             "whole or in the set, or a part and nothing wrong, the same",
             "",
