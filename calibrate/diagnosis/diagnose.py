@@ -50,7 +50,7 @@ from .search import PAIRS, SHORTLIST, WORTH, combine, refit_best
 from .twins import SETTLED, settled_with_twins
 
 # Number of best models that are refitted to all samples, and that are corrected to a fine mesh before.
-FINAL, REFINED = 4, 3
+FINAL, REFINED = 6, 3
 # Most promising effects that are tried on each of several tendons alone, beside those of the cells.
 OF_TENDONS = 3
 

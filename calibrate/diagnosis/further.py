@@ -23,7 +23,7 @@ from .locate import misfit
 from .model import Fitted
 from .models import HOW_MANY, Models
 from .screen import STARTS_EACH, Screened, screen
-from .search import ONE_EACH, SECOND_WORTH, refit_best
+from .search import ONE_EACH, SECOND_WORTH, add_variants, refit_best, without
 from .twins import settled, swapped, twins_of
 
 # Effects that are tried at each stage, those of them that are judged on unseen samples, and iterations of a
@@ -124,7 +124,7 @@ def _exchanged(models: Models, head: Fitted) -> list[Fitted]:
         return []
     near, found = NEAR * models.bench.scale_left(head), list[Fitted]()
     for name in head.names:
-        parent = _less(models, head, name)
+        parent = without(models, head, name)
         if parent is None:
             continue
         taken = {n.name for n in parent.numbers}
@@ -143,36 +143,13 @@ def _exchanged(models: Models, head: Fitted) -> list[Fitted]:
 
 
 def _best_variants(models: Models, head: Fitted) -> Fitted:
-    """The model with each of its effects in the variant that fits best beside the others: where friction
-    acts locally, or which cell drifts, was chosen in other company. The better refit is added to `models`.
-    """
+    """The model with each of its effects in the variant that fits best beside the others."""
     for name in head.names:
-        parent = _less(models, head, name)
-        taken = set() if parent is None else {n.name for n in parent.numbers}
-        variants = [
-            h
-            for h in models.of.values()
-            if h.kind == models.of[name].kind and h.name != name and not taken & {n.name for n in h.numbers}
-        ]
-        if parent is None or not variants or models.of[name].kind in EVENTS:
-            continue
-        own = models.hypotheses(parent.names)
-        tried = screen(models.bench, parent, variants, head=own)
-        fits = refit_best(models.bench, own, parent, tried, STARTS_EACH, ITERATIONS)
+        fits = [f for f in add_variants(models, head, name) if f.cost < head.cost]
         better = min(fits, key=lambda f: f.cost, default=head)
         if better.cost < head.cost - NEAR * models.bench.scale_left(better):
-            models.add([better])
             head = models.stored(better)
     return head
-
-
-def _less(models: Models, head: Fitted, name: str) -> Fitted | None:
-    """The model without one of its effects, refitted once; None where that fails."""
-    names = tuple(n for n in head.names if n != name)
-    if tuple(sorted(names)) not in models.fits:
-        less = models.bench.refit(models.hypotheses(names), models.coordinates(names, head))
-        models.add([] if less is None else [less])
-    return models.fits.get(tuple(sorted(names)))
 
 
 def _new(fitted: Fitted, head: Fitted) -> str:

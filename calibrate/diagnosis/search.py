@@ -10,12 +10,12 @@ import numpy as np
 
 from ..parallel import in_parallel
 from .bench import MOST_ITERATIONS, Bench
-from .hypotheses import Hypothesis, is_friction
+from .hypotheses import EVENTS, Hypothesis, is_friction
 from .locate import misfit
 from .model import Fitted, model_of
 from .models import HEADS, HOPELESS, Models
 from .pairs import Pair
-from .screen import Screened, Start, screen
+from .screen import STARTS_EACH, Screened, Start, screen
 
 # Friction coefficients that the base model is tried from.
 MU_STARTS = (0.03, 0.08, 0.15, 0.25, 0.4, 0.65)
@@ -164,6 +164,41 @@ def add_to(models: Models, head: Fitted, progress: Callable[[str], None], effort
     models.add(refit_best(models.bench, own, head, wanted, effort.starts, effort.iterations))
 
 
+def add_variants(models: Models, head: Fitted, name: str) -> list[Fitted]:
+    """Refit a model with one of its effects in each other variant, thoroughly: where friction acts locally,
+    which cell drifts, or whether its clock does, was chosen in other company. All are added to the models.
+    """
+    kind = models.of[name].kind
+    variants = [h for h in models.of.values() if h.kind == kind and h.name not in head.names]
+    parent = without(models, head, name) if variants and kind not in EVENTS else None
+    if parent is None:
+        return []
+    taken = {n.name for n in parent.numbers}
+    variants = [h for h in variants if not taken & {n.name for n in h.numbers}]
+    own = models.hypotheses(parent.names)
+    tried = screen(models.bench, parent, variants, head=own)
+    fits = refit_best(models.bench, own, parent, tried, STARTS_EACH)
+    # From where the model is, too, if the variant has numbers of the effect in whose place it stands.
+    known = {n.name: v for n, v in zip(head.numbers, head.x, strict=True)}
+    for h in variants:
+        numbers = model_of(models.bench.base, (*own, h)).numbers
+        if any(n.name in known for n in h.numbers):
+            start = np.asarray([known.get(n.name, 0.0) for n in numbers])
+            again = models.bench.refit((*own, h), start)
+            fits += [] if again is None else [again]
+    models.add(fits)
+    return fits
+
+
+def without(models: Models, head: Fitted, name: str) -> Fitted | None:
+    """A model without one of its effects, refitted once; None where that fails."""
+    names = tuple(n for n in head.names if n != name)
+    if tuple(sorted(names)) not in models.fits:
+        less = models.bench.refit(models.hypotheses(names), models.coordinates(names, head))
+        models.add([] if less is None else [less])
+    return models.fits.get(tuple(sorted(names)))
+
+
 def add_pairs(models: Models, pairs: Sequence[Pair], progress: Callable[[str], None]) -> None:
     """Refit pairs from the base model where they promise more than the best single effect explains."""
     least = min((f.cost for f in models.fits.values() if len(f.names) == 1), default=models.base.cost)
@@ -216,6 +251,8 @@ def combine(models: Models, pairs: Sequence[Pair], progress: Callable[[str], Non
             add_to(models, alone, progress)
     for pair in itertools.combinations(best.names, 2):
         _part(models, pair, best)
+    for name in best.names:
+        add_variants(models, best, name)
 
 
 def _part(models: Models, names: tuple[str, ...], whole: Fitted) -> Fitted | None:
