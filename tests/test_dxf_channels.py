@@ -200,6 +200,23 @@ def test_files_that_are_no_drawings_and_keys_without_one(make_config, tmp_path):
         parse_config({**data, "backbone": broken, "routing": {"kind": "table", "file": "bad.dxf"}})
 
 
+@pytest.mark.parametrize(
+    ("knots", "says"),
+    [
+        ([], r"natural_curvature: needs at least two knots"),
+        ([[0.0, 1.0], [0.25, 2.0], [0.1, 3.0]], r"natural_curvature\[2\]: .*s must increase"),
+        ([[0.0, 1.0], [0.1, 1.0]], r"natural_curvature: knots span 0 mm to 100 mm"),
+    ],
+)
+def test_a_wrong_body_is_refused_before_the_drawing_is_read(knots, says, make_config, tmp_path):
+    drawing(tmp_path / "route.dxf", polyline((0, 5), (250, 5)))
+    data = make_config().model_dump(mode="json", by_alias=True, exclude_none=True)
+    data["routing"] = {"kind": "table", "file": "route.dxf"}
+    data["backbone"]["natural_curvature"] = knots
+    with pytest.raises(InputError, match=rf"robot\.toml: backbone\.{says}"):
+        parse_config(data, source="robot.toml", folder=tmp_path)
+
+
 def test_pieces_join_in_any_order(tmp_path, make_config):
     ends = [(0, 0), (60, 2), (120, 3), (250, 1)]
     for order in itertools.permutations(range(3)):

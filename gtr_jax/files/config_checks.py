@@ -90,7 +90,7 @@ def check_robot(
         loads: the external loads.
         terms: physics beyond the paper.
     """
-    _check_backbone(backbone)
+    check_backbone(backbone)
     laws = tuple(term.checked() for term in terms if isinstance(term, LawSection))
     _check_terms(
         terms, backbone, [getattr(tendon, "name", "") for _, tendon, _ in strung], catalogue_of(laws)
@@ -122,7 +122,8 @@ def outer_radius_at(backbone: BackboneConfig, s: np.ndarray | float) -> np.ndarr
     return np.asarray(radius)
 
 
-def _check_backbone(backbone: BackboneConfig) -> None:
+def check_backbone(backbone: BackboneConfig) -> None:
+    """Refuse a body that cannot be; InputError naming the key and the remedy."""
     length = backbone.length
     _check_length(length, "backbone.length")
     for radius in backbone.outer_radius:

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from gtr_jax.errors import InputError
 
+from .config_checks import check_backbone
 from .dxf_line import DrawnLine, read_line
 from .midline import Midline, midline_at_rest
 from .sections import BackboneConfig
@@ -33,7 +34,7 @@ def with_drawn_channels(data: dict[str, Any], folder: Path) -> dict[str, Any]:
         folder: of the robot file.
 
     Raises:
-        InputError: naming drawing, layer and place.
+        InputError: naming drawing, layer and place, or what is wrong with the backbone.
     """
     tendons = data.get("tendons")
     tables = [data, *(t for t in tendons if isinstance(t, Mapping))] if isinstance(tendons, list) else [data]
@@ -43,6 +44,7 @@ def with_drawn_channels(data: dict[str, Any], folder: Path) -> dict[str, Any]:
         backbone = BackboneConfig.model_validate(data.get("backbone"), context={"folder": folder})
     except ValidationError:
         return data  # which is then refused for its backbone
+    check_backbone(backbone)  # before the line is measured from its midline
     midline = midline_at_rest(backbone)
 
     def read(table: Mapping[str, Any]) -> dict[str, Any]:
