@@ -150,6 +150,24 @@ def test_it_comes_to_rest_where_its_forces_balance(make_config):
     assert np.linalg.norm(moved[1] - still) < 1e-6 < np.linalg.norm(moved[0] - moved[1])
 
 
+def test_no_marker_has_the_name_of_another_site(make_config):
+    """Whatever a marker is called: names of sites are one list in MuJoCo."""
+    markers = [{"name": name, "at": 0.1} for name in ("world", "tendon_3", "base", "link_0", "rest")]
+    text = mjcf(make_config(markers=markers, loads={"tip_force": [0.0, 0.1]}), links=4)
+    names = [site.attrib["name"] for site in ET.fromstring(text).iter("site") if "name" in site.attrib]
+    assert len(names) == len(set(names)) and {"world", "tendon_3"} < set(names)
+    routings = ({"kind": "parallel", "offset": offset} for offset in (8e-3, -8e-3))
+    tendons = [
+        {"name": name, "friction_coefficient": 0.0, "routing": routing}
+        for name, routing in zip(("tip_load", "other"), routings, strict=True)
+    ]
+    mjcf(make_config(tendons=tendons), links=4)
+    with pytest.raises(InputError, match=r"tendons\.tip_load: .*rename it"):
+        mjcf(make_config(tendons=tendons, loads={"tip_force": [0.0, 0.1]}), links=4)
+    pytest.importorskip("mujoco")
+    Model(text)
+
+
 def test_friction_is_the_share_of_the_mean_tension(make_config):
     """Of a parallel tendon T = T_b/(1 + mu R T_b s/EI) (docs/mechanics.md)."""
     config = make_config(routing=PARALLEL, backbone={"outer_radius": 0.015})
