@@ -112,6 +112,32 @@ def test_a_drawing_is_in_the_unit_chosen(unit, make_config):
     np.testing.assert_allclose(places, [[0.0, 0.008, 0.0], [0.25, 0.008, 0.0]], atol=1e-12)
 
 
+@pytest.mark.parametrize(("unit", "shown"), [("mm", "25.4"), ("cm", "2.54"), ("m", "0.0254"), ("in", "1")])
+def test_dimensions_are_written_to_a_micrometre(unit, shown, make_config):
+    def texts(radius):
+        body = {"outer_radius": radius}
+        document = read(dxf(make_config(routing=PARALLEL, backbone=body), unit=unit))
+        blocks = [d.get_geometry_block() for d in on(document, "DIMENSIONS", "DIMENSION")]
+        return {text.text for block in blocks for text in block.query("MTEXT")}
+
+    assert f"⌀{shown}" in texts(0.0127)
+    (fine,) = {float(text[1:]) for text in texts(0.0127123) if text.startswith("⌀")}
+    assert METRES[unit] * fine == pytest.approx(0.0254246, abs=5.1e-7)
+
+
+def test_names_that_differ_in_case_only_have_layers_of_their_own(make_config):
+    """CAD does not tell them apart."""
+    offsets = {"a": 8e-3, "A_2": 4e-3, "A": -4e-3, "b": -8e-3}
+    tendons = [
+        {"name": name, "friction_coefficient": 0.1, "routing": {"kind": "parallel", "offset": offset}}
+        for name, offset in offsets.items()
+    ]
+    document = read(dxf(make_config(tendons=tendons)))
+    for layer, offset in (("A", 8.0), ("A_2", 4.0), ("A_3", -4.0), ("B", -8.0)):
+        (line,) = on(document, f"CHANNEL_{layer}", "LINE")
+        assert line.dxf.start.y == pytest.approx(offset)
+
+
 def test_several_tendons_have_a_layer_each_and_guided_ones_are_chords(make_config):
     guided = {"guides": [0.05, 0.15], "to": 0.2}
     tendons = [

@@ -26,6 +26,7 @@ VERSION = "R2010"
 STRAIGHT = 1e-9  # m, to which a spline must be straight to be written as a line
 TEXT = 0.016  # height of dimensions, of the body's length
 INSUNITS = {"mm": 4, "cm": 5, "m": 6, "in": 1}  # as $INSUNITS has them
+DECIMALS = {"mm": 3, "cm": 4, "m": 6, "in": 5}  # of dimensions: a micrometre, or finer
 ROWS = 2.5  # text heights between two rows of dimensions
 
 Place = Sequence[float] | np.ndarray
@@ -50,7 +51,7 @@ class Sheet:
         high = self.text * self.scale
         for name, value in {
             "dimtxt": high, "dimasz": high, "dimexe": 0.5 * high, "dimexo": 0.5 * high, "dimgap": 0.4 * high,
-            "dimdec": 4 if unit in ("m", "in") else 3, "dimzin": 8, "dimlfac": 1.0, "dimblk": "", "dimtad": 1,
+            "dimdec": DECIMALS[unit], "dimzin": 8, "dimlfac": 1.0, "dimblk": "", "dimtad": 1,
             "dimtsz": 0.0, "dimclrd": 256, "dimclre": 256, "dimclrt": 256,
         }.items():  # fmt: skip
             style.set_dxf_attrib(name, value)
@@ -152,10 +153,10 @@ def _channels(sheet: Sheet, body: Unloaded, tolerance: float, diameter: float) -
     colours = itertools.cycle(lines.CHANNEL_COLOURS)
     for (tendon, splines), colour in zip(lines.channels(body, tolerance), colours, strict=False):
         for spline in splines:
-            sheet.spline(spline, layer_of(tendon, CHANNEL), colour)
+            sheet.spline(spline, layer_of(tendon, body.robot.tendons, CHANNEL), colour)
             if diameter > 0:
                 for wall in lines.walls(spline, diameter, tolerance, body.kinks(tendon)):
-                    sheet.spline(wall, layer_of(tendon, WALLS), lines.COLOURS[WALLS])
+                    sheet.spline(wall, layer_of(tendon, body.robot.tendons, WALLS), lines.COLOURS[WALLS])
 
 
 def _body_in_plane(sheet: Sheet, body: Unloaded, config: RobotConfig, tolerance: float) -> None:

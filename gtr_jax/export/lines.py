@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -20,9 +20,19 @@ COLOURS = {AXIS: 8, BODY: 7, ENVELOPE: 8, BORES: 9, NOTCHES: 6, WALLS: 5, LIMIT:
 CHANNEL_COLOURS = (1, 5, 3, 30, 4, 6)  # of AutoCAD's index, tendon after tendon
 
 
-def layer_of(tendon: Tendon, layer: str = CHANNEL) -> str:
-    """A layer of one tendon: of an only one without its name."""
-    return f"{layer}_{tendon.name.upper()}" if tendon.name else layer
+def layer_of(tendon: Tendon, tendons: Sequence[Tendon], layer: str = CHANNEL) -> str:
+    """A layer of one of some tendons: of an only one without its name. CAD does not tell capitals from small
+    letters, so that names which differ in these only are numbered.
+    """
+    if not tendon.name:
+        return layer
+    names = [other.name for other in tendons]
+    taken, found = {name.upper() for name in names}, tendon.name.upper()
+    alike = [name for name in names if name.upper() == found]
+    for _ in range(alike.index(tendon.name)):
+        found = next(f for i in itertools.count(2) if (f := f"{tendon.name.upper()}_{i}") not in taken)
+        taken.add(found)
+    return f"{layer}_{found}"
 
 
 def stretches(body: Unloaded) -> list[tuple[float, float]]:

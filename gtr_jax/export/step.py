@@ -58,7 +58,7 @@ def step(config: RobotConfig, *, unit: str = "mm", tolerance: float = TOLERANCE)
     body = unloaded(build_robot(config))
     parts = [(AXIS, [_edge(_midline(body, tolerance))])]
     for tendon, splines in lines.channels(body, tolerance):
-        parts.append((layer_of(tendon), [_edge(spline) for spline in splines]))
+        parts.append((layer_of(tendon, body.robot.tendons), [_edge(spline) for spline in splines]))
     named = [(name, _joined(edges)) for name, edges in parts]
     if body.straight:
         named.append((BODY, _solid(body, config)))
