@@ -111,6 +111,22 @@ def test_corners_of_a_polyline_are_measured_points(make_config, tmp_path):
     assert load_config(tmp_path / "robot.toml") == config
 
 
+def test_a_line_that_is_drawn_twice_is_one(make_config, tmp_path):
+    """Whichever way; CAD shows one line where several lie on one another."""
+
+    def draw(model):
+        model.add_line((0, 5), (100, 5))
+        model.add_line((100, 5), (250, 8))
+        model.add_line((100, 5), (0, 5))
+        model.add_lwpolyline([(100, 5), (250, 8)])
+
+    drawing(tmp_path / "route.dxf", draw)
+    config = robot_of(make_config, tmp_path, {"kind": "table", "file": "route.dxf"})
+    np.testing.assert_allclose(knots_in(config), 1e-3 * np.array([(0, 5), (100, 5), (250, 8)]), atol=1e-12)
+    drawing(tmp_path / "arcs.dxf", lambda model: [pieces(model), pieces(model)])
+    robot_of(make_config, tmp_path, {"kind": "table", "file": "arcs.dxf"})
+
+
 def test_each_tendon_has_its_layer(make_config, tmp_path):
     given = [
         {"name": name, "friction_coefficient": 0.1, "routing": {"kind": "parallel", "offset": offset}}
@@ -144,6 +160,10 @@ def closed(model):
     model.add_lwpolyline([(0, 0), (250, 0), (250, 5)], close=True)
 
 
+def not_a_number(model):
+    model.add_lwpolyline([(0, 0), (125, float("nan")), (250, 5)])
+
+
 def corner(model):
     model.add_line((0, 0), (125, 0))
     model.add_spline([(125, 0, 0), (125.001, 5, 0), (180, 5, 0), (250, 5, 0)])
@@ -157,6 +177,7 @@ def corner(model):
         (two_layers, {"layer": 3}, r"layer: expected a name in quotes"),
         (apart, {}, r"layer 0: its lines do not join: .*\(100, 5, 0\) mm .* 1 mm away"),
         (closed, {}, r"layer 0: the line is closed"),
+        (not_a_number, {}, r"layer 0: a coordinate of its lines is no finite number"),
         (polyline((0, 0), (150, 5), (140, 6), (250, 0)), {}, r"turns back at s = 150 mm"),
         (polyline((0, 0), (200, 5)), {}, r"from s = 0 mm to 200 mm, the body from 0 mm to 250 mm; draw it"),
         (polyline((0, 0), (250, 5)), {"unit": "mm"}, r"its header says the unit, mm; remove unit"),
