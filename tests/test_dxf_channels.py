@@ -221,6 +221,43 @@ def test_files_that_are_no_drawings_and_keys_without_one(make_config, tmp_path):
         parse_config({**data, "backbone": broken, "routing": {"kind": "table", "file": "bad.dxf"}})
 
 
+@pytest.mark.parametrize("name", ["helix", "sine", "measured"])
+def test_a_channel_ends_where_its_tendon_does(name, make_config, tmp_path):
+    """A drawing of one that is anchored before the tip has no line beyond; the table goes on inside the
+    body.
+    """
+    wound = {"kind": "helix", "radius": 8e-3, "turns": 0.5, "start_angle": 0.3}
+    channel = {"helix": wound, "sine": SINE, "measured": PARALLEL}[name]
+    backbone = {"outer_radius": 0.02}
+    given = make_config(routing=channel, backbone=backbone, tendon={"to": 0.09})
+    if name == "measured":
+        points = [(0, 8), (30, 8), (60, 8), (90.2, 8)]
+        drawing(tmp_path / "route.dxf", polyline(*points))
+    else:
+        (tmp_path / "route.dxf").write_text(dxf(given))
+    data = given.model_dump(mode="json", by_alias=True, exclude_none=True)
+    layer = {} if name == "measured" else {"layer": "CHANNEL"}
+    data["routing"] = {"kind": "curve" if name == "helix" else "table", "file": "route.dxf", **layer}
+    data["tendon"]["to"] = "90 mm"
+    config = parse_config(data, folder=tmp_path)
+    found = place_in_section(build_robot(config).tendon, S, 0.25)
+    there = S <= 0.09
+    np.testing.assert_allclose(found[there], channel_of(given)[there], atol=3e-6)
+    assert np.max(np.hypot(*found.T)) < 0.0125 and knots_in(config)[-1][0] == 0.25
+    assert len(knots_in(config)) < 100
+    data["tendon"]["to"] = 0.1
+    with pytest.raises(
+        InputError, match=r"from s = 0 mm to 90(\.2)? mm, the tendon from 0 mm to 100 mm; draw"
+    ):
+        parse_config(data, folder=tmp_path)
+    several = [
+        {"name": name, **data["tendon"], "to": to, "routing": data["routing"]}
+        for name, to in (("one", 0.09), ("two", 0.08))
+    ]
+    data = {key: value for key, value in data.items() if key not in ("tendon", "routing")}
+    assert len(parse_config({**data, "tendons": several}, folder=tmp_path).tendons) == 2
+
+
 @pytest.mark.parametrize(
     ("knots", "says"),
     [
