@@ -1,18 +1,21 @@
 """Channels of a robot file that are read from a DXF drawing."""
 
 import itertools
+import re
 
 import numpy as np
 import pytest
+from command_line import run_gtr
 from ezdxf import filemanagement, units
 
-from gtr_jax.errors import InputError
+from gtr_jax.errors import InputError, InputWarning
 from gtr_jax.export.dxf import dxf
 from gtr_jax.files.config import config_text, load_config, parse_config
 from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.clearance import place_in_section
 from tests.conftest import PARALLEL, SINE
 
+SMOOTHED = pytest.mark.filterwarnings("ignore::gtr_jax.errors.InputWarning")
 S = np.linspace(0.0, 0.25, 1999)
 
 
@@ -94,6 +97,7 @@ def test_lines_and_arcs_are_joined_end_to_end(draw, make_config, tmp_path):
     np.testing.assert_allclose(channel_of(config)[:, 0], wanted, atol=5e-6)
 
 
+@SMOOTHED
 def test_corners_of_a_polyline_are_measured_points(make_config, tmp_path):
     """As the rows of a table are; in inches here, and in a block that is put in place."""
     s, R = np.linspace(0.0, 0.25, 6), np.array([0.0, 4.0, 6.0, 3.0, -2.0, 1.0]) * 1e-3
@@ -111,6 +115,30 @@ def test_corners_of_a_polyline_are_measured_points(make_config, tmp_path):
     assert load_config(tmp_path / "robot.toml") == config
 
 
+def test_a_polyline_that_the_channel_leaves_is_said(make_config, tmp_path, capsys):
+    """The parabola through (0, 5), (125, 5) and (250, -5) mm is 1.25 mm from the chords; an arc in the corner
+    makes the line what is drawn.
+    """
+    drawing(tmp_path / "route.dxf", polyline((0, 5), (125, 5), (250, -5)))
+    routing = {"kind": "table", "file": "route.dxf"}
+    says = (
+        r"route\.dxf: the channel is the smooth curve .* by up to 1\.25 mm, at s = (62\.5|187\.5) mm; .*arcs"
+    )
+    with pytest.warns(InputWarning, match=says):
+        robot_of(make_config, tmp_path, routing)
+    (tmp_path / "robot.toml").write_text(
+        "schema = 1\nbackbone = { length = 0.25, outer_radius = 0.02, youngs_modulus = 1e6 }\n"
+        'routing = { kind = "table", file = "route.dxf" }\ntendon = { friction_coefficient = 0.1 }\n'
+    )
+    done = run_gtr(capsys, "export", tmp_path / "robot.toml", "-o", tmp_path / "robot.dxf")
+    assert done.status == 0 and re.fullmatch(rf"warning: .*{says}.*\n", done.err), done
+    drawing(tmp_path / "route.dxf", polyline((0, 5), (80, 5), (170, 5.05), (250, 5)))
+    robot_of(make_config, tmp_path, routing)  # nearly straight: nothing is said
+    drawing(tmp_path / "route.dxf", pieces)
+    robot_of(make_config, tmp_path, routing)
+
+
+@SMOOTHED
 def test_a_line_that_is_drawn_twice_is_one(make_config, tmp_path):
     """Whichever way; CAD shows one line where several lie on one another."""
 
@@ -275,6 +303,7 @@ def test_a_wrong_body_is_refused_before_the_drawing_is_read(knots, says, make_co
         parse_config(data, source="robot.toml", folder=tmp_path)
 
 
+@SMOOTHED
 def test_pieces_join_in_any_order(tmp_path, make_config):
     ends = [(0, 0), (60, 2), (120, 3), (250, 1)]
     for order in itertools.permutations(range(3)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import ValidationError
 
-from gtr_jax.errors import InputError
+from gtr_jax.errors import InputError, InputWarning
 
 from .config_checks import check_backbone, mm
 from .dxf_line import DrawnLine, read_line
@@ -27,6 +28,8 @@ SNAPPED = 1e-3  # of the length, by which a line may end before the body does
 FLAT = 1e-5  # m, by which the line of a table may leave its plane
 LEVELLED = 0.05  # of the length, over which a channel levels off beyond the end of its line
 EACH = 100  # places in it
+CORNERS = 1e-4  # m, from which on it is said how far the channel leaves a polyline
+BETWEEN = 15  # places between two of its corners that are looked at
 MOST_KNOTS = 400
 NEWTON = 30  # steps to the foot of a place on the midline
 SHORT_OF = ("file", "layer", "unit")  # keys that give way to the knots
@@ -109,6 +112,9 @@ def knots_of(
         flat: whether the line is in the plane of x and y.
         end: arc length at which the tendon is anchored [m]; None: the tip.
 
+    Warns:
+        InputWarning: the spline leaves the straight pieces of a polyline by more than `CORNERS`.
+
     Raises:
         InputError: the line turns back, leaves the plane, or does not reach from the base to the end of the
             tendon.
@@ -148,8 +154,30 @@ def knots_of(
     if len(beyond):
         values[-len(beyond) :] = _levelled(whole, s[-1], beyond, length)
     if line.measured:
+        _warn_of_corners(line.points, across.shape[1], midline, CubicSpline(every, values), end, place)
         return np.column_stack([every, values])
     return _fewest(every, values, place)
+
+
+def _warn_of_corners(
+    points: np.ndarray, axes: int, midline: Midline, channel: CubicSpline, end: float, place: str
+) -> None:
+    """Warn where the channel (y, z) or (R,) over arc length leaves the straight lines between the corners of
+    a polyline, (N, 3) [m], by more than `CORNERS`, up to the end of the tendon [m].
+    """
+    share = (np.arange(BETWEEN) + 1)[:, None] / (BETWEEN + 1)
+    lines = [one + share * (other - one) for one, other in itertools.pairwise(points)]
+    s, across = _beside(np.concatenate(lines), midline)
+    gap = np.where(s <= end, np.linalg.norm(channel(s) - across[:, :axes], axis=1), 0.0)
+    i = int(np.argmax(gap))
+    if gap[i] > CORNERS:
+        warnings.warn(
+            f"{place}: the channel is the smooth curve through the corners of the line, which leaves the "
+            f"straight pieces between them by up to {1e3 * gap[i]:.3g} mm, at s = {1e3 * s[i]:.4g} mm; where "
+            "the line is meant as it is drawn, round its corners with arcs or draw a spline",
+            InputWarning,
+            stacklevel=2,
+        )
 
 
 def _mm(length: float) -> str:
