@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 
 from gtr_jax import InputError, Robot, RobotConfig, parameters_of
+from gtr_jax.files.config_checks import refused_for_section
 from gtr_jax.robot.parameters import Parameter, parameter
 
 # Values in two robot files that differ by less than this, relative, count as equal.
@@ -50,6 +51,15 @@ def _prior(config: RobotConfig | None, entry: Parameter) -> float | None:
     return None if config is None else config.deviation(entry.key)
 
 
+def _check_section(config: RobotConfig | None, entry: Parameter) -> None:
+    """InputError if the number is of a physics term that the body's section cannot have."""
+    if config is None or entry.term is None:
+        return
+    fault = refused_for_section(config.backbone, entry.term)
+    if fault:
+        raise InputError(f"{config.source}: terms.{entry.term.id}: {fault}")
+
+
 def free_of(
     robots: Sequence[Robot],
     configs: Sequence[RobotConfig | None],
@@ -74,8 +84,8 @@ def free_of(
             `free`.
 
     Raises:
-        InputError: no robot has the parameter, one is named twice, or it is shared and the robots' files
-            disagree about it.
+        InputError: no robot has the parameter, or its section cannot, one is named twice, or it is shared and
+            the robots' files disagree about it.
     """
     scopes: dict[str, str] = {}
     for short in (_short(robots, name) for name in free):
@@ -105,6 +115,8 @@ def free_of(
             groups.setdefault(ending, []).append(k)
         for ending, members in groups.items():
             of = sorted({robot_of_part[k] for k in members})
+            for r in of:
+                _check_section(configs[r], entry)
             values = [float(robots[r].value(entry.name)) for r in of]
             priors = [_prior(configs[r], entry) for r in of]
             _agree(entry, [_file(configs[r], robot_names[r]) for r in of], values, priors)

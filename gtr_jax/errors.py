@@ -1,4 +1,4 @@
-"""The one error a user's input can raise."""
+"""The one error a user's input can raise, and the one warning."""
 
 import difflib
 import re
@@ -19,6 +19,12 @@ class InputError(ValueError):
     def __init__(self, message: str) -> None:
         message = _LONG_QUOTE.sub(r"'\1…'", message)
         super().__init__("".join(c if c.isprintable() else "�" for c in " ".join(message.split())))
+
+
+class InputWarning(UserWarning):
+    """Input that is taken for something else than it may look like: what, where and the remedy, in one line.
+    The command line prints ``warning: <message>``.
+    """
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:

@@ -1,18 +1,21 @@
 """Channels of a robot file that are read from a DXF drawing."""
 
 import itertools
+import re
 
 import numpy as np
 import pytest
+from command_line import run_gtr
 from ezdxf import filemanagement, units
 
-from gtr_jax.errors import InputError
+from gtr_jax.errors import InputError, InputWarning
 from gtr_jax.export.dxf import dxf
 from gtr_jax.files.config import config_text, load_config, parse_config
 from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.clearance import place_in_section
 from tests.conftest import PARALLEL, SINE
 
+SMOOTHED = pytest.mark.filterwarnings("ignore::gtr_jax.errors.InputWarning")
 S = np.linspace(0.0, 0.25, 1999)
 
 
@@ -94,6 +97,7 @@ def test_lines_and_arcs_are_joined_end_to_end(draw, make_config, tmp_path):
     np.testing.assert_allclose(channel_of(config)[:, 0], wanted, atol=5e-6)
 
 
+@SMOOTHED
 def test_corners_of_a_polyline_are_measured_points(make_config, tmp_path):
     """As the rows of a table are; in inches here, and in a block that is put in place."""
     s, R = np.linspace(0.0, 0.25, 6), np.array([0.0, 4.0, 6.0, 3.0, -2.0, 1.0]) * 1e-3
@@ -109,6 +113,46 @@ def test_corners_of_a_polyline_are_measured_points(make_config, tmp_path):
     np.testing.assert_allclose(knots_in(config), np.column_stack([s, R]), atol=1e-12)
     (tmp_path / "robot.toml").write_text(config_text(config))  # which needs the drawing no more
     assert load_config(tmp_path / "robot.toml") == config
+
+
+def test_a_polyline_that_the_channel_leaves_is_said(make_config, tmp_path, capsys):
+    """The parabola through (0, 5), (125, 5) and (250, -5) mm is 1.25 mm from the chords; an arc in the corner
+    makes the line what is drawn.
+    """
+    drawing(tmp_path / "route.dxf", polyline((0, 5), (125, 5), (250, -5)))
+    routing = {"kind": "table", "file": "route.dxf"}
+    says = (
+        r"route\.dxf: the channel is the smooth curve .* by up to 1\.25 mm, at s = (62\.5|187\.5) mm; .*arcs"
+    )
+    with pytest.warns(InputWarning, match=says):
+        robot_of(make_config, tmp_path, routing)
+    (tmp_path / "robot.toml").write_text(
+        "schema = 1\nbackbone = { length = 0.25, outer_radius = 0.02, youngs_modulus = 1e6 }\n"
+        'routing = { kind = "table", file = "route.dxf" }\ntendon = { friction_coefficient = 0.1 }\n'
+    )
+    done = run_gtr(capsys, "export", tmp_path / "robot.toml", "-o", tmp_path / "robot.dxf")
+    assert done.status == 0 and re.fullmatch(rf"warning: .*{says}.*\n", done.err), done
+    drawing(tmp_path / "route.dxf", polyline((0, 5), (80, 5), (170, 5.05), (250, 5)))
+    robot_of(make_config, tmp_path, routing)  # nearly straight: nothing is said
+    drawing(tmp_path / "route.dxf", pieces)
+    robot_of(make_config, tmp_path, routing)
+
+
+@SMOOTHED
+def test_a_line_that_is_drawn_twice_is_one(make_config, tmp_path):
+    """Whichever way; CAD shows one line where several lie on one another."""
+
+    def draw(model):
+        model.add_line((0, 5), (100, 5))
+        model.add_line((100, 5), (250, 8))
+        model.add_line((100, 5), (0, 5))
+        model.add_lwpolyline([(100, 5), (250, 8)])
+
+    drawing(tmp_path / "route.dxf", draw)
+    config = robot_of(make_config, tmp_path, {"kind": "table", "file": "route.dxf"})
+    np.testing.assert_allclose(knots_in(config), 1e-3 * np.array([(0, 5), (100, 5), (250, 8)]), atol=1e-12)
+    drawing(tmp_path / "arcs.dxf", lambda model: [pieces(model), pieces(model)])
+    robot_of(make_config, tmp_path, {"kind": "table", "file": "arcs.dxf"})
 
 
 def test_each_tendon_has_its_layer(make_config, tmp_path):
@@ -144,6 +188,10 @@ def closed(model):
     model.add_lwpolyline([(0, 0), (250, 0), (250, 5)], close=True)
 
 
+def not_a_number(model):
+    model.add_lwpolyline([(0, 0), (125, float("nan")), (250, 5)])
+
+
 def corner(model):
     model.add_line((0, 0), (125, 0))
     model.add_spline([(125, 0, 0), (125.001, 5, 0), (180, 5, 0), (250, 5, 0)])
@@ -157,6 +205,7 @@ def corner(model):
         (two_layers, {"layer": 3}, r"layer: expected a name in quotes"),
         (apart, {}, r"layer 0: its lines do not join: .*\(100, 5, 0\) mm .* 1 mm away"),
         (closed, {}, r"layer 0: the line is closed"),
+        (not_a_number, {}, r"layer 0: a coordinate of its lines is no finite number"),
         (polyline((0, 0), (150, 5), (140, 6), (250, 0)), {}, r"turns back at s = 150 mm"),
         (polyline((0, 0), (200, 5)), {}, r"from s = 0 mm to 200 mm, the body from 0 mm to 250 mm; draw it"),
         (polyline((0, 0), (250, 5)), {"unit": "mm"}, r"its header says the unit, mm; remove unit"),
@@ -200,6 +249,61 @@ def test_files_that_are_no_drawings_and_keys_without_one(make_config, tmp_path):
         parse_config({**data, "backbone": broken, "routing": {"kind": "table", "file": "bad.dxf"}})
 
 
+@pytest.mark.parametrize("name", ["helix", "sine", "measured"])
+def test_a_channel_ends_where_its_tendon_does(name, make_config, tmp_path):
+    """A drawing of one that is anchored before the tip has no line beyond; the table goes on inside the
+    body.
+    """
+    wound = {"kind": "helix", "radius": 8e-3, "turns": 0.5, "start_angle": 0.3}
+    channel = {"helix": wound, "sine": SINE, "measured": PARALLEL}[name]
+    backbone = {"outer_radius": 0.02}
+    given = make_config(routing=channel, backbone=backbone, tendon={"to": 0.09})
+    if name == "measured":
+        points = [(0, 8), (30, 8), (60, 8), (90.2, 8)]
+        drawing(tmp_path / "route.dxf", polyline(*points))
+    else:
+        (tmp_path / "route.dxf").write_text(dxf(given))
+    data = given.model_dump(mode="json", by_alias=True, exclude_none=True)
+    layer = {} if name == "measured" else {"layer": "CHANNEL"}
+    data["routing"] = {"kind": "curve" if name == "helix" else "table", "file": "route.dxf", **layer}
+    data["tendon"]["to"] = "90 mm"
+    config = parse_config(data, folder=tmp_path)
+    found = place_in_section(build_robot(config).tendon, S, 0.25)
+    there = S <= 0.09
+    np.testing.assert_allclose(found[there], channel_of(given)[there], atol=3e-6)
+    assert np.max(np.hypot(*found.T)) < 0.0125 and knots_in(config)[-1][0] == 0.25
+    assert len(knots_in(config)) < 100
+    data["tendon"]["to"] = 0.1
+    with pytest.raises(
+        InputError, match=r"from s = 0 mm to 90(\.2)? mm, the tendon from 0 mm to 100 mm; draw"
+    ):
+        parse_config(data, folder=tmp_path)
+    several = [
+        {"name": name, **data["tendon"], "to": to, "routing": data["routing"]}
+        for name, to in (("one", 0.09), ("two", 0.08))
+    ]
+    data = {key: value for key, value in data.items() if key not in ("tendon", "routing")}
+    assert len(parse_config({**data, "tendons": several}, folder=tmp_path).tendons) == 2
+
+
+@pytest.mark.parametrize(
+    ("knots", "says"),
+    [
+        ([], r"natural_curvature: needs at least two knots"),
+        ([[0.0, 1.0], [0.25, 2.0], [0.1, 3.0]], r"natural_curvature\[2\]: .*s must increase"),
+        ([[0.0, 1.0], [0.1, 1.0]], r"natural_curvature: knots span 0 mm to 100 mm"),
+    ],
+)
+def test_a_wrong_body_is_refused_before_the_drawing_is_read(knots, says, make_config, tmp_path):
+    drawing(tmp_path / "route.dxf", polyline((0, 5), (250, 5)))
+    data = make_config().model_dump(mode="json", by_alias=True, exclude_none=True)
+    data["routing"] = {"kind": "table", "file": "route.dxf"}
+    data["backbone"]["natural_curvature"] = knots
+    with pytest.raises(InputError, match=rf"robot\.toml: backbone\.{says}"):
+        parse_config(data, source="robot.toml", folder=tmp_path)
+
+
+@SMOOTHED
 def test_pieces_join_in_any_order(tmp_path, make_config):
     ends = [(0, 0), (60, 2), (120, 3), (250, 1)]
     for order in itertools.permutations(range(3)):

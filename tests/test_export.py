@@ -112,6 +112,32 @@ def test_a_drawing_is_in_the_unit_chosen(unit, make_config):
     np.testing.assert_allclose(places, [[0.0, 0.008, 0.0], [0.25, 0.008, 0.0]], atol=1e-12)
 
 
+@pytest.mark.parametrize(("unit", "shown"), [("mm", "25.4"), ("cm", "2.54"), ("m", "0.0254"), ("in", "1")])
+def test_dimensions_are_written_to_a_micrometre(unit, shown, make_config):
+    def texts(radius):
+        body = {"outer_radius": radius}
+        document = read(dxf(make_config(routing=PARALLEL, backbone=body), unit=unit))
+        blocks = [d.get_geometry_block() for d in on(document, "DIMENSIONS", "DIMENSION")]
+        return {text.text for block in blocks for text in block.query("MTEXT")}
+
+    assert f"⌀{shown}" in texts(0.0127)
+    (fine,) = {float(text[1:]) for text in texts(0.0127123) if text.startswith("⌀")}
+    assert METRES[unit] * fine == pytest.approx(0.0254246, abs=5.1e-7)
+
+
+def test_names_that_differ_in_case_only_have_layers_of_their_own(make_config):
+    """CAD does not tell them apart."""
+    offsets = {"a": 8e-3, "A_2": 4e-3, "A": -4e-3, "b": -8e-3}
+    tendons = [
+        {"name": name, "friction_coefficient": 0.1, "routing": {"kind": "parallel", "offset": offset}}
+        for name, offset in offsets.items()
+    ]
+    document = read(dxf(make_config(tendons=tendons)))
+    for layer, offset in (("A", 8.0), ("A_2", 4.0), ("A_3", -4.0), ("B", -8.0)):
+        (line,) = on(document, f"CHANNEL_{layer}", "LINE")
+        assert line.dxf.start.y == pytest.approx(offset)
+
+
 def test_several_tendons_have_a_layer_each_and_guided_ones_are_chords(make_config):
     guided = {"guides": [0.05, 0.15], "to": 0.2}
     tendons = [
@@ -194,6 +220,49 @@ def test_notches_are_cut_out_of_drawing_and_solid(tmp_path):
     length, cut = 1e3 * config.backbone.length, 1e3 * row.count * row.height
     tube = np.pi * (outer**2 - inner**2) * (length - cut)
     assert volume == pytest.approx(tube + (left - hole) * cut, rel=1e-6)
+
+
+STRIP = {"kind": "rectangle", "height": 0.4e-3, "width": 10e-3}
+PIPE = {"kind": "tube", "outer_diameter": 2e-3, "inner_diameter": 1e-3}
+
+
+@pytest.mark.parametrize("section", [STRIP, PIPE], ids=["strip", "tube"])
+def test_the_section_that_carries_the_load_is_drawn(section, make_config):
+    """The outline of `outer_radius`, which disks fill, is on a layer of its own."""
+    body = {"length": 0.2, "outer_radius": 8e-3, "section": section}
+    config = make_config(backbone=body, routing={"kind": "parallel", "offset": 5e-3})
+    document = read(dxf(config))
+    assert not document.audit().errors
+    heights = {
+        layer: sorted({round(line.dxf.start.y, 6) for line in on(document, layer, "LINE")})
+        for layer in ("BODY", "ENVELOPE", "BORES")
+    }
+    half = 0.2 if section is STRIP else 1.0
+    assert heights == {
+        "BODY": [-half, half],
+        "ENVELOPE": [-8.0, 8.0],
+        "BORES": [] if section is STRIP else [-0.5, 0.5],
+    }
+    measured = {(d.dxf.text, round(d.get_measurement(), 6)) for d in on(document, "DIMENSIONS", "DIMENSION")}
+    assert measured >= ({("<>×10", 0.4)} if section is STRIP else {("⌀<>", 2.0), ("⌀<>", 1.0)})
+    space = read(dxf(config.model_copy(update={"space": True})))
+    radii = {circle.dxf.radius for circle in on(space, "BODY", "CIRCLE")}
+    assert radii == (set() if section is STRIP else {1.0})
+    corners = {(round(line.dxf.start.y, 6), round(line.dxf.start.z, 6)) for line in on(space, "BODY", "LINE")}
+    assert corners == (
+        {(y, z) for y in (0.2, -0.2) for z in (5.0, -5.0)} if section is STRIP else {(1.0, 0.0), (-1.0, 0.0)}
+    )
+
+
+@pytest.mark.parametrize(
+    ("section", "area"), [(STRIP, 4.0), (PIPE, 0.75 * np.pi), ({**PIPE, "inner_diameter": 0.0}, np.pi)]
+)
+def test_the_solid_is_the_section_that_carries_the_load(section, area, make_config, tmp_path):
+    pytest.importorskip("OCP.STEPCAFControl")
+    body = {"length": 0.2, "outer_radius": 8e-3, "section": section}
+    config = make_config(backbone=body, routing={"kind": "parallel", "offset": 5e-3})
+    _, volume = shapes_of(step(config), tmp_path / "robot.step")
+    assert volume == pytest.approx(area * 200.0, rel=1e-6)
 
 
 def test_step_without_its_library_is_refused_in_a_line(monkeypatch, capsys, tmp_path):

@@ -6,6 +6,8 @@ import pytest
 from scipy.optimize import brentq
 
 import gtr_jax as gtr
+from calibrate.free import free_of
+from gtr_jax.sweep import load_sweep, task_of
 from gtr_jax.terms import hyperelastic
 from gtr_jax.terms.term import Bent
 
@@ -53,6 +55,33 @@ def test_a_body_of_one_radius_is_that_of_stiffening(make_robot):
     T = np.array([0.0, 5.0, 9.0, 4.0])
     runs = [gtr.simulate(r, T) for r in (rubbery, rubber(make_robot, terms=stiffening))]
     np.testing.assert_allclose(runs[0].tip_pose, runs[1].tip_pose, atol=1e-9)
+
+
+STRIP = {"section": {"kind": "rectangle", "height": 2e-3, "width": 2e-3}}
+NOTCHED = {"notches": [{"from": 0.1, "height": 0.01, "depth": 0.018}]}
+
+
+@pytest.mark.parametrize(
+    ("body", "says"), [(STRIP, "a tube instead of a rectangle"), (NOTCHED, "not for what notches leave")]
+)
+def test_sections_that_are_not_round_are_refused(body, says, make_config, tmp_path):
+    """Of which 3 and 135/16 do not hold; in the plane, when it is fitted and in a sweep too."""
+    body = {"outer_radius": RADIUS, **body}
+    term = {"kind": "hyperelastic", "second": SECOND}
+    for space in (False, True) if "section" in body else (False,):
+        with pytest.raises(gtr.InputError, match=rf"terms\.hyperelastic: .*{says}"):
+            make_config(backbone=body, terms=[term], space=space)
+    config = make_config(backbone=body)
+    with pytest.raises(gtr.InputError, match=rf"terms\.hyperelastic: .*{says}"):
+        free_of([gtr.build_robot(config)], [config], [0], ["a"], ["b"], ["hyperelastic.second"])
+    gtr.dump_config(config, tmp_path / "robot.toml")
+    vary = '[vary]\n"hyperelastic.second" = { from = 0.0, to = 0.5, count = 2 }\n'
+    (tmp_path / "sweep.toml").write_text(
+        f'schema = 1\nrobot = "robot.toml"\noutputs = ["T_tip"]\n{vary}[history]\npull = "5 N"\n'
+    )
+    with pytest.raises(gtr.InputError, match=rf"hyperelastic\.second: .*{says}"):
+        task_of(load_sweep(tmp_path / "sweep.toml"))
+    make_config(backbone={"section": {"kind": "tube", "outer_diameter": 2e-3}}, terms=[term])
 
 
 def test_in_space_it_is_that_of_the_plane():

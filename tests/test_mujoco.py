@@ -116,6 +116,31 @@ def test_the_chain_weighs_what_the_body_weighs(make_robot):
     assert chain.links[0].stiffness[0] == pytest.approx(EI * 40 / L, rel=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("section", "area", "about_y", "about_z"),
+    [
+        ({"kind": "rectangle", "height": 0.4e-3, "width": 10e-3}, 4e-6, 1e-10 / 3, 1.6e-13 / 3),
+        (
+            {"kind": "tube", "outer_diameter": 2e-3, "inner_diameter": 1e-3},
+            np.pi * 0.75e-6,
+            np.pi / 4 * 0.9375e-12,
+            np.pi / 4 * 0.9375e-12,
+        ),
+    ],
+    ids=["strip", "tube"],
+)
+def test_a_link_turns_by_the_section_that_carries_the_load(section, area, about_y, about_z, make_robot):
+    """Its mass and its moments of inertia are those of a box or a tube, not of the envelope around it."""
+    body = {"length": 0.2, "outer_radius": 8e-3, "density": 7800.0, "section": section}
+    link = chain_of(make_robot(backbone=body, routing={"kind": "parallel", "offset": 5e-3}), 40).links[20]
+    h = 0.2 / 40
+    mass = 7800.0 * area * h
+    along = mass * h**2 / 12
+    wanted = [7800.0 * h * (about_y + about_z), 7800.0 * h * about_y + along, 7800.0 * h * about_z + along]
+    assert link.mass == pytest.approx(mass)
+    np.testing.assert_allclose(link.inertia, np.diag(wanted), rtol=1e-3, atol=1e-20)
+
+
 def test_it_comes_to_rest_where_its_forces_balance(make_config):
     """By MuJoCo's own time steps, from the keyframe."""
     pytest.importorskip("mujoco")
@@ -123,6 +148,24 @@ def test_it_comes_to_rest_where_its_forces_balance(make_config):
     moved = model.move(6.0, 1.0), model.move(6.0, 2.0)
     still = model.settle([6.0])
     assert np.linalg.norm(moved[1] - still) < 1e-6 < np.linalg.norm(moved[0] - moved[1])
+
+
+def test_no_marker_has_the_name_of_another_site(make_config):
+    """Whatever a marker is called: names of sites are one list in MuJoCo."""
+    markers = [{"name": name, "at": 0.1} for name in ("world", "tendon_3", "base", "link_0", "rest")]
+    text = mjcf(make_config(markers=markers, loads={"tip_force": [0.0, 0.1]}), links=4)
+    names = [site.attrib["name"] for site in ET.fromstring(text).iter("site") if "name" in site.attrib]
+    assert len(names) == len(set(names)) and {"world", "tendon_3"} < set(names)
+    routings = ({"kind": "parallel", "offset": offset} for offset in (8e-3, -8e-3))
+    tendons = [
+        {"name": name, "friction_coefficient": 0.0, "routing": routing}
+        for name, routing in zip(("tip_load", "other"), routings, strict=True)
+    ]
+    mjcf(make_config(tendons=tendons), links=4)
+    with pytest.raises(InputError, match=r"tendons\.tip_load: .*rename it"):
+        mjcf(make_config(tendons=tendons, loads={"tip_force": [0.0, 0.1]}), links=4)
+    pytest.importorskip("mujoco")
+    Model(text)
 
 
 def test_friction_is_the_share_of_the_mean_tension(make_config):

@@ -70,11 +70,24 @@ def test_it_is_written_and_read(tmp_path):
     assert gtr.load_config(tmp_path / "robot.toml") == given
 
 
-def test_a_sweep_marks_tubes_that_no_body_has():
-    robot = build_robot(config(PIPE))
+@pytest.mark.parametrize(
+    ("section", "wrong"),
+    [
+        (PIPE, ({"section_inner_diameter": 1.3e-3}, {"section_outer_diameter": 17e-3})),
+        (STRIP, ({"section_width": 16.1e-3}, {"section_height": 13e-3})),
+    ],
+    ids=["tube", "strip"],
+)
+def test_a_sweep_marks_sections_that_no_body_has(section, wrong):
+    """Those that a file is refused for: of a strip by its diagonal."""
+    robot = build_robot(config(section))
     assert bool(is_robot(robot))
-    for values in ({"section_inner_diameter": 1.3e-3}, {"section_outer_diameter": 17e-3}):
+    for values in wrong:
         assert not bool(is_robot(robot.with_values(**values)))
+        with pytest.raises(gtr.InputError):
+            config(section).with_values({f"backbone.{k.replace('_', '.', 1)}": v for k, v in values.items()})
+    if section is STRIP:
+        assert bool(is_robot(robot.with_values(section_height=12e-3)))  # 15.6 mm from corner to corner
 
 
 @pytest.mark.parametrize(

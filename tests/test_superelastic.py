@@ -100,21 +100,23 @@ def test_inner_loops_close_and_no_bend_is_left():
 
 def test_both_plateaus_are_those_of_fibres_that_transform_one_by_one():
     """A rectangular section of fibres, each with a flag of its own: the envelope is exact, and between the
-    plateaus, where its outer fibres turn back before its inner ones, the law is off by a few per cent.
+    plateaus, where its outer fibres turn back before its inner ones, the law is off by a few per cent, most
+    where it meets its lower plateau itself.
     """
     y = (np.arange(4000) + 0.5) / 4000 * RADIUS
     low = STRAIN * (1 - HYSTERESIS)
     was, fibres = np.zeros_like(y), []
-    way = np.concatenate([np.linspace(0, 40, 41), np.linspace(40, 0, 41)[1:]])
+    low_again: Any = brentq(lambda e: transformed(e, low) - transformed(40.0, STRAIN), 20.0, 40.0)
+    way = np.concatenate([np.linspace(0, 40, 41), np.sort([*np.linspace(0, 39, 40), low_again])[::-1]])
     for bent in way:
         was = np.clip(was, np.maximum(bent * y - STRAIN, 0), np.maximum(bent * y - low, 0))
         fibres.append(-SOFTENING * 3 / RADIUS**3 * np.mean(y * was) * RADIUS)
     extra, fibres = moments(superelastic.bend, NUMBERS, way), np.asarray(fibres)
     largest = np.max(way + fibres)
     np.testing.assert_allclose(extra[:41], fibres[:41], atol=1e-5 * largest)
-    np.testing.assert_allclose(extra[61:], fibres[61:], atol=1e-5 * largest)
-    off = np.max(np.abs(extra - fibres)) / largest
-    assert 0.01 < off < 0.04, off
+    np.testing.assert_allclose(extra[62:], fibres[62:], atol=1e-5 * largest)
+    off = np.abs(extra - fibres) / largest
+    assert way[np.argmax(off)] == low_again and 0.0425 < np.max(off) < 0.0432
 
 
 def test_no_hysteresis_leaves_the_law_reversible_in_space():

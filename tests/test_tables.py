@@ -66,6 +66,17 @@ def test_a_simulation_in_the_plane_is_labelled(make_robot):
     assert "x" not in run.to_xarray() and "tendon" not in run.to_xarray().dims
 
 
+def test_kinks_at_one_place_keep_labels_apart():
+    """The bores of TD-CM I end where its channel has kinks: four nodes share a place."""
+    robot = gtr.load_robot("examples/tdcm-1.toml")
+    state = gtr.equilibrium(robot, 20.0)
+    assert np.max(np.unique(np.asarray(state.s), return_counts=True)[1]) > 2
+    for data in (state.to_xarray(), gtr.simulate(robot, [0.0, 20.0]).to_xarray()):
+        assert data.indexes["s"].is_unique and data.indexes["s"].is_monotonic_increasing
+        assert float(data.sel(s=0.1, method="nearest").s) == pytest.approx(0.1, abs=2e-3)
+        np.testing.assert_allclose(data.s, state.s, rtol=0, atol=1e-15)
+
+
 def test_several_tendons_in_space_are_labelled_by_their_names(two):
     robot, run = two
     data = run.to_xarray(robot)

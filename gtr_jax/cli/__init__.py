@@ -12,12 +12,12 @@ import logging
 import os
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import click
 
-from gtr_jax.errors import InputError
+from gtr_jax.errors import InputError, InputWarning
 from gtr_jax.interruption import INTERRUPTED, NOTHING_WRITTEN, interruption
 
 from . import (
@@ -102,6 +102,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with warnings.catch_warnings():
         if not sys.warnoptions:
             warnings.simplefilter("ignore")
+            warnings.simplefilter("always", InputWarning)
+        warnings.showwarning = _warned(warnings.showwarning)
         status = _run(list(sys.argv[1:] if arguments is None else arguments))
     if status == INTERRUPTED and arguments is None:
         # JAX may still be computing in threads of its own, which crash when the interpreter is taken down.
@@ -151,6 +153,20 @@ def _interrupted() -> int:
 def _refuse(message: str) -> int:
     click.echo(f"error: {' '.join(message.split())}", err=True)
     return BAD_INPUT
+
+
+def _warned(otherwise: Callable[..., None]) -> Callable[..., None]:
+    """What shows warnings: those of input as a line of their own, each once; others as before."""
+    said: set[str] = set()
+
+    def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+        if not issubclass(category, InputWarning):
+            otherwise(message, category, *where, **more)
+        elif str(message) not in said:
+            said.add(str(message))
+            click.echo(f"warning: {message}", err=True)
+
+    return show
 
 
 def _quieten() -> None:

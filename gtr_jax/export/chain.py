@@ -153,18 +153,16 @@ def _mass(
     s = start + step * (np.arange(SUMMED) + 0.5)
 
     def sections(s: np.ndarray) -> jnp.ndarray:
-        within = _within(backbone, s)
-        bores = within[: backbone.bore_start.shape[0]]
-        radii = jnp.where(bores, 0.5 * backbone.bore_diameter[:, None], 0.0)
-        second = jnp.pi / 4 * (backbone.radius(jnp.asarray(s), within) ** 4 - jnp.sum(radii**4, axis=0))
-        return jnp.stack([backbone.area(jnp.asarray(s), within), second], axis=1)
+        within, at = _within(backbone, s), jnp.asarray(s)
+        return jnp.stack([backbone.area(at, within), *backbone.second_moments(at, within)], axis=1)
 
-    area, second = (float(backbone.density) * step * in_blocks(sections, s)).T
+    area, about_y, about_z = (float(backbone.density) * step * in_blocks(sections, s)).T
     middle, frames = body.at(s)
     place, turn = (middle - origin) @ frame, frame.T @ frames
     mass = float(area.sum())
     centre = area @ place / mass if mass > 0 else np.zeros(3)
     arm = place - centre
-    discs = np.einsum("nij,j,nkj,n->ik", turn, np.array([2.0, 1.0, 1.0]), turn, second)
+    slices = np.stack([about_y + about_z, about_y, about_z], axis=1)
+    turning = np.einsum("nij,nj,nkj->ik", turn, slices, turn)
     points = np.einsum("n,nij->ij", area, np.sum(arm**2, axis=1)[:, None, None] * np.eye(3))
-    return mass, centre, discs + points - np.einsum("n,ni,nj->ij", area, arm, arm)
+    return mass, centre, turning + points - np.einsum("n,ni,nj->ij", area, arm, arm)

@@ -14,6 +14,7 @@ from ezdxf.math import BSpline
 
 from gtr_jax.files.config import RobotConfig
 from gtr_jax.robot.build import build_robot
+from gtr_jax.robot.shapes import Rectangle, Tube
 
 from . import lines
 from .lines import AXIS, BODY, BORES, CHANNEL, DIMENSIONS, LIMIT, NOTCHES, TOLERANCE, WALLS, layer_of
@@ -25,6 +26,7 @@ VERSION = "R2010"
 STRAIGHT = 1e-9  # m, to which a spline must be straight to be written as a line
 TEXT = 0.016  # height of dimensions, of the body's length
 INSUNITS = {"mm": 4, "cm": 5, "m": 6, "in": 1}  # as $INSUNITS has them
+DECIMALS = {"mm": 3, "cm": 4, "m": 6, "in": 5}  # of dimensions: a micrometre, or finer
 ROWS = 2.5  # text heights between two rows of dimensions
 
 Place = Sequence[float] | np.ndarray
@@ -49,7 +51,7 @@ class Sheet:
         high = self.text * self.scale
         for name, value in {
             "dimtxt": high, "dimasz": high, "dimexe": 0.5 * high, "dimexo": 0.5 * high, "dimgap": 0.4 * high,
-            "dimdec": 4 if unit in ("m", "in") else 3, "dimzin": 8, "dimlfac": 1.0, "dimblk": "", "dimtad": 1,
+            "dimdec": DECIMALS[unit], "dimzin": 8, "dimlfac": 1.0, "dimblk": "", "dimtad": 1,
             "dimtsz": 0.0, "dimclrd": 256, "dimclre": 256, "dimclrt": 256,
         }.items():  # fmt: skip
             style.set_dxf_attrib(name, value)
@@ -151,22 +153,27 @@ def _channels(sheet: Sheet, body: Unloaded, tolerance: float, diameter: float) -
     colours = itertools.cycle(lines.CHANNEL_COLOURS)
     for (tendon, splines), colour in zip(lines.channels(body, tolerance), colours, strict=False):
         for spline in splines:
-            sheet.spline(spline, layer_of(tendon, CHANNEL), colour)
+            sheet.spline(spline, layer_of(tendon, body.robot.tendons, CHANNEL), colour)
             if diameter > 0:
                 for wall in lines.walls(spline, diameter, tolerance, body.kinks(tendon)):
-                    sheet.spline(wall, layer_of(tendon, WALLS), lines.COLOURS[WALLS])
+                    sheet.spline(wall, layer_of(tendon, body.robot.tendons, WALLS), lines.COLOURS[WALLS])
 
 
 def _body_in_plane(sheet: Sheet, body: Unloaded, config: RobotConfig, tolerance: float) -> None:
-    """The outline, the bores, the notches and the midline."""
-    last = {}
+    """The outline, the section that carries the load, the bores, the notches and the midline."""
+    last, outline = {}, lines.outline_layer(body)
     for side, edge in lines.edges(body, tolerance):
-        sheet.spline(edge, BODY, lines.COLOURS[BODY])
+        sheet.spline(edge, outline, lines.COLOURS[outline])
         if side in last:  # where the outer radius jumps
-            sheet.line(last[side].points[-1], edge.points[0], BODY, lines.COLOURS[BODY])
+            sheet.line(last[side].points[-1], edge.points[0], outline, lines.COLOURS[outline])
         last[side] = edge
     for s in (0.0, body.length):
-        sheet.line(*_across(body, s, _radius(body, s)), BODY, lines.COLOURS[BODY])
+        sheet.line(*_across(body, s, _radius(body, s)), outline, lines.COLOURS[outline])
+    for half, layer in _halves_of_section(body.robot.backbone.shape):
+        for side in (1.0, -1.0):
+            sheet.spline(lines.along_axis(body, (side * half, 0.0), tolerance), layer, lines.COLOURS[layer])
+        for s in (0.0, body.length):
+            sheet.line(*_across(body, s, half), layer, lines.COLOURS[layer])
     sheet.spline(_midline(body, tolerance), AXIS, lines.COLOURS[AXIS])
     for bore in config.backbone.bores:
         half = 0.5 * bore.diameter
@@ -186,16 +193,52 @@ def _body_in_plane(sheet: Sheet, body: Unloaded, config: RobotConfig, tolerance:
                 sheet.line(one, other, NOTCHES, lines.COLOURS[NOTCHES])
 
 
+def _halves_of_section(shape: Tube | Rectangle | None) -> list[tuple[float, str]]:
+    """Half the height in the plane of what carries the load, and of the hole in it [m], each with its
+    layer.
+    """
+    if shape is None:
+        return []
+    hole = float(shape.inner_diameter) if isinstance(shape, Tube) else 0.0
+    return [(float(shape.reach()), BODY), *([(0.5 * hole, BORES)] if hole > 0 else [])]
+
+
 def _body_in_space(sheet: Sheet, body: Unloaded, tolerance: float) -> None:
-    """The midline, and the rim of the body where its outer radius jumps and at its ends."""
+    """The midline, the rim of the body where its outer radius jumps and at its ends, and the section that
+    carries the load.
+    """
+    outline = lines.outline_layer(body)
     sheet.spline(_midline(body, tolerance), AXIS, lines.COLOURS[AXIS])
     for start, end in lines.stretches(body):
         radius = lines.radius_between(body, start, end)
         (first, last), frames = body.at(np.array([start, end]))
         for middle, frame, size in zip((first, last), frames, radius(np.array([start, end])), strict=True):
-            sheet.circle(middle, frame[:, 0], float(size), BODY, lines.COLOURS[BODY])
+            sheet.circle(middle, frame[:, 0], float(size), outline, lines.COLOURS[outline])
     for _, edge in lines.edges(body, tolerance):
-        sheet.spline(edge, BODY, lines.COLOURS[BODY])
+        sheet.spline(edge, outline, lines.COLOURS[outline])
+    shape = body.robot.backbone.shape
+    if isinstance(shape, Rectangle):
+        _strip_in_space(sheet, body, shape, tolerance)
+        return
+    for half, layer in _halves_of_section(shape):
+        for s in (0.0, body.length):
+            (middle,), (frame,) = body.at(np.array([s]))
+            sheet.circle(middle, frame[:, 0], half, layer, lines.COLOURS[layer])
+        for side in (1.0, -1.0):
+            sheet.spline(lines.along_axis(body, (side * half, 0.0), tolerance), layer, lines.COLOURS[layer])
+
+
+def _strip_in_space(sheet: Sheet, body: Unloaded, shape: Rectangle, tolerance: float) -> None:
+    """The four edges of a strip, and its outline at both ends."""
+    up, across = 0.5 * float(shape.height), 0.5 * float(shape.width)
+    corners = [(up, across), (-up, across), (-up, -across), (up, -across)]
+    for place in corners:
+        sheet.spline(lines.along_axis(body, place, tolerance), BODY, lines.COLOURS[BODY])
+    for s in (0.0, body.length):
+        (middle,), (frame,) = body.at(np.array([s]))
+        ends = [middle + frame[:, 1:] @ np.array(place) for place in corners]
+        for one, other in zip(ends, [*ends[1:], ends[0]], strict=True):
+            sheet.line(one, other, BODY, lines.COLOURS[BODY])
 
 
 def _midline(body: Unloaded, tolerance: float) -> Spline:
@@ -219,7 +262,9 @@ def _across(body: Unloaded, s: float, half: float) -> tuple[np.ndarray, np.ndarr
 
 
 def _dimensions(sheet: Sheet, body: Unloaded, config: RobotConfig) -> None:
-    """Length and diameters of the body; in the plane also bores, notches and the channels at both ends."""
+    """Length and diameters of the body; in the plane also the section that carries the load, bores, notches
+    and the channels at both ends.
+    """
     row, length = ROWS * sheet.text, body.length
     low = -max(_radius(body, s) for s in (0.0, length))
     if body.straight:
@@ -233,6 +278,7 @@ def _dimensions(sheet: Sheet, body: Unloaded, config: RobotConfig) -> None:
             place = body.channel(tendon)(np.array([s]))[0]
             if s <= lines.end_of(tendon, length):
                 sheet.dimension(_beside(body, s, 0.0), place, towards * row * np.sign(_left(body, s, place)))
+    _dimensions_of_section(sheet, body)
     for bore in config.backbone.bores:
         sheet.dimension(*_across(body, 0.7 * bore.from_ + 0.3 * bore.to, 0.5 * bore.diameter), 0.0, "⌀<>")
         if body.straight:
@@ -245,6 +291,14 @@ def _left(body: Unloaded, s: float, place: np.ndarray) -> float:
     """How far a place is to the left of the midline [m]."""
     (middle,), (frame,) = body.at(np.array([s]))
     return float((place - middle) @ frame[:, 1])
+
+
+def _dimensions_of_section(sheet: Sheet, body: Unloaded) -> None:
+    """How thick the section is that carries the load, and of a strip how wide across the plane."""
+    shape = body.robot.backbone.shape
+    for share, (half, _) in zip((0.5, 0.3), _halves_of_section(shape), strict=False):
+        wide = f"<>×{sheet.scale * float(shape.width):.6g}" if isinstance(shape, Rectangle) else "⌀<>"
+        sheet.dimension(*_across(body, share * body.length, half), 0.0, wide)
 
 
 def _dimensions_of_notches(sheet: Sheet, body: Unloaded, cut: Any, row: float) -> None:

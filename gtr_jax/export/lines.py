@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,15 +14,25 @@ from .spline import Line, Spline, fitted
 from .unloaded import Unloaded, end_of, in_blocks, stops_of
 
 TOLERANCE = 1e-6  # m
-AXIS, BODY, BORES, NOTCHES = "AXIS", "BODY", "BORES", "NOTCHES"
+AXIS, BODY, ENVELOPE, BORES, NOTCHES = "AXIS", "BODY", "ENVELOPE", "BORES", "NOTCHES"
 CHANNEL, WALLS, LIMIT, DIMENSIONS = "CHANNEL", "CHANNEL_WALLS", "WALL_LIMIT", "DIMENSIONS"
-COLOURS = {AXIS: 8, BODY: 7, BORES: 9, NOTCHES: 6, WALLS: 5, LIMIT: 3, DIMENSIONS: 152}
+COLOURS = {AXIS: 8, BODY: 7, ENVELOPE: 8, BORES: 9, NOTCHES: 6, WALLS: 5, LIMIT: 3, DIMENSIONS: 152}
 CHANNEL_COLOURS = (1, 5, 3, 30, 4, 6)  # of AutoCAD's index, tendon after tendon
 
 
-def layer_of(tendon: Tendon, layer: str = CHANNEL) -> str:
-    """A layer of one tendon: of an only one without its name."""
-    return f"{layer}_{tendon.name.upper()}" if tendon.name else layer
+def layer_of(tendon: Tendon, tendons: Sequence[Tendon], layer: str = CHANNEL) -> str:
+    """A layer of one of some tendons: of an only one without its name. CAD does not tell capitals from small
+    letters, so that names which differ in these only are numbered.
+    """
+    if not tendon.name:
+        return layer
+    names = [other.name for other in tendons]
+    taken, found = {name.upper() for name in names}, tendon.name.upper()
+    alike = [name for name in names if name.upper() == found]
+    for _ in range(alike.index(tendon.name)):
+        found = next(f for i in itertools.count(2) if (f := f"{tendon.name.upper()}_{i}") not in taken)
+        taken.add(found)
+    return f"{layer}_{found}"
 
 
 def stretches(body: Unloaded) -> list[tuple[float, float]]:
@@ -82,6 +92,13 @@ def walls(spline: Spline, diameter: float, tolerance: float, kinks: list[float])
     return [fitted(beside(side), *spline.ends, tolerance=tolerance, kinks=inner) for side in (1.0, -1.0)]
 
 
+def outline_layer(body: Unloaded) -> str:
+    """The layer of what `outer_radius` says: the body, or what lies around the section that carries the
+    load.
+    """
+    return BODY if body.robot.backbone.shape is None else ENVELOPE
+
+
 def edges(body: Unloaded, tolerance: float, within: float = 0.0) -> Iterator[tuple[float, Spline]]:
     """The edges of the body in the plane of x and y, as (side, spline), base to tip, left then right; each as
     many splines as the outer radius has pieces.
@@ -100,3 +117,9 @@ def edges(body: Unloaded, tolerance: float, within: float = 0.0) -> Iterator[tup
 
             line = body.beside(place)
             yield side, fitted(line, start, end, tolerance=tolerance, kinks=body.kinks_of_body())
+
+
+def along_axis(body: Unloaded, place: tuple[float, float], tolerance: float) -> Spline:
+    """The line from base to tip at one place (y, z) in every section [m]."""
+    line = body.beside(lambda s: np.tile(np.asarray(place, float), (len(s), 1)))
+    return fitted(line, 0.0, body.length, tolerance=tolerance, kinks=body.kinks_of_body())

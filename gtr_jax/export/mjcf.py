@@ -32,6 +32,7 @@ TIMESTEP = 0.002  # s
 STRONGEST = 1e4  # N, above which no tension can be set
 WIDTH = 0.02  # of a drawn tendon, of the body's radius
 COLOUR, STRING = "0.75 0.78 0.82 0.5", ("0.84 0.37 0 1", "0 0.45 0.7 1", "0 0.62 0.45 1", "0.8 0.47 0.65 1")
+WORLD = "world.frame"  # site in whose axes the load at the tip acts; with a dot, which no marker's name has
 LOAD = "tip_load"  # actuator of the force and moment at the tip
 
 
@@ -47,7 +48,8 @@ def mjcf(config: RobotConfig, *, links: int = LINKS, friction_at: float | None =
             friction leaves on average along the tendon, when it is pulled to this tension. None: with all.
 
     Raises:
-        InputError: the body is rigid, notched or has no density.
+        InputError: the body is rigid, notched or has no density, or a tendon is called as the motor of the
+            load at the tip is.
         RuntimeError: the simulator finds no equilibrium at `friction_at`.
     """
     _refuse(config)
@@ -79,7 +81,11 @@ def mjcf(config: RobotConfig, *, links: int = LINKS, friction_at: float | None =
         )
     force = _tip_load(robot)
     if np.any(force):
-        ET.SubElement(motors, "motor", name=LOAD, site="tip", refsite="world", gear=_numbers(force))
+        if LOAD in robot.tendon_names:
+            raise InputError(
+                f"{config.source}: tendons.{LOAD}: is the name of the motor of the load at the tip; rename it"
+            )
+        ET.SubElement(motors, "motor", name=LOAD, site="tip", refsite=WORLD, gear=_numbers(force))
     preloads = [float(tendon.preload) for tendon in robot.tendons]
     held = [*preloads, *([1.0] if np.any(force) else [])]
     ET.SubElement(ET.SubElement(root, "keyframe"), "key", name="rest", ctrl=_numbers(held))
@@ -149,7 +155,8 @@ def _quat(matrix: np.ndarray) -> str:
 
 
 def _site(tendon: Tendon, number: int) -> str:
-    return f"{tendon.name or 'tendon'}_{number}"
+    """A name that no marker has: markers' have no dot."""
+    return f"{tendon.name or 'tendon'}.{number}"
 
 
 def _tip_load(robot: Robot) -> np.ndarray:
@@ -166,7 +173,7 @@ def _tip_load(robot: Robot) -> np.ndarray:
 def _bodies(world: ET.Element, chain: Chain) -> None:
     """The links, one in the other, with the points of tendons and markers."""
     robot = chain.robot
-    ET.SubElement(world, "site", name="world", size="1e-4")
+    ET.SubElement(world, "site", name=WORLD, size="1e-4")
     base = ET.SubElement(
         world,
         "body",

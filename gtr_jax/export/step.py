@@ -16,6 +16,7 @@ import numpy as np
 from gtr_jax.errors import InputError
 from gtr_jax.files.config import RobotConfig
 from gtr_jax.robot.build import build_robot
+from gtr_jax.robot.shapes import Rectangle, Tube
 
 from . import lines
 from .lines import AXIS, BODY, TOLERANCE, layer_of
@@ -57,7 +58,7 @@ def step(config: RobotConfig, *, unit: str = "mm", tolerance: float = TOLERANCE)
     body = unloaded(build_robot(config))
     parts = [(AXIS, [_edge(_midline(body, tolerance))])]
     for tendon, splines in lines.channels(body, tolerance):
-        parts.append((layer_of(tendon), [_edge(spline) for spline in splines]))
+        parts.append((layer_of(tendon, body.robot.tendons), [_edge(spline) for spline in splines]))
     named = [(name, _joined(edges)) for name, edges in parts]
     if body.straight:
         named.append((BODY, _solid(body, config)))
@@ -101,7 +102,17 @@ def _joined(edges: Sequence[Any]) -> Any:
 
 
 def _solid(body: Unloaded, config: RobotConfig) -> Any:
-    """The straight body turned about its axis, less bores and notches."""
+    """The straight body: the section that carries the load, or what its outer radius describes about the
+    axis, less bores and notches.
+    """
+    shape, length = body.robot.backbone.shape, body.length
+    if isinstance(shape, Rectangle):
+        up, across = 0.5 * float(shape.height), 0.5 * float(shape.width)
+        ends = _point([0.0, -up, -across]), _point([length, up, across])
+        return occ("BRepPrimAPI").BRepPrimAPI_MakeBox(*ends).Shape()
+    if isinstance(shape, Tube):
+        inner, outer = 0.5 * float(shape.inner_diameter), 0.5 * float(shape.outer_diameter)
+        return _turned([(0.0, inner), (0.0, outer), (length, outer), (length, inner)])
     profile = [(0.0, 0.0)]
     for start, end in lines.stretches(body):
         radius = lines.radius_between(body, start, end)(np.array([start, end]))
@@ -128,7 +139,9 @@ def _solid(body: Unloaded, config: RobotConfig) -> Any:
 
 
 def _turned(profile: Sequence[tuple[float, float]]) -> Any:
-    """The solid that an outline (x, radius) [m], which begins and ends on the axis, describes about it."""
+    """The solid that an outline (x, radius) [m], closed from its end to its beginning, describes about the
+    axis.
+    """
     polygon = occ("BRepBuilderAPI").BRepBuilderAPI_MakePolygon()
     last = None
     for corner in profile:

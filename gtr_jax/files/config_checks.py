@@ -38,6 +38,8 @@ def _check_terms(
                 f"there is no tendon '{excerpt(term.tendon)}'; one of {', '.join(tendons)}",
             )
             _require(not bends, f"{key}.tendon", "it acts on the body, not on a tendon; leave tendon out")
+        unfit = refused_for_section(backbone, law)
+        _require(unfit is None, key, unfit or "")
         _require(not (rigid and bends), key, "has no effect on a backbone with rigid = true; remove it")
         moved = not rigid or any(known[kind].strain for kind in kinds)
         _require(law.mobilise is None or moved, key, NO_SLIP)
@@ -64,6 +66,15 @@ def _check_terms(
                 raise InputError(f"terms.{term.id}.{q.name}: must be {bounds}, is {value:g}; correct it")
 
 
+def refused_for_section(backbone: BackboneConfig, term: Term) -> str | None:
+    """Why a body of this section cannot have a physics term, with the remedy; None if it can."""
+    if term.discs_only and isinstance(backbone.section, RectangleConfig):
+        return "is for round sections; give a tube instead of a rectangle, or the term stiffening instead"
+    if term.discs_only and backbone.notches:
+        return "is for round sections, not for what notches leave of them; remove one of the two"
+    return None
+
+
 def check_robot(
     backbone: BackboneConfig,
     *,
@@ -79,7 +90,7 @@ def check_robot(
         loads: the external loads.
         terms: physics beyond the paper.
     """
-    _check_backbone(backbone)
+    check_backbone(backbone)
     laws = tuple(term.checked() for term in terms if isinstance(term, LawSection))
     _check_terms(
         terms, backbone, [getattr(tendon, "name", "") for _, tendon, _ in strung], catalogue_of(laws)
@@ -111,7 +122,8 @@ def outer_radius_at(backbone: BackboneConfig, s: np.ndarray | float) -> np.ndarr
     return np.asarray(radius)
 
 
-def _check_backbone(backbone: BackboneConfig) -> None:
+def check_backbone(backbone: BackboneConfig) -> None:
+    """Refuse a body that cannot be; InputError naming the key and the remedy."""
     length = backbone.length
     _check_length(length, "backbone.length")
     for radius in backbone.outer_radius:

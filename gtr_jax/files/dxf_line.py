@@ -15,6 +15,7 @@ from .text import read_bytes
 from .units import to_si
 
 JOINED = 1e-4  # of the extent of a line, within which two pieces of it join
+DOUBLE = 1e-9  # of the extent of a line, within which two places of it are one
 SAMPLES = 400  # of a curve
 DEEPEST = 8  # blocks in blocks
 
@@ -40,7 +41,8 @@ def read_line(path: Path, *, layer: str | None = None, unit: str | None = None) 
         unit: of lengths, where the header says none ("mm").
 
     Raises:
-        InputError: no DXF, no unit or two, no such layer, no line on it, or several that do not join.
+        InputError: no DXF, no unit or two, no such layer, no line on it, several that do not join, or a
+            coordinate that is no finite number.
     """
     document = _document(path)
     scale = _metres(path, document, unit)
@@ -61,6 +63,8 @@ def read_line(path: Path, *, layer: str | None = None, unit: str | None = None) 
     if not own:
         raise InputError(f"{path}: no line on a layer '{layer}'; layers with lines: {listed(layers)}")
     place = f"{path}: layer {layer}"
+    if not all(np.all(np.isfinite(points)) for points, _ in own):
+        raise InputError(f"{place}: a coordinate of its lines is no finite number; draw the line anew")
     measured = all(straight for _, straight in own)
     points = _chained(
         place, [scale * (points if measured or not straight else _dense(points)) for points, straight in own]
@@ -174,7 +178,7 @@ def _chained(place: str, pieces: list[np.ndarray]) -> np.ndarray:
     everything = np.concatenate(pieces)
     extent = float(np.linalg.norm(np.ptp(everything, axis=0)))
     near = JOINED * extent
-    line, left = pieces[0], list(pieces[1:])
+    line, *left = _each_once(pieces, DOUBLE * extent)
     while left:
         best: tuple[float, int, bool, bool] | None = None
         for i, piece in enumerate(left):
@@ -198,4 +202,20 @@ def _chained(place: str, pieces: list[np.ndarray]) -> np.ndarray:
     if len(line) > 2 and np.linalg.norm(line[-1] - line[0]) <= near:
         raise InputError(f"{place}: the line is closed; a channel has two ends")
     apart = np.linalg.norm(np.diff(line, axis=0), axis=1)
-    return line[np.append(True, apart > 1e-9 * extent)]
+    return line[np.append(True, apart > DOUBLE * extent)]
+
+
+def _each_once(pieces: list[np.ndarray], near: float) -> list[np.ndarray]:
+    """Pieces without those that are drawn over one before them, forwards or backwards, to a distance."""
+    middles = np.array([piece.mean(axis=0) for piece in pieces])
+    found: list[int] = []
+    for i, piece in enumerate(pieces):
+        close = np.flatnonzero(np.max(np.abs(middles[found] - middles[i]), axis=1) <= near) if found else ()
+        others = [pieces[found[k]] for k in close]
+        if not any(_same(piece, other, near) or _same(piece, other[::-1], near) for other in others):
+            found.append(i)
+    return [pieces[i] for i in found]
+
+
+def _same(one: np.ndarray, other: np.ndarray, near: float) -> bool:
+    return one.shape == other.shape and bool(np.max(np.abs(one - other)) <= near)

@@ -235,6 +235,14 @@ class Backbone(eqx.Module):
         tube = self._round(s, within, jnp.ones(()))[2]
         return jnp.where(cut.within, tube / cut.section.second - 1.0, 0.0)
 
+    def second_moments(
+        self, s: Float[Array, " N"], within: Bool[Array, "stretches N"]
+    ) -> list[Float[Array, " N"]]:
+        """Second moments of area about y and about z [m^4] of the section without notches; `within` as of
+        `stiffnesses`.
+        """
+        return self._by_section(s, within, jnp.ones(()))[1:]
+
     def _by_section(
         self, s: Float[Array, " N"], within: Bool[Array, "stretches N"], modulus: Float[Array, ""]
     ) -> list[Float[Array, " N"]]:

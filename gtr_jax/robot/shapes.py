@@ -49,6 +49,10 @@ class Tube(eqx.Module):
         """Distance of the outermost fibre from the neutral line, bent in the plane [m]."""
         return 0.5 * self.outer_diameter
 
+    def extent(self) -> Float[Array, ""]:
+        """Distance of the farthest point from the axis [m]."""
+        return 0.5 * self.outer_diameter
+
 
 class Rectangle(eqx.Module):
     """A strip.
@@ -77,3 +81,7 @@ class Rectangle(eqx.Module):
     def reach(self) -> Float[Array, ""]:
         """Distance of the outermost fibre from the neutral line, bent in the plane [m]."""
         return 0.5 * self.height
+
+    def extent(self) -> Float[Array, ""]:
+        """Distance of the farthest points, its corners, from the axis [m]."""
+        return 0.5 * jnp.sqrt(self.height**2 + self.width**2)

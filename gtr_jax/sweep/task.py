@@ -16,6 +16,7 @@ import numpy as np
 
 from gtr_jax.errors import InputError
 from gtr_jax.files.config import RobotConfig, config_text, load_config
+from gtr_jax.files.config_checks import refused_for_section
 from gtr_jax.files.quantities import split_unit
 from gtr_jax.files.space_checks import refused_in_space
 from gtr_jax.files.table import read_table
@@ -280,10 +281,14 @@ def _by_slip(config: RobotConfig, axes: Sequence[Axis]) -> bool:
 
 
 def _check_terms(file: SweepConfig, config: RobotConfig, axes: Sequence[Axis]) -> None:
-    """InputError if a physics term is varied that a rigid sheath, or a robot in space, cannot have."""
+    """InputError if a physics term is varied that a rigid sheath, a section or a robot in space cannot
+    have.
+    """
     for axis in axes:
         term = axis.parameter.term
-        fault = refused_in_space(config, term) if config.in_space and term is not None else None
+        fault = None if term is None else refused_for_section(config.backbone, term)
+        if config.in_space and term is not None:
+            fault = fault or refused_in_space(config, term)
         if fault:
             raise file.fault(f"vary.{axis.name}", fault)
         if config.backbone.rigid and term is not None:

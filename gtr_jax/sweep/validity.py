@@ -17,7 +17,9 @@ from gtr_jax.robot.shapes import Tube
 
 
 def is_robot(robot: Robot) -> Bool[Array, ""]:
-    """Whether the channels lie inside the body, the bores too, and positions along the body are in order."""
+    """Whether the channels lie inside the body, the bores and what carries the load too, and positions along
+    the body are in order.
+    """
     body, at = robot.backbone, lay_out(robot)
     radius = body.radius(at.mesh.s)
     holds = [body.length > 0, jnp.all(body.outer_radius > 0), jnp.all(jnp.isfinite(radius))]
@@ -46,7 +48,7 @@ def is_robot(robot: Robot) -> Bool[Array, ""]:
             (body.shape.inner_diameter >= 0) & (body.shape.inner_diameter < body.shape.outer_diameter)
         )
     if body.shape is not None:
-        holds.append(body.shape.reach() <= jnp.min(radius) * (1 + NEAR))
+        holds.append(body.shape.extent() <= jnp.min(radius) * (1 + NEAR))
     if body.notches:
         holds += _apart(body.notch_start, body.notch_end, body.length)
         for row in body.notches:

@@ -229,7 +229,11 @@ def _dataset(
 
 
 def _apart(s: np.ndarray) -> np.ndarray:
-    """Nodes as labels, each once: where two panels of the mesh meet there are two nodes at one place, before
-    and behind a kink; the one behind gets the next larger number.
+    """Nodes as labels, each once: where panels of the mesh meet there are two nodes at one place, before and
+    behind a kink, and more where kinks lie within a rounding error of each other; each but the first gets the
+    next number above the label before it.
     """
-    return np.where(np.diff(s, prepend=-1.0) > 0, s, np.nextafter(s, np.inf))
+    labels = np.array(s, float)
+    for i in range(1, len(labels)):
+        labels[i] = max(labels[i], np.nextafter(labels[i - 1], np.inf))
+    return labels

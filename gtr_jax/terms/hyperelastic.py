@@ -36,6 +36,9 @@ TERM = Term(
     "section",
     note="For strains up to 0.3 or so. E stays that of small strains. Left out is what the law has with C₁ "
     "alone, x²/6: 0.7 % at a strain of 0.2. In a thin tube x² counts one and a half times, and x⁴ twice. "
+    "Strips and notched bodies, for which other numbers hold, are refused: for a strip of the height h they "
+    "are 3.6 and 81/7, with c = h/2, so that stiffening with the coefficient 3.6 second·(h/2)² is its law up "
+    "to x². "
     "`gtr diagnose` tries stiffening, of which this is a form; a fit takes either.",
     quantities=(
         Quantity("second", "dimensionless", 0.0, 0.3, "C₂/C₁; negative where it softens.", (-0.2, 1.0)),
@@ -43,6 +46,7 @@ TERM = Term(
     ),
     bend=bend,
     bend_in_space=bend_in_space,
+    discs_only=True,
     round_only=True,
     by_strain=True,
 )

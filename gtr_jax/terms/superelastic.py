@@ -112,7 +112,7 @@ TERM = Term(
     "Auricchio and Sacco 1997; generalised play: Krasnosel'skii and Pokrovskii 1989",
     note="Sections that are no rectangles pass over to the plateau a little more slowly or faster; the "
     "strain takes that up. Both plateaus are those of fibres that transform one by one. From one to the "
-    "other the section turns as a whole, while its outer fibres turn first: at most 4 % of the largest "
+    "other the section turns as a whole, while its outer fibres turn first: at most 4.3 % of the largest "
     "moment apart, bent to four times the strain of the plateau. Inner loops are elastic and close. In "
     "space what has transformed lags behind a bend that turns round.",
     softens=True,

@@ -174,6 +174,8 @@ class Term:
             none acts where that is negative.
         stop_angle: direction [rad] from the base tangent in which the stop is run into.
         stop_normal: the same in space, three components of length one in the axes of the base.
+        discs_only: whether `bend` is for circular sections, with or without a hole in their middle, so that
+            neither strips nor notched bodies can have it.
         round_only: whether `bend_in_space` is for sections that are as stiff in every direction.
         not_in_space: why no robot in space can have it, and the remedy; "" if one can.
         fault: what is wrong with its numbers (by name, SI) on a body of some length [m], or "".
@@ -219,6 +221,7 @@ class Term:
     stop: Callable[[Values, Array], Array] | None = None
     stop_angle: Callable[[Values], Array] | None = None
     stop_normal: Callable[[Values], tuple[Array, Array, Array]] | None = None
+    discs_only: bool = False
     round_only: bool = False
     not_in_space: str = ""
     fault: Callable[[Mapping[str, float], float], str] | None = None
