@@ -13,6 +13,7 @@ import numpy as np
 
 COLOURS = {"gtr-jax": "#0072b2", "soromox": "#d55e00", "solve_bvp": "#009e73", "pyelastica": "#7a3b8f"}
 MARKS = {"gtr-jax": "o", "soromox": "s", "solve_bvp": "^", "pyelastica": "D"}
+SIDES = {"gtr-jax": -14, "soromox": 18}  # by which labels are moved apart [pt]
 COLUMNS = 2
 EXACT = 1e-11  # errors below are drawn here
 
@@ -76,7 +77,7 @@ def _label(ax, name: str, line: list[tuple[float, float]], colour: str) -> None:
     ax.annotate(
         name,
         line[-1],
-        xytext=(0, -16),
+        xytext=(SIDES.get(name, 0), -16),
         textcoords="offset points",
         color=colour,
         fontsize=10,
