@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import jax
+import numpy as np
 import pytest
 from command_line import run_gtr
 
@@ -57,7 +57,7 @@ def test_gradients_of_your_own(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     shutil.copytree(ROOT / "examples", "examples")
     within: dict[str, Any] = {"__name__": "__main__"}
-    with jax.numpy_rank_promotion("allow"):  # as a user has it
+    with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):  # as a user has it
         for _, text in blocks(GRADIENTS):
             exec(compile(text, GRADIENTS.name, "exec"), within)
     found, area = capsys.readouterr().out.splitlines()
