@@ -65,7 +65,6 @@ def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
     found = _least(bench, np.asarray([n.at(values[n.name]) for n in bench.base]))
     if found is None:
         raise RuntimeError(f"{folder}: the base model cannot be refitted")
-    terms = [CATALOGUE[effect][0] for effect in key["hidden"]] if key["kind"] in SEVERAL else []
     off = [s.values[rig.where][0] - clean[0] for s in (true, found.seen[0])]
     raw, refit = (float(np.sqrt(np.mean(o**2))) for o in off)
     return {
@@ -75,7 +74,7 @@ def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
         "concealment": float(np.clip(1 - refit / max(raw, 1e-12), 0, 1)),
         "noise_N": float(np.hypot(noise[0].sd, key["sd_base"])),
         **(_rivalry(bench, found, key["terms"][0]) if key["kind"] == "single" else {}),
-        **(_parts(bench, found, terms) if key["kind"] in SEVERAL else {}),
+        **(_parts(bench, found, key["hidden"]) if key["kind"] in SEVERAL else {}),
     }
 
 
@@ -95,10 +94,11 @@ def _noise(row: np.ndarray) -> Noise:
     return Noise(sd, float(np.clip(np.mean(row[1:] * row[:-1]) / max(sd**2, 1e-300), 0.0, 0.8)))
 
 
-def _parts(bench: Bench, base: Fitted, terms: Sequence[str]) -> dict[str, float]:
-    """What the terms that are hidden leave together, and how much each is missed beside the others; see
+def _parts(bench: Bench, base: Fitted, hidden: Sequence[str]) -> dict[str, float]:
+    """What the terms of the hidden effects leave together, and how much each is missed beside the others; see
     `left`. Each may be added last.
     """
+    terms = [CATALOGUE[effect][0] for effect in hidden]
     hypotheses = hypotheses_of(bench.rigs[0].part.robot, base, [bench.rigs[0].part])
     of = {h.name: h for h in hypotheses}
 

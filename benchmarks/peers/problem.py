@@ -97,6 +97,11 @@ class SpatialProblem:
         """Whether anything but the tendons acts."""
         return any(self.tip_force)
 
+    @property
+    def shares(self) -> list[float]:
+        """Tension of each tendon, over that of the first."""
+        return [channel.tension / TENSION for channel in self.channels]
+
 
 TENDON = Problem("tendon alone", (0.0, 0.0))
 LOADED = Problem("tendon and tip force", (0.0, -0.1))

@@ -81,7 +81,7 @@ def tip_of(problem: Problem | SpatialProblem, robot: gtr.Robot, T):
     if isinstance(problem, Problem):
         eq = gtr.equilibrium(robot, T)
         return eq.tip_pose[:2], eq.converged
-    shares = jnp.asarray([channel.tension / TENSION for channel in problem.channels])
+    shares = jnp.asarray(problem.shares)
     eq = gtr.equilibrium(robot, T * shares if len(shares) > 1 else T)
     return eq.tip_position, eq.converged
 

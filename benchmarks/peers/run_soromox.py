@@ -77,8 +77,7 @@ def settings(problem: Problem | SpatialProblem, quick: bool) -> Iterator[Setting
 
 def tensions(problem: Problem | SpatialProblem, T):
     """Of the tendons under a tension of the first, the others' in proportion."""
-    channels = problem.channels if isinstance(problem, SpatialProblem) else ()
-    return T * jnp.asarray([channel.tension / TENSION for channel in channels] or [1.0])
+    return T * jnp.asarray(problem.shares if isinstance(problem, SpatialProblem) else [1.0])
 
 
 def tip_of(robot, q):

@@ -127,12 +127,7 @@ def _exchanged(models: Models, head: Fitted) -> list[Fitted]:
         parent = without(models, head, name)
         if parent is None:
             continue
-        taken = {n.name for n in parent.numbers}
-        others = [
-            h
-            for h in models.of.values()
-            if h.kind not in EVENTS and h.name not in head.names and not taken & {n.name for n in h.numbers}
-        ]
+        others = [h for h in models.addable(parent) if h.name not in head.names]
         least = PROMISES * (parent.cost - head.cost)
         own = models.hypotheses(parent.names)
         tried = screen(models.bench, parent, others, head=own, thorough=False)
@@ -189,11 +184,8 @@ def _refitted_beside(models: Models, head: Fitted, thorough: bool) -> list[Fitte
     """The most promising further effects, refitted beside those of a model, the best first; thoroughly from
     all their starts, else from few.
     """
-    bench, taken = models.bench, {n.name for n in head.numbers}
-    others = [
-        h for h in models.of.values() if h.kind not in EVENTS and not taken & {n.name for n in h.numbers}
-    ]
-    lasting = screen(bench, head, others, head=models.hypotheses(head.names), thorough=thorough)
+    bench, own = models.bench, models.hypotheses(head.names)
+    lasting = screen(bench, head, models.addable(head), head=own, thorough=thorough)
     tried = [*lasting, *screen(bench, head, _events(models, head))]
     return _refitted(models, head, tried, STARTS_EACH if thorough else ONE_EACH)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..parallel import in_parallel
 from .bench import Bench
-from .hypotheses import Hypothesis
+from .hypotheses import EVENTS, Hypothesis
 from .model import Fitted, model_of
 
 # Prior probability of no, one, two and three missing effects, and of four where three are not enough.
@@ -172,6 +172,13 @@ class Models:
     def hypotheses(self, names: Sequence[str]) -> list[Hypothesis]:
         """The hypotheses of a model."""
         return [self.of[name] for name in names]
+
+    def addable(self, fitted: Fitted) -> list[Hypothesis]:
+        """The hypotheses that may act beside those of a model: no events, none that has a number of it."""
+        taken = {n.name for n in fitted.numbers}
+        return [
+            h for h in self.of.values() if h.kind not in EVENTS and not taken & {n.name for n in h.numbers}
+        ]
 
     def coordinates(self, names: Sequence[str], fitted: Fitted) -> np.ndarray:
         """Coordinates of a model, taken from the fit of a model with the same effects and more."""

@@ -156,10 +156,8 @@ def raced(
 def add_to(models: Models, head: Fitted, progress: Callable[[str], None], effort: Effort = BRIEF) -> None:
     """Refit the most promising further effects beside those of a model."""
     progress(f"adding to {' + '.join(head.names)}")
-    taken = {n.name for n in head.numbers}
-    others = [h for h in models.of.values() if not taken & {n.name for n in h.numbers}]
     own = models.hypotheses(head.names)
-    screened = screen(models.bench, head, others, head=own, thorough=effort is THOROUGH)
+    screened = screen(models.bench, head, models.addable(head), head=own, thorough=effort is THOROUGH)
     wanted = [s for s in screened if s.gain > SECOND_WORTH][: effort.most]
     models.add(refit_best(models.bench, own, head, wanted, effort.starts, effort.iterations))
 
@@ -169,12 +167,11 @@ def add_variants(models: Models, head: Fitted, name: str) -> list[Fitted]:
     which cell drifts, or whether its clock does, was chosen in other company. All are added to the models.
     """
     kind = models.of[name].kind
-    variants = [h for h in models.of.values() if h.kind == kind and h.name not in head.names]
-    parent = without(models, head, name) if variants and kind not in EVENTS else None
+    alike = {h.name for h in models.of.values() if h.kind == kind} - set(head.names)
+    parent = without(models, head, name) if alike and kind not in EVENTS else None
     if parent is None:
         return []
-    taken = {n.name for n in parent.numbers}
-    variants = [h for h in variants if not taken & {n.name for n in h.numbers}]
+    variants = [h for h in models.addable(parent) if h.name in alike]
     own = models.hypotheses(parent.names)
     tried = screen(models.bench, parent, variants, head=own)
     fits = refit_best(models.bench, own, parent, tried, STARTS_EACH)

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..parallel import in_parallel
-from .hypotheses import EVENTS, Hypothesis
+from .hypotheses import Hypothesis
 from .model import Fitted, model_of
 from .models import Models
 
@@ -31,10 +31,7 @@ def twins_of(models: Models, fitted: Fitted) -> dict[str, tuple[str, ...]]:
         models: all that were refitted.
         fitted: the model.
     """
-    bench, taken = models.bench, {n.name for n in fitted.numbers}
-    others = [
-        h for h in models.of.values() if h.kind not in EVENTS and not taken & {n.name for n in h.numbers}
-    ]
+    bench, others = models.bench, models.addable(fitted)
     columns = in_parallel(lambda h: _change(models, fitted, h), others)
     own = fitted.jacobian
     found: dict[str, tuple[str, ...]] = dict.fromkeys(fitted.names, ())

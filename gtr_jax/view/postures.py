@@ -94,8 +94,7 @@ def drawing(curves: Curves, step: int) -> Drawing:
     several = bool(robot.tendon_names)
     each = [eq.of_tendon(i) for i in range(len(robot.tendons))] if several else [eq]
     if eq.shape is not None:
-        guided = [tendon.guides is not None for tendon in robot.tendons]
-        return _in_space(curves, strung_of(robot, found[0]), eq, each, forces, guided, places)
+        return _in_space(curves, strung_of(robot, found[0]), eq, each, forces, places)
     shapes = [_coarser(curve_of(own, radius)) for own in each]
     along = [_along(own, shape, force) for own, shape, force in zip(each, shapes, forces, strict=True)]
     scale = _height(curves, eq, along)
@@ -187,7 +186,6 @@ def _in_space(
     eq: Equilibrium,
     each: list,
     forces: list[ChannelForces],
-    guided: list[bool],
     places: tuple[np.ndarray, np.ndarray],
 ) -> Drawing:
     assert eq.shape is not None
@@ -200,8 +198,8 @@ def _in_space(
     ]
     scale = _height(curves, eq, along)
     combs = []
-    for channel, own, run, held in zip(shape.channels, along, runs, guided, strict=True):
-        there = run if not held and len(own.s) else np.zeros_like(run)
+    for channel, own, run, tendon in zip(shape.channels, along, runs, curves.robot.tendons, strict=True):
+        there = run if tendon.guides is None and len(own.s) else np.zeros_like(run)
         height = scale * np.interp(1e3 * shape.s[there], own.s, own.normal) if there.any() else np.zeros(0)
         starts = channel[there]
         combs.append((starts, _teeth_in_space(starts, height) if len(starts) > 1 else starts))
