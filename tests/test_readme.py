@@ -63,7 +63,7 @@ def test_gradients_of_your_own(tmp_path, monkeypatch, capsys):
     found, area = capsys.readouterr().out.splitlines()
     assert found.startswith("mu = 0.2800, E = 1.2000 MPa")
     step = 1e-4
-    rise = float(within["area"](0.36 + step) - within["area"](0.36 - step)) / (2 * step)
+    rise = float(within["area"](0.2 + step) - within["area"](0.2 - step)) / (2 * step)
     assert abs(float(within["slope"]) / rise - 1) < 1e-3 and rise > 0, area
 
 
