@@ -10,7 +10,12 @@ from .gate import BASELINE, worse, write_baseline
 from .speed import GROUPS as SPEEDS
 from .speed import Metric
 
-WAITED = {"fit": commands.fit, "diagnose": commands.diagnose, "design": commands.design}
+WAITED = {
+    "fit": commands.fit,
+    "diagnose": commands.diagnose,
+    "design": commands.design,
+    "first": commands.first,
+}
 GROUPS = SPEEDS | WAITED | sweeping.GROUPS | live_page.GROUPS
 
 

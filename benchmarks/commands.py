@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import venv
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -20,7 +21,8 @@ from gtr_jax.files.config import config_text, parse_config
 from . import measure, systems
 from .speed import SAMPLES, Metric
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
+ROOT = Path(__file__).parents[1]
+EXAMPLES = ROOT / "examples"
 COMMAND = "import sys; from gtr_jax.cli import main; sys.exit(main())"
 MU, RATIO, NOISE_N, NOISE_BASE_N = 0.25, 0.9, 0.05, 0.02
 
@@ -59,11 +61,16 @@ class Waited(NamedTuple):
     memory: float
 
 
-def run_command(arguments: Sequence[str | Path], cache: Path) -> tuple[float, float]:
-    """Seconds and largest memory [GiB] of `gtr` with these arguments, programs compiled before in `cache`."""
+def run_command(
+    arguments: Sequence[str | Path], cache: Path, python: str | Path = sys.executable
+) -> tuple[float, float]:
+    """Seconds and largest memory [GiB] of `gtr` with these arguments, programs compiled before in `cache`;
+    of the installation that `python` belongs to.
+    """
     began = time.perf_counter()
     process = subprocess.Popen(
-        [sys.executable, "-c", COMMAND, *map(str, arguments)],
+        [python, "-c", COMMAND, *map(str, arguments)],
+        cwd=cache.parent,
         env=os.environ | {"GTR_JAX_CACHE": str(cache)},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -123,3 +130,22 @@ def design(quick: bool) -> Iterator[Metric]:
     ratio = took.warm / measure.reference_seconds(0.2)
     yield Metric("design.example", took.warm, "s", cold=took.cold, gated=ratio, note="interpreter included")
     yield Metric("design.example.memory", took.memory, "GiB")
+
+
+def first(quick: bool) -> Iterator[Metric]:
+    """What a new user waits for: the package just installed into an empty environment, nothing compiled, and
+    the first command there that draws a recording of the user's own. Each command starts from nothing.
+    """
+    if quick:
+        return
+    with _folder() as folder:
+        robot, read = recording(folder)
+        venv.create(folder / "empty", with_pip=True)
+        python = folder / "empty/bin/python"
+        subprocess.run([python, "-m", "pip", "install", "--quiet", ROOT], check=True, cwd=folder)
+        for command, files in (("inspect", [read]), ("fit", [robot, read])):
+            out = folder / command
+            took, memory = run_command([command, *files, "-o", out], folder / f"cache-{command}", python)
+            note = "own recording of 1,000 samples, just installed, nothing compiled"
+            yield Metric(f"first picture.{command}", took, "s", target=60.0, note=note)
+            yield Metric(f"first picture.{command}.memory", memory, "GiB")

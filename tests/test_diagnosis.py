@@ -27,7 +27,7 @@ from calibrate.diagnosis.patterns import Pattern, pattern_in
 from calibrate.diagnosis.prepare import prepare
 from calibrate.diagnosis.rig import Rig
 from calibrate.diagnosis.screen import screen
-from calibrate.diagnosis.sentence import sentence
+from calibrate.diagnosis.sentence import sentence, sets_in_words
 from calibrate.diagnosis.ways_to_drive import turned, weighed, weight_to_hang
 from calibrate.fit import part_of
 from calibrate.number import Number
@@ -694,3 +694,23 @@ def test_the_experiment_that_tells_rivals_apart(make_robot, rivals, known, best)
     assert (found.T_tip is not None) == found.says.startswith("Take the tendon off")
     done = [name for name, _ in found.menu if "hung from the tip" in name]
     assert len(done) == 2 and any("read the cells" in name for name, _ in found.menu)
+
+
+@pytest.mark.parametrize(
+    ("sets", "words"),
+    [
+        ([["drag"]], ["drag"]),
+        ([["drag"], ["creep"]], ["drag", "creep"]),
+        (
+            [["drag", "creep"], ["drag", "creep", "contact"], ["patch"], ["patch", "kink", "entry"]],
+            ["drag with creep (alone or beside contact)", "patch (alone or beside kink and entry)"],
+        ),
+        # The most probable is told first though it adds to another, and each larger one once.
+        (
+            [["drag", "creep"], ["creep", "kink"], ["creep"], ["creep", "drag", "kink"]],
+            ["drag with creep (alone or beside kink)", "creep (alone or beside kink)"],
+        ),
+    ],
+)
+def test_sets_that_add_to_another_are_told_beside_it(sets, words):
+    assert sets_in_words(sets) == words

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -136,6 +137,30 @@ def _left_out(d: Diagnosis) -> str:
     return words
 
 
+def sets_in_words(sets: Sequence[Sequence[str]]) -> list[str]:
+    """Sets of effects as they are told: what adds effects to another of them follows it, since the data say
+    of the added ones only that they may act besides.
+
+    Args:
+        sets: sets of terms, the most probable first.
+
+    Returns:
+        The first set, then those that hold no other, each with what may act beside it.
+    """
+    told = list(sets[:1])
+    told += [s for s in sets[1:] if not any({*other} < {*s} for other in sets)]
+    words, placed = [], set()
+    for s in told:
+        besides = []
+        for k, other in enumerate(sets):
+            if other not in told and {*s} < {*other} and k not in placed:
+                placed.add(k)
+                besides.append(" and ".join(name for name in other if name not in s))
+        alone = " with ".join(s)
+        words.append(f"{alone} (alone or beside {' or '.join(besides)})" if besides else alone)
+    return words
+
+
 def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
     held = d.held_out
     better = ""
@@ -198,7 +223,7 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
             "right, or something more is missing."
         )
     if d.verdict == AMBIGUOUS:
-        sets = " or ".join(" with ".join(s) for s in d.confusion_set)
+        sets = " or ".join(sets_in_words(d.confusion_set))
         return f"Missing is {sets}: these recordings do not tell which.{better}{moved}{stays}"
     effects = "; ".join(d.catalogue[kind].says.rstrip(".") for kind in d.named)
     sure = "above 0.99" if d.named_probability > 0.99 else f"{d.named_probability:.2f}"
@@ -230,7 +255,7 @@ def _discovered(d: Diagnosis, chosen: tuple[str, ...], sizes: str, better: str) 
 
 def _partly(d: Diagnosis, sizes: str) -> str:
     """What explains part of the misfit, how much of it, and what is left and where."""
-    sets = [" with ".join(s) for s in d.confusion_set]
+    sets = sets_in_words(d.confusion_set)
     first = d.confusion_set[0]
     what = f"{sets[0]} {'is' if len(first) == 1 else 'are'} missing ({sizes})"
     if len(sets) > 1:

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import functools
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,7 @@ TOGETHER = (
     ("and notches that bend shorter than they are cut", (*MATERIAL, "mu", "notches_end_correction")),
 )
 RESTS = np.deg2rad(1.0)
+REPEATED = "no model: the first trial, interpolated"
 PLAIN, FOUND = ALONE[1][0], ALONE[3][0]
 KNOWN = {"wrist90": "0.61", "wrist150": "1.14"}  # degrees, the authors' law by SOURCE
 
@@ -81,12 +83,25 @@ def predicted(robot: gtr.Robot, trial: Trial, own_rest: bool) -> np.ndarray:
     return np.asarray(gtr.marker_angles(robot, run))
 
 
-def off(robot: gtr.Robot, several: Sequence[Trial], own_rest: bool = False) -> float:
-    """Root mean square error of an angle [degrees]; where a trial's first row is its rest, of the others."""
-    errors = [
-        (predicted(robot, trial, own_rest) - trial.angles)[1 if own_rest else 0 :].ravel()
-        for trial in several
-    ]
+def interpolated(first: Trial, trial: Trial, own_rest: bool) -> np.ndarray:
+    """What another trial says of the angles of the notches [rad], (K, 5), without any model; with `own_rest`
+    from the angles that the trial begins with.
+    """
+    order = np.argsort(first.T_base)
+    T, angles = first.T_base[order], first.angles[order]
+    found = np.stack([np.interp(trial.T_base, T, each) for each in angles.T], axis=1)
+    return found + trial.angles[0] - angles[0] if own_rest else found
+
+
+def off(says: Callable[[Trial, bool], np.ndarray], several: Sequence[Trial], own_rest: bool = False) -> float:
+    """Root mean square error of an angle [degrees]; where a trial's first row is its rest, of the others.
+
+    Args:
+        says: the angles [rad] of a trial, with or without its own rest, as `predicted` has them.
+        several: the trials.
+        own_rest: whether each trial's own rest is known.
+    """
+    errors = [(says(trial, own_rest) - trial.angles)[1 if own_rest else 0 :].ravel() for trial in several]
     return float(np.rad2deg(np.sqrt(np.mean(np.concatenate(errors) ** 2))))
 
 
@@ -175,6 +190,12 @@ def models(robots: dict[str, dict[str, gtr.Robot]], seen: dict[str, list[Trial]]
     return fig
 
 
+def _errors(says: Callable[[Trial, bool], np.ndarray], seen: Sequence[Trial]) -> list[str]:
+    """Errors on the first trial, on the others, and on these from their own rest, as shown in the table."""
+    errors = (off(says, seen[:1]), off(says, seen[1:]), off(says, seen[1:], own_rest=True))
+    return [f"{error:.2f}°" for error in errors]
+
+
 def main() -> None:
     """Fit all models, and write the page."""
     configs = {wrist: gtr.load_config(HERE / "wrists" / f"{wrist}.toml") for wrist in WRISTS}
@@ -207,14 +228,13 @@ def main() -> None:
             each = found[wrist].recordings
             robot = each[i if len(each) > 1 else 0].robot
             robots.setdefault(wrist, {})[says] = robot
-            errors = (
-                off(robot, seen[wrist][:1]),
-                off(robot, seen[wrist][1:]),
-                off(robot, seen[wrist][1:], own_rest=True),
-            )
-            cells += [f"{error:.2f}°" for error in errors]
+            cells += _errors(functools.partial(predicted, robot), seen[wrist])
         rows.append(cells)
         say("  " + ", ".join(cells[1:]))
+    itself = [REPEATED]
+    for wrist in WRISTS:
+        itself += ["–", *_errors(functools.partial(interpolated, seen[wrist][0]), seen[wrist])[1:]]
+    say("  " + ", ".join(itself))
     shown = {
         wrist: {
             "modulus and friction": robots[wrist][PLAIN],
@@ -236,7 +256,7 @@ def main() -> None:
     write(
         "wrists",
         page("wrists").format(
-            models=table(header, rows),
+            models=table(header, [*rows, itself]),
             lacks90=lacks["wrist90"],
             lacks150=lacks["wrist150"],
             mu90=told(best["wrist90"]["mu"]),
@@ -252,6 +272,10 @@ def main() -> None:
             rest150=own[6],
             both90=rows[-1][2],
             both150=rows[-1][5],
+            itself90=itself[2],
+            itself150=itself[5],
+            itself_rest90=itself[3],
+            itself_rest150=itself[6],
         ),
     )
 
