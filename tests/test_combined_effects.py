@@ -46,14 +46,20 @@ def test_an_effect_that_the_cost_needs_is_kept_though_the_parts_held_out_miss_it
         (fitted(310.0, "a"), "as-before", ()),
         # The model found later has not the effect that was found first: the same.
         (fitted(550.0, "c"), "as-before", ()),
+        # It has another variant of it.
+        (fitted(550.0, "a.tip"), "missing-physics", ("a", "b")),
     ],
 )
 def test_all_effects_are_named_where_an_error_of_one_law_cannot_be_what_is_left(
     monkeypatch, alone, verdict, chosen
 ):
     base, whole = fitted(3000.0), fitted(200.0, "a", "b")
+    kinds = {"a": "a", "a.tip": "a", "b": "b", "c": "c"}
     models = SimpleNamespace(
-        base=base, beside=lambda f: {("a", "b"): 1.0}, bench=SimpleNamespace(scale_left=lambda f: 1.0)
+        base=base,
+        beside=lambda f: {("a", "b"): 1.0},
+        bench=SimpleNamespace(scale_left=lambda f: 1.0),
+        of={name: SimpleNamespace(kind=kind) for name, kind in kinds.items()},
     )
     before = SimpleNamespace(verdict="as-before", chosen=base)
     monkeypatch.setattr(decide, "decide", lambda m: before)
@@ -71,6 +77,45 @@ def test_all_effects_are_named_where_an_error_of_one_law_cannot_be_what_is_left(
     assert (found.verdict, found.chosen.names) == (verdict, chosen)
     if chosen:
         assert found.confusion == [("a", "b")] and found.left == (0.1, 0.3)
+
+
+def test_a_model_is_judged_again_once_a_much_better_fit_of_it_is_found(monkeypatch):
+    judged: list[float] = []
+
+    def by_fold(bench, models):
+        judged.extend(f.cost for _, f in models)
+        return np.asarray([[[f.cost, 1, f.cost, 1]] * 4 for _, f in models])
+
+    monkeypatch.setattr(further, "by_fold", by_fold)
+    bench = SimpleNamespace(heavy=None, scale_left=lambda f: 1.0)
+    unseen = further.Unseen(cast(Any, SimpleNamespace(bench=bench, hypotheses=lambda names: names)))
+    head = cast(Any, fitted(1000.0))
+    for cost, pays in ((990.0, False), (985.0, False), (600.0, True), (598.0, True)):
+        assert (unseen.best(head, [cast(Any, fitted(cost, "a"))]) is not None) is pays
+    assert judged == [1000.0, 990.0, 600.0]
+
+
+@pytest.mark.parametrize(
+    ("costs", "sizes", "pays", "head", "replaced"),
+    [
+        # As many numbers: the better fit is taken, and is known to stand in place of the other.
+        ((100.0, 60.0), (2, 2), False, ("b", "a.base"), {"a.base": "a.tip"}),
+        # One more number: only if it pays on unseen samples.
+        ((100.0, 60.0), (2, 3), False, ("a.tip", "b"), {}),
+        ((100.0, 60.0), (2, 3), True, ("b", "a.base"), {"a.base": "a.tip"}),
+        # About as good: the one that is there stays.
+        ((100.0, 95.0), (2, 2), True, ("a.tip", "b"), {}),
+    ],
+)
+def test_a_better_variant_stands_in_place_of_an_effect(monkeypatch, costs, sizes, pays, head, replaced):
+    was, other = fitted(costs[0], "a.tip", "b"), fitted(costs[1], "b", "a.base")
+    was.x, other.x = np.zeros(sizes[0]), np.zeros(sizes[1])
+    models = SimpleNamespace(bench=SimpleNamespace(scale_left=lambda f: 1.0), stored=lambda f: f)
+    monkeypatch.setattr(further, "settled", lambda models, fits: fits)
+    monkeypatch.setattr(further, "add_variants", lambda m, f, name: [other] if name == "a.tip" else [])
+    unseen = SimpleNamespace(best=lambda f, fits: fits[0] if pays else None)
+    found, instead = further._best_variants(cast(Any, models), cast(Any, unseen), cast(Any, was))
+    assert (found.names, instead) == (head, replaced)
 
 
 @pytest.mark.slow

@@ -217,7 +217,7 @@ def test_part_of_a_misfit(monkeypatch):
 
 
 def test_an_effect_pays_on_unseen_samples_or_is_not_kept(monkeypatch):
-    head, good, little, uneven = (SimpleNamespace(names=names) for names in ((), ("a",), ("b",), ("c",)))
+    head, good, little, uneven = (SimpleNamespace(names=n, cost=9.0) for n in ((), ("a",), ("b",), ("c",)))
     by = {
         (): [4.0, 4.0, 4.0, 4.0],
         ("a",): [2.0, 3.0, 2.0, 5.0],
@@ -229,7 +229,8 @@ def test_an_effect_pays_on_unseen_samples_or_is_not_kept(monkeypatch):
         "by_fold",
         lambda bench, models: np.asarray([[[s, 1, s, 1] for s in by[f.names]] for _, f in models]),
     )
-    models = SimpleNamespace(bench=SimpleNamespace(heavy=None), hypotheses=lambda names: [])
+    bench = SimpleNamespace(heavy=None, scale_left=lambda f: 1.0)
+    models = SimpleNamespace(bench=bench, hypotheses=lambda names: [])
     unseen = further.Unseen(models)  # type: ignore[arg-type]
     assert unseen.best(head, [good, little]) is good  # type: ignore[arg-type]
     assert unseen.best(head, [little]) is None  # type: ignore[arg-type]

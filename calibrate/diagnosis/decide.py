@@ -188,7 +188,9 @@ def decide_combined(models: Models, chosen: Fitted, nearest: Decision) -> Decisi
     alone = nearest.chosen
     explained = models.base.chi2 - alone.chi2
     within = max(alone.chi2 - chosen.chi2, 0.0) <= max(INEXACT) ** 2 * explained
-    if within or not set(alone.names) < set(chosen.names):
+    # The variant of an effect may have changed beside the others.
+    own, more = _kinds(models, alone.names), _kinds(models, chosen.names)
+    if within or not (own < more or set(alone.names) < set(chosen.names)):
         return decide(models)
     probability = models.beside(chosen)
     confusion, single = _told_apart(models, chosen, probability, models.bench.scale_left(chosen))

@@ -46,8 +46,10 @@ EXCHANGED, PROMISES = 4, 0.15
 
 
 def with_further(models: Models, start: Fitted, progress: Callable[[str], None]) -> Fitted:
-    """Add effects to a model while they pay on unseen samples; take out those that then do not; and refit the
-    models in which an effect is replaced by one that did nearly as well. All refits are added to `models`.
+    """Add effects to a model while they pay on unseen samples, first the most promising, from all their
+    starts if none does; choose the variant of each effect again beside the others; take out those that then
+    do not pay; and refit the models in which an effect is replaced by one that did nearly as well. All refits
+    are added to `models`.
 
     Args:
         models: all that were refitted, to all samples.
@@ -73,7 +75,9 @@ def with_further(models: Models, start: Fitted, progress: Callable[[str], None])
         new = _new(best, head)
         near = NEAR * models.bench.scale_left(best)
         instead[new] = tuple(_new(f, head) for f in fits if f is not best and f.cost - best.cost < near)
-        head = _best_variants(models, best)
+        head, replaced = _best_variants(models, unseen, best)
+        for variant, old in replaced.items():
+            instead[variant] = (*instead.pop(old, ()), old)
     head = _without_idle(models, unseen, head, start)
     parts = [f for f in models.fits.values() if f.names and set(f.names) < set(head.names)]
     for name, others in twins_of(models, head).items():
@@ -137,14 +141,21 @@ def _exchanged(models: Models, head: Fitted) -> list[Fitted]:
     return found
 
 
-def _best_variants(models: Models, head: Fitted) -> Fitted:
-    """The model with each of its effects in the variant that fits best beside the others."""
+def _best_variants(models: Models, unseen: Unseen, head: Fitted) -> tuple[Fitted, dict[str, str]]:
+    """The model with each of its effects in the variant that fits best beside the others, one with more
+    numbers only if it pays on unseen samples; and for each variant taken the effect in whose place it stands.
+    """
+    head, replaced = settled(models, [head])[0], dict[str, str]()
     for name in head.names:
-        fits = [f for f in add_variants(models, head, name) if f.cost < head.cost]
+        fits = [models.stored(f) for f in add_variants(models, head, name)]
         better = min(fits, key=lambda f: f.cost, default=head)
-        if better.cost < head.cost - NEAR * models.bench.scale_left(better):
-            head = models.stored(better)
-    return head
+        if better.cost >= head.cost - NEAR * models.bench.scale_left(better):
+            continue
+        if len(better.x) > len(head.x) and unseen.best(head, [better]) is None:
+            continue
+        replaced[_new(better, head)] = name
+        head = better
+    return head, replaced
 
 
 def _new(fitted: Fitted, head: Fitted) -> str:
@@ -218,8 +229,8 @@ def _event(models: Models, head: Fitted, fits: Sequence[Fitted]) -> Fitted | Non
 
 
 class Unseen:
-    """How well models predict unseen samples; each is judged once. By what is explained; or, where rows
-    far off count less, by all rows.
+    """How well models predict unseen samples; each is judged once, and again where a fit is found that is
+    much better than the one judged. By what is explained; or, where rows far off count less, by all rows.
 
     Args:
         models: all that were refitted.
@@ -227,15 +238,24 @@ class Unseen:
 
     def __init__(self, models: Models):
         self.models = models
-        self._known: dict[tuple[str, ...], np.ndarray] = {}
+        # Of each model, the cost of the fit that was judged, and what it leaves of each part.
+        self._known: dict[tuple[str, ...], tuple[float, np.ndarray]] = {}
 
     def folds(self, fits: Sequence[Fitted]) -> np.ndarray:
         """What each model leaves of each part, (models, folds, 4), as of `by_fold`."""
-        new = [f for f in fits if f.names not in self._known]
+        new = [f for f in fits if not self._judged(f)]
         if new:
             found = by_fold(self.models.bench, [(self.models.hypotheses(f.names), f) for f in new])
-            self._known |= dict(zip([f.names for f in new], found, strict=True))
-        return np.stack([self._known[f.names] for f in fits])
+            self._known |= {f.names: (f.cost, each) for f, each in zip(new, found, strict=True)}
+        return np.stack([self._known[f.names][1] for f in fits])
+
+    def _judged(self, f: Fitted) -> bool:
+        """Whether a fit was judged, or one of the same model that is about as good: a part is refitted from
+        where the fit ended, in few iterations.
+        """
+        if f.names not in self._known:
+            return False
+        return f.cost > self._known[f.names][0] - NEAR * self.models.bench.scale_left(f)
 
     def squares(self, fits: Sequence[Fitted]) -> np.ndarray:
         """Sum of squares, of what is explained (SI) or of the rows, of each model on each part, (models,

@@ -136,7 +136,8 @@ def screen(
         hypotheses: what to add.
         head: effects of the model, none or more; the most promising beside them are tried a third time if
             they are given.
-        thorough: whether all starts are tried, or few.
+        thorough: whether all starts are tried, or few; beside the base model without `head`, whether several
+            starts of each hypothesis are tried a third time.
         reference: sum of squares from which the drop counts, that of the fit unless given; if it is given,
             nothing is tried a third time.
     """
@@ -204,7 +205,7 @@ def screen(
         # Where the fitted numbers make up for most of an effect, they follow along a valley too curved for
         # one step. With several shape numbers, each start keeps its own shape.
         h, known = tried.hypothesis, tried.start.known
-        if n not in known or (len(h.numbers) > 1 and tried.cost > AMISS * standing):
+        if len(h.numbers) > 1 and tried.cost > AMISS * standing:
             return None
         free = h.numbers if len(h.numbers) <= 2 else h.numbers[:1]
         shape = {m.name: tried.named[m.name] for m in h.numbers[len(free) :]}
@@ -235,13 +236,17 @@ def screen(
     promising = ranked_places(range(len(found)))[: AGAIN if thorough else AGAIN // 2]
     try_again(promising)
     if reference is None and (head is not None or (thorough and not fitted.names)):
-        best: list[int] = []
+        best, able = list[int](), list[int]()
         for h in hypotheses:
+            each = 1 if head is not None else STARTS_EACH[min(len(h.numbers), max(STARTS_EACH))]
             mine = ranked_places(i for i, t in enumerate(found) if t.hypothesis is h)
-            best += mine[: 1 if head is not None else STARTS_EACH[min(len(h.numbers), max(STARTS_EACH))]]
-        best = ranked_places(best)[:FURTHER] if head is not None else best
-        try_again([i for i in best if i not in promising])
-        thirds = [t for t in in_parallel(third_try, [found[i] for i in best]) if t is not None]
+            best += mine[:each]
+            # A third try needs the slope that a size gives.
+            able += [i for i in mine if n in found[i].start.known][:each]
+        if head is not None:
+            best, able = ranked_places(best)[:FURTHER], ranked_places(able)[:FURTHER]
+        try_again([i for i in dict.fromkeys((*best, *able)) if i not in promising])
+        thirds = [t for t in in_parallel(third_try, [found[i] for i in able]) if t is not None]
     screened = []
     for h in hypotheses:
         mine, first = [t for t in (*found, *thirds) if t.hypothesis is h], h.numbers[0]

@@ -164,7 +164,8 @@ def add_to(models: Models, head: Fitted, progress: Callable[[str], None], effort
 
 def add_variants(models: Models, head: Fitted, name: str) -> list[Fitted]:
     """Refit a model with one of its effects in each other variant, thoroughly: where friction acts locally,
-    which cell drifts, or whether its clock does, was chosen in other company. All are added to the models.
+    which cell drifts, on which tendon, or whether its clock does, was chosen in other company. Those that do
+    more than the model without the effect are added to the models, and returned.
     """
     kind = models.of[name].kind
     alike = {h.name for h in models.of.values() if h.kind == kind} - set(head.names)
@@ -173,7 +174,7 @@ def add_variants(models: Models, head: Fitted, name: str) -> list[Fitted]:
         return []
     variants = [h for h in models.addable(parent) if h.name in alike]
     own = models.hypotheses(parent.names)
-    tried = screen(models.bench, parent, variants, head=own)
+    tried = [s for s in screen(models.bench, parent, variants, head=own) if s.gain > 0]
     fits = refit_best(models.bench, own, parent, tried, STARTS_EACH)
     # From where the model is, too, if the variant has numbers of the effect in whose place it stands.
     known = {n.name: v for n, v in zip(head.numbers, head.x, strict=True)}
@@ -183,6 +184,7 @@ def add_variants(models: Models, head: Fitted, name: str) -> list[Fitted]:
             start = np.asarray([known.get(n.name, 0.0) for n in numbers])
             again = models.bench.refit((*own, h), start)
             fits += [] if again is None else [again]
+    fits = [f for f in fits if f.cost < parent.cost]
     models.add(fits)
     return fits
 
@@ -207,8 +209,8 @@ def add_pairs(models: Models, pairs: Sequence[Pair], progress: Callable[[str], N
 
 
 def combine(models: Models, pairs: Sequence[Pair], progress: Callable[[str], None]) -> None:
-    """Add second and third effects to the best models while that makes them more probable, and take out what
-    is no longer needed.
+    """Add second and third effects to the best models while that makes them more probable, take out what is
+    no longer needed, and try each effect of the best in its other variants.
 
     Args:
         models: the base model and single effects.
@@ -248,7 +250,8 @@ def combine(models: Models, pairs: Sequence[Pair], progress: Callable[[str], Non
             add_to(models, alone, progress)
     for pair in itertools.combinations(best.names, 2):
         _part(models, pair, best)
-    for name in best.names:
+    best = models.ranked()[0]
+    for name in best.names if len(best.names) > 1 else ():
         add_variants(models, best, name)
 
 
