@@ -100,17 +100,24 @@ def on_a_grid(bench, lower):
     prior = norm.pdf(a) / (1 - norm.cdf(lower / 2.0))
     evidence = np.trapezoid(np.exp(log - none) * prior, a)
     weight = np.exp(log - none) * prior
-    odds = min(HOW_MANY[1] / HOW_MANY[0] / (1 + N_OF_OTHERS) * evidence**BELIEVED, subject.MOST_ODDS)
+    one = HOW_MANY[1] / HOW_MANY[0]
+    odds = min(one / (1 + N_OF_OTHERS) * evidence**BELIEVED, subject.MOST_ODDS)
     grid = np.linspace(-3, 3, 6001)
     with_it = np.sum(
         weight[:, None] * norm.cdf((grid[None] - mean[:, None]) * np.sqrt(precision)), axis=0
     ) / np.sum(weight)
     alone = norm.cdf((grid - plain) * np.sqrt(precision))
-    # The other effects change nothing: their odds are those of the prior.
-    free = 1 + HOW_MANY[1] / HOW_MANY[0] * N_OF_OTHERS / (1 + N_OF_OTHERS)
-    both = (free * alone + odds * with_it) / (free + odds)
-    ends = np.interp([0.025, 0.975], both, grid)
-    return MU.centre + MU.sd * ends, odds
+    # The other effects change nothing: their odds are those of the prior. Each effect may have the odds of
+    # all.
+    free = 1 + one * N_OF_OTHERS / (1 + N_OF_OTHERS)
+    likely = min(one * evidence**BELIEVED, subject.MOST_ODDS)
+    mixtures = [(free, odds), (free, likely), (free + one * N_OF_OTHERS / (1 + N_OF_OTHERS), odds)]
+    ends = [
+        np.interp([0.025, 0.975], (without * alone + with_ * with_it) / (without + with_), grid)
+        for without, with_ in mixtures
+    ]
+    low, high = np.transpose(ends)
+    return MU.centre + MU.sd * np.asarray([low.min(), high.max()]), odds
 
 
 @pytest.mark.parametrize(("hidden", "lower"), [(0.999, 0.0), (0.999, -np.inf), (0.5, 0.0), (0.95, -1.0)])
@@ -134,6 +141,27 @@ def test_a_hidden_effect_widens_the_interval_until_it_holds_the_truth():
     assert not low < truth < high
     found = averaged(models, models.base, {(): 1.0}, {(): marginal})
     assert found.ends["mu"][0] < truth < found.ends["mu"][1]
+
+
+def test_the_interval_holds_whichever_effect_acts():
+    """Two effects with a few per cent each move the number to either side: the average of all hardly shows
+    them, those in which one of them has the share of all effects do.
+    """
+    rng = np.random.default_rng(1)
+    draws = rng.standard_normal((3, 200_000)) + np.asarray([[0.0], [-9.0], [9.0]])
+    weights = dict(zip(("", "down", "up"), (1.0, 0.02, 0.01), strict=True))
+    parts = [(d, w, name) for d, (name, w) in zip(draws, weights.items(), strict=True)]
+    low, high = subject._whichever_acts(parts, 1.0, 9.0)
+    plain = norm.ppf(0.025 * 1.03 - 0.02), -norm.ppf(0.025 * 1.03 - 0.01)
+    assert (low, high) == pytest.approx(plain, abs=0.03)
+    low, high = subject._whichever_acts(parts, 20.0, 9.0)
+    # 0.4 of 1.41 below and 0.2 of 1.22 above.
+    assert low == pytest.approx(-9 + norm.ppf(0.025 * 1.41 / 0.4), abs=0.02)
+    assert high == pytest.approx(9 + norm.ppf(1 - 0.025 * 1.22 / 0.2), abs=0.02)
+    # No effect gets more than the largest odds: it would have been claimed.
+    less = subject._whichever_acts(parts, 20.0, 0.1)
+    assert low < less[0] and less[1] < high
+    assert subject._whichever_acts(parts[:1], 20.0, 9.0) == pytest.approx((-1.96, 1.96), abs=0.02)
 
 
 def test_effects_that_change_nothing_leave_the_interval():
@@ -219,4 +247,5 @@ def test_an_effect_that_was_refitted_is_no_likelier_than_the_refit_says():
     others = 1 + HOW_MANY[1] / HOW_MANY[0] * N_OF_OTHERS / (1 + N_OF_OTHERS)
     assert before > 0.5
     assert after == pytest.approx(0.05 / 0.95 / (0.05 / 0.95 + others), rel=1e-6)
-    assert np.diff(refitted.ends["mu"]) < np.diff(promised.ends["mu"])
+    # So mu may be as without the effect, too.
+    assert refitted.ends["mu"][1] > promised.ends["mu"][1]

@@ -90,7 +90,10 @@ def _unseen(d: Diagnosis) -> str:
         for c, (low, high), own in wide
     ]
     rivals = "the rivals and " if len(d.confusion_set) > 1 else ""
-    words = f" Counting {rivals}effects that these recordings neither show nor exclude, {' and '.join(are)}"
+    words = (
+        f" Counting {rivals}any one effect that these recordings neither show nor exclude, "
+        f"{' and '.join(are)}"
+    )
     most = next((h for h in d.hidden if h.mu95 is not None and h.probability > MAY_ACT), None)
     if most is not None and wide[0][0].name.startswith("mu"):
         amount, null = quantity(most.largest, most.unit, 2), quantity(most.null, most.unit, 3)

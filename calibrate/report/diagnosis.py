@@ -264,8 +264,8 @@ def numbers_table(answer: Diagnosis) -> Table | None:
     ]
     heads = ("", "before", "after ± standard deviation", "95 %, averaged over models")
     note = (
-        "The last column counts rivals, each with its probability, and effects that these recordings "
-        "neither show nor exclude (below)."
+        "The last column counts rivals, each with its probability, and whichever one more effect may act "
+        "that these recordings neither show nor exclude (below)."
     )
     return Table("Numbers", heads, rows, note=note)
 
