@@ -99,8 +99,9 @@ def _compared(part: Part, fitted: FittedRecording, judged: Judged, whole: str, r
     names = [part.channels[c] for c in rows]
     rms = np.asarray([judged.rms_of(fitted.channels[name].residual) for name in names])
     noise = judged.least[rows]
-    degrees = part.samples / judged.weigh.tau[rows]
-    limit = [max(LACK_OF_FIT, by_chance(float(n), part.samples / 3)) for n in degrees]
+    # As of a recording with a tip tension: how long a misfit remembers does not excuse it.
+    chance = by_chance(part.samples, part.samples / 3, among=len(part.channels))
+    limit = max(LACK_OF_FIT, chance)
     small = rms <= SMALL * np.ptp(part.recorded[rows], axis=1)
     words = words_of(names[0])
     if whole != names[0]:

@@ -136,7 +136,7 @@ def test_few_samples_have_no_known_noise(make_config, truth):
     assert "whose noise cannot be told" in fit.verdict and "neighbouring" not in fit.verdict
 
 
-def told(channels, residual, kept=None, noise=1e-4):
+def told(channels, residual, kept=None, noise=1e-4, tau=1.0):
     """What is said of residuals, (C, K), of a recording without tip tension."""
     C, K = residual.shape
     kept = np.ones(K, bool) if kept is None else kept
@@ -150,7 +150,7 @@ def told(channels, residual, kept=None, noise=1e-4):
         residual=residual,
         phases=np.full(K, "pulling"),
         noises=(),
-        weigh=cast(Any, SimpleNamespace(tau=np.ones(C))),
+        weigh=cast(Any, SimpleNamespace(tau=np.full(C, tau))),
         by_noise=cast(Any, None),
         chi2_per_n=None,
         sd=np.full(C, noise),
@@ -182,6 +182,14 @@ def test_outliers_of_a_robust_fit_are_left_out_of_its_distance():
     assert all(c.rms < 2e-4 for c in robust.compared)
     none = told(channels, residual, np.zeros(40, bool))  # far off everywhere
     assert not none.described and np.isfinite([c.rms for c in none.compared]).all()
+
+
+@pytest.mark.parametrize(("size", "described"), [(1.1, True), (1.6, False)])
+def test_a_misfit_that_remembers_long_is_said(size, described):
+    """A slow wave in the pose, whose samples count as few independent ones."""
+    wave = size * np.sqrt(2) * 1e-4 * np.sin(np.linspace(0, 4 * np.pi, 200, endpoint=False))
+    (only,) = told(["tip_x"], wave[None], tau=40.0).compared
+    assert only.described is described
 
 
 def test_a_recording_with_tip_tension_beside_one_without(make_config, truth):
