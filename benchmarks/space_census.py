@@ -295,9 +295,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--count", type=int, default=COUNT)
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument(
-        "--resume", action="store_true", help="count on from the table that a run of the same seed left"
+        "--resume", action="store_true", help="count on from the table that a run of the default seed left"
     )
     given = parser.parse_args(arguments)
+    if given.resume and given.seed != SEED:
+        parser.error(f"the table that is counted on from is of the seed {SEED}")
     total: Counter[tuple[int, bool, str]] = Counter()
     if given.resume and RESULTS.exists():
         total = read_table(RESULTS.read_text())

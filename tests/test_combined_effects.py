@@ -15,6 +15,9 @@ from calibrate.diagnosis import decide, further
 DATA = Path(__file__).parent / "data/combined"
 
 
+VARIANTS = (("a.tip", "b"), ("b", "a.base"), ("b", "a.near"))
+
+
 def fitted(cost, *names):
     return SimpleNamespace(names=names, cost=cost, chi2=cost)
 
@@ -105,14 +108,17 @@ def test_a_model_is_judged_again_once_a_much_better_fit_of_it_is_found(monkeypat
         ((100.0, 60.0), (2, 3), True, ("b", "a.base"), {"a.base": "a.tip"}),
         # About as good: the one that is there stays.
         ((100.0, 95.0), (2, 2), True, ("a.tip", "b"), {}),
+        # The best has more numbers and does not pay: the next best that needs none.
+        ((100.0, 59.0, 60.0), (2, 3, 2), False, ("b", "a.near"), {"a.near": "a.tip"}),
     ],
 )
 def test_a_better_variant_stands_in_place_of_an_effect(monkeypatch, costs, sizes, pays, head, replaced):
-    was, other = fitted(costs[0], "a.tip", "b"), fitted(costs[1], "b", "a.base")
-    was.x, other.x = np.zeros(sizes[0]), np.zeros(sizes[1])
+    was, *others = (fitted(c, *n) for c, n in zip(costs, VARIANTS, strict=False))
+    for f, size in zip((was, *others), sizes, strict=True):
+        f.x = np.zeros(size)
     models = SimpleNamespace(bench=SimpleNamespace(scale_left=lambda f: 1.0), stored=lambda f: f)
     monkeypatch.setattr(further, "settled", lambda models, fits: fits)
-    monkeypatch.setattr(further, "add_variants", lambda m, f, name: [other] if name == "a.tip" else [])
+    monkeypatch.setattr(further, "add_variants", lambda m, f, name: others if name == "a.tip" else [])
     unseen = SimpleNamespace(best=lambda f, fits: fits[0] if pays else None)
     found, instead = further._best_variants(cast(Any, models), cast(Any, unseen), cast(Any, was))
     assert (found.names, instead) == (head, replaced)

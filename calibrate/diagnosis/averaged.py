@@ -9,8 +9,8 @@ the sizes that data and prior allow.
 Which effect is the likeliest on a rig before anything is seen, nobody knows: where some thirty share the
 probability that one more acts, one that hides well counts for a few per cent, and the average hardly differs
 from the model that is shown. So the interval holds whichever effect it is: it reaches from the least to the
-largest end of the averages in which each effect in turn has the whole of that probability (a robust
-posterior: Berger, TEST 3, 1994).
+largest end of the averages in which each effect in turn is as likely beforehand as all of them together (a
+robust posterior: Berger, TEST 3, 1994).
 """
 
 from __future__ import annotations
@@ -35,14 +35,15 @@ from .models import BELIEVED, HOW_MANY, Models
 DRAWS, ENDS = 4000, (0.025, 0.975)
 # Size tried of each effect, in standard deviations of its prior; most shapes of an effect that are tried.
 TRIED, SHAPES = 0.3, 4
-# An effect is refitted if its probability exceeds the first, beside that of the model (below it counts for
-# nothing), and it can move a number by more than the second, in standard errors: a slope at a small size
-# promises too much or too little of a large one. Iterations of that refit, and how far it starts from null.
+# An effect is refitted if its probability exceeds the first, beside that of the model, and it can move a
+# number by more than the second, in standard errors: a slope at a small size promises too much or too little
+# of a large one. Iterations of that refit, and how far it starts from null.
 COUNTS, MOVES, MOST, FAR = 1e-3, 0.25, 5, 1.5
 # Largest odds of an effect beside the model that is shown: with more it would have been claimed
 # (`decide.CLAIMED`).
 MOST_ODDS = 32.0
-# Models less probable than this are left out of the average.
+# Models less probable than this are left out of the average, and so is what an effect of no more than this
+# share does where it is the likeliest.
 LEAST = 1e-3
 
 
@@ -168,7 +169,7 @@ def averaged(
     besides = _no_likelier_than_refitted(_beside(models, chosen, shown, others, scale), chosen, probability)
     hidden = [(b, _hidden(shown, b, own * b.odds, rng)) for b in besides]
     parts = [(c, "") for c in components] + [(c, b.hypothesis.name) for b, c in hidden]
-    share = len(models.of) - len(chosen.names)  # all other effects have the same before anything is seen
+    share = len(models.of) - len(chosen.names)  # all other effects are equally likely before anything is seen
     ends = {
         n.name: _whichever_acts(
             [(c.values(n.name), c.weight, effect) for c, effect in parts], share, own * MOST_ODDS
@@ -400,7 +401,7 @@ def _whichever_acts(
     mixtures, total = [np.cumsum(weights)], float(weights.sum())
     for i, effect in enumerate(effects):
         own = float(np.sum(weights[of == i]))
-        if effect and times * own > COUNTS * total:
+        if effect and times * own > LEAST * total:
             larger = max(1.0, min(times, most / own))
             mixtures.append(np.cumsum(np.where(of == i, larger, 1.0) * weights))
     low, high = np.transpose([np.interp(np.asarray(ENDS) * m[-1], m, values) for m in mixtures])

@@ -190,7 +190,8 @@ def decide_combined(models: Models, chosen: Fitted, nearest: Decision) -> Decisi
     within = max(alone.chi2 - chosen.chi2, 0.0) <= max(INEXACT) ** 2 * explained
     # The variant of an effect may have changed beside the others.
     own, more = _kinds(models, alone.names), _kinds(models, chosen.names)
-    if within or not (own < more or set(alone.names) < set(chosen.names)):
+    fewer = len(alone.names) < len(chosen.names) and own <= more
+    if within or not fewer:
         return decide(models)
     probability = models.beside(chosen)
     confusion, single = _told_apart(models, chosen, probability, models.bench.scale_left(chosen))

@@ -147,14 +147,17 @@ def _best_variants(models: Models, unseen: Unseen, head: Fitted) -> tuple[Fitted
     """
     head, replaced = settled(models, [head])[0], dict[str, str]()
     for name in head.names:
-        fits = [models.stored(f) for f in add_variants(models, head, name)]
-        better = min(fits, key=lambda f: f.cost, default=head)
-        if better.cost >= head.cost - NEAR * models.bench.scale_left(better):
-            continue
-        if len(better.x) > len(head.x) and unseen.best(head, [better]) is None:
-            continue
-        replaced[_new(better, head)] = name
-        head = better
+        fits = sorted((models.stored(f) for f in add_variants(models, head, name)), key=lambda f: f.cost)
+
+        def pays(f: Fitted, head=head) -> bool:
+            if f.cost >= head.cost - NEAR * models.bench.scale_left(f):
+                return False
+            return len(f.x) <= len(head.x) or unseen.best(head, [f]) is not None
+
+        better = next(filter(pays, fits), None)
+        if better is not None:
+            replaced[_new(better, head)] = name
+            head = better
     return head, replaced
 
 

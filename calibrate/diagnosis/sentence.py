@@ -28,7 +28,7 @@ MORE = 1.5
 INSTRUMENT_SEEN = 4.0
 # An interval averaged over models is told if it is wider than that of the model shown by this factor; and an
 # effect that may act unseen if it is this probable.
-WIDER, MAY_ACT = 1.5, 1e-3
+WIDER, MAY_ACT = 2.0, 1e-3
 # The error of the mesh is mentioned from this share of the noise on.
 COUNTS = 0.5
 

@@ -84,12 +84,12 @@ def predicted(robot: gtr.Robot, trial: Trial, own_rest: bool) -> np.ndarray:
 
 
 def interpolated(first: Trial, trial: Trial, own_rest: bool) -> np.ndarray:
-    """What another trial says of the angles of the notches [rad], (K, 5), without any model; with `own_rest`
-    from the angles that the trial begins with.
+    """What another trial says of the angles of the notches [rad], (K, 5), without any model, NaN beyond its
+    tensions; with `own_rest` from the angles that the trial begins with.
     """
     order = np.argsort(first.T_base)
     T, angles = first.T_base[order], first.angles[order]
-    found = np.stack([np.interp(trial.T_base, T, each) for each in angles.T], axis=1)
+    found = np.stack([np.interp(trial.T_base, T, each, right=np.nan) for each in angles.T], axis=1)
     return found + trial.angles[0] - angles[0] if own_rest else found
 
 
@@ -102,7 +102,7 @@ def off(says: Callable[[Trial, bool], np.ndarray], several: Sequence[Trial], own
         own_rest: whether each trial's own rest is known.
     """
     errors = [(says(trial, own_rest) - trial.angles)[1 if own_rest else 0 :].ravel() for trial in several]
-    return float(np.rad2deg(np.sqrt(np.mean(np.concatenate(errors) ** 2))))
+    return float(np.rad2deg(np.sqrt(np.nanmean(np.concatenate(errors) ** 2))))
 
 
 def alone(config: gtr.RobotConfig, first: gtr.Recording, free: Sequence[str]) -> Any:

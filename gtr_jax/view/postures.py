@@ -196,9 +196,11 @@ def _in_space(
     along = [
         _along_in_space(own, force, end) for own, force, end in zip(each, forces, body.ends, strict=True)
     ]
-    scale = _height(curves, eq, along)
+    # Guides press in points, which no comb shows.
+    tendons = curves.robot.tendons
+    scale = _height(curves, eq, [own for own, t in zip(along, tendons, strict=True) if t.guides is None])
     combs = []
-    for channel, own, run, tendon in zip(shape.channels, along, runs, curves.robot.tendons, strict=True):
+    for channel, own, run, tendon in zip(shape.channels, along, runs, tendons, strict=True):
         there = run if tendon.guides is None and len(own.s) else np.zeros_like(run)
         height = scale * np.interp(1e3 * shape.s[there], own.s, own.normal) if there.any() else np.zeros(0)
         starts = channel[there]
