@@ -27,12 +27,11 @@ from .setup import Part, Setup
 from .start import Start
 from .tipless import DistanceWithoutTip, without_tip
 from .verdict import (
-    LACK_OF_FIT,
     SMALL,
     Distance,
-    by_chance,
     by_phase,
     disagreement_of_phases,
+    most_of_noise,
     values_apart,
     verdict,
 )
@@ -424,10 +423,7 @@ def _distance(setup: Setup, of: tuple[FittedRecording, Judged]) -> Distance | Di
         rms = judged.rms_of(fitted.channels[name].residual)
         if c < part.tips or rms <= SMALL * float(np.ptp(part.recorded[c])):
             continue
-        # Third differences of samples tell a variance as a third as many independent readings would. How long
-        # the residual remembers is not counted: that of a misfit is long, and would excuse it.
-        chance = by_chance(part.samples, part.samples / 3, among=compared)
-        if rms**2 > max(LACK_OF_FIT, chance) * float(judged.least[c]) ** 2:
+        if rms**2 > most_of_noise(part.samples, compared) * float(judged.least[c]) ** 2:
             others.append((name, rms, float(judged.least[c]), unit_of(name)))
     return Distance(
         name=fitted.name,

@@ -11,7 +11,7 @@ from .channels import ORIENTATION, chosen_by, unit_of, words_of
 from .readings.noise import FEWEST_SAMPLES
 from .result import FittedRecording
 from .setup import Part
-from .verdict import LACK_OF_FIT, SMALL, by_chance, in_unit
+from .verdict import SMALL, in_unit, most_of_noise
 
 # So many of what was compared, the worst first, are named.
 NAMED = 3
@@ -99,9 +99,7 @@ def _compared(part: Part, fitted: FittedRecording, judged: Judged, whole: str, r
     names = [part.channels[c] for c in rows]
     rms = np.asarray([judged.rms_of(fitted.channels[name].residual) for name in names])
     noise = judged.least[rows]
-    # As of a recording with a tip tension: how long a misfit remembers does not excuse it.
-    chance = by_chance(part.samples, part.samples / 3, among=len(part.channels))
-    limit = max(LACK_OF_FIT, chance)
+    limit = most_of_noise(part.samples, len(part.channels))
     small = rms <= SMALL * np.ptp(part.recorded[rows], axis=1)
     words = words_of(names[0])
     if whole != names[0]:

@@ -88,6 +88,15 @@ def by_chance(degrees: float, noise_degrees: float, among: int = 1) -> float:
     return float(fdtri(degrees, min(noise_degrees, 1e6), 1 - CHANCE / among))
 
 
+def most_of_noise(samples: int, among: int) -> float:
+    """Mean square of a channel's residual, over that of its noise, up to which it is described; the noise is
+    told from third differences, and so many channels are compared.
+    """
+    # Third differences of samples tell a variance as a third as many independent readings would. How long the
+    # residual remembers is not counted: that of a misfit is long, and would excuse it.
+    return max(LACK_OF_FIT, by_chance(samples, samples / 3, among=among))
+
+
 class Distance(NamedTuple):
     """How far the fitted model is from one recording.
 

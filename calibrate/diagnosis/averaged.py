@@ -169,10 +169,10 @@ def averaged(
     besides = _no_likelier_than_refitted(_beside(models, chosen, shown, others, scale), chosen, probability)
     hidden = [(b, _hidden(shown, b, own * b.odds, rng)) for b in besides]
     parts = [(c, "") for c in components] + [(c, b.hypothesis.name) for b, c in hidden]
-    share = len(models.of) - len(chosen.names)  # all other effects are equally likely before anything is seen
+    times = len(models.of) - len(chosen.names)  # all other effects are equally likely before anything is seen
     ends = {
         n.name: _whichever_acts(
-            [(c.values(n.name), c.weight, effect) for c, effect in parts], share, own * MOST_ODDS
+            [(c.values(n.name), c.weight, effect) for c, effect in parts], times, own * MOST_ODDS
         )
         for n in shown.fitted.numbers
     }
