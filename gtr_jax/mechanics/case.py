@@ -98,6 +98,13 @@ class Case(eqx.Module):
     against: Float[Array, ""]
     structure: Structure = eqx.field(static=True)
 
+    @property
+    def varied(self) -> tuple[Array, ...]:
+        """What usually differs where many robots or loads are solved side by side."""
+        s = self.sections
+        acting = [value for kind in self.structure.terms for value in self.terms[kind].values()]
+        return (self.mu, self.load.T_base, s.compliance, s.rest, s.R.value, self.memory.tension, *acting)
+
 
 def untouched(
     structure: Structure, state: State, tension: Float[Array, "N *tendons"], carried: Float[Array, ""]

@@ -17,6 +17,7 @@ from ..terms import Term
 from .bodies import directions_of, geometry_of, metric_of
 from .case import Case, Load, Memory, untouched
 from .events import after_loosening, after_tug
+from .lanes import in_lanes_of
 from .sections import Sections, State, either_of, node_first
 from .solve import load_step
 from .structure import March, Structure
@@ -282,7 +283,10 @@ def steps(
         load, at = x
         return advance(robot, structure, how, settled, load, at, before)
 
-    last, out = jax.lax.scan(step, begin(robot, structure, before), (loads, flags))
+    s = robot.sections
+    given = (robot.mu, s.compliance, s.R.value, loads.T_base)
+    start = in_lanes_of(given, begin(robot, structure, before))
+    last, out = jax.lax.scan(step, start, (loads, flags))
     return jtu.tree_map(lambda a: a[steps_before(structure) :], out), last.memory, last
 
 

@@ -19,6 +19,7 @@ from jaxtyping import Array, Float
 
 from .bodies import geometry_of
 from .case import Case
+from .lanes import in_lanes_of
 from .node import Carry, Equations, Modes, Node, Row, clip, joined_state, prepared, pressing, total
 from .sections import either_of, largest
 from .structure import Structure
@@ -213,7 +214,8 @@ def march(case: Case, flat: Float[Array, " n"], guess: Float[Array, "N *strain"]
         new_dot = jax.vmap(along)(carry_dot, given_dot)
         return (new, new_dot), (kappa, new_dot.kappas[0], error)
 
-    (end, end_dot), (kappa, kappa_by, error) = jax.lax.scan(node, (carry, carry_dot), (rows, guess))
+    first = in_lanes_of((case.varied, flat, guess), (carry, carry_dot))
+    (end, end_dot), (kappa, kappa_by, error) = jax.lax.scan(node, first, (rows, guess))
 
     def tip(flat, end):
         return closed(case, flat, end, equations.modes)[0]
@@ -284,7 +286,8 @@ def _along(case: Case, flat: Float[Array, " n"], kappa: Float[Array, "N *strain"
         error, new, out = equations(carry, row, at_node(equations, carry, row, kappa))
         return new, (out, error)
 
-    end, (nodes, error) = jax.lax.scan(node, carry, (rows, geometry.split(kappa)))
+    start = in_lanes_of((case.varied, flat, kappa), carry)
+    end, (nodes, error) = jax.lax.scan(node, start, (rows, geometry.split(kappa)))
     nodes = nodes._replace(state=joined_state(geometry, nodes.state))
     left, T_tip = closed(case, flat, end, equations.modes)
     size = largest(geometry.join(error)) * case.sections.mesh.s[-1]

@@ -12,10 +12,12 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import jax.tree_util as jtu
 from jaxtyping import Array, Bool, Float, Int
 
 from .bodies import chords_of
 from .case import Case
+from .lanes import in_lanes_of
 from .march import Closing, Passed, march, march_differenced, march_plainly, passed
 from .sections import either_of, largest
 from .small_matrices import inverse as inverse_of
@@ -261,14 +263,17 @@ def _at_once(case: Case, how: March) -> Found:
 
     def again(at):
         passed, count = at
-        return march_plainly(case, passed.nodes.state.kappa, True), count + 1
+        return march_plainly(case, passed.nodes.state.kappa, count > 0), count + 1
 
     def unfinished(at):
         passed, count = at
-        return (passed.error > how.atol) & (count < MOST_PLAIN)
+        return (count == 0) | (passed.error > how.atol) & (count < MOST_PLAIN)
 
-    first = march_plainly(case, case.memory.kappa, False)
-    passed, count = jax.lax.while_loop(unfinished, again, (first, jnp.asarray(1)))
+    # Every march in the loop, so that it is compiled once.
+    shapes = jax.eval_shape(march_plainly, case, case.memory.kappa, jnp.asarray(False))
+    nothing = jtu.tree_map(lambda a: jnp.zeros(a.shape, a.dtype), shapes)
+    start = in_lanes_of(case.varied, (nothing, jnp.asarray(0)))
+    passed, count = jax.lax.while_loop(unfinished, again, start)
     return Found(jnp.zeros(0), passed.nodes.state.kappa, passed, _finite(passed.error), count)
 
 
@@ -360,7 +365,7 @@ def _by_path(case: Case, how: March) -> Found:
             solved=solved & last,
         )
 
-    done = jax.lax.while_loop(unfinished, improved, begin)
+    done = jax.lax.while_loop(unfinished, improved, in_lanes_of(case.varied, begin))
     unknowns = done.trial * sizes
     last = passed(case_at(case, whole * one), unknowns, done.kappa)
     error = _finite(jnp.maximum(largest(last.left / lefts), last.error) if what.unknowns else last.error)

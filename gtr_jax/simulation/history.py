@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Collection, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import equinox as eqx
 import jax
@@ -23,7 +23,7 @@ from ..mechanics.several.rootfinder import RootFinder
 from ..mechanics.several.slip import Kept
 from ..notebook import drawn_by
 from ..robot.robot import Robot, sections
-from ..terms import known_on
+from ..terms import OWN, known_on
 from ..terms.term import NO_SLIP, NO_TUG
 from .displacement import by_tension, displacement_drives, driven
 from .programs import at_nodes, known_to_act, structure_of
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
+Tree = TypeVar("Tree")
 SHORTEST = 1e-9  # s, assumed between samples with equal times
 
 
@@ -173,6 +174,18 @@ def padded_length(steps: int) -> int:
         return 16
     unit = 2 ** ((steps - 1).bit_length() - 3)
     return -(-steps // unit) * unit
+
+
+def padded(history: Tree, steps: int) -> Tree:
+    """A history of so many steps, arrays with the steps in their first axis, made `padded_length` long by
+    repeating the last step.
+    """
+    missing = padded_length(steps) - steps
+
+    def longer(values):
+        return jnp.concatenate([values, jnp.broadcast_to(values[-1], (missing, *values.shape[1:]))])
+
+    return jtu.tree_map(longer, history)
 
 
 def _pair(robot: Robot, loads: Load, solver: RootFinder):
@@ -328,23 +341,16 @@ def simulate(
         at = int(np.argmax(back)) + 1
         raise ValueError(f"time: goes back at step {at + 1}; put the steps in the order of time")
     _refuse_unable(robot)
-    structure, missing = structure_of(robot, with_terms), padded_length(steps) - steps
-
-    def padded(values):
-        return jnp.concatenate([values, jnp.broadcast_to(values[-1], (missing, *values.shape[1:]))])
-
-    met = None
+    structure, met = structure_of(robot, with_terms), None
     if displacement_drives(robot, history, displacement):
         drawn = jnp.asarray(displacement, dtype=float)
         moved = [tendon.drive == "displacement" for tendon in robot.tendons]
         ways = jnp.where(jnp.asarray(moved if names else moved[0]), drawn, history)
         given["cycle"] = given.get("cycle", cycles(ways))
-        pulled = jtu.tree_map(padded, loads_of(history, clock, given["cycle"]))
-        found = driven(robot.for_any_terms(), pulled, padded(drawn), solver, structure)
-        history, met = found.T_base[:steps], found.met[:steps]
+        history, met = _tensions(robot, loads_of(history, clock, given["cycle"]), drawn, solver, structure)
     loads = loads_of(history, clock, given.get("cycle"))
     # One program serves every drive.
-    run = _run(by_tension(robot).for_any_terms(), jtu.tree_map(padded, loads), solver, structure)
+    run = _run(by_tension(robot).for_any_terms(), padded(loads, steps), solver, structure)
     run = Simulation(
         **{k: v if k == "s" else jtu.tree_map(lambda a: a[:steps], v) for k, v in vars(run).items()}
     )
@@ -354,6 +360,26 @@ def simulate(
         run = dataclasses.replace(run, result=result)
     # Without the padding, which a cell that lags or reads ahead would see.
     return dataclasses.replace(run, reading=shown(robot, run.T_base, run.T_tip, run.time))
+
+
+def _tensions(
+    robot: Robot, loads: Load, drawn: Float[Array, "K *tendons"], how: March, structure: Structure
+) -> tuple[Float[Array, "K *tendons"], Bool[Array, " K"]]:
+    """Base tensions that draw the tendons out as far as wanted, and whether they do at each step.
+
+    Where all numbers are known and native code has the equations, it finds them: for three tendons in space
+    it compiles in 3 s, the program that has derivatives in 40 s. The latter has the last word where the
+    former misses a displacement.
+    """
+    known = not any(isinstance(leaf, Tracer) for leaf in jtu.tree_leaves((robot, loads, drawn)))
+    if known and not structure.plain_pair and not OWN & {*structure.terms}:
+        by = elsewhere("gtr_jax.simulation.natively:steps_natively")(robot, structure, loads, how, drawn)
+        if by.converged.all():
+            return jnp.asarray(by.T_base), jnp.asarray(by.converged)
+    steps = loads.time.shape[0]
+    pulled, wanted = padded((loads, drawn), steps)
+    found = driven(robot.for_any_terms(), pulled, wanted, how, structure)
+    return found.T_base[:steps], found.met[:steps]
 
 
 def _refuse_unable(robot: Robot) -> None:
