@@ -313,7 +313,8 @@ def _by_path(case: Case, how: March) -> Found:
     )
 
     def unfinished(at: Search):
-        return ~at.solved & (at.marches < MOST_MARCHES) & (at.parts <= 1.0 / how.smallest_stride)
+        within = at.parts.astype(float) <= 1.0 / how.smallest_stride
+        return ~at.solved & (at.marches < MOST_MARCHES) & within
 
     def improved(at: Search):
         now = case_at(case, (at.part + 1) / at.parts)
