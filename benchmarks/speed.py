@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import gtr_jax as gtr
+from gtr_jax.runtime import LOOP_OPTION, LOOPS
 
 from . import measure, systems
 from .systems import System
@@ -122,7 +123,10 @@ def _gradient(robot: gtr.Robot, T_base) -> tuple:
 
 def gradient(quick: bool) -> Iterator[Metric]:
     """Value and gradient of all parameters against the value alone."""
-    for system in (systems.TDCM_1,) if quick else (systems.TDCM_1, systems.TDCM_1_LOADED):
+    studied = (
+        (systems.TDCM_1, systems.HELIX) if quick else (systems.TDCM_1, systems.TDCM_1_LOADED, systems.HELIX)
+    )
+    for system in studied:
         robot, T_base = system.robot(), jnp.asarray(system.T_base)
 
         def value(robot, T_base):
@@ -196,31 +200,32 @@ def tendons(quick: bool) -> Iterator[Metric]:
 
 _LOOPS = """
 import os
-os.environ["XLA_FLAGS"] = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold={threshold}"
+os.environ["XLA_FLAGS"] = "--{option}={options}"
 import gtr_jax as gtr, jax
 from benchmarks import measure, speed, systems
 system = systems.{system}
 robot, T_base = system.robot(), speed._history(system)
 one = measure.timed(lambda r, T: gtr.equilibrium(r, T), robot, system.T_base)
 run = measure.timed(gtr.simulate, robot, T_base, jit=False)
-print(one.warm, one.cold, run.warm, run.cold)
+slope = measure.timed(speed._gradient, robot, jax.numpy.asarray(system.T_base))
+print(one.warm, one.cold, run.warm, run.cold, slope.warm, slope.cold)
 """
 
 
 def loops(quick: bool) -> Iterator[Metric]:
-    """What XLA's threshold for compiling a loop into one kernel is worth (see `benchmarks/__init__.py`)."""
-    for name in ("TDCM_1",) if quick else ("TDCM_1", "TDCM_1_LOADED"):
-        for threshold in (1024, 100_000) if quick else (1024, 10_000, 100_000, 1_000_000):
-            out = subprocess.run(
-                [sys.executable, "-c", _LOOPS.format(threshold=threshold, system=name)],
-                capture_output=True,
-                text=True,
-                check=True,
-            )
-            one, one_cold, run, run_cold = map(float, out.stdout.split())
-            label = f"{name} at {threshold} B"
-            yield Metric(f"loops.equilibrium.{label}", one * 1e3, "ms", cold=one_cold)
-            yield Metric(f"loops.history.{label}", run, "s", cold=run_cold)
+    """What it is worth to compile a loop into one kernel, and to compute nothing in it twice (see
+    `gtr_jax.runtime`).
+    """
+    own = LOOPS[0].partition("=")[0] + "=1024"
+    settings = {"XLA's own": [own], "one kernel": LOOPS[:1], "one kernel, nothing twice": LOOPS}
+    for name in ("HELIX",) if quick else ("TDCM_1", "TDCM_1_LOADED", "HELIX"):
+        for label, options in settings.items():
+            script = _LOOPS.format(option=LOOP_OPTION, options=",".join(options), system=name)
+            out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+            one, one_cold, run, run_cold, slope, slope_cold = map(float, out.stdout.split())
+            yield Metric(f"loops.equilibrium.{name}, {label}", one * 1e3, "ms", cold=one_cold)
+            yield Metric(f"loops.gradient.{name}, {label}", slope * 1e3, "ms", cold=slope_cold)
+            yield Metric(f"loops.history.{name}, {label}", run, "s", cold=run_cold)
 
 
 GROUPS: dict[str, Callable[[bool], Iterator[Metric]]] = {

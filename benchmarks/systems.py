@@ -51,6 +51,17 @@ _LOADS = {"gravity_angle": "-90 deg", "tip_force": ["0 N", "-0.2 N"]}
 _SOFT_ARM = {"length": "200 mm", "outer_radius": ["12 mm", "9 mm"], "youngs_modulus": "1.2 MPa"}
 _LEFT = {"kind": "parallel", "offset": "8 mm"}
 _PULLED = {"friction_coefficient": 0.3, "preload": "1 N"}
+HELIX = System(
+    "helix",
+    {
+        "schema": 1,
+        "name": "helix",
+        "backbone": {"length": "250 mm", "outer_radius": "12 mm", "youngs_modulus": "1.2 MPa"},
+        "routing": {"kind": "helix", "radius": "8 mm", "turns": 0.5, "start_angle": "30 deg"},
+        "tendon": {"friction_coefficient": 0.3},
+    },
+    8.0,
+)
 ANTAGONISTS = System(
     "antagonists",
     {

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import NoConvergence, newton_krylov
 from scipy.spatial.transform import Rotation
 
+from gtr_jax.robot.clearance import offsets
 from gtr_jax.robot.robot import Robot, loads_of
 
 from .literal import extrapolated, places
@@ -59,7 +60,7 @@ def line_of(robot: Robot, count: int) -> Line:
     s, inside = places(robot, count)
     own = np.asarray(tendon.routing.kinks())
     passed = jnp.asarray(own[:, None] < inside[None, :])
-    R = tendon.routing.section_offset(jnp.asarray(s), passed, body.length)
+    R = offsets(tendon.routing, jnp.asarray(s), passed, body.length)
     start, end = map(np.asarray, body.stretches)
     bored = (start[:, None] < inside[None]) & (inside[None] < end[:, None])
     middles = 0.5 * (s[1:] + s[:-1])

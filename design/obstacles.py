@@ -27,6 +27,7 @@ class Obstacles(eqx.Module):
     radius: Float[Array, " O"]
 
 
+@eqx.filter_jit
 def gaps(robot: Robot, states: States, obstacles: Obstacles) -> Float[Array, "O S intervals"]:
     """Least distance between body and obstacles in each interval of the mesh [m], negative inside.
 

@@ -9,6 +9,8 @@ import pytest
 
 import gtr_jax as gtr
 from gtr_jax.simulation import displacement as by_displacement
+from gtr_jax.simulation import history as histories
+from gtr_jax.simulation import natively
 from gtr_jax.simulation.equilibrium import solved
 
 HELIX = {"kind": "helix", "radius": 0.008, "turns": 0.5, "start_angle": 0.5}
@@ -137,3 +139,49 @@ def test_three_tendons_by_displacement_turn_the_tip_around():
     smooth = gtr.simulate(robot.with_values(**numbers), given.T_base, displacement=given.displacement)
     assert np.ptp(np.hypot(*np.asarray(smooth.tip_position)[17:53, 1:].T)) < 1e-3 * radius.max()
     assert np.ptp(radius[17:53]) > 1e-2 * radius.max()
+
+
+class TestKnownNumbers:
+    """Where nothing is traced, native code finds the base tensions."""
+
+    WAY = jnp.array([0.0, 0.003, 0.006, 0.0055])
+
+    def test_native_code_finds_the_tensions(self, pair_of, monkeypatch):
+        _, drawn = pair_of()
+
+        def driven(*_):
+            raise AssertionError("the program with derivatives was compiled")
+
+        monkeypatch.setattr(histories, "driven", driven)
+        found = gtr.simulate(drawn, jnp.zeros(4), displacement=self.WAY)
+        assert found.converged.all() and float(found.T_base[2]) > 1.0
+        np.testing.assert_allclose(found.displacement, self.WAY, atol=1e-9)
+
+    def test_the_program_with_derivatives_has_the_last_word(self, pair_of, monkeypatch):
+        _, drawn = pair_of()
+        missed = type("Missed", (), {"converged": np.array([True, True, False, True])})
+        monkeypatch.setattr(natively, "steps_natively", lambda *_: missed)
+        asked = []
+
+        def driven(robot, loads, wanted, how, structure):
+            asked.append(wanted.shape)
+            return by_displacement.Driven(
+                2.0 * jnp.ones_like(wanted), jnp.arange(16) < 2, jnp.ones(16, dtype=int)
+            )
+
+        monkeypatch.setattr(histories, "driven", driven)
+        found = gtr.simulate(drawn, jnp.zeros(4), displacement=self.WAY)
+        assert asked == [(16,)]
+        np.testing.assert_array_equal(found.T_base, 2.0)
+        np.testing.assert_array_equal(found.converged, [True, True, False, False])
+
+    @pytest.mark.slow
+    def test_both_find_the_same(self, pair_of):
+        _, drawn = pair_of(axial_stiffness=3e3)
+
+        def run(way):
+            return gtr.simulate(drawn, jnp.zeros(4), displacement=way)
+
+        known, traced = run(self.WAY), jax.jit(run)(self.WAY)
+        for name in ("T_base", "T_tip", "displacement", "tip_position"):
+            np.testing.assert_allclose(getattr(known, name), getattr(traced, name), rtol=1e-8, atol=1e-10)

@@ -22,7 +22,6 @@ from gtr_jax.robot.parameters import parameters_of
 from gtr_jax.robot.robot import Robot
 
 from ..simulation.displacement import by_tension
-from ..simulation.equilibrium import equilibrium
 from ..simulation.forces import channel_forces
 from ..simulation.history import Simulation, equilibrium_at, simulate
 from ..simulation.phases import RELEASING, TRANSITION, Switch, label_phases, release_switch
@@ -138,12 +137,21 @@ def answer_simulation(
         switch=None
         if robot.tendon_names or terms_act(robot) or displacement is not None
         else _switch(robot, jnp.max(run.T_base)),
-        rest=equilibrium(pulled, jnp.zeros_like(run.T_base[0])),
-        loaded=equilibrium_at(pulled, run, top),
-        last=equilibrium_at(pulled, run, -1),
+        rest=_at_rest(pulled, run.T_base, time),
+        loaded=equilibrium_at(pulled, run, jnp.asarray(top)),
+        last=equilibrium_at(pulled, run, jnp.asarray(len(run.T_base) - 1)),
         top=top,
         impossible=_impossible(robot, run),
     )
+
+
+def _at_rest(robot: Robot, T_base: Array, time: np.ndarray | None) -> Equilibrium:
+    """The robot with its tendons slack, by the program that runs the history: one of its own would have to be
+    compiled, which takes seconds in space.
+    """
+    begins = None if time is None else np.full(len(time), time[0])
+    slack = simulate(robot, jnp.zeros_like(T_base), time=begins)
+    return equilibrium_at(robot, slack, jnp.asarray(0))
 
 
 def _impossible(robot: Robot, run: Simulation) -> Impossible:

@@ -5,10 +5,14 @@ from __future__ import annotations
 import itertools
 from typing import NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float
 
+from ..mechanics.offset import SpatialOffset
 from .parts import Parts, Tendon
+from .routing import Routing
 
 POINTS = 2001  # places along the body that are looked at
 TOUCHING = 1e-6  # m, below which two channels are at one place
@@ -67,4 +71,12 @@ def place_in_section(tendon: Tendon, s: np.ndarray, length: float) -> np.ndarray
     length [m].
     """
     passed = tendon.routing.kinks()[:, None] <= s[None, :]
-    return np.asarray(tendon.routing.section_offset(jnp.asarray(s), passed, jnp.asarray(length)).value)
+    return np.asarray(offsets(tendon.routing, jnp.asarray(s), jnp.asarray(passed), jnp.asarray(length)).value)
+
+
+@eqx.filter_jit
+def offsets(
+    routing: Routing, s: Float[Array, " N"], passed: Bool[Array, "kinks N"], length: Float[Array, ""]
+) -> SpatialOffset:
+    """`Routing.section_offset`, as one program."""
+    return routing.section_offset(s, passed, length)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, TypeVar
 
@@ -176,6 +177,7 @@ def padded_length(steps: int) -> int:
     return -(-steps // unit) * unit
 
 
+@functools.partial(jax.jit, static_argnums=1)
 def padded(history: Tree, steps: int) -> Tree:
     """A history of so many steps, arrays with the steps in their first axis, made `padded_length` long by
     repeating the last step.
@@ -186,6 +188,13 @@ def padded(history: Tree, steps: int) -> Tree:
         return jnp.concatenate([values, jnp.broadcast_to(values[-1], (missing, *values.shape[1:]))])
 
     return jtu.tree_map(longer, history)
+
+
+@functools.partial(jax.jit, static_argnums=1)
+def _first(run: Simulation, steps: int) -> Simulation:
+    """So many steps of a run."""
+    own = {k: v if k == "s" else jtu.tree_map(lambda a: a[:steps], v) for k, v in vars(run).items()}
+    return Simulation(**own)
 
 
 def _pair(robot: Robot, loads: Load, solver: RootFinder):
@@ -255,6 +264,7 @@ def _run(robot: Robot, loads: Load, how: March, structure: Structure) -> Simulat
     )
 
 
+@jax.jit
 def loads_of(
     T_base: Float[Array, "K *tendons"], time: Float[Array, " K"], cycle: Float[Array, " K"] | None
 ) -> Load:
@@ -351,9 +361,7 @@ def simulate(
     loads = loads_of(history, clock, given.get("cycle"))
     # One program serves every drive.
     run = _run(by_tension(robot).for_any_terms(), padded(loads, steps), solver, structure)
-    run = Simulation(
-        **{k: v if k == "s" else jtu.tree_map(lambda a: a[:steps], v) for k, v in vars(run).items()}
-    )
+    run = _first(run, steps)
     if met is not None:
         failed = optx.RESULTS.nonlinear_max_steps_reached
         result = jax.vmap(lambda ok, own: optx.RESULTS.where(ok, own, failed))(met, run.result)
