@@ -8,7 +8,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Circle
 
 import gtr_jax as gtr
+from design.option import TargetError
 from design.report.figures import Mark, Near, plot_targets
+from design.report.playback import design_playback
 from gtr_jax.plots.tension import plot_tension
 from gtr_jax.simulation.phases import label_phases
 
@@ -56,3 +58,26 @@ def test_what_names_the_tensions_lies_within_the_figure(name, pulled):
         box = text.get_window_extent(canvas.get_renderer())
         assert 0 <= box.x0 and box.x1 <= fig.bbox.width, text.get_text()
     assert any("T_{base}" in text.get_text() for text in fig.axes[0].texts)
+
+
+@pytest.mark.parametrize("space", [False, True])
+def test_a_design_s_pull_and_release_can_be_gone_through(make_robot, space):
+    """Charts mark what a target asks for at the step that reaches it, on its branch."""
+    helix = {"routing": {"kind": "helix", "radius": 0.008, "turns": 0.5, "start_angle": 0.5}}
+    robot = make_robot(0.3, **(helix if space else {}))
+    T = np.concatenate([np.linspace(0, 8, 9), np.linspace(7, 0, 8)])
+    run = gtr.simulate(robot, T)
+    wanted = (0.2, -0.05, 0.01, *[np.nan] * 9) if space else (0.2, np.nan, np.nan)
+    error = TargetError("pose[0]", 3.0, "releasing", wanted, wanted, 0.0, np.nan, 1e-3, 1e-2)
+    data = design_playback(robot, run, label_phases(run), [error]).data
+    assert data["of"] == 17 and data["first"] == 13  # 3 N on the way back
+    titles = [chart["title"] for chart in data["charts"]]
+    assert titles == ["Tip x", "Tip y", *(["Tip z"] if space else []), "Angle", "Loop"]
+    marks = {
+        chart["title"]: [data["columns"][line["y"]]["values"] for line in chart["lines"][1:]]
+        for chart in data["charts"]
+    }
+    np.testing.assert_allclose(marks["Tip x"][0][13], 200.0)
+    assert [v for v in marks["Tip x"][0] if v is not None] == [200.0]
+    assert bool(marks["Tip y"]) is space and not marks["Loop"]
+    assert data["body"]["space"] is space

@@ -26,6 +26,7 @@ from ..result import GOAL_UNITS, Design
 from ..robustness import Robustness
 from ..tensions import Pull, pull_says
 from .figures import Mark, Near, plot_channels, plot_targets, plot_tip
+from .playback import design_playback
 from .spatial import pictures
 
 STEPS = 40  # load steps of the pull in the figures
@@ -40,9 +41,12 @@ def design_report(answer: Design) -> Report:
         answer: from `design.optimise`.
     """
     if answer.config.in_space or answer.config.tendons:
-        figures, scenes = pictures(answer, _alternatives_of(answer))
+        figures, scenes, playbacks = pictures(answer, _alternatives_of(answer))
     else:
-        figures, scenes = _figures(answer), []
+        robot, run = _history(answer)
+        phases = label_phases(run)
+        figures, scenes = _figures(answer, robot, run, phases), []
+        playbacks = [design_playback(robot, run, phases, answer.best.errors)]
     return Report(
         title=f"{answer.problem.target.name}: design of {answer.config.name}",
         verdict=answer.says,
@@ -50,6 +54,7 @@ def design_report(answer: Design) -> Report:
         figures=figures,
         tables=_tables(answer),
         scenes=scenes,
+        playbacks=playbacks,
     )
 
 
@@ -90,10 +95,8 @@ def _history(answer: Design) -> tuple[Robot, Simulation]:
     return robot, simulate(robot, history, time=1e6 * np.arange(len(history)))
 
 
-def _figures(answer: Design) -> list[Figure]:
-    robot, run = _history(answer)
+def _figures(answer: Design, robot: Robot, run: Simulation, phases: np.ndarray) -> list[Figure]:
     best = answer.best
-    phases = label_phases(run)
     T = np.asarray(run.T_base)
     top = int(np.argmax(T))
     states, seen = [("at rest", equilibrium(robot, 0.0))], set()

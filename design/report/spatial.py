@@ -11,7 +11,7 @@ import numpy as np
 
 from gtr_jax.plots.tension import plot_tension
 from gtr_jax.plots.views import Around, Posture, Strung, plot_views
-from gtr_jax.report.page import Figure, Scene
+from gtr_jax.report.page import Figure, Playback, Scene
 from gtr_jax.report.scene import scene
 from gtr_jax.report.spatial import strung_of
 from gtr_jax.robot.build import build_robot
@@ -27,6 +27,7 @@ from ..result import Design
 from ..tensions import pull_says
 from ..unrolled import unroll
 from .figures import plot_tip, plot_unrolled
+from .playback import design_playback
 
 STEPS = 20  # load steps of the way to each state
 DRAWN = 3  # states drawn from three sides, at most
@@ -41,8 +42,8 @@ class Way:
     pull: np.ndarray
 
 
-def pictures(answer: Design, alternatives: list[Option]) -> tuple[list[Figure], list[Scene]]:
-    """Figures and scenes of a design.
+def pictures(answer: Design, alternatives: list[Option]) -> tuple[list[Figure], list[Scene], list[Playback]]:
+    """Figures and scenes of a design, and of one tendon its pull and release to go through.
 
     Args:
         answer: the design.
@@ -51,11 +52,14 @@ def pictures(answer: Design, alternatives: list[Option]) -> tuple[list[Figure], 
     robot = by_tension(build_robot(answer.config))
     ways = _ways(answer, robot)
     body = strung_of(robot, equilibrium_at(robot, ways[0].run, 0))
-    figures = [_views(answer, robot, ways, body)]
+    figures, playbacks = [_views(answer, robot, ways, body)], []
     if not robot.tendon_names:
-        figures.append(_tip(answer, robot))
+        run = _whole(answer, robot)
+        phases = label_phases(run)
+        figures.append(_tip(answer, run, phases))
+        playbacks.append(design_playback(robot, run, phases, answer.best.errors))
     figures.append(_channels(answer, alternatives))
-    return [*figures, *_tensions(robot, ways)], [_scene(robot, ways, body)]
+    return [*figures, *_tensions(robot, ways)], [_scene(robot, ways, body)], playbacks
 
 
 def _ways(answer: Design, robot: Robot) -> list[Way]:
@@ -113,13 +117,17 @@ def _views(answer: Design, robot: Robot, ways: list[Way], body: Strung) -> Figur
     )
 
 
-def _tip(answer: Design, robot: Robot) -> Figure:
+def _whole(answer: Design, robot: Robot) -> Simulation:
+    """The whole pull and release of a design of one tendon."""
     top = float(np.max(answer.best.tensions))
     start = float(robot.tendon.preload)
     pull = np.unique(np.concatenate([np.linspace(start, top, 2 * STEPS + 1), np.ravel(answer.best.tensions)]))
     pull = pull[(pull >= start) & (pull <= top)]
     history = np.concatenate([pull, pull[-2::-1] if start > 0 else np.append(pull[-2:0:-1], 0.0)])
-    run = simulate(robot, history, time=1e6 * np.arange(len(history)))
+    return simulate(robot, history, time=1e6 * np.arange(len(history)))
+
+
+def _tip(answer: Design, run: Simulation, phases: np.ndarray) -> Figure:
     marks = [
         (float(e.T_base), e.branch, column, e.wanted[column], e.tip_tolerance)  # pyright: ignore
         for e in answer.best.errors
@@ -129,7 +137,7 @@ def _tip(answer: Design, robot: Robot) -> Figure:
     ]
     return Figure(
         "tip",
-        plot_tip(history, np.asarray(run.tip_position), label_phases(run), marks, space=True),
+        plot_tip(np.asarray(run.T_base), np.asarray(run.tip_position), phases, marks, space=True),
         "Tip against base tension, pulled and released; where the two differ is hysteresis. Bars are the "
         "tolerances, where these are larger than the marks.",
     )
