@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import gtr_jax as gtr
+from gtr_jax.native.translate import Untranslatable
 from gtr_jax.simulation import displacement as by_displacement
 from gtr_jax.simulation import history as histories
 from gtr_jax.simulation import natively
@@ -157,10 +158,16 @@ class TestKnownNumbers:
         assert found.converged.all() and float(found.T_base[2]) > 1.0
         np.testing.assert_allclose(found.displacement, self.WAY, atol=1e-9)
 
-    def test_the_program_with_derivatives_has_the_last_word(self, pair_of, monkeypatch):
+    @pytest.mark.parametrize("lacking", [False, True], ids=["misses a step", "lacks an operation"])
+    def test_the_program_with_derivatives_has_the_last_word(self, pair_of, monkeypatch, lacking):
+        def steps(*_):
+            if lacking:
+                raise Untranslatable("argmax")
+            return missed
+
         _, drawn = pair_of()
         missed = type("Missed", (), {"converged": np.array([True, True, False, True])})
-        monkeypatch.setattr(natively, "steps_natively", lambda *_: missed)
+        monkeypatch.setattr(natively, "steps_natively", steps)
         asked = []
 
         def driven(robot, loads, wanted, how, structure):
@@ -176,12 +183,20 @@ class TestKnownNumbers:
         np.testing.assert_array_equal(found.converged, [True, True, False, False])
 
     @pytest.mark.slow
-    def test_both_find_the_same(self, pair_of):
-        _, drawn = pair_of(axial_stiffness=3e3)
+    @pytest.mark.parametrize("mixed", [False, True], ids=["one tendon", "another by tension"])
+    def test_both_find_the_same(self, pair_of, make_config, mixed):
+        if mixed:
+            other = HELIX | {"start_angle": 2.6}
+            drives = {"a": {"drive": "displacement", "routing": HELIX}, "b": {"routing": other}}
+            tendons = [{"name": name, "friction_coefficient": 0.3} | own for name, own in drives.items()]
+            drawn = gtr.build_robot(make_config(backbone=BODY, routing=None, tendon=None, tendons=tendons))
+            T, way = jnp.stack([jnp.full(4, jnp.nan), jnp.arange(4.0)], 1), jnp.stack([self.WAY] * 2, 1)
+        else:
+            (_, drawn), T, way = pair_of(axial_stiffness=3e3), jnp.zeros(4), self.WAY
 
         def run(way):
-            return gtr.simulate(drawn, jnp.zeros(4), displacement=way)
+            return gtr.simulate(drawn, T, displacement=way)
 
-        known, traced = run(self.WAY), jax.jit(run)(self.WAY)
+        known, traced = run(way), jax.jit(run)(way)
         for name in ("T_base", "T_tip", "displacement", "tip_position"):
             np.testing.assert_allclose(getattr(known, name), getattr(traced, name), rtol=1e-8, atol=1e-10)

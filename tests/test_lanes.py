@@ -1,5 +1,9 @@
 """Loops that start in the lanes of what they use."""
 
+import os
+import subprocess
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -73,3 +77,39 @@ def test_a_loop_is_gone_through_once_for_lanes():
 def test_what_is_known_stays_as_it_is():
     start = (jnp.ones(3), jnp.asarray(1))
     assert in_lanes_of((jnp.ones(2), None), start) is start
+
+
+@pytest.mark.parametrize("slope", [jax.jacfwd, jax.jacrev])
+def test_whole_numbers_do_not_spoil_derivatives(slope):
+    def total(x, count):
+        return in_lanes_of((x, count), jnp.ones(2)) * x
+
+    found = jax.jit(slope(total))(jnp.array([0.5, 2.0]), jnp.asarray(3))
+    np.testing.assert_array_equal(found, np.eye(2))
+
+
+SCRIPT = """
+import numpy as np, jax, gtr_jax as gtr
+from benchmarks import systems
+robot = systems.HELIX.robot(0.4)
+def tip(mu):
+    return gtr.equilibrium(robot.with_values(mu=mu), 8.0).tip_pose[1]
+both = jax.jit(jax.vmap(jax.value_and_grad(tip)))(np.array([0.1, 0.3]))
+print(*np.concatenate(both).tolist())
+"""
+
+
+@pytest.mark.slow
+def test_programs_as_users_compile_them_give_the_same():
+    """The tests compile without optimisation, and so without what fuses a program as users have it."""
+    flags = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
+    results = [
+        np.array(
+            subprocess.run(
+                [sys.executable, "-c", SCRIPT], env=env, check=True, capture_output=True, text=True
+            ).stdout.split(),
+            float,
+        )
+        for env in (flags, os.environ)
+    ]
+    np.testing.assert_allclose(results[0], results[1], rtol=1e-11)

@@ -3,12 +3,16 @@
 import json
 import re
 
+import jax.numpy as jnp
 import numpy as np
+import pytest
 
+import gtr_jax as gtr
 from gtr_jax.plots.style import PHASE_COLOUR
 from gtr_jax.report.motion import kept_steps
 from gtr_jax.report.page import Report, render
 from gtr_jax.report.playback import kept_samples
+from gtr_jax.report.simulation import _at_rest
 from tests.histories import SETTINGS, made_up
 
 
@@ -67,3 +71,17 @@ def test_a_page_with_a_history_keeps_its_pictures_and_loads_nothing():
     (embedded,) = re.findall(r'<script type="application/json">(.*?)</script>', html)
     assert json.loads(embedded) == json.loads(json.dumps(played.data))
     assert Report(title="t", verdict="v", playbacks=[played]).stills == {"loop"}
+
+
+@pytest.mark.parametrize(
+    "term", [{"viscous-friction.coefficient": 20.0}, {"viscoelastic-body.ratio": 0.2}, {}], ids=str
+)
+def test_a_robot_at_rest_has_slack_tendons_and_has_crept_to_the_end(make_robot, term):
+    """Though it was strung, and its history is fast."""
+    robot = make_robot(0.3, tendon={"preload": 5.0}).with_values(**term)
+    rest = _at_rest(robot, jnp.linspace(0.0, 20.0, 6), 1e-3 * np.arange(6.0))
+    wanted = gtr.equilibrium(robot, 0.0)
+    assert bool(rest.converged) and float(rest.T_tip) == 0.0
+    np.testing.assert_allclose(rest.angle, wanted.angle, atol=1e-9)
+    one = _at_rest(robot, jnp.ones(1), None if not term else np.zeros(1))
+    np.testing.assert_allclose(one.angle, wanted.angle, atol=1e-9)

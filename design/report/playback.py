@@ -36,24 +36,28 @@ def design_playback(
     axes = "xyz" if robot.space else "xy"
     places = [Column(f"tip {axis}", "mm", place[:, i]) for i, axis in enumerate(axes)]
     lines = [[Line(base, own, INK, phases=phases)] for own in places]
+    turns = [Line(base, angle, INK, phases=phases)]
     first = int(np.argmax(T))
     for e in errors:
         if not e.name.startswith("pose"):
             continue
         reached = _step_at(T, float(np.max(e.T_base)), released=e.branch == "releasing")
         first = reached if e is errors[0] else first
-        for i, own in enumerate(lines):
-            if np.isfinite(e.wanted[i]):
+        asked = [(own, 1e3 * value, "mm") for own, value in zip(lines, e.wanted, strict=False)]
+        if not robot.space:
+            asked.append((turns, np.degrees(e.wanted[2]), "°"))
+        for own, value, unit in asked:
+            if np.isfinite(value):
                 wanted = np.full(K, np.nan)
-                wanted[reached] = 1e3 * e.wanted[i]
-                own.append(Line(base, Column(f"{e.name} asks for", "mm", wanted), VERMILLION, "dots"))
+                wanted[reached] = value
+                own.append(Line(base, Column(f"{e.name} asks for", unit, wanted), VERMILLION, "dots"))
     pulled = "tension at the base [N]"
     charts = [
         *(
             Chart(f"Tip {axis}", pulled, f"tip {axis} [mm]", own)
             for axis, own in zip(axes, lines, strict=True)
         ),
-        Chart("Angle", pulled, "angle of the tip [°]", [Line(base, angle, INK, phases=phases)]),
+        Chart("Angle", pulled, "angle of the tip [°]", turns),
         Chart("Loop", pulled, "tension at the tip [N]", [Line(base, tip, INK, phases=phases)]),
     ]
     return playback(

@@ -22,10 +22,11 @@ def in_lanes_of(given, start: Tree) -> Tree:
     again.
 
     Args:
-        given: what the loop uses that may differ between lanes, arrays of floats.
+        given: what the loop uses that may differ between lanes, arrays; of these the floats.
         start: what it carries.
     """
     leaves = [leaf for leaf in jtu.tree_leaves(given) if isinstance(leaf, jax.core.Tracer) and leaf.size]
+    leaves = [leaf for leaf in leaves if jnp.issubdtype(leaf.dtype, jnp.floating)]
     if not leaves:
         return start
     values, tree = jtu.tree_flatten(jtu.tree_map(jnp.asarray, start))

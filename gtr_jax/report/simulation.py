@@ -21,6 +21,7 @@ from gtr_jax.robot.overlap import Impossible, impossible, impossible_in_space
 from gtr_jax.robot.parameters import parameters_of
 from gtr_jax.robot.robot import Robot
 
+from ..mechanics import FOREVER
 from ..simulation.displacement import by_tension
 from ..simulation.forces import channel_forces
 from ..simulation.history import Simulation, equilibrium_at, simulate
@@ -32,6 +33,7 @@ from . import spatial
 from .page import Figure, Report, Table
 from .simulation_playback import simulation_playback
 
+LONG = 2000  # steps of a history beyond which a run of it costs more than to compile an equilibrium
 APART = 2e-3  # of the length, by which two shapes must differ for both to be drawn
 
 
@@ -146,11 +148,15 @@ def answer_simulation(
 
 
 def _at_rest(robot: Robot, T_base: Array, time: np.ndarray | None) -> Equilibrium:
-    """The robot with its tendons slack, by the program that runs the history: one of its own would have to be
-    compiled, which takes seconds in space.
+    """The robot with its tendons slack and at rest. By the program that runs the history, unless that is
+    long: one of its own would have to be compiled, which takes seconds in space.
     """
-    begins = None if time is None else np.full(len(time), time[0])
-    slack = simulate(robot, jnp.zeros_like(T_base), time=begins)
+    K = max(len(T_base), 2)
+    if K > LONG:
+        return equilibrium(robot, jnp.zeros_like(T_base[0]))
+    # The first step lasts until all creep has ended.
+    ends = None if time is None else np.append(0.0, np.full(K - 1, FOREVER))
+    slack = simulate(robot, jnp.zeros((K, *T_base.shape[1:])), time=ends)
     return equilibrium_at(robot, slack, jnp.asarray(0))
 
 

@@ -381,9 +381,9 @@ def _tensions(
     """
     known = not any(isinstance(leaf, Tracer) for leaf in jtu.tree_leaves((robot, loads, drawn)))
     if known and not structure.plain_pair and not OWN & {*structure.terms}:
-        by = elsewhere("gtr_jax.simulation.natively:steps_natively")(robot, structure, loads, how, drawn)
-        if by.converged.all():
-            return jnp.asarray(by.T_base), jnp.asarray(by.converged)
+        found = elsewhere("gtr_jax.simulation.natively:base_tensions")(robot, structure, loads, how, drawn)
+        if found is not None:
+            return jnp.asarray(found), jnp.ones(found.shape[:1], bool)
     steps = loads.time.shape[0]
     pulled, wanted = padded((loads, drawn), steps)
     found = driven(robot.for_any_terms(), pulled, wanted, how, structure)

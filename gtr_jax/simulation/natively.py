@@ -28,7 +28,7 @@ from .programs import at_nodes
 from .slipping import front_of, large_tension, moves_of
 from .solution import drawn_out, loaded_of, stretch_of
 
-__all__ = ["Brief", "Native", "Ready", "ready", "sources", "steps_natively"]
+__all__ = ["Brief", "Native", "Ready", "base_tensions", "ready", "sources", "steps_natively"]
 
 # Step of the differences by which a displacement answers to tensions, as a share of a large tension.
 STEP = 1e-6
@@ -424,3 +424,16 @@ def steps_natively(
     """As `Native`, for a robot whose numbers are known."""
     given = None if drawn is None else np.asarray(drawn)
     return Native(robot)(_ready(robot, loads.T_base, drawn), structure, loads, how, given)
+
+
+def base_tensions(
+    robot: Robot, structure: Structure, loads: Load, how: March, drawn: Float[Array, "K *tendons"]
+) -> Float[np.ndarray, "K *tendons"] | None:
+    """Base tensions [N], (K, *tendons), that draw tendons out as far as wanted; None where a step does not
+    meet its tolerance, or native code has no such equations. Arguments as of `steps_natively`.
+    """
+    try:
+        found = steps_natively(robot, structure, loads, how, drawn)
+    except Untranslatable:
+        return None
+    return found.T_base if found.converged.all() else None
