@@ -12,7 +12,7 @@ from gtr_jax.plots.style import PHASE_COLOUR
 from gtr_jax.report.motion import kept_steps
 from gtr_jax.report.page import Report, render
 from gtr_jax.report.playback import kept_samples
-from gtr_jax.report.simulation import _at_rest
+from gtr_jax.report.simulation import LONG, _at_rest
 from tests.histories import SETTINGS, made_up
 
 
@@ -83,5 +83,6 @@ def test_a_robot_at_rest_has_slack_tendons_and_has_crept_to_the_end(make_robot, 
     wanted = gtr.equilibrium(robot, 0.0)
     assert bool(rest.converged) and float(rest.T_tip) == 0.0
     np.testing.assert_allclose(rest.angle, wanted.angle, atol=1e-9)
-    one = _at_rest(robot, jnp.ones(1), None if not term else np.zeros(1))
-    np.testing.assert_allclose(one.angle, wanted.angle, atol=1e-9)
+    for steps in (1, LONG + 1):
+        other = _at_rest(robot, jnp.ones(steps), np.arange(1.0 * steps))
+        np.testing.assert_allclose(other.angle, wanted.angle, atol=1e-9)

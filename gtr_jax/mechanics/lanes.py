@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import jax.tree_util as jtu
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 Tree = TypeVar("Tree")
@@ -25,8 +26,11 @@ def in_lanes_of(given, start: Tree) -> Tree:
         given: what the loop uses that may differ between lanes, arrays; of these the floats.
         start: what it carries.
     """
-    leaves = [leaf for leaf in jtu.tree_leaves(given) if isinstance(leaf, jax.core.Tracer) and leaf.size]
-    leaves = [leaf for leaf in leaves if jnp.issubdtype(leaf.dtype, jnp.floating)]
+    leaves: list[Any] = [
+        leaf
+        for leaf in jtu.tree_leaves(given)
+        if isinstance(leaf, Tracer) and leaf.size and jnp.issubdtype(leaf.dtype, jnp.floating)
+    ]
     if not leaves:
         return start
     values, tree = jtu.tree_flatten(jtu.tree_map(jnp.asarray, start))

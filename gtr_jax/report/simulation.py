@@ -23,6 +23,7 @@ from gtr_jax.robot.robot import Robot
 
 from ..mechanics import FOREVER
 from ..simulation.displacement import by_tension
+from ..simulation.equilibrium import equilibrium
 from ..simulation.forces import channel_forces
 from ..simulation.history import Simulation, equilibrium_at, simulate
 from ..simulation.phases import RELEASING, TRANSITION, Switch, label_phases, release_switch
