@@ -12,12 +12,8 @@ marches side by side that a robot in space takes under an external load touch mo
 
 Within a kernel XLA fuses operations, and copies into each fusion what it needs of the others: of the march's
 derivatives in space, 8,500 operations became 73,000. Fusions with several outputs, after which XLA looks at
-all of the body again, keep one copy. Compared with XLA's default, in one run on two busy cores, for the robot
-of `examples/helix.toml`: an equilibrium with its derivative compiles in 2.6 s instead of 14.8 and takes 0.25
-ms instead of 0.75; its gradients in 64 lanes 9.7 s instead of 28, and 10 ms instead of 43; the derivatives of
-80 steps 3.8 s instead of 14.8, and 7 ms instead of 27; its gradient in all numbers 13 s instead of more than
-480. In the plane it costs something: equilibria with their gradients 1.05 to 1.4 times as long, lanes without
-1 to 1.4 (docs/solver.md, "What compiling takes").
+all of the body again, keep one copy. What that is worth in space, and costs in the plane, is in
+docs/solver.md, "What compiling takes".
 
 With several tendons, friction needs dense solves of some hundred unknowns in LAPACK. Threads do not speed
 these up, and on a machine that is busy with other work they wait for one another: 25 steps of three tendons

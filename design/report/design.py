@@ -16,7 +16,7 @@ from gtr_jax.report.page import Figure, Report, Table
 from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.robot import Robot
 from gtr_jax.simulation.equilibrium import equilibrium
-from gtr_jax.simulation.history import Simulation, equilibrium_at, simulate
+from gtr_jax.simulation.history import Simulation, equilibrium_at
 from gtr_jax.simulation.phases import label_phases
 
 from ..compare import Comparison
@@ -26,10 +26,9 @@ from ..result import GOAL_UNITS, Design
 from ..robustness import Robustness
 from ..tensions import Pull, pull_says
 from .figures import Mark, Near, plot_channels, plot_targets, plot_tip
-from .playback import design_playback
+from .playback import design_playback, pull_and_release
 from .spatial import pictures
 
-STEPS = 40  # load steps of the pull in the figures
 SHOWN = 12  # designs listed, at most
 LEAST = 1e-4  # mm or degrees, below which a check has no digits
 
@@ -43,7 +42,8 @@ def design_report(answer: Design) -> Report:
     if answer.config.in_space or answer.config.tendons:
         figures, scenes, playbacks = pictures(answer, _alternatives_of(answer))
     else:
-        robot, run = _history(answer)
+        robot = build_robot(answer.config)
+        run = pull_and_release(answer, robot)
         phases = label_phases(run)
         figures, scenes = _figures(answer, robot, run, phases), []
         playbacks = [design_playback(robot, run, phases, answer.best.errors)]
@@ -82,17 +82,6 @@ def _check(value: float, unit: str) -> str:
     if value < LEAST * size:
         return f"less than {LEAST:g} {display}"
     return _quantity(value, unit, 2)
-
-
-def _history(answer: Design) -> tuple[Robot, Simulation]:
-    """The designed robot and its whole pull and release."""
-    top = float(np.max(answer.best.tensions))
-    robot = build_robot(answer.config)
-    start = answer.config.tendon.preload
-    pull = np.unique(np.concatenate([np.linspace(start, top, STEPS + 1), answer.best.tensions]))
-    pull = pull[(pull >= start) & (pull <= top)]
-    history = np.concatenate([pull, pull[-2::-1] if start > 0 else np.append(pull[-2:0:-1], 0.0)])
-    return robot, simulate(robot, history, time=1e6 * np.arange(len(history)))
 
 
 def _figures(answer: Design, robot: Robot, run: Simulation, phases: np.ndarray) -> list[Figure]:

@@ -12,9 +12,21 @@ from gtr_jax.report.page import Playback
 from gtr_jax.report.playback import Chart, Column, Line, playback
 from gtr_jax.report.spatial import tip_angle
 from gtr_jax.robot.robot import Robot
-from gtr_jax.simulation.history import Simulation
+from gtr_jax.simulation.history import Simulation, simulate
 
 from ..option import TargetError
+from ..result import Design
+
+STEPS = 40  # load steps of the pull, beside those to the targets
+
+
+def pull_and_release(answer: Design, robot: Robot) -> Simulation:
+    """The whole pull and release of a design of one tendon."""
+    top, start = float(np.max(answer.best.tensions)), float(robot.tendon.preload)
+    pull = np.unique(np.concatenate([np.linspace(start, top, STEPS + 1), np.ravel(answer.best.tensions)]))
+    pull = pull[(pull >= start) & (pull <= top)]
+    history = np.concatenate([pull, pull[-2::-1] if start > 0 else np.append(pull[-2:0:-1], 0.0)])
+    return simulate(robot, history, time=1e6 * np.arange(len(history)))
 
 
 def design_playback(

@@ -27,7 +27,7 @@ from ..result import Design
 from ..tensions import pull_says
 from ..unrolled import unroll
 from .figures import plot_tip, plot_unrolled
-from .playback import design_playback
+from .playback import design_playback, pull_and_release
 
 STEPS = 20  # load steps of the way to each state
 DRAWN = 3  # states drawn from three sides, at most
@@ -54,7 +54,7 @@ def pictures(answer: Design, alternatives: list[Option]) -> tuple[list[Figure], 
     body = strung_of(robot, equilibrium_at(robot, ways[0].run, 0))
     figures, playbacks = [_views(answer, robot, ways, body)], []
     if not robot.tendon_names:
-        run = _whole(answer, robot)
+        run = pull_and_release(answer, robot)
         phases = label_phases(run)
         figures.append(_tip(answer, run, phases))
         playbacks.append(design_playback(robot, run, phases, answer.best.errors))
@@ -115,16 +115,6 @@ def _views(answer: Design, robot: Robot, ways: list[Way], body: Strung) -> Figur
         + (" Obstacles are shaded." if len(around.radius) else "")
         + (f" {left} more states are in the body that can be turned." if left > 0 else ""),
     )
-
-
-def _whole(answer: Design, robot: Robot) -> Simulation:
-    """The whole pull and release of a design of one tendon."""
-    top = float(np.max(answer.best.tensions))
-    start = float(robot.tendon.preload)
-    pull = np.unique(np.concatenate([np.linspace(start, top, 2 * STEPS + 1), np.ravel(answer.best.tensions)]))
-    pull = pull[(pull >= start) & (pull <= top)]
-    history = np.concatenate([pull, pull[-2::-1] if start > 0 else np.append(pull[-2:0:-1], 0.0)])
-    return simulate(robot, history, time=1e6 * np.arange(len(history)))
 
 
 def _tip(answer: Design, run: Simulation, phases: np.ndarray) -> Figure:
