@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import gtr_jax as gtr
-from gtr_jax.native.translate import Untranslatable
+from gtr_jax.native.values import Untranslatable
 from gtr_jax.simulation import displacement as by_displacement
 from gtr_jax.simulation import history as histories
 from gtr_jax.simulation import natively

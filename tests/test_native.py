@@ -7,7 +7,7 @@ import pytest
 
 import gtr_jax as gtr
 from gtr_jax.mechanics import in_order
-from gtr_jax.native import program, translate
+from gtr_jax.native import program, values
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import steps_natively
 from gtr_jax.simulation.programs import structure_of
@@ -104,8 +104,8 @@ def _double(robot, carried, row):
 
 
 def test_what_is_not_known_is_refused_by_name():
-    shape = translate.jax.ShapeDtypeStruct((3,), jnp.float64)
-    with pytest.raises(translate.Untranslatable, match="sort"):
+    shape = jax.ShapeDtypeStruct((3,), jnp.float64)
+    with pytest.raises(values.Untranslatable, match="sort"):
         program.Program(lambda robot: robot * 0, _double, shape, shape, ("test",))(
             np.zeros(3), np.zeros((2, 3))
         )

@@ -147,13 +147,22 @@ class Bench:
             values: SI, by name.
             names: of the hypotheses that act, for the correction to a fine mesh.
         """
-        found = []
+        return self.simulated([values], names)[0]
+
+    def simulated(
+        self, many: Sequence[Mapping[str, float]], names: Sequence[str] = ()
+    ) -> list[tuple[Seen, ...] | None]:
+        """As `simulate`, of several sets of numbers side by side."""
+        found: list[list[Seen] | None] = [[] for _ in many]
         for rig, more in zip(self.rigs, self.correction(names), strict=True):
-            seen = rig(values)
-            if seen is None:
-                return None
-            found.append(dataclasses.replace(seen, values=seen.values + more))
-        return tuple(found)
+            going = [i for i, seen in enumerate(found) if seen is not None]
+            for i, seen in zip(going, rig.many([many[i] for i in going]), strict=True):
+                before = found[i]
+                if seen is None or before is None:
+                    found[i] = None
+                else:
+                    before.append(dataclasses.replace(seen, values=seen.values + more))
+        return [None if each is None else tuple(each) for each in found]
 
     def correction(self, names: Sequence[str]) -> list[np.ndarray]:
         """Values on a fine mesh minus those on the coarse one if some hypotheses act: as computed, or the sum
@@ -284,9 +293,15 @@ class Bench:
 
     def at(self, model: Model, x: np.ndarray) -> Point | None:
         """A model at coordinates; None where the simulation breaks down."""
-        values = model.values(x)
-        seen = self.simulate(values, model.names)
-        return None if seen is None else Point(values, seen, self.rows(seen))
+        return self.points(model, [x])[0]
+
+    def points(self, model: Model, many: Sequence[np.ndarray]) -> list[Point | None]:
+        """A model at several coordinates, simulated side by side."""
+        values = [model.values(x) for x in many]
+        return [
+            None if seen is None else Point(v, seen, self.rows(seen))
+            for v, seen in zip(values, self.simulated(values, model.names), strict=True)
+        ]
 
     def scanned(self, model: Model, x: np.ndarray) -> np.ndarray:
         """Coordinates with the number in `SCANNED`, and then each time of an event, where the cost is least
@@ -303,13 +318,18 @@ class Bench:
             tries = [np.array(x) for _ in range(len(places) + 1)]
             for one, to in zip(tries[1:], places, strict=True):
                 one[i] = np.clip(to, *n.bounds)
-            x = min(tries, key=lambda x: self.squares(model, x) + float(np.sum(x**2)))
+            costs = self.squares(model, tries)
+            x = tries[int(np.argmin([c + float(np.sum(t**2)) for c, t in zip(costs, tries, strict=True)]))]
         return x
 
-    def squares(self, model: Model, x: np.ndarray) -> float:
-        """Sum of squares of the rows of a model at coordinates; infinite where the simulation breaks down."""
-        here = self.at(model, x)
-        return np.inf if here is None else float(np.sum(here.rows**2)) + here.penalty
+    def squares(self, model: Model, many: Sequence[np.ndarray]) -> list[float]:
+        """Sum of squares of the rows of a model at several coordinates; infinite where the simulation breaks
+        down.
+        """
+        return [
+            np.inf if here is None else float(np.sum(here.rows**2)) + here.penalty
+            for here in self.points(model, many)
+        ]
 
     def slopes(
         self, model: Model, x: np.ndarray, rows: np.ndarray, known: Mapping[int, np.ndarray] | None = None
@@ -317,18 +337,17 @@ class Bench:
         """Derivatives of the rows by finite differences, with steps that cross the kinks of friction; `known`
         columns, by index, are not recomputed.
         """
-        columns = []
+        columns, steps, moved = dict(known or {}), dict[int, float](), list[np.ndarray]()
         for i, n in enumerate(model.numbers):
-            if known is not None and i in known:
-                columns.append(known[i])
+            if i in columns:
                 continue
             size = STEP if n.apart is None else n.apart / n.sd
-            step = size if x[i] + size <= n.bounds[1] else -size
-            moved = np.array(x)
-            moved[i] += step
-            there = self.at(model, moved)
-            columns.append(np.zeros_like(rows) if there is None else (there.rows - rows) / step)
-        return np.stack(columns, axis=1)
+            steps[i] = size if x[i] + size <= n.bounds[1] else -size
+            moved.append(np.array(x))
+            moved[-1][i] += steps[i]
+        for (i, step), there in zip(steps.items(), self.points(model, moved), strict=True):
+            columns[i] = np.zeros_like(rows) if there is None else (there.rows - rows) / step
+        return np.stack([columns[i] for i in range(len(model.numbers))], axis=1)
 
     def refit(
         self,

@@ -10,7 +10,6 @@ import numpy as np
 
 from gtr_jax import Recording, Robot, RobotConfig
 
-from ..parallel import in_parallel
 from .averaged import averaged
 from .bench import Bench
 from .cache import SimulationCache
@@ -35,6 +34,7 @@ from .further import beaten, with_further
 from .heldout import held_out
 from .hypotheses import EVENTS, INSTRUMENT_NUMBERS, Hypothesis, of_single_tendons
 from .instruments import of_one, tendon_of_channel
+from .lanes import in_lanes
 from .leave_out import Stretch, asked_for, from_outside, left_out
 from .locate import cycles_in, locate, mu_by_stratum, phases_of, ratio_of_branches
 from .marginal import Marginal, jointly
@@ -337,7 +337,7 @@ def _on_all(models: Models, rigs: list[Rig], fine: list[Rig], more: Sequence[Fit
         names, f = item
         return bench.refit(whole.hypotheses(names), whole.coordinates(names, f), most=4)
 
-    whole.add([f for f in in_parallel(refit, list(wanted.items())) if f is not None])
+    whole.add([f for f in in_lanes(refit, list(wanted.items())) if f is not None])
     whole.mend()
     if () not in whole.fits:
         return None
@@ -357,7 +357,7 @@ def _weighed_by_the_best(models: Models) -> Models:
         return None if again is None else (again.cost + own.log_determinant, own)
 
     top = models.ranked()[:FINAL]
-    found = [t for t in in_parallel(on_its_own, top) if t is not None]
+    found = [t for t in in_lanes(on_its_own, top) if t is not None]
     least, own = min(found, key=lambda t: t[0], default=(0.0, bench))
     first = next(iter(found), (0.0, bench))
     if own is first[1] or least > first[0] - SETTLED:

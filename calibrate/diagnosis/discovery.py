@@ -12,11 +12,11 @@ import numpy as np
 from gtr_jax import Robot
 from gtr_jax.terms import Law, null_values
 
-from ..parallel import in_parallel
 from .bench import MOST_ITERATIONS, Bench
 from .decide import structured
 from .further import Unseen
 from .hypotheses import Hypothesis
+from .lanes import in_lanes
 from .law_forms import SIZE, Form, coordinates, forms_for, hypothesis_of, law_of, smooth_of, waves
 from .law_places import Place, places
 from .locate import misfit
@@ -174,7 +174,7 @@ def feel(models: Models, head: Fitted) -> list[Felt]:
         return (bench.rows(seen) - head.rows) / step
 
     jobs = [(place, float(at)) for place in where for at in place.tents]
-    found = dict(zip(jobs, in_parallel(change, jobs), strict=True))
+    found = dict(zip(jobs, in_lanes(change, jobs), strict=True))
     felt = []
     for place in where:
         changes = [found[place, float(at)] for at in place.tents]
@@ -344,7 +344,7 @@ def _weighed_by(models: Models, shown: Fitted, others: Sequence[tuple[str, ...]]
         names, f = item
         return bench.refit(models.hypotheses(names), f.x, most=5)
 
-    again.add([f for f in in_parallel(refit, list(kept.items())) if f is not None])
+    again.add([f for f in in_lanes(refit, list(kept.items())) if f is not None])
     return again if {(), tuple(sorted(shown.names))} <= set(again.fits) else models
 
 

@@ -13,12 +13,12 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from ..parallel import in_parallel
 from .decide import STAYS_SIZE, STAYS_Z, structured
 from .episodes import episodes
 from .events import event_hypotheses
 from .heldout import by_fold
 from .hypotheses import EVENTS, Hypothesis
+from .lanes import in_lanes
 from .locate import misfit
 from .model import Fitted
 from .models import HOW_MANY, Models
@@ -300,7 +300,7 @@ def _without_idle(models: Models, unseen: Unseen, head: Fitted, start: Fitted) -
             own = models.hypotheses(names)
             return models.bench.refit(own, models.coordinates(names, head), exact=False)
 
-        fits = [f for f in in_parallel(refit, smaller) if f is not None]
+        fits = [f for f in in_lanes(refit, smaller) if f is not None]
         models.add(fits)
         fits = [f for f in (models.stored(f) for f in fits) if f.cost < needed]
         if not fits:

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..number import OWN
-from ..parallel import in_parallel
 from .bench import Bench, without_zero
 from .hypotheses import EVENTS, Hypothesis
+from .lanes import in_lanes
 from .locate import cycles_in
 from .model import Fitted
 
@@ -92,7 +92,7 @@ def by_fold(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]])
             chi, rows = chi + float(np.sum(z[:, out] ** 2)), rows + z[:, out].size
         return squares, n, chi, rows
 
-    return np.asarray(in_parallel(one, jobs)).reshape(len(models), len(parts), 4)
+    return np.asarray(in_lanes(one, jobs)).reshape(len(models), len(parts), 4)
 
 
 def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]) -> list[dict[str, float]]:

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..parallel import in_parallel
 from .bench import Bench
+from .lanes import in_lanes
 from .model import Fitted, model_of
 from .models import Models
 from .rig import Rig
@@ -42,5 +42,5 @@ def refine(
             found.append((right if kept is None else right[:, kept[k]]) - here.values)
         return found
 
-    found = zip(wanted, in_parallel(correction, list(wanted.items())), strict=True)
+    found = zip(wanted, in_lanes(correction, list(wanted.items())), strict=True)
     return bench.corrected({names: more for names, more in found if more is not None})

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import dataclasses
 import functools
 import hashlib
-from collections.abc import Callable, Collection, Iterable, Mapping
-from typing import Any, NamedTuple
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -17,11 +20,12 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from gtr_jax import Robot, true_base
+from gtr_jax.mechanics import Structure
 from gtr_jax.robot.parameters import parameters_of, places_of, with_values
 from gtr_jax.robot.robot import lay_out
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.markers import markers_on, shape_in_plane
-from gtr_jax.simulation.natively import Brief, Native, Ready, ready, sources
+from gtr_jax.simulation.natively import Brief, Native, Ready, Run, ready, sources
 from gtr_jax.simulation.programs import every, every_for, structure_of, structure_with
 from gtr_jax.simulation.sensing import Reading, cells_differ, cells_show
 from gtr_jax.simulation.solution import Shape
@@ -33,12 +37,15 @@ from ..predictor import shown as simulated_as
 from ..setup import Part
 from .cache import SimulationCache
 from .instruments import instruments, shown
+from .lanes import simulated
+
+Known = TypeVar("Known")
 
 # Mesh intervals with which hypotheses are tried, and their least share of the robot's own intervals.
 INTERVALS, COARSEST = 22, 0.35
-# Simulations that a rig keeps in memory: a change in a number of one recording leaves those of the others
-# valid.
-AT_HAND = 64
+# Simulations that a rig keeps in memory, as the channels show them and as the native program leaves them: a
+# change in a number of one recording leaves those of the others valid.
+AT_HAND, RUNS_AT_HAND = 256, 64
 
 
 # Terms in each program that simulates a recording, from the fastest to the slowest program: a hypothesis uses
@@ -121,20 +128,46 @@ def resolution_of(robot: Robot) -> float:
     return float(np.clip(INTERVALS / sum(robot.intervals), COARSEST, 1.0))
 
 
-class _Run(NamedTuple):
-    """What a native program needs, and a key that says which of them give the same."""
+class _Asked(NamedTuple):
+    """A simulation that is asked for.
 
+    Attributes:
+        flat: the numbers of the robot, as `ravel_pytree` flattens them.
+        kinds: names of the physics terms that are given.
+        loads: the history with its padding.
+        structure: which equations act.
+        run: what the native program needs.
+        key: tells what the program gives from what it gives for others.
+    """
+
+    flat: np.ndarray
+    kinds: set[str]
+    loads: Any
+    structure: Structure
+    run: Run
     key: tuple
-    ready: Ready
-    structure: Any
-    steps: Any
-    drawn: np.ndarray | None
 
-    def __hash__(self) -> int:
-        return hash(self.key)
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Run) and self.key == other.key
+class _Recent(Generic[Known]):
+    """The last values by key; threads may share it."""
+
+    def __init__(self, most: int):
+        self._most, self._lock = most, threading.Lock()
+        self._held: OrderedDict[Any, Known] = OrderedDict()
+
+    def get(self, key: Any) -> Known:
+        """The value under a key; KeyError if there is none."""
+        with self._lock:
+            self._held.move_to_end(key)
+            return self._held[key]
+
+    def put(self, key: Any, value: Known) -> None:
+        """Keep a value in place of the oldest."""
+        with self._lock:
+            self._held[key] = value
+            self._held.move_to_end(key)
+            while len(self._held) > self._most:
+                self._held.popitem(last=False)
 
 
 class Rig:
@@ -174,11 +207,9 @@ class Rig:
         self._places: dict[str, Any] = dict(zip(names, places.tolist(), strict=True))
         for name in set(robot_names(robot)) - self._places.keys():  # of all tendons at once
             self._places[name] = [self._places[f"{name}.{tendon}"] for tendon in robot.tendon_names]
-        self._at_hand = functools.lru_cache(AT_HAND)(self._remembered)
+        self._at_hand: _Recent[Seen | None] = _Recent(AT_HAND)
         # What the cell at the tip adds changes what it shows, not what is simulated.
-        self._run = functools.lru_cache(AT_HAND)(
-            lambda of: self._native(of.ready, of.structure, of.steps, drawn=of.drawn)
-        )
+        self._runs: _Recent[Brief] = _Recent(RUNS_AT_HAND)
 
     def __call__(self, values: Mapping[str, float], more: tuple[float, ...] = ()) -> Seen | None:
         """The recording with some numbers of the robot changed; None where the simulation breaks down.
@@ -188,22 +219,40 @@ class Rig:
             more: shift added throughout to what drives each tendon, base tension [N] or displacement [m];
                 none unless given.
         """
-        own = values_in(values, self.part.name)
-        return self._at_hand(tuple(sorted(own.items())), more)
+        return self.many([values], more)[0]
 
-    def _remembered(self, items: tuple[tuple[str, float], ...], more: tuple[float, ...]) -> Seen | None:
-        values = dict(items)
-        if self.cache is None:
-            return self._simulated(values, more)
+    def many(self, many: Sequence[Mapping[str, float]], more: tuple[float, ...] = ()) -> list[Seen | None]:
+        """As calls, simulated side by side."""
+        keys = [(tuple(sorted(values_in(values, self.part.name).items())), more) for values in many]
+        found: dict[Any, Seen | None] = {}
+        for key in keys:
+            with contextlib.suppress(KeyError):
+                found[key] = self._known(key)
+        new = [key for key in dict.fromkeys(keys) if key not in found]
+        for key, seen in zip(new, self._simulated(new), strict=True):
+            found[key] = seen
+            self._at_hand.put(key, seen)
+            if self.cache is not None:
+                self.cache.put(self._said(key), np.zeros(0) if seen is None else seen.flat())
+        return [found[key] for key in keys]
+
+    def _known(self, key: tuple[tuple[tuple[str, float], ...], tuple[float, ...]]) -> Seen | None:
+        """What was simulated before; KeyError if it was not."""
+        with contextlib.suppress(KeyError):
+            return self._at_hand.get(key)
+        known = None if self.cache is None else self.cache.get(self._said(key))
+        if known is None:
+            raise KeyError
+        seen = Seen.of(known, self.part.samples)
+        self._at_hand.put(key, seen)
+        return seen
+
+    def _said(self, key: tuple[tuple[tuple[str, float], ...], tuple[float, ...]]) -> bytes:
+        """Key of a simulation in the cache's file."""
+        items, more = key
         said = [f"{name}={float(value).hex()}" for name, value in items]
         said += [float(shift).hex() for shift in more]
-        key = hashlib.blake2b("|".join(said).encode(), key=self.mark).digest()
-        known = self.cache.get(key)
-        if known is not None:
-            return Seen.of(known, self.part.samples)
-        seen = self._simulated(values, more)
-        self.cache.put(key, np.zeros(0) if seen is None else seen.flat())
-        return seen
+        return hashlib.blake2b("|".join(said).encode(), key=self.mark).digest()
 
     def beyond_the_march(self, values: Mapping[str, float]) -> np.ndarray:
         """What the base model of several tendons in one plane shows beyond the native programs, SI, (C, K):
@@ -260,7 +309,22 @@ class Rig:
         )
         return whole.digest()
 
-    def _simulated(self, values: Mapping[str, float], more: tuple[float, ...]) -> Seen | None:
+    def _simulated(self, keys: Sequence[tuple]) -> list[Seen | None]:
+        """Values with their shifts, simulated side by side."""
+        every = [self._asked(dict(items), more) for items, more in keys]
+        runs: dict[tuple, Brief] = {}
+        for asked in every:
+            with contextlib.suppress(KeyError):
+                runs[asked.key] = self._runs.get(asked.key)
+        new = {asked.key: asked for asked in every if asked.key not in runs}
+        for structure in dict.fromkeys(asked.structure for asked in new.values()):
+            own = {key: asked.run for key, asked in new.items() if asked.structure == structure}
+            for key, run in zip(own, simulated(self._native, structure, list(own.values())), strict=True):
+                runs[key] = run
+                self._runs.put(key, run)
+        return [self._seen(asked, runs[asked.key]) for asked in every]
+
+    def _asked(self, values: Mapping[str, float], more: tuple[float, ...]) -> _Asked:
         part, K = self.part, self.part.samples
         known = self.robot.catalogue
         asked = {name.partition(".")[0] for name in values} & known.keys()
@@ -277,10 +341,16 @@ class Rig:
         drawn = None if history.displacement is None else np.asarray(history.displacement)[:K]
         own = tuple(sorted((n, v) for n, v in values.items() if not self._only_shown(n)))
         driven = (steps.T_base.tobytes(), None if drawn is None else drawn.tobytes())
-        run = self._run(_Run((own, structure, *driven), ready, structure, steps, drawn))
+        key = (own, structure, *driven)
+        return _Asked(flat, asked, loads, structure, Run(ready, steps, drawn), key)
+
+    def _seen(self, asked: _Asked, run: Brief) -> Seen | None:
+        """What the channels show of a simulation; None where it breaks down."""
+        part, K, loads = self.part, self.part.samples, asked.loads
         T_base, T_tip = run.T_base, run.T_tip
-        if self._cells or any(known[kind].of_cells for kind in asked):
-            shows = self._traced.cells(flat, _held_on(T_base, loads), _held_on(T_tip, loads), loads.time)
+        if self._cells or any(self.robot.catalogue[kind].of_cells for kind in asked.kinds):
+            held = (_held_on(T_base, loads), _held_on(T_tip, loads))
+            shows = self._traced.cells(asked.flat, *held, loads.time)
             T_base, T_tip = (np.asarray(tension)[:K] for tension in shows)
         values_shown = shown(
             self.robot,
@@ -288,7 +358,7 @@ class Rig:
             self.channels,
             cells=(T_base, T_tip),
             orientation=part.orientation,
-            places=self._marked(flat, run, loads),
+            places=self._marked(asked.flat, run, loads),
         )
         if not np.all(np.isfinite(values_shown)):
             return None

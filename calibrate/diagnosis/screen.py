@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..parallel import in_parallel
 from .bench import Bench
 from .hypotheses import Hypothesis
+from .lanes import in_lanes
 from .model import FAILED, Fitted, Model
 
 # Starts that are refitted, by how many numbers a hypothesis has: each shape may have an optimum of its own.
@@ -223,13 +223,13 @@ def screen(
         for h in hypotheses
         for s in (h.starts if thorough else h.few)
     ]
-    found = in_parallel(first_try, all_tried)
+    found = in_lanes(first_try, all_tried)
 
     def ranked_places(places: Iterable[int]) -> list[int]:
         return sorted(places, key=lambda i: -found[i].gain)
 
     def try_again(places: Sequence[int]) -> None:
-        for i, tried in zip(places, in_parallel(second_try, [found[i] for i in places]), strict=True):
+        for i, tried in zip(places, in_lanes(second_try, [found[i] for i in places]), strict=True):
             found[i] = tried
 
     thirds: list[_Tried] = []
@@ -246,7 +246,7 @@ def screen(
         if head is not None:
             best, able = ranked_places(best)[:FURTHER], ranked_places(able)[:FURTHER]
         try_again([i for i in dict.fromkeys((*best, *able)) if i not in promising])
-        thirds = [t for t in in_parallel(third_try, [found[i] for i in able]) if t is not None]
+        thirds = [t for t in in_lanes(third_try, [found[i] for i in able]) if t is not None]
     screened = []
     for h in hypotheses:
         mine, first = [t for t in (*found, *thirds) if t.hypothesis is h], h.numbers[0]

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..parallel import in_parallel
 from .bench import MOST_ITERATIONS, Bench
 from .hypotheses import EVENTS, Hypothesis, is_friction
+from .lanes import in_lanes
 from .locate import misfit
 from .model import Fitted, model_of
 from .models import HEADS, HOPELESS, Models
@@ -70,7 +70,7 @@ def base_fit(bench: Bench, start: np.ndarray | None = None) -> tuple[Bench, Fitt
             left = zip(bench.residuals(seen), bench.rigs, strict=True)
             return float(np.sum([np.sum(r[: rig.part.explained] ** 2) for r, rig in left]))
 
-        costs = in_parallel(rough, starts)
+        costs = in_lanes(rough, starts)
         if not np.isfinite(min(costs)):
             return None
         at = starts[int(np.argmin(costs))]
@@ -131,7 +131,7 @@ def raced(
         return bench.refit(own, start.x, known=start.known, exact=False, most=BEGIN)
 
     best: dict[tuple[str, ...], tuple[tuple[Hypothesis, ...], Fitted]] = {}
-    for (own, _), f in zip(items, in_parallel(begin, items), strict=True):
+    for (own, _), f in zip(items, in_lanes(begin, items), strict=True):
         key = tuple(h.name for h in own)
         if f is not None and (key not in best or f.cost < best[key][1].cost):
             best[key] = own, f
@@ -149,7 +149,7 @@ def raced(
             again = bench.refit(own, f.x, jacobian=f.jacobian, exact=False, most=more)
             return own, again or f
 
-        found = in_parallel(go_on, found)
+        found = in_lanes(go_on, found)
     return [f for _, f in found]
 
 

@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..parallel import in_parallel
 from .hypotheses import Hypothesis
+from .lanes import in_lanes
 from .model import Fitted, model_of
 from .models import Models
 
@@ -32,7 +32,7 @@ def twins_of(models: Models, fitted: Fitted) -> dict[str, tuple[str, ...]]:
         fitted: the model.
     """
     bench, others = models.bench, models.addable(fitted)
-    columns = in_parallel(lambda h: _change(models, fitted, h), others)
+    columns = in_lanes(lambda h: _change(models, fitted, h), others)
     own = fitted.jacobian
     found: dict[str, tuple[str, ...]] = dict.fromkeys(fitted.names, ())
     base = len(bench.base)
@@ -92,7 +92,7 @@ def settled(models: Models, fits: Sequence[Fitted]) -> list[Fitted]:
             f = again
         return f
 
-    found = in_parallel(settle, list(fits))
+    found = in_lanes(settle, list(fits))
     models.add(found)
     return found
 
@@ -115,7 +115,8 @@ def swapped(models: Models, head: Fitted, instead: Mapping[str, tuple[str, ...]]
         starts[1][first], starts[2][first] = size, -size
         told = _in_its_place(models, head, name, models.of[other])
         starts += [] if told is None else [np.asarray([told.get(n.name, 0.0) for n in model.numbers])]
-        start = min(starts, key=lambda x: models.bench.squares(model, np.clip(x, *model.bounds)))
+        costs = models.bench.squares(model, [np.clip(x, *model.bounds) for x in starts])
+        start = starts[int(np.argmin(costs))]
         return models.bench.refit(models.hypotheses(names), start, exact=False)
 
     def shares(name: str, other: str) -> bool:
@@ -128,7 +129,7 @@ def swapped(models: Models, head: Fitted, instead: Mapping[str, tuple[str, ...]]
         for other in dict.fromkeys(instead.get(name, ()))
         if other not in head.names and not shares(name, other)
     ]
-    return [f for f in in_parallel(refit, items) if f is not None]
+    return [f for f in in_lanes(refit, items) if f is not None]
 
 
 def _in_its_place(models: Models, head: Fitted, name: str, other: Hypothesis) -> dict[str, float] | None:

@@ -22,7 +22,8 @@ import numpy as np
 from jaxtyping import Array, Float
 from llvmlite import ir
 
-from .translate import BOOL, DOUBLE, LONG, Block, Translator, Value, kind_of
+from .translate import Translator
+from .values import BOOL, DOUBLE, LONG, Block, Value, kind_of, plain
 
 NAME = "steps"  # of the compiled function
 # The program of all physics terms compiles in 1.8 s and does 400 load steps in 35 ms; with LLVM's level 2 in
@@ -43,6 +44,7 @@ class Program:
         row: the shapes of the row of a step.
         key: tells this program from every other; the same key means the same code.
         kept: whether it is kept on disk.
+        lanes: how many runs go side by side, in the lanes of the processor's vectors.
     """
 
     def __init__(
@@ -54,9 +56,11 @@ class Program:
         key: Sequence[Any],
         *,
         kept: bool = True,
+        lanes: int = 1,
     ):
         self._begin, self._step, self._fixed, self._row = begin, step, fixed, row
-        self._key = hashlib.blake2b(repr((*key, _surroundings())).encode(), digest_size=16).hexdigest()
+        self._lanes = lanes
+        self._key = hashlib.blake2b(repr((*key, lanes, _surroundings())).encode(), digest_size=16).hexdigest()
         self._kept = kept
         self._lock = threading.Lock()
 
@@ -86,16 +90,17 @@ class Program:
         """Run the steps; other Python threads run meanwhile.
 
         Args:
-            fixed: the fixed values, `packed`.
-            rows: the leaves of each step one after the other, (K, numbers), float64.
+            fixed: the fixed values, `packed`, (n,); of several lanes (n, lanes).
+            rows: the leaves of each step one after the other, (K, numbers), float64; likewise with the lanes
+                last.
 
         Returns:
-            Outputs of each step, (K, numbers), float64; Booleans as 0 and 1.
+            Outputs of each step, (K, numbers), float64, likewise; Booleans as 0 and 1.
         """
         function, size, width, _ = self._ready
         given = np.ascontiguousarray(fixed, dtype=float)
         rows = np.ascontiguousarray(rows, dtype=float)
-        out = np.empty((len(rows), width))
+        out = np.empty((len(rows), width) if self._lanes == 1 else (len(rows), width, self._lanes))
         workspace = np.zeros(size, dtype=np.uint8)
         function(len(rows), given.ctypes.data, rows.ctypes.data, out.ctypes.data, workspace.ctypes.data)
         return out
@@ -112,14 +117,14 @@ class Program:
         count, given, rows, out, workspace = function.args
         for argument in function.args[1:]:
             argument.add_attribute("noalias")
-        t = Translator(module, function, workspace)
+        t, lanes = Translator(module, function, workspace, self._lanes), self._lanes
         leaves, own = jtu.tree_leaves(self._fixed), []
         place = 0
         for leaf in leaves:
-            start = t.at.gep(given, [LONG(place)], source_etype=LONG)
-            own.append(t.gathered(Block(start, leaf.shape, kind_of(leaf.dtype))))
+            start = t.at.gep(given, [LONG(place * lanes)], source_etype=LONG)
+            own.append(t.gathered(Block(start, leaf.shape, t.wide(kind_of(leaf.dtype)))))
             place += int(np.prod(leaf.shape, dtype=int))
-        kept = [t.kept(value) for value in t.run(begin.jaxpr, begin.consts, own)]
+        kept = [t.kept(value, wide=True) for value in t.run(begin.jaxpr, begin.consts, own)]
         inputs, width = jtu.tree_leaves(self._row), len(kept)
         wide = sum(int(np.prod(leaf.shape, dtype=int)) for leaf in inputs)
         outputs = jtu.tree_leaves(left)
@@ -128,19 +133,22 @@ class Program:
         def body(i: Any) -> None:
             row, place = [], 0
             for leaf in inputs:
-                start = t.at.gep(rows, [t.at.add(t.at.mul(i, LONG(wide)), LONG(place))], source_etype=LONG)
+                number = t.at.add(t.at.mul(i, LONG(wide * lanes)), LONG(place * lanes))
+                start = t.at.gep(rows, [number], source_etype=LONG)
                 row.append(_of_doubles(t, start, leaf))
                 place += int(np.prod(leaf.shape, dtype=int))
             found = t.run(step.jaxpr, step.consts, [*own, *[read() for _, read, _ in kept], *row])
-            place = t.at.mul(i, LONG(width))
+            numbers = t.wide(DOUBLE)
+            row = Block(t.at.gep(out, [t.at.mul(i, LONG(width * lanes))], source_etype=LONG), (), numbers)
+            place = 0
             for value in found[len(kept) :]:
-                size = int(np.prod(value.shape, dtype=int))
-                for k in range(size):
+                for k in range(int(np.prod(value.shape, dtype=int))):
                     one: Any = t.load(value, k) if isinstance(value, Block) else value.ravel()[k]
-                    one = t.at.uitofp(one, DOUBLE) if one.type == BOOL else one
-                    one = t.at.sitofp(one, DOUBLE) if one.type == LONG else one
-                    t.at.store(one, t.at.gep(out, [t.at.add(place, LONG(k))], source_etype=LONG))
-                place = t.at.add(place, LONG(size))
+                    one = t.spread(one, t.wide(one.type))
+                    one = t.at.uitofp(one, numbers) if plain(one.type) == BOOL else one
+                    one = t.at.sitofp(one, numbers) if plain(one.type) == LONG else one
+                    t.store(one, row, place)
+                    place += 1
             t.exchanged(kept, found[: len(kept)])
 
         t.loop(count, body)
@@ -151,7 +159,7 @@ class Program:
 
 def _of_doubles(t: Translator, start: Any, leaf: Any) -> Value:
     """A leaf of a row, whose numbers are all doubles."""
-    whole = Block(start, leaf.shape, DOUBLE)
+    whole = Block(start, leaf.shape, t.wide(DOUBLE))
     kind = kind_of(leaf.dtype)
     if kind == DOUBLE:
         return t.gathered(whole)
@@ -159,7 +167,9 @@ def _of_doubles(t: Translator, start: Any, leaf: Any) -> Value:
     for k, index in enumerate(np.ndindex(*leaf.shape)):
         value = t.load(whole, k)
         out[index] = (
-            t.at.fcmp_unordered("!=", value, DOUBLE(0.0)) if kind == BOOL else t.at.fptosi(value, LONG)
+            t.at.fcmp_unordered("!=", value, t.spread(DOUBLE(0.0), value.type))
+            if kind == BOOL
+            else t.at.fptosi(value, t.wide(LONG))
         )
     return out
 
@@ -195,7 +205,11 @@ def _machine() -> Any:
     _initialise()
     target = llvm.Target.from_default_triple()
     return target.create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=2, reloc="pic"
+        cpu=llvm.get_host_cpu_name(),
+        features=llvm.get_host_cpu_features().flatten(),
+        opt=2,
+        reloc="pic",
+        codemodel="small",
     )
 
 

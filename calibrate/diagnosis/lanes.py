@@ -1,0 +1,103 @@
+"""Simulations side by side: those that several threads ask for go into the lanes of one program.
+
+A search refits many models at once, each in a thread of its own, and each thread waits for its simulations.
+Whoever waits takes what is asked for of one program, up to `LANES` at a time, and runs it for all: as many
+programs at once as there are cores. What a simulation gives depends on nothing of those beside it, so an
+answer does not depend on who met whom.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from gtr_jax.mechanics import Structure
+from gtr_jax.simulation.natively import LANES, Brief, Native, Run
+
+from ..parallel import Item, Result, threads
+
+# A simulation of which another depends on the same program, number of steps and robot.
+_Key = tuple[Native, Structure, int]
+
+
+class _Asked:
+    """A simulation that a thread waits for, and what came of it."""
+
+    def __init__(self, key: _Key, run: Run):
+        self.key, self.run = key, run
+        self.found: Brief | None = None
+        self.fault: BaseException | None = None
+
+    @property
+    def done(self) -> bool:
+        return self.found is not None or self.fault is not None
+
+
+class _Counter:
+    """Where threads ask for simulations and wait for them."""
+
+    def __init__(self):
+        self._change = threading.Condition()
+        self._waiting: list[_Asked] = []
+        self._running = 0
+
+    def __call__(self, native: Native, structure: Structure, runs: Sequence[Run]) -> list[Brief]:
+        """Simulate; arguments as of `Native.side_by_side`, but any number of runs of any length."""
+        own = [_Asked((native, structure, len(run.loads.time)), run) for run in runs]
+        with self._change:
+            self._waiting += own
+        try:
+            while group := self._next(own):
+                self._run(group)
+        finally:
+            with self._change:
+                mine = {id(asked) for asked in own}
+                self._waiting = [asked for asked in self._waiting if id(asked) not in mine]
+        for asked in own:
+            if asked.fault is not None:
+                raise asked.fault
+        return [asked.found for asked in own if asked.found is not None]
+
+    def _next(self, own: Sequence[_Asked]) -> list[_Asked]:
+        """What to simulate next, of the program that was asked for first; none once `own` are done."""
+        with self._change:
+            while True:
+                if all(asked.done for asked in own):
+                    return []
+                if self._waiting and self._running < threads():
+                    key = self._waiting[0].key
+                    group = [asked for asked in self._waiting if asked.key == key][:LANES]
+                    taken = {id(asked) for asked in group}
+                    self._waiting = [asked for asked in self._waiting if id(asked) not in taken]
+                    self._running += 1
+                    return group
+                self._change.wait()
+
+    def _run(self, group: Sequence[_Asked]) -> None:
+        native, structure, _ = group[0].key
+        try:
+            briefs = native.side_by_side([asked.run for asked in group], structure)
+            for asked, brief in zip(group, briefs, strict=True):
+                asked.found = brief
+        except BaseException as fault:
+            for asked in group:
+                asked.fault = fault
+        finally:
+            with self._change:
+                self._running -= 1
+                self._change.notify_all()
+
+
+simulated: Callable[[Native, Structure, Sequence[Run]], list[Brief]] = _Counter()
+
+
+def in_lanes(work: Callable[[Any], Result], items: Sequence[Item]) -> list[Result]:
+    """work(item) for all items, in order, in so many threads that their simulations fill the lanes of the
+    programs that run.
+    """
+    if len(items) < 2:
+        return [work(item) for item in items]
+    with ThreadPoolExecutor(threads() * LANES) as pool:
+        return list(pool.map(work, items))
