@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import functools
 import operator
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -162,14 +163,30 @@ def clip(value, low, high):
 
 def product(case: Case, name: str, *args) -> Any:
     """Product of the factors of all terms that have the hook `name`; 1.0 without any."""
-    factors = [called(hook, case.terms[kind], *args) for kind, hook in case.structure.hooks(name)]
+    factors = [
+        _where_on(case, kind, 1.0, lambda kind=kind, hook=hook: called(hook, case.terms[kind], *args))
+        for kind, hook in case.structure.hooks(name)
+    ]
     return functools.reduce(operator.mul, _alike(factors)) if factors else 1.0
 
 
 def total(case: Case, name: str, *args) -> Any:
     """Sum of the additions of all terms that have the hook `name`; 0.0 without any."""
-    added = [called(hook, case.terms[kind], *args) for kind, hook in case.structure.hooks(name)]
+    added = [
+        _where_on(case, kind, 0.0, lambda kind=kind, hook=hook: called(hook, case.terms[kind], *args))
+        for kind, hook in case.structure.hooks(name)
+    ]
     return functools.reduce(operator.add, _alike(added)) if added else 0.0
+
+
+def _where_on(case: Case, kind: str, neutral: float, law: Callable[[], Any]) -> Any:
+    """What the law of a term gives. Where programs skip, a term that does not act gives the neutral number,
+    and its law is not computed.
+    """
+    if not case.structure.skips:
+        return law()
+    none = jtu.tree_map(lambda leaf: jnp.full(leaf.shape, neutral, leaf.dtype), jax.eval_shape(law))
+    return jax.lax.cond(is_on(case.structure.catalogue[kind], case.terms[kind]), law, lambda: none)
 
 
 def _alike(values: list[Any]) -> list[Any]:
@@ -402,7 +419,8 @@ class Equations(eqx.Module):
         """One bending law at a strain."""
         kept = self.geometry.split(row.bent[kind])
         at = Bent(row.rest, row.kappa, kept, self.case.load.dt, row.compliance, row.reach)
-        return self.geometry.bent(self.case.structure.catalogue[kind], self.case.terms[kind], kappa, at)
+        term, values = self.case.structure.catalogue[kind], self.case.terms[kind]
+        return _where_on(self.case, kind, 0.0, lambda: self.geometry.bent(term, values, kappa, at))
 
     def near(self, carry: Carry, row: Row, kappa) -> Any:
         """Derivative of the residual by the strain if nothing but the strain changes over the interval; None

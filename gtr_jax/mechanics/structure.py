@@ -44,6 +44,8 @@ class Structure:
         space: whether the robot may leave the plane, so that a node has three unknowns.
         laws: of the robot file, by which `terms` may be named too.
         notched: whether the body has notches.
+        skips: whether the laws of terms that do not act are passed over while it runs. The derivatives by
+            their sizes are then lost.
     """
 
     terms: tuple[str, ...]
@@ -53,6 +55,7 @@ class Structure:
     space: bool = False
     laws: tuple[Law, ...] = ()
     notched: bool = False
+    skips: bool = False
 
     @property
     def catalogue(self) -> Mapping[str, Term]:

@@ -225,6 +225,12 @@ def _counted(w: Writer, params: Any, shape: tuple[int, ...]) -> Value:
     return w.filled(shape, kind, element)
 
 
+def _empty(w: Writer, params: Any, shape: tuple[int, ...]) -> Value:
+    """An array whose elements are written before they are read."""
+    kind = kind_of(params["dtype"])
+    return w.filled(shape, kind, lambda index: ir.Constant(kind, 0))
+
+
 def _reversed(w: Writer, params: Any, shape: tuple[int, ...], a: Value) -> Value:
     axes = params["dimensions"]
     if isinstance(a, np.ndarray):
@@ -313,6 +319,7 @@ SHAPES: dict[str, Callable[..., Value]] = {
     "gather": _rows,
     "scatter": _replaced,
     "iota": _counted,
+    "empty2": _empty,
     "argmax": _largest_at,
     "cumsum": _cumulative,
     "reduce_sum": _reduction(ELEMENTWISE["add"], lambda kind: DOUBLE(0.0) if kind == DOUBLE else LONG(0)),

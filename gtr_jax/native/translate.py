@@ -226,16 +226,26 @@ class Translator(Writer):
         second = self.at.icmp_signed("!=", index, self.spread(ir.Constant(plain(index.type), 0), index.type))
         if not varies(which):
             return self._one_of(branches, operands, second, out)
-        for number, branch in enumerate(branches):
-            taken = self.among(second if number else self.at.not_(second))
+        takes = [self.at.not_(second), second]
+        # What the first leaves in the lanes that take the other is overwritten. One without equations is
+        # written first, for all lanes.
+        order = sorted((0, 1), key=lambda k: len(branches[k].jaxpr.eqns) > 0)
+        for place, number in enumerate(order):
+            branch, taken = branches[number], self.among(takes[number])
+
+            def write(branch: Any = branch, where: Any = taken if place else None) -> None:
+                found = self.run(branch.jaxpr, branch.consts, operands)
+                for room, value in zip(out, found, strict=True):
+                    self.copied(value, room, where)
+
+            if not branch.jaxpr.eqns and not place:
+                write()
+                continue
             inside, after = (self.function.append_basic_block(n) for n in ("branch", "after"))
             self.at.cbranch(self.any_lane(taken), inside, after)
             self.at.position_at_end(inside)
             with self.only(taken):
-                found = self.run(branch.jaxpr, branch.consts, operands)
-            for place, value in zip(out, found, strict=True):
-                # What the first leaves in the lanes that take the second is overwritten.
-                self.copied(value, place, taken if number else None)
+                write()
             self.at.branch(after)
             self.at.position_at_end(after)
         return [self.gathered(place) for place in out]

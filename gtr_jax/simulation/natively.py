@@ -212,6 +212,7 @@ def _driven(given: _Given, structure: Structure, how: March, settled: Settled, r
 @functools.lru_cache(maxsize=256)
 def _program(structure: Structure, how: March, kind: _Kind, shapes: tuple, lanes: int) -> Program:
     """The program for a structure and robots of some shape."""
+    structure = dataclasses.replace(structure, skips=True)
     leaves, tree = shapes
     fixed = jtu.tree_unflatten(tree, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
     drawn = fixed.give is not None
