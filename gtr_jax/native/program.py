@@ -204,12 +204,9 @@ def _surroundings() -> tuple[str, ...]:
 def _machine() -> Any:
     _initialise()
     target = llvm.Target.from_default_triple()
+    # Not the small code model: code and constants may come to lie too far apart for it, and LLVM aborts.
     return target.create_target_machine(
-        cpu=llvm.get_host_cpu_name(),
-        features=llvm.get_host_cpu_features().flatten(),
-        opt=2,
-        reloc="pic",
-        codemodel="small",
+        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=2, reloc="pic"
     )
 
 
