@@ -231,11 +231,15 @@ def stored(robot: Robot, run: Simulation):
         return (out, kappa), out
 
     laws = {"viscoelastic-body": viscoelastic_body.bend, "body-hysteresis": body_hysteresis.bend}
-    first = {name: jnp.zeros((1, s.rest.shape[0])) for name in laws}
+    first = {name: jnp.zeros((REGISTRY[name].remembers, s.rest.shape[0])) for name in laws}
     kept = jax.lax.scan(remembered, (first, run.curvature[0]), (run.curvature, dt))[1]
     ve, bh = terms["viscoelastic-body"], terms["body-hysteresis"]
     ratio = jnp.where(ve["ratio"] > 0, ve["ratio"], 1.0)
-    more = jax.vmap(lambda q: total(stiff * q[0] ** 2 / 2 / ratio))(kept["viscoelastic-body"])
+    # Of the branches of the body, which follow their sum.
+    each = len(viscoelastic_body.APART)
+    more = jax.vmap(lambda q: total(stiff * jnp.sum(q[1:] ** 2, axis=0) / 2 / ratio * each))(
+        kept["viscoelastic-body"]
+    )
     more += (
         jax.vmap(lambda z: total(stiff * z[0] ** 2 / 2))(kept["body-hysteresis"])
         * bh["ratio"]

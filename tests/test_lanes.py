@@ -9,7 +9,7 @@ import pytest
 
 import gtr_jax as gtr
 from calibrate.diagnosis.lanes import in_lanes, simulated
-from gtr_jax.native import program, values
+from gtr_jax.native import program
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import LANES, Native, Run, ready, steps_natively
 from gtr_jax.simulation.programs import structure_with
@@ -208,5 +208,3 @@ def test_a_fault_reaches_whoever_asked(make_robot, monkeypatch):
 
     in_lanes(ask, [0, 1])
     assert len(told) == 2
-
-

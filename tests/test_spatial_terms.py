@@ -28,7 +28,10 @@ def turned(x, y):
 TERMS = {
     "stiffening": ({"coefficient": 0.01}, {"coefficient": 0.01}),
     "body-hysteresis": ({"ratio": 0.3, "curvature": 2.0}, {"ratio": 0.3, "curvature": 2.0}),
-    "viscoelastic-body": ({"ratio": 0.4, "time": 5.0}, {"ratio": 0.4, "time": 5.0}),
+    "viscoelastic-body": (
+        {"ratio": 0.4, "time": 5.0, "spread": 0.4},
+        {"ratio": 0.4, "time": 5.0, "spread": 0.4},
+    ),
     "contact": (
         {"stiffness": 100.0, "distance": 0.03},
         {"stiffness": 100.0, "distance": 0.03, "elevation": TURN},
@@ -97,7 +100,8 @@ class TestLaws:
 
     def work(self, bend, numbers, strain):
         """Work of a law's moment along a way of the strain, (K, 3)."""
-        kept = tuple(jnp.zeros(1) for _ in range(3))
+        remembers = next(term.remembers for term in REGISTRY.values() if term.bend_in_space is bend)
+        kept = tuple(jnp.zeros(remembers) for _ in range(3))
         done, before = 0.0, strain[0]
         last = np.zeros(3)
         for now in strain:
@@ -123,7 +127,7 @@ class TestLaws:
         ("bend", "numbers"),
         [
             (body_hysteresis.bend_in_space, {"ratio": 0.3, "curvature": 1.0}),
-            (viscoelastic_body.bend_in_space, {"ratio": 0.3, "time": 0.5}),
+            (viscoelastic_body.bend_in_space, {"ratio": 0.3, "time": 0.5, "spread": 0.3}),
         ],
     )
     def test_hysteresis_and_creep_lose_it(self, bend, numbers):

@@ -14,7 +14,8 @@ import gtr_jax as gtr
 from benchmarks.terms import compared
 from gtr_jax.report.term_pages import page
 from gtr_jax.report.terms import description
-from gtr_jax.terms import REGISTRY, null_values
+from gtr_jax.terms import REGISTRY, null_values, viscoelastic_body, viscous_friction
+from gtr_jax.terms.term import Bent
 from tests.conftest import SINE
 
 REFERENCE = Path(__file__).parent / "data" / "reference"
@@ -185,6 +186,31 @@ def test_creep_relaxes_as_the_branch_says(make_robot):
     # The arm is R(1 - R kappa)/nu = R where the channel is parallel: bending is linear.
     exact = float(relaxed) * (1 - g / (1 + g) * np.exp(-time[1:] / (tau * (1 + g))))
     np.testing.assert_allclose(kappa[1:], exact, rtol=2e-3)
+
+
+def test_branches_of_several_times_relax_each_by_itself():
+    """Bent at once and held: the moment is the sum of ratio/4 exp(-t/t_j), t_j ten to the spreads apart."""
+    p = {"ratio": jnp.asarray(0.4), "time": jnp.asarray(3.0), "spread": jnp.asarray(0.7)}
+    kept, before, t, found, wanted = jnp.zeros((5,)), 0.0, 0.0, [], []
+    times = 3.0 * 10.0 ** (0.7 * np.array([-1.5, -0.5, 0.5, 1.5]))
+    for dt in (1e-9, 0.1, 0.5, 2.0, 10.0, 60.0):
+        q, kept = viscoelastic_body.bend(p, jnp.asarray(1.5), Bent(0.0, before, kept, jnp.asarray(dt)))
+        before, t = 1.5, t + (dt if dt > 1e-6 else 0.0)
+        found.append(float(q))
+        wanted.append(1.5 * 0.1 * np.sum(np.exp(-t / times)))
+        assert float(kept[0]) == pytest.approx(float(q), rel=1e-12)
+    np.testing.assert_allclose(found, wanted, rtol=1e-7)
+
+
+@pytest.mark.parametrize("exponent", [0.4, 1.0, 1.7])
+def test_viscous_friction_follows_a_power_of_the_speed(exponent):
+    p = {"coefficient": jnp.asarray(20.0), "exponent": jnp.asarray(exponent)}
+    speed = np.array([2e-3, 1e-2, 5e-2])
+    found = np.asarray(viscous_friction.by_speed(p, jnp.asarray(speed)))
+    np.testing.assert_allclose(found, 20.0 * 0.01 * (speed / 0.01) ** exponent, rtol=0.01)
+    np.testing.assert_allclose(viscous_friction.by_speed(p, jnp.asarray(-speed)), -found)
+    slow = np.asarray(viscous_friction.by_speed(p, jnp.linspace(0.0, 1e-3, 50)))
+    assert np.all(np.diff(slow) > 0)
 
 
 def test_adhesion_never_pulls_the_tendon_below_nothing(robot):

@@ -70,6 +70,8 @@ VARIANTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     # The reference cannot be told from mu; the direction of a stop is set by the direction of the bend.
     "pressure-dependent-friction": {"": ("exponent",)},
     "contact": {"": ("stiffness", "distance")},
+    "viscous-friction": {"": ("coefficient",), "power": ("coefficient", "exponent")},
+    "viscoelastic-body": {"": ("ratio", "time"), "spectrum": ("ratio", "time", "spread")},
 }
 # Variants that act where the rest of their term does: offered beside it, and to robots that have the rest.
 WITHIN = {"superelastic.unloading"}

@@ -207,14 +207,18 @@ def _tanh(s: _Scribe, x: Any) -> Any:
 
 
 def _pow(s: _Scribe, x: Any, y: Any) -> Any:
-    w = s.w
-    out = _exp(s, s.mul(y, _log(s, s.magnitude(x))))
-    whole, half = (s.w.call("llvm.rint", a) for a in (y, s.mul(0.5, y)))
-    odd = w.at.fcmp_unordered("!=", half, s.mul(0.5, y))
-    negative = s.select(s.test("==", whole, y), s.select(odd, w.at.fneg(out), out), math.nan)
-    out = s.select(s.test("<", x, 0.0), negative, out)
-    one = w.at.or_(s.test("==", y, 0.0), s.test("==", x, 1.0))
-    return s.select(one, 1.0, out)
+    w, place = s.w, s.w.slot(s.kind)
+    w.at.store(s.value(1.0), place)
+    # Exponents at which a law does nothing are common.
+    with w.at.if_then(w.any_lane(w.at.fcmp_unordered("!=", y, s.value(0.0)))):
+        out = _exp(s, s.mul(y, _log(s, s.magnitude(x))))
+        whole, half = (s.w.call("llvm.rint", a) for a in (y, s.mul(0.5, y)))
+        odd = w.at.fcmp_unordered("!=", half, s.mul(0.5, y))
+        negative = s.select(s.test("==", whole, y), s.select(odd, w.at.fneg(out), out), math.nan)
+        out = s.select(s.test("<", x, 0.0), negative, out)
+        one = w.at.or_(s.test("==", y, 0.0), s.test("==", x, 1.0))
+        w.at.store(s.select(one, 1.0, out), place)
+    return w.at.load(place, typ=s.kind)
 
 
 def _turned(shift: int, name: str) -> Callable[[_Scribe, Any], Any]:

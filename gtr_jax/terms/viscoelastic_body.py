@@ -1,16 +1,25 @@
-"""The body creeps: a Maxwell branch beside its stiffness."""
+"""The body creeps: Maxwell branches beside its stiffness, of one time or of several."""
 
 import jax.numpy as jnp
 
 from .term import Bent, Quantity, Term
 
+# Spreads by which the times of the branches differ from their mean; of equal stiffness.
+APART = (-1.5, -0.5, 0.5, 1.5)
+
 
 def bend(p, kappa, at):
-    """Moment of the branch over EI, exact for a constant rate of bending over the step."""
-    steps = at.dt / p["time"]
-    grown = -jnp.expm1(-steps)
-    q = at.kept[0] * (1 - grown) + p["ratio"] * grown / steps * (kappa - at.before)
-    return q, q[None]
+    """Moment of the branches over EI, exact for a constant rate of bending over the step; remembered are
+    their sum and each.
+    """
+    each = []
+    for k, spreads in enumerate(APART):
+        steps = at.dt / (p["time"] * 10.0 ** (spreads * p["spread"]))
+        grown = -jnp.expm1(-steps)
+        ratio = p["ratio"] / len(APART)
+        each.append(at.kept[1 + k] * (1 - grown) + ratio * grown / steps * (kappa - at.before))
+    q = sum(each)
+    return q, jnp.stack([q, *each])
 
 
 def bend_in_space(p, strain, at):
@@ -23,23 +32,41 @@ def bend_in_space(p, strain, at):
 TERM = Term(
     id="viscoelastic-body",
     says="The body creeps: bent quickly it is stiffer than bent slowly.",
-    law="M = EI (κ − κ₀) + q, q̇ = ratio·EI κ̇ − q/time; in space so for twist and each bending",
+    law="M = EI (κ − κ₀) + Σ q_j, q̇_j = ratio/4·EI κ̇ − q_j/t_j, t_j = time·10^(spread·(−3/2, −1/2, 1/2, 3/2)); "
+    "in space so for twist and each bending",
     seen="The tip and the tip tension go on changing during holds; loops depend on the rate.",
     told_apart="Holds at several tensions with the pose recorded; viscous friction stops when slip stops.",
-    source="standard linear solid (Zener)",
+    source="standard linear solid (Zener); several times: generalised Maxwell model (Wiechert)",
     quantities=(
         Quantity(
-            "ratio", "dimensionless", 0.0, 0.2, "Stiffness of the branch, relative to EI.", (0.03, 0.6), 0.0
+            "ratio",
+            "dimensionless",
+            0.0,
+            0.2,
+            "Stiffness of all branches together, relative to EI.",
+            (0.03, 0.6),
+            0.0,
         ),
         Quantity(
             "time",
             "s",
             10.0,
             10.0,
-            "Time in which the branch relaxes.",
+            "Time in which the branches relax, in the geometric mean.",
             (0.5, 200.0),
             0.0,
             log=True,
+            size=False,
+        ),
+        Quantity(
+            "spread",
+            "dimensionless",
+            0.0,
+            0.0,
+            "Decades between the times of branches that follow one another; 0 for one time.",
+            (0.2, 1.2),
+            0.0,
+            2.0,
             size=False,
         ),
     ),
@@ -47,5 +74,5 @@ TERM = Term(
     relaxes=True,
     bend=bend,
     bend_in_space=bend_in_space,
-    remembers=1,
+    remembers=1 + len(APART),
 )
