@@ -17,6 +17,7 @@ from .values import (
     DOUBLE,
     FEW,
     LONG,
+    Block,
     Untranslatable,
     Value,
     Writer,
@@ -63,7 +64,7 @@ def _transposed(w: Writer, params: Any, shape: tuple[int, ...], a: Value) -> Val
     order = params["permutation"]
     if isinstance(a, np.ndarray):
         return a.transpose(order)
-    if sum(extent > 1 for extent in shape) <= 1:
+    if isinstance(a, Block) and sum(extent > 1 for extent in shape) <= 1:
         return dataclasses.replace(a, shape=shape)
 
     def element(index: list[Any]) -> Any:

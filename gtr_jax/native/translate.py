@@ -18,8 +18,10 @@ from llvmlite import ir
 from .elementwise import ELEMENTWISE
 from .shapes import SHAPES
 from .values import (
+    FEW,
     LONG,
     Block,
+    Later,
     Untranslatable,
     Value,
     Writer,
@@ -62,45 +64,60 @@ class Translator(Writer):
         Returns:
             What it returns.
         """
+        return [self.computed(value) for value in self._run(jaxpr, known, given)]
+
+    def _run(self, jaxpr: Any, known: Sequence[Any], given: Sequence[Value]) -> list[Value]:
+        """As `run`; what is returned may be left to be computed later."""
+        once = _used_once(jaxpr)
         values: dict[Any, Value] = {}
+
+        def keep(variables: Sequence[Any], found: Sequence[Value]) -> None:
+            for variable, value in zip(variables, found, strict=True):
+                values[variable] = value if variable in once else self.computed(value)
+
         for variable, array in zip(jaxpr.constvars, known, strict=True):
             values[variable] = (
                 array
                 if isinstance(array, np.ndarray | Block) and _is_value(array)
                 else (self.constant(array))
             )
-        values.update(zip(jaxpr.invars, given, strict=True))
+        keep(jaxpr.invars, given)
 
         def read(atom: Any) -> Value:
             return self.constant(atom.val) if isinstance(atom, jax.extend.core.Literal) else values[atom]
 
         for eqn in jaxpr.eqns:
-            found = self.written(eqn, [read(v) for v in eqn.invars])
-            values.update(zip(eqn.outvars, found, strict=True))
+            keep(eqn.outvars, self.written(eqn, [read(v) for v in eqn.invars]))
         return [read(v) for v in jaxpr.outvars]
 
     def written(self, eqn: Any, given: list[Value]) -> list[Value]:
-        """Write one operation."""
+        """Write one operation, or what it leaves to be computed later."""
         name, params = eqn.primitive.name, eqn.params
         shapes = [v.aval.shape for v in eqn.outvars]
         if name in CALLS:
             inner = program_in(params)
-            return self.run(inner.jaxpr, inner.consts, given)
+            return self._run(inner.jaxpr, inner.consts, given)
+        if name in ELEMENTWISE:
+            write = ELEMENTWISE[name]
+
+            def one(index: Sequence[Any]) -> Any:
+                each = [self.element(v, index if len(v.shape) else []) for v in given]
+                return write(self, params, *self.alike(*each))
+
+            kind = kind_of(eqn.outvars[0].aval.dtype)
+            kind = self.wide(kind) if any(map(varies, given)) else kind
+            if size_of(shapes[0]) > FEW:
+                return [Later(shapes[0], kind, one)]
+            return [self.filled(shapes[0], kind, one)]
+        if name in ONCE:
+            return [SHAPES[name](self, params, shapes[0], *given)]
+        given = [self.computed(value) for value in given]
         if name == "scan":
             return self.scan(params, given)
         if name == "while":
             return self.while_loop(params, given)
         if name == "cond":
             return self.branched(params, given)
-        if name in ELEMENTWISE:
-            write = ELEMENTWISE[name]
-
-            def one(index: list[Any]) -> Any:
-                each = [self.element(v, index if len(v.shape) else []) for v in given]
-                return write(self, params, *self.alike(*each))
-
-            kind = kind_of(eqn.outvars[0].aval.dtype)
-            return [self.filled(shapes[0], self.wide(kind) if any(map(varies, given)) else kind, one)]
         if name in SHAPES:
             return [SHAPES[name](self, params, shapes[0], *given)]
         raise Untranslatable(name)
@@ -263,6 +280,26 @@ class Translator(Writer):
             self.at.branch(after)
         self.at.position_at_end(after)
         return [self.gathered(place) for place in out]
+
+
+# Operations on shapes that read each element of what they are given at most once.
+ONCE = ("slice", "reduce_sum", "reduce_max", "reduce_min", "reduce_and", "reduce_or", "transpose", "rev")
+
+
+def _used_once(jaxpr: Any) -> set[Any]:
+    """Variables of a program that are used once, by what reads each of their elements at most once: these
+    may be computed there.
+    """
+    uses: dict[Any, int] = {}
+    for eqn in jaxpr.eqns:
+        once = eqn.primitive.name in (*ELEMENTWISE, *ONCE, *CALLS)
+        for atom in eqn.invars:
+            if not isinstance(atom, jax.extend.core.Literal):
+                uses[atom] = uses.get(atom, 0) + (1 if once else 2)
+    for atom in jaxpr.outvars:
+        if not isinstance(atom, jax.extend.core.Literal):
+            uses[atom] = uses.get(atom, 0) + 1
+    return {atom for atom, count in uses.items() if count == 1}
 
 
 def _is_value(array: Any) -> bool:

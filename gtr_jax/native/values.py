@@ -35,7 +35,22 @@ class Block:
     kind: ir.Type
 
 
-Value = Values | Block
+@dataclasses.dataclass(frozen=True)
+class Later:
+    """A larger array whose elements are computed where the one operation that uses it needs them.
+
+    Attributes:
+        shape: of it.
+        kind: type of its elements.
+        element: writes the element at indices, one per axis.
+    """
+
+    shape: tuple[int, ...]
+    kind: ir.Type
+    element: Callable[[Sequence[Any]], Any]
+
+
+Value = Values | Block | Later
 
 
 def kind_of(dtype: Any) -> ir.Type:
@@ -62,7 +77,7 @@ def plain(kind: ir.Type) -> ir.Type:
 
 def kind_in(value: Value) -> ir.Type:
     """The type of the elements of an array."""
-    if isinstance(value, Block):
+    if not isinstance(value, np.ndarray):
         return value.kind
     return value.ravel()[0].type if value.size else DOUBLE
 
@@ -213,7 +228,9 @@ class Writer:
         self.at.branch(head)
         self.at.position_at_end(after)
 
-    def filled(self, shape: tuple[int, ...], kind: ir.Type, element: Callable[[list[Any]], Any]) -> Value:
+    def filled(
+        self, shape: tuple[int, ...], kind: ir.Type, element: Callable[[list[Any]], Any]
+    ) -> Values | Block:
         """An array from a function that gives the element at indices, one per axis."""
         if size_of(shape) <= FEW:
             out = np.empty(shape, dtype=object)
@@ -242,10 +259,16 @@ class Writer:
             if all(isinstance(i, ir.Constant) and i.type == LONG for i in index):
                 return value[tuple(i.constant for i in index)]
             value = self.spilled(value)
+        if isinstance(value, Later):
+            return value.element(index)
         linear: Any = LONG(0)
         for i, extent in zip(index, value.shape, strict=True):
             linear = self.add(self.scaled(linear, extent), i)
         return self.load(value, linear)
+
+    def computed(self, value: Value) -> Values | Block:
+        """An array with its elements computed."""
+        return self.filled(value.shape, value.kind, value.element) if isinstance(value, Later) else value
 
     def spilled(self, values: Values) -> Block:
         """A small array, stored in the workspace."""
@@ -255,7 +278,7 @@ class Writer:
             self.store(value, block, i)
         return block
 
-    def gathered(self, block: Block) -> Value:
+    def gathered(self, block: Block) -> Values | Block:
         """A small array, loaded from memory; a larger one stays there."""
         if size_of(block.shape) > FEW:
             return block
@@ -264,7 +287,7 @@ class Writer:
             out[index] = self.load(block, i)
         return out
 
-    def constant(self, array: Any) -> Value:
+    def constant(self, array: Any) -> Values | Block:
         """A constant array, which is the same in all lanes."""
         array = np.asarray(array)
         kind = kind_of(array.dtype)
