@@ -32,8 +32,8 @@ def bend_in_space(p, strain, at):
 TERM = Term(
     id="viscoelastic-body",
     says="The body creeps: bent quickly it is stiffer than bent slowly.",
-    law="M = EI (κ − κ₀) + Σ q_j, q̇_j = ratio/4·EI κ̇ − q_j/t_j, t_j = time·10^(spread·(−3/2, −1/2, 1/2, 3/2)); "
-    "in space so for twist and each bending",
+    law="M = EI (κ − κ₀) + Σ q_j, q̇_j = ratio/4·EI κ̇ − q_j/t_j, "
+    "t_j = time·10^(spread·(−3/2, −1/2, 1/2, 3/2)); in space so for twist and each bending",
     seen="The tip and the tip tension go on changing during holds; loops depend on the rate.",
     told_apart="Holds at several tensions with the pose recorded; viscous friction stops when slip stops.",
     source="standard linear solid (Zener); several times: generalised Maxwell model (Wiechert)",
