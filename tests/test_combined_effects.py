@@ -35,7 +35,7 @@ def test_an_effect_that_the_cost_needs_is_kept_though_the_parts_held_out_miss_it
         stored=lambda f: f,
     )
     unseen = SimpleNamespace(totals=lambda fits: (np.ones((len(fits), 2)), np.full(len(fits), 2.0)))
-    monkeypatch.setattr(further, "in_parallel", lambda f, items: [f(i) for i in items])
+    monkeypatch.setattr(further, "in_lanes", lambda f, items: [f(i) for i in items])
     args = cast(tuple[Any, Any, Any, Any], (models, unseen, head, start))
     assert further._without_idle(*args).names == kept
 

@@ -27,6 +27,7 @@ from gtr_jax.sweep.plan import Plan, _chunk, draw
 from gtr_jax.sweep.run import Meter, run_here, threads_of
 from gtr_jax.sweep.sensitivity import _on_grid, sensitivity_of
 from gtr_jax.sweep.store import Store
+from gtr_jax.sweep.task import PLAIN, lanes_of
 from gtr_jax.sweep.validity import is_robot
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -736,3 +737,16 @@ def test_workers_end_with_the_main_process(tmp_path):
 def test_the_example_is_a_sweep(capsys):
     task = task_of(load_sweep(EXAMPLES / "tdcm-1-sweep.toml"))
     assert task.plan.points == 10_000
+
+
+@pytest.mark.parametrize(
+    ("memory", "steps", "lanes"), [(80e9, 81, 2**21 // 81), (8e9, 81, 4938), (None, 1, 214748)]
+)
+def test_an_accelerator_holds_as_many_lanes_as_its_memory(monkeypatch, memory, steps, lanes):
+    class Device:
+        def memory_stats(self):
+            return None if memory is None else {"bytes_limit": memory}
+
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    monkeypatch.setattr(jax, "local_devices", lambda: [Device()])
+    assert lanes_of(PLAIN, steps) == lanes

@@ -13,8 +13,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from gtr_jax.mechanics import Structure
-from gtr_jax.simulation.natively import LANES, Brief, Native, Run
+from gtr_jax.simulation.natively import LANES, Brief, Native, Run, Structure
 
 from ..parallel import Item, Result, threads
 

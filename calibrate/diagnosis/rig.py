@@ -20,12 +20,11 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from gtr_jax import Robot, true_base
-from gtr_jax.mechanics import Structure
 from gtr_jax.robot.parameters import parameters_of, places_of, with_values
 from gtr_jax.robot.robot import lay_out
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.markers import markers_on, shape_in_plane
-from gtr_jax.simulation.natively import Brief, Native, Ready, Run, ready, sources
+from gtr_jax.simulation.natively import Brief, Native, Ready, Run, Structure, ready, sources
 from gtr_jax.simulation.programs import every, every_for, structure_of, structure_with
 from gtr_jax.simulation.sensing import Reading, cells_differ, cells_show
 from gtr_jax.simulation.solution import Shape
@@ -49,9 +48,9 @@ AT_HAND, RUNS_AT_HAND = 256, 64
 
 
 # Terms in each program that simulates a recording, from the fastest to the slowest program: a hypothesis uses
-# the first that has all its terms. Load steps a second on the demo's mesh: 90,000, 40,000, 23,000, 20,000 and
-# 11,000; each compiles in 0.7 to 1.8 s. A program of its own for every hypothesis would take 0.7 s each.
-# Terms of a user's own are added to them, as laws are.
+# the first that has all its terms. Load steps a second in lanes: 200,000, 80,000, 40,000, 30,000 and 18,000;
+# they compile in 0.3 to 6 s (benchmarks/results/native.md). A program of its own for every hypothesis would
+# take 0.3 to 1.5 s each. Terms of a user's own are added to them, as laws are.
 EVERY = tuple(kind for kind in every() if kind not in OWN)
 _BESIDE_LOADS = [kind for kind in EVERY if not REGISTRY[kind].loads and REGISTRY[kind].stop is None]
 _BY_SLIP = ("presliding", "viscous-friction")

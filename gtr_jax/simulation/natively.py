@@ -29,7 +29,17 @@ from .programs import at_nodes
 from .slipping import front_of, large_tension, moves_of
 from .solution import drawn_out, loaded_of, stretch_of
 
-__all__ = ["Brief", "Native", "Ready", "Run", "base_tensions", "ready", "sources", "steps_natively"]
+__all__ = [
+    "Brief",
+    "Native",
+    "Ready",
+    "Run",
+    "Structure",
+    "base_tensions",
+    "ready",
+    "sources",
+    "steps_natively",
+]
 
 # Step of the differences by which a displacement answers to tensions, as a share of a large tension.
 STEP = 1e-6

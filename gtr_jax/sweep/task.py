@@ -44,7 +44,10 @@ from .plan import Plan, block_size, plan_of
 # benchmarks/results/lanes.md has the measurements.
 PLAIN, LOADED, DRAWN, SLIP = 1.0, 5.0, 300.0, 250.0
 LANES = {PLAIN: 16, LOADED: 16, DRAWN: 1, SLIP: 1}
-ACCELERATED = 2**16  # lanes times steps on an accelerator; not measured
+# On an accelerator: lanes times load steps, and bytes of its memory for each, by the measurements in
+# benchmarks/results/accelerator.md: more lanes are faster until some million steps go on at once, and a step
+# takes 2.6 kB of TD-CM I, some 10 kB of a helix in space. Memory of one that does not tell [bytes].
+MOST_ACCELERATED, BYTES_EACH, MEMORY = 2**21, 2e4, 2**32
 
 
 @dataclasses.dataclass(frozen=True)
@@ -212,7 +215,9 @@ def lanes_of(kind: float, steps: int) -> int:
     import jax
 
     if jax.default_backend() != "cpu":
-        return max(ACCELERATED // max(steps, 1), 8)
+        known = jax.local_devices()[0].memory_stats() or {}
+        most = min(known.get("bytes_limit", MEMORY) / BYTES_EACH, MOST_ACCELERATED)
+        return max(int(most) // max(steps, 1), 8)
     return LANES[kind]
 
 
