@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -59,7 +60,7 @@ def points() -> Iterator[tuple[str, Callable[[Array, Array], tuple[Array, ...]],
     yield "11 steps, presliding", history(plane, 10, 45.0, **{"presliding.length": 6e-4}), 11
 
 
-def microseconds(point: Callable, lanes: int, device: jax.Device) -> float:
+def microseconds(point: Callable, lanes: int, device: Any) -> float:
     """Microseconds a point, warm, on a device."""
     run, best = jax.jit(jax.vmap(point)), np.inf
     with jax.default_device(device):

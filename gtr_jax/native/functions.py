@@ -99,14 +99,17 @@ class _Scribe:
     def long(self, a: int) -> Any:
         return self.w.spread(LONG(a), self.whole)
 
+    def _done(self, name: str, a: Any, b: Any) -> Any:
+        return getattr(self.w.at, name)(self.value(a), self.value(b), flags=("contract",))
+
     def add(self, a: Any, b: Any) -> Any:
-        return self.w.at.fadd(self.value(a), self.value(b), flags=("contract",))
+        return self._done("fadd", a, b)
 
     def sub(self, a: Any, b: Any) -> Any:
-        return self.w.at.fsub(self.value(a), self.value(b), flags=("contract",))
+        return self._done("fsub", a, b)
 
     def mul(self, a: Any, b: Any) -> Any:
-        return self.w.at.fmul(self.value(a), self.value(b), flags=("contract",))
+        return self._done("fmul", a, b)
 
     def div(self, a: Any, b: Any) -> Any:
         return self.w.at.fdiv(self.value(a), self.value(b))

@@ -18,6 +18,7 @@ from .values import (
     FEW,
     LONG,
     Block,
+    Computed,
     Untranslatable,
     Value,
     Writer,
@@ -29,13 +30,13 @@ from .values import (
 )
 
 
-def _reshaped(w: Writer, params: Any, shape: tuple[int, ...], a: Value) -> Value:
+def _reshaped(w: Writer, params: Any, shape: tuple[int, ...], a: Computed) -> Value:
     if isinstance(a, np.ndarray):
         return a.reshape(shape)
     return dataclasses.replace(a, shape=shape)
 
 
-def _broadcast(w: Writer, params: Any, shape: tuple[int, ...], a: Value, *rest: Value) -> Value:
+def _broadcast(w: Writer, params: Any, shape: tuple[int, ...], a: Computed, *rest: Computed) -> Value:
     axes = params["broadcast_dimensions"]
     if isinstance(a, np.ndarray) and a.size > 1 and size_of(shape) > FEW:
         a = w.spilled(a)
@@ -112,7 +113,7 @@ def _spread(w: Writer, part: Any, kind: ir.Type) -> Any:
     return out
 
 
-def _stacked(w: Writer, params: Any, shape: tuple[int, ...], *parts: Value) -> Value:
+def _stacked(w: Writer, params: Any, shape: tuple[int, ...], *parts: Computed) -> Value:
     axis = params.get("axis", params.get("dimension", 0))
     whole = [_reshaped(w, None, (*p.shape[:axis], 1, *p.shape[axis:]), p) for p in parts]
     return _joined(w, {"dimension": axis}, shape, *whole)
@@ -178,7 +179,7 @@ def _reduction(fold: Callable[..., Any], start: Callable[[ir.Type], Any]) -> Cal
     return write
 
 
-def _cumulative(w: Writer, params: Any, shape: tuple[int, ...], a: Value) -> Value:
+def _cumulative(w: Writer, params: Any, shape: tuple[int, ...], a: Computed) -> Value:
     axis, reverse = params["axis"], params["reverse"]
     whole = w.spilled(a) if isinstance(a, np.ndarray) else a
     out = w.room(shape, whole.kind)
@@ -200,7 +201,7 @@ def _cumulative(w: Writer, params: Any, shape: tuple[int, ...], a: Value) -> Val
     return w.gathered(out)
 
 
-def _largest_at(w: Writer, params: Any, shape: tuple[int, ...], a: Value) -> Value:
+def _largest_at(w: Writer, params: Any, shape: tuple[int, ...], a: Computed) -> Value:
     (axis,) = params["axes"]
     if not isinstance(a, np.ndarray) or a.ndim != 1 or axis != 0:
         raise Untranslatable("argmax of a large array")

@@ -21,6 +21,7 @@ from .values import (
     FEW,
     LONG,
     Block,
+    Computed,
     Later,
     Untranslatable,
     Value,
@@ -53,7 +54,7 @@ class Translator(Writer):
         """A Boolean that is false in the lanes that are not to be computed."""
         return flag if self.on is None else self.at.and_(*self.alike(self.on, flag))
 
-    def run(self, jaxpr: Any, known: Sequence[Any], given: Sequence[Value]) -> list[Value]:
+    def run(self, jaxpr: Any, known: Sequence[Any], given: Sequence[Value]) -> list[Computed]:
         """Write a traced program.
 
         Args:
@@ -111,20 +112,20 @@ class Translator(Writer):
             return [self.filled(shapes[0], kind, one)]
         if name in ONCE:
             return [SHAPES[name](self, params, shapes[0], *given)]
-        given = [self.computed(value) for value in given]
+        known = [self.computed(value) for value in given]
         if name == "scan":
-            return self.scan(params, given)
+            return [*self.scan(params, known)]
         if name == "while":
-            return self.while_loop(params, given)
+            return [*self.while_loop(params, known)]
         if name == "cond":
-            return self.branched(params, given)
+            return [*self.branched(params, known)]
         if name in SHAPES:
-            return [SHAPES[name](self, params, shapes[0], *given)]
+            return [SHAPES[name](self, params, shapes[0], *known)]
         raise Untranslatable(name)
 
     # --- loops and branches -------------------------------------------------------------------------------
 
-    def kept(self, value: Value, wide: bool) -> tuple[Any, Callable[[], Value], Callable[..., None]]:
+    def kept(self, value: Computed, wide: bool) -> tuple[Any, Callable[[], Computed], Callable[..., None]]:
         """Storage of a value that a loop carries, which differs between lanes or not, and how to read and
         write it; written where a Boolean is true, if one is given.
         """
@@ -135,13 +136,13 @@ class Translator(Writer):
                 slots[index] = self.slot(kind)
                 self.at.store(self.spread(value[index], kind), slots[index])
 
-            def read() -> Value:
+            def read() -> Computed:
                 out = np.empty(slots.shape, dtype=object)
                 for index in np.ndindex(*slots.shape):
                     out[index] = self.at.load(slots[index], typ=kind)
                 return out
 
-            def write(new: Value, where: Any = None) -> None:
+            def write(new: Computed, where: Any = None) -> None:
                 assert isinstance(new, np.ndarray)
                 for index in np.ndindex(*slots.shape):
                     one, slot = self.spread(new[index], kind), slots[index]
@@ -153,12 +154,12 @@ class Translator(Writer):
         self.copied(value, block)
         return block, lambda: block, lambda new, where=None: self.copied(new, block, where)
 
-    def all_kept(self, values: Sequence[Value], wide: Callable[[], list[bool]]) -> list[Any]:
+    def all_kept(self, values: Sequence[Computed], wide: Callable[[], list[bool]]) -> list[Any]:
         """Storage of all values that a loop carries; `wide` says which differ between lanes."""
         apart = wide() if self.lanes > 1 else [False] * len(values)
         return [self.kept(value, differs) for value, differs in zip(values, apart, strict=True)]
 
-    def exchanged(self, kept: Sequence[Any], new: Sequence[Value], where: Any = None) -> None:
+    def exchanged(self, kept: Sequence[Any], new: Sequence[Computed], where: Any = None) -> None:
         """Write all carried values at once; a new value that lies in another's storage is copied first."""
         saved = []
         homes = {id(place.start) for place, _, _ in kept if isinstance(place, Block)}
@@ -174,7 +175,7 @@ class Translator(Writer):
             if not (isinstance(value, Block) and isinstance(place, Block) and value.start is place.start):
                 write(value, where)
 
-    def scan(self, params: Any, given: list[Value]) -> list[Value]:
+    def scan(self, params: Any, given: list[Computed]) -> list[Computed]:
         """Write a scan."""
         consts, carries = params["num_consts"], params["num_carry"]
         inner, length = params["jaxpr"], params["length"]
@@ -204,13 +205,13 @@ class Translator(Writer):
         place = self.at.gep(block.start, [start], source_etype=self.held(block.kind))
         return Block(place, block.shape[1:], block.kind)
 
-    def row(self, value: Value, i: Any) -> Value:
+    def row(self, value: Computed, i: Any) -> Computed:
         """Entry i of an array along its first axis, loaded from memory where it is small."""
         if isinstance(value, np.ndarray):  # of no elements
             return np.empty(value.shape[1:], dtype=object)
         return self.gathered(self.row_of(value, i))
 
-    def while_loop(self, params: Any, given: list[Value]) -> list[Value]:
+    def while_loop(self, params: Any, given: list[Computed]) -> list[Computed]:
         """Write a while loop."""
         a, b = params["cond_nconsts"], params["body_nconsts"]
         kept = self.all_kept(given[a + b :], lambda: carried_by_while(params, [varies(v) for v in given]))
@@ -218,9 +219,9 @@ class Translator(Writer):
         self.at.branch(head)
         self.at.position_at_end(head)
         cond, body = params["cond_jaxpr"], params["body_jaxpr"]
-        (on,) = self.run(cond.jaxpr, cond.consts, [*given[:a], *[read() for _, read, _ in kept]])
-        assert isinstance(on, np.ndarray)
-        on = on.reshape(())[()]
+        (goes,) = self.run(cond.jaxpr, cond.consts, [*given[:a], *[read() for _, read, _ in kept]])
+        assert isinstance(goes, np.ndarray)
+        on: Any = goes.reshape(())[()]
         apart = isinstance(on.type, ir.VectorType)
         lanes = self.among(on) if apart else self.on
         self.at.cbranch(self.any_lane(lanes) if apart else on, inside, after)
@@ -232,7 +233,7 @@ class Translator(Writer):
         self.at.position_at_end(after)
         return [read() for _, read, _ in kept]
 
-    def branched(self, params: Any, given: list[Value]) -> list[Value]:
+    def branched(self, params: Any, given: list[Computed]) -> list[Computed]:
         """Write a choice between two branches, of which only those that are taken are executed."""
         which, *operands = given
         branches = params["branches"]
@@ -267,7 +268,9 @@ class Translator(Writer):
             self.at.position_at_end(after)
         return [self.gathered(place) for place in out]
 
-    def _one_of(self, branches: Any, operands: list[Value], second: Any, out: list[Block]) -> list[Value]:
+    def _one_of(
+        self, branches: Any, operands: list[Computed], second: Any, out: list[Block]
+    ) -> list[Computed]:
         """Write a choice that is the same in all lanes."""
         blocks = [self.function.append_basic_block(n) for n in ("first", "second")]
         after = self.function.append_basic_block("chosen")

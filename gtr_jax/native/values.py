@@ -50,7 +50,8 @@ class Later:
     element: Callable[[Sequence[Any]], Any]
 
 
-Value = Values | Block | Later
+Computed = Values | Block
+Value = Computed | Later
 
 
 def kind_of(dtype: Any) -> ir.Type:
@@ -228,9 +229,7 @@ class Writer:
         self.at.branch(head)
         self.at.position_at_end(after)
 
-    def filled(
-        self, shape: tuple[int, ...], kind: ir.Type, element: Callable[[list[Any]], Any]
-    ) -> Values | Block:
+    def filled(self, shape: tuple[int, ...], kind: ir.Type, element: Callable[[list[Any]], Any]) -> Computed:
         """An array from a function that gives the element at indices, one per axis."""
         if size_of(shape) <= FEW:
             out = np.empty(shape, dtype=object)
@@ -266,7 +265,7 @@ class Writer:
             linear = self.add(self.scaled(linear, extent), i)
         return self.load(value, linear)
 
-    def computed(self, value: Value) -> Values | Block:
+    def computed(self, value: Value) -> Computed:
         """An array with its elements computed."""
         return self.filled(value.shape, value.kind, value.element) if isinstance(value, Later) else value
 
@@ -278,7 +277,7 @@ class Writer:
             self.store(value, block, i)
         return block
 
-    def gathered(self, block: Block) -> Values | Block:
+    def gathered(self, block: Block) -> Computed:
         """A small array, loaded from memory; a larger one stays there."""
         if size_of(block.shape) > FEW:
             return block
@@ -287,7 +286,7 @@ class Writer:
             out[index] = self.load(block, i)
         return out
 
-    def constant(self, array: Any) -> Values | Block:
+    def constant(self, array: Any) -> Computed:
         """A constant array, which is the same in all lanes."""
         array = np.asarray(array)
         kind = kind_of(array.dtype)
@@ -306,7 +305,7 @@ class Writer:
         )
         return Block(self.at.bitcast(known, ir.PointerType()), array.shape, kind)
 
-    def copied(self, value: Value, into: Block, where: Any = None) -> None:
+    def copied(self, value: Computed, into: Block, where: Any = None) -> None:
         """Write an array over a block; where a Boolean is given, only in the lanes in which it is true."""
 
         def one(new: Any, i: Any) -> None:

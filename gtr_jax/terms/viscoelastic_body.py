@@ -18,7 +18,7 @@ def bend(p, kappa, at):
         grown = -jnp.expm1(-steps)
         ratio = p["ratio"] / len(APART)
         each.append(at.kept[1 + k] * (1 - grown) + ratio * grown / steps * (kappa - at.before))
-    q = sum(each)
+    q = sum(each[1:], each[0])
     return q, jnp.stack([q, *each])
 
 
