@@ -188,6 +188,70 @@ def test_threads_that_ask_are_served_together(make_robot, monkeypatch):
     assert sizes == [LANES] * 3
 
 
+def test_an_interrupted_thread_leaves_its_work_to_others(make_robot, monkeypatch):
+    robot = make_robot(0.3, routing=SINE)
+    structure, native = structure_with(robot, ()), Native(robot)
+    run = Run(ready(robot, jnp.asarray(LOOP)), loads_of(jnp.asarray(LOOP), jnp.asarray(CLOCK), None))
+    real, times = Native.side_by_side, []
+
+    def interrupted(self, runs, structure):
+        times.append(len(runs))
+        if len(times) < 4:
+            raise KeyboardInterrupt
+        return real(self, runs, structure)
+
+    monkeypatch.setattr(Native, "side_by_side", interrupted)
+    for _ in range(3):
+        with pytest.raises(KeyboardInterrupt):
+            simulated(native, structure, [run])
+    assert len(simulated(native, structure, [run, run])) == 2
+
+
+def test_a_fault_stays_with_the_run_that_has_it(make_robot, monkeypatch):
+    robot = make_robot(0.3, routing=SINE)
+    structure, native = structure_with(robot, ()), Native(robot)
+    good = Run(ready(robot, jnp.asarray(LOOP)), loads_of(jnp.asarray(LOOP), jnp.asarray(CLOCK), None))
+    bad, real = good._replace(drawn=np.zeros(3)), Native.side_by_side
+
+    def side_by_side(self, runs, structure):
+        if any(run.drawn is not None for run in runs):
+            raise gtr.InputError("no")
+        return real(self, runs, structure)
+
+    monkeypatch.setattr(Native, "side_by_side", side_by_side)
+    together = threading.Barrier(2)
+
+    def ask(run):
+        together.wait()
+        try:
+            return simulated(native, structure, [run])
+        except gtr.InputError:
+            return None
+
+    found = in_lanes(ask, [good, bad])
+    assert found[0] is not None and found[1] is None
+
+
+def test_long_chains_of_operations_are_written():
+    def step(fixed, x):
+        y = x * jnp.linspace(0.0, 1.0, 30)
+        for _ in range(500):
+            y = jnp.sqrt(y + 0.5)
+        return y
+
+    x = np.linspace(0.1, 2.0, 8)
+    wanted = np.stack([np.asarray(step(None, jnp.asarray(one))) for one in x])
+    np.testing.assert_allclose(in_four(step, x[:, None]), wanted, rtol=1e-12)
+
+
+def test_booleans_are_ordered():
+    def step(fixed, x):
+        return jnp.maximum(x > 0, x > 1), jnp.minimum(x > 0, x > 1)
+
+    found = in_four(lambda fixed, x: jnp.stack(step(fixed, x)), np.array([[-1.0], [0.5], [2.0], [0.0]]))
+    np.testing.assert_array_equal(found, [[0, 0], [1, 0], [1, 1], [0, 0]])
+
+
 def test_a_fault_reaches_whoever_asked(make_robot, monkeypatch):
     robot = make_robot(0.3, routing=SINE)
     structure, native = structure_with(robot, ()), Native(robot)

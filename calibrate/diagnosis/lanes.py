@@ -17,7 +17,7 @@ from gtr_jax.simulation.natively import LANES, Brief, Native, Run, Structure
 
 from ..parallel import Item, Result, threads
 
-# A simulation of which another depends on the same program, number of steps and robot.
+# What simulations that go side by side share: robot, program and number of steps.
 _Key = tuple[Native, Structure, int]
 
 
@@ -40,16 +40,17 @@ class _Counter:
     def __init__(self):
         self._change = threading.Condition()
         self._waiting: list[_Asked] = []
-        self._running = 0
+        self._running: set[int] = set()
 
     def __call__(self, native: Native, structure: Structure, runs: Sequence[Run]) -> list[Brief]:
         """Simulate; arguments as of `Native.side_by_side`, but any number of runs of any length."""
         own = [_Asked((native, structure, len(run.loads.time)), run) for run in runs]
-        with self._change:
-            self._waiting += own
         try:
-            while group := self._next(own):
-                self._run(group)
+            with self._change:
+                self._waiting += own
+                self._change.notify_all()
+            while not all(asked.done for asked in own):
+                self._serve(own)
         finally:
             with self._change:
                 mine = {id(asked) for asked in own}
@@ -59,34 +60,45 @@ class _Counter:
                 raise asked.fault
         return [asked.found for asked in own if asked.found is not None]
 
-    def _next(self, own: Sequence[_Asked]) -> list[_Asked]:
-        """What to simulate next, of the program that was asked for first; none once `own` are done."""
-        with self._change:
-            while True:
-                if all(asked.done for asked in own):
-                    return []
-                if self._waiting and self._running < threads():
-                    key = self._waiting[0].key
-                    group = [asked for asked in self._waiting if asked.key == key][:LANES]
-                    taken = {id(asked) for asked in group}
-                    self._waiting = [asked for asked in self._waiting if id(asked) not in taken]
-                    self._running += 1
-                    return group
-                self._change.wait()
-
-    def _run(self, group: Sequence[_Asked]) -> None:
-        native, structure, _ = group[0].key
+    def _serve(self, own: Sequence[_Asked]) -> None:
+        """Simulate what was asked for first, once a core is free, unless `own` are done before. Where that is
+        interrupted, it waits for another thread.
+        """
+        group: list[_Asked] = []
         try:
-            briefs = native.side_by_side([asked.run for asked in group], structure)
-            for asked, brief in zip(group, briefs, strict=True):
-                asked.found = brief
-        except BaseException as fault:
-            for asked in group:
-                asked.fault = fault
+            with self._change:
+                while not (self._waiting and len(self._running) < threads()):
+                    if all(asked.done for asked in own):
+                        return
+                    self._change.wait()
+                self._running.add(id(group))
+                group += [asked for asked in self._waiting if asked.key == self._waiting[0].key][:LANES]
+                taken = {id(asked) for asked in group}
+                self._waiting = [asked for asked in self._waiting if id(asked) not in taken]
+            _run(group)
         finally:
             with self._change:
-                self._running -= 1
+                self._running.discard(id(group))
+                left = {id(asked) for asked in self._waiting}
+                back = [asked for asked in group if not asked.done and id(asked) not in left]
+                self._waiting = back + self._waiting
                 self._change.notify_all()
+
+
+def _run(group: Sequence[_Asked]) -> None:
+    """Simulate side by side; one by one where that fails, so that the fault is told to those who have it."""
+    native, structure, _ = group[0].key
+    try:
+        briefs = native.side_by_side([asked.run for asked in group], structure)
+    except Exception as fault:
+        if len(group) == 1:
+            group[0].fault = fault
+            return
+        for asked in group:
+            _run([asked])
+        return
+    for asked, brief in zip(group, briefs, strict=True):
+        asked.found = brief
 
 
 simulated: Callable[[Native, Structure, Sequence[Run]], list[Brief]] = _Counter()

@@ -56,7 +56,8 @@ def _larger(sign: str) -> Callable[..., Any]:
 
     def write(w: Writer, params: Any, a: Any, b: Any) -> Any:
         if not _is(a, DOUBLE):
-            return w.at.select(w.at.icmp_signed(sign, a, b), a, b)
+            compare = w.at.icmp_unsigned if _is(a, BOOL) else w.at.icmp_signed
+            return w.at.select(compare(sign, a, b), a, b)
         first = w.at.or_(w.at.fcmp_ordered(sign, a, b), w.at.fcmp_unordered("uno", a, a))
         return w.at.select(first, a, b)
 

@@ -5,7 +5,8 @@ history with physics terms went into them. These take all lanes at once. They re
 the argument as usual (Muller, Elementary Functions, 3rd ed. 2016, ch. 11: to |r| < ln 2 / 2 and |r| < pi / 4
 by constants in parts whose products are exact; to a mantissa within sqrt(2) of 1; to |t| < tan(pi / 8)) and
 use polynomials through the Chebyshev nodes of the rest, computed with 60 digits. Errors are below 3 units in
-the last place; of a power below 2 + 2 |y ln x|, which counts the rounding of its exponent.
+the last place; of a power below 2 + 2 |y ln x|, which counts the rounding of its exponent. Only `tanh` and
+`atan2` keep the sign of zero, and powers and angles of two infinite numbers are NaN.
 """
 
 from __future__ import annotations

@@ -247,7 +247,7 @@ def _reversed(w: Writer, params: Any, shape: tuple[int, ...], a: Value) -> Value
 
 
 def _padded(w: Writer, params: Any, shape: tuple[int, ...], a: Value, filler: Value) -> Value:
-    edges = params["padding_config"]
+    edges = [[int(width) for width in edge] for edge in params["padding_config"]]
     if any(low < 0 or high < 0 or between for low, high, between in edges):
         raise Untranslatable("pad that cuts or spreads")
     if all(low == high == 0 for low, high, _ in edges):

@@ -18,6 +18,7 @@ from llvmlite import ir
 from .elementwise import ELEMENTWISE
 from .shapes import SHAPES
 from .values import (
+    BOOL,
     FEW,
     LONG,
     Block,
@@ -35,6 +36,9 @@ from .values import (
 )
 from .varying import CALLS, carried_by_scan, carried_by_while, program_in
 
+# Operations that are computed where the last of them is used, one inside another.
+DEEPEST = 40
+
 
 class Translator(Writer):
     """Writes the programs of one function; see `Writer`."""
@@ -47,12 +51,15 @@ class Translator(Writer):
         """What is written inside needs to be right in some lanes only."""
         before = self.on
         self.on = lanes
-        yield
-        self.on = before
+        try:
+            yield
+        finally:
+            self.on = before
 
     def among(self, flag: Any) -> Any:
         """A Boolean that is false in the lanes that are not to be computed."""
-        return flag if self.on is None else self.at.and_(*self.alike(self.on, flag))
+        # Not `and`: what a lane that is not computed has may be undefined.
+        return flag if self.on is None else self.select(self.on, flag, BOOL(0))
 
     def run(self, jaxpr: Any, known: Sequence[Any], given: Sequence[Value]) -> list[Computed]:
         """Write a traced program.
@@ -107,8 +114,9 @@ class Translator(Writer):
 
             kind = kind_of(eqn.outvars[0].aval.dtype)
             kind = self.wide(kind) if any(map(varies, given)) else kind
-            if size_of(shapes[0]) > FEW:
-                return [Later(shapes[0], kind, one)]
+            depth = 1 + max((v.depth for v in given if isinstance(v, Later)), default=0)
+            if size_of(shapes[0]) > FEW and depth < DEEPEST:
+                return [Later(shapes[0], kind, one, depth)]
             return [self.filled(shapes[0], kind, one)]
         if name in ONCE:
             return [SHAPES[name](self, params, shapes[0], *given)]

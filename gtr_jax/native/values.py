@@ -43,11 +43,13 @@ class Later:
         shape: of it.
         kind: type of its elements.
         element: writes the element at indices, one per axis.
+        depth: how many operations it takes one inside another.
     """
 
     shape: tuple[int, ...]
     kind: ir.Type
     element: Callable[[Sequence[Any]], Any]
+    depth: int
 
 
 Computed = Values | Block

@@ -176,7 +176,8 @@ def block_size(total: int, weight: float, bytes_each: float, lanes: int) -> int:
         total: points of the sweep.
         weight: work of a point, in equilibria without external loads.
         bytes_each: bytes that a point leaves.
-        lanes: points solved side by side, the least block.
+        lanes: points solved side by side, the least block unless they leave more than that.
     """
     most = min(MOST_WORK / weight, MOST_BYTES / bytes_each)
-    return int(max(min(max(total / 64, LEAST_WORK / weight), most), lanes))
+    least = min(lanes, max(MOST_BYTES / bytes_each, 1.0))
+    return int(max(min(max(total / 64, LEAST_WORK / weight), most), least))

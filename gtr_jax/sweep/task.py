@@ -217,7 +217,8 @@ def lanes_of(kind: float, steps: int) -> int:
     if jax.default_backend() != "cpu":
         known = jax.local_devices()[0].memory_stats() or {}
         most = min(known.get("bytes_limit", MEMORY) / BYTES_EACH, MOST_ACCELERATED)
-        return max(int(most) // max(steps, 1), 8)
+        # The derivatives that a search for base tensions needs take more.
+        return max(int(most / (8 if kind == DRAWN else 1)) // max(steps, 1), 8)
     return LANES[kind]
 
 
