@@ -6,7 +6,7 @@ import datetime
 import os
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,6 +16,16 @@ import numpy as np
 from scipy.integrate import solve_bvp
 
 RESULTS = Path(__file__).parent / "results"
+
+
+def told(lines: Iterable[str], into: str | None) -> None:
+    """Print lines as they come; write them to a file of results too, if one is named."""
+    kept = []
+    for line in lines:
+        kept.append(line)
+        print(line, flush=True)
+    if into is not None:
+        (RESULTS / into).write_text("\n".join(kept) + "\n", encoding="utf-8")
 
 
 class Timed(NamedTuple):

@@ -95,12 +95,7 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.native", description=__doc__)
     parser.add_argument("--write", action="store_true", help="write results/native.md")
     args = parser.parse_args(argv)
-    lines = []
-    for line in study():
-        lines.append(line)
-        print(line, flush=True)
-    if args.write:
-        (measure.RESULTS / "native.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    measure.told(study(), "native.md" if args.write else None)
     return 0
 
 

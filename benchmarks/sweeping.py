@@ -268,12 +268,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--write", action="store_true", help="write results/lanes.md")
     parser.add_argument("--quick", action="store_true", help="few lane counts")
     args = parser.parse_args(argv)
-    lines = []
-    for line in study(args.quick):
-        lines.append(line)
-        print(line, flush=True)
-    if args.write:
-        (measure.RESULTS / "lanes.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    measure.told(study(args.quick), "lanes.md" if args.write else None)
     return 0
 
 

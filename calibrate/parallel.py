@@ -30,9 +30,9 @@ def threads() -> int:
     return available if _most is None else min(_most, available)
 
 
-def in_parallel(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-    """work(item) for all items, in order, a thread for each core."""
+def in_parallel(work: Callable[[Item], Result], items: Sequence[Item], each: int = 1) -> list[Result]:
+    """work(item) for all items, in order, `each` threads for a core."""
     if len(items) < 2:
         return [work(item) for item in items]
-    with ThreadPoolExecutor(threads()) as pool:
+    with ThreadPoolExecutor(threads() * each) as pool:
         return list(pool.map(work, items))

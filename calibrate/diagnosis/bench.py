@@ -219,18 +219,17 @@ class Bench:
     def answer_of_dimensions(self, values: Mapping[str, float]) -> Follow | None:
         """How the dimensions change what is simulated at some values; None without dimensions."""
 
-        def change(rig: Rig, d: Number, here: Seen | None) -> np.ndarray:
-            there = rig(dict(values) | {d.name: d.centre + d.sd})
+        def change(rig: Rig, here: Seen | None, there: Seen | None) -> np.ndarray:
             if here is None or there is None:
                 return np.zeros(rig.part.recorded.shape)
             return (there.values - here.values)[rig.where]
 
         if not self.dimensions:
             return None
-        by_rig = []
+        asked, by_rig = [values, *(dict(values) | {d.name: d.centre + d.sd} for d in self.dimensions)], []
         for rig in self.rigs:
-            here = rig(values)
-            by_rig.append(np.stack([change(rig, d, here) for d in self.dimensions], axis=-1))
+            here, *there = rig.many(asked)
+            by_rig.append(np.stack([change(rig, here, seen) for seen in there], axis=-1))
         return self.following(by_rig)
 
     def following(self, change: list[np.ndarray]) -> Follow:

@@ -10,12 +10,10 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 from gtr_jax.simulation.natively import LANES, Brief, Native, Run, Structure
 
-from ..parallel import Item, Result, threads
+from ..parallel import Item, Result, in_parallel, threads
 
 # What simulations that go side by side share: robot, program and number of steps.
 _Key = tuple[Native, Structure, int]
@@ -27,7 +25,7 @@ class _Asked:
     def __init__(self, key: _Key, run: Run):
         self.key, self.run = key, run
         self.found: Brief | None = None
-        self.fault: BaseException | None = None
+        self.fault: Exception | None = None
 
     @property
     def done(self) -> bool:
@@ -104,11 +102,8 @@ def _run(group: Sequence[_Asked]) -> None:
 simulated: Callable[[Native, Structure, Sequence[Run]], list[Brief]] = _Counter()
 
 
-def in_lanes(work: Callable[[Any], Result], items: Sequence[Item]) -> list[Result]:
+def in_lanes(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
     """work(item) for all items, in order, in so many threads that their simulations fill the lanes of the
     programs that run.
     """
-    if len(items) < 2:
-        return [work(item) for item in items]
-    with ThreadPoolExecutor(threads() * LANES) as pool:
-        return list(pool.map(work, items))
+    return in_parallel(work, items, LANES)

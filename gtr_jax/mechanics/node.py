@@ -163,20 +163,23 @@ def clip(value, low, high):
 
 def product(case: Case, name: str, *args) -> Any:
     """Product of the factors of all terms that have the hook `name`; 1.0 without any."""
-    factors = [
-        _where_on(case, kind, 1.0, lambda kind=kind, hook=hook: called(hook, case.terms[kind], *args))
-        for kind, hook in case.structure.hooks(name)
-    ]
-    return functools.reduce(operator.mul, _alike(factors)) if factors else 1.0
+    factors = _given(case, name, 1.0, args)
+    return functools.reduce(operator.mul, factors) if factors else 1.0
 
 
 def total(case: Case, name: str, *args) -> Any:
     """Sum of the additions of all terms that have the hook `name`; 0.0 without any."""
-    added = [
-        _where_on(case, kind, 0.0, lambda kind=kind, hook=hook: called(hook, case.terms[kind], *args))
+    added = _given(case, name, 0.0, args)
+    return functools.reduce(operator.add, added) if added else 0.0
+
+
+def _given(case: Case, name: str, neutral: float, args: tuple) -> list[Any]:
+    """What the terms give that have the hook `name`."""
+    laws = {
+        kind: functools.partial(called, hook, case.terms[kind], *args)
         for kind, hook in case.structure.hooks(name)
-    ]
-    return functools.reduce(operator.add, _alike(added)) if added else 0.0
+    }
+    return _alike([_where_on(case, kind, neutral, law) for kind, law in laws.items()])
 
 
 def _where_on(case: Case, kind: str, neutral: float, law: Callable[[], Any]) -> Any:

@@ -26,7 +26,6 @@ from .values import (
     kind_of,
     plain,
     size_of,
-    varies,
 )
 
 
@@ -80,7 +79,7 @@ def _transposed(w: Writer, params: Any, shape: tuple[int, ...], a: Value) -> Val
 def _joined(w: Writer, params: Any, shape: tuple[int, ...], *parts: Value) -> Value:
     axis = params["dimension"]
     kind = next((kind_in(part) for part in parts if size_of(part.shape)), DOUBLE)
-    kind = w.wide(kind) if any(map(varies, parts)) else kind
+    kind = w.wide_of(kind, *parts)
     if all(isinstance(part, np.ndarray) for part in parts) and size_of(shape) <= FEW:
         return np.concatenate([_spread(w, part, kind) for part in parts], axis=axis)
     out = w.room(shape, kind)
@@ -98,7 +97,7 @@ def _joined(w: Writer, params: Any, shape: tuple[int, ...], *parts: Value) -> Va
             lambda index, part=part, shift=shift: w.store(
                 w.element(part, index),
                 out,
-                _linear(w, [*index[:axis], w.at.add(index[axis], LONG(shift)), *index[axis + 1 :]], shape),
+                w.linear([*index[:axis], w.at.add(index[axis], LONG(shift)), *index[axis + 1 :]], shape),
             ),
         )
         before += part.shape[axis]
@@ -132,13 +131,6 @@ def _over(w: Writer, shape: Sequence[int], body: Callable[[list[Any]], None]) ->
             w.loop(shape[axis], lambda i: nested(axis + 1, [*index, i]))
 
     nested(0, [])
-
-
-def _linear(w: Writer, index: Sequence[Any], shape: Sequence[int]) -> Any:
-    linear: Any = LONG(0)
-    for i, extent in zip(index, shape, strict=True):
-        linear = w.add(w.scaled(linear, extent), i)
-    return linear
 
 
 def _reduction(fold: Callable[..., Any], start: Callable[[ir.Type], Any]) -> Callable[..., Value]:
@@ -191,7 +183,7 @@ def _cumulative(w: Writer, params: Any, shape: tuple[int, ...], a: Computed) -> 
 
         def step(i: Any) -> None:
             k = w.at.sub(LONG(shape[axis] - 1), i) if reverse else i
-            linear = _linear(w, [*rest[:axis], k, *rest[axis:]], shape)
+            linear = w.linear([*rest[:axis], k, *rest[axis:]], shape)
             w.at.store(w.at.fadd(w.at.load(total, typ=whole.kind), w.load(whole, linear)), total)
             w.store(w.at.load(total, typ=whole.kind), out, linear)
 
@@ -252,8 +244,7 @@ def _padded(w: Writer, params: Any, shape: tuple[int, ...], a: Value, filler: Va
         raise Untranslatable("pad that cuts or spreads")
     if all(low == high == 0 for low, high, _ in edges):
         return a
-    parts, kind = a, kind_in(a)
-    kind = w.wide(kind) if varies(a) or varies(filler) else kind
+    parts, kind = a, w.wide_of(kind_in(a), a, filler)
     for axis, (low, high, _) in enumerate(edges):
         sides = [(*parts.shape[:axis], n, *parts.shape[axis + 1 :]) for n in (low, high)]
         before, after = (w.filled(side, kind, lambda index: w.element(filler, [])) for side in sides)
@@ -272,7 +263,7 @@ def _rows(w: Writer, params: Any, shape: tuple[int, ...], a: Value, places: Valu
         raise Untranslatable("gather of other than rows")
     kind = kind_in(a)
     fills = params["mode"] == jax.lax.GatherScatterMode.FILL_OR_DROP and plain(kind) == DOUBLE
-    kind = w.wide(kind) if varies(places) else kind
+    kind = w.wide_of(kind, places)
     length = a.shape[along[0]]
 
     def element(index: list[Any]) -> Any:
@@ -296,8 +287,7 @@ def _replaced(w: Writer, params: Any, shape: tuple[int, ...], a: Value, places: 
     single = where.inserted_window_dims == where.scatter_dims_to_operand_dims == (0,)
     if not single or where.operand_batching_dims or places.shape != (1,) or rows.shape != shape[1:]:
         raise Untranslatable("scatter of other than one row")
-    kind = kind_in(a)
-    kind = w.wide(kind) if any(map(varies, (a, places, rows))) else kind
+    kind = w.wide_of(kind_in(a), a, places, rows)
     row = w.element(places, [LONG(0)])
 
     def element(index: list[Any]) -> Any:

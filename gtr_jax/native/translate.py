@@ -112,8 +112,7 @@ class Translator(Writer):
                 each = [self.element(v, index if len(v.shape) else []) for v in given]
                 return write(self, params, *self.alike(*each))
 
-            kind = kind_of(eqn.outvars[0].aval.dtype)
-            kind = self.wide(kind) if any(map(varies, given)) else kind
+            kind = self.wide_of(kind_of(eqn.outvars[0].aval.dtype), *given)
             depth = 1 + max((v.depth for v in given if isinstance(v, Later)), default=0)
             if size_of(shapes[0]) > FEW and depth < DEEPEST:
                 return [Later(shapes[0], kind, one, depth)]

@@ -116,6 +116,10 @@ class Writer:
         """The type of an element that differs between lanes."""
         return kind if self.lanes == 1 or isinstance(kind, ir.VectorType) else ir.VectorType(kind, self.lanes)
 
+    def wide_of(self, kind: ir.Type, *values: Value) -> ir.Type:
+        """The type of elements that come from those of arrays."""
+        return self.wide(kind) if any(map(varies, values)) else kind
+
     def spread(self, value: Any, kind: ir.Type) -> Any:
         """An element as a value of a type: in all lanes, where this has several and the element is one."""
         if value.type == kind or not isinstance(kind, ir.VectorType):
@@ -262,10 +266,14 @@ class Writer:
             value = self.spilled(value)
         if isinstance(value, Later):
             return value.element(index)
+        return self.load(value, self.linear(index, value.shape))
+
+    def linear(self, index: Sequence[Any], shape: Sequence[int]) -> Any:
+        """The linear index of indices, one per axis."""
         linear: Any = LONG(0)
-        for i, extent in zip(index, value.shape, strict=True):
+        for i, extent in zip(index, shape, strict=True):
             linear = self.add(self.scaled(linear, extent), i)
-        return self.load(value, linear)
+        return linear
 
     def computed(self, value: Value) -> Computed:
         """An array with its elements computed."""

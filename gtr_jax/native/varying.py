@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax.extend
@@ -17,16 +17,9 @@ def program_in(params: Any) -> Any:
     return next(params[name] for name in PROGRAMS if name in params)
 
 
-def varying(jaxpr: Any, given: Sequence[bool], known: Sequence[bool] | None = None) -> list[bool]:
-    """Whether each value that a program returns differs between lanes.
-
-    Args:
-        jaxpr: the program.
-        given: whether each of its arguments does.
-        known: whether each of its constants does; unless given, none does.
-    """
-    does = dict(zip(jaxpr.constvars, known or [False] * len(jaxpr.constvars), strict=True))
-    does |= dict(zip(jaxpr.invars, given, strict=True))
+def varying(jaxpr: Any, given: Sequence[bool]) -> list[bool]:
+    """Whether each value that a program returns differs between lanes, if its arguments do as said."""
+    does = dict.fromkeys(jaxpr.constvars, False) | dict(zip(jaxpr.invars, given, strict=True))
 
     def read(atom: Any) -> bool:
         return not isinstance(atom, jax.extend.core.Literal) and does[atom]
@@ -53,24 +46,30 @@ def _found(eqn: Any, given: list[bool]) -> list[bool]:
 def carried_by_scan(params: Any, given: Sequence[bool]) -> list[bool]:
     """Whether each value that a scan carries differs between lanes, if its arguments do as said."""
     consts, carries = params["num_consts"], params["num_carry"]
-    does = list(given[consts : consts + carries])
-    while True:
-        after = varying(params["jaxpr"].jaxpr, [*given[:consts], *does, *given[consts + carries :]])
-        after = [a or b for a, b in zip(does, after[:carries], strict=True)]
-        if after == does:
-            return does
-        does = after
+    fixed, rows = given[:consts], given[consts + carries :]
+
+    def once(does: list[bool]) -> list[bool]:
+        return varying(params["jaxpr"].jaxpr, [*fixed, *does, *rows])[:carries]
+
+    return _settled(list(given[consts : consts + carries]), once)
 
 
 def carried_by_while(params: Any, given: Sequence[bool]) -> list[bool]:
     """Whether each value that a while loop carries does: all of them, where the lanes do not end together."""
     a, b = params["cond_nconsts"], params["body_nconsts"]
-    does = list(given[a + b :])
-    while True:
+
+    def once(does: list[bool]) -> list[bool]:
         if any(varying(params["cond_jaxpr"].jaxpr, [*given[:a], *does])):
             return [True] * len(does)
-        after = varying(params["body_jaxpr"].jaxpr, [*given[a : a + b], *does])
-        after = [a or b for a, b in zip(does, after, strict=True)]
+        return varying(params["body_jaxpr"].jaxpr, [*given[a : a + b], *does])
+
+    return _settled(list(given[a + b :]), once)
+
+
+def _settled(does: list[bool], once: Callable[[list[bool]], list[bool]]) -> list[bool]:
+    """Which carried values differ after any number of turns of a loop; `once` says which do after one."""
+    while True:
+        after = [before or now for before, now in zip(does, once(does), strict=True)]
         if after == does:
             return does
         does = after
