@@ -51,12 +51,12 @@ class _Weigher(eqx.Module):
     near: Int[Array, "K 4"]
     shares: Float[Array, "K 4"]
     inverse: Float[Array, "M M"]
-    sd_base: Float[Array, ""]
+    sd_base: Float[Array, " K"]
     exact: bool = eqx.field(static=True)
 
     @staticmethod
     def of(weigh: Weighing) -> _Weigher:
-        base, exact = weigh.base, bool(weigh.sd_base <= 0)
+        base, exact = weigh.base, weigh.exact
         inverse = np.zeros((0, 0))
         if not exact:
             if base.size > MOST_KNOTS:
@@ -75,7 +75,7 @@ class _Weigher(eqx.Module):
             near=jnp.asarray(base.near),
             shares=jnp.asarray(base.weights),
             inverse=jnp.asarray(inverse),
-            sd_base=jnp.asarray(float(weigh.sd_base)),
+            sd_base=jnp.broadcast_to(jnp.asarray(weigh.sd_base), weigh.weight.shape[1]),
             exact=exact,
         )
 
@@ -101,7 +101,8 @@ class _Weigher(eqx.Module):
             knots = jnp.zeros(self.inverse.shape[0]).at[near].add(shares * pulled[..., None])
             shift = jnp.sum(self.shares * (self.inverse @ knots)[self.near], axis=1)
         moved = self.weight * (rows + self.slope * shift[self.last]) / jnp.sqrt(self.tau)[:, None]
-        base = jnp.sum(shift**2) / jnp.where(self.exact, 1.0, self.sd_base**2 * self.tau[0])
+        sd = jnp.where(self.exact, 1.0, self.sd_base)
+        base = jnp.sum((shift / sd) ** 2) / self.tau[0]
         return jnp.sum(moved**2) + base
 
 

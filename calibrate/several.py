@@ -31,11 +31,11 @@ class SeveralWeighing(Weighing):
 
     Attributes:
         drives: what drives each tendon, and its knots, n of them.
-        sds: effective standard deviation of each, n of them; 0 where it is exact.
+        sds: effective standard deviation of each at each sample, (K,), or of all; 0 where it is exact.
     """
 
     drives: tuple[BaseTension, ...] = ()
-    sds: tuple[float, ...] = ()
+    sds: tuple[np.ndarray | float, ...] = ()
 
     @staticmethod
     def of_all(
@@ -81,12 +81,14 @@ class SeveralWeighing(Weighing):
     def _curves(self) -> sparse.csr_array:
         """Drives in their standard deviations at all samples, (n K, numbers)."""
         at = np.arange(self.weight.shape[1])
-        each = [_shares(self.drives[i], np.full(len(at), 1 / self.sds[i]), at) for i in self._free]
+        each = [
+            _shares(self.drives[i], np.broadcast_to(1 / self.sds[i], len(at)), at) for i in self._free
+        ]
         return sparse.csr_array(sparse.block_diag(each))
 
     @property
     def _free(self) -> list[int]:
-        return [i for i, sd in enumerate(self.sds) if sd > 0]
+        return [i for i, sd in enumerate(self.sds) if np.any(sd)]
 
     @functools.cached_property
     def solver(self) -> SuperLU:
@@ -100,7 +102,8 @@ class SeveralWeighing(Weighing):
     @property
     def passed(self) -> np.ndarray:
         """Standard deviation of the channels due to the noise of all that drives the tendons, (C, K)."""
-        return np.sqrt(np.sum((self.slope * np.asarray(self.sds)) ** 2, axis=-1))
+        sds = [np.broadcast_to(sd, self.slope.shape[1]) for sd in self.sds]
+        return np.sqrt(np.sum((self.slope * np.stack(sds, axis=-1)) ** 2, axis=-1))
 
     @property
     def log_determinant(self) -> float:

@@ -5,7 +5,7 @@ while friction holds the tip, T_tip keeps the value of the sample at which it sl
 T_tip of a sample depends on one true base tension, and through it on a few knots (`readings`), whose values v
 are known from the recording with a banded information matrix. Minimising over v,
 
-    min_dv |r + G B dv|^2/sd_tip^2 + |B dv|^2/sd_base^2,
+    min_dv |r + G B dv|^2/sd_tip^2 + |B dv/sd_base|^2,
 
 is linear in the residual r and costs as much as a banded solve. Errors that a plateau has in common with the
 peak before it are thus counted once, and the plateau adds no information about friction to that of the peak.
@@ -39,7 +39,8 @@ class Weighing:
         floating: channels whose zero is unknown, so that a constant offset does not count, (C,).
         stretch: uncertain stretch of the tendon in these channels, one standard deviation [m], (K,), or of
             the tendon of each channel, (C, K); zero where the stretch is known.
-        sd_base: effective standard deviation of the recorded base tension [N]; 0 if it is exact.
+        sd_base: effective standard deviation of the recorded base tension at each sample [N], (K,), or of
+            all; 0 if it is exact.
         tau: samples per independent one, of each channel, (C,).
     """
 
@@ -49,7 +50,7 @@ class Weighing:
     weight: np.ndarray
     floating: np.ndarray
     stretch: np.ndarray
-    sd_base: float
+    sd_base: np.ndarray | float
     tau: np.ndarray
 
     @staticmethod
@@ -73,7 +74,7 @@ class Weighing:
         prediction: Prediction,
         channels: tuple[str, ...],
         sd: np.ndarray,
-        sd_base: float,
+        sd_base: np.ndarray | float,
         stretch: np.ndarray,
     ) -> Weighing:
         """Weighing with the slopes of a simulation."""
@@ -101,19 +102,29 @@ class Weighing:
     def shift(self, rows: np.ndarray) -> np.ndarray:
         """Best correction of the base tension [N], (K, ...), for residuals, (C, K, ...)."""
         K = len(self.base.T_base)
-        if self.sd_base <= 0:
+        if self.exact:
             return np.zeros((K, *rows.shape[2:]))
         pulled = np.zeros((self.base.size, *rows.shape[2:]))
         for each, last, row in zip(self.slope * self.weight**2, self.last, rows, strict=True):
             pulled = pulled + self.base.to_knots(-along(each, row) * row, last)
         return self.base.at_samples(cho_solve_banded((self.factor, False), pulled))
 
+    @property
+    def exact(self) -> bool:
+        """Whether the base tension is taken as recorded."""
+        return not np.any(self.sd_base)
+
+    @property
+    def _alone(self) -> np.ndarray:
+        """Information of the base cell alone about the knots, banded."""
+        return self.base.information(np.broadcast_to(np.square(1 / self.sd_base), len(self.base.T_base)))
+
     @functools.cached_property
     def factor(self) -> np.ndarray:
         """Cholesky factor of the information of both cells about the knots, banded, as
         `BaseTension.information`.
         """
-        found = self.base.information(np.full(len(self.base.T_base), self.sd_base**-2))
+        found = self._alone
         for passed, last in zip(self.slope**2 * self.weight**2, self.last, strict=True):
             found = found + self.base.information(passed, last)
         return cholesky_banded(found)
@@ -123,9 +134,9 @@ class Weighing:
         """Logarithm of the determinant of the covariance of the channels' rows beside that without the noise
         of the base tension: what the sum of squares lacks for models of other slopes to be compared.
         """
-        if self.sd_base <= 0:
+        if self.exact:
             return 0.0
-        alone = cholesky_banded(self.base.information(np.full(len(self.base.T_base), self.sd_base**-2)))
+        alone = cholesky_banded(self._alone)
         return 2 * float(np.sum(np.log(self.factor[-1] / alone[-1])))
 
     @functools.cached_property
@@ -169,7 +180,10 @@ class Weighing:
         rows = self.centred(rows)
         shift = self.shift(rows)
         moved = rows + along(self.slope, rows) * shift[self.last]
-        return along(self.weight, rows) * moved, shift / self.sd_base if self.sd_base > 0 else shift
+        if self.exact:
+            return along(self.weight, rows) * moved, shift
+        sd = np.broadcast_to(self.sd_base, len(shift))
+        return along(self.weight, rows) * moved, shift / along(sd, shift)
 
     def __call__(self, rows: np.ndarray) -> np.ndarray:
         """All weighed rows in one array, (C K + K, ...), scaled to independent samples."""

@@ -191,7 +191,7 @@ def test_noise_of_several_drives_is_weighed_as_a_dense_covariance_does():
         B = np.zeros((K, drive.size))
         for row, (near, share) in enumerate(zip(drive.near, drive.weights, strict=True)):
             np.add.at(B[row], near, share)
-        of_knots = np.linalg.inv(B.T @ B / drive.believed**2)
+        of_knots = np.linalg.inv(B.T @ (B / drive.believed[:, None] ** 2))
         slipped = np.maximum.accumulate(np.where(prediction.slips, np.arange(K)[:, None], 0), axis=0)
         lasts = [slipped[:, 0], slipped[:, 1], np.arange(K)]
         G = np.concatenate([prediction.slope[c, :, i, None] * B[lasts[c]] for c in range(C)])

@@ -29,7 +29,7 @@ class BaseTension:
         sd: standard deviation of the recorded base tension [N].
         misfit: sum of squared residuals of the recording, in units of `sd`.
         tau: samples per independent residual.
-        counted: recorded samples that each sample stands for.
+        counted: recorded samples that each sample stands for, (K,); None where each is one.
     """
 
     t: np.ndarray
@@ -42,12 +42,19 @@ class BaseTension:
     sd: float
     misfit: float
     tau: float = 1.0
-    counted: float = 1.0
+    counted: np.ndarray | None = None
 
     @property
-    def believed(self) -> float:
-        """Effective standard deviation of one sample [N], which allows for correlated neighbours."""
-        return self.sd * float(np.sqrt(self.tau / self.counted))
+    def believed(self) -> np.ndarray:
+        """Effective standard deviation of each sample [N], (K,), which allows for correlated neighbours and
+        for the recorded samples that it stands for.
+        """
+        return self.sd * np.sqrt(self.tau / self.stands_for)
+
+    @property
+    def stands_for(self) -> np.ndarray:
+        """Recorded samples that each sample stands for, (K,)."""
+        return np.ones(len(self.T_base)) if self.counted is None else self.counted
 
     @property
     def degrees(self) -> int:
@@ -74,14 +81,15 @@ class BaseTension:
         return out
 
     def only(self, samples: np.ndarray) -> BaseTension:
-        """The base tension at some samples, increasing, (S,), which stand for all of them; taken as exact
-        where these do not determine every number well enough.
+        """The base tension at some samples, increasing, (S,), which stand for all of them; where these do not
+        determine every number well enough, each with an error of its own, of the size that all samples leave.
         """
         K, S = len(self.T_base), len(samples)
         if self.sd == 0 or S == K:
             return exact(self.T_base[samples]) if self.sd == 0 else self
         near, weights = self.near[samples], self.weights[samples]
         kept = np.searchsorted(samples, self.knots)
+        nearest = np.searchsorted(0.5 * (samples[1:] + samples[:-1]), np.arange(K))
         found = dataclasses.replace(
             self,
             t=self.t[samples],
@@ -89,14 +97,26 @@ class BaseTension:
             knots=np.minimum(kept, S - 1),
             near=near,
             weights=weights,
-            counted=self.counted * K / S,
+            counted=np.bincount(nearest, weights=self.stands_for, minlength=S),
         )
         information = found.information(np.ones(S))
         try:
             factor = cholesky_banded(information)
         except np.linalg.LinAlgError:
-            return exact(self.T_base[samples])
-        return found if np.min(factor[-1]) ** 2 > LEAST_SAID else exact(self.T_base[samples])
+            return self._each(samples)
+        return found if np.min(factor[-1]) ** 2 > LEAST_SAID else self._each(samples)
+
+    def _each(self, samples: np.ndarray) -> BaseTension:
+        """The base tension at some samples, each a number by itself, with the error that all samples leave."""
+        columns = np.zeros((self.size, len(samples)))
+        at = np.arange(len(samples))
+        for knot, weight in zip(self.near[samples].T, self.weights[samples].T, strict=True):
+            np.add.at(columns, (knot, at), weight)
+        factor = cholesky_banded(self.information(self.believed**-2))
+        left = np.sum(columns * cho_solve_banded((factor, False), columns), axis=0)
+        each = exact(self.T_base[samples])
+        counted = self.sd**2 * self.tau / np.maximum(left, np.finfo(float).tiny)
+        return dataclasses.replace(each, t=self.t[samples], sd=self.sd, tau=self.tau, counted=counted)
 
     def nodes(self, spacing: float) -> np.ndarray:
         """Samples that carry the history: all knots and turning points, and between them as many as keep the
