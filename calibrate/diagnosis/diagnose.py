@@ -122,7 +122,7 @@ def diagnose(
             )
             if isinstance(ready, Diagnosis):
                 return ready
-            found = _search(ready, leave_out, experiment, say)
+            found = _search(ready, ready.leave_out, experiment, say)
             if found is not None:
                 return found
             say("with what was found the recordings agree: trying again with one value for all")

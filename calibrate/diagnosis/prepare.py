@@ -27,6 +27,7 @@ from .bench import HEAVY, Bench, passing
 from .cache import SimulationCache
 from .differ import MOST as MOST_DIFFER
 from .differ import Difference, differing, names_to_split
+from .disturbances import disturbances
 from .follow import dimensions_of
 from .hypotheses import Hypothesis, base_numbers, catalogue, instrument_numbers
 from .instruments import cells_of, explained_first, instruments
@@ -51,6 +52,8 @@ LONG = 1000
 NEAREST = 3
 # Quantities in which a stretch of the tendon ahead of the channel is seen.
 DRAWN = ("displacement", "T_base")
+# Times that events from outside are looked for, each with a better fit.
+LOOKS = 2
 # Resolution of the mesh that the best models are corrected to, relative to the robot's own.
 FINEST = 1.5
 
@@ -70,6 +73,7 @@ class Prepared:
         base: fit of the base model.
         hypotheses: what may be missing.
         differ: the numbers that differ between the recordings.
+        leave_out: what is simulated and not compared, by name of the recording.
     """
 
     config: RobotConfig | None
@@ -84,6 +88,7 @@ class Prepared:
     base: Fitted
     hypotheses: list[Hypothesis]
     differ: list[Difference] = dataclasses.field(default_factory=list)
+    leave_out: Mapping[str, Sequence[Stretch]] = dataclasses.field(default_factory=dict)
 
     def without(self, stretches: Mapping[str, Sequence[Stretch]]) -> Prepared:
         """The same with stretches of the recordings that are not compared in the final fits."""
@@ -113,7 +118,8 @@ def prepare(
 
     Args:
         may_differ: whether numbers that differ are looked for.
-        leave_out: what is simulated and not compared, by name of the recording.
+        leave_out: what is simulated and not compared, by name of the recording; of a long recording, what
+            happens to it from outside comes to that.
         untried: names of terms that are not tried.
 
     Returns:
@@ -156,7 +162,8 @@ def prepare(
         part, more = part_of(name, fine, config, r, channels, noise_N=noise_N, noise_base_N=noise_base_N)
         parts.append(part)
         warnings += more
-    parts = [without(part, (leave_out or {}).get(part.name, ())) for part in explained_first(parts)]
+    out = {part.name: list((leave_out or {}).get(part.name, ())) for part in parts}
+    parts = [without(part, out[part.name]) for part in explained_first(parts)]
     check_noise(noise_N, parts)
     found = [fault for part in parts for fault in faults(part)]
     if found:
@@ -198,6 +205,7 @@ def prepare(
     say(f"fitting {' and '.join([*friction_of(fine), *stiffness_of(fine)])}")
     start = fitted(parts, None)
     differ: list[Difference] = []
+    found_outside: list[Stretch] = []
     while start is not None and may_differ and several and len(differ) < MOST_DIFFER:
         say("asking whether one number differs between the recordings")
         found_split = differing(
@@ -210,6 +218,17 @@ def prepare(
         if again is None:
             break
         start, differ = again, [*differ, difference]
+    for _ in range(LOOKS if long else 0):
+        more = [] if start is None else _from_outside(parts[0], start)
+        if start is None or not more:
+            break
+        say("leaving out where the tip moves as the base cannot move it")
+        without_them = [without(parts[0], [*out[parts[0].name], *more])]
+        again = fitted(without_them, start.base.x)
+        if again is None:
+            break
+        parts, start, found_outside = without_them, again, more
+    out = {name: [*known, *found_outside] for name, known in out.items()}
     if start is not None:
         sharper = _sharpened(start, [recorded(r, fine)[0] for r in recordings])
         if sharper is not None:
@@ -240,7 +259,22 @@ def prepare(
         base=base,
         hypotheses=hypotheses,
         differ=differ,
+        leave_out=out,
     )
+
+
+def _from_outside(part: Part, start: _Start) -> list[Stretch]:
+    """Where something from outside moves the tip of a long recording, by the base model fitted to it."""
+    rig, noise = start.exact[0], start.bench.noise[0]
+    robot = part.robot
+    if part.tips != 1 or part.others or robot.tendons[0].drive != "tension":
+        return []
+    values = dict(start.base.values) | dict(start.base.dimensions)
+    seen = rig(values)
+    if seen is None:
+        return []
+    slope = passing(rig, seen, noise, values).slope[0]
+    return disturbances(part, start.full[0], seen, slope)
 
 
 def _long(parts: Sequence[Part]) -> bool:
