@@ -325,6 +325,8 @@ def _estimated(
         if spikes:
             warnings.append(f"{spikes} lone spikes of {what} in {recording.path} are left out.")
     base = readings.estimate_base(pulled, recording.time, noise_base_N, T_tip)
+    if tension:
+        base = readings.with_slow_noise(base, pulled, recording.time)
     if noise_base_N is None and base.sd == 0 and readings.is_noisy(pulled):
         remedy = "; give its noise with --noise-base" if tension else ""
         warnings.append(

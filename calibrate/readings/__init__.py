@@ -15,6 +15,7 @@ from gtr_jax.inspection.turning import turning_points
 from .acceptance import estimate_base, is_noisy, sharpened
 from .base_tension import BaseTension, exact
 from .knots import BEND, straighten
+from .slow import with_slow_noise
 from .spikes import without_spikes
 
 __all__ = [
@@ -26,5 +27,6 @@ __all__ = [
     "sharpened",
     "straighten",
     "turning_points",
+    "with_slow_noise",
     "without_spikes",
 ]

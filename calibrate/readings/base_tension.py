@@ -30,6 +30,8 @@ class BaseTension:
         misfit: sum of squared residuals of the recording, in units of `sd`.
         tau: samples per independent residual.
         counted: recorded samples that each sample stands for, (K,); None where each is one.
+        slow: standard deviation of noise that lasts for many samples [N].
+        lasts: how long that lasts, in recorded samples.
     """
 
     t: np.ndarray
@@ -43,13 +45,18 @@ class BaseTension:
     misfit: float
     tau: float = 1.0
     counted: np.ndarray | None = None
+    slow: float = 0.0
+    lasts: float = 1.0
 
     @property
     def believed(self) -> np.ndarray:
         """Effective standard deviation of each sample [N], (K,), which allows for correlated neighbours and
         for the recorded samples that it stands for.
         """
-        return self.sd * np.sqrt(self.tau / self.stands_for)
+        quick = self.sd**2 * self.tau / self.stands_for
+        # Variance of the mean of an Ornstein-Uhlenbeck process.
+        x = np.maximum(self.stands_for / self.lasts, 1e-3)
+        return np.sqrt(quick + self.slow**2 * 2 * (x - 1 + np.exp(-x)) / x**2)
 
     @property
     def stands_for(self) -> np.ndarray:
