@@ -79,6 +79,8 @@ class Part:
         noise_N: standard deviation of T_tip [N] if given.
         stretches: whether the tendon's stretch is a number of the fit.
         left_out: samples that are simulated and not compared, (K,) bool, or None.
+        since: number of the stretch that each sample lies in, (K,), where displacements may be counted from
+            another place in each; None for one stretch.
         origin: places of the samples in the recording, (K,), or None for all of them in order.
         others: what drives the other tendons, like T_base.
         orientation: of the tip at the samples, if it is fitted to.
@@ -96,6 +98,7 @@ class Part:
     noise_N: float | None
     stretches: bool = False
     left_out: np.ndarray | None = None
+    since: np.ndarray | None = None
     origin: np.ndarray | None = None
     others: tuple[BaseTension, ...] = ()
     orientation: Orientation | None = None
@@ -262,8 +265,8 @@ class Part:
     def only(self, samples: np.ndarray) -> Part:
         """Some of the samples."""
         base = self.T_base.only(samples)
-        time, trial, left_out = (
-            None if v is None else v[samples] for v in (self.time, self.trial, self.left_out)
+        time, trial, left_out, since = (
+            None if v is None else v[samples] for v in (self.time, self.trial, self.left_out, self.since)
         )
         return dataclasses.replace(
             self,
@@ -272,6 +275,7 @@ class Part:
             time=time,
             trial=trial,
             left_out=left_out,
+            since=since,
             origin=self.places[samples],
             others=tuple(drive.only(samples) for drive in self.others),
             orientation=None if self.orientation is None else self.orientation.only(samples),

@@ -42,6 +42,8 @@ class Weighing:
         sd_base: effective standard deviation of the recorded base tension at each sample [N], (K,), or of
             all; 0 if it is exact.
         tau: samples per independent one, of each channel, (C,).
+        since: number of the stretch of the recording that each sample lies in, (K,), where channels may have
+            another unknown zero in each; None for one stretch.
     """
 
     base: BaseTension
@@ -52,6 +54,7 @@ class Weighing:
     stretch: np.ndarray
     sd_base: np.ndarray | float
     tau: np.ndarray
+    since: np.ndarray | None = None
 
     @staticmethod
     def plain(base: BaseTension, channels: tuple[str, ...], sd: np.ndarray) -> Weighing:
@@ -145,10 +148,20 @@ class Weighing:
         tendon less its own mean, in the units of the channels, (C, K) each; zero in the others.
         """
         share = np.where(self.floating[:, None], self.weight**2, 0.0)
-        total = np.sum(share, axis=1)
-        share = share / np.where(total > 0, total, 1.0)[:, None]
-        mean = np.sum(share * self.stretch, axis=1, keepdims=True)
-        return share, np.where(self.floating[:, None], self.stretch - mean, 0.0)
+        total = self._summed(share)
+        share = share / np.where(total > 0, total, 1.0)
+        stretch = np.broadcast_to(self.stretch, share.shape)
+        return share, np.where(self.floating[:, None], stretch - self._summed(share * stretch), 0.0)
+
+    def _summed(self, values: np.ndarray) -> np.ndarray:
+        """Sums over each stretch with one zero, for all its samples, (C, K, ...)."""
+        if self.since is None:
+            return np.sum(values, axis=1, keepdims=True)
+        found = np.empty_like(values)
+        for number in np.unique(self.since):
+            inside = self.since == number
+            found[:, inside] = np.sum(values[:, inside], axis=1, keepdims=True)
+        return found
 
     def centred(self, rows: np.ndarray) -> np.ndarray:
         """Residuals without the constant of channels whose zero is unknown and, as far as its prior allows,
@@ -158,7 +171,7 @@ class Weighing:
         if not self.floating.any():
             return rows
         share, g = self.unknown
-        rows = rows - np.sum(along(share, rows) * rows, axis=1, keepdims=True)
+        rows = rows - self._summed(along(share, rows) * rows)
         if not self.stretch.any():
             return rows
         power = np.sum((self.weight * g) ** 2, axis=1, keepdims=True)
@@ -169,7 +182,7 @@ class Weighing:
     def left(self, rows: np.ndarray) -> np.ndarray:
         """Residuals in the units of the channels, (C, K), less the zero and the stretch that fit best."""
         share, g = self.unknown
-        rows, squared = rows - np.sum(share * rows, axis=1, keepdims=True), self.weight**2 * g
+        rows, squared = rows - self._summed(share * rows), self.weight**2 * g
         pulled, power = (np.sum(squared * x, axis=1, keepdims=True) for x in (rows, g))
         return rows - g * pulled / (1 + power)
 

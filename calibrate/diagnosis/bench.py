@@ -55,8 +55,8 @@ def noise_in(rig: Rig, residual: np.ndarray) -> list[Noise]:
 
 
 def without_zero(part: Part, residual: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """The residual of a recording, (C, K), less the mean of displacements: where they are counted from is
-    not known.
+    """The residual of a recording, (C, K), less the mean of displacements, in each stretch of it: where they
+    are counted from is not known.
 
     Args:
         part: the recording.
@@ -66,8 +66,12 @@ def without_zero(part: Part, residual: np.ndarray, inside: np.ndarray) -> np.nda
     floating = [quantity_of(name) == "displacement" for name in part.channels]
     if not any(floating) or not inside.any():
         return residual
-    zero = np.where(floating, residual[:, inside].mean(axis=1), 0.0)
-    return residual - zero[:, None]
+    zero, since = np.zeros(residual.shape), part.since
+    for number in [0] if since is None else np.unique(since):
+        own = np.ones(part.samples, bool) if since is None else since == number
+        told = own & inside if (own & inside).any() else own
+        zero[:, own] = residual[:, told].mean(axis=1, keepdims=True)
+    return residual - np.where(np.asarray(floating)[:, None], zero, 0.0)
 
 
 def passing(rig: Rig, seen: Seen, noise: list[Noise], values: Mapping[str, float]) -> Weighing:
@@ -85,9 +89,9 @@ def passing(rig: Rig, seen: Seen, noise: list[Noise], values: Mapping[str, float
         weigh = SeveralWeighing.of_all(
             part.drives, seen.slips, known, part.channels, sd, np.zeros(part.recorded.shape)
         )
-        return dataclasses.replace(weigh, sds=sds).only(part.counted)
+        return dataclasses.replace(weigh, sds=sds, since=part.since).only(part.counted)
     plain = Weighing.plain(exact(base.T_base) if base.sd == 0 else base, part.channels, sd)
-    plain = plain.only(part.counted)
+    plain = dataclasses.replace(plain, since=part.since).only(part.counted)
     slope = slopes[0]
     if slope is None:
         return plain

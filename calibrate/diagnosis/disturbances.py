@@ -39,7 +39,7 @@ APART, BEFORE = 0.5, 0.05
 # Quantile of the slopes of the model that counts as its largest.
 LARGEST = 0.995
 # Times the usual misfit within which a simulation has met the recording again.
-MEETS = 2.0
+MEETS = 1.0
 
 
 def disturbances(part: Part, thinned: Part, seen: Seen, slope: np.ndarray) -> list[Stretch]:

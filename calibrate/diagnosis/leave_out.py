@@ -151,7 +151,8 @@ def _joined(stretches: Sequence[Stretch]) -> list[Stretch]:
 
 
 def without(part: Part, stretches: Sequence[Stretch]) -> Part:
-    """A recording with stretches that are not compared.
+    """A recording with stretches that are not compared. Behind one in which something outside acts, which may
+    have moved an end of the tendon, displacements are counted from another place.
 
     Raises:
         InputError: fewer samples than a diagnosis needs are left to compare.
@@ -161,9 +162,11 @@ def without(part: Part, stretches: Sequence[Stretch]) -> Part:
     out = np.zeros(part.samples, bool)
     for first, last, *_ in stretches:
         out |= (part.places >= first) & (part.places <= last)
+    ends = sorted(s.last for s in stretches if s.outside)
+    since = np.searchsorted(ends, part.places) if ends else None
     if (left := int((~out).sum())) < (fewest := fewest_of(part)):
         raise InputError(f"{part.path}: --exclude leaves {left} samples to compare; leave {fewest} or more")
-    return dataclasses.replace(part, left_out=out)
+    return dataclasses.replace(part, left_out=out, since=since)
 
 
 def left_out(part: Part, stretches: Sequence[Stretch], residual: np.ndarray) -> list[LeftOut]:
