@@ -81,9 +81,7 @@ class SeveralWeighing(Weighing):
     def _curves(self) -> sparse.csr_array:
         """Drives in their standard deviations at all samples, (n K, numbers)."""
         at = np.arange(self.weight.shape[1])
-        each = [
-            _shares(self.drives[i], np.broadcast_to(1 / self.sds[i], len(at)), at) for i in self._free
-        ]
+        each = [_shares(self.drives[i], np.broadcast_to(1 / self.sds[i], len(at)), at) for i in self._free]
         return sparse.csr_array(sparse.block_diag(each))
 
     @property

@@ -11,6 +11,8 @@ every effect unlikely (docs/diagnosis-history.md).
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
@@ -19,23 +21,24 @@ from gtr_jax.files.differences import MAD_TO_SD
 
 from ..predictor import Seen
 from ..setup import Part
-from .leave_out import Stretch
+from .leave_out import Stretch, joined
 
 # Windows in which changes are compared [s]; how far the base tension is looked at beyond them, for cells that
 # are read at different times [s].
 WINDOWS, ASIDE = (0.06, 0.12, 0.25, 0.5), 0.03
 # Readings of which a median is taken: glitches of up to three readings do not count.
 MEDIAN = 7
-# Standard deviations of the noise that a change has to exceed what the base allows by.
-LEAST = 8.0
+# Standard deviations of its noise, and share of the largest tip tension, that a change has to exceed what the
+# base allows by; standard deviations of the base cell by which its tension may have moved unseen.
+LEAST, SEEN, UNSEEN = 8.0, 0.015, 2.0
 # What the tip may do by more than the slope of the base model says, and the least slope that is reckoned
 # with.
 MARGIN, FLATTEST = 1.2, 1.2
 # What happens more often than this in one recording is a law that the model lacks: the slope is raised by a
 # step until no more are left. Most of a recording that is left out so.
 FEW, STEP, MOST = 6, 1.25, 0.25
-# Changes less than this apart are one [s]; a stretch that is left out begins so long before its change [s].
-APART, BEFORE = 0.5, 0.05
+# Changes less than this apart are one [s].
+APART = 0.5
 # Quantile of the slopes of the model that counts as its largest.
 LARGEST = 0.995
 # Times the usual misfit within which a simulation has met the recording again.
@@ -61,49 +64,55 @@ def disturbances(part: Part, thinned: Part, seen: Seen, slope: np.ndarray) -> li
     while len(found) > FEW:
         steepest *= STEP
         found = _sudden(part, steepest)
-    stretches = [_until_forgotten(part, thinned, seen, *each) for each in found]
-    joined: list[Stretch] = []
-    for s in stretches:
-        if joined and s.first <= joined[-1].last:
-            before = joined[-1]
-            joined[-1] = Stretch(
-                before.first, max(before.last, s.last), f"{before.why}; {s.why}", outside=True
-            )
-        else:
-            joined.append(s)
+    stretches = joined([_until_forgotten(part, thinned, seen, each) for each in found])
     kept, room = [], MOST * part.samples
-    for s in sorted(joined, key=lambda s: s.last - s.first):
+    for s in sorted(stretches, key=lambda s: s.last - s.first):
         room -= s.last - s.first + 1
         if room >= 0:
             kept.append(s)
     return sorted(kept)
 
 
-def _sudden(part: Part, steepest: float) -> list[tuple[int, int]]:
-    """First and last sample of each change of the tip tension beyond what changes of the base tension with a
-    slope explain.
+class _Sudden(NamedTuple):
+    """A change of the tip tension: its first and last sample by all windows, and by the shortest that shows
+    it.
     """
+
+    first: int
+    last: int
+    start: int
+    end: int
+
+
+def _sudden(part: Part, steepest: float) -> list[_Sudden]:
+    """Changes of the tip tension beyond what changes of the base tension with a slope explain."""
     time, T_base, K = np.asarray(part.time), part.T_base.T_base, part.samples
     tip = median_filter(part.recorded[0], MEDIAN, mode="nearest")
-    noise = max(differences.from_differences(part.recorded[0]), 1e-9 * float(np.ptp(tip)))
+    noise = differences.from_differences(part.recorded[0])
+    least = max(LEAST * noise, SEEN * float(np.max(tip))) + steepest * UNSEEN * part.T_base.sd
     usual = float(np.median(np.diff(time)))
-    out = np.zeros(K, bool)
+    out, shortest = np.zeros(K, bool), np.full(K, K)
     for n in sorted({max(2, round(window / usual)) for window in WINDOWS}):
         if n >= K:
             continue
         a, b = np.arange(K - n), np.arange(n, K)
         wide = n + 1 + 2 * (1 + int(np.ceil(ASIDE / usual)))
         moved = maximum_filter1d(T_base, wide) - minimum_filter1d(T_base, wide)
-        beyond = np.abs(tip[b] - tip[a]) - steepest * moved[(a + b) // 2] > LEAST * noise
+        beyond = np.abs(tip[b] - tip[a]) - steepest * moved[(a + b) // 2] > least
         # Over a gap anything may have happened at the base.
         for k in np.flatnonzero(beyond & (time[b] - time[a] < 1.5 * n * usual)):
             out[a[k] : b[k] + 1] = True
+            shortest[a[k] : b[k] + 1] = np.minimum(shortest[a[k] : b[k] + 1], n)
     at = np.flatnonzero(out)
     groups = np.split(at, 1 + np.flatnonzero(np.diff(time[at]) > APART)) if at.size else []
-    return [(int(g[0]), int(g[-1])) for g in groups]
+    found = []
+    for g in groups:
+        core = g[shortest[g] == shortest[g].min()]
+        found.append(_Sudden(int(g[0]), int(g[-1]), int(core[0]), int(core[-1])))
+    return found
 
 
-def _until_forgotten(part: Part, thinned: Part, seen: Seen, first: int, last: int) -> Stretch:
+def _until_forgotten(part: Part, thinned: Part, seen: Seen, change: _Sudden) -> Stretch:
     """A change and what follows it, until the simulation slips at the tip and has met the recording from the
     side on which friction holds it.
     """
@@ -113,14 +122,13 @@ def _until_forgotten(part: Part, thinned: Part, seen: Seen, first: int, last: in
     pulling, releasing = seen.slips & (seen.direction > 0), seen.slips & (seen.direction < 0)
     met = (pulling & (off >= -usual)) | (releasing & (off <= usual))
     places = thinned.places
-    start, end = int(part.places[first]), int(part.places[last])
+    start, end = int(part.places[change.first]), int(part.places[change.last])
     again = places[met & (places > end)]
     until = int(again[0]) if again.size else int(part.places[-1])
-    begin = int(part.places[np.searchsorted(time, time[first] - BEFORE)])
-    T_base, T_tip = part.T_base.T_base, part.recorded[0]
+    T_base, T_tip, first, last = part.T_base.T_base, part.recorded[0], change.start, change.end
     why = (
         f"{time[first]:.4g} to {time[last]:.4g} s: T_tip goes from {T_tip[first]:.3g} to {T_tip[last]:.3g} N "
-        f"while T_base goes from {T_base[first]:.3g} to {T_base[last]:.3g} N, which cannot move it so far: was "
-        f"the tip end moved, or the sheath shaken?"
+        f"while T_base goes from {T_base[first]:.3g} to {T_base[last]:.3g} N, which cannot move it so far: "
+        "was the tip end moved, or the sheath shaken?"
     )
-    return Stretch(min(begin, start), max(until, end), why, outside=True)
+    return Stretch(start, max(until, end), why, outside=True)

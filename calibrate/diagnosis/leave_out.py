@@ -122,11 +122,11 @@ def from_outside(
             for e in episodes
             if e.recording == name and e.kind in FROM_OUTSIDE and not _touches(e, events_s)
         ]
-        joined = _joined(own)
-        if not joined or sum(s.last - s.first + 1 for s in joined) > MOST * samples[name]:
+        together = joined(own)
+        if not together or sum(s.last - s.first + 1 for s in together) > MOST * samples[name]:
             continue
         more = True
-        stretches += joined
+        stretches += together
     return found if more else None
 
 
@@ -137,7 +137,7 @@ def _touches(e: Episode, events_s: Sequence[tuple[float, float]]) -> bool:
     return any(e.start_s <= end and e.end_s >= start for start, end in events_s)
 
 
-def _joined(stretches: Sequence[Stretch]) -> list[Stretch]:
+def joined(stretches: Sequence[Stretch]) -> list[Stretch]:
     """Stretches that overlap as one, in their order."""
     found: list[Stretch] = []
     for s in sorted(stretches):

@@ -115,8 +115,8 @@ def _averaged(readings: np.ndarray, time: np.ndarray) -> _Rest:
 
 
 def _likelihood(rests: list[_Rest], ratio: float, lasts: float) -> tuple[float, float]:
-    """Logarithm of the restricted likelihood, up to a constant, and the variance of one reading's quick noise,
-    for a slow noise of this variance relative to it.
+    """Logarithm of the restricted likelihood, up to a constant, and the variance of the quick noise of one
+    reading, for a slow noise of this variance relative to it.
     """
     squares, determinants, degrees = 0.0, 0.0, 0
     for values, time, counts in rests:

@@ -1,0 +1,162 @@
+"""Events from outside found from readings, slow noise of a cell, and what a thinned recording stands for."""
+
+import dataclasses
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from rigs import pulled, ramps
+
+from calibrate.diagnosis.bench import without_zero
+from calibrate.diagnosis.disturbances import FEW, disturbances
+from calibrate.diagnosis.leave_out import ASKED, Stretch, without
+from calibrate.readings import estimate_base, straighten, with_slow_noise
+from calibrate.readings.slow import NONE, slow_noise
+from calibrate.setup import Part
+from calibrate.weighing import Weighing
+
+RATE = 50.0
+NOISE = 0.02
+
+
+def history() -> tuple[np.ndarray, np.ndarray]:
+    """Three pulls and releases with rests: time [s] and base tension [N]."""
+    cycle = ((0.0, 4.0), (30.0, 6.0), (30.0, 3.0), (10.0, 4.0), (25.0, 3.0), (0.0, 6.0))
+    return ramps(*cycle, *cycle, *cycle, (0.0, 4.0), rate=RATE)
+
+
+def moved(T_base: np.ndarray, time: np.ndarray, events: list[tuple[float, float]]) -> np.ndarray:
+    """Tip tension of a sheath of fixed shape; at each event its end is moved, so that it changes by so much
+    [N] within 0.1 s and the tendon stays there until it slips again.
+    """
+    low, high, tip, found = np.exp(-0.5), np.exp(0.5), float(T_base[0]), []
+    for k, base in enumerate(T_base.tolist()):
+        for at, size in events:
+            if at <= time[k] < at + 0.1:
+                tip += size / (0.1 * RATE)
+                high, low = np.inf, 0.0
+            elif at + 0.1 <= time[k] < at + 0.2:
+                high, low = np.exp(0.5), np.exp(-0.5)
+        tip = min(max(tip, base * low), base * high)
+        found.append(tip)
+    return np.asarray(found)
+
+
+def made(tip: np.ndarray, T_base: np.ndarray, time: np.ndarray, seed: int = 0) -> tuple[Part, Any]:
+    """A recording, and what a model without the events simulates of it."""
+    rng = np.random.default_rng(seed)
+    base = estimate_base(T_base + NOISE * rng.normal(size=len(time)), time)
+    robot = SimpleNamespace(tendons=[SimpleNamespace(name="", drive="tension")])
+    part = Part(
+        name="rig",
+        path="rig.csv",
+        robot=cast("Any", robot),
+        config=None,
+        T_base=base,
+        channels=("T_tip",),
+        recorded=(tip + NOISE * rng.normal(size=len(time)))[None],
+        time=time,
+        trial=None,
+        noise_N=None,
+    )
+    plain = pulled(T_base)
+    low, high = np.isclose(plain, T_base * np.exp(-0.5)), np.isclose(plain, T_base * np.exp(0.5))
+    seen = SimpleNamespace(values=plain[None], slips=low | high, direction=np.where(low, 1.0, -1.0))
+    return part, seen
+
+
+def found_in(events: list[tuple[float, float]], seed: int = 0) -> tuple[list[Stretch], np.ndarray]:
+    time, T_base = history()
+    part, seen = made(moved(T_base, time, events), T_base, time, seed)
+    slope = np.where(seen.direction > 0, np.exp(-0.5), np.exp(0.5))
+    return disturbances(part, part, seen, slope), time
+
+
+def test_a_sound_recording_has_no_disturbances():
+    for seed in range(10):
+        assert found_in([], seed)[0] == []
+
+
+@pytest.mark.parametrize("size", [-4.0, 3.0])
+def test_a_moved_tip_is_found_and_left_out_until_it_is_forgotten(size):
+    found, time = found_in([(11.5, size)])
+    (only,) = found
+    assert only.outside and "T_tip goes from" in only.why and only.why.startswith("11.")
+    start, end = time[only.first], time[only.last]
+    assert 10.9 < start <= 11.5
+    # The first release takes the tip along again: it begins at 13 s.
+    plain, real = pulled(history()[1]), moved(history()[1], time, [(11.5, size)])
+    forgotten = time[np.flatnonzero(np.abs(plain - real) > 0.05)[-1]]
+    assert forgotten - 0.3 < end < forgotten + 1.0
+
+
+def test_what_happens_all_the_time_is_a_law():
+    events = [(t, 1.5) for t in np.arange(10.2, 12.8, 0.65)] + [(t, 1.5) for t in (37.0, 38.0, 63.0, 64.0)]
+    assert len(events) > FEW
+    assert len(found_in(events)[0]) <= FEW
+
+
+def test_behind_a_move_of_the_tip_displacements_are_counted_anew():
+    time, T_base = history()
+    part, _ = made(pulled(T_base), T_base, time)
+    part = dataclasses.replace(
+        part, channels=("T_tip", "displacement"), recorded=np.stack([part.T_tip, 0.01 + 0 * part.T_tip])
+    )
+    assert without(part, [Stretch(100, 120, ASKED)]).since is None
+    out = without(part, [Stretch(100, 120, "moved", outside=True)])
+    assert out.since is not None and out.since[120] == 0 and out.since[121] == 1
+    residual = np.where(np.arange(len(time)) > 110, 3e-3, 1e-3) * np.ones((2, 1))
+    left = without_zero(out, residual, out.counted)
+    np.testing.assert_array_equal(left[0], residual[0])
+    assert np.all(np.abs(left[1, out.counted]) < 1e-15)
+    # The same where residuals are weighed.
+    weigh = Weighing.plain(out.T_base, out.channels, np.asarray([0.02, 1e-4]))
+    weigh = dataclasses.replace(weigh, since=out.since).only(out.counted)
+    assert np.all(np.abs(weigh.centred(residual)[1, out.counted]) < 1e-15)
+    assert np.all(np.abs(dataclasses.replace(weigh, since=None).centred(residual)[1, out.counted]) > 1e-5)
+    thin = out.only(np.arange(0, len(time), 7))
+    np.testing.assert_array_equal(thin.since, out.since[::7])
+
+
+def test_slow_noise_is_measured_where_the_rig_rests():
+    time, T_base = history()
+    for slow in (0.0, 0.015):
+        found = []
+        for seed in range(12):
+            rng = np.random.default_rng(seed)
+            e, keep = rng.normal(size=len(time)), np.exp(-1 / (0.6 * RATE))
+            for k in range(1, len(e)):
+                e[k] = keep * e[k - 1] + np.sqrt(1 - keep**2) * e[k]
+            read = T_base + NOISE * rng.normal(size=len(time)) + slow * e
+            base = with_slow_noise(straighten(read, NOISE, time), read, time)
+            found.append(base.slow)
+            assert (base.slow == 0) or np.all(base.believed > 0.9 * base.slow)
+        assert np.median(found) == pytest.approx(slow, rel=0.35, abs=1e-9)
+    assert slow_noise(read, time, np.zeros(len(time), bool)) == NONE
+    assert with_slow_noise(base, read, None) is base
+
+
+def test_a_sample_stands_for_the_recorded_ones_around_it():
+    time, T_base = history()
+    rng = np.random.default_rng(0)
+    base = straighten(T_base + 0.05 * rng.normal(size=len(time)), 0.05, time)
+    # Every sample of the first rest and a few of what follows.
+    kept = np.unique(np.concatenate([np.arange(190), base.knots, np.arange(190, len(time), 40)]))
+    thin = base.only(kept)
+    assert thin.size == base.size and thin.stands_for.sum() == len(time)
+    assert np.all(thin.believed[:180] == base.believed[:180])
+    assert np.median(thin.believed[200:]) < 0.3 * base.sd
+    # Averages of slow noise fall less.
+    slow = dataclasses.replace(thin, slow=0.02, lasts=30.0)
+    assert np.all(slow.believed > 0.7 * 0.02)
+    # Knots that the samples do not determine: each sample has the error that all samples leave of it.
+    few = base.only(np.arange(0, len(time), 317))
+    assert few.size == len(few.T_base) and few.sd == base.sd
+    within = np.linalg.inv(_dense(base).T @ _dense(base)) * base.sd**2
+    B = _dense(base)[::317]
+    np.testing.assert_allclose(few.believed**2, np.einsum("ki,ij,kj->k", B, within, B), rtol=1e-6)
+
+
+def _dense(base) -> np.ndarray:
+    return base.at_samples(np.eye(base.size))
