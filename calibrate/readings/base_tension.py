@@ -114,7 +114,7 @@ class BaseTension:
         return found if np.min(factor[-1]) ** 2 > LEAST_SAID else self._each(samples)
 
     def _each(self, samples: np.ndarray) -> BaseTension:
-        """The base tension at some samples, each a number of its own with the error that all samples leave."""
+        """The base tension at some samples, each a number of its own, with the error that all leave."""
         columns = np.zeros((self.size, len(samples)))
         at = np.arange(len(samples))
         for knot, weight in zip(self.near[samples].T, self.weights[samples].T, strict=True):
