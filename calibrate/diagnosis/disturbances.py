@@ -1,5 +1,5 @@
 """What happens to a rig from outside, found from its readings before any effect is tried: the tip tension
-moves faster than what the base does can move it.
+moves faster than what the base does can move it; and gaps, behind which nobody knows what friction holds.
 
 A tendon with friction passes on changes of its base tension with a slope that the model knows roughly (more
 than one where it is let go), and holds them back in between, whatever the law of its friction. If the tip
@@ -14,13 +14,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
+from scipy.ndimage import median_filter
 
 from gtr_jax.files import differences
 from gtr_jax.files.differences import MAD_TO_SD
 
 from ..predictor import Seen
 from ..setup import Part
+from .episodes import GAPS
 from .leave_out import Stretch, joined
 
 # Windows in which changes are compared [s]; how far the base tension is looked at beyond them, for cells that
@@ -36,11 +37,14 @@ LEAST, SEEN, UNSEEN = 8.0, 0.015, 2.0
 MARGIN, FLATTEST = 1.2, 1.2
 # What happens more often than this in one recording is a law that the model lacks: the slope is raised by a
 # step until no more are left. Most of a recording that is left out so.
-FEW, STEP, MOST = 6, 1.25, 0.25
+FEW, STEP, MOST = 6, 1.25, 0.35
 # Changes less than this apart are one [s].
 APART = 0.5
 # Quantile of the slopes of the model that counts as its largest.
 LARGEST = 0.995
+# A tendon is slack below this share of the largest base tension; a gap counts if the base tension, as fast as
+# within so long before and behind it [s], may have moved by this share of its largest meanwhile.
+SLACK, NEARBY, COUNTS = 0.02, 1.0, 0.01
 # Times the usual misfit within which a simulation has met the recording again.
 MEETS = 1.0
 
@@ -64,13 +68,34 @@ def disturbances(part: Part, thinned: Part, seen: Seen, slope: np.ndarray) -> li
     while len(found) > FEW:
         steepest *= STEP
         found = _sudden(part, steepest)
-    stretches = joined([_until_forgotten(part, thinned, seen, each) for each in found])
+    stretches = [_moved(part, change, _forgotten(part, thinned, seen, change.last)) for change in found]
     kept, room = [], MOST * part.samples
-    for s in sorted(stretches, key=lambda s: s.last - s.first):
+    for s in sorted(joined(stretches), key=lambda s: s.last - s.first):
         room -= s.last - s.first + 1
         if room >= 0:
             kept.append(s)
     return sorted(kept)
+
+
+def behind_gaps(part: Part, thinned: Part, seen: Seen) -> list[Stretch]:
+    """Stretches behind gaps of a recording, each up to where the tendon has forgotten what it did in the gap;
+    arguments as of `disturbances`. None where the base tension hardly moves or the tendon is slack.
+    """
+    if part.time is None:
+        return []
+    steps, T_base, found = np.diff(part.time), part.T_base.T_base, list[Stretch]()
+    usual, slack = float(np.median(steps)), SLACK * float(np.max(T_base))
+    alone, rates = np.diff(part.places) == 1, np.abs(np.diff(T_base)) / np.maximum(steps, 0.2 * usual)
+    for k in np.flatnonzero(alone & (steps > GAPS * usual)).tolist():
+        low, high = np.searchsorted(part.time, (part.time[k] - NEARBY, part.time[k + 1] + NEARBY))
+        near = np.concatenate([rates[low:k], rates[k + 1 : high]])
+        fastest = float(np.max(near, initial=0.0))
+        if max(T_base[k], T_base[k + 1]) < slack or fastest * steps[k] < COUNTS * float(np.max(T_base)):
+            continue
+        last = _forgotten(part, thinned, seen, k + 1)
+        why = f"behind a gap of {steps[k]:.2g} s in the recording, in which the load is not known"
+        found.append(Stretch(int(part.places[k + 1]), last, why))
+    return joined(found)
 
 
 class _Sudden(NamedTuple):
@@ -91,14 +116,18 @@ def _sudden(part: Part, steepest: float) -> list[_Sudden]:
     noise = differences.from_differences(part.recorded[0])
     least = max(LEAST * noise, SEEN * float(np.max(tip))) + steepest * UNSEEN * part.T_base.sd
     usual = float(np.median(np.diff(time)))
+    aside, steps = int(np.ceil(ASIDE / usual)), np.diff(T_base, prepend=T_base[0])
+    # The tip follows the base's rises with its own, and its falls.
+    risen, fallen = np.cumsum(np.maximum(steps, 0.0)), np.cumsum(np.maximum(-steps, 0.0))
     out, shortest = np.zeros(K, bool), np.full(K, K)
     for n in sorted({max(2, round(window / usual)) for window in WINDOWS}):
         if n >= K:
             continue
         a, b = np.arange(K - n), np.arange(n, K)
-        wide = n + 1 + 2 * (1 + int(np.ceil(ASIDE / usual)))
-        moved = maximum_filter1d(T_base, wide) - minimum_filter1d(T_base, wide)
-        beyond = np.abs(tip[b] - tip[a]) - steepest * moved[(a + b) // 2] > least
+        before, behind = np.maximum(a - aside, 0), np.minimum(b + aside, K - 1)
+        change = tip[b] - tip[a]
+        allowed = np.where(change > 0, risen[behind] - risen[before], fallen[behind] - fallen[before])
+        beyond = np.abs(change) - steepest * allowed > least
         # Over a gap anything may have happened at the base.
         for k in np.flatnonzero(beyond & (time[b] - time[a] < 1.5 * n * usual)):
             out[a[k] : b[k] + 1] = True
@@ -112,23 +141,26 @@ def _sudden(part: Part, steepest: float) -> list[_Sudden]:
     return found
 
 
-def _until_forgotten(part: Part, thinned: Part, seen: Seen, change: _Sudden) -> Stretch:
-    """A change and what follows it, until the simulation slips at the tip and has met the recording from the
-    side on which friction holds it.
+def _forgotten(part: Part, thinned: Part, seen: Seen, last: int) -> int:
+    """Place of the sample behind sample `last` at which the simulation slips at the tip and has met the
+    recording from the side on which friction holds it.
     """
-    time = np.asarray(part.time)
     off = seen.values[0] - thinned.recorded[0]
     usual = MEETS * MAD_TO_SD * float(np.median(np.abs(off[thinned.counted])))
     pulling, releasing = seen.slips & (seen.direction > 0), seen.slips & (seen.direction < 0)
     met = (pulling & (off >= -usual)) | (releasing & (off <= usual))
-    places = thinned.places
-    start, end = int(part.places[change.first]), int(part.places[change.last])
-    again = places[met & (places > end)]
-    until = int(again[0]) if again.size else int(part.places[-1])
-    T_base, T_tip, first, last = part.T_base.T_base, part.recorded[0], change.start, change.end
+    end = int(part.places[last])
+    again = thinned.places[met & (thinned.places > end)]
+    return max(int(again[0]) if again.size else int(part.places[-1]), end)
+
+
+def _moved(part: Part, change: _Sudden, until: int) -> Stretch:
+    """A change and what follows it, up to a place."""
+    time, T_base, T_tip = np.asarray(part.time), part.T_base.T_base, part.recorded[0]
+    first, last = change.start, change.end
     why = (
         f"{time[first]:.4g} to {time[last]:.4g} s: T_tip goes from {T_tip[first]:.3g} to {T_tip[last]:.3g} N "
         f"while T_base goes from {T_base[first]:.3g} to {T_base[last]:.3g} N, which cannot move it so far: "
         "was the tip end moved, or the sheath shaken?"
     )
-    return Stretch(start, max(until, end), why, outside=True)
+    return Stretch(int(part.places[change.first]), until, why, outside=True)

@@ -27,7 +27,7 @@ from .bench import HEAVY, Bench, passing
 from .cache import SimulationCache
 from .differ import MOST as MOST_DIFFER
 from .differ import Difference, differing, names_to_split
-from .disturbances import disturbances
+from .disturbances import behind_gaps, disturbances
 from .follow import dimensions_of
 from .hypotheses import Hypothesis, base_numbers, catalogue, instrument_numbers
 from .instruments import cells_of, explained_first, instruments
@@ -222,7 +222,7 @@ def prepare(
         more = [] if start is None else _from_outside(parts[0], start)
         if start is None or not more:
             break
-        say("leaving out where the tip moves as the base cannot move it")
+        say("leaving out where the tip moves as the base cannot move it, and behind gaps")
         without_them = [without(parts[0], [*out[parts[0].name], *more])]
         again = fitted(without_them, start.base.x)
         if again is None:
@@ -264,7 +264,9 @@ def prepare(
 
 
 def _from_outside(part: Part, start: _Start) -> list[Stretch]:
-    """Where something from outside moves the tip of a long recording, by the base model fitted to it."""
+    """What of a long recording no model of its load history can know, by the base model fitted to it: where
+    something from outside moves the tip, and behind gaps.
+    """
     rig, noise = start.exact[0], start.bench.noise[0]
     robot = part.robot
     if part.tips != 1 or part.others or robot.tendons[0].drive != "tension":
@@ -274,7 +276,8 @@ def _from_outside(part: Part, start: _Start) -> list[Stretch]:
     if seen is None:
         return []
     slope = passing(rig, seen, noise, values).slope[0]
-    return disturbances(part, start.full[0], seen, slope)
+    thinned = start.full[0]
+    return [*disturbances(part, thinned, seen, slope), *behind_gaps(part, thinned, seen)]
 
 
 def _long(parts: Sequence[Part]) -> bool:

@@ -32,6 +32,7 @@ class BaseTension:
         counted: recorded samples that each sample stands for, (K,); None where each is one.
         slow: standard deviation of noise that lasts for many samples [N].
         lasts: how long that lasts, in recorded samples.
+        spans: recorded samples of the run that each sample lies in, (K,); None for those between its knots.
     """
 
     t: np.ndarray
@@ -47,16 +48,28 @@ class BaseTension:
     counted: np.ndarray | None = None
     slow: float = 0.0
     lasts: float = 1.0
+    spans: np.ndarray | None = None
 
     @property
     def believed(self) -> np.ndarray:
         """Effective standard deviation of each sample [N], (K,), which allows for correlated neighbours and
         for the recorded samples that it stands for.
         """
-        quick = self.sd**2 * self.tau / self.stands_for
-        # Variance of the mean of an Ornstein-Uhlenbeck process.
-        x = np.maximum(self.stands_for / self.lasts, 1e-3)
-        return np.sqrt(quick + self.slow**2 * 2 * (x - 1 + np.exp(-x)) / x**2)
+        variance = self.sd**2 * self.tau / self.stands_for
+        if self.slow > 0:
+            # Variance of the mean of an Ornstein-Uhlenbeck process over a run, to which all its samples come.
+            x = np.maximum(self.run_lengths / self.lasts, 1e-3)
+            mean = self.slow**2 * 2 * (x - 1 + np.exp(-x)) / x**2
+            variance = variance + mean * np.maximum(self.run_lengths / self.stands_for, 1.0)
+        return np.sqrt(variance)
+
+    @property
+    def run_lengths(self) -> np.ndarray:
+        """Recorded samples of the run between two knots that each sample lies in, (K,)."""
+        if self.spans is not None:
+            return self.spans
+        run = np.clip(np.searchsorted(self.knots, np.arange(len(self.T_base)), side="right") - 1, 0, None)
+        return np.append(np.diff(self.knots), 1)[np.minimum(run, len(self.knots) - 2)].astype(float)
 
     @property
     def stands_for(self) -> np.ndarray:
@@ -105,6 +118,7 @@ class BaseTension:
             near=near,
             weights=weights,
             counted=np.bincount(nearest, weights=self.stands_for, minlength=S),
+            spans=self.run_lengths[samples],
         )
         information = found.information(np.ones(S))
         try:
