@@ -43,8 +43,11 @@ HALF_STAYS = 0.71
 # exact.
 NEARLY_ALL = 0.95
 # Nothing is claimed below this probability that something is missing, nor below a drop of `SEEN` standard
-# errors: errors of the mesh and of the first-order dimensions may be as large.
-CLAIMED = 0.97
+# errors: errors of the mesh and of the first-order dimensions may be as large. In a long recording, those of the
+# base tension's corners grow with the readings: nothing is claimed below this drop of the sum of squares for
+# each of them. Viscous friction gained 0.015 on a sound recording made as rigs make them; the least of what
+# was there and was named gained 0.06.
+CLAIMED, FOR_EACH = 0.97, 0.03
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,7 +102,7 @@ def decide(models: Models) -> Decision:
     best, base = models.fits[tuple(sorted(next(iter(probability))))], models.base
     base_left, left = misfit(models.bench, base), misfit(models.bench, best)
     nothing = probability[()]
-    if not best.names or 1 - nothing < CLAIMED or base.cost - best.cost < SEEN**2:
+    if not best.names or 1 - nothing < CLAIMED or base.cost - best.cost < least_drop(models):
         pattern = pattern_in(models.bench, base)
         verdict = UNEXPLAINED if structured(base_left) or pattern else ADEQUATE
         return Decision(
@@ -132,6 +135,11 @@ def decide(models: Models) -> Decision:
         left=left,
         base_left=base_left,
     )
+
+
+def least_drop(models: Models) -> float:
+    """Drop of the sum of squares below which nothing is claimed."""
+    return max(SEEN**2, 0.0 if models.bench.heavy is None else FOR_EACH * models.bench.readings)
 
 
 def narrowed(models: Models, decision: Decision, beaten: Sequence[tuple[str, ...]]) -> Decision:
