@@ -20,7 +20,7 @@ from scipy.special import fdtrc, ndtr, ndtri
 from gtr_jax.files.differences import MAD_TO_SD
 
 from ..channels import quantity_of, words_of
-from ..readings.noise import resolution
+from ..readings.noise import correlation_time, resolution
 from ..setup import Part
 from .bench import Bench, noise_in
 from .instruments import tendon_of_channel, words_for
@@ -195,6 +195,7 @@ class _Beside:
 
     Attributes:
         rms: of its white residual.
+        tau: samples per independent one.
     """
 
     def __init__(self, bench: Bench, fitted: Fitted, k: int, c: int):
@@ -216,6 +217,9 @@ class _Beside:
         self.left = self._without_known(left)
         both = np.concatenate([tip, (C + tendon) * self.K + np.arange(self.K)])  # it and the base tension
         self.total = float(np.sum(self.left[both] ** 2))
+        # In a long recording slow noise, and what a hold has in common with the peak before it, pass for a
+        # bump: samples count by how independent they are.
+        self.tau = 1.0 if bench.heavy is None else correlation_time(self.left[tip])
 
     def _white(self, changes: np.ndarray) -> np.ndarray:
         """Changes of the channel, SI, (m, K), as whitened rows, with those of the numbers below, (n, m)."""
@@ -257,7 +261,8 @@ class _Beside:
             return 1.0, 0.0
         explained = float(np.sum((u.T @ self.left) ** 2))
         unexplained = max(self.total - explained, 1e-9 * self.total)
-        chance = float(fdtrc(m, rest, explained / m / (unexplained / rest)))
+        ratio = explained / m / (unexplained / rest)
+        chance = float(fdtrc(m, rest / self.tau, ratio / self.tau))
         return chance, min(explained / self.total, 1.0)
 
 
