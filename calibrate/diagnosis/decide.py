@@ -43,10 +43,10 @@ HALF_STAYS = 0.71
 # exact.
 NEARLY_ALL = 0.95
 # Nothing is claimed below this probability that something is missing, nor below a drop of `SEEN` standard
-# errors: errors of the mesh and of the first-order dimensions may be as large. In a long recording, those of the
-# base tension's corners grow with the readings: nothing is claimed below this drop of the sum of squares for
-# each of them. Viscous friction gained 0.015 on a sound recording made as rigs make them; the least of what
-# was there and was named gained 0.06.
+# errors: errors of the mesh and of the first-order dimensions may be as large. In a long recording, those of
+# the base tension's corners grow with the readings: nothing is claimed below this drop of the sum of squares
+# for each of them. On a sound recording made as rigs make them viscous friction gained 0.015; on another an
+# offset and a saturation of the tip's cell, which were there, 0.06.
 CLAIMED, FOR_EACH = 0.97, 0.03
 
 
