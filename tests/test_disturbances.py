@@ -1,6 +1,7 @@
 """Events from outside found from readings, slow noise of a cell, and what a thinned recording stands for."""
 
 import dataclasses
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -9,7 +10,7 @@ import pytest
 from rigs import pulled, ramps
 
 from calibrate.diagnosis.bench import without_zero
-from calibrate.diagnosis.disturbances import FEW, disturbances
+from calibrate.diagnosis.disturbances import FEW, behind_gaps, disturbances
 from calibrate.diagnosis.leave_out import ASKED, Stretch, without
 from calibrate.readings import estimate_base, straighten, with_slow_noise
 from calibrate.readings.slow import NONE, slow_noise
@@ -26,7 +27,7 @@ def history() -> tuple[np.ndarray, np.ndarray]:
     return ramps(*cycle, *cycle, *cycle, (0.0, 4.0), rate=RATE)
 
 
-def moved(T_base: np.ndarray, time: np.ndarray, events: list[tuple[float, float]]) -> np.ndarray:
+def moved(T_base: np.ndarray, time: np.ndarray, events: Sequence[tuple[float, float]]) -> np.ndarray:
     """Tip tension of a sheath of fixed shape; at each event its end is moved, so that it changes by so much
     [N] within 0.1 s and the tendon stays there until it slips again.
     """
@@ -66,7 +67,7 @@ def made(tip: np.ndarray, T_base: np.ndarray, time: np.ndarray, seed: int = 0) -
     return part, seen
 
 
-def found_in(events: list[tuple[float, float]], seed: int = 0) -> tuple[list[Stretch], np.ndarray]:
+def found_in(events: Sequence[tuple[float, float]], seed: int = 0) -> tuple[list[Stretch], np.ndarray]:
     time, T_base = history()
     part, seen = made(moved(T_base, time, events), T_base, time, seed)
     slope = np.where(seen.direction > 0, np.exp(-0.5), np.exp(0.5))
@@ -160,3 +161,21 @@ def test_a_sample_stands_for_the_recorded_ones_around_it():
 
 def _dense(base) -> np.ndarray:
     return base.at_samples(np.eye(base.size))
+
+
+def test_what_follows_a_gap_is_left_out_until_it_is_forgotten():
+    time, T_base = history()
+    part, seen = made(pulled(T_base), T_base, time)
+    # A gap while the load rises, one while it stands, and one while the tendon is slack.
+    kept = np.ones(len(time), bool)
+    for start, end in ((7.0, 8.0), (11.2, 12.0), (27.2, 28.0)):
+        kept &= (time < start) | (time > end)
+    rows = np.flatnonzero(kept)
+    gappy = dataclasses.replace(part.only(rows), origin=None)
+    thin = SimpleNamespace(
+        values=seen.values[:, rows], slips=seen.slips[rows], direction=seen.direction[rows]
+    )
+    (only,) = behind_gaps(gappy, gappy, cast("Any", thin))
+    assert not only.outside and "a gap of 1 s" in only.why
+    assert 8.0 <= time[rows][only.first] < 8.1 and time[rows][only.last] < 8.3
+    assert behind_gaps(part, part, cast("Any", seen)) == []
