@@ -100,7 +100,7 @@ class SeveralWeighing(Weighing):
     @property
     def passed(self) -> np.ndarray:
         """Standard deviation of the channels due to the noise of all that drives the tendons, (C, K)."""
-        sds = [np.broadcast_to(sd, self.slope.shape[1]) for sd in self.sds]
+        sds = [np.minimum(sd, drive.error) for sd, drive in zip(self.sds, self.drives, strict=True)]
         return np.sqrt(np.sum((self.slope * np.stack(sds, axis=-1)) ** 2, axis=-1))
 
     @property

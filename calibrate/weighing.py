@@ -92,7 +92,7 @@ class Weighing:
     @property
     def passed(self) -> np.ndarray:
         """Signed standard deviation of the channels due to the base tension's noise, (C, K)."""
-        return self.slope * self.sd_base
+        return self.slope * np.minimum(self.sd_base, self.base.error)
 
     def only(self, inside: np.ndarray) -> Weighing:
         """A copy that counts only the samples inside, (K,) bool."""

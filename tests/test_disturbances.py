@@ -10,7 +10,7 @@ import pytest
 from rigs import pulled, ramps
 
 from calibrate.diagnosis.bench import without_zero
-from calibrate.diagnosis.disturbances import FEW, behind_gaps, disturbances
+from calibrate.diagnosis.disturbances import FEW, behind_gaps, disturbances, within
 from calibrate.diagnosis.leave_out import ASKED, Stretch, without
 from calibrate.readings import estimate_base, straighten, with_slow_noise
 from calibrate.readings.slow import NONE, slow_noise
@@ -98,6 +98,50 @@ def test_what_happens_all_the_time_is_a_law():
     assert len(found_in(events)[0]) <= FEW
 
 
+def test_a_tip_that_catches_up_is_no_event():
+    """Static friction above the sliding one: the tip stays behind and jumps onto the sliding branch."""
+    time, T_base = history()
+    tip, found, held = 0.0, [], True
+    for base in T_base.tolist():
+        low, high = base * np.exp(-0.5), base * np.exp(0.5)
+        static = base * np.exp(0.7)
+        if tip > static or (not held and tip > high):
+            tip, held = high, False
+        elif tip < low:
+            tip, held = low, False
+        else:
+            held = True
+        found.append(tip)
+    part, seen = made(np.asarray(found), T_base, time)
+    slope = np.where(seen.direction > 0, np.exp(-0.5), np.exp(0.5))
+    assert disturbances(part, part, seen, slope) == []
+
+
+def test_clocks_that_are_apart_or_coarse_and_what_is_left_out_already():
+    time, T_base = history()
+    late = np.interp(time - 0.12, time, pulled(T_base))
+    part, seen = made(late, T_base, time)
+    slope = np.where(seen.direction > 0, np.exp(-0.5), np.exp(0.5))
+    assert disturbances(part, part, seen, slope, delay=0.12) == []
+    # A clock that counts tenths of seconds only.
+    part, seen = made(moved(T_base, time, [(11.5, -4.0)]), T_base, time)
+    coarse = dataclasses.replace(part, time=np.floor(time / 0.1) * 0.1)
+    (only,) = disturbances(coarse, coarse, seen, slope)
+    assert 10.8 < time[only.first] <= 11.5
+    assert behind_gaps(coarse, coarse, seen) == []
+    still = dataclasses.replace(part, time=np.zeros(len(time)))
+    assert disturbances(still, still, seen, slope) == behind_gaps(still, still, seen) == []
+    # What is left out already is not found again.
+    out = without(part, [Stretch(540, 700, ASKED)])
+    assert disturbances(out, out, seen, slope) == []
+
+
+def test_no_more_is_left_out_than_a_share():
+    stretches = [Stretch(0, 99, "a"), Stretch(90, 149, "b"), Stretch(400, 599, "c"), Stretch(700, 720, "d")]
+    assert within(stretches, 1000) == [Stretch(0, 149, "a; b"), Stretch(700, 720, "d")]
+    assert within(stretches, 2000)[1] == Stretch(400, 599, "c")
+
+
 def test_behind_a_move_of_the_tip_displacements_are_counted_anew():
     time, T_base = history()
     part, _ = made(pulled(T_base), T_base, time)
@@ -151,12 +195,23 @@ def test_a_sample_stands_for_the_recorded_ones_around_it():
     # Averages of slow noise fall less.
     slow = dataclasses.replace(thin, slow=0.02, lasts=30.0)
     assert np.all(slow.believed**2 > thin.believed**2 + 0.05 * 0.02**2)
-    # Knots that the samples do not determine: each sample has the error that all samples leave of it.
-    few = base.only(np.arange(0, len(time), 317))
+    # Knots that the samples do not determine: each sample has the error that all samples leave of it, more
+    # where it shares its run with others.
+    at = np.arange(0, len(time), 317)
+    few = base.only(at)
     assert few.size == len(few.T_base) and few.sd == base.sd
-    within = np.linalg.inv(_dense(base).T @ _dense(base)) * base.sd**2
-    B = _dense(base)[::317]
-    np.testing.assert_allclose(few.believed**2, np.einsum("ki,ij,kj->k", B, within, B), rtol=1e-6)
+    B = _dense(base)
+    within = np.linalg.inv(B.T @ B) * base.sd**2
+    run = np.searchsorted(base.knots, at, side="right")
+    shared = np.bincount(run)[run]
+    expected = shared * np.einsum("ki,ij,kj->k", B[at], within, B[at])
+    np.testing.assert_allclose(few.believed**2, expected, rtol=1e-6)
+    # What one sample may be off by is no more than all of its noise.
+    slow = dataclasses.replace(base, slow=0.05, lasts=30.0)
+    assert (
+        np.all(slow.error <= np.hypot(base.believed, 0.05) * (1 + 1e-12))
+        and slow.error.max() < slow.believed.max()
+    )
 
 
 def _dense(base) -> np.ndarray:

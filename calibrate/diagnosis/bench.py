@@ -101,15 +101,20 @@ def passing(rig: Rig, seen: Seen, noise: list[Noise], values: Mapping[str, float
 
 
 def _slope(rig: Rig, values: Mapping[str, float], tendon: int) -> np.ndarray | None:
-    """Change of the channels per change of what drives a tendon, (C, K), by differences; None where that is
-    exact, or the simulation breaks down.
+    """As `change_by`; None where what drives the tendon is exact."""
+    return None if rig.part.drives[tendon].sd == 0 else change_by(rig, values, tendon)
+
+
+def change_by(rig: Rig, values: Mapping[str, float], tendon: int) -> np.ndarray | None:
+    """Change of the channels per change of what drives a tendon, (C, K), by differences; None where the
+    simulation breaks down.
     """
     part = rig.part
     drive = part.drives[tendon]
     step = 1e-3 * max(float(np.ptp(drive.T_base)), 1e-3)
     more = tuple(step if i == tendon else 0.0 for i in range(len(part.drives)))
     plainly, raised = rig(values), rig(values, more)
-    if drive.sd == 0 or raised is None or plainly is None:
+    if raised is None or plainly is None:
         return None
     slope = ((raised.values - plainly.values) / step)[rig.where]
     far = 50 * np.median(np.abs(slope), axis=1, keepdims=True) + 1e-12

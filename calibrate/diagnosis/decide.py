@@ -45,8 +45,8 @@ NEARLY_ALL = 0.95
 # Nothing is claimed below this probability that something is missing, nor below a drop of `SEEN` standard
 # errors: errors of the mesh and of the first-order dimensions may be as large. In a long recording, those of
 # the base tension's corners grow with the readings: nothing is claimed below this drop of the sum of squares
-# for each of them. On a sound recording made as rigs make them viscous friction gained 0.015; on another an
-# offset and a saturation of the tip's cell, which were there, 0.06.
+# for each of the tip's. On a sound recording made as rigs make them viscous friction gained 0.015; on another
+# an offset and a saturation of the tip's cell, which were there, 0.4.
 CLAIMED, FOR_EACH = 0.97, 0.03
 
 
@@ -139,7 +139,9 @@ def decide(models: Models) -> Decision:
 
 def least_drop(models: Models) -> float:
     """Drop of the sum of squares below which nothing is claimed."""
-    return max(SEEN**2, 0.0 if models.bench.heavy is None else FOR_EACH * models.bench.readings)
+    parts = [rig.part for rig in models.bench.rigs]
+    readings = sum(part.explained * int(part.counted.sum()) for part in parts)
+    return max(SEEN**2, 0.0 if models.bench.heavy is None else FOR_EACH * readings)
 
 
 def narrowed(models: Models, decision: Decision, beaten: Sequence[tuple[str, ...]]) -> Decision:

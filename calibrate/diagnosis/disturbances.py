@@ -2,15 +2,16 @@
 moves faster than what the base does can move it; and gaps, behind which nobody knows what friction holds.
 
 A tendon with friction passes on changes of its base tension with a slope that the model knows roughly (more
-than one where it is let go), and holds them back in between, whatever the law of its friction. If the tip
-tension changes within half a second by more than the range of the base tension allows, its end was moved or
-the sheath was shaken; what follows remembers it until the tendon slips through again. Left in, two events of
-0.1 to 0.3 s in a recording of 70 s, wrong for 6 s afterwards, made the friction coefficient wrong by 16 % and
+than one where it is let go), and holds them back in between. If the tip tension rises within half a second
+by more than the rises of the base tension allow, or falls by more than its falls, its end was moved or the
+sheath was shaken; what follows remembers it until the tendon slips through again. Left in, two events of 0.1
+to 0.3 s in a recording of 70 s, wrong for 6 s afterwards, made the friction coefficient wrong by 16 % and
 every effect unlikely (docs/diagnosis-history.md).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -35,9 +36,9 @@ LEAST, SEEN, UNSEEN = 8.0, 0.015, 2.0
 # What the tip may do by more than the slope of the base model says, and the least slope that is reckoned
 # with.
 MARGIN, FLATTEST = 1.2, 1.2
-# What happens more often than this in one recording is a law that the model lacks: the slope is raised by a
-# step until no more are left. Most of a recording that is left out so.
-FEW, STEP, MOST = 6, 1.25, 0.35
+# Where there are more than a few, the slope is raised by a step until no more are left: most are a law that
+# the model lacks; all of them if so many steps do not suffice. Most of a recording that is left out.
+FEW, STEP, STEPS, MOST = 6, 1.25, 12, 0.35
 # Changes less than this apart are one [s].
 APART = 0.5
 # Quantile of the slopes of the model that counts as its largest.
@@ -45,31 +46,81 @@ LARGEST = 0.995
 # A tendon is slack below this share of the largest base tension; a gap counts if the base tension, as fast as
 # within so long before and behind it [s], may have moved by this share of its largest meanwhile.
 SLACK, NEARBY, COUNTS = 0.02, 1.0, 0.01
-# Times the usual misfit within which a simulation has met the recording again.
-MEETS = 1.0
+# Shortest gap, and time over which rates are taken [s].
+SHORTEST = 0.1
+# Times the usual misfit within which a simulation has met the recording again, and within which a change
+# begins or ends on the simulation.
+MEETS, NEAR = 1.0, 2.0
 
 
-def disturbances(part: Part, thinned: Part, seen: Seen, slope: np.ndarray) -> list[Stretch]:
+def disturbances(
+    part: Part, thinned: Part, seen: Seen, slope: np.ndarray, delay: float = 0.0
+) -> list[Stretch]:
     """Stretches of a recording in which the tip tension moves as the base tension cannot move it, each up to
-    where the tendon has forgotten it.
+    where the tendon has forgotten it. A change that begins off the simulation and ends on it is none: the tip
+    caught up, as it does when static friction breaks.
 
     Args:
         part: the recording, with time, of one tendon that tension drives.
         thinned: those samples of it that are simulated.
         seen: the simulation.
         slope: simulated change of the tip tension per change of the base tension, (K,), of those.
+        delay: by which the cells are apart [s].
     """
-    time = part.time
-    if time is None or part.samples < 2 * MEDIAN:
+    if part.time is None or _step(part.time) <= 0 or part.samples < 2 * MEDIAN:
         return []
     sliding = np.abs(slope[seen.slips]) if seen.slips.any() else np.zeros(1)
-    steepest = max(FLATTEST, MARGIN * float(np.quantile(sliding, LARGEST)))
-    found = _sudden(part, steepest)
-    while len(found) > FEW:
+    steepest, found = max(FLATTEST, MARGIN * float(np.quantile(sliding, LARGEST))), list[_Sudden]()
+    for _ in range(STEPS):
+        found = _sudden(part, steepest, delay)
+        if len(found) <= FEW:
+            break
         steepest *= STEP
-        found = _sudden(part, steepest)
-    stretches = [_moved(part, change, _forgotten(part, thinned, seen, change.last)) for change in found]
-    kept, room = [], MOST * part.samples
+    else:
+        return []
+    off = seen.values[0] - thinned.recorded[0]
+    usual = _usual(off, thinned)
+    stretches = []
+    for change in found:
+        ends = np.searchsorted(thinned.places, part.places[[change.first, change.last]]) - (1, 0)
+        before, behind = np.abs(off[np.clip(ends, 0, thinned.samples - 1)]) > NEAR * usual
+        known = not part.counted[change.first : change.last + 1].any()
+        if not known and (behind or not before):
+            stretches.append(_moved(part, change, _forgotten(part, thinned, seen, change.last)))
+    return stretches
+
+
+def behind_gaps(part: Part, thinned: Part, seen: Seen) -> list[Stretch]:
+    """Stretches behind gaps of a recording, each up to where the tendon has forgotten what it did in the gap;
+    arguments as of `disturbances`. None where the base tension hardly moves or the tendon is slack.
+    """
+    if part.time is None or _step(part.time) <= 0:
+        return []
+    time, T_base, found = part.time, part.T_base.T_base, list[Stretch]()
+    steps, largest = np.diff(time), float(np.max(T_base))
+    # Rates over a while, because noise moves neighbouring readings.
+    rates = np.abs(np.interp(time + SHORTEST, time, T_base) - T_base) / SHORTEST
+    usual = max(_step(time), float(np.median(steps[steps > 0])))
+    alone, long = np.diff(part.places) == 1, steps > max(GAPS * usual, SHORTEST)
+    for k in np.flatnonzero(alone & long).tolist():
+        low, before, after, high = np.searchsorted(
+            time, (time[k] - NEARBY, time[k] - SHORTEST, time[k + 1], time[k + 1] + NEARBY)
+        )
+        fastest = float(np.max(np.concatenate([rates[low:before], rates[after:high]]), initial=0.0))
+        if max(T_base[k], T_base[k + 1]) < SLACK * largest or fastest * steps[k] < COUNTS * largest:
+            continue
+        if part.counted[k + 1]:
+            last = _forgotten(part, thinned, seen, k + 1)
+            why = f"behind a gap of {steps[k]:.2g} s in the recording, in which the load is not known"
+            found.append(Stretch(int(part.places[k + 1]), last, why))
+    return found
+
+
+def within(stretches: Sequence[Stretch], samples: int) -> list[Stretch]:
+    """Stretches as long as together they are not too much of a recording of so many samples, the shortest
+    first; those that overlap as one.
+    """
+    kept, room = list[Stretch](), MOST * samples
     for s in sorted(joined(stretches), key=lambda s: s.last - s.first):
         room -= s.last - s.first + 1
         if room >= 0:
@@ -77,25 +128,14 @@ def disturbances(part: Part, thinned: Part, seen: Seen, slope: np.ndarray) -> li
     return sorted(kept)
 
 
-def behind_gaps(part: Part, thinned: Part, seen: Seen) -> list[Stretch]:
-    """Stretches behind gaps of a recording, each up to where the tendon has forgotten what it did in the gap;
-    arguments as of `disturbances`. None where the base tension hardly moves or the tendon is slack.
-    """
-    if part.time is None:
-        return []
-    steps, T_base, found = np.diff(part.time), part.T_base.T_base, list[Stretch]()
-    usual, slack = float(np.median(steps)), SLACK * float(np.max(T_base))
-    alone, rates = np.diff(part.places) == 1, np.abs(np.diff(T_base)) / np.maximum(steps, 0.2 * usual)
-    for k in np.flatnonzero(alone & (steps > GAPS * usual)).tolist():
-        low, high = np.searchsorted(part.time, (part.time[k] - NEARBY, part.time[k + 1] + NEARBY))
-        near = np.concatenate([rates[low:k], rates[k + 1 : high]])
-        fastest = float(np.max(near, initial=0.0))
-        if max(T_base[k], T_base[k + 1]) < slack or fastest * steps[k] < COUNTS * float(np.max(T_base)):
-            continue
-        last = _forgotten(part, thinned, seen, k + 1)
-        why = f"behind a gap of {steps[k]:.2g} s in the recording, in which the load is not known"
-        found.append(Stretch(int(part.places[k + 1]), last, why))
-    return joined(found)
+def _step(time: np.ndarray) -> float:
+    """Mean step in time [s]: many clocks are coarser than the sampling."""
+    return float(time[-1] - time[0]) / max(len(time) - 1, 1)
+
+
+def _usual(off: np.ndarray, thinned: Part) -> float:
+    """Usual size of a misfit [N], (K,)."""
+    return MAD_TO_SD * float(np.median(np.abs(off[thinned.counted])))
 
 
 class _Sudden(NamedTuple):
@@ -109,14 +149,14 @@ class _Sudden(NamedTuple):
     end: int
 
 
-def _sudden(part: Part, steepest: float) -> list[_Sudden]:
+def _sudden(part: Part, steepest: float, delay: float) -> list[_Sudden]:
     """Changes of the tip tension beyond what changes of the base tension with a slope explain."""
     time, T_base, K = np.asarray(part.time), part.T_base.T_base, part.samples
     tip = median_filter(part.recorded[0], MEDIAN, mode="nearest")
     noise = differences.from_differences(part.recorded[0])
     least = max(LEAST * noise, SEEN * float(np.max(tip))) + steepest * UNSEEN * part.T_base.sd
-    usual = float(np.median(np.diff(time)))
-    aside, steps = int(np.ceil(ASIDE / usual)), np.diff(T_base, prepend=T_base[0])
+    usual = _step(time)
+    aside, steps = int(np.ceil((ASIDE + abs(delay)) / usual)), np.diff(T_base, prepend=T_base[0])
     # The tip follows the base's rises with its own, and its falls.
     risen, fallen = np.cumsum(np.maximum(steps, 0.0)), np.cumsum(np.maximum(-steps, 0.0))
     out, shortest = np.zeros(K, bool), np.full(K, K)
@@ -146,7 +186,7 @@ def _forgotten(part: Part, thinned: Part, seen: Seen, last: int) -> int:
     recording from the side on which friction holds it.
     """
     off = seen.values[0] - thinned.recorded[0]
-    usual = MEETS * MAD_TO_SD * float(np.median(np.abs(off[thinned.counted])))
+    usual = MEETS * _usual(off, thinned)
     pulling, releasing = seen.slips & (seen.direction > 0), seen.slips & (seen.direction < 0)
     met = (pulling & (off >= -usual)) | (releasing & (off <= usual))
     end = int(part.places[last])

@@ -23,11 +23,11 @@ from ..number import Number, values_in
 from ..predictor import padded_history
 from ..readings import BEND, sharpened
 from ..setup import Part, check_columns, check_noise, recorded
-from .bench import HEAVY, Bench, passing
+from .bench import HEAVY, SCANNED, Bench, change_by, passing
 from .cache import SimulationCache
 from .differ import MOST as MOST_DIFFER
 from .differ import Difference, differing, names_to_split
-from .disturbances import behind_gaps, disturbances
+from .disturbances import behind_gaps, disturbances, within
 from .follow import dimensions_of
 from .hypotheses import Hypothesis, base_numbers, catalogue, instrument_numbers
 from .instruments import cells_of, explained_first, instruments
@@ -205,7 +205,7 @@ def prepare(
     say(f"fitting {' and '.join([*friction_of(fine), *stiffness_of(fine)])}")
     start = fitted(parts, None)
     differ: list[Difference] = []
-    found_outside: list[Stretch] = []
+    found_outside, as_asked = list[Stretch](), parts[0]
     while start is not None and may_differ and several and len(differ) < MOST_DIFFER:
         say("asking whether one number differs between the recordings")
         found_split = differing(
@@ -219,11 +219,11 @@ def prepare(
             break
         start, differ = again, [*differ, difference]
     for _ in range(LOOKS if long else 0):
-        more = [] if start is None else _from_outside(parts[0], start)
+        more = [] if start is None else _from_outside(as_asked, start)
         if start is None or not more:
             break
         say("leaving out where the tip moves as the base cannot move it, and behind gaps")
-        without_them = [without(parts[0], [*out[parts[0].name], *more])]
+        without_them = [without(as_asked, [*out[as_asked.name], *more])]
         again = fitted(without_them, start.base.x)
         if again is None:
             break
@@ -267,17 +267,17 @@ def _from_outside(part: Part, start: _Start) -> list[Stretch]:
     """What of a long recording no model of its load history can know, by the base model fitted to it: where
     something from outside moves the tip, and behind gaps.
     """
-    rig, noise = start.exact[0], start.bench.noise[0]
-    robot = part.robot
+    rig, robot, thinned = start.exact[0], part.robot, start.full[0]
     if part.tips != 1 or part.others or robot.tendons[0].drive != "tension":
         return []
     values = dict(start.base.values) | dict(start.base.dimensions)
     seen = rig(values)
-    if seen is None:
+    slope = change_by(rig, values, 0)
+    if seen is None or slope is None:
         return []
-    slope = passing(rig, seen, noise, values).slope[0]
-    thinned = start.full[0]
-    return [*disturbances(part, thinned, seen, slope), *behind_gaps(part, thinned, seen)]
+    delay = values.get(SCANNED, 0.0)
+    found = [*disturbances(part, thinned, seen, slope[0], delay), *behind_gaps(part, thinned, seen)]
+    return within(found, part.samples)
 
 
 def _long(parts: Sequence[Part]) -> bool:

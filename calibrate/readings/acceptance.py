@@ -134,4 +134,5 @@ def sharpened(base: BaseTension, recorded: np.ndarray, better: np.ndarray, sd: f
     if found.size > MORE_KNOTS * (base.size + 2):
         return base
     fit = runs(base.t, recorded, found.knots, found.corner, base.sd)
+    fit = dataclasses.replace(fit, slow=base.slow, lasts=base.lasts)
     return fit.with_correlation(recorded) if fit.degrees >= FEWEST_DEGREES else base

@@ -64,6 +64,11 @@ class BaseTension:
         return np.sqrt(variance)
 
     @property
+    def error(self) -> np.ndarray:
+        """Standard deviation of what each sample alone may be off by [N], (K,)."""
+        return np.minimum(self.believed, np.sqrt(self.sd**2 * self.tau / self.stands_for + self.slow**2))
+
+    @property
     def run_lengths(self) -> np.ndarray:
         """Recorded samples of the run between two knots that each sample lies in, (K,)."""
         if self.spans is not None:
@@ -128,13 +133,18 @@ class BaseTension:
         return found if np.min(factor[-1]) ** 2 > LEAST_SAID else self._each(samples)
 
     def _each(self, samples: np.ndarray) -> BaseTension:
-        """The base tension at some samples, each a number of its own, with the error that all leave."""
+        """The base tension at some samples, each a number of its own with the error that all samples leave;
+        larger where a run has several, so that together they tell no more than one.
+        """
         columns = np.zeros((self.size, len(samples)))
         at = np.arange(len(samples))
         for knot, weight in zip(self.near[samples].T, self.weights[samples].T, strict=True):
             np.add.at(columns, (knot, at), weight)
         factor = cholesky_banded(self.information(self.believed**-2))
         left = np.sum(columns * cho_solve_banded((factor, False), columns), axis=0)
+        # Those of one run have their error in common.
+        run = np.searchsorted(self.knots, samples, side="right")
+        left = left * np.bincount(run)[run]
         each = exact(self.T_base[samples])
         counted = self.sd**2 * self.tau / np.maximum(left, np.finfo(float).tiny)
         return dataclasses.replace(each, t=self.t[samples], sd=self.sd, tau=self.tau, counted=counted)

@@ -19,8 +19,8 @@ from .base_tension import BaseTension
 # standard deviations of its noise in a second; shortest rest [s] and its ends, which are left out [s];
 # fewest samples of a rest.
 SLACK, STEADY, SHORTEST, ENDS, FEWEST = 0.02, 1.5, 1.0, 0.15, 24
-# Most blocks that a rest is averaged to; and the fewest of all rests.
-BLOCKS, ENOUGH = 60, 60
+# Length of the blocks that are averaged [s]; most and fewest blocks of a piece of a rest; the fewest of all.
+BLOCK, BLOCKS, FEWEST_BLOCKS, ENOUGH = 0.08, 60, 6, 60
 # Times that slow noise may last [s], and its variances that are tried, relative to that of the quick noise:
 # of more than its own size nothing is believed.
 LASTS, RATIOS = (0.15, 0.3, 0.6, 1.2, 2.4, 4.8), (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.5, 0.7, 1.0)
@@ -50,7 +50,7 @@ def slow_noise(readings: np.ndarray, time: np.ndarray, still: np.ndarray) -> Slo
     Returns:
         What is found; `NONE` where the readings do not show it.
     """
-    rests = [_averaged(readings[a:b], time[a:b]) for a, b in _stretches(still, time)]
+    rests = [rest for a, b in _stretches(still, time) for rest in _averaged(readings[a:b], time[a:b])]
     if sum(len(rest.values) for rest in rests) < ENOUGH:
         return NONE
     quiet, white = _likelihood(rests, 0.0, 1.0)
@@ -71,12 +71,12 @@ def with_slow_noise(base: BaseTension, readings: np.ndarray, time: np.ndarray | 
         readings: as recorded [N], (K,).
         time: of the samples [s], (K,), or None.
     """
-    if time is None or base.sd == 0 or np.any(np.diff(time) < 0):
+    if time is None or base.sd == 0 or np.any(np.diff(time) < 0) or np.ptp(time) <= 0:
         return base
     found = slow_noise(readings, time, at_rest(base, time))
     if found.sd == 0:
         return base
-    return dataclasses.replace(base, slow=found.sd, lasts=found.lasts / float(np.median(np.diff(time))))
+    return dataclasses.replace(base, slow=found.sd, lasts=found.lasts * (len(time) - 1) / float(np.ptp(time)))
 
 
 def at_rest(base: BaseTension, time: np.ndarray) -> np.ndarray:
@@ -105,13 +105,16 @@ def _stretches(still: np.ndarray, time: np.ndarray) -> list[tuple[int, int]]:
     return found
 
 
-def _averaged(readings: np.ndarray, time: np.ndarray) -> _Rest:
-    parts = np.array_split(np.arange(len(readings)), min(BLOCKS, len(readings)))
-    return _Rest(
-        np.asarray([readings[p].mean() for p in parts]),
-        np.asarray([time[p].mean() for p in parts]),
-        np.asarray([float(len(p)) for p in parts]),
+def _averaged(readings: np.ndarray, time: np.ndarray) -> list[_Rest]:
+    """A rest, in pieces of few enough blocks, each shorter than the noise that is looked for."""
+    blocks = max(len(readings) // max(round(BLOCK * (len(time) - 1) / float(np.ptp(time))), 1), 1)
+    parts = np.array_split(np.arange(len(readings)), blocks)
+    values, when, counts = (
+        np.asarray([of(p) for p in parts])
+        for of in (lambda p: readings[p].mean(), lambda p: time[p].mean(), lambda p: float(len(p)))
     )
+    pieces = np.array_split(np.arange(blocks), -(-blocks // BLOCKS))
+    return [_Rest(values[p], when[p], counts[p]) for p in pieces if len(p) >= FEWEST_BLOCKS]
 
 
 def _likelihood(rests: list[_Rest], ratio: float, lasts: float) -> tuple[float, float]:
