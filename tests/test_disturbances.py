@@ -10,6 +10,7 @@ import pytest
 from rigs import pulled, ramps
 
 from calibrate.diagnosis.bench import without_zero
+from calibrate.diagnosis.decide import least_drop
 from calibrate.diagnosis.disturbances import FEW, behind_gaps, disturbances, within
 from calibrate.diagnosis.leave_out import ASKED, Stretch, without
 from calibrate.readings import estimate_base, straighten, with_slow_noise
@@ -234,3 +235,13 @@ def test_what_follows_a_gap_is_left_out_until_it_is_forgotten():
     assert not only.outside and "a gap of 1 s" in only.why
     assert 8.0 <= time[rows][only.first] < 8.1 and time[rows][only.last] < 8.3
     assert behind_gaps(part, part, cast("Any", seen)) == []
+
+
+def test_what_has_to_be_gained_grows_with_a_long_recording():
+    part = SimpleNamespace(explained=1, counted=np.ones(3000, bool))
+    long, short = (
+        SimpleNamespace(bench=SimpleNamespace(rigs=[SimpleNamespace(part=part)], heavy=heavy))
+        for heavy in (4.0, None)
+    )
+    assert least_drop(cast("Any", long)) == pytest.approx(90.0)
+    assert least_drop(cast("Any", short)) == 36.0

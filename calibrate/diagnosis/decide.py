@@ -139,9 +139,10 @@ def decide(models: Models) -> Decision:
 
 def least_drop(models: Models) -> float:
     """Drop of the sum of squares below which nothing is claimed."""
+    if models.bench.heavy is None:
+        return SEEN**2
     parts = [rig.part for rig in models.bench.rigs]
-    readings = sum(part.explained * int(part.counted.sum()) for part in parts)
-    return max(SEEN**2, 0.0 if models.bench.heavy is None else FOR_EACH * readings)
+    return max(SEEN**2, FOR_EACH * sum(part.explained * int(part.counted.sum()) for part in parts))
 
 
 def narrowed(models: Models, decision: Decision, beaten: Sequence[tuple[str, ...]]) -> Decision:
