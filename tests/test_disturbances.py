@@ -135,6 +135,8 @@ def test_clocks_that_are_apart_or_coarse_and_what_is_left_out_already():
     # What is left out already is not found again.
     out = without(part, [Stretch(540, 700, ASKED)])
     assert disturbances(out, out, seen, slope) == []
+    narrowly = without(part, [Stretch(575, 582, ASKED)])
+    assert disturbances(narrowly, narrowly, seen, slope) == []
 
 
 def test_no_more_is_left_out_than_a_share():

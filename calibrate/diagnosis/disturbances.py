@@ -84,7 +84,7 @@ def disturbances(
     for change in found:
         ends = np.searchsorted(thinned.places, part.places[[change.first, change.last]]) - (1, 0)
         before, behind = np.abs(off[np.clip(ends, 0, thinned.samples - 1)]) > NEAR * usual
-        known = not part.counted[change.first : change.last + 1].any()
+        known = not part.counted[change.start : change.end + 1].all()
         if not known and (behind or not before):
             stretches.append(_moved(part, change, _forgotten(part, thinned, seen, change.last)))
     return stretches
