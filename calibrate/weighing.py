@@ -117,7 +117,7 @@ class Weighing:
         """Whether the base tension is taken as recorded."""
         return not np.any(self.sd_base)
 
-    @property
+    @functools.cached_property
     def _alone(self) -> np.ndarray:
         """Information of the base cell alone about the knots, banded."""
         return self.base.information(np.broadcast_to(np.square(1 / self.sd_base), len(self.base.T_base)))

@@ -66,9 +66,9 @@ def without_zero(part: Part, residual: np.ndarray, inside: np.ndarray) -> np.nda
     floating = [quantity_of(name) == "displacement" for name in part.channels]
     if not any(floating) or not inside.any():
         return residual
-    zero, since = np.zeros(residual.shape), part.since
-    for number in [0] if since is None else np.unique(since):
-        own = np.ones(part.samples, bool) if since is None else since == number
+    zero, since = np.zeros(residual.shape), np.zeros(part.samples) if part.since is None else part.since
+    for number in np.unique(since):
+        own = since == number
         told = own & inside if (own & inside).any() else own
         zero[:, own] = residual[:, told].mean(axis=1, keepdims=True)
     return residual - np.where(np.asarray(floating)[:, None], zero, 0.0)

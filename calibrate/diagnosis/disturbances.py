@@ -78,15 +78,14 @@ def disturbances(
         steepest *= STEP
     else:
         return []
-    off = seen.values[0] - thinned.recorded[0]
-    usual = _usual(off, thinned)
-    stretches = []
+    off, usual = _misfit(thinned, seen)
+    met, stretches = _met(thinned, seen), list[Stretch]()
     for change in found:
         ends = np.searchsorted(thinned.places, part.places[[change.first, change.last]]) - (1, 0)
         before, behind = np.abs(off[np.clip(ends, 0, thinned.samples - 1)]) > NEAR * usual
         known = not part.counted[change.start : change.end + 1].all()
         if not known and (behind or not before):
-            stretches.append(_moved(part, change, _forgotten(part, thinned, seen, change.last)))
+            stretches.append(_moved(part, change, _forgotten(part, met, change.last)))
     return stretches
 
 
@@ -97,6 +96,7 @@ def behind_gaps(part: Part, thinned: Part, seen: Seen) -> list[Stretch]:
     if part.time is None or _step(part.time) <= 0:
         return []
     time, T_base, found = part.time, part.T_base.T_base, list[Stretch]()
+    met = _met(thinned, seen)
     steps, largest = np.diff(time), float(np.max(T_base))
     # Rates over a while, because noise moves neighbouring readings.
     rates = np.abs(np.interp(time + SHORTEST, time, T_base) - T_base) / SHORTEST
@@ -110,7 +110,7 @@ def behind_gaps(part: Part, thinned: Part, seen: Seen) -> list[Stretch]:
         if max(T_base[k], T_base[k + 1]) < SLACK * largest or fastest * steps[k] < COUNTS * largest:
             continue
         if part.counted[k + 1]:
-            last = _forgotten(part, thinned, seen, k + 1)
+            last = _forgotten(part, met, k + 1)
             why = f"behind a gap of {steps[k]:.2g} s in the recording, in which the load is not known"
             found.append(Stretch(int(part.places[k + 1]), last, why))
     return found
@@ -133,9 +133,10 @@ def _step(time: np.ndarray) -> float:
     return float(time[-1] - time[0]) / max(len(time) - 1, 1)
 
 
-def _usual(off: np.ndarray, thinned: Part) -> float:
-    """Usual size of a misfit [N], (K,)."""
-    return MAD_TO_SD * float(np.median(np.abs(off[thinned.counted])))
+def _misfit(thinned: Part, seen: Seen) -> tuple[np.ndarray, float]:
+    """Simulated minus recorded tip tension [N], (K,), and its usual size."""
+    off = seen.values[0] - thinned.recorded[0]
+    return off, MAD_TO_SD * float(np.median(np.abs(off[thinned.counted])))
 
 
 class _Sudden(NamedTuple):
@@ -181,16 +182,19 @@ def _sudden(part: Part, steepest: float, delay: float) -> list[_Sudden]:
     return found
 
 
-def _forgotten(part: Part, thinned: Part, seen: Seen, last: int) -> int:
-    """Place of the sample behind sample `last` at which the simulation slips at the tip and has met the
-    recording from the side on which friction holds it.
+def _met(thinned: Part, seen: Seen) -> np.ndarray:
+    """Places at which the simulation slips at the tip and meets the recording from the side on which friction
+    holds it, increasing.
     """
-    off = seen.values[0] - thinned.recorded[0]
-    usual = MEETS * _usual(off, thinned)
+    off, usual = _misfit(thinned, seen)
     pulling, releasing = seen.slips & (seen.direction > 0), seen.slips & (seen.direction < 0)
-    met = (pulling & (off >= -usual)) | (releasing & (off <= usual))
+    return thinned.places[(pulling & (off >= -MEETS * usual)) | (releasing & (off <= MEETS * usual))]
+
+
+def _forgotten(part: Part, met: np.ndarray, last: int) -> int:
+    """Place of the first of those in `met` behind sample `last`; the end of the recording without one."""
     end = int(part.places[last])
-    again = thinned.places[met & (thinned.places > end)]
+    again = met[met > end]
     return max(int(again[0]) if again.size else int(part.places[-1]), end)
 
 

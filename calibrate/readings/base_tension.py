@@ -55,7 +55,7 @@ class BaseTension:
         """Effective standard deviation of each sample [N], (K,), which allows for correlated neighbours and
         for the recorded samples that it stands for.
         """
-        variance = self.sd**2 * self.tau / self.stands_for
+        variance = self._quick
         if self.slow > 0:
             # Variance of the mean of an Ornstein-Uhlenbeck process over a run, to which all its samples come.
             x = np.maximum(self.run_lengths / self.lasts, 1e-3)
@@ -66,7 +66,12 @@ class BaseTension:
     @property
     def error(self) -> np.ndarray:
         """Standard deviation of what each sample alone may be off by [N], (K,)."""
-        return np.minimum(self.believed, np.sqrt(self.sd**2 * self.tau / self.stands_for + self.slow**2))
+        return np.minimum(self.believed, np.sqrt(self._quick + self.slow**2))
+
+    @property
+    def _quick(self) -> np.ndarray:
+        """Variance of each sample by all but slow noise [N^2], (K,)."""
+        return self.sd**2 * self.tau / self.stands_for
 
     @property
     def run_lengths(self) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 
 from gtr_jax.files import differences
 from gtr_jax.files.differences import MAD_TO_SD
+from gtr_jax.inspection.stretches import runs
 
 # Samples, without both ends, from which a locked stretch is used.
 SHORTEST_LOCK = 6
@@ -83,9 +84,7 @@ def from_locked(x: np.ndarray, locked: np.ndarray) -> tuple[float, float] | None
     Returns:
         Standard deviation and effective degrees of freedom; None without a stretch long enough.
     """
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], locked.astype(int), [0]])))
-    ends = [(a + 1, b - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]  # the ends touch slip
-    stretches = [x[a:b] for a, b in ends if b - a >= SHORTEST_LOCK]
+    stretches = [x[a + 1 : b] for a, b in runs(locked, SHORTEST_LOCK + 2)]  # the ends touch slip
     if not stretches:
         return None
     degrees = sum(len(y) - 2 for y in stretches)

@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from gtr_jax.inspection.stretches import runs
+
 from .base_tension import BaseTension
 
 # A rig rests below this share of the largest tension, while the base tension changes by less than so many
@@ -53,7 +55,7 @@ def slow_noise(readings: np.ndarray, time: np.ndarray, still: np.ndarray) -> Slo
     rests = [rest for a, b in _stretches(still, time) for rest in _averaged(readings[a:b], time[a:b])]
     if sum(len(rest.values) for rest in rests) < ENOUGH:
         return NONE
-    quiet, white = _likelihood(rests, 0.0, 1.0)
+    quiet, _ = _likelihood(rests, 0.0, 1.0)
     best, found = quiet + GAINS, NONE
     for lasts in LASTS:
         for ratio in RATIOS:
@@ -96,10 +98,9 @@ class _Rest(NamedTuple):
 
 def _stretches(still: np.ndarray, time: np.ndarray) -> list[tuple[int, int]]:
     """First sample of each rest, and the one after its last, without its ends."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
     found = []
-    for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        start, end = (int(i) for i in np.searchsorted(time[a:b], (time[a] + ENDS, time[b - 1] - ENDS)))
+    for a, b in runs(still, FEWEST):
+        start, end = np.searchsorted(time[a : b + 1], (time[a] + ENDS, time[b] - ENDS)).tolist()
         if end - start >= FEWEST and time[a + end - 1] - time[a + start] >= SHORTEST:
             found.append((a + start, a + end))
     return found
