@@ -196,6 +196,18 @@ def test_a_routing_file_is_read_beside_the_robot_file(tmp_path):
     assert robot.with_values({"friction_coefficient": 0.1}).routing == robot.routing
 
 
+def test_with_values_takes_what_a_file_leaves_open(tmp_path):
+    robot = load_config(write(tmp_path))
+    changed = robot.with_values(
+        {"loads.tip_force.2": 0.02, "loads.tip_moment.0": 0.01, "tendon.axial_stiffness": "5 kN"}
+    )
+    assert changed.loads.tip_force == (*robot.loads.tip_force, 0.02)
+    assert changed.loads.tip_moment == (0.01, 0.0, robot.loads.tip_moment)
+    assert changed.tendon.axial_stiffness == 5e3
+    with pytest.raises(InputError, match="unknown key 'loads.tip_force.3'"):
+        robot.with_values({"loads.tip_force.3": 0.02})
+
+
 def test_with_values(tmp_path):
     robot = load_config(write(tmp_path))
     changed = robot.with_values(

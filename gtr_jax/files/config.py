@@ -248,7 +248,11 @@ class RobotConfig(FileSection):
                 if (kind, tendon) not in there and any(key.startswith(table) for key in values):
                     whose = {} if tendon is None else {"tendon": tendon}
                     data.setdefault("terms", []).append({"kind": kind, **whose, **null})
+        _with_axes(data["loads"], values)
         keys = {key: value for key, value in dotted(data) if not key.startswith("uncertainty.")}
+        # Numbers of a part that is there which the file leaves open: by their whole keys.
+        whole = dotted(self.model_dump(mode="json", by_alias=True))
+        keys |= {k: v for k, v in whole if k in values and v is None and k.rpartition(".")[0] in keys}
         for key, value in values.items():
             *parents, last = find_key(key, keys, self.source).split(".")
             node: Any = data
@@ -256,6 +260,14 @@ class RobotConfig(FileSection):
                 node = node[place_of(parent, node)]
             node[place_of(last, node)] = value
         return parse_config(data, source=self.source)
+
+
+def _with_axes(loads: dict[str, Any], values: Mapping[str, Any]) -> None:
+    """Give the loads on a tip the axes of space, where `values` name one of these."""
+    if "loads.tip_force.2" in values:
+        loads["tip_force"] = [*loads["tip_force"], 0.0][:3]
+    if any(key.startswith("loads.tip_moment.") for key in values) and not isinstance(loads["tip_moment"], list):
+        loads["tip_moment"] = [0.0, 0.0, loads["tip_moment"]]
 
 
 def parse_config(
