@@ -12,7 +12,8 @@ import pytest
 import gtr_jax as gtr
 from benchmarks.blind import machine
 from gtr_jax.examples import CONCEALED_ROBOT
-from gtr_jax.files.config import parse_config
+from gtr_jax.files.config import load_config, parse_config
+from gtr_jax.mechanics import events
 from tests.test_blind import ARM
 
 DT = 0.25
@@ -55,6 +56,17 @@ def ours(values, resolution=1.0):
     return robot.with_values(mu=0.3, E=1.5e6, **values)
 
 
+def by_law(text):
+    """The robot with a law of friction."""
+    size = {"1-size*(1-exp(-t/60[s]))": 0.7, "1/(1+size*n)": 0.3}[text]
+    config = load_config(CONCEALED_ROBOT)
+    data = config.model_dump(mode="json", by_alias=True, exclude_none=True)
+    form = text.replace("60[s]", "slow")
+    term = {"kind": "law", "name": "falls", "acts": "friction", "law": form, "size": size}
+    data["terms"] = [term | ({"slow": "60 s"} if "slow" in form else {})]
+    return gtr.build_robot(parse_config(data)).with_values(mu=0.3, E=1.5e6)
+
+
 # Events, and the largest difference of the tip tension that is allowed [N]; its rms may be half of it.
 CASES = {
     "shaken in a hold": (HOLD, shaken(0.4, 31.0, 3.0, 1.0), 0.05),
@@ -63,8 +75,7 @@ CASES = {
     "shaken off": (HOLD, shaken(1.0, 31.0, 3.0, 1.0), 0.03),
     "moved for less": (HOLD, moved(-0.4, 31.0, 1.0), 0.05),
     "moved for more": (INNER, moved(0.4, 40.0, 1.0), 0.02),
-    # Of several stretches that relax, only the length of all together is kept (docs/mechanics.md).
-    "shaken in an inner loop": (INNER, shaken(0.5, 39.0, 3.0, 1.0), 0.08),
+    "shaken in an inner loop": (INNER, shaken(0.5, 39.0, 3.0, 1.0), 0.02),
 }
 
 
@@ -83,6 +94,59 @@ def test_the_tip_tension_is_that_of_an_elastic_thread(name):
         assert np.max(np.abs(off)) < allowed and np.sqrt(np.mean(off**2)) < 0.5 * allowed, resolution
         assert np.max(np.abs(np.asarray(run.tip_pose)[:, 2] - shown.pose[:, 2])) < 5e-3
         assert np.max(np.abs(np.asarray(run.displacement) - shown.drawn)) < 5e-5
+
+
+# Loops with holds, in which friction falls slowly: with time, with cycles, and by a law of either.
+LOOPS = [(0, 0), (15, 40), (30, 2), (45, 40), (60, 2), (75, 30), (85, 10), (100, 10)]
+FALLS = {
+    "drift": (lambda g: 1 - 0.004 * (g.time - DT), {"friction-drift.rate": -0.004}, ""),
+    "running in": (lambda g: 1 - 0.15 * g.cycle, {"wear.rate": -0.15}, ""),
+    "a law of time": (lambda g: 0.3 + 0.7 * np.exp(-(g.time - DT) / 60), {}, "1-size*(1-exp(-t/60[s]))"),
+    "a law of cycles": (lambda g: 1 / (1 + 0.3 * g.cycle), {}, "1/(1+size*n)"),
+}
+
+
+@pytest.mark.parametrize("name", FALLS)
+@pytest.mark.parametrize("corners", [HOLD, INNER, LOOPS], ids=["hold", "inner", "loops"])
+def test_what_friction_holds_relaxes_while_friction_falls(name, corners):
+    friction, values, law = FALLS[name]
+    time, T_base = history(corners)
+    plain = machine.march(ARM, time, T_base)
+    shown = machine.run(dataclasses.replace(ARM, laws=machine.Laws(friction=friction)), time, T_base)
+    assert shown.worst < 5e-3 and np.max(np.abs(shown.T_tip - plain.T_tip)) > 1.0
+    run = gtr.simulate(ours(values) if values else by_law(law), T_base, time=time)
+    assert bool(run.converged.all())
+    off = np.asarray(run.T_tip) - shown.T_tip
+    assert np.max(np.abs(off)) < 0.1 and np.sqrt(np.mean(off**2)) < 0.02
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_relaxes_slips_only_where_friction_gives_way(seed):
+    """With peaks, valleys and nodes that have no length of their own: no slip within the limits of friction,
+    and towards the base or the tip only at the limit that friction then has.
+    """
+    draw, n = np.random.default_rng(seed), 30
+    tension = np.exp(2 + np.cumsum(draw.normal(size=n) * draw.choice([0.02, 0.2])))
+    down, up = draw.uniform(0.0, 0.1, size=(2, n))
+    weight = draw.uniform(0.5, 1.5, n)
+    weight[[9, 10, 20]], down[[9, 10, 11]], up[[9, 10, 11]] = 1e-12, 0.0, 0.0
+    found = np.asarray(events.least(*map(jnp.asarray, (tension, weight, down, up))))
+    step = np.diff(np.log(found))
+    assert found[0] == pytest.approx(tension[0], rel=1e-14)
+    assert np.all(step >= -down[1:] - 1e-12) and np.all(step <= up[1:] + 1e-12)
+    slip = np.cumsum((weight * (found - tension))[::-1])[::-1][1:]  # towards the base
+    assert np.all(slip[step > -down[1:] + 1e-9] < 1e-10)
+    assert np.all(slip[step < up[1:] - 1e-9] > -1e-10)
+    assert np.max(np.abs(slip)) > 1e-3
+
+
+def test_what_relaxes_follows_the_loads_smoothly():
+    time, T_base = history(INNER)
+    robot = ours({"friction-drift.rate": -0.004})
+    once, again = (
+        np.asarray(gtr.simulate(robot, scale * T_base, time=time).T_tip) for scale in (1.0, 1 + 1e-10)
+    )
+    np.testing.assert_allclose(again, once, rtol=1e-9, atol=1e-9)
 
 
 # The history, when the end is moved, and how far towards the base [m].
@@ -159,9 +223,10 @@ def test_shaking_in_finer_steps_and_meshes_converges():
     time = np.concatenate([np.linspace(0, 31, 63)[:-1], np.linspace(31, 31.7, 12)])
     T_base = np.interp(time, *np.asarray(HOLD, float).T)
     _, values = shaken(0.6, 31.0, 3.0, 1.0)
-    ends = [float(gtr.simulate(ours(values, r), T_base, time=time).T_tip[-1]) for r in (1.0, 2.0, 4.0)]
-    steps = np.abs(np.diff(ends))
-    assert steps[1] < 0.6 * steps[0] and steps[1] < 0.03
+    meshes = (1.0, 2.0, 4.0, 8.0)
+    *ends, finest = (float(gtr.simulate(ours(values, r), T_base, time=time).T_tip[-1]) for r in meshes)
+    off = np.abs(np.asarray(ends) - finest)
+    assert np.all(np.diff(off) < 0) and off[0] < 0.03 and off[-1] < 0.005
 
 
 def test_a_peak_flows_apart_and_stays_apart():

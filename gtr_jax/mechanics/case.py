@@ -22,12 +22,14 @@ class Load(eqx.Module):
         dt: time since the previous step [s].
         time: since the first sample [s].
         cycle: pulls and releases done, half a cycle each.
+        turned: those since the previous step.
     """
 
     T_base: Float[Array, "*steps_tendons"]
     dt: Float[Array, "*steps"]
     time: Float[Array, "*steps"]
     cycle: Float[Array, "*steps"]
+    turned: Float[Array, "*steps"]
 
 
 class Memory(eqx.Module):

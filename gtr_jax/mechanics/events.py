@@ -6,10 +6,14 @@ the base is
 
     u(s) = integral over [s, L] of c (T - T_before) ds,       c = (strain per tension) + b^2/EI,
 
-plus that of the anchor. Slip that runs in from the base ends at a front, where u = 0; beyond it the tendon
-relaxes within itself and keeps its length. A profile with its front at each node, for both directions of
-slip from the base, is marched towards the tip; the solution is the first whose u at the front has changed
-its sign, interpolated linearly between the nodes.
+plus that of the anchor. Slip towards the base goes with d ln T = -mu d(theta), slip towards the tip with the
+opposite, and no slip with anything between. These are the conditions for the least of
+
+    integral of c (T - T_before ln T) ds + (the anchor's),        |d ln T| <= mu d(theta),  T(0) = T_base,
+
+which is convex in ln T, with u as multiplier: what relaxes is unique, however many peaks and valleys ln T
+has. It is found by dynamic programming: from the tip to the base, the tension that each node would have if
+nothing held it from the base's side; then, from the base, that tension clipped against the preceding node.
 
 *Tugged*: the end at the tip is moved until its tension has changed by as much as is asked, and slip runs in
 from there,
@@ -36,6 +40,8 @@ from .mesh import shifted
 from .node import RIGID, clip, friction, product, total
 
 LEAST = 1e-9  # N, a tension below which the tendon counts as slack
+SMALL = 1e-12  # share of the whole compliance that every node has
+FAR, HIGH = 1e4, 100.0  # logarithms of a tension beyond any, and of one that exp still knows
 
 
 def after_loosening(case: Case, load: Load, memory: Memory) -> Float[Array, " N"]:
@@ -47,7 +53,8 @@ def after_loosening(case: Case, load: Load, memory: Memory) -> Float[Array, " N"
         memory: of the step before.
     """
     case = dataclasses.replace(case, load=load, memory=memory)
-    now, was = (_factor(case, time) for time in (load.time, load.time - load.dt))
+    now = _factor(case, load.time, load.cycle)
+    was = _factor(case, load.time - load.dt, load.cycle - load.turned)
     loosens = now < was
     return jax.lax.cond(jnp.any(loosens), lambda: _after(case, now, was), lambda: memory.tension)
 
@@ -95,10 +102,12 @@ def after_tug(case: Case, load: Load, memory: Memory) -> tuple[Memory, Float[Arr
     return dataclasses.replace(memory, tension=held, T_tip=jnp.where(added != 0, end, memory.T_tip)), moved
 
 
-def _factor(case: Case, time: Float[Array, ""]) -> Float[Array, " N"]:
-    """Factor on friction, at a time [s], of the terms by which it may fall where the tendon is locked."""
+def _factor(case: Case, time: Float[Array, ""], cycle: Float[Array, ""]) -> Float[Array, " N"]:
+    """Factor on friction, at a time [s] and after some cycles, of the terms by which it may fall where the
+    tendon is locked.
+    """
     mesh = case.sections.mesh
-    at = Channel(mesh.s - mesh.interval.length, mesh.s, jnp.zeros_like(mesh.s), 1.0, time, case.load.cycle)
+    at = Channel(mesh.s - mesh.interval.length, mesh.s, jnp.zeros_like(mesh.s), 1.0, time, cycle)
     factor = jnp.ones_like(mesh.s)
     for kind, hook in case.structure.hooks("friction"):
         if case.structure.catalogue[kind].loosens:
@@ -129,31 +138,61 @@ def _relaxed(case: Case, tension, down, up) -> Float[Array, " N"]:
     """The tension after the slip, from that before it [N], where friction can hold that its logarithm falls
     by `down` or rises by `up` since the preceding node, (N,) each.
     """
-    s, nodes = case.sections, jnp.arange(tension.shape[0])[None, :]
-    # Rows: slip from the base towards the base, and towards the tip. Columns: the node of the front.
-    lines = tension[0] * jnp.exp(jnp.stack([-jnp.cumsum(down), jnp.cumsum(up)]))
-    scale = lines / tension[None, :]
+    length, nodes = case.sections.mesh.interval.length, tension.shape[0]
+    weight = _compliance(case) * 0.5 * (length + shifted(length[::-1])[::-1])
+    last = jnp.arange(nodes) == nodes - 1
+    weight = jnp.where(last, weight + _give(case, "anchor", tension[-1]), weight)
+    # A node between two others at its place has no length of its own.
+    return least(tension, weight + SMALL * jnp.sum(weight), down, up)
+
+
+def least(
+    tension: Float[Array, " N"], weight: Float[Array, " N"], down: Float[Array, " N"], up: Float[Array, " N"]
+) -> Float[Array, " N"]:
+    """The tension T, (N,), that makes the sum of weight (T - tension ln T) least, where ln T falls by at most
+    `down` and rises by at most `up` from one node to the next, and the first is kept.
+    """
+    nodes = tension.shape[0]
+    # The slope of the least energy of all from a node to the end, over the logarithm y of the tension at the
+    # node: a exp(y) + b in each piece, from its edge to the next one's.
+    place = jnp.arange(2 * nodes)
+    edge = jnp.where(place == 0, -FAR, FAR)
 
     def node(carry, row):
-        now, slip, longer = carry
-        at, own, line, fall, climb, weight, length = row
-        held = clip(scale * own, now * jnp.exp(-fall), now * jnp.exp(climb))
-        new = jnp.where(nodes >= at, line[:, None], held)
-        more = weight * (new - own)
-        slip = slip + jnp.where(nodes >= at, 0.0, 0.5 * length * (more + longer))
-        return (new, slip, more), new
+        edge, a, b = carry
+        own, more, fall, climb = row
+        a, b = a + more, b - more * own
+        below = (a * jnp.exp(jnp.where(edge < HIGH, edge, HIGH)) + b < 0) | (place == 0)
+        root = jnp.sum(jnp.where(below, 1, 0)) - 1
+        at = place == root
+        # Rounding may put it beyond a piece that is no wider than that.
+        start, end = (jnp.sum(jnp.where(place == k, edge, 0.0)) for k in (root, root + 1))
+        free = jnp.log(-jnp.sum(jnp.where(at, b, 0.0)) / jnp.sum(jnp.where(at, a, 0.0)))
+        free = clip(free, start, end)
+        # Of the preceding node: below, friction holds a rise to this one, above, a fall; between, nothing.
+        above = [_later(x) for x in (jnp.where(at, free, edge) + fall, a * jnp.exp(-fall), b)]
+        under = (edge - climb, a * jnp.exp(climb), b)
+        none = (free - climb, 0.0, 0.0)
+        joined = [
+            jnp.where(place <= root, x, jnp.where(place == root + 1, y, z))
+            for x, y, z in zip(under, none, above, strict=True)
+        ]
+        return tuple(joined), free
 
-    nothing = jnp.zeros_like(lines)
-    rows = (nodes[0], tension, lines.T, down, up, _compliance(case), s.mesh.interval.length)
-    (last, slip, _), profiles = jax.lax.scan(node, (nothing + tension[0], nothing, nothing), rows)
-    slip = slip + _give(case, "anchor", tension[-1]) * (last - tension[-1])
-    pulls = slip[0, 0] > 0
-    left = jnp.where(pulls, slip[0], -slip[1])
-    profiles = jnp.where(pulls, profiles[:, 0], profiles[:, 1])
-    # The first front whose slip has changed its sign, and the share of the front before it.
-    turned = left <= 0
-    first = turned & (jnp.cumsum(jnp.where(turned, 1.0, 0.0)) == 1.0)
-    gap = shifted(left) - left
-    earlier = jnp.where(first & (nodes[0] > 0), -left / jnp.where(gap > 0, gap, 1.0), 0.0)
-    shares = jnp.where(first, 1.0, 0.0) - earlier + shifted(earlier[::-1])[::-1]
-    return jnp.sum(profiles * shares[None, :], axis=1)
+    rows = tuple(x[:0:-1] for x in (tension, weight, down, up))
+    nothing = jnp.zeros(2 * nodes)
+    _, free = jax.lax.scan(node, (edge, nothing, nothing), rows)
+
+    def along(before, row):
+        free, fall, climb = row
+        now = clip(free, before - fall, before + climb)
+        return now, now
+
+    start = jnp.log(tension[0])
+    _, rest = jax.lax.scan(along, start, (free[::-1], down[1:], up[1:]))
+    return jnp.exp(jnp.concatenate([start[None], rest]))
+
+
+def _later(x: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Entries two places later."""
+    return jnp.concatenate([jnp.zeros(2), x[:-2]])

@@ -104,7 +104,7 @@ def _case(robot: Robot, structure: Structure, memory: Memory) -> Case:
         tip_moment=robot.tip_moment,
         terms=robot.terms,
         metric=jnp.ones_like(memory.tension) if structure.terms else None,
-        load=Load(slack, FOREVER * one, 0 * one, 0 * one),
+        load=Load(slack, FOREVER * one, 0 * one, 0 * one, 0 * one),
         memory=memory,
         against=one,
         structure=structure,
@@ -249,7 +249,7 @@ def with_steps_before(robot: Robot, structure: Structure, loads: Load):
     """Loads with those of `steps_before` ahead, and the two flags `at` of `advance` for each, (K,) bool."""
     first, one = loads_before(structure, robot.preload), jnp.ones(())
     if first:
-        each = [Load(T_base, FOREVER * one, 0 * one, 0 * one) for T_base, _, _ in first]
+        each = [Load(T_base, FOREVER * one, 0 * one, 0 * one, 0 * one) for T_base, _, _ in first]
         ahead = jtu.tree_map(lambda *a: jnp.stack(a), *each)
         loads = jtu.tree_map(lambda a, b: jnp.concatenate([a, b]), ahead, loads)
     flags = np.zeros((2, loads.time.shape[0]), bool)

@@ -115,7 +115,7 @@ class Structure:
 
     @functools.cached_property
     def loosens(self) -> bool:
-        """Whether friction may fall with time where one tendon is locked, so that the tension held there
+        """Whether friction may fall with time or cycles where one tendon is locked, so that the tension held there
         relaxes. Where friction follows the slip, it relaxes by itself.
         """
         return any(self.catalogue[kind].loosens for kind in self.terms) and not self._by_slip

@@ -63,7 +63,7 @@ def solved(
         same = ("slip", "middle", "bent", "unknowns")
         return dataclasses.replace(kept, **{name: getattr(never_pulled, name) for name in same})
 
-    load = Load(T_base, FOREVER * one, 0 * one, 0 * one)
+    load = Load(T_base, FOREVER * one, 0 * one, 0 * one, 0 * one)
     load = load if clock is None else dataclasses.replace(clock, T_base=T_base)
     done, memory, settled = mechanics.one_step(at_nodes(robot, s), structure, load, how, remembered)
     step = loaded_of(s, structure, settled, done)

@@ -272,7 +272,8 @@ def loads_of(
     first = jnp.where(time.shape[0] > 1, time[1:2] - time[:1], 1.0) if time.shape[0] > 1 else jnp.ones(1)
     dt = jnp.concatenate([first, jnp.diff(time)])
     dt = jnp.where(dt > 0, dt, SHORTEST)
-    return Load(T_base, dt, time - time[0], cycles(T_base) if cycle is None else cycle)
+    cycle = cycles(T_base) if cycle is None else cycle
+    return Load(T_base, dt, time - time[0], cycle, jnp.diff(cycle, prepend=cycle[:1]))
 
 
 def cycles(T_base: Float[Array, "K *tendons"]) -> Float[Array, " K"]:

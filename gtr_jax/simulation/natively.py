@@ -246,7 +246,7 @@ def _program(structure: Structure, how: March, kind: _Kind, shapes: tuple, lanes
 
     def row():
         one, flag, each = jnp.zeros(()), jnp.asarray(False), jnp.zeros(tendons)
-        return _Row(Load(each, one, one, one), each if drawn else None, flag, flag, one)
+        return _Row(Load(each, one, one, one, one), each if drawn else None, flag, flag, one)
 
     given = fixed.robot.sections
     drives = tuple(tendon.drive for tendon in fixed.tendons) if drawn else ()
@@ -421,14 +421,14 @@ class Native:
         """The fixed values and the rows that a program takes; the first rows settle and string the robot."""
         K, n = len(loads.time), self._tendons
         columns = [np.asarray(loads.T_base, float).reshape(K, n)]
-        columns += [np.asarray(c, float)[:, None] for c in (loads.dt, loads.time, loads.cycle)]
+        columns += [np.asarray(c, float)[:, None] for c in (loads.dt, loads.time, loads.cycle, loads.turned)]
         columns += [] if drawn is None else [np.asarray(drawn, float).reshape(K, n)]
-        # Of each step, as `_Row` has them: T_base, dt, time, cycle, what is drawn, whether the robot settles,
-        # whether it is strung, and `large`.
+        # Of each step, as `_Row` has them: T_base, dt, time, cycle, cycles since the step before, what is drawn,
+        # whether the robot settles, whether it is strung, and `large`.
         large = float(ready.large)
         before = loads_before(structure, np.asarray(ready.preload, float).reshape(n))
         none = np.zeros(0 if drawn is None else n)
-        ahead = [np.concatenate([T, [FOREVER, 0, 0], none, [*flags, large]]) for T, *flags in before]
+        ahead = [np.concatenate([T, [FOREVER, 0, 0, 0], none, [*flags, large]]) for T, *flags in before]
         rows = np.pad(np.concatenate(columns, axis=1), ((0, 0), (0, 3)))
         rows[:, -1] = large
         rows = np.concatenate([np.asarray(ahead).reshape(-1, rows.shape[1]), rows])

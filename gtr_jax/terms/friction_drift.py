@@ -10,5 +10,6 @@ TERM = Term(
     told_apart="A loop before and after a long rest: wear stands still during it.",
     quantities=(Quantity("rate", "1/s", 0.0, 2e-4, "Relative change of friction per time.", (-2e-3, 2e-3)),),
     timed=True,
+    loosens=True,
     friction=lambda p, at: 1 + p["rate"] * at.time,
 )

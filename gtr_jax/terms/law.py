@@ -328,6 +328,7 @@ def term_of_law(law: Law) -> Term:
         quantities=law.numbers,
         timed=bool(names & {"t", "v"}),
         creeps=slip or law.acts == "viscous",
+        loosens=law.acts == "friction" and bool(names & {"t", "n"}) and not names & {"p", "T", "v"},
         reads_speed=slip,
         reads_channel=bool(names & {"s", "v", "t", "n"}),
         fault=lambda values, length: _fault(law, values),

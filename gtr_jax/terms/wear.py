@@ -14,5 +14,6 @@ TERM = Term(
             "rate", "dimensionless", 0.0, 0.03, "Relative change of friction per cycle.", (-0.15, 0.15), -1.0
         ),
     ),
+    loosens=True,
     friction=lambda p, at: 1 + p["rate"] * at.cycle,
 )
