@@ -204,7 +204,7 @@ def test_with_values_takes_what_a_file_leaves_open(tmp_path):
     assert changed.loads.tip_force == (*robot.loads.tip_force, 0.02)
     assert changed.loads.tip_moment == (0.01, 0.0, robot.loads.tip_moment)
     assert changed.tendon.axial_stiffness == 5e3
-    with pytest.raises(InputError, match="unknown key 'loads.tip_force.3'"):
+    with pytest.raises(InputError, match=r"unknown key 'loads\.tip_force\.3'"):
         robot.with_values({"loads.tip_force.3": 0.02})
 
 

@@ -13,11 +13,10 @@ from test_averaged import Linear
 import calibrate
 import gtr_jax as gtr
 from calibrate.diagnosis.decide import DISCOVERED
-from calibrate.diagnosis.discovery import Felt, promising, with_laws
+from calibrate.diagnosis.discovery import Candidate, Felt, _nearest, promising, with_laws
 from calibrate.diagnosis.heldout import _when_known
 from calibrate.diagnosis.hypotheses import base_numbers
 from calibrate.diagnosis.law_forms import (
-    EDGE,
     FORMS,
     coordinates,
     forms_for,
@@ -79,7 +78,15 @@ def test_forms_are_laws_that_a_robot_file_may_hold(place, make_config):
     for form in forms_for(place):
         law, stays = law_of(place, form)
         values = {name.partition(".")[2]: value for name, value in stays.items()}
-        shapes = {"at": 0.5, "width": 0.1, "scale": 0.2, "first": 0.3, "last": 0.6, "period": 0.9}
+        shapes = {
+            "at": 0.5,
+            "width": 0.1,
+            "scale": 0.2,
+            "first": 0.3,
+            "last": 0.6,
+            "edge": 0.01,
+            "period": 0.9,
+        }
         values |= {k: v * place.span for k, v in shapes.items() if any(q.name == k for q in law.numbers)}
         values |= {"size": 0.02 * place.size} | ({"phase": -0.4} if form.name == "wave" else {})
         check_law(law, values)
@@ -227,11 +234,32 @@ def test_times_of_a_law_are_known_where_cycles_are_left_out():
     form = next(f for f in FORMS if f.name == "stretch")
     h = hypothesis_of(place, form)
     fitted = SimpleNamespace(
-        numbers=h.numbers, x=np.asarray([0.5, 0.1, 0.2]), values={n.name: 7.0 for n in h.numbers}
+        numbers=h.numbers, x=np.asarray([0.5, 0.1, 0.2, 0.0]), values={n.name: 7.0 for n in h.numbers}
     )
     (own,), start = _when_known([h], cast(Any, fitted))
     assert [n.name for n in own.numbers] == [h.numbers[0].name] and list(start) == [0.5]
-    assert own.fixed[h.numbers[1].name] == 7.0 and EDGE == 0.01
+    assert own.fixed[h.numbers[1].name] == 7.0
+
+
+def test_a_wave_goes_on_from_the_starts_that_fit_best_as_they_are():
+    """To first order several periods promise as much: simulated, they do not."""
+    place = next(p for p in PLACES if p.of == "t")
+    form, other = (next(f for f in FORMS if f.name == name) for name in ("wave", "step"))
+
+    def candidate(form, k):
+        law, h = law_of(place, form)[0], hypothesis_of(place, form)
+        return Candidate(place, form, 20.0 - k, law, h, np.full(len(h.numbers), 0.01 * k))
+
+    many = [candidate(form, k) for k in range(20)]
+    few = [candidate(other, k) for k in range(2)]
+
+    def simulated(values, names):
+        return [None if k == 3 else k for k in range(len(values))]
+
+    bench = SimpleNamespace(base=(), simulated=simulated, rows=lambda seen: np.asarray([abs(seen - 9.2)]))
+    kept = _nearest(cast(Any, bench), cast(Any, SimpleNamespace(names=())), (), [*many, *few])
+    places_of = [id(c) for c in (*many, *few)]
+    assert [places_of.index(id(c)) for c in kept] == [6, 7, 8, 9, 10, 11, 12, 13, 20, 21]
 
 
 @pytest.mark.slow

@@ -140,6 +140,10 @@ class Rig:
         said = self.answer.get("masked", [])
         return {(m["channel"], row) for m in said for row in range(m["first"], m["last"] + 1)}
 
+    def rows_left_out(self) -> set[int]:
+        """Rows that the answer leaves out, of whichever cell it says so: both go."""
+        return {row for _, row in self.masked()}
+
     def spoilt(self) -> set[tuple[str, int]]:
         """Readings that are glitches and dropouts."""
         cells = self.key["spoilt"]
@@ -223,7 +227,7 @@ def overview(cases: Sequence[Rig]) -> list[list[str]]:
             "≥ 95 %",
             rate([x in c.spoilt() for c, x in masked]),
         ],
-        ["glitches and dropouts masked", "≥ 95 %", rate([x in c.masked() for c, x in spoilt])],
+        ["glitches and dropouts masked", "≥ 95 %", rate([x[1] in c.rows_left_out() for c, x in spoilt])],
         [
             "delay between the cells within two standard deviations, where one is named",
             "≥ 90 %",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -17,7 +18,7 @@ from .decide import structured
 from .further import Unseen
 from .hypotheses import Hypothesis
 from .lanes import in_lanes
-from .law_forms import SIZE, Form, coordinates, forms_for, hypothesis_of, law_of, smooth_of, waves
+from .law_forms import EDGE, SIZE, Form, coordinates, forms_for, hypothesis_of, law_of, smooth_of, waves
 from .law_places import Place, places
 from .locate import misfit
 from .model import Fitted, model_of
@@ -34,6 +35,9 @@ WORTH, EACH = 16.0, 4.0
 # Hooks and variables that are fitted inside the simulator; forms of the first and of each other of them, and
 # starts of the best form of each.
 PLACES, FORMS, STARTS = 3, (4, 2), 2
+# Starts of a wave, which has a minimum beside each of many periods: so many are simulated, and the fit goes
+# on from the best of them. Where a law moves much, those that first order ranks first may be the wrong ones.
+WAVY, OF_WAVE = 32, 8
 # Largest size, in usual sizes, that a fit starts from; shortest period and width, in distances of tents.
 LARGEST, WAVES, WIDE = 2.5, 2.5, 0.5
 # A law is told if it takes this share of the misfit beyond the noise on unseen samples; a short law is shown
@@ -136,12 +140,31 @@ def discover(models: Models, head: Fitted, progress: Callable[[str], None]) -> D
     progress(f"fitting laws inside the simulator: {', '.join(names)}")
     wider = _with_candidates(models, candidates)
     own = models.hypotheses(head.names)
+    candidates = _nearest(wider.bench, head, own, candidates)
     items = [((*own, c.hypothesis), Start(c.start, {})) for c in candidates]
     fits = [f for f in raced(wider.bench, head, items, MOST_ITERATIONS) if f.cost < head.cost]
     wider.add(fits)
     if wider.bench.heavy is not None:  # far from the data, rows that count less when far off show no way
         settled(wider, fits)
     return _judged(wider, head, candidates)
+
+
+def _nearest(
+    bench: Bench, head: Fitted, own: tuple[Hypothesis, ...], candidates: Sequence[Candidate]
+) -> list[Candidate]:
+    """The candidates, of a law with many starts those that fit best as they are."""
+    starts = Counter(c.law.name for c in candidates)
+    many = [c for c in candidates if starts[c.law.name] > OF_WAVE]
+    values = [model_of(bench.base, [*own, c.hypothesis]).values(c.start) for c in many]
+    costs = [
+        np.inf if seen is None else float(np.sum(bench.rows(seen) ** 2) + np.sum(c.start**2))
+        for c, seen in zip(many, bench.simulated(values, head.names), strict=True)
+    ]
+    left = set[int]()
+    for name in {c.law.name for c in many}:
+        of = sorted((cost, id(c)) for c, cost in zip(many, costs, strict=True) if c.law.name == name)
+        left |= {c for _, c in of[OF_WAVE:]}
+    return [c for c in candidates if id(c) not in left]
 
 
 def _with_candidates(models: Models, candidates: Sequence[Candidate]) -> Models:
@@ -202,7 +225,8 @@ def promising(bench: Bench, head: Fitted, felt: Sequence[Felt]) -> list[Candidat
         kept: dict[str, int] = {}
         for score, form, size, shapes in found:
             # Several starts of the best form, one of each other.
-            most = STARTS if not kept or form.name == next(iter(kept)) else 1
+            first = not kept or form.name == next(iter(kept))
+            most = 1 if not first else WAVY if form.name == "wave" else STARTS
             if score < WORTH or (form.name not in kept and len(kept) == forms) or kept.get(form.name) == most:
                 continue
             kept[form.name] = kept.get(form.name, 0) + 1
@@ -231,7 +255,7 @@ def _of_forms(felt: Felt):
         gains = 2 * sizes * toward - sizes**2 * (power + place.size**-2)
         scores = gains - EACH * len(form.shapes)
         taken: list[np.ndarray] = []
-        for g in np.argsort(-scores)[: 10 * STARTS]:
+        for g in np.argsort(-scores)[: 10 * WAVY]:
             pattern = values[g] / max(np.linalg.norm(values[g]), 1e-12)
             if all(abs(pattern @ other) < 0.9 for other in taken):
                 taken.append(pattern)
@@ -243,7 +267,7 @@ def _is_felt(form: Form, shapes: Sequence[float], tents: int) -> bool:
     return all(
         value >= (WAVES if shape.name == "period" else WIDE) / (tents - 1)
         for shape, value in zip(form.shapes, shapes, strict=True)
-        if shape.log
+        if shape.log and shape is not EDGE
     )
 
 

@@ -24,6 +24,9 @@ WIDTHS = (0.02, 0.05, 0.12, 0.3)
 PERIODS = np.geomspace(0.045, 1.2, 110)
 PLACES = np.linspace(0.02, 0.98, 25)
 PHASES = np.arange(8) * np.pi / 8
+# Width of the edges of a stretch, as a share of the range, from which a fit starts and which is usual; and
+# the least, at which it is a jump.
+SUDDEN, JUMP = 0.01, 2e-4
 
 
 class Shape(NamedTuple):
@@ -64,6 +67,7 @@ class Form(NamedTuple):
 
 AT, WIDTH, SCALE = Shape("at", "of", False), Shape("width", "of", True), Shape("scale", "of", True)
 FIRST, LAST = Shape("first", "of", False), Shape("last", "of", False)
+EDGE = Shape("edge", "of", True)
 PERIOD, PHASE = Shape("period", "of", True), Shape("phase", "dimensionless", False)
 
 FORMS = (
@@ -122,9 +126,9 @@ FORMS = (
     Form(
         "stretch",
         "size*(tanh(({x}-first)/edge)-tanh(({x}-last)/edge))/2",
-        (FIRST, LAST),
-        lambda u, first, last: 0.5 * (np.tanh((u - first) / 0.01) - np.tanh((u - last) / 0.01)),
-        [(a, b) for a, b in itertools.combinations(PLACES, 2)],
+        (FIRST, LAST, EDGE),
+        lambda u, first, last, edge: 0.5 * (np.tanh((u - first) / edge) - np.tanh((u - last) / edge)),
+        [(a, b, SUDDEN) for a, b in itertools.combinations(PLACES, 2)],
         of=("s", "t", "n"),
     ),
     Form(
@@ -136,7 +140,6 @@ FORMS = (
         of=("T", "s", "t", "p"),
     ),
 )
-EDGE = 0.01  # of a stretch, as a share of the range
 
 
 def forms_for(place: Place) -> list[Form]:
@@ -153,10 +156,9 @@ def law_of(place: Place, form: Form) -> tuple[Law, dict[str, float]]:
     name = f"{place.name}-{form.name}"
     numbers = [place.quantity(SIZE, place.unit, place.size, size=True)]
     stays: dict[str, float] = {}
-    for key, value in (("reach", place.high), ("edge", EDGE * place.span)):
-        if key in form.text:
-            numbers.append(place.quantity(key, place.of_unit, value))
-            stays[f"{name}.{key}"] = value
+    if "reach" in form.text:
+        numbers.append(place.quantity("reach", place.of_unit, place.high))
+        stays[f"{name}.reach"] = place.high
     for shape in form.shapes:
         unit = place.of_unit if shape.says_unit == "of" else shape.says_unit
         numbers.append(place.quantity(shape.name, unit, _usual(place, shape)))
@@ -184,13 +186,16 @@ def _in_units(place: Place, shape: Shape, share: float) -> float:
 
 
 def _usual(place: Place, shape: Shape) -> float:
-    return 0.0 if shape is PHASE else (0.1 if shape.log else 0.5) * place.span
+    return {PHASE: 0.0, EDGE: SUDDEN}.get(shape, 0.1 if shape.log else 0.5) * place.span
 
 
 def _of_shape(place: Place, law: str, shape: Shape) -> Number:
     name = f"{law}.{shape.name}"
     if shape is PHASE:
         return _number(name, "dimensionless", 0.0, np.pi)
+    if shape is EDGE:
+        lower, usual = JUMP * place.span, SUDDEN * place.span
+        return _number(name, place.of_unit, usual, 1.0, log=True, lower=lower)
     if shape.log:
         return _number(name, place.of_unit, 0.15 * place.span, 1.0, log=True, lower=0.004 * place.span)
     middle = place.low + 0.5 * place.span

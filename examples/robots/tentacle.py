@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.interpolate import PchipInterpolator
 
 import calibrate
 import gtr_jax as gtr
@@ -99,6 +100,22 @@ def foretold(free: tuple[str, ...], stretches: bool) -> float:
     return rms(each)
 
 
+def between() -> list[tuple[str, np.ndarray]]:
+    """What no model tells: for each hold not trained on in which one tendon pulls by a tension between two of
+    the eight, how far its markers [mm], (4,), are from a smooth curve through those of that tendon.
+    """
+    _, tensions, seen = holds("train")
+    names, wanted, there = holds("test")
+    found = []
+    for name, pulls, places in zip(names, wanted, there, strict=True):
+        (side,) = np.flatnonzero(pulls) if np.count_nonzero(pulls) == 1 else (-1,)
+        own = tensions[:, side] > 0
+        if side >= 0 and tensions[own, side].min() < pulls[side]:
+            curve = PchipInterpolator(tensions[own, side], seen[own])
+            found.append((name, 1e3 * np.linalg.norm(curve(pulls[side]) - places, axis=-1)))
+    return found
+
+
 @styled
 def picture(plain: gtr.Robot, best: gtr.Robot) -> Figure:
     """Where the markers were, and where two models have them, of the holds not trained on, from the side."""
@@ -153,8 +170,11 @@ def main() -> None:
             models=table(["model", "numbers", "trained on", "by level", "held out"], rows),
             numbers=numbers(best.estimates),
             holds=table(["hold", "tensions [N]", *MARKERS], by_hold),
+            between=table(["hold", *MARKERS], [[n, *(f"{x:.1f}" for x in d)] for n, d in between()]),
+            floor=f"{rms(np.concatenate([d for _, d in between()])):.1f}",
             first=f"{rms(fits[0][2]):.1f}",
             second=f"{rms(fits[1][2]):.1f}",
+            third=f"{rms(fits[3][2]):.1f}",
             last=f"{rms(test):.1f}",
             network=NETWORK,
             identified=IDENTIFIED,

@@ -266,7 +266,8 @@ def _with_axes(loads: dict[str, Any], values: Mapping[str, Any]) -> None:
     """Give the loads on a tip the axes of space, where `values` name one of these."""
     if "loads.tip_force.2" in values:
         loads["tip_force"] = [*loads["tip_force"], 0.0][:3]
-    if any(key.startswith("loads.tip_moment.") for key in values) and not isinstance(loads["tip_moment"], list):
+    turned = any(key.startswith("loads.tip_moment.") for key in values)
+    if turned and not isinstance(loads["tip_moment"], list):
         loads["tip_moment"] = [0.0, 0.0, loads["tip_moment"]]
 
 

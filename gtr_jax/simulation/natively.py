@@ -423,8 +423,8 @@ class Native:
         columns = [np.asarray(loads.T_base, float).reshape(K, n)]
         columns += [np.asarray(c, float)[:, None] for c in (loads.dt, loads.time, loads.cycle, loads.turned)]
         columns += [] if drawn is None else [np.asarray(drawn, float).reshape(K, n)]
-        # Of each step, as `_Row` has them: T_base, dt, time, cycle, cycles since the step before, what is drawn,
-        # whether the robot settles, whether it is strung, and `large`.
+        # Of each step, as `_Row` has them: T_base, dt, time, cycle, cycles since the step before, what is
+        # drawn, whether the robot settles, whether it is strung, and `large`.
         large = float(ready.large)
         before = loads_before(structure, np.asarray(ready.preload, float).reshape(n))
         none = np.zeros(0 if drawn is None else n)

@@ -147,8 +147,8 @@ class Term:
         softens: whether `bend` may take away most of the stiffness.
         by_strain: whether `bend` depends on the strain of the outermost fibre.
         event: whether it happens once, at a time of its own.
-        loosens: whether `friction` falls with time or cycles where the tendon is locked, so that the tension held there
-            relaxes.
+        loosens: whether `friction` falls with time or cycles where the tendon is locked, so that the tension
+            held there relaxes.
         reads_speed: whether `friction`, `by_pressure` or `drag` depends on the speed of the slip in the
             previous load step.
         reads_channel: whether `by_pressure` or `drag` depends on a `Channel`.
