@@ -239,7 +239,7 @@ def test_events_glitches_delay_and_misfit_are_scored():
     assert case.explained == pytest.approx(1 - (0.05**2 - 0.03**2) / (0.5**2 - 0.03**2))
     rows = {what: reached for what, _, reached in rig_score.overview([case])}
     assert rows["events found"].startswith("67 % (2/3;")
-    assert rows["glitches and dropouts masked"].startswith("67 % (2/3;")
+    assert rows["rows of glitches and dropouts that are left out"].startswith("67 % (2/3;")
     assert rows["partly-explained, and rightly so"].startswith("100 % (1/1;")
     assert rows["delay between the cells within two standard deviations, where one is named"].startswith(
         "100 %"

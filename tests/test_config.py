@@ -204,6 +204,13 @@ def test_with_values_takes_what_a_file_leaves_open(tmp_path):
     assert changed.loads.tip_force == (*robot.loads.tip_force, 0.02)
     assert changed.loads.tip_moment == (0.01, 0.0, robot.loads.tip_moment)
     assert changed.tendon.axial_stiffness == 5e3
+    assert robot.with_values({"tip_moment.2": 0.2}).loads.tip_moment == (0.0, 0.0, 0.2)
+    for both in (
+        {"loads.tip_moment": 0.1, "loads.tip_moment.2": 0.2},
+        {"tip_force.2": 1.0, "tip_force": [0, 1]},
+    ):
+        with pytest.raises(InputError, match="say the same; give one of the two"):
+            robot.with_values(both)
     with pytest.raises(InputError, match=r"unknown key 'loads\.tip_force\.3'"):
         robot.with_values({"loads.tip_force.3": 0.02})
 

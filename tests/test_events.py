@@ -149,6 +149,16 @@ def test_what_relaxes_follows_the_loads_smoothly():
     np.testing.assert_allclose(again, once, rtol=1e-9, atol=1e-9)
 
 
+def test_a_load_without_a_clock_lets_nothing_relax():
+    time, T_base = history(HOLD)
+    held = gtr.simulate(ours({}), T_base, time=time).tension[-1]
+    plain, falls = (
+        float(gtr.equilibrium(ours(values), float(T_base[-1]), memory=held).T_tip)
+        for values in ({}, {"friction-drift.rate": -0.004})
+    )
+    assert falls == pytest.approx(plain, rel=1e-9)
+
+
 # The history, when the end is moved, and how far towards the base [m].
 TUGS = {
     "let go a little": (HOLD, 31.0, 2e-4),

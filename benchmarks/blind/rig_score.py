@@ -227,7 +227,11 @@ def overview(cases: Sequence[Rig]) -> list[list[str]]:
             "≥ 95 %",
             rate([x in c.spoilt() for c, x in masked]),
         ],
-        ["glitches and dropouts masked", "≥ 95 %", rate([x[1] in c.rows_left_out() for c, x in spoilt])],
+        [
+            "rows of glitches and dropouts that are left out",
+            "≥ 95 %",
+            rate([x[1] in c.rows_left_out() for c, x in spoilt]),
+        ],
         [
             "delay between the cells within two standard deviations, where one is named",
             "≥ 90 %",

@@ -157,13 +157,15 @@ def _nearest(
     many = [c for c in candidates if starts[c.law.name] > OF_WAVE]
     values = [model_of(bench.base, [*own, c.hypothesis]).values(c.start) for c in many]
     costs = [
-        np.inf if seen is None else float(np.sum(bench.rows(seen) ** 2) + np.sum(c.start**2))
+        np.inf
+        if seen is None or sum(s.failed for s in seen) > head.failed
+        else float(np.sum(bench.rows(seen) ** 2) + np.sum(c.start**2))
         for c, seen in zip(many, bench.simulated(values, head.names), strict=True)
     ]
     left = set[int]()
-    for name in {c.law.name for c in many}:
-        of = sorted((cost, id(c)) for c, cost in zip(many, costs, strict=True) if c.law.name == name)
-        left |= {c for _, c in of[OF_WAVE:]}
+    for name in starts:
+        of = sorted((cost, k) for k, cost in enumerate(costs) if many[k].law.name == name)
+        left |= {id(many[k]) for _, k in of[OF_WAVE:]}
     return [c for c in candidates if id(c) not in left]
 
 

@@ -179,7 +179,7 @@ def main() -> None:
             network=NETWORK,
             identified=IDENTIFIED,
             worst=f"{test.max():.0f}",
-            farthest=MARKERS[int(np.argmax(np.mean(test**2, axis=0)))],
+            farthest=MARKERS[int(np.argmax(test.max(axis=0)))],
         ),
     )
 

@@ -235,10 +235,10 @@ class RobotConfig(FileSection):
         Args:
             values: SI numbers or unit strings, by dotted key ("tendon.friction_coefficient",
                 "backbone.outer_radius.0", "tendons.left.preload", "terms.tip-gain.gain", of one tendon
-                "terms.tip-gain:left.gain") or by a bare key where it is the only one. A term that is not
-                there is added.
+                "terms.tip-gain:left.gain") or by a bare key where it is the only one; what the file leaves
+                open by its whole key ("tendons.left.axial_stiffness"). A term that is not there is added.
 
-        Raises InputError naming the key that is unknown or whose value does not fit.
+        Raises InputError naming the key that is unknown, given twice or whose value does not fit.
         """
         data = self.model_dump(mode="json", by_alias=True, exclude_none=True)
         there = {(term["kind"], term.get("tendon")) for term in data.get("terms", ())}
@@ -248,6 +248,10 @@ class RobotConfig(FileSection):
                 if (kind, tendon) not in there and any(key.startswith(table) for key in values):
                     whose = {} if tendon is None else {"tendon": tendon}
                     data.setdefault("terms", []).append({"kind": kind, **whose, **null})
+        for key in values:
+            part = next((other for other in values if other.startswith(f"{key}.")), None)
+            if part is not None:
+                raise InputError(f"{self.source}: {key} and {part} say the same; give one of the two")
         _with_axes(data["loads"], values)
         keys = {key: value for key, value in dotted(data) if not key.startswith("uncertainty.")}
         # Numbers of a part that is there which the file leaves open: by their whole keys.
@@ -264,9 +268,10 @@ class RobotConfig(FileSection):
 
 def _with_axes(loads: dict[str, Any], values: Mapping[str, Any]) -> None:
     """Give the loads on a tip the axes of space, where `values` name one of these."""
-    if "loads.tip_force.2" in values:
+    known = {key.removeprefix("loads.") for key in values}
+    if "tip_force.2" in known:
         loads["tip_force"] = [*loads["tip_force"], 0.0][:3]
-    turned = any(key.startswith("loads.tip_moment.") for key in values)
+    turned = any(key.startswith("tip_moment.") for key in known)
     if turned and not isinstance(loads["tip_moment"], list):
         loads["tip_moment"] = [0.0, 0.0, loads["tip_moment"]]
 

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from .sections import Sections, State
 from .structure import Structure, every
 
+FOREVER = 1e15  # s, a time after which all creep has ended
 FOLLOWED = ("slip", "middle", "speed", "mobilised", "stencil", "elements")  # of `Memory`, may be None
 
 

@@ -35,7 +35,7 @@ from jaxtyping import Array, Float
 from ..terms import called
 from ..terms.term import Channel
 from .bodies import geometry_of, metric_of, offset_of, turning_of
-from .case import Case, Load, Memory
+from .case import FOREVER, Case, Load, Memory
 from .mesh import shifted
 from .node import RIGID, clip, friction, product, total
 
@@ -55,6 +55,8 @@ def after_loosening(case: Case, load: Load, memory: Memory) -> Float[Array, " N"
     case = dataclasses.replace(case, load=load, memory=memory)
     now = _factor(case, load.time, load.cycle)
     was = _factor(case, load.time - load.dt, load.cycle - load.turned)
+    # A step without a clock is far from any other: only the base tension changes in it.
+    was = jnp.where(load.dt < FOREVER, was, now)
     loosens = now < was
     return jax.lax.cond(jnp.any(loosens), lambda: _after(case, now, was), lambda: memory.tension)
 

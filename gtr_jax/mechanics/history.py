@@ -15,14 +15,12 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..terms import Term
 from .bodies import directions_of, geometry_of, metric_of
-from .case import Case, Load, Memory, untouched
+from .case import FOREVER, Case, Load, Memory, untouched
 from .events import after_loosening, after_tug
 from .lanes import in_lanes_of
 from .sections import Sections, State, either_of, node_first
 from .solve import load_step
 from .structure import March, Structure
-
-FOREVER = 1e15  # s, a time after which all creep has ended
 
 
 class Robot(NamedTuple):
