@@ -150,7 +150,7 @@ def discover(models: Models, head: Fitted, progress: Callable[[str], None]) -> D
 
 
 def _nearest(
-    bench: Bench, head: Fitted, own: tuple[Hypothesis, ...], candidates: Sequence[Candidate]
+    bench: Bench, head: Fitted, own: Sequence[Hypothesis], candidates: Sequence[Candidate]
 ) -> list[Candidate]:
     """The candidates, of a law with many starts those that fit best as they are."""
     starts = Counter(c.law.name for c in candidates)
