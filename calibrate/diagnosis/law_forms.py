@@ -194,7 +194,7 @@ def _of_shape(place: Place, law: str, shape: Shape) -> Number:
     if shape is PHASE:
         return _number(name, "dimensionless", 0.0, np.pi)
     if shape is EDGE:
-        lower, usual = JUMP * place.span, SUDDEN * place.span
+        usual, lower = _usual(place, shape), JUMP * place.span
         return _number(name, place.of_unit, usual, 1.0, log=True, lower=lower)
     if shape.log:
         return _number(name, place.of_unit, 0.15 * place.span, 1.0, log=True, lower=0.004 * place.span)

@@ -164,14 +164,15 @@ def main() -> None:
         [name, f"{left:.2f}, {right:.2f}", *(f"{d:.1f}" for d in own)]
         for name, (left, right), own in zip(names, tensions, test, strict=True)
     ]
+    curves = between()
     write(
         "tentacle",
         page("tentacle").format(
             models=table(["model", "numbers", "trained on", "by level", "held out"], rows),
             numbers=numbers(best.estimates),
             holds=table(["hold", "tensions [N]", *MARKERS], by_hold),
-            between=table(["hold", *MARKERS], [[n, *(f"{x:.1f}" for x in d)] for n, d in between()]),
-            floor=f"{rms(np.concatenate([d for _, d in between()])):.1f}",
+            between=table(["hold", *MARKERS], [[n, *(f"{x:.1f}" for x in d)] for n, d in curves]),
+            floor=f"{rms(np.concatenate([d for _, d in curves])):.1f}",
             first=f"{rms(fits[0][2]):.1f}",
             second=f"{rms(fits[1][2]):.1f}",
             third=f"{rms(fits[3][2]):.1f}",

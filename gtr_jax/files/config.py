@@ -255,8 +255,9 @@ class RobotConfig(FileSection):
         _with_axes(data["loads"], values)
         keys = {key: value for key, value in dotted(data) if not key.startswith("uncertainty.")}
         # Numbers of a part that is there which the file leaves open: by their whole keys.
-        whole = dotted(self.model_dump(mode="json", by_alias=True))
-        keys |= {k: v for k, v in whole if k in values and v is None and k.rpartition(".")[0] in keys}
+        if absent := values.keys() - keys.keys():
+            whole = dotted(self.model_dump(mode="json", by_alias=True))
+            keys |= {k: v for k, v in whole if k in absent and v is None and k.rpartition(".")[0] in keys}
         for key, value in values.items():
             *parents, last = find_key(key, keys, self.source).split(".")
             node: Any = data

@@ -6,9 +6,8 @@ differentiable, `history` goes through load steps.
 """
 
 from .bodies import metric_of
-from .case import Load, Memory, complete, part_of, untouched
+from .case import FOREVER, Load, Memory, complete, part_of, untouched
 from .history import (
-    FOREVER,
     Robot,
     Settled,
     Step,

@@ -32,6 +32,12 @@ class Load(eqx.Module):
     cycle: Float[Array, "*steps"]
     turned: Float[Array, "*steps"]
 
+    @classmethod
+    def without_clock(cls, T_base: Float[Array, "*tendons"]) -> Load:
+        """A base tension [N] that is reached at leisure: all creep has ended, nothing else has happened."""
+        nil = jnp.zeros(())
+        return cls(T_base, FOREVER * jnp.ones(()), nil, nil, nil)
+
 
 class Memory(eqx.Module):
     """What is remembered of the previous step, nodes along the first axis; None where no law of the structure

@@ -172,7 +172,7 @@ def least(
         free = jnp.log(-jnp.sum(jnp.where(at, b, 0.0)) / jnp.sum(jnp.where(at, a, 0.0)))
         free = clip(free, start, end)
         # Of the preceding node: below, friction holds a rise to this one, above, a fall; between, nothing.
-        above = [_later(x) for x in (jnp.where(at, free, edge) + fall, a * jnp.exp(-fall), b)]
+        above = [shifted(x, 2) for x in (jnp.where(at, free, edge) + fall, a * jnp.exp(-fall), b)]
         under = (edge - climb, a * jnp.exp(climb), b)
         none = (free - climb, 0.0, 0.0)
         joined = [
@@ -193,8 +193,3 @@ def least(
     start = jnp.log(tension[0])
     _, rest = jax.lax.scan(along, start, (free[::-1], down[1:], up[1:]))
     return jnp.exp(jnp.concatenate([start[None], rest]))
-
-
-def _later(x: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Entries two places later."""
-    return jnp.concatenate([jnp.zeros(2), x[:-2]])

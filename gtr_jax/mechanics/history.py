@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..terms import Term
 from .bodies import directions_of, geometry_of, metric_of
-from .case import FOREVER, Case, Load, Memory, untouched
+from .case import Case, Load, Memory, untouched
 from .events import after_loosening, after_tug
 from .lanes import in_lanes_of
 from .sections import Sections, State, either_of, node_first
@@ -102,7 +102,7 @@ def _case(robot: Robot, structure: Structure, memory: Memory) -> Case:
         tip_moment=robot.tip_moment,
         terms=robot.terms,
         metric=jnp.ones_like(memory.tension) if structure.terms else None,
-        load=Load(slack, FOREVER * one, 0 * one, 0 * one, 0 * one),
+        load=Load.without_clock(slack),
         memory=memory,
         against=one,
         structure=structure,
@@ -245,9 +245,9 @@ def advance(
 
 def with_steps_before(robot: Robot, structure: Structure, loads: Load):
     """Loads with those of `steps_before` ahead, and the two flags `at` of `advance` for each, (K,) bool."""
-    first, one = loads_before(structure, robot.preload), jnp.ones(())
+    first = loads_before(structure, robot.preload)
     if first:
-        each = [Load(T_base, FOREVER * one, 0 * one, 0 * one, 0 * one) for T_base, _, _ in first]
+        each = [Load.without_clock(T_base) for T_base, _, _ in first]
         ahead = jtu.tree_map(lambda *a: jnp.stack(a), *each)
         loads = jtu.tree_map(lambda a, b: jnp.concatenate([a, b]), ahead, loads)
     flags = np.zeros((2, loads.time.shape[0]), bool)

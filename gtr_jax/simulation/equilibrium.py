@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .. import mechanics
-from ..mechanics import FOREVER, Load, March, Structure, rest_state, untouched
+from ..mechanics import Load, March, Structure, rest_state, untouched
 from ..mechanics.sections import node_first
 from ..mechanics.several.rootfinder import RootFinder
 from ..mechanics.several.slip import Kept
@@ -63,8 +63,7 @@ def solved(
         same = ("slip", "middle", "bent", "unknowns")
         return dataclasses.replace(kept, **{name: getattr(never_pulled, name) for name in same})
 
-    load = Load(T_base, FOREVER * one, 0 * one, 0 * one, 0 * one)
-    load = load if clock is None else dataclasses.replace(clock, T_base=T_base)
+    load = Load.without_clock(T_base) if clock is None else dataclasses.replace(clock, T_base=T_base)
     done, memory, settled = mechanics.one_step(at_nodes(robot, s), structure, load, how, remembered)
     step = loaded_of(s, structure, settled, done)
     whole = mechanics.complete(memory, structure, step.state, node_first(step.slip))
