@@ -120,6 +120,22 @@ def test_what_friction_holds_relaxes_while_friction_falls(name, corners):
     assert np.max(np.abs(off)) < 0.1 and np.sqrt(np.mean(off**2)) < 0.02
 
 
+@pytest.mark.parametrize("lumped", ["base", "tip"])
+def test_what_relaxes_beside_friction_in_one_place(lumped):
+    """Friction ahead of the channel and at the anchor, which does not fall."""
+    time, T_base = history(LOOPS)
+    friction, values, _ = FALLS["drift"]
+    laws = machine.Laws(friction=friction, **{{"base": "entry", "tip": "exit"}[lumped]: 0.1})
+    shown = machine.run(dataclasses.replace(ARM, laws=laws), time, T_base)
+    run = gtr.simulate(ours(values | {f"local-friction.{lumped}": 0.1}), T_base, time=time)
+    assert bool(run.converged.all()) and shown.worst < 5e-3
+    off = np.asarray(run.T_tip) - shown.T_tip
+    assert np.max(np.abs(off)) < 0.1 and np.sqrt(np.mean(off**2)) < 0.02
+    plain = np.asarray(gtr.simulate(ours(values), T_base, time=time).T_tip)
+    tiny = gtr.simulate(ours(values | {f"local-friction.{lumped}": 1e-9}), T_base, time=time)
+    np.testing.assert_allclose(np.asarray(tiny.T_tip), plain, atol=1e-6)
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_what_relaxes_slips_only_where_friction_gives_way(seed):
     """With peaks, valleys and nodes that have no length of their own: no slip within the limits of friction,

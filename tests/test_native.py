@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import gtr_jax as gtr
+from calibrate.diagnosis.rig import EVERY, program_for
 from gtr_jax.mechanics import in_order
 from gtr_jax.native import program, values
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import steps_natively
-from gtr_jax.simulation.programs import structure_of
+from gtr_jax.simulation.programs import structure_of, structure_with
 from gtr_jax.terms import REGISTRY
 from tests.conftest import SINE
 
@@ -49,6 +50,30 @@ def test_native_steps_are_the_traced_ones(make_robot, name):
     np.testing.assert_array_equal(found.converged, traced.converged)
     # At the tolerance rounding decides whether one more is taken.
     np.testing.assert_allclose(found.iterations, traced.iterations, atol=1)
+
+
+ALONE = [kind for kind in EVERY if not REGISTRY[kind].of_cells]
+FALLS = [kind for kind in ALONE if REGISTRY[kind].loosens]
+
+
+@pytest.mark.parametrize(
+    "kind", [kind if kind in FALLS else pytest.param(kind, marks=pytest.mark.slow) for kind in ALONE]
+)
+def test_a_program_of_many_terms_gives_what_each_gives_alone(make_robot, kind):
+    """That of the diagnosis, in which the others do not act: friction that falls relaxes what is held."""
+    known = {"sheath-moved.change": -0.6, "sheath-moved.time": 3.0, "tip-moved.time": 4.5, "wear.rate": -0.3}
+    known |= {"friction-drift.rate": -0.05, "shaken-sheath.time": 3.0, "shaken-sheath.duration": 3.0}
+    numbers = {f"{kind}.{q.name}": float(q.typical) for q in REGISTRY[kind].quantities}
+    robot = make_robot(0.4, routing=SINE)
+    acting = robot.with_values(**numbers | {n: v for n, v in known.items() if n in numbers})
+    how = gtr.March(atol=1e-12)
+    alone = gtr.simulate(acting, LOOP, time=CLOCK, solver=how)
+    plain = gtr.simulate(robot, LOOP, time=CLOCK, solver=how)
+    assert np.max(np.abs(alone.displacement - plain.displacement)) > 1e-5
+    loads = loads_of(jnp.asarray(LOOP), jnp.asarray(CLOCK), None)
+    found = steps_natively(acting, structure_with(robot, program_for(robot, {kind})), loads, how)
+    np.testing.assert_allclose(found.T_tip, alone.T_tip, atol=1e-6)
+    np.testing.assert_allclose(found.displacement, alone.displacement, atol=1e-9)
 
 
 STRAIGHT = {"kind": "straight", "radius": 0.01}

@@ -44,8 +44,8 @@ SMALL = 1e-12  # share of the whole compliance that every node has
 FAR, HIGH = 1e4, 100.0  # logarithms of a tension beyond any, and of one that exp still knows
 
 
-def after_loosening(case: Case, load: Load, memory: Memory) -> Float[Array, " N"]:
-    """The held tension of one tendon after friction has fallen [N].
+def after_loosening(case: Case, load: Load, memory: Memory) -> Memory:
+    """The memory of one tendon after friction has fallen.
 
     Args:
         case: the robot; its load and memory do not count.
@@ -58,11 +58,15 @@ def after_loosening(case: Case, load: Load, memory: Memory) -> Float[Array, " N"
     # A step without a clock is far from any other: only the base tension changes in it.
     was = jnp.where(load.dt < FOREVER, was, now)
     loosens = now < was
-    return jax.lax.cond(jnp.any(loosens), lambda: _after(case, now, was), lambda: memory.tension)
+    held = (memory.entry, memory.tension, memory.T_tip)
+    entry, tension, T_tip = jax.lax.cond(jnp.any(loosens), lambda: _after(case, now, was), lambda: held)
+    return dataclasses.replace(memory, entry=entry, tension=tension, T_tip=T_tip)
 
 
-def _after(case: Case, now: Float[Array, " N"], was: Float[Array, " N"]) -> Float[Array, " N"]:
-    """The tension after friction has fallen to a share `now`, from a share `was`, of what it is without."""
+def _after(case: Case, now: Float[Array, " N"], was: Float[Array, " N"]):
+    """The tension past the friction lumped ahead of the channel, at the nodes and at the anchor [N], after
+    friction has fallen to a share `now`, from a share `was`, of what it is without.
+    """
     memory, loosens = case.memory, now < was
     tension = jnp.where(memory.tension > LEAST, memory.tension, LEAST)
     steep = jnp.abs(jnp.diff(jnp.log(tension), prepend=jnp.log(tension[:1])))
@@ -136,16 +140,38 @@ def _give(case: Case, name: str, tension):
     return total(case, name, tension + 1.0) - total(case, name, tension)
 
 
-def _relaxed(case: Case, tension, down, up) -> Float[Array, " N"]:
-    """The tension after the slip, from that before it [N], where friction can hold that its logarithm falls
-    by `down` or rises by `up` since the preceding node, (N,) each.
+def _relaxed(case: Case, tension, down, up):
+    """The tension after the slip, as `_after`, from that before it [N], where friction can hold that its
+    logarithm falls by `down` or rises by `up` since the preceding node, (N,) each.
     """
+    what, memory = case.structure, case.memory
     length, nodes = case.sections.mesh.interval.length, tension.shape[0]
     weight = _compliance(case) * 0.5 * (length + shifted(length[::-1])[::-1])
     last = jnp.arange(nodes) == nodes - 1
-    weight = jnp.where(last, weight + _give(case, "anchor", tension[-1]), weight)
+    anchor = _give(case, "anchor", memory.T_tip)
     # A node between two others at its place has no length of its own.
-    return least(tension, weight + SMALL * jnp.sum(weight), down, up)
+    small = SMALL * (jnp.sum(weight) + anchor)
+    weight = weight + small
+    # Friction that is lumped ahead of the channel and at the anchor holds as much as before.
+    ahead, behind = what.has("base_grip"), what.has("tip_grip")
+    if not behind:
+        weight = jnp.where(last, weight + anchor, weight)
+    rows = [(tension, weight, down, up)]
+    if ahead:
+        first = jnp.arange(nodes) == 0
+        grip = total(case, "base_grip")
+        down, up = (jnp.where(first, grip, hold) for hold in (down, up))
+        rows = [(memory.T_base, small, 0.0, 0.0), (tension, weight, down, up)]
+    if behind:
+        grip = total(case, "tip_grip")
+        rows.append((memory.T_tip, small + anchor, grip, grip))
+    tension, weight, down, up = (
+        jnp.concatenate([jnp.atleast_1d(jnp.asarray(x, tension.dtype)) for x in column])
+        for column in zip(*rows, strict=True)
+    )
+    found = least(jnp.where(tension > LEAST, tension, LEAST), weight, down, up)
+    held = found[1 if ahead else 0 :][:nodes]
+    return held[0], held, found[-1]
 
 
 def least(

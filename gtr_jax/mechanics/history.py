@@ -202,7 +202,7 @@ def advance(
         now = dataclasses.replace(now, mu=jnp.where(stringing, 0.0, robot.mu), terms=terms)
     begun = settled.memory
     if structure.loosens:
-        begun = dataclasses.replace(begun, tension=after_loosening(now, load, begun))
+        begun = after_loosening(now, load, begun)
     moved = None
     if structure.tugged:
         begun, moved = after_tug(now, load, begun)
