@@ -10,8 +10,10 @@ import pytest
 import gtr_jax as gtr
 from design.literal_in_space import solve_in_space
 from gtr_jax.files.config import parse_config
+from gtr_jax.report.profile import profile
 from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.channel_table import natural_shape
+from gtr_jax.simulation.history import equilibrium_at
 from gtr_jax.simulation.markers import marker_places
 
 L, RADIUS, E = 0.2, 8e-3, 1e6
@@ -39,6 +41,8 @@ def test_a_tendon_on_the_axis_only_shortens_the_body():
     shorter = L * np.array([0.0, 2.0, 10.0]) / (E * AREA)
     assert np.allclose(run.tip_position[:, 0], L - shorter, rtol=1e-10)
     assert np.allclose(run.displacement, shorter, rtol=1e-10, atol=1e-15)
+    written = profile(equilibrium_at(robot, run, 2))
+    assert np.allclose(written["axial_strain"], -shorter[2] / L, rtol=1e-10)
 
 
 def test_weight_hangs_on_what_is_above_it():

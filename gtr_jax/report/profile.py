@@ -73,10 +73,12 @@ def _in_plane(
 def _in_space(shape: Shape, body: Between, between: Callable[[str], np.ndarray]) -> dict[str, np.ndarray]:
     axes, offset = "xyz", between("R")
     strains = ("twist_per_m", "curvature_y_per_m", "curvature_z_per_m")
+    stretch = {} if shape.stretch is None else {"axial_strain": body(shape.stretch)}
     return {
         **{f"{axis}_m": body(shape.position[:, i]) for i, axis in enumerate(axes)},
         **{f"tangent_{axis}": body(shape.rotation[:, i, 0]) for i, axis in enumerate(axes)},
         **{name: body(shape.strain[:, i]) for i, name in enumerate(strains)},
+        **stretch,
         "offset_y_m": offset[:, 0],
         "offset_z_m": offset[:, 1],
     }

@@ -192,7 +192,7 @@ def _body(
             nodes, quaternion[..., i], "1", "orientation of the section, a unit quaternion"
         )
     if shape.stretch is not None:
-        found["stretch"] = _said(nodes, shape.stretch, "1", "of the axis")
+        found["stretch"] = _said(nodes, shape.stretch, "1", "axial strain of the body")
     return found
 
 
