@@ -41,6 +41,7 @@ PLACES = [
     Place("friction", "T", 0.0, 40.0, 0.5, "dimensionless"),
     Place("friction", "s", 0.0, 0.25, 0.5, "dimensionless"),
     Place("friction", "t", 0.0, 90.0, 0.5, "dimensionless"),
+    Place("friction", "d", 0.0, 0.008, 0.5, "dimensionless"),
     Place("tip_cell", "T", 0.0, 30.0, 0.9, "N"),
     Place("base_cell", "T", 0.0, 40.0, 1.2, "N"),
     Place("bending", "k", 0.0, 12.0, 4.0, "1/m"),
@@ -224,6 +225,7 @@ def test_places_cover_what_the_recording_does(make_config):
     there = np.diff(eq.s) > 0
     pressure = np.max((np.asarray(eq.tension)[1:] * np.diff(eq.wrap))[there] / np.diff(eq.s)[there])
     assert found["friction-of-pressure"].high == pytest.approx(pressure, rel=1e-3)
+    assert found["friction-of-drawn"].high == pytest.approx(np.ptp(seen.values[4]))
     drawn = np.abs(np.diff(seen.values[4])) / 0.5
     assert 0.5 * drawn.max() < found["friction-of-speed"].high <= drawn.max()
     assert "friction-of-cycle" in found and found["friction-of-cycle"].high == 3.0
@@ -286,6 +288,20 @@ def test_a_law_outside_the_catalogue_is_found_and_lands_in_the_file(make_config)
     predicted = gtr.simulate(gtr.build_robot(found.config), recording.T_base, time=recording.time)
     assert np.sqrt(np.mean((np.asarray(predicted.reading.T_tip) - recording.T_tip) ** 2)) < 0.06
     assert found.to_json()["discovered"]["formula"] == law.text
+
+
+@pytest.mark.slow
+def test_a_place_where_the_tendon_catches_is_found(make_config):
+    config = make_config(routing=SINE)
+    law, _ = law_of(PLACES[3], next(f for f in FORMS if f.name == "bump"))
+    drawn = np.asarray(gtr.simulate(gtr.build_robot(config), np.asarray([0.0, 30.0])).displacement)[-1]
+    truth = {"size": 0.8, "at": 0.5 * float(drawn), "width": 0.1 * float(drawn)}
+    found = calibrate.diagnose(config, recorded(config, law, truth))
+    assert found.verdict == DISCOVERED, found.says
+    told = found.discovered
+    assert told is not None and (told.acts, told.of) == ("friction", "d") and told.takes > 0.9
+    assert told.values["at"] == pytest.approx(truth["at"], rel=0.05)
+    assert found.held_out[-1]["chi2_per_n"] < 1.3
 
 
 @pytest.mark.slow

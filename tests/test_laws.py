@@ -1,5 +1,6 @@
 """Laws of a robot file: they do what terms of the catalogue do, have gradients, and are fitted and found."""
 
+import dataclasses
 from pathlib import Path
 
 import equinox as eqx
@@ -11,9 +12,11 @@ from laws import RESTATED, table
 
 import calibrate
 import gtr_jax as gtr
+from benchmarks.blind import machine
 from calibrate.diagnosis.hypotheses import catalogue
 from calibrate.diagnosis.rig import PROGRAMS, program_for
-from gtr_jax.files.config import parse_config
+from gtr_jax.examples import CONCEALED_ROBOT
+from gtr_jax.files.config import load_config, parse_config
 from gtr_jax.files.law_section import LawSection
 from gtr_jax.simulation.history import loads_of, reading
 from gtr_jax.simulation.natively import steps_natively
@@ -22,6 +25,7 @@ from gtr_jax.simulation.sensing import cells_show, true_base
 from gtr_jax.terms import Quantity, catalogue_of, stiffening
 from gtr_jax.terms.law import Law, term_of_law
 from gtr_jax.terms.term import Bent, Clock
+from tests.test_blind import ARM
 
 SINE = {"kind": "straight-sine-straight", "r1": -0.01, "r2": 0.01, "w1": 0.03, "w2": 0.1}
 T_BASE = np.concatenate([np.linspace(0, 30, 8), np.linspace(30, 4, 8)[1:], np.linspace(4, 16, 5)[1:]])
@@ -204,6 +208,28 @@ def test_a_batch_of_laws_is_a_loop_over_them(mixed):
     batch = eqx.filter_vmap(shown)(rows)
     each = [float(shown({name: column[i] for name, column in rows.items()})) for i in range(len(factors))]
     np.testing.assert_allclose(batch, each, rtol=1e-10)
+
+
+@pytest.mark.parametrize("size", [0.5, -0.5])
+def test_a_law_of_what_is_drawn_out_is_that_of_an_elastic_thread(size):
+    """A tendon that catches, or comes free, at one place of its way: against the blind machine."""
+    corners = np.asarray([(0, 0), (10, 40), (14, 12), (17, 30), (21, 5), (26, 30)])
+    time = np.arange(0.0, 26.0, 0.0625)
+    T_base = np.interp(time, *corners.T)
+    config = load_config(CONCEALED_ROBOT).model_dump(mode="json", by_alias=True, exclude_none=True)
+    law = "1+size*exp(-((d-at)/width)^2)"
+    snag = table(name="snag", acts="friction", law=law, size=size, at="3.8 mm", width="0.9 mm")
+    robot = gtr.build_robot(parse_config(config | {"terms": [snag]})).with_values(mu=0.3, E=1.5e6)
+    catches = machine.Laws(friction=lambda g: 1 + size * np.exp(-(((g.drawn - 3.8e-3) / 0.9e-3) ** 2)))
+    plain, shown = (machine.run(arm, time, T_base) for arm in (ARM, dataclasses.replace(ARM, laws=catches)))
+    run = gtr.simulate(robot, T_base, time=time)
+    assert bool(run.converged.all()) and np.max(np.abs(shown.T_tip - plain.T_tip)) > 1.5
+    off = np.asarray(run.T_tip) - shown.T_tip
+    assert np.max(np.abs(off)) < 0.15 and np.sqrt(np.mean(off**2)) < 0.03
+    assert np.max(np.abs(np.asarray(run.displacement) - shown.drawn)) < 5e-5
+    structure = structure_of(robot, None)
+    found = steps_natively(robot, structure, loads_of(jnp.asarray(T_base), jnp.asarray(time), None))
+    np.testing.assert_allclose(found.T_tip, run.T_tip, atol=1e-8)
 
 
 @pytest.mark.parametrize("text", ["size * k^3", "size * k * abs(k)", "size * sin(k / 9)"])

@@ -25,7 +25,12 @@ from .exam import keys as keys_of
 ENOUGH = 6.0
 NOTHING, STRANGE = "nothing", "outside the catalogue"
 # Hook and variable of what lies outside the catalogue; of the rest no law of one variable is the cause.
-CAUSES = {"breathing": ("friction", "t"), "jolt": ("friction", "t"), "ripple": ("tip_cell", "T")}
+CAUSES = {
+    "breathing": ("friction", "t"),
+    "jolt": ("friction", "t"),
+    "snag": ("friction", "d"),
+    "ripple": ("tip_cell", "T"),
+}
 # What a law may leave on unseen samples, per sample in variances, to count as a model of the cause.
 MODELLED = 1.3
 

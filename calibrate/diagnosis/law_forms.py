@@ -129,7 +129,7 @@ FORMS = (
         (FIRST, LAST, EDGE),
         lambda u, first, last, edge: 0.5 * (np.tanh((u - first) / edge) - np.tanh((u - last) / edge)),
         [(a, b, SUDDEN) for a, b in itertools.combinations(PLACES, 2)],
-        of=("s", "t", "n"),
+        of=("s", "t", "n", "d"),
     ),
     Form(
         "wave",
@@ -137,7 +137,7 @@ FORMS = (
         (PERIOD, PHASE),
         lambda u, period, phase: np.sin(2 * np.pi * u / period + phase),
         [(float(p), f) for p in PERIODS for f in PHASES],
-        of=("T", "s", "t", "p"),
+        of=("T", "s", "t", "p", "d"),
     ),
 )
 
@@ -219,7 +219,7 @@ def waves(place: Place) -> range:
     """Waves over the range, in halves, of the cosines of the smooth law at a place: what does not change with
     the variable is left to the friction coefficient, to E and to the cells, but a drag has it to itself.
     """
-    many, first = SMOOTH_ALONG if place.of in ("s", "t") else SMOOTH, 0 if place.acts == "drag" else 1
+    many, first = SMOOTH_ALONG if place.of in ("s", "t", "d") else SMOOTH, 0 if place.acts == "drag" else 1
     return range(first, first + many)
 
 

@@ -29,6 +29,7 @@ WORDS = {
     "k": "curvature",
     "t": "time",
     "n": "cycle",
+    "d": "drawn",
 }
 # Tents over the range of a variable. A cell that shows waves needs more, and they cost no simulation there.
 TENTS, TENTS_OF_CELL = 24, 72
@@ -168,6 +169,9 @@ def places(robot: Robot, bench: Bench, fitted: Fitted) -> list[Place]:
     if not robot.backbone.rigid:
         bend = float(np.max(np.abs(np.asarray(at.curvature))))
         found.append(Place("bending", "k", 0.0, bend, BENDING * bend, "1/m"))
+    drawn = max(float(np.ptp(seen.values[CHANNELS.index("displacement")])) for seen in fitted.seen)
+    if drawn > 0:
+        found.append(Place("friction", "d", 0.0, drawn, FRICTION, "dimensionless"))
     times = [rig.part.time for rig in bench.rigs if rig.part.time is not None]
     if len(times) == len(bench.rigs):
         end = max(float(np.ptp(time)) for time in times)

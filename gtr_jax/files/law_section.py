@@ -56,7 +56,7 @@ class LawSection(TermSection):
     )
     """Where it acts."""
     law: StrictStr = Field(examples=["size * exp(-p / fade)"])
-    """The expression, of its parameters and of p, T, v, s, k, t and n as far as they exist where it acts."""
+    """The expression, of its parameters and of p, T, v, s, k, t, n and d, as they exist where it acts."""
     says: StrictStr = ""
     """One sentence on what it is."""
     units: dict[str, str] = Field(default_factory=dict)

@@ -12,7 +12,15 @@ from .sections import Sections, State
 from .structure import Structure, every
 
 FOREVER = 1e15  # s, a time after which all creep has ended
-FOLLOWED = ("slip", "middle", "speed", "mobilised", "stencil", "elements")  # of `Memory`, may be None
+FOLLOWED = (
+    "slip",
+    "drawn",
+    "middle",
+    "speed",
+    "mobilised",
+    "stencil",
+    "elements",
+)  # of `Memory`, may be None
 
 
 class Load(eqx.Module):
@@ -47,6 +55,7 @@ class Memory(eqx.Module):
         tension: at the nodes [N], (N, *tendons).
         kappa: curvature, in space strain [1/m], (N, *strain).
         slip: towards the base, at the nodes [m], (N, *tendons).
+        drawn: slip at the base after the step before that [m], (*tendons,).
         middle: slip midway between each node and its predecessor [m], (N, *tendons).
         speed: of the slip at these midpoints [m/s], (N, *tendons).
         mobilised: share of friction mobilised there, in [-1, 1], (N, *tendons).
@@ -66,6 +75,7 @@ class Memory(eqx.Module):
     tension: Float[Array, "N *tendons"]
     kappa: Float[Array, "N *strain"]
     slip: Float[Array, "N *tendons"] | None
+    drawn: Float[Array, "*tendons"] | None
     middle: Float[Array, "N *tendons"] | None
     speed: Float[Array, "N *tendons"] | None
     mobilised: Float[Array, "N *tendons"] | None
@@ -135,6 +145,7 @@ def untouched(
         tension=tension,
         kappa=state.kappa,
         slip=told,
+        drawn=jnp.zeros_like(at_base) if structure.reads_drawn else None,
         middle=followed,
         speed=followed,
         mobilised=told,
@@ -168,7 +179,8 @@ def complete(memory: Memory, structure: Structure, state: State, slip: Float[Arr
     displacement, moment, stop = _split(memory.unknowns, structure, slip[0].ravel(), state.moment[0])
     return dataclasses.replace(
         full,
-        **{"slip": slip, "middle": 0.5 * (slip + before)} | known,
+        **{"slip": slip, "drawn": slip[0] if whole.reads_drawn else None, "middle": 0.5 * (slip + before)}
+        | known,
         bent=full.bent | memory.bent,
         unknowns=_unknowns(whole, displacement, moment, stop),
         **{name: getattr(memory, name) for name in ("kappa", "entry", "T_tip", "T_base")},
@@ -182,6 +194,7 @@ def part_of(memory: Memory, structure: Structure) -> Memory:
     asked = {
         "slip": bool(structure.terms),
         "mobilised": bool(structure.terms),
+        "drawn": structure.reads_drawn,
         "middle": structure.follows_slip,
         "speed": structure.follows_slip,
         "stencil": structure.creeping,

@@ -53,8 +53,9 @@ def after_loosening(case: Case, load: Load, memory: Memory) -> Memory:
         memory: of the step before.
     """
     case = dataclasses.replace(case, load=load, memory=memory)
-    now = _factor(case, load.time, load.cycle)
-    was = _factor(case, load.time - load.dt, load.cycle - load.turned)
+    drawn = (memory.slip[0], memory.drawn) if case.structure.reads_drawn else (jnp.zeros(()),) * 2
+    now = _factor(case, load.time, load.cycle, drawn[0])
+    was = _factor(case, load.time - load.dt, load.cycle - load.turned, drawn[1])
     # A step without a clock is far from any other: only the base tension changes in it.
     was = jnp.where(load.dt < FOREVER, was, now)
     loosens = now < was
@@ -108,12 +109,15 @@ def after_tug(case: Case, load: Load, memory: Memory) -> tuple[Memory, Float[Arr
     return dataclasses.replace(memory, tension=held, T_tip=jnp.where(added != 0, end, memory.T_tip)), moved
 
 
-def _factor(case: Case, time: Float[Array, ""], cycle: Float[Array, ""]) -> Float[Array, " N"]:
-    """Factor on friction, at a time [s] and after some cycles, of the terms by which it may fall where the
-    tendon is locked.
+def _factor(
+    case: Case, time: Float[Array, ""], cycle: Float[Array, ""], drawn: Float[Array, ""]
+) -> Float[Array, " N"]:
+    """Factor on friction, at a time [s], after some cycles and with some of the tendon drawn out [m], of the
+    terms by which it may fall where the tendon is locked.
     """
     mesh = case.sections.mesh
-    at = Channel(mesh.s - mesh.interval.length, mesh.s, jnp.zeros_like(mesh.s), 1.0, time, cycle)
+    none = jnp.zeros_like(mesh.s)
+    at = Channel(mesh.s - mesh.interval.length, mesh.s, none, 1.0, time, cycle, drawn)
     factor = jnp.ones_like(mesh.s)
     for kind, hook in case.structure.hooks("friction"):
         if case.structure.catalogue[kind].loosens:

@@ -137,6 +137,11 @@ class Structure:
         return self.presliding or reads or self.seeks_slip
 
     @functools.cached_property
+    def reads_drawn(self) -> bool:
+        """Whether friction depends on how far the tendons are drawn out at the base."""
+        return any(self.catalogue[kind].reads_drawn for kind in self.terms)
+
+    @functools.cached_property
     def reads_channel(self) -> bool:
         """Whether friction at a tension depends on the place, the speed before, the time or the cycle."""
         return any(self.catalogue[kind].reads_channel for kind in self.terms)

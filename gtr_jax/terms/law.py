@@ -36,6 +36,7 @@ VARIABLES = {
     "k": Variable("1/m", "curvature beyond the natural one", (-20, 20)),
     "t": Variable("s", "time since the first sample", (0, 1000)),
     "n": Variable("dimensionless", "pulls and releases done, each half a cycle", (0, 20)),
+    "d": Variable("m", "length of tendon drawn out at the base", (0, 0.05)),
 }
 
 
@@ -64,7 +65,7 @@ ACTS = {
     "friction": Place(
         "factor on the friction coefficient; below 0 it counts as 0",
         "dimensionless",
-        ("p", "T", "v", "s", "t", "n"),
+        ("p", "T", "v", "s", "t", "n", "d"),
         1.0,
         "μ·({law})",
     ),
@@ -79,7 +80,7 @@ ACTS = {
     "drag": Place(
         "force per length that opposes slip; below 0 it counts as 0",
         "N/m",
-        ("p", "T", "v", "s", "t", "n"),
+        ("p", "T", "v", "s", "t", "n", "d"),
         0.0,
         "dT/ds lowered by ({law}) while pulling, raised while releasing; T never below 0",
         one_sided=True,
@@ -328,13 +329,16 @@ def term_of_law(law: Law) -> Term:
         quantities=law.numbers,
         timed=bool(names & {"t", "v"}),
         creeps=slip or law.acts == "viscous",
-        loosens=law.acts == "friction" and bool(names & {"t", "n"}) and not names & {"p", "T", "v"},
+        loosens=law.acts == "friction" and bool(names & {"t", "n", "d"}) and not names & {"p", "T", "v"},
         reads_speed=slip,
-        reads_channel=bool(names & {"s", "v", "t", "n"}),
+        reads_drawn="d" in names,
+        reads_channel=bool(names & _IN_CHANNEL),
         fault=lambda values, length: _fault(law, values),
         **_hooks(law),
     )
 
+
+_IN_CHANNEL = {"s", "v", "t", "n", "d"}  # variables that a `Channel` holds
 
 # Which experiment shows a variable by itself.
 _EXPERIMENTS = {
@@ -345,6 +349,7 @@ _EXPERIMENTS = {
     "k": "the tip's pose over the whole range of tensions",
     "t": "one loop again after a long rest",
     "n": "one loop many times",
+    "d": "loops with the tendon anchored at other places of it",
 }
 
 
@@ -365,7 +370,7 @@ def _hooks(law: Law) -> dict[str, Any]:
     def passing(values, at):
         """From a `Passing`."""
         own = {"p": at.pressure, "T": at.tension}
-        if names & {"s", "v", "t", "n"}:
+        if names & _IN_CHANNEL:
             own |= _of_channel(at.channel)
         return _not_below_zero(value(values, **own))
 
@@ -396,7 +401,7 @@ def _hooks(law: Law) -> dict[str, Any]:
 
 def _of_channel(at: Any) -> dict[str, Any]:
     """Variables from a `Channel`; the place is the middle of the interval."""
-    return {"s": 0.5 * (at.start + at.end), "v": at.speed, "t": at.time, "n": at.cycle}
+    return {"s": 0.5 * (at.start + at.end), "v": at.speed, "t": at.time, "n": at.cycle, "d": at.drawn}
 
 
 def _not_below_zero(value: Any) -> Any:

@@ -63,6 +63,7 @@ class Channel(NamedTuple):
         sense: +1 for slip towards the base, -1 towards the tip.
         time: [s] since the first sample.
         cycle: pulls and releases done since then; a pull or a release counts half.
+        drawn: how far the tendon was drawn out at the base after the previous load step [m].
     """
 
     start: Float[Array, "..."]
@@ -71,6 +72,7 @@ class Channel(NamedTuple):
     sense: float | Float[Array, "..."]
     time: Float[Array, ""]
     cycle: Float[Array, ""]
+    drawn: Float[Array, "..."]
 
 
 class Passing(NamedTuple):
@@ -147,10 +149,11 @@ class Term:
         softens: whether `bend` may take away most of the stiffness.
         by_strain: whether `bend` depends on the strain of the outermost fibre.
         event: whether it happens once, at a time of its own.
-        loosens: whether `friction` falls with time or cycles where the tendon is locked, so that the tension
-            held there relaxes.
+        loosens: whether `friction` falls with time, cycles or what is drawn out where the tendon is locked,
+            so that the tension held there relaxes.
         reads_speed: whether `friction`, `by_pressure` or `drag` depends on the speed of the slip in the
             previous load step.
+        reads_drawn: whether one of them depends on how far the tendon is drawn out at the base.
         reads_channel: whether `by_pressure` or `drag` depends on a `Channel`.
         friction: factor on the friction coefficient of an interval, from a `Channel`.
         by_pressure: factor on the friction coefficient, from a `Passing`.
@@ -200,6 +203,7 @@ class Term:
     event: bool = False
     loosens: bool = False
     reads_speed: bool = False
+    reads_drawn: bool = False
     reads_channel: bool = False
     friction: Callable[[Values, Channel], Array] | None = None
     by_pressure: Callable[[Values, Passing], Array] | None = None
