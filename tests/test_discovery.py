@@ -13,7 +13,7 @@ from test_averaged import Linear
 import calibrate
 import gtr_jax as gtr
 from calibrate.diagnosis.decide import DISCOVERED
-from calibrate.diagnosis.discovery import Candidate, Felt, _nearest, promising, with_laws
+from calibrate.diagnosis.discovery import Candidate, Felt, _alike, _nearest, promising, with_laws
 from calibrate.diagnosis.heldout import _when_known
 from calibrate.diagnosis.hypotheses import base_numbers
 from calibrate.diagnosis.law_forms import (
@@ -267,6 +267,23 @@ def test_a_wave_goes_on_from_the_starts_that_fit_best_as_they_are():
     assert [places_of.index(id(c)) for c in kept] == [5, 6, 7, 9, 10, 11, 12, 13, 20, 21]
 
 
+@pytest.mark.parametrize("name", ["bump", "step", "wave", "stretch"])
+def test_a_curve_is_distilled_to_the_form_that_it_looks_like(name):
+    """A level that the curve has beside the form is left to the friction coefficient."""
+    place, u = PLACES[2], np.linspace(0.0, 1.0, 201)
+    form = next(f for f in FORMS if f.name == name)
+    shapes = form.grid[len(form.grid) // 2]
+    whole = 0.8 * (1 + 0.3 * form.value(u, *shapes)) - 1
+    left, first, level, size, found = _alike(place, u, whole)[0]
+    assert first.name == name and left < 1e-20 * len(u)
+    # A stretch turned over and a wave half a period on are the same curve.
+    again = (1 + level) * (1 + size * form.value(u, *found)) - 1
+    np.testing.assert_allclose(again, whole, atol=1e-9)
+    assert (level, size, *found) == pytest.approx((-0.2, 0.3, *shapes)) or name == "wave"
+    draw = np.random.default_rng(0)
+    assert not _alike(place, u, draw.normal(size=len(u)))
+
+
 @pytest.mark.slow
 def test_a_law_outside_the_catalogue_is_found_and_lands_in_the_file(make_config):
     config = make_config(routing=SINE)
@@ -292,7 +309,7 @@ def test_a_law_outside_the_catalogue_is_found_and_lands_in_the_file(make_config)
 
 @pytest.mark.slow
 def test_a_place_where_the_tendon_catches_is_found(make_config):
-    config = make_config(routing=SINE)
+    config = make_config(routing=SINE, uncertainty={"backbone.youngs_modulus": 0.1})
     law, _ = law_of(PLACES[3], next(f for f in FORMS if f.name == "bump"))
     drawn = np.asarray(gtr.simulate(gtr.build_robot(config), np.asarray([0.0, 30.0])).displacement)[-1]
     truth = {"size": 0.8, "at": 0.5 * float(drawn), "width": 0.1 * float(drawn)}

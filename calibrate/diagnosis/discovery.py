@@ -16,7 +16,7 @@ from gtr_jax.terms import Law, null_values
 from .bench import MOST_ITERATIONS, Bench
 from .decide import structured
 from .further import Unseen
-from .hypotheses import Hypothesis
+from .hypotheses import Hypothesis, is_friction
 from .lanes import in_lanes
 from .law_forms import EDGE, SIZE, Form, coordinates, forms_for, hypothesis_of, law_of, smooth_of, waves
 from .law_places import Place, places
@@ -38,6 +38,9 @@ PLACES, FORMS, STARTS = 3, (4, 2), 2
 # Starts of a wave, which has a minimum beside each of many periods: so many are simulated, and the fit goes
 # on from the best of them. Where a law moves much, those that first order ranks first may be the wrong ones.
 WAVY, OF_WAVE = 32, 8
+# Places at which a smooth law is compared with short forms, how many of these are fitted from it, the largest
+# share of its squares that one may leave, and the least friction at its level, as a share of what it was.
+SEEN_AT, ALIKE, UNLIKE, LEAST_LEVEL = 201, 3, 0.4, 0.1
 # Largest size, in usual sizes, that a fit starts from; shortest period and width, in distances of tents.
 LARGEST, WAVES, WIDE = 2.5, 2.5, 0.5
 # A law is told if it takes this share of the misfit beyond the noise on unseen samples; a short law is shown
@@ -141,12 +144,88 @@ def discover(models: Models, head: Fitted, progress: Callable[[str], None]) -> D
     wider = _with_candidates(models, candidates)
     own = models.hypotheses(head.names)
     candidates = _nearest(wider.bench, head, own, candidates)
-    items = [((*own, c.hypothesis), Start(c.start, {})) for c in candidates]
-    fits = [f for f in raced(wider.bench, head, items, MOST_ITERATIONS) if f.cost < head.cost]
-    wider.add(fits)
+    fits = _raced(wider, head, own, candidates)
+    more = distilled(wider, head, candidates)
+    fits += _raced(wider, head, own, more)
+    candidates += [c for c in more if c.law.name not in {other.law.name for other in candidates}]
+    tried = {*models.of, *(c.law.name for c in candidates)}
+    wider.of = {name: h for name, h in wider.of.items() if name in tried}
     if wider.bench.heavy is not None:  # far from the data, rows that count less when far off show no way
         settled(wider, fits)
     return _judged(wider, head, candidates)
+
+
+def _raced(
+    wider: Models, head: Fitted, own: Sequence[Hypothesis], candidates: Sequence[Candidate]
+) -> list[Fitted]:
+    """Fits of candidates beside a model that do more than it, which join the models."""
+    items = [((*own, c.hypothesis), Start(c.start, {})) for c in candidates]
+    fits = [f for f in raced(wider.bench, head, items, MOST_ITERATIONS) if f.cost < head.cost]
+    wider.add(fits)
+    return fits
+
+
+def distilled(wider: Models, head: Fitted, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Short forms that look like a smooth law that was fitted, each from where that fit ended: to first order
+    from the head, the start of a law that changes much is far from its end.
+
+    Args:
+        wider: the models with the fits of smooth laws.
+        head: the model that they extend.
+        candidates: that were fitted.
+    """
+    found = []
+    for c in candidates:
+        names = tuple(sorted((*head.names, c.law.name)))
+        if c.form is not None or names not in wider.fits:
+            continue
+        smooth = wider.fits[names]
+        base, curve = smooth.x[: len(head.x)], smooth.values
+        u = np.linspace(0.0, 1.0, SEEN_AT)
+        g = sum(curve[f"{c.law.name}.c{j}"] * np.cos(j * np.pi * u) for j in waves(c.place))
+        for _, form, level, size, shapes in _alike(c.place, u, np.asarray(g))[:ALIKE]:
+            own = coordinates(c.place, form, size, shapes)
+            start = np.concatenate([_levelled(wider, c.place, base, level), own])
+            law, hypothesis = law_of(c.place, form)[0], hypothesis_of(c.place, form)
+            found.append(Candidate(c.place, form, c.score, law, hypothesis, start))
+    return found
+
+
+def _alike(place: Place, u: np.ndarray, g: np.ndarray):
+    """What is left of a curve g(u) by each form that looks like it, the form, and its level, size and shapes
+    as in a grid; the nearest first. A constant that the curve has beside the form is its level.
+    """
+    found = []
+    centred = place.acts != "drag"
+    for form in forms_for(place):
+        best = None
+        for shapes in form.grid:
+            v = form.value(u, *shapes)
+            columns = np.stack([np.ones_like(u), v], axis=1) if centred and form.shapes else v[:, None]
+            at = np.linalg.lstsq(columns, g, rcond=None)[0]
+            left = float(np.sum((columns @ at - g) ** 2))
+            if best is None or left < best[0]:
+                best = left, at, shapes
+        assert best is not None
+        left, at, shapes = best
+        level = float(at[0]) if len(at) == 2 else 0.0
+        size = float(at[-1])
+        if place.acts == "friction" and 1 + level > LEAST_LEVEL:
+            size /= 1 + level
+        if left < UNLIKE * float(np.sum(g**2)) and size > place.least:
+            found.append((left, form, level, size, shapes))
+    return sorted(found, key=lambda entry: entry[0])
+
+
+def _levelled(wider: Models, place: Place, base: np.ndarray, level: float) -> np.ndarray:
+    """Coordinates of a model's numbers once its friction has taken the level of a law."""
+    if place.acts != "friction" or 1 + level <= LEAST_LEVEL:
+        return base
+    moved = base.copy()
+    for i, number in enumerate(wider.bench.base):
+        if is_friction(number):
+            moved[i] = np.clip(number.at(number.value(base[i]) * (1 + level)), *number.bounds)
+    return moved
 
 
 def _nearest(
@@ -170,9 +249,11 @@ def _nearest(
 
 
 def _with_candidates(models: Models, candidates: Sequence[Candidate]) -> Models:
-    """The models on a bench that knows the laws."""
-    laws = {c.law.name: c.law for c in candidates}
-    new = {c.law.name: c.hypothesis for c in candidates}
+    """The models on a bench that knows the laws, and those of the other forms at their places."""
+    every = [(c.law, c.hypothesis) for c in candidates]
+    for place in {c.place.name: c.place for c in candidates}.values():
+        every += [(law_of(place, form)[0], hypothesis_of(place, form)) for form in forms_for(place)]
+    laws, new = {law.name: law for law, _ in every}, {law.name: h for law, h in every}
     wider = Models(_bench_with(models.bench, list(laws.values())), [*models.of.values(), *new.values()])
     wider.add(list(models.fits.values()))
     return wider
