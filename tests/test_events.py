@@ -125,7 +125,7 @@ def test_what_relaxes_beside_friction_in_one_place(lumped):
     """Friction ahead of the channel and at the anchor, which does not fall."""
     time, T_base = history(LOOPS)
     friction, values, _ = FALLS["drift"]
-    laws = machine.Laws(friction=friction, **{{"base": "entry", "tip": "exit"}[lumped]: 0.1})
+    laws = machine.Laws(friction=friction, entry=0.1 * (lumped == "base"), exit=0.1 * (lumped == "tip"))
     shown = machine.run(dataclasses.replace(ARM, laws=laws), time, T_base)
     run = gtr.simulate(ours(values | {f"local-friction.{lumped}": 0.1}), T_base, time=time)
     assert bool(run.converged.all()) and shown.worst < 5e-3

@@ -37,7 +37,7 @@ from ..terms.term import Channel
 from .bodies import geometry_of, metric_of, offset_of, turning_of
 from .case import FOREVER, Case, Load, Memory
 from .mesh import shifted
-from .node import RIGID, clip, friction, product, total
+from .node import RIGID, clip, drawn_before, friction, product, total
 
 LEAST = 1e-9  # N, a tension below which the tendon counts as slack
 SMALL = 1e-12  # share of the whole compliance that every node has
@@ -53,9 +53,9 @@ def after_loosening(case: Case, load: Load, memory: Memory) -> Memory:
         memory: of the step before.
     """
     case = dataclasses.replace(case, load=load, memory=memory)
-    drawn = (memory.slip[0], memory.drawn) if case.structure.reads_drawn else (jnp.zeros(()),) * 2
-    now = _factor(case, load.time, load.cycle, drawn[0])
-    was = _factor(case, load.time - load.dt, load.cycle - load.turned, drawn[1])
+    before = jnp.zeros(()) if memory.drawn is None else memory.drawn
+    now = _factor(case, load.time, load.cycle, drawn_before(case))
+    was = _factor(case, load.time - load.dt, load.cycle - load.turned, before)
     # A step without a clock is far from any other: only the base tension changes in it.
     was = jnp.where(load.dt < FOREVER, was, now)
     loosens = now < was

@@ -622,7 +622,7 @@ def friction(case: Case, sense: float):
     mesh, memory, load = case.sections.mesh, case.memory, case.load
     over = (-1, *[1] * case.mu.ndim)
     start = (mesh.s - mesh.interval.length).reshape(over)
-    speed, drawn = _speed_before(case), _drawn_before(case)
+    speed, drawn = _speed_before(case), drawn_before(case)
     at = Channel(start, mesh.s.reshape(over), speed, sense, load.time, load.cycle, drawn)
     factor = jnp.broadcast_to(product(case, "friction", at), memory.tension.shape)
     factor = jnp.where(factor > 0, factor, 0.0)  # friction that wears or drifts below zero counts as zero
@@ -635,17 +635,18 @@ def _speed_before(case: Case):
     return jnp.zeros(()) if speed is None else jnp.abs(speed)
 
 
-def _drawn_before(case: Case):
+def drawn_before(case: Case):
     """How far the tendons were drawn out at the base after the previous load step [m], (*tendons,); zero, (),
     where no law depends on it.
     """
-    return case.memory.slip[0] if case.structure.reads_drawn else jnp.zeros(())
+    slip = case.memory.slip
+    return slip[0] if case.structure.reads_drawn and slip is not None else jnp.zeros(())
 
 
 def _channel_rows(case: Case) -> Channel:
     """The intervals of the channel, nodes along the first axis."""
     mesh, load, shape = case.sections.mesh, case.load, case.memory.tension.shape
-    speed, drawn = (jnp.broadcast_to(x, shape) for x in (_speed_before(case), _drawn_before(case)))
+    speed, drawn = (jnp.broadcast_to(x, shape) for x in (_speed_before(case), drawn_before(case)))
     each = jnp.ones_like(mesh.s)
     clock, cycle = load.time * each, load.cycle * each
     return Channel(mesh.s - mesh.interval.length, mesh.s, speed, each, clock, cycle, drawn)

@@ -20,7 +20,7 @@ from .bodies import chords_of, metric_of
 from .case import Case, Load, Memory
 from .march import Passed, described
 from .mesh import increments
-from .node import total
+from .node import drawn_before, total
 from .search import scales, search, with_slopes
 from .sections import State, node_first
 from .small_matrices import inverse as inverse_of
@@ -63,7 +63,7 @@ def _left(case: Case, marched: Passed, unknowns: Float[Array, " n"]) -> tuple[Me
         tension=nodes.tension,
         kappa=nodes.state.kappa,
         slip=slip,
-        drawn=case.memory.slip[0] if what.reads_drawn else None,
+        drawn=drawn_before(case) if what.reads_drawn else None,
         middle=middle,
         speed=speed,
         mobilised=nodes.mobilised,
