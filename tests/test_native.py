@@ -76,6 +76,20 @@ def test_a_program_of_many_terms_gives_what_each_gives_alone(make_robot, kind):
     np.testing.assert_allclose(found.displacement, alone.displacement, atol=1e-9)
 
 
+@pytest.mark.parametrize("place", ["base", "tip"])
+def test_a_program_of_many_terms_gives_what_a_few_give_together(make_robot, place):
+    """Friction that follows the slip relaxes by itself where it falls, lumped friction beside it or not."""
+    numbers = {"presliding.length": 2e-4, "friction-drift.rate": -0.05, f"local-friction.{place}": 0.1}
+    acting = make_robot(0.4, routing=SINE).with_values(**numbers)
+    loop = np.array([0.0, 8, 16, 24, 24, 24, 18, 9, 9, 14, 18, 18, 10, 2, 2, 12, 20])
+    clock = 0.7 * np.arange(len(loop))
+    alone = gtr.simulate(acting, loop, time=clock, solver=gtr.March(atol=1e-12))
+    structure = structure_with(acting, program_for(acting, {name.partition(".")[0] for name in numbers}))
+    loads = loads_of(jnp.asarray(loop), jnp.asarray(clock), None)
+    found = steps_natively(acting, structure, loads, gtr.March(atol=1e-12))
+    np.testing.assert_allclose(found.T_tip, alone.T_tip, atol=1e-6)
+
+
 STRAIGHT = {"kind": "straight", "radius": 0.01}
 
 

@@ -146,7 +146,7 @@ def discover(models: Models, head: Fitted, progress: Callable[[str], None]) -> D
     candidates = _nearest(wider.bench, head, own, candidates)
     fits = _raced(wider, head, own, candidates)
     more = distilled(wider, head, candidates)
-    fits += _raced(wider, head, own, more)
+    fits = list({f.names: wider.stored(f) for f in [*fits, *_raced(wider, head, own, more)]}.values())
     candidates += [c for c in more if c.law.name not in {other.law.name for other in candidates}]
     tried = {*models.of, *(c.law.name for c in candidates)}
     wider.of = {name: h for name, h in wider.of.items() if name in tried}
@@ -183,43 +183,42 @@ def distilled(wider: Models, head: Fitted, candidates: Sequence[Candidate]) -> l
         base, curve = smooth.x[: len(head.x)], smooth.values
         u = np.linspace(0.0, 1.0, SEEN_AT)
         g = sum(curve[f"{c.law.name}.c{j}"] * np.cos(j * np.pi * u) for j in waves(c.place))
-        for _, form, level, size, shapes in _alike(c.place, u, np.asarray(g))[:ALIKE]:
-            own = coordinates(c.place, form, size, shapes)
-            start = np.concatenate([_levelled(wider, c.place, base, level), own])
+        for _, form, level, size, shapes in _short_forms(c.place, u, np.asarray(g))[:ALIKE]:
+            of_form = coordinates(c.place, form, size, shapes)
+            start = np.concatenate([_levelled(wider, c.place, base, level), of_form])
             law, hypothesis = law_of(c.place, form)[0], hypothesis_of(c.place, form)
             found.append(Candidate(c.place, form, c.score, law, hypothesis, start))
     return found
 
 
-def _alike(place: Place, u: np.ndarray, g: np.ndarray):
+def _short_forms(place: Place, u: np.ndarray, g: np.ndarray):
     """What is left of a curve g(u) by each form that looks like it, the form, and its level, size and shapes
     as in a grid; the nearest first. A constant that the curve has beside the form is its level.
     """
     found = []
-    centred = place.acts != "drag"
+    centred, most = place.acts != "drag", LARGEST * place.size
     for form in forms_for(place):
         best = None
         for shapes in form.grid:
             v = form.value(u, *shapes)
-            columns = np.stack([np.ones_like(u), v], axis=1) if centred and form.shapes else v[:, None]
+            columns = np.stack([np.ones_like(u), v], axis=1) if centred else v[:, None]
             at = np.linalg.lstsq(columns, g, rcond=None)[0]
             left = float(np.sum((columns @ at - g) ** 2))
             if best is None or left < best[0]:
                 best = left, at, shapes
         assert best is not None
         left, at, shapes = best
-        level = float(at[0]) if len(at) == 2 else 0.0
-        size = float(at[-1])
-        if place.acts == "friction" and 1 + level > LEAST_LEVEL:
-            size /= 1 + level
-        if left < UNLIKE * float(np.sum(g**2)) and size > place.least:
+        # Friction takes the level of its law; that of the others is left to what is fitted beside them.
+        level = float(at[0]) if place.acts == "friction" else 0.0
+        if left < UNLIKE * float(np.sum(g**2)) and level > LEAST_LEVEL - 1:
+            size = float(np.clip(at[-1] / (1 + level), max(-most, place.least), most))
             found.append((left, form, level, size, shapes))
     return sorted(found, key=lambda entry: entry[0])
 
 
 def _levelled(wider: Models, place: Place, base: np.ndarray, level: float) -> np.ndarray:
     """Coordinates of a model's numbers once its friction has taken the level of a law."""
-    if place.acts != "friction" or 1 + level <= LEAST_LEVEL:
+    if place.acts != "friction":
         return base
     moved = base.copy()
     for i, number in enumerate(wider.bench.base):

@@ -169,7 +169,7 @@ def places(robot: Robot, bench: Bench, fitted: Fitted) -> list[Place]:
     if not robot.backbone.rigid:
         bend = float(np.max(np.abs(np.asarray(at.curvature))))
         found.append(Place("bending", "k", 0.0, bend, BENDING * bend, "1/m"))
-    drawn = max(float(np.ptp(seen.values[CHANNELS.index("displacement")])) for seen in fitted.seen)
+    drawn = max(float(np.nanmax(seen.values[CHANNELS.index("displacement")])) for seen in fitted.seen)
     if drawn > 0:
         found.append(Place("friction", "d", 0.0, drawn, FRICTION, "dimensionless"))
     times = [rig.part.time for rig in bench.rigs if rig.part.time is not None]

@@ -14,7 +14,7 @@ from .structure import Structure, every
 FOREVER = 1e15  # s, a time after which all creep has ended
 FOLLOWED = (
     "slip",
-    "drawn",
+    "drawn_earlier",
     "middle",
     "speed",
     "mobilised",
@@ -55,7 +55,7 @@ class Memory(eqx.Module):
         tension: at the nodes [N], (N, *tendons).
         kappa: curvature, in space strain [1/m], (N, *strain).
         slip: towards the base, at the nodes [m], (N, *tendons).
-        drawn: slip at the base after the step before that [m], (*tendons,).
+        drawn_earlier: slip at the base after the step before that [m], (*tendons,).
         middle: slip midway between each node and its predecessor [m], (N, *tendons).
         speed: of the slip at these midpoints [m/s], (N, *tendons).
         mobilised: share of friction mobilised there, in [-1, 1], (N, *tendons).
@@ -75,7 +75,7 @@ class Memory(eqx.Module):
     tension: Float[Array, "N *tendons"]
     kappa: Float[Array, "N *strain"]
     slip: Float[Array, "N *tendons"] | None
-    drawn: Float[Array, "*tendons"] | None
+    drawn_earlier: Float[Array, "*tendons"] | None
     middle: Float[Array, "N *tendons"] | None
     speed: Float[Array, "N *tendons"] | None
     mobilised: Float[Array, "N *tendons"] | None
@@ -145,7 +145,7 @@ def untouched(
         tension=tension,
         kappa=state.kappa,
         slip=told,
-        drawn=jnp.zeros_like(at_base) if structure.reads_drawn else None,
+        drawn_earlier=jnp.zeros_like(at_base) if structure.reads_drawn else None,
         middle=followed,
         speed=followed,
         mobilised=told,
@@ -175,12 +175,12 @@ def complete(memory: Memory, structure: Structure, state: State, slip: Float[Arr
     whole = _every(structure)
     full = untouched(whole, state, memory.tension, memory.carried)
     before = jnp.concatenate([slip[:1], slip[:-1]])
+    drawn = slip[0] if whole.reads_drawn else None
     known = {name: value for name in FOLLOWED if (value := getattr(memory, name)) is not None}
     displacement, moment, stop = _split(memory.unknowns, structure, slip[0].ravel(), state.moment[0])
     return dataclasses.replace(
         full,
-        **{"slip": slip, "drawn": slip[0] if whole.reads_drawn else None, "middle": 0.5 * (slip + before)}
-        | known,
+        **{"slip": slip, "drawn_earlier": drawn, "middle": 0.5 * (slip + before)} | known,
         bent=full.bent | memory.bent,
         unknowns=_unknowns(whole, displacement, moment, stop),
         **{name: getattr(memory, name) for name in ("kappa", "entry", "T_tip", "T_base")},
@@ -194,7 +194,7 @@ def part_of(memory: Memory, structure: Structure) -> Memory:
     asked = {
         "slip": bool(structure.terms),
         "mobilised": bool(structure.terms),
-        "drawn": structure.reads_drawn,
+        "drawn_earlier": structure.reads_drawn,
         "middle": structure.follows_slip,
         "speed": structure.follows_slip,
         "stencil": structure.creeping,

@@ -12,8 +12,10 @@ opposite, and no slip with anything between. These are the conditions for the le
     integral of c (T - T_before ln T) ds + (the anchor's),        |d ln T| <= mu d(theta),  T(0) = T_base,
 
 which is convex in ln T, with u as multiplier: what relaxes is unique, however many peaks and valleys ln T
-has. It is found by dynamic programming: from the tip to the base, the tension that each node would have if
-nothing held it from the base's side; then, from the base, that tension clipped against the preceding node.
+has. Friction that is lumped ahead of the channel and at the anchor holds as much as before; the tension
+beyond it is one more node. The least is found by dynamic programming: from the tip to the base, the tension
+that each node would have if nothing held it from the base's side; then, from the base, that tension clipped
+against the preceding node.
 
 *Tugged*: the end at the tip is moved until its tension has changed by as much as is asked, and slip runs in
 from there,
@@ -37,7 +39,7 @@ from ..terms.term import Channel
 from .bodies import geometry_of, metric_of, offset_of, turning_of
 from .case import FOREVER, Case, Load, Memory
 from .mesh import shifted
-from .node import RIGID, clip, drawn_before, friction, product, total
+from .node import RIGID, any_on, clip, drawn_before, friction, product, total
 
 LEAST = 1e-9  # N, a tension below which the tendon counts as slack
 SMALL = 1e-12  # share of the whole compliance that every node has
@@ -53,12 +55,14 @@ def after_loosening(case: Case, load: Load, memory: Memory) -> Memory:
         memory: of the step before.
     """
     case = dataclasses.replace(case, load=load, memory=memory)
-    before = jnp.zeros(()) if memory.drawn is None else memory.drawn
+    earlier = jnp.zeros(()) if memory.drawn_earlier is None else memory.drawn_earlier
     now = _factor(case, load.time, load.cycle, drawn_before(case))
-    was = _factor(case, load.time - load.dt, load.cycle - load.turned, before)
+    was = _factor(case, load.time - load.dt, load.cycle - load.turned, earlier)
     # A step without a clock is far from any other: only the base tension changes in it.
     was = jnp.where(load.dt < FOREVER, was, now)
-    loosens = now < was
+    # Friction that follows the slip relaxes by itself.
+    by_slip = any_on(case, [kind for kind in case.structure.terms if case.structure.catalogue[kind].mobilise])
+    loosens = (now < was) & jnp.logical_not(by_slip)
     held = (memory.entry, memory.tension, memory.T_tip)
     entry, tension, T_tip = jax.lax.cond(jnp.any(loosens), lambda: _after(case, now, was), lambda: held)
     return dataclasses.replace(memory, entry=entry, tension=tension, T_tip=T_tip)

@@ -538,7 +538,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         elif not (what.acting and PRESLIDING in what.terms):
             by_slip = is_on(what.catalogue[PRESLIDING], presliding)
     creeping = [kind for kind in what.terms if what.catalogue[kind].creeps]
-    neighbour, along = (_any_on(case, kinds) for kinds in (creeping, carried(what.terms, what.catalogue)))
+    neighbour, along = (any_on(case, kinds) for kinds in (creeping, carried(what.terms, what.catalogue)))
     if what.carries:
         along = jnp.logical_and(along, jnp.logical_not(jnp.logical_or(by_slip, neighbour)))
 
@@ -640,7 +640,7 @@ def drawn_before(case: Case):
     where no law depends on it.
     """
     slip = case.memory.slip
-    return slip[0] if case.structure.reads_drawn and slip is not None else jnp.zeros(())
+    return jnp.zeros(()) if slip is None or not case.structure.reads_drawn else slip[0]
 
 
 def _channel_rows(case: Case) -> Channel:
@@ -652,7 +652,7 @@ def _channel_rows(case: Case) -> Channel:
     return Channel(mesh.s - mesh.interval.length, mesh.s, speed, each, clock, cycle, drawn)
 
 
-def _any_on(case: Case, kinds: list[str]) -> Bool[Array, ""] | bool:
+def any_on(case: Case, kinds: list[str]) -> Bool[Array, ""] | bool:
     """Whether any of these terms acts; known without their numbers if all terms of the program act."""
     if not kinds or case.structure.acting:
         return bool(kinds)

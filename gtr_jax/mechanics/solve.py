@@ -63,7 +63,7 @@ def _left(case: Case, marched: Passed, unknowns: Float[Array, " n"]) -> tuple[Me
         tension=nodes.tension,
         kappa=nodes.state.kappa,
         slip=slip,
-        drawn=drawn_before(case) if what.reads_drawn else None,
+        drawn_earlier=drawn_before(case) if what.reads_drawn else None,
         middle=middle,
         speed=speed,
         mobilised=nodes.mobilised,

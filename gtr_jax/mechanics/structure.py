@@ -115,8 +115,8 @@ class Structure:
 
     @functools.cached_property
     def loosens(self) -> bool:
-        """Whether friction may fall with time or cycles where one tendon is locked, so that the tension
-        held there relaxes. Where friction follows the slip, it relaxes by itself.
+        """Whether friction may fall with time, cycles or what is drawn out where one tendon is locked, so
+        that the tension held there relaxes. Where friction follows the slip, it relaxes by itself.
         """
         return any(self.catalogue[kind].loosens for kind in self.terms) and not self._by_slip
 

@@ -44,6 +44,8 @@ _S = np.array([0.0, 0.01, 0.1, 0.2, 0.24])
 _K = np.array([-12.0, -0.5, 0.0, 3.0, 25.0])
 _TIME = np.array([0.0, 0.5, 30.0, 200.0, 4e3])
 _CYCLE = np.array([0.0, 0.5, 2.0, 7.0, 40.0])
+# How far the tendon is drawn out [m]: a law may be a narrow bump of it.
+_DRAWN = np.append(np.linspace(-2e-3, 2e-2, 28), [0.05, 0.1]).reshape(6, 5)
 # What a hook of friction may read, by the flag with which a term says so.
 _READ = {"timed": "time", "reads_speed": "the speed of the slip", "reads_drawn": "what is drawn out"}
 Values = Mapping[str, float]
@@ -64,7 +66,7 @@ class _Hook:
 @dataclasses.dataclass(frozen=True)
 class _Where:
     """What hooks are evaluated at: speeds [m/s], times [s] and cycles, (K,), the sense of the slip, whether a
-    `Channel` is known, and how far the tendon is drawn out [m].
+    `Channel` is known, and how far the tendon is drawn out [m], (K,).
     """
 
     speed: np.ndarray
@@ -72,7 +74,7 @@ class _Where:
     cycle: np.ndarray
     sense: float = 1.0
     channel: bool = True
-    drawn: float = 1e-3
+    drawn: np.ndarray = dataclasses.field(default_factory=lambda: np.full(len(_S), 1e-3))
 
     @property
     def of_channel(self) -> Channel:
@@ -222,8 +224,10 @@ def _check_hook(term: Term, name: str, hook: _Hook, at: str) -> None:
     reads = {"timed": dataclasses.replace(usual, time=usual.time + 77.0)}
     if name in ("friction", "by_pressure", "drag"):
         reads["reads_speed"] = dataclasses.replace(usual, speed=usual.speed[::-1] + 1e-3)
-        reads["reads_drawn"] = dataclasses.replace(usual, drawn=3e-3)
-    for flag, other in reads.items():
+        for drawn in _DRAWN:
+            reads[f"reads_drawn at {drawn[0]:g} m"] = dataclasses.replace(usual, drawn=drawn)
+    for case, other in reads.items():
+        flag = case.partition(" ")[0]
         if not getattr(term, flag) and np.any(np.abs(value(typical, other) - here) > NOTHING * scale):
             what = _READ[flag]
             raise InputError(f"{at}: {name} depends on {what}; set {flag}=True")
