@@ -36,7 +36,7 @@ VARIABLES = {
     "k": Variable("1/m", "curvature beyond the natural one", (-20, 20)),
     "t": Variable("s", "time since the first sample", (0, 1000)),
     "n": Variable("dimensionless", "pulls and releases done, each half a cycle", (0, 20)),
-    "d": Variable("m", "length of tendon drawn out at the base", (0, 0.05)),
+    "d": Variable("m", "length of tendon drawn out of the channel at its base", (0, 0.05)),
 }
 
 
