@@ -15,7 +15,7 @@ import numpy as np
 from .effects import CATALOGUE
 from .exam import keys as keys_of
 from .rig import TWINS, term
-from .score import quantiles, rate
+from .score import quantiles, rate, within
 
 # Probability from which on a term that is named counts as sure.
 SURE = 0.9
@@ -160,8 +160,7 @@ class Rig:
         """Whether the 95 % interval of `mu` or `time-skew.delay` holds the truth: under the model shown (0),
         or averaged over models (1); None where there is none.
         """
-        ends = self.answer.get("intervals", {}).get(of)
-        return None if ends is None else bool(ends[which][0] <= self.key[TRUTH[of]] <= ends[which][1])
+        return within(self.answer, self.key, which, of, TRUTH[of])
 
 
 def read(folder: Path) -> list[Rig]:

@@ -371,8 +371,13 @@ def holds(s: Scored, which: int, of: str = "mu") -> bool | None:
     """Whether the 95 % interval of a number holds the truth: under the model shown (0), or averaged over
     models (1); None where there is none.
     """
-    ends = s.answer.get("intervals", {}).get(of)
-    return None if ends is None else bool(ends[which][0] <= s.key[of] <= ends[which][1])
+    return within(s.answer, s.key, which, of, of)
+
+
+def within(answer: dict[str, Any], key: dict[str, Any], which: int, of: str, truth: str) -> bool | None:
+    """As `holds`, of any answer and its key, which has the truth of the number under the name `truth`."""
+    ends = answer.get("intervals", {}).get(of)
+    return None if ends is None else bool(ends[which][0] <= key[truth] <= ends[which][1])
 
 
 def intervals(scored: Sequence[Scored]) -> list[list[str]]:

@@ -221,16 +221,13 @@ def _check_hook(term: Term, name: str, hook: _Hook, at: str) -> None:
                 )
     typical = {q.name: float(q.typical) for q in term.quantities}
     here = value(typical, usual)
-    reads = {"timed": dataclasses.replace(usual, time=usual.time + 77.0)}
+    reads = [("timed", dataclasses.replace(usual, time=usual.time + 77.0))]
     if name in ("friction", "by_pressure", "drag"):
-        reads["reads_speed"] = dataclasses.replace(usual, speed=usual.speed[::-1] + 1e-3)
-        for drawn in _DRAWN:
-            reads[f"reads_drawn at {drawn[0]:g} m"] = dataclasses.replace(usual, drawn=drawn)
-    for case, other in reads.items():
-        flag = case.partition(" ")[0]
+        reads.append(("reads_speed", dataclasses.replace(usual, speed=usual.speed[::-1] + 1e-3)))
+        reads += [("reads_drawn", dataclasses.replace(usual, drawn=drawn)) for drawn in _DRAWN]
+    for flag, other in reads:
         if not getattr(term, flag) and np.any(np.abs(value(typical, other) - here) > NOTHING * scale):
-            what = _READ[flag]
-            raise InputError(f"{at}: {name} depends on {what}; set {flag}=True")
+            raise InputError(f"{at}: {name} depends on {_READ[flag]}; set {flag}=True")
     sizes = [q.name for q in term.sizes]
 
     def slopes(p: dict) -> Any:
