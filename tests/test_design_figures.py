@@ -10,8 +10,9 @@ from matplotlib.patches import Circle
 import gtr_jax as gtr
 from design.option import TargetError
 from design.report.figures import Mark, Near, plot_targets
-from design.report.playback import design_playback
+from design.report.playback import Way, design_playback, tendons_playback
 from gtr_jax.plots.tension import plot_tension
+from gtr_jax.simulation.displacement import by_tension
 from gtr_jax.simulation.phases import label_phases
 
 
@@ -81,3 +82,46 @@ def test_a_design_s_pull_and_release_can_be_gone_through(make_robot, space):
     assert [v for v in marks["Tip x"][0] if v is not None] == [200.0]
     assert bool(marks["Tip y"]) is space and not marks["Loop"]
     assert data["body"]["space"] is space
+
+
+def test_the_direction_that_is_asked_for_is_drawn_beside_the_tip_s(make_robot):
+    """In space a chart tells how far the tip's direction is from the one asked for, 0 where it is reached."""
+    helix = {"routing": {"kind": "helix", "radius": 0.008, "turns": 0.5, "start_angle": 0.5}}
+    robot = make_robot(0.3, **helix)
+    run = gtr.simulate(robot, np.linspace(0, 8, 9))
+    direction = np.asarray(run.tip_rotation)[5, :, 0]
+    rotation = np.full((3, 3), np.nan)
+    rotation[:, 0] = direction
+    wanted = (np.nan, np.nan, np.nan, *rotation.ravel())
+    error = TargetError("pose[0]", 5.0, "pulling", wanted, wanted, np.nan, 0.0, 1e-3, 1e-2)
+    data = design_playback(robot, run, label_phases(run), [error]).data
+    (chart,) = (chart for chart in data["charts"] if chart["title"] == "Direction")
+    off, asked = (np.array(data["columns"][line["y"]]["values"], float) for line in chart["lines"])
+    assert off[5] < 1e-3 < off[4] and off[0] > 1.0
+    assert asked[5] == 0.0 and np.isnan(np.delete(asked, 5)).all()
+
+
+@pytest.mark.parametrize("name", ["three-tendons", "antagonists"])
+def test_the_ways_of_several_tendons_to_their_targets_can_be_gone_through(name):
+    """One way after the other, each from its preloads, with bands that tell them apart."""
+    robot = by_tension(gtr.load_robot(f"examples/{name}.toml"))
+    count, ways = len(robot.tendon_names), []
+    for i, top in enumerate((2.0, 3.0)):
+        pull = np.linspace(0.1, top, 5)[:, None] * np.arange(1.0, count + 1)
+        run = gtr.simulate(robot, pull)
+        place = np.asarray(run.tip_position)[-1]
+        wanted = (*place, *[np.nan] * 9) if robot.space else (*place[:2], np.nan)
+        error = TargetError(f"pose[{i}]", tuple(pull[-1]), "pulling", wanted, wanted, 0.0, np.nan, 1e-3, 1e-2)
+        ways.append(Way(f"{top:g} N", run, pull, [error]))
+    data = tendons_playback(robot, ways).data
+    assert data["of"] == 10 and data["first"] == 4 and data["starts"] == [5]
+    assert data["body"]["samples"] == list(range(10)) and data["body"]["space"] is robot.space
+    charts = {chart["title"]: chart for chart in data["charts"]}
+    assert {"Tip x", "Angle", "Tensions", "Drawn out"} <= set(charts)
+    assert [(span["start"], span["end"]) for span in charts["Tensions"]["spans"]] == [(0.5, 5.5), (5.5, 10.5)]
+    own, *marks = (data["columns"][line["y"]]["values"] for line in charts["Tip x"]["lines"])
+    for k, mark in zip((4, 9), marks, strict=True):
+        assert [i for i, value in enumerate(mark) if value is not None] == [k]
+        np.testing.assert_allclose(mark[k], own[k], rtol=1e-5)
+    drawn = [data["columns"][line["y"]]["values"] for line in charts["Drawn out"]["lines"]]
+    assert len(drawn) == count and all(values[9] != values[4] for values in drawn)

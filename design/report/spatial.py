@@ -4,8 +4,6 @@ the tip's way, the channels unrolled, the tension along each tendon.
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax.numpy as jnp
 import numpy as np
 
@@ -27,23 +25,15 @@ from ..result import Design
 from ..tensions import pull_says
 from ..unrolled import unroll
 from .figures import plot_tip, plot_unrolled
-from .playback import design_playback, pull_and_release
+from .playback import Way, design_playback, pull_and_release, tendons_playback
 
 STEPS = 20  # load steps of the way to each state
 DRAWN = 3  # states drawn from three sides, at most
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Way:
-    """The way to one state: its name, its run, and its pull."""
-
-    name: str
-    run: Simulation
-    pull: np.ndarray
-
-
 def pictures(answer: Design, alternatives: list[Option]) -> tuple[list[Figure], list[Scene], list[Playback]]:
-    """Figures and scenes of a design, and of one tendon its pull and release to go through.
+    """Figures and scenes of a design, and its pull and release to go through, or of several tendons the ways
+    to all targets.
 
     Args:
         answer: the design.
@@ -52,29 +42,31 @@ def pictures(answer: Design, alternatives: list[Option]) -> tuple[list[Figure], 
     robot = by_tension(build_robot(answer.config))
     ways = _ways(answer, robot)
     body = strung_of(robot, equilibrium_at(robot, ways[0].run, 0))
-    figures, playbacks = [_views(answer, robot, ways, body)], []
-    if not robot.tendon_names:
-        run = pull_and_release(answer, robot)
-        phases = label_phases(run)
-        figures.append(_tip(answer, run, phases))
-        playbacks.append(design_playback(robot, run, phases, answer.best.errors))
-    figures.append(_channels(answer, alternatives))
-    return [*figures, *_tensions(robot, ways)], [_scene(robot, ways, body)], playbacks
+    figures = [_views(answer, robot, ways, body)]
+    channels, tensions = _channels(answer, alternatives), _tensions(robot, ways)
+    if robot.tendon_names:
+        return [*figures, channels, *tensions], [], [tendons_playback(robot, ways)]
+    run = pull_and_release(answer, robot)
+    phases = label_phases(run)
+    played = design_playback(robot, run, phases, answer.best.errors)
+    figures += [_tip(answer, run, phases), channels, *tensions]
+    return figures, [_scene(robot, ways, body)], [played]
 
 
 def _ways(answer: Design, robot: Robot) -> list[Way]:
     """A run to every state, as the design takes it: tendons pulled together, and released where asked."""
     preload = np.asarray(robot.per_tendon(lambda tendon: tendon.preload))
     top = np.max(answer.best.tensions, axis=0)
-    ways = []
-    for number, released in answer.problem.objective.states:
+    wanted, errors, ways = answer.problem.objective.wanted, answer.best.errors, []
+    for state, (number, released) in enumerate(answer.problem.objective.states):
         T = np.asarray(answer.best.tensions[number])
         turn = top if released else T
         history = np.linspace(preload, turn, STEPS + 1)
         history = np.concatenate([history, np.linspace(turn, T, STEPS + 1)[1:]]) if released else history
         run = simulate(robot, history, time=1e6 * np.arange(len(history)))
         word = pull_says(T, robot.tendon_names) + (", releasing" if released else "")
-        ways.append(Way(word, run, history))
+        own = [e for e, reached in zip(errors, wanted.pose_state, strict=False) if reached == state]
+        ways.append(Way(word, run, history, own))
     return ways
 
 

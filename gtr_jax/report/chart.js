@@ -1,13 +1,13 @@
 "use strict";
 // A chart of a playback: lines and dots over one quantity, the present sample, and the values of the sample
 // under the mouse. Of `spec` it reads what `frame.js` does but for the ranges, and:
-//   lines: of each x and y, numbers of columns; colour; style, "line", "dashed" or "dots"; phases, the number of
-//   a list of phases whose colours it takes, if any; band, the column of half the height of a band about it, if any;
+//   lines: of each x and y, numbers of columns; colour; style, "line", "dashed", "dots" or "crosses"; phases, the
+//   number of a list of phases whose colours it takes, if any; band, the column of half the height of a band about it, if any;
 //   noise: standard deviation, of which two lie in a band about zero, if any; clock: whether x only grows;
 //   spans: stretches across, from start to end, with a label, a colour and a mark that stands above.
 // `data` is that of the playback, see `playback.js`; `link` is how its parts speak to one another.
 const chartOf = (function () {
-  const RING = "#111", PALE = "#dddddd", CORNER = 14;
+  const RING = "#111", PALE = "#dddddd", CORNER = 14, ARM = 6;
 
   function range(every) {
     let [low, high] = [Infinity, -Infinity];
@@ -26,6 +26,7 @@ const chartOf = (function () {
     hint.className = "hint";
     hint.hidden = true;
     const dotted = lines.some((line) => line.style === "dots");
+    const starts = new Set(data.starts); // no line leads to them
     let under = null; // the sample under the mouse
     const frame = frameOf({ ...spec, x: range(lines.map((line) => line.x)), y }, {
       paint,
@@ -57,7 +58,8 @@ const chartOf = (function () {
         const top = place.y(2 * spec.noise);
         pen.fillRect(place.left, top, place.right - place.left, place.y(-2 * spec.noise) - top);
       }
-      for (const line of lines) (line.style === "dots" ? dots : stroke)(pen, place, line);
+      const styles = { dots, crosses };
+      for (const line of lines) (styles[line.style] || stroke)(pen, place, line);
       if (spec.clock) {
         const at = place.x(lines[0].x[link.now]);
         pen.strokeStyle = RING;
@@ -98,6 +100,22 @@ const chartOf = (function () {
       pen.globalAlpha = 1;
     }
 
+    function crosses(pen, place, line) {
+      pen.lineWidth = 2;
+      pen.setLineDash([]);
+      for (let k = 0; k < line.x.length; k++) {
+        if (line.x[k] === null || line.y[k] === null) continue;
+        const [x, y] = [place.x(line.x[k]), place.y(line.y[k])];
+        pen.strokeStyle = colourOf(line, k);
+        pen.beginPath();
+        pen.moveTo(x - ARM, y);
+        pen.lineTo(x + ARM, y);
+        pen.moveTo(x, y - ARM);
+        pen.lineTo(x, y + ARM);
+        pen.stroke();
+      }
+    }
+
     function stroke(pen, place, line) {
       pen.lineWidth = line.style === "dashed" || dotted ? 1.1 : 1.6; // thin over dots
       pen.lineJoin = "round";
@@ -105,6 +123,7 @@ const chartOf = (function () {
       let last = null; // colour of the path under the pen
       for (let k = 0; k < line.x.length; k++) {
         if (line.x[k] === null || line.y[k] === null) { if (last) pen.stroke(); last = null; continue; }
+        if (starts.has(k)) { if (last) pen.stroke(); last = null; }
         const at = [place.x(line.x[k]), place.y(line.y[k])], colour = colourOf(line, k);
         if (colour !== last) {
           if (last) pen.stroke();
@@ -121,7 +140,7 @@ const chartOf = (function () {
 
     function ring(pen, place, k, size, wide) {
       for (const line of lines) {
-        if (line.x[k] === null || line.y[k] === null) continue;
+        if (line.style === "crosses" || line.x[k] === null || line.y[k] === null) continue;
         pen.beginPath();
         pen.arc(place.x(line.x[k]), place.y(line.y[k]), size, 0, 2 * Math.PI);
         pen.fillStyle = colourOf(line, k);

@@ -3,6 +3,7 @@
 // sample. Of each playback it reads:
 //   unit: what a sample is called; numbers: of the samples in the history, from 1; of: how many it has;
 //   clock: column of the time or of the sample's number; first: the sample that is shown first;
+//   starts: samples at which the history starts anew;
 //   columns: of each its label, its unit and its values, K numbers or null;
 //   phases: lists of phases, of each the names, the colours, and of, a digit for each sample;
 //   charts: see `chart.js`; told: columns that are told of the present sample;

@@ -34,14 +34,14 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """One quantity over another; dots or a line of one colour, or in the colours of phases, (K,) labels;
+    """One quantity over another; dots, crosses or a line of one colour, or in the colours of phases, (K,) labels;
     about it a band, of which `band` is half the height.
     """
 
     x: Column
     y: Column
     colour: str = GREY
-    style: Literal["line", "dashed", "dots"] = "line"
+    style: Literal["line", "dashed", "dots", "crosses"] = "line"
     phases: np.ndarray | None = None
     band: Column | None = None
 
@@ -85,6 +85,7 @@ def playback(
     body: Mapping[str, Any] | None = None,
     stills: Sequence[str] = (),
     title: str = "",
+    starts: Sequence[int] = (),
 ) -> Playback:
     """A history of K samples as a part of a page.
 
@@ -97,6 +98,7 @@ def playback(
         body: from `motion.body_of`, or None.
         stills: as of `Playback`.
         title: above them, where a page has several.
+        starts: samples, counted from 0, at which the history starts anew, so that no line leads there.
     """
     lines = [line for chart in charts for line in chart.lines]
     used = [c for line in lines for c in (line.x, line.y, line.band) if c is not None]
@@ -124,6 +126,7 @@ def playback(
         "numbers": (kept + 1).tolist(),
         "clock": columns.index(clock),
         "first": int(np.flatnonzero(kept == first)[0]),
+        "starts": np.searchsorted(kept, starts).tolist(),
         "columns": [
             {"label": c.label, "unit": c.unit, "values": _short(np.asarray(c.values, float)[kept])}
             for c in columns
