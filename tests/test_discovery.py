@@ -55,14 +55,16 @@ PLACES = [
     Place("tip_cell", "T", 0.0, 30.0, 0.9, "N"),
     Place("base_cell", "T", 0.0, 40.0, 1.2, "N"),
     Place("bending", "k", 0.0, 12.0, 4.0, "1/m"),
+    Place("bending", "s", 0.0, 0.25, 0.4, "dimensionless"),
     Place("drag", "s", 0.0, 0.25, 4.0, "N/m"),
     Place("strain", "T", 0.0, 40.0, 2e-3, "dimensionless"),
+    Place("tip_response", "l", 0.0, 9.6, 0.3, "dimensionless"),
 ]
 
 
 def added(place, law, values, x):
     """What a law adds to what is there without it."""
-    found = np.broadcast_to(evaluate(law.tree, {place.of: x, **values}, np), x.shape)
+    found = np.broadcast_to(evaluate(law.tree, {"k": 1.0, place.of: x, **values}, np), x.shape)
     return found - (x if "cell" in place.acts else 1.0 if place.acts == "friction" else 0.0)
 
 
@@ -99,7 +101,7 @@ def test_forms_are_laws_that_a_robot_file_may_hold(place, make_config):
             "period": 0.9,
         }
         values |= {k: v * place.span for k, v in shapes.items() if any(q.name == k for q in law.numbers)}
-        values |= {"size": 0.02 * place.size} | ({"phase": -0.4} if form.name == "wave" else {})
+        values |= {"size": 0.02 * place.size} | ({"phase": -0.4} if form.name in ("wave", "ringing") else {})
         check_law(law, values)
         config = with_law(make_config(routing=SINE), law, values)
         again = parse_config(_parsed(config_text(config)))
@@ -108,7 +110,8 @@ def test_forms_are_laws_that_a_robot_file_may_hold(place, make_config):
     law, h = smooth_of(place)
     values = {name.partition(".")[2]: v for name, v in h.fixed.items()}
     values |= {n.name.partition(".")[2]: 0.01 * n.sd for n in h.numbers}
-    assert ("c0" in values) == (place.acts == "drag")  # elsewhere other numbers take what does not change
+    # Elsewhere other numbers take what does not change.
+    assert ("c0" in values) == (place.acts in ("drag", "tip_response"))
     check_law(law, values)
     with_law(make_config(routing=SINE), law, values)
 
@@ -161,6 +164,26 @@ def test_a_planted_form_is_felt_first(name, shapes):
     if name == "wave":
         assert values[f"{law}.period"] == pytest.approx(0.21 * 40.0, rel=0.05)
     assert found[-1].form is None and {c.place for c in found} == {place}
+
+
+def test_a_cell_that_rings_is_felt_and_distilled():
+    """Of how a cell responds there are forms that fade with the lag, and no others."""
+    place = next(p for p in PLACES if p.acts == "tip_response")
+    assert [form.name for form in forms_for(place)] == ["decay", "ringing"]
+    assert not any(form.name == "ringing" for other in PLACES[:-1] for form in forms_for(other))
+    ringing = next(f for f in FORMS if f.name == "ringing")
+    shapes = (0.12, 0.16, 0.5)
+    bench, head, felt = planted(place, ringing, shapes, 0.8)
+    first = promising(cast(Any, bench), head, [felt])[0]
+    assert first.form is ringing
+    law = first.law.name
+    values = {n.name: n.value(x) for n, x in zip(first.hypothesis.numbers, first.start[1:], strict=True)}
+    assert values[f"{law}.period"] == pytest.approx(0.16 * 9.6, rel=0.15)
+    u = np.linspace(0.0, 1.0, 201)
+    nearest = ringing.grid[200]
+    left, found, level, size, again = _short_forms(place, u, 0.2 * ringing.value(u, *nearest))[0]
+    assert found is ringing and left < 1e-20 and level == 0.0
+    np.testing.assert_allclose(size * ringing.value(u, *again), 0.2 * ringing.value(u, *nearest), atol=1e-12)
 
 
 def test_a_drag_is_never_negative():
@@ -228,6 +251,7 @@ def test_places_cover_what_the_recording_does(make_config):
         "friction-of-place",
         "tip-cell-of-tension",
         "bending-of-curvature",
+        "bending-of-place",
     } <= set(found)
     assert found["friction-of-time"].high == pytest.approx(74.5)
     assert found["friction-of-tension"].high == pytest.approx(30.0, abs=0.3)
@@ -238,6 +262,8 @@ def test_places_cover_what_the_recording_does(make_config):
     assert found["friction-of-drawn"].high == pytest.approx(np.max(seen.values[4]))
     drawn = np.abs(np.diff(seen.values[4])) / 0.5
     assert 0.5 * drawn.max() < found["friction-of-speed"].high <= drawn.max()
+    assert found["tip-response-of-lag"].high == pytest.approx(24.0)
+    assert len(found["tip-response-of-lag"].tents) == 49  # one for each sample of 0.5 s
     assert "friction-of-cycle" in found and found["friction-of-cycle"].high == 3.0
 
 

@@ -15,7 +15,7 @@ from gtr_jax.errors import InputError
 from gtr_jax.files.units import parse_any
 from gtr_jax.terms.expression import FLOOR, dimension_of, evaluate
 from gtr_jax.terms.grammar import MOST_CHARACTERS, ExpressionError, names_in, parsed
-from gtr_jax.terms.law import ACTS, VARIABLES, Law, check_law, is_odd, term_of_law
+from gtr_jax.terms.law import ACTS, CELLS, VARIABLES, Law, check_law, is_odd, term_of_law
 
 X = {"x": 0.7, "y": -1.3, "a": 2.5}
 
@@ -269,6 +269,12 @@ GOOD = [
     ("strain", "size * sqrt(T / soft)", {"size": "dimensionless", "soft": "N"}),
     ("tip_cell", "T + size * sin(T / period)", {"size": "N", "period": "N"}),
     ("base_cell", "T * (1 + size * T)", {"size": "1/N"}),
+    (
+        "tip_response",
+        "size * exp(-l / late) * sin(l / swing)",
+        {"size": "dimensionless", "late": "s", "swing": "s"},
+    ),
+    ("base_response", "-size * exp(-l / late)", {"size": "dimensionless", "late": "s"}),
 ]
 
 
@@ -280,8 +286,8 @@ def test_a_law_that_can_be_one_is_a_term(acts, text, given):
     assert term is term_of_law(law(acts, text, **given))
     assert [q.name for q in term.sizes] == ["size"]
     assert text in term.law
-    assert term.of_cells == (acts in ("tip_cell", "base_cell"))
-    assert term.timed == bool(own.variables & {"t", "v"})
+    assert term.of_cells == (acts in CELLS)
+    assert term.timed == bool(own.variables & {"t", "v", "l"})
 
 
 @pytest.mark.parametrize(

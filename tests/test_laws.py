@@ -108,6 +108,27 @@ def test_laws_of_cells_show_what_terms_show(make_robot, kind):
     np.testing.assert_allclose(true_base(ours, expected.T_base, time), T_BASE, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.parametrize("space", [False, True], ids=["plane", "space"])
+def test_a_bending_law_of_the_place_is_a_stiffness_that_changes_along_the_body(make_robot, space):
+    """Against a table of EI that rises evenly to 1.4 times as much at the tip."""
+    routing = {"kind": "helix", "radius": 0.008, "turns": 0.5} if space else SINE
+    law = table(acts="bending", law="size*k*s/reach", size=0.4, reach="250 mm")
+    ends = [[0.0, 0.05], [0.25, 0.07]]
+    body = {"outer_radius": 0.015, "youngs_modulus": None} | ({"torsional_stiffness": 0.04} if space else {})
+
+    def made(stiffness, terms=()):
+        backbone = {**body, "bending_stiffness": stiffness}
+        return make_robot(0.25, routing=routing, backbone=backbone, terms=list(terms))
+
+    ours, theirs, plain = made(0.05, [law]), made(ends), made(0.05)
+    runs = [gtr.simulate(robot, T_BASE[:12], time=TIME[:12]) for robot in (ours, theirs, plain)]
+    assert all(bool(jnp.all(run.converged)) for run in runs)
+    found, expected, without = (np.asarray(run.tip_position) for run in runs)
+    assert np.max(np.abs(expected - without)) > 2e-3
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    np.testing.assert_allclose(runs[0].T_tip, runs[1].T_tip, atol=1e-8)
+
+
 def test_a_law_of_the_base_cell_is_read_backwards_with_its_gradient(make_robot):
     cell = table(acts="base_cell", law="T + size * sin(T / period)", size="0.8 N", period="3 N")
     robot = make_robot(terms=[cell, {"kind": "base-offset", "force": 0.3}])

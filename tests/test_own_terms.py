@@ -97,6 +97,12 @@ def test_a_term_of_ones_own_passes():
             with_hook(friction=lambda p, at: 1 + p["size"] * at.speed),
             "friction depends on the speed of the slip; set reads_speed=True",
         ),
+        (
+            with_hook(
+                bend=lambda p, kappa, at: (p["size"] * at.place * kappa, at.kept), not_in_space="of the plane"
+            ),
+            "set by_place=True if it depends on the place",
+        ),
         (changed(drag=lambda p, at: jnp.sqrt(p["size"])), "drag has no finite derivative at null"),
         ("my-drag", "expected a gtr_jax.terms.Term, found str"),
     ],

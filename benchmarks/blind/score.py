@@ -30,6 +30,7 @@ CAUSES = {
     "jolt": ("friction", "t"),
     "snag": ("friction", "d"),
     "ripple": ("tip_cell", "T"),
+    "ringing": ("tip_response", "l"),
 }
 # What a law may leave on unseen samples, per sample in variances, to count as a model of the cause.
 MODELLED = 1.3

@@ -18,7 +18,19 @@ from .decide import structured
 from .further import Unseen
 from .hypotheses import Hypothesis, is_friction
 from .lanes import in_lanes
-from .law_forms import EDGE, SIZE, Form, coordinates, forms_for, hypothesis_of, law_of, smooth_of, waves
+from .law_forms import (
+    EDGE,
+    RESPONSE,
+    SIZE,
+    Form,
+    coordinates,
+    cosines,
+    forms_for,
+    hypothesis_of,
+    law_of,
+    smooth_of,
+    waves,
+)
 from .law_places import Place, places
 from .locate import misfit
 from .model import Fitted, model_of
@@ -182,8 +194,8 @@ def distilled(wider: Models, head: Fitted, candidates: Sequence[Candidate]) -> l
         smooth = wider.fits[names]
         base, curve = smooth.x[: len(head.x)], smooth.values
         u = np.linspace(0.0, 1.0, SEEN_AT)
-        g = sum(curve[f"{c.law.name}.c{j}"] * np.cos(j * np.pi * u) for j in waves(c.place))
-        for _, form, level, size, shapes in _short_forms(c.place, u, np.asarray(g))[:ALIKE]:
+        g = cosines(c.place, u) @ [curve[f"{c.law.name}.c{j}"] for j in waves(c.place)]
+        for _, form, level, size, shapes in _short_forms(c.place, u, g)[:ALIKE]:
             of_form = coordinates(c.place, form, size, shapes)
             start = np.concatenate([_levelled(wider, c.place, base, level), of_form])
             law, hypothesis = law_of(c.place, form)[0], hypothesis_of(c.place, form)
@@ -196,7 +208,8 @@ def _short_forms(place: Place, u: np.ndarray, g: np.ndarray):
     as in a grid; the nearest first. A constant that the curve has beside the form is its level.
     """
     found = []
-    centred, most = place.acts != "drag", LARGEST * place.size
+    # What does not change with the variable is no part of these laws.
+    centred, most = place.acts not in ("drag", RESPONSE), LARGEST * place.size
     for form in forms_for(place):
         best = None
         for shapes in form.grid:
@@ -365,7 +378,7 @@ def _smooth(head: Fitted, information: np.ndarray, felt: Felt) -> Candidate:
     law, h = smooth_of(place)
     u = (place.tents - place.low) / place.span
     sds = np.asarray([n.sd for n in h.numbers])
-    basis = sds * np.cos(np.pi * np.outer(u, waves(place)))
+    basis = sds * cosines(place, u)
     inside = basis.T @ felt.gram @ basis + np.eye(len(sds))
     toward = basis.T @ felt.toward
     x = np.clip(np.linalg.solve(inside, toward), -LARGEST, LARGEST)

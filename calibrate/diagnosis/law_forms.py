@@ -24,6 +24,8 @@ WIDTHS = (0.02, 0.05, 0.12, 0.3)
 PERIODS = np.geomspace(0.045, 1.2, 110)
 PLACES = np.linspace(0.02, 0.98, 25)
 PHASES = np.arange(8) * np.pi / 8
+# The hook of how a cell responds, and periods of its ringing, as shares of the range.
+RESPONSE, RINGS = "tip_response", np.geomspace(0.053, 0.6, 24)
 # Width of the edges of a stretch, as a share of the range, from which a fit starts and which is usual; and
 # the least, at which it is a jump.
 SUDDEN, JUMP = 0.01, 2e-4
@@ -52,7 +54,7 @@ class Form(NamedTuple):
         shapes: its numbers beside the size.
         value: of the form at size 1, from u in [0, 1] and the shapes as shares of the range.
         grid: shapes to try, as shares of the range.
-        for_: hooks that it is for; all if empty.
+        for_: hooks that it is for; if empty all but how a cell responds.
         of: variables that it is for; all if empty.
     """
 
@@ -114,7 +116,7 @@ FORMS = (
         (SCALE,),
         lambda u, scale: np.exp(-u / scale),
         [(w,) for w in (0.02, 0.05, 0.1, 0.2, 0.4)],
-        for_=("friction", "tip_cell", "base_cell"),
+        for_=("friction", "tip_cell", "base_cell", RESPONSE),
     ),
     Form(
         "kneed",
@@ -139,6 +141,14 @@ FORMS = (
         [(float(p), f) for p in PERIODS for f in PHASES],
         of=("T", "s", "t", "p", "d"),
     ),
+    Form(
+        "ringing",
+        "size*exp(-{x}/scale)*sin(2*pi*{x}/period+phase)",
+        (SCALE, PERIOD, PHASE),
+        lambda u, scale, period, phase: np.exp(-u / scale) * np.sin(2 * np.pi * u / period + phase),
+        [(s, float(p), f) for s in (0.03, 0.06, 0.12, 0.25, 0.5) for p in RINGS for f in PHASES],
+        for_=(RESPONSE,),
+    ),
 )
 
 
@@ -147,7 +157,8 @@ def forms_for(place: Place) -> list[Form]:
     return [
         form
         for form in FORMS
-        if (not form.for_ or place.acts in form.for_) and (not form.of or place.of in form.of)
+        if (place.acts in form.for_ or (not form.for_ and place.acts != RESPONSE))
+        and (not form.of or place.of in form.of)
     ]
 
 
@@ -217,25 +228,36 @@ def _number(
 
 def waves(place: Place) -> range:
     """Waves over the range, in halves, of the cosines of the smooth law at a place: what does not change with
-    the variable is left to the friction coefficient, to E and to the cells, but a drag has it to itself.
+    the variable is left to the friction coefficient, to E and to the cells, but a drag and a response have it
+    to themselves.
     """
-    many, first = SMOOTH_ALONG if place.of in ("s", "t", "d") else SMOOTH, 0 if place.acts == "drag" else 1
+    many = SMOOTH_ALONG if place.of in ("s", "t", "d", "l") else SMOOTH
+    first = 0 if place.acts in ("drag", RESPONSE) else 1
     return range(first, first + many)
 
 
+def cosines(place: Place, u: np.ndarray) -> np.ndarray:
+    """The cosines of the smooth law at a place, (U, waves), at u in [0, 1]; how a cell responds fades over
+    the range, since no longer lag is felt.
+    """
+    found = np.cos(np.pi * np.outer(u, waves(place)))
+    return found * (1 - u)[:, None] if place.acts == RESPONSE else found
+
+
 def smooth_of(place: Place) -> tuple[Law, Hypothesis]:
-    """A law that may be any smooth function: a sum of cosines over the range, the j-th with a prior of one
+    """A law that may be any smooth function: a sum of `cosines` over the range, the j-th with a prior of one
     over j of the usual size.
     """
     name = f"{place.name}-smooth"
-    x = f"pi*({place.argument}-{LOW})/{SPAN}"
-    sum_of = "+".join(f"c{j}*cos({j}*{x})" for j in waves(place))
+    along = f"({place.argument}-{LOW})/{SPAN}"
+    sum_of = "+".join(f"c{j}*cos({j}*pi*{along})" for j in waves(place))
+    fading = f"max(0,1-{along})*" if place.acts == RESPONSE else ""
     size = place.quantity(SIZE, place.unit, 1.0, size=True)
     ends = [place.quantity(LOW, place.of_unit, place.low), place.quantity(SPAN, place.of_unit, place.span)]
     numbers, free = [size, *ends], []
     for j in waves(place):
         numbers.append(place.quantity(f"c{j}", "dimensionless", 0.0))
         free.append(_number(f"{name}.c{j}", "dimensionless", 0.0, place.size / max(j, 1), size=True))
-    law = place.law(name, f"{SIZE}*({sum_of})", tuple(numbers))
+    law = place.law(name, f"{SIZE}*{fading}({sum_of})", tuple(numbers))
     fixed = {f"{name}.{SIZE}": 1.0, f"{name}.{LOW}": place.low, f"{name}.{SPAN}": place.span}
     return law, Hypothesis(name, name, tuple(free), starts=(), fixed=fixed)

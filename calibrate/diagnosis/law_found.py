@@ -29,7 +29,9 @@ CHANGES = {
     "bending": "addition to the bending moment over EI",
     "tip_cell": "what the cell at the tip adds",
     "base_cell": "what the cell at the base adds",
+    "tip_response": "what the cell at the tip shows beyond a step of the tension, as a share of it",
 }
+STIFFENS = "share that is added to the bending stiffness there"
 GIVES = CHANGES | {"tip_cell": "the cell at the tip shows", "base_cell": "the cell at the base shows"}
 
 
@@ -102,9 +104,9 @@ def found_law(discovery: Discovery, after: Marginal) -> FoundLaw:
         law=law,
         acts=place.acts,
         of=place.of,
-        changes=CHANGES[place.acts],
+        changes=STIFFENS if place.stiffness else CHANGES[place.acts],
         gives=GIVES[place.acts],
-        unit=law.place.unit,
+        unit=place.unit if place.stiffness else law.place.unit,
         of_unit=place.of_unit,
         formula=law.text,
         values=values,
@@ -119,8 +121,8 @@ def found_law(discovery: Discovery, after: Marginal) -> FoundLaw:
 
 
 def _curve(law: Law, values: Mapping[str, float], of: str, x: np.ndarray) -> np.ndarray:
-    """The law over its variable; of a cell, what it adds."""
-    at = {name: np.zeros_like(x) for name in VARIABLES} | {of: x}
+    """The law over its variable; of a cell, what it adds; of the place, at a curvature of 1/m."""
+    at = {name: np.zeros_like(x) for name in VARIABLES} | {"k": np.ones_like(x), of: x}
     found = np.broadcast_to(evaluate(law.tree, {**at, **values}, np), x.shape)
     return found - x if law.place.neutral == "T" else np.asarray(found)
 

@@ -30,13 +30,21 @@ WORDS = {
     "t": "time",
     "n": "cycle",
     "d": "drawn",
+    "l": "lag",
 }
-# Tents over the range of a variable. A cell that shows waves needs more, and they cost no simulation there.
-TENTS, TENTS_OF_CELL = 24, 72
+# Tents over the range of a variable. A cell that shows waves needs more, and they cost no simulation there;
+# how it responds is felt at as many lags, each a sample longer.
+TENTS, TENTS_OF_CELL, LAGS = 24, 72, 49
 # Usual size of an unknown law: of a factor on friction, of what a cell adds as a share of the largest
-# tension, of the moment as a share of that of the largest curvature, of what drags along the whole channel as
-# a share of the largest tension, and strain of the tendon at the largest tension.
-FRICTION, CELL, BENDING, DRAG, STRAIN = 0.5, 0.03, 0.4, 0.03, 2e-3
+# tension, of the moment as a share of that of the largest curvature (and of the stiffness at a place), of what
+# drags along the whole channel as a share of the largest tension, strain of the tendon at the largest tension, and what a cell shows beyond a
+# change of the tension, as a share of it.
+FRICTION, CELL, BENDING, DRAG, STRAIN, RESPONSE = 0.5, 0.03, 0.4, 0.03, 2e-3, 0.3
+# Least share that a law may add to the stiffness of the body at a place.
+SOFTEST = -0.95
+# Samples of a part up to which it is asked how a cell responds: longer recordings are thinned, and its work
+# grows with their square.
+RESPONDS = 1000
 # Largest share of the samples that may lie beyond the range of a variable that varies without end, the speed.
 RARE = 0.05
 
@@ -75,7 +83,14 @@ class Place:
     @property
     def least(self) -> float:
         """Least value of the size."""
+        if self.stiffness:
+            return SOFTEST
         return 0.0 if ACTS[self.acts].one_sided else -np.inf
+
+    @property
+    def stiffness(self) -> bool:
+        """Whether its laws are a factor on the stiffness of the body, less one."""
+        return self.acts == "bending" and self.of == "s"
 
     @property
     def of_unit(self) -> str:
@@ -85,12 +100,13 @@ class Place:
     @property
     def tents(self) -> np.ndarray:
         """Middles of the tents, (n,)."""
-        return np.linspace(self.low, self.high, TENTS_OF_CELL if self.acts == "tip_cell" else TENTS)
+        many = {"tip_cell": TENTS_OF_CELL, "tip_response": LAGS}
+        return np.linspace(self.low, self.high, many.get(self.acts, TENTS))
 
     @property
     def argument(self) -> str:
         """The variable as a form has it: the size of a curvature, whose sign a bending law follows."""
-        return "abs(k)" if self.acts == "bending" else self.of
+        return "abs(k)" if self.of == "k" else self.of
 
     def law(self, name: str, form: str, numbers: tuple[Quantity, ...]) -> Law:
         """A law that adds a form to what is there without it.
@@ -104,9 +120,10 @@ class Place:
             "friction": f"1+{form}",
             "drag": form,
             "strain": form,
-            "bending": f"sign(k)*{form}",
+            "bending": f"k*{form}" if self.stiffness else f"sign(k)*{form}",
             "tip_cell": f"T+{form}",
             "base_cell": f"T+{form}",
+            "tip_response": form,
         }[self.acts]
         return Law(name, self.acts, whole, numbers)
 
@@ -169,6 +186,7 @@ def places(robot: Robot, bench: Bench, fitted: Fitted) -> list[Place]:
     if not robot.backbone.rigid:
         bend = float(np.max(np.abs(np.asarray(at.curvature))))
         found.append(Place("bending", "k", 0.0, bend, BENDING * bend, "1/m"))
+        found.append(Place("bending", "s", 0.0, length, BENDING, "dimensionless"))
     drawn = max(float(np.nanmax(seen.values[CHANNELS.index("displacement")])) for seen in fitted.seen)
     if drawn > 0:
         found.append(Place("friction", "d", 0.0, drawn, FRICTION, "dimensionless"))
@@ -176,6 +194,10 @@ def places(robot: Robot, bench: Bench, fitted: Fitted) -> list[Place]:
     if len(times) == len(bench.rigs):
         end = max(float(np.ptp(time)) for time in times)
         found.append(Place("friction", "t", 0.0, end, FRICTION, "dimensionless"))
+        every = float(np.median(np.concatenate([np.diff(time) for time in times])))
+        if every > 0 and all(rig.part.tips and len(rig.part.time) <= RESPONDS for rig in bench.rigs):
+            longest = (LAGS - 1) * every
+            found.append(Place("tip_response", "l", 0.0, longest, RESPONSE, "dimensionless"))
         fast = _fastest(times, fitted)
         if fast > 0:
             found.append(Place("friction", "v", 0.0, fast, FRICTION, "dimensionless"))

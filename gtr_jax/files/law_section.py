@@ -51,12 +51,20 @@ class LawSection(TermSection):
     """A law of your own."""
     name: StrictStr = "law"
     """Name, with which its parameters begin (seal.size)."""
-    acts: Literal["friction", "viscous", "drag", "bending", "strain", "tip_cell", "base_cell"] = Field(
-        examples=["drag"]
-    )
+    acts: Literal[
+        "friction",
+        "viscous",
+        "drag",
+        "bending",
+        "strain",
+        "tip_cell",
+        "base_cell",
+        "tip_response",
+        "base_response",
+    ] = Field(examples=["drag"])
     """Where it acts."""
     law: StrictStr = Field(examples=["size * exp(-p / fade)"])
-    """The expression, of its parameters and of p, T, v, s, k, t, n and d, as they exist where it acts."""
+    """The expression, of its parameters and of p, T, v, s, k, t, n, d and l, as they exist where it acts."""
     says: StrictStr = ""
     """One sentence on what it is."""
     units: dict[str, str] = Field(default_factory=dict)

@@ -85,6 +85,7 @@ class Row(NamedTuple):
     begins: Asked
     chord: Asked
     reach: Asked
+    place: Asked
     shift: Asked
     closing: Asked
     beyond: Asked
@@ -421,7 +422,7 @@ class Equations(eqx.Module):
     def bends(self, kind: str, row: Row, kappa) -> tuple[Any, Any]:
         """One bending law at a strain."""
         kept = self.geometry.split(row.bent[kind])
-        at = Bent(row.rest, row.kappa, kept, self.case.load.dt, row.compliance, row.reach)
+        at = Bent(row.rest, row.kappa, kept, self.case.load.dt, row.compliance, row.reach, row.place)
         term, values = self.case.structure.catalogue[kind], self.case.terms[kind]
         return _where_on(self.case, kind, 0.0, lambda: self.geometry.bent(term, values, kappa, at))
 
@@ -564,6 +565,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         begins=None if s.guides is None else node_first(s.guides.begins()),
         chord=None if s.guides is None else jnp.moveaxis(s.guides.along(), -2, 0),
         reach=s.reach if what.by_strain else None,
+        place=mesh.s if what.by_place else None,
         shift=s.shift,
         closing=s.closing,
         beyond=None if s.beyond is None else node_first(s.beyond),

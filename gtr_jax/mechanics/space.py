@@ -258,7 +258,8 @@ class Space(Geometry):
 
     def bent(self, term, values, strain, at):
         assert term.bend_in_space is not None
-        at = Bent(tuple(at.rest), tuple(at.before), tuple(at.kept), at.dt, tuple(at.compliance), at.reach)
+        rest, before, kept, compliance = map(tuple, (at.rest, at.before, at.kept, at.compliance))
+        at = Bent(rest, before, kept, at.dt, compliance, at.reach, at.place)
         extra, kept = term.bend_in_space(values, tuple(strain), at)
         return Vector(*extra), Vector(*kept)
 

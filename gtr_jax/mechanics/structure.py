@@ -95,6 +95,11 @@ class Structure:
         return any(self.catalogue[kind].by_strain for kind in self.terms)
 
     @property
+    def by_place(self) -> bool:
+        """Whether a law of the body depends on the arc length."""
+        return any(self.catalogue[kind].by_place for kind in self.terms)
+
+    @property
     def lags(self) -> bool:
         """Whether a body that grows softer may stay so until it is bent back a good way: the balance of a
         node then has a steep stretch between two flat ones, past which Newton's method would jump to and fro.

@@ -34,8 +34,8 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """One quantity over another; dots, crosses or a line of one colour, or in the colours of phases, (K,) labels;
-    about it a band, of which `band` is half the height.
+    """One quantity over another; dots, crosses or a line of one colour, or in the colours of phases, (K,)
+    labels; about it a band, of which `band` is half the height.
     """
 
     x: Column

@@ -16,6 +16,7 @@ from gtr_jax.errors import did_you_mean
 
 from .expression import dimension_of, evaluate
 from .grammar import CONSTANTS, FUNCTIONS, ExpressionError, Node, names_in, parsed
+from .response import shown_with, true_behind
 from .term import Quantity, Term, along
 
 
@@ -37,6 +38,7 @@ VARIABLES = {
     "t": Variable("s", "time since the first sample", (0, 1000)),
     "n": Variable("dimensionless", "pulls and releases done, each half a cycle", (0, 20)),
     "d": Variable("m", "length of tendon drawn out of the channel at its base", (0, 0.05)),
+    "l": Variable("s", "time since a change of the tension", (0, 10)),
 }
 
 
@@ -88,7 +90,7 @@ ACTS = {
     "bending": Place(
         "addition to the bending moment over EI",
         "1/m",
-        ("k",),
+        ("k", "s"),
         0.0,
         "M = EI (k + ({law})); in space along the vector of both bendings, with k its length",
     ),
@@ -114,8 +116,22 @@ ACTS = {
         "T",
         "T_base shown = {law}",
     ),
+    "tip_response": Place(
+        "what the cell at the tip shows beyond the true tension, at the time l after a step of one newton",
+        "dimensionless",
+        ("l",),
+        0.0,
+        "T_tip shown = T + integral of ({law}) dT over all changes before",
+    ),
+    "base_response": Place(
+        "what the cell at the base shows beyond the true tension, at the time l after a step of one newton",
+        "dimensionless",
+        ("l",),
+        0.0,
+        "T_base shown = T + integral of ({law}) dT over all changes before",
+    ),
 }
-CELLS = ("tip_cell", "base_cell")
+CELLS = ("tip_cell", "base_cell", "tip_response", "base_response")
 NOT_ODD = "does not change its sign with k, and in space no direction is the positive one; write it odd in k"
 SAMPLES = 96  # at which a law is checked, with the ends of all ranges among them
 FARTHER = 1.5  # beyond the largest of its own numbers of a variable's unit a law is checked too
@@ -285,11 +301,11 @@ def sampled(
 def is_odd(law: Law) -> bool:
     """Whether a law of k changes its sign with k, at whatever parameters are usual."""
     values = {q.name: q.typical for q in law.numbers}
+    k, s = np.meshgrid(*(np.linspace(0.0, VARIABLES[name].range[1], 33) for name in ("k", "s")))
     for given in _corners(law, values):
-        k = np.linspace(0.0, VARIABLES["k"].range[1], 33)
         with np.errstate(all="ignore"):
             left, right = (
-                np.broadcast_to(evaluate(law.tree, {**given, "k": x}, np), k.shape) for x in (-k, k)
+                np.broadcast_to(evaluate(law.tree, {**given, "k": x, "s": s}, np), k.shape) for x in (-k, k)
             )
         if not np.allclose(left, -right, rtol=1e-12, atol=1e-300):
             return False
@@ -298,6 +314,14 @@ def is_odd(law: Law) -> bool:
 
 def _fault(law: Law, values: Mapping[str, float]) -> str:
     """Why a law cannot have these numbers; "" if it can."""
+    if law.acts == "base_response":
+        first = float(evaluate(law.tree, {**values, "l": 0.0}, np))
+        if first >= -1:
+            return ""
+        return (
+            f"gives {first:.4g} at l = 0, so that the cell would turn a step of the tension about, and the "
+            f"true tension could not be read off it; make {law.size.name} smaller"
+        )
     if law.acts != "base_cell":
         return ""
     T = np.linspace(0.0, VARIABLES["T"].range[1], 401)
@@ -327,12 +351,13 @@ def term_of_law(law: Law) -> Term:
         told_apart=_experiment(law),
         source="the robot file",
         quantities=law.numbers,
-        timed=bool(names & {"t", "v"}),
+        timed=bool(names & {"t", "v", "l"}),
         creeps=slip or law.acts == "viscous",
         loosens=law.acts == "friction" and bool(names & {"t", "n", "d"}) and not names & {"p", "T", "v"},
         reads_speed=slip,
         reads_drawn="d" in names,
-        reads_channel=bool(names & _IN_CHANNEL),
+        reads_channel=law.acts != "bending" and bool(names & _IN_CHANNEL),
+        by_place=law.acts == "bending" and "s" in names,
         fault=lambda values, length: _fault(law, values),
         **_hooks(law),
     )
@@ -350,11 +375,13 @@ _EXPERIMENTS = {
     "t": "one loop again after a long rest",
     "n": "one loop many times",
     "d": "loops with the tendon anchored at other places of it",
+    "l": "steps of the tension, recorded fast, and then at another rate",
 }
 
 
 def _experiment(law: Law) -> str:
-    wanted = dict.fromkeys(_EXPERIMENTS[name] for name in law.place.variables if name in law.variables)
+    known = _EXPERIMENTS | ({"s": "markers along the body"} if law.acts == "bending" else {})
+    wanted = dict.fromkeys(known[name] for name in law.place.variables if name in law.variables)
     said = "; ".join(wanted) or "loops up to different tensions"
     cell = law.acts in CELLS
     return (f"{said}; hang known weights on the cell" if cell else said).capitalize() + "."
@@ -394,9 +421,21 @@ def _hooks(law: Law) -> dict[str, Any]:
         return {"strain": lambda values, tension: value(values, T=tension)}
     if law.acts == "bending":
         return _bending(value) | {"round_only": True, "not_in_space": "" if is_odd(law) else NOT_ODD}
+    if law.acts in ("tip_response", "base_response"):
+        return _responses(law.acts, value)
     if law.acts == "tip_cell":
         return {"tip": cell}
     return {"base": cell, "true_base": lambda values, shown, at: _inverse(cell, values, shown, at)}
+
+
+def _responses(acts: str, value: Callable) -> dict[str, Any]:
+    def cell(values, T, at):
+        return shown_with(lambda lag: value(values, l=lag), T, at.time)
+
+    def true(values, shown, at):
+        return true_behind(lambda lag: value(values, l=lag), shown, at.time)
+
+    return {"tip": cell} if acts == "tip_response" else {"base": cell, "true_base": true}
 
 
 def _of_channel(at: Any) -> dict[str, Any]:
@@ -410,7 +449,7 @@ def _not_below_zero(value: Any) -> Any:
 
 def _bending(value: Callable) -> dict[str, Any]:
     def bend(values, kappa, at):
-        return value(values, k=kappa - at.rest) + 0.0 * kappa, at.kept
+        return value(values, k=kappa - at.rest, s=at.place) + 0.0 * kappa, at.kept
 
     def bend_in_space(values, strain, at):
         """Along the vector of both bendings; twist stays linear."""
@@ -419,8 +458,9 @@ def _bending(value: Callable) -> dict[str, Any]:
         bent = square > 0
         size = jnp.sqrt(jnp.where(bent, square, 1.0))
         # Next to the straight section the law is its slope times k.
-        _, slope = jax.jvp(lambda k: value(values, k=k) + 0.0 * k, (0.0 * size,), (jnp.ones_like(size),))
-        share = jnp.where(bent, value(values, k=size) / size, slope)
+        own = functools.partial(value, values, s=at.place)
+        _, slope = jax.jvp(lambda k: own(k=k) + 0.0 * k, (0.0 * size,), (jnp.ones_like(size),))
+        share = jnp.where(bent, own(k=size) / size, slope)
         return (0.0 * y, share * y, share * z), at.kept
 
     return {"bend": bend, "bend_in_space": bend_in_space}

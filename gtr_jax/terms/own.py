@@ -88,10 +88,11 @@ class _Where:
         return Passing(jnp.asarray(_P), jnp.asarray(_T), self.of_channel if self.channel else None)
 
 
-def _bent(term_remembers: int, where: _Where) -> Bent:
+def _bent(term: Term) -> Bent:
     rest, before = jnp.zeros(len(_K)), jnp.asarray(0.5 * _K)
-    kept = jnp.zeros((term_remembers, len(_K)))
-    return Bent(rest, before, kept, jnp.asarray(0.5), jnp.asarray(100.0), jnp.asarray(0.01))
+    kept = jnp.zeros((term.remembers, len(_K)))
+    place = jnp.linspace(0.0, 0.3, len(_K)) if term.by_place else None
+    return Bent(rest, before, kept, jnp.asarray(0.5), jnp.asarray(100.0), jnp.asarray(0.01), place)
 
 
 def _cell(hook: Callable, p: Values, where: _Where) -> Any:
@@ -103,7 +104,7 @@ def _hooks(term: Term) -> dict[str, _Hook]:
     one, none = 1.0, 0.0
 
     def bend(hook: Callable, p: Values, where: _Where) -> Any:
-        return hook(p, jnp.asarray(_K), _bent(term.remembers, where))[0]
+        return hook(p, jnp.asarray(_K), _bent(term))[0]
 
     def by_tension(hook: Callable, p: Values, where: _Where) -> Any:
         return hook(p, jnp.asarray(_T))
@@ -201,6 +202,8 @@ def _check_hook(term: Term, name: str, hook: _Hook, at: str) -> None:
             remedy = "write it with jax.numpy, for arrays of any shape, without branches on values"
             if not where.channel and "NoneType" in str(fault):
                 remedy = "set reads_channel=True if it depends on the channel"
+            if name == "bend" and not term.by_place and "NoneType" in str(fault):
+                remedy = "set by_place=True if it depends on the place"
             raise InputError(f"{at}: {name} cannot be computed ({reason(fault)}); {remedy}") from None
         if not np.all(np.isfinite(found)):
             raise InputError(

@@ -99,9 +99,10 @@ class Bent(NamedTuple):
         dt: time since the previous step [s].
         compliance: one over the stiffness [1/(N m^2)], where the law is for a section in space.
         reach: distance of the outermost fibre from the neutral line [m], where a law is `by_strain`.
+        place: arc length from the base [m], where a law is `by_place`.
 
-    In space all but the time and the reach are tuples of three: of twist, and of the bendings about y and
-    about z.
+    In space all but the time, the reach and the place are tuples of three: of twist, and of the bendings about
+    y and about z.
     """
 
     rest: Any
@@ -110,6 +111,7 @@ class Bent(NamedTuple):
     dt: Float[Array, ""]
     compliance: Any = None
     reach: Any = None
+    place: Any = None
 
 
 class Clock(NamedTuple):
@@ -147,7 +149,7 @@ class Term:
         relaxes: whether the body goes on bending where the tendon is locked, and carries it along; the first
             number that `bend` remembers is then its moment over EI.
         softens: whether `bend` may take away most of the stiffness.
-        by_strain: whether `bend` depends on the strain of the outermost fibre.
+        by_strain: whether `bend` depends on the strain of the outermost fibre. by_place: on the arc length.
         event: whether it happens once, at a time of its own.
         loosens: whether `friction` falls with time, cycles or what is drawn out where the tendon is locked,
             so that the tension held there relaxes.
@@ -200,6 +202,7 @@ class Term:
     relaxes: bool = False
     softens: bool = False
     by_strain: bool = False
+    by_place: bool = False
     event: bool = False
     loosens: bool = False
     reads_speed: bool = False
