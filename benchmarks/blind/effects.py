@@ -409,14 +409,16 @@ def frozen(scene, rng):
 
 
 def ringing(scene, rng):
-    """An amplifier that swings after each change."""
+    """An amplifier that swings after each change, some samples long."""
     swing = scene.draw("size", rng.uniform(0.5, 1.2))
     keep, turn = rng.uniform(0.75, 0.88), rng.uniform(0.8, 1.6)
+    between = np.diff(scene.time, prepend=scene.time[0])
+    onward = np.exp((np.log(keep) + 1j * turn) * between / np.median(between[1:]))
 
     def rings(T, _):
         state, found = 0j, []
-        for change in np.diff(T, prepend=T[0]):
-            state = state * keep * np.exp(1j * turn) + change
+        for change, on in zip(np.diff(T, prepend=T[0]), onward, strict=True):
+            state = state * on + change
             found.append(state.imag)
         return T + swing * np.asarray(found) * 0.5
 

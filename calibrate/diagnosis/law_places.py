@@ -36,9 +36,9 @@ WORDS = {
 # how it responds is felt at as many lags, each a sample longer.
 TENTS, TENTS_OF_CELL, LAGS = 24, 72, 49
 # Usual size of an unknown law: of a factor on friction, of what a cell adds as a share of the largest
-# tension, of the moment as a share of that of the largest curvature (and of the stiffness at a place), of what
-# drags along the whole channel as a share of the largest tension, strain of the tendon at the largest tension, and what a cell shows beyond a
-# change of the tension, as a share of it.
+# tension, of the moment as a share of that of the largest curvature (and of the stiffness at a place), of
+# what drags along the whole channel as a share of the largest tension, strain of the tendon at the largest
+# tension, and what a cell shows beyond a change of the tension, as a share of it.
 FRICTION, CELL, BENDING, DRAG, STRAIN, RESPONSE = 0.5, 0.03, 0.4, 0.03, 2e-3, 0.3
 # Least share that a law may add to the stiffness of the body at a place.
 SOFTEST = -0.95

@@ -101,8 +101,8 @@ class Bent(NamedTuple):
         reach: distance of the outermost fibre from the neutral line [m], where a law is `by_strain`.
         place: arc length from the base [m], where a law is `by_place`.
 
-    In space all but the time, the reach and the place are tuples of three: of twist, and of the bendings about
-    y and about z.
+    In space all but the time, the reach and the place are tuples of three: of twist, and of the bendings
+    about y and about z.
     """
 
     rest: Any
