@@ -35,7 +35,7 @@ from .heldout import held_out
 from .hypotheses import EVENTS, INSTRUMENT_NUMBERS, Hypothesis, of_single_tendons
 from .instruments import of_one, tendon_of_channel
 from .lanes import in_lanes
-from .leave_out import Stretch, asked_for, from_outside, left_out
+from .leave_out import Stretch, asked_for, from_outside, left_out, where_still
 from .locate import cycles_in, locate, mu_by_stratum, phases_of, ratio_of_branches
 from .marginal import Marginal, jointly
 from .model import Fitted
@@ -51,6 +51,8 @@ from .twins import SETTLED, settled_with_twins
 
 # Number of best models that are refitted to all samples, and that are corrected to a fine mesh before.
 FINAL, REFINED = 6, 3
+# Answers, at most, in each of which more readings that stand still are left out.
+STILL_ROUNDS = 3
 # Most promising effects that are tried on each of several tendons alone, beside those of the cells.
 OF_TENDONS = 3
 
@@ -138,6 +140,16 @@ def diagnose(
                 leave_out = more
                 again = answer()
                 found = again if _leaves_less(again, found) else found
+        for _ in range(STILL_ROUNDS):
+            still = where_still(found.pattern, samples, leave_out)
+            if found.verdict != UNEXPLAINED or still is None:
+                break
+            say("leaving out readings that stand still, and trying again")
+            leave_out = still
+            again = answer()
+            if not _leaves_less(again, found):
+                break
+            found = again
         return found
     finally:
         if cache is not None:

@@ -13,13 +13,15 @@ from gtr_jax import InputError, Recording
 from ..channels import unit_of
 from ..setup import Part
 from .episodes import AFTER_GAP, ALONE, RELAXES, TOGETHER, Episode, when
-from .sanity import fewest_of
+from .patterns import Pattern
+from .sanity import FEWEST, fewest_of
 
 # What no load history at the base brings about, and a fit is better without.
 FROM_OUTSIDE = (AFTER_GAP, ALONE, RELAXES, TOGETHER)
 ASKED = "asked for"
-# Most of a recording that is left out unasked, as a share of its samples.
-MOST = 0.15
+STILL = "readings stand still"
+# Most of a recording that is left out unasked, as a share of its samples; and where readings stand still.
+MOST, MOST_STILL = 0.15, 0.5
 
 
 class Stretch(NamedTuple):
@@ -31,6 +33,11 @@ class Stretch(NamedTuple):
     last: int
     why: str
     outside: bool = False
+
+    @property
+    def moves(self) -> bool:
+        """Whether what acts there from outside may have moved an end of the tendon."""
+        return self.outside and self.why != STILL
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,6 +137,27 @@ def from_outside(
     return found if more else None
 
 
+def where_still(
+    pattern: Pattern | None, samples: Mapping[str, int], known: Mapping[str, Sequence[Stretch]]
+) -> dict[str, list[Stretch]] | None:
+    """The stretches in which readings stand still, beside those that are left out already; None where there
+    are none, or where they are too much of their recording.
+
+    Args:
+        pattern: regularity of what the base model leaves.
+        samples: of each recording, by name.
+        known: stretches left out already.
+    """
+    if pattern is None or not pattern.stands:
+        return None
+    own = [Stretch(stand.first, stand.last, STILL, outside=True) for stand in pattern.stands]
+    name = pattern.recording
+    out = sum(s.last - s.first + 1 for s in [*own, *known[name]])
+    if out > MOST_STILL * samples[name] or samples[name] - out < FEWEST:
+        return None
+    return {other: [*stretches, *(own if other == name else ())] for other, stretches in known.items()}
+
+
 def _touches(e: Episode, events_s: Sequence[tuple[float, float]]) -> bool:
     """Whether an episode overlaps an event."""
     if e.start_s is None or e.end_s is None:
@@ -162,7 +190,7 @@ def without(part: Part, stretches: Sequence[Stretch]) -> Part:
     out = np.zeros(part.samples, bool)
     for first, last, *_ in stretches:
         out |= (part.places >= first) & (part.places <= last)
-    ends = sorted(s.last for s in stretches if s.outside)
+    ends = sorted(s.last for s in stretches if s.moves)
     since = np.searchsorted(ends, part.places) if ends else None
     if (left := int((~out).sum())) < (fewest := fewest_of(part)):
         raise InputError(f"{part.path}: --exclude leaves {left} samples to compare; leave {fewest} or more")

@@ -49,6 +49,8 @@ WIDTHS, TOP = (0.015, 0.03, 0.06), 4
 # at most 2.3 standard deviations off in 86 sound recordings of the blind benchmark, bad repeats among them,
 # and 5.5 to 94 where readings stand still (noise of the base fit).
 ON_END, STILL_SD, LESS, TOLD = 4, 6.0, 0.5, 4
+# Readings beside them that are this near to them, in standard deviations of the noise, stand still with them.
+AS_STILL = 3.0
 # Rows of which the fit's own numbers explain all but this share are left out.
 OWN = 0.05
 # Samples needed for each number of a pattern.
@@ -57,12 +59,15 @@ EACH = 3
 
 class Stand(NamedTuple):
     """Readings that stand still far from the model: how many, base tension of the first and the last
-    [N] or, where displacement drives the tendon, None, and their time [s] or None.
+    [N] or, where displacement drives the tendon, None, their time [s] or None, and their places in the
+    recording.
     """
 
     readings: int
     T_base_N: tuple[float, float] | None
     time_s: tuple[float, float] | None
+    first: int
+    last: int
 
     @property
     def says(self) -> str:
@@ -122,13 +127,18 @@ class Pattern(NamedTuple):
 
 
 def pattern_in(bench: Bench, fitted: Fitted) -> Pattern | None:
-    """The regularity in the residual of what is explained that is least probable by chance, or None."""
+    """The regularity in the residual of what is explained that is least probable by chance, or None. Readings
+    that stand still are told where they hold more of the residual than it explains: their chance is that of
+    the nearest of them alone.
+    """
     found: list[Pattern] = []
     for k, (rig, residual) in enumerate(zip(bench.rigs, bench.residuals(fitted.seen), strict=True)):
         for c in range(rig.part.explained):
             found += _standing(bench, k, c, residual * rig.part.counted)
             found += _regular(bench, fitted, k, c)
-    return min(found, key=lambda pattern: pattern.chance, default=None)
+    least = min(found, key=lambda pattern: pattern.chance, default=None)
+    still = max((p for p in found if p.stands), key=lambda pattern: pattern.share, default=least)
+    return still if still is not None and least is not None and still.share > least.share else least
 
 
 def _of(part: Part, c: int) -> str:
@@ -296,16 +306,29 @@ def _standing(bench: Bench, k: int, c: int, residual: np.ndarray) -> list[Patter
         # A stretch at the start may come from before the recording.
         if after - first >= ON_END and stood and np.ptp(read[:after]) >= still:
             far[first:after] = True
-            ends = [first, after - 1]
+            ends = list(_as_still(read, first, after - 1, AS_STILL * sd + resolution(read)))
             when = None if part.time is None else tuple(part.time[ends].tolist())
             driven = None if by_draw else tuple(T_base[ends].tolist())
-            stands.append(Stand(after - first, driven, when))
+            places = part.places[ends].tolist()
+            stands.append(Stand(ends[1] - ends[0] + 1, driven, when, *places))
     share = float(np.sum(left[far] ** 2) / np.sum(left[counted] ** 2)) if stands else 0.0
     if share < SHARE:
         return []
     least = float(np.min(np.abs(left[far])))
     chance = float(min(1.0, 2 * K * len(bench.rigs) * ndtr(-least)))
     return [Pattern(part.name, TIME, chance, share, stands=tuple(stands), of=_of(part, c))]
+
+
+def _as_still(read: np.ndarray, first: int, last: int, noise: float) -> tuple[int, int]:
+    """First and last of the readings that stand as still as some do: those before and after them within the
+    noise of their median, where the model has not come far from them yet.
+    """
+    near = np.abs(read - np.median(read[first : last + 1])) < noise
+    while first > 0 and near[first - 1]:
+        first -= 1
+    while last < len(read) - 1 and near[last + 1]:
+        last += 1
+    return first, last
 
 
 def _share(changes: np.ndarray, left: np.ndarray) -> float:

@@ -15,7 +15,7 @@ from ..number import OWN
 from ..verdict import in_unit
 from .decide import ADEQUATE, AMBIGUOUS, DISCOVERED, PARTLY, UNEXPLAINED, structured
 from .differ import Difference
-from .leave_out import ASKED, LeftOut
+from .leave_out import ASKED, STILL, LeftOut
 
 if TYPE_CHECKING:
     from .result import Diagnosis
@@ -126,10 +126,13 @@ def _left_out(d: Diagnosis) -> str:
 
     asked = [which(e) for e in d.left_out if e.why == ASKED]
     gaps = [which(e) for e in d.left_out if e.why != ASKED and not e.outside]
-    outside = [e for e in d.left_out if e.outside]
+    still = [which(e) for e in d.left_out if e.why == STILL]
+    outside = [e for e in d.left_out if e.outside and e.why != STILL]
     words = f" Left out of the fit as asked: {', '.join(asked)}." if asked else ""
     if gaps:
         words += f" Left out of the fit, because the load is not known in the gap before: {', '.join(gaps)}."
+    if still:
+        words += f" Left out of the fit, because readings stand still there: {', '.join(still)}."
     if outside:
         size = float(np.sqrt(np.average([e.size**2 for e in outside], weights=[e.samples for e in outside])))
         words += (
@@ -188,9 +191,16 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
         )
     outside = any(e.outside for e in d.left_out)
     if d.verdict == UNEXPLAINED and outside and not (structured(d.left) or d.pattern or chosen):
+        still = all(e.why == STILL for e in d.left_out if e.outside)
         return (
-            "Something from outside acts on the tendon in short episodes, which no term of the catalogue "
-            f"explains. In the rest nothing is missing: the residual is {in_unit(d.rms[1], d.unit)} where "
+            (
+                "Readings stand still for a while where the model moves, which no term of the catalogue "
+                "explains: is a cell, its amplifier or its line stuck, or the tendon held from outside?"
+                if still
+                else "Something from outside acts on the tendon in short episodes, which no term of the "
+                "catalogue explains."
+            )
+            + f" In the rest nothing is missing: the residual is {in_unit(d.rms[1], d.unit)} where "
             f"the {_noise(d, ' is')}."
         )
     if d.verdict == UNEXPLAINED:
