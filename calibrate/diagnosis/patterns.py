@@ -10,7 +10,6 @@ Readings that stand still for a while need no such test: many in a row are far o
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -294,18 +293,20 @@ def _standing(bench: Bench, k: int, c: int, residual: np.ndarray) -> list[Patter
     sd = min(bench.noise[k][c].sd, noise_in(bench.rigs[k], residual)[c].sd)
     left = residual[c] / np.hypot(sd, bench.weighs[k].passed[c])
     beyond = float(-ndtri(0.5 * CHANCE / len(bench.rigs) / K))
-    sides = np.where(np.abs(left) > beyond, np.sign(left), 0.0)
-    edges = np.flatnonzero(np.diff(sides, prepend=0.0, append=0.0))
-    still, counted, far, stands = STILL_SD * sd + resolution(read), np.ones(K, bool), np.zeros(K, bool), []
-    for first, after in itertools.pairwise(edges.tolist()):
-        if sides[first] == 0:
+    off, still = np.abs(left) > beyond, STILL_SD * sd + resolution(read)
+    # Lone spikes do not count.
+    counted = ~off | np.append(off[1:], False) | np.append(False, off[:-1])
+    far, stands, done = np.zeros(K, bool), [], 0
+    for start, end in _flat(read, still):
+        inside = start + np.flatnonzero(off[start:end])
+        if len(inside) < ON_END or inside[0] < done:
             continue
-        counted[first] = after - first > 1
+        first, after = int(inside[0]), int(inside[-1]) + 1
         run = slice(max(first - 1, 0), after)
-        stood = np.ptp(read[first:after]) < still and np.ptp(read[run]) < LESS * np.ptp(tip[run])
         # A stretch at the start may come from before the recording.
-        if after - first >= ON_END and stood and np.ptp(read[:after]) >= still:
-            far[first:after] = True
+        if np.ptp(read[run]) < LESS * np.ptp(tip[run]) and np.ptp(read[:after]) >= still:
+            far[inside] = True
+            done = after
             ends = list(_as_still(read, first, after - 1, AS_STILL * sd + resolution(read)))
             when = None if part.time is None else tuple(part.time[ends].tolist())
             driven = None if by_draw else tuple(T_base[ends].tolist())
@@ -317,6 +318,22 @@ def _standing(bench: Bench, k: int, c: int, residual: np.ndarray) -> list[Patter
     least = float(np.min(np.abs(left[far])))
     chance = float(min(1.0, 2 * K * len(bench.rigs) * ndtr(-least)))
     return [Pattern(part.name, TIME, chance, share, stands=tuple(stands), of=_of(part, c))]
+
+
+def _flat(values: np.ndarray, noise: float) -> list[tuple[int, int]]:
+    """Stretches, from a first value up to one after the last, that stay within the noise and could not be
+    longer; they may overlap.
+    """
+    found, end = [], 0
+    for start in range(len(values)):
+        longer = end
+        while longer < len(values) and np.ptp(values[start : longer + 1]) < noise:
+            longer += 1
+        if longer > end:
+            found.append((start, longer))
+            end = longer
+        end = max(end, start + 1)
+    return found
 
 
 def _as_still(read: np.ndarray, first: int, last: int, noise: float) -> tuple[int, int]:
