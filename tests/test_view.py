@@ -194,6 +194,18 @@ def test_a_setting_becomes_a_robot_file(setting):
         setting.with_value("bore_0_diameter", 0.5).written()
 
 
+def test_a_setting_that_no_command_takes_is_refused_in_their_words(capsys, tmp_path):
+    setting = Setting.of(gtr.load_config(RECORDED)).with_value("r1", -0.025)
+    low = next(knob.low for knob in knobs_of(setting.robot, ()) if knob.name == "r1")
+    assert low < -0.025  # the slider reaches there
+    with pytest.raises(gtr.InputError, match="the tendon leaves the body at s = ") as fault:
+        setting.written()
+    file = tmp_path / "robot.toml"
+    file.write_text(Path(RECORDED).read_text().replace('r1 = "-9 mm"', 'r1 = "-25 mm"'))
+    done = run_gtr(capsys, "simulate", file, "--pull", "5", "-o", tmp_path / "run")
+    assert done.err == f"error: {fault.value}\n".replace(str(RECORDED), str(file))
+
+
 def test_terms_that_a_robot_cannot_have_together_are_refused_in_a_line(make_config):
     setting = (
         Setting.of(make_config(routing=SINE)).with_term("tip-moved").with_value("tip-moved.tension", 2.0)

@@ -197,6 +197,23 @@ def test_the_robot_is_saved_and_never_over_another(tab, served):
     assert (out / "mine.toml").read_bytes() == contents
 
 
+def test_a_robot_that_no_command_takes_is_not_saved_nor_fitted(tab, served):
+    before = tab.get("r1", "value")
+    tab.set("r1", "value", -25)
+    tab.until(lambda: tab.text("status").startswith("No command takes this robot"), "warning")
+    line = tab.text("status").partition(": ")[2]
+    assert "the tendon leaves the body at s = " in line
+    tab.set("file name", "value", "outside")
+    for button, says in (("save", "saved"), ("fit", "run status"), ("diagnose", "run status")):
+        tab.element(button, "button").click()
+        tab.until(lambda says=says: tab.text(says) == f"Not done: {line}", button)
+        tab.set("run status", "text", "")
+    assert not (served[2] / "outside.toml").exists()
+    assert not [*served[2].glob("fit*"), *served[2].glob("diagnose*")]
+    tab.set("r1", "value", before)
+    tab.until(lambda: "load steps" in tab.text("status"), "no warning")
+
+
 def test_all_is_loaded_from_this_machine_and_named_for_screen_readers(tab, served):
     names = tab.run("return performance.getEntriesByType('resource').map(entry => entry.name)")
     here = served[1].partition("?")[0]

@@ -260,17 +260,37 @@ def build_robot(config: RobotConfig, *, resolution: float = 1.0) -> Robot:
         laws=config.laws,
     )
 
+    _check_channels(config, robot)
+    robot = dataclasses.replace(robot, intervals=choose_intervals(robot, resolution))
+    _refuse_closed_notches(config, robot)
+    return robot
+
+
+def check_built(config: RobotConfig, robot: Robot) -> None:
+    """Refuse what only the built robot shows: `build_robot` of the same file would.
+
+    Args:
+        config: the robot file.
+        robot: as built from it, or another with the same numbers.
+
+    Raises:
+        InputError: a tendon leaves the body, two run in one channel, or a notch is closed without load.
+    """
+    _check_channels(config, robot)
+    _refuse_closed_notches(config, robot)
+
+
+def _check_channels(config: RobotConfig, robot: Robot) -> None:
+    """InputError if a channel leaves the body, or two tendons run in the same one."""
+    length = robot.backbone.length
     for tendon in robot.tendons:
 
         def offset(s: np.ndarray, routing=tendon.routing) -> np.ndarray:
             passed = routing.kinks()[:, None] <= s[None, :]
-            return np.asarray(routing.section_offset(_array(s), passed, _array(length)).value)
+            return np.asarray(routing.section_offset(_array(s), passed, length).value)
 
         check_channel(config, offset, tendon=tendon.name or None)
     _refuse_one_channel_of_two(config, robot)
-    robot = dataclasses.replace(robot, intervals=choose_intervals(robot, resolution))
-    _refuse_closed_notches(config, robot)
-    return robot
 
 
 def _refuse_closed_notches(config: RobotConfig, robot: Robot) -> None:

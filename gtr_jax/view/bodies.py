@@ -4,11 +4,11 @@ markers and what was recorded of them and of the tip.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from bokeh.models import ColorBar, ColumnDataSource, DataRange1d, LinearColorMapper
+from bokeh.models import ColorBar, ColumnDataSource, CustomJS, DataRange1d, LinearColorMapper
 from bokeh.palettes import Viridis256
 
 from gtr_jax.plots.style import BLUE, INK, VERMILLION
@@ -20,8 +20,11 @@ from .postures import Drawing, View
 MIDDLE = "#9A9A9A"
 _FIRST, _SECOND = slice(None, -1), slice(1, None)  # ends of the pieces of a line
 NOTHING: Any = {"xs": [], "ys": []}
+ENDS = ("x0", "y0", "x1", "y1")
 NO_COLOUR: Any = {"colour": []}
 NO_TENSION: Any = {"tension": []}
+# Says that a shape stands on the screen, once the frame that shows it has ended.
+PAINTED = "requestAnimationFrame(() => setTimeout(() => { this.tags = [performance.now()] }))"
 
 
 class Side:
@@ -34,8 +37,11 @@ class Side:
     """
 
     def __init__(self, axes: str, colours: LinearColorMapper, *, bar: bool) -> None:
-        empty: Any = {"x0": [], "y0": [], "x1": [], "y1": []}
-        self._outline, self._ghosts = ColumnDataSource(NOTHING), ColumnDataSource(NOTHING | NO_COLOUR)
+        empty: Any = {name: [] for name in ENDS}
+        self._outline, self._ghosts = (
+            ColumnDataSource({"x": [], "y": []}),
+            ColumnDataSource(NOTHING | NO_COLOUR),
+        )
         self._middle = ColumnDataSource({"x": [], "y": []}, name="midline" if bar else f"midline {axes}")
         self._channel, self._teeth = ColumnDataSource(empty | NO_TENSION), ColumnDataSource(empty)
         self._markers, self._recorded = (
@@ -53,10 +59,11 @@ class Side:
         # Both axes follow what was seen so far, not each shape, which would make the plot jump.
         room = self.plot.scatter("x", "y", source=self._room, alpha=0.0, size=1)
         self.plot.x_range, self.plot.y_range = (DataRange1d(renderers=[room]) for _ in "xy")
-        self.plot.patches("xs", "ys", source=self._outline, line_color=INK, fill_color=INK, line_width=2)
-        self.plot.patches(
-            "xs", "ys", source=self._outline, line_color=INSIDE, fill_color=INSIDE, line_width=0.5
-        )
+        # One path filled by one stroke of paint each, however many polygons it has.
+        for colour, width in ((INK, 2.0), (INSIDE, 0.5)):
+            self.plot.patch(
+                "x", "y", source=self._outline, line_color=colour, fill_color=colour, line_width=width
+            )
         self.plot.multi_line(
             "xs", "ys", source=self._ghosts, line_color="colour", line_width=2, line_dash="dashed"
         )
@@ -88,19 +95,25 @@ class Side:
 
     def show(self, view: View) -> None:
         """Draw one shape."""
-        self._outline.data = _lines(view.outline)
-        self._middle.data = dict(zip("xy", view.middle.T, strict=True))
+        self._outline.data = _points(_path(view.outline))
+        self._middle.data = _points(view.middle)
         starts, ends = (np.concatenate([line[cut] for line in view.channels]) for cut in (_FIRST, _SECOND))
         tension = np.concatenate([0.5 * (T[_FIRST] + T[_SECOND]) for T in view.tension])
-        self._channel.data = _segments(starts, ends) | {"tension": tension}
+        self._channel.data = _segments(starts, ends) | {"tension": tension.tolist()}
         starts, tips = (np.concatenate(part) for part in zip(*view.teeth, strict=True))
         self._teeth.data = _segments(starts, tips)
-        self._markers.data = dict(zip("xy", view.markers.T, strict=True))
-        self._recorded.data = dict(zip("xy", view.recorded.T, strict=True))
+        for source, places in ((self._markers, view.markers), (self._recorded, view.recorded)):
+            if len(places) or len(source.data["x"]):
+                source.data = _points(places)
         shown = bool(len(view.markers) or len(view.recorded))
         if self._says is not None and self._says.visible != shown:
             self._says.visible = shown
         self._make_room(view)
+
+    def on_painted(self, painted: Callable[[], None]) -> None:
+        """Have a function called whenever a browser has painted a shape."""
+        self._middle.js_on_change("data", CustomJS(code=PAINTED))
+        self._middle.on_change("tags", lambda attr, old, new: painted())
 
     def forget_room(self) -> None:
         """Let the axes follow from here on what is drawn next, and nothing that was drawn before."""
@@ -117,15 +130,33 @@ class Side:
         corners = np.stack([points.min(axis=0), points.max(axis=0)])
         if len(self._seen) != 2 or np.any(corners != self._seen):
             self._seen = corners
-            self._room.data = dict(zip("xy", corners.T, strict=True))
+            self._room.data = _points(corners)
+
+
+# Lists, not arrays: each array goes to the browser in two messages of its own, which takes longer than to
+# write out the few numbers of a shape.
+def _points(points: np.ndarray) -> Any:
+    return {"x": points[:, 0].tolist(), "y": points[:, 1].tolist()}
 
 
 def _lines(lines: Sequence[np.ndarray]) -> Any:
-    return {"xs": [line[:, 0] for line in lines], "ys": [line[:, 1] for line in lines]}
+    return {"xs": [line[:, 0].tolist() for line in lines], "ys": [line[:, 1].tolist() for line in lines]}
 
 
 def _segments(starts: np.ndarray, ends: np.ndarray) -> dict[str, Any]:
-    return {"x0": starts[:, 0], "y0": starts[:, 1], "x1": ends[:, 0], "y1": ends[:, 1]}
+    return {name: own.tolist() for name, own in zip(ENDS, (*starts.T, *ends.T), strict=True)}
+
+
+def _path(polygons: Sequence[np.ndarray]) -> np.ndarray:
+    """Polygons as one path, (n, 2), NaN between them. All turn the same way, so that what lies in any of them
+    is filled.
+    """
+    gap, parts = np.full((1, 2), np.nan), []
+    for polygon in polygons:
+        x, y = polygon.T
+        area = np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
+        parts += [polygon if area >= 0 else polygon[::-1], gap]
+    return np.concatenate(parts[:-1])
 
 
 class Body:
@@ -150,6 +181,10 @@ class Body:
         self._colours.high = most if most > 0 else 1.0
         for side, view in zip(self._sides, drawing.views, strict=True):
             side.show(view)
+
+    def on_painted(self, painted: Callable[[], None]) -> None:
+        """Have a function called whenever a browser has painted a shape."""
+        self._sides[0].on_painted(painted)
 
     def forget_room(self) -> None:
         """Let the axes follow what is drawn next, and nothing that was drawn before."""

@@ -164,6 +164,8 @@ class Curvesheet:
             for name, values in zip(names, each, strict=True):
                 for i in range(len(self._names)):
                     data[f"{name}_{i}"] = none if values is None else values[at, i]
+        # As lists: each array goes to the browser in two messages of its own.
+        data = {name: values.tolist() for name, values in data.items()}
         if curves.history is self._history:  # only what a slider changes
             gone = "time", *(name for name in data if name.startswith("recorded"))
             self.samples.data.update({name: v for name, v in data.items() if name not in gone})
@@ -241,4 +243,5 @@ class Channelsheet:
     def show(self, along: Sequence[Along]) -> None:
         """Draw one step."""
         for source, own in zip(self._sources, along, strict=True):
-            source.data = {"s": own.s, "tension": own.tension, "normal": own.normal, "friction": own.friction}
+            columns = {"s": own.s, "tension": own.tension, "normal": own.normal, "friction": own.friction}
+            source.data = {name: values.tolist() for name, values in columns.items()}

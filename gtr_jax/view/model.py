@@ -10,7 +10,7 @@ import numpy as np
 
 from gtr_jax.errors import InputError
 from gtr_jax.files.config import RobotConfig
-from gtr_jax.robot.build import build_robot
+from gtr_jax.robot.build import build_robot, check_built
 from gtr_jax.robot.parameters import parameter, parameters_of
 from gtr_jax.robot.robot import Robot
 from gtr_jax.simulation.displacement import by_tension
@@ -89,10 +89,10 @@ class Setting:
         return dataclasses.replace(self._with(null), terms=kept)
 
     def written(self) -> RobotConfig:
-        """The robot file with the numbers as they are set, checked like a file.
+        """The robot file with the numbers as they are set, checked as commands check it.
 
         Raises:
-            InputError: no robot file can hold them.
+            InputError: no command would take it; the line with which they refuse it.
         """
         in_file = {term.id for term in self.config.terms}
         kept = {*self.terms, *in_file}
@@ -106,7 +106,9 @@ class Setting:
             for q in () if term in in_file else self.catalogue[term].sizes:
                 key = f"terms.{term}.{q.name}"
                 keys.setdefault(key, float(self.robot.terms[term][q.name]))
-        return _with_vectors(self.config, keys).with_values(keys)
+        config = _with_vectors(self.config, keys).with_values(keys)
+        check_built(config, self.changed)
+        return config
 
 
 def _with_vectors(config: RobotConfig, keys: Mapping[str, float]) -> RobotConfig:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from html import escape
 from pathlib import Path
@@ -34,6 +35,7 @@ from .postures import Drawing, drawing
 from .pulling import HAND, Pulling
 
 PATIENCE = 0.5  # seconds until the page says that it computes
+UNSEEN = 250  # ms after which the curves follow a shape of which no browser says that it is painted
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -82,14 +84,19 @@ class Page:
     def __init__(self, document: Document, given: Given) -> None:
         self._document, self._given = document, given
         setting = Setting.of(self._driven(given.config))
-        self._shown: tuple[Setting, Curves] | None = None
+        self._shown: tuple[Wanted, Found] | None = None
+        self._owed: Found | None = None  # whose shape is on the page, and its curves not yet
+        self._plotted: Curves | None = None
+        self._judged: tuple[Setting, str] | None = None
         self._step: int | None = None
-        self._drawn_ghosts: Sequence[Ghost] = ()
+        self._ghosts_drawn = False
+        self._plotted_ghosts: Sequence[Ghost] = ()
         names = names_of(setting.robot)
         recording = given.recording
         self._body, self._channel = Body(setting.robot.space), Channelsheet(names)
         self._curves = Curvesheet(names, recording is not None and recording.T_tip is not None)
         self._curves.samples.selected.on_change("indices", self._brushed)
+        self._body.on_painted(self._show_rest)
         self._status = Div(
             name="status", text="computing …", stylesheets=[LABEL], sizing_mode="stretch_width"
         )
@@ -108,6 +115,7 @@ class Page:
         )
         self._history = self._pulling.history(setting.robot)
         self._worker: Latest[Wanted] = Latest(self._work)
+        self._judge: Latest[Setting] = Latest(self._check)
         self._last: tuple[Wanted, Curves] | None = None
         self._closed = False
         self._lay_out()
@@ -117,11 +125,13 @@ class Page:
         """End what runs for this tab."""
         self._closed = True
         self._worker.close()
+        self._judge.close()
         self._answers.close()
 
     def wait(self) -> None:
         """Wait until nothing runs for this tab any more."""
         self._worker.wait()
+        self._judge.wait()
         self._answers.wait()
 
     def _driven(self, config: RobotConfig) -> RobotConfig:
@@ -183,7 +193,7 @@ class Page:
         self._moved(setting)
 
     def _present(self) -> tuple[Setting, Curves] | None:
-        return self._shown
+        return None if self._shown is None else (self._shown[0].setting, self._shown[1].curves)
 
     def _stepped(self, value: float) -> None:
         self._step = int(value) - 1 + self._history.padded
@@ -238,6 +248,17 @@ class Page:
         alike = before.setting is wanted.setting and before.history is wanted.history
         return curves if alike else None
 
+    def _check(self, setting: Setting) -> None:
+        """Whether a command would take a robot, which takes longer than to draw it."""
+        fault = ""
+        try:
+            setting.written()
+        except InputError as refused:
+            fault = str(refused)
+        except Exception as refused:  # of any kind, of numbers that no file was written with before
+            fault = reason(refused)
+        self._tell(partial(self._conclude, setting, fault))
+
     def _tell(self, show) -> None:
         """Have something shown by the thread that the page belongs to."""
         if not self._closed:
@@ -249,31 +270,64 @@ class Page:
         if isinstance(found, str):
             self._refuse(found)
             return
+        # The shape first, which the browser paints sooner without the curves.
+        with self._together():
+            self._body.show(found.drawing, found.curves.most)
+            if found.ghosts or self._ghosts_drawn:
+                self._body.show_ghosts(found.ghosts)
+        self._shown, self._owed, self._ghosts_drawn = (wanted, found), found, bool(found.ghosts)
+        self._document.add_timeout_callback(partial(self._show_unpainted, found), UNSEEN)
+
+    def _show_unpainted(self, found: Found) -> None:
+        if self._owed is found:
+            self._show_rest()
+
+    def _show_rest(self) -> None:
+        """Draw what belongs to the latest shape; what belonged to shapes before it is left out."""
+        if self._owed is None or self._shown is None:
+            return
+        self._owed = None
+        with self._together():
+            self._draw_rest(*self._shown)
+        setting = self._shown[0].setting
+        if self._judged is not None and self._judged[0] is setting:
+            self._conclude(*self._judged)
+        else:
+            self._judge.ask(setting)
+
+    @contextlib.contextmanager
+    def _together(self) -> Iterator[None]:
+        """Have the browser told in one message."""
         self._document.hold("combine")
         try:
-            self._draw(wanted, found)
+            yield
         finally:
             self._document.unhold()
 
-    def _draw(self, wanted: Wanted, found: Found) -> None:
+    def _draw_rest(self, wanted: Wanted, found: Found) -> None:
         curves = found.curves
-        if self._shown is None or self._shown[1] is not curves:
+        if self._plotted is not curves:
             self._curves.show(curves)
             count = len(curves.time) - curves.history.padded
             self._at.reach(1, max(count, 2))
-        if wanted.ghosts != self._drawn_ghosts:
+        if wanted.ghosts != self._plotted_ghosts:
             self._curves.show_ghosts([(ghost.colour, ghost.curves) for ghost in wanted.ghosts])
+        self._plotted, self._plotted_ghosts = curves, wanted.ghosts
         self._curves.point_at(curves, found.step)
-        self._body.show(found.drawing, curves.most)
-        if found.ghosts or self._drawn_ghosts:
-            self._body.show_ghosts(found.ghosts)
-        self._drawn_ghosts = wanted.ghosts
         self._channel.show(found.drawing.along)
         self._at.show(found.step + 1 - curves.history.padded)
-        self._shown = wanted.setting, curves
         self._here.text = _where(curves, found.step, names_of(curves.robot))
+
+    def _conclude(self, setting: Setting, fault: str) -> None:
+        """Say below the title what is shown, once it is known whether a command would take it."""
+        self._judged = setting, fault
+        if self._shown is None or self._shown[0].setting is not setting:
+            return
+        found, curves = self._shown[1], self._shown[1].curves
         steps = len(curves.time) - curves.history.padded
-        if curves.failed:
+        if fault:
+            self._status.text = warning("No command takes this robot", fault)
+        elif curves.failed:
             text = f"{curves.failed} of {steps} steps did not converge; do not use these."
             self._status.text = warning("Warning", text)
         else:
