@@ -14,8 +14,10 @@ import gtr_jax as gtr
 from gtr_jax.files.recording import Recording
 from gtr_jax.robot.parameters import parameters_of
 from gtr_jax.simulation.markers import marker_places
+from gtr_jax.view.compared import comparable, compared
 from gtr_jax.view.histories import (
     HELD,
+    History,
     at_rest,
     by_hand,
     pull_and_release,
@@ -145,6 +147,32 @@ def test_markers_and_what_was_recorded_of_them_are_drawn(make_config):
     np.testing.assert_allclose(early.markers, [1e3 * np.asarray(expected)], atol=1e-6)
 
 
+def test_all_that_a_recording_has_is_compared_in_units_that_people_read(make_config):
+    markers = [{"name": "m", "at": "100 mm", "offset": ["0 mm", "5 mm", "0 mm"]}]
+    setting = Setting.of(make_config(routing=SINE, markers=markers))
+    T_base = np.linspace(0.0, 5.0, 30)
+    run = gtr.simulate(setting.robot, T_base)
+    place, pose = np.asarray(marker_places(setting.robot, run))[:, 0], np.asarray(run.tip_pose)
+    recording = Recording(
+        T_base,
+        Path("r.csv"),
+        "",
+        tip_x=pose[:, 0] + 1e-3,
+        tip_angle=pose[:, 2] - np.radians(2.0),
+        displacement=np.asarray(run.displacement) + 2e-3,
+        markers={"m_y": place[:, 1] - 3e-3},
+    )
+    off = {"tip_x": (-1.0, "mm"), "tip_angle": (2.0, "deg"), "displacement": (-2.0, "mm"), "m_y": (3.0, "mm")}
+    found = comparable(setting.robot, recording)
+    assert {*found} == {*off} and found["tip_angle"] == "the tip's angle"
+    curves = simulated(setting, History(T_base, None, np.arange(30.0), recording=recording))
+    for quantity, (residual, unit) in off.items():
+        one = compared(curves, quantity)
+        assert one.unit == unit
+        np.testing.assert_allclose(one.residual, np.full((30, 1), residual), atol=1e-6)
+    assert np.all(np.isnan(compared(curves, "T_tip").residual))
+
+
 def test_every_number_has_a_slider_that_reaches_beyond_it(make_config):
     for config in (make_config(routing=SINE), make_config(routing=HELIX)):
         setting = Setting.of(config)
@@ -247,9 +275,10 @@ def test_a_recording_is_pulled_as_a_fit_would():
     setting = Setting.of(config)
     history = recorded(setting.robot, recording)
     curves = simulated(setting.with_value("mu", 0.2611).with_value("E", 1.335e6), history)
-    assert curves.residual is not None and curves.recorded_tip is not None
-    np.testing.assert_allclose(curves.residual, curves.T_tip - curves.recorded_tip)
-    assert np.sqrt(np.mean(curves.residual**2)) < 0.05 * np.ptp(curves.recorded_tip)
+    assert recording.T_tip is not None
+    residual = compared(curves, "T_tip").residual[:, 0]
+    np.testing.assert_allclose(residual, curves.T_tip[:, 0] - recording.T_tip)
+    assert np.sqrt(np.mean(residual**2)) < 0.05 * np.ptp(recording.T_tip)
     gained = setting.with_term("base-gain").with_value("base-gain.gain", 1.1)
     # What a cell at the base adds is taken off before the tendon is pulled, and shown again.
     np.testing.assert_allclose(simulated(gained, history).T_base[:, 0], history.T_base, atol=1e-9)

@@ -1,5 +1,6 @@
 """The live page in a browser, and who is let in."""
 
+import contextlib
 import re
 import signal
 import subprocess
@@ -8,7 +9,9 @@ import time
 import urllib.error
 import urllib.request
 from http.cookiejar import CookieJar
+from pathlib import Path
 
+import numpy as np
 import pytest
 from command_line import RECORDED, RECORDING
 
@@ -18,22 +21,30 @@ from benchmarks.browser import chromium, found
 # Begins the scripts that run in the page.
 NAMED = "const model = name => Bokeh.documents[0].get_model_by_name(name);"
 WAIT = 60.0  # seconds
+RIG = Path(__file__).parents[1] / "examples" / "rig"
+
+
+@contextlib.contextmanager
+def serving(out, *files):
+    """The command at work, and the address that it prints."""
+    command = [sys.executable, "-m", "gtr_jax", "view", *files, "--no-browser", "-o", out]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None and process.stderr is not None
+    line = process.stdout.readline()
+    address = re.search(r"http://127\.0\.0\.1:\d+/\?token=\S+", line)
+    assert address, line + process.stderr.read()
+    yield process, address[0]
+    if process.poll() is None:
+        process.kill()
+    process.communicate()
 
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):
     """The command at work, its address, and the folder that it writes to."""
     out = tmp_path_factory.mktemp("view") / "out"
-    command = [sys.executable, "-m", "gtr_jax", "view", RECORDED, RECORDING, "--no-browser", "-o", out]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert process.stdout is not None and process.stderr is not None
-    line = process.stdout.readline()
-    address = re.search(r"http://127\.0\.0\.1:\d+/\?token=\S+", line)
-    assert address, line + process.stderr.read()
-    yield process, address[0], out
-    if process.poll() is None:
-        process.kill()
-    process.communicate()
+    with serving(out, RECORDED, RECORDING) as (process, address):
+        yield process, address, out
 
 
 def answer(address, opener=None, **headers):
@@ -109,16 +120,32 @@ class Tab:
         raise AssertionError(f"{what}: not within {WAIT:.0f} s; the page says {self.text('status')!r}")
 
 
-@pytest.fixture(scope="module")
-def tab(served, tmp_path_factory):
+@contextlib.contextmanager
+def opened(address, profile, **window):
+    """The page in a browser, its first curves drawn."""
     paths = found()
     if paths is None:
         pytest.skip("no Chromium with its driver on this machine; apt-get install chromium chromium-driver")
-    with chromium(paths, tmp_path_factory.mktemp("chromium")) as chrome:
-        chrome.get(served[1])
+    with chromium(paths, profile, **window) as chrome:
+        chrome.get(address)
         page = Tab(chrome)
         page.until(lambda: "load steps" in page.text("status"), "first curves")
         yield page
+
+
+@pytest.fixture(scope="module")
+def tab(served, tmp_path_factory):
+    with opened(served[1], tmp_path_factory.mktemp("chromium")) as page:
+        yield page
+
+
+@pytest.fixture(scope="module")
+def narrow(tmp_path_factory):
+    """The page of a recording of more than tensions, in a narrow window."""
+    folder = tmp_path_factory.mktemp("narrow")
+    with serving(folder / "out", RIG / "robot.toml", RIG / "tuesday.csv") as (_, address):
+        with opened(address, folder / "chromium", width=600, height=900) as page:
+            yield page
 
 
 def expected(**values):
@@ -223,6 +250,21 @@ def test_all_is_loaded_from_this_machine_and_named_for_screen_readers(tab, serve
     sliders = "[...Bokeh.documents[0]._all_models.values()].filter(m => m.type.endsWith('Slider'))"
     named = tab.run(f"return {sliders}.map(m => m.html_attributes['aria-label'])")
     assert named and all(named)
+
+
+def test_the_residual_is_of_whatever_was_recorded(narrow):
+    recording = gtr.read_recording(RIG / "tuesday.csv")
+    choices = dict(narrow.get("residual of", "options"))
+    assert [*choices] == ["T_tip", "tip_angle", "displacement"]
+    for quantity, size in (("tip_angle", np.radians(1.0)), ("displacement", 1e-3)):
+        words = choices[quantity]
+        narrow.set("residual of", "value", quantity)
+        values = getattr(recording, quantity) / size
+        title = f"Simulated minus recorded: {words}"
+        narrow.until(lambda t=title: narrow.run("return model('residual').title.text") == t, quantity)
+        assert narrow.column("recorded_traced_0") == pytest.approx(values)
+        residual = np.array(narrow.column("traced_0")) - values
+        assert narrow.column("residual_0") == pytest.approx(residual, abs=1e-9)
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from bokeh.models import (
@@ -19,6 +19,7 @@ from bokeh.plotting import figure
 
 from gtr_jax.plots.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, VERMILLION
 
+from .compared import Compared
 from .model import Curves
 from .postures import Along
 
@@ -27,7 +28,8 @@ GHOSTS = (ORANGE, PURPLE, GREEN, "#56B4E9", VERMILLION, GREY)
 CHOSEN = VERMILLION
 HEIGHT = 300
 # Columns of the samples, of each tendon: what is simulated, and what that is compared with.
-SHOWN, COMPARED = ("T_base", "T_tip"), ("recorded_base", "recorded_tip", "residual")
+SHOWN, COMPARED = ("T_base", "T_tip"), ("recorded_base", "recorded_tip")
+CHOSEN_ONE = ("residual", "traced", "recorded_traced")
 
 
 def plot(title: str, x: str, y: str, *, select: Any = "", height: int = HEIGHT, **more: Any) -> Any:
@@ -80,9 +82,19 @@ def legend_above(fig: Any) -> None:
     )
 
 
+class Plotted(NamedTuple):
+    """Curves to draw in a colour: the simulation, what the residual is of, and what the last plot shows."""
+
+    colour: str
+    curves: Curves
+    residual: Compared | None
+    traced: Compared
+
+
 class Curvesheet:
-    """The plots over a history: tip against base tension, both over time, the residual where tip tensions
-    were recorded, and the angle of the tip. Samples brushed in one are lit up in all.
+    """The plots over a history: tip against base tension, both over time, the residual of one quantity where
+    it was recorded, and one other quantity beside what was recorded of it. Samples brushed in one are lit up
+    in all.
 
     Args:
         names: of the tendons; [""] for one.
@@ -90,25 +102,26 @@ class Curvesheet:
     """
 
     def __init__(self, names: Sequence[str], recorded: bool) -> None:
-        self._names, self._history = names, None
+        self._names = names
+        self._shown: tuple = ()
         tensions = [f"{name}_{i}" for name in SHOWN for i in range(len(names))]
-        both = [f"{name}_{i}" for name in COMPARED for i in range(len(names))]
+        both = [f"{name}_{i}" for name in (*COMPARED, *CHOSEN_ONE) for i in range(len(names))]
         empty: list[float] = []
-        every = ("time", "tip_angle", *tensions, *both)
+        every = ("time", *tensions, *both)
         self.samples = ColumnDataSource({name: empty for name in every}, name="samples")
         self._now = ColumnDataSource({name: empty for name in tensions}, name="now")
         self._ghosts = {
             part: ColumnDataSource({"xs": [], "ys": [], "colour": []})
-            for part in ("loop", "time", "residual", "angle")
+            for part in ("loop", "time", "residual", "traced")
         }
         self.loop = plot("Tension at the tip against the base", "T_base [N]", "T_tip [N]", select="both")
         self.time = plot("Tensions over time", "time [s]", "tension [N]", select="width")
-        self.residual = plot("Simulated minus recorded", "time [s]", "residual of T_tip [N]", select="width")
+        self.residual = plot("Simulated minus recorded", "time [s]", "residual", select="width")
         self.residual.add_layout(Span(location=0, dimension="width", line_color=GREY, line_width=1))
-        self.residual.visible = recorded
-        self.angle = plot("Angle of the tip", "time [s]", "angle [deg]", select="width")
-        self.residual.x_range = self.angle.x_range = self.time.x_range
-        parts = {"loop": self.loop, "time": self.time, "residual": self.residual, "angle": self.angle}
+        self.residual.visible = False
+        self.traced = plot("Over time", "time [s]", "", select="width")
+        self.residual.x_range = self.traced.x_range = self.time.x_range
+        parts = {"loop": self.loop, "time": self.time, "residual": self.residual, "traced": self.traced}
         for part, fig in parts.items():
             fig.multi_line(
                 "xs", "ys", source=self._ghosts[part], line_color="colour", line_width=2, line_dash="dashed"
@@ -118,7 +131,7 @@ class Curvesheet:
         for fig in (self.loop, self.time):
             legend_above(fig)
         self._cursor = Span(dimension="height", line_color=CHOSEN, line_width=1.5)
-        for fig in (self.time, self.residual, self.angle):
+        for fig in (self.time, self.residual, self.traced):
             fig.add_layout(self._cursor)
 
     def _draw(self, i: int, recorded: bool) -> None:
@@ -145,34 +158,57 @@ class Curvesheet:
         thin = line | {"line_width": 1.5}
         self.residual.line("time", f"residual_{i}", **thin)
         self.residual.scatter("time", f"residual_{i}", **dots)
-        if i == 0:
-            self.angle.line("time", "tip_angle", **(thin | {"color": INK}))
-            self.angle.scatter("time", "tip_angle", **dots)
+        look = {"size": 4, "color": INK if not several else colour, "alpha": 0.35}
+        self.traced.scatter("time", f"recorded_traced_{i}", source=self.samples, **look, **_lit(1.0))
+        self.traced.line("time", f"traced_{i}", **thin)
+        self.traced.scatter("time", f"traced_{i}", **dots)
         self.loop.scatter(*names, **dots)
         self.time.scatter("time", names[1], **dots)
         self.loop.scatter(
             *names, source=self._now, size=11, fill_color="white", line_color=CHOSEN, line_width=3
         )
 
-    def show(self, curves: Curves) -> None:
-        """Draw a simulation."""
+    def show(self, curves: Curves, residual: Compared | None, traced: Compared) -> None:
+        """Draw a simulation.
+
+        Args:
+            curves: the simulation.
+            residual: what the residual is of; None where nothing was recorded.
+            traced: what the last plot shows.
+        """
         at = slice(curves.history.padded, None)
-        data: dict[str, Any] = {"time": curves.time[at], "tip_angle": np.degrees(curves.tip_angle[at])}
-        none = np.full(len(data["time"]), np.nan)
-        compared = curves.recorded_base, curves.recorded_tip, curves.residual
-        for names, each in ((SHOWN, (curves.T_base, curves.T_tip)), (COMPARED, compared)):
-            for name, values in zip(names, each, strict=True):
-                for i in range(len(self._names)):
-                    data[f"{name}_{i}"] = none if values is None else values[at, i]
-        # As lists: each array goes to the browser in two messages of its own.
-        data = {name: values.tolist() for name, values in data.items()}
-        if curves.history is self._history:  # only what a slider changes
-            gone = "time", *(name for name in data if name.startswith("recorded"))
-            self.samples.data.update({name: v for name, v in data.items() if name not in gone})
+        columns: dict[str, Any] = {"T_base": curves.T_base, "T_tip": curves.T_tip}
+        columns |= {"recorded_base": curves.recorded_base, "recorded_tip": curves.recorded_tip}
+        columns |= {"residual": None if residual is None else residual.residual}
+        columns |= {"traced": traced.simulated, "recorded_traced": traced.recorded}
+        data: dict[str, Any] = {"time": curves.time[at].tolist()}
+        absent = {}
+        for name, values in columns.items():
+            for i in range(len(self._names)):
+                if values is None or i >= values.shape[1] or np.all(np.isnan(values[:, i])):
+                    absent[f"{name}_{i}"] = np.full(len(data["time"]), np.nan)
+                else:
+                    # A list: each array goes to the browser in two messages of its own.
+                    data[f"{name}_{i}"] = values[at, i].tolist()
+        shown = curves.history, residual and residual.label, traced.label, sorted(absent)
+        if shown == self._shown:  # only what a slider changes
+            same = "time", *(name for name in data if name.startswith("recorded"))
+            self.samples.data.update({name: values for name, values in data.items() if name not in same})
         else:
-            self.samples.data = data
-            self.residual.visible = curves.residual is not None
-        self._history = curves.history
+            self.samples.data = data | absent
+            self._name(residual, traced)
+        self._shown = shown
+
+    def _name(self, residual: Compared | None, traced: Compared) -> None:
+        """Say what the plots show that show one quantity at a time or another."""
+        self.residual.visible = residual is not None
+        if residual is not None:
+            self.residual.title.text = f"Simulated minus recorded: {residual.label}"
+            self.residual.yaxis.axis_label = f"residual [{residual.unit}]"
+        self.traced.title.text = f"{traced.label[:1].upper()}{traced.label[1:]}"
+        self.traced.yaxis.axis_label = f"{traced.label} [{traced.unit}]"
+        for fig in (self.residual, self.traced):
+            fig.html_attributes = {"role": "img", "aria-label": f"Plot: {fig.title.text}"}
 
     def point_at(self, curves: Curves, step: int) -> None:
         """Mark one step in all plots."""
@@ -183,23 +219,22 @@ class Curvesheet:
             for name, values in (("T_base", curves.T_base), ("T_tip", curves.T_tip))
         }
 
-    def show_ghosts(self, ghosts: Sequence[tuple[str, Curves]]) -> None:
+    def show_ghosts(self, ghosts: Sequence[Plotted]) -> None:
         """Draw curves that are kept, each in its colour."""
         rows: dict[str, tuple[list, list, list]] = {part: ([], [], []) for part in self._ghosts}
-        for colour, curves in ghosts:
+        for colour, curves, residual, traced in ghosts:
             at = slice(curves.history.padded, None)
-            time = curves.time[at]
             for i in range(len(self._names)):
                 drawn = {
-                    "loop": (curves.T_base[at, i], curves.T_tip[at, i]),
-                    "time": (time, curves.T_tip[at, i]),
+                    "loop": (curves.T_base[:, i], curves.T_tip[:, i]),
+                    "time": (curves.time, curves.T_tip[:, i]),
                 }
-                if curves.residual is not None:
-                    drawn["residual"] = (time, curves.residual[at, i])
-                if i == 0:
-                    drawn["angle"] = (time, np.degrees(curves.tip_angle[at]))
+                if residual is not None and i < residual.simulated.shape[1]:
+                    drawn["residual"] = (curves.time, residual.residual[:, i])
+                if i < traced.simulated.shape[1]:
+                    drawn["traced"] = (curves.time, traced.simulated[:, i])
                 for part, (x, y) in drawn.items():
-                    for column, values in zip(rows[part], (x, y, colour), strict=True):
+                    for column, values in zip(rows[part], (x[at], y[at], colour), strict=True):
                         column.append(values)
         for part, (xs, ys, colours) in rows.items():
             self._ghosts[part].data = {"xs": xs, "ys": ys, "colour": colours}

@@ -156,11 +156,6 @@ class Curves:
     failed: int
 
     @property
-    def residual(self) -> np.ndarray | None:
-        """Simulated minus recorded tip tension [N], (K, tendons); None where none was recorded."""
-        return None if self.recorded_tip is None else self.T_tip - self.recorded_tip
-
-    @property
     def largest(self) -> int:
         """The step of the largest tension at the base, of all tendons together."""
         return int(np.argmax(np.asarray(self.run.T_base).reshape(len(self.time), -1).sum(axis=1)))

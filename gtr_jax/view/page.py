@@ -11,9 +11,10 @@ from functools import partial
 from html import escape
 from pathlib import Path
 
+import numpy as np
 from bokeh.document import Document
 from bokeh.layouts import column, row
-from bokeh.models import Div
+from bokeh.models import Div, Select
 from jinja2 import Environment, PackageLoader
 
 from gtr_jax.errors import InputError, reason
@@ -23,9 +24,10 @@ from gtr_jax.files.recording import Recording
 
 from .answers import Answers
 from .bodies import Body
+from .compared import ANGLE, TENSION, comparable, compared
 from .controls import Controls
 from .dials import LABEL, Dial, warning
-from .figures import Channelsheet, Curvesheet
+from .figures import Channelsheet, Curvesheet, Plotted
 from .ghosts import Ghost, Ghosts
 from .histories import History
 from .knobs import GROUPS
@@ -40,25 +42,34 @@ UNSEEN = 250  # ms after which the curves follow a shape of which no browser say
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Wanted:
-    """What the page is to show: a robot along a history, at a step; None for that of the largest tension."""
+    """What the page is to show: a robot along a history, at a step, None for that of the largest tension, and
+    the quantity that it is compared by.
+    """
 
     setting: Setting
     history: History
     step: int | None
     ghosts: Sequence[Ghost]
+    quantity: str
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Found:
-    """What it then shows: curves, the step and the body there, the bodies of ghosts by colour, and how long
-    it took [s].
+    """What it then shows: curves, those of ghosts, the step and the body there, the bodies of ghosts by
+    colour, and how long it took [s].
     """
 
-    curves: Curves
+    plotted: Plotted
+    others: list[Plotted]
     step: int
     drawing: Drawing
     ghosts: list[tuple[str, Drawing]]
     seconds: float
+
+    @property
+    def curves(self) -> Curves:
+        """The simulation."""
+        return self.plotted.curves
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,15 +97,24 @@ class Page:
         setting = Setting.of(self._driven(given.config))
         self._shown: tuple[Wanted, Found] | None = None
         self._owed: Found | None = None  # whose shape is on the page, and its curves not yet
-        self._plotted: Curves | None = None
+        self._plotted: tuple[Curves | None, str, Sequence[Ghost]] = (None, "", ())
         self._judged: tuple[Setting, str] | None = None
         self._step: int | None = None
         self._ghosts_drawn = False
-        self._plotted_ghosts: Sequence[Ghost] = ()
         names = names_of(setting.robot)
         recording = given.recording
         self._body, self._channel = Body(setting.robot.space), Channelsheet(names)
         self._curves = Curvesheet(names, recording is not None and recording.T_tip is not None)
+        choices = comparable(setting.robot, recording)
+        self._compared = Select(
+            name="residual of",
+            title="Residual of",
+            options=list(choices.items()),
+            value=next(iter(choices), TENSION),
+            visible=bool(choices),
+            width=260,
+        )
+        self._compared.on_change("value", lambda attr, old, new: self._ask())
         self._curves.samples.selected.on_change("indices", self._brushed)
         self._body.on_painted(self._show_rest)
         self._status = Div(
@@ -149,7 +169,7 @@ class Page:
             "loop": sheet.loop,
             "time": sheet.time,
             "residual": sheet.residual,
-            "angle": sheet.angle,
+            "traced": sheet.traced,
             "force": channel.force,
             "along": channel.tension,
         }
@@ -160,7 +180,14 @@ class Page:
         groups = [name for name in GROUPS if controls.groups[name].children]
         boxes = [self._pulling.box, *(controls.groups[name] for name in groups), controls.terms]
         boxes.append(self._ghosts.box)
-        boxes += [self._answers.box, self._answers.saving, self._status, self._at.row, self._here]
+        boxes += [
+            self._answers.box,
+            self._answers.saving,
+            self._status,
+            self._at.row,
+            self._here,
+            self._compared,
+        ]
         for root in (*boxes, body, *plots.values()):
             self._document.add_root(root)
         given, config = self._given, self._given.config
@@ -208,7 +235,15 @@ class Page:
 
     def _ask(self) -> None:
         step = len(self._history) - 1 if self._pulling.way == HAND and self._step is None else self._step
-        self._worker.ask(Wanted(self._controls.setting, self._history, step, tuple(self._ghosts.kept)))
+        self._worker.ask(
+            Wanted(
+                self._controls.setting,
+                self._history,
+                step,
+                tuple(self._ghosts.kept),
+                str(self._compared.value),
+            )
+        )
 
     def _work(self, wanted: Wanted) -> None:
         slow = threading.Timer(
@@ -233,7 +268,8 @@ class Page:
         alike = [ghost for ghost in wanted.ghosts if len(ghost.curves.time) == len(curves.time)]
         self._last = (wanted, curves)
         return Found(
-            curves,
+            _plotted("", curves, wanted.quantity),
+            [_plotted(ghost.colour, ghost.curves, wanted.quantity) for ghost in wanted.ghosts],
             step,
             drawing(curves, step),
             [(ghost.colour, drawing(ghost.curves, step)) for ghost in alike],
@@ -306,13 +342,14 @@ class Page:
 
     def _draw_rest(self, wanted: Wanted, found: Found) -> None:
         curves = found.curves
-        if self._plotted is not curves:
-            self._curves.show(curves)
+        drawn = curves, wanted.quantity, wanted.ghosts
+        if self._plotted[:2] != drawn[:2]:
+            self._curves.show(*found.plotted[1:])
             count = len(curves.time) - curves.history.padded
             self._at.reach(1, max(count, 2))
-        if wanted.ghosts != self._plotted_ghosts:
-            self._curves.show_ghosts([(ghost.colour, ghost.curves) for ghost in wanted.ghosts])
-        self._plotted, self._plotted_ghosts = curves, wanted.ghosts
+        if self._plotted[1:] != drawn[1:]:
+            self._curves.show_ghosts(found.others)
+        self._plotted = drawn
         self._curves.point_at(curves, found.step)
         self._channel.show(found.drawing.along)
         self._at.show(found.step + 1 - curves.history.padded)
@@ -338,6 +375,15 @@ class Page:
 
     def _say(self, text: str) -> None:
         self._status.text = escape(text)
+
+
+def _plotted(colour: str, curves: Curves, quantity: str) -> Plotted:
+    """Curves with the quantity that they are compared by; tensions are drawn in any case, so that the last
+    plot then shows how the tip turns.
+    """
+    chosen = compared(curves, quantity)
+    traced = chosen if quantity != TENSION else compared(curves, ANGLE)
+    return Plotted(colour, curves, None if np.all(np.isnan(chosen.recorded)) else chosen, traced)
 
 
 def _where(curves: Curves, step: int, names: Sequence[str]) -> str:
