@@ -28,7 +28,7 @@ from gtr_jax.view.histories import (
 from gtr_jax.view.knobs import knobs_of, rounded
 from gtr_jax.view.latest import Latest
 from gtr_jax.view.model import Setting, simulated
-from gtr_jax.view.postures import drawing
+from gtr_jax.view.postures import MIDLINES, drawing, midlines
 from gtr_jax.view.runs import free_name
 
 HELIX = {"kind": "helix", "radius": "4 mm", "turns": 0.5, "start_angle": "30 deg"}
@@ -107,6 +107,23 @@ def test_a_robot_in_space_is_drawn_from_three_sides(make_config):
     moved = setting.with_value("tip_force_z", 0.5).with_value("tip_moment_x", 0.01).written()
     assert (moved.loads.tip_force, moved.loads.tip_moment) == ((0, 0, 0.5), (0.01, 0, 0))
     assert gtr.build_robot(moved).value("tip_force_z") == 0.5
+
+
+@pytest.mark.parametrize("routing", [SINE, HELIX])
+def test_midlines_of_brushed_steps_are_those_of_the_body(make_config, routing):
+    setting = Setting.of(make_config(routing=routing))
+    curves = simulated(setting, pull_and_release(setting.robot, 0, 8.0, 0.0))
+    views = drawing(curves, 30).views
+    found = midlines(curves, [10, 30])
+    assert [len(lines) for lines in found] == [2] * len(views)
+    for view, lines in zip(views, found, strict=True):
+        assert lines[1][-1] == pytest.approx(view.middle[-1], abs=1e-3)
+        assert np.max(np.abs(lines[0][-1] - view.middle[-1])) > 1.0 or view.axes == "yz"
+    many = midlines(curves, range(5, 75))[0]
+    assert len(many) == MIDLINES
+    ends = [midlines(curves, [step])[0][0] for step in (5, 74)]
+    np.testing.assert_allclose([many[0], many[-1]], ends)
+    assert midlines(curves, []) == [[]] * len(views)
 
 
 def test_the_comb_in_space_is_that_in_the_plane(make_config):

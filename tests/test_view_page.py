@@ -187,6 +187,9 @@ def test_brushed_samples_show_the_body_there(tab):
     time_s, T_base = tab.column("time")[5], tab.column("T_base_0")[5]
     assert tab.text("here").startswith(f"t = {time_s:.4g} s: T_base {T_base:.3g} N")
     assert tab.run("return [...model('midline').get_array('y')]") != before
+    assert len(tab.run("return [...model('brushed midlines').get_array('ys')]")) == 3
+    tab.run("model('samples').selected.indices = []")
+    tab.until(lambda: not tab.run("return [...model('brushed midlines').get_array('ys')]"), "let go")
 
 
 def test_curves_are_kept_as_a_ghost_and_taken_back(tab):

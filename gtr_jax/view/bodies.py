@@ -14,7 +14,7 @@ from bokeh.palettes import Viridis256
 from gtr_jax.plots.style import BLUE, INK, VERMILLION
 from gtr_jax.plots.views import INSIDE
 
-from .figures import legend_above, plot
+from .figures import CHOSEN, legend_above, plot
 from .postures import Drawing, View
 
 MIDDLE = "#9A9A9A"
@@ -42,6 +42,7 @@ class Side:
             ColumnDataSource({"x": [], "y": []}),
             ColumnDataSource(NOTHING | NO_COLOUR),
         )
+        self._brushed = ColumnDataSource(NOTHING, name="brushed midlines" if bar else "")
         self._middle = ColumnDataSource({"x": [], "y": []}, name="midline" if bar else f"midline {axes}")
         self._channel, self._teeth = ColumnDataSource(empty | NO_TENSION), ColumnDataSource(empty)
         self._markers, self._recorded = (
@@ -66,6 +67,9 @@ class Side:
             )
         self.plot.multi_line(
             "xs", "ys", source=self._ghosts, line_color="colour", line_width=2, line_dash="dashed"
+        )
+        self.plot.multi_line(
+            "xs", "ys", source=self._brushed, line_color=CHOSEN, line_width=1, line_alpha=0.7
         )
         self.plot.line("x", "y", source=self._middle, color=MIDDLE, line_dash="dotdash")
         self.plot.segment("x0", "y0", "x1", "y1", source=self._teeth, color=BLUE, alpha=0.45, line_width=1.5)
@@ -123,6 +127,11 @@ class Side:
         """Draw shapes that are kept: the midline and channels of each in its colour."""
         lines = [(colour, line) for colour, view in ghosts for line in (view.middle, *view.channels)]
         self._ghosts.data = _lines([line for _, line in lines]) | {"colour": [colour for colour, _ in lines]}
+
+    def show_brushed(self, lines: Sequence[np.ndarray]) -> None:
+        """Draw the midlines of brushed samples."""
+        if lines or len(self._brushed.data["xs"]):
+            self._brushed.data = _lines(lines)
 
     def _make_room(self, view: View) -> None:
         tips = [ends for _, ends in view.teeth]
@@ -195,3 +204,8 @@ class Body:
         """Draw shapes that are kept."""
         for i, side in enumerate(self._sides):
             side.show_ghosts([(colour, drawing.views[i]) for colour, drawing in ghosts])
+
+    def show_brushed(self, midlines: Sequence[Sequence[np.ndarray]]) -> None:
+        """Draw the midlines of brushed samples, from each side."""
+        for side, lines in zip(self._sides, midlines, strict=True):
+            side.show_brushed(lines)

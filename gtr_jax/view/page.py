@@ -33,7 +33,7 @@ from .histories import History
 from .knobs import GROUPS
 from .latest import Latest
 from .model import Curves, Setting, names_of, simulated
-from .postures import Drawing, drawing
+from .postures import Drawing, drawing, midlines
 from .pulling import HAND, Pulling
 
 PATIENCE = 0.5  # seconds until the page says that it computes
@@ -42,8 +42,8 @@ UNSEEN = 250  # ms after which the curves follow a shape of which no browser say
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Wanted:
-    """What the page is to show: a robot along a history, at a step, None for that of the largest tension, and
-    the quantity that it is compared by.
+    """What the page is to show: a robot along a history, at a step, None for that of the largest tension; the
+    quantity that it is compared by, and the steps that are brushed.
     """
 
     setting: Setting
@@ -51,18 +51,20 @@ class Wanted:
     step: int | None
     ghosts: Sequence[Ghost]
     quantity: str
+    brushed: Sequence[int]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Found:
-    """What it then shows: curves, those of ghosts, the step and the body there, the bodies of ghosts by
-    colour, and how long it took [s].
+    """What it then shows: curves, those of ghosts, the step and the body there, midlines of brushed steps
+    from each side, the bodies of ghosts by colour, and how long it took [s].
     """
 
     plotted: Plotted
     others: list[Plotted]
     step: int
     drawing: Drawing
+    brushed: list[list[np.ndarray]]
     ghosts: list[tuple[str, Drawing]]
     seconds: float
 
@@ -100,6 +102,7 @@ class Page:
         self._plotted: tuple[Curves | None, str, Sequence[Ghost]] = (None, "", ())
         self._judged: tuple[Setting, str] | None = None
         self._step: int | None = None
+        self._brush: tuple[int, ...] = ()
         self._ghosts_drawn = False
         names = names_of(setting.robot)
         recording = given.recording
@@ -210,7 +213,8 @@ class Page:
 
     def _repulled(self) -> None:
         self._history = self._pulling.history(self._controls.setting.robot)
-        self._step = None
+        self._step, self._brush = None, ()
+        self._curves.samples.selected.indices = []
         self._body.forget_room()
         self._ask()
 
@@ -227,9 +231,10 @@ class Page:
         self._ask()
 
     def _brushed(self, attr: str, old: list[int], new: list[int]) -> None:
+        self._brush = tuple(i + self._history.padded for i in sorted(new))
         if new:
-            self._step = max(new) + self._history.padded
-            self._ask()
+            self._step = self._brush[-1]
+        self._ask()
 
     # What is computed, in the thread
 
@@ -242,6 +247,7 @@ class Page:
                 step,
                 tuple(self._ghosts.kept),
                 str(self._compared.value),
+                self._brush,
             )
         )
 
@@ -272,6 +278,7 @@ class Page:
             [_plotted(ghost.colour, ghost.curves, wanted.quantity) for ghost in wanted.ghosts],
             step,
             drawing(curves, step),
+            midlines(curves, wanted.brushed),
             [(ghost.colour, drawing(ghost.curves, step)) for ghost in alike],
             time.perf_counter() - began,
         )
@@ -351,6 +358,7 @@ class Page:
             self._curves.show_ghosts(found.others)
         self._plotted = drawn
         self._curves.point_at(curves, found.step)
+        self._body.show_brushed(found.brushed)
         self._channel.show(found.drawing.along)
         self._at.show(found.step + 1 - curves.history.padded)
         self._here.text = _where(curves, found.step, names_of(curves.robot))

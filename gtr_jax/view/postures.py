@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax
@@ -22,6 +23,7 @@ from .model import Curves
 
 SECTIONS, CORNERS = 48, 14  # of a body in space: sections drawn, corners of each
 EVERY = 4  # points of a picture's curve of which one is drawn, so that a shape follows its slider
+MIDLINES = 12  # drawn of steps that are brushed
 SLACK = 1e-9  # N, N/m: nothing pulls, nothing presses
 # Height of the force drawn at the channel under the largest tension, relative to the length of the body.
 COMB = 0.1
@@ -83,6 +85,27 @@ def _at(robot: Robot, run: Simulation, step: jax.Array):
         shape = jax.tree_util.tree_map(lambda values: values[None], eq.shape)
     markers = markers_on(robot, eq.s, shape)[0, :, :3]
     return eq, [channel_forces(own) for own in each], robot.backbone.radius(eq.s), markers
+
+
+@eqx.filter_jit
+def _positions(robot: Robot, run: Simulation, steps: jax.Array) -> jax.Array:
+    if run.shape is None:
+        return shape_in_plane(robot, run.curvature[steps], run.angle[steps]).position
+    return run.shape.position[steps]
+
+
+def midlines(curves: Curves, steps: Sequence[int]) -> list[list[np.ndarray]]:
+    """The midline at up to MIDLINES of some steps, from each side that the body is drawn from [mm], (N, 2)
+    each: of more steps those that lie evenly among them, the first and the last included.
+    """
+    sides = SIDES if curves.robot.space else SIDES[:1]
+    if not steps:
+        return [[] for _ in sides]
+    kept = np.unique(np.linspace(0, len(steps) - 1, MIDLINES).round().astype(int))
+    # As many for any choice, so that one program serves it.
+    at = np.resize(np.asarray(steps)[kept], MIDLINES)
+    found = 1e3 * np.asarray(_positions(curves.robot.for_any_terms(), curves.run, jnp.asarray(at)))
+    return [[line[:, side] for line in found[: len(kept)]] for side in sides]
 
 
 def drawing(curves: Curves, step: int) -> Drawing:
