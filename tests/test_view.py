@@ -193,7 +193,9 @@ def test_all_that_a_recording_has_is_compared_in_units_that_people_read(make_con
 def test_every_number_has_a_slider_that_reaches_beyond_it(make_config):
     for config in (make_config(routing=SINE), make_config(routing=HELIX)):
         setting = Setting.of(config)
-        knobs = {knob.name: knob for knob in knobs_of(setting.robot, ("presliding", "tip-gain"))}
+        knobs = {
+            knob.name: knob for knob in knobs_of(setting.robot, ("presliding", "tip-gain"), config=config)
+        }
         entries = {
             p.name: p
             for p in parameters_of(setting.robot).values()
@@ -210,6 +212,32 @@ def test_every_number_has_a_slider_that_reaches_beyond_it(make_config):
     assert knobs["gravity_angle"].title == "gravity angle [deg]"
     assert knobs["gravity_angle"].shown(knobs["gravity_angle"].high) == 180.0
     assert knobs["tip-gain.gain"].says
+    assert all(knob.says for knob in knobs.values())
+
+
+def test_sliders_say_what_the_numbers_are():
+    examples = Path(__file__).parents[1] / "examples"
+    for file in sorted(examples.glob("**/*.toml")):
+        try:
+            config = gtr.load_config(file)
+        except gtr.InputError:  # of a sweep or of targets
+            continue
+        setting = Setting.of(config)
+        silent = [k.key for k in knobs_of(setting.robot, setting.terms, config=config) if not k.says]
+        assert silent == [], file
+    config = gtr.load_config(examples / "rig/robot.toml")
+    knobs = {knob.name: knob for knob in knobs_of(gtr.build_robot(config), (), config=config)}
+    assert knobs["r1"].title == "offset at the base (r1) [mm]"
+    assert knobs["w2"].title == "arc length where it joins the second straight (w2) [mm]"
+    assert knobs["bore_1_diameter"].says == "Diameter [m] of the concentric bore."
+    assert knobs["outer_radius_tip"].says.startswith("Outer radius [m] at the base and at the tip")
+
+
+def test_offsets_at_knots_have_words(make_config):
+    table = {"kind": "table", "knots": [[0.0, 0.01], [0.1, 0.002], [0.25, 0.008]]}
+    config = make_config(routing=table)
+    labels = [k.label for k in knobs_of(gtr.build_robot(config), (), config=config) if k.group == "Channel"]
+    assert labels == ["offset at knot 0", "offset at knot 1", "offset at knot 2"]
 
 
 @pytest.mark.parametrize(
@@ -241,7 +269,7 @@ def test_a_setting_becomes_a_robot_file(setting):
 
 def test_a_setting_that_no_command_takes_is_refused_in_their_words(capsys, tmp_path):
     setting = Setting.of(gtr.load_config(RECORDED)).with_value("r1", -0.025)
-    low = next(knob.low for knob in knobs_of(setting.robot, ()) if knob.name == "r1")
+    low = next(knob.low for knob in knobs_of(setting.robot, (), config=setting.config) if knob.name == "r1")
     assert low < -0.025  # the slider reaches there
     with pytest.raises(gtr.InputError, match="the tendon leaves the body at s = ") as fault:
         setting.written()
@@ -376,5 +404,5 @@ def test_options_that_cannot_be_are_refused(capsys, tmp_path, arguments, says):
 def test_a_robot_with_a_law_of_its_own_has_its_sliders():
     config = gtr.load_config(Path(__file__).parents[1] / "examples/tdcm-1-law.toml")
     setting = Setting.of(config)
-    own = [knob.name for knob in knobs_of(setting.robot, setting.terms) if knob.term]
+    own = [knob.name for knob in knobs_of(setting.robot, setting.terms, config=config) if knob.term]
     assert own and all(name.partition(".")[0] == setting.terms[0] for name in own)

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import inspect
 import itertools
 import json
@@ -31,6 +32,30 @@ class Described(GenerateJsonSchema):
         for name, says in _descriptions(section):
             made["properties"][section.model_fields[name].alias or name]["description"] = says
         return made
+
+
+def says_of(config: RobotConfig, key: str) -> str:
+    """What stands below a key of the robot file in the class of its table; "" below none.
+
+    Args:
+        config: the robot file.
+        key: dotted, as of a parameter: "routing.r1", "tendons.left.to", "backbone.bores.0.diameter".
+    """
+    node: Any = config
+    says = ""
+    for part in key.split("."):
+        if isinstance(node, Section):
+            name = next((n for n, f in type(node).model_fields.items() if part in (n, f.alias)), "")
+            says, node = _described(type(node)).get(name, ""), getattr(node, name, None)
+        elif isinstance(node, tuple):
+            there = enumerate(node)
+            node = next((own for i, own in there if part in (str(i), getattr(own, "name", None))), None)
+    return says
+
+
+@functools.cache
+def _described(section: type) -> dict[str, str]:
+    return dict(_descriptions(section))
 
 
 def _descriptions(section: type) -> Iterator[tuple[str, str]]:

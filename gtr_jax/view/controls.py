@@ -45,7 +45,7 @@ class Controls:
     def show(self, setting: Setting) -> None:
         """Put another robot on the sliders, without calling `changed`."""
         self.setting = setting
-        knobs = knobs_of(setting.robot, setting.terms)
+        knobs = knobs_of(setting.robot, setting.terms, config=setting.config)
         self._show_values(knobs)
         for name, group in self.groups.items():
             own = [knob for knob in knobs if knob.group == name]
@@ -107,7 +107,7 @@ class Controls:
 
     def _with(self, setting: Setting) -> None:
         self.setting = setting
-        knobs = knobs_of(setting.robot, setting.terms)
+        knobs = knobs_of(setting.robot, setting.terms, config=setting.config)
         self._show_values(knobs)
         self._show_terms(knobs)
         self._changed(setting)

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Sequence
 
+from gtr_jax.files.config import RobotConfig
 from gtr_jax.files.numbers import display_unit
+from gtr_jax.files.schema import says_of
 from gtr_jax.robot.parameters import Parameter, parameters_of
 from gtr_jax.robot.robot import Robot
 from gtr_jax.terms import Quantity
@@ -24,6 +27,8 @@ REACH = {
     "kg": 0.1,
     "kg/m^3": 2000.0,
 }
+# Names of numbers of channels that say nothing to who does not know the equations.
+SYMBOLS = ("r1", "r2", "w1", "w2", "R_max", "r_min", "n_sine", "sigma")
 STEPS = 400  # of a slider from end to end
 GROUPS = ("Tendon", "Channel", "Body", "Loads", "Base")
 _TABLES = {"tendon": "Tendon", "routing": "Channel", "backbone": "Body", "loads": "Loads", "base": "Base"}
@@ -38,7 +43,7 @@ class Knob:
         key: in the robot file.
         group: what it stands under: one of GROUPS, or "terms".
         label: what people call it, without the unit.
-        says: what it is, where a physics term says so.
+        says: what it is, as its physics term or the table of the robot file says.
         unit: that it is shown in; "" if it has none.
         size: of that unit in SI.
         value: [SI].
@@ -83,23 +88,24 @@ def rounded(amount: float) -> float:
     return float(f"{digit * power:.12g}")
 
 
-def knobs_of(robot: Robot, terms: Sequence[str]) -> list[Knob]:
+def knobs_of(robot: Robot, terms: Sequence[str], *, config: RobotConfig) -> list[Knob]:
     """A slider for every number of a robot that is finite, those of some physics terms included, in the order
     of `parameters_of`.
 
     Args:
         robot: the robot.
         terms: names of the terms.
+        config: the robot file, whose tables say what the numbers are.
     """
     found = []
     for entry in parameters_of(robot).values():
         value = float(robot.value(entry.name))
         if math.isfinite(value) and (entry.term is None or entry.term.id in terms):
-            found.append(_knob(entry, value))
+            found.append(_knob(entry, value, config))
     return found
 
 
-def _knob(entry: Parameter, value: float) -> Knob:
+def _knob(entry: Parameter, value: float, config: RobotConfig) -> Knob:
     unit, size = display_unit(entry.unit)
     quantity = _quantity(entry)
     low, high = _range(entry, value) if quantity is None else _usual(quantity, value)
@@ -107,8 +113,8 @@ def _knob(entry: Parameter, value: float) -> Knob:
     high = high if entry.upper is None else min(high, entry.upper)
     if entry.positive and low <= 0:
         low = min(value, high) * 1e-2
-    group, label = _place(entry)
-    says = "" if quantity is None else quantity.says
+    says = says_of(config, entry.key) if quantity is None else quantity.says
+    group, label = _place(entry, says)
     term = "" if entry.term is None else entry.term.id
     return Knob(
         entry.name,
@@ -162,8 +168,8 @@ def _usual(quantity: Quantity, value: float) -> tuple[float, float]:
     return (low, high) if high > low else (low - 1.0, high + 1.0)
 
 
-def _place(entry: Parameter) -> tuple[str, str]:
-    """The group and the label of a number."""
+def _place(entry: Parameter, says: str) -> tuple[str, str]:
+    """The group and the label of a number, of which its table says this."""
     if entry.term is not None:
         return "terms", " of ".join(entry.name.split(".")[1:]).replace("_", " ")
     table, *rest = entry.key.split(".")
@@ -172,5 +178,18 @@ def _place(entry: Parameter) -> tuple[str, str]:
         group = "Channel"
     tendon = f" of {rest[0]}" if table == "tendons" else ""
     name = entry.name.removesuffix(f".{rest[0]}") if tendon else entry.name
+    if group == "Channel" and (name in SYMBOLS or "knots" in rest):
+        return group, f"{_words(name, says)}{tendon}"
     words = {"mu": "friction coefficient", "E": "Young's modulus", "nu": "Poisson's ratio"}
     return group, f"{words.get(name, name.replace('_', ' '))}{tendon}"
+
+
+def _words(name: str, says: str) -> str:
+    """A number of a channel that only has a symbol, in words: of a knot its offset, of others what their
+    table says.
+    """
+    knot = re.fullmatch(r"knot(_[yz])?_(\d+)", name)
+    if knot:
+        return f"offset{(knot[1] or '').replace('_', ' ')} at knot {knot[2]}"
+    text = re.sub(r" \[[^]]*\]", "", says).rstrip(".")
+    return f"{text[:1].lower()}{text[1:]} ({name})"
