@@ -255,6 +255,19 @@ def test_all_is_loaded_from_this_machine_and_named_for_screen_readers(tab, serve
     assert named and all(named)
 
 
+def test_a_history_alone_is_shown_and_not_fitted(tmp_path):
+    T_base = np.concatenate([np.linspace(0.0, 8.0, 30), np.linspace(8.0, 1.0, 30)])
+    table = np.stack([np.arange(60.0), T_base], axis=1)
+    np.savetxt(tmp_path / "history.csv", table, delimiter=",", header="time_s,T_base_N", comments="")
+    with serving(tmp_path / "out", RIG / "robot.toml", tmp_path / "history.csv") as (_, address):
+        with opened(address, tmp_path / "chromium") as page:
+            assert page.column("T_base_0") == pytest.approx(T_base, abs=1e-6)
+            assert not page.get("residual", "visible") and not page.get("residual of", "visible")
+            for button in ("fit", "diagnose"):
+                assert page.get(button, "disabled")
+                assert "T_tip_N" in page.get(button, "html_attributes")["title"]
+
+
 def test_the_residual_is_of_whatever_was_recorded(narrow):
     recording = gtr.read_recording(RIG / "tuesday.csv")
     choices = dict(narrow.get("residual of", "options"))

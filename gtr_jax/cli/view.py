@@ -76,6 +76,7 @@ def view(
             columns=columns,
             keep_glitches=keep_glitches,
             drop=drop,
+            need_tip=False,
             measured=True,
             most=MOST,
             space=True,

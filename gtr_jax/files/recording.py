@@ -139,8 +139,9 @@ def read_recording(
             ignored.
         need_tip: whether a file without a tip tension is refused.
         measured: whether one without a tip tension is a recording nonetheless, of the tip's pose, markers or
-            displacements: then one that has none of these either is refused, and where it has times, glitches
-            are looked for. Without times, rows may be holds that have nothing to do with their neighbours.
+            displacements: then one is refused only that has none of these either, and where it has times,
+            glitches are looked for. Without times, rows may be holds that have nothing to do with their
+            neighbours.
         tendons: names of the tendons, if the robot has several: then T_base, T_tip and displacement are
             looked for as T_base_N.left and the like, for all of them or none, and are (rows, tendons).
         keep_glitches: whether glitches and dropouts are kept (see `glitches`). They are never looked for in
@@ -172,7 +173,7 @@ def read_recording(
             chosen[key] = found
     begun = {wanted[key][0] for key in chosen}
     compared = begun - {"time", "trial", *(DRIVES if "T_base" not in begun else DRIVES[:1])}
-    needed = NEEDED if (not compared if measured else need_tip) else NEEDED[:1]
+    needed = NEEDED if need_tip and not (measured and compared) else NEEDED[:1]
     absent = [
         key
         for key, (quantity, tendon) in wanted.items()
@@ -201,7 +202,7 @@ def read_recording(
             remedy = functools.partial(unit_remedy, table, key, index, si)
             whole[key] = table.quantity(index, unit, si, remedy=remedy, most_absent=MOST_ABSENT)
     units = {key: column_of(wanted[key][0]).unit for key in whole}
-    in_time = "T_tip" in begun or (measured and "time" in begun)
+    in_time = "T_tip" in begun or (measured and bool(compared) and "time" in begun)
     glitches = in_time and not keep_glitches and not (said and said.keep_glitches)
     stretches = [*(said.drop if said else ()), *drop]
     try:

@@ -22,6 +22,10 @@ from .model import Setting
 from .runs import Done, Run, free_name
 
 NAME = re.compile(r"[\w.-]+")
+NOTHING = (
+    "The file says how the tendon was pulled and nothing else. To fit or diagnose, record what a simulation "
+    "can be compared with: T_tip_N, the tip's pose, or markers."
+)
 LEAST = 5.0  # seconds that a command has to end after it was stopped
 
 
@@ -33,6 +37,7 @@ class Answers:
         present: gives the robot on the sliders.
         loaded: called with a robot file that was found.
         recording: file to fit; None if there is none.
+        compares: whether it has anything that a simulation can be compared with.
         options: of the command line that the recording was read with.
         out: folder that everything is written to.
     """
@@ -44,6 +49,7 @@ class Answers:
         loaded: Callable[[RobotConfig], None],
         *,
         recording: Path | None,
+        compares: bool,
         options: Sequence[str],
         out: Path,
     ) -> None:
@@ -73,6 +79,10 @@ class Answers:
             buttons = row(self._fit, self._diagnose, margin=0, sizing_mode="stretch_width")
             parts = [self._free, buttons, self._stop, self._says, self._found]
             self.box = column(*parts, name="runs", sizing_mode="stretch_width", margin=0)
+        if not compares:
+            self._says.text = NOTHING
+            for button in (self._fit, self._diagnose):
+                button.update(disabled=True, html_attributes={"title": NOTHING})
         self._name = TextInput(name="file name", title="Name of the file", value="robot")
         self._name.sizing_mode = "stretch_width"
         save = Button(label="Save as robot file", name="save", width=150)

@@ -133,6 +133,7 @@ class Page:
             lambda: self._controls.setting,
             lambda config: self._take(Setting.of(self._driven(config))),
             recording=None if recording is None else recording.path,
+            compares=bool(choices),
             options=given.options,
             out=given.out,
         )
