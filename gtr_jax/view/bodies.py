@@ -38,10 +38,7 @@ class Side:
 
     def __init__(self, axes: str, colours: LinearColorMapper, *, bar: bool) -> None:
         empty: Any = {name: [] for name in ENDS}
-        self._outline, self._ghosts = (
-            ColumnDataSource({"x": [], "y": []}),
-            ColumnDataSource(NOTHING | NO_COLOUR),
-        )
+        self._outline, self._ghosts = ColumnDataSource(NOTHING), ColumnDataSource(NOTHING | NO_COLOUR)
         self._brushed = ColumnDataSource(NOTHING, name="brushed midlines" if bar else "")
         self._middle = ColumnDataSource({"x": [], "y": []}, name="midline" if bar else f"midline {axes}")
         self._channel, self._teeth = ColumnDataSource(empty | NO_TENSION), ColumnDataSource(empty)
@@ -60,10 +57,9 @@ class Side:
         # Both axes follow what was seen so far, not each shape, which would make the plot jump.
         room = self.plot.scatter("x", "y", source=self._room, alpha=0.0, size=1)
         self.plot.x_range, self.plot.y_range = (DataRange1d(renderers=[room]) for _ in "xy")
-        # One path filled by one stroke of paint each, however many polygons it has.
         for colour, width in ((INK, 2.0), (INSIDE, 0.5)):
-            self.plot.patch(
-                "x", "y", source=self._outline, line_color=colour, fill_color=colour, line_width=width
+            self.plot.patches(
+                "xs", "ys", source=self._outline, line_color=colour, fill_color=colour, line_width=width
             )
         self.plot.multi_line(
             "xs", "ys", source=self._ghosts, line_color="colour", line_width=2, line_dash="dashed"
@@ -99,7 +95,7 @@ class Side:
 
     def show(self, view: View) -> None:
         """Draw one shape."""
-        self._outline.data = _points(_path(view.outline))
+        self._outline.data = _lines(view.outline)
         self._middle.data = _points(view.middle)
         starts, ends = (np.concatenate([line[cut] for line in view.channels]) for cut in (_FIRST, _SECOND))
         tension = np.concatenate([0.5 * (T[_FIRST] + T[_SECOND]) for T in view.tension])
@@ -154,18 +150,6 @@ def _lines(lines: Sequence[np.ndarray]) -> Any:
 
 def _segments(starts: np.ndarray, ends: np.ndarray) -> dict[str, Any]:
     return {name: own.tolist() for name, own in zip(ENDS, (*starts.T, *ends.T), strict=True)}
-
-
-def _path(polygons: Sequence[np.ndarray]) -> np.ndarray:
-    """Polygons as one path, (n, 2), NaN between them. All turn the same way, so that what lies in any of them
-    is filled.
-    """
-    gap, parts = np.full((1, 2), np.nan), []
-    for polygon in polygons:
-        x, y = polygon.T
-        area = np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
-        parts += [polygon if area >= 0 else polygon[::-1], gap]
-    return np.concatenate(parts[:-1])
 
 
 class Body:
