@@ -1,6 +1,7 @@
 """The model behind the live page: its curves are those of `simulate`, by programs that are compiled once."""
 
 import builtins
+import re
 import threading
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import gtr_jax as gtr
 from gtr_jax.files.recording import Recording
 from gtr_jax.robot.parameters import parameters_of
 from gtr_jax.simulation.markers import marker_places
+from gtr_jax.view import bodies, dials, figures
 from gtr_jax.view.compared import comparable, compared
 from gtr_jax.view.histories import (
     HELD,
@@ -406,3 +408,26 @@ def test_a_robot_with_a_law_of_its_own_has_its_sliders():
     setting = Setting.of(config)
     own = [knob.name for knob in knobs_of(setting.robot, setting.terms, config=config) if knob.term]
     assert own and all(name.partition(".")[0] == setting.terms[0] for name in own)
+
+
+def contrast(one, other="#FFFFFF"):
+    """Of two colours, as the Web Content Accessibility Guidelines define it: 1 to 21."""
+
+    def luminance(colour):
+        parts = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+        linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+        return linear @ [0.2126, 0.7152, 0.0722]
+
+    low, high = sorted(map(luminance, (one, other)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_letters_and_lines_have_the_contrast_that_the_guidelines_ask_for():
+    assert contrast("#000000") == pytest.approx(21.0) and contrast("#777777") == pytest.approx(4.48, abs=0.01)
+    letters = [dials.PRIMARY, dials.PRESSED, dials.RED, *re.findall("color: (#[0-9a-fA-F]{6})", dials.LABEL)]
+    style = (Path(dials.__file__).parent / "page.css").read_text()
+    letters += re.findall(r"[ {]color: (#[0-9a-fA-F]{6})", style)
+    assert len(letters) > 5
+    assert {colour: contrast(colour) for colour in letters if contrast(colour) < 4.5} == {}
+    lines = [*figures.TENDONS, *figures.GHOSTS, figures.CHOSEN, bodies.MIDDLE]
+    assert {colour: contrast(colour) for colour in lines if contrast(colour) < 3.0} == {}

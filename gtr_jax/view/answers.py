@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from html import escape
 from pathlib import Path
+from typing import Any
 
 from bokeh.document import Document
 from bokeh.layouts import column, row
@@ -17,7 +18,7 @@ from gtr_jax.files.config import RobotConfig, dump_config, load_config
 from gtr_jax.robot.parameters import parameters_of
 from gtr_jax.robot.robot import Robot
 
-from .dials import LABEL, warning
+from .dials import LABEL, MAIN, warning
 from .model import Setting
 from .runs import Done, Run, free_name
 
@@ -64,9 +65,10 @@ class Answers:
             sizing_mode="stretch_width",
             placeholder="mu and E unless chosen",
         )
-        self._fit = Button(label="Fit from here", name="fit", button_type="primary")
+        look: Any = {"button_type": "primary", "stylesheets": [MAIN]}
+        self._fit = Button(label="Fit from here", name="fit", **look)
         self._fit.on_click(partial(self._start, "fit"))
-        self._diagnose = Button(label="Diagnose from here", name="diagnose", button_type="primary", width=150)
+        self._diagnose = Button(label="Diagnose from here", name="diagnose", width=150, **look)
         self._diagnose.on_click(partial(self._start, "diagnose"))
         self._stop = Button(label="Stop", name="stop", width=70, visible=False)
         self._stop.on_click(self._stopped)

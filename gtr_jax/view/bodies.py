@@ -17,7 +17,7 @@ from gtr_jax.plots.views import INSIDE
 from .figures import CHOSEN, legend_above, plot
 from .postures import Drawing, View
 
-MIDDLE = "#9A9A9A"
+MIDDLE = "#8A8A8A"
 _FIRST, _SECOND = slice(None, -1), slice(1, None)  # ends of the pieces of a line
 NOTHING: Any = {"xs": [], "ys": []}
 ENDS = ("x0", "y0", "x1", "y1")

@@ -11,6 +11,7 @@ from bokeh.models import CustomJS, Div, Slider, Spinner
 from .knobs import Knob
 
 RED = "#A33C00"  # of warnings, dark enough to be read
+PRIMARY, PRESSED = "#2A6FA8", "#1F5685"  # of the buttons that begin something, under white letters
 FIELD = 92  # px, the width of a field
 # Slider and field follow each other in the browser; the slider's range grows to what is typed.
 MOVED = "f.value = parseFloat(this.value.toPrecision(6))"
@@ -28,6 +29,10 @@ SLIM = """
     .noUi-handle:focus-visible { outline: 3px solid #0072B2; outline-offset: 1px; }
 """
 LABEL = ":host { color: #222222; font-size: 13px; line-height: 1.25; }"
+MAIN = f"""
+    .bk-btn-primary {{ background-color: {PRIMARY}; border-color: {PRIMARY}; }}
+    .bk-btn-primary:hover, .bk-btn-primary:active {{ background-color: {PRESSED}; border-color: {PRESSED}; }}
+"""
 FOCUS = "input:focus-visible { outline: 3px solid #0072B2; outline-offset: 1px; }"
 
 

@@ -17,14 +17,16 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
-from gtr_jax.plots.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, VERMILLION
+from gtr_jax.plots.style import BLUE, GREEN, GREY, INK, PURPLE, VERMILLION
 
 from .compared import Compared
 from .model import Curves
 from .postures import Along
 
-TENDONS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, INK)
-GHOSTS = (ORANGE, PURPLE, GREEN, "#56B4E9", VERMILLION, GREY)
+# Orange and sky blue of the palette, darker: lines on white need a contrast of 3.
+AMBER, SKY = "#B37A00", "#3B8FC4"
+TENDONS = (BLUE, VERMILLION, GREEN, PURPLE, AMBER, INK)
+GHOSTS = (AMBER, PURPLE, GREEN, SKY, VERMILLION, GREY)
 CHOSEN = VERMILLION
 HEIGHT = 300
 # Columns of the samples, of each tendon: what is simulated, and what that is compared with.
