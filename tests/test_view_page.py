@@ -268,6 +268,24 @@ def test_a_history_alone_is_shown_and_not_fitted(tmp_path):
                 assert "T_tip_N" in page.get(button, "html_attributes")["title"]
 
 
+def test_a_narrow_page_begins_with_the_body_and_the_loop(narrow):
+    place = """
+    const [body, loop, aside] = [".body", ".loop", "aside"].map(name => document.querySelector(name))
+    const at = element => element.getBoundingClientRect()
+    const page = document.documentElement
+    scrollTo(0, 0)
+    const found = [at(body).top, at(body).bottom, at(loop).top, at(loop).bottom, at(aside).top]
+    scrollTo(0, at(aside).top + 200)
+    return [found, at(body).bottom, innerHeight, page.scrollWidth - page.clientWidth]
+    """
+    (top, bottom, loop, end, sliders), stays, height, aside = narrow.run(place)
+    assert 0 < top < bottom <= loop < end <= sliders
+    assert end < 2 * height
+    assert 0.3 * height < stays < 0.7 * height  # in sight beside the sliders
+    assert aside <= 0
+    narrow.run("scrollTo(0, 0)")
+
+
 def test_the_residual_is_of_whatever_was_recorded(narrow):
     recording = gtr.read_recording(RIG / "tuesday.csv")
     choices = dict(narrow.get("residual of", "options"))
