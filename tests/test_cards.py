@@ -16,7 +16,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import gtr_jax as gtr
-from calibrate.report.cards import fit_card
+from calibrate.report.cards import diagnosis_card, fit_card
 from design.report.design import design_table
 from gtr_jax.files.config import load_config
 from gtr_jax.plots.straight import plot_straight
@@ -170,6 +170,35 @@ def test_a_fit_shows_its_loop_and_estimates(make_robot):
     assert "0.300 ± 0.010" in read(html) and "&lt;so&gt;" in html
     failed = SimpleNamespace(**{**vars(fit), "converged": False})
     assert "<img" not in fit_card(cast(Any, failed))
+
+
+def test_a_diagnosis_shows_its_verdict_its_rivals_and_numbers():
+    rivals = [
+        SimpleNamespace(names=["presliding"], probability=0.7, delta=0.0),
+        SimpleNamespace(names=[], probability=0.3, delta=1.7),
+    ]
+    change = SimpleNamespace(name="mu", unit="", before=0.3, after=0.24, sd=0.01, averaged95=(0.22, 0.26))
+    answer = SimpleNamespace(
+        verdict="missing-physics",
+        says="Presliding <is> missing.",
+        warnings=["Few samples."],
+        rivals=rivals,
+        parameters=[change],
+        discovered=None,
+        experiment=None,
+        loops=[],
+        named=["presliding"],
+        confusion_set=[["presliding"]],
+        pattern=None,
+        strata=[],
+    )
+    html = diagnosis_card(cast(Any, answer))
+    cells = read(html)
+    assert "mu" in cells and "0.3" in cells and "0.240 ± 0.010" in cells and "0.220 to 0.260" in cells
+    assert "Diagnosis: missing-physics" in html and "&lt;is&gt;" in html and "Few samples." in html
+    bare = SimpleNamespace(**{**vars(answer), "rivals": rivals[:1], "parameters": []})
+    html = diagnosis_card(cast(Any, bare))
+    assert "<img" not in html and "<table" not in html
 
 
 def test_a_design_lists_what_was_searched():

@@ -244,6 +244,33 @@ def test_a_robot_that_no_command_takes_is_not_saved_nor_fitted(tab, served):
     tab.until(lambda: "load steps" in tab.text("status"), "no warning")
 
 
+def test_a_hand_pulls_and_begins_again(tab):
+    tab.set("way", "active", 2)
+    tab.until(lambda: tab.column("T_base_0") == [0.0], "rest")
+    for moves in ([3.0], [3.0, 5.0], [3.0, 5.0, 4.0]):
+        tab.set("hand 0", "value", moves[-1])
+        tab.until(lambda m=moves: tab.column("T_base_0") == pytest.approx([0.0, *m]), f"{moves}")
+    pulled = gtr.load_robot(RECORDED).with_values(mu=tab.get("mu", "value"))
+    wanted = np.asarray(gtr.simulate(pulled, [0.0, 3.0, 5.0, 4.0]).T_tip)
+    assert tab.column("T_tip_0") == pytest.approx(wanted, rel=1e-6)
+    tab.element("begin again", "button").click()
+    tab.until(lambda: tab.column("T_base_0") == [0.0] and tab.get("hand 0", "value") == 0, "rest")
+    tab.set("way", "active", 0)
+    tab.until(lambda: len(tab.column("time")) > 4, "recording")
+
+
+def test_a_diagnosis_from_the_page_runs_until_it_is_stopped(tab, served):
+    tab.element("diagnose", "button").click()
+    tab.until(lambda: tab.get("stop", "visible") and tab.get("diagnose", "disabled"), "start")
+    assert (served[2] / "diagnose-1.toml").exists()
+    tab.until(lambda: "<br>" in tab.get("run status", "text"), "a stage")
+    assert tab.text("run status").startswith("gtr diagnose ")
+    tab.element("stop", "button").click()
+    tab.until(lambda: not tab.get("stop", "visible"), "end")
+    assert not tab.get("diagnose", "disabled") and not tab.get("fit", "disabled")
+    assert tab.text("run status").startswith("Not done: ")
+
+
 def test_all_is_loaded_from_this_machine_and_named_for_screen_readers(tab, served):
     names = tab.run("return performance.getEntriesByType('resource').map(entry => entry.name)")
     here = served[1].partition("?")[0]
