@@ -11,7 +11,6 @@ from functools import partial
 from html import escape
 from pathlib import Path
 
-import numpy as np
 from bokeh.document import Document
 from bokeh.layouts import column, row
 from bokeh.models import Div, Select
@@ -24,54 +23,20 @@ from gtr_jax.files.recording import Recording
 
 from .answers import Answers
 from .bodies import Body
-from .compared import ANGLE, TENSION, comparable, compared
+from .compared import TENSION, comparable
 from .controls import Controls
 from .dials import LABEL, Dial, warning
-from .figures import Channelsheet, Curvesheet, Plotted
+from .figures import Channelsheet, Curvesheet
 from .ghosts import Ghost, Ghosts
-from .histories import History
 from .knobs import GROUPS
 from .latest import Latest
 from .model import Curves, Setting, names_of, simulated
-from .postures import Drawing, drawing, midlines
+from .postures import drawing, midlines
 from .pulling import HAND, Pulling
+from .shown import Found, Wanted, plotted
 
 PATIENCE = 0.5  # seconds until the page says that it computes
 UNSEEN = 250  # ms after which the curves follow a shape of which no browser says that it is painted
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Wanted:
-    """What the page is to show: a robot along a history, at a step, None for that of the largest tension; the
-    quantity that it is compared by, and the steps that are brushed.
-    """
-
-    setting: Setting
-    history: History
-    step: int | None
-    ghosts: Sequence[Ghost]
-    quantity: str
-    brushed: Sequence[int]
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Found:
-    """What it then shows: curves, those of ghosts, the step and the body there, midlines of brushed steps
-    from each side, the bodies of ghosts by colour, and how long it took [s].
-    """
-
-    plotted: Plotted
-    others: list[Plotted]
-    step: int
-    drawing: Drawing
-    brushed: list[list[np.ndarray]]
-    ghosts: list[tuple[str, Drawing]]
-    seconds: float
-
-    @property
-    def curves(self) -> Curves:
-        """The simulation."""
-        return self.plotted.curves
 
 
 @dataclasses.dataclass(frozen=True)
@@ -275,8 +240,8 @@ class Page:
         alike = [ghost for ghost in wanted.ghosts if len(ghost.curves.time) == len(curves.time)]
         self._last = (wanted, curves)
         return Found(
-            _plotted("", curves, wanted.quantity),
-            [_plotted(ghost.colour, ghost.curves, wanted.quantity) for ghost in wanted.ghosts],
+            plotted("", curves, wanted.quantity),
+            [plotted(ghost.colour, ghost.curves, wanted.quantity) for ghost in wanted.ghosts],
             step,
             drawing(curves, step),
             midlines(curves, wanted.brushed),
@@ -384,15 +349,6 @@ class Page:
 
     def _say(self, text: str) -> None:
         self._status.text = escape(text)
-
-
-def _plotted(colour: str, curves: Curves, quantity: str) -> Plotted:
-    """Curves with the quantity that they are compared by; tensions are drawn in any case, so that the last
-    plot then shows how the tip turns.
-    """
-    chosen = compared(curves, quantity)
-    traced = chosen if quantity != TENSION else compared(curves, ANGLE)
-    return Plotted(colour, curves, None if np.all(np.isnan(chosen.recorded)) else chosen, traced)
 
 
 def _where(curves: Curves, step: int, names: Sequence[str]) -> str:
