@@ -13,9 +13,12 @@ BASELINE = Path(__file__).parent / "baseline.json"
 
 
 def write_baseline(metrics: Sequence[Metric], path: Path = BASELINE) -> None:
-    """Keep this run's metrics with the machine; those of groups that did not run stay as they were."""
+    """Keep this run's metrics with the machine; those of groups that did not run stay as they were, with the
+    date of their run.
+    """
     machine = measure.machine()
-    kept = json.loads(path.read_text())["metrics"] if path.exists() else {}
+    before = json.loads(path.read_text()) if path.exists() else {"metrics": {}}
+    kept = {name: {"date": before["machine"]["date"]} | m for name, m in before["metrics"].items()}
     new = {
         m.name: {
             "value": float(f"{m.value:.4g}"),
