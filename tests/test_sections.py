@@ -64,6 +64,14 @@ def test_in_space_a_strip_bends_over_its_thin_side():
     assert across / over == pytest.approx(25.0**2)
 
 
+def test_a_ring_is_a_tube_with_both_diameters():
+    ring, pipe = (
+        build_robot(config(section)).backbone.shape for section in (PIPE | {"kind": "ring"}, PIPE)
+    )
+    nu = jnp.asarray(0.3)
+    assert [float(v) for v in ring.stiffnesses(nu)] == [float(v) for v in pipe.stiffnesses(nu)]
+
+
 def test_it_is_written_and_read(tmp_path):
     given = config(STRIP, name="strip").with_values({"backbone.section.height": 0.5e-3})
     gtr.dump_config(given, tmp_path / "robot.toml")
@@ -94,7 +102,7 @@ def test_a_sweep_marks_sections_that_no_body_has(section, wrong):
     ("section", "more", "words"),
     [
         ({"kind": "hexagon"}, {}, "backbone.section.kind: unknown kind 'hexagon'"),
-        ({"height": 1e-3}, {}, "missing key 'kind'; one of tube, rectangle"),
+        ({"height": 1e-3}, {}, "missing key 'kind'; one of tube, ring, rectangle"),
         ({"kind": "rectangle", "hieght": 1e-3, "width": 1e-3}, {}, "did you mean 'height'"),
         ({"kind": "rectangle", "height": 0.0, "width": 1e-3}, {}, "section.height: must be positive"),
         ({"kind": "tube", "outer_diameter": "1 deg"}, {}, "backbone.section.outer_diameter: "),
@@ -102,6 +110,7 @@ def test_a_sweep_marks_sections_that_no_body_has(section, wrong):
         ({**STRIP, "width": 17e-3}, {}, "the body 16 mm where it is thinnest"),
         (PIPE, {"youngs_modulus": 0.0, "bending_stiffness": 1e-3}, "keep one of the two"),
         (PIPE, {"bores": [{"from": 0.0, "to": 0.1, "diameter": 1e-3}]}, "not computed beside section"),
+        ({"kind": "ring", "outer_diameter": 1e-3}, {}, "backbone.section: missing key 'inner_diameter'"),
         (PIPE, {"rigid": True}, "no effect on a backbone with rigid"),
     ],
 )

@@ -1,15 +1,19 @@
-"""Whether the tendon channel stays inside the body."""
+"""Whether the tendon channel stays inside the body, and whether it is a channel there at all."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 
 import numpy as np
 
-from gtr_jax.errors import InputError
+from gtr_jax.errors import InputError, InputWarning
 
 from .config import RobotConfig
 from .config_checks import mm, outer_radius_at
+from .sections import TendonConfig
+
+_NEAR = 1e-6  # relative to the radius of a bore: a channel this close to its wall lies on it
 
 
 def check_channel(
@@ -19,7 +23,7 @@ def check_channel(
     tendon: str | None = None,
     points: int = 2001,
 ) -> None:
-    """Refuse a tendon channel that leaves the body.
+    """Refuse a tendon channel that leaves the body, and warn of one that lies in the free space of a bore.
 
     Args:
         config: the robot.
@@ -28,7 +32,9 @@ def check_channel(
         tendon: name of the tendon, if the robot has several.
         points: places along the backbone to look at, besides the knots or junctions of the routing.
 
-    Raises InputError naming the file, the place s where the channel is farthest outside, and the remedy.
+    Raises InputError naming the file, the place s where the channel is farthest outside, and the remedy. Warns
+    with an `InputWarning` of a tendon within a bore, which is computed as in a channel, unless `guides` or the
+    term clearance say what it does there.
     """
     length = config.backbone.length
     own, routing = next((own, channel) for name, own, channel in config.strung if name == (tendon or ""))
@@ -51,4 +57,36 @@ def check_channel(
             f"{config.source}: {table}: the tendon leaves the body at s = {mm(s[worst])}, where it runs "
             f"{mm(reach[worst])} from the axis and the outer radius is {mm(radius[worst])}; "
             "bring the channel inside or widen the body"
+        )
+    _warn_of_free_space(config, own, s, reach, table, tendon)
+
+
+def _warn_of_free_space(
+    config: RobotConfig, own: TendonConfig, s: np.ndarray, reach: np.ndarray, table: str, name: str | None
+) -> None:
+    """Warn where a tendon lies within a bore, away from its wall, and nothing says how it runs there.
+
+    Args:
+        config: the robot.
+        own: the tendon.
+        s: arc lengths [m], (N,), increasing.
+        reach: distance of the tendon from the axis there [m], (N,).
+        table: of the channel in the file.
+        name: of the tendon; None for an only one.
+    """
+    cleared = any(term.id == "clearance" and term.tendon in (None, name) for term in config.terms)
+    if own.guides or cleared or config.backbone.rigid:
+        return
+    for bore in config.backbone.bores:
+        radius = bore.diameter / 2
+        free = (bore.from_ <= s) & (s <= bore.to) & (reach < radius * (1 - _NEAR))
+        if not np.any(free):
+            continue
+        room = float(np.max(radius - reach[free]))
+        warnings.warn(
+            f"{config.source}: {table}: from s = {mm(s[free][0])} to {mm(s[free][-1])} the tendon lies in a bore, up "
+            f"to {mm(room)} from its wall, and is computed as if a channel held it there; if it is free, name the "
+            "disks between which it runs straight as guides, or give the term clearance",
+            InputWarning,
+            stacklevel=3,
         )

@@ -233,6 +233,16 @@ class TubeConfig(Section):
     """Inner diameter [m]; 0: a rod."""
 
 
+class RingConfig(Section):
+    """A round tube that carries the load, by both its diameters."""
+
+    kind: Literal["ring"]
+    outer_diameter: Length = Field(examples=["2 mm"])
+    """Outer diameter [m]."""
+    inner_diameter: Length = Field(examples=["1.6 mm"])
+    """Inner diameter [m]."""
+
+
 class RectangleConfig(Section):
     """A strip that carries the load."""
 
@@ -243,8 +253,8 @@ class RectangleConfig(Section):
     """Its size [m] along z, across that plane."""
 
 
-SECTIONS = ("tube", "rectangle")
-SectionShape = Annotated[TubeConfig | RectangleConfig, Field(discriminator="kind")]
+SECTIONS = ("tube", "ring", "rectangle")
+SectionShape = Annotated[TubeConfig | RingConfig | RectangleConfig, Field(discriminator="kind")]
 
 
 class BackboneConfig(Section):

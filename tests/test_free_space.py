@@ -1,0 +1,57 @@
+"""Tendons within a bore: nothing holds them there, and a robot file that does not say how they run is warned of."""
+
+import warnings
+
+import pytest
+
+from gtr_jax.errors import InputWarning
+from gtr_jax.robot.build import build_robot
+
+BORES = [{"from": 0.05, "to": 0.2, "diameter": 0.016}]
+INSIDE = {"kind": "parallel", "offset": 0.006}
+HELIX = {"kind": "helix", "radius": 0.006, "turns": 1.0, "start_angle": 0.0}
+
+
+def said(config):
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        build_robot(config)
+    return [str(one.message) for one in found if one.category is InputWarning]
+
+
+def test_a_tendon_in_the_free_space_of_a_bore_is_warned_of(make_config):
+    config = make_config(routing=INSIDE, backbone={"bores": BORES})
+    (text,) = said(config)
+    for words in ("routing", "from s = 50 mm to 200 mm", "up to 2 mm from its wall", "guides", "clearance"):
+        assert words in text
+
+
+def test_only_where_it_lies_in_the_bore(make_config):
+    ramp = {"kind": "table", "knots": [[0.0, 0.012], [0.25, 0.0]]}
+    (text,) = said(make_config(routing=ramp, backbone={"bores": BORES}))
+    assert "from s = 83.375 mm to 200 mm" in text
+    assert not said(make_config(routing={"kind": "parallel", "offset": 0.010}, backbone={"bores": BORES}))
+
+
+@pytest.mark.parametrize(
+    ("routing", "more"),
+    [
+        ({"kind": "parallel", "offset": 0.008}, {}),  # along the wall
+        (INSIDE, {"terms": [{"kind": "clearance", "share": 0.1}]}),
+        (INSIDE, {"backbone": {"rigid": True, "youngs_modulus": None, "density": None}}),
+        (HELIX, {"tendon": {"guides": [0.05, 0.1, 0.15, 0.2]}, "space": True}),
+    ],
+    ids=["wall", "clearance", "sheath", "guides"],
+)
+def test_nothing_is_said_where_the_file_says_how_it_runs(make_config, routing, more):
+    body = {"bores": BORES, **more.pop("backbone", {})}
+    assert not said(make_config(routing=routing, backbone=body, **more))
+
+
+def test_of_several_tendons_the_one_is_named(make_config):
+    tendons = [
+        {"name": name, "friction_coefficient": 0.1, "routing": {"kind": "parallel", "offset": offset}}
+        for name, offset in (("left", 0.010), ("right", -0.005))
+    ]
+    (text,) = said(make_config(backbone={"bores": BORES}, tendons=tendons))
+    assert "tendons.right.routing" in text
