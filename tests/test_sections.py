@@ -65,9 +65,7 @@ def test_in_space_a_strip_bends_over_its_thin_side():
 
 
 def test_a_ring_is_a_tube_with_both_diameters():
-    ring, pipe = (
-        build_robot(config(section)).backbone.shape for section in (PIPE | {"kind": "ring"}, PIPE)
-    )
+    ring, pipe = (build_robot(config(section)).backbone.shape for section in (PIPE | {"kind": "ring"}, PIPE))
     nu = jnp.asarray(0.3)
     assert [float(v) for v in ring.stiffnesses(nu)] == [float(v) for v in pipe.stiffnesses(nu)]
 

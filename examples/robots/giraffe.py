@@ -1,24 +1,33 @@
 """A tendon in a sheath with a load cell at each end, as its rig recorded it: what the diagnosis says of it.
 
-`python -m examples.robots.giraffe` reads the recording where it lies, and writes docs/robots/giraffe.md, and
-a picture into out-robots. The recording has no licence and does not ship.
+`python -m examples.robots.giraffe` reads the recording where it lies, and writes docs/robots/giraffe.md with a
+picture that shows none of it; one that does goes to out-robots. The recording has no licence and does not ship.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
+import numpy as np
 from matplotlib.figure import Figure
 
 import calibrate
 import gtr_jax as gtr
 from calibrate import Diagnosis
+from calibrate.diagnosis.episodes import WORDS
+from calibrate.diagnosis.hypotheses import FARTHEST
+from calibrate.diagnosis.result import Change
 from gtr_jax.files.numbers import measured_quantity, quantity
+from gtr_jax.plots.shape import Posture, Pressed, plot_shape
 from gtr_jax.plots.style import BLUE, GREY, PALE, VERMILLION, styled
 
 from .pages import elsewhere, interval, page, save, say, table, write
 
 COLUMNS = "time=Time [s],T_base=data_0[gf],T_tip=data_2[gf]"
+PULLED = 10.0  # N at the base, in the picture of the sheath
+# Tensions of the recording in the words of a diagnosis: these stay out of the repository.
+RECORDED = re.compile(r", -?[\d.]+ to -?[\d.]+ N at the base")
 
 
 @styled
@@ -44,6 +53,21 @@ def picture(found: Diagnosis) -> Figure:
     return fig
 
 
+def sheath(robot: gtr.Robot) -> Figure:
+    """The sheath, and what the tendon does to it while it is pulled: of the robot file alone."""
+    state = gtr.equilibrium(robot, PULLED)
+    pressed = Pressed("", state, gtr.channel_forces(state))
+    return plot_shape(
+        [Posture("sheath", state)], radius=np.asarray(robot.backbone.radius(state.s)), pressed=[pressed]
+    )
+
+
+def between(number: Change) -> str:
+    """The 95 % interval of a number, and whether it is at an end of the values that are allowed."""
+    at_end = number.after is not None and number.after in (number.lower95, number.upper95)
+    return interval(number) + (" (at the end of its range)" if at_end else "")
+
+
 def held_out(found: Diagnosis) -> tuple[float, float]:
     """Misfit of cycles that were not fitted, before and after [N], rms."""
     return found.held_out[0]["rms"], found.held_out[1]["rms"]
@@ -56,8 +80,10 @@ def _lines(texts: Sequence[str]) -> str:
 def main() -> None:
     """Diagnose the recording, and write the page."""
     config = gtr.load_config(elsewhere("giraffe", "robot.toml"))
+    robot = gtr.build_robot(config)
+    save(sheath(robot), "giraffe-sheath")
     recording = gtr.read_recording(elsewhere("giraffe", "loadcell_measurements.csv"), COLUMNS)
-    say("giraffe: diagnosis, two minutes")
+    say("giraffe: diagnosis, minutes")
     found = calibrate.diagnose(config, recording, experiment=False)
     before, after = held_out(found)
     say(f"  {found.verdict}: {before:.3f} N before, {after:.3f} N after, on cycles that were not fitted")
@@ -67,21 +93,37 @@ def main() -> None:
             f"`{c.name}`",
             quantity(c.before, c.unit),
             measured_quantity(c.after, c.sd, c.unit),
-            interval(c),
+            between(c),
         ]
         for c in found.parameters
     ]
+    assert recording.time is not None
+    seconds, length = float(np.ptp(recording.time)), config.backbone.length
+    bent = float(gtr.equilibrium(robot, 0.0).angle[-1])
     write(
         "giraffe",
         page("giraffe").format(
-            says=found.says,
+            length=length,
+            bent=bent,
+            around=bent / (2 * np.pi),
+            seconds=seconds,
+            rate=(len(recording.time) - 1) / seconds,
+            says=RECORDED.sub("", found.says),
+            pulled=f"{PULLED:g}",
+            farthest=FARTHEST,
             before=f"{before:.2f}",
             after=f"{after:.3f}",
             noise=f"{found.noise:.3f}",
             sets=_lines([" and ".join(f"`{name}`" for name in names) for names in found.confusion_set]),
             numbers=table(["number", "friction alone", "with what was found", "95 % interval"], rows),
-            episodes=_lines([episode.says for episode in found.episodes]),
-            left=_lines([left.why for left in found.left_out]),
+            episodes=_lines(
+                [
+                    f"{e.start_s:.2f} to {e.end_s:.2f} s: simulated minus recorded {quantity(e.mean_N, 'N', 2)} "
+                    f"in the mean, {100 * e.share:.0f} % of the misfit; {WORDS[e.kind]}"
+                    for e in found.episodes
+                ]
+            ),
+            left=_lines([f"{left.when}: {quantity(left.size, left.unit, 2)} rms" for left in found.left_out]),
         ),
     )
 
