@@ -1,4 +1,4 @@
-"""Tendons within a bore: nothing holds them there, and a robot file that does not say how they run is warned of."""
+"""Tendons within a bore, where nothing holds them: files that do not say how they run are warned of."""
 
 import warnings
 

@@ -1,7 +1,8 @@
 """A tendon in a sheath with a load cell at each end, as its rig recorded it: what the diagnosis says of it.
 
-`python -m examples.robots.giraffe` reads the recording where it lies, and writes docs/robots/giraffe.md with a
-picture that shows none of it; one that does goes to out-robots. The recording has no licence and does not ship.
+`python -m examples.robots.giraffe` reads the recording where it lies, and writes docs/robots/giraffe.md with
+a picture that shows none of it; one that does goes to out-robots. The recording has no licence and does not
+ship.
 """
 
 from __future__ import annotations
@@ -118,8 +119,9 @@ def main() -> None:
             numbers=table(["number", "friction alone", "with what was found", "95 % interval"], rows),
             episodes=_lines(
                 [
-                    f"{e.start_s:.2f} to {e.end_s:.2f} s: simulated minus recorded {quantity(e.mean_N, 'N', 2)} "
-                    f"in the mean, {100 * e.share:.0f} % of the misfit; {WORDS[e.kind]}"
+                    f"{e.start_s:.2f} to {e.end_s:.2f} s: simulated minus recorded "
+                    f"{quantity(e.mean_N, 'N', 2)} in the mean, {100 * e.share:.0f} % of the misfit; "
+                    f"{WORDS[e.kind]}"
                     for e in found.episodes
                 ]
             ),

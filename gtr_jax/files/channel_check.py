@@ -32,9 +32,9 @@ def check_channel(
         tendon: name of the tendon, if the robot has several.
         points: places along the backbone to look at, besides the knots or junctions of the routing.
 
-    Raises InputError naming the file, the place s where the channel is farthest outside, and the remedy. Warns
-    with an `InputWarning` of a tendon within a bore, which is computed as in a channel, unless `guides` or the
-    term clearance say what it does there.
+    Raises InputError naming the file, the place s where the channel is farthest outside, and the remedy.
+    Warns with an `InputWarning` of a tendon within a bore, which is computed as in a channel, unless `guides`
+    or the term clearance say what it does there.
     """
     length = config.backbone.length
     own, routing = next((own, channel) for name, own, channel in config.strung if name == (tendon or ""))
@@ -84,9 +84,9 @@ def _warn_of_free_space(
             continue
         room = float(np.max(radius - reach[free]))
         warnings.warn(
-            f"{config.source}: {table}: from s = {mm(s[free][0])} to {mm(s[free][-1])} the tendon lies in a bore, up "
-            f"to {mm(room)} from its wall, and is computed as if a channel held it there; if it is free, name the "
-            "disks between which it runs straight as guides, or give the term clearance",
+            f"{config.source}: {table}: from s = {mm(s[free][0])} to {mm(s[free][-1])} the tendon lies in a "
+            f"bore, up to {mm(room)} from its wall, and is computed as if a channel held it there; if it is "
+            "free, name the disks between which it runs straight as guides, or give the term clearance",
             InputWarning,
             stacklevel=3,
         )
