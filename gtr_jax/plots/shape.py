@@ -77,6 +77,7 @@ def plot_shape(
     radius: np.ndarray,
     pressed: list[Pressed],
     bores: Sequence[tuple[float, float, float]] = (),
+    notches: Sequence[tuple[float, float, float]] = (),
     axes: Sequence[Axes] | None = None,
 ) -> Figure:
     """Midline, outline and channels of each posture, and the forces along the channels of the loaded one.
@@ -89,9 +90,10 @@ def plot_shape(
         radius: outer radius of the body at the nodes [m], (N,).
         pressed: the tendons, in the state whose forces are drawn.
         bores: along the midline: start, end and diameter of each [m]; their walls are dotted.
+        notches: as of `curve_of`.
         axes: two to draw into, the shape and the forces along it; a figure is made unless given.
     """
-    strung = [_curves_of(posture.state, radius) for posture in postures]
+    strung = [_curves_of(posture.state, radius, notches) for posture in postures]
     curves = [tendons[0] for tendons in strung]
     colours = [GREY, INK, PURPLE] if len(curves) > 1 else [INK]
     width, height = np.ptp(np.concatenate([c.outline for c in curves]), axis=0)
@@ -128,12 +130,16 @@ def plot_shape(
     return fig
 
 
-def curve_of(state: Equilibrium, radius: np.ndarray) -> Curve:
+def curve_of(
+    state: Equilibrium, radius: np.ndarray, notches: Sequence[tuple[float, float, float]] = ()
+) -> Curve:
     """The shape between the nodes: splines of angle and offset within each panel, the angle integrated.
 
     Args:
         state: of one tendon.
         radius: outer radius of the body at the nodes [m], (N,).
+        notches: start, end and depth of each [m], negative of those that are cut from the right; they are
+            panels of the mesh.
     """
     s = np.asarray(state.s)
     starts = np.flatnonzero(np.diff(s, prepend=-1.0, append=s[-1]) <= 0)
@@ -147,16 +153,22 @@ def curve_of(state: Equilibrium, radius: np.ndarray) -> Curve:
     tangent, normal = (np.stack(_unit(a), axis=1) for a in (angle, angle + np.pi / 2))
     steps = np.diff(at)[:, None] * 0.5 * (tangent[1:] + tangent[:-1])
     middle = 1e3 * np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
-    left, right = (middle + side * 1e3 * half[:, None] * normal for side in (1, -1))
+    edges = np.stack([half, -half])
+    within = np.concatenate([np.full(len(own), np.mean(own)) for own, *_ in pieces])  # its panel, of a point
+    for start, end, depth in notches:
+        edges[0 if depth > 0 else 1, (start < within) & (within < end)] -= depth
+    left, right = (middle + 1e3 * edge[:, None] * normal for edge in edges)
     outline = np.concatenate([left, right[::-1], left[:1]])
     return Curve(at, panel, middle, middle + 1e3 * R[:, None] * normal, outline)
 
 
-def _curves_of(state: Equilibrium, radius: np.ndarray) -> list[Curve]:
+def _curves_of(
+    state: Equilibrium, radius: np.ndarray, notches: Sequence[tuple[float, float, float]]
+) -> list[Curve]:
     """The shape with each of its tendons."""
     if np.ndim(state.R) == 1:
-        return [curve_of(state, radius)]
-    return [curve_of(state.of_tendon(i), radius) for i in range(len(state.R))]
+        return [curve_of(state, radius, notches)]
+    return [curve_of(state.of_tendon(i), radius, notches) for i in range(len(state.R))]
 
 
 def _unit(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -18,9 +18,18 @@ from .tendons import COLOURS
 POINTS = 401
 
 
+def notches_of(robot: Robot) -> list[tuple[float, float, float]]:
+    """Start, end and depth of each notch [m], the depth negative of those that are cut from the right."""
+    return [
+        (float(start), float(end), row.side * float(row.depth))
+        for row in robot.backbone.notches
+        for start, end in zip(*row.ends, strict=True)
+    ]
+
+
 @styled
 def plot_straight(robot: Robot, *, axes: Axes | Sequence[Axes] | None = None) -> Figure:
-    """The body from its side, in space from above too, with bores, channels and guides.
+    """The body from its side, in space from above too, with bores, notches, channels and guides.
 
     Args:
         robot: with numbers that are known, not traced.
@@ -38,6 +47,11 @@ def plot_straight(robot: Robot, *, axes: Axes | Sequence[Axes] | None = None) ->
             ends = 1e3 * np.asarray([float(start), float(end)])
             half = 0.5e3 * float(wide)
             ax.fill_between(ends, -half, half, color="white", edgecolor=GREY, linewidth=0.6)
+        for start, end, depth in notches_of(robot) if row == 0 else ():
+            ends = np.array([start, end])
+            edge = np.sign(depth) * np.asarray(body.radius(jnp.asarray(ends)))
+            floor = edge - depth
+            ax.fill_between(1e3 * ends, 1e3 * floor, 1e3 * edge, color="white", edgecolor=GREY, linewidth=0.6)
         for k, tendon in enumerate(robot.tendons):
             colour, wide = COLOURS[k % len(COLOURS)], max(3.0 - 0.8 * k, 1.2)  # one may lie behind another
             end = length if tendon.to is None else float(tendon.to)

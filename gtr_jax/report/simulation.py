@@ -14,6 +14,7 @@ from gtr_jax.files.numbers import number
 from gtr_jax.files.quantities import AXES
 from gtr_jax.plots.loop import plot_loop
 from gtr_jax.plots.shape import Posture, Pressed, plot_shape
+from gtr_jax.plots.straight import notches_of
 from gtr_jax.plots.tendons import plot_tendons
 from gtr_jax.plots.tension import plot_tension
 from gtr_jax.robot.clearance import distances
@@ -425,7 +426,11 @@ def _shape(answer: SimulationAnswer) -> Figure:
     body = robot.backbone
     bores = np.stack([body.bore_start, body.bore_end, body.bore_diameter], axis=1).tolist()
     shape = plot_shape(
-        postures, radius=np.asarray(body.radius(run.s)), pressed=pressed, bores=[tuple(b) for b in bores]
+        postures,
+        radius=np.asarray(body.radius(run.s)),
+        pressed=pressed,
+        bores=[tuple(b) for b in bores],
+        notches=notches_of(robot),
     )
     kinks = max(float(jnp.max(tendon.forces.kink_normal)) for tendon in pressed)
     at_kinks = f" Kinks of the channel carry up to {kinks:.2g} N besides." if kinks > 1e-9 else ""
