@@ -5,7 +5,13 @@ import pytest
 
 import gtr_jax as gtr
 from examples.robots.tentacle import FOLDER, distances, holds, rms
-from examples.robots.wrists import COUNT, HERE, WRISTS
+from examples.robots.wrists import COUNT, REST_KEYS, SHARED, WRISTS
+from examples.robots.wrists import FOLDER as WRISTS_FOLDER
+from gtr_jax.plots.shape import curve_of
+from gtr_jax.plots.straight import notches_of
+from gtr_jax.robot.parameters import parameters_of
+
+LEFT = sorted(file.stem for file in WRISTS_FOLDER.glob("*-*.toml"))
 
 
 @pytest.mark.slow
@@ -28,7 +34,7 @@ def test_recordings_of_the_tentacle_are_parted_and_have_their_notice():
 
 @pytest.mark.parametrize("wrist", WRISTS)
 def test_wrists_close_one_notch_after_the_other(wrist):
-    config = gtr.load_config(HERE / "wrists" / f"{wrist}.toml")
+    config = gtr.load_config(WRISTS_FOLDER / f"{wrist}.toml")
     assert len(config.backbone.notches[0].ends) == COUNT
     run = gtr.simulate(gtr.build_robot(config), np.linspace(0.0, 6.0, 13))
     assert np.all(run.converged)
@@ -36,3 +42,53 @@ def test_wrists_close_one_notch_after_the_other(wrist):
     assert np.all(np.diff(found[4]) < 0)
     closed = config.backbone.notches[0].height / (0.81e-3 + 0.6865e-3)
     assert found[-1] == pytest.approx(closed, rel=0.05)
+
+
+def test_the_files_that_fits_and_diagnoses_leave_ship():
+    each = {f"{wrist}-{kind}" for wrist in WRISTS for kind in ("fitted", "diagnosed")}
+    assert set(LEFT) == each | {"wrist-both-fitted"}
+
+
+@pytest.mark.parametrize("name", LEFT)
+def test_they_predict_from_the_file_alone(name):
+    """Notches bend by far more than they are bent at rest, in their order, and none beyond its closing."""
+    config = gtr.load_config(WRISTS_FOLDER / f"{name}.toml")
+    assert config.term_values["superelastic"]["softening"] > 0.5
+    assert config.tendon.friction_coefficient > 0.1
+    robot = gtr.build_robot(config)
+    run = gtr.simulate(robot, np.linspace(0.0, 2.0, 11))
+    assert np.all(run.converged)
+    rest, *_, bent = np.asarray(gtr.marker_angles(robot, run))
+    closed = config.backbone.notches[0].height / (0.81e-3 + 0.6865e-3)
+    assert np.all((bent > rest + np.deg2rad(5.0)) & (bent < 1.05 * closed))
+    assert np.all(np.diff(bent - rest) < 0)
+
+
+def test_the_file_for_a_third_wrist_is_straight_and_says_how_well_its_numbers_are_known():
+    config = gtr.load_config(WRISTS_FOLDER / "wrist-both-fitted.toml")
+    assert all(angle == 0.0 for angle in config.backbone.notches[0].natural_angle)
+    assert all(1.0 < np.degrees(config.deviation(key)) < 4.0 for key in REST_KEYS)
+    robot = gtr.build_robot(config)
+    known, ones = parameters_of(robot), [gtr.load_robot(WRISTS_FOLDER / f"{w}-fitted.toml") for w in WRISTS]
+    for name in SHARED:
+        value, sd = float(robot.value(name)), config.deviation(known[name].key)
+        assert all(abs(float(one.value(name)) - value) < 2.5 * sd for one in ones), name
+
+
+def test_the_tentacle_from_its_fitted_file_keeps_its_numbers():
+    config = gtr.load_config(FOLDER / "fitted.toml")
+    run = gtr.simulate(gtr.build_robot(config), [[0.0, 0.0], [5.0, 2.0]])
+    assert np.all(run.converged)
+    assert config.deviation("base.position.0") > 0
+
+
+def test_notches_are_drawn_where_they_are_cut():
+    """The outline of a straight wrist lacks what its notches take."""
+    config = gtr.load_config(WRISTS_FOLDER / "wrist150.toml").with_values(dict.fromkeys(REST_KEYS, 0.0))
+    robot = gtr.build_robot(config)
+    state = gtr.equilibrium(robot, 0.0)
+    curve = curve_of(state, np.asarray(robot.backbone.radius(state.s)), notches_of(robot))
+    x, y = curve.outline.T
+    area = 0.5 * abs(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))
+    assert area == pytest.approx(11.0 * 1.62 - COUNT * 0.8 * 1.4, rel=1e-6)
+    assert y[(x > 1.3) & (x < 1.9)].max() == pytest.approx(0.81 - 1.4)

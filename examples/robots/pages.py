@@ -68,7 +68,7 @@ def save(picture: Figure, name: str, *, shows_recording: bool = False) -> None:
     """A picture: into the docs, or, if it shows a recording that does not ship, into `OUT`."""
     folder = OUT if shows_recording else DOCS
     folder.mkdir(exist_ok=True)
-    picture.savefig(folder / f"{name}.png", dpi=150)
+    picture.savefig(folder / f"{name}.png", dpi=150, bbox_inches="tight")
     say(f"  {folder / name}.png")
 
 

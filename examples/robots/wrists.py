@@ -1,111 +1,100 @@
 """Two notched wrists of nitinol: fitted to the first trial of each, predicting the others.
 
-`python -m examples.robots.wrists` reads the recordings where they lie, and writes docs/robots/wrists.md with
-a picture that shows none of them; one that does goes to out-robots. They have no licence and do not ship.
+`python -m examples.robots.wrists` reads the recordings where they lie, and writes robot files into wrists,
+and docs/robots/wrists.md with pictures that show no recording; one that does goes to out-robots. The
+recordings have no licence and do not ship.
 """
 
 from __future__ import annotations
 
-import csv
-import dataclasses
 import functools
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
-from matplotlib.figure import Figure
+from scipy.optimize import brentq
 
 import calibrate
 import gtr_jax as gtr
+from calibrate import Diagnosis, FitResult
 from gtr_jax.files.config import dump_config
-from gtr_jax.plots.style import BLUE, GREY, VERMILLION, styled
+from gtr_jax.files.numbers import measured_quantity
+from gtr_jax.robot.notches import remaining
+from gtr_jax.robot.robot import sections
 
-from .pages import HERE, elsewhere, numbers, page, save, say, table, write
+from .pages import HERE, numbers, page, save, say, table, write
+from .wrist_pictures import bodies, models, recorded
+from .wrist_trials import (
+    COUNT,
+    NATURAL,
+    WRISTS,
+    Says,
+    Trial,
+    errors,
+    interpolated,
+    off,
+    predicted,
+    recording,
+    scatter,
+    trials,
+)
 
-WRISTS = ("wrist90", "wrist150")
-COUNT = 5
-NATURAL = tuple(f"notches_natural_angle_{i}" for i in range(COUNT))
+FOLDER = HERE / "wrists"
 MATERIAL = ("E", "superelastic.softening", "superelastic.strain")
-# Each model with what is free of every wrist; the last two fit both wrists together.
+SHARED = (*MATERIAL, "mu")
+REST_KEYS = tuple(f"backbone.notches.0.natural_angle.{i}" for i in range(COUNT))
+# Each model with what is free of every wrist.
 ALONE = (
     ("modulus", ("E",)),
     ("modulus and friction", ("E", "mu")),
     ("superelastic, no friction", MATERIAL),
-    ("superelastic, with friction", (*MATERIAL, "mu")),
+    ("superelastic, with friction", SHARED),
 )
+# Models of both wrists together: what is free, and what of that each wrist has of its own.
 TOGETHER = (
-    ("one material and one friction for both", (*MATERIAL, "mu")),
-    ("and notches that bend shorter than they are cut", (*MATERIAL, "mu", "notches_end_correction")),
+    ("one material and one friction for both", SHARED, ()),
+    ("one material, each its own friction", SHARED, ("mu",)),
+    ("one plateau and friction, each its own modulus", SHARED, ("E",)),
+    ("one modulus and friction, each its own plateau", SHARED, MATERIAL[1:]),
+    ("all shared, notches that bend shorter than they are cut", (*SHARED, "notches_end_correction"), ()),
 )
 RESTS = np.deg2rad(1.0)
-REPEATED = "no model: the first trial, interpolated"
-PLAIN, FOUND = ALONE[1][0], ALONE[3][0]
+REPEATED, SWAPPED = "no model: the first trial, interpolated", "the numbers of the other wrist alone"
+(PLAIN, RUBBED, SOFTENED, FOUND), (ONE, _, STIFFER, _, SHORTER) = (
+    tuple(says for says, *_ in several) for several in (ALONE, TOGETHER)
+)
 KNOWN = {"wrist90": "0.61", "wrist150": "1.14"}  # degrees, the authors' law by SOURCE
 
 
-@dataclasses.dataclass(frozen=True)
-class Trial:
-    """Base tensions [N], (K,), and angles of the notches [rad], (K, 5)."""
-
-    T_base: np.ndarray
-    angles: np.ndarray
-
-
-def trials(wrist: str) -> list[Trial]:
-    """The trials of a wrist, in order."""
-    with elsewhere("wrists", f"{wrist}.csv").open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    found = []
-    for name in dict.fromkeys(row["trial"] for row in rows):
-        own = [row for row in rows if row["trial"] == name]
-        angles = [[float(row[f"theta{i + 1}_deg"]) for i in range(COUNT)] for row in own]
-        found.append(Trial(np.array([float(row["T_base_N"]) for row in own]), np.deg2rad(angles)))
-    return found
-
-
-def recording(wrist: str, trial: Trial, folder: Path) -> gtr.Recording:
-    """A trial as a recording."""
-    path = folder / f"{wrist}.csv"
-    header = ",".join(["T_base_N", *(f"n{i + 1}_angle_rad" for i in range(COUNT))])
-    np.savetxt(path, np.column_stack([trial.T_base, trial.angles]), delimiter=",", header=header, comments="")
-    return gtr.read_recording(path, measured=True, markers=[f"n{i + 1}" for i in range(COUNT)])
-
-
-def predicted(robot: gtr.Robot, trial: Trial, own_rest: bool) -> np.ndarray:
-    """Angles of the notches [rad], (K, 5); with `own_rest` from the angles that the trial begins with."""
-    if own_rest:
-        robot = robot.with_values(**dict(zip(NATURAL, trial.angles[0], strict=True)))
-    run = gtr.simulate(robot, np.maximum(trial.T_base, 0.0))
-    if not np.all(run.converged):
-        raise SystemExit("a step did not converge")
-    return np.asarray(gtr.marker_angles(robot, run))
-
-
-def interpolated(first: Trial, trial: Trial, own_rest: bool) -> np.ndarray:
-    """What another trial says of the angles of the notches [rad], (K, 5), without any model, NaN beyond its
-    tensions; with `own_rest` from the angles that the trial begins with.
+class Row(NamedTuple):
+    """A model of both wrists: a robot of each; and rms errors [degrees] on the first trial, on the others,
+    and on these from their own rest, of each wrist. None where there is none.
     """
-    order = np.argsort(first.T_base)
-    T, angles = first.T_base[order], first.angles[order]
-    found = np.stack([np.interp(trial.T_base, T, each, right=np.nan) for each in angles.T], axis=1)
-    return found + trial.angles[0] - angles[0] if own_rest else found
+
+    says: str
+    robots: Mapping[str, gtr.Robot]
+    errors: Mapping[str, tuple[float | None, float | None, float | None]]
+
+    @property
+    def cells(self) -> list[str]:
+        """Of the table."""
+        return [self.says, *(degrees(error) for wrist in WRISTS for error in self.errors[wrist])]
 
 
-def off(says: Callable[[Trial, bool], np.ndarray], several: Sequence[Trial], own_rest: bool = False) -> float:
-    """Root mean square error of an angle [degrees]; where a trial's first row is its rest, of the others.
-
-    Args:
-        says: the angles [rad] of a trial, with or without its own rest, as `predicted` has them.
-        several: the trials.
-        own_rest: whether each trial's own rest is known.
-    """
-    errors = [(says(trial, own_rest) - trial.angles)[1 if own_rest else 0 :].ravel() for trial in several]
-    return float(np.rad2deg(np.sqrt(np.nanmean(np.concatenate(errors) ** 2))))
+def degrees(error: float | None) -> str:
+    """An error [degrees] as shown."""
+    return "–" if error is None else f"{error:.2f}°"
 
 
-def alone(config: gtr.RobotConfig, first: gtr.Recording, free: Sequence[str]) -> Any:
+def superelastic(config: gtr.RobotConfig) -> gtr.RobotConfig:
+    """The robot with the term at usual values, to start from."""
+    return config.with_values({"terms.superelastic.softening": 0.8, "terms.superelastic.strain": 0.025})
+
+
+def alone(config: gtr.RobotConfig, first: gtr.Recording, free: Sequence[str]) -> FitResult:
     """A model fitted to one wrist."""
     if MATERIAL[1] in free:
         config = superelastic(config)
@@ -114,168 +103,267 @@ def alone(config: gtr.RobotConfig, first: gtr.Recording, free: Sequence[str]) ->
     return calibrate.fit(config, first, free=(*free, *NATURAL))
 
 
-def keep(wrist: str, found: Any) -> None:
-    """The fitted robot file of a wrist."""
-    note = f"Fitted to the first trial of {wrist} by examples/robots/wrists.py."
-    dump_config(found.config, HERE / "wrists" / f"{wrist}-fitted.toml", note=note)
+def together(
+    configs: Sequence[gtr.RobotConfig],
+    first: Sequence[gtr.Recording],
+    free: Sequence[str],
+    own: Sequence[str],
+) -> FitResult:
+    """A model fitted to both wrists, with their own angles at rest and whatever else is their own."""
+    return calibrate.fit(
+        [superelastic(config) for config in configs],
+        first,
+        free=(*free, *NATURAL),
+        per_robot=(*own, *NATURAL),
+    )
 
 
-def diagnosed(config: gtr.RobotConfig, first: gtr.Recording) -> str:
+def diagnosed(config: gtr.RobotConfig, first: gtr.Recording) -> Diagnosis:
     """What `gtr diagnose` says of a wrist, whose notches may be bent at rest by a degree more or less."""
-    angles = {f"backbone.notches.0.natural_angle.{i}": RESTS for i in range(COUNT)}
-    return calibrate.diagnose(config.with_deviations(angles), first).says
+    return calibrate.diagnose(config.with_deviations(dict.fromkeys(REST_KEYS, RESTS)), first)
 
 
-def superelastic(config: gtr.RobotConfig) -> gtr.RobotConfig:
-    """The robot with the term at usual values, to start from."""
-    return config.with_values({"terms.superelastic.softening": 0.8, "terms.superelastic.strain": 0.025})
+def neutral(config: gtr.RobotConfig) -> gtr.RobotConfig:
+    """The robot with notches that are straight at rest."""
+    return config.with_values(dict.fromkeys(REST_KEYS, 0.0))
 
 
-@styled
-def picture(robots: dict[str, dict[str, gtr.Robot]]) -> Figure:
-    """Angles of the notches against the base tension in the trials that were not trained on."""
-    fig = Figure(figsize=(9.6, 6.4), layout="constrained")
-    axes = fig.subplots(2, COUNT, sharex=True, sharey="row")
-    for row, wrist in zip(axes, WRISTS, strict=True):
-        later = trials(wrist)[1:]
-        T = np.linspace(0.0, max(trial.T_base.max() for trial in later), 60)
-        lines = {
-            name: np.rad2deg(gtr.marker_angles(robot, gtr.simulate(robot, T)))
-            for name, robot in robots[wrist].items()
-        }
-        for i, at in enumerate(row):
-            for (name, line), colour in zip(lines.items(), (GREY, BLUE), strict=True):
-                at.plot(T, line[:, i], color=colour, label=name)
-            for trial in later:
-                at.plot(
-                    trial.T_base,
-                    np.rad2deg(trial.angles[:, i]),
-                    ".",
-                    color=VERMILLION,
-                    ms=4,
-                    label="measured",
-                )
-            at.set_title(f"{wrist}, notch {i + 1}", fontsize=9)
-        row[0].set_ylabel("angle of the notch [°]")
-    fig.supxlabel("tension at the base [N]", fontsize=10)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    once = dict(zip(labels, handles, strict=True))
-    fig.legend(once.values(), once.keys(), loc="outside upper center", ncols=3)
-    return fig
+def keep(config: gtr.RobotConfig, name: str, note: str) -> None:
+    """A robot file among those that ship."""
+    dump_config(config, FOLDER / f"{name}.toml", note=f"{note} By examples/robots/wrists.py.")
 
 
-@styled
-def models(robots: dict[str, dict[str, gtr.Robot]], seen: dict[str, list[Trial]]) -> Figure:
-    """Angles of the notches of both models, and their held-out errors by notch."""
-    fig = Figure(figsize=(9.6, 5.8), layout="constrained")
-    axes = fig.subplots(2, 2, width_ratios=(3, 2))
-    for (left, right), wrist in zip(axes, WRISTS, strict=True):
-        T = np.linspace(0.0, 2.0, 60)
-        for (name, robot), colour, width in zip(
-            robots[wrist].items(), (GREY, BLUE), (-0.2, 0.2), strict=True
-        ):
-            angles = np.rad2deg(gtr.marker_angles(robot, gtr.simulate(robot, T)))
-            for i in range(COUNT):
-                left.plot(T, angles[:, i], color=colour, lw=1.4, label=name if i == 0 else None)
-            errors = [predicted(robot, trial, False) - trial.angles for trial in seen[wrist][1:]]
-            each = np.rad2deg(np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0)))
-            right.bar(np.arange(1, COUNT + 1) + width, each, 0.38, color=colour)
-        left.set_title(f"{wrist}: notches 1 (upper) to {COUNT} (lower)", fontsize=9)
-        left.set_xlabel("tension at the base [N]")
-        left.set_ylabel("angle of each notch [°]")
-        right.set_title("trials that no model was fitted to", fontsize=9)
-        right.set_xlabel("notch")
-        right.set_ylabel("rms error [°]")
-    fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
-    return fig
+def for_a_third(both: FitResult, each: Mapping[str, FitResult]) -> gtr.RobotConfig:
+    """The robot file of another wrist of this tube: the shared numbers, and how well they are known of it: to
+    their errors in the joint fit, and by as much as the two wrists, fitted one by one, differ. At rest it is
+    straight, give or take what the two were bent.
+    """
+    rests = [e.value for e in both.estimates if e.name.startswith(NATURAL)]
+    known = {}
+    for name in SHARED:
+        one, other = (each[wrist][name].value for wrist in WRISTS)
+        estimate = both[name]
+        assert estimate.sd is not None
+        known[estimate.key] = float(np.hypot(estimate.sd, (one - other) / np.sqrt(2)))
+    config = neutral(both.recordings[0].config)
+    return config.with_deviations(known | dict.fromkeys(REST_KEYS, float(np.sqrt(np.mean(np.square(rests))))))
 
 
-def _errors(says: Callable[[Trial, bool], np.ndarray], seen: Sequence[Trial]) -> list[str]:
-    """Errors on the first trial, on the others, and on these from their own rest, as shown in the table."""
-    errors = (off(says, seen[:1]), off(says, seen[1:]), off(says, seen[1:], own_rest=True))
-    return [f"{error:.2f}°" for error in errors]
+def row(says: str, robots: Mapping[str, gtr.Robot], seen: Mapping[str, Sequence[Trial]]) -> Row:
+    """A model and its errors."""
+    found = Row(says, robots, {w: _errors(functools.partial(predicted, robots[w]), seen[w]) for w in WRISTS})
+    say("  " + ", ".join(found.cells))
+    return found
+
+
+def _errors(says: Says, seen: Sequence[Trial]) -> tuple[float, float, float]:
+    return off(says, seen[:1]), off(says, seen[1:]), off(says, seen[1:], own_rest=True)
+
+
+def swapped(fits: Mapping[str, FitResult], seen: Mapping[str, Sequence[Trial]]) -> Row:
+    """Each wrist with the material and friction of the other, fitted to that alone, from its own rest."""
+    robots, found = {}, {}
+    for wrist, other in zip(WRISTS, WRISTS[::-1], strict=True):
+        robots[wrist] = fits[wrist].robot.with_values(**{name: fits[other][name].value for name in SHARED})
+        says = functools.partial(predicted, robots[wrist])
+        found[wrist] = (None, None, off(says, seen[wrist], own_rest=True))
+    return Row(SWAPPED, robots, found)
+
+
+def by_trial(robots: Mapping[str, gtr.Robot], seen: Mapping[str, Sequence[Trial]]) -> str:
+    """How far each trial is from the model that was fitted to the first, beside its own scatter."""
+    rows = []
+    for wrist in WRISTS:
+        says = functools.partial(predicted, robots[wrist])
+        for k, trial in enumerate(seen[wrist]):
+            error = errors(says, [trial])
+            rows.append(
+                [
+                    wrist,
+                    f"{k + 1}" + (" (trained on)" if k == 0 else ""),
+                    degrees(off(says, [trial])),
+                    degrees(float(error.mean())).replace("-", "−"),
+                    degrees(float(error.std())),
+                    degrees(scatter([trial])),
+                ]
+            )
+    header = [
+        "wrist",
+        "trial",
+        "rms error",
+        "mean error",
+        "rms about that mean",
+        "scatter about its own curve",
+    ]
+    return table(header, rows)
+
+
+def in_order(rows: Mapping[str, Row]) -> str:
+    """What each effect brings first, and what the other brings after it, in both orders, as a table."""
+    cells = []
+    for effects, steps in (
+        ("friction, then plateau", (PLAIN, RUBBED, FOUND)),
+        ("plateau, then friction", (PLAIN, SOFTENED, FOUND)),
+    ):
+        for wrist in WRISTS:
+            each = [
+                " → ".join(degrees(rows[step].errors[wrist][which]) for step in steps) for which in (0, 1)
+            ]
+            cells.append([wrist, effects, *each])
+    return table(["wrist", "order", "trained on", "held out"], cells)
+
+
+def first_of_two(rows: Mapping[str, Row]) -> str:
+    """Which of plateau and friction, added alone, brings more on the trials trained on, of both wrists."""
+
+    def left(says: str) -> list[float]:
+        return [error for wrist in WRISTS if (error := rows[says].errors[wrist][0]) is not None]
+
+    plateau, friction = left(SOFTENED), left(RUBBED)
+    if all(a < b for a, b in zip(plateau, friction, strict=True)):
+        return "the plateau, then friction, in both wrists"
+    if all(a > b for a, b in zip(plateau, friction, strict=True)):
+        return "friction, then the plateau, in both wrists"
+    return "not the same in both wrists"
+
+
+def resting(each: Mapping[str, FitResult], both: FitResult) -> str:
+    """The shared numbers beside those of each wrist alone, and how much of what is known of each comes from
+    which: precisions of the fits to one wrist.
+    """
+    rows = []
+    for name in SHARED:
+        ones = [each[wrist][name] for wrist in WRISTS]
+        precision = np.array([1 / (e.sd or np.inf) ** 2 for e in ones])
+        shown = [measured_quantity(e.value, e.sd, e.unit) for e in (*ones, both[name])]
+        rows.append([f"`{name}`", *shown, f"{100 * precision[1] / precision.sum():.0f} %"])
+    return table(["number", *(f"{w} alone" for w in WRISTS), "both", f"rests on {WRISTS[1]} by"], rows)
+
+
+def brought(rows: Mapping[str, Row]) -> str:
+    """What is left on the trials trained on, both wrists together, by what each wrist has of its own."""
+
+    def left(says: str) -> str:
+        each = [error for wrist in WRISTS if (error := rows[says].errors[wrist][0]) is not None]
+        return degrees(float(np.sqrt(np.mean(np.square(each)))))
+
+    cells = [[says, str(len(free) + len(differ)), left(says)] for says, free, differ in TOGETHER]
+    cells.append(["each wrist alone", str(2 * len(SHARED)), left(FOUND)])
+    return table(["model", "numbers", "left"], cells)
+
+
+def deeper(config: gtr.RobotConfig, softer: float) -> float:
+    """How much deeper notches would be cut [m] to bend softer by a factor (below 1), by what they leave."""
+    tube, depth = config.backbone, config.backbone.notches[0].depth
+    radii = jnp.array([tube.outer_radius[0]]), jnp.array([tube.bores[0].diameter / 2])
+
+    def second(cut: float) -> float:
+        return float(remaining(*radii, jnp.asarray(cut)).second[0])
+
+    return brentq(lambda cut: second(cut) - softer * second(depth), depth, 1.1 * depth) - depth
+
+
+def strained(robot: gtr.Robot, T: float) -> float:
+    """Largest strain [-] of what the notches leave, at a base tension [N]."""
+    reach = sections(robot).reach
+    assert reach is not None
+    return float(np.max(np.abs(gtr.simulate(robot, np.array([0.0, T])).curvature[-1]) * reach))
+
+
+def own(found: FitResult) -> dict[str, gtr.Robot]:
+    """The robot of each wrist in a fit of both."""
+    return {wrist: part.robot for wrist, part in zip(WRISTS, found.recordings, strict=True)}
 
 
 def main() -> None:
-    """Fit all models, and write the page."""
-    configs = {wrist: gtr.load_config(HERE / "wrists" / f"{wrist}.toml") for wrist in WRISTS}
+    """Fit all models, and write the robot files and the page."""
+    gtr.enable_cache()
+    configs = {wrist: gtr.load_config(FOLDER / f"{wrist}.toml") for wrist in WRISTS}
     seen = {wrist: trials(wrist) for wrist in WRISTS}
-    fits: list[tuple[str, dict[str, Any]]] = []
+    fits: dict[str, Any] = {}
+    rows: dict[str, Row] = {}
     with tempfile.TemporaryDirectory() as temporary:
         first = {wrist: recording(wrist, seen[wrist][0], Path(temporary)) for wrist in WRISTS}
-        lacks = {w: diagnosed(configs[w], first[w]) for w in WRISTS}
-        for wrist, says in lacks.items():
-            say(f"{wrist}: {says}")
+        lacks = {wrist: diagnosed(configs[wrist], first[wrist]) for wrist in WRISTS}
+        for wrist, found in lacks.items():
+            say(f"{wrist}: {found.says}")
         for says, free in ALONE:
-            say(f"wrists: {says}")
-            fits.append((says, {w: alone(configs[w], first[w], free) for w in WRISTS}))
-        for says, free in TOGETHER:
-            say(f"wrists: {says}")
-            found = calibrate.fit(
-                [superelastic(configs[w]) for w in WRISTS],
-                [first[w] for w in WRISTS],
-                free=(*free, *NATURAL),
-                per_robot=NATURAL,
-            )
-            fits.append((says, {w: found for w in WRISTS}))
-    best, both = dict(fits)[FOUND], fits[-1][1]["wrist90"]
+            fits[says] = {w: alone(configs[w], first[w], free) for w in WRISTS}
+            rows[says] = row(says, {w: fits[says][w].robot for w in WRISTS}, seen)
+        for says, free, differ in TOGETHER:
+            fits[says] = together([configs[w] for w in WRISTS], [first[w] for w in WRISTS], free, differ)
+            rows[says] = row(says, own(fits[says]), seen)
+    best, both = fits[FOUND], fits[ONE]
     for wrist in WRISTS:
-        keep(wrist, best[wrist])
-    rows, robots = [], {}
-    for says, found in fits:
-        cells = [says]
-        for i, wrist in enumerate(WRISTS):
-            each = found[wrist].recordings
-            robot = each[i if len(each) > 1 else 0].robot
-            robots.setdefault(wrist, {})[says] = robot
-            cells += _errors(functools.partial(predicted, robot), seen[wrist])
-        rows.append(cells)
-        say("  " + ", ".join(cells[1:]))
-    itself = [REPEATED]
-    for wrist in WRISTS:
-        itself += ["–", *_errors(functools.partial(interpolated, seen[wrist][0]), seen[wrist])[1:]]
-    say("  " + ", ".join(itself))
+        keep(best[wrist].config, f"{wrist}-fitted", f"Fitted to the first trial of {wrist}.")
+        file = lacks[wrist].files[0]
+        keep(
+            file.config, f"{wrist}-diagnosed", f"Diagnosed on the first trial of {wrist}. {file.note}".strip()
+        )
+    third = for_a_third(both, best)
+    keep(
+        third,
+        "wrist-both-fitted",
+        "Fitted to the first trials of wrist90 and wrist150 together. For another wrist of this tube give "
+        "its own height, spacing, depth, count and markers; here are those of wrist90. [uncertainty] counts "
+        "in how much the two wrists differ.",
+    )
+    other = swapped(best, seen)
+    itself = {w: (None, *_errors(functools.partial(interpolated, seen[w][0]), seen[w])[1:]) for w in WRISTS}
+    repeated = Row(REPEATED, {}, itself)
     shown = {
-        wrist: {
-            "modulus and friction": robots[wrist][PLAIN],
-            "with the plateau of nitinol": robots[wrist][FOUND],
-        }
+        wrist: {RUBBED: rows[RUBBED].robots[wrist], "with the plateau of nitinol": rows[FOUND].robots[wrist]}
         for wrist in WRISTS
     }
-    save(picture(shown), "wrists-recorded", shows_recording=True)
+    save(bodies(rows[FOUND].robots), "wrists-bodies")
+    save(recorded(shown, seen), "wrists-recorded", shows_recording=True)
     save(models(shown, seen), "wrists")
-    header = ["model"] + [
-        f"{wrist}: {what}" for wrist in WRISTS for what in ("trained on", "held out", "own rest")
-    ]
-
-    def told(e: Any) -> str:
-        return f"{e.value:.3f} ± {e.sd:.3f}"
-
-    shared = [e for e in both.estimates if not e.name.startswith("notches_natural")]
-    own = {cells[0]: cells for cells in rows}[FOUND]
+    gaps: dict[str, str] = {}
+    for wrist in WRISTS:
+        tag = wrist.removeprefix("wrist")
+        for key, of in (
+            ("off", rows[FOUND]),
+            ("both", rows[ONE]),
+            ("shorter", rows[SHORTER]),
+            ("itself", repeated),
+        ):
+            for part, error in zip(("trained", "out", "rest"), of.errors[wrist], strict=True):
+                gaps[f"{key}_{part}_{tag}"] = degrees(error)
+        mu = best[wrist]["mu"]
+        most = float(np.max(seen[wrist][0].T_base))
+        gaps |= {
+            f"lacks{tag}": lacks[wrist].says,
+            f"mu{tag}": measured_quantity(mu.value, mu.sd, ""),
+            f"alone{tag}": numbers(best[wrist].estimates),
+            f"known{tag}": KNOWN[wrist],
+            f"strain{tag}": f"{100 * strained(best[wrist].robot, most):.0f} %",
+            f"pooled{tag}": degrees(scatter(seen[wrist][1:])),
+            f"swapped{tag}": degrees(other.errors[wrist][2]),
+            f"least{tag}": degrees(min(scatter([trial]) for trial in seen[wrist])),
+            f"most{tag}": degrees(max(scatter([trial]) for trial in seen[wrist])),
+        }
+    header = ["model"] + [f"{w}: {what}" for w in WRISTS for what in ("trained on", "held out", "own rest")]
+    shared = {
+        says: numbers([e for e in fits[says].estimates if not e.name.startswith(NATURAL)])
+        for says in (ONE, STIFFER, SHORTER)
+    }
+    stiff, soft = (fits[STIFFER][f"E@{wrist}"].value for wrist in WRISTS)
     write(
         "wrists",
         page("wrists").format(
-            models=table(header, [*rows, itself]),
-            lacks90=lacks["wrist90"],
-            lacks150=lacks["wrist150"],
-            mu90=told(best["wrist90"]["mu"]),
-            mu150=told(best["wrist150"]["mu"]),
-            alone90=numbers(best["wrist90"].estimates),
-            alone150=numbers(best["wrist150"].estimates),
-            both=numbers(shared),
-            known90=KNOWN["wrist90"],
-            known150=KNOWN["wrist150"],
-            off90=own[2],
-            off150=own[5],
-            rest90=own[3],
-            rest150=own[6],
-            both90=rows[-1][2],
-            both150=rows[-1][5],
-            itself90=itself[2],
-            itself150=itself[5],
-            itself_rest90=itself[3],
-            itself_rest150=itself[6],
+            models=table(header, [*(of.cells for of in rows.values()), other.cells, repeated.cells]),
+            order=in_order(rows),
+            first=first_of_two(rows),
+            trials=by_trial(rows[FOUND].robots, seen),
+            resting=resting(best, both),
+            both=shared[ONE],
+            shorter=shared[SHORTER],
+            stiffer=shared[STIFFER],
+            brought=brought(rows),
+            softer=f"{100 * (1 - soft / stiff):.0f}",
+            deeper=f"{1e3 * deeper(configs[WRISTS[1]], soft / stiff):.2f} mm",
+            mu_both=measured_quantity(both["mu"].value, both["mu"].sd, ""),
+            **gaps,
         ),
     )
 
