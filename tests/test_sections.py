@@ -1,5 +1,6 @@
 """Cross-sections by name: a strip or a tube that carries the load of a body with a wider outline."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -66,8 +67,8 @@ def test_in_space_a_strip_bends_over_its_thin_side():
 
 def test_a_ring_is_a_tube_with_both_diameters():
     ring, pipe = (build_robot(config(section)).backbone.shape for section in (PIPE | {"kind": "ring"}, PIPE))
-    nu = jnp.asarray(0.3)
-    assert [float(v) for v in ring.stiffnesses(nu)] == [float(v) for v in pipe.stiffnesses(nu)]
+    assert isinstance(ring, Tube)
+    assert eqx.tree_equal(ring, pipe)
 
 
 def test_it_is_written_and_read(tmp_path):

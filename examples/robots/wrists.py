@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.optimize import brentq
 
 import calibrate
 import gtr_jax as gtr
@@ -63,7 +62,7 @@ TOGETHER = (
 )
 RESTS = np.deg2rad(1.0)
 REPEATED, SWAPPED = "no model: the first trial, interpolated", "the numbers of the other wrist alone"
-(PLAIN, RUBBED, SOFTENED, FOUND), (ONE, _, STIFFER, _, SHORTER) = (
+(PLAIN, RUBBED, SOFTENED, FOUND), (ONE, HELD, STIFFER, _, SHORTER) = (
     tuple(says for says, *_ in several) for several in (ALONE, TOGETHER)
 )
 KNOWN = {"wrist90": "0.61", "wrist150": "1.14"}  # degrees, the authors' law by SOURCE
@@ -120,12 +119,12 @@ def together(
 
 def diagnosed(config: gtr.RobotConfig, first: gtr.Recording) -> Diagnosis:
     """What `gtr diagnose` says of a wrist, whose notches may be bent at rest by a degree more or less."""
-    return calibrate.diagnose(config.with_deviations(dict.fromkeys(REST_KEYS, RESTS)), first)
+    return calibrate.diagnose(config.with_deviations(rested(RESTS)), first)
 
 
-def neutral(config: gtr.RobotConfig) -> gtr.RobotConfig:
-    """The robot with notches that are straight at rest."""
-    return config.with_values(dict.fromkeys(REST_KEYS, 0.0))
+def rested(angle: float) -> dict[str, float]:
+    """The same number [rad] for the angle at rest of each notch, by dotted key."""
+    return {key: angle for key in REST_KEYS}
 
 
 def keep(config: gtr.RobotConfig, name: str, note: str) -> None:
@@ -145,8 +144,11 @@ def for_a_third(both: FitResult, each: Mapping[str, FitResult]) -> gtr.RobotConf
         estimate = both[name]
         assert estimate.sd is not None
         known[estimate.key] = float(np.hypot(estimate.sd, (one - other) / np.sqrt(2)))
-    config = neutral(both.recordings[0].config)
-    return config.with_deviations(known | dict.fromkeys(REST_KEYS, float(np.sqrt(np.mean(np.square(rests))))))
+    config = both.recordings[0].config
+    assert config is not None
+    bent = rested(float(np.sqrt(np.mean(np.square(rests)))))
+    named = config.model_copy(update={"name": "wrist-both"})
+    return named.with_values(rested(0.0)).with_deviations(known | bent)
 
 
 def row(says: str, robots: Mapping[str, gtr.Robot], seen: Mapping[str, Sequence[Trial]]) -> Row:
@@ -260,7 +262,8 @@ def deeper(config: gtr.RobotConfig, softer: float) -> float:
     def second(cut: float) -> float:
         return float(remaining(*radii, jnp.asarray(cut)).second[0])
 
-    return brentq(lambda cut: second(cut) - softer * second(depth), depth, 1.1 * depth) - depth
+    cuts = np.linspace(depth, 1.1 * depth, 1001)
+    return float(np.interp(-softer * second(depth), [-second(cut) for cut in cuts], cuts)) - depth
 
 
 def strained(robot: gtr.Robot, T: float) -> float:
@@ -329,11 +332,12 @@ def main() -> None:
         ):
             for part, error in zip(("trained", "out", "rest"), of.errors[wrist], strict=True):
                 gaps[f"{key}_{part}_{tag}"] = degrees(error)
-        mu = best[wrist]["mu"]
+        mu, held = best[wrist]["mu"], fits[HELD][f"mu@{wrist}"]
         most = float(np.max(seen[wrist][0].T_base))
         gaps |= {
             f"lacks{tag}": lacks[wrist].says,
             f"mu{tag}": measured_quantity(mu.value, mu.sd, ""),
+            f"mu_own{tag}": measured_quantity(held.value, held.sd, ""),
             f"alone{tag}": numbers(best[wrist].estimates),
             f"known{tag}": KNOWN[wrist],
             f"strain{tag}": f"{100 * strained(best[wrist].robot, most):.0f} %",
