@@ -311,7 +311,7 @@ def main() -> None:
             third=rows[3][-1],
             last=rows[-1][-1],
             level=rows[-1][-2],
-            no_angles=tried[0][-2],
+            stiffened=tried[-1][-2],
             largest=f"{most.max():.1f}",
             shorter=f"{-100 * float(np.min(shorter.stretch)):.0f}",
             twist=f"{np.degrees(twist):.0f}",
