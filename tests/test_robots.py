@@ -10,6 +10,7 @@ from examples.robots.wrists import FOLDER as WRISTS_FOLDER
 from gtr_jax.plots.shape import curve_of
 from gtr_jax.plots.straight import notches_of
 from gtr_jax.robot.parameters import parameters_of
+from gtr_jax.simulation.history import equilibrium_at
 
 LEFT = sorted(file.stem for file in WRISTS_FOLDER.glob("*-*.toml"))
 
@@ -82,6 +83,25 @@ def test_the_tentacle_from_its_fitted_file_keeps_its_numbers():
     run = gtr.simulate(gtr.build_robot(config), [[0.0, 0.0], [5.0, 2.0]])
     assert np.all(run.converged)
     assert (config.deviation("base.position.0") or 0.0) > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["wrist90", "wrist150"])
+def test_a_bent_wrist_is_drawn_where_it_is(name):
+    """Its axis is shortened where its notches close: the tip is the simulated one, and the rims of the closed
+    first notch meet.
+    """
+    robot = gtr.load_robot(WRISTS_FOLDER / f"{name}-fitted.toml")
+    run = gtr.simulate(robot, np.linspace(0.0, 2.5, 26))
+    state = equilibrium_at(robot, run, 25)
+    curve = curve_of(state, np.asarray(robot.backbone.radius(state.s)), notches_of(robot))
+    np.testing.assert_allclose(curve.middle[-1], 1e3 * np.asarray(run.tip_position)[25, :2], atol=1e-9)
+    start, end, _ = notches_of(robot)[0]
+    rim = curve.outline[: len(curve.s)]
+    before, after = (np.flatnonzero(np.isclose(curve.s, at)) for at in (start, end))
+    assert np.linalg.norm(rim[before[0]] - rim[after[-1]]) < 0.02  # of 0.5 and 0.8 mm
+    last = np.max(np.linalg.norm(np.diff(curve.middle, axis=0), axis=1))
+    assert last < 0.2  # no jump between panels
 
 
 def test_notches_are_drawn_where_they_are_cut():

@@ -11,9 +11,9 @@ from gtr_jax.errors import InputError, InputWarning
 
 from .config import RobotConfig
 from .config_checks import mm, outer_radius_at
-from .sections import TendonConfig
+from .sections import RingConfig, TendonConfig, TubeConfig
 
-_NEAR = 1e-6  # relative to the radius of a bore: a channel this close to its wall lies on it
+_NEAR = 0.02  # share of the radius of a bore: a channel this close to its wall lies on it
 
 
 def check_channel(
@@ -77,16 +77,24 @@ def _warn_of_free_space(
     cleared = any(term.id == "clearance" and term.tendon in (None, name) for term in config.terms)
     if own.guides or cleared or config.backbone.rigid:
         return
-    for bore in config.backbone.bores:
-        radius = bore.diameter / 2
-        free = (bore.from_ <= s) & (s <= bore.to) & (reach < radius * (1 - _NEAR))
-        if not np.any(free):
+    hollow = [(bore.from_, bore.to, bore.diameter / 2) for bore in config.backbone.bores]
+    section = config.backbone.section
+    if isinstance(section, TubeConfig | RingConfig) and section.inner_diameter:
+        hollow.append((0.0, config.backbone.length, section.inner_diameter / 2))
+    for first, last, radius in hollow:
+        free = (first <= s) & (s <= last) & (reach < radius * (1 - _NEAR))
+        ends = np.flatnonzero(np.diff(free, prepend=False, append=False)).reshape(-1, 2)
+        stretches = [(a, b - 1) for a, b in ends if s[b - 1] > s[a]]
+        if not stretches:
             continue
-        room = float(np.max(radius - reach[free]))
+        room = max(float(np.max(radius - reach[a : b + 1])) for a, b in stretches)
+        a, b = max(stretches, key=lambda ends: s[ends[1]] - s[ends[0]])
+        others = len(stretches) - 1
+        more = f" and in {others} more stretch{'es' if others > 1 else ''}" if others else ""
         warnings.warn(
-            f"{config.source}: {table}: from s = {mm(s[free][0])} to {mm(s[free][-1])} the tendon lies in a "
-            f"bore, up to {mm(room)} from its wall, and is computed as if a channel held it there; if it is "
-            "free, name the disks between which it runs straight as guides, or give the term clearance",
+            f"{config.source}: {table}: from s = {mm(s[a])} to {mm(s[b])}{more} the tendon lies in a bore, up "
+            f"to {mm(room)} from its wall, and is computed as if a channel held it there; if it is free, "
+            "name the disks between which it runs straight as guides, or give the term clearance",
             InputWarning,
             stacklevel=3,
         )

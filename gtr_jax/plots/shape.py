@@ -133,7 +133,7 @@ def plot_shape(
 def curve_of(
     state: Equilibrium, radius: np.ndarray, notches: Sequence[tuple[float, float, float]] = ()
 ) -> Curve:
-    """The shape between the nodes: splines of angle and offset within each panel, the angle integrated.
+    """The shape between the nodes: splines of place, angle and offset within each panel.
 
     Args:
         state: of one tendon.
@@ -147,12 +147,12 @@ def curve_of(
     for p, nodes in enumerate(np.split(np.arange(len(s)), starts)):
         if len(nodes) > 1:
             at = np.interp(np.arange(0, len(nodes) - 1 + 1e-9, 1 / FINER), np.arange(len(nodes)), s[nodes])
-            angle, R = (CubicSpline(s[nodes], np.asarray(v)[nodes])(at) for v in (state.angle, state.R))
-            pieces.append((at, np.full(len(at), p), angle, R, np.interp(at, s[nodes], radius[nodes])))
-    at, panel, angle, R, half = (np.concatenate(column) for column in zip(*pieces, strict=True))
-    tangent, normal = (np.stack(_unit(a), axis=1) for a in (angle, angle + np.pi / 2))
-    steps = np.diff(at)[:, None] * 0.5 * (tangent[1:] + tangent[:-1])
-    middle = 1e3 * np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+            smooth = (state.x, state.y, state.angle, state.R)
+            drawn = [CubicSpline(s[nodes], np.asarray(v)[nodes])(at) for v in smooth]
+            pieces.append((at, np.full(len(at), p), *drawn, np.interp(at, s[nodes], radius[nodes])))
+    at, panel, x, y, angle, R, half = (np.concatenate(column) for column in zip(*pieces, strict=True))
+    normal = np.stack(_unit(angle + np.pi / 2), axis=1)
+    middle = 1e3 * np.stack([x, y], axis=1)
     edges = np.stack([half, -half])
     within = np.concatenate([np.full(len(own), np.mean(own)) for own, *_ in pieces])  # its panel, of a point
     for start, end, depth in notches:

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax.plots.shape import Curve, along_curve, curve_of
+from gtr_jax.plots.straight import notches_of
 from gtr_jax.plots.views import AXES, SIDES, Posture, Strung, drawn
 from gtr_jax.report.spatial import strung_of
 from gtr_jax.robot.robot import Robot
@@ -118,7 +119,7 @@ def drawing(curves: Curves, step: int) -> Drawing:
     each = [eq.of_tendon(i) for i in range(len(robot.tendons))] if several else [eq]
     if eq.shape is not None:
         return _in_space(curves, strung_of(robot, found[0]), eq, each, forces, places)
-    shapes = [_coarser(curve_of(own, radius)) for own in each]
+    shapes = [_coarser(curve_of(own, radius, notches_of(curves.robot))) for own in each]
     along = [_along(own, shape, force) for own, shape, force in zip(each, shapes, forces, strict=True)]
     scale = _height(curves, eq, along)
     view = View(
