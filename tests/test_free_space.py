@@ -49,7 +49,10 @@ def test_nothing_is_said_where_the_file_says_how_it_runs(make_config, routing, m
 
 
 def test_a_wavy_channel_is_told_by_its_longest_stretch(make_config):
-    wave = {"kind": "table", "knots": [[0.0, 0.012], [0.06, 0.002], [0.1, 0.012], [0.2, 0.002], [0.25, 0.012]]}
+    wave = {
+        "kind": "table",
+        "knots": [[0.0, 0.012], [0.06, 0.002], [0.1, 0.012], [0.2, 0.002], [0.25, 0.012]],
+    }
     (text,) = said(make_config(routing=wave, backbone={"bores": BORES}))
     assert "and in 1 more stretch the tendon lies in a bore" in text
     first = float(text.partition("from s = ")[2].partition(" mm")[0])

@@ -129,6 +129,13 @@ def test_a_bending_law_of_the_place_is_a_stiffness_that_changes_along_the_body(m
     np.testing.assert_allclose(runs[0].T_tip, runs[1].T_tip, atol=1e-8)
 
 
+def test_a_bending_law_must_leave_some_stiffness(make_robot):
+    law = table(acts="bending", law="size*k*s/reach", size=-0.9, reach="250 mm")
+    assert make_robot(terms=[law]).acting
+    with pytest.raises(gtr.InputError, match=r"leaves -0\.2 of the stiffness at s = 250 mm"):
+        make_robot(terms=[{**law, "size": -1.2}])
+
+
 def test_a_law_of_the_base_cell_is_read_backwards_with_its_gradient(make_robot):
     cell = table(acts="base_cell", law="T + size * sin(T / period)", size="0.8 N", period="3 N")
     robot = make_robot(terms=[cell, {"kind": "base-offset", "force": 0.3}])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from laws import table
 
+from gtr_jax.errors import InputError
 from gtr_jax.simulation.sensing import cells_show, true_base
 from gtr_jax.terms.expression import ExpressionError
 from gtr_jax.terms.law import check_law
@@ -80,6 +81,29 @@ def test_a_response_without_lag_is_a_gain(make_robot):
     np.testing.assert_allclose(shown, T + 0.1 * (T - 3.0), rtol=1e-12)
 
 
+def test_one_sample_and_jumps_of_no_time(make_robot):
+    robot = make_robot(terms=[table(acts="base_response", **RINGING)])
+    for T, time in (([5.0], [0.0]), ([0.0, 2.0, 2.0, 3.0], [0.0, 0.5, 0.5, 1.0])):
+        shown = cells_show(robot, jnp.asarray(T), jnp.asarray(T), jnp.asarray(time)).T_base
+        np.testing.assert_allclose(true_base(robot, shown, np.asarray(time)), T, atol=1e-12)
+
+
+@pytest.mark.parametrize("size", [-0.6, 0.6])
+def test_a_cell_that_can_be_read_does_not_let_errors_grow(make_robot, size):
+    """The same ringing about the other way would: it is refused."""
+    ringing = {**RINGING, "size": size}
+    if size < 0:
+        with pytest.raises(InputError, match="cannot be read off the cell"):
+            make_robot(terms=[table(acts="base_response", **ringing)])
+        return
+    robot = make_robot(terms=[table(acts="base_response", **ringing)])
+    time = 0.05 * np.arange(600)
+    T = 10.0 + 5.0 * np.sin(time)
+    shown = cells_show(robot, jnp.asarray(T), jnp.asarray(T), jnp.asarray(time)).T_base
+    noise = np.random.default_rng(1).normal(0.0, 5e-3, len(T))
+    assert np.max(np.abs(true_base(robot, shown + noise, time) - T)) < 0.1
+
+
 @pytest.mark.parametrize(
     ("acts", "text", "given", "says"),
     [
@@ -90,7 +114,8 @@ def test_a_response_without_lag_is_a_gain(make_robot):
             "t is not known to tip_response",
         ),
         ("tip_cell", "T+size*l/late", {"size": "N", "late": "s"}, "l is not known to tip_cell"),
-        ("base_response", "-2*size*exp(-l/a)", {"size": "dimensionless", "a": "s"}, "turn a step"),
+        ("base_response", "-2*size*exp(-l/a)", {"size": "dimensionless", "a": "s"}, "turns a step"),
+        ("base_response", "-1.5*size*(1-exp(-l/a))", {"size": "dimensionless", "a": "s"}, "undoes it later"),
     ],
 )
 def test_responses_that_cannot_be_are_refused(acts, text, given, says):

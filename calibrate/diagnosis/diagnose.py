@@ -51,7 +51,8 @@ from .twins import SETTLED, settled_with_twins
 
 # Number of best models that are refitted to all samples, and that are corrected to a fine mesh before.
 FINAL, REFINED = 6, 3
-# Answers, at most, in each of which more readings that stand still are left out.
+# Answers, at most, in each of which more readings of one recording that stand still are left out; one more
+# for each other recording.
 STILL_ROUNDS = 3
 # Most promising effects that are tried on each of several tendons alone, beside those of the cells.
 OF_TENDONS = 3
@@ -140,7 +141,7 @@ def diagnose(
                 leave_out = more
                 again = answer()
                 found = again if _leaves_less(again, found) else found
-        for _ in range(STILL_ROUNDS):
+        for _ in range(STILL_ROUNDS + len(recordings) - 1):
             still = where_still(found.pattern, samples, leave_out)
             if found.verdict != UNEXPLAINED or still is None:
                 break

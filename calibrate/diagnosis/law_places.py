@@ -40,10 +40,9 @@ TENTS, TENTS_OF_CELL, LAGS = 24, 72, 49
 # what drags along the whole channel as a share of the largest tension, strain of the tendon at the largest
 # tension, and what a cell shows beyond a change of the tension, as a share of it.
 FRICTION, CELL, BENDING, DRAG, STRAIN, RESPONSE = 0.5, 0.03, 0.4, 0.03, 2e-3, 0.3
-# Least share that a law may add to the stiffness of the body at a place.
+# Least size of a law of the stiffness at a place; one that leaves the body none is refused besides.
 SOFTEST = -0.95
-# Samples of a part up to which it is asked how a cell responds: longer recordings are thinned, and its work
-# grows with their square.
+# Samples of a part up to which it is asked how a cell responds: the work grows with their square.
 RESPONDS = 1000
 # Largest share of the samples that may lie beyond the range of a variable that varies without end, the speed.
 RARE = 0.05

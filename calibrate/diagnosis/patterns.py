@@ -48,7 +48,8 @@ WIDTHS, TOP = (0.015, 0.03, 0.06), 4
 # at most 2.3 standard deviations off in 86 sound recordings of the blind benchmark, bad repeats among them,
 # and 5.5 to 94 where readings stand still (noise of the base fit).
 ON_END, STILL_SD, LESS, TOLD = 4, 6.0, 0.5, 4
-# Readings beside them that are this near to them, in standard deviations of the noise, stand still with them.
+# Readings beside them that are this near to them, in standard deviations of the noise, stand still with them,
+# up to where the model is one off: friction holds a tip at its peak, and there they are right.
 AS_STILL = 3.0
 # Rows of which the fit's own numbers explain all but this share are left out.
 OWN = 0.05
@@ -137,7 +138,10 @@ def pattern_in(bench: Bench, fitted: Fitted) -> Pattern | None:
             found += _regular(bench, fitted, k, c)
     least = min(found, key=lambda pattern: pattern.chance, default=None)
     still = max((p for p in found if p.stands), key=lambda pattern: pattern.share, default=least)
-    return still if still is not None and least is not None and still.share > least.share else least
+    if still is None or least is None:
+        return None
+    elsewhere = still.recording != least.recording
+    return still if elsewhere or still.share > least.share else least
 
 
 def _of(part: Part, c: int) -> str:
@@ -307,7 +311,8 @@ def _standing(bench: Bench, k: int, c: int, residual: np.ndarray) -> list[Patter
         if np.ptp(read[run]) < LESS * np.ptp(tip[run]) and np.ptp(read[:after]) >= still:
             far[inside] = True
             done = after
-            ends = list(_as_still(read, first, after - 1, AS_STILL * sd + resolution(read)))
+            alike = np.abs(read - np.median(read[first:after])) < AS_STILL * sd + resolution(read)
+            ends = list(_as_still(alike & (np.abs(left) > 1.0), first, after - 1))
             when = None if part.time is None else tuple(part.time[ends].tolist())
             driven = None if by_draw else tuple(T_base[ends].tolist())
             places = part.places[ends].tolist()
@@ -336,14 +341,13 @@ def _flat(values: np.ndarray, noise: float) -> list[tuple[int, int]]:
     return found
 
 
-def _as_still(read: np.ndarray, first: int, last: int, noise: float) -> tuple[int, int]:
-    """First and last of the readings that stand as still as some do: those before and after them within the
-    noise of their median, where the model has not come far from them yet.
+def _as_still(alike: np.ndarray, first: int, last: int) -> tuple[int, int]:
+    """First and last of the readings that stand as still as some do: with those before and after them that
+    are like them.
     """
-    near = np.abs(read - np.median(read[first : last + 1])) < noise
-    while first > 0 and near[first - 1]:
+    while first > 0 and alike[first - 1]:
         first -= 1
-    while last < len(read) - 1 and near[last + 1]:
+    while last < len(alike) - 1 and alike[last + 1]:
         last += 1
     return first, last
 

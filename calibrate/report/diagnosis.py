@@ -10,7 +10,7 @@ from gtr_jax.files.numbers import measured, measured_quantity, number, quantity
 from gtr_jax.report.page import Figure, Playback, Report, Table
 
 from ..channels import quantity_of
-from ..diagnosis.leave_out import ASKED, LeftOut
+from ..diagnosis.leave_out import ASKED, STILL, LeftOut
 from ..diagnosis.result import Diagnosis, Loop
 from ..diagnosis.sentence import MAY_ACT, interval_in_words
 from ..readings import turning_points
@@ -210,7 +210,7 @@ def _over_time(answer, loop, pull, axis, rows, label, ending, whose) -> Figure:
 
 def _stretch(e: LeftOut) -> str:
     """A stretch that is left out, in words."""
-    return f"{e.when}: {e.why}" if e.why == ASKED else e.why
+    return f"{e.when}: {e.why}" if e.why in (ASKED, STILL) else e.why
 
 
 def _since_reversal(time: np.ndarray, T_base: np.ndarray) -> np.ndarray:

@@ -191,7 +191,8 @@ class _Pose:
             if self.axes == "xyz" and np.all(np.isfinite(direction := np.asarray(e.wanted)[DIRECTION])):
                 between = np.full(K, np.nan)
                 between[way] = np.degrees(np.arccos(np.clip(self.along[way] @ direction, -1.0, 1.0)))
-                off.append(Line(across, Column(f"to that of {e.name}", "°", between), INK, phases=phases))
+                hue = COLOURS[len(off) // 2 % len(COLOURS)]
+                off.append(Line(across, Column(f"to that of {e.name}", "°", between), hue, phases=phases))
                 mark = _at(step, 0.0, K)
                 off.append(Line(across, Column(f"{e.name} asks for", "°", mark), VERMILLION, "crosses"))
         places = zip(self.axes, lines, strict=True)

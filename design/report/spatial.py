@@ -105,7 +105,7 @@ def _views(answer: Design, robot: Robot, ways: list[Way], body: Strung) -> Figur
         "The body at the targets from three sides at one scale, its channels coloured by the tension of the "
         "tendon in them, and what is wanted: crosses, and arrows of the direction."
         + (" Obstacles are shaded." if len(around.radius) else "")
-        + (f" {left} more states are in the body that can be turned." if left > 0 else ""),
+        + (f" {left} more states are in the body that moves." if left > 0 else ""),
     )
 
 

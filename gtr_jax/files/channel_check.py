@@ -92,8 +92,8 @@ def _warn_of_free_space(
         others = len(stretches) - 1
         more = f" and in {others} more stretch{'es' if others > 1 else ''}" if others else ""
         warnings.warn(
-            f"{config.source}: {table}: from s = {mm(s[a])} to {mm(s[b])}{more} the tendon lies in a bore, up "
-            f"to {mm(room)} from its wall, and is computed as if a channel held it there; if it is free, "
+            f"{config.source}: {table}: from s = {mm(s[a])} to {mm(s[b])}{more} the tendon lies in a bore, "
+            f"up to {mm(room)} from its wall, and is computed as if a channel held it there; if it is free, "
             "name the disks between which it runs straight as guides, or give the term clearance",
             InputWarning,
             stacklevel=3,

@@ -16,7 +16,7 @@ from gtr_jax.errors import did_you_mean
 
 from .expression import dimension_of, evaluate
 from .grammar import CONSTANTS, FUNCTIONS, ExpressionError, Node, names_in, parsed
-from .response import shown_with, true_behind
+from .response import is_readable, shown_with, true_behind
 from .term import Quantity, Term, along
 
 
@@ -136,6 +136,7 @@ NOT_ODD = "does not change its sign with k, and in space no direction is the pos
 SAMPLES = 96  # at which a law is checked, with the ends of all ranges among them
 FARTHER = 1.5  # beyond the largest of its own numbers of a variable's unit a law is checked too
 DENSE = 8192  # at which it is asked whether it has any effect: it may be a narrow bump
+ALONG, SOFTEST = 401, 0.04  # places along a body, and the least share of its stiffness that a law leaves
 FLATTEST = 0.1  # least rise of what the base cell shows with the true tension
 INVERTING = 12  # steps of Newton's method from what the base cell shows to the true tension
 
@@ -312,16 +313,38 @@ def is_odd(law: Law) -> bool:
     return True
 
 
-def _fault(law: Law, values: Mapping[str, float]) -> str:
+def _too_soft(law: Law, values: Mapping[str, float], length: float | None) -> str:
+    """Why a law that is proportional to k leaves the body no stiffness somewhere; "" if it leaves some, or is
+    another.
+    """
+    s = np.linspace(0.0, VARIABLES["s"].range[1] if length is None else length, ALONG)
+    with np.errstate(all="ignore"):
+        once, twice = (
+            np.broadcast_to(evaluate(law.tree, {**values, "k": k, "s": s}, np), s.shape) for k in (1.0, 2.0)
+        )
+    share = 1.0 + once
+    if length is None or not np.allclose(twice, 2 * once) or np.all(share >= SOFTEST):
+        return ""
+    i = int(np.argmin(share))
+    return (
+        f"leaves {share[i]:.2g} of the stiffness at s = {1e3 * s[i]:.3g} mm, where {SOFTEST:g} must be left; "
+        f"make {law.size.name} smaller"
+    )
+
+
+def _fault(law: Law, values: Mapping[str, float], length: float | None = None) -> str:
     """Why a law cannot have these numbers; "" if it can."""
     if law.acts == "base_response":
-        first = float(evaluate(law.tree, {**values, "l": 0.0}, np))
-        if first >= -1:
-            return ""
+        times = [abs(values[q.name]) for q in law.numbers if q.unit == "s"] or [1.0]
+        with np.errstate(all="ignore"):
+            if is_readable(lambda lag: evaluate(law.tree, {**values, "l": lag}, np), times):
+                return ""
         return (
-            f"gives {first:.4g} at l = 0, so that the cell would turn a step of the tension about, and the "
-            f"true tension could not be read off it; make {law.size.name} smaller"
+            "turns a step of the tension about, or undoes it later, so that the true tension cannot be read "
+            f"off the cell; make {law.size.name} smaller"
         )
+    if law.acts == "bending" and "s" in law.variables:
+        return _too_soft(law, values, length)
     if law.acts != "base_cell":
         return ""
     T = np.linspace(0.0, VARIABLES["T"].range[1], 401)
@@ -358,7 +381,7 @@ def term_of_law(law: Law) -> Term:
         reads_drawn="d" in names,
         reads_channel=law.acts != "bending" and bool(names & _IN_CHANNEL),
         by_place=law.acts == "bending" and "s" in names,
-        fault=lambda values, length: _fault(law, values),
+        fault=lambda values, length: _fault(law, values, length),
         **_hooks(law),
     )
 
