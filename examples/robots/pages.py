@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -20,6 +22,10 @@ DOCS = HERE.parents[1] / "docs" / "robots"
 # Pictures that show recordings without a licence: never in the repository.
 OUT = HERE.parents[1] / "out-robots"
 # Recordings without a licence lie outside the repository.
+WIDTH = 150  # characters of a line of prose
+MARKER = re.compile(r"(?:- |\d+\. |> )")
+# What would begin a list, a heading or a quotation at the beginning of a line.
+BEGINS = re.compile(r" (?=(?:[-+*>]|#+|\d+[.)])(?: |$))")
 SHARED = Path(os.environ.get("GTR_SHARED_DATA", HERE.parents[2] / "shared" / "data"))
 
 
@@ -72,7 +78,42 @@ def save(picture: Figure, name: str, *, shows_recording: bool = False) -> None:
     say(f"  {folder / name}.png")
 
 
+def insist(conclusions: Mapping[str, bool]) -> None:
+    """Ends the program where what the text of a page concludes does not hold of the numbers."""
+    wrong = [said for said, holds in conclusions.items() if not holds]
+    if wrong:
+        sys.exit("the page says what these numbers do not: " + "; ".join(wrong))
+
+
+def wrapped(text: str) -> str:
+    """A page with its prose in lines of `WIDTH`: paragraphs, items of lists and quotations; tables, headings
+    and pictures as they are.
+    """
+    return "\n\n".join(_block(block) for block in text.rstrip("\n").split("\n\n")) + "\n"
+
+
+def _block(block: str) -> str:
+    if block.lstrip("\n").startswith(("|", "#", "![", "```")):
+        return block
+    items: list[list[str]] = []
+    for line in block.split("\n"):
+        if not items or (MARKER.match(line) and not (line.startswith("> ") and items[-1][0] == "> ")):
+            marker = MARKER.match(line)
+            items.append([marker.group() if marker else "", line[marker.end() if marker else 0 :].strip()])
+        else:
+            items[-1].append(line.removeprefix("> ").strip())
+    return "\n".join(_filled(marker, " ".join(lines)) for marker, *lines in items)
+
+
+def _filled(marker: str, text: str) -> str:
+    lines = textwrap.wrap(
+        BEGINS.sub("\0", text), WIDTH - len(marker), break_long_words=False, break_on_hyphens=False
+    )
+    hanging = marker if marker == "> " else " " * len(marker)
+    return "\n".join((hanging if i else marker) + line.replace("\0", " ") for i, line in enumerate(lines))
+
+
 def write(name: str, text: str) -> None:
     """A page of the docs."""
     DOCS.mkdir(exist_ok=True)
-    write_whole(DOCS / f"{name}.md", text)
+    write_whole(DOCS / f"{name}.md", wrapped(text))
