@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 import gtr_jax as gtr
+from examples.robots.pages import DOCS, WIDTH, insist, wrapped
 from examples.robots.tentacle import FOLDER, distances, holds, rms
+from examples.robots.wrist_trials import Trial, left_out, scatter
+from examples.robots.wrist_verdicts import Remedy, alike, helped, mended, nearly, settled, way
 from examples.robots.wrists import COUNT, REST_KEYS, SHARED, WRISTS
 from examples.robots.wrists import FOLDER as WRISTS_FOLDER
 from gtr_jax.plots.shape import curve_of
@@ -114,3 +117,78 @@ def test_notches_are_drawn_where_they_are_cut():
     area = 0.5 * abs(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))
     assert area == pytest.approx(11.0 * 1.62 - COUNT * 0.8 * 1.4, rel=1e-6)
     assert y[(x > 1.3) & (x < 1.9)].max() == pytest.approx(0.81 - 1.4)
+
+
+BEFORE = {"wrist90": 0.51, "wrist150": 1.09}
+PLATEAU = Remedy("a plateau", 2, 0.44, {"wrist90": 0.59, "wrist150": 0.99})
+MODULUS = Remedy("a modulus", 1, 0.46, {"wrist90": 0.63, "wrist150": 1.00})
+FRICTION = Remedy("a friction", 1, 0.60, {"wrist90": 0.69, "wrist150": 0.95})
+
+
+def test_what_the_wrists_disagree_about_follows_from_the_errors():
+    each = [FRICTION, MODULUS, PLATEAU]
+    assert nearly(0.71, each) == [PLATEAU, MODULUS]
+    assert mended(0.71, each) == (
+        "**A plateau (two numbers more, 0.44°) mends most**, a modulus (one number more, 0.46°) nearly as "
+        "much, a friction (one number more, 0.60°) less."
+    )
+    assert mended(0.71, [FRICTION]) == "**A friction (one number more, 0.60°) mends most**."
+    assert mended(0.40, each) == "Nothing of this mends the 0.40° of one set."
+
+
+def test_what_the_held_out_trials_say_of_it_follows_from_the_errors():
+    assert helped(PLATEAU.out, BEFORE) == "helps wrist150 and harms wrist90"
+    assert helped(BEFORE, BEFORE) == "changes nothing"
+    close = settled(BEFORE, [PLATEAU, MODULUS])
+    assert "each helps wrist150 and harms wrist90. They differ by 0.04° at most" in close
+    assert close.endswith("do not settle which it is.")
+    better = Remedy("a better one", 1, 0.45, {"wrist90": 0.40, "wrist150": 0.80})
+    assert settled(BEFORE, [PLATEAU, better]).endswith(
+        "The held-out trials of both are met best by a better one."
+    )
+    assert settled(BEFORE, [PLATEAU, FRICTION]).endswith("do not agree on which it is.")
+    assert settled(BEFORE, [better]).endswith("that helps wrist90 and wrist150.")
+    assert (way((1, 2), (4, 3)), way((1, 2), (3, 4))) == ("the other way around", "the same way around")
+    assert alike({"a": 0.9, "b": 0.3}, {"a": 0.5, "b": 0.4}) == (
+        "In a that is more than within any trial: the trials are not alike. "
+        "In b that is no more than within a trial, and does not tell them apart."
+    )
+
+
+def test_the_scatter_of_angles_lies_between_a_fitted_curve_and_samples_left_out():
+    random = np.random.default_rng(0)
+    T = np.linspace(0.0, 3.0, 15)
+    found = np.empty((20, 2))
+    for i in range(len(found)):
+        noise = np.deg2rad(0.3) * random.standard_normal((15, COUNT))
+        trial = [Trial(T, np.deg2rad(20.0) * np.tanh(T)[:, None] + noise)]
+        found[i] = scatter(trial), left_out(trial)
+    fitted, left = np.sqrt(np.mean(found**2, axis=0))
+    assert fitted < 0.3 < left
+
+
+def test_a_page_is_not_written_where_what_it_concludes_does_not_hold():
+    insist({"one": True})
+    with pytest.raises(SystemExit, match="do not: two"):
+        insist({"one": True, "two": False})
+
+
+def test_prose_of_a_page_is_wrapped_and_says_the_same():
+    words = " ".join(f"word{i}" for i in range(60))
+    text = f"# {words}\n\n{words}\n\n| {words} |\n| --- |\n\n- {words}\n- two\n\n> {words}\n> {words}\n"
+    found = wrapped(text)
+    head, prose, table, items, quoted = found.rstrip("\n").split("\n\n")
+    assert (head, table) == (f"# {words}", f"| {words} |\n| --- |")
+    assert prose.split() == words.split()
+    assert [line[:2] for line in items.split("\n")] == ["- ", *["  "] * (items.count("\n") - 1), "- "]
+    assert all(line.startswith("> ") for line in quoted.split("\n"))
+    assert max(len(line) for part in (prose, items, quoted) for line in part.split("\n")) <= WIDTH
+    assert wrapped(found) == found
+    # No number or dash that would begin a list comes to the beginning of a line.
+    assert all(line.startswith("x") for line in wrapped("x" * 148 + " 4. x - " + "x" * 140).splitlines())
+
+
+@pytest.mark.parametrize("name", ["giraffe", "tentacle", "wrists"])
+def test_the_pages_are_wrapped(name):
+    text = (DOCS / f"{name}.md").read_text(encoding="utf-8")
+    assert wrapped(text) == text

@@ -89,15 +89,40 @@ def off(says: Says, several: Sequence[Trial], own_rest: bool = False) -> float:
     return float(np.sqrt(np.nanmean(errors(says, several, own_rest) ** 2)))
 
 
-def scatter(several: Sequence[Trial]) -> float:
-    """Root mean square distance [degrees] of trials from one smooth curve for each notch over the tension: a
-    smoothing spline, as smooth as generalised cross-validation has it.
+def _curves(T: np.ndarray, angles: np.ndarray) -> list[Callable[[np.ndarray], np.ndarray]]:
+    """One smooth curve over the tension for each notch: a smoothing spline, as smooth as generalised
+    cross-validation has it.
     """
-    T = np.concatenate([trial.T_base for trial in several])
-    angles = np.rad2deg(np.concatenate([trial.angles for trial in several]))
     at, place, count = np.unique(T, return_inverse=True, return_counts=True)
-    left = [
-        make_smoothing_spline(at, np.bincount(place, own) / count, count.astype(float))(T) - own
-        for own in angles.T
+    return [
+        make_smoothing_spline(at, np.bincount(place, own) / count, count.astype(float)) for own in angles.T
     ]
+
+
+def _pooled(several: Sequence[Trial]) -> tuple[np.ndarray, np.ndarray]:
+    """Tensions [N] and angles [degrees] of trials."""
+    T = np.concatenate([trial.T_base for trial in several])
+    return T, np.rad2deg(np.concatenate([trial.angles for trial in several]))
+
+
+def scatter(several: Sequence[Trial]) -> float:
+    """Root mean square distance [degrees] of trials from smooth curves that are fitted to them: too low for
+    the scatter of the angles, which few samples to a curve bend it to follow.
+    """
+    T, angles = _pooled(several)
+    left = [curve(T) - own for curve, own in zip(_curves(T, angles), angles.T, strict=True)]
     return float(np.sqrt(np.mean(np.square(left))))
+
+
+def left_out(several: Sequence[Trial]) -> float:
+    """Root mean square error [degrees] of smooth curves through trials at samples that are left out, those of
+    one tension at a time, the least and the largest excepted: too high for the scatter of the angles, since
+    it also has the error of the curve.
+    """
+    T, angles = _pooled(several)
+    left = []
+    for at in np.unique(T)[1:-1]:
+        out = T == at
+        for curve, own in zip(_curves(T[~out], angles[~out]), angles[out].T, strict=True):
+            left.append(curve(T[out]) - own)
+    return float(np.sqrt(np.mean(np.square(np.concatenate(left)))))

@@ -24,7 +24,7 @@ from gtr_jax.files.numbers import measured_quantity
 from gtr_jax.robot.notches import remaining
 from gtr_jax.robot.robot import sections
 
-from .pages import HERE, numbers, page, save, say, table, write
+from .pages import HERE, insist, numbers, page, save, say, table, write
 from .wrist_pictures import bodies, models, recorded
 from .wrist_trials import (
     COUNT,
@@ -34,12 +34,14 @@ from .wrist_trials import (
     Trial,
     errors,
     interpolated,
+    left_out,
     off,
     predicted,
     recording,
     scatter,
     trials,
 )
+from .wrist_verdicts import Remedy, alike, mended, nearly, settled, way
 
 FOLDER = HERE / "wrists"
 MATERIAL = ("E", "superelastic.softening", "superelastic.strain")
@@ -62,9 +64,16 @@ TOGETHER = (
 )
 RESTS = np.deg2rad(1.0)
 REPEATED, SWAPPED = "no model: the first trial, interpolated", "the numbers of the other wrist alone"
-(PLAIN, RUBBED, SOFTENED, FOUND), (ONE, HELD, STIFFER, _, SHORTER) = (
+(PLAIN, RUBBED, SOFTENED, FOUND), (ONE, HELD, STIFFER, YIELDING, SHORTER) = (
     tuple(says for says, *_ in several) for several in (ALONE, TOGETHER)
 )
+REMEDIES = {
+    HELD: "a friction for each wrist",
+    STIFFER: "a modulus for each wrist",
+    YIELDING: "a plateau for each wrist",
+    SHORTER: "one length by which all notches bend shorter",
+}
+NITINOL = 28e9  # Pa, the softest that textbooks have of it (martensite)
 KNOWN = {"wrist90": "0.61", "wrist150": "1.14"}  # degrees, the authors' law by SOURCE
 
 
@@ -187,6 +196,7 @@ def by_trial(robots: Mapping[str, gtr.Robot], seen: Mapping[str, Sequence[Trial]
                     degrees(float(error.mean())).replace("-", "−"),
                     degrees(float(error.std())),
                     degrees(scatter([trial])),
+                    degrees(left_out([trial])),
                 ]
             )
     header = [
@@ -195,7 +205,8 @@ def by_trial(robots: Mapping[str, gtr.Robot], seen: Mapping[str, Sequence[Trial]
         "rms error",
         "mean error",
         "rms about that mean",
-        "scatter about its own curve",
+        "from a curve fitted to it",
+        "left out of that curve",
     ]
     return table(header, rows)
 
@@ -218,10 +229,10 @@ def in_order(rows: Mapping[str, Row]) -> str:
 def first_of_two(rows: Mapping[str, Row]) -> str:
     """Which of plateau and friction, added alone, brings more on the trials trained on, of both wrists."""
 
-    def left(says: str) -> list[float]:
+    def trained(says: str) -> list[float]:
         return [error for wrist in WRISTS if (error := rows[says].errors[wrist][0]) is not None]
 
-    plateau, friction = left(SOFTENED), left(RUBBED)
+    plateau, friction = trained(SOFTENED), trained(RUBBED)
     if all(a < b for a, b in zip(plateau, friction, strict=True)):
         return "the plateau, then friction, in both wrists"
     if all(a > b for a, b in zip(plateau, friction, strict=True)):
@@ -242,16 +253,33 @@ def resting(each: Mapping[str, FitResult], both: FitResult) -> str:
     return table(["number", *(f"{w} alone" for w in WRISTS), "both", f"rests on {WRISTS[1]} by"], rows)
 
 
+def left(of: Row) -> float:
+    """What is left on the trials trained on, both wrists together [degrees]."""
+    each = [error for wrist in WRISTS if (error := of.errors[wrist][0]) is not None]
+    return float(np.sqrt(np.mean(np.square(each))))
+
+
+def held_out(of: Row) -> dict[str, float]:
+    """Errors on the held-out trials of each wrist [degrees]."""
+    return {wrist: error for wrist in WRISTS if (error := of.errors[wrist][1]) is not None}
+
+
 def brought(rows: Mapping[str, Row]) -> str:
     """What is left on the trials trained on, both wrists together, by what each wrist has of its own."""
-
-    def left(says: str) -> str:
-        each = [error for wrist in WRISTS if (error := rows[says].errors[wrist][0]) is not None]
-        return degrees(float(np.sqrt(np.mean(np.square(each)))))
-
-    cells = [[says, str(len(free) + len(differ)), left(says)] for says, free, differ in TOGETHER]
-    cells.append(["each wrist alone", str(2 * len(SHARED)), left(FOUND)])
+    cells = [
+        [says, str(len(free) + len(differ)), degrees(left(rows[says]))] for says, free, differ in TOGETHER
+    ]
+    cells.append(["each wrist alone", str(2 * len(SHARED)), degrees(left(rows[FOUND]))])
     return table(["model", "numbers", "left"], cells)
+
+
+def remedies(rows: Mapping[str, Row]) -> list[Remedy]:
+    """What may be added to one set of numbers for both wrists, and what that brings."""
+    return [
+        Remedy(REMEDIES[says], len(free) + len(differ) - len(SHARED), left(rows[says]), held_out(rows[says]))
+        for says, free, differ in TOGETHER
+        if says in REMEDIES
+    ]
 
 
 def deeper(config: gtr.RobotConfig, softer: float) -> float:
@@ -321,30 +349,36 @@ def main() -> None:
     save(bodies(rows[FOUND].robots), "wrists-bodies")
     save(recorded(shown, seen), "wrists-recorded", shows_recording=True)
     save(models(shown, seen), "wrists")
+    within = {wrist: [left_out([trial]) for trial in seen[wrist]] for wrist in WRISTS}
+    strains: dict[str, float] = {}
+    pooled = {wrist: left_out(seen[wrist][1:]) for wrist in WRISTS}
     gaps: dict[str, str] = {}
     for wrist in WRISTS:
         tag = wrist.removeprefix("wrist")
         for key, of in (
             ("off", rows[FOUND]),
             ("both", rows[ONE]),
-            ("shorter", rows[SHORTER]),
+            ("stiffer", rows[STIFFER]),
             ("itself", repeated),
         ):
             for part, error in zip(("trained", "out", "rest"), of.errors[wrist], strict=True):
                 gaps[f"{key}_{part}_{tag}"] = degrees(error)
         mu, held = best[wrist]["mu"], fits[HELD][f"mu@{wrist}"]
-        most = float(np.max(seen[wrist][0].T_base))
+        strains[wrist] = strained(best[wrist].robot, float(np.max(seen[wrist][0].T_base)))
         gaps |= {
             f"lacks{tag}": lacks[wrist].says,
             f"mu{tag}": measured_quantity(mu.value, mu.sd, ""),
             f"mu_own{tag}": measured_quantity(held.value, held.sd, ""),
             f"alone{tag}": numbers(best[wrist].estimates),
             f"known{tag}": KNOWN[wrist],
-            f"strain{tag}": f"{100 * strained(best[wrist].robot, most):.0f} %",
+            f"strain{tag}": f"{100 * strains[wrist]:.0f} %",
             f"pooled{tag}": degrees(scatter(seen[wrist][1:])),
+            f"pooled_out{tag}": degrees(pooled[wrist]),
             f"swapped{tag}": degrees(other.errors[wrist][2]),
             f"least{tag}": degrees(min(scatter([trial]) for trial in seen[wrist])),
             f"most{tag}": degrees(max(scatter([trial]) for trial in seen[wrist])),
+            f"least_out{tag}": degrees(min(within[wrist])),
+            f"most_out{tag}": degrees(max(within[wrist])),
         }
     header = ["model"] + [f"{w}: {what}" for w in WRISTS for what in ("trained on", "held out", "own rest")]
     shared = {
@@ -352,12 +386,29 @@ def main() -> None:
         for says in (ONE, STIFFER, SHORTER)
     }
     stiff, soft = (fits[STIFFER][f"E@{wrist}"].value for wrist in WRISTS)
+    mus = [best[wrist]["mu"] for wrist in WRISTS]
+    first_effect = first_of_two(rows)
+    insist(
+        {
+            "the plateau comes before friction": first_effect.startswith("the plateau"),
+            "the first trials strain the notches far beyond the plateau": all(
+                strains[wrist] > 2 * best[wrist][MATERIAL[2]].value for wrist in WRISTS
+            ),
+            "the wrists disagree in friction": abs(mus[1].value - mus[0].value)
+            > 2 * np.hypot(*(mu.sd or np.inf for mu in mus)),
+            "wrist150 is the softer one": soft < stiff,
+            "the modulus is well below that of nitinol": all(
+                best[wrist]["E"].value < NITINOL / 2 for wrist in WRISTS
+            ),
+        }
+    )
+    may = remedies(rows)
     write(
         "wrists",
         page("wrists").format(
             models=table(header, [*(of.cells for of in rows.values()), other.cells, repeated.cells]),
             order=in_order(rows),
-            first=first_of_two(rows),
+            first=first_effect,
             trials=by_trial(rows[FOUND].robots, seen),
             resting=resting(best, both),
             both=shared[ONE],
@@ -365,7 +416,11 @@ def main() -> None:
             stiffer=shared[STIFFER],
             brought=brought(rows),
             softer=f"{100 * (1 - soft / stiff):.0f}",
-            deeper=f"{1e3 * deeper(configs[WRISTS[1]], soft / stiff):.2f} mm",
+            deeper=f"{1e6 * deeper(configs[WRISTS[1]], soft / stiff):.1f} µm",
+            mended=mended(left(rows[ONE]), may),
+            settled=settled(held_out(rows[ONE]), nearly(left(rows[ONE]), may)),
+            way=way([mu.value for mu in mus], [fits[HELD][f"mu@{wrist}"].value for wrist in WRISTS]),
+            alike=alike(pooled, {wrist: max(within[wrist][1:]) for wrist in WRISTS}),
             mu_both=measured_quantity(both["mu"].value, both["mu"].sd, ""),
             **gaps,
         ),
