@@ -395,7 +395,7 @@ def main() -> None:
                 strains[wrist] > 2 * best[wrist][MATERIAL[2]].value for wrist in WRISTS
             ),
             "the wrists disagree in friction": abs(mus[1].value - mus[0].value)
-            > 2 * np.hypot(*(mu.sd or np.inf for mu in mus)),
+            > 2 * np.linalg.norm([mu.sd or np.inf for mu in mus]),
             "wrist150 is the softer one": soft < stiff,
             "the modulus is well below that of nitinol": all(
                 best[wrist]["E"].value < NITINOL / 2 for wrist in WRISTS
