@@ -48,9 +48,9 @@ WORTH, EACH = 16.0, 4.0
 # Hooks and variables that are fitted inside the simulator; forms of the first and of each other of them, and
 # starts of the best form of each.
 PLACES, FORMS, STARTS = 3, (4, 2), 2
-# Starts of a form that swings, which has a minimum beside each of many periods: so many are simulated, and the
-# fit goes on from the best of them. Where a law moves much, those that first order ranks first may be the wrong
-# ones.
+# Starts of a form that swings, which has a minimum beside each of many periods: so many are simulated, and
+# the fit goes on from the best of them. Where a law moves much, those that first order ranks first may be the
+# wrong ones.
 WAVY, OF_WAVE = 32, 8
 # Places at which a smooth law is compared with short forms, how many of these are fitted from it, the largest
 # share of its squares that one may leave, and the least friction at its level, as a share of what it was.

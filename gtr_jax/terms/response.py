@@ -18,8 +18,8 @@ from jaxtyping import Array, Float
 POINTS = (0.5 - 0.15**0.5, 0.5, 0.5 + 0.15**0.5)
 WEIGHTS = (5 / 18, 8 / 18, 5 / 18)
 # Sampling intervals at which it is asked whether a cell can be read backwards, as shares of the times of its
-# response; over how many samples, in three parts of which an error must not be larger in the last than before;
-# and what an error of 1 N may come to besides [N].
+# response; over how many samples, in three parts of which an error must not be larger in the last than in the
+# one before; and what an error of 1 N may come to besides [N].
 INTERVALS, STEPS, FELT = (0.02, 0.1, 0.3, 1.0, 3.0), 300, 0.01
 
 
