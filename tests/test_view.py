@@ -256,8 +256,6 @@ def test_a_setting_becomes_a_robot_file(setting):
     assert again.terms == ("presliding",)
     for name in ("mu", "presliding.length", "E"):
         assert float(again.robot.value(name)) == pytest.approx(float(held.changed.value(name)))
-    # A term that is at its null value is in the file, so that a fit can find its numbers.
-    assert [term.id for term in setting.with_term("tip-gain").written().terms] == ["tip-gain"]
     gone = held.without_term("presliding")
     assert float(gone.changed.value("presliding.length")) == 0.0
     assert "presliding" in [term.id for term in gone.addable]
@@ -267,6 +265,27 @@ def test_a_setting_becomes_a_robot_file(setting):
     )
     with pytest.raises(gtr.InputError, match="bore"):
         setting.with_value("bore_0_diameter", 0.5).written()
+
+
+RIG = Path(__file__).parents[1] / "examples/rig/robot.toml"
+
+
+@pytest.mark.parametrize("term", [term.id for term in Setting.of(gtr.load_config(RIG)).addable])
+def test_a_term_is_added_without_effect_and_stands_in_the_file_once_it_has_one(term):
+    """Whatever the term: commands refuse those of several sizes at null values."""
+    setting = Setting.of(gtr.load_config(RIG)).with_term(term)
+    assert setting.written() == setting.config
+    known = setting.catalogue[term]
+    numbers = [f"{term}.{q.name}" for q in known.quantities]
+    chosen = setting.written(free=["mu", *numbers])  # a fit finds the numbers of terms that are not there
+    assert [own.id for own in chosen.terms] == ([term] if len(known.sizes) == 1 else [])
+    size = next(q for q in known.quantities if q.size)
+    moved = setting.with_value(f"{term}.{size.name}", size.typical)
+    assert [own.id for own in moved.written().terms] == [term]
+    # And back, from the file that has it.
+    again = Setting.of(moved.written()).with_value(f"{term}.{size.name}", size.null)
+    assert again.written() is not None
+    assert gtr.build_robot(again.without_term(term).written()).acting == setting.robot.acting
 
 
 def test_a_setting_that_no_command_takes_is_refused_in_their_words(capsys, tmp_path):

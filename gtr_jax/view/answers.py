@@ -121,11 +121,12 @@ class Answers:
 
     def _start(self, command: str) -> None:
         assert self._recording is not None
-        free = ["--free", ",".join(self._free.value)] if command == "fit" and self._free.value else []
+        chosen = [str(name) for name in self._free.value] if command == "fit" else []
+        free = ["--free", ",".join(chosen)] if chosen else []
         try:
             self._run = Run(
                 command,
-                self._present().written(),
+                self._present().written(chosen),
                 self._recording,
                 [*free, *self._options],
                 out=self._out,

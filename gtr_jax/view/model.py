@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from gtr_jax.errors import InputError
 from gtr_jax.files.config import RobotConfig
+from gtr_jax.files.sections import TermConfig
 from gtr_jax.robot.build import build_robot, check_built
 from gtr_jax.robot.parameters import parameter, parameters_of
 from gtr_jax.robot.robot import Robot
@@ -88,13 +89,20 @@ class Setting:
         kept = tuple(name for name in self.terms if name != term)
         return dataclasses.replace(self._with(null), terms=kept)
 
-    def written(self) -> RobotConfig:
-        """The robot file with the numbers as they are set, checked as commands check it.
+    def written(self, free: Collection[str] = ()) -> RobotConfig:
+        """The robot file with the numbers as they are set, checked as commands check it. Terms that are on
+        the page without effect are left out: added ones of which no number was moved, and those that a file
+        may not have at null values, of several sizes.
+
+        Args:
+            free: names of numbers that are to be fitted; terms that have one stand in the file at their null
+                values too, where it may have them.
 
         Raises:
             InputError: no command would take it; the line with which they refuse it.
         """
         in_file = {term.id for term in self.config.terms}
+        gone = self._idle({name.partition(".")[0] for name in free})
         kept = {*self.terms, *in_file}
         entries = {name: parameter(self.robot, name) for name in self.values}
         keys = {
@@ -106,9 +114,50 @@ class Setting:
             for q in () if term in in_file else self.catalogue[term].sizes:
                 key = f"terms.{term}.{q.name}"
                 keys.setdefault(key, float(self.robot.terms[term][q.name]))
-        config = _with_vectors(self.config, keys).with_values(keys)
+        keys = {key: value for key, value in keys.items() if not key.startswith(gone)}
+        config = _with_vectors(_without(self.config, gone), keys).with_values(keys)
         check_built(config, self.changed)
         return config
+
+    def _idle(self, wanted: Collection[str]) -> tuple[str, ...]:
+        """The tables of physics terms without effect that are left out of the file, as their keys begin.
+
+        Args:
+            wanted: names of terms that stand in it all the same, where it may have them.
+        """
+        names, several = self.config.tendon_names, {t.id for t in self.catalogue.values() if len(t.sizes) > 1}
+        gone = []
+        for own in self.config.terms:
+            place = None if own.tendon is None else names.index(own.tendon)
+            if own.id in several and self._at_null(own.id, place, sizes=True):
+                gone.append(_table(own))
+        for term in set(self.terms) - {own.id for own in self.config.terms}:
+            if self._at_null(term, sizes=term in several) and (term in several or term not in wanted):
+                gone.append(f"terms.{term}.")
+        return tuple(gone)
+
+    def _at_null(self, term: str, tendon: int | None = None, *, sizes: bool) -> bool:
+        """Whether the numbers of a term, or only its sizes, are at their null values, as set; of one tendon,
+        by its place, or of all.
+        """
+        known, values = self.catalogue[term], self.changed.terms[term]
+        for q in known.sizes if sizes else known.numbers:
+            value = np.asarray(values[q.name])
+            if np.any((value if tendon is None or not value.ndim else value[tendon]) != q.null):
+                return False
+        return True
+
+
+def _table(term: TermConfig) -> str:
+    """How the keys of a term of the file begin."""
+    return f"terms.{term.id}." if term.tendon is None else f"terms.{term.id}:{term.tendon}."
+
+
+def _without(config: RobotConfig, gone: tuple[str, ...]) -> RobotConfig:
+    """The robot file without the terms of these tables, and what it says of how well they are known."""
+    kept = tuple(term for term in config.terms if _table(term) not in gone)
+    said = [key for key in config.uncertainty if key.startswith(gone)]
+    return config.without_deviations(said).model_copy(update={"terms": kept})
 
 
 def _with_vectors(config: RobotConfig, keys: Mapping[str, float]) -> RobotConfig:
