@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from html import escape
 from pathlib import Path
+from typing import NamedTuple
 
 from bokeh.document import Document
 from bokeh.layouts import column, row
@@ -26,8 +27,9 @@ from .bodies import Body
 from .compared import TENSION, comparable
 from .controls import Controls
 from .dials import LABEL, Dial, warning
-from .figures import Channelsheet, Curvesheet
+from .figures import Channelsheet, Curvesheet, Plotted
 from .ghosts import Ghost, Ghosts
+from .heard import heard
 from .knobs import GROUPS
 from .latest import Latest
 from .model import Curves, Setting, names_of, simulated
@@ -51,6 +53,14 @@ class Given:
     out: Path
 
 
+class Judged(NamedTuple):
+    """Whether a command would take a robot: why not, "" if it would, and what it would warn of."""
+
+    setting: Setting
+    fault: str
+    warned: Sequence[str]
+
+
 class Page:
     """One tab.
 
@@ -65,7 +75,9 @@ class Page:
         self._shown: tuple[Wanted, Found] | None = None
         self._owed: Found | None = None  # whose shape is on the page, and its curves not yet
         self._plotted: tuple[Curves | None, str, Sequence[Ghost]] = (None, "", ())
-        self._judged: tuple[Setting, str] | None = None
+        self._judged: Judged | None = None
+        self._refused = False  # whether the line below the title says why nothing newer is shown
+        self._copies: dict[tuple[Ghost, str], Plotted] = {}
         self._step: int | None = None
         self._brush: tuple[int, ...] = ()
         self._ghosts_drawn = False
@@ -241,13 +253,21 @@ class Page:
         self._last = (wanted, curves)
         return Found(
             plotted("", curves, wanted.quantity),
-            [plotted(ghost.colour, ghost.curves, wanted.quantity) for ghost in wanted.ghosts],
+            self._ghosts_plotted(wanted),
             step,
             drawing(curves, step),
             midlines(curves, wanted.brushed),
             [(ghost.colour, drawing(ghost.curves, step)) for ghost in alike],
             time.perf_counter() - began,
         )
+
+    def _ghosts_plotted(self, wanted: Wanted) -> list[Plotted]:
+        """The curves of ghosts, each compared once as long as the quantity stays."""
+        known, self._copies = self._copies, {}
+        for ghost in wanted.ghosts:
+            key = ghost, wanted.quantity
+            self._copies[key] = known.get(key) or plotted(ghost.colour, ghost.curves, wanted.quantity)
+        return list(self._copies.values())
 
     def _kept(self, wanted: Wanted) -> Curves | None:
         """The curves of the last request, if this one asks for the same."""
@@ -260,13 +280,14 @@ class Page:
     def _check(self, setting: Setting) -> None:
         """Whether a command would take a robot, which takes longer than to draw it."""
         fault = ""
-        try:
-            setting.written()
-        except InputError as refused:
-            fault = str(refused)
-        except Exception as refused:  # of any kind, of numbers that no file was written with before
-            fault = reason(refused)
-        self._tell(partial(self._conclude, setting, fault))
+        with heard() as warned:
+            try:
+                setting.written()
+            except InputError as refused:
+                fault = str(refused)
+            except Exception as refused:  # of any kind, of numbers that no file was written with before
+                fault = reason(refused)
+        self._tell(partial(self._conclude, Judged(setting, fault, warned)))
 
     def _tell(self, show) -> None:
         """Have something shown by the thread that the page belongs to."""
@@ -285,6 +306,7 @@ class Page:
             if found.ghosts or self._ghosts_drawn:
                 self._body.show_ghosts(found.ghosts)
         self._shown, self._owed, self._ghosts_drawn = (wanted, found), found, bool(found.ghosts)
+        self._refused = False
         self._document.add_timeout_callback(partial(self._show_unpainted, found), UNSEEN)
 
     def _show_unpainted(self, found: Found) -> None:
@@ -299,8 +321,8 @@ class Page:
         with self._together():
             self._draw_rest(*self._shown)
         setting = self._shown[0].setting
-        if self._judged is not None and self._judged[0] is setting:
-            self._conclude(*self._judged)
+        if self._judged is not None and self._judged.setting is setting:
+            self._conclude(self._judged)
         else:
             self._judge.ask(setting)
 
@@ -329,22 +351,26 @@ class Page:
         self._at.show(found.step + 1 - curves.history.padded)
         self._here.text = _where(curves, found.step, names_of(curves.robot))
 
-    def _conclude(self, setting: Setting, fault: str) -> None:
-        """Say below the title what is shown, once it is known whether a command would take it."""
-        self._judged = setting, fault
-        if self._shown is None or self._shown[0].setting is not setting:
+    def _conclude(self, judged: Judged) -> None:
+        """Say below the title what is shown, once it is known whether a command would take it. What was
+        refused since then still is: that line stays.
+        """
+        self._judged, setting = judged, judged.setting
+        now = self._controls.setting is setting and not self._refused
+        if not now or self._shown is None or self._shown[0].setting is not setting:
             return
         found, curves = self._shown[1], self._shown[1].curves
         steps = len(curves.time) - curves.history.padded
-        if fault:
-            self._status.text = warning("No command takes this robot", fault)
-        elif curves.failed:
+        lines = [warning("No command takes this robot", judged.fault)] if judged.fault else []
+        if curves.failed:
             text = f"{curves.failed} of {steps} steps did not converge; do not use these."
-            self._status.text = warning("Warning", text)
-        else:
-            self._say(f"{steps} load steps, computed in {1e3 * found.seconds:.0f} ms.")
+            lines.append(warning("Warning", text))
+        if not lines:
+            lines = [f"{steps} load steps, computed in {1e3 * found.seconds:.0f} ms."]
+        self._status.text = "<br>".join([*lines, *(warning("Warning", text) for text in judged.warned)])
 
     def _refuse(self, fault: str) -> None:
+        self._refused = True
         self._status.text = warning("Not shown", fault)
 
     def _say(self, text: str) -> None:
