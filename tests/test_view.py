@@ -225,14 +225,27 @@ def test_sliders_say_what_the_numbers_are():
         except gtr.InputError:  # of a sweep or of targets
             continue
         setting = Setting.of(config)
-        silent = [k.key for k in knobs_of(setting.robot, setting.terms, config=config) if not k.says]
+        knobs = knobs_of(setting.robot, tuple(setting.catalogue), config=config)
+        silent = [k.key for k in knobs if not k.says]
         assert silent == [], file
+        # The unit is in the title, in which people read it; a sentence stands by itself, on one line.
+        odd = [k.says for k in knobs if re.search(r" \[[^],]*\]|\n|^Likewise|instead, as in", k.says)]
+        assert odd == [], file
     config = gtr.load_config(examples / "rig/robot.toml")
     knobs = {knob.name: knob for knob in knobs_of(gtr.build_robot(config), (), config=config)}
     assert knobs["r1"].title == "offset at the base (r1) [mm]"
     assert knobs["w2"].title == "arc length where it joins the second straight (w2) [mm]"
-    assert knobs["bore_1_diameter"].says == "Diameter [m] of the concentric bore."
-    assert knobs["outer_radius_tip"].says.startswith("Outer radius [m] at the base and at the tip")
+    assert knobs["bore_1_diameter"].says == "Diameter of the concentric bore."
+    assert knobs["outer_radius_tip"].says.startswith("Outer radius at the base and at the tip")
+
+
+def test_numbers_that_only_space_has_have_words_of_their_own(make_config):
+    config = make_config(routing=HELIX)
+    knobs = {knob.name: knob for knob in knobs_of(gtr.build_robot(config), (), config=config)}
+    about_y = knobs["natural_curvature_y"].says
+    assert about_y.startswith("Curvature of the unloaded backbone about y, out of the plane")
+    assert about_y.endswith("[s, curvature] pairs from base to tip.")  # brackets of a list stay
+    assert knobs["gravity_z"].says == "Acceleration of gravity along x, y and z, instead of gravity_angle."
 
 
 def test_offsets_at_knots_have_words(make_config):

@@ -275,11 +275,12 @@ class BackboneConfig(Section):
     natural_curvature: AlongBody = 0.0
     """Curvature [rad/m] of the unloaded backbone: a constant, or [s, curvature] pairs from base to tip."""
     natural_curvature_y: AlongBody = 0.0
-    """Likewise about y, out of the plane: positive from x towards -z."""
+    """Curvature [rad/m] of the unloaded backbone about y, out of the plane, positive from x towards -z: a
+    constant, or [s, curvature] pairs from base to tip."""
     natural_twist: AlongBody = 0.0
     """Twist [rad/m] of the unloaded backbone about its axis, from y towards z."""
     poissons_ratio: Ratio = 0.5
-    """Poisson's ratio, of which the stiffness against twist depends; no effect in the plane."""
+    """Poisson's ratio, on which the stiffness against twist depends; no effect in the plane."""
     bending_stiffness: Bending | None = None
     """EI [N m^2] instead of youngs_modulus: one number, two (about y and about z), or rows [s, EI] or
     [s, EI_y, EI_z] from base to tip."""
@@ -346,8 +347,10 @@ class LoadsConfig(Section):
 
     gravity_angle: Angle | None = None
     """Direction of gravity [rad] in the plane of x and y, from x (the base tangent); absent: no effect."""
-    gravity: tuple[Acceleration, Acceleration, Acceleration] | None = None
-    """Acceleration of gravity [m/s^2] along x, y, z instead, as in ["0 m/s^2", "0 m/s^2", "-9.81 m/s^2"]."""
+    gravity: tuple[Acceleration, Acceleration, Acceleration] | None = Field(
+        default=None, examples=[["0 m/s^2", "0 m/s^2", "-9.81 m/s^2"]]
+    )
+    """Acceleration of gravity [m/s^2] along x, y and z, instead of gravity_angle."""
     tip_force: Annotated[
         Annotated[tuple[Force, Force], Tag("#plane")] | Annotated[tuple[Force, Force, Force], Tag("#space")],
         Discriminator(_axes),

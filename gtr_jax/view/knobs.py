@@ -43,7 +43,7 @@ class Knob:
         key: in the robot file.
         group: what it stands under: one of GROUPS, or "terms".
         label: what people call it, without the unit.
-        says: what it is, as its physics term or the table of the robot file says.
+        says: what it is, as its physics term or the table of the robot file says, without the SI unit.
         unit: that it is shown in; "" if it has none.
         size: of that unit in SI.
         value: [SI].
@@ -113,7 +113,7 @@ def _knob(entry: Parameter, value: float, config: RobotConfig) -> Knob:
     high = high if entry.upper is None else min(high, entry.upper)
     if entry.positive and low <= 0:
         low = min(value, high) * 1e-2
-    says = says_of(config, entry.key) if quantity is None else quantity.says
+    says = _plain(says_of(config, entry.key) if quantity is None else quantity.says)
     group, label = _place(entry, says)
     term = "" if entry.term is None else entry.term.id
     return Knob(
@@ -184,6 +184,13 @@ def _place(entry: Parameter, says: str) -> tuple[str, str]:
     return group, f"{words.get(name, name.replace('_', ' '))}{tendon}"
 
 
+def _plain(says: str) -> str:
+    """What a table or a term says of a number, on one line and without the SI unit: the slider's title has
+    the unit that is shown. Brackets of lists, as in [s, curvature], stay.
+    """
+    return re.sub(r" \[[^],]*\]", "", " ".join(says.split()))
+
+
 def _words(name: str, says: str) -> str:
     """A number of a channel that only has a symbol, in words: of a knot its offset, of others what their
     table says.
@@ -191,5 +198,5 @@ def _words(name: str, says: str) -> str:
     knot = re.fullmatch(r"knot(_[yz])?_(\d+)", name)
     if knot:
         return f"offset{(knot[1] or '').replace('_', ' ')} at knot {knot[2]}"
-    text = re.sub(r" \[[^]]*\]", "", says).rstrip(".")
+    text = says.rstrip(".")
     return f"{text[:1].lower()}{text[1:]} ({name})"
