@@ -1,6 +1,7 @@
 """The model behind the live page: its curves are those of `simulate`, by programs that are compiled once."""
 
 import builtins
+import dataclasses
 import re
 import threading
 from pathlib import Path
@@ -12,7 +13,7 @@ from command_line import RECORDED, RECORDING, run_gtr
 from conftest import SINE
 
 import gtr_jax as gtr
-from gtr_jax.files.recording import Recording
+from gtr_jax.files.recording import Recording, seeks_glitches
 from gtr_jax.robot.parameters import parameters_of
 from gtr_jax.simulation.markers import marker_places
 from gtr_jax.view import bodies, dials, figures
@@ -433,6 +434,28 @@ def test_without_bokeh_the_command_says_what_to_install(capsys, monkeypatch):
 def test_options_that_cannot_be_are_refused(capsys, tmp_path, arguments, says):
     done = run_gtr(capsys, "view", RECORDED, "--no-browser", "-o", tmp_path, *arguments)
     assert (done.status, done.err) == (2, f"error: {says}\n")
+
+
+@pytest.mark.parametrize("header", ["time_s,T_base_N", "T_base_N,tip_x_m"])
+def test_glitches_cannot_be_kept_where_none_are_looked_for(capsys, tmp_path, header):
+    """In a bare history, and in rows that are not in time."""
+    history = tmp_path / "history.csv"
+    np.savetxt(history, np.c_[np.arange(9.0), np.arange(9.0) / 9], delimiter=",", header=header, comments="")
+    done = run_gtr(capsys, "view", RIG, history, "--keep-glitches", "--no-browser", "-o", tmp_path)
+    says = f"--keep-glitches: has no effect on {history}, in which no glitches are looked for; leave it out"
+    assert (done.status, done.out, done.err) == (2, "", f"error: {says}\n")
+
+
+def test_glitches_are_looked_for_where_something_is_measured_in_time():
+    recording = gtr.read_recording(RIG.parent / "tuesday.csv")
+    assert seeks_glitches(recording.quantities, measured=True)
+    untold = dataclasses.replace(recording, T_tip=None)
+    assert seeks_glitches(untold.quantities, measured=True)
+    assert not seeks_glitches(untold.quantities, measured=False)
+    drawn = dataclasses.replace(
+        untold, tip_angle=None, T_base=np.full_like(recording.T_base, np.nan)
+    )  # displacement drives the tendon
+    assert not seeks_glitches(drawn.quantities, measured=True)
 
 
 def test_a_robot_with_a_law_of_its_own_has_its_sliders():

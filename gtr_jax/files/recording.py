@@ -12,7 +12,7 @@ import functools
 import io
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -109,6 +109,13 @@ class Recording:
         return dataset_of(columns_of(self), SAMPLE, tendons=self.tendons)
 
     @property
+    def quantities(self) -> set[str]:
+        """Names of the quantities that were recorded, those of markers too."""
+        there = {name for name in COLUMNS if getattr(self, name) is not None}
+        nothing = {name for name in there & {*DRIVES} if np.all(np.isnan(getattr(self, name)))}
+        return (there - nothing) | {*self.markers}
+
+    @property
     def tip_quaternion(self) -> np.ndarray | None:
         """The unit quaternion of the tip (x, y, z, w), (rows, 4); None where not recorded."""
         parts = [getattr(self, name) for name in QUATERNION]
@@ -172,7 +179,7 @@ def read_recording(
         if found and found[0] not in taken:
             chosen[key] = found
     begun = {wanted[key][0] for key in chosen}
-    compared = begun - {"time", "trial", *(DRIVES if "T_base" not in begun else DRIVES[:1])}
+    compared = _compared(begun)
     needed = NEEDED if need_tip and not (measured and compared) else NEEDED[:1]
     absent = [
         key
@@ -202,8 +209,9 @@ def read_recording(
             remedy = functools.partial(unit_remedy, table, key, index, si)
             whole[key] = table.quantity(index, unit, si, remedy=remedy, most_absent=MOST_ABSENT)
     units = {key: column_of(wanted[key][0]).unit for key in whole}
-    in_time = "T_tip" in begun or (measured and bool(compared) and "time" in begun)
-    glitches = in_time and not keep_glitches and not (said and said.keep_glitches)
+    glitches = (
+        seeks_glitches(begun, measured=measured) and not keep_glitches and not (said and said.keep_glitches)
+    )
     stretches = [*(said.drop if said else ()), *drop]
     try:
         keep, masked = masks(whole, units, table.numbers, glitches=glitches, drop=stretches)
@@ -237,6 +245,22 @@ def read_recording(
         masked=masked,
         notes=notes,
     )
+
+
+def seeks_glitches(quantities: Set[str], *, measured: bool) -> bool:
+    """Whether glitches are looked for in a file of these quantities: not where it prescribes loads and
+    measures nothing, nor without times, where rows may be holds.
+
+    Args:
+        quantities: by name.
+        measured: as of `read_recording`.
+    """
+    return "T_tip" in quantities or (measured and bool(_compared(quantities)) and "time" in quantities)
+
+
+def _compared(quantities: Set[str]) -> set[str]:
+    """Those of the quantities that a simulation can be compared with."""
+    return {*quantities} - {"time", "trial", *(DRIVES if "T_base" not in quantities else DRIVES[:1])}
 
 
 def _drive_of(tendon: str, chosen: Iterable[str]) -> bool:
