@@ -452,9 +452,8 @@ def test_glitches_are_looked_for_where_something_is_measured_in_time():
     untold = dataclasses.replace(recording, T_tip=None)
     assert seeks_glitches(untold.quantities, measured=True)
     assert not seeks_glitches(untold.quantities, measured=False)
-    drawn = dataclasses.replace(
-        untold, tip_angle=None, T_base=np.full_like(recording.T_base, np.nan)
-    )  # displacement drives the tendon
+    # Of displacements alone, which drive the tendon.
+    drawn = dataclasses.replace(untold, tip_angle=None, T_base=np.full_like(recording.T_base, np.nan))
     assert not seeks_glitches(drawn.quantities, measured=True)
 
 

@@ -3,6 +3,7 @@
 import threading
 import time
 import warnings
+from typing import Any
 
 import pytest
 from bokeh.document import Document
@@ -24,7 +25,7 @@ class Tab:
         self.document = Document()
         self.page = Page(self.document, Given(config, None, [], out))
 
-    def get(self, name):
+    def get(self, name) -> Any:
         return self.document.get_model_by_name(name)
 
     @property
