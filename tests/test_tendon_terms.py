@@ -165,7 +165,7 @@ def test_the_live_page_has_sliders_of_each_tendon(make_config):
     terms = [typical("tip-gain", gain=1.05, tendon=name) for name in ("left", "right")]
     setting = Setting.of(config(make_config, terms))
     assert setting.terms == ("tip-gain",)
-    knobs = {knob.name: knob for knob in knobs_of(setting.robot, setting.terms)}
+    knobs = {knob.name: knob for knob in knobs_of(setting.robot, setting.terms, config=setting.config)}
     assert knobs["tip-gain.gain.right"].label == "gain of right"
     moved = setting.with_value("tip-gain.gain.right", 1.02).written()
     assert moved.term_values["tip-gain"]["gain"].tolist() == [1.05, 1.02]

@@ -194,7 +194,7 @@ def places(robot: Robot, bench: Bench, fitted: Fitted) -> list[Place]:
         end = max(float(np.ptp(time)) for time in times)
         found.append(Place("friction", "t", 0.0, end, FRICTION, "dimensionless"))
         every = float(np.median(np.concatenate([np.diff(time) for time in times])))
-        if every > 0 and all(rig.part.tips and len(rig.part.time) <= RESPONDS for rig in bench.rigs):
+        if every > 0 and all(rig.part.tips and rig.part.samples <= RESPONDS for rig in bench.rigs):
             longest = (LAGS - 1) * every
             found.append(Place("tip_response", "l", 0.0, longest, RESPONSE, "dimensionless"))
         fast = _fastest(times, fitted)

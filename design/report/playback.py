@@ -9,6 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import jax.tree_util as jtu
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gtr_jax.plots.style import INK, VERMILLION
 from gtr_jax.plots.tendons import COLOURS
@@ -105,12 +106,12 @@ def tendons_playback(robot: Robot, ways: Sequence[Way]) -> Playback:
         for e in way.errors
     ]
 
-    def each(values: np.ndarray, label: str, unit: str) -> list[Column]:
+    def each(values: ArrayLike, label: str, unit: str) -> list[Column]:
         table = np.asarray(values).T
         return [Column(f"{label} {name}", unit, own) for name, own in zip(names, table, strict=True)]
 
     base, tip = each(run.T_base, "T_base", "N"), each(run.T_tip, "T_tip", "N")
-    drawn = each(1e3 * run.displacement, "drawn out", "mm")
+    drawn = each(1e3 * np.asarray(run.displacement), "drawn out", "mm")
     colours = [COLOURS[i % len(COLOURS)] for i in range(len(names))]
     tensions = [
         line

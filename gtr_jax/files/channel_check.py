@@ -84,7 +84,7 @@ def _warn_of_free_space(
     for first, last, radius in hollow:
         free = (first <= s) & (s <= last) & (reach < radius * (1 - _NEAR))
         ends = np.flatnonzero(np.diff(free, prepend=False, append=False)).reshape(-1, 2)
-        stretches = [(a, b - 1) for a, b in ends if s[b - 1] > s[a]]
+        stretches = [(a, b - 1) for a, b in ends.tolist() if s[b - 1] > s[a]]
         if not stretches:
             continue
         room = max(float(np.max(radius - reach[a : b + 1])) for a, b in stretches)
@@ -92,8 +92,8 @@ def _warn_of_free_space(
         others = len(stretches) - 1
         more = f" and in {others} more stretch{'es' if others > 1 else ''}" if others else ""
         warnings.warn(
-            f"{config.source}: {table}: from s = {mm(s[a])} to {mm(s[b])}{more} the tendon lies in a bore, "
-            f"up to {mm(room)} from its wall, and is computed as if a channel held it there; if it is free, "
+            f"{config.source}: {table}: from s = {mm(float(s[a]))} to {mm(float(s[b]))}{more} the tendon "
+            f"lies in a bore, up to {mm(room)} from its wall, and is computed as if a channel held it there; if it is free, "
             "name the disks between which it runs straight as guides, or give the term clearance",
             InputWarning,
             stacklevel=3,
