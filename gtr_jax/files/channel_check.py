@@ -93,8 +93,9 @@ def _warn_of_free_space(
         more = f" and in {others} more stretch{'es' if others > 1 else ''}" if others else ""
         warnings.warn(
             f"{config.source}: {table}: from s = {mm(float(s[a]))} to {mm(float(s[b]))}{more} the tendon "
-            f"lies in a bore, up to {mm(room)} from its wall, and is computed as if a channel held it there; if it is free, "
-            "name the disks between which it runs straight as guides, or give the term clearance",
+            f"lies in a bore, up to {mm(room)} from its wall, and is computed as if a channel held it there; "
+            "if it is free, name the disks between which it runs straight as guides, or give the term "
+            "clearance",
             InputWarning,
             stacklevel=3,
         )
