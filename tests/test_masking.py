@@ -386,6 +386,23 @@ def test_one_mapping_for_each_recording_or_one_for_all(tmp_path, capsys):
         assert done.status == 2 and "--columns: given 2 times for 1 recording; give it once" in done.err
 
 
+def test_glitches_are_not_kept_where_none_are_looked_for(tmp_path, capsys):
+    history = tmp_path / "history.csv"
+    history.write_text("time_s,T_base_N\n0,0\n1,5\n2,9\n3,2\n", encoding="utf-8")
+    given = (
+        "simulate",
+        "examples/tdcm-1.toml",
+        "--history",
+        history,
+        "--keep-glitches",
+        "-o",
+        tmp_path / "o",
+    )
+    done = run_gtr(capsys, *given)
+    assert done.status == 2
+    assert f"--keep-glitches: has no effect on {history}, in which no glitches are looked for" in done.err
+
+
 @pytest.mark.parametrize("option", [["--columns", "T_base=a"], ["--keep-glitches"], ["--drop", "1:2"]])
 def test_options_of_recordings_need_a_history(option, tmp_path, capsys):
     done = run_gtr(capsys, "simulate", RECORDED, "--pull", "5", *option, "-o", tmp_path / "out")

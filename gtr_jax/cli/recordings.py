@@ -81,10 +81,11 @@ def read_recordings(
         markers: names of the markers whose places are looked for in each; in none unless given.
 
     Raises:
-        InputError: there are several mappings, but not one for each recording; or a file is refused.
+        InputError: there are several mappings, but not one for each recording; a file is refused; or glitches
+            are kept where none are looked for.
     """
     from gtr_jax.files.masking import masked_says
-    from gtr_jax.files.recording import read_recording
+    from gtr_jax.files.recording import read_recording, seeks_glitches
     from gtr_jax.files.thinning import thinned, thinned_says
 
     recordings = []
@@ -107,6 +108,11 @@ def read_recordings(
             if said:
                 click.echo(f"warning: {path}: {said}", err=True)
         recordings.append(recording)
+    if keep_glitches and not any(seeks_glitches(r.quantities, measured=measured) for r in recordings):
+        where = ", ".join(str(path) for path in paths)
+        raise InputError(
+            f"--keep-glitches: has no effect on {where}, in which no glitches are looked for; leave it out"
+        )
     return recordings
 
 

@@ -55,7 +55,6 @@ def view(
     The page is served to this machine only, to whoever has the address with its token. Ctrl-C ends it.
     """
     from gtr_jax.files.config import load_config
-    from gtr_jax.files.recording import seeks_glitches
 
     from ..cache import enable_cache
 
@@ -83,11 +82,6 @@ def view(
             space=True,
             markers=[[marker.name for marker in config.markers]],
         )[0]
-        if keep_glitches and not seeks_glitches(given.quantities, measured=True):
-            raise InputError(
-                f"--keep-glitches: has no effect on {recording}, in which no glitches are looked for; "
-                "leave it out"
-            )
         options += [part for value in columns for part in ("--columns", value)]
         options += [part for value in drop for part in ("--drop", value)]
         options += ["--keep-glitches"] if keep_glitches else []
