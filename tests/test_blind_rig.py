@@ -251,6 +251,18 @@ def test_events_glitches_delay_and_misfit_are_scored():
     )
 
 
+def test_a_law_that_is_found_is_told():
+    """It counts as detected, and of an effect outside the catalogue as told if it is the right one."""
+    law = {"acts": "friction", "of": "t"}
+    strange = key(["drift"], outside=["breathing"])
+    right, wrong = (
+        rig_score.Rig("a", strange, answer("discovered", law={**law, "of": of})) for of in ("t", "T")
+    )
+    assert right.claims and wrong.claims and right.strange_told and not wrong.strange_told
+    assert rig_score.Rig("b", key([]), answer("discovered", law=law)).claims
+    assert rig_score.Rig("c", strange, answer("unexplained")).strange_told
+
+
 def test_the_section_reports_refused_files_and_every_effect(tmp_path):
     scored = [
         rig_score.Rig("a", key(["drift", "tip-gain"]), answer("missing-physics", ["friction-drift"])),

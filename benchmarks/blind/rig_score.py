@@ -15,7 +15,7 @@ import numpy as np
 from .effects import CATALOGUE
 from .exam import keys as keys_of
 from .rig import TWINS, term
-from .score import quantiles, rate, within
+from .score import CAUSES, quantiles, rate, within
 
 # Probability from which on a term that is named counts as sure.
 SURE = 0.9
@@ -70,8 +70,20 @@ class Rig:
 
     @property
     def claims(self) -> bool:
-        """Whether it says that an effect is missing, or that something is left that it cannot explain."""
-        return bool(self.named) or self.verdict in ("partly-explained", "unexplained")
+        """Whether it says that an effect is missing, or that something is left that it cannot explain, or finds
+        a law.
+        """
+        return bool(self.named) or self.verdict in ("partly-explained", "unexplained", "discovered")
+
+    @property
+    def strange_told(self) -> bool:
+        """Of a case with an effect outside the catalogue: whether it says that something is left, or finds its
+        law.
+        """
+        law = self.answer.get("law") or {}
+        causes = [CAUSES[hidden] for hidden in self.key["outside"] if hidden in CAUSES]
+        right = self.verdict == "discovered" and (law.get("acts"), law.get("of")) in causes
+        return right or self.verdict in ("partly-explained", "unexplained")
 
     @property
     def exact(self) -> bool:
@@ -205,9 +217,9 @@ def overview(cases: Sequence[Rig]) -> list[list[str]]:
         ["the whole set named and nothing else", "", rate([c.exact for c in rigs if not c.key["outside"]])],
         ["partly-explained, and rightly so", "≥ 90 %", rate([c.partly_right for c in partly])],
         [
-            "with an effect outside the catalogue: partly-explained or unexplained",
+            "with an effect outside the catalogue: partly-explained, unexplained, or found as a law",
             "≥ 75 %",
-            rate([c.verdict in ("partly-explained", "unexplained") for c in strange]),
+            rate([c.strange_told for c in strange]),
         ],
         [
             "share of the misfit explained on held-out cycles, noise aside (median; 90 % above)",
