@@ -70,15 +70,15 @@ class Rig:
 
     @property
     def claims(self) -> bool:
-        """Whether it says that an effect is missing, or that something is left that it cannot explain, or finds
-        a law.
+        """Whether it says that an effect is missing, or that something is left that it cannot explain, or
+        finds a law.
         """
         return bool(self.named) or self.verdict in ("partly-explained", "unexplained", "discovered")
 
     @property
     def strange_told(self) -> bool:
-        """Of a case with an effect outside the catalogue: whether it says that something is left, or finds its
-        law.
+        """Of a case with an effect outside the catalogue: whether it says that something is left, or finds
+        its law.
         """
         law = self.answer.get("law") or {}
         causes = [CAUSES[hidden] for hidden in self.key["outside"] if hidden in CAUSES]
