@@ -34,11 +34,6 @@ class Stretch(NamedTuple):
     why: str
     outside: bool = False
 
-    @property
-    def moves(self) -> bool:
-        """Whether what acts there from outside may have moved an end of the tendon."""
-        return self.outside and self.why != STILL
-
 
 @dataclasses.dataclass(frozen=True)
 class LeftOut:
@@ -76,6 +71,11 @@ class LeftOut:
         given = dataclasses.asdict(self)
         unit = given.pop("unit")
         return {f"size_{unit}" if key == "size" else key: value for key, value in given.items()}
+
+
+def moves(stretch: Stretch | LeftOut) -> bool:
+    """Whether what acts there from outside may have moved an end of the tendon."""
+    return stretch.outside and stretch.why != STILL
 
 
 def asked_for(
@@ -190,7 +190,7 @@ def without(part: Part, stretches: Sequence[Stretch]) -> Part:
     out = np.zeros(part.samples, bool)
     for first, last, *_ in stretches:
         out |= (part.places >= first) & (part.places <= last)
-    ends = sorted(s.last for s in stretches if s.moves)
+    ends = sorted(s.last for s in stretches if moves(s))
     since = np.searchsorted(ends, part.places) if ends else None
     if (left := int((~out).sum())) < (fewest := fewest_of(part)):
         raise InputError(f"{part.path}: --exclude leaves {left} samples to compare; leave {fewest} or more")

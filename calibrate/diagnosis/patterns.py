@@ -137,9 +137,9 @@ def pattern_in(bench: Bench, fitted: Fitted) -> Pattern | None:
             found += _standing(bench, k, c, residual * rig.part.counted)
             found += _regular(bench, fitted, k, c)
     least = min(found, key=lambda pattern: pattern.chance, default=None)
-    still = max((p for p in found if p.stands), key=lambda pattern: pattern.share, default=least)
-    if still is None or least is None:
-        return None
+    still = max((p for p in found if p.stands), key=lambda pattern: pattern.share, default=None)
+    if least is None or still is None:
+        return least
     elsewhere = still.recording != least.recording
     return still if elsewhere or still.share > least.share else least
 

@@ -15,7 +15,7 @@ from ..number import OWN
 from ..verdict import in_unit
 from .decide import ADEQUATE, AMBIGUOUS, DISCOVERED, PARTLY, UNEXPLAINED, structured
 from .differ import Difference
-from .leave_out import ASKED, STILL, LeftOut
+from .leave_out import ASKED, STILL, LeftOut, moves
 
 if TYPE_CHECKING:
     from .result import Diagnosis
@@ -127,7 +127,7 @@ def _left_out(d: Diagnosis) -> str:
     asked = [which(e) for e in d.left_out if e.why == ASKED]
     gaps = [which(e) for e in d.left_out if e.why != ASKED and not e.outside]
     still = [which(e) for e in d.left_out if e.why == STILL]
-    outside = [e for e in d.left_out if e.outside and e.why != STILL]
+    outside = [e for e in d.left_out if moves(e)]
     words = f" Left out of the fit as asked: {', '.join(asked)}." if asked else ""
     if gaps:
         words += f" Left out of the fit, because the load is not known in the gap before: {', '.join(gaps)}."
@@ -191,16 +191,17 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
         )
     outside = any(e.outside for e in d.left_out)
     if d.verdict == UNEXPLAINED and outside and not (structured(d.left) or d.pattern or chosen):
-        still = all(e.why == STILL for e in d.left_out if e.outside)
-        return (
-            (
-                "Readings stand still for a while where the model moves, which no term of the catalogue "
-                "explains: is a cell, its amplifier or its line stuck, or the tendon held from outside?"
-                if still
-                else "Something from outside acts on the tendon in short episodes, which no term of the "
-                "catalogue explains."
+        what = (
+            "Readings stand still for a while where the model moves, which no term of the catalogue "
+            "explains: is a cell, its amplifier or its line stuck, or the tendon held from outside?"
+        )
+        if any(map(moves, d.left_out)):
+            what = (
+                "Something from outside acts on the tendon in short episodes, which no term of the catalogue "
+                "explains."
             )
-            + f" In the rest nothing is missing: the residual is {in_unit(d.rms[1], d.unit)} where "
+        return (
+            f"{what} In the rest nothing is missing: the residual is {in_unit(d.rms[1], d.unit)} where "
             f"the {_noise(d, ' is')}."
         )
     if d.verdict == UNEXPLAINED:

@@ -21,11 +21,11 @@ HERE = Path(__file__).parent
 DOCS = HERE.parents[1] / "docs" / "robots"
 # Pictures that show recordings without a licence: never in the repository.
 OUT = HERE.parents[1] / "out-robots"
-# Recordings without a licence lie outside the repository.
 WIDTH = 150  # characters of a line of prose
 MARKER = re.compile(r"(?:- |\d+\. |> )")
 # What would begin a list, a heading or a quotation at the beginning of a line.
 BEGINS = re.compile(r" (?=(?:[-+*>]|#+|\d+[.)])(?: |$))")
+# Recordings without a licence lie outside the repository.
 SHARED = Path(os.environ.get("GTR_SHARED_DATA", HERE.parents[2] / "shared" / "data"))
 
 

@@ -314,16 +314,18 @@ def is_odd(law: Law) -> bool:
 
 
 def _too_soft(law: Law, values: Mapping[str, float], length: float | None) -> str:
-    """Why a law that is proportional to k leaves the body no stiffness somewhere; "" if it leaves some, or is
-    another.
+    """Why a law that is proportional to k leaves a body of this length no stiffness somewhere; "" if it
+    leaves some, is another, or the length is not known.
     """
-    s = np.linspace(0.0, VARIABLES["s"].range[1] if length is None else length, ALONG)
+    if length is None:
+        return ""
+    s = np.linspace(0.0, length, ALONG)
     with np.errstate(all="ignore"):
         once, twice = (
             np.broadcast_to(evaluate(law.tree, {**values, "k": k, "s": s}, np), s.shape) for k in (1.0, 2.0)
         )
     share = 1.0 + once
-    if length is None or not np.allclose(twice, 2 * once) or np.all(share >= SOFTEST):
+    if not np.allclose(twice, 2 * once) or np.all(share >= SOFTEST):
         return ""
     i = int(np.argmin(share))
     return (
