@@ -321,3 +321,34 @@ def test_the_tip_tells_where_a_base_tension_bends():
     # The values are still what the cell says: they do not follow an estimate that is off by a constant.
     shifted = sharpened(fit, read, true + 3.0 + 0.02 * rng.normal(size=120), 0.02)
     assert abs(np.mean(shifted.T_base - true)) < 0.15
+
+
+def swings(rng):
+    """Slow ramps that a motor shakes now and then: a base tension that bends between samples, (3000,)."""
+    t = np.arange(3000) / 50
+    T = np.interp(t, np.linspace(0, t[-1], 12), rng.uniform(-4, 6, 12))
+    for start in np.sort(rng.uniform(0, t[-1], 7)):
+        size, rate = rng.uniform(-6, 6), rng.uniform(6, 15)
+        T += np.where(t > start, size * np.exp(-(t - start) * 2.0) * np.sin(rate * (t - start)), 0.0)
+    return 5 + T
+
+
+def test_quick_swings_are_known_better_than_their_readings():
+    left, sd = [], 0.02
+    for seed in range(5):
+        T = swings(np.random.default_rng(seed))
+        fit = estimate_base(with_noise(T, sd, seed))
+        turns = 1 + np.flatnonzero(np.diff(np.sign(np.diff(T))) != 0)
+        assert fit.sd == pytest.approx(sd, rel=0.05)
+        left.append([np.sqrt(np.mean((fit.T_base - T)[i] ** 2)) for i in (slice(None), turns)])
+    every, where_it_turns = np.mean(left, axis=0) / sd
+    assert every < 0.5
+    assert where_it_turns < 1.15, "what friction holds is decided there"
+
+
+def test_noise_that_grows_is_not_taken_for_bends_between_samples():
+    for seed in range(10):
+        T = np.tile(HOLDS, 2)
+        read = T + np.random.default_rng(seed).normal(0.0, 1.0, len(T)) * (0.02 + 0.004 * T)
+        fit = estimate_base(read)
+        assert len(fit.knots) < 60

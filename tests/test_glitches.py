@@ -259,6 +259,24 @@ def test_dropouts_of_a_cell_that_is_often_at_zero():
     assert found == [("T_base", 1100, 1106, "dropout"), ("T_tip", 1600, 1603, "dropout")]
 
 
+def test_a_supply_that_fails_while_the_tension_falls_to_slack():
+    rng = np.random.default_rng(5)
+    t = np.arange(0, 40, 0.02)
+    T_base = np.maximum(np.interp(t, [0, 10, 20, 20.2, 30, 40], [0, 0, 20, 0, 0, 15]), 0)
+    cells = {"T_base": T_base, "T_tip": pulled(T_base)}
+    # Cells that resolve 0.03 N and are slack for a quarter of the time: single zeros are ordinary.
+    cells = {name: 0.03 * np.round((x + 0.06 * rng.standard_normal(len(x))) / 0.03) for name, x in cells.items()}
+    assert 100 < np.sum(cells["T_base"] == 0.0)
+    assert find_glitches(cells, t) == []
+    for x in cells.values():
+        x[1005:1011] = 0.0  # from 10 N on, down to where the tension is 0 in truth
+    found = [(g.channel, g.first, g.last, g.kind) for g in find_glitches(cells, t)]
+    assert found == [("T_base", 1005, 1010, "dropout"), ("T_tip", 1005, 1010, "dropout")]
+    # Of a cell alone, or of cells that show slack as exactly 0, nothing is known.
+    assert find_glitches({"T_base": cells["T_base"]}, t) == []
+    assert find_glitches({name: np.where(x < 0.3, 0.0, x) for name, x in cells.items()}, t) == []
+
+
 def test_beside_a_glitch_of_the_other_cell_a_smaller_one_is_found():
     rng = np.random.default_rng(3)
     base, tip = 10 + 0.01 * rng.standard_normal(2000), 6 + 0.01 * rng.standard_normal(2000)

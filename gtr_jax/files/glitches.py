@@ -31,6 +31,10 @@ channel with noise, dropouts to 0 may last up to LONGEST samples, if these are n
 D is that of their ends, each seen from its own side, and 4. does not apply: a supply that fails takes all
 cells along. Samples without a number (NaN) are dropouts too. At both ends of a channel, where a neighbour is
 missing, nothing is a glitch.
+
+Where all cells of the recording read exactly 0 at the same SUPPLY to LONGEST samples, those are dropouts
+whatever lies around them, if all have noise and noise does not do that: as often as each reads 0 where it is
+as near to 0 otherwise, so many zeros in a row are expected fewer than CHANCE times in the recording.
 """
 
 from __future__ import annotations
@@ -40,11 +44,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .excursions import GAP, WIDEST, Channel, channel, chord, excursions, runs
+from .excursions import GAP, LONGEST, WIDEST, Channel, channel, chord, excursions, runs
 from .outliers import outliers
 
 NEARBY, CROWDED = 50, 0.15
 FELLOW = 0.7
+SUPPLY, CHANCE = 3, 1e-4
 LOADED = 0.1  # share of the largest base tension above which the ratio of the cells counts
 _ROUNDS = 10  # of leaving out what turned out to be no glitch
 
@@ -107,6 +112,7 @@ def _found(channels: Mapping[str, np.ndarray], time: np.ndarray | None) -> list[
         fellow = _fellow(name)
         if fellow in spans:
             found += _told(name, own, *_beside(own, *spans[name], read[fellow], *spans[fellow]))
+    found += _of_the_supply(arrays, read, found)
     return sorted(found, key=lambda glitch: (glitch.first, glitch.channel))
 
 
@@ -119,6 +125,39 @@ def _fellow(name: str) -> str:
 def _missing(name: str, values: np.ndarray) -> list[Glitch]:
     first, last = runs(~np.isfinite(values))
     return [Glitch(name, int(a), int(b), float("nan"), "dropout") for a, b in zip(first, last, strict=True)]
+
+
+def _of_the_supply(
+    arrays: Mapping[str, np.ndarray], read: Mapping[str, Channel], known: list[Glitch]
+) -> list[Glitch]:
+    """Dropouts of all cells at once, where they are not known already."""
+    cells = [name for name in arrays if name.partition(".")[0] in ("T_base", "T_tip")]
+    if len(cells) < 2 or not all(read[name].noisy for name in cells):
+        return []
+    found = []
+    first, last = runs(np.all([arrays[name] == 0.0 for name in cells], axis=0))
+    longs = (last - first + 1 >= SUPPLY) & (last - first < LONGEST)
+    for a, b in zip(first[longs].tolist(), last[longs].tolist(), strict=True):
+        expected = float(len(arrays[cells[0]]))
+        for name in cells:
+            rest = np.delete(arrays[name], np.arange(a, b + 1))
+            zeros, near = np.sum(rest == 0.0), np.sum(np.abs(rest) <= read[name].limit)
+            expected *= ((zeros + 1) / (near + 1)) ** (b - a + 1)
+        if expected < CHANCE:
+            taken = {name for name in cells for g in known if g.channel == name and g.first <= b and a <= g.last}
+            size = {name: _off_line(arrays[name], a, b) for name in cells}
+            found += [Glitch(name, a, b, size[name], "dropout") for name in cells if name not in taken]
+    return found
+
+
+def _off_line(x: np.ndarray, a: int, b: int) -> float:
+    """The largest deviation of samples a to b from the line through their neighbours; from the one neighbour
+    at an end.
+    """
+    left, right = x[max(a - 1, 0)], x[min(b + 1, len(x) - 1)]
+    left, right = (right if a == 0 else left), (left if b == len(x) - 1 else right)
+    off = x[a : b + 1] - np.linspace(left, right, b - a + 3)[1:-1]
+    return float(off[np.argmax(np.abs(off))])
 
 
 def _isolated(
