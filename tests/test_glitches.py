@@ -265,7 +265,9 @@ def test_a_supply_that_fails_while_the_tension_falls_to_slack():
     T_base = np.maximum(np.interp(t, [0, 10, 20, 20.2, 30, 40], [0, 0, 20, 0, 0, 15]), 0)
     cells = {"T_base": T_base, "T_tip": pulled(T_base)}
     # Cells that resolve 0.03 N and are slack for a quarter of the time: single zeros are ordinary.
-    cells = {name: 0.03 * np.round((x + 0.06 * rng.standard_normal(len(x))) / 0.03) for name, x in cells.items()}
+    cells = {
+        name: 0.03 * np.round((x + 0.06 * rng.standard_normal(len(x))) / 0.03) for name, x in cells.items()
+    }
     assert 100 < np.sum(cells["T_base"] == 0.0)
     assert find_glitches(cells, t) == []
     for x in cells.values():

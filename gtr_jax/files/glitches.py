@@ -144,7 +144,9 @@ def _of_the_supply(
             zeros, near = np.sum(rest == 0.0), np.sum(np.abs(rest) <= read[name].limit)
             expected *= ((zeros + 1) / (near + 1)) ** (b - a + 1)
         if expected < CHANCE:
-            taken = {name for name in cells for g in known if g.channel == name and g.first <= b and a <= g.last}
+            taken = {
+                name for name in cells for g in known if g.channel == name and g.first <= b and a <= g.last
+            }
             size = {name: _off_line(arrays[name], a, b) for name in cells}
             found += [Glitch(name, a, b, size[name], "dropout") for name in cells if name not in taken]
     return found
