@@ -320,6 +320,14 @@ def overview(scored: Sequence[Scored]) -> list[list[str]]:
             ]
             for kind, target in (("pair", "≥ 65 %"), ("triple", "≥ 40 %"))
         ],
+        *[
+            [
+                f"the same, of the {kind}s of which every part is missed beside the others by more than 6",
+                "",
+                rate([s.covered for s in several if s.kind == kind and s.holds["least_part"] > ENOUGH]),
+            ]
+            for kind in ("pair", "triple")
+        ],
         [
             "pairs and triples: part of them named and nothing wrong",
             "≥ 85 %",
