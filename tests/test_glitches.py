@@ -274,9 +274,51 @@ def test_a_supply_that_fails_while_the_tension_falls_to_slack():
         x[1005:1011] = 0.0  # from 10 N on, down to where the tension is 0 in truth
     found = [(g.channel, g.first, g.last, g.kind) for g in find_glitches(cells, t)]
     assert found == [("T_base", 1005, 1010, "dropout"), ("T_tip", 1005, 1010, "dropout")]
+    # A cell that is not connected changes nothing; a number that is missing beside it neither.
+    more = {name: x.copy() for name, x in cells.items()} | {"T_base.right": np.zeros(len(t))}
+    more["T_base"][1011] = np.nan
+    told = [g for g in find_glitches(more, t) if np.isfinite(g.size)]
+    assert [(g.channel, g.first) for g in told] == [("T_base", 1005), ("T_tip", 1005)]
     # Of a cell alone, or of cells that show slack as exactly 0, nothing is known.
     assert find_glitches({"T_base": cells["T_base"]}, t) == []
     assert find_glitches({name: np.where(x < 0.3, 0.0, x) for name, x in cells.items()}, t) == []
+
+
+def test_a_supply_that_fails_where_the_tendon_is_never_slack():
+    rng = np.random.default_rng(0)
+    base = np.where(np.arange(2000) < 1008, 10.0, 4.0)
+    cells = {
+        name: share * base + 0.02 * rng.standard_normal(2000)
+        for name, share in (("T_base", 1), ("T_tip", 0.6))
+    }
+    for x in cells.values():
+        x[1005:1011] = x[400:404] = 0.0
+    found = [(g.channel, g.first, g.last) for g in find_glitches(cells, None)]
+    assert found == [(name, *rows) for rows in ((400, 403), (1005, 1010)) for name in cells]
+
+
+@pytest.mark.parametrize(
+    "turns",
+    [
+        ([0, 0.2, 10, 20, 30, 40], [0, 0, 10, 3, 12, 2]),
+        ([0, 10, 20, 20.3, 30, 40], [5, 10, 0, 0, 12, 2]),
+        ([0, 10, 20, 30, 39.8, 40], [5, 10, 2, 12, 0, 0]),
+        ([0, 10, 20, 20.02, 20.3, 40], [5, 10, 10, 0, 0, 12]),
+    ],
+)
+@pytest.mark.parametrize(
+    "step, sd", [(0.0122, 0.002), (0.0122, 0.003), (0.01, 0.004), (0.02, 0.003), (0.05, 0.01), (0.0125, 0.02)]
+)
+def test_rest_at_zero_is_no_dropout(turns, step, sd):
+    t = np.arange(0, 40, 0.02)
+    T_base = np.interp(t, *turns)
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        cells = {
+            name: step * np.round((share * T_base + sd * rng.standard_normal(len(t))) / step)
+            for name, share in (("T_base", 1.0), ("T_tip", 0.6))
+        }
+        assert find_glitches(cells, t) == []
 
 
 def test_beside_a_glitch_of_the_other_cell_a_smaller_one_is_found():

@@ -32,9 +32,12 @@ D is that of their ends, each seen from its own side, and 4. does not apply: a s
 cells along. Samples without a number (NaN) are dropouts too. At both ends of a channel, where a neighbour is
 missing, nothing is a glitch.
 
-Where all cells of the recording read exactly 0 at the same SUPPLY to LONGEST samples, those are dropouts
-whatever lies around them, if all have noise and noise does not do that: as often as each reads 0 where it is
-as near to 0 otherwise, so many zeros in a row are expected fewer than CHANCE times in the recording.
+Where all cells that have noise, two or more, read exactly 0 at the same SUPPLY to LONGEST samples, with
+others before and after, those are dropouts whatever lies around them, if noise about 0 does not do that: if
+so many zeros in a row are expected fewer than CHANCE times in the recording. One reading of a slack cell is 0
+as often as white noise makes it in steps of its resolution, or, where that is more and FAMILIAR zeros tell,
+as often as one 0 follows another elsewhere. A cell whose steps are coarser than its noise rests at 0 and
+tells nothing.
 """
 
 from __future__ import annotations
@@ -44,12 +47,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .differences import from_differences
 from .excursions import GAP, LONGEST, WIDEST, Channel, channel, chord, excursions, runs
 from .outliers import outliers
 
 NEARBY, CROWDED = 50, 0.15
 FELLOW = 0.7
-SUPPLY, CHANCE = 3, 1e-4
+SUPPLY, CHANCE, FAMILIAR = 3, 1e-4, 20
 LOADED = 0.1  # share of the largest base tension above which the ratio of the cells counts
 _ROUNDS = 10  # of leaving out what turned out to be no glitch
 
@@ -131,34 +135,50 @@ def _of_the_supply(
     arrays: Mapping[str, np.ndarray], read: Mapping[str, Channel], known: list[Glitch]
 ) -> list[Glitch]:
     """Dropouts of all cells at once, where they are not known already."""
-    cells = [name for name in arrays if name.partition(".")[0] in ("T_base", "T_tip")]
-    if len(cells) < 2 or not all(read[name].noisy for name in cells):
+    kinds = ("T_base", "T_tip")
+    cells = [name for name in arrays if name.partition(".")[0] in kinds and read[name].noisy]
+    if len(cells) < 2:
         return []
-    found = []
     first, last = runs(np.all([arrays[name] == 0.0 for name in cells], axis=0))
-    longs = (last - first + 1 >= SUPPLY) & (last - first < LONGEST)
-    for a, b in zip(first[longs].tolist(), last[longs].tolist(), strict=True):
-        expected = float(len(arrays[cells[0]]))
-        for name in cells:
-            rest = np.delete(arrays[name], np.arange(a, b + 1))
-            zeros, near = np.sum(rest == 0.0), np.sum(np.abs(rest) <= read[name].limit)
-            expected *= ((zeros + 1) / (near + 1)) ** (b - a + 1)
-        if expected < CHANCE:
-            taken = {
-                name for name in cells for g in known if g.channel == name and g.first <= b and a <= g.last
-            }
-            size = {name: _off_line(arrays[name], a, b) for name in cells}
-            found += [Glitch(name, a, b, size[name], "dropout") for name in cells if name not in taken]
+    long = (last - first + 1 >= SUPPLY) & (last - first < LONGEST)
+    first, last = first[long].tolist(), last[long].tolist()
+    if not first:
+        return []
+    elsewhere = np.ones(len(arrays[cells[0]]), dtype=bool)
+    for a, b in zip(first, last, strict=True):
+        elsewhere[a : b + 1] = False
+    often = float(np.prod([_zeros(arrays[name], read[name], elsewhere) for name in cells]))
+    found = []
+    for a, b in zip(first, last, strict=True):
+        if len(elsewhere) * often ** (b - a + 1) >= CHANCE:
+            continue
+        sizes = {name: _off_line(arrays[name], a, b) for name in cells}
+        if not any(abs(size) > read[name].limit for name, size in sizes.items()):
+            continue
+        taken = {g.channel for g in known if g.first <= b and a <= g.last}
+        found += [Glitch(name, a, b, sizes[name], "dropout") for name in cells if name not in taken]
     return found
 
 
+def _zeros(x: np.ndarray, own: Channel, elsewhere: np.ndarray) -> float:
+    """How often a reading of a slack cell is exactly 0, at most."""
+    step = float(np.min(np.diff(np.unique(own.x)), initial=np.inf))
+    share = min(1.0, step / (np.sqrt(2 * np.pi) * from_differences(own.x)))
+    zeros = (x[:-1] == 0.0) & elsewhere[:-1] & elsewhere[1:]
+    if zeros.sum() >= FAMILIAR:
+        share = max(share, float(np.mean(x[1:][zeros] == 0.0)))
+    return share
+
+
 def _off_line(x: np.ndarray, a: int, b: int) -> float:
-    """The largest deviation of samples a to b from the line through their neighbours; from the one neighbour
-    at an end.
+    """The largest deviation of samples a to b from the line through the numbers before and after them; 0
+    where there are none on one side.
     """
-    left, right = x[max(a - 1, 0)], x[min(b + 1, len(x) - 1)]
-    left, right = (right if a == 0 else left), (left if b == len(x) - 1 else right)
-    off = x[a : b + 1] - np.linspace(left, right, b - a + 3)[1:-1]
+    before, after = np.flatnonzero(np.isfinite(x[:a])), np.flatnonzero(np.isfinite(x[b + 1 :]))
+    if not before.size or not after.size:
+        return 0.0
+    p, q = int(before[-1]), b + 1 + int(after[0])
+    off = x[a : b + 1] - np.interp(np.arange(a, b + 1), [p, q], [x[p], x[q]])
     return float(off[np.argmax(np.abs(off))])
 
 
