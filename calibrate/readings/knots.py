@@ -23,12 +23,13 @@ ROUNDS, REFINEMENTS = 40, 4
 BLOCK = 400
 # Number of knots above which none are taken out again: the work grows with their square.
 MOST_PRUNED = 3000
-# Knots between samples (`_bent_between`). A bend is sharp if it changes the step from one sample to the next by
-# more than SHARP standard deviations; the BESIDE samples on either side of it may then be knots, too. All of
-# them together have to lower the sum of squares by CLEARLY standard errors more than chance would, each that
-# stays by PAYS variances: twice what it adds to the variance of the curve. Fewer than FEWEST tell nothing. Of
-# nine recordings as rigs make them (benchmarks/blind, seed 26112781) the base tension was wrong by 0.43 to 1.1
-# standard deviations of its reading, one aside that was taken as exact, and with these knots by 0.39 to 0.86.
+# Knots between samples (`_bent_between`). A bend is sharp if it changes the step from one sample to the next
+# by more than SHARP standard deviations; the BESIDE samples on either side of it may then be knots, too. All
+# of them together have to lower the sum of squares by CLEARLY standard errors more than chance would, each
+# that stays by PAYS variances: twice what it adds to the variance of the curve. Fewer than FEWEST tell
+# nothing. Of nine recordings as rigs make them (benchmarks/blind, seed 26112781) the base tension was wrong
+# by 0.43 to 1.1 standard deviations of its reading, one aside that was taken as exact, and with these knots
+# by 0.39 to 0.86.
 SHARP, BESIDE, CLEARLY, PAYS, FEWEST = 2.0, 2, 4.0, 2.0, 50
 
 
@@ -97,8 +98,8 @@ def straighten(T: np.ndarray, sd: float, time: np.ndarray | None = None) -> Base
 def _bent_between(fit: BaseTension, T: np.ndarray) -> BaseTension:
     """The fit with more knots beside its sharp bends, where the readings say that the base tension bends
     between samples: a motor or a hand that turns round within a few samples. The fit unchanged where they do
-    not: in a load history that is set point by point it bends at samples. The noise is taken as even: where it
-    is larger at high tension, knots may be added that only follow it.
+    not: in a load history that is set point by point it bends at samples. The noise is taken as even: where
+    it is larger at high tension, knots may be added that only follow it.
     """
     bends = np.abs(np.diff(np.diff(fit.T_base[fit.knots]) / np.diff(fit.t[fit.knots])))
     sharp = fit.knots[1:-1][bends * np.median(np.diff(fit.t)) > SHARP * fit.sd]
