@@ -67,7 +67,7 @@ def runs(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
 
 
-def chord(x: np.ndarray, first: np.ndarray, last: np.ndarray, k: np.ndarray) -> np.ndarray:
+def chord(x: np.ndarray, first: np.ndarray | int, last: np.ndarray | int, k: np.ndarray) -> np.ndarray:
     """The line through the neighbours of samples first to last, at samples k."""
     left, right = x[first - 1], x[last + 1]
     return left + (right - left) * (k - first + 1) / (last - first + 2)

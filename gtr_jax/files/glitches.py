@@ -152,7 +152,8 @@ def _of_the_supply(
     for a, b in zip(first, last, strict=True):
         if len(elsewhere) * often ** (b - a + 1) >= CHANCE:
             continue
-        sizes = {name: _off_line(arrays[name], a, b) for name in cells}
+        places = {name: np.searchsorted(read[name].at, (a, b)) for name in cells}
+        sizes = {name: _off_line(read[name], int(p), int(q)) for name, (p, q) in places.items()}
         if not any(abs(size) > read[name].limit for name, size in sizes.items()):
             continue
         taken = {g.channel for g in known if g.first <= b and a <= g.last}
@@ -170,15 +171,13 @@ def _zeros(x: np.ndarray, own: Channel, elsewhere: np.ndarray) -> float:
     return share
 
 
-def _off_line(x: np.ndarray, a: int, b: int) -> float:
-    """The largest deviation of samples a to b from the line through the numbers before and after them; 0
-    where there are none on one side.
+def _off_line(own: Channel, a: int, b: int) -> float:
+    """The largest deviation of samples a to b from the line through their neighbours, with its sign; 0 at an
+    end of the channel.
     """
-    before, after = np.flatnonzero(np.isfinite(x[:a])), np.flatnonzero(np.isfinite(x[b + 1 :]))
-    if not before.size or not after.size:
+    if a == 0 or b == len(own.x) - 1:
         return 0.0
-    p, q = int(before[-1]), b + 1 + int(after[0])
-    off = x[a : b + 1] - np.interp(np.arange(a, b + 1), [p, q], [x[p], x[q]])
+    off = own.x[a : b + 1] - chord(own.x, a, b, np.arange(a, b + 1))
     return float(off[np.argmax(np.abs(off))])
 
 
@@ -203,11 +202,9 @@ def _told(name: str, own: Channel, first: np.ndarray, last: np.ndarray) -> list[
     again = np.count_nonzero(x == lowest) > 1
     found = []
     for a, b in zip(first, last, strict=True):
-        off = x[a : b + 1] - chord(x, a, b, np.arange(a, b + 1))
         down = np.all(x[a : b + 1] == 0.0) or (again and np.all(x[a : b + 1] == lowest))
-        size = float(off[np.argmax(np.abs(off))])
         kind = "dropout" if down and abs(x[a - 1]) > abs(x[a]) else "glitch"
-        found.append(Glitch(name, int(at[a]), int(at[b]), size, kind))
+        found.append(Glitch(name, int(at[a]), int(at[b]), _off_line(own, a, b), kind))
     return found
 
 
