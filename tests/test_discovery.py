@@ -18,11 +18,12 @@ from calibrate.diagnosis.discovery import (
     Felt,
     _nearest,
     _short_forms,
+    discover,
     distilled,
     promising,
     with_laws,
 )
-from calibrate.diagnosis.heldout import _when_known
+from calibrate.diagnosis.heldout import _when_known, folds
 from calibrate.diagnosis.hypotheses import base_numbers
 from calibrate.diagnosis.law_forms import (
     FORMS,
@@ -35,6 +36,9 @@ from calibrate.diagnosis.law_forms import (
 )
 from calibrate.diagnosis.law_found import with_law
 from calibrate.diagnosis.law_places import Place, places
+from calibrate.diagnosis.models import Models
+from calibrate.diagnosis.prepare import prepare
+from calibrate.diagnosis.result import Diagnosis
 from calibrate.diagnosis.rig import Rig
 from calibrate.fit import part_of
 from calibrate.number import Number
@@ -237,6 +241,15 @@ def bench_of(config, recording):
     return robot, Rig(part, robot), base_numbers(robot, {})
 
 
+def beside_nothing(config, recording):
+    """The law that is found beside the base model."""
+    prepared = prepare(config, recording)
+    assert not isinstance(prepared, Diagnosis)
+    models = Models(prepared.bench, prepared.hypotheses)
+    models.add([prepared.base])
+    return discover(models, prepared.base, lambda line: None)
+
+
 def test_places_cover_what_the_recording_does(make_config):
     config = make_config(routing=SINE)
     robot, rig, _ = bench_of(config, recorded(config))
@@ -265,6 +278,15 @@ def test_places_cover_what_the_recording_does(make_config):
     assert found["tip-response-of-lag"].high == pytest.approx(24.0)
     assert len(found["tip-response-of-lag"].tents) == 49  # one for each sample of 0.5 s
     assert "friction-of-cycle" in found and found["friction-of-cycle"].high == 3.0
+
+
+def test_pieces_that_are_held_out_alternate():
+    bench = SimpleNamespace(rigs=[SimpleNamespace(part=SimpleNamespace(samples=n)) for n in (64, 160)])
+    found = folds(cast(Any, bench), pieces=True)
+    assert len(found) == 4
+    np.testing.assert_array_equal(np.sum([held for _, (held, _) in found], axis=0), np.ones(64))
+    assert list(np.flatnonzero(found[1][1][0])[:4]) == [2, 3, 10, 11]
+    assert list(np.flatnonzero(found[0][1][1])[:6]) == [0, 1, 2, 3, 4, 20]
 
 
 def test_times_of_a_law_are_known_where_cycles_are_left_out():
@@ -369,6 +391,37 @@ def test_a_law_outside_the_catalogue_is_found_and_lands_in_the_file(make_config)
     predicted = gtr.simulate(gtr.build_robot(found.config), recording.T_base, time=recording.time)
     assert np.sqrt(np.mean((np.asarray(predicted.reading.T_tip) - recording.T_tip) ** 2)) < 0.06
     assert found.to_json()["discovered"]["formula"] == law.text
+
+
+@pytest.mark.slow
+def test_friction_that_falls_for_a_while_within_one_cycle_is_found(make_config):
+    """No other cycle holds it: it is judged on short pieces. What friction held relaxes where it falls, so
+    that first order promises other stretches.
+    """
+    config = make_config(routing=SINE)
+    place = Place("friction", "t", 0.0, 89.5, 0.5, "dimensionless")
+    law, _ = law_of(place, next(f for f in FORMS if f.name == "stretch"))
+    truth = {"size": -0.45, "first": 36.0, "last": 52.0, "edge": 0.5}
+    found = beside_nothing(config, recorded(config, law, truth, samples=180))
+    assert found is not None and found.pieces and found.takes > 0.9
+    assert (found.place.name, not found.form or found.form.name) == ("friction-of-time", "stretch")
+    values = {name.rpartition(".")[2]: value for name, value in found.fitted.values.items()}
+    assert values["first"] == pytest.approx(36.0, abs=1.0)
+    assert -0.5 < values["size"] < -0.4
+
+
+@pytest.mark.slow
+def test_waves_of_a_cell_that_pass_for_noise_are_found(make_config):
+    """Steps of the tension are longer than a wave: neighbouring samples differ as if by chance."""
+    config = make_config(routing=SINE)
+    place = Place("tip_cell", "T", 0.0, 30.0, 0.9, "N")
+    law, _ = law_of(place, next(f for f in FORMS if f.name == "wave"))
+    truth = {"size": 0.6, "period": 1.7, "phase": 0.0}
+    recording = recorded(config, law, truth, samples=70, noise=0.05)
+    found = beside_nothing(config, recording)
+    assert found is not None and not found.pieces and found.takes > 0.9
+    assert (found.place.name, not found.form or found.form.name) == ("tip-cell-of-tension", "wave")
+    assert found.models.bench.noise[0][0].sd < 0.1
 
 
 @pytest.mark.slow

@@ -197,8 +197,7 @@ def decide_combined(models: Models, chosen: Fitted, nearest: Decision) -> Decisi
         nearest: what was decided before effects were added.
     """
     alone = nearest.chosen
-    explained = models.base.chi2 - alone.chi2
-    within = max(alone.chi2 - chosen.chi2, 0.0) <= max(INEXACT) ** 2 * explained
+    within = max(alone.chi2 - chosen.chi2, 0.0) <= max(INEXACT) ** 2 * models.by_laws(alone)
     # The variant of an effect may have changed beside the others.
     own, more = _kinds(models, alone.names), _kinds(models, chosen.names)
     fewer = len(alone.names) < len(chosen.names) and own <= more

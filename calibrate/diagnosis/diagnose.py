@@ -426,7 +426,8 @@ def _answer(
     marginals = {(): before} | refitted | {chosen.names: after}
     leaves = decision.verdict in (PARTLY, DISCOVERED, UNEXPLAINED)
     average = averaged(models, chosen, decision.probability, marginals, leaves=leaves)
-    scores = held_out(bench, [(models.hypotheses(f.names), f) for f in compared])
+    pieces = discovery is not None and discovery.pieces
+    scores = held_out(bench, [(models.hypotheses(f.names), f) for f in compared], pieces=pieces)
     wanted = decision.verdict == "ambiguous" if experiment is None else experiment
     proposal: Experiment | None = None
     if wanted and chosen.names:

@@ -20,6 +20,7 @@ from .hypotheses import Hypothesis, is_friction
 from .lanes import in_lanes
 from .law_forms import (
     EDGE,
+    PASSING,
     RESPONSE,
     SIZE,
     SWINGING,
@@ -107,6 +108,7 @@ class Discovery:
         possible: names of models with a law at another hook or of another variable that stay possible, and
             where these act.
         takes: share of the misfit beyond the noise that it takes on unseen samples.
+        pieces: whether these alternate in short pieces; as of `heldout.folds`.
     """
 
     models: Models
@@ -118,6 +120,7 @@ class Discovery:
     possible: list[tuple[str, ...]]
     possible_places: list[Place]
     takes: float
+    pieces: bool
 
 
 def with_laws(robot: Robot, laws: Sequence[Law]) -> Robot:
@@ -321,9 +324,10 @@ def promising(bench: Bench, head: Fitted, felt: Sequence[Felt]) -> list[Candidat
         forms = FORMS[k > 0]
         kept: dict[str, int] = {}
         for score, form, size, shapes in found:
-            # Several starts of the best form, one of each other.
+            # Several starts of the best form, one of each other, but of one that passes.
             first = not kept or form.name == next(iter(kept))
-            most = 1 if not first else WAVY if form.name in SWINGING else STARTS
+            many = _passes(f.place, form) or (first and form.name in SWINGING)
+            most = WAVY if many else STARTS if first else 1
             if score < WORTH or (form.name not in kept and len(kept) == forms) or kept.get(form.name) == most:
                 continue
             kept[form.name] = kept.get(form.name, 0) + 1
@@ -334,6 +338,11 @@ def promising(bench: Bench, head: Fitted, felt: Sequence[Felt]) -> list[Candidat
             candidates.append(Candidate(f.place, form, score, law, hypothesis_of(f.place, form), start))
         candidates.append(_smooth(head, information, f))
     return candidates
+
+
+def _passes(place: Place, form: Form | None) -> bool:
+    """Whether a form begins at a time and ends at another."""
+    return form is not None and place.of == "t" and form.name in PASSING
 
 
 def _of_forms(felt: Felt):
@@ -397,6 +406,21 @@ def _judged(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> Di
     fits = [f for f in fits if np.any(np.isfinite(unseen.squares([f])))]
     if not fits:
         return None
+    found = _told(models, head, of, fits, unseen)
+    if found is not None:
+        return found
+    # What passes within one part is in no other; a law of the cycle says the same in other words there.
+    once = [f for f in fits if of[f.names[-1]].place.of != "n"]
+    best = min(once, key=lambda f: f.cost, default=None)
+    if best is None or not _passes(of[best.names[-1]].place, of[best.names[-1]].form):
+        return None
+    return _told(models, head, of, once, Unseen(models, pieces=True))
+
+
+def _told(
+    models: Models, head: Fitted, of: dict[str, Candidate], fits: Sequence[Fitted], unseen: Unseen
+) -> Discovery | None:
+    """The law that is told of some that were fitted, judged on unseen samples; in pieces one that passes."""
     probability = models.beside(min(fits, key=lambda f: f.cost))
     short = sorted((f for f in fits if of[f.names[-1]].form is not None), key=lambda f: -probability[f.names])
     smooth = {of[f.names[-1]].place.name: f for f in fits if of[f.names[-1]].form is None}
@@ -418,9 +442,8 @@ def _judged(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> Di
     shown = max(equal, key=lambda f: probability[f.names])
     if any(unseen.best(other, [shown]) is None for other in rivals):
         return None
-    place = of[shown.names[-1]].place
-    takes = _takes(unseen, head, shown)
-    if takes < TAKES:
+    place, form = of[shown.names[-1]].place, of[shown.names[-1]].form
+    if unseen.pieces and not _passes(place, form):
         return None
     others: dict[str, Fitted] = {}
     for f in sorted(equal, key=lambda f: -probability[f.names]):
@@ -430,18 +453,21 @@ def _judged(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> Di
     total = probability[shown.names] + sum(probability[f.names] for f in others.values())
     possible = [f.names for f in others.values() if probability[f.names] > POSSIBLE * total]
     models = _weighed_by(models, shown, [head.names, *possible, *(f.names for f in nearest)])
-    if takes < NEARLY_ALL and structured(misfit(models.bench, models.stored(shown))):
+    takes = _takes(Unseen(models, pieces=unseen.pieces), models.stored(head), models.stored(shown))
+    stays = structured(misfit(models.bench, models.stored(shown)))
+    if takes < (NEARLY_ALL if stays or unseen.pieces else TAKES) or (stays and unseen.pieces):
         return None
     return Discovery(
         models=models,
         fitted=models.stored(shown),
         place=place,
         law=of[shown.names[-1]].law,
-        form=of[shown.names[-1]].form,
+        form=form,
         laws={names[-1]: of[names[-1]].law for names in (shown.names, *possible)},
         possible=possible,
         possible_places=[of[names[-1]].place for names in possible],
         takes=takes,
+        pieces=unseen.pieces,
     )
 
 

@@ -237,10 +237,11 @@ class Unseen:
 
     Args:
         models: all that were refitted.
+        pieces: as of `heldout.folds`.
     """
 
-    def __init__(self, models: Models):
-        self.models = models
+    def __init__(self, models: Models, *, pieces: bool = False):
+        self.models, self.pieces = models, pieces
         # Of each model, the cost of the fit that was judged, and what it leaves of each part.
         self._known: dict[tuple[str, ...], tuple[float, np.ndarray]] = {}
 
@@ -248,7 +249,8 @@ class Unseen:
         """What each model leaves of each part, (models, folds, 4), as of `by_fold`."""
         new = [f for f in fits if not self._judged(f)]
         if new:
-            found = by_fold(self.models.bench, [(self.models.hypotheses(f.names), f) for f in new])
+            own = [(self.models.hypotheses(f.names), f) for f in new]
+            found = by_fold(self.models.bench, own, pieces=self.pieces)
             self._known |= {f.names: (f.cost, each) for f, each in zip(new, found, strict=True)}
         return np.stack([self._known[f.names][1] for f in fits])
 

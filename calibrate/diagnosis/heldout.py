@@ -14,17 +14,22 @@ from .lanes import in_lanes
 from .locate import cycles_in
 from .model import Fitted
 
-# Parts held out in turn, at most.
-FOLDS = 4
+# Parts held out in turn, at most; and pieces of a recording that each of them takes where they alternate.
+FOLDS, PIECES = 4, 8
 
 
-def folds(bench: Bench) -> list[tuple[str, list[np.ndarray]]]:
+def folds(bench: Bench, *, pieces: bool = False) -> list[tuple[str, list[np.ndarray]]]:
     """What is held out in turn: a name, and which samples of each recording, (K,) bool each.
 
-    Whole recordings where there are three or more that have no number of their own, cycles where a recording
-    has three or more, else stretches of the load history: low and high pull, early and late release.
+    In pieces every fourth of 32 short pieces of each recording, else whole recordings where there are three
+    or more that have no number of their own, cycles where a recording has three or more, else stretches of
+    the load history: low and high pull, early and late release.
     """
     rigs = bench.rigs
+    shares = [np.arange(r.part.samples) / r.part.samples for r in rigs]
+    if pieces:
+        turns = [np.floor(PIECES * FOLDS * share).astype(int) % FOLDS for share in shares]
+        return [(f"piece {f + 1} of every {FOLDS}", [t == f for t in turns]) for f in range(FOLDS)]
     if len(rigs) >= 3 and not any(OWN in n.name for n in bench.base):
         return [(rig.part.name, [np.full(r.part.samples, r is rig) for r in rigs]) for rig in rigs[:FOLDS]]
     cycles = [cycles_in(rig.part) for rig in rigs]
@@ -33,8 +38,8 @@ def folds(bench: Bench) -> list[tuple[str, list[np.ndarray]]]:
         groups = np.array_split(np.arange(1, most + 1), min(FOLDS, most))
         names = [f"cycle {g[0]}" if len(g) == 1 else f"cycles {g[0]} to {g[-1]}" for g in groups]
         return [(n, [np.isin(c, g) for c in cycles]) for n, g in zip(names, groups, strict=True)]
-    shares = [np.floor(FOLDS * np.arange(r.part.samples) / r.part.samples).astype(int) for r in rigs]
-    return [(f"stretch {f + 1} of {FOLDS}", [s == f for s in shares]) for f in range(FOLDS)]
+    parts = [np.floor(FOLDS * share).astype(int) for share in shares]
+    return [(f"stretch {f + 1} of {FOLDS}", [p == f for p in parts]) for f in range(FOLDS)]
 
 
 def _when_known(hypotheses: Sequence[Hypothesis], fitted: Fitted) -> tuple[list[Hypothesis], np.ndarray]:
@@ -54,7 +59,9 @@ def _when_known(hypotheses: Sequence[Hypothesis], fitted: Fitted) -> tuple[list[
     return own, fitted.x[np.asarray(kept)]
 
 
-def by_fold(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]) -> np.ndarray:
+def by_fold(
+    bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]], *, pieces: bool = False
+) -> np.ndarray:
     """What each model leaves of each part when it is refitted to the others, (models, folds, 4): sum of
     squares (SI) and number of the samples of what is explained, sum of squares and number of all whitened
     rows; zeros where the refit fails.
@@ -62,10 +69,11 @@ def by_fold(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]])
     Args:
         bench: the recordings.
         models: hypotheses, and their fit to everything, which says what is fitted beside them.
+        pieces: as of `folds`.
     """
     parts = [
         (name, held)
-        for name, held in folds(bench)
+        for name, held in folds(bench, pieces=pieces)
         if any(np.any(out & rig.part.counted) for out, rig in zip(held, bench.rigs, strict=True))
     ]
     jobs = [(m, f) for m in range(len(models)) for f in range(len(parts))]
@@ -95,7 +103,9 @@ def by_fold(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]])
     return np.asarray(in_lanes(one, jobs)).reshape(len(models), len(parts), 4)
 
 
-def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]) -> list[dict[str, float]]:
+def held_out(
+    bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]], *, pieces: bool = False
+) -> list[dict[str, float]]:
     """Score of each model on samples to which it was not fitted; arguments as of `by_fold`.
 
     Returns:
@@ -103,7 +113,7 @@ def held_out(bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]]
         "folds", how many there are; and "best_in", the number of folds in which the rms of this model was
         the lowest. A fold in which a refit fails does not count; NaN where none is left.
     """
-    found = by_fold(bench, models)
+    found = by_fold(bench, models, pieces=pieces)
     # Parts in which every model was refitted: all are judged on the same samples.
     found[:, np.any(found[..., 1] == 0, axis=0)] = 0.0
     counted = found[..., 1]

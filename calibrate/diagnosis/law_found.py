@@ -48,6 +48,7 @@ class FoundLaw:
         values: of its parameters, SI.
         smooth: whether it is a smooth curve of unknown form.
         takes: share of the misfit beyond the noise that it takes on unseen samples.
+        pieces: whether these are short pieces that alternate; see `heldout.folds`.
         x, y, lower, upper: the curve over the range that the recordings cover, with its 95 % band, (P,).
         possible: other hooks and variables that the recordings do not rule out.
     """
@@ -63,6 +64,7 @@ class FoundLaw:
     values: Mapping[str, float]
     smooth: bool
     takes: float
+    pieces: bool
     x: np.ndarray
     y: np.ndarray
     lower: np.ndarray
@@ -78,6 +80,7 @@ class FoundLaw:
             "parameters": {q.name: {"value": self.values[q.name], "unit": q.unit} for q in self.law.numbers},
             "smooth": self.smooth,
             "takes": self.takes,
+            "held_out_in_pieces": self.pieces,
             "possible_instead": self.possible,
             "curve": {
                 "of": {"unit": self.of_unit, "values": self.x},
@@ -112,6 +115,7 @@ def found_law(discovery: Discovery, after: Marginal) -> FoundLaw:
         values=values,
         smooth=discovery.form is None,
         takes=discovery.takes,
+        pieces=discovery.pieces,
         x=x,
         y=_curve(law, values, place.of, x),
         lower=lower,

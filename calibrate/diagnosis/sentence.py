@@ -172,9 +172,12 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
     better = ""
     if len(held) > 1 and np.isfinite(held[1]["rms"]):
         ends = [in_unit(h["rms"], d.unit) for h in held[:2]]
+        pieces = ""
+        if d.discovered is not None and d.discovered.pieces:
+            pieces = " (short pieces that alternate with those it has seen: no other cycle holds it)"
         better = (
-            f" On samples the fit has not seen, the residual goes from {ends[0].split()[0]} to {ends[1]} "
-            f"({_noise(d)})."
+            f" On samples the fit has not seen{pieces}, the residual goes from {ends[0].split()[0]} to "
+            f"{ends[1]} ({_noise(d)})."
         )
     if d.verdict in (ADEQUATE, DIFFER):
         best = d.rivals[0] if d.rivals else None

@@ -354,8 +354,12 @@ def _tables(answer: Diagnosis) -> list[Table]:
             ("chi² per sample, held out", *(number(h["chi2_per_n"], digits=3) for h in answer.held_out)),
             ("noise, as it should be left, rms", *(in_unit(answer.expected, unit, 3),) * 2),
         ]
+        found = answer.discovered
+        parts = "cycles, recordings, or stretches of one loop"
+        if found is not None and found.pieces:
+            parts = "each of short pieces that alternate with those of the others"
         note = (
-            f"Held out in turn: {after['folds']:.0f} parts (cycles, recordings, or stretches of one loop); "
+            f"Held out in turn: {after['folds']:.0f} parts ({parts}); "
             f"better with in {after['best_in']:.0f}, without in {before['best_in']:.0f}."
         )
         tables.append(Table("On data the fit has not seen", ("", "without", "with"), rows, note=note))
