@@ -86,6 +86,10 @@ FAR_OFF = 9.0
 # of a third try; ratio to the fit's sum of squares above which a start with shapes gets no third try
 # (presliding that is far too short is hard to solve: half a minute).
 PROMISED, AGAIN, QUICK, AMISS = 0.3, 24, 3, 5.0
+# The size that a first try asks for, as a share of the size tried, within limits. With a least share of 0.2 a
+# drift of the base cell's zero, beside a hysteresis of the tip's that was found before it, promised nothing
+# from a start ten times as large, though it gained more than any other second effect.
+SHARES = (0.05, 2.0)
 # Hypotheses that get a third try beside a model of the search. Without it a gain of the tip cell beside a
 # delay between the cells promised too little to be among five; refitted, it left a fiftieth of their best.
 FURTHER = 12
@@ -170,7 +174,7 @@ def screen(
         across = moved - q @ (q.T @ moved)
         power = float(across @ across)
         # The size as tried, or as a linear model asks for within limits; the fitted numbers follow.
-        wanted = float(np.clip(-(left @ across) / power, 0.2, 2.0)) if power > 0 else 1.0
+        wanted = float(np.clip(-(left @ across) / power, *SHARES)) if power > 0 else 1.0
         share = min((float(np.sum((left + s * across) ** 2)), s) for s in (1.0, wanted))[1]
         sizes = np.asarray([number.size and not number.log for number in h.numbers])
         own = np.where(sizes, share * x, x)
