@@ -14,16 +14,16 @@ from gtr_jax import Robot
 from gtr_jax.terms import Law, null_values
 
 from .bench import MOST_ITERATIONS, Bench
-from .decide import structured
+from .decide import STAYS_SIZE, STAYS_Z, structured
 from .further import Unseen
 from .hypotheses import Hypothesis, is_friction
 from .lanes import in_lanes
 from .law_forms import (
     EDGE,
-    PASSING,
     RESPONSE,
     SIZE,
     SWINGING,
+    TRANSIENT,
     Form,
     coordinates,
     cosines,
@@ -49,10 +49,10 @@ WORTH, EACH = 16.0, 4.0
 # Hooks and variables that are fitted inside the simulator; forms of the first and of each other of them, and
 # starts of the best form of each.
 PLACES, FORMS, STARTS = 3, (4, 2), 2
-# Starts of a form that swings, which has a minimum beside each of many periods: so many are simulated, and
-# the fit goes on from the best of them. Where a law moves much, those that first order ranks first may be the
+# Starts of a form that has a minimum beside each of many periods or stretches: so many are simulated, and the
+# fit goes on from the best of them. Where a law moves much, those that first order ranks first may be the
 # wrong ones.
-WAVY, OF_WAVE = 32, 8
+MANY_STARTS, KEPT_STARTS = 32, 8
 # Places at which a smooth law is compared with short forms, how many of these are fitted from it, the largest
 # share of its squares that one may leave, and the least friction at its level, as a share of what it was.
 SEEN_AT, ALIKE, UNLIKE, LEAST_LEVEL = 201, 3, 0.4, 0.1
@@ -108,7 +108,8 @@ class Discovery:
         possible: names of models with a law at another hook or of another variable that stay possible, and
             where these act.
         takes: share of the misfit beyond the noise that it takes on unseen samples.
-        pieces: whether these alternate in short pieces; as of `heldout.folds`.
+        pieces: whether the unseen samples are short pieces that alternate with those fitted; as of
+            `heldout.folds`.
     """
 
     models: Models
@@ -250,7 +251,7 @@ def _nearest(
 ) -> list[Candidate]:
     """The candidates, of a law with many starts those that fit best as they are."""
     starts = Counter(c.law.name for c in candidates)
-    many = [c for c in candidates if starts[c.law.name] > OF_WAVE]
+    many = [c for c in candidates if starts[c.law.name] > KEPT_STARTS]
     values = [model_of(bench.base, [*own, c.hypothesis]).values(c.start) for c in many]
     costs = [
         np.inf
@@ -261,7 +262,7 @@ def _nearest(
     left = set[int]()
     for name in starts:
         of = sorted((cost, k) for k, cost in enumerate(costs) if many[k].law.name == name)
-        left |= {id(many[k]) for _, k in of[OF_WAVE:]}
+        left |= {id(many[k]) for _, k in of[KEPT_STARTS:]}
     return [c for c in candidates if id(c) not in left]
 
 
@@ -324,10 +325,10 @@ def promising(bench: Bench, head: Fitted, felt: Sequence[Felt]) -> list[Candidat
         forms = FORMS[k > 0]
         kept: dict[str, int] = {}
         for score, form, size, shapes in found:
-            # Several starts of the best form, one of each other, but of one that passes.
+            # Several starts of the best form and of transients, one of each other form.
             first = not kept or form.name == next(iter(kept))
-            many = _passes(f.place, form) or (first and form.name in SWINGING)
-            most = WAVY if many else STARTS if first else 1
+            many = _is_transient(f.place, form) or (first and form.name in SWINGING)
+            most = MANY_STARTS if many else STARTS if first else 1
             if score < WORTH or (form.name not in kept and len(kept) == forms) or kept.get(form.name) == most:
                 continue
             kept[form.name] = kept.get(form.name, 0) + 1
@@ -340,9 +341,9 @@ def promising(bench: Bench, head: Fitted, felt: Sequence[Felt]) -> list[Candidat
     return candidates
 
 
-def _passes(place: Place, form: Form | None) -> bool:
-    """Whether a form begins at a time and ends at another."""
-    return form is not None and place.of == "t" and form.name in PASSING
+def _is_transient(place: Place, form: Form | None) -> bool:
+    """Whether a form tells of what happens once, at some time."""
+    return form is not None and place.of == "t" and form.name in TRANSIENT
 
 
 def _of_forms(felt: Felt):
@@ -361,7 +362,7 @@ def _of_forms(felt: Felt):
         gains = 2 * sizes * toward - sizes**2 * (power + place.size**-2)
         scores = gains - EACH * len(form.shapes)
         taken: list[np.ndarray] = []
-        for g in np.argsort(-scores)[: 10 * WAVY]:
+        for g in np.argsort(-scores)[: 10 * MANY_STARTS]:
             pattern = values[g] / max(np.linalg.norm(values[g]), 1e-12)
             if all(abs(pattern @ other) < 0.9 for other in taken):
                 taken.append(pattern)
@@ -407,20 +408,18 @@ def _judged(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> Di
     if not fits:
         return None
     found = _told(models, head, of, fits, unseen)
-    if found is not None:
-        return found
-    # What passes within one part is in no other; a law of the cycle says the same in other words there.
-    once = [f for f in fits if of[f.names[-1]].place.of != "n"]
-    best = min(once, key=lambda f: f.cost, default=None)
-    if best is None or not _passes(of[best.names[-1]].place, of[best.names[-1]].form):
-        return None
-    return _told(models, head, of, once, Unseen(models, pieces=True))
+    # What happens once, within one part, is in no other.
+    once = [f for f in fits if _is_transient(of[f.names[-1]].place, of[f.names[-1]].form)]
+    least = min(f.cost for f in fits if of[f.names[-1]].place.of != "n")
+    if found is None and any(f.cost == least for f in once):
+        found = _told(models, head, of, fits, Unseen(models, pieces=True))
+    return found
 
 
 def _told(
     models: Models, head: Fitted, of: dict[str, Candidate], fits: Sequence[Fitted], unseen: Unseen
 ) -> Discovery | None:
-    """The law that is told of some that were fitted, judged on unseen samples; in pieces one that passes."""
+    """The law that is told of some that were fitted, judged on unseen samples; in pieces a transient."""
     probability = models.beside(min(fits, key=lambda f: f.cost))
     short = sorted((f for f in fits if of[f.names[-1]].form is not None), key=lambda f: -probability[f.names])
     smooth = {of[f.names[-1]].place.name: f for f in fits if of[f.names[-1]].form is None}
@@ -439,12 +438,13 @@ def _told(
     first = min(tried, key=lambda f: least[f.names])
     # The probability decides between those that predict as well as the best.
     equal = [f for f in tried if least[f.names] <= AS_WELL * least[first.names]]
-    shown = max(equal, key=lambda f: probability[f.names])
-    if any(unseen.best(other, [shown]) is None for other in rivals):
+    may_be_shown = equal
+    if unseen.pieces:
+        may_be_shown = [f for f in equal if _is_transient(of[f.names[-1]].place, of[f.names[-1]].form)]
+    shown = max(may_be_shown, key=lambda f: probability[f.names], default=None)
+    if shown is None or any(unseen.best(other, [shown]) is None for other in rivals):
         return None
-    place, form = of[shown.names[-1]].place, of[shown.names[-1]].form
-    if unseen.pieces and not _passes(place, form):
-        return None
+    place = of[shown.names[-1]].place
     others: dict[str, Fitted] = {}
     for f in sorted(equal, key=lambda f: -probability[f.names]):
         there = of[f.names[-1]].place.name
@@ -452,17 +452,20 @@ def _told(
             others.setdefault(there, f)
     total = probability[shown.names] + sum(probability[f.names] for f in others.values())
     possible = [f.names for f in others.values() if probability[f.names] > POSSIBLE * total]
+    takes = _takes(unseen, head, shown)
     models = _weighed_by(models, shown, [head.names, *possible, *(f.names for f in nearest)])
-    takes = _takes(Unseen(models, pieces=unseen.pieces), models.stored(head), models.stored(shown))
-    stays = structured(misfit(models.bench, models.stored(shown)))
-    if takes < (NEARLY_ALL if stays or unseen.pieces else TAKES) or (stays and unseen.pieces):
+    again = Unseen(models, pieces=unseen.pieces)
+    takes = max(takes, _takes_of_noise(again, models.stored(head), models.stored(shown)))
+    left = misfit(models.bench, models.stored(shown))
+    needed = NEARLY_ALL if unseen.pieces or structured(left) else TAKES
+    if takes < needed or (unseen.pieces and structured(left, STAYS_Z, STAYS_SIZE)):
         return None
     return Discovery(
         models=models,
         fitted=models.stored(shown),
         place=place,
         law=of[shown.names[-1]].law,
-        form=form,
+        form=of[shown.names[-1]].form,
         laws={names[-1]: of[names[-1]].law for names in (shown.names, *possible)},
         possible=possible,
         possible_places=[of[names[-1]].place for names in possible],
@@ -501,3 +504,11 @@ def _takes(unseen: Unseen, head: Fitted, shown: Fitted) -> float:
     folds = folds[:, np.all(folds[..., 3] > 0, axis=0)]
     before, after = (max(float(np.sum(f[:, 2] - f[:, 3])), 0.0) for f in folds)
     return 1 - after / before if before > 0 else 0.0
+
+
+def _takes_of_noise(unseen: Unseen, head: Fitted, shown: Fitted) -> float:
+    """The same, by the noise that the law leaves: what changes from each sample to the next passes for noise
+    without it. No more than its share of the sum of squares on unseen samples, which no noise enters.
+    """
+    _, (before, after) = unseen.totals([head, shown])
+    return min(_takes(unseen, head, shown), 1 - after / before if before > 0 else 0.0)

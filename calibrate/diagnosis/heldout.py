@@ -21,14 +21,14 @@ FOLDS, PIECES = 4, 8
 def folds(bench: Bench, *, pieces: bool = False) -> list[tuple[str, list[np.ndarray]]]:
     """What is held out in turn: a name, and which samples of each recording, (K,) bool each.
 
-    In pieces every fourth of 32 short pieces of each recording, else whole recordings where there are three
-    or more that have no number of their own, cycles where a recording has three or more, else stretches of
-    the load history: low and high pull, early and late release.
+    In pieces every fourth of about 32 short pieces of each recording, else whole recordings where there are
+    three or more that have no number of their own, cycles where a recording has three or more, else stretches
+    of the load history: low and high pull, early and late release.
     """
     rigs = bench.rigs
-    shares = [np.arange(r.part.samples) / r.part.samples for r in rigs]
     if pieces:
-        turns = [np.floor(PIECES * FOLDS * share).astype(int) % FOLDS for share in shares]
+        each = [max(1, round(r.part.samples / (PIECES * FOLDS))) for r in rigs]
+        turns = [np.arange(r.part.samples) // n % FOLDS for r, n in zip(rigs, each, strict=True)]
         return [(f"piece {f + 1} of every {FOLDS}", [t == f for t in turns]) for f in range(FOLDS)]
     if len(rigs) >= 3 and not any(OWN in n.name for n in bench.base):
         return [(rig.part.name, [np.full(r.part.samples, r is rig) for r in rigs]) for rig in rigs[:FOLDS]]
@@ -38,8 +38,8 @@ def folds(bench: Bench, *, pieces: bool = False) -> list[tuple[str, list[np.ndar
         groups = np.array_split(np.arange(1, most + 1), min(FOLDS, most))
         names = [f"cycle {g[0]}" if len(g) == 1 else f"cycles {g[0]} to {g[-1]}" for g in groups]
         return [(n, [np.isin(c, g) for c in cycles]) for n, g in zip(names, groups, strict=True)]
-    parts = [np.floor(FOLDS * share).astype(int) for share in shares]
-    return [(f"stretch {f + 1} of {FOLDS}", [p == f for p in parts]) for f in range(FOLDS)]
+    shares = [np.floor(FOLDS * np.arange(r.part.samples) / r.part.samples).astype(int) for r in rigs]
+    return [(f"stretch {f + 1} of {FOLDS}", [s == f for s in shares]) for f in range(FOLDS)]
 
 
 def _when_known(hypotheses: Sequence[Hypothesis], fitted: Fitted) -> tuple[list[Hypothesis], np.ndarray]:

@@ -24,8 +24,9 @@ WIDTHS = (0.02, 0.05, 0.12, 0.3)
 PERIODS = np.geomspace(0.045, 1.2, 110)
 PLACES = np.linspace(0.02, 0.98, 25)
 PHASES = np.arange(8) * np.pi / 8
-# Forms that have a minimum beside each of many periods; and, of the time, beside each of many stretches.
-SWINGING, PASSING = ("wave", "ringing"), ("stretch", "bump")
+# Forms that have a minimum beside each of many periods; and those that, of the time, tell of what happens
+# once and have one beside each of many times.
+SWINGING, TRANSIENT = ("wave", "ringing"), ("stretch", "bump", "step")
 # The hook of how a cell responds, and periods of its ringing, as shares of the range.
 RESPONSE, RINGS = "tip_response", np.geomspace(0.053, 0.6, 24)
 # Width of the edges of a stretch, as a share of the range, from which a fit starts and which is usual; and

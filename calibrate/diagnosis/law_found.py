@@ -48,7 +48,8 @@ class FoundLaw:
         values: of its parameters, SI.
         smooth: whether it is a smooth curve of unknown form.
         takes: share of the misfit beyond the noise that it takes on unseen samples.
-        pieces: whether these are short pieces that alternate; see `heldout.folds`.
+        pieces: whether the unseen samples are short pieces that alternate with those fitted; see
+            `heldout.folds`.
         x, y, lower, upper: the curve over the range that the recordings cover, with its 95 % band, (P,).
         possible: other hooks and variables that the recordings do not rule out.
     """
@@ -128,7 +129,7 @@ def _curve(law: Law, values: Mapping[str, float], of: str, x: np.ndarray) -> np.
     """The law over its variable; of a cell, what it adds; of the place, at a curvature of 1/m."""
     at = {name: np.zeros_like(x) for name in VARIABLES} | {"k": np.ones_like(x), of: x}
     found = np.broadcast_to(evaluate(law.tree, {**at, **values}, np), x.shape)
-    return found - x if law.place.neutral == "T" else np.asarray(found)
+    return found - at["T"] if law.place.neutral == "T" else np.asarray(found)
 
 
 def with_law(config: RobotConfig, law: Law, values: Mapping[str, float]) -> RobotConfig:

@@ -193,6 +193,8 @@ def places(robot: Robot, bench: Bench, fitted: Fitted) -> list[Place]:
     if len(times) == len(bench.rigs):
         end = max(float(np.ptp(time)) for time in times)
         found.append(Place("friction", "t", 0.0, end, FRICTION, "dimensionless"))
+        if all(rig.part.tips for rig in bench.rigs):
+            found.append(Place("tip_cell", "t", 0.0, end, CELL * top, "N"))
         every = float(np.median(np.concatenate([np.diff(time) for time in times])))
         if every > 0 and all(rig.part.tips and rig.part.samples <= RESPONDS for rig in bench.rigs):
             longest = (LAGS - 1) * every

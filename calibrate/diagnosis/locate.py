@@ -214,6 +214,30 @@ def misfit(bench: Bench, fitted: Fitted) -> tuple[float, float]:
     return float(excess), float((squares - blocks + min(free, blocks // 2)) / np.sqrt(2 * blocks))
 
 
+def between_samples(bench: Bench, fitted: Fitted) -> float:
+    """Sum of squares, in variances of the noise, that a delay of the tip's cell may leave because the tension
+    between two samples is not known: it may turn there as much as it does from one interval to the next.
+    """
+    delay, rate = (fitted.values.get(f"time-skew.{name}", 0.0) for name in ("delay", "rate"))
+    if not (delay or rate):
+        return 0.0
+    found = []
+    for rig, seen in zip(bench.rigs, fitted.seen, strict=True):
+        shown, time = seen.values[rig.where], rig.part.time
+        off = np.zeros_like(shown)
+        if time is not None and len(time) > 2:
+            steps = np.maximum(np.diff(time), 1e-12)
+            at = time - delay - rate * (time - time[0])
+            k = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(steps) - 1)
+            share = np.clip((at - time[k]) / steps[k], 0.0, 1.0)
+            tips = shown[: rig.part.tips]
+            turn = np.zeros_like(tips)
+            turn[:, 1:-1] = np.abs(np.diff(np.diff(tips, axis=1) / steps, axis=1))
+            off[: rig.part.tips] = share * (1 - share) * steps[k] * np.maximum(turn[:, k], turn[:, k + 1])
+        found.append(off)
+    return float(np.sum(bench.white(found) ** 2))
+
+
 def ratio_of_branches(T_base: np.ndarray, T_tip: np.ndarray, phases: np.ndarray, bins: int = 14):
     """D and S at matched base tension: half the difference, and half the sum, of ln(T_tip/T_base) on release
     and pull. D points to friction, S to gains, offsets and asymmetry.

@@ -17,12 +17,6 @@ HOW_MANY = (0.5, 0.35, 0.12, 0.03, 0.006)
 # directions. The error of a law must not let a rival win or name a second effect; nor must a law that leaves
 # much be accepted where another leaves nothing.
 INEXACT, WAYS = {0.0: 0.55, 0.03: 0.2, 0.07: 0.15, 0.15: 0.07, 0.3: 0.03}, 4
-# Effects that are what they are called by definition: an offset, a gain, a share of the other reading, a
-# delay. Their errors are this part of those of laws of matter. A delay between the cells leaves 560 standard
-# deviations in some recordings: with 3 % of those allowed, the stretch of a tendon beside it, 42, was not
-# named.
-DEFINED = frozenset({"base-offset", "tip-offset", "base-gain", "tip-gain", "crosstalk", "time-skew"})
-OF_DEFINED = 0.1
 # Largest factor by which the noise variance may be underestimated; and factor on log probabilities, because
 # the model of the noise is not exact. Both were chosen on some 350 blind development recordings, by the mean
 # log probability given to the truth; a smaller scale or a larger factor misjudged more of the sound
@@ -94,24 +88,13 @@ class Models:
         """Log likelihood of the data at the fit, up to a constant: for white noise, and errors of the
         effects' laws in `WAYS` directions.
         """
-        each = self._by_share(fitted, self.by_laws(fitted))
+        each = self._by_share(fitted)
         return float(np.logaddexp.reduce(each)) - 0.5 * (fitted.cost - fitted.prior - fitted.chi2)
 
-    def by_laws(self, fitted: Fitted) -> float:
-        """Drop of the sum of squares that a model's laws explain; `OF_DEFINED` squared of what those explain
-        that hold by definition (`DEFINED`), as far as the model of these alone tells.
-        """
-        defined = tuple(sorted(name for name in fitted.names if self.of[name].kind in DEFINED))
-        without = self.fits.get(defined, self.base).chi2
-        more = max(self.base.chi2 - without, 0.0) * OF_DEFINED**2
-        return max(without - fitted.chi2, 0.0) + more
-
-    def _by_share(self, fitted: Fitted, explained: float) -> np.ndarray:
-        """Log of the joint probability of the data and each relative error of the laws (`INEXACT`), which
-        explain a drop of the sum of squares.
-        """
+    def _by_share(self, fitted: Fitted) -> np.ndarray:
+        """Log of the joint probability of the data and each relative error of the laws (`INEXACT`)."""
         squares = fitted.chi2 / self.scale
-        explained /= self.scale
+        explained = max(self.base.chi2 - fitted.chi2, 0.0) / self.scale
         beyond = max(squares - self.bench.readings, 0.0) + WAYS
         each = []
         for share, weight in INEXACT.items():
@@ -122,7 +105,7 @@ class Models:
 
     def inexactness(self, fitted: Fitted) -> float:
         """Root mean square of the relative error of the effects' laws, given the data."""
-        each = self._by_share(fitted, max(self.base.chi2 - fitted.chi2, 0.0))
+        each = self._by_share(fitted)
         weights = np.exp(each - np.logaddexp.reduce(each))
         return float(np.sqrt(np.sum(weights * np.square(list(INEXACT)))))
 

@@ -174,7 +174,7 @@ def _of_physics(d: Diagnosis, chosen: tuple[str, ...]) -> str:
         ends = [in_unit(h["rms"], d.unit) for h in held[:2]]
         pieces = ""
         if d.discovered is not None and d.discovered.pieces:
-            pieces = " (short pieces that alternate with those it has seen: no other cycle holds it)"
+            pieces = " (short pieces that alternate with those it has seen)"
         better = (
             f" On samples the fit has not seen{pieces}, the residual goes from {ends[0].split()[0]} to "
             f"{ends[1]} ({_noise(d)})."
