@@ -457,7 +457,8 @@ def _told(
     again = Unseen(models, pieces=unseen.pieces)
     takes = max(takes, _takes_of_noise(again, models.stored(head), models.stored(shown)))
     left = misfit(models.bench, models.stored(shown))
-    needed = NEARLY_ALL if unseen.pieces or structured(left) else TAKES
+    once = _is_transient(place, of[shown.names[-1]].form)
+    needed = NEARLY_ALL if once or structured(left) else TAKES
     if takes < needed or (unseen.pieces and structured(left, STAYS_Z, STAYS_SIZE)):
         return None
     return Discovery(
