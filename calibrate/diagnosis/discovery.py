@@ -410,7 +410,7 @@ def _judged(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> Di
     found = _told(models, head, of, fits, unseen)
     # What happens once, within one part, is in no other.
     once = [f for f in fits if _is_transient(of[f.names[-1]].place, of[f.names[-1]].form)]
-    least = min(f.cost for f in fits if of[f.names[-1]].place.of != "n")
+    least = min((f.cost for f in fits if of[f.names[-1]].place.of != "n"), default=np.inf)
     if found is None and any(f.cost == least for f in once):
         found = _told(models, head, of, fits, Unseen(models, pieces=True))
     return found
