@@ -29,7 +29,7 @@ from benchmarks.blind import (
     rig,
     score,
 )
-from benchmarks.blind.effects import CATALOGUE
+from benchmarks.blind.effects import CATALOGUE, Scene
 from gtr_jax.examples import CONCEALED_ROBOT
 
 GENERATOR = [machine, effects, cases, combined, left_out, rig, hand, events, instruments]
@@ -177,6 +177,17 @@ def test_a_seed_draws_what_it_always_drew(number, kind, hidden, digest):
     case = cases.make(kind, hidden, np.random.default_rng([5, number]))
     assert case is not None
     assert hashlib.sha256((case.robot + json.dumps(case.rows)).encode()).hexdigest()[:16] == digest
+
+
+def test_a_cell_that_is_read_late_shows_the_tension_between_the_samples():
+    arm, _ = cases.built(cases.BUILDS[0], np.random.default_rng(0), 0.3)
+    time, T_base = np.arange(8) * 0.5, np.asarray([0.0, 9, 18, 25, 20, 13, 6, 12])
+    scene = Scene(arm, time, T_base, np.ones(8, int), late=0.5)
+    on_time = cases.run(arm, time, T_base).T_tip
+    np.testing.assert_allclose(cases._late(arm, scene)[1:], on_time[:-1], atol=0.02)
+    # Friction holds the tip for a part of the step down: interpolated, its tension would have fallen.
+    halfway = cases._late(arm, dataclasses.replace(scene, late=0.25))
+    assert halfway[6] > 0.5 * (on_time[5] + on_time[6]) + 1.0
 
 
 def test_shares_of_the_cases():

@@ -25,6 +25,8 @@ E_OFF, DIMENSION_OFF = 0.10, 0.01
 OFF = ("r1", "r2", "offset", "R_max", "r_min")
 # Noise of pose and displacement [m, rad].
 POSE_M, POSE_RAD, DRAWN_M = 2e-4, 2e-3, 2e-5
+# Steps between two samples in which the machine is marched where the cells are read at different times.
+BETWEEN = 8
 WITHOUT = "without.txt"  # beside a recording: the term that is left out
 NASTY = ("plain", "noisy base", "heavy tails", "bad repeat", "grows with tension", "coarse")
 
@@ -256,11 +258,19 @@ def make(kind: str, hidden: tuple[str, ...], rng: np.random.Generator) -> Case |
     shown = run(arm, time, T_base, parts=2 if CREEPING & set(hidden) else 1)
     if not shown.worst < 1e-3 * build.largest or not np.all(np.isfinite(shown.T_tip)):
         return None
-    true = {"T_base": T_base, "T_tip": shown.T_tip}
+    true = {"T_base": T_base, "T_tip": _late(arm, scene) if scene.late else shown.T_tip}
     for cell in scene.cells:
         true = cell(true)
     nasty = str(rng.choice(NASTY, p=[0.4, 0.15, 0.1, 0.1, 0.15, 0.1]))
     return _recorded(build, scene, shown, true, rng, kind, hidden, name, posed, down, nasty, mu, own)
+
+
+def _late(arm: Arm, scene: Scene) -> np.ndarray:
+    """Tension at the tip when its cell is read [N], (K,), which falls between the samples of the base."""
+    K = len(scene.time)
+    fine = np.interp(np.arange((K - 1) * BETWEEN + 1) / BETWEEN, np.arange(K), scene.time)
+    T_tip = run(arm, fine, np.interp(fine, scene.time, scene.T_base)).T_tip
+    return np.interp(scene.time - scene.late, fine, T_tip)
 
 
 def _recorded(build, scene, shown, true, rng, kind, hidden, name, posed, down, nasty, mu, own) -> Case:

@@ -32,6 +32,7 @@ class Scene:
         gravity: acceleration [m/s^2] and density [kg/m^3] of the machine: (x, y, density), or None.
         tip_force: dead force on the tip [N].
         stop: of the tip: stiffness [N/m], height [m] and side; or None.
+        late: by how much the tip's cell is read late [s].
         cells: what the cells do to the readings, in order: each gets readings by name and returns them.
         hidden: what was drawn, for the key.
     """
@@ -43,6 +44,7 @@ class Scene:
     gravity: tuple[float, float, float] | None = None
     tip_force: tuple[float, float] = (0.0, 0.0)
     stop: tuple[float, float, float] | None = None
+    late: float = 0.0
     cells: list[Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]]] = dataclasses.field(
         default_factory=list
     )
@@ -305,8 +307,9 @@ def base_filter(scene, rng):
 
 
 def skew(scene, rng):
-    delay = scene.draw("delay_s", _sign(rng) * _log(rng, 0.3, 2.5) * float(np.median(np.diff(scene.time))))
-    scene.cells.append(_cell("T_tip", lambda T, _: np.interp(scene.time - delay, scene.time, T)))
+    scene.late = scene.draw(
+        "delay_s", _sign(rng) * _log(rng, 0.3, 2.5) * float(np.median(np.diff(scene.time)))
+    )
 
 
 def _hysteretic(T, force, width):
