@@ -10,6 +10,7 @@ import pytest
 import calibrate
 import gtr_jax as gtr
 from calibrate.diagnosis import decide, further
+from calibrate.diagnosis.locate import between_samples
 
 # Recordings of the machine of the blind benchmark, of seeds that it does not score.
 DATA = Path(__file__).parent / "data/combined"
@@ -54,18 +55,20 @@ def test_an_effect_that_the_cost_needs_is_kept_though_the_parts_held_out_miss_it
         # 20 % is left by a gain, which is exact by definition.
         (fitted(310.0, "gain"), 0.0, "missing-physics", ("a", "b", "gain")),
         # And by a delay, whose tension between the samples is not known so well.
-        (fitted(310.0, "gain"), 150.0, "as-before", ()),
+        (fitted(310.0, "delay"), 150.0, "as-before", ()),
     ],
 )
 def test_all_effects_are_named_where_an_error_of_one_law_cannot_be_what_is_left(
     monkeypatch, alone, between, verdict, chosen
 ):
-    base, whole = fitted(3000.0), fitted(200.0, "a", "b", *(alone.names if "gain" in alone.names else ()))
-    kinds = {"a": "a", "a.tip": "a", "b": "b", "c": "c", "gain": "base-gain"}
+    exact = {"gain": "base-gain", "delay": "time-skew"}
+    base, whole = fitted(3000.0), fitted(200.0, "a", "b", *(set(alone.names) & set(exact)))
+    kinds = {"a": "a", "a.tip": "a", "b": "b", "c": "c"} | exact
     models = SimpleNamespace(
         base=base,
         beside=lambda f: {("a", "b"): 1.0},
         stored=lambda f: f,
+        fits={alone.names: alone} if alone.names[0] in exact else {},
         bench=SimpleNamespace(scale_left=lambda f: 1.0),
         of={name: SimpleNamespace(kind=kind) for name, kind in kinds.items()},
     )
@@ -86,6 +89,30 @@ def test_all_effects_are_named_where_an_error_of_one_law_cannot_be_what_is_left(
     assert (found.verdict, found.chosen.names) == (verdict, chosen)
     if chosen:
         assert found.confusion == [("a", "b")] and found.left == (0.1, 0.3)
+
+
+@pytest.mark.parametrize("time", [[0, 1, 2, 3, 4, 5], [0, 1, 2, 2, 3, 4]])
+@pytest.mark.parametrize("names", [(), ("left", "right")])
+def test_a_delay_may_leave_what_the_tension_turns_between_two_samples(time, names):
+    """A kink of 2 N/s at 2 s, read half a second late: half a newton, in the intervals on either side."""
+    T = 2.0 * np.maximum(np.asarray(time, float) - 2.0, 0.0)
+    channels = ("T_tip", "tip_x") if not names else ("T_tip.left", "T_tip.right")
+    part = SimpleNamespace(
+        time=np.asarray(time, float),
+        tips=1 if not names else 2,
+        channels=channels,
+        drives=[None] * max(len(names), 1),
+        robot=SimpleNamespace(tendon_names=names),
+    )
+    rig = SimpleNamespace(part=part, where=(slice(None), slice(None)))
+    bench = SimpleNamespace(rigs=[rig], white=lambda rows: np.concatenate(rows).ravel(), tamed=lambda z: z)
+    delay = {"time-skew.delay": 0.5} if not names else {"time-skew.delay.right": 0.5}
+    fitted = SimpleNamespace(values=delay, seen=[SimpleNamespace(values=np.stack([T, T]))])
+    late = np.asarray(time, float) - 0.5
+    beside = np.count_nonzero((late > 1) & (late < 3))
+    assert between_samples(cast(Any, bench), cast(Any, fitted)) == pytest.approx(beside * 0.5**2)
+    fitted.values = {}
+    assert between_samples(cast(Any, bench), cast(Any, fitted)) == 0.0
 
 
 def test_a_model_is_judged_again_once_a_much_better_fit_of_it_is_found(monkeypatch):

@@ -227,7 +227,7 @@ def test_an_effect_pays_on_unseen_samples_or_is_not_kept(monkeypatch):
     monkeypatch.setattr(
         further,
         "by_fold",
-        lambda bench, models: np.asarray([[[s, 1, s, 1] for s in by[f.names]] for _, f in models]),
+        lambda bench, models, pieces: np.asarray([[[s, 1, s, 1] for s in by[f.names]] for _, f in models]),
     )
     bench = SimpleNamespace(heavy=None, scale_left=lambda f: 1.0)
     models = SimpleNamespace(bench=bench, hypotheses=lambda names: [])

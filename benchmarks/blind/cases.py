@@ -256,21 +256,24 @@ def make(kind: str, hidden: tuple[str, ...], rng: np.random.Generator) -> Case |
     if forces is not None:
         arm = dataclasses.replace(arm, laws=dataclasses.replace(arm.laws, forces=forces))
     shown = run(arm, time, T_base, parts=2 if CREEPING & set(hidden) else 1)
-    if not shown.worst < 1e-3 * build.largest or not np.all(np.isfinite(shown.T_tip)):
+    T_tip, worst = _late(arm, scene) if scene.late else (shown.T_tip, shown.worst)
+    if not max(shown.worst, worst) < 1e-3 * build.largest or not np.all(np.isfinite([shown.T_tip, T_tip])):
         return None
-    true = {"T_base": T_base, "T_tip": _late(arm, scene) if scene.late else shown.T_tip}
+    true = {"T_base": T_base, "T_tip": T_tip}
     for cell in scene.cells:
         true = cell(true)
     nasty = str(rng.choice(NASTY, p=[0.4, 0.15, 0.1, 0.1, 0.15, 0.1]))
     return _recorded(build, scene, shown, true, rng, kind, hidden, name, posed, down, nasty, mu, own)
 
 
-def _late(arm: Arm, scene: Scene) -> np.ndarray:
-    """Tension at the tip when its cell is read [N], (K,), which falls between the samples of the base."""
+def _late(arm: Arm, scene: Scene) -> tuple[np.ndarray, float]:
+    """Tension at the tip when its cell is read [N], (K,), between the samples of the base, ahead of all that
+    the cells do to it; and the error left [N].
+    """
     K = len(scene.time)
     fine = np.interp(np.arange((K - 1) * BETWEEN + 1) / BETWEEN, np.arange(K), scene.time)
-    T_tip = run(arm, fine, np.interp(fine, scene.time, scene.T_base)).T_tip
-    return np.interp(scene.time - scene.late, fine, T_tip)
+    shown = run(arm, fine, np.interp(fine, scene.time, scene.T_base))
+    return np.interp(scene.time - scene.late, fine, shown.T_tip), shown.worst
 
 
 def _recorded(build, scene, shown, true, rng, kind, hidden, name, posed, down, nasty, mu, own) -> Case:

@@ -224,10 +224,11 @@ def decide_combined(models: Models, chosen: Fitted, nearest: Decision) -> Decisi
 
 def _of_inexact_laws(models: Models, fitted: Fitted) -> float:
     """Largest sum of squares that a model may leave because its laws are not exact."""
-    explained = models.base.chi2 - fitted.chi2
-    if not _kinds(models, fitted.names) <= DEFINED:
-        return max(INEXACT) ** 2 * explained
-    return (OF_DEFINED * max(INEXACT)) ** 2 * explained + between_samples(models.bench, fitted)
+    defined = [name for name in fitted.names if models.of[name].kind in DEFINED]
+    part = models.fits.get(tuple(sorted(defined)), models.base)
+    by_definition, by_laws = models.base.chi2 - part.chi2, max(part.chi2 - fitted.chi2, 0.0)
+    more = between_samples(models.bench, fitted) if "time-skew" in _kinds(models, fitted.names) else 0.0
+    return max(INEXACT) ** 2 * (by_laws + OF_DEFINED**2 * by_definition) + more
 
 
 def decide_discovered(models: Models, discovery: Discovery, nearest: Decision) -> Decision:

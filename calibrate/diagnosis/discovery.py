@@ -408,7 +408,7 @@ def _judged(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> Di
     if not fits:
         return None
     found = _told(models, head, of, fits, unseen)
-    # What happens once, within one part, is in no other.
+    # What happens once, within one part, is in no other. A law of the cycle says the same of it.
     once = [f for f in fits if _is_transient(of[f.names[-1]].place, of[f.names[-1]].form)]
     least = min((f.cost for f in fits if of[f.names[-1]].place.of != "n"), default=np.inf)
     if found is None and any(f.cost == least for f in once):
@@ -426,7 +426,9 @@ def _told(
     # One short law of each place is judged, and the smooth one beside it.
     best: dict[str, Fitted] = {}
     for f in short:
-        best.setdefault(of[f.names[-1]].place.name, f)
+        place, form = of[f.names[-1]].place, of[f.names[-1]].form
+        if place.of != "t" or not unseen.pieces or _is_transient(place, form):
+            best.setdefault(place.name, f)
     tried = [*best.values(), *smooth.values()]
     nearest = [f for f in models.fits.values() if f.names and f.names[-1] not in of]
     nearest = sorted(nearest, key=lambda f: f.cost)[:CATALOGUED]
@@ -509,7 +511,7 @@ def _takes(unseen: Unseen, head: Fitted, shown: Fitted) -> float:
 
 def _takes_of_noise(unseen: Unseen, head: Fitted, shown: Fitted) -> float:
     """The same, by the noise that the law leaves: what changes from each sample to the next passes for noise
-    without it. No more than its share of the sum of squares on unseen samples, which no noise enters.
+    without it. No more than its share of the whole sum of squares on unseen samples.
     """
     _, (before, after) = unseen.totals([head, shown])
     return min(_takes(unseen, head, shown), 1 - after / before if before > 0 else 0.0)

@@ -218,24 +218,35 @@ def between_samples(bench: Bench, fitted: Fitted) -> float:
     """Sum of squares, in variances of the noise, that a delay of the tip's cell may leave because the tension
     between two samples is not known: it may turn there as much as it does from one interval to the next.
     """
-    delay, rate = (fitted.values.get(f"time-skew.{name}", 0.0) for name in ("delay", "rate"))
-    if not (delay or rate):
-        return 0.0
     found = []
     for rig, seen in zip(bench.rigs, fitted.seen, strict=True):
-        shown, time = seen.values[rig.where], rig.part.time
+        part, shown = rig.part, seen.values[rig.where]
         off = np.zeros_like(shown)
-        if time is not None and len(time) > 2:
-            steps = np.maximum(np.diff(time), 1e-12)
-            at = time - delay - rate * (time - time[0])
-            k = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(steps) - 1)
-            share = np.clip((at - time[k]) / steps[k], 0.0, 1.0)
-            tips = shown[: rig.part.tips]
-            turn = np.zeros_like(tips)
-            turn[:, 1:-1] = np.abs(np.diff(np.diff(tips, axis=1) / steps, axis=1))
-            off[: rig.part.tips] = share * (1 - share) * steps[k] * np.maximum(turn[:, k], turn[:, k + 1])
+        for row in range(part.tips):
+            names = part.robot.tendon_names
+            own = f".{names[tendon_of_channel(part, part.channels[row])]}" if names else ""
+            ends = (
+                fitted.values.get(f"time-skew.{name}{own}", fitted.values.get(f"time-skew.{name}", 0.0))
+                for name in ("delay", "rate")
+            )
+            if part.time is not None:
+                off[row] = _turning(part.time, shown[row], *ends)
         found.append(off)
-    return float(np.sum(bench.white(found) ** 2))
+    return float(np.sum(bench.tamed(bench.white(found)) ** 2))
+
+
+def _turning(time: np.ndarray, T: np.ndarray, delay: float, rate: float) -> np.ndarray:
+    """By how much a tension [N] that is read late may differ from one interpolated between samples, (K,)."""
+    stamps, first = np.unique(time, return_index=True)
+    if len(stamps) < 3:
+        return np.zeros_like(T)
+    steps = np.diff(stamps)
+    turn = np.zeros(len(stamps))
+    turn[1:-1] = np.abs(np.diff(np.diff(T[first]) / steps))
+    at = time - delay - rate * (time - stamps[0])
+    k = np.clip(np.searchsorted(stamps, at, side="right") - 1, 0, len(steps) - 1)
+    share = np.clip((at - stamps[k]) / steps[k], 0.0, 1.0)
+    return share * (1 - share) * steps[k] * np.maximum(turn[k], turn[k + 1])
 
 
 def ratio_of_branches(T_base: np.ndarray, T_tip: np.ndarray, phases: np.ndarray, bins: int = 14):

@@ -357,7 +357,7 @@ def _tables(answer: Diagnosis) -> list[Table]:
         found = answer.discovered
         parts = "cycles, recordings, or stretches of one loop"
         if found is not None and found.pieces:
-            parts = "each of short pieces, taken in turns"
+            parts = "every fourth of short pieces"
         note = (
             f"Held out in turn: {after['folds']:.0f} parts ({parts}); "
             f"better with in {after['best_in']:.0f}, without in {before['best_in']:.0f}."
