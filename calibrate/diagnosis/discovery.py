@@ -14,7 +14,7 @@ from gtr_jax import Robot
 from gtr_jax.terms import Law, null_values
 
 from .bench import MOST_ITERATIONS, Bench
-from .decide import STAYS_SIZE, STAYS_Z, structured
+from .decide import structured
 from .further import Unseen
 from .hypotheses import Hypothesis, is_friction
 from .lanes import in_lanes
@@ -458,10 +458,9 @@ def _told(
     models = _weighed_by(models, shown, [head.names, *possible, *(f.names for f in nearest)])
     again = Unseen(models, pieces=unseen.pieces)
     takes = max(takes, _takes_of_noise(again, models.stored(head), models.stored(shown)))
-    left = misfit(models.bench, models.stored(shown))
+    stays = structured(misfit(models.bench, models.stored(shown)))
     once = _is_transient(place, of[shown.names[-1]].form)
-    needed = NEARLY_ALL if once or structured(left) else TAKES
-    if takes < needed or (unseen.pieces and structured(left, STAYS_Z, STAYS_SIZE)):
+    if takes < (NEARLY_ALL if once or stays else TAKES) or (unseen.pieces and stays):
         return None
     return Discovery(
         models=models,
@@ -495,7 +494,8 @@ def _weighed_by(models: Models, shown: Fitted, others: Sequence[tuple[str, ...]]
 
     def refit(item: tuple[tuple[str, ...], Fitted]) -> Fitted | None:
         names, f = item
-        return bench.refit(models.hypotheses(names), f.x, most=5)
+        # With less noise, what was the end of a fit no longer is.
+        return bench.refit(models.hypotheses(names), f.x, most=MOST_ITERATIONS if f is shown else 5)
 
     again.add([f for f in in_lanes(refit, list(kept.items())) if f is not None])
     return again if {(), tuple(sorted(shown.names))} <= set(again.fits) else models
