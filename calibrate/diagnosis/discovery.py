@@ -93,6 +93,11 @@ class Candidate(NamedTuple):
     hypothesis: Hypothesis
     start: np.ndarray
 
+    @property
+    def transient(self) -> bool:
+        """Whether it tells of what happens once, at some time."""
+        return self.form is not None and _is_transient(self.place, self.form)
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Discovery:
@@ -341,9 +346,9 @@ def promising(bench: Bench, head: Fitted, felt: Sequence[Felt]) -> list[Candidat
     return candidates
 
 
-def _is_transient(place: Place, form: Form | None) -> bool:
-    """Whether a form tells of what happens once, at some time."""
-    return form is not None and place.of == "t" and form.name in TRANSIENT
+def _is_transient(place: Place, form: Form) -> bool:
+    """Whether a form there tells of what happens once, at some time."""
+    return place.of == "t" and form.name in TRANSIENT
 
 
 def _of_forms(felt: Felt):
@@ -409,9 +414,9 @@ def _judged(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> Di
         return None
     found = _told(models, head, of, fits, unseen)
     # What happens once, within one part, is in no other. A law of the cycle says the same of it.
-    once = [f for f in fits if _is_transient(of[f.names[-1]].place, of[f.names[-1]].form)]
-    least = min((f.cost for f in fits if of[f.names[-1]].place.of != "n"), default=np.inf)
-    if found is None and any(f.cost == least for f in once):
+    others = [f for f in fits if of[f.names[-1]].place.of != "n"]
+    best = min(others, key=lambda f: f.cost, default=None)
+    if found is None and best is not None and of[best.names[-1]].transient:
         found = _told(models, head, of, fits, Unseen(models, pieces=True))
     return found
 
@@ -426,9 +431,9 @@ def _told(
     # One short law of each place is judged, and the smooth one beside it.
     best: dict[str, Fitted] = {}
     for f in short:
-        place, form = of[f.names[-1]].place, of[f.names[-1]].form
-        if place.of != "t" or not unseen.pieces or _is_transient(place, form):
-            best.setdefault(place.name, f)
+        c = of[f.names[-1]]
+        if c.place.of != "t" or not unseen.pieces or c.transient:
+            best.setdefault(c.place.name, f)
     tried = [*best.values(), *smooth.values()]
     nearest = [f for f in models.fits.values() if f.names and f.names[-1] not in of]
     nearest = sorted(nearest, key=lambda f: f.cost)[:CATALOGUED]
@@ -440,17 +445,15 @@ def _told(
     first = min(tried, key=lambda f: least[f.names])
     # The probability decides between those that predict as well as the best.
     equal = [f for f in tried if least[f.names] <= AS_WELL * least[first.names]]
-    may_be_shown = equal
-    if unseen.pieces:
-        may_be_shown = [f for f in equal if _is_transient(of[f.names[-1]].place, of[f.names[-1]].form)]
+    may_be_shown = [f for f in equal if of[f.names[-1]].transient or not unseen.pieces]
     shown = max(may_be_shown, key=lambda f: probability[f.names], default=None)
     if shown is None or any(unseen.best(other, [shown]) is None for other in rivals):
         return None
-    place = of[shown.names[-1]].place
+    told = of[shown.names[-1]]
     others: dict[str, Fitted] = {}
     for f in sorted(equal, key=lambda f: -probability[f.names]):
         there = of[f.names[-1]].place.name
-        if there != place.name:
+        if there != told.place.name:
             others.setdefault(there, f)
     total = probability[shown.names] + sum(probability[f.names] for f in others.values())
     possible = [f.names for f in others.values() if probability[f.names] > POSSIBLE * total]
@@ -459,15 +462,14 @@ def _told(
     again = Unseen(models, pieces=unseen.pieces)
     takes = max(takes, _takes_of_noise(again, models.stored(head), models.stored(shown)))
     stays = structured(misfit(models.bench, models.stored(shown)))
-    once = _is_transient(place, of[shown.names[-1]].form)
-    if takes < (NEARLY_ALL if once or stays else TAKES) or (unseen.pieces and stays):
+    if takes < (NEARLY_ALL if told.transient or stays else TAKES) or (unseen.pieces and stays):
         return None
     return Discovery(
         models=models,
         fitted=models.stored(shown),
-        place=place,
-        law=of[shown.names[-1]].law,
-        form=of[shown.names[-1]].form,
+        place=told.place,
+        law=told.law,
+        form=told.form,
         laws={names[-1]: of[names[-1]].law for names in (shown.names, *possible)},
         possible=possible,
         possible_places=[of[names[-1]].place for names in possible],

@@ -176,7 +176,8 @@ def places(robot: Robot, bench: Bench, fitted: Fitted) -> list[Place]:
         Place("friction", "s", 0.0, length, FRICTION, "dimensionless"),
         Place("base_cell", "T", 0.0, top, CELL * top, "N"),
     ]
-    if all(rig.part.tips for rig in bench.rigs):
+    at_tip = all(rig.part.tips for rig in bench.rigs)
+    if at_tip:
         largest = max(float(rig.part.T_tip.max()) for rig in bench.rigs)
         found.append(Place("tip_cell", "T", 0.0, largest, CELL * top, "N"))
     found.append(Place("drag", "s", 0.0, length, DRAG * top / length, "N/m"))
@@ -193,10 +194,10 @@ def places(robot: Robot, bench: Bench, fitted: Fitted) -> list[Place]:
     if len(times) == len(bench.rigs):
         end = max(float(np.ptp(time)) for time in times)
         found.append(Place("friction", "t", 0.0, end, FRICTION, "dimensionless"))
-        if all(rig.part.tips for rig in bench.rigs):
+        if at_tip:
             found.append(Place("tip_cell", "t", 0.0, end, CELL * top, "N"))
         every = float(np.median(np.concatenate([np.diff(time) for time in times])))
-        if every > 0 and all(rig.part.tips and rig.part.samples <= RESPONDS for rig in bench.rigs):
+        if every > 0 and at_tip and all(rig.part.samples <= RESPONDS for rig in bench.rigs):
             longest = (LAGS - 1) * every
             found.append(Place("tip_response", "l", 0.0, longest, RESPONSE, "dimensionless"))
         fast = _fastest(times, fitted)
