@@ -17,7 +17,7 @@ SCORED = {
     "effects": (26_11_27_91, 200),
     "rig": (26_11_23_01, 60),
     "left-out": (26_11_28_03, 40),
-    "combined": (26_11_26_71, 40),
+    "combined": (26_11_28_04, 40),
 }
 TRAINING, TRAINED = 2, 160
 STEPS = ("draw", "answer", "train", "score")
