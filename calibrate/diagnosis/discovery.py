@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -31,21 +32,31 @@ from .law_forms import (
     hypothesis_of,
     law_of,
     smooth_of,
+    usual_size,
     waves,
 )
 from .law_places import Place, places
 from .locate import misfit
 from .model import Fitted, model_of
 from .models import Models
-from .rig import Rig
+from .rig import Rig, stiffness_of
 from .screen import FAR, SEEN, Start
-from .search import raced
+from .search import BEGIN, raced
 from .twins import settled
 
+# Hooks and variables that are felt besides where a number of the model is so many times what fits best: a cell
+# that shows too little makes friction too large, a body that stiffens makes E too large, and to first order
+# from there the right law promises little.
+FELT_AT = (
+    (("tip_cell", "T"), "friction", (0.35, 0.5, 0.65, 0.8, 1.25, 1.6)),
+    (("bending", "k"), "stiffness", (0.5, 0.7, 1.4)),
+)
 # Size at which a tent is tried, as a share of the usual size.
 FELT = 0.3
 # A form must promise this many variances, and as many more for each of its numbers beside the size.
 WORTH, EACH = 16.0, 4.0
+# The share of the best promise that a place must have to be tried at all.
+LEAST_PROMISE = 0.2
 # Hooks and variables that are fitted inside the simulator; forms of the first and of each other of them, and
 # starts of the best form of each.
 PLACES, FORMS, STARTS = 3, (4, 2), 2
@@ -62,6 +73,9 @@ LARGEST, WAVES, WIDE = 2.5, 2.5, 0.5
 # in the place of the smooth one if what it leaves there is at most so many times as much. A law that leaves
 # structure beyond the noise is the wrong one, or not alone: it is told only if it takes nearly all.
 TAKES, AS_WELL, NEARLY_ALL = 0.5, 1.1, 0.9
+# Short laws of a place that are judged, at most, and by how many variances they may fit less than the most
+# probable.
+JUDGED, CLOSE = 3, 12.0
 # Another hook or variable stays possible above this probability; models of the catalogue's effects that are
 # shown beside the law.
 POSSIBLE, CATALOGUED = 0.03, 4
@@ -75,12 +89,17 @@ class Felt(NamedTuple):
         gram, toward: Gram matrix of the tents' changes, (n, n), and their product with the residual, (n,);
             per unit of the size.
         moved: the changes of the rows themselves, (rows, n).
+        x, rows: coordinates of the model's numbers where it is felt, and the white residuals there.
+        lost: by how many variances the model is worse there than where it fits best.
     """
 
     place: Place
     gram: np.ndarray
     toward: np.ndarray
     moved: np.ndarray
+    x: np.ndarray
+    rows: np.ndarray
+    lost: float = 0.0
 
 
 class Candidate(NamedTuple):
@@ -158,12 +177,44 @@ def discover(models: Models, head: Fitted, progress: Callable[[str], None]) -> D
         progress: called with a line at each stage.
     """
     progress("asking where a law that no catalogue holds would act")
-    felt = feel(models, head)
-    candidates = promising(models.bench, head, felt)
-    if not candidates:
-        return None
-    names = list(dict.fromkeys(c.place.name for c in candidates))
-    progress(f"fitting laws inside the simulator: {', '.join(names)}")
+    felt, wider, candidates = feel(models, head), models, list[Candidate]()
+    for others in (False, True):
+        if others:
+            felt = _others(models, head, felt, {c.place.name for c in candidates})
+        new = promising(models.bench, head, felt)
+        if not new:
+            break
+        names = list(dict.fromkeys(c.place.name for c in new))
+        progress(f"fitting laws inside the simulator: {', '.join(names)}")
+        wider, new = _fitted(wider, head, new)
+        candidates += new
+        found = _judged(wider, head, candidates)
+        if found is not None:
+            return found
+    return None
+
+
+def _others(models: Models, head: Fitted, felt: Sequence[Felt], tried: Collection[str]) -> list[Felt]:
+    """Places that were not tried, those whose best form does most once it is refitted briefly: a law that
+    changes much may do more than it promises to first order.
+    """
+    ranked = _ranked(felt)
+    rest = [entry for entry in ranked if entry.felt.place.name not in tried]
+    rest = [entry for entry in rest if entry.score > LEAST_PROMISE * ranked[0].score]
+    information = head.information()
+    candidates = [_formed(head, information, entry.felt, entry.found[0]) for entry in rest]
+    bench = _with_candidates(models, candidates).bench
+    own = models.hypotheses(head.names)
+    items = [((*own, c.hypothesis), Start(c.start, {})) for c in candidates]
+    costs = {f.names[-1]: f.cost for f in raced(bench, head, items, BEGIN)}
+    left = sorted((costs.get(c.law.name, np.inf), k) for k, c in enumerate(candidates))
+    return [rest[k].felt for cost, k in left[:PLACES] if cost < head.cost - WORTH]
+
+
+def _fitted(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> tuple[Models, list[Candidate]]:
+    """The models with those that have a law that promises something, and with short forms that look like the
+    smooth ones; and all of these.
+    """
     wider = _with_candidates(models, candidates)
     own = models.hypotheses(head.names)
     candidates = _nearest(wider.bench, head, own, candidates)
@@ -175,7 +226,7 @@ def discover(models: Models, head: Fitted, progress: Callable[[str], None]) -> D
     wider.of = {name: h for name, h in wider.of.items() if name in tried}
     if wider.bench.heavy is not None:  # far from the data, rows that count less when far off show no way
         settled(wider, fits)
-    return _judged(wider, head, candidates)
+    return wider, candidates
 
 
 def _raced(
@@ -220,9 +271,9 @@ def _short_forms(place: Place, u: np.ndarray, g: np.ndarray):
     """
     found = []
     # What does not change with the variable is no part of these laws.
-    centred, most = place.acts not in ("drag", RESPONSE), LARGEST * place.size
+    centred = place.acts not in ("drag", RESPONSE)
     for form in forms_for(place):
-        best = None
+        best, most = None, LARGEST * usual_size(place, form)
         for shapes in form.grid:
             v = form.value(u, *shapes)
             columns = np.stack([np.ones_like(u), v], axis=1) if centred else v[:, None]
@@ -283,35 +334,93 @@ def _with_candidates(models: Models, candidates: Sequence[Candidate]) -> Models:
 
 
 def feel(models: Models, head: Fitted) -> list[Felt]:
-    """How the readings respond to tents at every place."""
+    """How the readings respond to tents at every place; at some also where friction or the stiffness of the
+    body is another than fits best without a law (`FELT_AT`).
+    """
     robot = models.bench.rigs[0].robot
-    where = places(robot, models.bench, head)
-    bench = _bench_with(models.bench, [place.tent() for place in where])
+    spots = [(place, head) for place in places(robot, models.bench, head)]
+    of = {place.name: place for place, _ in spots}
     own = models.hypotheses(head.names)
-    q, _ = np.linalg.qr(np.concatenate([head.jacobian, np.eye(len(head.x))]))
-    r0, still = np.concatenate([head.rows, head.x]), np.zeros(len(head.x))
+    for there, which, factors in FELT_AT:
+        if any((place.acts, place.of) == there for place in of.values()):
+            for other in _elsewhere(models.bench, head, own, which, factors):
+                found = places(robot, models.bench, other)
+                spots += [(place, other) for place in found if (place.acts, place.of) == there]
+    bench = _bench_with(models.bench, [place.tent() for place in of.values()])
 
-    def change(job: tuple[Place, float]) -> np.ndarray | None:
-        place, at = job
+    def change(job: tuple[int, float]) -> np.ndarray | None:
+        place, at = spots[job[0]]
         name, step = place.tent().name, FELT * place.size
-        fixed = {f"{name}.at": at, f"{name}.width": float(place.tents[1] - place.tents[0])}
+        fixed = {f"{name}.at": job[1], f"{name}.width": float(place.tents[1] - place.tents[0])}
         tent = Hypothesis(name, name, (), (), {**fixed, f"{name}.{SIZE}": step})
         # With the mesh's correction of the head: the difference of two corrections is no effect.
-        seen = bench.simulate(model_of(bench.base, [*own, tent]).values(head.x), head.names)
+        seen = bench.simulate(model_of(bench.base, [*own, tent]).values(at.x), head.names)
         if seen is None or sum(s.failed for s in seen) > head.failed:
             return None
-        return (bench.rows(seen) - head.rows) / step
+        return (bench.rows(seen) - at.rows) / step
 
-    jobs = [(place, float(at)) for place in where for at in place.tents]
-    found = dict(zip(jobs, in_lanes(change, jobs), strict=True))
+    jobs = [(k, float(middle)) for k, (place, _) in enumerate(spots) for middle in place.tents]
+    changed = dict(zip(jobs, in_lanes(change, jobs), strict=True))
+    q, _ = np.linalg.qr(np.concatenate([head.jacobian, np.eye(len(head.x))]))
     felt = []
-    for place in where:
-        changes = [found[place, float(at)] for at in place.tents]
+    for k, (place, at) in enumerate(spots):
+        changes = [changed[k, float(middle)] for middle in place.tents]
         moved = np.stack([np.zeros_like(head.rows) if c is None else c for c in changes], axis=1)
-        across = np.concatenate([moved, np.zeros((len(still), moved.shape[1]))])
+        across = np.concatenate([moved, np.zeros((len(at.x), moved.shape[1]))])
         across -= q @ (q.T @ across)
-        felt.append(Felt(place, across.T @ across, -across.T @ r0, moved))
+        left = np.concatenate([at.rows, at.x])
+        left -= q @ (q.T @ left)
+        lost = max(float(left @ left) - head.cost, 0.0)
+        felt.append(Felt(place, across.T @ across, -across.T @ left, moved, at.x, at.rows, lost))
     return felt
+
+
+def _elsewhere(
+    bench: Bench, head: Fitted, own: Sequence[Hypothesis], which: str, factors: Sequence[float]
+) -> list[Fitted]:
+    """The head where its friction or its stiffness is so many times what it is, all else as it is."""
+    model, stiff = model_of(bench.base, own), stiffness_of(bench.rigs[0].robot)
+    moved = [
+        i
+        for i, number in enumerate(model.numbers)
+        if (is_friction(number) if which == "friction" else number.name in stiff)
+    ]
+    points = []
+    for factor in factors if moved else ():
+        x = head.x.copy()
+        for i in moved:
+            number = model.numbers[i]
+            x[i] = np.clip(number.at(factor * number.value(x[i])), *number.bounds)
+        points.append(x)
+    values = [model.values(x) for x in points]
+    return [
+        dataclasses.replace(head, x=x, values=v, rows=bench.rows(seen), seen=seen)
+        for x, v, seen in zip(points, values, bench.simulated(values, head.names), strict=True)
+        if seen is not None and sum(s.failed for s in seen) <= head.failed
+    ]
+
+
+class _Ranked(NamedTuple):
+    """A place with the score of its best form, and what `_of_forms` gives, the best first."""
+
+    score: float
+    felt: Felt
+    found: list[tuple[float, Form, float, tuple[float, ...]]]
+
+
+def _ranked(felt: Sequence[Felt]) -> list[_Ranked]:
+    """The places that promise something, the best first; of one that is felt several times, where it promises
+    most.
+    """
+    every = []
+    for f in felt:
+        found = sorted(_of_forms(f), key=lambda entry: -entry[0])
+        if found and found[0][0] > WORTH:
+            every.append(_Ranked(found[0][0], f, found))
+    best: dict[str, _Ranked] = {}
+    for entry in sorted(every, key=lambda entry: -entry.score):
+        best.setdefault(entry.felt.place.name, entry)
+    return list(best.values())
 
 
 def promising(bench: Bench, head: Fitted, felt: Sequence[Felt]) -> list[Candidate]:
@@ -319,17 +428,12 @@ def promising(bench: Bench, head: Fitted, felt: Sequence[Felt]) -> list[Candidat
     together.
     """
     information = head.information()
-    by_place = []
-    for f in felt:
-        found = sorted(_of_forms(f), key=lambda entry: -entry[0])
-        if found and found[0][0] > WORTH:
-            by_place.append((found[0][0], f, found))
-    by_place.sort(key=lambda entry: -entry[0])
     candidates = []
-    for k, (_, f, found) in enumerate(by_place[:PLACES]):
+    for k, (_, f, found) in enumerate(_ranked(felt)[:PLACES]):
         forms = FORMS[k > 0]
         kept: dict[str, int] = {}
-        for score, form, size, shapes in found:
+        for entry in found:
+            score, form, *_ = entry
             # Several starts of the best form and of transients, one of each other form.
             first = not kept or form.name == next(iter(kept))
             many = _is_transient(f.place, form) or (first and form.name in SWINGING)
@@ -337,13 +441,20 @@ def promising(bench: Bench, head: Fitted, felt: Sequence[Felt]) -> list[Candidat
             if score < WORTH or (form.name not in kept and len(kept) == forms) or kept.get(form.name) == most:
                 continue
             kept[form.name] = kept.get(form.name, 0) + 1
-            law, _ = law_of(f.place, form)
-            u = (f.place.tents - f.place.low) / f.place.span
-            own = coordinates(f.place, form, size, shapes)
-            start = _followed(head, information, f.moved @ (size * form.value(u, *shapes)), own)
-            candidates.append(Candidate(f.place, form, score, law, hypothesis_of(f.place, form), start))
+            candidates.append(_formed(head, information, f, entry))
         candidates.append(_smooth(head, information, f))
     return candidates
+
+
+def _formed(
+    head: Fitted, information: np.ndarray, felt: Felt, entry: tuple[float, Form, float, tuple[float, ...]]
+) -> Candidate:
+    """A form at a place, from its best fit to first order; the entry as of `_of_forms`."""
+    (score, form, size, shapes), place = entry, felt.place
+    u = (place.tents - place.low) / place.span
+    own = coordinates(place, form, size, shapes)
+    start = _followed(head, information, felt, felt.moved @ (size * form.value(u, *shapes)), own)
+    return Candidate(place, form, score, law_of(place, form)[0], hypothesis_of(place, form), start)
 
 
 def _is_transient(place: Place, form: Form) -> bool:
@@ -362,10 +473,11 @@ def _of_forms(felt: Felt):
         values = np.stack([form.value(u, *shapes) for shapes in grid])
         power = np.einsum("gi,ij,gj->g", values, felt.gram, values)
         toward = values @ felt.toward
-        most = LARGEST * place.size
-        sizes = np.clip(toward / (power + place.size**-2), max(-most, place.least), most)
-        gains = 2 * sizes * toward - sizes**2 * (power + place.size**-2)
-        scores = gains - EACH * len(form.shapes)
+        usual = usual_size(place, form)
+        most = LARGEST * usual
+        sizes = np.clip(toward / (power + usual**-2), max(-most, place.least), most)
+        gains = 2 * sizes * toward - sizes**2 * (power + usual**-2)
+        scores = gains - EACH * len(form.shapes) - felt.lost
         taken: list[np.ndarray] = []
         for g in np.argsort(-scores)[: 10 * MANY_STARTS]:
             pattern = values[g] / max(np.linalg.norm(values[g]), 1e-12)
@@ -383,10 +495,12 @@ def _is_felt(form: Form, shapes: Sequence[float], tents: int) -> bool:
     )
 
 
-def _followed(head: Fitted, information: np.ndarray, moved: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """Coordinates of the head once it follows a change of the rows, and those of the law."""
-    follow = np.linalg.solve(information, -head.jacobian.T @ moved)
-    return np.concatenate([head.x + np.clip(follow, -FAR, FAR), own])
+def _followed(
+    head: Fitted, information: np.ndarray, felt: Felt, moved: np.ndarray, own: np.ndarray
+) -> np.ndarray:
+    """Coordinates of the head once it follows a change of the rows where they are felt, and those of the law."""
+    follow = np.linalg.solve(information, -head.jacobian.T @ (felt.rows + moved) - felt.x)
+    return np.concatenate([felt.x + np.clip(follow, -FAR, FAR), own])
 
 
 def _smooth(head: Fitted, information: np.ndarray, felt: Felt) -> Candidate:
@@ -399,8 +513,8 @@ def _smooth(head: Fitted, information: np.ndarray, felt: Felt) -> Candidate:
     inside = basis.T @ felt.gram @ basis + np.eye(len(sds))
     toward = basis.T @ felt.toward
     x = np.clip(np.linalg.solve(inside, toward), -LARGEST, LARGEST)
-    start = _followed(head, information, felt.moved @ (basis @ x), x)
-    return Candidate(place, None, float(toward @ x), law, h, start)
+    start = _followed(head, information, felt, felt.moved @ (basis @ x), x)
+    return Candidate(place, None, float(toward @ x) - felt.lost, law, h, start)
 
 
 def _judged(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> Discovery | None:
@@ -413,6 +527,13 @@ def _judged(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> Di
     if not fits:
         return None
     found = _told(models, head, of, fits, unseen)
+    if (
+        found is None
+        and not unseen.rows
+        and any(rig.part.explained < len(rig.part.channels) for rig in models.bench.rigs)
+    ):
+        # A law of the body may show in the pose alone.
+        found = _told(models, head, of, fits, Unseen(models, rows=True))
     # What happens once, within one part, is in no other. A law of the cycle says the same of it.
     others = [f for f in fits if of[f.names[-1]].place.of != "n"]
     best = min(others, key=lambda f: f.cost, default=None)
@@ -428,13 +549,16 @@ def _told(
     probability = models.beside(min(fits, key=lambda f: f.cost))
     short = sorted((f for f in fits if of[f.names[-1]].form is not None), key=lambda f: -probability[f.names])
     smooth = {of[f.names[-1]].place.name: f for f in fits if of[f.names[-1]].form is None}
-    # One short law of each place is judged, and the smooth one beside it.
-    best: dict[str, Fitted] = {}
+    # The short laws of each place that fit nearly alike are judged, and the smooth one beside them: what fits a
+    # little less may predict better what lies beyond the samples that were fitted.
+    best: dict[str, list[Fitted]] = {}
     for f in short:
         c = of[f.names[-1]]
         if c.place.of != "t" or not unseen.pieces or c.transient:
-            best.setdefault(c.place.name, f)
-    tried = [*best.values(), *smooth.values()]
+            there = best.setdefault(c.place.name, [f])
+            if f is not there[0] and len(there) < JUDGED and f.cost < there[0].cost + CLOSE:
+                there.append(f)
+    tried = [*itertools.chain(*best.values()), *smooth.values()]
     nearest = [f for f in models.fits.values() if f.names and f.names[-1] not in of]
     nearest = sorted(nearest, key=lambda f: f.cost)[:CATALOGUED]
     rivals = [head, *nearest[:1]]
@@ -459,7 +583,7 @@ def _told(
     possible = [f.names for f in others.values() if probability[f.names] > POSSIBLE * total]
     takes = _takes(unseen, head, shown)
     models = _weighed_by(models, shown, [head.names, *possible, *(f.names for f in nearest)])
-    again = Unseen(models, pieces=unseen.pieces)
+    again = Unseen(models, pieces=unseen.pieces, rows=unseen.rows)
     takes = max(takes, _takes_of_noise(again, models.stored(head), models.stored(shown)))
     stays = structured(misfit(models.bench, models.stored(shown)))
     if takes < (NEARLY_ALL if told.transient or stays else TAKES) or (unseen.pieces and stays):

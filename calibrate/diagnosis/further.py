@@ -238,10 +238,12 @@ class Unseen:
     Args:
         models: all that were refitted.
         pieces: as of `heldout.folds`.
+        rows: whether all rows judge in any case.
     """
 
-    def __init__(self, models: Models, *, pieces: bool = False):
+    def __init__(self, models: Models, *, pieces: bool = False, rows: bool = False):
         self.models, self.pieces = models, pieces
+        self.rows = rows or models.bench.heavy is not None
         # Of each model, the cost of the fit that was judged, and what it leaves of each part.
         self._known: dict[tuple[str, ...], tuple[float, np.ndarray]] = {}
 
@@ -267,7 +269,7 @@ class Unseen:
         folds); infinite where a refit fails.
         """
         folds = self.folds(fits)
-        told = folds[..., 0 if self.models.bench.heavy is None else 2]
+        told = folds[..., 2 if self.rows else 0]
         return np.where(folds[..., 1] > 0, told, np.inf)
 
     def totals(self, fits: Sequence[Fitted]) -> tuple[np.ndarray, np.ndarray]:

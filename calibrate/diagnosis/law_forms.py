@@ -59,6 +59,8 @@ class Form(NamedTuple):
         grid: shapes to try, as shares of the range.
         for_: hooks that it is for; if empty all but how a cell responds.
         of: variables that it is for; all if empty.
+        slope: whether its size is a slope over the variable, usually one, and `value` is of one over the
+            range.
     """
 
     name: str
@@ -68,6 +70,7 @@ class Form(NamedTuple):
     grid: Sequence[tuple[float, ...]]
     for_: tuple[str, ...] = ()
     of: tuple[str, ...] = ()
+    slope: bool = False
 
 
 AT, WIDTH, SCALE = Shape("at", "of", False), Shape("width", "of", True), Shape("scale", "of", True)
@@ -128,6 +131,17 @@ FORMS = (
         lambda u, at: np.maximum(0.0, u - at),
         [(p,) for p in PLACES],
     ),
+    # A cell at its end shows what it showed there, however much is added.
+    Form(
+        "bent",
+        "size*max(0,{x}-at)",
+        (AT,),
+        lambda u, at: np.maximum(0.0, u - at),
+        [(p,) for p in PLACES],
+        for_=("tip_cell",),
+        of=("T",),
+        slope=True,
+    ),
     Form(
         "stretch",
         "size*(tanh(({x}-first)/edge)-tanh(({x}-last)/edge))/2",
@@ -168,7 +182,8 @@ def forms_for(place: Place) -> list[Form]:
 def law_of(place: Place, form: Form) -> tuple[Law, dict[str, float]]:
     """The law of a form at a place, and those of its numbers that stay."""
     name = f"{place.name}-{form.name}"
-    numbers = [place.quantity(SIZE, place.unit, place.size, size=True)]
+    unit = "dimensionless" if form.slope else place.unit
+    numbers = [place.quantity(SIZE, unit, usual_size(place, form) / _per_size(place, form), size=True)]
     stays: dict[str, float] = {}
     if "reach" in form.text:
         numbers.append(place.quantity("reach", place.of_unit, place.high))
@@ -182,7 +197,8 @@ def law_of(place: Place, form: Form) -> tuple[Law, dict[str, float]]:
 def hypothesis_of(place: Place, form: Form) -> Hypothesis:
     """A form at a place with all its numbers free."""
     law, stays = law_of(place, form)
-    size = _number(f"{law.name}.{SIZE}", place.unit, 0.0, place.size, size=True, lower=place.least)
+    of_size = law.numbers[0]
+    size = _number(f"{law.name}.{SIZE}", of_size.unit, 0.0, of_size.typical, size=True, lower=place.least)
     shapes = [_of_shape(place, law.name, shape) for shape in form.shapes]
     numbers = (size, *shapes)
     return Hypothesis(law.name, law.name, numbers, starts=(), fixed=stays, dated=place.of == "t")
@@ -191,8 +207,21 @@ def hypothesis_of(place: Place, form: Form) -> Hypothesis:
 def coordinates(place: Place, form: Form, size: float, shapes: Sequence[float]) -> np.ndarray:
     """Coordinates of the numbers of `hypothesis_of` for a size in `place.unit`, and shapes as in a grid."""
     h = hypothesis_of(place, form)
-    values = [size, *(_in_units(place, s, v) for s, v in zip(form.shapes, shapes, strict=True))]
+    values = [
+        size / _per_size(place, form),
+        *(_in_units(place, s, v) for s, v in zip(form.shapes, shapes, strict=True)),
+    ]
     return np.asarray([n.at(v) for n, v in zip(h.numbers, values, strict=True)])
+
+
+def usual_size(place: Place, form: Form) -> float:
+    """Usual size of a form, in `place.unit`: of a slope over the whole range."""
+    return place.span if form.slope else place.size
+
+
+def _per_size(place: Place, form: Form) -> float:
+    """By how much a form changes over the range for a size of one, in `place.unit`."""
+    return place.span if form.slope else 1.0
 
 
 def _in_units(place: Place, shape: Shape, share: float) -> float:

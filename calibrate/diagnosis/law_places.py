@@ -178,7 +178,11 @@ def places(robot: Robot, bench: Bench, fitted: Fitted) -> list[Place]:
     ]
     at_tip = all(rig.part.tips for rig in bench.rigs)
     if at_tip:
-        largest = max(float(rig.part.T_tip.max()) for rig in bench.rigs)
+        # A cell that reads too little ends below what is simulated.
+        simulated = [
+            s.values[rig.where][: rig.part.tips] for s, rig in zip(fitted.seen, bench.rigs, strict=True)
+        ]
+        largest = max(float(T.max()) for T in [*simulated, *(rig.part.T_tip for rig in bench.rigs)])
         found.append(Place("tip_cell", "T", 0.0, largest, CELL * top, "N"))
     found.append(Place("drag", "s", 0.0, length, DRAG * top / length, "N/m"))
     if any("displacement" in rig.part.channels for rig in bench.rigs):
