@@ -20,8 +20,8 @@ from .further import Unseen
 from .hypotheses import Hypothesis, is_friction
 from .lanes import in_lanes
 from .law_forms import (
+    ALONE,
     EDGE,
-    RESPONSE,
     SIZE,
     SWINGING,
     TRANSIENT,
@@ -44,9 +44,9 @@ from .screen import FAR, SEEN, Start
 from .search import BEGIN, raced
 from .twins import settled
 
-# Hooks and variables that are felt besides where a number of the model is so many times what fits best: a cell
-# that shows too little makes friction too large, a body that stiffens makes E too large, and to first order
-# from there the right law promises little.
+# Hooks and variables that are felt besides where a number of the model is so many times what fits best: a
+# cell that shows too little makes friction too large, a body that stiffens makes E too large, and to first
+# order from there the right law promises little.
 FELT_AT = (
     (("tip_cell", "T"), "friction", (0.35, 0.5, 0.65, 0.8, 1.25, 1.6)),
     (("bending", "k"), "stiffness", (0.5, 0.7, 1.4)),
@@ -271,7 +271,7 @@ def _short_forms(place: Place, u: np.ndarray, g: np.ndarray):
     """
     found = []
     # What does not change with the variable is no part of these laws.
-    centred = place.acts not in ("drag", RESPONSE)
+    centred = place.acts not in ALONE
     for form in forms_for(place):
         best, most = None, LARGEST * usual_size(place, form)
         for shapes in form.grid:
@@ -350,6 +350,8 @@ def feel(models: Models, head: Fitted) -> list[Felt]:
 
     def change(job: tuple[int, float]) -> np.ndarray | None:
         place, at = spots[job[0]]
+        if place.vanishes and job[1] == 0:
+            return None
         name, step = place.tent().name, FELT * place.size
         fixed = {f"{name}.at": job[1], f"{name}.width": float(place.tents[1] - place.tents[0])}
         tent = Hypothesis(name, name, (), (), {**fixed, f"{name}.{SIZE}": step})
@@ -498,7 +500,7 @@ def _is_felt(form: Form, shapes: Sequence[float], tents: int) -> bool:
 def _followed(
     head: Fitted, information: np.ndarray, felt: Felt, moved: np.ndarray, own: np.ndarray
 ) -> np.ndarray:
-    """Coordinates of the head once it follows a change of the rows where they are felt, and those of the law."""
+    """Coordinates of the head once it follows a change of the rows where they are felt, and the law's."""
     follow = np.linalg.solve(information, -head.jacobian.T @ (felt.rows + moved) - felt.x)
     return np.concatenate([felt.x + np.clip(follow, -FAR, FAR), own])
 
@@ -549,8 +551,8 @@ def _told(
     probability = models.beside(min(fits, key=lambda f: f.cost))
     short = sorted((f for f in fits if of[f.names[-1]].form is not None), key=lambda f: -probability[f.names])
     smooth = {of[f.names[-1]].place.name: f for f in fits if of[f.names[-1]].form is None}
-    # The short laws of each place that fit nearly alike are judged, and the smooth one beside them: what fits a
-    # little less may predict better what lies beyond the samples that were fitted.
+    # The short laws of each place that fit nearly alike are judged, and the smooth one beside them: what fits
+    # a little less may predict better what lies beyond the samples that were fitted.
     best: dict[str, list[Fitted]] = {}
     for f in short:
         c = of[f.names[-1]]

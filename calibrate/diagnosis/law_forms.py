@@ -27,8 +27,10 @@ PHASES = np.arange(8) * np.pi / 8
 # Forms that have a minimum beside each of many periods; and those that, of the time, tell of what happens
 # once and have one beside each of many times.
 SWINGING, TRANSIENT = ("wave", "ringing"), ("stretch", "bump", "step")
-# The hook of how a cell responds, and periods of its ringing, as shares of the range.
+# The hook of how a cell responds, and periods of its ringing, as shares of the range; hooks whose laws have
+# only the forms that name them, and those where what does not change with the variable is no other number's.
 RESPONSE, RINGS = "tip_response", np.geomspace(0.053, 0.6, 24)
+OWN_FORMS, ALONE = (RESPONSE, "viscous"), (RESPONSE, "viscous", "drag")
 # Width of the edges of a stretch, as a share of the range, from which a fit starts and which is usual; and
 # the least, at which it is a jump.
 SUDDEN, JUMP = 0.01, 2e-4
@@ -57,7 +59,7 @@ class Form(NamedTuple):
         shapes: its numbers beside the size.
         value: of the form at size 1, from u in [0, 1] and the shapes as shares of the range.
         grid: shapes to try, as shares of the range.
-        for_: hooks that it is for; if empty all but how a cell responds.
+        for_: hooks that it is for; if empty all but `OWN_FORMS`.
         of: variables that it is for; all if empty.
         slope: whether its size is a slope over the variable, usually one, and `value` is of one over the
             range.
@@ -77,6 +79,9 @@ AT, WIDTH, SCALE = Shape("at", "of", False), Shape("width", "of", True), Shape("
 FIRST, LAST = Shape("first", "of", False), Shape("last", "of", False)
 EDGE = Shape("edge", "of", True)
 PERIOD, PHASE = Shape("period", "of", True), Shape("phase", "dimensionless", False)
+POWER = Shape("power", "dimensionless", False)
+# Share of the range below which a power is linear.
+SLOW = 0.02
 
 FORMS = (
     Form(
@@ -93,7 +98,23 @@ FORMS = (
         (),
         lambda u: u,
         [()],
-        for_=("friction", "drag", "strain"),
+        for_=("friction", "drag", "strain", "viscous"),
+    ),
+    Form(
+        "power",
+        f"size*{{x}}/reach*({{x}}/reach+{SLOW})^(power-1)",
+        (POWER,),
+        lambda u, power: u * (u + SLOW) ** (power - 1),
+        [(p,) for p in (0.4, 0.55, 0.7, 0.85, 1.2, 1.5, 2.0)],
+        for_=("viscous",),
+    ),
+    Form(
+        "saturating",
+        "size*(1-exp(-{x}/scale))",
+        (SCALE,),
+        lambda u, scale: -np.expm1(-u / scale),
+        [(w,) for w in (0.05, 0.1, 0.2, 0.4)],
+        for_=("viscous",),
     ),
     Form(
         "quadratic",
@@ -174,7 +195,7 @@ def forms_for(place: Place) -> list[Form]:
     return [
         form
         for form in FORMS
-        if (place.acts in form.for_ or (not form.for_ and place.acts != RESPONSE))
+        if (place.acts in form.for_ or (not form.for_ and place.acts not in OWN_FORMS))
         and (not form.of or place.of in form.of)
     ]
 
@@ -225,10 +246,12 @@ def _per_size(place: Place, form: Form) -> float:
 
 
 def _in_units(place: Place, shape: Shape, share: float) -> float:
-    return share if shape is PHASE else share * place.span
+    return share if shape in (PHASE, POWER) else share * place.span
 
 
 def _usual(place: Place, shape: Shape) -> float:
+    if shape is POWER:
+        return 1.0
     return {PHASE: 0.0, EDGE: SUDDEN}.get(shape, 0.1 if shape.log else 0.5) * place.span
 
 
@@ -236,6 +259,8 @@ def _of_shape(place: Place, law: str, shape: Shape) -> Number:
     name = f"{law}.{shape.name}"
     if shape is PHASE:
         return _number(name, "dimensionless", 0.0, np.pi)
+    if shape is POWER:
+        return _number(name, "dimensionless", 1.0, 0.4, log=True, lower=0.2)
     if shape is EDGE:
         usual, lower = _usual(place, shape), JUMP * place.span
         return _number(name, place.of_unit, usual, 1.0, log=True, lower=lower)
@@ -259,20 +284,22 @@ def _number(
 
 
 def waves(place: Place) -> range:
-    """Waves over the range, in halves, of the cosines of the smooth law at a place: what does not change with
-    the variable is left to the friction coefficient, to E and to the cells, but a drag and a response have it
-    to themselves.
+    """Waves over the range, in halves, of the cosines of the smooth law at a place: what does not change
+    with the variable is left to the friction coefficient, to E and to the cells, but a drag, viscous friction
+    and a response have it to themselves.
     """
     many = SMOOTH_ALONG if place.of in ("s", "t", "d", "l") else SMOOTH
-    first = 0 if place.acts in ("drag", RESPONSE) else 1
+    first = 0 if place.acts in ALONE else 1
     return range(first, first + many)
 
 
 def cosines(place: Place, u: np.ndarray) -> np.ndarray:
     """The cosines of the smooth law at a place, (U, waves), at u in [0, 1]; how a cell responds fades over
-    the range, since no longer lag is felt.
+    the range, since no longer lag is felt, and what vanishes at zero grows from there.
     """
     found = np.cos(np.pi * np.outer(u, waves(place)))
+    if place.vanishes:
+        return found * u[:, None]
     return found * (1 - u)[:, None] if place.acts == RESPONSE else found
 
 
@@ -283,7 +310,7 @@ def smooth_of(place: Place) -> tuple[Law, Hypothesis]:
     name = f"{place.name}-smooth"
     along = f"({place.argument}-{LOW})/{SPAN}"
     sum_of = "+".join(f"c{j}*cos({j}*pi*{along})" for j in waves(place))
-    fading = f"max(0,1-{along})*" if place.acts == RESPONSE else ""
+    fading = f"max(0,1-{along})*" if place.acts == RESPONSE else f"{along}*" if place.vanishes else ""
     size = place.quantity(SIZE, place.unit, 1.0, size=True)
     ends = [place.quantity(LOW, place.of_unit, place.low), place.quantity(SPAN, place.of_unit, place.span)]
     numbers, free = [size, *ends], []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,18 +21,36 @@ from .marginal import Marginal
 
 # Points of a curve, and draws of the numbers for its band.
 POINTS, DRAWS = 201, 400
-# What a law changes, for people, and what its expression gives.
-CHANGES = {
-    "friction": "factor on the friction coefficient",
-    "drag": "force per length that opposes slip",
-    "strain": "strain of the tendon",
-    "bending": "addition to the bending moment over EI",
-    "tip_cell": "what the cell at the tip adds",
-    "base_cell": "what the cell at the base adds",
-    "tip_response": "what the cell at the tip shows beyond a step of the tension, as a share of it",
+
+
+class Words(NamedTuple):
+    """A hook in words: what a law there is called, what it changes, and what its expression gives if that is
+    another.
+    """
+
+    called: str
+    changes: str
+    gives: str = ""
+
+
+HOOKS = {
+    "friction": Words("friction", "factor on the friction coefficient"),
+    "viscous": Words("viscous friction", "addition to the friction coefficient"),
+    "drag": Words("drag", "force per length that opposes slip"),
+    "strain": Words("strain", "strain of the tendon"),
+    "bending": Words("bending", "addition to the bending moment over EI"),
+    "tip_cell": Words(
+        "an error of the tip's cell", "what the cell at the tip adds", "the cell at the tip shows"
+    ),
+    "base_cell": Words(
+        "an error of the base's cell", "what the cell at the base adds", "the cell at the base shows"
+    ),
+    "tip_response": Words(
+        "a response of the tip's cell",
+        "what the cell at the tip shows beyond a step of the tension, as a share of it",
+    ),
 }
 STIFFENS = "share that is added to the bending stiffness there"
-GIVES = CHANGES | {"tip_cell": "the cell at the tip shows", "base_cell": "the cell at the base shows"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -95,6 +113,7 @@ class FoundLaw:
 def found_law(discovery: Discovery, after: Marginal) -> FoundLaw:
     """The law with its curve, from the fit in which all that is uncertain is free."""
     law, place = discovery.law, discovery.place
+    words = HOOKS[place.acts]
     values = {q.name: after.fitted.values[f"{law.name}.{q.name}"] for q in law.numbers}
     x = np.linspace(place.low, place.high, POINTS)
     numbers = after.fitted.numbers
@@ -108,8 +127,8 @@ def found_law(discovery: Discovery, after: Marginal) -> FoundLaw:
         law=law,
         acts=place.acts,
         of=place.of,
-        changes=STIFFENS if place.stiffness else CHANGES[place.acts],
-        gives=GIVES[place.acts],
+        changes=STIFFENS if place.stiffness else words.changes,
+        gives=words.gives or words.changes,
         unit=place.unit if place.stiffness else law.place.unit,
         of_unit=place.of_unit,
         formula=law.text,

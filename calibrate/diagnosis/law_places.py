@@ -38,8 +38,9 @@ TENTS, TENTS_OF_CELL, LAGS = 24, 72, 49
 # Usual size of an unknown law: of a factor on friction, of what a cell adds as a share of the largest
 # tension, of the moment as a share of that of the largest curvature (and of the stiffness at a place), of
 # what drags along the whole channel as a share of the largest tension, strain of the tendon at the largest
-# tension, and what a cell shows beyond a change of the tension, as a share of it.
-FRICTION, CELL, BENDING, DRAG, STRAIN, RESPONSE = 0.5, 0.03, 0.4, 0.03, 2e-3, 0.3
+# tension, what a cell shows beyond a change of the tension, as a share of it, and what the speed adds to the
+# friction coefficient.
+FRICTION, CELL, BENDING, DRAG, STRAIN, RESPONSE, VISCOUS = 0.5, 0.03, 0.4, 0.03, 2e-3, 0.3, 0.1
 # Least size of a law of the stiffness at a place; one that leaves the body none is refused besides.
 SOFTEST = -0.95
 # Samples of a part up to which it is asked how a cell responds: the work grows with their square.
@@ -103,6 +104,11 @@ class Place:
         return np.linspace(self.low, self.high, many.get(self.acts, TENTS))
 
     @property
+    def vanishes(self) -> bool:
+        """Whether its laws vanish where the variable is zero."""
+        return self.acts == "viscous"
+
+    @property
     def argument(self) -> str:
         """The variable as a form has it: the size of a curvature, whose sign a bending law follows."""
         return "abs(k)" if self.of == "k" else self.of
@@ -117,6 +123,7 @@ class Place:
         """
         whole = {
             "friction": f"1+{form}",
+            "viscous": form,
             "drag": form,
             "strain": form,
             "bending": f"k*{form}" if self.stiffness else f"sign(k)*{form}",
@@ -207,6 +214,7 @@ def places(robot: Robot, bench: Bench, fitted: Fitted) -> list[Place]:
         fast = _fastest(times, fitted)
         if fast > 0:
             found.append(Place("friction", "v", 0.0, fast, FRICTION, "dimensionless"))
+            found.append(Place("viscous", "v", 0.0, fast, VISCOUS, "dimensionless"))
     turns = max(int(cycles_of(rig.part.T_base.T_base)[-1]) for rig in bench.rigs)
     if turns >= 3:
         found.append(Place("friction", "n", 0.0, float(turns), FRICTION, "dimensionless"))

@@ -15,6 +15,7 @@ from ..number import OWN
 from ..verdict import in_unit
 from .decide import ADEQUATE, AMBIGUOUS, DISCOVERED, PARTLY, UNEXPLAINED, structured
 from .differ import Difference
+from .law_found import HOOKS
 from .leave_out import ASKED, STILL, LeftOut, moves
 
 if TYPE_CHECKING:
@@ -31,12 +32,6 @@ INSTRUMENT_SEEN = 4.0
 WIDER, MAY_ACT = 2.0, 1e-3
 # The error of the mesh is mentioned from this share of the noise on.
 COUNTS = 0.5
-# Where a law that was found acts, in words; as the hook is called otherwise.
-ACTS_ON = {
-    "tip_cell": "an error of the tip's cell",
-    "base_cell": "an error of the base's cell",
-    "tip_response": "a response of the tip's cell",
-}
 
 
 def difference_in_words(d: Diagnosis, difference: Difference) -> str:
@@ -259,7 +254,7 @@ def _discovered(d: Diagnosis, chosen: tuple[str, ...], sizes: str, better: str) 
     assert found is not None
     other = [name for name in chosen if name != found.law.name]
     beside = f" beside {' and '.join(other)}" if other else ""
-    acts, of = ACTS_ON.get(found.acts, found.acts), VARIABLES[found.of].says
+    acts, of = HOOKS[found.acts].called, VARIABLES[found.of].says
     what = f"a law of its own does{beside}: {acts} that depends on {found.of}, the {of}"
     form = "a smooth curve (see the figure)" if found.smooth else f"{found.gives} {found.formula}, {sizes}"
     words = f"Something is missing that no term of the catalogue explains; {what}: {form}.{better}"
