@@ -12,11 +12,14 @@ from test_averaged import Linear
 
 import calibrate
 import gtr_jax as gtr
+from calibrate.diagnosis import discovery
 from calibrate.diagnosis.decide import DISCOVERED
 from calibrate.diagnosis.discovery import (
     Candidate,
     Felt,
     _nearest,
+    _others,
+    _ranked,
     _short_forms,
     discover,
     distilled,
@@ -64,6 +67,7 @@ PLACES = [
     Place("strain", "T", 0.0, 40.0, 2e-3, "dimensionless"),
     Place("tip_response", "l", 0.0, 9.6, 0.3, "dimensionless"),
     Place("tip_cell", "t", 0.0, 90.0, 0.9, "N"),
+    Place("viscous", "v", 0.0, 0.004, 0.1, "dimensionless"),
 ]
 
 
@@ -108,6 +112,7 @@ def test_forms_are_laws_that_a_robot_file_may_hold(place, make_config):
         }
         values |= {k: v * place.span for k, v in shapes.items() if any(q.name == k for q in law.numbers)}
         values |= {"size": 0.02 * place.size} | ({"phase": -0.4} if form.name in ("wave", "ringing") else {})
+        values |= {"power": 0.7} if form.name == "power" else {}
         check_law(law, values)
         config = with_law(make_config(routing=SINE), law, values)
         again = parse_config(_parsed(config_text(config)))
@@ -117,7 +122,7 @@ def test_forms_are_laws_that_a_robot_file_may_hold(place, make_config):
     values = {name.partition(".")[2]: v for name, v in h.fixed.items()}
     values |= {n.name.partition(".")[2]: 0.01 * n.sd for n in h.numbers}
     # Elsewhere other numbers take what does not change.
-    assert ("c0" in values) == (place.acts in ("drag", "tip_response"))
+    assert ("c0" in values) == (place.acts in ("drag", "tip_response", "viscous"))
     check_law(law, values)
     with_law(make_config(routing=SINE), law, values)
 
@@ -161,7 +166,7 @@ def planted(place, form, shapes, size, seed=2, rows=300):
     across = np.concatenate([tents, np.zeros((1, tents.shape[1]))])
     across -= q @ (q.T @ across)
     toward = -across.T @ np.concatenate([head.rows, head.x])
-    return bench, head, Felt(place, across.T @ across, toward, tents)
+    return bench, head, Felt(place, across.T @ across, toward, tents, head.x, head.rows)
 
 
 @pytest.mark.parametrize(
@@ -204,6 +209,63 @@ def test_a_cell_that_rings_is_felt_and_distilled():
     np.testing.assert_allclose(size * ringing.value(u, *again), 0.2 * ringing.value(u, *nearest), atol=1e-12)
 
 
+def test_a_place_is_ranked_where_it_promises_most_less_what_is_lost_there():
+    """A law of a cell that promises more where friction is less counts, if the model is not worse there by as
+    much.
+    """
+    place = next(p for p in PLACES if (p.acts, p.of) == ("tip_cell", "T"))
+    bent = next(f for f in FORMS if f.name == "bent")
+    _, _, here = planted(place, bent, (0.6,), -0.4 * place.span)
+    wider = dataclasses.replace(place, high=1.5 * place.high)
+    there = here._replace(place=wider, toward=2 * here.toward, x=here.x - 1.0)
+    plain, more = _ranked([here])[0], _ranked([here, there])[0]
+    assert plain.found[0][1] is bent and more.felt is there and more.score > plain.score
+    lost = more.score - plain.score
+    for share, best in ((0.9, there), (1.1, here)):
+        (one,) = _ranked([here, there._replace(lost=share * lost)])
+        assert one.felt.place is best.place
+    # Its start is there, and its size a slope.
+    head = SimpleNamespace(
+        jacobian=np.zeros((len(here.rows), 1)), x=np.zeros(1), information=lambda: np.eye(1)
+    )
+    first = promising(cast(Any, None), cast(Any, head), [here, there])[0]
+    assert first.place is wider and first.form is bent
+    assert first.hypothesis.numbers[0].unit == "dimensionless"
+    assert first.hypothesis.numbers[0].value(first.start[1]) < -0.3
+
+
+def test_other_places_go_on_by_what_a_brief_refit_makes_of_them(monkeypatch):
+    """First order ranks a law that changes much behind laws that change little."""
+    _, base, _ = planted(PLACES[0], FORMS[1], (), 0.6)
+    names = ["friction-of-tension", "friction-of-place", "friction-of-drawn", "base-cell-of-tension"]
+    felt = []
+    for scale, name in zip((1.0, 0.9, 0.8, 0.7), names, strict=True):
+        place = next(p for p in PLACES if p.name == name)
+        _, _, f = planted(place, next(f for f in FORMS if f.name == "bump"), (0.4, 0.12), 0.6)
+        felt.append(f._replace(toward=scale * f.toward))
+    costs = {"friction-of-place": 900.0, "friction-of-drawn": 40.0, "base-cell-of-tension": 70.0}
+    asked = []
+
+    def raced(bench, reference, items, most):
+        asked.extend(own[-1].name for (own, _) in items)
+        return [
+            SimpleNamespace(names=(name,), cost=cost)
+            for name in asked
+            for start, cost in costs.items()
+            if name.startswith(start)
+        ]
+
+    monkeypatch.setattr(discovery, "raced", raced)
+    monkeypatch.setattr(discovery, "_with_candidates", lambda models, candidates: SimpleNamespace(bench=None))
+    head = SimpleNamespace(
+        names=(), cost=800.0, x=base.x, jacobian=base.jacobian, information=base.information
+    )
+    models = SimpleNamespace(hypotheses=lambda names: [])
+    found = _others(cast(Any, models), cast(Any, head), felt, {"friction-of-tension"})
+    assert len(asked) == 3 and not any(name.startswith("friction-of-tension") for name in asked)
+    assert [f.place.name for f in found] == ["friction-of-drawn", "base-cell-of-tension"]
+
+
 def test_a_drag_is_never_negative():
     place = next(p for p in PLACES if p.acts == "drag")
     constant = next(f for f in FORMS if f.name == "constant")
@@ -232,8 +294,8 @@ def test_a_robot_with_more_laws_is_the_same_robot(make_config):
     assert [law.name for law in more.laws] == [place.tent().name for place in PLACES]
 
 
-def recorded(config, law=None, values=None, samples=150, noise=0.02, seed=4):
-    """Two and a half loops at a finer mesh, with a law, and noise."""
+def recorded(config, law=None, values=None, samples=150, noise=0.02, seed=4, pose=None):
+    """Two and a half loops at a finer mesh, with a law, and noise, of the tip's place [m] if it is shown."""
     whole = config if law is None else with_law(config, law, values or {})
     time = np.arange(samples) * 0.5
     T = np.interp(np.linspace(0, 6, samples), np.arange(7), [1, 30, 3, 22, 2, 26, 4])
@@ -245,7 +307,12 @@ def recorded(config, law=None, values=None, samples=150, noise=0.02, seed=4):
         time=time,
         T_base=np.asarray(run.reading.T_base) + draw.normal(0, 0.2 * noise, samples),
         T_tip=np.asarray(run.reading.T_tip) + draw.normal(0, noise, samples),
+        **({} if pose is None else dict(zip(("tip_x", "tip_y"), _shown(run, pose, draw), strict=True))),
     )
+
+
+def _shown(run, noise, draw):
+    return np.asarray(run.tip_pose)[:, :2].T + draw.normal(0, noise, (2, len(run.tip_pose)))
 
 
 def bench_of(config, recording):
@@ -477,6 +544,48 @@ def test_a_term_left_out_of_the_catalogue_is_found_as_a_law(make_config):
     found = calibrate.diagnose(make_config(routing=SINE), recording, without=("adhesion",))
     held = found.held_out
     assert found.verdict != "adequate" and held[-1]["rms"] < 0.5 * held[0]["rms"], found.says
+
+
+@pytest.mark.slow
+def test_a_cell_that_saturates_is_told_without_the_term(make_config):
+    """It asks for less friction than fits best without it, from where first order promises little of it."""
+    truth = make_config(routing=SINE, terms=[{"kind": "saturation", "tip": 12.0}])
+    recording = recorded(truth)
+    assert recording.T_tip is not None and 11.9 < np.max(recording.T_tip) < 12.2
+    found = calibrate.diagnose(make_config(routing=SINE), recording, without=("saturation",))
+    assert found.verdict == DISCOVERED, found.says
+    told = found.discovered
+    assert told is not None and (told.acts, told.of) == ("tip_cell", "T") and told.takes > 0.95
+    assert told.values["size"] == pytest.approx(-1.0, abs=0.05)
+    assert told.values["at"] == pytest.approx(12.0, abs=0.1)
+    mu = next(c for c in found.parameters if c.name == "mu")
+    assert mu.lower95 is not None and mu.upper95 is not None and mu.lower95 < 0.3 < mu.upper95
+
+
+@pytest.mark.slow
+def test_friction_that_grows_with_the_speed_is_told_without_the_term(make_config):
+    truth = make_config(routing=SINE, terms=[{"kind": "viscous-friction", "coefficient": 60.0}])
+    found = calibrate.diagnose(make_config(routing=SINE), recorded(truth), without=("viscous-friction",))
+    assert found.verdict == DISCOVERED, found.says
+    told = found.discovered
+    assert told is not None and (told.acts, told.of) == ("viscous", "v") and told.takes > 0.9
+    assert "viscous friction that depends on v" in found.says
+    end = told.x[-1]
+    assert told.y[-1] == pytest.approx(60.0 * end, rel=0.1) and told.y[0] == 0.0
+    assert found.config is not None and found.config.laws[0].acts == "viscous"
+
+
+@pytest.mark.slow
+def test_a_law_of_the_body_may_show_in_the_pose_alone(make_config):
+    config = make_config(routing=SINE, uncertainty={"backbone.youngs_modulus": 0.2})
+    at = gtr.equilibrium(gtr.build_robot(config), jnp.asarray(30.0))
+    place = Place("bending", "k", 0.0, float(np.max(np.abs(at.curvature))), 1.0, "1/m")
+    law, stays = law_of(place, next(f for f in FORMS if f.name == "quadratic"))
+    truth = {"size": 0.3 * place.high, **{name.rpartition(".")[2]: v for name, v in stays.items()}}
+    found = beside_nothing(config, recorded(config, law, truth, pose=2e-5))
+    assert found is not None and found.takes > 0.9
+    told = {found.place.name, *(p.name for p in found.possible_places)}
+    assert "bending-of-curvature" in told
 
 
 @pytest.mark.slow

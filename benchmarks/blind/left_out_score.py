@@ -50,9 +50,12 @@ class LeftOut:
 
     @property
     def told(self) -> list[str]:
-        """Hooks and variables that are told, the one that is shown first."""
+        """Hooks and variables that are told, the one that is shown first. Friction has two hooks for the speed,
+        of a load step and of the one before.
+        """
         law = self.law
-        return [] if law is None else [f"{law['acts']} of {law['of']}", *law["possible"]]
+        told = [] if law is None else [f"{law['acts']} of {law['of']}", *law["possible"]]
+        return list(dict.fromkeys(t.replace("viscous of", "friction of") for t in told))
 
     @property
     def right(self) -> bool:

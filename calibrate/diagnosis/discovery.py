@@ -56,7 +56,7 @@ FELT = 0.3
 # A form must promise this many variances, and as many more for each of its numbers beside the size.
 WORTH, EACH = 16.0, 4.0
 # The share of the best promise that a place must have to be tried at all.
-LEAST_PROMISE = 0.2
+LEAST_PROMISE = 0.1
 # Hooks and variables that are fitted inside the simulator; forms of the first and of each other of them, and
 # starts of the best form of each.
 PLACES, FORMS, STARTS = 3, (4, 2), 2
