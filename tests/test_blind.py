@@ -269,6 +269,8 @@ def test_laws_in_the_place_of_a_term_are_held_against_it(tmp_path):
     assert right.right and right.first and right.gain == pytest.approx(1.0)
     one_of_two = case("b", "discovered", law | {"of": "t", "possible": ["friction of n"]}, 0.2)
     assert one_of_two.right and not one_of_two.first and one_of_two.gain == pytest.approx(0.875)
+    by_speed = law | {"acts": "viscous", "of": "v", "possible": ["friction of v", "tip_cell of T"]}
+    assert case("v", "discovered", by_speed, 0.1).told == ["friction of v", "tip_cell of T"]
     of_many = case("c", "discovered", law | {"of": "t", "possible": ["friction of s", "friction of n"]}, 0.2)
     assert not of_many.right
     told = [right, one_of_two, of_many, case("d", "ambiguous", None, 0.1), case("e", "adequate", None, 0.5)]
