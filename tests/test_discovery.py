@@ -166,7 +166,7 @@ def planted(place, form, shapes, size, seed=2, rows=300):
     across = np.concatenate([tents, np.zeros((1, tents.shape[1]))])
     across -= q @ (q.T @ across)
     toward = -across.T @ np.concatenate([head.rows, head.x])
-    return bench, head, Felt(place, across.T @ across, toward, tents, head.x, head.rows)
+    return head, Felt(place, across.T @ across, toward, tents, head.x, head.rows)
 
 
 @pytest.mark.parametrize(
@@ -175,8 +175,8 @@ def planted(place, form, shapes, size, seed=2, rows=300):
 def test_a_planted_form_is_felt_first(name, shapes):
     place = PLACES[0]
     form = next(f for f in FORMS if f.name == name)
-    bench, head, felt = planted(place, form, shapes, 0.6)
-    found = promising(cast(Any, bench), head, [felt])
+    head, felt = planted(place, form, shapes, 0.6)
+    found = promising(head, [felt])
     first = found[0]
     assert first.form is not None and first.form.name == name
     law = first.law.name
@@ -196,8 +196,8 @@ def test_a_cell_that_rings_is_felt_and_distilled():
     )
     ringing = next(f for f in FORMS if f.name == "ringing")
     shapes = (0.12, 0.16, 0.5)
-    bench, head, felt = planted(place, ringing, shapes, 0.8)
-    first = promising(cast(Any, bench), head, [felt])[0]
+    head, felt = planted(place, ringing, shapes, 0.8)
+    first = promising(head, [felt])[0]
     assert first.form is ringing
     law = first.law.name
     values = {n.name: n.value(x) for n, x in zip(first.hypothesis.numbers, first.start[1:], strict=True)}
@@ -215,7 +215,7 @@ def test_a_place_is_ranked_where_it_promises_most_less_what_is_lost_there():
     """
     place = next(p for p in PLACES if (p.acts, p.of) == ("tip_cell", "T"))
     bent = next(f for f in FORMS if f.name == "bent")
-    _, _, here = planted(place, bent, (0.6,), -0.4 * place.span)
+    _, here = planted(place, bent, (0.6,), -0.4 * place.span)
     wider = dataclasses.replace(place, high=1.5 * place.high)
     there = here._replace(place=wider, toward=2 * here.toward, x=here.x - 1.0)
     plain, more = _ranked([here])[0], _ranked([here, there])[0]
@@ -228,7 +228,7 @@ def test_a_place_is_ranked_where_it_promises_most_less_what_is_lost_there():
     head = SimpleNamespace(
         jacobian=np.zeros((len(here.rows), 1)), x=np.zeros(1), information=lambda: np.eye(1)
     )
-    first = promising(cast(Any, None), cast(Any, head), [here, there])[0]
+    first = promising(cast(Any, head), [here, there])[0]
     assert first.place is wider and first.form is bent
     assert first.hypothesis.numbers[0].unit == "dimensionless"
     assert first.hypothesis.numbers[0].value(first.start[1]) < -0.3
@@ -236,12 +236,12 @@ def test_a_place_is_ranked_where_it_promises_most_less_what_is_lost_there():
 
 def test_other_places_go_on_by_what_a_brief_refit_makes_of_them(monkeypatch):
     """First order ranks a law that changes much behind laws that change little."""
-    _, base, _ = planted(PLACES[0], FORMS[1], (), 0.6)
+    base, _ = planted(PLACES[0], FORMS[1], (), 0.6)
     names = ["friction-of-tension", "friction-of-place", "friction-of-drawn", "base-cell-of-tension"]
     felt = []
     for scale, name in zip((1.0, 0.9, 0.8, 0.7), names, strict=True):
         place = next(p for p in PLACES if p.name == name)
-        _, _, f = planted(place, next(f for f in FORMS if f.name == "bump"), (0.4, 0.12), 0.6)
+        _, f = planted(place, next(f for f in FORMS if f.name == "bump"), (0.4, 0.12), 0.6)
         felt.append(f._replace(toward=scale * f.toward))
     costs = {"friction-of-place": 900.0, "friction-of-drawn": 40.0, "base-cell-of-tension": 70.0}
     asked = []
@@ -271,8 +271,8 @@ def test_a_drag_is_never_negative():
     constant = next(f for f in FORMS if f.name == "constant")
     assert constant in forms_for(place) and constant not in forms_for(PLACES[0])
     for size in (0.6, -0.6):
-        bench, head, felt = planted(place, constant, (), size)
-        found = [c for c in promising(cast(Any, bench), head, [felt]) if c.form is not None]
+        head, felt = planted(place, constant, (), size)
+        found = [c for c in promising(head, [felt]) if c.form is not None]
         assert all(c.start[1] >= 0 for c in found)
         assert (size > 0) == any(c.form is constant for c in found)
     (number, *_) = hypothesis_of(place, constant).numbers
@@ -281,8 +281,8 @@ def test_a_drag_is_never_negative():
 
 def test_nothing_is_felt_in_noise():
     place = PLACES[0]
-    bench, head, felt = planted(place, FORMS[0], (), 0.0)
-    assert promising(cast(Any, bench), head, [felt]) == []
+    head, felt = planted(place, FORMS[0], (), 0.0)
+    assert promising(head, [felt]) == []
 
 
 def test_a_robot_with_more_laws_is_the_same_robot(make_config):

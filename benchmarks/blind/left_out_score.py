@@ -50,8 +50,8 @@ class LeftOut:
 
     @property
     def told(self) -> list[str]:
-        """Hooks and variables that are told, the one that is shown first. Friction has two hooks for the speed,
-        of a load step and of the one before.
+        """Hooks and variables that are told, the one that is shown first. Friction has two hooks for the
+        speed, of a load step and of the one before.
         """
         law = self.law
         told = [] if law is None else [f"{law['acts']} of {law['of']}", *law["possible"]]

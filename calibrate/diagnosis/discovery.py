@@ -181,7 +181,7 @@ def discover(models: Models, head: Fitted, progress: Callable[[str], None]) -> D
     for others in (False, True):
         if others:
             felt = _others(models, head, felt, {c.place.name for c in candidates})
-        new = promising(models.bench, head, felt)
+        new = promising(head, felt)
         if not new:
             break
         names = list(dict.fromkeys(c.place.name for c in new))
@@ -372,7 +372,7 @@ def feel(models: Models, head: Fitted) -> list[Felt]:
         across -= q @ (q.T @ across)
         left = np.concatenate([at.rows, at.x])
         left -= q @ (q.T @ left)
-        lost = max(float(left @ left) - head.cost, 0.0)
+        lost = max(float(left @ left) - head.chi2 - head.prior, 0.0)
         felt.append(Felt(place, across.T @ across, -across.T @ left, moved, at.x, at.rows, lost))
     return felt
 
@@ -425,7 +425,7 @@ def _ranked(felt: Sequence[Felt]) -> list[_Ranked]:
     return list(best.values())
 
 
-def promising(bench: Bench, head: Fitted, felt: Sequence[Felt]) -> list[Candidate]:
+def promising(head: Fitted, felt: Sequence[Felt]) -> list[Candidate]:
     """The forms and smooth laws that promise most, at the places that promise most; those of a place
     together.
     """
@@ -535,7 +535,7 @@ def _judged(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> Di
         and any(rig.part.explained < len(rig.part.channels) for rig in models.bench.rigs)
     ):
         # A law of the body may show in the pose alone.
-        found = _told(models, head, of, fits, Unseen(models, rows=True))
+        found = _told(models, head, of, fits, unseen.by_rows())
     # What happens once, within one part, is in no other. A law of the cycle says the same of it.
     others = [f for f in fits if of[f.names[-1]].place.of != "n"]
     best = min(others, key=lambda f: f.cost, default=None)

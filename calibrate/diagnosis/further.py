@@ -247,6 +247,12 @@ class Unseen:
         # Of each model, the cost of the fit that was judged, and what it leaves of each part.
         self._known: dict[tuple[str, ...], tuple[float, np.ndarray]] = {}
 
+    def by_rows(self) -> Unseen:
+        """The same with all rows as the judge."""
+        other = Unseen(self.models, pieces=self.pieces, rows=True)
+        other._known = self._known
+        return other
+
     def folds(self, fits: Sequence[Fitted]) -> np.ndarray:
         """What each model leaves of each part, (models, folds, 4), as of `by_fold`."""
         new = [f for f in fits if not self._judged(f)]
