@@ -269,10 +269,13 @@ def test_laws_in_the_place_of_a_term_are_held_against_it(tmp_path):
     assert right.right and right.first and right.gain == pytest.approx(1.0)
     one_of_two = case("b", "discovered", law | {"of": "t", "possible": ["friction of n"]}, 0.2)
     assert one_of_two.right and not one_of_two.first and one_of_two.gain == pytest.approx(0.875)
-    by_speed = law | {"acts": "viscous", "of": "v", "possible": ["friction of v", "tip_cell of T"]}
-    assert case("v", "discovered", by_speed, 0.1).told == ["friction of v", "tip_cell of T"]
     of_many = case("c", "discovered", law | {"of": "t", "possible": ["friction of s", "friction of n"]}, 0.2)
     assert not of_many.right
+    by_speed = right.answer | {"law": law | {"acts": "viscous", "of": "v"}}
+    of_speed = left_out_score.LeftOut("v", right.key | {"hidden": ["viscous"]}, by_speed)
+    assert of_speed.first
+    of_speed.key["hidden"] = ["stribeck"]
+    assert not of_speed.right
     told = [right, one_of_two, of_many, case("d", "ambiguous", None, 0.1), case("e", "adequate", None, 0.5)]
     rows = {what: reached for what, _, reached in left_out_score.overview(told)}
     assert rows["of these: right hook and variable, or a set of two with it"].startswith("50 % (2/4;")

@@ -17,6 +17,7 @@ from calibrate.diagnosis.decide import DISCOVERED
 from calibrate.diagnosis.discovery import (
     Candidate,
     Felt,
+    _elsewhere,
     _nearest,
     _others,
     _ranked,
@@ -27,7 +28,7 @@ from calibrate.diagnosis.discovery import (
     with_laws,
 )
 from calibrate.diagnosis.heldout import _when_known, folds
-from calibrate.diagnosis.hypotheses import base_numbers
+from calibrate.diagnosis.hypotheses import base_numbers, is_friction, is_stiffness
 from calibrate.diagnosis.law_forms import (
     FORMS,
     coordinates,
@@ -176,7 +177,7 @@ def test_a_planted_form_is_felt_first(name, shapes):
     place = PLACES[0]
     form = next(f for f in FORMS if f.name == name)
     head, felt = planted(place, form, shapes, 0.6)
-    found = promising(head, [felt])
+    found = promising(head, _ranked([felt]))
     first = found[0]
     assert first.form is not None and first.form.name == name
     law = first.law.name
@@ -197,7 +198,7 @@ def test_a_cell_that_rings_is_felt_and_distilled():
     ringing = next(f for f in FORMS if f.name == "ringing")
     shapes = (0.12, 0.16, 0.5)
     head, felt = planted(place, ringing, shapes, 0.8)
-    first = promising(head, [felt])[0]
+    first = promising(head, _ranked([felt]))[0]
     assert first.form is ringing
     law = first.law.name
     values = {n.name: n.value(x) for n, x in zip(first.hypothesis.numbers, first.start[1:], strict=True)}
@@ -228,7 +229,7 @@ def test_a_place_is_ranked_where_it_promises_most_less_what_is_lost_there():
     head = SimpleNamespace(
         jacobian=np.zeros((len(here.rows), 1)), x=np.zeros(1), information=lambda: np.eye(1)
     )
-    first = promising(cast(Any, head), [here, there])[0]
+    first = promising(cast(Any, head), _ranked([here, there]))[0]
     assert first.place is wider and first.form is bent
     assert first.hypothesis.numbers[0].unit == "dimensionless"
     assert first.hypothesis.numbers[0].value(first.start[1]) < -0.3
@@ -244,7 +245,7 @@ def test_other_places_go_on_by_what_a_brief_refit_makes_of_them(monkeypatch):
         _, f = planted(place, next(f for f in FORMS if f.name == "bump"), (0.4, 0.12), 0.6)
         felt.append(f._replace(toward=scale * f.toward))
     costs = {"friction-of-place": 900.0, "friction-of-drawn": 40.0, "base-cell-of-tension": 70.0}
-    asked = []
+    asked, asked_of = [], []
 
     def raced(bench, reference, items, most):
         asked.extend(own[-1].name for (own, _) in items)
@@ -256,14 +257,46 @@ def test_other_places_go_on_by_what_a_brief_refit_makes_of_them(monkeypatch):
         ]
 
     monkeypatch.setattr(discovery, "raced", raced)
-    monkeypatch.setattr(discovery, "_with_candidates", lambda models, candidates: SimpleNamespace(bench=None))
+    monkeypatch.setattr(discovery, "_bench_with", lambda bench, laws: asked_of.extend(laws))
     head = SimpleNamespace(
         names=(), cost=800.0, x=base.x, jacobian=base.jacobian, information=base.information
     )
-    models = SimpleNamespace(hypotheses=lambda names: [])
+    models = SimpleNamespace(bench=None, hypotheses=lambda names: [])
     found = _others(cast(Any, models), cast(Any, head), felt, {"friction-of-tension"})
-    assert len(asked) == 3 and not any(name.startswith("friction-of-tension") for name in asked)
-    assert [f.place.name for f in found] == ["friction-of-drawn", "base-cell-of-tension"]
+    assert len(asked_of) == len(set(asked)) == 3 and not any(
+        name.startswith("friction-of-tension") for name in asked
+    )
+    assert [entry.felt.place.name for entry in found] == ["friction-of-drawn", "base-cell-of-tension"]
+    everything = {f.place.name for f in felt}
+    assert _others(cast(Any, models), cast(Any, head), felt, everything) == []
+
+
+def test_a_model_is_felt_where_its_numbers_are_others():
+    """Of all recordings, those that have a number of their own, too; where bounds or failures allow."""
+    numbers = [
+        Number(name="mu", unit="", centre=0.3, sd=0.5, log=True),
+        Number(name="E@a", unit="Pa", centre=2e6, sd=0.5, log=True),
+        Number(name="E@b", unit="Pa", centre=2e6, sd=0.03, log=True),
+    ]
+    head = SimpleNamespace(x=np.zeros(3), failed=1)
+
+    def points(model, many):
+        found = [SimpleNamespace(x=x, failed=k) for k, x in enumerate(many)]
+        return [None, *found[1:]] if len(found) > 3 else found
+
+    bench = SimpleNamespace(base=tuple(numbers), points=points)
+    (_, one), (x, two) = _elsewhere(cast(Any, bench), cast(Any, head), (), is_stiffness, (0.5, 0.7, 0.8))
+    assert [cast(Any, p).failed for p in (one, two)] == [0, 1]  # the third fails more often than the head
+    assert x[0] == 0 and numbers[1].value(x[1]) == pytest.approx(1.4e6)
+    assert x[2] == numbers[2].bounds[0]
+    assert len(_elsewhere(cast(Any, bench), cast(Any, head), (), is_friction, (0.5, 0.5, 1.0))) == 1
+    rigid = SimpleNamespace(base=(numbers[0],), points=points)
+    assert (
+        _elsewhere(
+            cast(Any, rigid), cast(Any, SimpleNamespace(x=np.zeros(1), failed=0)), (), is_stiffness, (0.5,)
+        )
+        == []
+    )
 
 
 def test_a_drag_is_never_negative():
@@ -272,7 +305,7 @@ def test_a_drag_is_never_negative():
     assert constant in forms_for(place) and constant not in forms_for(PLACES[0])
     for size in (0.6, -0.6):
         head, felt = planted(place, constant, (), size)
-        found = [c for c in promising(head, [felt]) if c.form is not None]
+        found = [c for c in promising(head, _ranked([felt])) if c.form is not None]
         assert all(c.start[1] >= 0 for c in found)
         assert (size > 0) == any(c.form is constant for c in found)
     (number, *_) = hypothesis_of(place, constant).numbers
@@ -282,7 +315,7 @@ def test_a_drag_is_never_negative():
 def test_nothing_is_felt_in_noise():
     place = PLACES[0]
     head, felt = planted(place, FORMS[0], (), 0.0)
-    assert promising(head, [felt]) == []
+    assert promising(head, _ranked([felt])) == []
 
 
 def test_a_robot_with_more_laws_is_the_same_robot(make_config):

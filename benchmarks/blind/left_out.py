@@ -26,6 +26,8 @@ PLACES = {
     "stiffening": ("bending", "k"),
     "saturation": ("tip_cell", "T"),
 }
+# Other hooks that are right: viscous friction is of the speed of the load step, friction of that before.
+ALSO = {"viscous": (("viscous", "v"),)}
 
 
 def kinds(rng: np.random.Generator, count: int) -> list[tuple[str, tuple[str, ...]]]:

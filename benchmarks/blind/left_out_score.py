@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from .exam import keys as keys_of
-from .left_out import PLACES
+from .left_out import ALSO, PLACES
 from .score import quantiles, rate, seconds, table, taken
 
 NOT_YET = """## One term left out
@@ -50,22 +50,24 @@ class LeftOut:
 
     @property
     def told(self) -> list[str]:
-        """Hooks and variables that are told, the one that is shown first. Friction has two hooks for the
-        speed, of a load step and of the one before.
-        """
+        """Hooks and variables that are told, the one that is shown first."""
         law = self.law
-        told = [] if law is None else [f"{law['acts']} of {law['of']}", *law["possible"]]
-        return list(dict.fromkeys(t.replace("viscous of", "friction of") for t in told))
+        return [] if law is None else [f"{law['acts']} of {law['of']}", *law["possible"]]
 
     @property
     def right(self) -> bool:
         """The cause's hook and variable is told, alone or as one of two."""
-        return " of ".join(PLACES[self.effect]) in self.told[:2] and len(self.told) <= 2
+        return len(self.told) <= 2 and not self._causes.isdisjoint(self.told)
 
     @property
     def first(self) -> bool:
         """The law that is shown has the cause's hook and variable."""
-        return " of ".join(PLACES[self.effect]) in self.told[:1]
+        return not self._causes.isdisjoint(self.told[:1])
+
+    @property
+    def _causes(self) -> set[str]:
+        """Hooks and variables that are right."""
+        return {" of ".join(place) for place in (PLACES[self.effect], *ALSO.get(self.effect, ()))}
 
     @property
     def gain(self) -> float | None:

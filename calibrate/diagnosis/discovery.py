@@ -13,11 +13,13 @@ import numpy as np
 
 from gtr_jax import Robot
 from gtr_jax.terms import Law, null_values
+from gtr_jax.terms.expression import evaluate
 
+from ..number import Number
 from .bench import MOST_ITERATIONS, Bench
 from .decide import structured
 from .further import Unseen
-from .hypotheses import Hypothesis, is_friction
+from .hypotheses import Hypothesis, is_friction, is_stiffness
 from .lanes import in_lanes
 from .law_forms import (
     ALONE,
@@ -35,11 +37,11 @@ from .law_forms import (
     usual_size,
     waves,
 )
-from .law_places import Place, places
+from .law_places import Place, largest_tip, places
 from .locate import misfit
-from .model import Fitted, model_of
+from .model import Fitted, Point, model_of
 from .models import Models
-from .rig import Rig, stiffness_of
+from .rig import Rig
 from .screen import FAR, SEEN, Start
 from .search import BEGIN, raced
 from .twins import settled
@@ -48,8 +50,8 @@ from .twins import settled
 # cell that shows too little makes friction too large, a body that stiffens makes E too large, and to first
 # order from there the right law promises little.
 FELT_AT = (
-    (("tip_cell", "T"), "friction", (0.35, 0.5, 0.65, 0.8, 1.25, 1.6)),
-    (("bending", "k"), "stiffness", (0.5, 0.7, 1.4)),
+    (("tip_cell", "T"), is_friction, (0.35, 0.5, 0.65, 0.8, 1.25, 1.6)),
+    (("bending", "k"), is_stiffness, (0.5, 0.7, 1.4)),
 )
 # Size at which a tent is tried, as a share of the usual size.
 FELT = 0.3
@@ -73,9 +75,9 @@ LARGEST, WAVES, WIDE = 2.5, 2.5, 0.5
 # in the place of the smooth one if what it leaves there is at most so many times as much. A law that leaves
 # structure beyond the noise is the wrong one, or not alone: it is told only if it takes nearly all.
 TAKES, AS_WELL, NEARLY_ALL = 0.5, 1.1, 0.9
-# Short laws of a place that are judged, at most, and by how many variances they may fit less than the most
-# probable.
-JUDGED, CLOSE = 3, 12.0
+# Short laws of a place that are judged, at most, and how much worse than the most probable they may fit, in
+# variances, or as many more as an error of unknown cause has.
+SHORT_EACH, WORSE = 3, 12.0
 # Another hook or variable stays possible above this probability; models of the catalogue's effects that are
 # shown beside the law.
 POSSIBLE, CATALOGUED = 0.03, 4
@@ -90,7 +92,8 @@ class Felt(NamedTuple):
             per unit of the size.
         moved: the changes of the rows themselves, (rows, n).
         x, rows: coordinates of the model's numbers where it is felt, and the white residuals there.
-        lost: by how many variances the model is worse there than where it fits best.
+        lost: by how many variances the model is worse there than where it fits best, once its numbers have
+            followed, to first order.
     """
 
     place: Place
@@ -177,44 +180,55 @@ def discover(models: Models, head: Fitted, progress: Callable[[str], None]) -> D
         progress: called with a line at each stage.
     """
     progress("asking where a law that no catalogue holds would act")
-    felt, wider, candidates = feel(models, head), models, list[Candidate]()
-    for others in (False, True):
-        if others:
-            felt = _others(models, head, felt, {c.place.name for c in candidates})
-        new = promising(head, felt)
-        if not new:
-            break
-        names = list(dict.fromkeys(c.place.name for c in new))
-        progress(f"fitting laws inside the simulator: {', '.join(names)}")
-        wider, new = _fitted(wider, head, new)
-        candidates += new
-        found = _judged(wider, head, candidates)
-        if found is not None:
-            return found
-    return None
+    felt = feel(models, head)
+    first = _ranked(felt)[:PLACES]
+    wider, candidates = _fitted(models, head, first, progress)
+    unseen = Unseen(wider)
+    found = _judged(wider, head, candidates, unseen)
+    if found is not None or not first:
+        return found
+    others = _others(models, head, felt, {entry.felt.place.name for entry in first})
+    wider, more = _fitted(wider, head, others, progress)
+    return _judged(wider, head, [*candidates, *more], unseen.shared(wider)) if more else None
 
 
-def _others(models: Models, head: Fitted, felt: Sequence[Felt], tried: Collection[str]) -> list[Felt]:
-    """Places that were not tried, those whose best form does most once it is refitted briefly: a law that
-    changes much may do more than it promises to first order.
+def _others(models: Models, head: Fitted, felt: Sequence[Felt], tried: Collection[str]) -> list[Ranked]:
+    """Places that were not tried, the one first whose best form does most once it is refitted briefly: a law
+    that changes much may do more than it promises to first order.
     """
     ranked = _ranked(felt)
     rest = [entry for entry in ranked if entry.felt.place.name not in tried]
     rest = [entry for entry in rest if entry.score > LEAST_PROMISE * ranked[0].score]
     information = head.information()
-    candidates = [_formed(head, information, entry.felt, entry.found[0]) for entry in rest]
-    bench = _with_candidates(models, candidates).bench
+    candidates = [
+        [_formed(head, information, of.felt, one) for one in of.found if one[1] is of.found[0][1]][:STARTS]
+        for of in rest
+    ]
+    every = list(itertools.chain(*candidates))
+    if not every:
+        return []
+    bench = _bench_with(models.bench, [of[0].law for of in candidates])
     own = models.hypotheses(head.names)
-    items = [((*own, c.hypothesis), Start(c.start, {})) for c in candidates]
+    items = [((*own, c.hypothesis), Start(c.start, {})) for c in every]
     costs = {f.names[-1]: f.cost for f in raced(bench, head, items, BEGIN)}
-    left = sorted((costs.get(c.law.name, np.inf), k) for k, c in enumerate(candidates))
-    return [rest[k].felt for cost, k in left[:PLACES] if cost < head.cost - WORTH]
+    left = sorted((costs.get(of[0].law.name, np.inf), k) for k, of in enumerate(candidates))
+    return [rest[k] for cost, k in left[:PLACES] if cost < head.cost - WORTH]
 
 
-def _fitted(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> tuple[Models, list[Candidate]]:
-    """The models with those that have a law that promises something, and with short forms that look like the
-    smooth ones; and all of these.
+def _fitted(
+    models: Models, head: Fitted, ranked: Sequence[Ranked], progress: Callable[[str], None]
+) -> tuple[Models, list[Candidate]]:
+    """Fit the laws of some places, the best first, beside the head, and short forms that look like the smooth
+    ones.
+
+    Returns:
+        The models with those that do more than the head, and what was tried.
     """
+    candidates = promising(head, ranked)
+    if not candidates:
+        return models, []
+    names = list(dict.fromkeys(c.place.name for c in candidates))
+    progress(f"fitting laws inside the simulator: {', '.join(names)}")
     wider = _with_candidates(models, candidates)
     own = models.hypotheses(head.names)
     candidates = _nearest(wider.bench, head, own, candidates)
@@ -337,72 +351,71 @@ def feel(models: Models, head: Fitted) -> list[Felt]:
     """How the readings respond to tents at every place; at some also where friction or the stiffness of the
     body is another than fits best without a law (`FELT_AT`).
     """
-    robot = models.bench.rigs[0].robot
-    spots = [(place, head) for place in places(robot, models.bench, head)]
-    of = {place.name: place for place, _ in spots}
+    robot, here = models.bench.rigs[0].robot, Point(head.values, head.seen, head.rows)
+    spots = [(place, head.x, here) for place in places(robot, models.bench, here)]
+    tents = [place.tent() for place, *_ in spots]
     own = models.hypotheses(head.names)
-    for there, which, factors in FELT_AT:
-        if any((place.acts, place.of) == there for place in of.values()):
-            for other in _elsewhere(models.bench, head, own, which, factors):
-                found = places(robot, models.bench, other)
-                spots += [(place, other) for place in found if (place.acts, place.of) == there]
-    bench = _bench_with(models.bench, [place.tent() for place in of.values()])
+    known = {(place.acts, place.of) for place, *_ in spots}
+    for there, moves, factors in FELT_AT:
+        for x, point in _elsewhere(models.bench, head, own, moves, factors) if there in known else ():
+            found = places(robot, models.bench, point)
+            spots += [(place, x, point) for place in found if (place.acts, place.of) == there]
+    bench = _bench_with(models.bench, tents)
 
     def change(job: tuple[int, float]) -> np.ndarray | None:
-        place, at = spots[job[0]]
+        place, x, point = spots[job[0]]
         if place.vanishes and job[1] == 0:
             return None
         name, step = place.tent().name, FELT * place.size
         fixed = {f"{name}.at": job[1], f"{name}.width": float(place.tents[1] - place.tents[0])}
         tent = Hypothesis(name, name, (), (), {**fixed, f"{name}.{SIZE}": step})
         # With the mesh's correction of the head: the difference of two corrections is no effect.
-        seen = bench.simulate(model_of(bench.base, [*own, tent]).values(at.x), head.names)
+        seen = bench.simulate(model_of(bench.base, [*own, tent]).values(x), head.names)
         if seen is None or sum(s.failed for s in seen) > head.failed:
             return None
-        return (bench.rows(seen) - at.rows) / step
+        return (bench.rows(seen) - point.rows) / step
 
-    jobs = [(k, float(middle)) for k, (place, _) in enumerate(spots) for middle in place.tents]
+    jobs = [(k, float(middle)) for k, (place, *_) in enumerate(spots) for middle in place.tents]
     changed = dict(zip(jobs, in_lanes(change, jobs), strict=True))
     q, _ = np.linalg.qr(np.concatenate([head.jacobian, np.eye(len(head.x))]))
     felt = []
-    for k, (place, at) in enumerate(spots):
+    for k, (place, x, point) in enumerate(spots):
         changes = [changed[k, float(middle)] for middle in place.tents]
-        moved = np.stack([np.zeros_like(head.rows) if c is None else c for c in changes], axis=1)
-        across = np.concatenate([moved, np.zeros((len(at.x), moved.shape[1]))])
+        moved = np.stack([np.zeros_like(point.rows) if c is None else c for c in changes], axis=1)
+        across = np.concatenate([moved, np.zeros((len(x), moved.shape[1]))])
         across -= q @ (q.T @ across)
-        left = np.concatenate([at.rows, at.x])
+        left = np.concatenate([point.rows, x])
         left -= q @ (q.T @ left)
         lost = max(float(left @ left) - head.chi2 - head.prior, 0.0)
-        felt.append(Felt(place, across.T @ across, -across.T @ left, moved, at.x, at.rows, lost))
+        felt.append(Felt(place, across.T @ across, -across.T @ left, moved, x, point.rows, lost))
     return felt
 
 
 def _elsewhere(
-    bench: Bench, head: Fitted, own: Sequence[Hypothesis], which: str, factors: Sequence[float]
-) -> list[Fitted]:
-    """The head where its friction or its stiffness is so many times what it is, all else as it is."""
-    model, stiff = model_of(bench.base, own), stiffness_of(bench.rigs[0].robot)
-    moved = [
-        i
-        for i, number in enumerate(model.numbers)
-        if (is_friction(number) if which == "friction" else number.name in stiff)
-    ]
-    points = []
+    bench: Bench,
+    head: Fitted,
+    own: Sequence[Hypothesis],
+    moves: Callable[[Number], bool],
+    factors: Sequence[float],
+) -> list[tuple[np.ndarray, Point]]:
+    """The head where some of its numbers are so many times what they are, within their bounds, and all else
+    is as it was: coordinates, and what is simulated there.
+    """
+    model = model_of(bench.base, own)
+    moved = [i for i, number in enumerate(model.numbers) if moves(number)]
+    many: list[np.ndarray] = []
     for factor in factors if moved else ():
         x = head.x.copy()
         for i in moved:
             number = model.numbers[i]
             x[i] = np.clip(number.at(factor * number.value(x[i])), *number.bounds)
-        points.append(x)
-    values = [model.values(x) for x in points]
-    return [
-        dataclasses.replace(head, x=x, values=v, rows=bench.rows(seen), seen=seen)
-        for x, v, seen in zip(points, values, bench.simulated(values, head.names), strict=True)
-        if seen is not None and sum(s.failed for s in seen) <= head.failed
-    ]
+        if not any(np.array_equal(x, other) for other in (head.x, *many)):
+            many.append(x)
+    points = zip(many, bench.points(model, many), strict=True)
+    return [(x, point) for x, point in points if point is not None and point.failed <= head.failed]
 
 
-class _Ranked(NamedTuple):
+class Ranked(NamedTuple):
     """A place with the score of its best form, and what `_of_forms` gives, the best first."""
 
     score: float
@@ -410,7 +423,7 @@ class _Ranked(NamedTuple):
     found: list[tuple[float, Form, float, tuple[float, ...]]]
 
 
-def _ranked(felt: Sequence[Felt]) -> list[_Ranked]:
+def _ranked(felt: Sequence[Felt]) -> list[Ranked]:
     """The places that promise something, the best first; of one that is felt several times, where it promises
     most.
     """
@@ -418,20 +431,20 @@ def _ranked(felt: Sequence[Felt]) -> list[_Ranked]:
     for f in felt:
         found = sorted(_of_forms(f), key=lambda entry: -entry[0])
         if found and found[0][0] > WORTH:
-            every.append(_Ranked(found[0][0], f, found))
-    best: dict[str, _Ranked] = {}
+            every.append(Ranked(found[0][0], f, found))
+    best: dict[str, Ranked] = {}
     for entry in sorted(every, key=lambda entry: -entry.score):
         best.setdefault(entry.felt.place.name, entry)
     return list(best.values())
 
 
-def promising(head: Fitted, felt: Sequence[Felt]) -> list[Candidate]:
-    """The forms and smooth laws that promise most, at the places that promise most; those of a place
+def promising(head: Fitted, ranked: Sequence[Ranked]) -> list[Candidate]:
+    """The forms and smooth laws that promise most at some places, the best place first; those of a place
     together.
     """
     information = head.information()
     candidates = []
-    for k, (_, f, found) in enumerate(_ranked(felt)[:PLACES]):
+    for k, (_, f, found) in enumerate(ranked):
         forms = FORMS[k > 0]
         kept: dict[str, int] = {}
         for entry in found:
@@ -500,7 +513,9 @@ def _is_felt(form: Form, shapes: Sequence[float], tents: int) -> bool:
 def _followed(
     head: Fitted, information: np.ndarray, felt: Felt, moved: np.ndarray, own: np.ndarray
 ) -> np.ndarray:
-    """Coordinates of the head once it follows a change of the rows where they are felt, and the law's."""
+    """Coordinates from which a law is fitted: those of the head where the law is felt, once they follow the
+    change of the rows, and the law's own.
+    """
     follow = np.linalg.solve(information, -head.jacobian.T @ (felt.rows + moved) - felt.x)
     return np.concatenate([felt.x + np.clip(follow, -FAR, FAR), own])
 
@@ -519,12 +534,13 @@ def _smooth(head: Fitted, information: np.ndarray, felt: Felt) -> Candidate:
     return Candidate(place, None, float(toward @ x) - felt.lost, law, h, start)
 
 
-def _judged(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> Discovery | None:
+def _judged(
+    models: Models, head: Fitted, candidates: Sequence[Candidate], unseen: Unseen
+) -> Discovery | None:
     """The law that is told, if one predicts unseen samples well enough."""
     of = {c.law.name: c for c in candidates}
     fits = [f for f in models.fits.values() if f.names and f.names[-1] in of]
-    fits = [f for f in fits if head.cost - f.cost > SEEN**2 and not _refused(models, of[f.names[-1]].law, f)]
-    unseen = Unseen(models)
+    fits = [f for f in fits if head.cost - f.cost > SEEN**2 and not _refused(models, of[f.names[-1]], f)]
     fits = [f for f in fits if np.any(np.isfinite(unseen.squares([f])))]
     if not fits:
         return None
@@ -535,7 +551,7 @@ def _judged(models: Models, head: Fitted, candidates: Sequence[Candidate]) -> Di
         and any(rig.part.explained < len(rig.part.channels) for rig in models.bench.rigs)
     ):
         # A law of the body may show in the pose alone.
-        found = _told(models, head, of, fits, unseen.by_rows())
+        found = _told(models, head, of, fits, unseen.shared(rows=True))
     # What happens once, within one part, is in no other. A law of the cycle says the same of it.
     others = [f for f in fits if of[f.names[-1]].place.of != "n"]
     best = min(others, key=lambda f: f.cost, default=None)
@@ -557,8 +573,10 @@ def _told(
     for f in short:
         c = of[f.names[-1]]
         if c.place.of != "t" or not unseen.pieces or c.transient:
-            there = best.setdefault(c.place.name, [f])
-            if f is not there[0] and len(there) < JUDGED and f.cost < there[0].cost + CLOSE:
+            there = best.setdefault(c.place.name, [])
+            if not there or (
+                len(there) < SHORT_EACH and f.cost < there[0].cost + WORSE * models.bench.scale_left(there[0])
+            ):
                 there.append(f)
     tried = [*itertools.chain(*best.values()), *smooth.values()]
     nearest = [f for f in models.fits.values() if f.names and f.names[-1] not in of]
@@ -575,6 +593,10 @@ def _told(
     shown = max(may_be_shown, key=lambda f: probability[f.names], default=None)
     if shown is None or any(unseen.best(other, [shown]) is None for other in rivals):
         return None
+    if unseen.rows and models.bench.heavy is None:  # by all rows: not at the cost of what is explained
+        folds = unseen.folds([head, shown])
+        if np.sum(folds[1, :, 0]) > AS_WELL * np.sum(folds[0, :, 0]):
+            return None
     told = of[shown.names[-1]]
     others: dict[str, Fitted] = {}
     for f in sorted(equal, key=lambda f: -probability[f.names]):
@@ -593,7 +615,7 @@ def _told(
     return Discovery(
         models=models,
         fitted=models.stored(shown),
-        place=told.place,
+        place=_covered(models.bench, told, models.stored(shown)),
         law=told.law,
         form=told.form,
         laws={names[-1]: of[names[-1]].law for names in (shown.names, *possible)},
@@ -604,12 +626,27 @@ def _told(
     )
 
 
-def _refused(models: Models, law: Law, fitted: Fitted) -> str:
+def _refused(models: Models, candidate: Candidate, fitted: Fitted) -> str:
     """Why a robot cannot have a law with these numbers; "" if it can."""
-    robot = models.bench.rigs[0].robot
+    robot, law = models.bench.rigs[0].robot, candidate.law
     values = {q.name: fitted.values[f"{law.name}.{q.name}"] for q in law.numbers}
+    if law.acts == "viscous":  # what it takes off friction must be there
+        v = np.linspace(candidate.place.low, candidate.place.high, SEEN_AT)
+        least = min(value for name, value in fitted.values.items() if name.partition(".")[0] == "mu")
+        if np.min(evaluate(law.tree, {**values, "v": v}, np)) < -least:
+            return "friction would push the tendon on"
     fault = robot.catalogue[law.name].fault
     return "" if fault is None else fault(values, float(robot.backbone.length))
+
+
+def _covered(bench: Bench, candidate: Candidate, fitted: Fitted) -> Place:
+    """The place of a law with the range that its fit covers: the tension at the tip's cell is simulated."""
+    place = candidate.place
+    if (place.acts, place.of) != ("tip_cell", "T"):
+        return place
+    without = dict(fitted.values) | {f"{candidate.law.name}.{SIZE}": 0.0}
+    seen = bench.simulate(without, fitted.names)
+    return place if seen is None else dataclasses.replace(place, high=largest_tip(bench, seen))
 
 
 def _weighed_by(models: Models, shown: Fitted, others: Sequence[tuple[str, ...]]) -> Models:

@@ -247,9 +247,11 @@ class Unseen:
         # Of each model, the cost of the fit that was judged, and what it leaves of each part.
         self._known: dict[tuple[str, ...], tuple[float, np.ndarray]] = {}
 
-    def by_rows(self) -> Unseen:
-        """The same with all rows as the judge."""
-        other = Unseen(self.models, pieces=self.pieces, rows=True)
+    def shared(self, models: Models | None = None, *, rows: bool = False) -> Unseen:
+        """The same with what is known already, for other models of the same recordings; with all rows as the
+        judge if asked for.
+        """
+        other = Unseen(models or self.models, pieces=self.pieces, rows=self.rows or rows)
         other._known = self._known
         return other
 

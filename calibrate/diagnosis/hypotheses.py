@@ -16,7 +16,7 @@ from gtr_jax.terms.term import Quantity
 from ..number import Number
 from ..setup import Part
 from .instruments import BOTH, Cells
-from .rig import acts_on_tendon, friction_of, stiffness_of
+from .rig import STIFFNESS, acts_on_tendon, friction_of, stiffness_of
 
 # Half width of a range that holds 90 % of a normal distribution, in standard deviations.
 NINE_OF_TEN = 1.645
@@ -308,6 +308,11 @@ def _way_of(travel: np.ndarray) -> tuple[dict[str, float], float]:
 def is_friction(number: Number) -> bool:
     """Whether a number is the friction coefficient of a tendon."""
     return number.parameter.partition(".")[0] == "mu"
+
+
+def is_stiffness(number: Number) -> bool:
+    """Whether a number says how stiff the body is."""
+    return number.parameter in STIFFNESS
 
 
 def base_numbers(robot: Robot, deviations: Mapping[str, float]) -> tuple[Number, ...]:

@@ -28,7 +28,8 @@ PHASES = np.arange(8) * np.pi / 8
 # once and have one beside each of many times.
 SWINGING, TRANSIENT = ("wave", "ringing"), ("stretch", "bump", "step")
 # The hook of how a cell responds, and periods of its ringing, as shares of the range; hooks whose laws have
-# only the forms that name them, and those where what does not change with the variable is no other number's.
+# only the forms that name them, and those whose smooth law starts with a wave of no length, because no other
+# number takes it.
 RESPONSE, RINGS = "tip_response", np.geomspace(0.053, 0.6, 24)
 OWN_FORMS, ALONE = (RESPONSE, "viscous"), (RESPONSE, "viscous", "drag")
 # Width of the edges of a stretch, as a share of the range, from which a fit starts and which is usual; and
@@ -42,7 +43,8 @@ class Shape(NamedTuple):
     Attributes:
         name: of it.
         says_unit: "of" if it has the variable's unit, else an SI unit.
-        log: whether its prior is logarithmic, about a share of the range; else it lies in the range.
+        log: whether its prior is logarithmic, about a share of the range; else it lies in the range, or is no
+            share of it (`PHASE`, `POWER`).
     """
 
     name: str
@@ -61,8 +63,8 @@ class Form(NamedTuple):
         grid: shapes to try, as shares of the range.
         for_: hooks that it is for; if empty all but `OWN_FORMS`.
         of: variables that it is for; all if empty.
-        slope: whether its size is a slope over the variable, usually one, and `value` is of one over the
-            range.
+        but: hook and variable that it is not for.
+        slope: whether its size is a slope, usually one; `value` takes the change over the whole range.
     """
 
     name: str
@@ -72,6 +74,7 @@ class Form(NamedTuple):
     grid: Sequence[tuple[float, ...]]
     for_: tuple[str, ...] = ()
     of: tuple[str, ...] = ()
+    but: tuple[str, str] | None = None
     slope: bool = False
 
 
@@ -151,6 +154,7 @@ FORMS = (
         (AT,),
         lambda u, at: np.maximum(0.0, u - at),
         [(p,) for p in PLACES],
+        but=("tip_cell", "T"),
     ),
     # A cell at its end shows what it showed there, however much is added.
     Form(
@@ -197,6 +201,7 @@ def forms_for(place: Place) -> list[Form]:
         for form in FORMS
         if (place.acts in form.for_ or (not form.for_ and place.acts not in OWN_FORMS))
         and (not form.of or place.of in form.of)
+        and form.but != (place.acts, place.of)
     ]
 
 
@@ -285,8 +290,8 @@ def _number(
 
 def waves(place: Place) -> range:
     """Waves over the range, in halves, of the cosines of the smooth law at a place: what does not change
-    with the variable is left to the friction coefficient, to E and to the cells, but a drag, viscous friction
-    and a response have it to themselves.
+    with the variable is left to the friction coefficient, to E and to the cells, but a drag and a response
+    have it to themselves, and of viscous friction it is what grows with the speed.
     """
     many = SMOOTH_ALONG if place.of in ("s", "t", "d", "l") else SMOOTH
     first = 0 if place.acts in ALONE else 1

@@ -15,9 +15,11 @@ from gtr_jax.terms import Law, Quantity
 from gtr_jax.terms.law import ACTS, VARIABLES
 
 from ..channels import CHANNELS
+from ..number import OWN
+from ..predictor import Seen
 from .bench import Bench
 from .locate import cycles_of
-from .model import Fitted
+from .model import Point
 from .rig import friction_of, stiffness_of
 
 # Variables in a word, for names.
@@ -161,19 +163,19 @@ class Place:
         )
 
 
-def places(robot: Robot, bench: Bench, fitted: Fitted) -> list[Place]:
+def places(robot: Robot, bench: Bench, at: Point) -> list[Place]:
     """The hooks and variables of which the recordings can tell something.
 
     Args:
         robot: on the bench's mesh, with the values of its file.
         bench: the recordings.
-        fitted: a model of them, from which the ranges are taken.
+        at: a model of them, from which the ranges are taken.
     """
     known = {*friction_of(robot), *stiffness_of(robot)}
-    values = {name: v for name, v in fitted.values.items() if name in known}
+    values = {name.partition(OWN)[0]: v for name, v in at.values.items() if name.partition(OWN)[0] in known}
     top = max(float(rig.part.T_base.T_base.max()) for rig in bench.rigs)
-    at = equilibrium(robot.with_values(**values), jnp.asarray(top))
-    wrap, tension, s = (np.asarray(x) for x in (at.wrap, at.tension, at.s))
+    pulled = equilibrium(robot.with_values(**values), jnp.asarray(top))
+    wrap, tension, s = (np.asarray(x) for x in (pulled.wrap, pulled.tension, pulled.s))
     there = np.diff(s) > 0
     pressure = (tension[1:] * np.diff(wrap))[there] / np.diff(s)[there]
     length = float(robot.backbone.length)
@@ -186,19 +188,17 @@ def places(robot: Robot, bench: Bench, fitted: Fitted) -> list[Place]:
     at_tip = all(rig.part.tips for rig in bench.rigs)
     if at_tip:
         # A cell that reads too little ends below what is simulated.
-        simulated = [
-            s.values[rig.where][: rig.part.tips] for s, rig in zip(fitted.seen, bench.rigs, strict=True)
-        ]
-        largest = max(float(T.max()) for T in [*simulated, *(rig.part.T_tip for rig in bench.rigs)])
+        recorded = max(float(rig.part.T_tip.max()) for rig in bench.rigs)
+        largest = max(recorded, largest_tip(bench, at.seen))
         found.append(Place("tip_cell", "T", 0.0, largest, CELL * top, "N"))
     found.append(Place("drag", "s", 0.0, length, DRAG * top / length, "N/m"))
     if any("displacement" in rig.part.channels for rig in bench.rigs):
         found.append(Place("strain", "T", 0.0, top, STRAIN, "dimensionless"))
     if not robot.backbone.rigid:
-        bend = float(np.max(np.abs(np.asarray(at.curvature))))
+        bend = float(np.max(np.abs(np.asarray(pulled.curvature))))
         found.append(Place("bending", "k", 0.0, bend, BENDING * bend, "1/m"))
         found.append(Place("bending", "s", 0.0, length, BENDING, "dimensionless"))
-    drawn = max(float(np.nanmax(seen.values[CHANNELS.index("displacement")])) for seen in fitted.seen)
+    drawn = max(float(np.nanmax(seen.values[CHANNELS.index("displacement")])) for seen in at.seen)
     if drawn > 0:
         found.append(Place("friction", "d", 0.0, drawn, FRICTION, "dimensionless"))
     times = [rig.part.time for rig in bench.rigs if rig.part.time is not None]
@@ -211,7 +211,7 @@ def places(robot: Robot, bench: Bench, fitted: Fitted) -> list[Place]:
         if every > 0 and at_tip and all(rig.part.samples <= RESPONDS for rig in bench.rigs):
             longest = (LAGS - 1) * every
             found.append(Place("tip_response", "l", 0.0, longest, RESPONSE, "dimensionless"))
-        fast = _fastest(times, fitted)
+        fast = _fastest(times, at)
         if fast > 0:
             found.append(Place("friction", "v", 0.0, fast, FRICTION, "dimensionless"))
             found.append(Place("viscous", "v", 0.0, fast, VISCOUS, "dimensionless"))
@@ -226,11 +226,18 @@ def places(robot: Robot, bench: Bench, fitted: Fitted) -> list[Place]:
     ]
 
 
-def _fastest(times: Sequence[np.ndarray], fitted: Fitted) -> float:
+def largest_tip(bench: Bench, seen: Sequence[Seen]) -> float:
+    """Largest tip tension that is simulated [N]."""
+    return max(
+        float(np.max(s.values[rig.where][: rig.part.tips])) for s, rig in zip(seen, bench.rigs, strict=True)
+    )
+
+
+def _fastest(times: Sequence[np.ndarray], at: Point) -> float:
     """Speed of the tendon's end that few samples exceed [m/s]."""
     speeds = []
     row = CHANNELS.index("displacement")
-    for time, seen in zip(times, fitted.seen, strict=True):
+    for time, seen in zip(times, at.seen, strict=True):
         dt = np.diff(time)
         drawn = np.abs(np.diff(seen.values[row]))
         speeds.append(drawn[dt > 0] / dt[dt > 0])

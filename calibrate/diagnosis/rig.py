@@ -427,9 +427,13 @@ def friction_of(robot: Robot) -> list[str]:
     return [f"mu.{name}" if name else "mu" for name in robot.tendon_names or ("",)]
 
 
+# Numbers that say how stiff a body is: its modulus, or else its bending stiffness.
+STIFFNESS = ("E", "EI", "EI_z", "EI_y")
+
+
 def stiffness_of(robot: Robot) -> list[str]:
     """Names of the numbers that say how stiff the body is: its modulus, or else its bending stiffness; none
     of a rigid one.
     """
     known = [] if robot.backbone.rigid else parameters_of(robot)
-    return ["E"] if "E" in known else [name for name in ("EI", "EI_z", "EI_y") if name in known]
+    return ["E"] if "E" in known else [name for name in STIFFNESS[1:] if name in known]

@@ -265,7 +265,9 @@ def _discovered(d: Diagnosis, chosen: tuple[str, ...], sizes: str, better: str) 
             "channels counted."
         )
     if found.possible:
-        words += f" These recordings do not rule out {' or '.join(found.possible)} instead."
+        others = [of.split(" of ") for of in found.possible]
+        instead = " or ".join(f"{HOOKS[acts].called} that depends on {of}" for acts, of in others)
+        words += f" These recordings do not rule out {instead} instead."
     if structured(d.left):
         words += f" Structure of {d.left[0]:.2g} standard deviations of the noise is left."
     return words
