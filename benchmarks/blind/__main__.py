@@ -16,7 +16,7 @@ from pathlib import Path
 SCORED = {
     "effects": (26_11_28_05, 200),
     "rig": (26_11_23_01, 60),
-    "left-out": (26_11_28_03, 40),
+    "left-out": (26_11_28_07, 40),
     "combined": (26_11_28_04, 40),
 }
 TRAINING, TRAINED = 2, 160
