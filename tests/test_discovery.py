@@ -585,14 +585,16 @@ def test_a_cell_that_saturates_is_told_without_the_term(make_config):
     truth = make_config(routing=SINE, terms=[{"kind": "saturation", "tip": 12.0}])
     recording = recorded(truth)
     assert recording.T_tip is not None and 11.9 < np.max(recording.T_tip) < 12.2
-    found = calibrate.diagnose(make_config(routing=SINE), recording, without=("saturation",))
-    assert found.verdict == DISCOVERED, found.says
-    told = found.discovered
-    assert told is not None and (told.acts, told.of) == ("tip_cell", "T") and told.takes > 0.95
-    assert told.values["size"] == pytest.approx(-1.0, abs=0.05)
-    assert told.values["at"] == pytest.approx(12.0, abs=0.1)
-    mu = next(c for c in found.parameters if c.name == "mu")
-    assert mu.lower95 is not None and mu.upper95 is not None and mu.lower95 < 0.3 < mu.upper95
+    found = beside_nothing(make_config(routing=SINE), recording)
+    assert found is not None and found.takes > 0.95
+    assert found.place.name == "tip-cell-of-tension" and found.form is not None
+    values = {name.rpartition(".")[2]: value for name, value in found.fitted.values.items()}
+    assert values["size"] == pytest.approx(-1.0, abs=0.05)
+    assert values["at"] == pytest.approx(12.0, abs=0.1)
+    assert values["mu"] == pytest.approx(0.3, rel=0.03)
+    # The range of the law ends where the tension does, not where the cell ends.
+    T = gtr.simulate(gtr.build_robot(truth), recording.T_base).T_tip
+    assert found.place.high == pytest.approx(float(np.max(T)), rel=0.03)
 
 
 @pytest.mark.slow
