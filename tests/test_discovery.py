@@ -21,6 +21,7 @@ from calibrate.diagnosis.discovery import (
     _nearest,
     _others,
     _ranked,
+    _refused,
     _short_forms,
     discover,
     distilled,
@@ -262,13 +263,12 @@ def test_other_places_go_on_by_what_a_brief_refit_makes_of_them(monkeypatch):
         names=(), cost=800.0, x=base.x, jacobian=base.jacobian, information=base.information
     )
     models = SimpleNamespace(bench=None, hypotheses=lambda names: [])
-    found = _others(cast(Any, models), cast(Any, head), felt, {"friction-of-tension"})
+    found = _others(cast(Any, models), cast(Any, head), _ranked(felt)[1:])
     assert len(asked_of) == len(set(asked)) == 3 and not any(
         name.startswith("friction-of-tension") for name in asked
     )
     assert [entry.felt.place.name for entry in found] == ["friction-of-drawn", "base-cell-of-tension"]
-    everything = {f.place.name for f in felt}
-    assert _others(cast(Any, models), cast(Any, head), felt, everything) == []
+    assert _others(cast(Any, models), cast(Any, head), []) == []
 
 
 def test_a_model_is_felt_where_its_numbers_are_others():
@@ -297,6 +297,21 @@ def test_a_model_is_felt_where_its_numbers_are_others():
         )
         == []
     )
+
+
+def test_viscous_friction_that_takes_more_than_there_is_is_refused():
+    """Of several recordings with friction of their own the least counts."""
+    place = next(p for p in PLACES if p.acts == "viscous")
+    law, h = smooth_of(place)
+    tried = Candidate(place, None, 20.0, law, h, np.zeros(2 + len(h.numbers)))
+    fault = SimpleNamespace(fault=None)
+    robot = SimpleNamespace(catalogue={law.name: fault}, backbone=SimpleNamespace(length=0.25))
+    models = SimpleNamespace(bench=SimpleNamespace(rigs=[SimpleNamespace(robot=robot)]))
+    own = tuple(Number(name=f"mu@{k}", unit="", centre=0.3, sd=0.5, log=True) for k in "ab")
+    for least, refused in ((0.2, False), (0.1, True)):
+        values = {"mu@a": 0.5, "mu@b": least, **h.fixed, **{n.name: 0.0 for n in h.numbers}}
+        fitted = SimpleNamespace(numbers=own, values=values | {f"{law.name}.c0": -0.15})
+        assert bool(_refused(cast(Any, models), tried, cast(Any, fitted))) == refused
 
 
 def test_a_drag_is_never_negative():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -180,25 +180,21 @@ def discover(models: Models, head: Fitted, progress: Callable[[str], None]) -> D
         progress: called with a line at each stage.
     """
     progress("asking where a law that no catalogue holds would act")
-    felt = feel(models, head)
-    first = _ranked(felt)[:PLACES]
-    wider, candidates = _fitted(models, head, first, progress)
+    ranked = _ranked(feel(models, head))
+    wider, candidates = _fitted(models, head, ranked[:PLACES], progress)
     unseen = Unseen(wider)
     found = _judged(wider, head, candidates, unseen)
-    if found is not None or not first:
+    if found is not None:
         return found
-    others = _others(models, head, felt, {entry.felt.place.name for entry in first})
-    wider, more = _fitted(wider, head, others, progress)
+    rest = [entry for entry in ranked[PLACES:] if entry.score > LEAST_PROMISE * ranked[0].score]
+    wider, more = _fitted(wider, head, _others(models, head, rest), progress)
     return _judged(wider, head, [*candidates, *more], unseen.shared(wider)) if more else None
 
 
-def _others(models: Models, head: Fitted, felt: Sequence[Felt], tried: Collection[str]) -> list[Ranked]:
-    """Places that were not tried, the one first whose best form does most once it is refitted briefly: a law
-    that changes much may do more than it promises to first order.
+def _others(models: Models, head: Fitted, rest: Sequence[Ranked]) -> list[Ranked]:
+    """Of places that were not tried, the one first whose best form does most once it is refitted briefly: a
+    law that changes much may do more than it promises to first order.
     """
-    ranked = _ranked(felt)
-    rest = [entry for entry in ranked if entry.felt.place.name not in tried]
-    rest = [entry for entry in rest if entry.score > LEAST_PROMISE * ranked[0].score]
     information = head.information()
     candidates = [
         [_formed(head, information, of.felt, one) for one in of.found if one[1] is of.found[0][1]][:STARTS]
@@ -309,10 +305,17 @@ def _levelled(wider: Models, place: Place, base: np.ndarray, level: float) -> np
     """Coordinates of a model's numbers once its friction has taken the level of a law."""
     if place.acts != "friction":
         return base
-    moved = base.copy()
-    for i, number in enumerate(wider.bench.base):
-        if is_friction(number):
-            moved[i] = np.clip(number.at(number.value(base[i]) * (1 + level)), *number.bounds)
+    return _scaled(wider.bench.base, base, is_friction, 1 + level)
+
+
+def _scaled(
+    numbers: Sequence[Number], x: np.ndarray, moves: Callable[[Number], bool], factor: float
+) -> np.ndarray:
+    """Coordinates once some of the numbers are so many times what they are, within their bounds."""
+    moved = x.copy()
+    for i, number in enumerate(numbers):
+        if moves(number):
+            moved[i] = np.clip(number.at(factor * number.value(x[i])), *number.bounds)
     return moved
 
 
@@ -364,7 +367,7 @@ def feel(models: Models, head: Fitted) -> list[Felt]:
 
     def change(job: tuple[int, float]) -> np.ndarray | None:
         place, x, point = spots[job[0]]
-        if place.vanishes and job[1] == 0:
+        if place.acts == "viscous" and job[1] == 0:  # its laws vanish there
             return None
         name, step = place.tent().name, FELT * place.size
         fixed = {f"{name}.at": job[1], f"{name}.width": float(place.tents[1] - place.tents[0])}
@@ -402,13 +405,9 @@ def _elsewhere(
     is as it was: coordinates, and what is simulated there.
     """
     model = model_of(bench.base, own)
-    moved = [i for i, number in enumerate(model.numbers) if moves(number)]
     many: list[np.ndarray] = []
-    for factor in factors if moved else ():
-        x = head.x.copy()
-        for i in moved:
-            number = model.numbers[i]
-            x[i] = np.clip(number.at(factor * number.value(x[i])), *number.bounds)
+    for factor in factors:
+        x = _scaled(model.numbers, head.x, moves, factor)
         if not any(np.array_equal(x, other) for other in (head.x, *many)):
             many.append(x)
     points = zip(many, bench.points(model, many), strict=True)
@@ -632,7 +631,7 @@ def _refused(models: Models, candidate: Candidate, fitted: Fitted) -> str:
     values = {q.name: fitted.values[f"{law.name}.{q.name}"] for q in law.numbers}
     if law.acts == "viscous":  # what it takes off friction must be there
         v = np.linspace(candidate.place.low, candidate.place.high, SEEN_AT)
-        least = min(value for name, value in fitted.values.items() if name.partition(".")[0] == "mu")
+        least = min(fitted.values[n.name] for n in fitted.numbers if is_friction(n))
         if np.min(evaluate(law.tree, {**values, "v": v}, np)) < -least:
             return "friction would push the tendon on"
     fault = robot.catalogue[law.name].fault

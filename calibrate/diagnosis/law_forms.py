@@ -32,6 +32,13 @@ SWINGING, TRANSIENT = ("wave", "ringing"), ("stretch", "bump", "step")
 # number takes it.
 RESPONSE, RINGS = "tip_response", np.geomspace(0.053, 0.6, 24)
 OWN_FORMS, ALONE = (RESPONSE, "viscous"), (RESPONSE, "viscous", "drag")
+# What the cosines of a smooth law are multiplied by, as text and of u: how a cell responds fades over the
+# range, since no longer lag is felt, and viscous friction grows from zero.
+ENVELOPES = {
+    RESPONSE: ("max(0,1-{along})*", lambda u: 1 - u),
+    "viscous": ("{along}*", lambda u: u),
+}
+PLAIN = ("", np.ones_like)
 # Width of the edges of a stretch, as a share of the range, from which a fit starts and which is usual; and
 # the least, at which it is a jump.
 SUDDEN, JUMP = 0.01, 2e-4
@@ -85,6 +92,12 @@ PERIOD, PHASE = Shape("period", "of", True), Shape("phase", "dimensionless", Fal
 POWER = Shape("power", "dimensionless", False)
 # Share of the range below which a power is linear.
 SLOW = 0.02
+
+
+def _beyond(u: np.ndarray, at: float) -> np.ndarray:
+    """What u is beyond a place; nothing before it."""
+    return np.maximum(0.0, u - at)
+
 
 FORMS = (
     Form(
@@ -152,7 +165,7 @@ FORMS = (
         "kneed",
         "size*max(0,{x}-at)/reach",
         (AT,),
-        lambda u, at: np.maximum(0.0, u - at),
+        _beyond,
         [(p,) for p in PLACES],
         but=("tip_cell", "T"),
     ),
@@ -161,7 +174,7 @@ FORMS = (
         "bent",
         "size*max(0,{x}-at)",
         (AT,),
-        lambda u, at: np.maximum(0.0, u - at),
+        _beyond,
         [(p,) for p in PLACES],
         for_=("tip_cell",),
         of=("T",),
@@ -299,13 +312,9 @@ def waves(place: Place) -> range:
 
 
 def cosines(place: Place, u: np.ndarray) -> np.ndarray:
-    """The cosines of the smooth law at a place, (U, waves), at u in [0, 1]; how a cell responds fades over
-    the range, since no longer lag is felt, and what vanishes at zero grows from there.
-    """
-    found = np.cos(np.pi * np.outer(u, waves(place)))
-    if place.vanishes:
-        return found * u[:, None]
-    return found * (1 - u)[:, None] if place.acts == RESPONSE else found
+    """The cosines of the smooth law at a place, (U, waves), at u in [0, 1], within their envelope."""
+    envelope = ENVELOPES.get(place.acts, PLAIN)[1](u)
+    return np.cos(np.pi * np.outer(u, waves(place))) * envelope[:, None]
 
 
 def smooth_of(place: Place) -> tuple[Law, Hypothesis]:
@@ -315,13 +324,13 @@ def smooth_of(place: Place) -> tuple[Law, Hypothesis]:
     name = f"{place.name}-smooth"
     along = f"({place.argument}-{LOW})/{SPAN}"
     sum_of = "+".join(f"c{j}*cos({j}*pi*{along})" for j in waves(place))
-    fading = f"max(0,1-{along})*" if place.acts == RESPONSE else f"{along}*" if place.vanishes else ""
+    envelope = ENVELOPES.get(place.acts, PLAIN)[0].format(along=along)
     size = place.quantity(SIZE, place.unit, 1.0, size=True)
     ends = [place.quantity(LOW, place.of_unit, place.low), place.quantity(SPAN, place.of_unit, place.span)]
     numbers, free = [size, *ends], []
     for j in waves(place):
         numbers.append(place.quantity(f"c{j}", "dimensionless", 0.0))
         free.append(_number(f"{name}.c{j}", "dimensionless", 0.0, place.size / max(j, 1), size=True))
-    law = place.law(name, f"{SIZE}*{fading}({sum_of})", tuple(numbers))
+    law = place.law(name, f"{SIZE}*{envelope}({sum_of})", tuple(numbers))
     fixed = {f"{name}.{SIZE}": 1.0, f"{name}.{LOW}": place.low, f"{name}.{SPAN}": place.span}
     return law, Hypothesis(name, name, tuple(free), starts=(), fixed=fixed)

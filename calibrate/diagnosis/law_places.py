@@ -106,11 +106,6 @@ class Place:
         return np.linspace(self.low, self.high, many.get(self.acts, TENTS))
 
     @property
-    def vanishes(self) -> bool:
-        """Whether its laws vanish where the variable is zero."""
-        return self.acts == "viscous"
-
-    @property
     def argument(self) -> str:
         """The variable as a form has it: the size of a curvature, whose sign a bending law follows."""
         return "abs(k)" if self.of == "k" else self.of

@@ -45,6 +45,8 @@ INTERVALS, COARSEST = 22, 0.35
 # Simulations that a rig keeps in memory, as the channels show them and as the native program leaves them: a
 # change in a number of one recording leaves those of the others valid.
 AT_HAND, RUNS_AT_HAND = 256, 64
+# Numbers that say how stiff a body is: its modulus, or else its bending stiffness.
+STIFFNESS = ("E", "EI", "EI_z", "EI_y")
 
 
 # Terms in each program that simulates a recording, from the fastest to the slowest program: a hypothesis uses
@@ -425,10 +427,6 @@ def robot_names(robot: Robot) -> list[str]:
 def friction_of(robot: Robot) -> list[str]:
     """Names of the friction coefficients, one for each tendon."""
     return [f"mu.{name}" if name else "mu" for name in robot.tendon_names or ("",)]
-
-
-# Numbers that say how stiff a body is: its modulus, or else its bending stiffness.
-STIFFNESS = ("E", "EI", "EI_z", "EI_y")
 
 
 def stiffness_of(robot: Robot) -> list[str]:
