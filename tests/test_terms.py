@@ -431,6 +431,9 @@ KINKED = {
 # What creeps: a stretch that stops loses what its speed gave it, however little. The base model cannot,
 # so the slope is asked for just beyond null.
 CREEPING = {"viscous-friction.coefficient", "stribeck-friction.ratio", "viscoelastic-body.ratio"}
+# Friction that falls lets go what is locked, friction that rises moves nothing: two slopes meet at null, and
+# the gradient there is that of rising friction.
+LOOSENING = {"friction-drift.rate", "wear.rate"}
 
 
 def numbers(robot):
@@ -455,7 +458,8 @@ def test_gradients_at_null(mixture):
     assert bool(converged)
     for name, slope in gradient.items():
         if name not in KINKED | CREEPING:
-            exact = difference(total, values, name, scales[name], bounded[name], 1e-5)
+            rising = bounded[name] or name in LOOSENING
+            exact = difference(total, values, name, scales[name], rising, 1e-5)
             assert float(slope) * scales[name] == pytest.approx(exact * scales[name], rel=2e-4, abs=5e-4), (
                 name
             )
@@ -471,6 +475,20 @@ def test_gradients_just_beyond_null(mixture, name):
     assert bool(converged)
     exact = difference(total, values, name, scales[name], False, 2e-3)
     assert float(gradient[name]) * scales[name] == pytest.approx(exact * scales[name], rel=0.02, abs=5e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(LOOSENING))
+def test_gradients_where_friction_falls(mixture, name):
+    robot, total, with_gradient = mixture
+    values, scales, _ = numbers(robot)
+    (_, _), rising = with_gradient(values)
+    values |= {name: -0.5 * scales[name]}
+    (_, converged), gradient = with_gradient(values)
+    assert bool(converged)
+    exact = difference(total, values, name, scales[name], False, 1e-5) * scales[name]
+    assert float(gradient[name]) * scales[name] == pytest.approx(exact, rel=2e-4, abs=5e-4)
+    assert abs(exact - float(rising[name]) * scales[name]) > 5e-3
 
 
 @pytest.mark.slow
