@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 from .geometry import Geometry
 from .guides import Chords, chords_on, either
-from .mesh import along_nodes, cumulative, derivatives, increments
+from .mesh import along_nodes, cumulative, derivatives, increments, trapezoids
 from .offset import Offset, SpatialOffset
 from .plane import PLANE
 from .sections import Sections
@@ -38,11 +38,16 @@ def metric_of(s: Sections, strain: Float[Array, "N *strain"]) -> Float[Array, "*
     return s.ended(geometry_of(s).metric(strain, offset_of(s, strain)))
 
 
-def turning_of(s: Sections, strain: Float[Array, "N *strain"]) -> Float[Array, "*tendons N"]:
-    """Turning of the tendons between each node and the one before it [rad], (*tendons, N)."""
+def turning_of(
+    s: Sections, strain: Float[Array, "N *strain"], compact: bool = False
+) -> Float[Array, "*tendons N"]:
+    """Turning of the tendons between each node and the one before it [rad], (*tendons, N); compact, the body
+    turns by the trapezoidal rule.
+    """
     geometry, interval = geometry_of(s), s.mesh.interval
     before = jnp.concatenate([jnp.zeros_like(strain[:1]), strain[:-1]])
-    turn = geometry.turn(along_nodes(increments, s.mesh.weights, strain), strain, before, interval.length)
+    take, weights = (trapezoids, interval.length) if compact else (increments, s.mesh.weights)
+    turn = geometry.turn(along_nodes(take, weights, strain), strain, before, interval.length)
     rates = None if s.mesh.rates is None else along_nodes(derivatives, s.mesh.rates, strain)
     wrap = geometry.wrap(turn, strain, before, rates, s.R, s.R.before(), interval)
     return wrap if s.guides is None else either(s.guides.held, chords_of(s, strain).corners, wrap)

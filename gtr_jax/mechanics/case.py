@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -89,6 +90,19 @@ class Memory(eqx.Module):
     unknowns: Float[Array, " n"] | None
 
 
+class Sliding(NamedTuple):
+    """What is foretold of the slip in a load step (`sliding.foretold`).
+
+    Attributes:
+        way: direction in which the tendon slips past the interval ahead of each node, (N,): 1 towards the
+            base, -1 towards the tip, 0 where it is held or where nothing is foretold.
+        change: of the tension [N], (N,), where the slip changes its direction; else 0.
+    """
+
+    way: Float[Array, " N"]
+    change: Float[Array, " N"]
+
+
 class Case(eqx.Module):
     """One load step.
 
@@ -101,6 +115,7 @@ class Case(eqx.Module):
         metric: nu of the channels before the first load, (N, *tendons); None where no slip is needed.
         load: the load.
         memory: of the previous step.
+        sliding: what is foretold of the slip in the step; None where no law asks.
         against: factor on the speed where the tendon slips opposite to the sense for which friction is
             evaluated: 1 at the solution, less on the way to it.
         structure: which equations act (static).
@@ -114,6 +129,7 @@ class Case(eqx.Module):
     metric: Float[Array, "N *tendons"] | None
     load: Load
     memory: Memory
+    sliding: Sliding | None
     against: Float[Array, ""]
     structure: Structure = eqx.field(static=True)
 

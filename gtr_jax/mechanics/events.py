@@ -76,7 +76,7 @@ def _after(case: Case, now: Float[Array, " N"], was: Float[Array, " N"]):
     tension = jnp.where(memory.tension > LEAST, memory.tension, LEAST)
     steep = jnp.abs(jnp.diff(jnp.log(tension), prepend=jnp.log(tension[:1])))
     left = steep * jnp.where(loosens, now / jnp.where(was > 0, was, 1.0), 1.0)
-    turn = _turning(case)
+    turn = turning_before(case)
     holds = [friction(case, sense) * turn for sense in (1.0, -1.0)]
     down, up = (jnp.where(hold > left, hold, left) for hold in holds)
     return _relaxed(case, tension, down, up)
@@ -96,7 +96,7 @@ def after_tug(case: Case, load: Load, memory: Memory) -> tuple[Memory, Float[Arr
     )
     end = jnp.where(end + added > 0, end + added, 0.0)
     grip = total(case, "tip_grip")
-    turn = _turning(case)
+    turn = turning_before(case)
 
     def bound(sense: float):
         """What friction makes of the tension at the end, for slip towards the base or the tip."""
@@ -104,11 +104,11 @@ def after_tug(case: Case, load: Load, memory: Memory) -> tuple[Memory, Float[Arr
         return end * jnp.exp(sense * (grip + jnp.sum(hold) - jnp.cumsum(hold)))
 
     held = jnp.where(added != 0, clip(tension, bound(-1.0), bound(1.0)), tension)
-    more = _compliance(case) * (held - tension)
+    more = compliance_of(case) * (held - tension)
     length = case.sections.mesh.interval.length
     moved = (
         -jnp.sum(0.5 * length * (more + shifted(more)))
-        - _give(case, "anchor", tension[-1]) * (held - tension)[-1]
+        - rise_per_newton(case, "anchor", tension[-1]) * (held - tension)[-1]
     )
     return dataclasses.replace(memory, tension=held, T_tip=jnp.where(added != 0, end, memory.T_tip)), moved
 
@@ -129,21 +129,21 @@ def _factor(
     return jnp.where(factor > 0, factor, 0.0)
 
 
-def _turning(case: Case) -> Float[Array, " N"]:
+def turning_before(case: Case) -> Float[Array, " N"]:
     """Turning of the tendon since the preceding node that counts, in the shape of the step before [rad]."""
     wrap = turning_of(case.sections, case.memory.kappa)
     return wrap * product(case, "wrap", case.memory.tension)
 
 
-def _compliance(case: Case) -> Float[Array, " N"]:
+def compliance_of(case: Case) -> Float[Array, " N"]:
     """How much of the tendon slips out of each length of channel, per tension: 1/N, (N,)."""
     s, kappa = case.sections, case.memory.kappa
-    gives = RIGID + _give(case, "strain", case.memory.tension)
+    gives = RIGID + rise_per_newton(case, "strain", case.memory.tension)
     body = geometry_of(s).give(s.compliance, kappa, offset_of(s, kappa))
     return gives * metric_of(s, kappa) + s.ended(body)
 
 
-def _give(case: Case, name: str, tension):
+def rise_per_newton(case: Case, name: str, tension):
     """Change of the sum of the terms' hook `name` with the tension [N], per newton."""
     return total(case, name, tension + 1.0) - total(case, name, tension)
 
@@ -154,9 +154,9 @@ def _relaxed(case: Case, tension, down, up):
     """
     what, memory = case.structure, case.memory
     length, nodes = case.sections.mesh.interval.length, tension.shape[0]
-    weight = _compliance(case) * 0.5 * (length + shifted(length[::-1])[::-1])
+    weight = compliance_of(case) * 0.5 * (length + shifted(length[::-1])[::-1])
     last = jnp.arange(nodes) == nodes - 1
-    anchor = _give(case, "anchor", memory.T_tip)
+    anchor = rise_per_newton(case, "anchor", memory.T_tip)
     # A node between two others at its place has no length of its own.
     small = SMALL * (jnp.sum(weight) + anchor)
     weight = weight + small

@@ -19,6 +19,7 @@ from .case import Case, Load, Memory, untouched
 from .events import after_loosening, after_tug
 from .lanes import in_lanes_of
 from .sections import Sections, State, either_of, node_first
+from .sliding import foretold
 from .solve import load_step
 from .structure import March, Structure
 
@@ -104,6 +105,7 @@ def _case(robot: Robot, structure: Structure, memory: Memory) -> Case:
         metric=jnp.ones_like(memory.tension) if structure.terms else None,
         load=Load.without_clock(slack),
         memory=memory,
+        sliding=None,
         against=one,
         structure=structure,
     )
@@ -206,6 +208,8 @@ def advance(
     moved = None
     if structure.tugged:
         begun, moved = after_tug(now, load, begun)
+    if structure.slides:
+        now = dataclasses.replace(now, sliding=foretold(now, load, begun))
     done = load_step(now, load, begun, how)
     met = (done.error <= how.atol) & jnp.all(jnp.isfinite(load.T_base)) & jnp.isfinite(load.dt + load.time)
     out = Step(

@@ -161,6 +161,11 @@ def increments(weights: Float[Array, "N 4"], values: Float[Array, " N"]) -> Floa
     return total
 
 
+def trapezoids(lengths: Float[Array, " N"], values: Float[Array, " N"]) -> Float[Array, " N"]:
+    """The same by the trapezoidal rule."""
+    return 0.5 * lengths * (values + shifted(values))
+
+
 def cumulative(weights: Float[Array, "N 4"], values: Float[Array, " N"]) -> Float[Array, " N"]:
     """Integral of `values` from the base to each node, shape (N,)."""
     return jnp.cumsum(increments(weights, values))

@@ -13,7 +13,8 @@ creep of the body bends the held stretch, it is *carried along*: (1 + level) T_b
 the level at which the channel there is as long as the tendon in it (docs/mechanics.md).
 
 *Creeping*, where friction goes on changing while the tendon is locked: the same, with P and Q computed from
-the tension at the preceding node.
+the tension at the preceding node. Where friction grows with the speed, and the tendon is foretold to slip on
+after its base tension has turned back (`sliding`), T is P or Q, whatever it was before.
 
 *Presliding*: friction follows the slip, u(s) = u(0) - integral over [0, s] of (nu_0 - nu + nu_0
 strain), T' = -mu z(u) T |psi'|.
@@ -89,6 +90,7 @@ class Row(NamedTuple):
     shift: Asked
     closing: Asked
     beyond: Asked
+    sliding: Asked
 
 
 class Held(NamedTuple):
@@ -245,9 +247,11 @@ class Equations(eqx.Module):
         held = sense * mu
         if case.structure.has("by_speed"):
             # The coefficient depends on the magnitude of the slip speed v. The branch of |v| on which the
-            # tendon slips opposite to `sense` has to be approached from the other branch (`Case.against`).
+            # tendon slips opposite to `sense` has to be approached from the other branch (`Case.against`),
+            # unless the way it slips is foretold.
             fast = jnp.where(speed * sense >= -STILL, speed, -case.against * speed)
-            fast = jnp.where(self.modes.by_slip, speed, fast)
+            known = self.modes.by_slip if row.sliding is None else self.modes.by_slip | (row.sliding.way != 0)
+            fast = jnp.where(known, speed, fast)
             held = held + total(case, "by_speed", fast)
         left = tension * jnp.exp(-held * wrap)
         if case.structure.has("drag"):
@@ -333,6 +337,9 @@ class Equations(eqx.Module):
         else:
             low, high = self.bounds(behind, gripped, carry)
             kept = row.tension if self.level is None else (1.0 + self.level) * self.remembered(row)
+            if row.sliding is not None:
+                way, change = (jnp.where(by_slip, 0.0, told) for told in row.sliding)
+                kept = jnp.where(way > 0, low, jnp.where(way < 0, high, kept + change))
             tension = clip(kept, low, high)
             if what.terms:
                 grip = jnp.where(tension <= low, 1.0, jnp.where(tension >= high, -1.0, 0.0))
@@ -554,7 +561,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         interval=mesh.interval,
         metric=case.metric if what.follows_slip else None,
         mu=(friction(case, 1.0), friction(case, -1.0)) if what.has("friction") else None,
-        channel=_channel_rows(case) if what.reads_channel else None,
+        channel=channel_rows(case) if what.reads_channel else None,
         tension=memory.tension,
         middle=memory.middle,
         stencil=memory.stencil,
@@ -569,12 +576,17 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         shift=s.shift,
         closing=s.closing,
         beyond=None if s.beyond is None else node_first(s.beyond),
+        sliding=case.sliding,
     )
     low = high = entry = load.T_base
     if what.has("base_grip"):
         base_grip = total(case, "base_grip")
         low, high = load.T_base * jnp.exp(-base_grip), load.T_base * jnp.exp(base_grip)
-        entry = clip(memory.entry, low, high)
+        entry = memory.entry
+        if case.sliding is not None:
+            way, change = (jnp.where(by_slip, 0.0, told[0]) for told in case.sliding)
+            entry = jnp.where(way > 0, low, jnp.where(way < 0, high, entry + change))
+        entry = clip(entry, low, high)
     zero, none = jnp.zeros(()), jnp.zeros_like(case.mu)
     back = STENCIL - 1
     local = what.shares_slip  # only the preceding node's tension counts
@@ -645,7 +657,7 @@ def drawn_before(case: Case):
     return jnp.zeros(()) if slip is None or not case.structure.reads_drawn else slip[0]
 
 
-def _channel_rows(case: Case) -> Channel:
+def channel_rows(case: Case) -> Channel:
     """The intervals of the channel, nodes along the first axis."""
     mesh, load, shape = case.sections.mesh, case.load, case.memory.tension.shape
     speed, drawn = (jnp.broadcast_to(x, shape) for x in (_speed_before(case), drawn_before(case)))

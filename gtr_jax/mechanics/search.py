@@ -33,6 +33,7 @@ MOST_CLOSINGS = 60  # most searches of a step until the chords of guided tendons
 STRAIGHT = 1e-4  # h sqrt(T/EI) below which a tendon does not bend a segment
 LEAST_STIFF = 0.05  # least sin x/x with which a chord is corrected
 FINER = 4  # factor on the number of parts of a load step that could not be solved
+MOST_SLIDING = 4  # most parts in which a step is tried as foretold
 
 
 class Search(eqx.Module):
@@ -50,6 +51,7 @@ class Search(eqx.Module):
         parts, part: number of parts of the load step, and how many of them are done.
         damped: whether Newton's steps are damped.
         solved: whether the last part is solved.
+        told: whether the tendon slips as foretold, `Case.sliding`, or is held where its tension may stay.
     """
 
     trial: Float[Array, " n"]
@@ -68,6 +70,7 @@ class Search(eqx.Module):
     part: Int[Array, ""]
     damped: Bool[Array, ""]
     solved: Bool[Array, ""]
+    told: Bool[Array, ""]
 
 
 def scales(case: Case) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
@@ -175,7 +178,8 @@ def case_at(case: Case, aim: Float[Array, ""]) -> Case:
 
 class Found(NamedTuple):
     """A solved load step: the unknowns at the base, (n,), curvature [1/m], (N,), the last pass, the largest
-    residual, the number of marches, and the slopes of the chords of guided tendons, None without any.
+    residual, the number of marches, the slopes of the chords of guided tendons, None without any, and
+    whether the tendon slips as foretold, None where nothing is.
     """
 
     unknowns: Float[Array, " n"]
@@ -184,11 +188,20 @@ class Found(NamedTuple):
     error: Float[Array, ""]
     marches: Int[Array, ""]
     slopes: Float[Array, "*tendons S 2"] | None = None
+    told: Bool[Array, ""] | None = None
 
 
 def with_slopes(case: Case, slopes) -> Case:
     """The load step with other slopes of the chords of guided tendons."""
     return eqx.tree_at(lambda c: c.sections.guides.slopes, case, slopes)
+
+
+def with_sliding(case: Case, told: Bool[Array, ""] | None) -> Case:
+    """The load step in which the tendon slips as foretold; as if nothing were foretold unless `told`."""
+    if case.sliding is None or told is None:
+        return case
+    sliding = jtu.tree_map(lambda x: jnp.where(told, x, 0.0), case.sliding)
+    return eqx.tree_at(lambda c: c.sliding, case, sliding)
 
 
 def search(case: Case, how: March) -> Found:
@@ -310,6 +323,7 @@ def _by_path(case: Case, how: March) -> Found:
         part=zero,
         damped=jnp.asarray(bool(what.tendons)),
         solved=jnp.asarray(False),
+        told=jnp.asarray(False) if case.sliding is None else jnp.any(case.sliding.way != 0),
     )
 
     def unfinished(at: Search):
@@ -317,7 +331,7 @@ def _by_path(case: Case, how: March) -> Found:
         return ~at.solved & (at.marches < MOST_MARCHES) & within
 
     def improved(at: Search):
-        now = case_at(case, (at.part + 1) / at.parts)
+        now = case_at(with_sliding(case, at.told), (at.part + 1) / at.parts)
         if what.unknowns:
             flat, use = at.trial * sizes, at.marches > 0
             if what.space:
@@ -354,20 +368,27 @@ def _by_path(case: Case, how: March) -> Found:
         # Several tendons often go on well from a part that was not quite solved.
         failed = over & ~solved & (last if what.tendons else True)
         again = either_of(over, _fresh(on), _with(on, tries=tries))
+        parts = jnp.where(failed & (~at.damped if both else True), FINER * at.parts, at.parts)
+        damped = at.damped ^ failed if both else at.damped
+        told = at.told & (parts <= MOST_SLIDING)
+        if case.sliding is not None:
+            dropped = at.told & ~told
+            parts, damped = jnp.where(dropped, 1, parts), damped & ~dropped
         return _with(
             again,
             trial=jnp.where(failed, first, jnp.where(broken, at.trial, on.trial)),
             kappa=jnp.where(failed, case.memory.kappa, kappa),
             error=error,
             marches=at.marches + 1,
-            parts=jnp.where(failed & (~at.damped if both else True), FINER * at.parts, at.parts),
-            damped=at.damped ^ failed if both else at.damped,
+            parts=parts,
+            damped=damped,
             part=jnp.where(failed, 0, part),
             solved=solved & last,
+            told=told,
         )
 
     done = jax.lax.while_loop(unfinished, improved, in_lanes_of(case.varied, begin))
     unknowns = done.trial * sizes
-    last = passed(case_at(case, whole * one), unknowns, done.kappa)
+    last = passed(case_at(with_sliding(case, done.told), whole * one), unknowns, done.kappa)
     error = _finite(jnp.maximum(largest(last.left / lefts), last.error) if what.unknowns else last.error)
-    return Found(unknowns, done.kappa, last, error, done.marches)
+    return Found(unknowns, done.kappa, last, error, done.marches, told=done.told)

@@ -21,7 +21,7 @@ from .case import Case, Load, Memory
 from .march import Passed, described
 from .mesh import increments
 from .node import drawn_before, total
-from .search import scales, search, with_slopes
+from .search import scales, search, with_sliding, with_slopes
 from .sections import State, node_first
 from .small_matrices import inverse as inverse_of
 from .small_matrices import times
@@ -129,6 +129,7 @@ def slip_of(
 def _solve(inputs) -> Solved:
     case, how = inputs
     found = search(case, how)
+    case = with_sliding(case, found.told)
     memory, state = _in_one_batch(_left(case, found.passed, found.unknowns), found.marches)
     return Solved(memory, state, found.error, found.marches)
 
@@ -141,6 +142,7 @@ def _solve_jvp(primals, tangents):
     case, how = primals[0]
     case_dot = tangents[0][0]
     found = search(case, how)
+    case = with_sliding(case, found.told)
     moving, fixed = split_tangents(case, case_dot)
 
     slopes = found.slopes

@@ -126,6 +126,13 @@ class Structure:
         return any(self.catalogue[kind].loosens for kind in self.terms) and not self._by_slip
 
     @functools.cached_property
+    def slides(self) -> bool:
+        """Whether friction of one tendon may grow with the speed of its slip, so that it slips on for a while
+        after its base tension has turned back.
+        """
+        return self.has("by_speed") and not self._by_slip
+
+    @functools.cached_property
     def tugged(self) -> bool:
         """Whether the end of one tendon may be moved from outside while friction holds it."""
         return self.has("tugged") and not self._by_slip

@@ -1,0 +1,127 @@
+"""Slip that outlasts a reversal where friction grows with its speed: the blind benchmark's machine."""
+
+import dataclasses
+import itertools
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+import gtr_jax as gtr
+from benchmarks.blind import machine
+from benchmarks.terms import compared
+from tests.test_blind import ARM
+from tests.test_events import DT, history, ours
+from tests.test_spatial_terms import PARALLEL, SOFT, TURN
+
+# One reversal, with holds and a second pull; two inner loops.
+HISTORIES = {
+    "one reversal": [(0, 0), (8, 40), (14, 15), (20, 15), (22, 30), (28, 2), (32, 2)],
+    "inner loops": [(0, 0), (10, 40), (13, 20), (15, 34), (18, 10), (20, 24), (21, 18), (24, 40), (30, 1)],
+}
+# Coefficient [s/m], exponent, and the rms that is allowed of the tip tension [N], with four steps for each of
+# the machine's samples. Points that keep the tension that friction could hold: 0.03 to 1.4 N.
+LAWS = {
+    "faint": (5.0, 1.0, 0.02),
+    "weak": (20.0, 1.0, 0.05),
+    "strong": (200.0, 1.0, 0.06),
+    "of a film": (40.0, 0.7, 0.07),
+}
+
+
+def viscous(coefficient, exponent=1.0):
+    return {"viscous-friction.coefficient": coefficient, "viscous-friction.exponent": exponent}
+
+
+def in_parts(time, T_base, parts):
+    at = np.arange((len(T_base) - 1) * parts + 1) / parts
+    samples = np.arange(len(T_base))
+    return np.interp(at, samples, time), np.interp(at, samples, T_base)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("corners", HISTORIES.values(), ids=HISTORIES)
+def test_the_tip_tension_is_that_of_an_elastic_thread(corners, law):
+    c, exponent, allowed = LAWS[law]
+    time, T_base = history(corners)
+
+    def friction(guides):
+        share = (guides.flow / 0.01) ** 2 + 0.02**2
+        return 1 + c * np.abs(guides.flow) * share ** (0.5 * (exponent - 1)) / ARM.friction
+
+    shown = machine.run(dataclasses.replace(ARM, laws=machine.Laws(friction=friction)), time, T_base, parts=4)
+    clock, T = in_parts(time, T_base, 4)
+    run = gtr.simulate(ours(viscous(c, exponent)), T, time=clock)
+    assert bool(run.converged.all()) and shown.worst < 5e-3
+    off = np.asarray(run.T_tip)[::4] - shown.T_tip
+    assert np.sqrt(np.mean(off**2)) < allowed, np.max(np.abs(off))
+
+
+def test_steps_converge():
+    time, T_base = history(HISTORIES["inner loops"])
+    tips = []
+    for parts in (1, 4, 16):
+        clock, T = in_parts(time, T_base, parts)
+        run = gtr.simulate(ours(viscous(60.0)), T, time=clock)
+        assert bool(run.converged.all())
+        tips.append(np.asarray(run.T_tip)[::parts])
+    apart = [np.sqrt(np.mean((a - b) ** 2)) for a, b in itertools.pairwise(tips)]
+    assert apart[1] < 0.4 * apart[0] and apart[1] < 0.08, apart
+
+
+# Friction beside that of the speed: of the machine, and ours.
+BESIDE = {
+    "drag": (machine.Laws(drag=4.0), {"adhesion.drag": 4.0}),
+    "lumped at the base": (machine.Laws(entry=0.2), {"local-friction.base": 0.2}),
+    "lumped at the tip": (machine.Laws(exit=0.2), {"local-friction.tip": 0.2}),
+}
+
+
+@pytest.mark.parametrize("beside", BESIDE)
+def test_beside_other_friction(beside):
+    laws, values = BESIDE[beside]
+    time, T_base = history(HISTORIES["one reversal"])
+    laws = dataclasses.replace(laws, friction=lambda guides: 1 + 60.0 * np.abs(guides.flow) / ARM.friction)
+    shown = machine.run(dataclasses.replace(ARM, laws=laws), time, T_base, parts=4)
+    clock, T = in_parts(time, T_base, 4)
+    run = gtr.simulate(ours(viscous(60.0) | values), T, time=clock)
+    off = np.asarray(run.T_tip)[::4] - shown.T_tip
+    assert bool(run.converged.all()) and np.sqrt(np.mean(off**2)) < 0.06, np.max(np.abs(off))
+
+
+def test_derivatives_after_a_reversal():
+    time, T_base = history(HISTORIES["one reversal"])
+
+    robot = ours({})
+
+    def last(numbers):
+        run = gtr.simulate(robot.with_values(**numbers), T_base, time=time, with_terms=True)
+        return run.T_tip[round(11.0 / DT)]
+
+    numbers = viscous(60.0) | {"mu": 0.3, "E": 1.5e6}
+    slopes = jax.grad(last)(numbers)
+    tip = jax.jit(last)
+    for name in ("viscous-friction.coefficient", "mu", "E"):
+        step = 1e-5 * numbers[name]
+        up, down = (float(tip(numbers | {name: numbers[name] + s * step})) for s in (1, -1))
+        assert float(slopes[name]) * numbers[name] == pytest.approx((up - down) / 2e-5, rel=2e-3, abs=1e-3), (
+            name
+        )
+
+
+def test_in_a_plane_of_space_it_is_the_same(make_robot):
+    time, T_base = history(HISTORIES["inner loops"])
+    terms = [{"kind": "viscous-friction", "coefficient": 60.0}]
+    flat = make_robot(routing=PARALLEL, backbone=SOFT, terms=terms)
+    turned = make_robot(routing=PARALLEL | {"plane_angle": TURN}, backbone=SOFT, space=True, terms=terms)
+    runs = [gtr.simulate(robot, 0.2 * T_base, time=time) for robot in (flat, turned)]
+    assert all(bool(run.converged.all()) for run in runs)
+    np.testing.assert_allclose(np.asarray(runs[1].T_tip).ravel(), runs[0].T_tip, rtol=1e-5)
+
+
+def test_the_run_of_another_simulator_until_the_first_release():
+    folder = Path(__file__).parent / "data" / "reference" / "viscous-friction"
+    c = compared(folder)
+    # That simulator keeps the tension of points that friction could hold, also while they slip.
+    assert c.converged and c.tension[:70].max() < 0.02 and 1.0 < c.tension.max() < 3.0
