@@ -21,8 +21,15 @@ import gtr_jax as gtr
 from .blind.cases import BUILDS, built, forces_on, protocol, robot_file
 from .blind.effects import Scene
 from .blind.machine import Shown, run
+from .measure import told
 
-RESULTS = Path(__file__).parent / "results" / "held.md"
+RESULTS = "held.md"
+HEAD = (
+    "# A held stretch against an elastic thread",
+    "",
+    "Written by `python -m benchmarks.held --write`.",
+    "",
+)
 CASES = (
     ("contact", "one-bend", "rich"),
     ("contact", "two-bends", "rich"),
@@ -112,12 +119,9 @@ def rows() -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.held", description=__doc__)
-    parser.add_argument("--write", action="store_true", help=f"write {RESULTS.name}")
-    given, table = parser.parse_args(), "\n".join(rows())
-    print(table)
-    if given.write:
-        head = "# A held stretch against an elastic thread\n\nWritten by `python -m benchmarks.held --write`."
-        RESULTS.write_text(f"{head}\n\n{table}\n", encoding="utf-8")
+    parser.add_argument("--write", action="store_true", help=f"write {RESULTS}")
+    given = parser.parse_args()
+    told([*HEAD, *rows()], RESULTS if given.write else None)
 
 
 if __name__ == "__main__":

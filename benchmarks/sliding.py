@@ -9,7 +9,6 @@ friction could hold.
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from unittest import mock
 
 import equinox as eqx
@@ -23,8 +22,15 @@ from gtr_jax.mechanics import history
 from gtr_jax.mechanics.case import Sliding
 
 from .blind.machine import Arm, Laws, run
+from .measure import told
 
-RESULTS = Path(__file__).parent / "results" / "sliding.md"
+RESULTS = "sliding.md"
+HEAD = (
+    "# Slip that outlasts a reversal, against an elastic thread",
+    "",
+    "Written by `python -m benchmarks.sliding --write`; rms of the tip tension, histories up to 40 N.",
+    "",
+)
 DT, MU, MODULUS, FINE = 0.25, 0.3, 1.5e6, 8
 # Corners of the base tension: [s], [N].
 HISTORIES = {
@@ -82,10 +88,15 @@ def _unforetold(case, load, memory):
     return Sliding(none, none)
 
 
+def in_parts(time, T_base, parts: int) -> tuple[np.ndarray, np.ndarray]:
+    """Time [s] and base tension [N] with so many load steps for each sample."""
+    samples, at = np.arange(len(T_base)), np.arange((len(T_base) - 1) * parts + 1) / parts
+    return np.interp(at, samples, time), np.interp(at, samples, T_base)
+
+
 def simulated(coefficient: float, exponent: float, time, T_base, parts: int) -> tuple[np.ndarray, bool]:
     """Tip tension [N] at the samples, with so many steps for each, and whether every step converged."""
-    at = np.arange((len(T_base) - 1) * parts + 1) / parts
-    time, T_base = (np.interp(at, np.arange(len(T_base)), column) for column in (time, T_base))
+    time, T_base = in_parts(time, T_base, parts)
     robot = gtr.load_robot(CONCEALED_ROBOT).with_values(
         **{"mu": MU, "E": MODULUS, "viscous-friction.coefficient": coefficient},
         **{"viscous-friction.exponent": exponent},
@@ -127,15 +138,9 @@ def rows() -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.sliding", description=__doc__)
-    parser.add_argument("--write", action="store_true", help=f"write {RESULTS.name}")
-    given, table = parser.parse_args(), "\n".join(rows())
-    print(table)
-    if given.write:
-        head = "# Slip that outlasts a reversal, against an elastic thread\n\n"
-        head += (
-            "Written by `python -m benchmarks.sliding --write`; rms of the tip tension, histories up to 40 N."
-        )
-        RESULTS.write_text(f"{head}\n\n{table}\n", encoding="utf-8")
+    parser.add_argument("--write", action="store_true", help=f"write {RESULTS}")
+    given = parser.parse_args()
+    told([*HEAD, *rows()], RESULTS if given.write else None)
 
 
 if __name__ == "__main__":

@@ -10,16 +10,13 @@ import pytest
 
 import gtr_jax as gtr
 from benchmarks.blind import machine
+from benchmarks.sliding import HISTORIES, in_parts, thread
 from benchmarks.terms import compared
 from tests.test_blind import ARM
 from tests.test_events import DT, history, ours
 from tests.test_spatial_terms import PARALLEL, SOFT, TURN
 
-# One reversal, with holds and a second pull; two inner loops.
-HISTORIES = {
-    "one reversal": [(0, 0), (8, 40), (14, 15), (20, 15), (22, 30), (28, 2), (32, 2)],
-    "inner loops": [(0, 0), (10, 40), (13, 20), (15, 34), (18, 10), (20, 24), (21, 18), (24, 40), (30, 1)],
-}
+REVERSAL, INNER = (HISTORIES[name] for name in ("one reversal, holds", "two inner loops"))
 # Coefficient [s/m], exponent, and the rms that is allowed of the tip tension [N], with four steps for each of
 # the machine's samples. Points that keep the tension that friction could hold: 0.03 to 1.4 N.
 LAWS = {
@@ -34,23 +31,12 @@ def viscous(coefficient, exponent=1.0):
     return {"viscous-friction.coefficient": coefficient, "viscous-friction.exponent": exponent}
 
 
-def in_parts(time, T_base, parts):
-    at = np.arange((len(T_base) - 1) * parts + 1) / parts
-    samples = np.arange(len(T_base))
-    return np.interp(at, samples, time), np.interp(at, samples, T_base)
-
-
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("corners", HISTORIES.values(), ids=HISTORIES)
+@pytest.mark.parametrize("corners", [REVERSAL, INNER], ids=["one reversal", "inner loops"])
 def test_the_tip_tension_is_that_of_an_elastic_thread(corners, law):
     c, exponent, allowed = LAWS[law]
     time, T_base = history(corners)
-
-    def friction(guides):
-        share = (guides.flow / 0.01) ** 2 + 0.02**2
-        return 1 + c * np.abs(guides.flow) * share ** (0.5 * (exponent - 1)) / ARM.friction
-
-    shown = machine.run(dataclasses.replace(ARM, laws=machine.Laws(friction=friction)), time, T_base, parts=4)
+    shown = machine.run(thread(c, exponent), time, T_base, parts=4)
     clock, T = in_parts(time, T_base, 4)
     run = gtr.simulate(ours(viscous(c, exponent)), T, time=clock)
     assert bool(run.converged.all()) and shown.worst < 5e-3
@@ -59,7 +45,7 @@ def test_the_tip_tension_is_that_of_an_elastic_thread(corners, law):
 
 
 def test_steps_converge():
-    time, T_base = history(HISTORIES["inner loops"])
+    time, T_base = history(INNER)
     tips = []
     for parts in (1, 4, 16):
         clock, T = in_parts(time, T_base, parts)
@@ -81,7 +67,7 @@ BESIDE = {
 @pytest.mark.parametrize("beside", BESIDE)
 def test_beside_other_friction(beside):
     laws, values = BESIDE[beside]
-    time, T_base = history(HISTORIES["one reversal"])
+    time, T_base = history(REVERSAL)
     laws = dataclasses.replace(laws, friction=lambda guides: 1 + 60.0 * np.abs(guides.flow) / ARM.friction)
     shown = machine.run(dataclasses.replace(ARM, laws=laws), time, T_base, parts=4)
     clock, T = in_parts(time, T_base, 4)
@@ -91,7 +77,7 @@ def test_beside_other_friction(beside):
 
 
 def test_derivatives_after_a_reversal():
-    time, T_base = history(HISTORIES["one reversal"])
+    time, T_base = history(REVERSAL)
 
     robot = ours({})
 
@@ -111,7 +97,7 @@ def test_derivatives_after_a_reversal():
 
 
 def test_in_a_plane_of_space_it_is_the_same(make_robot):
-    time, T_base = history(HISTORIES["inner loops"])
+    time, T_base = history(INNER)
     terms = [{"kind": "viscous-friction", "coefficient": 60.0}]
     flat = make_robot(routing=PARALLEL, backbone=SOFT, terms=terms)
     turned = make_robot(routing=PARALLEL | {"plane_angle": TURN}, backbone=SOFT, space=True, terms=terms)

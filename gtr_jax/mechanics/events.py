@@ -38,7 +38,7 @@ from ..terms import called
 from ..terms.term import Channel
 from .bodies import geometry_of, metric_of, offset_of, turning_of
 from .case import FOREVER, Case, Load, Memory
-from .mesh import shifted
+from .mesh import following, shifted
 from .node import RIGID, any_on, clip, drawn_before, friction, product, total
 
 LEAST = 1e-9  # N, a tension below which the tendon counts as slack
@@ -104,7 +104,7 @@ def after_tug(case: Case, load: Load, memory: Memory) -> tuple[Memory, Float[Arr
         return end * jnp.exp(sense * (grip + jnp.sum(hold) - jnp.cumsum(hold)))
 
     held = jnp.where(added != 0, clip(tension, bound(-1.0), bound(1.0)), tension)
-    more = compliance_of(case) * (held - tension)
+    more = _compliance(case) * (held - tension)
     length = case.sections.mesh.interval.length
     moved = (
         -jnp.sum(0.5 * length * (more + shifted(more)))
@@ -135,12 +135,18 @@ def turning_before(case: Case) -> Float[Array, " N"]:
     return wrap * product(case, "wrap", case.memory.tension)
 
 
-def compliance_of(case: Case) -> Float[Array, " N"]:
+def _compliance(case: Case) -> Float[Array, " N"]:
     """How much of the tendon slips out of each length of channel, per tension: 1/N, (N,)."""
     s, kappa = case.sections, case.memory.kappa
     gives = RIGID + rise_per_newton(case, "strain", case.memory.tension)
     body = geometry_of(s).give(s.compliance, kappa, offset_of(s, kappa))
     return gives * metric_of(s, kappa) + s.ended(body)
+
+
+def give_of_nodes(case: Case) -> Float[Array, " N"]:
+    """How much of the tendon slips out of the channel about each node, per tension: m/N, (N,)."""
+    length = case.sections.mesh.interval.length
+    return _compliance(case) * 0.5 * (length + following(length))
 
 
 def rise_per_newton(case: Case, name: str, tension):
@@ -153,8 +159,8 @@ def _relaxed(case: Case, tension, down, up):
     logarithm falls by `down` or rises by `up` since the preceding node, (N,) each.
     """
     what, memory = case.structure, case.memory
-    length, nodes = case.sections.mesh.interval.length, tension.shape[0]
-    weight = compliance_of(case) * 0.5 * (length + shifted(length[::-1])[::-1])
+    nodes = tension.shape[0]
+    weight = give_of_nodes(case)
     last = jnp.arange(nodes) == nodes - 1
     anchor = rise_per_newton(case, "anchor", memory.T_tip)
     # A node between two others at its place has no length of its own.

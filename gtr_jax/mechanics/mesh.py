@@ -139,6 +139,11 @@ def shifted(
     return jnp.concatenate([first, values[..., :-by]], axis=-1)
 
 
+def following(values: Float[Array, " N"]) -> Float[Array, " N"]:
+    """`values` moved one node towards the base: entry i is values[i + 1]; the last is zero."""
+    return shifted(values[::-1])[::-1]
+
+
 def derivatives(
     rates: Float[Array, "N 2 4"], values: Float[Array, " N"]
 ) -> tuple[Float[Array, " N"], Float[Array, " N"]]:

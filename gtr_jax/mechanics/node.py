@@ -36,7 +36,7 @@ from jaxtyping import Array, Bool, Float
 from ..terms import called, is_on
 from ..terms.term import STILL, Bent, Channel, Passing
 from .bodies import geometry_of, metric_of
-from .case import Case
+from .case import Case, Sliding
 from .geometry import Geometry
 from .guides import Strung, corner, direction_of, either, entering, offset_on
 from .mesh import STENCIL, Interval
@@ -204,6 +204,12 @@ def _alike(values: list[Any]) -> list[Any]:
     return [jnp.broadcast_to(value, shape) if jnp.ndim(value) else value for value in values]
 
 
+def _as_told(told: Sliding, by_slip, kept, low, high):
+    """The tension that friction is foretold to keep [N], or the bound that slip takes it to."""
+    way, change = (jnp.where(by_slip, 0.0, of) for of in told)
+    return jnp.where(way > 0, low, jnp.where(way < 0, high, kept + change))
+
+
 class Equations(eqx.Module):
     """The equations of a node, given a case and what is unknown at its base.
 
@@ -338,8 +344,7 @@ class Equations(eqx.Module):
             low, high = self.bounds(behind, gripped, carry)
             kept = row.tension if self.level is None else (1.0 + self.level) * self.remembered(row)
             if row.sliding is not None:
-                way, change = (jnp.where(by_slip, 0.0, told) for told in row.sliding)
-                kept = jnp.where(way > 0, low, jnp.where(way < 0, high, kept + change))
+                kept = _as_told(row.sliding, by_slip, kept, low, high)
             tension = clip(kept, low, high)
             if what.terms:
                 grip = jnp.where(tension <= low, 1.0, jnp.where(tension >= high, -1.0, 0.0))
@@ -584,8 +589,8 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         low, high = load.T_base * jnp.exp(-base_grip), load.T_base * jnp.exp(base_grip)
         entry = memory.entry
         if case.sliding is not None:
-            way, change = (jnp.where(by_slip, 0.0, told[0]) for told in case.sliding)
-            entry = jnp.where(way > 0, low, jnp.where(way < 0, high, entry + change))
+            first = Sliding(*(told[0] for told in case.sliding))
+            entry = _as_told(first, by_slip, entry, low, high)
         entry = clip(entry, low, high)
     zero, none = jnp.zeros(()), jnp.zeros_like(case.mu)
     back = STENCIL - 1

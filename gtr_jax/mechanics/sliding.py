@@ -30,8 +30,8 @@ from jaxtyping import Array, Float
 from ..terms.term import Passing
 from .bodies import turning_of
 from .case import FOREVER, Case, Load, Memory, Sliding
-from .events import LEAST, compliance_of, rise_per_newton, turning_before
-from .mesh import shifted
+from .events import LEAST, give_of_nodes, rise_per_newton, turning_before
+from .mesh import following, shifted
 from .node import channel_rows, friction, product, total
 
 # Newton's iterations, largest step of ln T, and by how much the slip at which friction is whole narrows in
@@ -82,10 +82,10 @@ def _problem(case: Case):
     """Where Newton's method starts, and one step of it: of ln T and the slip [m], (N,) each, the slip at
     which friction is whole, and the largest step of ln T.
     """
-    memory, length = case.memory, case.sections.mesh.interval.length
+    memory = case.memory
     assert memory.speed is not None
     before = jnp.where(memory.tension > LEAST, memory.tension, LEAST)
-    weight = compliance_of(case) * 0.5 * (length + shifted(length[::-1])[::-1])
+    weight = give_of_nodes(case)
     # Friction lumped at the anchor holds it.
     gripped = case.structure.has("tip_grip")
     anchor = 0.0 if gripped else rise_per_newton(case, "anchor", memory.T_tip)
@@ -118,9 +118,9 @@ def _problem(case: Case):
         left = shifted(y, fill=base) - y - hold * sense - fast
         slope = jnp.where(slope > 0, slope, 0.0)
         gives = 1 / (hold * (1 - sense * sense) / width + slope + easy)
-        tension, behind = jnp.exp(y), shifted(gives[::-1])[::-1]
-        wrong = weight * (tension - before) - slip - gives * left
-        wrong = wrong + shifted((slip + gives * left)[::-1])[::-1]
+        tension, behind = jnp.exp(y), following(gives)
+        flow = slip + gives * left
+        wrong = weight * (tension - before) - flow + following(flow)
         change = _solved(weight * tension + gives + behind, -gives, -wrong)
         change = jnp.where(change > FARTHEST, FARTHEST, jnp.where(change < -FARTHEST, -FARTHEST, change))
         moved = slip + gives * (shifted(change) - change + left)
@@ -184,6 +184,5 @@ def _solved(diagonal, ahead, right):
         now = (found - off * after) / pivot
         return now, now
 
-    behind = shifted(start[::-1])[::-1]
-    rows = tuple(x[::-1] for x in (pivot, found, behind))
+    rows = tuple(x[::-1] for x in (pivot, found, following(start)))
     return jax.lax.scan(back, jnp.zeros_like(right[0]), rows)[1][::-1]
