@@ -14,7 +14,15 @@ import gtr_jax as gtr
 from benchmarks.terms import compared
 from gtr_jax.report.term_pages import page
 from gtr_jax.report.terms import description
-from gtr_jax.terms import REGISTRY, null_values, viscoelastic_body, viscous_friction
+from gtr_jax.terms import (
+    REGISTRY,
+    cell_hysteresis,
+    low_pass,
+    null_values,
+    saturation,
+    viscoelastic_body,
+    viscous_friction,
+)
 from gtr_jax.terms.term import Bent
 from tests.conftest import SINE
 
@@ -355,6 +363,8 @@ def test_terms_that_cannot_act_are_refused(make_robot):
         ({"kind": "local-friction", "factor": 4.0}, "must bound a stretch"),
         ({"kind": "saturation"}, "give one of tip, base"),
         ({"kind": "cell-hysteresis", "tip": 3.0}, "width must exceed"),
+        ({"kind": "cell-hysteresis", "tip": 1.6, "spread": 0.3}, "the more the larger the spread"),
+        ({"kind": "saturation", "tip": 3.0, "knee": 7.0}, "knee must be at most twice the limit"),
         ({"kind": ["wear"]}, "unknown kind"),
         ({"kind": "presliding", "length": -1.0}, "at least 0"),
     ):
@@ -529,6 +539,56 @@ def test_the_base_cell_is_read_backwards(robot, chosen):
     shown = gtr.reading(case, gtr.simulate(case, LOOP, time=CLOCK)).T_base
     assert float(np.max(np.abs(shown - LOOP))) > 1e-3
     np.testing.assert_allclose(gtr.true_base(case, shown, CLOCK), LOOP, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"cell-hysteresis.base": 0.4, "cell-hysteresis.width": 1.5, "cell-hysteresis.spread": 0.3},
+        {"low-pass.base": 0.5, "low-pass.second": 0.8},
+    ],
+    ids=lambda values: next(iter(values)).partition(".")[0],
+)
+def test_cells_of_more_than_one_element_are_read_backwards(robot, values):
+    case, plain = (robot.with_values(**v) for v in (values, dict(list(values.items())[:-1])))
+    run = gtr.simulate(case, LOOP, time=CLOCK)
+    shown, otherwise = (gtr.reading(c, run).T_base for c in (case, plain))
+    assert float(np.max(np.abs(shown - otherwise))) > 0.02
+    np.testing.assert_allclose(gtr.true_base(case, shown, CLOCK), LOOP, atol=1e-9)
+
+
+def test_two_lags_in_series():
+    # A ramp through two equal lags: y = r (t - 2 tau) + r (t + 2 tau) exp(-t/tau).
+    clock, lag, slope = np.linspace(0.0, 3.0, 3001), 0.4, 2.0
+    wanted = slope * (clock - 2 * lag) + slope * (clock + 2 * lag) * np.exp(-clock / lag)
+    found = low_pass.shown_by(jnp.asarray(lag), jnp.asarray(1.0), jnp.asarray(slope * clock), jnp.asarray(clock))
+    np.testing.assert_allclose(found, wanted, atol=1e-6)
+
+
+def test_a_saturated_cell_bends_over_within_its_knee():
+    limit, knee = 8.0, 2.0
+    T = np.array([6.9, 7.0, 7.5, 8.0, 8.5, 9.0, 9.1])
+    found = saturation.cut(jnp.asarray(limit), jnp.asarray(knee), jnp.asarray(T))
+    np.testing.assert_allclose(found, [6.9, 7.0, 7.4375, 7.75, 7.9375, 8.0, 8.0])
+    # Continuous, with its slope, where the knee begins and ends.
+    slopes = jax.vmap(jax.grad(lambda T: saturation.cut(limit, knee, T)))(jnp.array([7 - 1e-9, 7 + 1e-9, 9.0]))
+    np.testing.assert_allclose(slopes, [1.0, 1.0, 0.0], atol=1e-8)
+
+
+def test_elements_of_a_hysteretic_cell_give_way_one_after_the_other():
+    force, width, spread = 0.8, 2.0, 0.2
+    over = 2.0 * 10.0 ** (0.2 * np.array([-1.5, -0.5, 0.5, 1.5]))
+    T = np.linspace(0.0, 5.0, 11)
+    wanted = T - force * np.mean(np.minimum(T[:, None] / over, 1.0), axis=1)
+    found = cell_hysteresis.lagging(*map(jnp.asarray, (force, width, spread, T)))
+    np.testing.assert_allclose(found, wanted, rtol=1e-12)
+    # Turning back, each element takes twice its width.
+    back = 5.0 - T
+    found = cell_hysteresis.lagging(*map(jnp.asarray, (force, width, spread, np.concatenate([T, back]))))
+    wanted = back - force * (1 - 2 * np.mean(np.minimum(T[:, None] / (2 * over), 1.0), axis=1))
+    np.testing.assert_allclose(found[11:], wanted, rtol=1e-12)
+    one = cell_hysteresis.lagging(*map(jnp.asarray, (force, width, 0.0, T)))
+    np.testing.assert_allclose(one, T - force * np.minimum(T / width, 1.0), rtol=1e-12)
 
 
 def test_what_the_tips_cell_shows(robot):

@@ -61,11 +61,26 @@ class Hypothesis:
 VARIANTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "local-friction": {"base": ("base",), "tip": ("tip",), "stretch": ("factor", "start", "end")},
     "tendon-stretch": {"": ("compliance",)},
-    "cell-hysteresis": {"tip": ("tip", "width"), "base": ("base", "width")},
+    "cell-hysteresis": {
+        "tip": ("tip", "width"),
+        "base": ("base", "width"),
+        "tip-spread": ("tip", "width", "spread"),
+        "base-spread": ("base", "width", "spread"),
+    },
     "zero-drift": {"tip": ("tip",), "base": ("base",)},
-    "low-pass": {"tip": ("tip",), "base": ("base",)},
+    "low-pass": {
+        "tip": ("tip",),
+        "base": ("base",),
+        "tip-second": ("tip", "second"),
+        "base-second": ("base", "second"),
+    },
     "time-skew": {"": ("delay",), "drift": ("rate", "delay")},
-    "saturation": {"tip": ("tip",), "base": ("base",)},
+    "saturation": {
+        "tip": ("tip",),
+        "base": ("base",),
+        "tip-knee": ("tip", "knee"),
+        "base-knee": ("base", "knee"),
+    },
     "superelastic": {"": ("softening", "strain"), "unloading": ("hysteresis",)},
     # The reference cannot be told from mu; the direction of a stop is set by the direction of the bend.
     "pressure-dependent-friction": {"": ("exponent",)},
@@ -237,9 +252,9 @@ def _started(
         return Hypothesis(name=name, kind=term.id, numbers=free, starts=tuple(starts))
     if term.id == "saturation":
         own = dataclasses.replace(free[0], centre=largest, sd=0.15, log=True, lower=1e-3, size=False)
-        shares = (0.97, 0.9, 0.75)
-        starts = tuple({own.name: s * largest} for s in shares)
-        return Hypothesis(name=name, kind=term.id, numbers=(own,), starts=starts)
+        shares, knees = (0.97, 0.9, 0.75), [{n.name: n.value(0.0) for n in free[1:]}]
+        starts = tuple({own.name: s * largest} | knee for s in shares for knee in knees)
+        return Hypothesis(name=name, kind=term.id, numbers=(own, *free[1:]), starts=starts)
     if term.id == "contact":
         stiffness, distance = free
         stiffness = dataclasses.replace(stiffness, centre=200.0, sd=1.5, log=True, lower=1.0, size=False)

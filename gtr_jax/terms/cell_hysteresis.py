@@ -1,51 +1,94 @@
 """A load cell is hysteretic."""
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 
 from .term import Quantity, Term
+
+# Spreads by which the widths of the elements differ from their mean; of equal force.
+APART = (-1.5, -0.5, 0.5, 1.5)
+# Which of the elements have given way by the end of a change: every choice.
+GAVE_WAY = tuple(itertools.product((False, True), repeat=len(APART)))
+
+
+def widths(width, spread):
+    """Change of tension over which each element builds up [N]."""
+    return [width * 10.0 ** (spreads * spread) for spreads in APART]
 
 
 def _clipped(z):
     return jnp.where(z >= 1.0, 1.0, jnp.where(z <= -1.0, -1.0, z))
 
 
-def lagging(force, width, T):
+def _on(zs, change, over):
+    return tuple(_clipped(z + change / own) for z, own in zip(zs, over, strict=True))
+
+
+def _mean(zs):
+    return sum(zs[1:], zs[0]) / len(zs)
+
+
+def lagging(force, width, spread, T):
     """Reading of a cell that holds back up to `force` after each reversal; it starts relaxed."""
+    over = widths(width, spread)
 
     def step(carry, now):
-        z, before = carry
-        z = _clipped(z + (now - before) / width)
-        return (z, now), now - force * z
+        zs, before = carry
+        zs = _on(zs, now - before, over)
+        return (zs, now), now - force * _mean(zs)
 
-    return jax.lax.scan(step, (jnp.zeros_like(T[0]), T[0]), T)[1]
+    still = (jnp.zeros_like(T[0]),) * len(APART)
+    return jax.lax.scan(step, (still, T[0]), T)[1]
 
 
-def leading(force, width, shown):
-    """The tension behind what `lagging` shows; for a force below the width."""
+def leading(force, width, spread, shown):
+    """The tension behind what `lagging` shows; for forces that no element takes up as fast as the tension
+    grows.
+    """
+    over = widths(width, spread)
+    each = force / len(APART)
 
     def step(carry, y):
-        z, before = carry
-        change = (y - (before - force * z)) / (1 - force / width)
-        z = _clipped(z + change / width)
-        now = y + force * z
-        return (z, now), now
+        zs, before = carry
+        rise = y - (before - force * _mean(zs))
+        way = jnp.where(rise < 0, -1.0, 1.0)
+        # How far each element goes on in this direction. What the cell shows of a change is convex in it and
+        # made of straight pieces, one for each choice of elements that have given way, so that the change is
+        # the least of those which the pieces give.
+        left = [1.0 - way * z for z in zs]
+        found = None
+        for gave_way in GAVE_WAY:
+            held = sum(z for z, gave in zip(left, gave_way, strict=True) if gave)
+            yields = 1.0 - each * sum(1.0 / own for own, gave in zip(over, gave_way, strict=True) if not gave)
+            piece = (way * rise + each * held) / yields
+            found = piece if found is None else jnp.where(piece < found, piece, found)
+        now = before + way * found
+        zs = _on(zs, now - before, over)
+        return (zs, now), now
 
-    return jax.lax.scan(step, (jnp.zeros_like(shown[0]), shown[0]), shown)[1]
+    still = (jnp.zeros_like(shown[0]),) * len(APART)
+    return jax.lax.scan(step, (still, shown[0]), shown)[1]
 
 
 def fault(values, length):
     """Why no cell can have these numbers; empty if one can."""
-    return "" if max(values["tip"], values["base"]) < values["width"] else "width must exceed the forces"
+    steepest = sum(1.0 / own for own in widths(values["width"], values["spread"])) / len(APART)
+    if max(values["tip"], values["base"]) * steepest < 1.0:
+        return ""
+    wide = "" if values["spread"] == 0 else ", the more the larger the spread"
+    return f"width must exceed the forces{wide}"
 
 
 TERM = Term(
     id="cell-hysteresis",
     says="A load cell lags behind the tension by a force after each reversal, at any rate.",
-    law="shown = T − force·z, z = clip(z + dT/width, ±1), for each cell its own force",
+    law="shown = T − force·mean(z_j), z_j = clip(z_j + dT/w_j, ±1), "
+    "w_j = width·10^(spread·(−3/2, −1/2, 1/2, 3/2)), for each cell its own force",
     seen="Reversals are rounded and the loop is wider by the same force at every tension.",
     told_apart="Load the cell alone, up and down; swap the cells.",
-    source="one Maxwell-slip (Prandtl) element",
+    source="Maxwell-slip (Prandtl) elements; of one width: one element",
     quantities=(
         Quantity("tip", "N", 0.0, 0.2, "Force that the cell at the tip holds back.", (0.02, 1.0), 0.0),
         Quantity("base", "N", 0.0, 0.2, "Force that the cell at the base holds back.", (0.02, 1.0), 0.0),
@@ -60,9 +103,20 @@ TERM = Term(
             log=True,
             size=False,
         ),
+        Quantity(
+            "spread",
+            "dimensionless",
+            0.0,
+            0.0,
+            "Decades between the widths of elements that follow one another; 0 for one width.",
+            (0.05, 0.4),
+            0.0,
+            1.0,
+            size=False,
+        ),
     ),
     fault=fault,
-    tip=lambda p, T, at: lagging(p["tip"], p["width"], T),
-    base=lambda p, T, at: lagging(p["base"], p["width"], T),
-    true_base=lambda p, shown, at: leading(p["base"], p["width"], shown),
+    tip=lambda p, T, at: lagging(p["tip"], p["width"], p["spread"], T),
+    base=lambda p, T, at: lagging(p["base"], p["width"], p["spread"], T),
+    true_base=lambda p, shown, at: leading(p["base"], p["width"], p["spread"], shown),
 )

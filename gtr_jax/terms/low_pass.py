@@ -1,4 +1,4 @@
-"""A load cell, or its amplifier, follows with a lag."""
+"""A load cell, or its amplifier, follows with a lag, or with two in series."""
 
 import jax
 import jax.numpy as jnp
@@ -48,18 +48,39 @@ def unfiltered(time, shown, clock):
     return jnp.concatenate([shown[:1], jax.lax.scan(step, (shown[0], shown[0]), (shown[1:], dt))[1]])
 
 
+def shown_by(time, second, T, clock):
+    """What a cell shows of a tension: a lag behind another, the second a share of the first."""
+    return filtered(second * time, filtered(time, T, clock), clock)
+
+
+def behind(time, second, shown, clock):
+    """The tension behind what `shown_by` gives."""
+    return unfiltered(time, unfiltered(second * time, shown, clock), clock)
+
+
 TERM = Term(
     id="low-pass",
     says="A load cell, or its amplifier, follows the tension with a lag.",
-    law="time·ẏ + y = T, for each cell its own time",
-    seen="The loop widens with the rate, and a step is followed by an exponential.",
+    law="time·ẋ + x = T, second·time·ẏ + y = x, shown = y, for each cell its own time",
+    seen="The loop widens with the rate, and a step is followed by an exponential, or by an S of two.",
     told_apart="Repeat at another rate; tap the cell and look at its response.",
     quantities=(
         Quantity("tip", "s", 0.0, 0.05, "Time constant of the cell at the tip.", (5e-3, 2.0), 0.0),
         Quantity("base", "s", 0.0, 0.05, "Time constant of the cell at the base.", (5e-3, 2.0), 0.0),
+        Quantity(
+            "second",
+            "dimensionless",
+            0.0,
+            0.0,
+            "Time constant of a second lag in series, as a share of the first; 0 for one lag.",
+            (0.2, 1.0),
+            0.0,
+            1.0,
+            size=False,
+        ),
     ),
     timed=True,
-    tip=lambda p, T, at: filtered(p["tip"], T, at.time),
-    base=lambda p, T, at: filtered(p["base"], T, at.time),
-    true_base=lambda p, shown, at: unfiltered(p["base"], shown, at.time),
+    tip=lambda p, T, at: shown_by(p["tip"], p["second"], T, at.time),
+    base=lambda p, T, at: shown_by(p["base"], p["second"], T, at.time),
+    true_base=lambda p, shown, at: behind(p["base"], p["second"], shown, at.time),
 )

@@ -5,21 +5,46 @@ import jax.numpy as jnp
 from .term import Quantity, Term
 
 
-def cut(limit, T):
-    """T, or the limit where it is higher; a limit of 0 cuts nothing."""
-    return jnp.where((limit > 0) & (limit < T), limit, T)
+def cut(limit, knee, T):
+    """T up to half a knee below the limit, the limit from half a knee above it on, and between them a
+    parabola that joins both without a corner; a limit of 0 cuts nothing.
+    """
+    over = T - limit + 0.5 * knee
+    bends = (knee > 0) & (over > 0) & (over < knee)
+    shown = jnp.where(limit < T, limit, T)
+    shown = jnp.where(bends, T - 0.5 * over**2 / jnp.where(knee > 0, knee, 1.0), shown)
+    return jnp.where(limit > 0, shown, T)
+
+
+def fault(values, length):
+    """Why no cell can have these numbers; empty if one can."""
+    least = min((values[end] for end in ("tip", "base") if values[end] > 0), default=None)
+    return "" if least is None or values["knee"] <= 2 * least else "knee must be at most twice the limit"
 
 
 TERM = Term(
     id="saturation",
     says="A load cell or its amplifier shows nothing above a limit.",
-    law="shown = min(T, limit), for each cell its own limit",
+    law="shown = min(T, limit), for each cell its own limit; within knee/2 of it "
+    "shown = T − (T − limit + knee/2)²/(2 knee)",
     seen="A flat top, at one and the same tension in every cycle.",
     told_apart="Look for equal samples at the top; use a larger range.",
+    source="soft knee: Giannoulis, Massberg & Reiss 2012",
     quantities=(
         Quantity("tip", "N", 0.0, 20.0, "Limit of the cell at the tip; 0: none.", (1.0, 200.0), 0.0),
         Quantity("base", "N", 0.0, 50.0, "Limit of the cell at the base; 0: none.", (1.0, 200.0), 0.0),
+        Quantity(
+            "knee",
+            "N",
+            0.0,
+            0.0,
+            "Range of tension about the limit in which the reading bends over; 0: a sharp limit.",
+            (0.1, 5.0),
+            0.0,
+            size=False,
+        ),
     ),
-    tip=lambda p, T, at: cut(p["tip"], T),
-    base=lambda p, T, at: cut(p["base"], T),
+    fault=fault,
+    tip=lambda p, T, at: cut(p["tip"], p["knee"], T),
+    base=lambda p, T, at: cut(p["base"], p["knee"], T),
 )
