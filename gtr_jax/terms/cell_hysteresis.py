@@ -44,28 +44,28 @@ def lagging(force, width, spread, T):
 
 
 def leading(force, width, spread, shown):
-    """The tension behind what `lagging` shows; for forces that no element takes up as fast as the tension
-    grows.
-    """
+    """The tension behind what `lagging` shows; NaN for a cell that would show less of more tension (`fault`)."""
     over = widths(width, spread)
     each = force / len(APART)
+    rises = each * sum(1.0 / own for own in over) < 1.0
 
     def step(carry, y):
         zs, before = carry
         rise = y - (before - force * _mean(zs))
         way = jnp.where(rise < 0, -1.0, 1.0)
-        # How far each element goes on in this direction. What the cell shows of a change is convex in it and
-        # made of straight pieces, one for each choice of elements that have given way, so that the change is
-        # the least of those which the pieces give.
+        # How far each element goes on in this direction, in its widths. What the cell shows is convex in the
+        # change and made of straight pieces, one for each choice of elements that give way, so that the
+        # change is the least of those which the pieces give.
         left = [1.0 - way * z for z in zs]
         found = None
         for gave_way in GAVE_WAY:
             held = sum(z for z, gave in zip(left, gave_way, strict=True) if gave)
-            yields = 1.0 - each * sum(1.0 / own for own, gave in zip(over, gave_way, strict=True) if not gave)
-            piece = (way * rise + each * held) / yields
+            slope = 1.0 - each * sum(1.0 / own for own, gave in zip(over, gave_way, strict=True) if not gave)
+            piece = (way * rise + each * held) / jnp.where(rises, slope, 1.0)
             found = piece if found is None else jnp.where(piece < found, piece, found)
-        now = before + way * found
-        zs = _on(zs, now - before, over)
+        # The tension from what the elements hold has the right slopes also where all pieces are one.
+        zs = _on(zs, way * found, over)
+        now = jnp.where(rises, y + force * _mean(zs), jnp.nan)
         return (zs, now), now
 
     still = (jnp.zeros_like(shown[0]),) * len(APART)
