@@ -561,7 +561,7 @@ def test_two_lags_in_series():
     # A ramp through two equal lags: y = r (t - 2 tau) + r (t + 2 tau) exp(-t/tau).
     clock, lag, slope = np.linspace(0.0, 3.0, 3001), 0.4, 2.0
     wanted = slope * (clock - 2 * lag) + slope * (clock + 2 * lag) * np.exp(-clock / lag)
-    found = low_pass.shown_by(jnp.asarray(lag), jnp.asarray(1.0), jnp.asarray(slope * clock), jnp.asarray(clock))
+    found = low_pass.shown_by(*map(jnp.asarray, (lag, 1.0, slope * clock, clock)))
     np.testing.assert_allclose(found, wanted, atol=1e-6)
 
 
@@ -571,7 +571,8 @@ def test_a_saturated_cell_bends_over_within_its_knee():
     found = saturation.cut(jnp.asarray(limit), jnp.asarray(knee), jnp.asarray(T))
     np.testing.assert_allclose(found, [6.9, 7.0, 7.4375, 7.75, 7.9375, 8.0, 8.0])
     # Continuous, with its slope, where the knee begins and ends.
-    slopes = jax.vmap(jax.grad(lambda T: saturation.cut(limit, knee, T)))(jnp.array([7 - 1e-9, 7 + 1e-9, 9.0]))
+    slope = jax.vmap(jax.grad(lambda T: saturation.cut(limit, knee, T)))
+    slopes = slope(jnp.array([7 - 1e-9, 7 + 1e-9, 9.0]))
     np.testing.assert_allclose(slopes, [1.0, 1.0, 0.0], atol=1e-8)
 
 

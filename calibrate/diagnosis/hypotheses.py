@@ -252,9 +252,13 @@ def _started(
         return Hypothesis(name=name, kind=term.id, numbers=free, starts=tuple(starts))
     if term.id == "saturation":
         own = dataclasses.replace(free[0], centre=largest, sd=0.15, log=True, lower=1e-3, size=False)
-        shares, knees = (0.97, 0.9, 0.75), [{n.name: n.value(0.0) for n in free[1:]}]
-        starts = tuple({own.name: s * largest} | knee for s in shares for knee in knees)
-        return Hypothesis(name=name, kind=term.id, numbers=(own, *free[1:]), starts=starts)
+        # A knee is at most as wide as its limit is high, and mostly a tenth of it.
+        knees = [
+            dataclasses.replace(n, centre=0.1 * largest, sd=1.0, log=True, upper=largest) for n in free[1:]
+        ]
+        shape = {n.name: n.centre for n in knees}
+        starts = tuple({own.name: share * largest} | shape for share in (0.97, 0.9, 0.75))
+        return Hypothesis(name=name, kind=term.id, numbers=(own, *knees), starts=starts)
     if term.id == "contact":
         stiffness, distance = free
         stiffness = dataclasses.replace(stiffness, centre=200.0, sd=1.5, log=True, lower=1.0, size=False)

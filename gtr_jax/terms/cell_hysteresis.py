@@ -44,7 +44,7 @@ def lagging(force, width, spread, T):
 
 
 def leading(force, width, spread, shown):
-    """The tension behind what `lagging` shows; NaN for a cell that would show less of more tension (`fault`)."""
+    """The tension behind what `lagging` shows; NaN for a cell that would show less of more tension."""
     over = widths(width, spread)
     each = force / len(APART)
     rises = each * sum(1.0 / own for own in over) < 1.0
