@@ -2,7 +2,7 @@
 
 An effect changes the machine's laws, what the arm carries, or what the cells show. Laws are not those of the
 catalogue word for word: friction elements in another number, a Stribeck curve of another form, creep of two
-branches, soft saturation, filters of another order. The names are the catalogue's where it has the effect;
+branches, a knee of another form, filters that smooth sample by sample. The names are the catalogue's where it has the effect;
 those in `OUTSIDE` it does not have.
 """
 
