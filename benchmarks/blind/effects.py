@@ -2,8 +2,8 @@
 
 An effect changes the machine's laws, what the arm carries, or what the cells show. Laws are not those of the
 catalogue word for word: friction elements in another number, a Stribeck curve of another form, creep of two
-branches, a knee of another form, filters that smooth sample by sample. The names are the catalogue's where it has the effect;
-those in `OUTSIDE` it does not have.
+branches, a knee of another form, filters that smooth sample by sample. The names are the catalogue's where it
+has the effect; those in `OUTSIDE` it does not have.
 """
 
 from __future__ import annotations
