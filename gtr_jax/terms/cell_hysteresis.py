@@ -1,5 +1,6 @@
 """A load cell is hysteretic."""
 
+import functools
 import itertools
 
 import jax
@@ -57,12 +58,12 @@ def leading(force, width, spread, shown):
         # change and made of straight pieces, one for each choice of elements that give way, so that the
         # change is the least of those which the pieces give.
         left = [1.0 - way * z for z in zs]
-        found = None
+        pieces = []
         for gave_way in GAVE_WAY:
             held = sum(z for z, gave in zip(left, gave_way, strict=True) if gave)
             slope = 1.0 - each * sum(1.0 / own for own, gave in zip(over, gave_way, strict=True) if not gave)
-            piece = (way * rise + each * held) / jnp.where(rises, slope, 1.0)
-            found = piece if found is None else jnp.where(piece < found, piece, found)
+            pieces.append((way * rise + each * held) / jnp.where(rises, slope, 1.0))
+        found = functools.reduce(lambda least, piece: jnp.where(piece < least, piece, least), pieces)
         # The tension from what the elements hold has the right slopes also where all pieces are one.
         zs = _on(zs, way * found, over)
         now = jnp.where(rises, y + force * _mean(zs), jnp.nan)
