@@ -364,7 +364,9 @@ def test_terms_that_cannot_act_are_refused(make_robot):
         ({"kind": "saturation"}, "give one of tip, base"),
         ({"kind": "cell-hysteresis", "tip": 3.0}, "width must exceed"),
         ({"kind": "cell-hysteresis", "tip": 1.6, "spread": 0.3}, "the more the larger the spread"),
-        ({"kind": "saturation", "tip": 3.0, "knee": 7.0}, "knee must be at most twice the limit"),
+        ({"kind": "cell-hysteresis", "tip": 0.1, "width": 0.0}, "width"),
+        ({"kind": "cell-hysteresis", "tip": 0.1, "spread": 300.0}, "spread"),
+        ({"kind": "saturation", "tip": 3.0, "knee": 7.0}, "knee must be at most twice the lower limit"),
         ({"kind": ["wear"]}, "unknown kind"),
         ({"kind": "presliding", "length": -1.0}, "at least 0"),
     ):

@@ -75,6 +75,8 @@ def leading(force, width, spread, shown):
 
 def fault(values, length):
     """Why no cell can have these numbers; empty if one can."""
+    if not (values["width"] > 0 and 0 <= values["spread"] <= 1):
+        return ""  # beyond the bounds, which are reported of themselves
     steepest = sum(1.0 / own for own in widths(values["width"], values["spread"])) / len(APART)
     if max(values["tip"], values["base"]) * steepest < 1.0:
         return ""
@@ -98,7 +100,7 @@ TERM = Term(
             "N",
             2.0,
             2.0,
-            "Change of tension over which it builds up; more than the forces.",
+            "Change of tension over which it builds up, of both cells; more than the forces.",
             (0.3, 10.0),
             0.0,
             log=True,
@@ -109,7 +111,7 @@ TERM = Term(
             "dimensionless",
             0.0,
             0.0,
-            "Decades between the widths of elements that follow one another; 0 for one width.",
+            "Decades between the widths of elements that follow one another, of both cells; 0 for one width.",
             (0.05, 0.4),
             0.0,
             1.0,

@@ -19,7 +19,9 @@ def cut(limit, knee, T):
 def fault(values, length):
     """Why no cell can have these numbers; empty if one can."""
     least = min((values[end] for end in ("tip", "base") if values[end] > 0), default=None)
-    return "" if least is None or values["knee"] <= 2 * least else "knee must be at most twice the limit"
+    return (
+        "" if least is None or values["knee"] <= 2 * least else "knee must be at most twice the lower limit"
+    )
 
 
 TERM = Term(
@@ -38,7 +40,7 @@ TERM = Term(
             "N",
             0.0,
             0.0,
-            "Range of tension about the limit in which the reading bends over; 0: a sharp limit.",
+            "Range about the limit in which the reading bends over, for both cells; 0: a sharp limit.",
             (0.1, 5.0),
             0.0,
             size=False,
