@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -91,11 +90,7 @@ def study() -> Iterator[str]:
 
 
 def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.accelerator", description=__doc__)
-    parser.add_argument("--write", action="store_true", help="write results/accelerator.md")
-    args = parser.parse_args(argv)
-    measure.told(study(), "accelerator.md" if args.write else None)
-    return 0
+    return measure.command("accelerator", __doc__, study, argv)
 
 
 if __name__ == "__main__":

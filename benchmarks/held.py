@@ -8,8 +8,8 @@ numbers are the machine's own, given to the robot.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,9 +21,8 @@ import gtr_jax as gtr
 from .blind.cases import BUILDS, built, forces_on, protocol, robot_file
 from .blind.effects import Scene
 from .blind.machine import Shown, run
-from .measure import told
+from .measure import command
 
-RESULTS = "held.md"
 HEAD = (
     "# A held stretch against an elastic thread",
     "",
@@ -117,12 +116,9 @@ def rows() -> list[str]:
     return found
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.held", description=__doc__)
-    parser.add_argument("--write", action="store_true", help=f"write {RESULTS}")
-    given = parser.parse_args()
-    told([*HEAD, *rows()], RESULTS if given.write else None)
+def main(argv: list[str] | None = None) -> int:
+    return command("held", __doc__, lambda: [*HEAD, *rows()], argv)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import datetime
 import os
 import platform
@@ -26,6 +27,14 @@ def told(lines: Iterable[str], into: str | None) -> None:
         print(line, flush=True)
     if into is not None:
         (RESULTS / into).write_text("\n".join(kept) + "\n", encoding="utf-8")
+
+
+def command(name: str, says: str | None, lines: Callable[[], Iterable[str]], argv: list[str] | None) -> int:
+    """The command of a benchmark that tells lines, and writes them to results/NAME.md if asked."""
+    parser = argparse.ArgumentParser(prog=f"python -m benchmarks.{name}", description=says)
+    parser.add_argument("--write", action="store_true", help=f"write results/{name}.md")
+    told(lines(), f"{name}.md" if parser.parse_args(argv).write else None)
+    return 0
 
 
 class Timed(NamedTuple):

@@ -6,7 +6,6 @@ one term acts: what differs is which others they hold.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Iterator
@@ -92,11 +91,7 @@ def study() -> Iterator[str]:
 
 
 def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.native", description=__doc__)
-    parser.add_argument("--write", action="store_true", help="write results/native.md")
-    args = parser.parse_args(argv)
-    measure.told(study(), "native.md" if args.write else None)
-    return 0
+    return measure.command("native", __doc__, study, argv)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ friction could hold.
 
 from __future__ import annotations
 
-import argparse
+import sys
 from unittest import mock
 
 import equinox as eqx
@@ -22,9 +22,8 @@ from gtr_jax.mechanics import history
 from gtr_jax.mechanics.case import Sliding
 
 from .blind.machine import Arm, Laws, run
-from .measure import told
+from .measure import command
 
-RESULTS = "sliding.md"
 HEAD = (
     "# Slip that outlasts a reversal, against an elastic thread",
     "",
@@ -105,13 +104,18 @@ def simulated(coefficient: float, exponent: float, time, T_base, parts: int) -> 
     return np.asarray(found.T_tip)[::parts], bool(np.all(found.converged))
 
 
+def sampled(corners) -> tuple[np.ndarray, np.ndarray]:
+    """Time [s] and base tension [N] of the samples of a history of some corners."""
+    at, T = np.asarray(corners, float).T
+    time = np.arange(0.0, at[-1], DT)
+    return time, np.interp(time, at, T)
+
+
 def _histories():
     """Name, law of friction, time [s] and base tension [N] of each row."""
     for name, corners in HISTORIES.items():
-        at, T = np.asarray(corners, float).T
-        time = np.arange(0.0, at[-1], DT)
         for law in FRICTION:
-            yield name, law, time, np.interp(time, at, T)
+            yield name, law, *sampled(corners)
 
 
 def rows() -> list[str]:
@@ -136,12 +140,9 @@ def rows() -> list[str]:
     return found
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.sliding", description=__doc__)
-    parser.add_argument("--write", action="store_true", help=f"write {RESULTS}")
-    given = parser.parse_args()
-    told([*HEAD, *rows()], RESULTS if given.write else None)
+def main(argv: list[str] | None = None) -> int:
+    return command("sliding", __doc__, lambda: [*HEAD, *rows()], argv)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -11,12 +11,13 @@ import pytest
 
 import gtr_jax as gtr
 from benchmarks.blind import machine
+from benchmarks.sliding import DT
+from benchmarks.sliding import sampled as history
 from gtr_jax.examples import CONCEALED_ROBOT
 from gtr_jax.files.config import load_config, parse_config
 from gtr_jax.mechanics import events
 from tests.test_blind import ARM
 
-DT = 0.25
 # One reversal, then a hold in which friction holds the tip; the other with an inner loop before the hold.
 HOLD = [(0, 0), (20, 40), (28, 20), (36, 20), (44, 6)]
 INNER = [(0, 0), (20, 40), (28, 12), (34, 30), (38, 22), (44, 22), (52, 5), (58, 20)]
@@ -25,12 +26,6 @@ INNER = [(0, 0), (20, 40), (28, 12), (34, 30), (38, 22), (44, 22), (52, 5), (58,
 def rise(x):
     x = np.clip(x, 0.0, 1.0)
     return x**2 * (3 - 2 * x)
-
-
-def history(corners):
-    at, T = np.asarray(corners, float).T
-    time = np.arange(0.0, at[-1], DT)
-    return time, np.interp(time, at, T)
 
 
 def shaken(share, start, lasts, edge):

@@ -10,10 +10,11 @@ import pytest
 
 import gtr_jax as gtr
 from benchmarks.blind import machine
-from benchmarks.sliding import HISTORIES, in_parts, thread
+from benchmarks.sliding import DT, HISTORIES, in_parts, thread
+from benchmarks.sliding import sampled as history
 from benchmarks.terms import compared
 from tests.test_blind import ARM
-from tests.test_events import DT, history, ours
+from tests.test_events import ours
 from tests.test_spatial_terms import PARALLEL, SOFT, TURN
 
 REVERSAL, INNER = (HISTORIES[name] for name in ("one reversal, holds", "two inner loops"))

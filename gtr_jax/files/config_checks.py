@@ -51,12 +51,6 @@ def _check_terms(
             key,
             f"has no effect; give one of {', '.join(q.name for q in law.sizes)}",
         )
-        wrong = (
-            law.fault({q.name: getattr(term, q.name) for q in law.numbers}, backbone.length)
-            if law.fault
-            else ""
-        )
-        _require(not wrong, key, wrong)
         for q in law.numbers:
             value = getattr(term, q.name)
             low = q.lower is not None and (value < q.lower or (q.log and value == q.lower))
@@ -64,6 +58,9 @@ def _check_terms(
                 least = "above" if q.log else "at least"
                 bounds = f"{least} {q.lower:g}" if low else f"at most {q.upper:g}"
                 raise InputError(f"terms.{term.id}.{q.name}: must be {bounds}, is {value:g}; correct it")
+        if law.fault:
+            wrong = law.fault({q.name: getattr(term, q.name) for q in law.numbers}, backbone.length)
+            _require(not wrong, key, wrong)
 
 
 def refused_for_section(backbone: BackboneConfig, term: Term) -> str | None:

@@ -68,12 +68,17 @@ def after_loosening(case: Case, load: Load, memory: Memory) -> Memory:
     return dataclasses.replace(memory, entry=entry, tension=tension, T_tip=T_tip)
 
 
+def taut(tension: Float[Array, "..."]) -> Float[Array, "..."]:
+    """A tension [N], `LEAST` where it is less."""
+    return jnp.where(tension > LEAST, tension, LEAST)
+
+
 def _after(case: Case, now: Float[Array, " N"], was: Float[Array, " N"]):
     """The tension past the friction lumped ahead of the channel, at the nodes and at the anchor [N], after
     friction has fallen to a share `now`, from a share `was`, of what it is without.
     """
     memory, loosens = case.memory, now < was
-    tension = jnp.where(memory.tension > LEAST, memory.tension, LEAST)
+    tension = taut(memory.tension)
     steep = jnp.abs(jnp.diff(jnp.log(tension), prepend=jnp.log(tension[:1])))
     left = steep * jnp.where(loosens, now / jnp.where(was > 0, was, 1.0), 1.0)
     turn = turning_before(case)
@@ -183,7 +188,7 @@ def _relaxed(case: Case, tension, down, up):
         jnp.concatenate([jnp.atleast_1d(jnp.asarray(x, tension.dtype)) for x in column])
         for column in zip(*rows, strict=True)
     )
-    found = least(jnp.where(tension > LEAST, tension, LEAST), weight, down, up)
+    found = least(taut(tension), weight, down, up)
     held = found[1 if ahead else 0 :][:nodes]
     return held[0], held, found[-1]
 

@@ -30,9 +30,9 @@ from jaxtyping import Array, Float
 from ..terms.term import Passing
 from .bodies import turning_of
 from .case import FOREVER, Case, Load, Memory, Sliding
-from .events import LEAST, give_of_nodes, rise_per_newton, turning_before
+from .events import give_of_nodes, rise_per_newton, taut, turning_before
 from .mesh import following, shifted
-from .node import channel_rows, friction, product, total
+from .node import channel_rows, clip, friction, product, total
 
 # Newton's iterations, largest step of ln T, and by how much the slip at which friction is whole narrows in
 # each until it is this share of the largest slip of the step before.
@@ -72,7 +72,7 @@ def _told(case: Case) -> Sliding:
     y, slip, width, last = _problem(case)[1](jax.lax.stop_gradient(found))
     slip = jax.lax.stop_gradient(slip)
     way = jnp.where(slip > WHOLE * width, 1.0, jnp.where(slip < -WHOLE * width, -1.0, 0.0))
-    before = jnp.where(case.memory.tension > LEAST, case.memory.tension, LEAST)
+    before = taut(case.memory.tension)
     change = jnp.exp(y) - before
     clear = (jnp.abs(change) > CLEAR * before) & (last < SETTLED)
     return Sliding(jnp.where(clear, way, 0.0), jnp.where(clear & (way == 0), change, 0.0))
@@ -84,7 +84,7 @@ def _problem(case: Case):
     """
     memory = case.memory
     assert memory.speed is not None
-    before = jnp.where(memory.tension > LEAST, memory.tension, LEAST)
+    before = taut(memory.tension)
     weight = give_of_nodes(case)
     # Friction lumped at the anchor holds it.
     gripped = case.structure.has("tip_grip")
@@ -98,7 +98,7 @@ def _problem(case: Case):
         compact = turning_of(case.sections, memory.kappa, compact=True) + memory.stencil
         turn = jnp.where(memory.tension > 0, compact * product(case, "wrap", memory.tension), turn)
     first, grip = jnp.arange(before.shape[0]) == 0, total(case, "base_grip")
-    base = jnp.log(jnp.where(case.load.T_base > LEAST, case.load.T_base, LEAST))
+    base = jnp.log(taut(case.load.T_base))
     dt = case.load.dt
 
     def by_speed(slip):
@@ -122,7 +122,7 @@ def _problem(case: Case):
         flow = slip + gives * left
         wrong = weight * (tension - before) - flow + following(flow)
         change = _solved(weight * tension + gives + behind, -gives, -wrong)
-        change = jnp.where(change > FARTHEST, FARTHEST, jnp.where(change < -FARTHEST, -FARTHEST, change))
+        change = clip(change, -FARTHEST, FARTHEST)
         moved = slip + gives * (shifted(change) - change + left)
         # A slip that would turn stops first, where friction has a slope.
         moved = jnp.where((slip * moved < 0) & (jnp.abs(slip) > width), 0.0, moved)
@@ -158,8 +158,7 @@ def _clipped(y, base, down, up):
 
     def node(ahead, row):
         own, fall, climb = row
-        low, high = ahead - fall, ahead + climb
-        own = jnp.where(own < low, low, jnp.where(own > high, high, own))
+        own = clip(own, ahead - fall, ahead + climb)
         return own, own
 
     return jax.lax.scan(node, base, (y, down, up))[1]

@@ -6,17 +6,10 @@ import itertools
 import jax
 import jax.numpy as jnp
 
-from .term import Quantity, Term
+from .term import APART, Quantity, Term, spread_out
 
-# Spreads by which the widths of the elements differ from their mean; of equal force.
-APART = (-1.5, -0.5, 0.5, 1.5)
 # Which of the elements have given way by the end of a change: every choice.
 GAVE_WAY = tuple(itertools.product((False, True), repeat=len(APART)))
-
-
-def widths(width, spread):
-    """Change of tension over which each element builds up [N]."""
-    return [width * 10.0 ** (spreads * spread) for spreads in APART]
 
 
 def _clipped(z):
@@ -31,24 +24,31 @@ def _mean(zs):
     return sum(zs[1:], zs[0]) / len(zs)
 
 
+def _steepest(over):
+    """How fast the elements build up at most, per newton."""
+    return _mean([1.0 / own for own in over])
+
+
+def _relaxed(T):
+    return (jnp.zeros_like(T),) * len(APART)
+
+
 def lagging(force, width, spread, T):
     """Reading of a cell that holds back up to `force` after each reversal; it starts relaxed."""
-    over = widths(width, spread)
+    over = spread_out(width, spread)
 
     def step(carry, now):
         zs, before = carry
         zs = _on(zs, now - before, over)
         return (zs, now), now - force * _mean(zs)
 
-    still = (jnp.zeros_like(T[0]),) * len(APART)
-    return jax.lax.scan(step, (still, T[0]), T)[1]
+    return jax.lax.scan(step, (_relaxed(T[0]), T[0]), T)[1]
 
 
 def leading(force, width, spread, shown):
     """The tension behind what `lagging` shows; NaN for a cell that would show less of more tension."""
-    over = widths(width, spread)
-    each = force / len(APART)
-    rises = each * sum(1.0 / own for own in over) < 1.0
+    over = spread_out(width, spread)
+    each, rises = force / len(APART), force * _steepest(over) < 1.0
 
     def step(carry, y):
         zs, before = carry
@@ -69,16 +69,13 @@ def leading(force, width, spread, shown):
         now = jnp.where(rises, y + force * _mean(zs), jnp.nan)
         return (zs, now), now
 
-    still = (jnp.zeros_like(shown[0]),) * len(APART)
-    return jax.lax.scan(step, (still, shown[0]), shown)[1]
+    return jax.lax.scan(step, (_relaxed(shown[0]), shown[0]), shown)[1]
 
 
 def fault(values, length):
     """Why no cell can have these numbers; empty if one can."""
-    if not (values["width"] > 0 and 0 <= values["spread"] <= 1):
-        return ""  # beyond the bounds, which are reported of themselves
-    steepest = sum(1.0 / own for own in widths(values["width"], values["spread"])) / len(APART)
-    if max(values["tip"], values["base"]) * steepest < 1.0:
+    over = spread_out(values["width"], values["spread"])
+    if max(values["tip"], values["base"]) * _steepest(over) < 1.0:
         return ""
     wide = "" if values["spread"] == 0 else ", the more the larger the spread"
     return f"width must exceed the forces{wide}"

@@ -18,10 +18,9 @@ def cut(limit, knee, T):
 
 def fault(values, length):
     """Why no cell can have these numbers; empty if one can."""
-    least = min((values[end] for end in ("tip", "base") if values[end] > 0), default=None)
-    return (
-        "" if least is None or values["knee"] <= 2 * least else "knee must be at most twice the lower limit"
-    )
+    limits = [values[end] for end in ("tip", "base") if values[end] > 0]
+    wide = any(values["knee"] > 2 * limit for limit in limits)
+    return "knee must be at most twice the lower limit" if wide else ""
 
 
 TERM = Term(

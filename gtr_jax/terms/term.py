@@ -183,7 +183,8 @@ class Term:
             neither strips nor notched bodies can have it.
         round_only: whether `bend_in_space` is for sections that are as stiff in every direction.
         not_in_space: why no robot in space can have it, and the remedy; "" if one can.
-        fault: what is wrong with its numbers (by name, SI) on a body of some length [m], or "".
+        fault: what is wrong with its numbers (by name, SI, within their bounds) on a body of some length [m],
+            or "".
         tip, base: what the cell at the tip, or the base, shows for true tensions.
         true_base: the true base tensions for what its cell shows; the inverse of `base`.
     """
@@ -250,6 +251,15 @@ class Term:
     def sizes(self) -> tuple[Quantity, ...]:
         """The numbers that set its strength."""
         return tuple(q for q in self.numbers if q.size)
+
+
+# Spreads by which the elements of a law that has several differ from their geometric mean.
+APART = (-1.5, -0.5, 0.5, 1.5)
+
+
+def spread_out(middle, spread):
+    """A number of each of `APART` elements, from their geometric mean and the decades between neighbours."""
+    return [middle * 10.0 ** (apart * spread) for apart in APART]
 
 
 def along(time: Float[Array, " K"], values: Float[Array, "K *tendons"]) -> Float[Array, "K *one"]:

@@ -2,10 +2,7 @@
 
 import jax.numpy as jnp
 
-from .term import Bent, Quantity, Term
-
-# Spreads by which the times of the branches differ from their mean; of equal stiffness.
-APART = (-1.5, -0.5, 0.5, 1.5)
+from .term import APART, Bent, Quantity, Term, spread_out
 
 
 def bend(p, kappa, at):
@@ -13,8 +10,8 @@ def bend(p, kappa, at):
     their sum and each.
     """
     each = []
-    for k, spreads in enumerate(APART):
-        steps = at.dt / (p["time"] * 10.0 ** (spreads * p["spread"]))
+    for k, time in enumerate(spread_out(p["time"], p["spread"])):
+        steps = at.dt / time
         grown = -jnp.expm1(-steps)
         ratio = p["ratio"] / len(APART)
         each.append(at.kept[1 + k] * (1 - grown) + ratio * grown / steps * (kappa - at.before))
