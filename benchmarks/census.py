@@ -315,6 +315,13 @@ def examined(d: Drawn, robot: Robot, run: Simulation) -> Seen:
     )
 
 
+def changes_with_time(d: Drawn) -> bool:
+    """Whether a term of a robot depends on time, speed or cycle, which move its tip tension whichever way the
+    base tension goes.
+    """
+    return any(REGISTRY[kind].timed or kind == "wear" for kind in d.terms)
+
+
 def allowed(d: Drawn, seen: Seen) -> dict[str, str]:
     """What a run shows that needs a reason, and the law that allows it, "" if none does."""
     found: dict[str, str] = {}
@@ -322,10 +329,10 @@ def allowed(d: Drawn, seen: Seen) -> dict[str, str]:
         softens = d.values.get("stiffening.coefficient", 0.0) < 0
         found["unsettled"] = "a body that softens gives way at its largest moment" if softens else ""
         return found
-    timed = [kind for kind in d.terms if REGISTRY[kind].timed or kind == "wear"]
     if seen.against > TURNS_STEPS:
         stopped = "a stop bends what friction holds" if "contact" in d.terms else ""
-        found["tip tension against the base's"] = "friction or body changes with time" if timed else stopped
+        by_time = "friction or body changes with time" if changes_with_time(d) else stopped
+        found["tip tension against the base's"] = by_time
     turned = seen.back > SLIPS_BACK and "presliding" not in d.terms
     if seen.gained < -GIVES_BACK:
         found["energy given back"] = "a load turns the slip against the pull" if turned else ""

@@ -94,13 +94,14 @@ class Sliding(NamedTuple):
     """What is foretold of the slip in a load step (`sliding.foretold`).
 
     Attributes:
-        way: direction in which the tendon slips past the interval ahead of each node, (N,): 1 towards the
-            base, -1 towards the tip, 0 where it is held or where nothing is foretold.
-        change: of the tension [N], (N,), where the slip changes its direction; else 0.
+        way: how far friction is mobilised by the slip past the interval ahead of each node, (N,): 1 wholly,
+            by slip towards the base, -1 towards the tip, between them where the slip turns round.
+        sure: whether it is, (N,): 1 where the tendon slips, 0 where it is held or where nothing is foretold,
+            between them where its tension is foretold to change by next to nothing.
     """
 
     way: Float[Array, " N"]
-    change: Float[Array, " N"]
+    sure: Float[Array, " N"]
 
 
 class Case(eqx.Module):

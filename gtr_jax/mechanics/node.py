@@ -205,9 +205,16 @@ def _alike(values: list[Any]) -> list[Any]:
 
 
 def _as_told(told: Sliding, by_slip, kept, low, high):
-    """The tension that friction is foretold to keep [N], or the bound that slip takes it to."""
-    way, change = (jnp.where(by_slip, 0.0, of) for of in told)
-    return jnp.where(way > 0, low, jnp.where(way < 0, high, kept + change))
+    """The tension [N] that friction keeps, or to which slip takes it between its bounds."""
+    sure = jnp.where(by_slip, 0.0, told.sure)
+    start = clip(kept, low, high)
+    low, high = (jnp.where(sure > 0, bound, start) for bound in (low, high))
+    # Friction adds up in the logarithm of the tension.
+    apart = jnp.log(jnp.where(low > 0, high, 1.0) / jnp.where(low > 0, low, 1.0))
+    share = 0.5 * (1.0 - told.way)
+    slips = jnp.where(low > 0, low * jnp.exp(share * apart), share * high)
+    slips = jnp.where(share <= 0, low, jnp.where(share >= 1, high, slips))
+    return jnp.where(sure <= 0, kept, jnp.where(sure < 1, start + sure * (slips - start), slips))
 
 
 class Equations(eqx.Module):
@@ -256,7 +263,7 @@ class Equations(eqx.Module):
             # tendon slips opposite to `sense` has to be approached from the other branch (`Case.against`),
             # unless the way it slips is foretold.
             fast = jnp.where(speed * sense >= -STILL, speed, -case.against * speed)
-            known = self.modes.by_slip if row.sliding is None else self.modes.by_slip | (row.sliding.way != 0)
+            known = self.modes.by_slip if row.sliding is None else self.modes.by_slip | (row.sliding.sure > 0)
             fast = jnp.where(known, speed, fast)
             held = held + total(case, "by_speed", fast)
         left = tension * jnp.exp(-held * wrap)
@@ -349,7 +356,9 @@ class Equations(eqx.Module):
             if what.terms:
                 grip = jnp.where(tension <= low, 1.0, jnp.where(tension >= high, -1.0, 0.0))
             if what.creeping:
-                stencil = jnp.where(grip == 0.0, row.stencil, wrap - compact)
+                slides = 0.0 if row.sliding is None else row.sliding.sure
+                fresh = wrap - compact
+                stencil = jnp.where(grip == 0.0, row.stencil + slides * (fresh - row.stencil), fresh)
             if what.presliding:
                 tension, grip = jnp.where(by_slip, low, tension), jnp.where(by_slip, z, grip)
         drawn, slip = carry.drawn, None
@@ -589,8 +598,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         low, high = load.T_base * jnp.exp(-base_grip), load.T_base * jnp.exp(base_grip)
         entry = memory.entry
         if case.sliding is not None:
-            first = Sliding(*(told[0] for told in case.sliding))
-            entry = _as_told(first, by_slip, entry, low, high)
+            entry = _as_told(Sliding(*(told[0] for told in case.sliding)), by_slip, entry, low, high)
         entry = clip(entry, low, high)
     zero, none = jnp.zeros(()), jnp.zeros_like(case.mu)
     back = STENCIL - 1

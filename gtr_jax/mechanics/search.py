@@ -200,8 +200,7 @@ def with_sliding(case: Case, told: Bool[Array, ""] | None) -> Case:
     """The load step in which the tendon slips as foretold; as if nothing were foretold unless `told`."""
     if case.sliding is None or told is None:
         return case
-    sliding = jtu.tree_map(lambda x: jnp.where(told, x, 0.0), case.sliding)
-    return eqx.tree_at(lambda c: c.sliding, case, sliding)
+    return eqx.tree_at(lambda c: c.sliding.sure, case, jnp.where(told, case.sliding.sure, 0.0))
 
 
 def search(case: Case, how: March) -> Found:
@@ -323,7 +322,7 @@ def _by_path(case: Case, how: March) -> Found:
         part=zero,
         damped=jnp.asarray(bool(what.tendons)),
         solved=jnp.asarray(False),
-        told=jnp.asarray(False) if case.sliding is None else jnp.any(case.sliding.way != 0),
+        told=jnp.asarray(False) if case.sliding is None else jnp.any(case.sliding.sure > 0),
     )
 
     def unfinished(at: Search):

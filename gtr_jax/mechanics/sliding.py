@@ -36,14 +36,14 @@ from .node import channel_rows, clip, friction, product, total
 
 # Newton's iterations, largest step of ln T, and by how much the slip at which friction is whole narrows in
 # each until it is this share of the largest slip of the step before.
-ITERATIONS, FARTHEST, NARROWER, NARROWEST = 30, 1.0, 0.5, 1e-6
+ITERATIONS, FARTHEST, NARROWER, NARROWEST = 60, 1.0, 0.5, 1e-6
 # Least compliance of a node, of the whole one, and least resistance to slip, in place of none.
 LIGHT, EASY = 1e-9, 1e-6
 WHOLE = 4.0  # widths of slip at which friction is whole
 # Share of sliding friction that speed has to add in the step before, and share of itself by which a tension
-# has to change; with less, nothing is foretold.
-FAINT, CLEAR = 1e-4, 1e-5
-SETTLED = 1e-5  # last step of ln T, above which nothing is known
+# has to change; with less, nothing is foretold. Share by which it has to change to be as foretold.
+FAINT, CLEAR, SURE = 1e-4, 1e-5, 1e-4
+SETTLED, EXACT = 1e-5, 1e-12  # last step of ln T: above the first nothing is known, below the second it ends
 
 
 def foretold(case: Case, load: Load, memory: Memory) -> Sliding:
@@ -66,21 +66,44 @@ def foretold(case: Case, load: Load, memory: Memory) -> Sliding:
 
 def _told(case: Case) -> Sliding:
     """As `foretold`, of a load step that asks for it."""
-    start, improved = _problem(jax.lax.stop_gradient(case))
-    found = jax.lax.fori_loop(0, ITERATIONS, lambda _, at: improved(at), start)
+    start, improved, _ = _problem(jax.lax.stop_gradient(case))
+    found = _root(improved, start)
     # Newton's step from the root has its derivatives.
-    y, slip, width, last = _problem(case)[1](jax.lax.stop_gradient(found))
-    slip = jax.lax.stop_gradient(slip)
-    way = jnp.where(slip > WHOLE * width, 1.0, jnp.where(slip < -WHOLE * width, -1.0, 0.0))
-    before = taut(case.memory.tension)
-    change = jnp.exp(y) - before
-    clear = (jnp.abs(change) > CLEAR * before) & (last < SETTLED)
-    return Sliding(jnp.where(clear, way, 0.0), jnp.where(clear & (way == 0), change, 0.0))
+    _, improved, bounds = _problem(case)
+    y, slip, width, last = improved(jax.lax.stop_gradient(found))
+    low, high = bounds(y, slip)
+    apart = jnp.where(high > low, high - low, 1.0)
+    way = 1.0 - 2.0 * clip((y - low) / apart, 0.0, 1.0)
+    way = jnp.where(slip > WHOLE * width, 1.0, jnp.where(slip < -WHOLE * width, -1.0, way))
+    change = jnp.abs(jnp.expm1(y - jnp.log(taut(case.memory.tension))))
+    sure = jnp.maximum(_between(change, CLEAR, SURE), _between(jnp.abs(slip) / width, WHOLE, WHOLE * 10))
+    return Sliding(way, jnp.where(last < SETTLED, sure, 0.0))
+
+
+def _root(improved, start):
+    """Where Newton's method ends: the slip of held points converges long after the tensions."""
+
+    def unfinished(now):
+        count, (_, _, _, last), narrower = now
+        return (count < ITERATIONS) & (narrower | (last > EXACT))
+
+    def again(now):
+        count, at, _ = now
+        new = improved(at)
+        return count + 1, new, new[2] < at[2]
+
+    return jax.lax.while_loop(unfinished, again, (0, start, True))[1]
+
+
+def _between(value, low, high):
+    """How far a value has come from one to another, from 0 to 1."""
+    return clip((value - low) / (high - low), 0.0, 1.0)
 
 
 def _problem(case: Case):
-    """Where Newton's method starts, and one step of it: of ln T and the slip [m], (N,) each, the slip at
-    which friction is whole, and the largest step of ln T.
+    """Where Newton's method starts, one step of it, and the bounds of ln T at an answer. Both are of ln T and
+    the slip [m], (N,) each; the step is of the slip at which friction is whole, too, and of its own largest
+    change of ln T.
     """
     memory = case.memory
     assert memory.speed is not None
@@ -129,6 +152,12 @@ def _problem(case: Case):
         width = jnp.where(width * NARROWER > narrow, width * NARROWER, narrow)
         return y + change, moved, width, jnp.max(jnp.abs(change))
 
+    def bounds(y, slip):
+        """Least and largest ln T that friction allows past each interval, given that at its other end."""
+        down, up = holds(jnp.exp(y))
+        ahead = shifted(y, fill=base) - by_speed(slip)
+        return ahead - down, ahead + up
+
     before_slip = memory.speed * dt
     widest = jnp.max(jnp.abs(before_slip))
     narrow = NARROWEST * widest
@@ -137,7 +166,7 @@ def _problem(case: Case):
     more = jnp.abs(by_speed(before_slip))
     y = _clipped(jnp.log(before), base, down + more, up + more)
     start = y, before_slip, jnp.where(widest > 0, widest, 1.0), jnp.asarray(jnp.inf)
-    return start, improved
+    return start, improved, bounds
 
 
 def _hold(case: Case, sense: float, tension, turn) -> Float[Array, " N"]:
