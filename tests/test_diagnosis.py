@@ -1,6 +1,7 @@
 """The diagnosis: noise, coordinates, evidence, what it names in labelled recordings, and what it writes."""
 
 import dataclasses
+import itertools
 import json
 import re
 from pathlib import Path
@@ -18,7 +19,14 @@ from calibrate.diagnosis import decide
 from calibrate.diagnosis.bench import Bench
 from calibrate.diagnosis.cache import SimulationCache
 from calibrate.diagnosis.experiment import propose
-from calibrate.diagnosis.hypotheses import EVENTS, Hypothesis, base_numbers, catalogue, number_of
+from calibrate.diagnosis.hypotheses import (
+    EVENTS,
+    Hypothesis,
+    base_numbers,
+    catalogue,
+    may_join,
+    number_of,
+)
 from calibrate.diagnosis.load_histories import checks, further, menu
 from calibrate.diagnosis.locate import cycles_of, ratio_of_branches
 from calibrate.diagnosis.model import Fitted
@@ -266,6 +274,48 @@ def test_every_term_is_a_hypothesis_unless_it_cannot_act(make_robot):
                 low, high = n.bounds
                 assert low <= n.at(start[n.name]) <= high, (h.name, n.name)
         assert 1 <= len(h.few) <= 2 and all(start in h.starts for start in h.few)
+
+
+def test_what_acts_beside_another_effect_does_nothing_at_its_null(make_robot):
+    given = {"timed": True, "largest_tip": 10.0, "travel": np.array([0.0, 0.1]), "bend": 5.0}
+    robot = make_robot()
+    of = {h.name: h for h in catalogue(robot, **given) if REGISTRY[h.kind].of_cells}
+    clock = jnp.linspace(0.0, 6.0, 61)
+    T = 8.0 * jnp.sin(clock) ** 2
+    at = cast(Any, SimpleNamespace(time=clock))
+
+    def shown(kind: str, *given: Any):
+        values = {name: value for each in given for name, value in each.items()}
+        own: Any = {q.name: q.null for q in REGISTRY[kind].quantities}
+        own |= {name.partition(".")[2]: value for name, value in values.items()}
+        return [hook(own, T, at) for hook in (REGISTRY[kind].tip, REGISTRY[kind].base) if hook is not None]
+
+    joined = set()
+    for one, other in itertools.permutations(of.values(), 2):
+        if one.kind == other.kind and may_join(other, [one]):
+            joined.add((one.name, other.name))
+            names = {n.name for n in other.numbers}
+            sizes = {f"{one.kind}.{q.name}": q.null for q in REGISTRY[one.kind].sizes}
+            null = {name: value for name, value in sizes.items() if name in names}
+            assert may_join(one, [other])
+            for start, more in itertools.product(one.few, other.few):
+                for a, b in zip(shown(one.kind, start), shown(one.kind, start, more, null), strict=True):
+                    np.testing.assert_array_equal(a, b, err_msg=f"{one.name} beside {other.name}")
+    assert ("low-pass.tip", "low-pass.base") in joined
+    assert ("low-pass.tip", "low-pass.base-second") not in joined
+    assert ("saturation.base", "saturation.tip-knee") not in joined
+
+
+@pytest.mark.parametrize("name", ["cell-hysteresis.tip-spread", "cell-hysteresis.base-spread"])
+def test_a_hysteretic_cell_starts_from_numbers_that_a_cell_can_have(make_robot, name):
+    given = {"timed": True, "largest_tip": 10.0, "travel": np.array([0.0, 0.1]), "bend": 5.0}
+    (h,) = (h for h in catalogue(make_robot(), **given) if h.name == name)
+    fault = REGISTRY[h.kind].fault
+    assert fault is not None and len(h.starts) >= 3
+    for start in h.starts:
+        own = {"tip": 0.0, "base": 0.0} | {key.partition(".")[2]: value for key, value in start.items()}
+        assert not fault(own, 0.25), start
+    assert len({start["cell-hysteresis.width"] for start in h.few}) == 2
 
 
 def test_cycles_and_branches():

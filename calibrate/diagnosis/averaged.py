@@ -26,7 +26,7 @@ from ..estimate import NORMAL_95
 from ..number import Number
 from ..parallel import in_parallel
 from .bench import Bench
-from .hypotheses import EVENTS, Hypothesis, is_friction
+from .hypotheses import EVENTS, Hypothesis, is_friction, may_join
 from .marginal import Marginal
 from .model import Fitted, Model, model_of
 from .models import BELIEVED, HOW_MANY, Models
@@ -233,9 +233,10 @@ def _beside(
     # Of the sets of k + 1 effects, k + 1 share the others with each set of k (`Models.log_prior`).
     prior = HOW_MANY[k + 1] / HOW_MANY[k] * (k + 1) / (n - k)
     taken = {m.name for m in chosen.numbers}
+    acting = models.hypotheses(chosen.names)
     items: list[tuple[Hypothesis, float]] = []
     for h in others:
-        if h.kind in EVENTS or taken & {m.name for m in h.numbers}:
+        if h.kind in EVENTS or not may_join(h, acting, taken):
             continue
         shaped = _shapes(h)
         items += [(own, prior / len(shaped)) for own in shaped]

@@ -35,6 +35,7 @@ class Hypothesis:
         starts: values to start from, one mapping each.
         fixed: numbers that are set and stay.
         dated: whether its numbers beside the first are times, of which nothing in other cycles tells.
+        reads: numbers that shape it, free or not, and shape others of its kind, too.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Hypothesis:
     starts: tuple[Mapping[str, float], ...]
     fixed: Mapping[str, float] = dataclasses.field(default_factory=dict)
     dated: bool = False
+    reads: frozenset[str] = frozenset()
 
     @property
     def few(self) -> tuple[Mapping[str, float], ...]:
@@ -55,6 +57,20 @@ class Hypothesis:
         return (
             tuple(found[:2]) if len({s[self.numbers[0].name] for s in found}) < 2 else (found[0], found[-1])
         )
+
+
+def may_join(h: Hypothesis, acting: Collection[Hypothesis], taken: Collection[str] = ()) -> bool:
+    """Whether a hypothesis may act beside others: it does nothing at its null then, and leaves theirs alone.
+
+    Args:
+        h: the hypothesis.
+        acting: the others.
+        taken: names of numbers that are free whatever acts.
+    """
+    free = {n.name for n in h.numbers}
+    taken = {*taken, *(n.name for other in acting for n in other.numbers)}
+    read = {name for other in acting for name in other.reads}
+    return not free & (taken | read) and not h.reads & taken
 
 
 # Terms that stand for several hypotheses, or have fixed numbers: the free numbers of each hypothesis.
@@ -88,6 +104,9 @@ VARIANTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "viscous-friction": {"": ("coefficient",), "power": ("coefficient", "exponent")},
     "viscoelastic-body": {"": ("ratio", "time"), "spectrum": ("ratio", "time", "spread")},
 }
+# Numbers that shape the readings of both cells: an effect on one of them has them at their null, and none on
+# the other cell may free them beside it.
+OF_BOTH_CELLS: Mapping[str, tuple[str, ...]] = {"low-pass": ("second",), "saturation": ("knee",)}
 # Variants that act where the rest of their term does: offered beside it, and to robots that have the rest.
 WITHIN = {"superelastic.unloading"}
 # The number of an effect on the cell at the tip, or at the anchor before it, and on the cell at the base.
@@ -116,6 +135,8 @@ MOST_SHAPES = 3
 METAL = 1e9
 # Sizes to try, in standard deviations of the prior.
 SIZES = (0.3, 1.0)
+# Decades between widths that the elements of a hysteretic cell start from.
+SPREAD = 0.2
 
 
 def number_of(term: Term, q: Quantity) -> Number:
@@ -193,7 +214,9 @@ def catalogue(
             if not cells.base and term.of_cells and (names[0] == AT_BASE or (term.base and not term.tip)):
                 continue
             free = tuple(number_of(term, q) for wanted in names for q in known if q.name == wanted)
-            found.append(_started(name, term, free, robot, largest_tip, travel, bend))
+            started = _started(name, term, free, robot, largest_tip, travel, bend)
+            reads = frozenset(f"{term.id}.{shape}" for shape in OF_BOTH_CELLS.get(term.id, ()))
+            found.append(dataclasses.replace(started, reads=reads))
     return found
 
 
@@ -223,6 +246,7 @@ def _of_tendon(h: Hypothesis, tendon: str) -> Hypothesis:
         numbers=tuple(dataclasses.replace(n, name=own(n.name)) for n in h.numbers),
         starts=tuple({own(name): value for name, value in start.items()} for start in h.starts),
         fixed={own(name): value for name, value in h.fixed.items()},
+        reads=frozenset(map(own, h.reads)),
     )
 
 
@@ -296,6 +320,16 @@ def _started(
         rate, delay = free
         starts = [{rate.name: sign * size * rate.sd, delay.name: 0.0} for size in SIZES for sign in (1, -1)]
         return Hypothesis(name=name, kind=term.id, numbers=free, starts=tuple(starts))
+    if name.endswith("-spread"):
+        force, width, spread = free
+        found = [
+            {force.name: force.value(size), width.name: width.value(x), spread.name: SPREAD}
+            for size in SIZES
+            for x in (-0.4, 0.9)
+        ]
+        # A cell whose elements build up too steeply would show less of more tension.
+        starts = tuple(s for s in found if not _fault(term, robot, s))
+        return Hypothesis(name=name, kind=term.id, numbers=free, starts=starts)
     first, shapes = free[0], free[1:]
     signs = [s for s in (1.0, -1.0) if first.bounds[0] < s * SIZES[0] < first.bounds[1]]
     ends = [[n.value(-0.9), n.value(0.9)] for n in shapes]
@@ -308,6 +342,13 @@ def _started(
         for shape in (itertools.product(*ends) if len(shapes) <= MOST_SHAPES else few)
     ]
     return Hypothesis(name=name, kind=term.id, numbers=free, starts=tuple(starts), fixed=fixed)
+
+
+def _fault(term: Term, robot: Robot, start: Mapping[str, float]) -> str:
+    """Why no robot can have a start of a hypothesis."""
+    own = {q.name: float(np.max(np.asarray(robot.terms[term.id][q.name]))) for q in term.quantities}
+    own |= {name.partition(".")[2]: value for name, value in start.items()}
+    return "" if term.fault is None else term.fault(own, float(robot.backbone.length))
 
 
 def _way_of(travel: np.ndarray) -> tuple[dict[str, float], float]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..parallel import in_parallel
 from .bench import Bench
-from .hypotheses import EVENTS, Hypothesis
+from .hypotheses import EVENTS, Hypothesis, may_join
 from .model import Fitted, model_of
 
 # Prior probability of no, one, two and three missing effects, and of four where three are not enough.
@@ -174,11 +174,10 @@ class Models:
         return [self.of[name] for name in names]
 
     def addable(self, fitted: Fitted) -> list[Hypothesis]:
-        """The hypotheses that may act beside those of a model: no events, none that has a number of it."""
+        """The hypotheses that may act beside those of a model: no events."""
         taken = {n.name for n in fitted.numbers}
-        return [
-            h for h in self.of.values() if h.kind not in EVENTS and not taken & {n.name for n in h.numbers}
-        ]
+        acting = self.hypotheses(fitted.names)
+        return [h for h in self.of.values() if h.kind not in EVENTS and may_join(h, acting, taken)]
 
     def coordinates(self, names: Sequence[str], fitted: Fitted) -> np.ndarray:
         """Coordinates of a model, taken from the fit of a model with the same effects and more."""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .hypotheses import Hypothesis
+from .hypotheses import Hypothesis, may_join
 from .model import Fitted
 from .screen import FAR, Screened, Try
 
@@ -75,7 +75,7 @@ def promising(base: Fitted, screened: Sequence[Screened], most: int) -> list[Pai
         key = (one.name, other.name)
         if i >= j or kinds[i] == kinds[j] or key in best or surplus[i, j] < SURPLUS:
             continue
-        if {n.name for n in one.numbers} & {n.name for n in other.numbers}:
+        if not may_join(one, [other]):
             continue
         moved = a[i, j] * tries[i][1].moved + b[i, j] * tries[j][1].moved
         follow = np.clip(np.linalg.solve(upper, -(q.T @ (r0 + moved))), -FAR, FAR)

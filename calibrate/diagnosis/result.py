@@ -335,7 +335,8 @@ class Diagnosis:
         fine = with_laws(fine, list(laws.values()))
         variants = []
         if alone and len(decision.confusion) > len(confusion):
-            variants = ["Where is not told: " + " or ".join(" + ".join(n) for n in decision.confusion) + "."]
+            told = " or ".join(" + ".join(names) for names in decision.confusion)
+            variants = [f"Which of these it is, where or in which form, is not told: {told}."]
         files, faults = robot_files(decision, after, refitted, differ, config, fine, laws)
         diagnosis = Diagnosis(
             verdict=verdict,

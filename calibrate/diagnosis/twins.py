@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .hypotheses import Hypothesis
+from .hypotheses import Hypothesis, may_join
 from .lanes import in_lanes
 from .model import Fitted, model_of
 from .models import Models
@@ -119,15 +119,12 @@ def swapped(models: Models, head: Fitted, instead: Mapping[str, tuple[str, ...]]
         start = starts[int(np.argmin(costs))]
         return models.bench.refit(models.hypotheses(names), start, exact=False)
 
-    def shares(name: str, other: str) -> bool:
-        beside = {n.name for h in models.hypotheses([k for k in head.names if k != name]) for n in h.numbers}
-        return bool(beside & {n.name for n in models.of[other].numbers})
-
     items = [
         (name, other)
         for name in head.names
         for other in dict.fromkeys(instead.get(name, ()))
-        if other not in head.names and not shares(name, other)
+        if other not in head.names
+        and may_join(models.of[other], models.hypotheses([k for k in head.names if k != name]))
     ]
     return [f for f in in_lanes(refit, items) if f is not None]
 
