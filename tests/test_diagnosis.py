@@ -568,6 +568,31 @@ def test_a_simulation_does_not_depend_on_those_before_it(make_robot):
         assert same == np.array_equal(one.values, nothing.values), values
 
 
+def test_friction_of_the_speed_takes_several_steps_for_each_sample(make_robot):
+    robot = make_robot()
+    T = np.concatenate([np.linspace(0.0, 20.0, 11), np.linspace(20.0, 4.0, 9)[1:], np.linspace(4, 15, 8)[1:]])
+    clock = np.cumsum(np.where(np.arange(len(T)) % 3 == 0, 0.8, 0.3))
+    recording = gtr.Recording(path=Path("r.csv"), sha256="", time=clock, T_base=T, T_tip=0.8 * T)
+    part, _ = part_of("r", robot, None, recording, ("T_tip",), noise_N=0.02, noise_base_N=0.02)
+    rig = Rig(part, robot)
+    row = rig.channels.index("T_tip")
+    plain = {"mu": 0.3, "E": float(robot.value("E"))}
+    k = np.arange(4 * len(T) - 3) / 4
+    for values, places in (
+        (plain, np.arange(len(T))),
+        (plain | {"adhesion.drag": 2.0}, np.arange(len(T))),
+        (plain | {"viscous-friction.coefficient": 60.0}, k),
+    ):
+        seen = rig(values)
+        finer = [np.interp(places, np.arange(len(T)), column) for column in (T, clock)]
+        run = gtr.simulate(robot.with_values(**values), finer[0], time=finer[1])
+        assert seen is not None and seen.failed == 0 and run.converged.all()
+        want = np.asarray(run.T_tip)[:: (len(places) - 1) // (len(T) - 1)]
+        np.testing.assert_allclose(seen.values[row], want, atol=1e-8)
+    by_samples = gtr.simulate(robot.with_values(**values), T, time=clock)
+    assert np.max(np.abs(want - by_samples.T_tip)) > 0.05
+
+
 def test_the_file_of_steps_is_left_where_no_answer_was_written(tmp_path, monkeypatch, capsys):
     folder, out = LABELLED / "case-011", tmp_path / "out"
     given = ["diagnose", folder / "robot.toml", folder / "recording.csv", "-o", out]

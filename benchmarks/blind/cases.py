@@ -255,7 +255,7 @@ def make(kind: str, hidden: tuple[str, ...], rng: np.random.Generator) -> Case |
     arm = scene.arm
     if forces is not None:
         arm = dataclasses.replace(arm, laws=dataclasses.replace(arm.laws, forces=forces))
-    shown = run(arm, time, T_base, parts=2 if CREEPING & set(hidden) else 1)
+    shown = run(arm, time, T_base, parts=4 if CREEPING & set(hidden) else 1)
     T_tip, worst = _late(arm, scene) if scene.late else (shown.T_tip, shown.worst)
     if not max(shown.worst, worst) < 1e-3 * build.largest or not np.all(np.isfinite([shown.T_tip, T_tip])):
         return None

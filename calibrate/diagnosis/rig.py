@@ -45,6 +45,12 @@ INTERVALS, COARSEST = 22, 0.35
 # Simulations that a rig keeps in memory, as the channels show them and as the native program leaves them: a
 # change in a number of one recording leaves those of the others valid.
 AT_HAND, RUNS_AT_HAND = 256, 64
+# Load steps for each sample where friction depends on the speed of the slip. One takes the speed as even:
+# where the base tension turns back, friction of the speed may then pass for another effect. In the labelled
+# recording 5, of friction that differs between the directions, viscous friction leaves 56, 68, 124 and 154 of
+# 55 rows with 1, 2, 4 and 16 steps for each sample, the asymmetry 61 with any. And most steps that this makes
+# of a recording: one of many samples takes short steps as it is.
+STEPS_BY_SPEED, MOST_STEPS = 4, 600
 # Numbers that say how stiff a body is: its modulus, or else its bending stiffness.
 STIFFNESS = ("E", "EI", "EI_z", "EI_y")
 
@@ -139,6 +145,7 @@ class _Asked(NamedTuple):
         structure: which equations act.
         run: what the native program needs.
         key: tells what the program gives from what it gives for others.
+        parts: load steps of `run` for each sample.
     """
 
     flat: np.ndarray
@@ -147,6 +154,7 @@ class _Asked(NamedTuple):
     structure: Structure
     run: Run
     key: tuple
+    parts: int
 
 
 class _Recent(Generic[Known]):
@@ -299,6 +307,7 @@ class Rig:
             repr(
                 (
                     sources(),
+                    (STEPS_BY_SPEED, MOST_STEPS),
                     own_mark(),
                     self.robot.intervals,
                     self.robot.laws,
@@ -321,8 +330,8 @@ class Rig:
         for structure in dict.fromkeys(asked.structure for asked in new.values()):
             own = {key: asked.run for key, asked in new.items() if asked.structure == structure}
             for key, run in zip(own, simulated(self._native, structure, list(own.values())), strict=True):
-                runs[key] = run
-                self._runs.put(key, run)
+                runs[key] = at_samples(run, new[key].parts)
+                self._runs.put(key, runs[key])
         return [self._seen(asked, runs[asked.key]) for asked in every]
 
     def _asked(self, values: Mapping[str, float], more: tuple[float, ...]) -> _Asked:
@@ -340,10 +349,13 @@ class Rig:
         # The padding of the history is not simulated.
         steps = jtu.tree_map(lambda column: np.asarray(column)[:K], loads)
         drawn = None if history.displacement is None else np.asarray(history.displacement)[:K]
+        by_speed = any(known[kind].by_speed is not None for kind in kinds)
+        parts = min(STEPS_BY_SPEED, max(1, MOST_STEPS // K)) if by_speed else 1
+        steps, drawn = in_parts(steps, parts), None if drawn is None else between(drawn, parts)
         own = tuple(sorted((n, v) for n, v in values.items() if not self._only_shown(n)))
         driven = (steps.T_base.tobytes(), None if drawn is None else drawn.tobytes())
         key = (own, structure, *driven)
-        return _Asked(flat, asked, loads, structure, Run(ready, steps, drawn), key)
+        return _Asked(flat, asked, loads, structure, Run(ready, steps, drawn), key, parts)
 
     def _seen(self, asked: _Asked, run: Brief) -> Seen | None:
         """What the channels show of a simulation; None where it breaks down."""
@@ -380,6 +392,34 @@ class Rig:
         assert body is not None
         held = tuple(None if values is None else _held_on(values, loads) for values in body)
         return np.asarray(self._traced.places(flat, held))[: len(run.T_tip)]
+
+
+def between(values: np.ndarray, parts: int) -> np.ndarray:
+    """Values at K samples, (K, ...), and those on straight lines between them, ((K - 1) parts + 1, ...)."""
+    share = (np.arange(parts) / parts).reshape(-1, *[1] * (values.ndim - 1))
+    lines = values[:-1, None] + share * np.diff(values, axis=0)[:, None]
+    return np.concatenate([lines.reshape(-1, *values.shape[1:]), values[-1:]])
+
+
+def in_parts(steps: Any, parts: int) -> Any:
+    """Load steps, of `Load` with leading axis K, in so many parts each, but for the first."""
+    if parts == 1:
+        return steps
+    dt = np.concatenate([steps.dt[:1], np.repeat(steps.dt[1:] / parts, parts)])
+    T_base, time, cycle = (between(v, parts) for v in (steps.T_base, steps.time, steps.cycle))
+    divided = (T_base, dt, time, cycle, np.diff(cycle, prepend=cycle[:1]))
+    return jtu.tree_unflatten(jtu.tree_structure(steps), divided)
+
+
+def at_samples(run: Brief, parts: int) -> Brief:
+    """A run whose steps are parts of those between samples, at the samples; a sample has converged if all of
+    its parts have.
+    """
+    if parts == 1:
+        return run
+    each = run.converged[1:].reshape(-1, parts).all(axis=1)
+    sampled = jtu.tree_map(lambda values: values[::parts], run)
+    return sampled._replace(converged=np.concatenate([run.converged[:1], each]))
 
 
 def of_each_tendon(robot: Robot) -> Robot:
