@@ -89,6 +89,7 @@ def test_angles_show_that_it_unloads_on_a_lower_plateau(known):
         assert low < value < high
 
 
+@pytest.mark.slow
 def test_sound_angles_are_adequate():
     found = calibrate.diagnose(wrist(), angles(wrist(), seed=2))
     assert found.verdict == "adequate", found.says

@@ -33,7 +33,7 @@ from calibrate.diagnosis.model import Fitted
 from calibrate.diagnosis.models import Models
 from calibrate.diagnosis.patterns import Pattern, pattern_in
 from calibrate.diagnosis.prepare import prepare
-from calibrate.diagnosis.rig import Rig
+from calibrate.diagnosis.rig import Rig, at_samples, between
 from calibrate.diagnosis.screen import screen
 from calibrate.diagnosis.sentence import sentence, sets_in_words
 from calibrate.diagnosis.ways_to_drive import turned, weighed, weight_to_hang
@@ -42,6 +42,8 @@ from calibrate.number import Number
 from calibrate.readings import exact
 from calibrate.readings.noise import Noise, of_residual
 from calibrate.weighing import Weighing
+from gtr_jax.files.config import parse_config
+from gtr_jax.simulation.natively import Brief
 from gtr_jax.simulation.sensing import cells_show
 from gtr_jax.terms import REGISTRY
 
@@ -318,6 +320,16 @@ def test_a_hysteretic_cell_starts_from_numbers_that_a_cell_can_have(make_robot, 
     assert len({start["cell-hysteresis.width"] for start in h.few}) == 2
 
 
+def test_a_law_may_be_named_as_a_form_of_a_term_is():
+    config, _, _ = case(11)
+    law = {"kind": "law", "name": "heat-spread", "acts": "friction", "law": "1/(1+size*n)", "size": 0.0}
+    data = config.model_dump(mode="json", by_alias=True, exclude_none=True)
+    data["terms"] = [law | {"usual": {"size": [0.0, 1.0]}}]
+    given = {"timed": True, "largest_tip": 10.0, "travel": np.array([0.0, 0.1]), "bend": 5.0}
+    (h,) = (h for h in catalogue(gtr.build_robot(parse_config(data)), **given) if "heat-spread" in h.name)
+    assert [number.name for number in h.numbers] == ["heat-spread.size"]
+
+
 def test_cycles_and_branches():
     T = np.concatenate([np.linspace(0, 10, 11), np.linspace(10, 1, 10)[1:], np.linspace(1, 9, 9)[1:]])
     assert cycles_of(T).tolist() == [1] * 19 + [2] * 9
@@ -568,7 +580,7 @@ def test_a_simulation_does_not_depend_on_those_before_it(make_robot):
         assert same == np.array_equal(one.values, nothing.values), values
 
 
-def test_friction_of_the_speed_takes_several_steps_for_each_sample(make_robot):
+def test_friction_of_the_speed_takes_several_steps_for_each_sample(make_robot, monkeypatch):
     robot = make_robot()
     T = np.concatenate([np.linspace(0.0, 20.0, 11), np.linspace(20.0, 4.0, 9)[1:], np.linspace(4, 15, 8)[1:]])
     clock = np.cumsum(np.where(np.arange(len(T)) % 3 == 0, 0.8, 0.3))
@@ -591,6 +603,19 @@ def test_friction_of_the_speed_takes_several_steps_for_each_sample(make_robot):
         np.testing.assert_allclose(seen.values[row], want, atol=1e-8)
     by_samples = gtr.simulate(robot.with_values(**values), T, time=clock)
     assert np.max(np.abs(want - by_samples.T_tip)) > 0.05
+    # No more than so many in all.
+    monkeypatch.setattr("calibrate.diagnosis.rig.MOST_STEPS", 2 * len(T) - 1)
+    seen = Rig(part, robot)(values)
+    assert seen is not None
+    np.testing.assert_allclose(seen.values[row], by_samples.T_tip, atol=1e-8)
+
+
+def test_a_sample_converges_if_all_parts_of_its_step_do():
+    values = np.arange(9.0)
+    run = Brief(*[values] * len(Brief._fields))._replace(converged=np.arange(9) != 6)
+    assert at_samples(run, 4).converged.tolist() == [True, True, False]
+    assert at_samples(run, 4).T_tip.tolist() == [0.0, 4.0, 8.0]
+    assert between(np.array([[0.0, 8.0], [4.0, 0.0]]), 4)[:, 1].tolist() == [8.0, 6.0, 4.0, 2.0, 0.0]
 
 
 def test_the_file_of_steps_is_left_where_no_answer_was_written(tmp_path, monkeypatch, capsys):
@@ -654,6 +679,7 @@ def test_a_sheaths_own_compliance_stays(make_robot):
         assert presliding.fixed == fixed
 
 
+@pytest.mark.slow
 def test_uncertain_dimensions_are_not_missing_physics():
     # A wave whose ends lie 3 % off the file's, which says 3 %: with pose, E alone cannot follow.
     config, _, _ = case(11)
@@ -744,7 +770,12 @@ def test_a_rig_turned_or_weighed_down_is_the_robot_file_said_so(make_robot):
     ("rivals", "known", "best"),
     [
         ({"gravity-error": {"x": 4.0}, "tip-load": {"x": 0.05}}, 20.0, "the rig turned"),
-        ({"zero-drift.tip": {"tip": 2e-3}, "friction-drift": {"rate": 5e-4}}, 50.0, "a rest of"),
+        pytest.param(
+            {"zero-drift.tip": {"tip": 2e-3}, "friction-drift": {"rate": 5e-4}},
+            50.0,
+            "a rest of",
+            marks=pytest.mark.slow,
+        ),
         ({"tip-gain": {"gain": 1.1}, "base-gain": {"gain": 1 / 1.1}}, 20.0, "hang known weights"),
     ],
 )

@@ -102,7 +102,9 @@ FALLS = {
 
 
 @pytest.mark.parametrize("name", FALLS)
-@pytest.mark.parametrize("corners", [HOLD, INNER, LOOPS], ids=["hold", "inner", "loops"])
+@pytest.mark.parametrize(
+    "corners", [HOLD, INNER, pytest.param(LOOPS, marks=pytest.mark.slow)], ids=["hold", "inner", "loops"]
+)
 def test_what_friction_holds_relaxes_while_friction_falls(name, corners):
     friction, values, law = FALLS[name]
     time, T_base = history(corners)

@@ -106,7 +106,7 @@ def in_thirds(guided):
 STRAIGHTENED = {"turns": 0.0, "start_angle": 0.0}  # a helix that is `PARALLEL`
 
 
-@pytest.mark.parametrize("guides", [(0.08, 0.15), (0.05, 0.18)])
+@pytest.mark.parametrize("guides", [pytest.param((0.08, 0.15), marks=pytest.mark.slow), (0.05, 0.18)])
 def test_a_soft_body_bends_as_the_elastica_of_each_segment(in_thirds, guides):
     place, T_tip = bent_by_chords(5.0, guides, MU)
     eq = gtr.equilibrium(in_thirds(guide_0=guides[0], guide_1=guides[1], **STRAIGHTENED), 5.0)
@@ -157,6 +157,7 @@ def test_a_guide_where_the_tendon_ends_is_its_anchor(guided):
         np.testing.assert_allclose(with_one.tip_position, without.tip_position, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_no_energy_is_created_over_a_closed_loop(guided):
     T = np.concatenate([np.linspace(2, 10, 9), np.linspace(10, 2, 9)[1:]])
     T = np.concatenate([T, T[1:]])

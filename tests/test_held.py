@@ -58,7 +58,7 @@ def test_a_stop_turns_the_held_tension_as_a_whole(make_robot):
         assert abs(ratio[-1] - 1) > 1e-5
 
 
-@pytest.mark.parametrize("kind", ["contact", "creep"])
+@pytest.mark.parametrize("kind", [pytest.param("contact", marks=pytest.mark.slow), "creep"])
 def test_every_program_holds_alike(make_robot, kind):
     robot = make_robot(routing=SINE)
     robot = robot.with_values(**(stop_of(robot) if kind == "contact" else CREEP))

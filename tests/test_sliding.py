@@ -13,6 +13,7 @@ from benchmarks.blind import machine
 from benchmarks.sliding import DT, HISTORIES, in_parts, thread
 from benchmarks.sliding import sampled as history
 from benchmarks.terms import compared
+from gtr_jax.files.config import load_config, parse_config
 from tests.test_blind import ARM
 from tests.test_events import ours
 from tests.test_spatial_terms import PARALLEL, SOFT, TURN
@@ -57,6 +58,43 @@ def test_steps_converge():
     assert apart[1] < 0.4 * apart[0] and apart[1] < 0.08, apart
 
 
+def test_the_slip_is_found_at_every_reversal():
+    """Between 0.875 and 0.9 N Newton's method went round in a cycle: the tip tension jumped by 0.2 N."""
+    up, tips = np.linspace(0.0, 40.0, 11), []
+    falls = (0.85, 0.86, 0.87, 0.88, 0.89, 0.9, 0.91)
+    for fall in falls:
+        T = np.append(up, 40.0 - fall)
+        run = gtr.simulate(ours(viscous(5.0)), T, time=0.25 * np.arange(len(T)))
+        assert bool(run.converged.all())
+        tips.append((float(run.T_tip[-1]), 1e3 * float(run.displacement[-1])))
+    # The tip hardly feels the release yet: falls that differ by 0.01 N differ by less than 1 mN and 1 um.
+    assert np.max(np.abs(np.diff(tips, axis=0))) < 1e-3, tips
+
+
+@pytest.mark.slow
+def test_a_tendon_that_displacement_drives_finds_its_base_tension():
+    """Of the displacements of finer steps: at reversals they fall by nanometres while the tension rises."""
+    path = Path(__file__).parent / "data" / "labelled" / "case-011" / "robot.toml"
+    data = load_config(path).model_dump(mode="json", by_alias=True, exclude_none=True)
+    pulled = gtr.build_robot(parse_config(data))
+    data["tendon"]["drive"] = "displacement"
+    drawn = gtr.build_robot(parse_config(data))
+    corners = np.linspace(0, 20, 11), np.linspace(18, 4, 8), np.linspace(4, 15, 8)[1:], np.full(6, 15.0)
+    T = np.concatenate(corners)
+    clock = 0.5 * np.arange(len(T))
+    fine, finer = in_parts(clock, T, 4)
+    for coefficient in (5.0, 20.0, 60.0):
+        values = viscous(coefficient) | {"mu": 0.3}
+        want = gtr.simulate(pulled.with_values(**values), finer, time=fine)
+        out = np.asarray(want.displacement)[::4]
+        for parts in (1, 4):
+            time, way = in_parts(clock, out, parts)
+            run = gtr.simulate(drawn.with_values(**values), np.zeros_like(way), displacement=way, time=time)
+            assert bool(run.converged.all()), (coefficient, parts)
+            np.testing.assert_allclose(run.displacement, way, atol=1e-11)
+        assert np.sqrt(np.mean((run.T_tip - want.T_tip) ** 2)) < 0.02
+
+
 # Friction beside that of the speed: of the machine, and ours.
 BESIDE = {
     "drag": (machine.Laws(drag=4.0), {"adhesion.drag": 4.0}),
@@ -77,6 +115,7 @@ def test_beside_other_friction(beside):
     assert bool(run.converged.all()) and np.sqrt(np.mean(off**2)) < 0.06, np.max(np.abs(off))
 
 
+@pytest.mark.slow
 def test_derivatives_after_a_reversal():
     time, T_base = history(REVERSAL)
 

@@ -147,6 +147,7 @@ class TestRig:
             np.mean((shifted.values - plain.values)[0])
         )
 
+    @pytest.mark.slow
     def test_a_pair_in_one_plane_is_put_right_to_the_law_without_presliding(self, make_config, tmp_path):
         config = make_config(**pair())
         robot = gtr.build_robot(config, resolution=0.35)

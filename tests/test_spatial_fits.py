@@ -123,6 +123,7 @@ def test_each_of_two_tendons_in_space_gets_its_friction(make_config):
     check(fit["E"], case["youngs_modulus_Pa"], 0.05e6)
 
 
+@pytest.mark.slow
 def test_two_tendons_in_the_plane_are_fitted(make_config, tmp_path):
     tendons = [
         {

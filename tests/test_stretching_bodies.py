@@ -73,7 +73,9 @@ def test_a_parallel_tendon_bends_to_an_arc_of_the_shortened_axis():
 
 
 @pytest.mark.parametrize("loads", [{}, LOADS], ids=["free", "loaded"])
-@pytest.mark.parametrize("released_from", [None, 9.0], ids=["pulled", "released"])
+@pytest.mark.parametrize(
+    "released_from", [pytest.param(None, marks=pytest.mark.slow), 9.0], ids=["pulled", "released"]
+)
 def test_the_integrals_of_all_forces_agree(loads, released_from):
     """The solver of designs sums the forces of the tendon on the body; none of it is used here."""
     body = {"density": 1100.0} if loads else {}
@@ -155,6 +157,7 @@ def test_wrong_axes_are_refused(backbone, words):
         soft(backbone=backbone)
 
 
+@pytest.mark.slow
 def test_a_tendon_that_ends_early_knows_nothing_of_the_body_beyond():
     """The other tendon shortens all of the body; of the one that ends half-way only what lies before counts,
     of the body's length and of its own stretch."""

@@ -420,6 +420,7 @@ def test_bores_lie_inside_and_apart(tmp_path):
         assert bool(is_robot(task.robot.with_values(bore_0_to=end, bore_1_diameter=diameter))) is holds
 
 
+@pytest.mark.slow
 def test_several_tendons(tmp_path):
     robot = """
 schema = 1

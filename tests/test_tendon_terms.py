@@ -43,6 +43,7 @@ def shows(robot):
 CELLS = ("base-gain", "crosstalk", "low-pass", "time-skew", "cell-hysteresis", "zero-drift", "saturation")
 
 
+@pytest.mark.slow
 def test_cells_of_one_tendon_leave_the_other_alone(make_robot):
     tension, time = (jnp.asarray(T), jnp.asarray(0.8 * T)), jnp.asarray(CLOCK)
     for kind in CELLS:
@@ -67,6 +68,7 @@ GROUPS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", GROUPS)
 def test_a_term_of_each_tendon_is_that_of_all(make_robot, where):
     routings, kinds = GROUPS[where]

@@ -320,7 +320,7 @@ def _started(
         rate, delay = free
         starts = [{rate.name: sign * size * rate.sd, delay.name: 0.0} for size in SIZES for sign in (1, -1)]
         return Hypothesis(name=name, kind=term.id, numbers=free, starts=tuple(starts))
-    if name.endswith("-spread"):
+    if term.id == "cell-hysteresis" and name.endswith("-spread"):
         force, width, spread = free
         found = [
             {force.name: force.value(size), width.name: width.value(x), spread.name: SPREAD}

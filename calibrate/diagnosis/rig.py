@@ -45,11 +45,12 @@ INTERVALS, COARSEST = 22, 0.35
 # Simulations that a rig keeps in memory, as the channels show them and as the native program leaves them: a
 # change in a number of one recording leaves those of the others valid.
 AT_HAND, RUNS_AT_HAND = 256, 64
-# Load steps for each sample where friction depends on the speed of the slip. One takes the speed as even:
+# Load steps for each sample where the speed of the slip adds to friction. One takes the speed as even:
 # where the base tension turns back, friction of the speed may then pass for another effect. In the labelled
 # recording 5, of friction that differs between the directions, viscous friction leaves 56, 68, 124 and 154 of
-# 55 rows with 1, 2, 4 and 16 steps for each sample, the asymmetry 61 with any. And most steps that this makes
-# of a recording: one of many samples takes short steps as it is.
+# 55 rows with 1, 2, 4 and 16 steps for each sample, the asymmetry 61 with any. Friction of the speed in the
+# step before (Stribeck) takes one: its law is of the steps. And most steps that this makes of a recording,
+# for the time that it takes.
 STEPS_BY_SPEED, MOST_STEPS = 4, 600
 # Numbers that say how stiff a body is: its modulus, or else its bending stiffness.
 STIFFNESS = ("E", "EI", "EI_z", "EI_y")

@@ -97,7 +97,7 @@ class Sliding(NamedTuple):
         way: how far friction is mobilised by the slip past the interval ahead of each node, (N,): 1 wholly,
             by slip towards the base, -1 towards the tip, between them where the slip turns round.
         sure: whether it is, (N,): 1 where the tendon slips, 0 where it is held or where nothing is foretold,
-            between them where its tension is foretold to change by next to nothing.
+            between them where it is foretold to slip, and its tension to change, by next to nothing.
     """
 
     way: Float[Array, " N"]

@@ -212,7 +212,7 @@ def _as_told(told: Sliding, by_slip, kept, low, high):
     # Friction adds up in the logarithm of the tension.
     apart = jnp.log(jnp.where(low > 0, high, 1.0) / jnp.where(low > 0, low, 1.0))
     share = 0.5 * (1.0 - told.way)
-    slips = jnp.where(low > 0, low * jnp.exp(share * apart), share * high)
+    slips = jnp.where(low > 0, low * jnp.exp(share * apart), 0.0)
     slips = jnp.where(share <= 0, low, jnp.where(share >= 1, high, slips))
     return jnp.where(sure <= 0, kept, jnp.where(sure < 1, start + sure * (slips - start), slips))
 

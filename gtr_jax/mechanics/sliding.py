@@ -26,7 +26,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..terms.term import Passing
 from .bodies import turning_of
@@ -35,14 +35,15 @@ from .events import give_of_nodes, rise_per_newton, taut, turning_before
 from .mesh import following, shifted
 from .node import channel_rows, clip, friction, product, total
 
-# Newton's iterations, largest step of ln T, and by how much the slip at which friction is whole narrows in
-# each until it is this share of the largest slip of the step before.
-ITERATIONS, FARTHEST, NARROWER, NARROWEST = 60, 1.0, 0.5, 1e-6
+# Newton's iterations at most, largest step of ln T, and by how much the slip at which friction is whole
+# narrows in each until it is this share of the largest slip of the step before. It waits while ln T still
+# changes by more than `NEAR`: otherwise one load step in some hundreds goes round in a cycle.
+ITERATIONS, FARTHEST, NARROWER, NARROWEST, NEAR = 120, 1.0, 0.5, 1e-6, 1e-2
 # Least compliance of a node, of the whole one, and least resistance to slip, in place of none.
 LIGHT, EASY = 1e-9, 1e-6
 WHOLE = 4.0  # widths of slip at which friction is whole
-# Share of sliding friction that speed has to add in the step before, and share of itself by which a tension
-# has to change; with less, nothing is foretold. Share by which it has to change to be as foretold.
+# Share of sliding friction that speed has to add in the step before; with less, nothing is foretold. Shares
+# of itself by which a tension that is foretold to change begins to give way, and is as foretold.
 FAINT, CLEAR, SURE = 1e-4, 1e-5, 1e-4
 SETTLED, EXACT = 1e-5, 1e-12  # last step of ln T: above the first nothing is known, below the second it ends
 
@@ -62,13 +63,15 @@ def foretold(case: Case, load: Load, memory: Memory) -> Sliding:
     felt = total(case, "by_speed", jnp.abs(memory.speed)) > FAINT * case.mu
     asked = jnp.any(turned & felt) & (load.dt < FOREVER)
     none = jnp.zeros_like(memory.tension)
-    return jax.lax.cond(asked, lambda: _told(case), lambda: Sliding(none, none))
+    return jax.lax.cond(asked, lambda: _told(case, asked), lambda: Sliding(none, none))
 
 
-def _told(case: Case) -> Sliding:
-    """As `foretold`, of a load step that asks for it."""
+def _told(case: Case, asked: Bool[Array, ""]) -> Sliding:
+    """As `foretold`, of a load step that asks for it: of several side by side (`jax.vmap`) some may not, and
+    nobody waits for them.
+    """
     start, improved, _ = _problem(jax.lax.stop_gradient(case))
-    found = _root(improved, start)
+    found = _root(improved, start, asked)
     # Newton's step from the root has its derivatives.
     _, improved, bounds = _problem(case)
     y, slip, width, last = improved(jax.lax.stop_gradient(found))
@@ -81,17 +84,17 @@ def _told(case: Case) -> Sliding:
     return Sliding(way, jnp.where(last < SETTLED, sure, 0.0))
 
 
-def _root(improved, start):
+def _root(improved, start, asked):
     """Where Newton's method ends: the slip of held points converges long after the tensions."""
 
     def unfinished(now):
         count, (_, _, _, last), narrower = now
-        return (count < ITERATIONS) & (narrower | (last > EXACT))
+        return asked & (count < ITERATIONS) & (narrower | (last > EXACT))
 
     def again(now):
         count, at, _ = now
         new = improved(at)
-        return count + 1, new, new[2] < at[2]
+        return count + 1, new, (new[2] < at[2]) | (new[3] > NEAR)
 
     return jax.lax.while_loop(unfinished, again, (0, start, True))[1]
 
@@ -150,8 +153,9 @@ def _problem(case: Case):
         moved = slip + gives * (shifted(change) - change + left)
         # A slip that would turn stops first, where friction has a slope.
         moved = jnp.where((slip * moved < 0) & (jnp.abs(slip) > width), 0.0, moved)
-        width = jnp.where(width * NARROWER > narrow, width * NARROWER, narrow)
-        return y + change, moved, width, jnp.max(jnp.abs(change))
+        farthest = jnp.max(jnp.abs(change))
+        less = jnp.where(width * NARROWER > narrow, width * NARROWER, narrow)
+        return y + change, moved, jnp.where(farthest > NEAR, width, less), farthest
 
     def bounds(y, slip):
         """Least and largest ln T that friction allows past each interval, given that at its other end."""
@@ -161,12 +165,13 @@ def _problem(case: Case):
 
     before_slip = memory.speed * dt
     widest = jnp.max(jnp.abs(before_slip))
+    widest = jnp.where(widest > 0, widest, 1.0)
     narrow = NARROWEST * widest
     easy = EASY / jnp.sum(weight * before)
     down, up = holds(before)
     more = jnp.abs(by_speed(before_slip))
     y = _clipped(jnp.log(before), base, down + more, up + more)
-    start = y, before_slip, jnp.where(widest > 0, widest, 1.0), jnp.asarray(jnp.inf)
+    start = y, before_slip, widest, jnp.asarray(jnp.inf)
     return start, improved, bounds
 
 

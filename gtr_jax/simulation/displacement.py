@@ -30,6 +30,9 @@ MOST_TRIALS = 60  # of a load step
 TOLERANCE = 1e-12  # of the length, by which a displacement may be missed
 FIRST, LEAST, MOST = 1e-2, 1e-12, 1e12  # damping of a trial, relative to the tendon's compliance
 EASIER, HARDER = 0.1, 10.0  # change of the damping after a trial that came nearer, or did not
+# Of one tendon: how far the first trials reach, of what its compliance would need, by how much farther each
+# next one may, and what of a miss a trial may leave before the next one halves what encloses the answer.
+REACH, FARTHER, SLOW = 10.0, 4.0, 0.5
 
 
 class Driven(NamedTuple):
@@ -220,15 +223,70 @@ def _met(
     return found.x - jnp.where(close, moved, 0.0), close, found.trials
 
 
-def search(tried, x, give, least) -> Search:
-    """Newton's method, damped as Levenberg and Marquardt do it: where friction holds a tendon its
-    displacement hardly answers to its tension.
+class Enclosed(NamedTuple):
+    """A search for the base tension of one tendon, as `Search`, with tensions that draw it out too little and
+    too far, how far the next trial may reach while there are not both, and what the last one missed.
+    """
+
+    trial: Float[Array, " 1"]
+    x: Float[Array, " 1"]
+    miss: Float[Array, " 1"]
+    slope: Float[Array, "1 1"]
+    low: Float[Array, " 1"]
+    high: Float[Array, " 1"]
+    reach: Float[Array, " 1"]
+    last: Float[Array, " 1"]
+    trials: Int[Array, ""]
+
+
+def search(tried, x, give, least) -> Search | Enclosed:
+    """Where displacements are met, or the nearest trial.
 
     Args:
         tried: how far displacements are missed [m] at unknown tensions, (tendons,), and its derivative.
         x: where to start.
         give: typical compliance of each tendon [m/N], (tendons,).
         least: when it is met [m].
+    """
+    return (_enclosed if x.size == 1 else _damped)(tried, x, give, least)
+
+
+def _enclosed(tried, x, give, least) -> Enclosed:
+    """Newton's method for one tendon, between tensions known to be too small and too large: where friction
+    holds a tendon its displacement hardly answers to its tension, and friction that depends on the speed may
+    let it fall a little while the tension rises.
+    """
+
+    def going(now: Enclosed):
+        return (jnp.abs(now.miss) > least)[0] & (now.trials < MOST_TRIALS)
+
+    def once(now: Enclosed) -> Enclosed:
+        at = now.trial
+        value, slope = tried(at)
+        low, high = jnp.where(value > 0, now.low, at), jnp.where(value > 0, at, now.high)
+        slow = jnp.abs(value) > SLOW * jnp.abs(now.last)
+        step = -value / jnp.maximum(slope[0], LEAST * give)
+        reach = jnp.maximum(now.reach, REACH * jnp.abs(value) / give)
+        far = jnp.where(slow, reach, jnp.minimum(jnp.abs(step), reach))
+        newton = at + step
+        inside = (low < newton) & (newton < high) & ~slow
+        both = jnp.isfinite(low) & jnp.isfinite(high)
+        middle = 0.5 * (jnp.where(both, low, at) + jnp.where(both, high, at))
+        trial = jnp.where(both, jnp.where(inside, newton, middle), at + jnp.sign(step) * far)
+        nearer = jnp.abs(value) < jnp.abs(now.miss)
+        x, miss = jnp.where(nearer, at, now.x), jnp.where(nearer, value, now.miss)
+        slope = jnp.where(nearer, slope, now.slope)
+        reach = jnp.where(both, reach, reach * FARTHER)
+        return Enclosed(trial, x, miss, slope, low, high, reach, value, now.trials + 1)
+
+    far, none = jnp.full_like(x, jnp.inf), jnp.zeros_like(x)
+    start = Enclosed(x, x, far, jnp.diag(give), -far, far, none, far, jnp.asarray(0))
+    return jax.lax.while_loop(going, once, start)
+
+
+def _damped(tried, x, give, least) -> Search:
+    """Newton's method for several tendons, damped as Levenberg and Marquardt do it: where friction holds a
+    tendon its displacement hardly answers to its tension. Arguments as of `search`.
     """
 
     def going(now: Search):
