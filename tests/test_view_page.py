@@ -30,13 +30,14 @@ def serving(out, *files):
     command = [sys.executable, "-m", "gtr_jax", "view", *files, "--no-browser", "-o", out]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None and process.stderr is not None
-    line = process.stdout.readline()
-    address = re.search(r"http://127\.0\.0\.1:\d+/\?token=\S+", line)
-    assert address, line + process.stderr.read()
-    yield process, address[0]
-    if process.poll() is None:
+    try:
+        line = process.stdout.readline()
+        address = re.search(r"http://127\.0\.0\.1:\d+/\?token=\S+", line)
+        assert address, line + process.stderr.read()
+        yield process, address[0]
+    finally:  # a test that is skipped or fails leaves it, too
         process.kill()
-    process.communicate()
+        process.communicate()
 
 
 @pytest.fixture(scope="module")
