@@ -142,6 +142,26 @@ def test_three_tendons_by_displacement_turn_the_tip_around():
     assert np.ptp(radius[17:53]) > 1e-2 * radius.max()
 
 
+@pytest.mark.parametrize("start", [2.0, 14.3, 14.9, 15.5, 40.0])
+def test_one_tension_is_found_where_displacement_does_not_rise_with_it(start):
+    """Held between 14 and 15 N, where it falls a little, and no answer beyond 30 N."""
+
+    def miss(x):
+        held, freed = 6e-9 + 2e-9 * (15.0 - x), 8e-9 + 3e-5 * (x - 14.0)
+        out = jnp.where(x > 15.0, 6e-9 + 1e-4 * (x - 15.0), jnp.where(x > 14.0, held, freed))
+        return jnp.where(x > 30.0, jnp.nan, out)
+
+    def tried(x):
+        return miss(x), jnp.diag(jax.vmap(jax.grad(miss))(x))
+
+    found = by_displacement.search(tried, jnp.array([start]), jnp.array([1e-4]), 1e-13)
+    if start > 30.0:
+        assert int(found.trials) == by_displacement.MOST_TRIALS and not np.isfinite(found.miss)
+        return
+    np.testing.assert_allclose(found.x, 14.0 - 8e-9 / 3e-5, atol=1e-8)
+    assert abs(float(found.miss[0])) <= 1e-13 and int(found.trials) < 40
+
+
 class TestKnownNumbers:
     """Where nothing is traced, native code finds the base tensions."""
 

@@ -263,7 +263,7 @@ def _enclosed(tried, x, give, least) -> Enclosed:
     def once(now: Enclosed) -> Enclosed:
         at = now.trial
         value, slope = tried(at)
-        low, high = jnp.where(value > 0, now.low, at), jnp.where(value > 0, at, now.high)
+        low, high = jnp.where(value <= 0, at, now.low), jnp.where(value > 0, at, now.high)
         slow = jnp.abs(value) > SLOW * jnp.abs(now.last)
         step = -value / jnp.maximum(slope[0], LEAST * give)
         reach = jnp.maximum(now.reach, REACH * jnp.abs(value) / give)
@@ -273,11 +273,15 @@ def _enclosed(tried, x, give, least) -> Enclosed:
         both = jnp.isfinite(low) & jnp.isfinite(high)
         middle = 0.5 * (jnp.where(both, low, at) + jnp.where(both, high, at))
         trial = jnp.where(both, jnp.where(inside, newton, middle), at + jnp.sign(step) * far)
+        # A load step that breaks down says nothing: the next one is nearer to the best.
+        broken = ~jnp.isfinite(value)
+        trial = jnp.where(broken, 0.5 * (at + now.x), trial)
         nearer = jnp.abs(value) < jnp.abs(now.miss)
         x, miss = jnp.where(nearer, at, now.x), jnp.where(nearer, value, now.miss)
         slope = jnp.where(nearer, slope, now.slope)
-        reach = jnp.where(both, reach, reach * FARTHER)
-        return Enclosed(trial, x, miss, slope, low, high, reach, value, now.trials + 1)
+        reach = jnp.where(broken, now.reach, jnp.where(both, reach, reach * FARTHER))
+        last = jnp.where(broken, now.last, value)
+        return Enclosed(trial, x, miss, slope, low, high, reach, last, now.trials + 1)
 
     far, none = jnp.full_like(x, jnp.inf), jnp.zeros_like(x)
     start = Enclosed(x, x, far, jnp.diag(give), -far, far, none, far, jnp.asarray(0))
