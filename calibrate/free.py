@@ -176,11 +176,14 @@ def carried_by(
 
 
 def _start(entry: Parameter, value: float) -> float:
-    """Where a fit starts: the value, but a typical one for the size of a physics term that is absent."""
+    """Where a fit starts: the value, but a typical one for the size of a physics term that is absent, and the
+    middle of the usual ones for a number that typically is zero: at zero nothing may depend on it.
+    """
     term = entry.term
     if term is None or value != 0.0 or entry.lower != 0.0:
         return value
-    return next(q.typical for q in term.quantities if entry.name == f"{term.id}.{q.name}")
+    own = next(q for q in term.quantities if entry.name == f"{term.id}.{q.name}")
+    return own.typical or 0.5 * sum(own.usual)
 
 
 def _file(config: RobotConfig | None, name: str) -> str:

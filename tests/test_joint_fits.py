@@ -17,6 +17,7 @@ import gtr_jax as gtr
 from benchmarks.coverage import RUNS
 from calibrate import readings
 from calibrate.estimate import uncertainty
+from calibrate.free import free_of
 from calibrate.identifiability import axes
 from calibrate.posterior import potential_of
 from gtr_jax.files.config import parse_config
@@ -383,6 +384,21 @@ def test_what_came_from_where_is_in_the_json(tdcm, pair):
     ]
     assert data["settings"]["recordings_of"]["mu@second"] == ["second"]
     assert any("base-offset.force up by 1 % of 1 N" in axis["says"] for axis in data["axes"])
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "starts"),
+    [
+        ("saturation.knee", 0.0, 2.55),
+        ("saturation.knee", 0.4, 0.4),
+        ("adhesion.drag", 0.0, 2.0),
+        ("zero-drift.tip", 0.0, 0.0),
+    ],
+)
+def test_numbers_of_terms_start_where_they_can_move(tdcm, name, given, starts):
+    robot = gtr.build_robot(tdcm).with_values(**{name: given})
+    (found,) = free_of([robot], [tdcm], [0], ["recording"], ["robot"], [name])
+    assert found.initial == pytest.approx(starts)
 
 
 def test_a_value_stops_at_its_bound(tdcm):
