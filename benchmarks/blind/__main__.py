@@ -14,7 +14,7 @@ from pathlib import Path
 
 # The scored sets by family, seed and cases; and the one that the classifier of the baselines is trained on.
 SCORED = {
-    "effects": (26_11_28_05, 200),
+    "effects": (26_11_28_21, 120),
     "rig": (26_11_23_01, 60),
     "left-out": (26_11_28_07, 40),
     "combined": (26_11_28_04, 40),
