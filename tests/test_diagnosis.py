@@ -612,7 +612,7 @@ def test_friction_of_the_speed_takes_several_steps_for_each_sample(make_robot, m
 
 def test_a_sample_converges_if_all_parts_of_its_step_do():
     values = np.arange(9.0)
-    run = Brief(*[values] * len(Brief._fields))._replace(converged=np.arange(9) != 6)
+    run = Brief(*cast(Any, [values] * len(Brief._fields)))._replace(converged=np.arange(9) != 6)
     assert at_samples(run, 4).converged.tolist() == [True, True, False]
     assert at_samples(run, 4).T_tip.tolist() == [0.0, 4.0, 8.0]
     assert between(np.array([[0.0, 8.0], [4.0, 0.0]]), 4)[:, 1].tolist() == [8.0, 6.0, 4.0, 2.0, 0.0]
