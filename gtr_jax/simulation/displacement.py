@@ -219,7 +219,10 @@ def _met(
     # One step of Newton's method, of no length, has the derivative of the solution.
     out, _ = _out(robot, at, found.x)
     left = jnp.where(drawn, out - wanted, at.give * (found.x - tension))
-    moved = times(inverse(found.slope), left)
+    # At the edge of a hold the slope may be none on the side that was tried: then the typical one.
+    back = inverse(found.slope)
+    back = jnp.where(jnp.all(jnp.isfinite(back)), back, jnp.diag(1.0 / at.give))
+    moved = times(back, left)
     return found.x - jnp.where(close, moved, 0.0), close, found.trials
 
 
@@ -263,7 +266,9 @@ def _enclosed(tried, x, give, least) -> Enclosed:
     def once(now: Enclosed) -> Enclosed:
         at = now.trial
         value, slope = tried(at)
-        low, high = jnp.where(value <= 0, at, now.low), jnp.where(value > 0, at, now.high)
+        usable = jnp.isfinite(slope[0])
+        low = jnp.where(usable & (value <= 0), at, now.low)
+        high = jnp.where(usable & (value > 0), at, now.high)
         slow = jnp.abs(value) > SLOW * jnp.abs(now.last)
         step = -value / jnp.maximum(slope[0], LEAST * give)
         reach = jnp.maximum(now.reach, REACH * jnp.abs(value) / give)
@@ -273,10 +278,11 @@ def _enclosed(tried, x, give, least) -> Enclosed:
         both = jnp.isfinite(low) & jnp.isfinite(high)
         middle = 0.5 * (jnp.where(both, low, at) + jnp.where(both, high, at))
         trial = jnp.where(both, jnp.where(inside, newton, middle), at + jnp.sign(step) * far)
-        # A load step that breaks down says nothing: the next one is nearer to the best.
-        broken = ~jnp.isfinite(value)
-        trial = jnp.where(broken, 0.5 * (at + now.x), trial)
-        nearer = jnp.abs(value) < jnp.abs(now.miss)
+        # A load step that breaks down says nothing: the next one is nearer to the best, or to slack.
+        broken = ~(jnp.isfinite(value) & jnp.isfinite(slope[0]))
+        best = jnp.where(jnp.isfinite(now.miss), now.x, 0.0)
+        trial = jnp.where(broken, 0.5 * (at + best), trial)
+        nearer = (jnp.abs(value) < jnp.abs(now.miss)) & ~broken
         x, miss = jnp.where(nearer, at, now.x), jnp.where(nearer, value, now.miss)
         slope = jnp.where(nearer, slope, now.slope)
         reach = jnp.where(broken, now.reach, jnp.where(both, reach, reach * FARTHER))
