@@ -94,7 +94,7 @@ def _root(improved, start, asked):
     def again(now):
         count, at, _ = now
         new = improved(at)
-        return count + 1, new, (new[2] < at[2]) | (new[3] > NEAR)
+        return count + 1, new, new[2] < at[2]
 
     return jax.lax.while_loop(unfinished, again, (0, start, True))[1]
 

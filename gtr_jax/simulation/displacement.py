@@ -266,9 +266,7 @@ def _enclosed(tried, x, give, least) -> Enclosed:
     def once(now: Enclosed) -> Enclosed:
         at = now.trial
         value, slope = tried(at)
-        usable = jnp.isfinite(slope[0])
-        low = jnp.where(usable & (value <= 0), at, now.low)
-        high = jnp.where(usable & (value > 0), at, now.high)
+        low, high = jnp.where(value > 0, now.low, at), jnp.where(value > 0, at, now.high)
         slow = jnp.abs(value) > SLOW * jnp.abs(now.last)
         step = -value / jnp.maximum(slope[0], LEAST * give)
         reach = jnp.maximum(now.reach, REACH * jnp.abs(value) / give)
@@ -278,16 +276,16 @@ def _enclosed(tried, x, give, least) -> Enclosed:
         both = jnp.isfinite(low) & jnp.isfinite(high)
         middle = 0.5 * (jnp.where(both, low, at) + jnp.where(both, high, at))
         trial = jnp.where(both, jnp.where(inside, newton, middle), at + jnp.sign(step) * far)
-        # A load step that breaks down says nothing: the next one is nearer to the best, or to slack.
-        broken = ~(jnp.isfinite(value) & jnp.isfinite(slope[0]))
-        best = jnp.where(jnp.isfinite(now.miss), now.x, 0.0)
-        trial = jnp.where(broken, 0.5 * (at + best), trial)
-        nearer = (jnp.abs(value) < jnp.abs(now.miss)) & ~broken
+        nearer = jnp.abs(value) < jnp.abs(now.miss)
         x, miss = jnp.where(nearer, at, now.x), jnp.where(nearer, value, now.miss)
-        slope = jnp.where(nearer, slope, now.slope)
-        reach = jnp.where(broken, now.reach, jnp.where(both, reach, reach * FARTHER))
-        last = jnp.where(broken, now.last, value)
-        return Enclosed(trial, x, miss, slope, low, high, reach, last, now.trials + 1)
+        best = jnp.where(nearer, slope, now.slope)
+        reach = jnp.where(both, reach, reach * FARTHER)
+        told = Enclosed(trial, x, miss, best, low, high, reach, value, now.trials + 1)
+        # A load step that breaks down says nothing: the next one is nearer to the best, or to slack.
+        back = jnp.where(jnp.isfinite(now.miss), now.x, 0.0)
+        untold = now._replace(trial=0.5 * (at + back), trials=now.trials + 1)
+        broken = ~(jnp.isfinite(value) & jnp.isfinite(slope[0]))[0]
+        return jax.tree_util.tree_map(lambda a, b: jnp.where(broken, a, b), untold, told)
 
     far, none = jnp.full_like(x, jnp.inf), jnp.zeros_like(x)
     start = Enclosed(x, x, far, jnp.diag(give), -far, far, none, far, jnp.asarray(0))
