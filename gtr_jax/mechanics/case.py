@@ -21,6 +21,7 @@ FOLLOWED = (
     "mobilised",
     "stencil",
     "elements",
+    "xi",
 )  # of `Memory`, may be None
 
 
@@ -71,6 +72,8 @@ class Memory(eqx.Module):
         carried: share of the external loads that the body carries: 0 before it settles, 1 from then on.
         unknowns: solution for the unknowns at the base, (n,), see `march.Closing`; None where nothing is
             unknown.
+        xi: solution for how friction grips tendons that share their slip, see `coulomb.mobilisation`, (N,
+            *tendons).
     """
 
     tension: Float[Array, "N *tendons"]
@@ -88,6 +91,7 @@ class Memory(eqx.Module):
     T_base: Float[Array, "*tendons"]
     carried: Float[Array, ""]
     unknowns: Float[Array, " n"] | None
+    xi: Float[Array, "N *tendons"] | None = None
 
 
 class Sliding(NamedTuple):
@@ -117,6 +121,7 @@ class Case(eqx.Module):
         load: the load.
         memory: of the previous step.
         sliding: what is foretold of the slip in the step; None where no law asks.
+        xi: how friction grips tendons that share their slip, (N, *tendons), which is unknown; None of others.
         against: factor on the speed where the tendon slips opposite to the sense for which friction is
             evaluated: 1 at the solution, less on the way to it.
         structure: which equations act (static).
@@ -131,6 +136,7 @@ class Case(eqx.Module):
     load: Load
     memory: Memory
     sliding: Sliding | None
+    xi: Float[Array, "N *tendons"] | None
     against: Float[Array, ""]
     structure: Structure = eqx.field(static=True)
 
@@ -177,6 +183,7 @@ def untouched(
         T_base=jnp.zeros_like(at_base),
         carried=carried,
         unknowns=_unknowns(structure, jnp.zeros(at_base.size), moment, jnp.zeros(())),
+        xi=none if structure.shares_slip else None,
     )
 
 
@@ -216,6 +223,7 @@ def part_of(memory: Memory, structure: Structure) -> Memory:
         "speed": structure.follows_slip,
         "stencil": structure.creeping,
         "elements": structure.presliding,
+        "xi": structure.shares_slip,
     }
     return dataclasses.replace(
         memory,

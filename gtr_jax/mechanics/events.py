@@ -39,7 +39,7 @@ from ..terms.term import Channel
 from .bodies import geometry_of, metric_of, offset_of, turning_of
 from .case import FOREVER, Case, Load, Memory
 from .mesh import following, shifted
-from .node import RIGID, any_on, clip, drawn_before, friction, product, total
+from .node import RIGID, any_on, clip, drawn_before, friction, product, rise_per_newton, total
 
 LEAST = 1e-9  # N, a tension below which the tendon counts as slack
 SMALL = 1e-12  # share of the whole compliance that every node has
@@ -152,11 +152,6 @@ def give_of_nodes(case: Case) -> Float[Array, " N"]:
     """How much of the tendon slips out of the channel about each node, per tension: m/N, (N,)."""
     length = case.sections.mesh.interval.length
     return _compliance(case) * 0.5 * (length + following(length))
-
-
-def rise_per_newton(case: Case, name: str, tension):
-    """Change of the sum of the terms' hook `name` with the tension [N], per newton."""
-    return total(case, name, tension + 1.0) - total(case, name, tension)
 
 
 def _relaxed(case: Case, tension, down, up):

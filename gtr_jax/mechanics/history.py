@@ -106,6 +106,7 @@ def _case(robot: Robot, structure: Structure, memory: Memory) -> Case:
         load=Load.without_clock(slack),
         memory=memory,
         sliding=None,
+        xi=None,
         against=one,
         structure=structure,
     )
@@ -240,7 +241,7 @@ def advance(
         after = either_of(settling, fresh, after)
     if prefix == 2:
         # The tendons are strung, and nothing has slipped.
-        names = [n for n in ("speed", "mobilised", "elements") if getattr(done.memory, n) is not None]
+        names = [n for n in ("speed", "mobilised", "elements", "xi") if getattr(done.memory, n) is not None]
         memory = dataclasses.replace(done.memory, **{n: 0 * getattr(done.memory, n) for n in names})
         memory = memory if before is None else before(done.state, memory)
         after = either_of(stringing, dataclasses.replace(settled, memory=memory), after)

@@ -152,7 +152,7 @@ def _steps(what: Structure, closes: bool, plain: int) -> int:
     return NEWTON_MAY_BEND if what.softens else plain
 
 
-def _solved(equations: Equations, carry: Carry, row: Row, guess, use_guess, steps: int):
+def solved_at_node(equations: Equations, carry: Carry, row: Row, guess, use_guess, steps: int):
     """Curvature of a node [1/m]."""
     geometry, what, closing = equations.geometry, equations.case.structure, row.closing
     # Without friction since its predecessor.
@@ -197,7 +197,7 @@ def march(case: Case, flat: Float[Array, " n"], guess: Float[Array, "N *strain"]
 
     def node(state, x):
         (carry, carry_dot), (row, guess) = state, x
-        kappa = _solved(equations, carry, row, guess, use_guess, NEWTON_WITH_TERMS)
+        kappa = solved_at_node(equations, carry, row, guess, use_guess, NEWTON_WITH_TERMS)
 
         def at(kappa, carry, given):
             now = eqx.tree_at(lambda e: (e.stop, e.level), equations, given, is_leaf=lambda x: x is None)
@@ -237,7 +237,7 @@ def march_differenced(case: Case, flat: Float[Array, " n"], guess, use_guess, si
     tried = jnp.concatenate([flat[None, :], flat[None, :] + jnp.diag(steps)])
 
     def at_node(e, c, r, k):
-        return _solved(e, c, r, k, use_guess, NEWTON_WITH_TERMS)
+        return solved_at_node(e, c, r, k, use_guess, NEWTON_WITH_TERMS)
 
     def one(flat):
         found = _along(case, flat, guess, at_node)
@@ -252,7 +252,7 @@ def march_differenced(case: Case, flat: Float[Array, " n"], guess, use_guess, si
 def march_plainly(case: Case, guess: Float[Array, "N *strain"], use_guess) -> Passed:
     """One march where nothing is unknown at the base; arguments as for `march`."""
     steps = NEWTON_WITH_TERMS if case.structure.terms else NEWTON_PLAIN
-    return _along(case, jnp.zeros(0), guess, lambda e, c, r, k: _solved(e, c, r, k, use_guess, steps))
+    return _along(case, jnp.zeros(0), guess, lambda e, c, r, k: solved_at_node(e, c, r, k, use_guess, steps))
 
 
 def passed(case: Case, flat: Float[Array, " n"], kappa: Float[Array, "N *strain"]) -> Passed:

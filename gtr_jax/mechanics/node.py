@@ -18,6 +18,8 @@ after its base tension has turned back (`sliding`), T is P or Q, whatever it was
 
 *Presliding*: friction follows the slip, u(s) = u(0) - integral over [0, s] of (nu_0 - nu + nu_0
 strain), T' = -mu z(u) T |psi'|.
+
+Tendons that share a body in the plane follow the slip too; there xi of each interval gives z and u (`grip`).
 """
 
 from __future__ import annotations
@@ -37,6 +39,8 @@ from ..terms import called, is_on
 from ..terms.term import STILL, Bent, Channel, Passing
 from .bodies import geometry_of, metric_of
 from .case import Case, Sliding
+from .coulomb import PRESLIDING as SHORTEST
+from .coulomb import STRETCH, mobilisation, slip_of_law, unit_tension
 from .geometry import Geometry
 from .guides import Strung, corner, direction_of, either, entering, offset_on
 from .mesh import STENCIL, Interval
@@ -45,10 +49,10 @@ from .sections import State, either_of, node_first
 from .structure import PRESLIDING, carried, mobilise
 from .vector import Vector, applied, columns_of
 
-FLOOR = 1e-4  # of the length: least presliding length of several tendons with terms
 FRICTION = ("friction", "by_pressure", "by_speed", "drag", "wrap")  # hooks that change an interval's friction
 HIGHEST = 10.0  # times the largest known tension: upper limit while the slip is only a guess
 Asked = Any  # an array, or None where no law of the structure needs it
+SEARCHED = 30  # Newton steps for the slip at which a law of presliding has a given xi; 20 reach rounding
 RIGID = 1e-6  # 1/N, strain per tension of a tendon whose stretch no term states: almost rigid
 
 
@@ -91,6 +95,8 @@ class Row(NamedTuple):
     closing: Asked
     beyond: Asked
     sliding: Asked
+    mobilised: Asked
+    xi: Asked
 
 
 class Held(NamedTuple):
@@ -228,6 +234,7 @@ class Equations(eqx.Module):
         modes: which law holds the tendon.
         presliding: numbers of the presliding law.
         highest: upper limit of the tension while the slip is a guess [N].
+        gives: strain per tension that tendons which share their slip have at least [1/N].
     """
 
     case: Case
@@ -237,6 +244,7 @@ class Equations(eqx.Module):
     modes: Modes
     presliding: Asked
     highest: Asked
+    gives: Asked
 
     @property
     def geometry(self) -> Geometry:
@@ -320,7 +328,10 @@ class Equations(eqx.Module):
         speed: Asked = None
         z: Asked = None
         elements = row.elements
-        if what.follows_slip:
+        if what.shares_slip:
+            slipped, z, elements = self.gripped(row)
+            middle, speed = row.middle + slipped, slipped / case.load.dt
+        elif what.follows_slip:
             # First the slip without the tendon's strain at this node, which is added below, once its tension
             # is known.
             shortened = row.metric - self.metric(row, kappa)
@@ -362,7 +373,7 @@ class Equations(eqx.Module):
             if what.presliding:
                 tension, grip = jnp.where(by_slip, low, tension), jnp.where(by_slip, z, grip)
         drawn, slip = carry.drawn, None
-        if what.follows_slip:
+        if what.follows_slip and not what.shares_slip:
             now = self.strained(shortened, tension, row)
             drawn, slip = later(now, carry.drawn), known - w[0] * now
 
@@ -533,6 +544,44 @@ class Equations(eqx.Module):
         share = jnp.where(row.tension > 0, kept / jnp.where(row.tension > 0, row.tension, 1.0), 1.0)
         return Held(longer, before.length + here + there, change, margin, share)
 
+    def gripped(self, row: Row) -> tuple[Any, Any, Any]:
+        """Slip towards the base in the load step of tendons that share it [m], mobilisation of their friction,
+        and the memory of the presliding law, at xi of the interval.
+        """
+        case, length = self.case, self.case.sections.mesh.s[-1]
+        slipped, z = length * slip_of_law(row.xi, row.mobilised), mobilisation(row.xi)
+        if not case.structure.presliding:
+            return slipped, z, row.elements
+        term = case.structure.catalogue[PRESLIDING]
+        on = case.structure.acting or is_on(term, case.terms[PRESLIDING])
+
+        def law(u):
+            """xi at a slip over the length."""
+            return called(mobilise, self.presliding, u * length, row.elements)[0] + u
+
+        # Its slope falls with the slip, so that Newton's method from no slip does not overshoot.
+        target = jax.lax.stop_gradient(row.xi)
+        way = jnp.where(target >= law(jnp.zeros_like(target)), 1.0, -1.0)
+
+        def nearer(_, u):
+            value, slope = jax.jvp(law, (u,), (jnp.ones_like(u),))
+            return u - (value - target) / slope
+
+        u = jax.lax.stop_gradient(jax.lax.fori_loop(0, SEARCHED, nearer, way * 2 * STILL / length))
+        value, slope = jax.jvp(law, (u,), (jnp.ones_like(u),))
+        u = u - (value - row.xi) / jax.lax.stop_gradient(slope)
+        mobilised, elements = called(mobilise, self.presliding, u * length, row.elements)
+        return jnp.where(on, length * u, slipped), jnp.where(on, mobilised, z), elements
+
+    def gains(self, row: Row, kappa, tension):
+        """What the channel of tendons that share their slip loses of its length in the load step plus what
+        they gain by strain, per length of midline.
+        """
+        before = row.tension
+        stated = self.stated(before + 1.0, before)
+        more = jnp.where(stated < self.gives, self.gives - stated, 0.0) * (tension - before)
+        return row.nu - self.metric(row, kappa) + self.stated(tension, before) * row.metric + more
+
     def strained(self, shortened, tension, row: Row):
         """The channel's loss of length plus the tendon's gain by strain, per length of midline."""
         if not self.case.structure.has("strain"):
@@ -549,16 +598,16 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
     """
     s, memory, load, what = case.sections, case.memory, case.load, case.structure
     terms, mesh, geometry = case.terms, s.mesh, geometry_of(s)
-    by_slip, neighbour, presliding = False, False, None
+    by_slip: Any = what.shares_slip
+    presliding: Any = None
     if what.presliding:
         presliding = terms[PRESLIDING]
-        by_slip = True
         if what.shares_slip:
-            least = FLOOR * mesh.s[-1]
+            least = SHORTEST * mesh.s[-1]
             length = presliding["length"]
             presliding = presliding | {"length": jnp.where(length > least, length, least)}
-        elif not (what.acting and PRESLIDING in what.terms):
-            by_slip = is_on(what.catalogue[PRESLIDING], presliding)
+        else:
+            by_slip = True if what.acting else is_on(what.catalogue[PRESLIDING], presliding)
     creeping = [kind for kind in what.terms if what.catalogue[kind].creeps]
     neighbour, along = (any_on(case, kinds) for kinds in (creeping, carried(what.terms, what.catalogue)))
     if what.carries:
@@ -582,7 +631,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         elements=memory.elements,
         bent=memory.bent,
         kappa=geometry.split(memory.kappa) if what.has("bend") or what.carries else None,
-        nu=node_first(metric_of(s, memory.kappa)) if what.carries else None,
+        nu=node_first(metric_of(s, memory.kappa)) if what.carries or what.shares_slip else None,
         begins=None if s.guides is None else node_first(s.guides.begins()),
         chord=None if s.guides is None else jnp.moveaxis(s.guides.along(), -2, 0),
         reach=s.reach if what.by_strain else None,
@@ -591,6 +640,8 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         closing=s.closing,
         beyond=None if s.beyond is None else node_first(s.beyond),
         sliding=case.sliding,
+        mobilised=memory.mobilised if what.shares_slip else None,
+        xi=case.xi,
     )
     low = high = entry = load.T_base
     if what.has("base_grip"):
@@ -605,30 +656,31 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
     local = what.shares_slip  # only the preceding node's tension counts
     carry = Carry(
         kappas=(geometry.unstrained(),) * back,
-        drawn=(none,) * back if what.follows_slip else (),
+        drawn=(none,) * back if what.follows_slip and not local else (),
         slopes=(geometry.zero(),) * back if what.bends else (),
         ways=(zero,) * back if what.has_stop else (),
         phi=geometry.start(),
         tension=entry,
         pulled=None if local else low,
         released=None if local else high,
-        slip=x.slip if what.follows_slip else None,
+        slip=x.slip if what.follows_slip and not local else None,
         moment=geometry.split(x.moment),
         place=zero if what.has_stop else None,
         held=Held(zero, zero, zero, zero - 1.0, zero + 1.0) if what.carries else None,
         strung=None if s.guides is None else _unstrung(case),
     )
     highest = None
-    if what.seeks_slip:
+    if what.seeks_slip or local:
         # While the guess of the slip is too low, its speed may raise the tension without bound.
         highest = HIGHEST * jnp.maximum(jnp.max(load.T_base), jnp.max(memory.tension))
         highest = jax.lax.stop_gradient(highest)
+    gives = STRETCH / unit_tension(s) if local else None
     stop = way = None
     if what.has_stop:
         ((kind, _),) = what.hooks("stop")
         stop, way = pressing(x.stop), geometry.way_of(what.catalogue[kind], terms[kind])
     return (
-        Equations(case, stop, way, x.level, Modes(by_slip, neighbour, along), presliding, highest),
+        Equations(case, stop, way, x.level, Modes(by_slip, neighbour, along), presliding, highest, gives),
         carry,
         row,
     )
@@ -660,6 +712,11 @@ def _speed_before(case: Case):
     """Speed of the slip in the previous load step [m/s], (N, *tendons); zero, (), where it is not known."""
     speed = case.memory.speed
     return jnp.zeros(()) if speed is None else jnp.abs(speed)
+
+
+def rise_per_newton(case: Case, name: str, tension):
+    """Change of the sum of the terms' hook `name` with the tension [N], per newton."""
+    return total(case, name, tension + 1.0) - total(case, name, tension)
 
 
 def drawn_before(case: Case):

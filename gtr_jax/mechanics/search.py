@@ -7,6 +7,7 @@ in parts, each started from the last one solved.
 
 from __future__ import annotations
 
+import dataclasses
 from typing import NamedTuple
 
 import equinox as eqx
@@ -17,6 +18,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .bodies import chords_of
 from .case import Case
+from .coulomb import PRESLIDING, kept_near
+from .grip import left_of, march_gripped, solved_linear
 from .lanes import in_lanes_of
 from .march import Closing, Passed, march, march_differenced, march_plainly, passed
 from .sections import either_of, largest
@@ -33,6 +36,12 @@ MOST_CLOSINGS = 60  # most searches of a step until the chords of guided tendons
 STRAIGHT = 1e-4  # h sqrt(T/EI) below which a tendon does not bend a segment
 LEAST_STIFF = 0.05  # least sin x/x with which a chord is corrected
 FINER = 4  # factor on the number of parts of a load step that could not be solved
+EXACT = (
+    1e-8 * PRESLIDING
+)  # slip left over the length at which the search for the grip of several tendons ends
+# Its most steps for a part of the load step; of every ROUND the first WHOLE are full and the others SHORT of
+# that, which breaks cycles.
+MOST_GRIPS, ROUND, WHOLE, SHORT = 64, 30, 18, 0.4
 MOST_SLIDING = 4  # most parts in which a step is tried as foretold
 
 
@@ -178,8 +187,9 @@ def case_at(case: Case, aim: Float[Array, ""]) -> Case:
 
 class Found(NamedTuple):
     """A solved load step: the unknowns at the base, (n,), curvature [1/m], (N,), the last pass, the largest
-    residual, the number of marches, the slopes of the chords of guided tendons, None without any, and
-    whether the tendon slips as foretold, None where nothing is.
+    residual, the number of marches, the slopes of the chords of guided tendons, None without any, whether
+    the tendon slips as foretold, None where nothing is, and how friction grips tendons that share their slip,
+    (N, *tendons), None of others.
     """
 
     unknowns: Float[Array, " n"]
@@ -189,6 +199,7 @@ class Found(NamedTuple):
     marches: Int[Array, ""]
     slopes: Float[Array, "*tendons S 2"] | None = None
     told: Bool[Array, ""] | None = None
+    xi: Float[Array, "N *tendons"] | None = None
 
 
 def with_slopes(case: Case, slopes) -> Case:
@@ -215,6 +226,8 @@ def search(case: Case, how: March) -> Found:
 
 def _open(case: Case, how: March) -> Found:
     """As `search`, with the chords of guided tendons as they are."""
+    if case.structure.shares_slip:
+        return _by_grip(case, how)
     if case.structure.terms or case.structure.unknowns:
         return _by_path(case, how)
     return _at_once(case, how)
@@ -391,3 +404,91 @@ def _by_path(case: Case, how: March) -> Found:
     last = passed(case_at(with_sliding(case, done.told), whole * one), unknowns, done.kappa)
     error = _finite(jnp.maximum(largest(last.left / lefts), last.error) if what.unknowns else last.error)
     return Found(unknowns, done.kappa, last, error, done.marches, told=done.told)
+
+
+class Gripping(eqx.Module):
+    """Where the search for how friction grips several tendons stands.
+
+    Attributes:
+        xi, base, kappa: the next point to try: how friction grips, (N, *tendons), the scaled unknowns at the
+            base, (n,), and curvature to go with them [1/m], (N,).
+        best, error: the best point of this part of the load step, and its largest residual.
+        last: that of the point before.
+        marches, tries: marches taken in all, and tries at this part.
+        parts, part: number of parts of the load step, and how many of them are done.
+        solved: whether the last part is solved.
+    """
+
+    xi: Float[Array, "N *tendons"]
+    base: Float[Array, " n"]
+    kappa: Float[Array, " N"]
+    best: tuple[Array, Array, Array]
+    error: Float[Array, ""]
+    last: Float[Array, ""]
+    marches: Int[Array, ""]
+    tries: Int[Array, ""]
+    parts: Int[Array, ""]
+    part: Int[Array, ""]
+    solved: Bool[Array, ""]
+
+
+def with_grip(case: Case, xi: Float[Array, "N *tendons"] | None) -> Case:
+    """The load step in which friction grips tendons that share their slip as told."""
+    return case if xi is None else dataclasses.replace(case, xi=xi)
+
+
+def _by_grip(case: Case, how: March) -> Found:
+    """Newton's method for how friction grips several tendons, on the whole load step; where it fails, on more
+    and more parts of it. They often go on well from a part that was not quite solved.
+    """
+    sizes, lefts = scales(case)
+    one, zero = jnp.ones(()), jnp.asarray(0)
+    known, xi = case.memory.unknowns, case.memory.xi
+    assert xi is not None
+    begun = (xi, jnp.zeros(0) if known is None else known / sizes, case.memory.kappa)
+    begin = Gripping(*begun, begun, jnp.inf * one, jnp.inf * one, zero, zero, zero + 1, zero, zero > 0)
+
+    def unfinished(at: Gripping):
+        within = at.parts.astype(float) <= 1.0 / how.smallest_stride
+        return ~at.solved & (at.marches < MOST_MARCHES) & within
+
+    def improved(at: Gripping):
+        now = with_grip(case_at(case, (at.part + 1) / at.parts), at.xi)
+        m = march_gripped(now, at.base * sizes, at.kappa, at.marches > 0)
+        error = _finite(largest(jnp.concatenate([m.left.ravel(), m.at_tip / lefts, m.error[None]])))
+        better = error < at.error
+        best = either_of(better, (at.xi, at.base, m.kappa), at.best)
+        least = jnp.minimum(error, at.error)
+        met = least <= how.atol
+        tries = at.tries + 1
+        over = (
+            (error <= EXACT) | (met & (error > 0.5 * at.last)) | (tries >= MOST_GRIPS) | ~jnp.isfinite(error)
+        )
+        step, on = solved_linear(m.linear, m.left, m.at_tip)
+        share = jnp.where(at.tries % ROUND < WHOLE, 1.0, SHORT)
+        next_xi = jnp.where(over, best[0], kept_near(at.xi + share * step, at.xi))
+        next_base = jnp.where(over, best[1], at.base + share * on / sizes)
+        next_kappa = jnp.where(over, best[2], m.kappa)
+        part = jnp.where(over, at.part + 1, at.part)
+        last = part >= at.parts
+        failed = over & ~met & last
+        start = either_of(failed, begun, (next_xi, next_base, next_kappa))
+        fresh = over & ~last | failed
+        return Gripping(
+            *start,
+            best=best,
+            error=jnp.where(fresh, jnp.inf, least),
+            last=jnp.where(fresh, jnp.inf, error),
+            marches=at.marches + 1,
+            tries=jnp.where(over, 0, tries),
+            parts=jnp.where(failed, FINER * at.parts, at.parts),
+            part=jnp.where(failed, 0, part),
+            solved=over & met & last,
+        )
+
+    done = jax.lax.while_loop(unfinished, improved, in_lanes_of(case.varied, begin))
+    xi, base, kappa = done.best
+    whole = with_grip(case_at(case, one), xi)
+    last = passed(whole, base * sizes, kappa)
+    left = jnp.concatenate([left_of(whole, last).ravel(), last.left / lefts, last.error[None]])
+    return Found(base * sizes, kappa, last, _finite(largest(left)), done.marches, xi=xi)

@@ -31,7 +31,7 @@ from jaxtyping import Array, Bool, Float
 from ..terms.term import Passing
 from .bodies import turning_of
 from .case import FOREVER, Case, Load, Memory, Sliding
-from .events import give_of_nodes, rise_per_newton, taut, turning_before
+from .events import give_of_nodes, taut, turning_before
 from .mesh import following, shifted
 from .node import channel_rows, clip, friction, product, total
 

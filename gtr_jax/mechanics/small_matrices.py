@@ -29,3 +29,8 @@ def inverse(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
 def times(matrix: Float[Array, "n m"], vector: Float[Array, " m"]) -> Float[Array, " n"]:
     """Matrix times vector."""
     return jnp.sum(matrix * vector[None, :], axis=1)
+
+
+def product(one: Float[Array, "n m"], other: Float[Array, "m k"]) -> Float[Array, "n k"]:
+    """Matrix times matrix."""
+    return jnp.sum(one[:, :, None] * other[None, :, :], axis=1)

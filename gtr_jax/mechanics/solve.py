@@ -18,10 +18,11 @@ from jaxtyping import Array, Float, Int
 
 from .bodies import chords_of, metric_of
 from .case import Case, Load, Memory
+from .grip import left_of, march_gripped, solved_linear
 from .march import Passed, described
 from .mesh import increments
 from .node import drawn_before, total
-from .search import scales, search, with_sliding, with_slopes
+from .search import Found, scales, search, with_grip, with_sliding, with_slopes
 from .sections import State, node_first
 from .small_matrices import inverse as inverse_of
 from .small_matrices import times
@@ -49,13 +50,13 @@ def _left(case: Case, marched: Passed, unknowns: Float[Array, " n"]) -> tuple[Me
     """Memory and state after a march."""
     nodes, what = marched.nodes, case.structure
     slip, middle, speed = nodes.slip, nodes.middle, nodes.speed
-    if what.follows_slip and not what.seeks_slip:
+    if what.follows_slip and not (what.seeks_slip or what.shares_slip):
         # No law depends on the slip of this step, so the march counted it from the base; count it from the
         # anchor.
         away = marched.slip - total(case, "anchor", marched.T_tip) + total(case, "anchor", case.preload)
         slip, middle = slip - away[None], middle - away[None]
         speed = (middle - case.memory.middle) / case.load.dt
-    if what.terms and not what.follows_slip:
+    if what.shares_slip or (what.terms and not what.follows_slip):
         slip = slip_of(case, nodes.state.kappa, nodes.tension, marched.T_tip)
     if what.carries:
         unknowns = jnp.concatenate([unknowns[:-1], jnp.zeros(1)])
@@ -75,6 +76,7 @@ def _left(case: Case, marched: Passed, unknowns: Float[Array, " n"]) -> tuple[Me
         T_base=case.load.T_base,
         carried=jnp.ones(()),
         unknowns=jax.lax.stop_gradient(unknowns) if what.unknowns else None,
+        xi=None if case.xi is None else jax.lax.stop_gradient(case.xi),
     )
     return memory, nodes.state
 
@@ -129,7 +131,7 @@ def slip_of(
 def _solve(inputs) -> Solved:
     case, how = inputs
     found = search(case, how)
-    case = with_sliding(case, found.told)
+    case = with_grip(with_sliding(case, found.told), found.xi)
     memory, state = _in_one_batch(_left(case, found.passed, found.unknowns), found.marches)
     return Solved(memory, state, found.error, found.marches)
 
@@ -142,6 +144,8 @@ def _solve_jvp(primals, tangents):
     case, how = primals[0]
     case_dot = tangents[0][0]
     found = search(case, how)
+    if found.xi is not None:
+        return _gripped_jvp(case, case_dot, found)
     case = with_sliding(case, found.told)
     moving, fixed = split_tangents(case, case_dot)
 
@@ -175,6 +179,31 @@ def _solve_jvp(primals, tangents):
         out_dot = jtu.tree_map(lambda d, by: d + by @ flat_dot, out_dot, out_by)
     else:
         out, out_dot = jax.jvp(lambda moving: at(moving, unknowns)[1], (moving,), (case_dot,))
+    return _with_tangents(found, out, out_dot)
+
+
+def _gripped_jvp(case: Case, case_dot: Case, found: Found):
+    """As `_solve_jvp`, of tendons that share their slip: xi of all intervals follows from what is left of the
+    friction law there.
+    """
+    moving, fixed = split_tangents(case, case_dot)
+
+    def at(moving, xi, unknowns):
+        now = with_grip(eqx.combine(moving, fixed), xi)
+        marched = described(now, unknowns, found.kappa)
+        return (left_of(now, marched), marched.left), _left(now, marched, unknowns)
+
+    (_, out), linear = jax.linearize(at, moving, found.xi, found.unknowns)
+    still = jtu.tree_map(jnp.zeros_like, (found.xi, found.unknowns))
+    (left, at_tip), _ = linear(case_dot, *still)
+    whole = jax.lax.stop_gradient(with_grip(case, found.xi))
+    m = march_gripped(whole, jax.lax.stop_gradient(found.unknowns), found.kappa, True)
+    _, out_dot = linear(case_dot, *solved_linear(m.linear, left, at_tip))
+    return _with_tangents(found, out, out_dot)
+
+
+def _with_tangents(found: Found, out: tuple[Memory, State], out_dot: tuple[Memory, State]):
+    """A solved load step and its derivative."""
     memory, state = _in_one_batch(out, found.marches)
     solved = Solved(memory, state, found.error, found.marches)
     zeros = jax.custom_derivatives.zero_from_primal(solved, symbolic_zeros=True)

@@ -108,8 +108,8 @@ class Structure:
 
     @functools.cached_property
     def presliding(self) -> bool:
-        """Whether friction may build up over a slip, as it always does where several tendons share it."""
-        return self.has("mobilise") or self.shares_slip
+        """Whether a term lets friction build up over a slip."""
+        return self.has("mobilise")
 
     @functools.cached_property
     def creeping(self) -> bool:
@@ -146,7 +146,7 @@ class Structure:
     def follows_slip(self) -> bool:
         """Whether a law of a node depends on the slip or its speed, in this step or the previous one."""
         reads = any(self.catalogue[kind].reads_speed for kind in self.terms)
-        return self.presliding or reads or self.seeks_slip
+        return self.presliding or reads or self.seeks_slip or self.shares_slip
 
     @functools.cached_property
     def reads_drawn(self) -> bool:
@@ -160,8 +160,10 @@ class Structure:
 
     @functools.cached_property
     def seeks_slip(self) -> bool:
-        """Whether the displacement at the base is unknown: a law depends on the slip of this step."""
-        return self.presliding or self.has("by_speed")
+        """Whether the displacement at the base is unknown: a law depends on the slip of this step. Tendons that
+        share their slip have another unknown, in each interval.
+        """
+        return (self.presliding or self.has("by_speed")) and not self.shares_slip
 
     @functools.cached_property
     def has_stop(self) -> bool:

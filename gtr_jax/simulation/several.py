@@ -10,6 +10,7 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from ..mechanics import metric_of, rest_state
+from ..mechanics.coulomb import mobilisation
 from ..mechanics.sections import Sections, State
 from ..mechanics.several import slip
 from ..mechanics.several.adjoint import CausalAdjoint
@@ -80,7 +81,7 @@ def load_step(
     """
     p = problem_of(robot, s, T_base, None)
     grip = slip.hold(p, kept, start, xi, solver, MAX_STEPS)
-    p = dataclasses.replace(p, mobilisation=slip.mobilisation(grip.xi))
+    p = dataclasses.replace(p, mobilisation=mobilisation(grip.xi))
     sol = solve_problem(p, start, solver)
     held = optx.RESULTS.where(grip.converged, sol.result, optx.RESULTS.nonlinear_max_steps_reached)
     tension = tension_of(sol.value, p)
@@ -90,7 +91,7 @@ def load_step(
         T_tip=tension[..., -1],
         slip=slip_without_stretch(s, settled, sol.value),
         wrap=jnp.cumsum(slip.turning(sol.value, p), axis=-1),
-        mobilisation=slip.mobilisation(grip.xi),
+        mobilisation=mobilisation(grip.xi),
         result=held,
         residual_norm=jnp.maximum(sol.stats["residual_norm"], grip.error),
         iterations=grip.steps,

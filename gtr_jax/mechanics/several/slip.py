@@ -32,20 +32,15 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
 from .. import channel
-from ..mesh import Mesh, increments, shifted
-from ..sections import Sections, State, at_tendons, largest
+from ..coulomb import PRESLIDING, STRETCH, kept_near, mobilisation, slip_of_law, unit_tension
+from ..mesh import Mesh, shifted
+from ..sections import State, at_tendons, largest
 from ..tangents import split_tangents
 from .adjoint import CausalAdjoint
 from .problem import Problem, residual, tension_of
 
-# Slip over length at which friction is exhausted. For a pair that is pulled and released, a tenth of it and
-# of STRETCH changes tip tensions by up to 3e-3 of the base tension (docs/mechanics.md).
-PRESLIDING = 2e-6
 TOLERANCE, EXACT = 1e-3 * PRESLIDING, 1e-8 * PRESLIDING  # mismatch: solved; search ends
 MAX_STEPS = 64  # most Newton steps of one search
-STRETCH = 1e-4  # strain of a tendon at T_unit, about that of a steel wire
-SMALLEST_ARM = 1e-3  # of the length: least moment arm from which T_unit is computed
-LEFT = 1.0 + 1e-9  # |xi| just beyond the limit of friction, where a step from stick to slip is cut
 MOST_PARTS = 64  # most parts of the change of base tension
 # Of every ROUND Newton steps the first WHOLE are full and the others SHORT of that, which breaks cycles.
 ROUND, WHOLE, SHORT = 30, 18, 0.4
@@ -84,11 +79,6 @@ class Grip(NamedTuple):
     def converged(self) -> Bool[Array, ""]:
         """Whether the mismatch met the tolerance."""
         return self.error <= TOLERANCE
-
-
-def mobilisation(xi: Float[Array, "*tendons N"]) -> Float[Array, "*tendons N"]:
-    """z in [-1, 1]."""
-    return jnp.where(xi > 1.0, 1.0, jnp.where(xi < -1.0, -1.0, xi))
 
 
 def slip(mesh: Mesh, change: Float[Array, "*tendons N"]) -> Float[Array, "*tendons N"]:
@@ -131,24 +121,16 @@ def _march(xi, a: _Args) -> tuple[State, Problem]:
     return sol.value, p
 
 
-def unit_tension(s: Sections) -> Float[Array, ""]:
-    """The tension that, without friction, bends the robot by about one radian [N]; 1 N for a rigid sheath."""
-    compliance = jnp.sum(increments(s.mesh.weights, s.compliance))
-    arm = jnp.max(jnp.abs(s.R.value))
-    turn = compliance * jnp.where(arm > SMALLEST_ARM * s.mesh.s[-1], arm, SMALLEST_ARM * s.mesh.s[-1])
-    return jnp.where(turn > 0, 1.0 / jnp.where(turn > 0, turn, 1.0), 1.0)
-
-
 def mismatch(xi: Float[Array, "*tendons N"], a: _Args) -> Float[Array, "*tendons N"]:
     """Slip required by the friction law minus slip that follows from the body's shape, over its length."""
     y, p = _march(xi, a)
-    s, z, kept = p.sections, mobilisation(xi), a.kept
+    s, kept = p.sections, a.kept
     assert kept.mobilisation is not None, "several tendons remember how far friction is mobilised"
     metric = channel.metric_factor(at_tendons(y.kappa, s.R), s.R)
     tension = tension_of(y, p)
     stretch = STRETCH * (tension - kept.tension) / unit_tension(s)
     given = slip(s.mesh, kept.metric - metric + stretch) / s.mesh.s[-1] + stretch[..., -1:]
-    wanted = PRESLIDING * (z - kept.mobilisation) + (xi - z)
+    wanted = slip_of_law(xi, kept.mobilisation)
     base = at_tendons(s.mesh.interval.joined, s.R) == 0.0  # no interval before it
     return jnp.where(base, xi, wanted - given)
 
@@ -158,15 +140,6 @@ def _jacobian(xi, a: _Args):
         return mismatch(x.reshape(xi.shape), a).ravel()
 
     return jax.jacfwd(flat)(xi.ravel())
-
-
-def _kept_near(new, old):
-    """The unknown after a Newton step, cut where an interval changes between stick and slip, against
-    overshoot.
-    """
-    leaving = jnp.where(new > 1.0, LEFT, jnp.where(new < -1.0, -LEFT, new))
-    slipping = jnp.where(old > 0, jnp.maximum(new, 0.0), jnp.minimum(new, 0.0))
-    return jnp.where(jnp.abs(old) <= 1.0, leaving, slipping)
 
 
 def _newton(xi, a: _Args) -> Grip:
@@ -181,7 +154,7 @@ def _newton(xi, a: _Args) -> Grip:
         xi, error, _, steps = carry
         change = jnp.linalg.solve(_jacobian(xi, a), mismatch(xi, a).ravel()).reshape(xi.shape)
         share = jnp.where(steps % ROUND < WHOLE, 1.0, SHORT)
-        xi = _kept_near(xi - share * change, xi)
+        xi = kept_near(xi - share * change, xi)
         return xi, largest(mismatch(xi, a).ravel()), error, steps + 1
 
     error = largest(mismatch(xi, a).ravel())

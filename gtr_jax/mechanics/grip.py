@@ -1,0 +1,281 @@
+"""How friction grips several tendons that share a body in the plane.
+
+A tendon may slip although its base tension is held, because the body under the others carries its channel
+along: the slip decides. The law is that of `several.slip`, which solves robots without terms: friction builds
+up over a slip of `PRESLIDING` of the length, or as the term `presliding` states it, and a tendon gives by
+`STRETCH` where no term states more.
+
+Where a tendon is locked, a march that starts from a slip at the base would let the least error grow without
+bound. So the unknown is not the slip at the base but, in each interval, one number xi = z + u/L: within
+[-1, 1] it is the share z of friction that is mobilised, beyond it the slip u in the load step over the
+length. Given xi, one march from the base to the tip solves the body. What is left in each interval is the
+slip that xi states minus the slip that follows from the shape, summed from the anchor:
+
+    u(s) = integral over [s, L] of (nu_before - nu + strain gained) + displacement of the anchor.
+
+Newton's method finds xi of all intervals at once. Its linear system couples a node to its predecessor and to
+the sum from the tip, and is solved in one pass from the tip to the base and one back (a Riccati recursion,
+see `Linear`), at a cost that grows with the nodes, not with their cube.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.tree_util as jtu
+from jaxtyping import Array, Float
+
+from .case import Case
+from .coulomb import STRETCH, unit_tension
+from .lanes import in_lanes_of
+from .march import NEWTON_WITH_TERMS, Passed, closed, closing_of, solved_at_node
+from .mesh import following
+from .node import Carry, prepared, rise_per_newton, total
+from .sections import largest
+from .small_matrices import inverse, product, times
+
+
+class Linear(NamedTuple):
+    """The equations of one load step, linearised about a march, with xi given in each interval.
+
+    What the march carries from node to node, flattened, is called rest here, (d,). A change of it follows
+
+        rest_i = onward_i rest_(i-1) + by_grip_i xi_i + by_given_i g,        g: what is unknown at the base,
+
+    the slip over the length in interval i, S_i = S_(i+1) + gone_i rest_i, ends at the anchor with
+    S_N = anchor rest_(N-1), and xi_i obeys gives_i xi_i - S_i = -left_i.
+
+    Attributes:
+        onward: (N, d, d).
+        by_grip: (N, d, T); zero at the base, which no interval precedes.
+        by_given: (N, d, g).
+        first: change of what the march starts from with g, (d, g).
+        gone: (N, T, d).
+        anchor: (T, d).
+        gives: slip over the length per xi, (N, T).
+        tip: change of what is left of the conditions at the tip, by rest_(N-1), (g, d).
+        tip_by: the same by g, (g, g).
+    """
+
+    onward: Float[Array, "N d d"]
+    by_grip: Float[Array, "N d T"]
+    by_given: Float[Array, "N d g"]
+    first: Float[Array, "d g"]
+    gone: Float[Array, "N T d"]
+    anchor: Float[Array, "T d"]
+    gives: Float[Array, "N T"]
+    tip: Float[Array, "g d"]
+    tip_by: Float[Array, "g g"]
+
+
+class Gripped(NamedTuple):
+    """One march with xi given: curvature at the nodes [1/m], (N,); what is left of the law in each interval,
+    over the length, (N, T), and of the conditions at the tip, (g,); the largest error of a node's balance,
+    as curvature times length; and the equations linearised.
+    """
+
+    kappa: Float[Array, " N"]
+    left: Float[Array, "N T"]
+    at_tip: Float[Array, " g"]
+    error: Float[Array, ""]
+    linear: Linear
+
+
+def _flat(carry: Carry) -> Float[Array, " d"]:
+    return jnp.concatenate([jnp.ravel(leaf) for leaf in jtu.tree_leaves(carry)])
+
+
+def _columns(tangent, size: int) -> Any:
+    """A linear map as a matrix."""
+    return jax.vmap(tangent, out_axes=-1)(jnp.eye(size))
+
+
+def _cells(case: Case) -> Float[Array, " N"]:
+    """The share of the length that a node stands for in a sum from the tip: half of both intervals beside it,
+    over the length. With any wider stencil, a stretch without slip would leave the strain free to alternate
+    from node to node.
+    """
+    mesh = case.sections.mesh
+    return 0.5 * (mesh.interval.length + following(mesh.interval.length)) / mesh.s[-1]
+
+
+def anchor_moved(case: Case, T_tip: Float[Array, "*tendons"]) -> Float[Array, "*tendons"]:
+    """How far the anchors move towards the base in the load step [m], (tendons,)."""
+    before, s = case.memory.T_tip, case.sections
+    stated = total(case, "anchor", T_tip) - total(case, "anchor", before)
+    least, own = STRETCH / unit_tension(s) * s.mesh.s[-1], rise_per_newton(case, "anchor", before)
+    return stated + jnp.where(own < least, least - own, 0.0) * (T_tip - before)
+
+
+def left_of(case: Case, marched: Passed) -> Float[Array, "N T"]:
+    """What is left of the friction law in each interval: the slip that xi states minus that which follows
+    from the shape, over the length, (N, T); zero at the base.
+    """
+    equations, _, rows = prepared(case, closing_of(case, jnp.zeros(case.structure.unknowns)))
+
+    def at(row, kappa, tension):
+        return equations.gripped(row)[0], equations.gains(row, kappa, tension)
+
+    nodes = marched.nodes
+    stated, more = jax.vmap(at)(rows, nodes.state.kappa, nodes.tension)
+    length = case.sections.mesh.s[-1]
+    gone = more * _cells(case)[:, None]
+    own = jnp.flip(jnp.cumsum(jnp.flip(gone, 0), axis=0), 0) + anchor_moved(case, marched.T_tip) / length
+    return (stated / length - own) * case.sections.mesh.interval.joined[:, None]
+
+
+def march_gripped(
+    case: Case,
+    flat: Float[Array, " g"],
+    guess: Float[Array, " N"],
+    use_guess,
+    newton: int = NEWTON_WITH_TERMS,
+) -> Gripped:
+    """One march from the base to the tip with xi given (`Case.xi`), and its linearisation.
+
+    Args:
+        case: the load step.
+        flat: what is unknown at the base besides, (g,).
+        guess: curvature to start from [1/m], (N,).
+        use_guess: whether to start from it.
+        newton: steps of Newton's method at each node.
+    """
+    length, size = case.sections.mesh.s[-1], flat.shape[0]
+    cells = _cells(case)
+
+    def start(flat):
+        equations, carry, rows = prepared(case, closing_of(case, flat))
+        return (equations.stop, carry), (equations, rows)
+
+    (_, carry), along, (equations, rows) = jax.linearize(start, flat, has_aux=True)
+    shape = carry
+    count = _flat(shape).size
+
+    def unflat(values):
+        leaves, tree = jtu.tree_flatten(shape)
+        out, at = [], 0
+        for leaf in leaves:
+            out.append(values[at : at + leaf.size].reshape(leaf.shape))
+            at += leaf.size
+        return jtu.tree_unflatten(tree, out)
+
+    moved = jax.vmap(along, out_axes=-1)(jnp.eye(size)) if size else None
+    first = _flat_columns(moved[1], size) if moved is not None else jnp.zeros((count, 0))
+    stop_by = None if moved is None or equations.stop is None else moved[0]
+
+    def node(carry, x):
+        row, guess, cell, joined = x
+        kappa = solved_at_node(equations, carry, row, guess, use_guess, newton)
+
+        def at(kappa, rest, xi, stop):
+            now = eqx.tree_at(lambda e: e.stop, equations, stop, is_leaf=lambda x: x is None)
+            error, new = now(unflat(rest), row._replace(xi=xi), kappa)[:2]
+            return error, _flat(new)
+
+        rest = _flat(carry)
+        xi = row.xi
+        if equations.stop is None:
+            (error, new), tangent = jax.linearize(lambda k, r, x: at(k, r, x, None), kappa, rest, xi)
+        else:
+            (error, new), tangent = jax.linearize(at, kappa, rest, xi, equations.stop)
+        given = (rest, xi) if equations.stop is None else (rest, xi, equations.stop)
+        still = [jnp.zeros_like(value) for value in given]
+        slope, by_kappa = tangent(jnp.ones_like(kappa), *still)
+
+        def followed(*dots):
+            error_dot, new_dot = tangent(jnp.zeros_like(kappa), *dots)
+            return new_dot - error_dot / slope * by_kappa
+
+        onward = _columns(lambda d: followed(d, *still[1:]), rest.size)
+        by_grip = _columns(lambda d: followed(still[0], d, *still[2:]), xi.size) * joined
+        by_stop = None if len(given) < 3 else followed(still[0], still[1], jnp.ones_like(given[2]))
+        after = unflat(new)
+
+        def stated(xi):
+            return equations.gripped(row._replace(xi=xi))[0] / length
+
+        def gone(rest):
+            end = unflat(rest)
+            return equations.gains(row, end.kappas[0], end.tension) * cell
+
+        slid, slid_by = jax.jvp(stated, (xi,), (jnp.ones_like(xi),))
+        more, more_by = jax.linearize(gone, new)
+        out = (onward, by_grip, by_stop, _columns(more_by, rest.size), slid_by, slid, more, kappa, error)
+        return after, out
+
+    begin = in_lanes_of((case.varied, case.xi, flat, guess), carry)
+    rows_in = (rows, guess, cells, case.sections.mesh.interval.joined)
+    end, out = jax.lax.scan(node, begin, rows_in)
+    onward, by_grip, by_stop, gone, gives, slid, more, kappa, error = out
+
+    def tip(flat, rest):
+        end = unflat(rest)
+        residual, T_tip = closed(case, flat, end, equations.modes)
+        return residual, anchor_moved(case, T_tip) / length
+
+    (at_tip, moved_tip), tangent = jax.linearize(tip, flat, _flat(end))
+    tip_columns, anchor = jax.vmap(lambda d: tangent(jnp.zeros_like(flat), d), out_axes=-1)(jnp.eye(count))
+    tip_by = (
+        jax.vmap(lambda d: tangent(d, jnp.zeros(count))[0], out_axes=-1)(jnp.eye(size))
+        if size
+        else jnp.zeros((0, 0))
+    )
+    own = jnp.flip(jnp.cumsum(jnp.flip(more, 0), axis=0), 0) + moved_tip
+    left = (slid - own) * case.sections.mesh.interval.joined[:, None]
+    by_given = jnp.zeros((kappa.shape[0], count, size))
+    if by_stop is not None and stop_by is not None:
+        by_given = by_stop[:, :, None] * stop_by[None, None, :]
+    linear = Linear(onward, by_grip, by_given, first, gone, anchor, gives, tip_columns, tip_by)
+    return Gripped(kappa, left, at_tip, largest(error) * length, linear)
+
+
+def _flat_columns(carry: Carry, size: int) -> Float[Array, "d g"]:
+    """Tangents of a carry along their last axis as columns."""
+    return jnp.concatenate([jnp.reshape(leaf, (-1, size)) for leaf in jtu.tree_leaves(carry)])
+
+
+def solved_linear(
+    m: Linear, left: Float[Array, "N T"], at_tip: Float[Array, " g"]
+) -> tuple[Float[Array, "N T"], Float[Array, " g"]]:
+    """The changes of xi, (N, T), and of what is unknown at the base, (g,), that take away what is left.
+
+    From the tip to the base it finds xi_i = X_i rest_(i-1) + y_i, and with it S_i; from the base to the tip,
+    the rest. Its right-hand sides are what is left and one for each unknown at the base.
+    """
+    nodes, tendons = left.shape
+    size = at_tip.shape[0]
+    right = jnp.concatenate([left[:, :, None], jnp.zeros((nodes, tendons, size))], axis=-1)
+    forced = jnp.concatenate([jnp.zeros((nodes, m.onward.shape[1], 1)), m.by_given], axis=-1)
+
+    def back(carry, x):
+        slope, level = carry
+        onward, by_grip, gone, gives, left, forced = x
+        by_rest = slope + gone
+        solve = inverse(jnp.diag(gives) - product(by_rest, by_grip))
+        law = product(solve, product(by_rest, onward))
+        own = product(solve, product(by_rest, forced) + level - left)
+        return (gives[:, None] * law, gives[:, None] * own + left), (law, own)
+
+    flipped = jtu.tree_map(lambda a: jnp.flip(a, 0), (m.onward, m.by_grip, m.gone, m.gives, right, forced))
+    start = in_lanes_of((m.anchor, left), (m.anchor, jnp.zeros((tendons, 1 + size))))
+    laws, owns = jax.lax.scan(back, start, flipped)[1]
+
+    def forward(rest, x):
+        onward, by_grip, law, own, forced = x
+        xi = product(law, rest) + own
+        return product(onward, rest) + product(by_grip, xi) + forced, xi
+
+    begin = jnp.concatenate([jnp.zeros((m.first.shape[0], 1)), m.first], axis=-1)
+    begin = in_lanes_of((m.anchor, left), begin)
+    rest, xi = jax.lax.scan(
+        forward, begin, (m.onward, m.by_grip, jnp.flip(laws, 0), jnp.flip(owns, 0), forced)
+    )
+    given, found = at_tip, xi[:, :, 0]
+    if size:
+        matrix = product(m.tip, rest[:, 1:]) + m.tip_by
+        given = -times(inverse(matrix), at_tip + times(m.tip, rest[:, 0]))
+        found = found + jnp.sum(xi[:, :, 1:] * given, axis=-1)
+    return jnp.concatenate([jnp.zeros((1, tendons)), found[1:]]), given
