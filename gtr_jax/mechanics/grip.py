@@ -20,6 +20,7 @@ see `Linear`), at a cost that grows with the nodes, not with their cube.
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -33,7 +34,7 @@ from .coulomb import STRETCH, unit_tension
 from .lanes import in_lanes_of
 from .march import NEWTON_WITH_TERMS, Passed, closed, closing_of, solved_at_node
 from .mesh import following
-from .node import Carry, prepared, rise_per_newton, total
+from .node import Carry, grip_of, prepared, rise_per_newton, total
 from .sections import largest
 from .small_matrices import inverse, product, times
 
@@ -116,15 +117,11 @@ def left_of(case: Case, marched: Passed) -> Float[Array, "N T"]:
     """
     equations, _, rows = prepared(case, closing_of(case, jnp.zeros(case.structure.unknowns)))
 
-    def at(row, kappa, tension):
-        return equations.gripped(row)[0], equations.gains(row, kappa, tension)
-
-    nodes = marched.nodes
-    stated, more = jax.vmap(at)(rows, nodes.state.kappa, nodes.tension)
-    length = case.sections.mesh.s[-1]
+    nodes, length = marched.nodes, case.sections.mesh.s[-1]
+    more = jax.vmap(equations.gains)(rows, nodes.state.kappa, nodes.tension)
     gone = more * _cells(case)[:, None]
     own = jnp.flip(jnp.cumsum(jnp.flip(gone, 0), axis=0), 0) + anchor_moved(case, marched.T_tip) / length
-    return (stated / length - own) * case.sections.mesh.interval.joined[:, None]
+    return (rows.grip.slipped / length - own) * case.sections.mesh.interval.joined[:, None]
 
 
 def march_gripped(
@@ -151,6 +148,13 @@ def march_gripped(
         return (equations.stop, carry), (equations, rows)
 
     (_, carry), along, (equations, rows) = jax.linearize(start, flat, has_aux=True)
+    assert case.xi is not None
+
+    def law(xi):
+        grip = grip_of(dataclasses.replace(case, xi=xi))
+        return grip.slipped, grip.mobilised
+
+    _, by_xi = jax.jvp(law, (case.xi,), (jnp.ones_like(case.xi),))
     shape = carry
     count = _flat(shape).size
 
@@ -167,16 +171,21 @@ def march_gripped(
     stop_by = None if moved is None or equations.stop is None else moved[0]
 
     def node(carry, x):
-        row, guess, cell, joined = x
+        row, guess, cell, joined, (slipped_by, mobilised_by) = x
         kappa = solved_at_node(equations, carry, row, guess, use_guess, newton)
 
         def at(kappa, rest, xi, stop):
+            """Near xi, given by its change."""
             now = eqx.tree_at(lambda e: e.stop, equations, stop, is_leaf=lambda x: x is None)
-            error, new = now(unflat(rest), row._replace(xi=xi), kappa)[:2]
+            grip = row.grip
+            grip = grip._replace(
+                slipped=grip.slipped + slipped_by * xi, mobilised=grip.mobilised + mobilised_by * xi
+            )
+            error, new = now(unflat(rest), row._replace(grip=grip), kappa)[:2]
             return error, _flat(new)
 
         rest = _flat(carry)
-        xi = row.xi
+        xi = jnp.zeros_like(slipped_by)
         if equations.stop is None:
             (error, new), tangent = jax.linearize(lambda k, r, x: at(k, r, x, None), kappa, rest, xi)
         else:
@@ -194,22 +203,18 @@ def march_gripped(
         by_stop = None if len(given) < 3 else followed(still[0], still[1], jnp.ones_like(given[2]))
         after = unflat(new)
 
-        def stated(xi):
-            return equations.gripped(row._replace(xi=xi))[0] / length
-
         def gone(rest):
             end = unflat(rest)
             return equations.gains(row, end.kappas[0], end.tension) * cell
 
-        slid, slid_by = jax.jvp(stated, (xi,), (jnp.ones_like(xi),))
         more, more_by = jax.linearize(gone, new)
-        out = (onward, by_grip, by_stop, _columns(more_by, rest.size), slid_by, slid, more, kappa, error)
+        out = (onward, by_grip, by_stop, _columns(more_by, rest.size), more, kappa, error)
         return after, out
 
     begin = in_lanes_of((case.varied, case.xi, flat, guess), carry)
-    rows_in = (rows, guess, cells, case.sections.mesh.interval.joined)
+    rows_in = (rows, guess, cells, case.sections.mesh.interval.joined, by_xi)
     end, out = jax.lax.scan(node, begin, rows_in)
-    onward, by_grip, by_stop, gone, gives, slid, more, kappa, error = out
+    onward, by_grip, by_stop, gone, more, kappa, error = out
 
     def tip(flat, rest):
         end = unflat(rest)
@@ -224,11 +229,11 @@ def march_gripped(
         else jnp.zeros((0, 0))
     )
     own = jnp.flip(jnp.cumsum(jnp.flip(more, 0), axis=0), 0) + moved_tip
-    left = (slid - own) * case.sections.mesh.interval.joined[:, None]
+    left = (rows.grip.slipped / length - own) * case.sections.mesh.interval.joined[:, None]
     by_given = jnp.zeros((kappa.shape[0], count, size))
     if by_stop is not None and stop_by is not None:
         by_given = by_stop[:, :, None] * stop_by[None, None, :]
-    linear = Linear(onward, by_grip, by_given, first, gone, anchor, gives, tip_columns, tip_by)
+    linear = Linear(onward, by_grip, by_given, first, gone, anchor, by_xi[0] / length, tip_columns, tip_by)
     return Gripped(kappa, left, at_tip, largest(error) * length, linear)
 
 

@@ -43,6 +43,7 @@ from .coulomb import PRESLIDING as SHORTEST
 from .coulomb import STRETCH, mobilisation, slip_of_law, unit_tension
 from .geometry import Geometry
 from .guides import Strung, corner, direction_of, either, entering, offset_on
+from .lanes import in_lanes_of
 from .mesh import STENCIL, Interval
 from .offset import Offset, SpatialOffset
 from .sections import State, either_of, node_first
@@ -52,7 +53,8 @@ from .vector import Vector, applied, columns_of
 FRICTION = ("friction", "by_pressure", "by_speed", "drag", "wrap")  # hooks that change an interval's friction
 HIGHEST = 10.0  # times the largest known tension: upper limit while the slip is only a guess
 Asked = Any  # an array, or None where no law of the structure needs it
-SEARCHED = 30  # Newton steps for the slip at which a law of presliding has a given xi; 20 reach rounding
+# Change of the slip, as a share of the shortest presliding, at which it is found from xi, and the most steps.
+SEARCHED, MOST_SEARCHED = 1e-9, 60
 RIGID = 1e-6  # 1/N, strain per tension of a tendon whose stretch no term states: almost rigid
 
 
@@ -95,8 +97,21 @@ class Row(NamedTuple):
     closing: Asked
     beyond: Asked
     sliding: Asked
-    mobilised: Asked
-    xi: Asked
+    grip: Asked
+
+
+class Grip(NamedTuple):
+    """How friction grips tendons that share their slip.
+
+    Attributes:
+        slipped: slip towards the base in the load step [m], in the interval ahead of each node.
+        mobilised: share of friction mobilised there.
+        elements: memory of the presliding law; None without it.
+    """
+
+    slipped: Float[Array, "N *tendons"]
+    mobilised: Float[Array, "N *tendons"]
+    elements: Asked
 
 
 class Held(NamedTuple):
@@ -329,8 +344,8 @@ class Equations(eqx.Module):
         z: Asked = None
         elements = row.elements
         if what.shares_slip:
-            slipped, z, elements = self.gripped(row)
-            middle, speed = row.middle + slipped, slipped / case.load.dt
+            z, elements = row.grip.mobilised, row.grip.elements
+            middle, speed = row.middle + row.grip.slipped, row.grip.slipped / case.load.dt
         elif what.follows_slip:
             # First the slip without the tendon's strain at this node, which is added below, once its tension
             # is known.
@@ -544,35 +559,6 @@ class Equations(eqx.Module):
         share = jnp.where(row.tension > 0, kept / jnp.where(row.tension > 0, row.tension, 1.0), 1.0)
         return Held(longer, before.length + here + there, change, margin, share)
 
-    def gripped(self, row: Row) -> tuple[Any, Any, Any]:
-        """Slip towards the base in the load step of tendons that share it [m], mobilisation of their friction,
-        and the memory of the presliding law, at xi of the interval.
-        """
-        case, length = self.case, self.case.sections.mesh.s[-1]
-        slipped, z = length * slip_of_law(row.xi, row.mobilised), mobilisation(row.xi)
-        if not case.structure.presliding:
-            return slipped, z, row.elements
-        term = case.structure.catalogue[PRESLIDING]
-        on = case.structure.acting or is_on(term, case.terms[PRESLIDING])
-
-        def law(u):
-            """xi at a slip over the length."""
-            return called(mobilise, self.presliding, u * length, row.elements)[0] + u
-
-        # Its slope falls with the slip, so that Newton's method from no slip does not overshoot.
-        target = jax.lax.stop_gradient(row.xi)
-        way = jnp.where(target >= law(jnp.zeros_like(target)), 1.0, -1.0)
-
-        def nearer(_, u):
-            value, slope = jax.jvp(law, (u,), (jnp.ones_like(u),))
-            return u - (value - target) / slope
-
-        u = jax.lax.stop_gradient(jax.lax.fori_loop(0, SEARCHED, nearer, way * 2 * STILL / length))
-        value, slope = jax.jvp(law, (u,), (jnp.ones_like(u),))
-        u = u - (value - row.xi) / jax.lax.stop_gradient(slope)
-        mobilised, elements = called(mobilise, self.presliding, u * length, row.elements)
-        return jnp.where(on, length * u, slipped), jnp.where(on, mobilised, z), elements
-
     def gains(self, row: Row, kappa, tension):
         """What the channel of tendons that share their slip loses of its length in the load step plus what
         they gain by strain, per length of midline.
@@ -602,12 +588,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
     presliding: Any = None
     if what.presliding:
         presliding = terms[PRESLIDING]
-        if what.shares_slip:
-            least = SHORTEST * mesh.s[-1]
-            length = presliding["length"]
-            presliding = presliding | {"length": jnp.where(length > least, length, least)}
-        else:
-            by_slip = True if what.acting else is_on(what.catalogue[PRESLIDING], presliding)
+        by_slip = what.shares_slip or what.acting or is_on(what.catalogue[PRESLIDING], presliding)
     creeping = [kind for kind in what.terms if what.catalogue[kind].creeps]
     neighbour, along = (any_on(case, kinds) for kinds in (creeping, carried(what.terms, what.catalogue)))
     if what.carries:
@@ -640,8 +621,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         closing=s.closing,
         beyond=None if s.beyond is None else node_first(s.beyond),
         sliding=case.sliding,
-        mobilised=memory.mobilised if what.shares_slip else None,
-        xi=case.xi,
+        grip=grip_of(case) if what.shares_slip else None,
     )
     low = high = entry = load.T_base
     if what.has("base_grip"):
@@ -684,6 +664,46 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         carry,
         row,
     )
+
+
+def grip_of(case: Case) -> Grip:
+    """How friction grips tendons that share their slip, in every interval, from `Case.xi`."""
+    length, memory, xi = case.sections.mesh.s[-1], case.memory, case.xi
+    assert xi is not None and memory.mobilised is not None
+    slipped, z = length * slip_of_law(xi, memory.mobilised), mobilisation(xi)
+    if not case.structure.presliding:
+        return Grip(slipped, z, memory.elements)
+    values = case.terms[PRESLIDING]
+    on = case.structure.acting or is_on(case.structure.catalogue[PRESLIDING], values)
+    least = SHORTEST * length
+    values = values | {"length": jnp.where(values["length"] > least, values["length"], least)}
+    elements = jnp.moveaxis(memory.elements, 1, 0)
+
+    def law(u):
+        """xi at a slip over the length."""
+        return called(mobilise, values, u * length, elements)[0] + u
+
+    # Its slope falls with the slip, so that Newton's method from no slip does not overshoot.
+    target = jax.lax.stop_gradient(xi)
+    way = jnp.where(target >= law(jnp.zeros_like(target)), 1.0, -1.0)
+
+    def nearer(at):
+        u, _, steps = at
+        value, slope = jax.jvp(law, (u,), (jnp.ones_like(u),))
+        change = (value - target) / slope
+        return u - change, jnp.max(jnp.abs(change)), steps + 1
+
+    def far(at):
+        return jnp.logical_and(on, at[1] > SEARCHED * SHORTEST) & (at[2] < MOST_SEARCHED)
+
+    begin = (way * 2 * STILL / length, jnp.full_like(length, jnp.inf), jnp.asarray(0))
+    u, _, _ = jax.lax.while_loop(far, nearer, in_lanes_of((*case.varied, xi), begin))
+    u = jax.lax.stop_gradient(u)
+    value, slope = jax.jvp(law, (u,), (jnp.ones_like(u),))
+    u = u - (value - xi) / jax.lax.stop_gradient(slope)
+    mobilised, elements = called(mobilise, values, u * length, elements)
+    slipped, z = jnp.where(on, length * u, slipped), jnp.where(on, mobilised, z)
+    return Grip(slipped, z, jnp.moveaxis(elements, 0, 1))
 
 
 def _unstrung(case: Case) -> Strung:

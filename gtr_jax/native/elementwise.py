@@ -123,6 +123,7 @@ ELEMENTWISE: dict[str, Callable[..., Any]] = {
     "sub": _arithmetic("fsub", "sub"),
     "mul": _arithmetic("fmul", "mul"),
     "div": _arithmetic("fdiv", None),
+    "rem": _arithmetic("frem", "srem"),
     "max": _larger(">"),
     "min": _larger("<"),
     "neg": _negated,
