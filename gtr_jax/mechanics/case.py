@@ -108,6 +108,22 @@ class Sliding(NamedTuple):
     sure: Float[Array, " N"]
 
 
+class Grip(NamedTuple):
+    """How friction grips tendons that share their slip.
+
+    Attributes:
+        xi: the unknown, see `coulomb.mobilisation`, in the interval ahead of each node.
+        slipped: slip towards the base in the load step there [m].
+        mobilised: share of friction mobilised there.
+        elements: memory of the presliding law; None without it.
+    """
+
+    xi: Float[Array, "N *tendons"]
+    slipped: Float[Array, "N *tendons"]
+    mobilised: Float[Array, "N *tendons"]
+    elements: Float[Array, "N elements *tendons"] | None
+
+
 class Case(eqx.Module):
     """One load step.
 
@@ -121,7 +137,7 @@ class Case(eqx.Module):
         load: the load.
         memory: of the previous step.
         sliding: what is foretold of the slip in the step; None where no law asks.
-        xi: how friction grips tendons that share their slip, (N, *tendons), which is unknown; None of others.
+        grip: how friction grips tendons that share their slip, which is unknown; None of others.
         against: factor on the speed where the tendon slips opposite to the sense for which friction is
             evaluated: 1 at the solution, less on the way to it.
         structure: which equations act (static).
@@ -136,7 +152,7 @@ class Case(eqx.Module):
     load: Load
     memory: Memory
     sliding: Sliding | None
-    xi: Float[Array, "N *tendons"] | None
+    grip: Grip | None
     against: Float[Array, ""]
     structure: Structure = eqx.field(static=True)
 

@@ -20,7 +20,6 @@ see `Linear`), at a cost that grows with the nodes, not with their cube.
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -34,7 +33,7 @@ from .coulomb import STRETCH, unit_tension
 from .lanes import in_lanes_of
 from .march import NEWTON_WITH_TERMS, Passed, closed, closing_of, solved_at_node
 from .mesh import following
-from .node import Carry, grip_of, prepared, rise_per_newton, total
+from .node import Carry, prepared, rise_per_newton, total
 from .sections import largest
 from .small_matrices import inverse, product, times
 
@@ -126,15 +125,17 @@ def left_of(case: Case, marched: Passed) -> Float[Array, "N T"]:
 
 def march_gripped(
     case: Case,
+    by_xi: tuple[Float[Array, "N T"], Float[Array, "N T"]],
     flat: Float[Array, " g"],
     guess: Float[Array, " N"],
     use_guess,
     newton: int = NEWTON_WITH_TERMS,
 ) -> Gripped:
-    """One march from the base to the tip with xi given (`Case.xi`), and its linearisation.
+    """One march from the base to the tip with xi given, and its linearisation.
 
     Args:
-        case: the load step.
+        case: the load step, with the grip at xi.
+        by_xi: how that changes with xi, of `node.grip_of`.
         flat: what is unknown at the base besides, (g,).
         guess: curvature to start from [1/m], (N,).
         use_guess: whether to start from it.
@@ -148,13 +149,6 @@ def march_gripped(
         return (equations.stop, carry), (equations, rows)
 
     (_, carry), along, (equations, rows) = jax.linearize(start, flat, has_aux=True)
-    assert case.xi is not None
-
-    def law(xi):
-        grip = grip_of(dataclasses.replace(case, xi=xi))
-        return grip.slipped, grip.mobilised
-
-    _, by_xi = jax.jvp(law, (case.xi,), (jnp.ones_like(case.xi),))
     shape = carry
     count = _flat(shape).size
 
@@ -211,7 +205,7 @@ def march_gripped(
         out = (onward, by_grip, by_stop, _columns(more_by, rest.size), more, kappa, error)
         return after, out
 
-    begin = in_lanes_of((case.varied, case.xi, flat, guess), carry)
+    begin = in_lanes_of((case.varied, by_xi, flat, guess), carry)
     rows_in = (rows, guess, cells, case.sections.mesh.interval.joined, by_xi)
     end, out = jax.lax.scan(node, begin, rows_in)
     onward, by_grip, by_stop, gone, more, kappa, error = out

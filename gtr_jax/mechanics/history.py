@@ -106,7 +106,7 @@ def _case(robot: Robot, structure: Structure, memory: Memory) -> Case:
         load=Load.without_clock(slack),
         memory=memory,
         sliding=None,
-        xi=None,
+        grip=None,
         against=one,
         structure=structure,
     )

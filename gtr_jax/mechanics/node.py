@@ -38,7 +38,7 @@ from jaxtyping import Array, Bool, Float
 from ..terms import called, is_on
 from ..terms.term import STILL, Bent, Channel, Passing
 from .bodies import geometry_of, metric_of
-from .case import Case, Sliding
+from .case import Case, Grip, Sliding
 from .coulomb import PRESLIDING as SHORTEST
 from .coulomb import STRETCH, mobilisation, slip_of_law, unit_tension
 from .geometry import Geometry
@@ -98,20 +98,6 @@ class Row(NamedTuple):
     beyond: Asked
     sliding: Asked
     grip: Asked
-
-
-class Grip(NamedTuple):
-    """How friction grips tendons that share their slip.
-
-    Attributes:
-        slipped: slip towards the base in the load step [m], in the interval ahead of each node.
-        mobilised: share of friction mobilised there.
-        elements: memory of the presliding law; None without it.
-    """
-
-    slipped: Float[Array, "N *tendons"]
-    mobilised: Float[Array, "N *tendons"]
-    elements: Asked
 
 
 class Held(NamedTuple):
@@ -621,7 +607,7 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
         closing=s.closing,
         beyond=None if s.beyond is None else node_first(s.beyond),
         sliding=case.sliding,
-        grip=grip_of(case) if what.shares_slip else None,
+        grip=case.grip,
     )
     low = high = entry = load.T_base
     if what.has("base_grip"):
@@ -666,13 +652,21 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
     )
 
 
-def grip_of(case: Case) -> Grip:
-    """How friction grips tendons that share their slip, in every interval, from `Case.xi`."""
-    length, memory, xi = case.sections.mesh.s[-1], case.memory, case.xi
-    assert xi is not None and memory.mobilised is not None
+def grip_of(case: Case, xi: Float[Array, "N *tendons"]) -> tuple[Grip, tuple[Any, Any]]:
+    """How friction grips tendons that share their slip, in every interval, and the derivatives of its slip and
+    of what is mobilised by xi.
+
+    Args:
+        case: the load step.
+        xi: see `coulomb.mobilisation`.
+    """
+    length, memory = case.sections.mesh.s[-1], case.memory
+    assert memory.mobilised is not None
     slipped, z = length * slip_of_law(xi, memory.mobilised), mobilisation(xi)
+    held = jnp.where(jnp.abs(xi) > 1.0, 0.0, 1.0)
+    by_xi = (length * (SHORTEST * held + 1.0 - held), held)
     if not case.structure.presliding:
-        return Grip(slipped, z, memory.elements)
+        return Grip(xi, slipped, z, memory.elements), by_xi
     values = case.terms[PRESLIDING]
     on = case.structure.acting or is_on(case.structure.catalogue[PRESLIDING], values)
     least = SHORTEST * length
@@ -680,16 +674,17 @@ def grip_of(case: Case) -> Grip:
     elements = jnp.moveaxis(memory.elements, 1, 0)
 
     def law(u):
-        """xi at a slip over the length."""
-        return called(mobilise, values, u * length, elements)[0] + u
+        """xi at a slip over the length, and what is mobilised there."""
+        found = called(mobilise, values, u * length, elements)
+        return found[0] + u, found
 
     # Its slope falls with the slip, so that Newton's method from no slip does not overshoot.
     target = jax.lax.stop_gradient(xi)
-    way = jnp.where(target >= law(jnp.zeros_like(target)), 1.0, -1.0)
+    way = jnp.where(target >= memory.mobilised, 1.0, -1.0)
 
     def nearer(at):
         u, _, steps = at
-        value, slope = jax.jvp(law, (u,), (jnp.ones_like(u),))
+        value, slope, _ = jax.jvp(law, (u,), (jnp.ones_like(u),), has_aux=True)
         change = (value - target) / slope
         return u - change, jnp.max(jnp.abs(change)), steps + 1
 
@@ -697,13 +692,15 @@ def grip_of(case: Case) -> Grip:
         return jnp.logical_and(on, at[1] > SEARCHED * SHORTEST) & (at[2] < MOST_SEARCHED)
 
     begin = (way * 2 * STILL / length, jnp.full_like(length, jnp.inf), jnp.asarray(0))
-    u, _, _ = jax.lax.while_loop(far, nearer, in_lanes_of((*case.varied, xi), begin))
-    u = jax.lax.stop_gradient(u)
-    value, slope = jax.jvp(law, (u,), (jnp.ones_like(u),))
-    u = u - (value - xi) / jax.lax.stop_gradient(slope)
-    mobilised, elements = called(mobilise, values, u * length, elements)
-    slipped, z = jnp.where(on, length * u, slipped), jnp.where(on, mobilised, z)
-    return Grip(slipped, z, jnp.moveaxis(elements, 0, 1))
+    u, _, _ = jax.lax.stop_gradient(jax.lax.while_loop(far, nearer, in_lanes_of((*case.varied, xi), begin)))
+    value, slope, (there, kept) = jax.jvp(law, (u,), (jnp.ones_like(u),), has_aux=True)
+    # One step more has the derivatives of the slip by everything.
+    slope = jax.lax.stop_gradient(slope)
+    change = -(value - xi) / slope
+    rises = slope - 1.0
+    found = Grip(xi, length * (u + change), there + rises * change, jnp.moveaxis(kept, 0, 1))
+    grip = either_of(on, found, Grip(xi, slipped, z, memory.elements))
+    return grip, either_of(on, (length / slope, rises / slope), by_xi)
 
 
 def _unstrung(case: Case) -> Strung:

@@ -17,11 +17,12 @@ import jax.tree_util as jtu
 from jaxtyping import Array, Bool, Float, Int
 
 from .bodies import chords_of
-from .case import Case
+from .case import Case, Grip
 from .coulomb import PRESLIDING, kept_near
 from .grip import left_of, march_gripped, solved_linear
 from .lanes import in_lanes_of
 from .march import Closing, Passed, march, march_differenced, march_plainly, passed
+from .node import grip_of
 from .sections import either_of, largest
 from .small_matrices import inverse as inverse_of
 from .small_matrices import times
@@ -189,7 +190,7 @@ class Found(NamedTuple):
     """A solved load step: the unknowns at the base, (n,), curvature [1/m], (N,), the last pass, the largest
     residual, the number of marches, the slopes of the chords of guided tendons, None without any, whether
     the tendon slips as foretold, None where nothing is, and how friction grips tendons that share their slip,
-    (N, *tendons), None of others.
+    None of others.
     """
 
     unknowns: Float[Array, " n"]
@@ -199,7 +200,7 @@ class Found(NamedTuple):
     marches: Int[Array, ""]
     slopes: Float[Array, "*tendons S 2"] | None = None
     told: Bool[Array, ""] | None = None
-    xi: Float[Array, "N *tendons"] | None = None
+    grip: Grip | None = None
 
 
 def with_slopes(case: Case, slopes) -> Case:
@@ -412,7 +413,8 @@ class Gripping(eqx.Module):
     Attributes:
         xi, base, kappa: the next point to try: how friction grips, (N, *tendons), the scaled unknowns at the
             base, (n,), and curvature to go with them [1/m], (N,).
-        best, error: the best point of this part of the load step, and its largest residual.
+        best, error: the best point of this part of the load step, its grip, base and curvature, and its
+            largest residual.
         last: that of the point before.
         marches, tries: marches taken in all, and tries at this part.
         parts, part: number of parts of the load step, and how many of them are done.
@@ -422,7 +424,7 @@ class Gripping(eqx.Module):
     xi: Float[Array, "N *tendons"]
     base: Float[Array, " n"]
     kappa: Float[Array, " N"]
-    best: tuple[Array, Array, Array]
+    best: tuple[Grip, Array, Array]
     error: Float[Array, ""]
     last: Float[Array, ""]
     marches: Int[Array, ""]
@@ -432,9 +434,9 @@ class Gripping(eqx.Module):
     solved: Bool[Array, ""]
 
 
-def with_grip(case: Case, xi: Float[Array, "N *tendons"] | None) -> Case:
+def with_grip(case: Case, grip: Grip | None) -> Case:
     """The load step in which friction grips tendons that share their slip as told."""
-    return case if xi is None else dataclasses.replace(case, xi=xi)
+    return case if grip is None else dataclasses.replace(case, grip=grip)
 
 
 def _by_grip(case: Case, how: March) -> Found:
@@ -446,18 +448,21 @@ def _by_grip(case: Case, how: March) -> Found:
     known, xi = case.memory.unknowns, case.memory.xi
     assert xi is not None
     begun = (xi, jnp.zeros(0) if known is None else known / sizes, case.memory.kappa)
-    begin = Gripping(*begun, begun, jnp.inf * one, jnp.inf * one, zero, zero, zero + 1, zero, zero > 0)
+    none = jnp.zeros_like(xi)
+    best = (Grip(xi, none, none, case.memory.elements), *begun[1:])
+    begin = Gripping(*begun, best, jnp.inf * one, jnp.inf * one, zero, zero, zero + 1, zero, zero > 0)
 
     def unfinished(at: Gripping):
         within = at.parts.astype(float) <= 1.0 / how.smallest_stride
         return ~at.solved & (at.marches < MOST_MARCHES) & within
 
     def improved(at: Gripping):
-        now = with_grip(case_at(case, (at.part + 1) / at.parts), at.xi)
-        m = march_gripped(now, at.base * sizes, at.kappa, at.marches > 0)
+        now = case_at(case, (at.part + 1) / at.parts)
+        grip, by_xi = grip_of(now, at.xi)
+        m = march_gripped(with_grip(now, grip), by_xi, at.base * sizes, at.kappa, at.marches > 0)
         error = _finite(largest(jnp.concatenate([m.left.ravel(), m.at_tip / lefts, m.error[None]])))
         better = error < at.error
-        best = either_of(better, (at.xi, at.base, m.kappa), at.best)
+        best = either_of(better, (grip, at.base, m.kappa), at.best)
         least = jnp.minimum(error, at.error)
         met = least <= how.atol
         tries = at.tries + 1
@@ -466,13 +471,12 @@ def _by_grip(case: Case, how: March) -> Found:
         )
         step, on = solved_linear(m.linear, m.left, m.at_tip)
         share = jnp.where(at.tries % ROUND < WHOLE, 1.0, SHORT)
-        next_xi = jnp.where(over, best[0], kept_near(at.xi + share * step, at.xi))
-        next_base = jnp.where(over, best[1], at.base + share * on / sizes)
-        next_kappa = jnp.where(over, best[2], m.kappa)
+        stepped = (kept_near(at.xi + share * step, at.xi), at.base + share * on / sizes, m.kappa)
+        nearest = (best[0].xi, *best[1:])
         part = jnp.where(over, at.part + 1, at.part)
         last = part >= at.parts
         failed = over & ~met & last
-        start = either_of(failed, begun, (next_xi, next_base, next_kappa))
+        start = either_of(failed, begun, either_of(over, nearest, stepped))
         fresh = over & ~last | failed
         return Gripping(
             *start,
@@ -487,8 +491,8 @@ def _by_grip(case: Case, how: March) -> Found:
         )
 
     done = jax.lax.while_loop(unfinished, improved, in_lanes_of(case.varied, begin))
-    xi, base, kappa = done.best
-    whole = with_grip(case_at(case, one), xi)
+    grip, base, kappa = done.best
+    whole = with_grip(case_at(case, one), grip)
     last = passed(whole, base * sizes, kappa)
     left = jnp.concatenate([left_of(whole, last).ravel(), last.left / lefts, last.error[None]])
-    return Found(base * sizes, kappa, last, _finite(largest(left)), done.marches, xi=xi)
+    return Found(base * sizes, kappa, last, _finite(largest(left)), done.marches, grip=grip)

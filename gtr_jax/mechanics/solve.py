@@ -21,7 +21,7 @@ from .case import Case, Load, Memory
 from .grip import left_of, march_gripped, solved_linear
 from .march import Passed, described
 from .mesh import increments
-from .node import drawn_before, total
+from .node import drawn_before, grip_of, total
 from .search import Found, scales, search, with_grip, with_sliding, with_slopes
 from .sections import State, node_first
 from .small_matrices import inverse as inverse_of
@@ -76,7 +76,7 @@ def _left(case: Case, marched: Passed, unknowns: Float[Array, " n"]) -> tuple[Me
         T_base=case.load.T_base,
         carried=jnp.ones(()),
         unknowns=jax.lax.stop_gradient(unknowns) if what.unknowns else None,
-        xi=None if case.xi is None else jax.lax.stop_gradient(case.xi),
+        xi=None if case.grip is None else jax.lax.stop_gradient(case.grip.xi),
     )
     return memory, nodes.state
 
@@ -131,7 +131,7 @@ def slip_of(
 def _solve(inputs) -> Solved:
     case, how = inputs
     found = search(case, how)
-    case = with_grip(with_sliding(case, found.told), found.xi)
+    case = with_grip(with_sliding(case, found.told), found.grip)
     memory, state = _in_one_batch(_left(case, found.passed, found.unknowns), found.marches)
     return Solved(memory, state, found.error, found.marches)
 
@@ -144,7 +144,7 @@ def _solve_jvp(primals, tangents):
     case, how = primals[0]
     case_dot = tangents[0][0]
     found = search(case, how)
-    if found.xi is not None:
+    if found.grip is not None:
         return _gripped_jvp(case, case_dot, found)
     case = with_sliding(case, found.told)
     moving, fixed = split_tangents(case, case_dot)
@@ -189,17 +189,25 @@ def _gripped_jvp(case: Case, case_dot: Case, found: Found):
     moving, fixed = split_tangents(case, case_dot)
 
     def at(moving, xi, unknowns):
-        now = with_grip(eqx.combine(moving, fixed), xi)
+        now = eqx.combine(moving, fixed)
+        now = with_grip(now, grip_of(now, xi)[0])
         marched = described(now, unknowns, found.kappa)
         return (left_of(now, marched), marched.left), _left(now, marched, unknowns)
 
-    (_, out), linear = jax.linearize(at, moving, found.xi, found.unknowns)
-    still = jtu.tree_map(jnp.zeros_like, (found.xi, found.unknowns))
+    assert found.grip is not None
+    point = (found.grip.xi, found.unknowns)
+    (_, out), linear = jax.linearize(at, moving, *point)
+    still = jtu.tree_map(jnp.zeros_like, point)
     (left, at_tip), _ = linear(case_dot, *still)
-    whole = jax.lax.stop_gradient(with_grip(case, found.xi))
-    m = march_gripped(whole, jax.lax.stop_gradient(found.unknowns), found.kappa, True)
+    m = jax.lax.stop_gradient(march_gripped(*_at_grip(case, point[0]), point[1], found.kappa, True))
     _, out_dot = linear(case_dot, *solved_linear(m.linear, left, at_tip))
     return _with_tangents(found, out, out_dot)
+
+
+def _at_grip(case: Case, xi: Float[Array, "N *tendons"]):
+    """The load step in which friction grips as at xi, and how that changes with xi."""
+    grip, by_xi = grip_of(case, xi)
+    return with_grip(case, grip), by_xi
 
 
 def _with_tangents(found: Found, out: tuple[Memory, State], out_dot: tuple[Memory, State]):
