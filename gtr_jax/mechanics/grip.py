@@ -119,7 +119,7 @@ def left_of(case: Case, marched: Passed) -> Float[Array, "N T"]:
     nodes, length = marched.nodes, case.sections.mesh.s[-1]
     more = jax.vmap(equations.gains)(rows, nodes.state.kappa, nodes.tension)
     gone = more * _cells(case)[:, None]
-    own = jnp.flip(jnp.cumsum(jnp.flip(gone, 0), axis=0), 0) + anchor_moved(case, marched.T_tip) / length
+    own = _flipped(jnp.cumsum(_flipped(gone), axis=0)) + anchor_moved(case, marched.T_tip)[None] / length
     return (rows.grip.slipped / length - own) * case.sections.mesh.interval.joined[:, None]
 
 
@@ -222,7 +222,7 @@ def march_gripped(
         if size
         else jnp.zeros((0, 0))
     )
-    own = jnp.flip(jnp.cumsum(jnp.flip(more, 0), axis=0), 0) + moved_tip
+    own = jnp.flip(jnp.cumsum(jnp.flip(more, 0), axis=0), 0) + moved_tip[None]
     left = (rows.grip.slipped / length - own) * case.sections.mesh.interval.joined[:, None]
     by_given = jnp.zeros((kappa.shape[0], count, size))
     if by_stop is not None and stop_by is not None:
@@ -236,45 +236,80 @@ def _flat_columns(carry: Carry, size: int) -> Float[Array, "d g"]:
     return jnp.concatenate([jnp.reshape(leaf, (-1, size)) for leaf in jtu.tree_leaves(carry)])
 
 
+class Factors(NamedTuple):
+    """What does not depend on the right-hand side: xi_i = by_rest_i rest_(i-1) + solve_i (...), and S_(i+1) +
+    gone_i rest_i by rest_i, `pull`.
+    """
+
+    by_rest: Float[Array, "N T d"]
+    solve: Float[Array, "N T T"]
+    pull: Float[Array, "N T d"]
+
+
+def _factored(m: Linear) -> Factors:
+    """From the tip to the base: how xi and the slip in each interval follow from the rest before it."""
+
+    def back(slope, x):
+        onward, by_grip, gone, gives = x
+        pull = slope + gone
+        solve = inverse(jnp.diag(gives) - product(pull, by_grip))
+        by_rest = product(solve, product(pull, onward))
+        return gives[:, None] * by_rest, (by_rest, solve, pull)
+
+    rows = _flipped((m.onward, m.by_grip, m.gone, m.gives))
+    found = jax.lax.scan(back, in_lanes_of(tuple(m), m.anchor), rows)[1]
+    return Factors(*_flipped(found))
+
+
+def _flipped(tree):
+    """Rows in the other order; native code has no loop that goes backwards."""
+    return jtu.tree_map(lambda a: jnp.flip(a, 0), tree)
+
+
+def _answered(m: Linear, by: Factors, left, forced, first):
+    """xi, (N, T, k), and the rest at the tip, (d, k), for k right-hand sides.
+
+    Args:
+        m, by: the equations.
+        left: of the friction law, (N, T, k).
+        forced: what else changes the rest in each interval, (N, d, k).
+        first: and at the base, (d, k).
+    """
+
+    def back(level, x):
+        solve, pull, gives, left, forced = x
+        own = product(solve, product(pull, forced) + level - left)
+        return gives[:, None] * own + left, own
+
+    def forward(rest, x):
+        onward, by_grip, by_rest, own, forced = x
+        xi = product(by_rest, rest) + own
+        return product(onward, rest) + product(by_grip, xi) + forced, xi
+
+    # Not `in_lanes_of`: what is left may be a derivative, of which only what is linear can be transposed.
+    none = 0.0 * left[0]
+    rows = _flipped((by.solve, by.pull, m.gives, left, forced))
+    own = jax.lax.scan(back, none, rows)[1]
+    rows = (m.onward, m.by_grip, by.by_rest, _flipped(own), forced)
+    rest, xi = jax.lax.scan(forward, first + none[:1], rows)
+    return jnp.concatenate([jnp.zeros_like(xi[:1]), xi[1:]]), rest
+
+
 def solved_linear(
     m: Linear, left: Float[Array, "N T"], at_tip: Float[Array, " g"]
 ) -> tuple[Float[Array, "N T"], Float[Array, " g"]]:
     """The changes of xi, (N, T), and of what is unknown at the base, (g,), that take away what is left.
 
-    From the tip to the base it finds xi_i = X_i rest_(i-1) + y_i, and with it S_i; from the base to the tip,
-    the rest. Its right-hand sides are what is left and one for each unknown at the base.
+    From the tip to the base it finds how xi_i and S_i follow from rest_(i-1); from the base to the tip, the
+    rest. Where more is unknown at the base, it does so for each of these too.
     """
-    nodes, tendons = left.shape
-    size = at_tip.shape[0]
-    right = jnp.concatenate([left[:, :, None], jnp.zeros((nodes, tendons, size))], axis=-1)
-    forced = jnp.concatenate([jnp.zeros((nodes, m.onward.shape[1], 1)), m.by_given], axis=-1)
-
-    def back(carry, x):
-        slope, level = carry
-        onward, by_grip, gone, gives, left, forced = x
-        by_rest = slope + gone
-        solve = inverse(jnp.diag(gives) - product(by_rest, by_grip))
-        law = product(solve, product(by_rest, onward))
-        own = product(solve, product(by_rest, forced) + level - left)
-        return (gives[:, None] * law, gives[:, None] * own + left), (law, own)
-
-    flipped = jtu.tree_map(lambda a: jnp.flip(a, 0), (m.onward, m.by_grip, m.gone, m.gives, right, forced))
-    start = in_lanes_of((m.anchor, left), (m.anchor, jnp.zeros((tendons, 1 + size))))
-    laws, owns = jax.lax.scan(back, start, flipped)[1]
-
-    def forward(rest, x):
-        onward, by_grip, law, own, forced = x
-        xi = product(law, rest) + own
-        return product(onward, rest) + product(by_grip, xi) + forced, xi
-
-    begin = jnp.concatenate([jnp.zeros((m.first.shape[0], 1)), m.first], axis=-1)
-    begin = in_lanes_of((m.anchor, left), begin)
-    rest, xi = jax.lax.scan(
-        forward, begin, (m.onward, m.by_grip, jnp.flip(laws, 0), jnp.flip(owns, 0), forced)
-    )
-    given, found = at_tip, xi[:, :, 0]
-    if size:
-        matrix = product(m.tip, rest[:, 1:]) + m.tip_by
-        given = -times(inverse(matrix), at_tip + times(m.tip, rest[:, 0]))
-        found = found + jnp.sum(xi[:, :, 1:] * given, axis=-1)
-    return jnp.concatenate([jnp.zeros((1, tendons)), found[1:]]), given
+    by = _factored(m)
+    nodes, count, size = m.by_given.shape
+    none = jnp.zeros((nodes, count, 1))
+    xi, rest = _answered(m, by, left[:, :, None], none, none[0])
+    if not size:
+        return xi[:, :, 0], at_tip
+    each, end = _answered(m, by, jnp.zeros((*left.shape, size)), m.by_given, m.first)
+    matrix = product(m.tip, end) + m.tip_by
+    given = -times(inverse(matrix), at_tip + times(m.tip, rest[:, 0]))
+    return xi[:, :, 0] + jnp.sum(each * given[None, None, :], axis=-1), given

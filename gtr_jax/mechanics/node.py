@@ -693,14 +693,14 @@ def grip_of(case: Case, xi: Float[Array, "N *tendons"]) -> tuple[Grip, tuple[Any
 
     begin = (way * 2 * STILL / length, jnp.full_like(length, jnp.inf), jnp.asarray(0))
     u, _, _ = jax.lax.stop_gradient(jax.lax.while_loop(far, nearer, in_lanes_of((*case.varied, xi), begin)))
-    value, slope, (there, kept) = jax.jvp(law, (u,), (jnp.ones_like(u),), has_aux=True)
+    value, slope, _ = jax.jvp(law, (u,), (jnp.ones_like(u),), has_aux=True)
     # One step more has the derivatives of the slip by everything.
     slope = jax.lax.stop_gradient(slope)
-    change = -(value - xi) / slope
-    rises = slope - 1.0
-    found = Grip(xi, length * (u + change), there + rises * change, jnp.moveaxis(kept, 0, 1))
+    u = u - (value - xi) / slope
+    _, (there, kept) = law(u)
+    found = Grip(xi, length * u, there, jnp.moveaxis(kept, 0, 1))
     grip = either_of(on, found, Grip(xi, slipped, z, memory.elements))
-    return grip, either_of(on, (length / slope, rises / slope), by_xi)
+    return grip, either_of(on, (length / slope, 1.0 - 1.0 / slope), by_xi)
 
 
 def _unstrung(case: Case) -> Strung:

@@ -33,4 +33,5 @@ def times(matrix: Float[Array, "n m"], vector: Float[Array, " m"]) -> Float[Arra
 
 def product(one: Float[Array, "n m"], other: Float[Array, "m k"]) -> Float[Array, "n k"]:
     """Matrix times matrix."""
-    return jnp.sum(one[:, :, None] * other[None, :, :], axis=1)
+    shape = (*one.shape, other.shape[1])
+    return jnp.sum(jnp.broadcast_to(one[:, :, None], shape) * jnp.broadcast_to(other, shape), axis=1)
