@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gtr_jax.errors import InputError
+from gtr_jax.interpreters import started_safely
 
 from .config import load_sweep
 from .lanes import Lanes
@@ -41,6 +42,7 @@ def local_cluster(workers: int) -> Iterator[Client]:
     distributed = _distributed()
     with (
         _quiet(),
+        started_safely(),
         distributed.LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
