@@ -19,13 +19,13 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-NAME = re.compile(r"\.(.+)\.([0-9a-f]{8})([0-9a-f]{6})-(\d+)-\d+\.(part|old)", re.DOTALL)
+NAME = re.compile(r"\.(.+)\.([0-9a-f]{8})([0-9a-f]{6})-(\d+)-\d+\.(part|old|html)", re.DOTALL)
 _number = itertools.count(1)
 
 
 def beside(path: Path, ending: str = "part") -> Path:
     """A free name in the folder of a file or folder: `part` for what is to take its place, `old` for what it
-    takes the place of.
+    takes the place of, `html` for a page that stays for as long as this process needs it.
     """
     return path.with_name(f".{path.name}.{_machine()}{_start()}-{os.getpid()}-{next(_number)}.{ending}")
 
