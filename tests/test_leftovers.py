@@ -34,6 +34,7 @@ def test_what_a_killed_process_left_is_removed(tmp_path, ended):
             (left / "deep" / "file").write_text("")
         else:
             left.write_text("")
+    of(ended, tmp_path / "view", "html").write_text("")
     (tmp_path / ".other.part").write_text("")
     clear(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == [".other.part"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+import threading
 import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
@@ -110,7 +111,11 @@ def view(
                 if redirect.path is None:
                     click.echo("no folder is closed to others here: open the address yourself", err=True)
                 else:
-                    webbrowser.open(redirect.path.as_uri())
+                    # Some browsers end only when they are closed.
+                    start = threading.Thread(
+                        target=webbrowser.open, args=(redirect.path.as_uri(),), daemon=True
+                    )
+                    start.start()
             server.run()
         except KeyboardInterrupt:
             click.echo("closing", err=True)
