@@ -122,17 +122,18 @@ def _rid(folder: Path, *, opened: bool) -> None:
     """Remove from a folder what is not the user's, and, if it was open to others until now, what they could
     have written to.
     """
+    me = os.geteuid()
     with os.scandir(folder) as entries:
         for entry in entries:
-            path = Path(entry.path)
             try:
                 status = entry.stat(follow_symlinks=False)
                 is_folder = stat.S_ISDIR(status.st_mode)
-                if not is_own(status) or stat.S_ISLNK(status.st_mode) or (opened and _open_to_others(status)):
-                    shutil.rmtree(path) if is_folder else path.unlink()
+                linked = stat.S_ISLNK(status.st_mode)
+                if status.st_uid != me or linked or (opened and _open_to_others(status)):
+                    shutil.rmtree(entry.path) if is_folder else os.unlink(entry.path)
                 elif is_folder:
-                    _rid(path, opened=opened)
+                    _rid(Path(entry.path), opened=opened)
             except FileNotFoundError:  # another process of the user's removed it
                 continue
             except OSError as fault:
-                raise NotOwn(f"{path} is not the user's own ({fault.strerror})") from None
+                raise NotOwn(f"{entry.path} is not the user's own ({fault.strerror})") from None
