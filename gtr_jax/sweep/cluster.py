@@ -38,8 +38,17 @@ ALONE_IN_XLA = "--xla_cpu_multi_thread_eigen=false"
 
 @contextlib.contextmanager
 def local_cluster(workers: int) -> Iterator[Client]:
-    """Workers on this machine: spawned processes of one thread each."""
+    """Workers on this machine: spawned processes of one thread each, which run what this process alone sends
+    them: every user of the machine can reach their ports.
+    """
     distributed = _distributed()
+    try:
+        secret = distributed.Security.temporary()
+    except ImportError:
+        raise InputError(
+            "--workers: needs cryptography, which keeps other users of this machine from the workers; install "
+            "it with pip install 'gtr-jax[cluster]'"
+        ) from None
     with (
         _quiet(),
         started_safely(),
@@ -48,6 +57,7 @@ def local_cluster(workers: int) -> Iterator[Client]:
             threads_per_worker=1,
             processes=True,
             dashboard_address=None,
+            security=secret,
             silence_logs="CRITICAL",
             env=ALONE | {"XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} {ALONE_IN_XLA}".strip()} | _cache(),
         ) as cluster,
