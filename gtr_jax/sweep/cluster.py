@@ -46,7 +46,7 @@ def local_cluster(workers: int) -> Iterator[Client]:
         secret = distributed.Security.temporary()
     except ImportError:
         raise InputError(
-            "--workers: needs cryptography, which keeps other users of this machine from the workers; install "
+            "--workers: needs cryptography, which keeps other users of this machine from them; install "
             "it with pip install 'gtr-jax[cluster]'"
         ) from None
     with (
