@@ -69,6 +69,13 @@ def answer(address, opener=None, **headers):
             return refused.code, refused.read().decode()
 
 
+def another_address(served):
+    """An address that no browser has used: one is printed whenever the last one was."""
+    process, address, _ = served
+    answer(address)  # unless another test has used it
+    return next_address(process.stderr)
+
+
 def test_nothing_is_served_without_the_token(served):
     _, address, _ = served
     bare = address.partition("?")[0]
@@ -115,11 +122,10 @@ def connected(bare, cookie, protocols):
 
 
 def test_a_socket_needs_more_than_the_cookie_that_other_ports_are_sent(served):
-    process, address, _ = served
-    bare = address.partition("?")[0]
+    bare = served[1].partition("?")[0]
     jar = CookieJar()
     known = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(jar))
-    acting = secret_of(answer(next_address(process.stderr), known)[1])
+    acting = secret_of(answer(another_address(served), known)[1])
     (cookie,) = jar
     sent, session = f"{cookie.name}={cookie.value}", re.search(r'"token":"([^"]+)"', answer(bare, known)[1])
     assert session
@@ -235,7 +241,7 @@ def opened(address, profile, **window):
 
 @pytest.fixture(scope="module")
 def tab(served, tmp_path_factory):
-    with opened(next_address(served[0].stderr), tmp_path_factory.mktemp("chromium")) as page:
+    with opened(another_address(served), tmp_path_factory.mktemp("chromium")) as page:
         yield page
 
 
