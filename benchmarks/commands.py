@@ -17,6 +17,7 @@ import numpy as np
 
 import gtr_jax as gtr
 from gtr_jax.files.config import config_text, parse_config
+from gtr_jax.interpreters import surroundings
 
 from . import measure, systems
 from .speed import SAMPLES, Metric
@@ -67,16 +68,16 @@ def run_command(
     """Seconds and largest memory [GiB] of `gtr` with these arguments, programs compiled before in `cache`;
     of the checkout, or as `installed` in an environment, for a user who has nothing else.
     """
-    environment = os.environ | {"GTR_JAX_CACHE": str(cache)}
+    environment = surroundings() | {"GTR_JAX_CACHE": str(cache)}
     python = sys.executable
     if installed is not None:
         # matplotlib keeps the list of the machine's fonts, which the first import makes.
         environment |= {"HOME": str(cache), "XDG_CACHE_HOME": str(cache), "MPLCONFIGDIR": str(cache / "mpl")}
-        environment.pop("PYTHONPATH", None)
+        environment.pop("PYTHONPATH")
         python = str(installed / "bin/python")
     began = time.perf_counter()
     process = subprocess.Popen(
-        [python, "-c", COMMAND, *map(str, arguments)],
+        [python, "-P", "-c", COMMAND, *map(str, arguments)],
         cwd=None if installed is None else cache.parent,
         env=environment,
         stdout=subprocess.DEVNULL,
@@ -149,7 +150,9 @@ def first(quick: bool) -> Iterator[Metric]:
         robot, read = recording(folder)
         venv.create(folder / "empty", with_pip=True)
         subprocess.run(
-            [folder / "empty/bin/python", "-m", "pip", "install", "--quiet", ROOT], check=True, cwd=folder
+            [folder / "empty/bin/python", "-P", "-m", "pip", "install", "--quiet", ROOT],
+            check=True,
+            cwd=folder,
         )
         for command, files in (("inspect", [read]), ("fit", [robot, read])):
             out = folder / command

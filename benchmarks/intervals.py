@@ -25,6 +25,7 @@ from scipy import stats
 import calibrate
 import gtr_jax as gtr
 from gtr_jax.files.whole import write_whole
+from gtr_jax.interpreters import started_safely
 
 from .blind import answers, cases
 
@@ -231,7 +232,10 @@ def main(argv: list[str] | None = None) -> int:
         j for j in jobs_of(args.output, args.seed, args.fits, args.diagnoses) if not j.target.exists()
     ]
     # Not concurrent.futures: see blind/answers.py.
-    with multiprocessing.get_context("spawn").Pool(args.jobs, answers.alone, maxtasksperchild=A_TIME) as pool:
+    with (
+        started_safely(),
+        multiprocessing.get_context("spawn").Pool(args.jobs, answers.alone, maxtasksperchild=A_TIME) as pool,
+    ):
         for k, line in enumerate(pool.imap_unordered(_one, open_jobs), start=1):
             print(f"{k} of {len(open_jobs)}: {line}", file=sys.stderr, flush=True)
     text = page(args.output, args.seed)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
@@ -13,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import gtr_jax as gtr
+from gtr_jax.interpreters import python, surroundings
 from gtr_jax.view.histories import History, pull_and_release, recorded, usual_pull
 from gtr_jax.view.model import Setting, simulated
 from gtr_jax.view.postures import drawing
@@ -73,9 +73,9 @@ def _in_browser(files: list[Path], name: str, paths: tuple[str, str]) -> np.ndar
     curves were, (moves, 2).
     """
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "gtr_jax", "view", *files, "--no-browser", "-o", f"{folder}/out"]
+        command = python("-m", "gtr_jax", "view", *map(str, files), "--no-browser", "-o", f"{folder}/out")
         with subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+            command, env=surroundings(), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
         ) as served:
             assert served.stdout is not None
             address = re.search(r"http:\S+", served.stdout.readline())

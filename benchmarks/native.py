@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
+from unittest import mock
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,8 +17,8 @@ from jaxtyping import Array
 
 import gtr_jax as gtr
 from calibrate.diagnosis.rig import programs_of
+from gtr_jax.kept import Kept
 from gtr_jax.mechanics import Structure
-from gtr_jax.native import program
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import LANES, Brief, Native, Run, ready
 from gtr_jax.simulation.programs import structure_with
@@ -50,14 +51,13 @@ def by_native(native: Native, run: Run, structure: Structure, lanes: int) -> Bri
 
 def cold(*args) -> float:
     """Seconds to compile a program and run it once, nothing being kept; arguments as of `by_native`."""
-    kept = program._read, program._write
-    program._read, program._write = (lambda key: None), (lambda key, held: None)
-    try:
+    with (
+        mock.patch.object(Kept, "read", lambda self, name: None),
+        mock.patch.object(Kept, "write", lambda self, name, contents: None),
+    ):
         start = time.perf_counter()
         by_native(*args)
         return time.perf_counter() - start
-    finally:
-        program._read, program._write = kept
 
 
 def study() -> Iterator[str]:

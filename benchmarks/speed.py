@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
@@ -14,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import gtr_jax as gtr
+from gtr_jax.interpreters import python, surroundings
 from gtr_jax.runtime import LOOP_OPTION, LOOPS
 
 from . import measure, systems
@@ -223,7 +223,9 @@ def loops(quick: bool) -> Iterator[Metric]:
     for name in ("HELIX",) if quick else ("TDCM_1", "TDCM_1_LOADED", "HELIX"):
         for label, options in settings.items():
             script = _LOOPS.format(option=LOOP_OPTION, options=",".join(options), system=name)
-            out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+            out = subprocess.run(
+                python("-c", script), env=surroundings(), capture_output=True, text=True, check=True
+            )
             one, one_cold, run, run_cold, slope, slope_cold = map(float, out.stdout.split())
             yield Metric(f"loops.equilibrium.{name}, {label}", one * 1e3, "ms", cold=one_cold)
             yield Metric(f"loops.gradient by mu.{name}, {label}", slope * 1e3, "ms", cold=slope_cold)

@@ -6,12 +6,16 @@ anything with JAX. The package itself imports nothing heavy; each name below is 
 is first used.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from .interpreters import leave_the_current_folder
 
-from .interruption import heed_in_the_command
+leave_the_current_folder()  # before anything is imported that Python has not needed so far
+
+from .interruption import heed_in_the_command  # noqa: E402
 
 heed_in_the_command()  # before anything heavy is imported
+
+from importlib import import_module  # noqa: E402
+from typing import TYPE_CHECKING, Any  # noqa: E402
 
 from .runtime import set_up  # noqa: E402
 

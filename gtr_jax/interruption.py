@@ -21,6 +21,8 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Any
 
+from .interpreters import is_the_command
+
 INTERRUPTED = 130  # exit status: 128 + SIGINT, as shells have it
 NOTHING_WRITTEN = "interrupted: no run folder was written"
 # The signal that asks the main thread again; nothing else uses it, and by default it does nothing.
@@ -206,6 +208,5 @@ interruption = Interruption()
 
 def heed_in_the_command() -> None:
     """Handle the signal from now on if this process is the command `gtr`, which imports this first."""
-    script = os.path.basename(sys.argv[0]) if sys.argv else ""
-    if script in ("gtr", "gtr.exe") or sys.orig_argv[1:3] == ["-m", "gtr_jax"]:
+    if is_the_command():
         interruption.install()

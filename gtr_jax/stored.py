@@ -10,10 +10,8 @@ from __future__ import annotations
 import functools
 import hashlib
 import os
-import pickle
 import platform
 import sys
-import tempfile
 import threading
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
@@ -25,22 +23,20 @@ import jax
 from jax.core import Tracer
 from jax.experimental import serialize_executable
 
+from .kept import Kept
+
 # Packages whose versions determine a compiled program, besides the sources of this project.
 VERSIONS = ("jax", "jaxlib", "equinox", "lineax", "optimistix", "numpy")
 # JAX settings that determine it.
+COUNT = 8  # bytes before a program on disk, which say how many arrays it returns
 FLAGS = ("jax_enable_x64", "jax_numpy_dtype_promotion", "jax_numpy_rank_promotion")
-# How many folders with programs of earlier sources or flags are kept besides the current one.
-EARLIER = 2
-
 _root: Path | None = None
 # Whether our sources alone determine the programs.
 _ours = True
 
 
 def enable(folder: Path) -> None:
-    """From now on keep programs in this folder. It must belong to the user: programs read from it are
-    executed.
-    """
+    """From now on keep programs in this folder, which must be the user's own."""
     global _root
     _root = folder
 
@@ -89,52 +85,44 @@ class Stored:
                 # JAX's cache also tells programs apart by name. A program taken from it cannot be serialised
                 # again, so this one gets a name that JAX's cache does not hold.
                 flat.__name__ = f"{self._function.__name__}_{around}"
-                path = _root / f"programs-{around}" / key
-                self._programs[key] = _read(path, leaves) or _made(flat, leaves, path)
+                kept = Kept("programs", around, lambda: _root)
+                self._programs[key] = _read(kept, key, leaves) or _made(flat, leaves, kept, key)
         return tuple(self._programs[key](*leaves))
 
 
-def _read(path: Path, leaves: Sequence[Any]) -> Callable[..., Sequence[jax.Array]] | None:
-    """The program in a file; None if there is none that can be read and run."""
+def _read(kept: Kept, key: str, leaves: Sequence[Any]) -> Callable[..., Sequence[jax.Array]] | None:
+    """The program that is kept; None if there is none that can be read and run."""
     try:
-        return _tried(path.read_bytes(), leaves)
+        contents = kept.read(key)
+        return None if contents is None else _tried(contents, leaves)
     except Exception:  # of any kind: the program is then compiled again
         return None
 
 
 def _tried(contents: bytes, leaves: Sequence[Any]) -> Callable[..., Sequence[jax.Array]]:
-    """The program in these bytes, after a trial run."""
-    program = serialize_executable.deserialize_and_load(*pickle.loads(contents))
+    """The program in these bytes, after a trial run. JAX unpickles it, so it must be one that this user has
+    written.
+    """
+    count, held = int.from_bytes(contents[:COUNT], "little"), contents[COUNT:]
+    given, answer = (jax.tree_util.tree_structure(tree) for tree in ((tuple(leaves), {}), (0,) * count))
+    program = serialize_executable.deserialize_and_load(held, given, answer)
     jax.block_until_ready(program(*leaves))
     return program
 
 
-def _made(flat: Callable[..., Any], leaves: Sequence[Any], path: Path) -> Callable[..., Sequence[jax.Array]]:
-    """The program compiled, and written to a file if that can be done."""
+def _made(
+    flat: Callable[..., Any], leaves: Sequence[Any], kept: Kept, key: str
+) -> Callable[..., Sequence[jax.Array]]:
+    """The program compiled, and kept if that can be done."""
     program = jax.jit(flat).lower(*leaves).compile()
     try:
-        contents = pickle.dumps(serialize_executable.serialize(program))
+        held, _, answer = serialize_executable.serialize(program)
+        contents = answer.num_leaves.to_bytes(COUNT, "little") + held  # of a tuple of arrays
         _tried(contents, leaves)
-        _make_room(path.parent)
-        # Replaced atomically: another process may write the same file.
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-            file.write(contents)
-        os.replace(file.name, path)
+        kept.write(key, contents)
     except Exception:  # of any kind: the program is then not kept
         return program
     return program
-
-
-def _make_room(folder: Path) -> None:
-    """Create the folder, and delete those of earlier sources except the latest few."""
-    if folder.exists():
-        return
-    others = sorted(folder.parent.glob("programs-*"), key=lambda f: f.stat().st_mtime)
-    for old in others[: max(len(others) - EARLIER, 0)]:
-        for file in old.iterdir():
-            file.unlink()
-        old.rmdir()
-    folder.mkdir(parents=True, exist_ok=True)
 
 
 @functools.cache

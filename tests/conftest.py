@@ -64,6 +64,8 @@ def pytest_configure(config):
     os.environ["GTR_JAX_CACHE"] = "off"  # the commands leave the user's own cache alone
     if not hasattr(config, "cache"):  # -p no:cacheprovider
         return
+    # The key that seals programs is not the user's either.
+    os.environ["XDG_DATA_HOME"] = str(config.cache.mkdir("data"))
     jax.config.update("jax_compilation_cache_dir", str(config.cache.mkdir("programs")))
     jax.config.update("jax_compilation_cache_max_size", LARGEST_CACHE)
     jax.config.update("jax_persistent_cache_min_compile_time_secs", QUICK)

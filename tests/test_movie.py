@@ -1,6 +1,8 @@
 """Movies of simulations: frames, what they show, and names that are refused."""
 
 import itertools
+import os
+import shutil
 
 import numpy as np
 import pytest
@@ -69,11 +71,12 @@ def test_names_that_are_refused(name, says):
         check_movie(name)
 
 
-def test_mp4_without_ffmpeg_names_the_remedy(monkeypatch):
-    monkeypatch.setattr(movie.animation.writers, "is_available", lambda name: False)
+def test_mp4_without_ffmpeg_names_the_remedy(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(InputError, match=r"needs ffmpeg.*install it, or give motion\.gif"):
         check_movie("motion.mp4")
-    monkeypatch.setattr(movie.animation.writers, "is_available", lambda name: name == "ffmpeg")
+    (tmp_path / "ffmpeg").write_text("#!/bin/sh\n")
+    (tmp_path / "ffmpeg").chmod(0o755)
     check_movie("motion.MP4")
 
 
@@ -81,7 +84,7 @@ def test_an_ffmpeg_that_fails_is_one_line(tmp_path, monkeypatch):
     false = tmp_path / "ffmpeg"
     false.write_text("#!/bin/sh\ncat > /dev/null\nexit 3\n")
     false.chmod(0o755)
-    monkeypatch.setitem(movie.LOOK, "animation.ffmpeg_path", str(false))
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
     with pytest.raises(InputError, match=r"motion\.mp4: ffmpeg cannot write it .*; give motion\.gif"):
         write_movie(
             tmp_path / "motion.mp4",
@@ -93,7 +96,7 @@ def test_an_ffmpeg_that_fails_is_one_line(tmp_path, monkeypatch):
         )
 
 
-@pytest.mark.skipif(not movie.animation.writers.is_available("ffmpeg"), reason="needs ffmpeg")
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="needs ffmpeg")
 def test_mp4(tmp_path):
     write_movie(
         tmp_path / "motion.mp4",

@@ -148,3 +148,26 @@ def test_what_is_not_known_is_refused_by_name():
         program.Program(lambda robot: robot * 0, _double, shape, shape, ("test",))(
             np.zeros(3), np.zeros((2, 3))
         )
+
+
+def test_a_program_is_compiled_once_where_it_is_kept(monkeypatch):
+    class Shelf(dict):
+        def read(self, name):
+            return self.get(name)
+
+        def write(self, name, contents):
+            self[name] = contents
+
+    shelf, shape = Shelf(), jax.ShapeDtypeStruct((3,), jnp.float64)
+
+    def build():
+        def step(robot, carried, row):
+            return carried + row, robot * carried
+
+        return program.Program(lambda robot: robot * 0, step, shape, shape, ("test",), kept=shelf)
+
+    rows = np.arange(6.0).reshape(2, 3)
+    first = build()(np.ones(3), rows)
+    assert len(shelf) == 1
+    monkeypatch.setattr(program.Program, "_compiled", lambda self: pytest.fail("compiled again"))
+    np.testing.assert_array_equal(build()(np.ones(3), rows), first)

@@ -30,7 +30,6 @@ def in_four(step, rows, fixed=NUMBER, given=None):
         fixed,
         (NUMBER,) * count,
         ("test", step),
-        kept=False,
         lanes=4,
     )
     at_once = rows.reshape(-1, 4, count).transpose(0, 2, 1)

@@ -663,6 +663,7 @@ def test_a_sweep_killed_at_any_moment_ends_as_a_whole_one(tmp_path):
 @pytest.mark.slow
 def test_a_lost_worker_costs_its_blocks_only(tmp_path):
     pytest.importorskip("distributed")
+    pytest.importorskip("cryptography")
     from gtr_jax.sweep.cluster import local_cluster, run_there
 
     file = written(tmp_path, LONG)
@@ -711,12 +712,14 @@ def test_the_time_left_is_told_from_what_settled_workers_do(tmp_path, monkeypatc
 @pytest.mark.slow
 def test_workers_end_with_the_main_process(tmp_path):
     pytest.importorskip("distributed")
+    pytest.importorskip("cryptography")
     code = (
         "import hashlib, os, time\n"
         "from gtr_jax.sweep.cluster import local_cluster\n"
         "if __name__ == '__main__':\n"
         "    with local_cluster(2) as client:\n"
         "        print(*client.run(os.getpid).values(), flush=True)\n"
+        "        print(client.scheduler_info()['address'], *client.scheduler_info()['workers'], flush=True)\n"
         "        work = [(hashlib.pbkdf2_hmac, 'sha256', b'', b'', 10**9 + i) for i in range(2)]\n"
         "        busy = [client.submit(*what) for what in work]\n"
         "        time.sleep(60)\n"
@@ -728,6 +731,8 @@ def test_workers_end_with_the_main_process(tmp_path):
         assert main.stdout is not None
         workers = [int(pid) for pid in main.stdout.readline().split()]
         assert len(workers) == 2
+        # Every user of the machine can reach their ports.
+        assert [at.partition(":")[0] for at in main.stdout.readline().split()] == ["tls"] * 3
         main.kill()
     ended = time.monotonic() + 10
     while any(Path(f"/proc/{pid}").exists() for pid in workers) and time.monotonic() < ended:
@@ -751,3 +756,16 @@ def test_an_accelerator_holds_as_many_lanes_as_its_memory(monkeypatch, memory, s
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     monkeypatch.setattr(jax, "local_devices", lambda: [Device()])
     assert lanes_of(PLAIN, steps) == lanes
+
+
+def test_workers_that_others_could_reach_are_not_started(monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    from gtr_jax.sweep.cluster import local_cluster
+
+    def absent():
+        raise ImportError("cryptography")
+
+    monkeypatch.setattr(distributed.Security, "temporary", absent)
+    with pytest.raises(InputError, match=r"--workers: needs cryptography.*gtr-jax\[cluster\]"):
+        with local_cluster(1):
+            pass

@@ -1,8 +1,11 @@
 """The live page in a browser, and who is let in."""
 
 import contextlib
+import http.client
+import os
 import re
 import signal
+import stat
 import subprocess
 import sys
 import time
@@ -24,6 +27,16 @@ WAIT = 60.0  # seconds
 RIG = Path(__file__).parents[1] / "examples" / "rig"
 
 
+def next_address(stream):
+    """The next address that the command prints, which lets one browser in."""
+    lines = []
+    while lines[-1:] != [""]:
+        lines.append(stream.readline())
+        if found := re.search(r"http://127\.0\.0\.1:\d+/\?token=\S+", lines[-1]):
+            return found[0]
+    raise AssertionError("".join(lines))
+
+
 @contextlib.contextmanager
 def serving(out, *files):
     """The command at work, and the address that it prints."""
@@ -31,10 +44,7 @@ def serving(out, *files):
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None and process.stderr is not None
     try:
-        line = process.stdout.readline()
-        address = re.search(r"http://127\.0\.0\.1:\d+/\?token=\S+", line)
-        assert address, line + process.stderr.read()
-        yield process, address[0]
+        yield process, next_address(process.stdout)
     finally:  # a test that is skipped or fails leaves it, too
         process.kill()
         process.communicate()
@@ -59,6 +69,13 @@ def answer(address, opener=None, **headers):
             return refused.code, refused.read().decode()
 
 
+def another_address(served):
+    """An address that no browser has used: one is printed whenever the last one was."""
+    process, address, _ = served
+    answer(address)  # unless another test has used it
+    return next_address(process.stderr)
+
+
 def test_nothing_is_served_without_the_token(served):
     _, address, _ = served
     bare = address.partition("?")[0]
@@ -69,11 +86,99 @@ def test_nothing_is_served_without_the_token(served):
     port = bare.rpartition(":")[2].rstrip("/")
     status, _ = answer(bare, Cookie=f"gtr-view-{port}=wrong")
     assert status == 403
-    known = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(CookieJar()))
-    status, page = answer(address, known)
+    jar = CookieJar()
+    known = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(jar))
+    status, welcome = answer(address, known)
+    assert status == 200 and "<h1>" not in welcome
+    status, page = answer(bare, known)
     assert status == 200 and "<h1>" in page
     assert not re.findall(r'(?:src|href)="(?:https?:)?//', page)
-    assert answer(bare, known)[0] == 200
+    # Its key served once, and the secrets are others.
+    assert answer(address)[0] == 403
+    token, acting = address.partition("token=")[2], secret_of(welcome)
+    (cookie,) = jar
+    assert cookie.has_nonstandard_attr("HttpOnly") and cookie.get_nonstandard_attr("SameSite") == "Strict"
+    assert cookie.value and len({token, cookie.value, acting}) == 3
+    assert not any(secret in page for secret in (token, cookie.value, acting))
+
+
+def secret_of(welcome):
+    """The secret that a browser is given for sockets."""
+    found = re.search(r'setItem\("gtr-view", "(\S+)"\)', welcome)
+    assert found, welcome
+    return found[1]
+
+
+def connected(bare, cookie, protocols):
+    """Status of the answer to a browser that asks for a socket."""
+    headers = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13"}
+    headers |= {"Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==", "Sec-WebSocket-Protocol": protocols}
+    link = http.client.HTTPConnection(bare.split("/")[2], timeout=60)
+    try:
+        link.request("GET", "/ws", headers=headers | {"Cookie": cookie, "Origin": bare.rstrip("/")})
+        return link.getresponse().status
+    finally:
+        link.close()
+
+
+def test_a_socket_needs_more_than_the_cookie_that_other_ports_are_sent(served):
+    bare = served[1].partition("?")[0]
+    jar = CookieJar()
+    known = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(jar))
+    acting = secret_of(answer(another_address(served), known)[1])
+    (cookie,) = jar
+    sent, session = f"{cookie.name}={cookie.value}", re.search(r'"token":"([^"]+)"', answer(bare, known)[1])
+    assert session
+    usual = f"bokeh, {session[1]}"
+    for protocols in (usual, f"{usual}, gtr.", f"{usual}, gtr.null", f"{usual}, gtr.{cookie.value}"):
+        assert connected(bare, sent, protocols) == 403
+    assert connected(bare, "", f"{usual}, gtr.{acting}") == 403
+    assert connected(bare, sent, f"{usual}, gtr.{acting}") == 101
+    # Pages of other ports may not hold the page in a frame, and do not know where reports are.
+    with known.open(bare, timeout=60) as response:
+        assert response.headers["X-Frame-Options"] == "DENY"
+        assert response.headers["Content-Security-Policy"] == "frame-ancestors 'none'"
+    assert answer(f"{bare}runs/robot.toml", known)[0] == 404
+
+
+@pytest.mark.skipif(os.name != "posix", reason="modes of files are of no matter there")
+def test_the_browser_is_started_with_a_file_that_only_the_user_can_read(tmp_path, monkeypatch):
+    paths = found()
+    if paths is None:
+        pytest.skip("no Chromium with its driver on this machine")
+    browser, told = tmp_path / "browser", tmp_path / "told"
+    browser.write_text(f'#!/bin/sh\nprintf %s "$1" > {told}.part && mv {told}.part {told}\n')
+    browser.chmod(0o755)
+    monkeypatch.setenv("BROWSER", f"{browser} %s")
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    command = [sys.executable, "-m", "gtr_jax", "view", RECORDED, "-o", tmp_path / "out"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            printed = next_address(process.stdout)
+            end = time.monotonic() + WAIT
+            while not told.exists() and time.monotonic() < end:
+                time.sleep(0.05)
+            address = told.read_text()
+            assert address.startswith("file://") and "token" not in address
+            file = Path(urllib.request.url2pathname(address.removeprefix("file://")))
+            assert stat.S_IMODE(file.stat().st_mode) == 0o600
+            assert stat.S_IMODE(file.parent.stat().st_mode) == 0o700
+            assert printed.partition("token=")[2] not in file.read_text()
+            with opened(address, tmp_path / "chromium") as page:
+                assert "token" not in page.chrome.current_url
+                assert not file.exists()
+                # Reloaded, and in another tab of the same browser.
+                for way in ("refresh", "another"):
+                    here = page.chrome.current_url
+                    if way == "refresh":
+                        page.chrome.refresh()
+                    else:
+                        page.chrome.switch_to.new_window("tab")
+                        page.chrome.get(here)
+                    page.until(lambda: "load steps" in page.text("status"), way)
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.communicate(timeout=30)
 
 
 class Tab:
@@ -108,8 +213,8 @@ class Tab:
         """
         return self.run(script, name, selector)
 
-    def until(self, condition, what):
-        end = time.monotonic() + WAIT
+    def until(self, condition, what, seconds=WAIT):
+        end = time.monotonic() + seconds
         while time.monotonic() < end:
             try:
                 if condition():
@@ -118,7 +223,7 @@ class Tab:
                 if time.monotonic() > end - 1:
                     raise
             time.sleep(0.05)
-        raise AssertionError(f"{what}: not within {WAIT:.0f} s; the page says {self.text('status')!r}")
+        raise AssertionError(f"{what}: not within {seconds:.0f} s; the page says {self.text('status')!r}")
 
 
 @contextlib.contextmanager
@@ -136,7 +241,7 @@ def opened(address, profile, **window):
 
 @pytest.fixture(scope="module")
 def tab(served, tmp_path_factory):
-    with opened(served[1], tmp_path_factory.mktemp("chromium")) as page:
+    with opened(another_address(served), tmp_path_factory.mktemp("chromium")) as page:
         yield page
 
 
@@ -332,12 +437,17 @@ def test_the_residual_is_of_whatever_was_recorded(narrow):
 @pytest.mark.slow
 def test_a_fit_from_the_page_lands_on_the_sliders(tab, served):
     tab.set("free", "value", ["mu"])
+    time.sleep(1)  # the button moves as the choice above it grows
     tab.element("fit", "button").click()
-    tab.until(lambda: "Report of fit-1" in tab.text("run status"), "fit")
+    tab.until(lambda: "Report of fit-1" in tab.text("run status"), "fit", 300)
     fitted = gtr.load_robot(served[2] / "fit-1" / "fitted.toml")
     assert tab.get("mu", "value") == pytest.approx(float(fitted.value("mu")))
-    tab.chrome.get(f"{served[1].partition('?')[0]}runs/fit-1/report.html")
+    report = re.search(r'href="(runs-[^"]+/fit-1/report.html)"', tab.get("run status", "text"))
+    assert report
+    tab.chrome.get(served[1].partition("?")[0] + report[1])
     assert fitted.name in tab.chrome.title
+    # Its scripts run, and reach nothing of the page.
+    assert tab.chrome.execute_script("return origin") == "null"
 
 
 def test_it_closes_on_an_interruption(served):

@@ -20,6 +20,7 @@ from calibrate.diagnosis.cache import SimulationCache
 from calibrate.diagnosis.prepare import prepare
 from calibrate.parallel import use_threads
 from gtr_jax.cache import enable_cache
+from gtr_jax.interpreters import started_safely
 
 from . import baselines
 from .cases import WITHOUT
@@ -181,6 +182,9 @@ def run(folder: Path, processes: int, by: Callable[[Path], dict[str, Any]] = ans
             jobs.append((case, done, source, by))
     # Not concurrent.futures: with max_tasks_per_child its pool stands still once the first processes are done
     # (Python 3.11, github.com/python/cpython/issues/115634).
-    with multiprocessing.get_context("spawn").Pool(processes, alone, maxtasksperchild=A_TIME) as pool:
+    with (
+        started_safely(),
+        multiprocessing.get_context("spawn").Pool(processes, alone, maxtasksperchild=A_TIME) as pool,
+    ):
         for k, line in enumerate(pool.imap_unordered(_one, jobs), start=1):
             print(f"{k} of {len(jobs)}: {line}", file=sys.stderr, flush=True)

@@ -12,6 +12,8 @@ from types import ModuleType
 
 import numpy as np
 
+from gtr_jax.interpreters import started_safely
+
 from . import cases
 
 # Draws of a case before it is given up.
@@ -50,7 +52,10 @@ def make(folder: Path, seed: int, count: int, processes: int, family: ModuleType
     """
     drawn = family.kinds(np.random.default_rng([seed]), count)
     jobs = [(seed, k, kind, hidden, folder, family.make) for k, (kind, hidden) in enumerate(drawn)]
-    with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
+    with (
+        started_safely(),
+        ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool,
+    ):
         sealed = dict(one for one in pool.map(_one, jobs) if one is not None)
     text = json.dumps({"seed": seed, "keys": dict(sorted(sealed.items()))}, indent=1)
     (folder / SEAL).write_text(text + "\n", encoding="utf-8")

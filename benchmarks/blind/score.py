@@ -17,6 +17,8 @@ import numpy as np
 from scipy import stats
 from sklearn.ensemble import RandomForestClassifier
 
+from gtr_jax.interpreters import started_safely
+
 from . import answers, oracle
 from .exam import digest
 from .exam import keys as keys_of
@@ -186,9 +188,12 @@ def read(folder: Path, processes: int) -> list[Scored]:
             told[name] = key, json.loads(answer.read_text(encoding="utf-8"))
     holds = {name: held for name, held in holds.items() if held["tool"] == source}
     jobs = [(folder, name, key) for name, (key, _) in told.items() if name not in holds]
-    with multiprocessing.get_context("spawn").Pool(
-        processes, answers.alone, maxtasksperchild=answers.A_TIME
-    ) as pool:
+    with (
+        started_safely(),
+        multiprocessing.get_context("spawn").Pool(
+            processes, answers.alone, maxtasksperchild=answers.A_TIME
+        ) as pool,
+    ):
         try:
             for k, (name, held) in enumerate(pool.imap_unordered(_held, jobs), start=1):
                 holds[name] = {"tool": source, **held}

@@ -36,8 +36,18 @@ def python_of(peer: str) -> Path:
         return python
     shutil.rmtree(where, ignore_errors=True)
     for command in (
-        [sys.executable, "-m", "venv", str(where)],
-        [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-r", str(pins)],
+        [sys.executable, "-P", "-m", "venv", str(where)],
+        [
+            str(python),
+            "-P",
+            "-m",
+            "pip",
+            "install",
+            "--quiet",
+            "--disable-pip-version-check",
+            "-r",
+            str(pins),
+        ],
     ):
         done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode:
@@ -61,7 +71,7 @@ def run(module: str, python: Path, *, quick: bool, timeout_s: float = 3600.0) ->
         }
         try:
             done = subprocess.run(
-                [str(python), "-m", f"benchmarks.peers.{module}", *["--quick"] * quick],
+                [str(python), "-P", "-m", f"benchmarks.peers.{module}", *["--quick"] * quick],
                 capture_output=True,
                 text=True,
                 cwd=ROOT,

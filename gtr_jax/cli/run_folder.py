@@ -22,6 +22,7 @@ from gtr_jax.errors import InputError, listed
 from gtr_jax.files.plain import plain
 from gtr_jax.files.text import digest
 from gtr_jax.interruption import interruption
+from gtr_jax.leftovers import beside, clear
 
 from .options import HELD, own_terms
 
@@ -62,6 +63,7 @@ class RunFolder:
         }
         self._began = time.monotonic()
         self._target = out.resolve()
+        clear(self._target.parent)
         _refuse_unless_ours(out, self._target, inputs, _subcommand(self.record["command"]), force)
 
     def settings(self) -> dict[str, Any]:
@@ -108,8 +110,7 @@ class RunFolder:
         """
         target = self._target
         target.parent.mkdir(parents=True, exist_ok=True)
-        part = target.with_name(f".{target.name}.{os.getpid()}.part")
-        old = target.with_name(f".{target.name}.{os.getpid()}.old")
+        part, old = beside(target), beside(target, "old")
         part.mkdir()
         try:
             with interruption.undoing(lambda: shutil.rmtree(part, ignore_errors=True)):

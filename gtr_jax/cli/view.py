@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import secrets
+import threading
 import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
@@ -52,7 +54,7 @@ def view(
     """Open ROBOT.toml as a live page in the browser of this machine: a slider for every number, the body, the
     loop and the forces along the channel, simulated again as they move, beside REC.csv if it is given.
 
-    The page is served to this machine only, to whoever has the address with its token. Ctrl-C ends it.
+    The page is served to this machine only, to one browser for each address that is printed. Ctrl-C ends it.
     """
     from gtr_jax.files.config import load_config
 
@@ -89,17 +91,31 @@ def view(
         raise InputError(f"-o {output}: is a file; name a folder")
     enable_cache()
     from gtr_jax.view.page import Given, Page, fill
+    from gtr_jax.view.redirect import Redirect
     from gtr_jax.view.server import Server
 
     pages: list[Page] = []
-    what = Given(config, given, options, output)
-    server = Server(lambda document: fill(document, what, pages), output, port)
-    click.echo(f"{config.name}: {server.address}")
+    what = Given(config, given, options, output, f"runs-{secrets.token_urlsafe(12)}")
+    server = Server(lambda document: fill(document, what, pages), output, what.shown_at, port)
+
+    def another() -> None:
+        click.echo(f"for another browser: {server.address(another)}", err=True)
+
+    click.echo(f"{config.name}: {server.address(another)}")
     click.echo("Ctrl-C ends it", err=True)
-    if not no_browser:
-        webbrowser.open(server.address)
+    redirect = None
     with interruption.patient():
         try:
+            if not no_browser:
+                redirect = Redirect(server.address(lambda: redirect.remove() if redirect else None))
+                if redirect.path is None:
+                    click.echo("no folder is closed to others here: open the address yourself", err=True)
+                else:
+                    # Some browsers end only when they are closed.
+                    start = threading.Thread(
+                        target=webbrowser.open, args=(redirect.path.as_uri(),), daemon=True
+                    )
+                    start.start()
             server.run()
         except KeyboardInterrupt:
             click.echo("closing", err=True)
@@ -109,4 +125,6 @@ def view(
             for page in pages:
                 page.wait()
             server.close()
+            if redirect is not None:
+                redirect.remove()
     return 0

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from typing import IO, Any
 
 from gtr_jax.errors import reason
+from gtr_jax.interpreters import python, surroundings
 
 _SERVE = "from gtr_jax.files.apart import serve; serve()"
 _lock = threading.Lock()
@@ -50,13 +51,12 @@ def read_apart(reader: Callable[[bytes], Any], data: bytes) -> Any:
 
 @functools.cache
 def _process() -> subprocess.Popen:
-    paths = os.pathsep.join(path for path in sys.path if path)
     return subprocess.Popen(
-        [sys.executable, "-c", _SERVE],
+        python("-c", _SERVE),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        env=os.environ | {"PYTHONPATH": paths},
+        env=surroundings(),
     )
 
 

@@ -3,24 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
 
+from gtr_jax.leftovers import replaced_whole
 
-@contextmanager
-def replaced_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A temporary file beside a file, for the block to write; it then takes the file's name, unless the block
-    raises: then the file stays as it was.
-    """
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        yield temporary
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+__all__ = ["replaced_whole", "write_whole"]
 
 
 def write_whole(path: str | os.PathLike[str], text: str) -> None:

@@ -1,18 +1,15 @@
-"""A loop over steps as native code: translated once, kept on disk, run on arrays."""
+"""A loop over steps as native code: translated once, kept if there is a place to keep it, run on arrays."""
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import functools
 import hashlib
-import os
-import tempfile
 import threading
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -33,6 +30,18 @@ BYTE = ir.IntType(8)
 _lock = threading.Lock()
 
 
+class Place(Protocol):
+    """Where compiled programs are kept. What it gives is run: it must be what this user has put there."""
+
+    def read(self, name: str) -> bytes | None:
+        """A program by its name; None if there is none."""
+        ...
+
+    def write(self, name: str, contents: bytes) -> None:
+        """Keep a program, or leave it."""
+        ...
+
+
 class Program:
     """Runs K steps as native code.
 
@@ -43,7 +52,7 @@ class Program:
         fixed: the shapes of the fixed values, as a pytree of `jax.ShapeDtypeStruct`.
         row: the shapes of the row of a step.
         key: tells this program from every other; the same key means the same code.
-        kept: whether it is kept on disk.
+        kept: where it is kept; None: nowhere.
         lanes: how many runs go side by side, in the lanes of the processor's vectors.
     """
 
@@ -55,12 +64,12 @@ class Program:
         row: Any,
         key: Sequence[Any],
         *,
-        kept: bool = True,
+        kept: Place | None = None,
         lanes: int = 1,
     ):
         self._begin, self._step, self._fixed, self._row = begin, step, fixed, row
         self._lanes = lanes
-        self._key = hashlib.blake2b(repr((*key, lanes, _surroundings())).encode(), digest_size=16).hexdigest()
+        self._key = hashlib.blake2b(repr((*key, lanes)).encode(), digest_size=16).hexdigest()
         self._kept = kept
         self._lock = threading.Lock()
 
@@ -68,11 +77,11 @@ class Program:
     def _ready(self) -> tuple[Any, int, int, Any]:
         """The function, bytes of its workspace, number of outputs per step, and the engine that holds it."""
         with self._lock:
-            held = _read(self._key) if self._kept else None
+            held = None if self._kept is None else self._kept.read(self._key)
             if held is None:
                 held = self._compiled()
-                if self._kept:
-                    _write(self._key, held)
+                if self._kept is not None:
+                    self._kept.write(self._key, held)
         size, width, code = (
             int.from_bytes(held[:8], "little"),
             int.from_bytes(held[8:16], "little"),
@@ -193,10 +202,11 @@ def sources() -> str:
 
 
 @functools.cache
-def _surroundings() -> tuple[str, ...]:
-    """What compiled code depends on besides its program."""
+def origin() -> str:
+    """Hash of what compiled code depends on besides its program: it is kept for no other."""
     features = str(llvm.get_host_cpu_features().flatten())
-    return sources(), llvm.get_host_cpu_name(), features, version("llvmlite"), version("jax")
+    whole = sources(), llvm.get_host_cpu_name(), features, version("llvmlite"), version("jax")
+    return hashlib.blake2b(repr(whole).encode(), digest_size=16).hexdigest()
 
 
 def _machine() -> Any:
@@ -225,37 +235,3 @@ def _object_code(text: str) -> bytes:
             getattr(passes, f"add_{name}_pass")()
         passes.run(module, builder)
         return machine.emit_object(module)
-
-
-# --- on disk ----------------------------------------------------------------------------------------------
-
-
-def folder() -> Path | None:
-    """Where compiled programs are kept: below `jax_compilation_cache_dir`; None where JAX keeps none."""
-    kept = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
-    return Path(kept) / "native" if kept else None
-
-
-def _read(key: str) -> bytes | None:
-    where = folder()
-    if where is None:
-        return None
-    try:
-        whole = (where / f"{key}.o").read_bytes()
-    except OSError:
-        return None
-    held, check = whole[:-16], whole[-16:]
-    return held if hashlib.blake2b(held, digest_size=16).digest() == check else None
-
-
-def _write(key: str, held: bytes) -> None:
-    """Written atomically; where nothing can be written, the program is compiled again next time."""
-    where = folder()
-    if where is None:
-        return
-    with contextlib.suppress(OSError):
-        where.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=where)
-        with os.fdopen(handle, "wb") as file:
-            file.write(held + hashlib.blake2b(held, digest_size=16).digest())
-        os.replace(name, where / f"{key}.o")

@@ -19,6 +19,7 @@ from matplotlib.lines import Line2D
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
 from gtr_jax.errors import InputError, reason
+from gtr_jax.interpreters import program
 
 from .style import GREY, INK, LOOK, PALE, PHASE_COLOUR, VERMILLION
 from .tendons import COLOURS
@@ -26,6 +27,7 @@ from .views import COLOURS as TENSIONS
 from .views import INSIDE, Drawn, Posture, Strung, drawn
 
 ENDINGS = (".gif", ".mp4")
+FFMPEG = "ffmpeg"
 FRAMES = 120  # most
 RATE = 15  # frames per second
 HELD = 10  # frames for which the last one stands
@@ -55,7 +57,7 @@ def check_movie(name: str) -> None:
         raise InputError(
             f"--movie {name}: is a name in the run folder, without folders of its own; give {path.name}"
         )
-    if path.suffix.lower() == ".mp4" and not animation.writers.is_available("ffmpeg"):
+    if path.suffix.lower() == ".mp4" and program(FFMPEG) is None:
         raise InputError(
             f"--movie {name}: needs ffmpeg, which is not on the PATH; install it, or give {path.stem}.gif"
         )
@@ -78,7 +80,7 @@ def write_movie(
         InputError: ffmpeg fails.
     """
     gif = path.suffix.lower() == ".gif"
-    with mpl.rc_context(LOOK):
+    with mpl.rc_context(LOOK | {"animation.ffmpeg_path": program(FFMPEG) or FFMPEG}):
         writer: Any = (animation.PillowWriter if gif else animation.FFMpegWriter)(fps=RATE)
         picture = _Picture(
             [drawn(body, p, POINTS, CORNERS if space else 2) for p in postures], body, loop, space=space

@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import itertools
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -17,9 +18,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .. import mechanics
 from ..errors import InputError
+from ..kept import Kept
 from ..mechanics import FOREVER, Load, March, Settled, Step, Structure, advance, begin, loads_before
 from ..mechanics.bodies import line_of, metric_of
-from ..native.program import Program, packed, sources
+from ..native.program import Program, origin, packed, sources
 from ..native.values import Untranslatable
 from ..robot.parts import Tendon
 from ..robot.robot import Robot, sections
@@ -252,8 +254,18 @@ def _program(structure: Structure, how: March, kind: _Kind, shapes: tuple, lanes
     drives = tuple(tendon.drive for tendon in fixed.tendons) if drawn else ()
     key = (structure, how, kind, leaves, given.beyond is None, given.guides is None, drives)
     # What is on disk was compiled from other files than those of a user's term.
-    kept = not OWN & {*structure.terms}
+    kept = None if OWN & {*structure.terms} else _kept()
     return Program(first, step, fixed, jax.eval_shape(row), key, kept=kept, lanes=lanes)
+
+
+@functools.cache
+def _kept() -> Kept:
+    return Kept("native", origin(), _beside_those_of_jax)
+
+
+def _beside_those_of_jax() -> Path | None:
+    kept = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+    return Path(kept) if kept else None
 
 
 @functools.lru_cache(maxsize=256)

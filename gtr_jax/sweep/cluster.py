@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gtr_jax.errors import InputError
+from gtr_jax.interpreters import started_safely
 
 from .config import load_sweep
 from .lanes import Lanes
@@ -37,15 +38,26 @@ ALONE_IN_XLA = "--xla_cpu_multi_thread_eigen=false"
 
 @contextlib.contextmanager
 def local_cluster(workers: int) -> Iterator[Client]:
-    """Workers on this machine: spawned processes of one thread each."""
+    """Workers on this machine: spawned processes of one thread each, which run what this process alone sends
+    them: every user of the machine can reach their ports.
+    """
     distributed = _distributed()
+    try:
+        secret = distributed.Security.temporary()
+    except ImportError:
+        raise InputError(
+            "--workers: needs cryptography, which keeps other users of this machine from them; install "
+            "it with pip install 'gtr-jax[cluster]'"
+        ) from None
     with (
         _quiet(),
+        started_safely(),
         distributed.LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
             processes=True,
             dashboard_address=None,
+            security=secret,
             silence_logs="CRITICAL",
             env=ALONE | {"XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} {ALONE_IN_XLA}".strip()} | _cache(),
         ) as cluster,

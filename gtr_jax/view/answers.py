@@ -41,6 +41,7 @@ class Answers:
         compares: whether it has anything that a simulation can be compared with.
         options: of the command line that the recording was read with.
         out: folder that everything is written to.
+        shown_at: the path that it is shown at.
     """
 
     def __init__(
@@ -53,9 +54,11 @@ class Answers:
         compares: bool,
         options: Sequence[str],
         out: Path,
+        shown_at: str,
     ) -> None:
         self._document, self._present, self._loaded = document, present, loaded
         self._recording, self._options, self._out = recording, list(options), out
+        self._shown_at = shown_at
         self._run: Run | None = None
         self._offered: tuple[Robot, tuple[str, ...]] | None = None
         self._says = Div(name="run status", text="", stylesheets=[LABEL], sizing_mode="stretch_width")
@@ -162,9 +165,8 @@ class Answers:
             self._says.text = warning("Not done", " ".join(done.says))
             return
         lines = "<br>".join(escape(line) for line in done.says if not line.startswith("report:"))
-        report = (
-            f'<a href="runs/{done.folder.name}/report.html" target="_blank">Report of {done.folder.name}</a>'
-        )
+        report = f"{self._shown_at}/{done.folder.name}/report.html"
+        report = f'<a href="{report}" target="_blank">Report of {done.folder.name}</a>'
         self._says.text = f"{lines}<br>{report}"
         self._found.children = [self._button(path) for path in done.robots]
         if done.folder.name.startswith("fit") and done.robots:

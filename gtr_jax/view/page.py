@@ -43,14 +43,15 @@ UNSEEN = 250  # ms after which the curves follow a shape of which no browser say
 
 @dataclasses.dataclass(frozen=True)
 class Given:
-    """What the command was given: the robot, the recording with the options it was read with, and the folder
-    to write to.
+    """What the command was given: the robot, the recording with the options it was read with, the folder to
+    write to, and the path that it is shown at.
     """
 
     config: RobotConfig
     recording: Recording | None
     options: Sequence[str]
     out: Path
+    shown_at: str = "runs"
 
 
 class Judged(NamedTuple):
@@ -113,6 +114,7 @@ class Page:
             compares=bool(choices),
             options=given.options,
             out=given.out,
+            shown_at=given.shown_at,
         )
         self._history = self._pulling.history(setting.robot)
         self._worker: Latest[Wanted] = Latest(self._work)

@@ -6,12 +6,12 @@ import dataclasses
 import shlex
 import signal
 import subprocess
-import sys
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from gtr_jax.files.config import RobotConfig, dump_config
+from gtr_jax.interpreters import python, surroundings
 
 ANSWERED = (0, 1)  # exit statuses of a command that has written its run folder
 
@@ -65,7 +65,8 @@ class Run:
         self.line = shlex.join(["gtr", *arguments])
         self._progress, self._done, self._stopped = progress, done, False
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "gtr_jax", *arguments],
+            python("-m", "gtr_jax", *arguments),
+            env=surroundings(),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -26,6 +26,7 @@ from .guard import Guard
 
 HERE = "127.0.0.1"
 MOST_PORTS = 65535
+SEPARATE = "sandbox allow-scripts allow-popups allow-downloads; frame-ancestors 'none'"
 silence(EMPTY_LAYOUT)  # places for what comes later, such as the physics terms
 
 
@@ -42,36 +43,42 @@ class _Prompt(HTTPServer):
         super().handle_stream(stream, address)
 
 
+class _Runs(StaticFileHandler):
+    def set_extra_headers(self, path: str) -> None:
+        """Scripts of a report run in it, and reach nothing of the page."""
+        self.set_header("Content-Security-Policy", SEPARATE)
+
+
 class Server:
     """The page's server, which listens once it is made and answers while `run` runs.
 
     Args:
         fill: fills a new document; called for each tab that opens the page.
-        runs: folder whose files are shown under runs/.
+        runs: folder whose files are shown.
+        shown_at: the path that they are shown at; secret, as the cookie alone is enough to see them.
         port: to listen on; 0 for a free one.
 
     Raises:
         InputError: the port is taken, or may not be used.
     """
 
-    def __init__(self, fill: Callable[[Document], None], runs: Path, port: int = 0) -> None:
+    def __init__(self, fill: Callable[[Document], None], runs: Path, shown_at: str, port: int = 0) -> None:
         sockets = _listening(port)
         self.port = sockets[0].getsockname()[1]
         self.guard = Guard(self.port)
         pages = BokehTornado(
             {"/": Application(FunctionHandler(fill))},
             extra_websocket_origins=[f"{HERE}:{self.port}", f"localhost:{self.port}"],
-            extra_patterns=[(r"/runs/(.*)", StaticFileHandler, {"path": str(runs.resolve())})],
+            extra_patterns=[(rf"/{shown_at}/(.*)", _Runs, {"path": str(runs.resolve())})],
         )
         http = _Prompt(self.guard.around(pages))
         http.add_sockets(sockets)
         self._server = BaseServer(IOLoop.current(), pages, http)
         self._server.start()
 
-    @property
-    def address(self) -> str:
-        """Where the page is, with the token."""
-        return f"http://{HERE}:{self.port}/?token={self.guard.token}"
+    def address(self, used: Callable[[], object] = lambda: None) -> str:
+        """Where the page is, with a token that lets one browser in; `used` is called once it has."""
+        return f"http://{HERE}:{self.port}/?token={self.guard.key(used)}"
 
     def run(self) -> None:
         """Answer requests until KeyboardInterrupt, or `stop`."""
