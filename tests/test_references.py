@@ -1,5 +1,6 @@
 """Files that another file names stay in its folder and are plain files, and no file that is read can hang."""
 
+import json
 import os
 from pathlib import Path
 
@@ -48,6 +49,10 @@ def robot(folder: Path, name: str) -> Path:
     return path
 
 
+def first_knot(path: Path):
+    return getattr(load_config(path).routing, "knots")[0]  # noqa: B009
+
+
 def sweep_naming(folder: Path, **named):
     data = {"schema": 1, "robot": "robot.toml", "outputs": ["T_tip"], "vary": {"mu": [0.1, 0.2]}}
     return parse_sweep(data | {"history": {"pull": "5 N"}} | named, source="SWEEP.toml", folder=folder)
@@ -84,13 +89,9 @@ def of_fit(folder, name):
 
 def of_run_folder(folder, name):
     known = {"names": ["mu"], "matrix": [[1.0]]}
-    model = f'{{"settled": true, "recording": null, "file": {name!r}, "holds": [], "information": '.replace(
-        "'", '"'
-    )
-    matrix = str(known).replace("'", '"')
-    (folder / "diagnosis.json").write_text(
-        f'{{"robot_files": [{model}{matrix}, "probability": 1}}], "recordings": [{{"name": "r"}}]}}'
-    )
+    model = {"settled": True, "recording": None, "file": name, "holds": [], "probability": 1}
+    answer = {"robot_files": [model | {"information": known}], "recordings": [{"name": "r"}]}
+    (folder / "diagnosis.json").write_text(json.dumps(answer))
     open_folder(folder)
 
 
@@ -120,7 +121,7 @@ def test_a_pipe_inside_is_no_file(read, ending, folder):
 @pytest.mark.parametrize("read", [of_robot, of_points, of_history])
 def test_what_is_no_table_is_not_quoted(read, folder):
     (folder / "notes.csv").write_text(PRIVATE.replace(":", " "))
-    with pytest.raises(InputError, match="notes.csv: holds no column of numbers") as caught:
+    with pytest.raises(InputError, match=r"notes.csv: holds no column of numbers") as caught:
         read(folder, "notes.csv")
     assert "secret" not in str(caught.value) and "19000" not in str(caught.value)
 
@@ -130,7 +131,7 @@ def test_a_stated_root_holds_files_too(folder, monkeypatch):
     with pytest.raises(InputError, match=OUTSIDE):
         load_config(path)
     monkeypatch.setenv(references.VARIABLE, str(folder.parent))
-    assert load_config(path).routing.knots[0] == (0.0, 0.005)
+    assert first_knot(path) == (0.0, 0.005)
     with pytest.raises(InputError, match=OUTSIDE):
         load_config(robot(folder, "../../../dev/zero"))
 
@@ -140,11 +141,11 @@ def test_subfolders_and_links_inside_are_the_folder(folder, monkeypatch):
     (folder / "routes" / "a.csv").write_text(ROUTE)
     (folder / "b.csv").symlink_to("routes/a.csv")
     for name in ("routes/a.csv", "b.csv", "routes/../b.csv", str(folder / "b.csv")):
-        assert load_config(robot(folder, name)).routing.knots[0] == (0.0, 0.005)
+        assert first_knot(robot(folder, name)) == (0.0, 0.005)
     link = folder.parent / "linked"
     link.symlink_to(folder)
     monkeypatch.chdir(link)
-    assert load_config(Path("robot.toml")).routing.knots[0] == (0.0, 0.005)
+    assert first_knot(Path("robot.toml")) == (0.0, 0.005)
 
 
 def test_names_that_are_no_names(folder):

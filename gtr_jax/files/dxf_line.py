@@ -50,8 +50,8 @@ def read_line(path: Path, *, layer: str | None = None, unit: str | None = None) 
     entities = list(itertools.islice(_entities(document.modelspace()), MOST_ENTITIES + 1))
     if len(entities) > MOST_ENTITIES:
         raise InputError(
-            f"{path}: draws more than {MOST_ENTITIES:,} things, its blocks in blocks counted; keep the channel "
-            "alone"
+            f"{path}: draws more than {MOST_ENTITIES:,} things, its blocks in blocks counted; keep the "
+            "channel alone"
         )
     pieces = [(own, *found) for own, entity in entities if (found := _sampled(entity))]
     layers = list(dict.fromkeys(own for own, *_ in pieces))

@@ -42,6 +42,7 @@ def referenced(name: str, folder: Path, where: str) -> Path:
         raise InputError(f"{place}'{excerpt(name)}' is a folder, a pipe or a device; name a file")
     if found is not None and found.st_size > LARGEST:
         raise InputError(
-            f"{place}'{excerpt(name)}' has more than {LARGEST >> 20} MiB; a file that another one names is smaller"
+            f"{place}'{excerpt(name)}' has more than {LARGEST >> 20} MiB, which is the most; "
+            "write fewer rows into it"
         )
     return path

@@ -66,7 +66,8 @@ def _unreadable(path: str | os.PathLike[str], fault: Exception) -> InputError:
 
 def _too_large(path: str | os.PathLike[str]) -> InputError:
     return InputError(
-        f"{path}: has more than {LARGEST >> 30} GiB; export fewer columns, a shorter stretch, or fewer samples"
+        f"{path}: has more than {LARGEST >> 30} GiB; export fewer columns, a shorter stretch, or "
+        "fewer samples"
     )
 
 
