@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import textwrap
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, ModelWrapValidatorHandler, StrictBool, StrictStr, model_validator
 
-from gtr_jax.errors import InputError, listed
+from gtr_jax.errors import InputError, InputWarning, listed
 from gtr_jax.terms import REGISTRY, Law, Term, catalogue_of, null_values
 
 from ..notebook import drawn_by
@@ -26,6 +27,7 @@ from .drawn_channel import with_drawn_channels
 from .law_section import LawSection
 from .leaving import out_of_plane
 from .markers import check_markers
+from .plausible import implausible
 from .routings import RoutingConfig
 from .sections import (
     BackboneConfig,
@@ -288,8 +290,15 @@ def parse_config(
 
 
 def load_config(path: str | os.PathLike[str]) -> RobotConfig:
-    """Read a robot file. Raises InputError naming file, key and remedy."""
-    return parse_config(read_toml(path), source=str(path), folder=Path(path).parent)
+    """Read a robot file.
+
+    Raises InputError naming file, key and remedy; warns with an `InputWarning` of sizes that such robots do
+    not have, as of a length of 120 m.
+    """
+    config = parse_config(read_toml(path), source=str(path), folder=Path(path).parent)
+    for line in implausible(config):
+        warnings.warn(f"{path}: {line}", InputWarning, stacklevel=2)
+    return config
 
 
 def config_text(config: RobotConfig) -> str:

@@ -94,7 +94,7 @@ def vectors_of_hdf5(data: bytes) -> tuple[str, dict[str, np.ndarray]]:
     """The same of a file of version 7.3."""
     import h5py
 
-    numbers = 0
+    numbers: int = 0
 
     def contents(group: Any, depth: int = 0) -> dict[str, Any]:
         nonlocal numbers
@@ -103,8 +103,8 @@ def vectors_of_hdf5(data: bytes) -> tuple[str, dict[str, np.ndarray]]:
             numbers += 1  # a group may hold itself
             check_numbers(numbers, "has too many entries")
             if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiub":
-                numbers += item.size
-                check_numbers(numbers, f"'{excerpt(name)}' has {item.size:,} numbers")
+                numbers += item.size or 0
+                check_numbers(numbers, f"'{excerpt(name)}' has {item.size or 0:,} numbers")
                 out[name] = np.asarray(item).T  # MATLAB's arrays are stored by columns
             elif isinstance(item, h5py.Group) and not name.startswith("#") and depth < _DEEPEST:
                 out[name] = contents(item, depth + 1)
