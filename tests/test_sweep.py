@@ -27,6 +27,7 @@ from gtr_jax.sweep.plan import Plan, _chunk, draw
 from gtr_jax.sweep.run import Meter, run_here, threads_of
 from gtr_jax.sweep.sensitivity import _on_grid, sensitivity_of
 from gtr_jax.sweep.store import Store
+from gtr_jax.sweep.summary import summary_of
 from gtr_jax.sweep.task import PLAIN, lanes_of
 from gtr_jax.sweep.validity import is_robot
 
@@ -751,3 +752,23 @@ def test_an_accelerator_holds_as_many_lanes_as_its_memory(monkeypatch, memory, s
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     monkeypatch.setattr(jax, "local_devices", lambda: [Device()])
     assert lanes_of(PLAIN, steps) == lanes
+
+
+@pytest.mark.parametrize("keep", ["turns", "all"])
+def test_what_was_found_is_what_the_map_shows(keep, tmp_path, monkeypatch):
+    """At the largest base tension kept: once it is released, no tension is left at any point."""
+    monkeypatch.setattr("gtr_jax.sweep.summary.sensitivity_of", lambda *_: None)
+    released = f'pull = "20 N"\nrelease = "0 N"\nsteps = 4\nkeep = "{keep}"'
+    task = task_of(load_sweep(written(tmp_path, GRID.replace('pull = "20 N"', released))))
+    ramp = np.concatenate([task.history.up, 1 - task.history.down])[list(task.history.kept)]
+
+    def read(name, block):
+        shape = tuple(len(axis.values) for axis in task.axes)
+        variable = next(v for v in task.stored if v.name == name)
+        if name == "result":
+            return np.zeros(shape, int)
+        at_most = np.full((*shape, *task.extra_shape(variable)), 3.5)
+        return at_most * ramp if "step" in task.extra_dims(variable) else at_most
+
+    ranges = summary_of(task, SimpleNamespace(read=read), None).ranges
+    assert ranges["T_tip"] == (3.5, 3.5, 3.5)
