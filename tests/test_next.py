@@ -357,7 +357,7 @@ def test_the_command_at_the_end_maps_each_recording_as_it_is(given, each, tmp_pa
     from gtr_jax.files.quantities import QUATERNION, column_of
     from gtr_jax.files.recording import read_recording
 
-    opened = SimpleNamespace(
+    opened: Any = SimpleNamespace(
         command=f"gtr fit robot.toml one.csv two.csv {given} --free mu -o out --force",
         recordings=("one.csv", "two.csv"),
         rivals=False,
@@ -376,4 +376,4 @@ def test_the_command_at_the_end_maps_each_recording_as_it_is(given, each, tmp_pa
     rows = [",".join(wanted.values()), *(f"{i},1,0.5,0.1,0.2,0.3,1,0,0,0" for i in range(9))]
     path.write_text("\n".join(rows) + "\n")
     recording = read_recording(path, mappings[2], space=True)
-    assert recording.T_base[0] == 1.0 and recording.time[-1] == 8.0
+    assert recording.T_base[0] == 1.0 and recording.time is not None and recording.time[-1] == 8.0

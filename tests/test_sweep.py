@@ -763,12 +763,14 @@ def test_what_was_found_is_what_the_map_shows(keep, tmp_path, monkeypatch):
     ramp = np.concatenate([task.history.up, 1 - task.history.down])[list(task.history.kept)]
 
     def read(name, block):
-        shape = tuple(len(axis.values) for axis in task.axes)
+        shape = task.plan.shape
         variable = next(v for v in task.stored if v.name == name)
         if name == "result":
             return np.zeros(shape, int)
         at_most = np.full((*shape, *task.extra_shape(variable)), 3.5)
         return at_most * ramp if "step" in task.extra_dims(variable) else at_most
 
-    ranges = summary_of(task, SimpleNamespace(read=read), None).ranges
+    store: Any = SimpleNamespace(read=read)
+    done: Any = None
+    ranges = summary_of(task, store, done).ranges
     assert ranges["T_tip"] == (3.5, 3.5, 3.5)
