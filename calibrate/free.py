@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from gtr_jax import InputError, Robot, RobotConfig, parameters_of
 from gtr_jax.files.config_checks import refused_for_section
-from gtr_jax.robot.parameters import Parameter, parameter
+from gtr_jax.robot.parameters import Parameter, parameter, parameters_listed
 
 # Values in two robot files that differ by less than this, relative, count as equal.
 SAME = 1e-9
@@ -98,7 +98,7 @@ def free_of(
                 raise InputError(f"parameter '{short}' is named in two of the scopes; keep one")
             scopes[short] = scope
     if not scopes:
-        raise InputError(f"no parameter is free; name some of: {', '.join(parameters_of(robots[0]))}")
+        raise InputError(f"no parameter is free; name some; {parameters_listed(robots[0])}")
     found: list[Free] = []
     for name, scope in scopes.items():
         owners = [r for r, robot in enumerate(robots) if _has(robot, name)]

@@ -280,12 +280,15 @@ def _sentences(answer: Design) -> list[str]:
         if answer.relaxed and not any(r.reached for r in answer.relaxed):
             out.append("Putting one limit aside does not help.")
         return out
+    robust = answer.problem.objective.spread != "nominal" and target.goal is None
     lost = f"; {100 * best.loss:.3g} % of the tension is lost" if best.loss == best.loss else ""
     loss = f"{freed_says(answer)}{lost}"
-    if answer.robustness is not None and answer.problem.objective.spread != "nominal" and target.goal is None:
+    known = answer.robustness
+    off = "; ".join(_spread_says(s, best.errors) for s in known.spreads) if known is not None else ""
+    if known is not None and robust:
         out.append(
-            f"{name}: least {answer.problem.objective.spread} error over friction and modulus: "
-            f"{'; '.join(_spread_says(s, best.errors) for s in answer.robustness.spreads)}{loss}."
+            f"{name}: least {answer.problem.objective.spread} error over what is not known of friction and "
+            f"modulus: {off}{loss}."
         )
         if worst is not None:
             out.append(f"With both as in the file {worst.name} is missed by {miss_says(worst)}.")
@@ -293,12 +296,17 @@ def _sentences(answer: Design) -> list[str]:
         goal = answer._goal()
         word = {"reach": "reach", "bend": "bend of the tip", "tension": "least base tension"}[goal["kind"]]
         out.append(f"{name}: {word} {quantity(goal['value'], goal['unit'])}{loss}.")
-    else:
+        if known is not None:
+            out.append(f"With {known.open}, {off}.")
+    elif worst is None:
+        out.append(f"{name}: reached{loss}.")
+    elif known is not None:
         out.append(
-            f"{name}: reached to {miss_says(worst)}{loss}."
-            if worst is not None
-            else f"{name}: reached{loss}."
+            f"{name}: with {known.open}, {off}; by the numbers of the file alone reached to "
+            f"{miss_says(worst)}{loss}."
         )
+    else:
+        out.append(f"{name}: reached to {miss_says(worst)}{loss}.")
     tight = min(best.margins, key=lambda m: m.margin / _scale(answer, m), default=None)
     if tight is not None:
         word = f"tightest is {tight.name}, {_margin_says(tight)}"
@@ -306,7 +314,6 @@ def _sentences(answer: Design) -> list[str]:
     others = len(answer.options) - 1
     if others:
         keep = "keep" if others > 1 else "keeps"
-        robust = answer.problem.objective.spread != "nominal" and target.goal is None
         reach = f"reach{'' if others > 1 else 'es'} the targets and {keep}"
         reach = reach if best.errors and not robust else keep
         least = "; none loses less tension" if by_loss(answer.problem) and best.loss == best.loss else ""

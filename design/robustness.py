@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from gtr_jax.files.numbers import number
 
 from .model import states_of
 from .objective import at_draw
@@ -56,6 +59,20 @@ class Robustness:
     deviations: float
     spreads: tuple[Spread, ...]
     converged: bool
+
+    @property
+    def open(self) -> str:
+        """What is not known of the two, in words, and how well: "the modulus known to 20 %"."""
+        return " and ".join(f"the {n} known to {number(100 * sd, '%', 3)}" for n, sd in self._named if sd > 0)
+
+    @property
+    def exact(self) -> str:
+        """What is taken as exact, because nothing is said of it; "" if nothing is."""
+        return " and ".join(f"the {name}" for name, sd in self._named if sd == 0)
+
+    @property
+    def _named(self) -> Iterator[tuple[str, float]]:
+        return zip(("friction coefficient", "modulus"), self.sd, strict=True)
 
 
 @eqx.filter_jit

@@ -10,6 +10,7 @@ import numpy as np
 
 from gtr_jax.errors import InputError
 from gtr_jax.files.config import RobotConfig
+from gtr_jax.files.text import read_text
 
 from .target import TargetConfig
 
@@ -80,7 +81,7 @@ def uncertainty_of(config: RobotConfig, target: TargetConfig) -> Uncertainty:
     own = target.robust
     sd, rho, source = np.zeros(2), 0.0, ""
     if own.fit is not None:
-        sd, rho = _of_fit(target, target.folder / own.fit)
+        sd, rho = _of_fit(target, target.beside(own.fit, "robust.fit"))
         source = own.fit
     else:
         values = config.numbers()
@@ -106,11 +107,13 @@ def uncertainty_of(config: RobotConfig, target: TargetConfig) -> Uncertainty:
 def _of_fit(target: TargetConfig, path: Path) -> tuple[np.ndarray, float]:
     where = f"{target.source}: robust.fit"
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        text, _ = read_text(path)
+    except InputError:
+        raise InputError(f"{where}: {path} cannot be read; give the fit.json of a run of gtr fit") from None
+    try:
+        data = json.loads(text)
         parameters = data["parameters"]
         names = list(parameters)
-    except OSError:
-        raise InputError(f"{where}: {path} cannot be read; give the fit.json of a run of gtr fit") from None
     except (ValueError, KeyError, TypeError):
         raise InputError(f"{where}: {path} is no fit.json; take the one of a run of gtr fit") from None
     if not data.get("converged", True):

@@ -83,6 +83,13 @@ class Interruption:
                 self._asked = time.monotonic()  # the time to respond starts here
 
     @contextlib.contextmanager
+    def writing(self, path: object) -> Iterator[None]:
+        """Write the one file that a command is for: an interruption waits until it is there, and says so."""
+        with self.held():
+            yield
+            self.says = f"interrupted: {path} is written"
+
+    @contextlib.contextmanager
     def patient(self) -> Iterator[None]:
         """Run code that handles KeyboardInterrupt itself, such as a fit that ends without its profiles. It
         may take as long as it needs; a second signal ends the process.

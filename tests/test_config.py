@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gtr_jax.errors import InputError
+from gtr_jax.errors import InputError, InputWarning
 from gtr_jax.files.channel_check import check_channel
 from gtr_jax.files.config import dump_config, load_config, parse_config
 from gtr_jax.files.schema import json_schema
@@ -634,3 +634,57 @@ def test_a_second_number_is_not_dropped(make_config, written, words):
     with pytest.raises(InputError, match=words) as refused:
         make_config(backbone={"length": written})
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (
+            'length = "250 mm"',
+            "length = 250",
+            'backbone.length: 250 m is very large for such a robot; if 250 mm is meant, write "250 mm"',
+        ),
+        ('length = "250 mm"', 'length = "120 m"', 'if 120 mm is meant, write "120 mm"'),
+        (
+            '["20 mm", "13 mm"]',
+            "[20, 13]",
+            "backbone.outer_radius.1: 13 m is very large for such a robot; if 13 mm is meant",
+        ),
+        (
+            '"1.06 MPa"',
+            "1.06",
+            "backbone.youngs_modulus: 1.06 Pa is very small for such a robot; if 1.06 MPa is meant",
+        ),
+        ('"1.06 MPa"', '"1060 TPa"', "1.06e+15 Pa is very large for such a robot; correct it, or its unit"),
+        (
+            '"1070 kg/m^3"',
+            "1.07",
+            "backbone.density: 1.07 kg/m^3 is very small for such a robot; if 1.07 g/cm^3 is meant",
+        ),
+        (
+            '"-90 deg"',
+            "-90",
+            "loads.gravity_angle: -90 rad is very large for such a robot; if -90 deg is meant",
+        ),
+        (
+            "= 0.36",
+            "= 36",
+            "tendon.friction_coefficient: 36 is very large for such a robot; if 36 % is meant",
+        ),
+        (
+            '"10 %"',
+            "10",
+            "uncertainty.backbone.youngs_modulus: 10 is very large for such a robot; if 10 % is meant",
+        ),
+    ],
+)
+def test_sizes_that_no_such_robot_has_are_pointed_out(old, new, says, tmp_path):
+    """A number without its unit is valid SI, and the robot is computed with all the same."""
+    text = ROBOT.replace(old, new, 1)
+    assert text != ROBOT
+    if "length" in old:  # so that the rest fits into the body
+        text = re.sub("bores = .*?\n]\n", "", text, flags=re.DOTALL)
+    with pytest.warns(InputWarning) as given:
+        load_config(write(tmp_path, text))
+    assert any(says in str(warning.message) for warning in given), [str(w.message) for w in given]
+    assert all(str(warning.message).startswith(f"{tmp_path / 'robot.toml'}: ") for warning in given)

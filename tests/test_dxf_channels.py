@@ -316,3 +316,20 @@ def test_pieces_join_in_any_order(tmp_path, make_config):
         drawing(tmp_path / "route.dxf", draw)
         config = robot_of(make_config, tmp_path, {"kind": "table", "file": "route.dxf"})
         np.testing.assert_allclose(knots_in(config), 1e-3 * np.array(ends), atol=1e-12)
+
+
+def test_blocks_in_blocks_that_become_very_many_lines(make_config, tmp_path):
+    """Eight blocks, each with twelve of the next: a file of a few kilobytes, 12^8 lines."""
+    document = filemanagement.new("R2010")
+    document.units = units.MM
+    for level in range(8):
+        block = document.blocks.new(f"B{level}")
+        for i in range(12):
+            if level:
+                block.add_blockref(f"B{level - 1}", (i, 0))
+            else:
+                block.add_line((i, 0), (i + 1, 0))
+    document.modelspace().add_blockref("B7", (0, 0))
+    document.saveas(tmp_path / "blocks.dxf")
+    with pytest.raises(InputError, match=r"blocks.dxf: draws more than 20,000 things, its blocks in blocks"):
+        robot_of(make_config, tmp_path, {"kind": "table", "file": "blocks.dxf"})

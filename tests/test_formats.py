@@ -1,6 +1,7 @@
 """Files of other formats than CSV hold the same recording, and large CSV files are read as small ones."""
 
 import sys
+import zlib
 
 import numpy as np
 import polars as pl
@@ -8,7 +9,8 @@ import pytest
 from test_recording import EXPORTED, EXPORTS
 
 from gtr_jax.errors import InputError
-from gtr_jax.files import large_csv
+from gtr_jax.files import expansion, large_csv
+from gtr_jax.files.apart import read_apart
 from gtr_jax.files.recording import read_recording
 from gtr_jax.files.table import read_table
 
@@ -268,3 +270,64 @@ def test_ros_faults(tmp_path, monkeypatch):
     assert refused(tmp_path).startswith("a folder, and no bag of ROS 2")
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     assert refused(path) == "a recording of ROS; pip install 'gtr-jax[ros]', or export its topics as CSV"
+
+
+# Files that expand
+
+
+def zeros(path, count, kind):
+    """A small file of very many numbers, of a format and a kind of column."""
+    if kind == "parquet":
+        column = pl.zeros(count, eager=True)
+        pl.DataFrame({"T_base_N": column, "T_tip_N": column}).write_parquet(path)
+    elif kind == "hdf5":
+        hdf5(path, {})
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(path, "r+") as file:
+            file.create_dataset("T_base_N", shape=(1, count), dtype="f8", chunks=(1, 1000))
+    else:
+        from scipy.io import savemat
+
+        savemat(path, {"T": np.zeros((1 if kind == "struct" else count, 1), np.uint8)}, do_compression=True)
+        if kind == "struct":  # only its first bytes, which say what would follow
+            head = zlib.compress(np.array([14, count], "<u4").tobytes())
+            element = np.array([15, len(head)], "<u4").tobytes() + head
+            path.write_bytes(path.read_bytes()[:128] + element)
+
+
+@pytest.mark.parametrize(
+    ("kind", "count", "says"),
+    [
+        ("parquet", 30_000_000, "has 30,000,000 rows of 2 columns; at most 50 million numbers are read, so"),
+        ("mat", 60_000_000, "'T' has 60,000,000 numbers; at most 50 million numbers are read, so"),
+        ("struct", 450_000_000, "expands to 450 MB; at most 400 MB are read, so"),
+        ("hdf5", 10**12, "'T_base_N' has 1,000,000,000,000 numbers; at most 50 million numbers are read, so"),
+    ],
+)
+def test_a_small_file_of_very_many_numbers_is_not_expanded(kind, count, says, tmp_path):
+    path = tmp_path / f"bomb.{'parquet' if kind == 'parquet' else 'mat'}"
+    zeros(path, count, kind)
+    assert path.stat().st_size < 2_000_000
+    assert refused(path) == f"{says} export fewer columns, a shorter stretch, or fewer samples"
+
+
+def test_a_bag_of_very_many_numbers(tmp_path, monkeypatch):
+    from gtr_jax.files import bags
+
+    path = tmp_path / "run.bag"
+    bag(path, "bag")
+    monkeypatch.setattr(expansion, "NUMBERS", 100)
+    with pytest.raises(InputError, match="its messages have too many numbers"):
+        bags.topics_of(str(path))
+
+
+def test_a_reader_may_take_so_much_memory_only(monkeypatch):
+    pytest.importorskip("resource")
+    with pytest.raises(InputError, match="expands to more than 4 GiB; export fewer columns"):
+        read_apart(taken, 8 << 30)
+    assert read_apart(taken, 8) == 8
+
+
+def taken(size):
+    """How many bytes there are, once they are taken."""
+    return len(bytearray(size))

@@ -110,6 +110,10 @@ def test_every_kind_of_channel_has_likely_values(init, tmp_path, space):
         (["--length", "25N"], "--length: 'N' is not a unit of a length; write for example \"250 mm\""),
         (["--length", "-1mm"], "--length: '-1mm' must be above 0"),
         (["--body", "rubber"], "--body: 'rubber' is none of modulus, stiffness, rigid"),
+        (["--length", "120"], "--length: '120' carries no unit; write it too, as in '250mm'"),
+        (["--modulus", "1.9"], "--modulus: '1.9' carries no unit; write it too, as in '1MPa'"),
+        (["--modulus-sd", "20"], "--modulus-sd: '20' carries no unit; write it too, as in '20%'"),
+        (["--channel", "parallel offset=8"], "--channel: '8' carries no unit; write it too, as in '6mm'"),
         (["--bore", "30mm"], "--bore: '30mm' is not less than the diameter of the body"),
         (["--tendons", "left"], "--tendons: 'left' is one name; give two or more with commas"),
         (["--gravity", "+z"], "--gravity: '+z' is none of none, +x, -x, +y, -y"),
@@ -167,3 +171,46 @@ def test_questions_are_put_again_until_there_is_an_answer(tmp_path, monkeypatch)
 def test_a_robot_file_ends_with_toml(capsys, tmp_path):
     outcome = run_gtr(capsys, "init", tmp_path / "robot.csv", "--yes")
     assert outcome.status == 2 and "a robot file ends with .toml; name it robot.toml" in outcome.err
+
+
+def test_a_number_typed_in_has_the_unit_of_the_answer_beside_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    typed = ["catheter", "120", "1.9", "", "", "0", "55", "20", "", "y", "0.2", "", "+x", "1070"]
+    typed += ["helix", "1.2", "1.5", "90"]
+    done = CliRunner().invoke(cli, ["init", "robot.toml"], input="\n".join(typed) + "\n")
+    assert done.exit_code == 0, done.output
+    config = gtr.load_config("robot.toml")
+    assert config.backbone.length == 0.12 and config.backbone.outer_radius == (0.0019, 0.0019)
+    assert config.backbone.youngs_modulus == 55e6 and config.deviation("youngs_modulus") is None
+    assert config.uncertainty == {"backbone.youngs_modulus": 0.2} and config.backbone.density == 1070
+    assert config.numbers()["routing.start_angle"] == pytest.approx(math.pi / 2)
+    assert config.numbers()["routing.turns"] == 1.5  # a pure number needs no unit
+    for taken in ("120 mm", "1.9 mm", "55 MPa", "20 %", "1070 kg/m^3", "1.2 mm", "90 deg"):
+        assert f"taken as {taken}\n" in done.output
+    assert done.output.count("taken as") == 7
+
+
+def test_a_length_of_many_metres_is_pointed_out(init):
+    outcome = init("--length", "120m")
+    assert outcome.status == 0
+    assert (
+        'warning: backbone.length: 120 m is very large for such a robot; if 120 mm is meant, write "120 mm"'
+        in outcome.err
+    )
+
+
+@pytest.mark.parametrize(
+    "command", [["init", "robot.toml"], ["export", "robot.toml", "--to", "dxf", "-o", "robot.dxf"]]
+)
+def test_a_command_that_writes_a_file_does_not_speak_of_run_folders(command, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    if command[0] == "export":
+        monkeypatch.setattr("gtr_jax.files.config.load_config", interrupted)
+    monkeypatch.setattr("click.termui.visible_prompt_func", interrupted)
+    outcome = run_gtr(capsys, *command)
+    assert outcome.status == 130
+    assert outcome.err.splitlines()[-1].endswith(f"interrupted: {command[-1]} was not written")
+
+
+def interrupted(*_):
+    raise KeyboardInterrupt

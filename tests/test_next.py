@@ -1,6 +1,7 @@
 """What to measure next: closed forms of what an experiment is worth, and plans for what is open."""
 
 import json
+import shlex
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -339,3 +340,40 @@ def test_an_interval_narrows_as_the_plan_says(sheath, tmp_path, capsys):
     came = json.loads((second / "fit.json").read_text())["parameters"]["mu"]["sd"]
     before = told["models"][0]["numbers"]["mu"]["sd"]
     assert came == pytest.approx(told["chosen"]["sd_after"]["mu"], rel=0.3) and came < 0.7 * before
+
+
+@pytest.mark.parametrize(
+    ("given", "each"),
+    [
+        ("--columns 'T_base=data_0[gf],T_tip=data_1[gf]'", ["T_base=data_0[gf],T_tip=data_1[gf]"] * 2),
+        ("--columns=a.toml --columns b.toml", ["a.toml", "b.toml"]),
+        ("", []),
+    ],
+)
+def test_the_command_at_the_end_maps_each_recording_as_it_is(given, each, tmp_path):
+    """The mapping of the recordings so far does not fit the columns that the new one is asked for."""
+
+    from gtr_jax.cli.next import again
+    from gtr_jax.files.quantities import QUATERNION, column_of
+    from gtr_jax.files.recording import read_recording
+
+    opened: Any = SimpleNamespace(
+        command=f"gtr fit robot.toml one.csv two.csv {given} --free mu -o out --force",
+        recordings=("one.csv", "two.csv"),
+        rivals=False,
+    )
+    names = ["time", "T_base", "T_tip", "tip_x", "tip_y", "tip_z", *QUATERNION]
+    wanted = {name: column_of(name).header for name in names}
+    words = shlex.split(again(opened, wanted))
+    assert words[:6] == ["gtr", "fit", "robot.toml", "one.csv", "two.csv", "NEW.csv"]
+    assert words[6:8] == ["--free", "mu"] and words[-2:] == ["-o", "OUT"]
+    mappings = words[9:-2:2]
+    if not each:
+        assert mappings == []
+        return
+    assert words[8:-2:2] == ["--columns"] * 3 and mappings[:2] == each
+    path = tmp_path / "NEW.csv"
+    rows = [",".join(wanted.values()), *(f"{i},1,0.5,0.1,0.2,0.3,1,0,0,0" for i in range(9))]
+    path.write_text("\n".join(rows) + "\n")
+    recording = read_recording(path, mappings[2], space=True)
+    assert recording.T_base[0] == 1.0 and recording.time is not None and recording.time[-1] == 8.0

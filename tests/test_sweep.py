@@ -27,6 +27,7 @@ from gtr_jax.sweep.plan import Plan, _chunk, draw
 from gtr_jax.sweep.run import Meter, run_here, threads_of
 from gtr_jax.sweep.sensitivity import _on_grid, sensitivity_of
 from gtr_jax.sweep.store import Store
+from gtr_jax.sweep.summary import summary_of
 from gtr_jax.sweep.task import PLAIN, lanes_of
 from gtr_jax.sweep.validity import is_robot
 
@@ -769,3 +770,25 @@ def test_workers_that_others_could_reach_are_not_started(monkeypatch):
     with pytest.raises(InputError, match=r"--workers: needs cryptography.*gtr-jax\[cluster\]"):
         with local_cluster(1):
             pass
+
+
+@pytest.mark.parametrize("keep", ["turns", "all"])
+def test_what_was_found_is_what_the_map_shows(keep, tmp_path, monkeypatch):
+    """At the largest base tension kept: once it is released, no tension is left at any point."""
+    monkeypatch.setattr("gtr_jax.sweep.summary.sensitivity_of", lambda *_: None)
+    released = f'pull = "20 N"\nrelease = "0 N"\nsteps = 4\nkeep = "{keep}"'
+    task = task_of(load_sweep(written(tmp_path, GRID.replace('pull = "20 N"', released))))
+    ramp = np.concatenate([task.history.up, 1 - task.history.down])[list(task.history.kept)]
+
+    def read(name, block):
+        shape = task.plan.shape
+        variable = next(v for v in task.stored if v.name == name)
+        if name == "result":
+            return np.zeros(shape, int)
+        at_most = np.full((*shape, *task.extra_shape(variable)), 3.5)
+        return at_most * ramp if "step" in task.extra_dims(variable) else at_most
+
+    store: Any = SimpleNamespace(read=read)
+    done: Any = None
+    ranges = summary_of(task, store, done).ranges
+    assert ranges["T_tip"] == (3.5, 3.5, 3.5)

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import tomllib
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -12,7 +13,9 @@ from command_line import run_gtr
 import calibrate
 import design
 import gtr_jax as gtr
+from gtr_jax.errors import InputWarning
 from gtr_jax.examples import PAPER, SIMULATED
+from gtr_jax.files.config import parse_config
 
 PAIR = PAPER / "antagonists.toml"
 LEFT = '[[tendons]]\nname = "left"'
@@ -74,11 +77,61 @@ def test_what_is_refused(tmp_path, old, new, says):
     assert "\n" not in str(refused.value)
 
 
-def test_one_table_of_several_is_refused(tmp_path):
+def test_one_table_of_several_is_a_robot_with_one_tendon(tmp_path):
     text = PAIR.read_text(encoding="utf-8")
-    (tmp_path / "robot.toml").write_text(text[: text.rindex("[[tendons]]")], encoding="utf-8")
-    with pytest.raises(gtr.InputError, match="there is only one"):
-        gtr.load_config(tmp_path / "robot.toml")
+    text = text[: text.rindex("[[tendons]]")]
+    text += """
+[[terms]]
+kind = "adhesion"
+tendon = "left"
+drag = "0.1 N/m"
+[uncertainty]
+"tendons.left.friction_coefficient" = "10 %"
+"tendons.left.routing.offset" = "0.1 mm"
+"""
+    (tmp_path / "robot.toml").write_text(text, encoding="utf-8")
+    with pytest.warns(InputWarning, match="tendons: there is only one, so its columns and numbers carry"):
+        config = gtr.load_config(tmp_path / "robot.toml")
+    several = gtr.load_config(PAIR)
+    assert config.tendon_names == () and config.routing == several.tendons[0].routing
+    assert config.tendon.friction_coefficient == several.tendons[0].friction_coefficient
+    assert config.terms[0].tendon is None
+    assert config.uncertainty == {"tendon.friction_coefficient": 0.1, "routing.offset": "0.1 mm"}
+    # Written and read again it is the same robot, as one with one tendon.
+    gtr.dump_config(config, tmp_path / "again.toml")
+    assert gtr.load_config(tmp_path / "again.toml") == config
+    assert gtr.load_robot(tmp_path / "again.toml").tendon_names == ()
+
+
+def test_a_pull_to_nothing_is_the_rest_under_what_acts(tmp_path):
+    """Loads, preloads and terms act on a robot that nobody pulls; on others --pull 0 is refused as before."""
+    from gtr_jax.cli.simulate import pulls_of
+    from gtr_jax.files.amount import amount_of
+
+    acting = ('[loads]\ntip_force = ["0 N", "-0.1 N"]', '[loads]\ntip_force = ["0 N", "0 N", "0.1 N"]')
+    for section in acting:
+        config = parse_config(tomllib.loads(SINGLE + section))
+        for drive in (pulls_of(config, None, amount_of(0), None, None),):
+            assert drive.T_base.tolist() == [0.0]
+    preloaded = parse_config(tomllib.loads(SINGLE.replace("0.3", '0.3\npreload = "2 N"')))
+    assert pulls_of(preloaded, None, amount_of(2), None, None).T_base.tolist() == [2.0]
+    for config, pull in ((preloaded, 0), (parse_config(tomllib.loads(SINGLE)), 0)):
+        with pytest.raises(gtr.InputError, match="--pull: must be above the preload"):
+            pulls_of(config, None, amount_of(pull), None, None)
+
+
+SINGLE = """
+schema = 1
+[backbone]
+length = "250 mm"
+outer_radius = "10 mm"
+youngs_modulus = "1 MPa"
+[routing]
+kind = "parallel"
+offset = "5 mm"
+[tendon]
+friction_coefficient = 0.3
+"""
 
 
 def test_recording_of_two_tendons(tmp_path):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gtr_jax import InputError
+from gtr_jax.files.text import read_text
 
 from .robots import kinds
 
@@ -61,7 +62,7 @@ def earlier_set(folder: Path) -> list[tuple[tuple[str, ...], float]]:
     """
     path = folder / FILE
     try:
-        answer: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        answer: dict[str, Any] = json.loads(read_text(path)[0])
         sets = [tuple(terms) for terms in answer["confusion_set"]]
         rivals = [(tuple(kinds(r["names"])), float(r["probability"])) for r in answer["rivals"]]
     except (OSError, ValueError, KeyError, TypeError):

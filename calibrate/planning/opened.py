@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from gtr_jax import InputError, Recording, load_config, read_recording
+from gtr_jax.files.references import referenced
+from gtr_jax.files.text import read_text
 
 from ..number import OWN
 from .model import OpenModel, known_beforehand, open_model
@@ -131,9 +133,10 @@ def open_files(
 
 
 def _answer(path: Path) -> dict[str, Any]:
+    text, _ = read_text(path)
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as fault:
+        found = json.loads(text)
+    except ValueError as fault:
         raise InputError(f"{path}: cannot be read ({fault}); run the command that wrote it again") from None
     if not isinstance(found, dict):
         raise InputError(f"{path}: is not an answer of gtr; give the run folder of gtr diagnose or gtr fit")
@@ -184,7 +187,7 @@ def _model(folder: Path, file: Mapping[str, Any], path: Path) -> OpenModel:
     return open_model(
         _held(file),
         file["file"],
-        load_config(folder / file["file"]),
+        load_config(referenced(file["file"], folder, str(path))),
         probability=float(file["probability"]),
         names=names,
         information=matrix,

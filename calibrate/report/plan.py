@@ -105,19 +105,21 @@ def _prepare(c: Candidate, plan: Plan) -> str:
     return f"Do this to the rig first: {c.done}."
 
 
-def _read(c: Candidate, plan: Plan) -> str:
-    drawn = _by_displacement(plan)
-    drive = "displacement_m" if drawn else "T_base_N"
+def columns_wanted(c: Candidate, plan: Plan) -> dict[str, str]:
+    """The columns that the recording of an experiment needs: quantities, as a mapping names them, and the
+    headers that the steps ask for.
+    """
+    drive = "displacement" if _by_displacement(plan) else "T_base"
     names = plan.opened.models[0].robot.tendon_names
-    drives = [f"{drive}.{name}" for name in names] or [drive]
-    columns = [
-        "time_s",
-        *drives,
-        *(_header(name) for name in c.sd if quantity_of(name) != quantity_of(drive)),
-    ]
+    wanted = ["time", *([f"{drive}.{name}" for name in names] or [drive])]
+    wanted += [name for name in c.sd if quantity_of(name) != drive]
     if any(name.startswith(ORIENTATION) for name in plan.opened.noise):
-        columns += QUATERNION  # which a plan does not count, and a fit compares
-    columns = list(dict.fromkeys(columns))
+        wanted += QUATERNION  # which a plan does not count, and a fit compares
+    return {name: _header(name) for name in wanted}
+
+
+def _read(c: Candidate, plan: Plan) -> str:
+    columns = columns_wanted(c, plan).values()
     before = " beside what was recorded so far" if plan.opened.command else " beside the tensions"
     added = f" New{before}: {listed(c.added)}." if c.added else ""
     return f"Record the columns {', '.join(columns)}.{added}"

@@ -435,10 +435,8 @@ def _robustness(answer: Design, r: Robustness) -> Table:
         for s in r.spreads
     ]
     heads = ("target", "base tension", "branch", "tip off, rms", "worst", "angle off, rms", "worst")
-    note = (
-        f"Friction coefficient known to {number(100 * r.sd[0], '%', 3)}, modulus to "
-        f"{number(100 * r.sd[1], '%', 3)} ({r.source}); worst within {number(r.deviations)} "
-        "standard deviations."
+    note = f"With {r.open} ({r.source}); worst within {number(r.deviations)} standard deviations." + (
+        f" Nothing is said of {r.exact}, taken as exact." if r.exact else ""
     )
     return Table("What friction and modulus leave open", heads, rows, note)
 

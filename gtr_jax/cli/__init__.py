@@ -37,6 +37,7 @@ from . import (
     view,
 )
 from .options import with_terms_option
+from .streams import heard
 
 ANSWERED, NOT_CONVERGED, BAD_INPUT = 0, 1, 2
 
@@ -97,6 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     _quieten()
     if arguments is None:
+        heard()
         interruption.install()
         interruption.running = True
     with warnings.catch_warnings():
@@ -107,7 +109,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         status = _run(list(sys.argv[1:] if arguments is None else arguments))
     if status == INTERRUPTED and arguments is None:
         # JAX may still be computing in threads of its own, which crash when the interpreter is taken down.
-        sys.stdout.flush()
+        if sys.stdout is not None:
+            sys.stdout.flush()
         os._exit(status)
     return status
 
@@ -124,8 +127,10 @@ def _run(arguments: list[str]) -> int:
 
 def _answered(arguments: list[str]) -> int:
     try:
+        _check_names(arguments)
         status = cli.main(arguments, prog_name="gtr", standalone_mode=False, obj=arguments)
-        sys.stdout.flush()
+        if sys.stdout is not None:
+            sys.stdout.flush()
         return status or ANSWERED
     except click.exceptions.NoArgsIsHelpError as help_wanted:
         help_wanted.show()
@@ -138,11 +143,19 @@ def _answered(arguments: list[str]) -> int:
     except InputError as fault:
         return _refuse(str(fault))
     except OSError as fault:
-        return _refuse(
-            f"{fault.filename or 'output'}: {fault.strerror or fault}; choose another place with -o"
-        )
+        place = f"{fault.filename or 'output'}: {fault.strerror or fault}"
+        return _refuse(f"{place}; check the path, whether it may be used, and the room on its disk")
     except (Interrupted, KeyboardInterrupt, click.Abort):
         return _interrupted()
+
+
+def _check_names(arguments: Sequence[str]) -> None:
+    """InputError if an argument is not text: reports and run.json, in UTF-8, could not name that file."""
+    for argument in arguments:
+        try:
+            argument.encode()
+        except UnicodeEncodeError:
+            raise InputError(f"{argument}: this name is not in UTF-8; rename the file or folder") from None
 
 
 def _interrupted() -> int:

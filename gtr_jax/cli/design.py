@@ -79,8 +79,8 @@ def design(
     plain = None if against is None else load_config(against)
     paths = {"robot": robot, "target": target} | ({"against": against} if against else {})
     wanted = _load_target(target)
-    if wanted.robust.fit is not None and (wanted.folder / wanted.robust.fit).is_file():
-        paths["fit"] = wanted.folder / wanted.robust.fit
+    if wanted.robust.fit is not None and (fit := wanted.beside(wanted.robust.fit, "robust.fit")).is_file():
+        paths["fit"] = fit
     folder = RunFolder(output, paths, force=force)
     enable_cache()
     with Progress() as progress:
@@ -122,13 +122,14 @@ def write_answer(
     from design.report.design import design_report
     from design.target import target_text
     from gtr_jax.files.config import config_text, dump_config
+    from gtr_jax.files.text import read_text
     from gtr_jax.files.whole import write_whole
 
     from .run_folder import write_json, write_report
 
     target = answer.problem.target
     if target.robust.fit is not None:
-        fit = (target.folder / target.robust.fit).read_text(encoding="utf-8")
+        fit, _ = read_text(target.beside(target.robust.fit, "robust.fit"))
         write_whole(folder / "fit.json", fit)  # beside the target file, as it says
         target = target.model_copy(update={"robust": target.robust.model_copy(update={"fit": "fit.json"})})
     dump_config(config, folder / "robot.toml")

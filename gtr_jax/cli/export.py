@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from gtr_jax.errors import InputError
+from gtr_jax.interruption import interruption
 
 from .options import UNITS, Quantity, robot_argument
 
@@ -63,6 +64,7 @@ def export(robot: Path, kind: str | None, output: Path, force: bool, **given: An
     from gtr_jax.files.config import load_config
     from gtr_jax.files.whole import write_whole
 
+    interruption.says = f"interrupted: {output} was not written"
     kind = _kind(output, kind)
     options = {name: value for name, value in given.items() if value is not None}
     for name in options:
@@ -76,7 +78,9 @@ def export(robot: Path, kind: str | None, output: Path, force: bool, **given: An
         raise InputError(f"{output}: is there already; choose another name, or replace it with --force")
     config = load_config(robot)
     with _named(robot):
-        write_whole(output, _text(kind, config, options))
+        text = _text(kind, config, options)
+        with interruption.writing(output):
+            write_whole(output, text)
     click.echo(f"{kind}: {output}")
     if kind == MJCF:
         from gtr_jax.export.mjcf import left_out

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gtr_jax.errors import InputError, did_you_mean
+from gtr_jax.interruption import interruption
 
 if TYPE_CHECKING:
     from gtr_jax.files.config import RobotConfig
@@ -41,11 +42,35 @@ class Answers:
             check: makes a value of the text; InputError where it is none, and the question is put again.
             own: an answer that was given otherwise than as an option of its own.
         """
-        name = option.replace("-", "_")
+        name, unit = option.replace("-", "_"), _unit_of(default)
         given = own if own is not None else self._given.get(name)
         if given is not None or self._silent:
+            if given is not None and unit and _is_bare(given):
+                raise InputError(
+                    f"--{option}: '{given}' carries no unit; write it too, as in '{default.replace(' ', '')}'"
+                )
             return _named(check, f"--{option}")(default if given is None else given)
-        return click.prompt(says, default=default, value_proc=_again(check), err=True)
+
+        def with_unit(text: str) -> Any:
+            if unit and _is_bare(text):
+                text = f"{text.strip()} {unit}"
+                click.echo(f"taken as {text}", err=True)
+            return check(text)
+
+        return click.prompt(says, default=default, value_proc=_again(with_unit), err=True)
+
+
+def _unit_of(default: str) -> str:
+    """The unit of an answer that is offered; "" if it has none, or is no quantity."""
+    return default.partition(" ")[2] if _is_bare(default.partition(" ")[0], zero=True) else ""
+
+
+def _is_bare(text: str, *, zero: bool = False) -> bool:
+    """Whether an answer is a number without a unit; of zero, which needs none, only if `zero`."""
+    try:
+        return float(text) != 0 or zero
+    except ValueError:
+        return False
 
 
 def _named(check: Callable[[str], Any], option: str) -> Callable[[str], Any]:
@@ -162,17 +187,23 @@ def init(
     path: Path, space: bool | None, channels: Sequence[str], silent: bool, force: bool, **given: str | None
 ) -> int:
     """Write ROBOT.toml from a few questions: body, channel, tendons. Every answer may be given as an option;
-    quantities carry their unit (250mm), and bare numbers are SI. Each answer is checked at once.
+    quantities carry their unit (250mm). Each answer is checked at once; a number that is typed in without a
+    unit has the one of the default beside it.
     """
     from gtr_jax.files.config import dump_config
+    from gtr_jax.files.plausible import implausible
 
+    interruption.says = f"interrupted: {path} was not written"
     if path.suffix.lower() != ".toml":
         raise InputError(f"{path}: a robot file ends with .toml; name it {path.stem or 'robot'}.toml")
     if path.exists() and not force:
         if silent or not click.confirm(f"{path} is there already. Replace it?", err=True):
             raise InputError(f"{path}: is there already; choose another name, or replace it with --force")
     config = asked(Answers(given, silent=silent), path, space=space, channels=channels, silent=silent)
-    dump_config(config, path, note=f"Written by gtr init. {_columns(config)}")
+    for line in implausible(config):
+        click.echo(f"warning: {line}", err=True)
+    with interruption.writing(path):
+        dump_config(config, path, note=f"Written by gtr init. {_columns(config)}")
     click.echo(f"robot: {path}")
     for line in hints(config, path):
         click.echo(line)

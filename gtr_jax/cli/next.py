@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -182,20 +182,44 @@ def then(answer: Plan) -> str:
         )
     if files:
         return f"Then run: {shlex.join(['gtr', 'fit', files[0], NEW, '-o', 'OUT'])}"
-    return f"Then run: {_again(opened)}"
+    from calibrate.report.plan import columns_wanted
+
+    command = again(opened, columns_wanted(chosen, answer))
+    left_out = (
+        f" What --drop leaves out it leaves out of {NEW} too: write the stretch into a mapping file of the "
+        "recording that it is for, under [clean]."
+        if any(word.partition("=")[0] == "--drop" for word in shlex.split(opened.command))
+        else ""
+    )
+    return f"Then run: {command}{'.' if left_out else ''}{left_out}"
 
 
-def _again(opened: Opened) -> str:
-    """The command that answered so far, with the new recording among the others."""
-    words, kept = iter(shlex.split(opened.command)), []
+def again(opened: Opened, wanted: Mapping[str, str]) -> str:
+    """The command that answered so far, with the new recording among the others.
+
+    Args:
+        opened: what is open, and the command.
+        wanted: quantities of the new recording and their headers. Where the others are mapped, each has a
+            mapping of its own then, and this is the one of the new recording.
+    """
+    words, kept, mappings = iter(shlex.split(opened.command)), [], []
     for word in words:
         if word in ("-o", "--output"):
             next(words, None)
+        elif word == "--columns":
+            mappings.append(next(words, ""))
+        elif word.startswith("--columns="):
+            mappings.append(word.partition("=")[2])
         elif not word.startswith("--output=") and word not in ("--force", "--next"):
             kept.append(word)
-    last = max((i for i, word in enumerate(kept) if word in opened.recordings), default=len(kept) - 1)
+    places = [i for i, word in enumerate(kept) if word in opened.recordings]
+    last = max(places, default=len(kept) - 1)
+    if mappings:
+        mappings = mappings * len(places) if len(mappings) == 1 else mappings
+        mappings.append(",".join(f"{quantity}={header}" for quantity, header in wanted.items()))
+    options = [part for mapping in mappings for part in ("--columns", mapping)]
     settles = ["--settles", opened.source] if opened.rivals else []
-    return shlex.join([*kept[: last + 1], NEW, *kept[last + 1 :], *settles, "-o", "OUT"])
+    return shlex.join([*kept[: last + 1], NEW, *kept[last + 1 :], *options, *settles, "-o", "OUT"])
 
 
 def write_answer(folder: Path, answer: Plan, settings: dict[str, Any]) -> None:

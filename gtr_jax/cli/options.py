@@ -86,12 +86,14 @@ def held_stdin(ending: str, context: click.Context | None = None) -> Path:
     """A file `stdin` with this ending that holds standard input until the command ends.
 
     Raises:
-        InputError: it is read already, or nothing comes from it.
+        InputError: it is read already, nothing comes from it, or too much does.
     """
+    from gtr_jax.files.text import whole
+
     context = context or click.get_current_context()
     if HELD in context.meta:
         raise InputError("-: standard input can be read once; give the other file by its name")
-    data = sys.stdin.buffer.read()
+    data = whole(sys.stdin.buffer, "-")
     if not data.strip():
         raise InputError(
             f"-: nothing comes from standard input; send it a file, as in 'gtr ... < file{ending}'"

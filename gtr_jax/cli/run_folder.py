@@ -108,6 +108,10 @@ class RunFolder:
             adopted: folders, by the name they get, that are moved into it at the end; they are moved back if
                 it fails. Nothing else may be written into them afterwards.
         """
+        with _said(self.path):
+            yield from self._written(adopted)
+
+    def _written(self, adopted: Mapping[str, Path] | None) -> Iterator[Path]:
         target = self._target
         target.parent.mkdir(parents=True, exist_ok=True)
         part, old = beside(target), beside(target, "old")
@@ -126,6 +130,16 @@ class RunFolder:
                 interruption.says = f"interrupted: {self.path} is written"
         finally:
             shutil.rmtree(part, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def _said(out: Path) -> Iterator[None]:
+    """What the system says against writing a run folder as a line that names it."""
+    try:
+        yield
+    except OSError as fault:
+        where = f" ({fault.filename})" if fault.filename else ""
+        raise InputError(f"-o {out}: {fault.strerror or fault}{where}; choose another place") from None
 
 
 @contextlib.contextmanager

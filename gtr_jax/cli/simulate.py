@@ -186,13 +186,22 @@ def pulls_of(
             raise InputError(
                 f"{option}: the tendon is driven by displacement; give for example {option} '10 mm'"
             )
-    way = pull_and_release(
-        None if pull is None else pull.value,
-        None if release is None else release.value,
-        steps,
-        start,
-        unit=unit,
-    )
+    if (
+        pull is not None
+        and pull.value == start
+        and release is None
+        and steps is None
+        and _something_acts(config)
+    ):
+        way = np.array([start])  # the one state at rest, under loads and preloads alone
+    else:
+        way = pull_and_release(
+            None if pull is None else pull.value,
+            None if release is None else release.value,
+            steps,
+            start,
+            unit=unit,
+        )
 
     def column(name: str, kind: str) -> np.ndarray:
         own = strung[name]
@@ -207,6 +216,15 @@ def pulls_of(
         for kind in ("tension", "displacement")
     )
     return Drive(T_base, displacement if any(own.drive != "tension" for own in strung.values()) else None)
+
+
+def _something_acts(config: RobotConfig) -> bool:
+    """Whether anything bends a robot, or tightens a tendon, that nobody pulls."""
+    numbers = config.numbers()
+    loaded = any(
+        value or key == "loads.gravity_angle" for key, value in numbers.items() if key.startswith("loads.")
+    )
+    return loaded or bool(config.terms) or any(tendon.preload > 0 for _, tendon, _ in config.strung)
 
 
 def pull_and_release(

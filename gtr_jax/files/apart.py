@@ -15,8 +15,10 @@ import threading
 from collections.abc import Callable
 from typing import IO, Any
 
-from gtr_jax.errors import reason
+from gtr_jax.errors import InputError, reason
 from gtr_jax.interpreters import python, surroundings
+
+from .expansion import confine, too_much
 
 _SERVE = "from gtr_jax.files.apart import serve; serve()"
 _lock = threading.Lock()
@@ -26,11 +28,12 @@ class Unreadable(Exception):
     """A reader failed, for the reason that this says."""
 
 
-def read_apart(reader: Callable[[bytes], Any], data: bytes) -> Any:
-    """What a reader, a function of a module, makes of the bytes of a file, in a process that lives on for
-    the next file.
+def read_apart(reader: Callable[[Any], Any], data: Any) -> Any:
+    """What a reader, a function of a module, makes of the bytes of a file, or of its path, in a process
+    that lives on for the next file.
 
-    Raises Unreadable if the reader raises an error or takes its process down.
+    Raises Unreadable if the reader raises an error or takes its process down, and InputError, without the
+    place, if the reader does or needs more memory than `expansion` allows.
     """
     with _lock:
         process = _process()
@@ -40,10 +43,12 @@ def read_apart(reader: Callable[[bytes], Any], data: bytes) -> Any:
             fault, answer = pickle.load(process.stdout)
         except (EOFError, OSError, pickle.UnpicklingError):
             _end()
-            raise Unreadable("it is damaged") from None
+            raise Unreadable("it is damaged, or needs too much memory") from None
         except BaseException:  # Ctrl-C: what it answers later is of no use to the next file
             _end()
             raise
+    if isinstance(answer, InputError):
+        raise answer
     if fault:
         raise Unreadable(fault)
     return answer
@@ -81,6 +86,7 @@ def serve() -> None:
     """Read files for another process, until it closes the stream."""
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what libraries print is no answer
+    confine()
     while True:
         try:
             module, name, data = pickle.load(sys.stdin.buffer)
@@ -88,6 +94,10 @@ def serve() -> None:
             return
         try:
             message = ("", getattr(importlib.import_module(module), name)(data))
+        except InputError as fault:
+            message = ("", fault)
+        except MemoryError:
+            message = ("", too_much())
         except BaseException as fault:  # a panic of Rust is no Exception
             message = (reason(fault), None)
         _send(answers, message)

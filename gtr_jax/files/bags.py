@@ -7,15 +7,18 @@ recorded. Other topics are joined by the last value that was received before.
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from gtr_jax.errors import InputError, listed, reason
+from gtr_jax.errors import InputError, listed
 
+from .apart import Unreadable, read_apart
 from .cells import SECOND, Numbers
+from .expansion import check_numbers
 from .headers import FORCES, words_of
 from .sheet import Table
 
@@ -38,14 +41,16 @@ def read_bag(path: Path, sha256: str) -> Table:
 
     Raises InputError naming the file if it is damaged, holds no numbers, or rosbags is not installed.
     """
-    try:
-        topics = _topics(path)
-    except ImportError:
+    if not _installed():
         raise InputError(
             f"{path}: a recording of ROS; pip install 'gtr-jax[ros]', or export its topics as CSV"
-        ) from None
-    except Exception as fault:
-        raise InputError(f"{path}: not a whole recording of ROS ({reason(fault)}); reindex it") from None
+        )
+    try:
+        topics = read_apart(topics_of, str(path.absolute()))
+    except Unreadable as fault:
+        raise InputError(f"{path}: not a whole recording of ROS ({fault}); reindex it") from None
+    except InputError as fault:
+        raise InputError(f"{path}: {fault}") from None
     if not topics:
         raise InputError(
             f"{path}: no topic of this recording holds numbers that can be read; export it as CSV"
@@ -70,13 +75,22 @@ def _speaks(name: str, topic: _Topic) -> bool:
     return bool(words & _SPEAK)
 
 
-def _topics(path: Path) -> dict[str, _Topic]:
-    """The topics whose messages hold numbers, by name, in the order of their stamps."""
+def _installed() -> bool:
+    """Whether rosbags is."""
+    return all(importlib.util.find_spec(name) is not None for name in ("rosbags", "rosbags.highlevel"))
+
+
+def topics_of(path: str) -> dict[str, _Topic]:
+    """The topics whose messages hold numbers, by name, in the order of their stamps.
+
+    Raises InputError if these are too many.
+    """
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
     found: dict[str, tuple[list[int], list[list[float]], list[str]]] = {}
-    with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+    count = 0
+    with AnyReader([Path(path)], default_typestore=get_typestore(Stores.LATEST)) as reader:
         left_out: set[str] = set()
         for connection, stamp, raw in reader.messages():
             if connection.topic in left_out:
@@ -93,6 +107,8 @@ def _topics(path: Path) -> dict[str, _Topic]:
                     continue
                 found[connection.topic] = ([], [], list(numbers))
             stamps, rows, names = found[connection.topic]
+            count += 1 + len(names)
+            check_numbers(count, "its messages have too many numbers")
             stamps.append(stamp)
             rows.append([numbers.get(name, float("nan")) for name in names])
     topics = {}

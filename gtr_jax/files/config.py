@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import textwrap
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -15,17 +16,18 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, ModelWrapValidatorHandler, StrictBool, StrictStr, model_validator
 
-from gtr_jax.errors import InputError, listed
+from gtr_jax.errors import InputError, InputWarning, listed
 from gtr_jax.terms import REGISTRY, Law, Term, catalogue_of, null_values
 
 from ..notebook import drawn_by
 from .config_checks import check_robot
 from .config_file import dotted, find_key, place_of, read_toml
-from .config_form import LAW, check_strings, check_terms
+from .config_form import LAW, check_strings, check_terms, with_one_tendon
 from .drawn_channel import with_drawn_channels
 from .law_section import LawSection
 from .leaving import out_of_plane
 from .markers import check_markers
+from .plausible import implausible
 from .routings import RoutingConfig
 from .sections import (
     BackboneConfig,
@@ -103,7 +105,7 @@ class RobotConfig(FileSection):
     def _resolved(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
         check_terms(data, [*REGISTRY, LAW])
         check_strings(data)
-        return with_drawn_channels(data, folder)
+        return with_drawn_channels(with_one_tendon(data), folder)
 
     @property
     def strung(self) -> tuple[tuple[str, TendonConfig, Any], ...]:
@@ -288,8 +290,23 @@ def parse_config(
 
 
 def load_config(path: str | os.PathLike[str]) -> RobotConfig:
-    """Read a robot file. Raises InputError naming file, key and remedy."""
-    return parse_config(read_toml(path), source=str(path), folder=Path(path).parent)
+    """Read a robot file.
+
+    Raises InputError naming file, key and remedy; warns with an `InputWarning` of sizes that such robots do
+    not have, as of a length of 120 m.
+    """
+    data = read_toml(path)
+    config = parse_config(data, source=str(path), folder=Path(path).parent)
+    if data.get("tendons") and not config.tendons:
+        warnings.warn(
+            f"{path}: tendons: there is only one, so its columns and numbers carry no name: T_base_N, mu; "
+            "write [tendon] and [routing] for one tendon",
+            InputWarning,
+            stacklevel=2,
+        )
+    for line in implausible(config):
+        warnings.warn(f"{path}: {line}", InputWarning, stacklevel=2)
+    return config
 
 
 def config_text(config: RobotConfig) -> str:

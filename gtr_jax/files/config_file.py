@@ -46,6 +46,7 @@ def read_route(path: Path, names: Sequence[str] = ("s", "R")) -> tuple[tuple[flo
     """Knots [m] of a routing table, a column for each of `names`; InputError naming file, row and column."""
     example = ",".join(f"{name}_mm" for name in names)
     table = read_table(path)
+    table.refuse_unless_numbers()
     parted = [split_unit(header, "m") for header in table.header]
     columns = []
     for name in names:

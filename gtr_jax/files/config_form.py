@@ -87,6 +87,35 @@ def _found(value: Any) -> str:
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 
 
+def with_one_tendon(data: dict[str, Any]) -> dict[str, Any]:
+    """The contents of a robot file in which a lone [[tendons]] table has given way to [tendon] and [routing];
+    so have its keys under [uncertainty], and the tendon that a term names.
+    """
+    several = data.get("tendons")
+    if not isinstance(several, list | tuple) or len(several) != 1 or not isinstance(several[0], Mapping):
+        return data
+    tendon = dict(several[0])
+    name, routing = tendon.pop("name", None), tendon.pop("routing", None)
+    before = f"tendons.{name}."
+
+    def key_of(key: str) -> str:
+        own = key.removeprefix(before)
+        return key if own == key else own if own.startswith("routing.") else f"tendon.{own}"
+
+    found = {key: value for key, value in data.items() if key != "tendons"}
+    found |= {"tendon": tendon} if routing is None else {"tendon": tendon, "routing": routing}
+    if isinstance(said := data.get("uncertainty"), Mapping):
+        found["uncertainty"] = {key_of(str(key)): value for key, value in said.items()}
+    if isinstance(terms := data.get("terms"), list | tuple):
+        found["terms"] = [
+            {key: value for key, value in term.items() if key != "tendon" or value != name}
+            if isinstance(term, Mapping)
+            else term
+            for term in terms
+        ]
+    return found
+
+
 def check_strings(data: Mapping[str, Any]) -> None:
     """Refuse a robot file that has neither one tendon nor several, or both."""
     several = data.get("tendons")
@@ -104,8 +133,6 @@ def check_strings(data: Mapping[str, Any]) -> None:
             )
     if not isinstance(several, list | tuple):
         raise InputError("tendons: expected one [[tendons]] table for each tendon")
-    if len(several) == 1:
-        raise InputError("tendons: there is only one; write [tendon] and [routing] for one tendon")
     names = [tendon.get("name") for tendon in several if isinstance(tendon, Mapping)]
     for i, name in enumerate(names):
         if isinstance(name, str) and not _NAME.fullmatch(name):

@@ -16,6 +16,7 @@ from gtr_jax.errors import InputError, InputWarning
 from .config_checks import check_backbone, mm
 from .dxf_line import DrawnLine, read_line
 from .midline import Midline, midline_at_rest
+from .references import referenced
 from .sections import BackboneConfig
 from .units import parse_quantity
 
@@ -88,7 +89,8 @@ def _drawn(routing: Any) -> bool:
 
 
 def _with_knots(routing: Mapping[str, Any], folder: Path, midline: Midline, end: float) -> dict[str, Any]:
-    path, layer, unit = folder / routing["file"], routing.get("layer"), routing.get("unit")
+    layer, unit = routing.get("layer"), routing.get("unit")
+    path = referenced(routing["file"], folder, "routing.file")
     for key, value in (("layer", layer), ("unit", unit)):
         if value is not None and not isinstance(value, str):
             raise InputError(f"routing.{key}: expected a name in quotes, found {value!r}")

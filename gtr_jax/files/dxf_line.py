@@ -18,6 +18,7 @@ JOINED = 1e-4  # of the extent of a line, within which two pieces of it join
 DOUBLE = 1e-9  # of the extent of a line, within which two places of it are one
 SAMPLES = 400  # of a curve
 DEEPEST = 8  # blocks in blocks
+MOST_ENTITIES = 20_000  # of a drawing: eight blocks in blocks of ten would be 10^8
 
 
 class DrawnLine(NamedTuple):
@@ -46,9 +47,13 @@ def read_line(path: Path, *, layer: str | None = None, unit: str | None = None) 
     """
     document = _document(path)
     scale = _metres(path, document, unit)
-    pieces = [
-        (own, *found) for own, entity in _entities(document.modelspace()) if (found := _sampled(entity))
-    ]
+    entities = list(itertools.islice(_entities(document.modelspace()), MOST_ENTITIES + 1))
+    if len(entities) > MOST_ENTITIES:
+        raise InputError(
+            f"{path}: draws more than {MOST_ENTITIES:,} things, its blocks in blocks counted; keep the "
+            "channel alone"
+        )
+    pieces = [(own, *found) for own, entity in entities if (found := _sampled(entity))]
     layers = list(dict.fromkeys(own for own, *_ in pieces))
     if not layers:
         raise InputError(f"{path}: has no polyline, spline, arc or line in its model space; draw the channel")
@@ -106,6 +111,7 @@ def _entities(container: Any, layer: str | None = None, depth: int = 0) -> Itera
         if entity.dxftype() != "INSERT":
             yield own, entity
         elif depth < DEEPEST:
+            yield own, entity  # counts, though nothing may be in it
             yield from _entities(entity.virtual_entities(), own, depth + 1)
 
 

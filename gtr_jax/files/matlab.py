@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import importlib.util
 import io
+import math
+import struct
 import warnings
+import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -12,15 +15,17 @@ from typing import Any
 
 import numpy as np
 
-from gtr_jax.errors import InputError
+from gtr_jax.errors import InputError, excerpt
 
 from .apart import Unreadable, read_apart
 from .cells import Numbers
+from .expansion import check_bytes, check_numbers
 from .sheet import Table
 
 MAGIC = b"MATLAB 5.0 MAT-file"
 MAGIC_HDF5 = b"MATLAB 7.3 MAT-file"
 ENDINGS = (".mat",)
+_COMPRESSED = 15  # type of an element of the file
 _DEEPEST = 8  # structs in structs
 _WIDEST = 1000  # columns of an array
 _REMEDY = "export the signals as vectors of one length, or as CSV with writetable"
@@ -40,15 +45,17 @@ def read_matlab(path: Path, data: bytes, sha256: str) -> Table:
             f"{path}: MATLAB version 7.3; pip install 'gtr-jax[hdf5]', or save it with save(..., '-v7')"
         )
     try:
-        struct, found = read_apart(vectors_of_hdf5 if hdf5 else vectors_of_mat, data)
+        common, found = read_apart(vectors_of_hdf5 if hdf5 else vectors_of_mat, data)
     except Unreadable as fault:
         raise InputError(f"{path}: not a whole MATLAB file ({fault}); save it again") from None
+    except InputError as fault:
+        raise InputError(f"{path}: {fault}") from None
     lengths = Counter(len(values) for values in found.values() if len(values) > 1)
     if not lengths:
         raise InputError(f"{path}: holds no vectors of numbers (tables and objects are not read); {_REMEDY}")
     most = max(lengths, key=lambda length: (lengths[length], length))
     columns = {name: values for name, values in found.items() if len(values) == most}
-    names = [name.strip().removeprefix(struct) for name in columns]
+    names = [name.strip().removeprefix(common) for name in columns]
     cells = [Numbers(values) for values in columns.values()]
     return Table(path, sha256, names, cells, np.arange(1, most + 1), plain=True)
 
@@ -56,22 +63,48 @@ def read_matlab(path: Path, data: bytes, sha256: str) -> Table:
 def vectors_of_mat(data: bytes) -> tuple[str, dict[str, np.ndarray]]:
     """The vectors of a file of version 4 to 7 by name; before them what all names begin with, if they are
     fields of one struct.
-    """
-    from scipy.io import loadmat
 
+    Raises InputError if they would be too many.
+    """
+    from scipy.io import loadmat, whosmat
+
+    check_bytes(sum(_expanded(data)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
+        for name, shape, kind in whosmat(io.BytesIO(data)):
+            if kind not in ("struct", "cell", "char", "object", "function", "opaque"):
+                check_numbers(math.prod(shape), f"'{excerpt(name)}' has {math.prod(shape):,} numbers")
         return _named(loadmat(io.BytesIO(data), simplify_cells=True))
+
+
+def _expanded(data: bytes) -> Iterator[int]:
+    """How many bytes the compressed variables of a file of version 5 to 7 say that they have."""
+    order = "<" if data[126:128] == b"IM" else ">"
+    place = 128
+    while data.startswith(MAGIC) and place + 8 <= len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, place)
+        place += 8
+        if kind == _COMPRESSED:
+            head = zlib.decompressobj().decompress(data[place : place + min(size, 64)], 8)
+            yield struct.unpack(f"{order}II", head)[1]
+        place += size
 
 
 def vectors_of_hdf5(data: bytes) -> tuple[str, dict[str, np.ndarray]]:
     """The same of a file of version 7.3."""
     import h5py
 
+    numbers: int = 0
+
     def contents(group: Any, depth: int = 0) -> dict[str, Any]:
+        nonlocal numbers
         out = {}
         for name, item in group.items():
+            numbers += 1  # a group may hold itself
+            check_numbers(numbers, "has too many entries")
             if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiub":
+                numbers += item.size or 0
+                check_numbers(numbers, f"'{excerpt(name)}' has {item.size or 0:,} numbers")
                 out[name] = np.asarray(item).T  # MATLAB's arrays are stored by columns
             elif isinstance(item, h5py.Group) and not name.startswith("#") and depth < _DEEPEST:
                 out[name] = contents(item, depth + 1)
@@ -83,9 +116,10 @@ def vectors_of_hdf5(data: bytes) -> tuple[str, dict[str, np.ndarray]]:
 
 def _named(variables: Mapping[str, Any]) -> tuple[str, dict[str, np.ndarray]]:
     found = dict(_vectors(variables))
-    struct = next(iter(found), "").partition(".")[0]
-    alone = isinstance(variables.get(struct), Mapping) and all(n.startswith(f"{struct}.") for n in found)
-    return (f"{struct}." if alone else ""), found
+    check_numbers(sum(values.size for values in found.values()), "has too many numbers")
+    first = next(iter(found), "").partition(".")[0]
+    alone = isinstance(variables.get(first), Mapping) and all(n.startswith(f"{first}.") for n in found)
+    return (f"{first}." if alone else ""), found
 
 
 def _vectors(node: Mapping[str, Any], before: str = "", depth: int = 0) -> Iterator[tuple[str, np.ndarray]]:

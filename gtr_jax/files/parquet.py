@@ -12,6 +12,7 @@ from gtr_jax.errors import InputError
 
 from .apart import Unreadable, read_apart
 from .cells import Numbers
+from .expansion import check_numbers
 from .large_csv import ManyWritten
 from .sheet import Table
 
@@ -32,6 +33,8 @@ def read_parquet(path: Path, data: bytes, sha256: str) -> Table:
         rows, found = read_apart(columns_of, data)
     except Unreadable as fault:
         raise InputError(f"{path}: not a whole Parquet file ({fault}); export it again") from None
+    except InputError as fault:
+        raise InputError(f"{path}: {fault}") from None
     if not found or not rows:
         raise InputError(f"{path}: holds no rows of numbers; at least one column and one row are needed")
     header = [name.strip() for name, _ in found]
@@ -40,21 +43,35 @@ def read_parquet(path: Path, data: bytes, sha256: str) -> Table:
 
 
 def columns_of(data: bytes) -> tuple[int, list[tuple[str, np.ndarray | pl.Series]]]:
-    """The number of rows, and the columns of numbers, as float64, and of text, by name."""
+    """The number of rows, and the columns of numbers, as float64, and of text, by name.
+
+    Raises InputError if they would be too many cells.
+    """
     import polars as pl
 
-    frame = pl.read_parquet(io.BytesIO(data))
+    kinds = pl.read_parquet_schema(io.BytesIO(data))
+    wanted = [name for name, kind in kinds.items() if _read(kind)]
+    rows = pl.scan_parquet(io.BytesIO(data)).select(pl.len()).collect().item()
+    check_numbers(rows * len(wanted), f"has {rows:,} rows of {len(wanted)} columns")
+    frame = pl.read_parquet(io.BytesIO(data), columns=wanted)
     found: list[tuple[str, np.ndarray | pl.Series]] = []
     for series in frame.get_columns():
         kind = series.dtype
-        if kind.is_numeric() or kind == pl.Boolean:
-            values = series.cast(pl.Float64, strict=False).fill_null(float("nan")).to_numpy()
-            found.append((series.name, values))
-        elif kind in (pl.Datetime, pl.Duration):
+        if kind in (pl.Datetime, pl.Duration):
             found.append((series.name, _seconds(series)))
         elif kind == pl.String:
             found.append((series.name, series))
-    return frame.height, found
+        else:
+            values = series.cast(pl.Float64, strict=False).fill_null(float("nan")).to_numpy()
+            found.append((series.name, values))
+    return rows, found
+
+
+def _read(kind: pl.DataType) -> bool:
+    """Whether columns of this kind are read."""
+    import polars as pl
+
+    return kind.is_numeric() or kind in (pl.Boolean, pl.Datetime, pl.Duration, pl.String)
 
 
 def _seconds(series: pl.Series) -> np.ndarray:

@@ -11,6 +11,7 @@ from pydantic import ConfigDict, Field, StrictStr
 from gtr_jax.errors import InputError
 
 from .config_file import read_route
+from .references import referenced
 from .section import Angle, Length, Ratio, Section
 
 
@@ -160,7 +161,7 @@ def _with_knots(data: dict[str, Any], folder: Path, columns: Sequence[str]) -> d
         raise InputError("file: a drawing is read for a whole robot; correct the body first")
     if not isinstance(file, str):
         raise InputError(f"file: expected the name of a CSV file, found {file!r}")
-    return {**data, "file": None, "knots": read_route(folder / file, columns)}
+    return {**data, "file": None, "knots": read_route(referenced(file, folder, "file"), columns)}
 
 
 ROUTINGS = {

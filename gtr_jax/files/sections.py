@@ -32,6 +32,7 @@ from gtr_jax.terms import REGISTRY, Term
 
 from .config_form import one_line
 from .law_section import LawSection
+from .references import referenced
 from .routings import ROUTINGS, RoutingConfig
 from .section import (
     Acceleration,
@@ -85,6 +86,10 @@ class FileSection(Section):
     def folder(self) -> Path:
         """Where the files that it names lie."""
         return self._folder
+
+    def beside(self, name: str, key: str) -> Path:
+        """The path of a file that it names under a key; InputError as of `references.referenced`."""
+        return referenced(name, self._folder, f"{self._source}: {key}")
 
     def __eq__(self, other: object) -> bool:
         """Equal if the contents are, whichever file they came from."""

@@ -46,6 +46,15 @@ class Table:
         """Whether any cell of column `index` is a number."""
         return self.columns[index].has_numbers()
 
+    def refuse_unless_numbers(self) -> None:
+        """InputError if no cell is a number: what is no table of numbers is not to be quoted, as it is where
+        another file named it.
+        """
+        if not any(map(self.has_numbers, range(len(self.header)))):
+            raise InputError(
+                f"{self.path}: holds no column of numbers; name a table of numbers with a header"
+            )
+
     def has_times(self, index: int) -> bool:
         """Whether any cell of column `index` is a time stamp."""
         return self.columns[index].has_times()

@@ -44,4 +44,7 @@ def read_table(path: str | os.PathLike[str]) -> Table:
 def _of_folder(path: Path) -> Table:
     if not (path / "metadata.yaml").exists():
         raise InputError(f"{path}: a folder, and no bag of ROS 2 (no metadata.yaml in it); name a file")
+    odd = next((p for p in path.rglob("*") if not (p.is_file() or p.is_dir())), None)
+    if odd is not None:
+        raise InputError(f"{odd}: is no file; a bag of ROS holds files only")
     return bags.read_bag(path, digest(path))

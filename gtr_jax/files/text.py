@@ -5,33 +5,103 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import stat
 from pathlib import Path
+from typing import IO
 
 from gtr_jax.errors import InputError
 
 WORKBOOKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")  # how .xlsx and .xls files begin
+LARGEST = 1 << 30  # bytes of a file that is read whole: its text and cells take five times that
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
 
 
-def read_bytes(path: str | os.PathLike[str]) -> bytes:
-    """The bytes of a file; InputError if it is absent or cannot be read."""
+def opened(path: str | os.PathLike[str], *, limited: bool = True) -> IO[bytes]:
+    """A file opened for reading.
+
+    Args:
+        path: the file.
+        limited: whether one of more than `LARGEST` bytes is refused.
+
+    Raises InputError if it is absent, cannot be read, or is no regular file: a pipe or a device may never
+    end.
+    """
     try:
-        return Path(path).read_bytes()
+        if not stat.S_ISREG(os.stat(path).st_mode):
+            _refuse_kind(path)
+        stream = open(path, "rb", opener=_at_once)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; check the path") from None
+    except InputError:
+        raise
     except (OSError, ValueError) as fault:
-        reason = getattr(fault, "strerror", None) or fault
-        raise InputError(f"{path}: cannot be read ({reason}); name a readable file") from None
+        raise _unreadable(path, fault) from None
+    found = os.fstat(stream.fileno())  # of what was opened, whatever has taken its place meanwhile
+    if not stat.S_ISREG(found.st_mode) or (limited and found.st_size > LARGEST):
+        stream.close()
+        if not stat.S_ISREG(found.st_mode):
+            _refuse_kind(path)
+        raise _too_large(path)
+    return stream
+
+
+def _at_once(path: str, flags: int) -> int:
+    """A file descriptor, without waiting for who writes into a pipe."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def _refuse_kind(path: str | os.PathLike[str]) -> None:
+    if os.path.isdir(path):
+        raise InputError(f"{path}: cannot be read (Is a directory); name a readable file")
+    raise InputError(
+        f"{path}: is a pipe or a device, not a file; write what it gives into a file, or send it to the "
+        "command and name it -"
+    )
+
+
+def _unreadable(path: str | os.PathLike[str], fault: Exception) -> InputError:
+    reason = getattr(fault, "strerror", None) or fault
+    return InputError(f"{path}: cannot be read ({reason}); name a readable file")
+
+
+def _too_large(path: str | os.PathLike[str]) -> InputError:
+    return InputError(
+        f"{path}: has more than {LARGEST >> 30} GiB; export fewer columns, a shorter stretch, or "
+        "fewer samples"
+    )
+
+
+def read_bytes(path: str | os.PathLike[str]) -> bytes:
+    """The bytes of a file; InputError if it cannot be read, as of `opened`."""
+    with opened(path) as stream:
+        return whole(stream, path)
+
+
+def whole(stream: IO[bytes], path: str | os.PathLike[str]) -> bytes:
+    """All that comes from a stream; InputError naming `path` if that is more than `LARGEST` bytes."""
+    try:
+        data = stream.read(LARGEST + 1)
+    except OSError as fault:
+        raise _unreadable(path, fault) from None
+    if len(data) > LARGEST:
+        raise _too_large(path)
+    return data
 
 
 def digest(path: Path) -> str:
-    """SHA-256 of a file's bytes; of a folder, that of its files in the order of their names."""
+    """SHA-256 of a file's bytes; of a folder, that of its files in the order of their names.
+
+    Raises InputError as `opened`, but for the size.
+    """
     files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
     sha256 = hashlib.sha256()
     for file in files:
-        with file.open("rb") as stream:
-            while block := stream.read(1 << 20):
-                sha256.update(block)
+        with opened(file, limited=False) as stream:
+            try:
+                while block := stream.read(1 << 20):
+                    sha256.update(block)
+            except OSError as fault:
+                raise _unreadable(file, fault) from None
     return sha256.hexdigest()
 
 

@@ -72,12 +72,17 @@ def _pulled(array: xarray.DataArray, task: Task) -> xarray.DataArray:
 
 
 def _of_grid(task: Task, arrays: dict[str, xarray.DataArray]) -> Figure:
-    pulled = "displacement" if task.drawn else "base tension"
-    last = f" at the largest {pulled} kept" if len(task.history.kept) > 1 else ""
+    last = _where(task)
     if sum(n > 1 for n in task.plan.shape) < 2:
         return Figure("curves", plot_curves(arrays), f"What was computed{last}.")
     others = " Other parameters are at their middle values." if len(task.plan.shape) > 2 else ""
     return Figure("maps", plot_maps(arrays), f"What was computed{last}.{others} Tinted: no number there.")
+
+
+def _where(task: Task) -> str:
+    """At which of several steps kept the numbers are."""
+    pulled = "displacement" if task.drawn else "base tension"
+    return f" at the largest {pulled} kept" if len(task.history.kept) > 1 else ""
 
 
 def _tables(answer: Summary, task: Task) -> list[Table]:
@@ -89,7 +94,7 @@ def _tables(answer: Summary, task: Task) -> list[Table]:
     ]
     tables = [
         Table("Varied", ("name", "key", "from", "to", "values"), varied),
-        Table("Found", ("output", "least", "mean", "largest", "what"), found),
+        Table(f"Found{_where(task)}", ("output", "least", "mean", "largest", "what"), found),
     ]
     for output, indices in answer.sensitivity.indices.items():
         rows = [(name, *(number(v, digits=3) for v in _columns(index))) for name, index in indices.items()]

@@ -17,7 +17,7 @@ from jax.core import Tracer
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
-from gtr_jax.errors import InputError, excerpt
+from gtr_jax.errors import InputError, excerpt, listed
 from gtr_jax.mechanics.structure import in_order
 from gtr_jax.terms import Term, known_acting
 
@@ -25,6 +25,7 @@ from .backbone import Backbone, Stiffness
 from .parts import Parts, Tendon
 
 AnyRobot = TypeVar("AnyRobot", bound=Parts)
+NEAREST, MOST = 3, 16  # names that an error names: alike, or of the robot itself
 
 
 @dataclasses.dataclass(frozen=True)
@@ -254,7 +255,7 @@ def parameter(robot: Parts, name: str) -> Parameter:
     """Look a parameter up by short name or by its key in the robot file.
 
     Raises:
-        InputError: no such parameter; names the nearest and lists all.
+        InputError: no such parameter; names the nearest, or the robot's own and what lists the rest.
     """
     known = parameters_of(robot)
     if name in known:
@@ -264,9 +265,15 @@ def parameter(robot: Parts, name: str) -> Parameter:
         return by_key[name]
     if name in ("E", "backbone.youngs_modulus"):
         raise InputError(f"parameter 'E': {_no_modulus(robot.backbone)}, so it has no effect; leave E out")
-    near = difflib.get_close_matches(name, [*known, *by_key], n=1)
-    hint = f"did you mean '{near[0]}'? " if near else ""
-    raise InputError(f"parameter '{name}' does not exist on this robot; {hint}known: {', '.join(known)}")
+    near = difflib.get_close_matches(name, [*known, *by_key], n=NEAREST)
+    hint = f"did you mean {' or '.join(map(repr, near))}?" if near else parameters_listed(robot)
+    raise InputError(f"parameter '{excerpt(name)}' does not exist on this robot; {hint}")
+
+
+def parameters_listed(robot: Parts) -> str:
+    """The names of a robot's own parameters in a line, and what lists those of its terms."""
+    own = [name for name, each in parameters_of(robot).items() if each.term is None]
+    return f"known: {listed(own, MOST)}, and KIND.NUMBER of a term, which gtr terms KIND lists"
 
 
 def _locate(at: str) -> tuple[Callable[[Parts], Array], int | None]:

@@ -16,6 +16,7 @@ from gtr_jax.files.amount import DISPLACEMENT, TENSION, unit_of
 from gtr_jax.files.config import RobotConfig
 from gtr_jax.files.driving import Drive, driven
 from gtr_jax.files.recording import read_recording
+from gtr_jax.files.table import read_table
 from gtr_jax.files.units import to_si
 from gtr_jax.robot.robot import Robot
 from gtr_jax.terms import known_on
@@ -133,8 +134,10 @@ def given_history(file: SweepConfig, config: RobotConfig) -> tuple[RobotConfig, 
     """
     if file.history.file is None:
         return config, None
-    path = file.folder / file.history.file
-    read = read_recording(path, need_tip=False, tendons=config.tendon_names, keep_glitches=True, space=True)
+    path = file.beside(file.history.file, "history.file")
+    table = read_table(path)
+    table.refuse_unless_numbers()
+    read = read_recording(table, need_tip=False, tendons=config.tendon_names, keep_glitches=True, space=True)
     if read.masked:
         raise InputError(f"{path}: {read.masked[0].says}; complete the history or delete the row")
     config, drive = driven(config, read)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .lanes import CONVERGED, NO_ROBOT, NOT_CONVERGED, NOT_FINITE
-from .outputs import NODE, RESULT
+from .outputs import NODE, RESULT, STEP
 from .run import Done
 from .sensitivity import Sensitivity, sensitivity_of
 from .store import Store
@@ -23,7 +23,7 @@ class Summary:
         points: of the sweep.
         counts: points by result code.
         ranges: least, mean and largest value [SI] of every array without nodes, over the points that
-            converged.
+            converged; of several steps kept, at the one that figures and sensitivities show.
         sensitivity: how much each parameter matters to each of them, or why that is not known.
         done: what the last run computed.
     """
@@ -88,7 +88,9 @@ def summary_of(task: Task, store: Store, done: Done) -> Summary:
         for code, count in zip(*np.unique(store.read(RESULT.name, block), return_counts=True), strict=True):
             counts[int(code)] += int(count)
         for v in scalars:
-            values = store.read(v.name, block)
+            values, dims = store.read(v.name, block), task.extra_dims(v)
+            if STEP in dims:
+                values = np.take(values, task.history.shown, axis=dims.index(STEP) - len(dims))
             values = values[np.isfinite(values)]
             if values.size:
                 least[v.name] = min(least[v.name], float(values.min()))

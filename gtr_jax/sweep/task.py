@@ -229,7 +229,7 @@ def task_of(file: SweepConfig) -> Task:
         InputError: naming file and key.
     """
     check_outputs(file)
-    config, given = given_history(file, load_config(file.folder / file.robot))
+    config, given = given_history(file, load_config(file.beside(file.robot, "robot")))
     robot = build_robot(config, resolution=file.resolution)
     table, unit = None, unit_of_pull(file, config)
     if file.points is None:
@@ -318,8 +318,9 @@ def _check_switch(file: SweepConfig, config: RobotConfig, by_slip: bool, history
 
 def _table(file: SweepConfig, robot: Robot, unit: str) -> tuple[tuple[Axis, ...], np.ndarray]:
     """Parameters and points [SI], (points, axes), of a CSV file; `unit` is that of pull and release."""
-    path = file.folder / str(file.points)
+    path = file.beside(str(file.points), "points")
     table = read_table(path)
+    table.refuse_unless_numbers()
     axes: list[Axis] = []
     columns = []
     for i, header in enumerate(table.header):
@@ -342,8 +343,8 @@ def _table(file: SweepConfig, robot: Robot, unit: str) -> tuple[tuple[Axis, ...]
 
 def inputs_of(file: SweepConfig) -> dict[str, Path]:
     """Files that a sweep file names, by role."""
-    named = {"robot": file.robot, "points": file.points, "history": file.history.file}
-    return {role: file.folder / name for role, name in named.items() if name is not None}
+    named = {"robot": file.robot, "points": file.points, "history.file": file.history.file}
+    return {key.partition(".")[0]: file.beside(name, key) for key, name in named.items() if name is not None}
 
 
 def named_beside(file: SweepConfig) -> SweepConfig:
