@@ -191,11 +191,13 @@ def read_recording(
     if set(QUATERNION) & begun:
         absent += [key for key in QUATERNION if key not in chosen]
     if absent:
-        fault = missing(table, absent, wanted, tendons)
+        guessed = guess(table, tendons).quantities
+        mapping = {key: g.source.replace(" [", "[") for key, g in guessed.items() if key not in chosen}
+        fault = missing(table, absent, wanted, tendons, guessed=mapping)
         if not measured or wanted[absent[0]][0] != "T_tip" or "T_tip" in begun:  # of some tendons, it has
             raise fault
         raise InputError(f"{fault}; or {OTHERWISE if 'T_base' in begun else POSED}")
-    notes = table.notes
+    notes = (*table.notes, "has no header: its columns are numbered") if table.numbered else table.notes
     if measured and "T_tip" not in begun:
         first = next(key for key, (quantity, _) in wanted.items() if quantity == "T_tip")
         meant = meant_column(table, *wanted[first], tendons, taken={index for index, _ in chosen.values()})
