@@ -177,13 +177,15 @@ def said_unit(table: Table, index: int) -> str | None:
     return said.strip() if said else None
 
 
-def _is_another(table: Table, index: int) -> bool:
-    """Whether the unit of a column says that it is no force, or its numbers that it is a clock."""
+def _is_another(table: Table, index: int, *, sided: bool) -> bool:
+    """Whether the unit of a column says that it is no force, or, unless its header names an end of the tendon
+    (`sided`), its numbers that it is a clock.
+    """
     said = said_unit(table, index)
     if said is not None and not measures(force_meant(said), "N"):
         return any(measures(said, si) for si in DIMENSIONS if si != "N")
     try:
-        return is_clock(table.column(index, most_absent=1.0))
+        return not sided and is_clock(table.column(index, most_absent=1.0))
     except InputError:
         return False
 
@@ -216,7 +218,7 @@ def meant_column(
         score -= 9.0 * len(_NO_FORCES.intersection(words)) * (quantity in NEEDED)
         alike = [difflib.SequenceMatcher(None, name, s).ratio() for s in column_of(quantity).spellings]
         score += 3.0 * max(alike) if max(alike) > _ALIKE else 0.0
-        if score > 0 and not (quantity in NEEDED and _is_another(table, index)):
+        if score > 0 and not (quantity in NEEDED and _is_another(table, index, sided=score > 1)):
             scores[index] = score
     best = [index for index, score in scores.items() if score == max(scores.values())]
     return best[0] if len(best) == 1 else None

@@ -126,15 +126,19 @@ class Table:
         *,
         remedy: Callable[[], str],
         most_absent: float = 0.0,
+        scale: float = 1.0,
+        offset: float = 0.0,
     ) -> np.ndarray:
-        """Column `index` converted from `unit` (None: what the row of units says, or SI) to the SI unit `si`,
-        read-only. Times may be time stamps. `remedy` says what to do about a unit that is not understood;
-        `most_absent` is as of `column`.
+        """Column `index`, times `scale` plus `offset`, converted from `unit` (None: what the row of units
+        says, or SI) to the SI unit `si`, read-only. Times may be time stamps. `remedy` says what to do about
+        a unit that is not understood; `most_absent` is as of `column`.
         """
         if si == "s" and not self.has_numbers(index):
             values = self.times(index)
         else:
             values, unit = self.column(index, most_absent), unit or self.unit(index)
+            if scale != 1.0 or offset:
+                values = values * scale + offset
             try:
                 values = values if unit in (None, si) else convert(values, unit, si)
             except InputError as fault:
