@@ -158,6 +158,11 @@ def test_lines_that_are_no_readings_are_left_out_and_said(tmp_path):
     )
 
 
+def test_cells_beside_words_are_no_named_numbers(tmp_path):
+    text = "T_base_N,T_tip_N,note\n" + "1,x,trial 1\n" * 40
+    assert refused(written(tmp_path, text, "r.csv")).startswith("row 2, column 'T_tip_N': expected a number")
+
+
 # LabVIEW
 
 
@@ -249,7 +254,8 @@ def test_tdms(tmp_path):
     np.testing.assert_array_equal(recording.T_base, np.arange(5.0) ** 2)
     path.write_bytes((LOGGERS / "raw1.tdms").read_bytes()[:200])
     assert refused(path) == "no channel of this TDMS file holds numbers; at least one is needed"
-    path.write_bytes((LOGGERS / "raw1.tdms").read_bytes()[:40] + 100 * b"\xff")
+    sound = (LOGGERS / "raw1.tdms").read_bytes()
+    path.write_bytes(sound[:40] + 100 * b"\xff" + sound[140:])
     assert refused(path).startswith("not a whole TDMS file (")
 
 

@@ -292,7 +292,7 @@ FAULTS = {
     "workbook": (
         b"PK\x03\x04\x14\x00",
         None,
-        "not a text file but a workbook or an archive; export the sheet",
+        "not a whole workbook or archive (File is not a zip file); export it again",
     ),
     "stroke between digits": (
         GOOD.replace("1,10", "1,1_0"),

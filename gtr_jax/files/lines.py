@@ -135,7 +135,9 @@ def _naming(lines: list[str]) -> tuple[re.Pattern[str], tuple[str, ...]] | None:
 
 
 def _pairs(line: str, pattern: re.Pattern[str]) -> Mapping[str, tuple[str, str]]:
-    """The numbers of a line by name, each with its unit; a number before the first name is "column 1"."""
+    """The numbers of a line by name, each with its unit; a number before the first name is "column 1". Empty
+    where no number has a name.
+    """
     found: dict[str, tuple[str, str]] = {}
     if len(line) > _LONGEST:
         return found
@@ -147,7 +149,7 @@ def _pairs(line: str, pattern: re.Pattern[str]) -> Mapping[str, tuple[str, str]]
         if name in found:
             name = f"{name} {1 + sum(other.startswith(name) for other in found)}"
         found[name] = (pair[2], pair[3] or "")
-    return found
+    return found if len(found) > bool(leading) else {}
 
 
 def _named(log: _Log, pattern: re.Pattern[str], names: tuple[str, ...]) -> Layout:
