@@ -448,5 +448,16 @@ def test_clocks_and_displacements_are_no_tensions(tmp_path):
     )
     found = guess(read_table(written(tmp_path, pose)))
     assert found.missing == ("T_tip",)
+    for name in ("tip_qx", "stroke", "displacement_m.left", "m1_x"):
+        assert guess(read_table(written(tmp_path, pose.replace("tip_y_m", name)))).missing == ("T_tip",)
     unnamed = pose.replace("tip_z_m", "P1").replace("tip_y_m", "P2 [mm]")
     assert guess(read_table(written(tmp_path, unnamed))).missing == ("T_tip",)
+
+
+def test_a_file_of_several_tendons_is_not_guessed_to_be_of_one(tmp_path):
+    text = "displacement_m.a,T_base_N.a,T_base_N.b\n" + "".join(
+        f"{-b / 2000},{20 * a},{12 * b}\n" for a, b in zip(BASE, TIP, strict=True)
+    )
+    path = written(tmp_path, text)
+    assert guess(read_table(path)).missing == ("T_base", "T_tip")
+    assert refused(path).startswith("no column T_base_N, but T_base_N.a, T_base_N.b of several tendons;")

@@ -164,10 +164,23 @@ def is_clock(x: np.ndarray) -> bool:
 def may_be_force(table: Table, index: int) -> bool:
     """Whether nothing says that a column is another quantity, or in another unit than of a force."""
     header = table.header[index]
-    if any(re.fullmatch(r"index|sample|trial|row|unnamed", word) for word in words_of(header)):
+    words = set(words_of(header))
+    if words & {"index", "sample", "trial", "row", "unnamed"} or _names_another(header):
+        return False
+    if words & _NO_FORCES - {*RAW} and not words & FORCES:
         return False
     said = said_unit(table, index)
     return said is None or said.lower() in RAW or measures(force_meant(said), "N")
+
+
+def _names_another(header: str) -> bool:
+    """Whether a header is that of a quantity but a tension, or of one of several tendons."""
+    own, dot, _ = header.partition(".")
+    for quantity, column in COLUMNS.items():
+        name = split_unit(own, column.unit)[0]
+        if plain_name(name) in column.spellings and name != "T":
+            return bool(dot) or quantity not in NEEDED
+    return False
 
 
 def said_unit(table: Table, index: int) -> str | None:
