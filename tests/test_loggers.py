@@ -250,6 +250,7 @@ def test_tdms(tmp_path):
     assert table.header == ["a/stamp", "a/cell", "b/stamp", "b/cell"]
     assert table.notes == ("'slow', 'slow' left out, of another length than most",)
     recording = read_recording(path, "time=a/stamp,T_base=a/cell,T_tip=b/cell")
+    assert recording.time is not None
     np.testing.assert_allclose(recording.time, 0.1 * np.arange(5), rtol=1e-12)
     np.testing.assert_array_equal(recording.T_base, np.arange(5.0) ** 2)
     path.write_bytes((LOGGERS / "raw1.tdms").read_bytes()[:200])
@@ -285,13 +286,14 @@ def test_workbooks(tmp_path):
     path = workbook(tmp_path / "r.xlsx", {"Summary": [["Peak", "N"], ["A", 20.0]], "Raw": rows})
     recording = read_recording(path, "T_base=Load,T_tip=Load cell 2")
     assert recording.notes == ("of 2 sheets, 'Raw' is read",)
+    assert recording.time is not None and recording.T_tip is not None
     np.testing.assert_allclose(recording.time, 0.5 * np.arange(40), rtol=1e-12)
     np.testing.assert_allclose(recording.T_base, BASE, rtol=1e-15)
     np.testing.assert_allclose(recording.T_tip, TIP / 1000, rtol=1e-15)
     np.testing.assert_array_equal(recording.rows, np.arange(4, 44))
     clocks = [[t.time(), a, b] for t, a, b in rows[3:]]
     path = workbook(tmp_path / "c.xlsx", {"S": [["time", "T_base_N", "T_tip_N"], *clocks]})
-    np.testing.assert_allclose(read_recording(path).time, 0.5 * np.arange(40), rtol=1e-12)
+    np.testing.assert_allclose(np.asarray(read_recording(path).time), 0.5 * np.arange(40), rtol=1e-12)
     rows[10][1] = "broken"
     path = workbook(tmp_path / "r.xlsx", {"Raw": rows})
     assert refused(path, "T_base=Load,T_tip=Load cell 2").startswith(
@@ -415,6 +417,7 @@ def test_inspect_keeps_the_conversion(tmp_path):
 @pytest.mark.parametrize("stamped", [True, False], ids=["stamps repeat", "stamps go on"])
 def test_rows_that_are_logged_several_times_are_no_stuck_cell(stamped):
     once = read_recording(LOGGERS / "millishdr.csv", SHEATH["millishdr.csv"][0])
+    assert once.time is not None and once.T_tip is not None
     times = np.random.default_rng(1).integers(3, 6, len(once))
     rows = np.repeat(np.arange(len(once)), times)
     time = once.time[rows] if stamped else 0.025 * np.arange(len(rows))

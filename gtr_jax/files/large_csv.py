@@ -68,7 +68,7 @@ def read_large(path: Path, text: str, sha256: str) -> Table | None:
     series = _split(data, delimiter)
     if len(series) != len(header) or (any(s.null_count() for s in series) and _blank_rows(series)):
         return None
-    if _rows_of_words(series):
+    if _rows_of_words(data, series):
         return None
     columns = [ManyWritten(s) for s in series]
     numbers = np.arange(first, first + len(series[0]))
@@ -108,13 +108,20 @@ def _blank_rows(series: list[pl.Series]) -> bool:
     return bool(blank.any())
 
 
-def _rows_of_words(series: list[pl.Series]) -> bool:
+def _rows_of_words(body: bytes, series: list[pl.Series]) -> bool:
     """Whether in any row no cell begins as a number does: another table may begin there."""
-    words = ~series[0].str.contains(NUMBERLIKE).fill_null(False)
-    for s in series[1:]:
+    import polars as pl
+
+    characters = np.frombuffer(body, dtype=np.uint8)
+    firsts = characters[np.append(0, np.flatnonzero(characters == ord("\n")) + 1)]
+    words = pl.Series((firsts < ord("0")) | (firsts > ord("9")))
+    for s in series:
         if not words.any():
             return False
-        words &= ~s.str.contains(NUMBERLIKE).fill_null(False)
+        number = s.filter(words).str.contains(NUMBERLIKE).fill_null(False).to_numpy()
+        left = words.to_numpy().copy()
+        left[left] = ~number
+        words = pl.Series(left)
     return bool(words.any())
 
 
