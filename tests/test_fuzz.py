@@ -7,6 +7,7 @@ means (values of another kind or size, keys moved, doubled or left out).
 from __future__ import annotations
 
 import copy
+import gzip
 import math
 import random
 import re
@@ -311,7 +312,7 @@ FORMAT_MUTANTS = 10_000
 
 
 def binary_files(folder: Path) -> dict[str, tuple[str, bytes, str | None]]:
-    """A sound recording of each format but CSV: its name, its bytes, its mapping."""
+    """A sound recording of each format but plain CSV: its name, its bytes, its mapping."""
     import polars as pl
     from scipy.io import savemat
     from test_formats import DATA, bag, hdf5
@@ -324,11 +325,36 @@ def binary_files(folder: Path) -> dict[str, tuple[str, bytes, str | None]]:
     bag(folder / "a.bag", "bag")
     bag(folder / "mcap", "mcap")
     bag(folder / "sqlite3", "sqlite3")
-    files = {"parquet": "a.parquet", "mat": "a.mat", "mat 7.3": "b.mat", "bag": "a.bag"}
+    loggers(folder, DATA)
+    files = {kind: f"a.{kind}" for kind in ("tdms", "xlsx", "gz", "lvm", "log")}
+    files |= {"parquet": "a.parquet", "mat": "a.mat", "mat 7.3": "b.mat", "bag": "a.bag"}
     files |= {"mcap": "mcap/mcap.mcap", "db3": "sqlite3/sqlite3.db3"}
     mapped: dict[str, str] = dict.fromkeys(("bag", "mcap", "db3"), MAPPED_BAG)
     endings = {kind: (f"recording{Path(name).suffix}", folder / name) for kind, name in files.items()}
     return {kind: (name, path.read_bytes(), mapped.get(kind)) for kind, (name, path) in endings.items()}
+
+
+def loggers(folder: Path, data: dict[str, np.ndarray]) -> None:
+    """The same recording as loggers write it: a.tdms, a.xlsx, a.gz, a.lvm and a.log."""
+    import nptdms
+    import openpyxl
+
+    with nptdms.TdmsWriter(folder / "a.tdms") as writer:
+        writer.write_segment([nptdms.ChannelObject("g", name, values) for name, values in data.items()])
+    book = openpyxl.Workbook()
+    sheet = book.active
+    assert sheet is not None
+    rows = [*zip(*(values.tolist() for values in data.values()), strict=True)]
+    for row in ([*data], *rows):
+        sheet.append(row)
+    book.save(folder / "a.xlsx")
+    text = "".join(",".join(map(str, row)) + "\n" for row in ([*data], *rows))
+    (folder / "a.gz").write_bytes(gzip.compress(text.encode()))
+    head = (ROOT / "tests/data/loggers/with_comments.lvm").read_text("latin-1").partition("X_Value")[0]
+    lines = ["X_Value\tT_base_N\tT_tip_N\tComment", *("\t".join(map(str, row)) for row in rows)]
+    (folder / "a.lvm").write_text(head + "\n".join(lines) + "\n")
+    named = (f"{i}.5 -> T_base: {a:.4f} N, T_tip: {b:.4f} N\n" for i, (_, a, b) in enumerate(rows, 10))
+    (folder / "a.log").write_text("".join(f"14:05:{line}" for line in named))
 
 
 def mutants_of_format(kind: str, folder: Path, number: int) -> None:
@@ -344,7 +370,7 @@ def mutants_of_format(kind: str, folder: Path, number: int) -> None:
     assert 0.01 * number < read_whole < 0.9 * number
 
 
-FORMATS = ("parquet", "mat", "mat 7.3", "bag", "mcap", "db3")
+FORMATS = ("tdms", "xlsx", "gz", "lvm", "log", "parquet", "mat", "mat 7.3", "bag", "mcap", "db3")
 
 
 @pytest.mark.parametrize("kind", FORMATS)

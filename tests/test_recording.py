@@ -131,6 +131,12 @@ EXPORTS = {
     "UTF-16, other end first": EXPORTED.encode("utf-16-be"),
     "UTF-8 with a mark": EXPORTED.encode("utf-8-sig"),
     "separator at the end of the rows": EXPORTED.replace("5\n", "5,\n"),
+    "units above names of cells": EXPORTED.replace("\n0,", "\ns,N,N\n,cell-a,cell-b\n0,", 1),
+    "names of cells above units": EXPORTED.replace("\n0,", "\n,cell-a,cell-b\ns,N,N\n0,", 1),
+    "a small table above": f"Results\n,Peak (N),At (mm)\n1,1234.5,4.0\n\nRaw data\n{EXPORTED}",
+    "a wider table above": f"Sample,Peak,At,Area,Rate\nA,1,2,3,4\n{EXPORTED}",
+    "a small table below": f"{EXPORTED}\nStatistics\nquantity,mean,sd\nbase,1,2\n",
+    "a last line that is cut off": EXPORTED + "3,25",
     "minus signs of typesetters": EXPORTED.replace("0.5", "\u22120.5"),
 }
 
@@ -164,6 +170,16 @@ def test_units_in_a_row_are_converted(tmp_path):
         (("2026-01-31 23:59:59Z", "2026-02-01 00:00:01.000000250Z"), 2.00000025),
         (("2026-01-31T14:05:00+01:00", "2026-01-31T14:05:00+00:00"), 3600.0),
         (("9:59:59.5", "10:00:00"), 0.5),
+        (("23:59:59.5", "00:00:01"), 1.5),
+        (("11:59:59.5 PM", "12:00:00.25 am"), 0.75),
+        (("12:59:59 PM", "1:00:00 PM"), 1.0),
+        (("01/31/2026 02:05:00.250000 PM", "01/31/2026 02:05:01.500000 PM"), 1.25),
+        (("01/31/2026 11:59:59 PM", "02/01/2026 12:00:01 AM"), 2.0),
+        (("31/01/2026 23:59:59", "01/02/2026 00:00:01"), 2.0),
+        (("1.2.2026 14:05:00.5", "2.2.2026 14:05:00.5"), 86400.0),
+        (("01/02/2026 14:05:00.5", "01/02/2026 14:05:01"), 0.5),
+        (("2026/01/31 9:05:00.5", "2026/02/01 9:05:01"), 86400.5),
+        (("31-Jan-2026 14:05:00", "01-Feb-2026 14:05"), 86400.0),
     ],
 )
 def test_time_stamps_are_seconds_since_the_first(tmp_path, stamps, seconds):
@@ -175,13 +191,13 @@ def test_time_stamps_are_seconds_since_the_first(tmp_path, stamps, seconds):
 
 def test_columns_that_nobody_mapped_are_in_nobodys_way(tmp_path):
     text = "Timestamp,Time [s],trial,displacement_m,T_base_N,T_tip_N\n"
-    rows = "31.01.2026 14:05,0,A,,0,0\n31.01.2026 14:06,2,B,,10,6\n"
+    rows = "Monday 14:05,0,A,,0,0\nMonday 14:06,2,B,,10,6\n"
     recording = read_recording(write(tmp_path, text + rows))
     np.testing.assert_array_equal(recording.time, [0, 2])
     assert recording.trial is None and recording.displacement is None
     unmapped = read_recording(write(tmp_path, (text + rows).replace("Time [s]", "clock")))
     assert unmapped.time is None
-    stamped = read_recording(write(tmp_path, (text + rows).replace("31.01.2026", "2026-01-31")))
+    stamped = read_recording(write(tmp_path, (text + rows).replace("Monday", "2026-01-31")))
     np.testing.assert_array_equal(stamped.time, [0, 2])  # numbers before time stamps
 
 
@@ -266,11 +282,17 @@ FAULTS = {
         None,
         "blanks part its numbers; part the cells with commas, semicolons or tabs",
     ),
-    "no header": ("0,0,0\n1,10,6\n", None, "the first row holds numbers; put the names of the columns above"),
+    "no header": (
+        "0,0,0\n1,10,6\n",
+        None,
+        "has no header, so that its columns are numbered: column 1, column 2, column 3; put their "
+        "names above, for example time_s,T_base_N,T_tip_N, or say which they are, for example "
+        "--columns 'T_base=column 2[N],T_tip=column 3[N]'",
+    ),
     "workbook": (
         b"PK\x03\x04\x14\x00",
         None,
-        "not a text file but a workbook or an archive; export the sheet",
+        "not a whole workbook or archive (File is not a zip file); export it again",
     ),
     "stroke between digits": (
         GOOD.replace("1,10", "1,1_0"),
@@ -278,9 +300,14 @@ FAULTS = {
         "row 3, column 'T_base_N': expected a number",
     ),
     "mapped time of another kind": (
-        "When,T_base_N,T_tip_N\n23.11.2026 10:00,0,0\n",
+        "When,T_base_N,T_tip_N\n10:00 on Monday,0,0\n",
         "time=When",
-        "row 2, column 'When': expected seconds or a time stamp such as 2026-01-31T14:05:00.25, found '23.11",
+        "row 2, column 'When': expected seconds or a time stamp such as 2026-01-31T14:05:00.25, found '10:00",
+    ),
+    "days and months that may be either": (
+        "time,T_base_N,T_tip_N\n01/02/2026 10:00:00,0,0\n02/02/2026 10:00:00,1,1\n",
+        None,
+        "column 'time': '01/02/2026 10:00:00' may begin with the day or with the month; write dates as",
     ),
     "a broken time stamp": (
         "time,T_base_N,T_tip_N\n2026-01-31T14:05:00,0,0\nlater,1,1\n",
@@ -343,6 +370,11 @@ FAULTS = {
         "T_base_N,T_tip_N\n0.1,0\n20,-12\n",
         None,
         "row 3, column 'T_tip_N': T_tip peaks at -12 N",
+    ),
+    "several recordings": (
+        f"{GOOD}\n{GOOD}",
+        None,
+        "holds 2 tables with one header, their first rows 2, 8; give each recording a file of its own",
     ),
     "ragged": (
         GOOD.replace("1,10,6", "1,10"),

@@ -91,6 +91,8 @@ def _inspected(
         drop=(*(() if own is None else own.drop), *drop),
     )
     recording = read_recording(table, whole, doubtful=True)
+    for said in recording.notes:
+        click.echo(f"warning: {path}: {said}", err=True)
     return Inspected(recording, mapping, inspection_of(recording), name)
 
 

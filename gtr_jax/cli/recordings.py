@@ -19,8 +19,9 @@ _columns = click.option(
     "--columns",
     metavar="MAP",
     multiple=True,
-    help="Columns under other names or in other units: 'T_base=data_0[gf],T_tip=data_2[gf],time=Time[s]', or "
-    "a mapping file (.toml), as gtr inspect writes it. Give one for all recordings, or one for each.",
+    help="Columns under other names or in other units: 'T_base=data_0[gf],T_tip=data_2[gf],time=Time[s]', "
+    "raw counts with scale and offset: 'T_base=raw_0*0.00981-1.2[N]', or a mapping file (.toml), as gtr "
+    "inspect writes it. Give one for all recordings, or one for each.",
 )
 _keep_glitches = click.option(
     "--keep-glitches",

@@ -1,6 +1,8 @@
 """Which columns of a recording hold which quantities, as its user says: `--columns` and mapping files.
 
-`--columns` takes a text, 'T_base=data_0[gf],time=Time[s]', or a mapping file:
+`--columns` takes a text, 'T_base=data_0[gf],time=Time[s]'. Numbers that have to be converted before a unit
+holds, such as raw counts, are written as a product: 'T_base=raw_0*0.00981-1.2[N]', or with a tare in counts
+'T_base=(raw_0-84213)/420.5[gf]'. Or it takes a mapping file:
 
     schema = 1
     [columns]
@@ -13,12 +15,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import tomli_w
 
@@ -27,9 +30,40 @@ from gtr_jax.errors import InputError, did_you_mean, excerpt
 from .config_file import read_toml
 from .quantities import column_of, plain_name, split_unit, with_tendon
 from .sheet import Table
+from .units import measures
 from .whole import write_whole
 
+_NUMBER = r"[+\-−]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_TERM = rf"(?:\s*(?P<{{0}}>[+\-−])\s*(?P<{{1}}>{_NUMBER}))"
+_UNIT = r"(?:\s*\[(?P<{0}>[^\[\]]*)\])?"
+# raw*0.00981[N]-1.2, (raw-84213)/420.5[gf]: the unit is that of the result, before or behind the last term.
+_CONVERTED = re.compile(
+    rf"(?:\((?P<inner>.+?){_TERM.format('tare_sign', 'tare')}\s*\)|(?P<plain>.+?))"
+    rf"\s*(?P<by>[*/])\s*(?P<factor>{_NUMBER}){_UNIT.format('unit')}"
+    rf"(?:{_TERM.format('sign', 'offset')}{_UNIT.format('late')})?\s*"
+)
 _EXAMPLE = "'T_base=data_0[gf],time=Time[s]'"
+
+
+class Source(NamedTuple):
+    """What a quantity is read from: `scale` times the numbers of a column, plus `offset`, in `unit`.
+
+    Attributes:
+        index: of the column.
+        unit: of the result; None if neither the mapping nor the header says it.
+        scale, offset: in that unit.
+    """
+
+    index: int
+    unit: str | None
+    scale: float = 1.0
+    offset: float = 0.0
+
+    def named(self, header: str) -> str:
+        """The column as a mapping has it, without the unit."""
+        if self.scale == 1.0 and self.offset == 0.0:
+            return header
+        return f"{header}*{self.scale!r}" + (f"{self.offset:+}" if self.offset else "")
 
 
 @dataclass(frozen=True)
@@ -160,8 +194,8 @@ def write_columns(
 
 def mapped(
     table: Table, columns: Columns, wanted: Mapping[str, tuple[str, str]], tendons: Sequence[str]
-) -> dict[str, tuple[int, str | None]]:
-    """Column index and unit of each quantity that is mapped.
+) -> dict[str, Source]:
+    """What each quantity that is mapped is read from.
 
     Args:
         table: the file.
@@ -173,8 +207,8 @@ def mapped(
     stands twice.
     """
     place = f"{table.path}: {columns.place}"
-    chosen: dict[str, tuple[int, str | None]] = {}
-    for name, source in columns.entries:
+    chosen: dict[str, Source] = {}
+    for name, text in columns.entries:
         plain, _, tendon = name.partition(".")
         spelled = next(
             (
@@ -189,21 +223,68 @@ def mapped(
             raise InputError(f"{place}: unknown quantity '{name}'; {did_you_mean(name, wanted)}")
         if quantity in chosen:
             raise InputError(f"{place}: {quantity} is mapped twice; keep one")
-        si = column_of(wanted[quantity][0]).unit
-        unit = None
-        if source not in table.header:
-            bracketed = re.fullmatch(r"(.*?)\s*\[([^\[\]]*)\]", source)
-            source, unit = (bracketed[1], bracketed[2].strip() or None) if bracketed else (source, None)
-        if source not in table.header:
-            remedy = did_you_mean(source, [name for name in table.header if name])
-            raise InputError(f"{place}: no column '{source}' for {quantity}; {remedy}")
-        if table.header.count(source) > 1:
-            raise InputError(f"{place}: column '{source}' stands twice in the header; rename one")
-        index = table.header.index(source)
-        other = next((q for q, (i, _) in chosen.items() if i == index), None)
+        source = _source(table, text, column_of(wanted[quantity][0]).unit, place, quantity)
+        header = table.header[source.index]
+        if table.header.count(header) > 1:
+            raise InputError(f"{place}: column '{header}' stands twice in the header; rename one")
+        other = next((q for q, own in chosen.items() if own.index == source.index), None)
         if other is not None:
             raise InputError(
-                f"{place}: column '{source}' is both {other} and {quantity}; take another for one"
+                f"{place}: column '{header}' is both {other} and {quantity}; take another for one"
             )
-        chosen[quantity] = (index, unit or split_unit(source, si)[1])
+        chosen[quantity] = source
     return chosen
+
+
+def _source(table: Table, text: str, si: str, place: str, quantity: str) -> Source:
+    """What the right side of an entry stands for: a header as it is, with a unit, or converted."""
+    found = _index(table, text)
+    if found is not None:
+        return Source(found, _unit(table, found, si))
+    bracketed = re.fullmatch(r"(.*?)\s*\[([^\[\]]*)\]", text)
+    name, unit = (bracketed[1], bracketed[2].strip() or None) if bracketed else (text, None)
+    found = _index(table, name)
+    if found is not None:
+        return Source(found, unit or _unit(table, found, si))
+    converted = _CONVERTED.fullmatch(text)
+    if converted is None:
+        raise InputError(
+            f"{place}: no column '{name}' for {quantity}; {did_you_mean(name, filter(None, table.header))}"
+        )
+    name = (converted["inner"] or converted["plain"]).strip()
+    found = _index(table, name)
+    if found is None:
+        raise InputError(
+            f"{place}: no column '{name}' for {quantity}; {did_you_mean(name, filter(None, table.header))}"
+        )
+    factor, offset, tare = (_number(converted[part]) for part in ("factor", "offset", "tare"))
+    if factor == 0.0:
+        raise InputError(f"{place}: {quantity}: a factor of 0 leaves nothing of column '{name}'; correct it")
+    scale = factor if converted["by"] == "*" else 1.0 / factor
+    offset = _signed(converted["sign"], offset) + scale * _signed(converted["tare_sign"], tare)
+    if not (math.isfinite(scale) and math.isfinite(offset)):
+        raise InputError(f"{place}: {quantity}: '{excerpt(text)}' is not finite; correct its numbers")
+    unit = (converted["unit"] or converted["late"] or "").strip() or None
+    return Source(found, unit or _unit(table, found, si), scale, offset)
+
+
+def _index(table: Table, name: str) -> int | None:
+    """The column of this header, as it is or but for the number of its blanks; None if there is none."""
+    if name in table.header:
+        return table.header.index(name)
+    alike = [i for i, header in enumerate(table.header) if header and header.split() == name.split()]
+    return alike[0] if len(alike) == 1 else None
+
+
+def _unit(table: Table, index: int, si: str) -> str | None:
+    """The unit that a header states, unless only a row of units states one of the quantity's kind."""
+    said, row = split_unit(table.header[index], si)[1], table.unit(index)
+    return row if said and row and not measures(said, si) and measures(row, si) else said
+
+
+def _number(text: str | None) -> float:
+    return 0.0 if text is None else float(text.replace("−", "-"))
+
+
+def _signed(sign: str | None, value: float) -> float:
+    return value if sign == "+" else -value if sign else 0.0

@@ -1,21 +1,23 @@
 """CSV tables as people's programs export them: text to cells.
 
-Read are commas, semicolons or tabs; decimal points or commas; thousands separators; comments, title lines and
-a row of units. What may mean two things is refused.
+Read are commas, semicolons or tabs; decimal points or commas; thousands separators; comments, title lines,
+rows of units, no header at all, and several tables in one file. What may mean two things is refused.
 """
 
 from __future__ import annotations
 
 import csv
 import io
+import itertools
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from gtr_jax.errors import InputError
+from gtr_jax.errors import InputError, listed
 
 from .cells import NOTHING, Written, is_numeral, is_stamp
 from .sheet import Table
@@ -23,8 +25,28 @@ from .units import DIMENSIONS, measures
 
 _SAMPLED = 200  # rows by which the separator is told
 _SAID = re.compile(r'\s*"?sep=(.)"?;?,?[ \t]*\n', re.IGNORECASE)
+NUMBERLIKE = r"^\s*[+\-−]?[.,]?\d"  # how a number or a time stamp begins
+_NUMBERLIKE = re.compile(NUMBERLIKE)
 
-_Rows = list[tuple[int, list[str]]]
+Rows = list[tuple[int, list[str]]]
+
+
+class Layout(NamedTuple):
+    """How the rows of a table lie.
+
+    Attributes:
+        header, units: names of the columns, and what a row of units says of each; no units where there is no
+            such row.
+        rest: the rows of cells, each with its number.
+        numbered: whether the file names no column, so that `header` counts them.
+        notes: sentences on how the rows were read.
+    """
+
+    header: list[str]
+    units: list[str]
+    rest: Rows
+    numbered: bool = False
+    notes: tuple[str, ...] = ()
 
 
 def read_csv(path: Path, text: str, sha256: str) -> Table:
@@ -32,17 +54,34 @@ def read_csv(path: Path, text: str, sha256: str) -> Table:
 
     Cells are parted by commas, semicolons or tabs. Blank lines, comments (#), a line "sep=;" and title lines
     above the header are skipped; a header may be a comment. A row of units below the header is kept apart.
+    Columns without a header are numbered from "column 1". Of several tables in the file, the longest is read.
+    A last row that ends before its line does is left out.
 
     Raises InputError if it has a header only, or a row of another length.
     """
-    header, units, rest = laid_out(path, text)
+    return table_of(path, laid_out(path, text), sha256, cut=not text.endswith(("\n", "\r")))
+
+
+def table_of(path: Path, layout: Layout, sha256: str, *, cut: bool = False) -> Table:
+    """The table of rows that are laid out.
+
+    Args:
+        path, sha256: of the file.
+        layout: of its rows.
+        cut: whether the last row may be incomplete, because its line does not end.
+    """
+    header, units, rest, numbered, notes = layout
     cells, numbers, plain = [], [], True
     for number, row in rest:
         while len(row) > len(header) and not row[-1].strip():
             row.pop()
         if len(row) != len(header):
+            if cut and cells and number == rest[-1][0] and len(row) < len(header):
+                notes = (*notes, f"row {number}, the last, is incomplete and left out")
+                continue
+            others = "the rows above" if numbered else "the header"
             raise InputError(
-                f"{path}: row {number} has {len(row)} cells and the header {len(header)}; {_odd(header, row)}"
+                f"{path}: row {number} has {len(row)} cells and {others} {len(header)}; {_odd(header, row)}"
             )
         plain = plain and not any("," in cell for cell in row)
         cells.append(row)
@@ -53,17 +92,141 @@ def read_csv(path: Path, text: str, sha256: str) -> Table:
     if not cells:
         raise InputError(f"{path}: has a header but no rows; at least one row of numbers is needed")
     columns = [Written(column) for column in zip(*cells, strict=True)]
-    return Table(path, sha256, header, columns, np.array(numbers), units, plain)
+    return Table(path, sha256, header, columns, np.array(numbers), units, plain, notes, numbered)
 
 
-def laid_out(path: Path, text: str) -> tuple[list[str], list[str], _Rows]:
-    """Header, units below it (none where there is no such row), and the rows below, each with its number."""
-    header, rest = _header(*_rows(path, text))
-    units: list[str] = []
-    if len(rest) > 1 and _are_units(rest[0][1]) and is_data(rest[1][1]):
-        units = [re.sub(r"^[\[(]|[\])]$", "", cell.strip()).strip(" -–") for cell in rest.pop(0)[1]]
-        units = (units + [""] * len(header))[: len(header)]
-    return header, units, rest
+def laid_out(path: Path, text: str) -> Layout:
+    """How the rows of a text lie."""
+    return layout_of(path, *_rows(path, text))
+
+
+def layout_of(path: Path, rows: Rows, comments: Rows | None = None) -> Layout:
+    """How rows lie, those of the longest table where there are several.
+
+    Args:
+        path: of the file, which errors name.
+        rows: each with its number.
+        comments: likewise, without their sign.
+
+    Raises InputError if two tables have the same header.
+    """
+    tables = [_layout(block, comments or []) for block in _blocks(rows)]
+    longest = max(tables, key=lambda table: len(table.rest))
+    if len(tables) == 1:
+        return longest
+    alike = [table for table in tables if table.header == longest.header]
+    if len(alike) > 1:
+        begun = listed([str(table.rest[0][0]) for table in alike])
+        raise InputError(
+            f"{path}: holds {len(alike)} tables with one header, their first rows {begun}; give each "
+            "recording a file of its own"
+        )
+    first, last = longest.rest[0][0], longest.rest[-1][0]
+    return longest._replace(
+        notes=(f"holds {len(tables)} tables: the longest, rows {first} to {last}, is read",)
+    )
+
+
+def _layout(rows: Rows, comments: Rows) -> Layout:
+    """How the rows of one table lie."""
+    at = [*itertools.islice((i for i, (_, row) in enumerate(rows) if is_data(row)), 2)]
+    data = at[0] if at else None
+    if data == 0:
+        number, first = rows[0]
+        above = [row for line, row in comments if line < number and len(row) == len(first)]
+        if above and not is_data(above[-1]):
+            return Layout([cell.strip() for cell in above[-1]], [], rows)
+        below = rows[at[1]][1] if len(at) > 1 else []
+        if not _names_columns(first, below):
+            return Layout(numbered_columns(_commonest(rows)), [], rows, numbered=True)
+        data = at[1]
+    place = _place(rows, data)
+    header = [cell.strip() for cell in rows[place][1]] if rows else []
+    rest = rows[place + 1 :]
+    widest = max((len(row) for _, row in rest), default=len(header))
+    while len(header) > widest and not header[-1]:
+        header.pop()
+    if not data:
+        return Layout(header, [], rest)
+    between = rows[place + 1 : data]
+    said = next((row for _, row in between if _are_units(row)), None)
+    units = [] if said is None else [re.sub(r"^[\[(]|[\])]$", "", c.strip()).strip(" -–") for c in said]
+    units = (units + [""] * len(header))[: len(header)] if said is not None else []
+    return Layout(header, units, [own for own in between if not _are_words(own[1])] + rows[data:])
+
+
+def numbered_columns(count: int) -> list[str]:
+    """Names of columns that have none."""
+    return [f"column {i}" for i in range(1, count + 1)]
+
+
+def _commonest(rows: Rows) -> int:
+    """The number of cells that most rows have."""
+    counts = Counter(len(row) for _, row in rows)
+    return max(counts, key=lambda width: (counts[width], width))
+
+
+def _names_columns(first: Sequence[str], below: Sequence[str]) -> bool:
+    """Whether a first row, most of whose cells are numbers, is a header nevertheless: it has a word above a
+    number, or counts the columns, 0, 1, 2, …, while there are decimals below.
+    """
+    if any(_is_word(name) and is_numeral(cell) for name, cell in zip(first, below, strict=False)):
+        return True
+    names = [cell.strip() for cell in first]
+    names = names if names[0] else names[1:]
+    counted = [[str(i) for i in range(start, start + len(names))] for start in (0, 1)]
+    decimals = any(is_numeral(cell) and not re.fullmatch(r"\s*[+-]?\d+\s*", cell) for cell in below)
+    return len(names) > 1 and names in counted and decimals
+
+
+def _place(rows: Rows, data: int | None) -> int:
+    """Which row is the header: of the fullest above the data that above the units, or else the first."""
+    above = range(max(1 if data is None else data, 1))
+    if not rows or not data:
+        return max(above, key=lambda i: _filled(rows[i][1])) if rows else 0
+
+    def score(i: int) -> tuple[int, bool]:
+        return _filled(rows[i][1]), i + 1 < data and _are_units(rows[i + 1][1])
+
+    named = [i for i in above if _fits(rows[i][1], rows[data][1]) and not _are_units(rows[i][1])]
+    # Titles and small tables are parted from it by a blank line.
+    gap = max((i for i in named if i and rows[i][0] > rows[i - 1][0] + 1), default=0)
+    named = [i for i in named if i >= gap] or [*above]
+    return max(named, key=score)
+
+
+def _fits(header: Sequence[str], row: Sequence[str]) -> bool:
+    """Whether a row has a cell for each name of a header, and no more."""
+    return len(_trimmed(row)) <= len(_trimmed(header)) <= len(row)
+
+
+def _trimmed(row: Sequence[str]) -> Sequence[str]:
+    width = len(row)
+    while width and not row[width - 1].strip():
+        width -= 1
+    return row[:width]
+
+
+def _blocks(rows: Rows) -> list[Rows]:
+    """The rows parted where, below rows of data, a header stands above others."""
+    blocks: list[Rows] = []
+    begin = words = 0
+    seen = False
+    for i, (_, row) in enumerate(rows):
+        if _are_words(row):
+            continue
+        if seen and words < i and is_data(row) and any(_heads(above, row) for _, above in rows[words:i]):
+            blocks.append(rows[begin:words])
+            begin = words
+        seen = seen or is_data(row)
+        words = i + 1
+    return [*blocks, rows[begin:]]
+
+
+def _heads(names: Sequence[str], row: Sequence[str]) -> bool:
+    """Whether a row of words is a header above a row of data."""
+    least = max(2, len(_trimmed(row)) - 1)
+    return _fits(names, row) and _filled(names) >= least and not _are_units(names)
 
 
 def _odd(header: list[str], row: list[str]) -> str:
@@ -75,13 +238,13 @@ def _odd(header: list[str], row: list[str]) -> str:
     return "complete or delete the row"
 
 
-def _rows(path: Path, text: str) -> tuple[_Rows, _Rows]:
+def _rows(path: Path, text: str) -> tuple[Rows, Rows]:
     """Rows that are not blank and comments, without their sign, each with its number in an editor."""
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     said = _SAID.match(text)
     delimiter = delimiter_of(text)
-    rows: _Rows = []
-    comments: _Rows = []
+    rows: Rows = []
+    comments: Rows = []
     reader = csv.reader(io.StringIO(text), delimiter=delimiter)
     try:
         for row in reader:
@@ -116,31 +279,26 @@ def delimiter_of(text: str) -> str:
     return max("\t;,", key=alike) if any(map(alike, "\t;,")) else ","
 
 
-def _header(rows: _Rows, comments: _Rows) -> tuple[list[str], _Rows]:
-    """The header, and the rows below it."""
-    data = next((i for i, (_, row) in enumerate(rows) if is_data(row)), 1)
-    if data == 0:
-        number, first = rows[0]
-        above = [row for line, row in comments if line < number and len(row) == len(first)]
-        if above and not is_data(above[-1]):
-            return [cell.strip() for cell in above[-1]], rows
-    place = max(range(max(data, 1)), key=lambda i: _filled(rows[i][1])) if rows else 0
-    header = [cell.strip() for cell in rows[place][1]] if rows else []
-    widest = max((len(row) for _, row in rows[place + 1 :]), default=len(header))
-    while len(header) > widest and not header[-1]:
-        header.pop()
-    return header, rows[place + 1 :]
-
-
-def _filled(row: list[str]) -> int:
+def _filled(row: Sequence[str]) -> int:
     return sum(bool(cell.strip()) for cell in row)
 
 
 def is_data(row: Iterable[str]) -> bool:
     """Whether most cells are numbers or time stamps."""
     cells = [cell for cell in row if cell.strip()]
-    known = sum(is_numeral(cell) or is_stamp(cell) or cell.strip().lower() in NOTHING for cell in cells)
+    known = sum(not _is_word(cell) for cell in cells)
     return known > len(cells) / 2
+
+
+def _is_word(cell: str) -> bool:
+    """Whether a cell is neither empty nor a number, a time stamp or a word for nothing."""
+    bare = cell.strip()
+    return bool(bare) and not (is_numeral(bare) or is_stamp(bare) or bare.lower() in NOTHING)
+
+
+def _are_words(row: Sequence[str]) -> bool:
+    """Whether no cell begins as a number does, or says that there is none."""
+    return not any(_NUMBERLIKE.match(cell) or cell.strip().lower() in NOTHING for cell in row)
 
 
 def _are_units(row: Iterable[str]) -> bool:

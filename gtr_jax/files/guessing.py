@@ -15,28 +15,22 @@ import numpy as np
 
 from gtr_jax.errors import InputError
 
-from .headers import RARE_NEWTONS, force_meant, meant_column, recognised, words_of
+from .headers import (
+    RARE_NEWTONS,
+    RAW,
+    force_meant,
+    is_clock,
+    may_be_force,
+    meant_column,
+    recognised,
+    words_of,
+)
 from .quantities import COLUMNS, NEEDED, quantities_of, split_unit
 from .sheet import Table
 from .units import measures
 
 HEADER, UNITS, NAME, SIZE, NOTHING = "header", "row of units", "name", "size", "nothing"
 _SURE = (HEADER, UNITS)
-# Readings of an amplifier that are no forces until they are calibrated.
-_RAW = {
-    "counts": "raw counts",
-    "count": "raw counts",
-    "cnt": "raw counts",
-    "adc": "raw counts",
-    "raw": "raw counts",
-    "lsb": "raw counts",
-    "bits": "raw counts",
-    "v": "a voltage",
-    "mv": "a voltage",
-    "volt": "a voltage",
-    "volts": "a voltage",
-    "mv/v": "a ratio of voltages",
-}
 _TOGETHER = 0.5  # correlation of two columns from which they may be both ends of one tendon
 _TAILS = (0.5, 99.5)  # percentiles between which a column is looked at: a glitch is no size
 _LOOKED_AT = 20_000  # samples of a column that are looked at
@@ -189,9 +183,9 @@ def _counts(table: Table, index: int) -> bool:
 
 
 def _clock(table: Table, numbers: Mapping[int, np.ndarray]) -> int | None:
-    """The one column that only rises and is no number of the sample."""
-    rising = [i for i, x in numbers.items() if len(x) > 2 and np.all(np.diff(x) > 0)]
-    counted = [i for i in rising if np.all(np.diff(numbers[i]) == np.diff(numbers[i])[0])]
+    """The one column that only rises, or repeats its stamps, and is no number of the sample."""
+    rising = [i for i, x in numbers.items() if len(x) > 2 and (np.all(np.diff(x) > 0) or is_clock(x))]
+    counted = [i for i in rising if np.all(np.diff(numbers[i]) == 1)]
     fit = [i for i in rising if i not in counted] or [i for i in rising if _says(table, i, "s")]
     return fit[0] if len(fit) == 1 else None
 
@@ -208,7 +202,7 @@ def _ends(
     absent = [name for name in NEEDED if name not in found]
     if not absent:
         return {}
-    columns = {i: x for i, x in numbers.items() if _may_be_force(table, i) and not np.all(np.diff(x) > 0)}
+    columns = {i: x for i, x in numbers.items() if may_be_force(table, i) and _pulls(x)}
     for name in NEEDED:
         if name in found:
             x = table.column(found[name][0], most_absent=1.0)
@@ -226,6 +220,12 @@ def _ends(
     return {name: (index, SIZE) for name, index in (("T_base", base), ("T_tip", tip)) if name in absent}
 
 
+def _pulls(x: np.ndarray) -> bool:
+    """Whether numbers may be tensions: no clock, and above zero they reach farther than below."""
+    low, high = np.nanpercentile(x, [_TAILS[0], _TAILS[1]])
+    return not np.all(np.diff(x) > 0) and not is_clock(x) and bool(high > -low)
+
+
 def _placed(found: Mapping[str, tuple[int, str]], base: int, tip: int) -> bool:
     """Whether a pair agrees with the end that is known."""
     return all(found[n][0] == i for n, i in (("T_base", base), ("T_tip", tip)) if n in found)
@@ -238,16 +238,6 @@ def _together(a: np.ndarray, b: np.ndarray) -> float:
     if len(x) < 3 or np.ptp(x) == 0 or np.ptp(y) == 0:
         return 0.0
     return float(np.corrcoef(x, y)[0, 1])
-
-
-def _may_be_force(table: Table, index: int) -> bool:
-    """Whether nothing says that a column is another quantity, or another unit than of a force."""
-    header = table.header[index]
-    said = split_unit(header, "N")[1] or table.unit(index)
-    if said is not None:
-        said = said.strip()
-        return said.lower() in _RAW or measures(force_meant(said), "N")
-    return not any(re.fullmatch(r"index|sample|trial|row|unnamed", word) for word in words_of(header))
 
 
 def _with_unit(table: Table, key: str, index: int, why: str) -> Guessed:
@@ -271,12 +261,12 @@ def _with_unit(table: Table, key: str, index: int, why: str) -> Guessed:
         if si == "N" and measures(force_meant(word), si):
             note = f"'{word}' is a mass: its weight is meant"
             return Guessed(key, header, index, force_meant(word), why, NAME, (note,))
-        if si == "N" and word.lower() in _RAW:
-            note = (
-                f"'{header}' holds {_RAW[word.lower()]}, no force: calibrate the cell and convert the column"
-            )
-            return Guessed(key, header, index, word, why, place, (note,))
+        if si == "N" and word.lower() in RAW:
+            return Guessed(key, header, index, word, why, place, (_uncalibrated(key, header, word),))
     unit, place = si, NOTHING
+    raw = next((word for word in words_of(header) if RAW.get(word) == "raw counts"), None)
+    if si == "N" and raw and _whole(table, index):
+        return Guessed(key, header, index, raw, why, NAME, (_uncalibrated(key, header, raw),))
     if si == "N" and _size(table, index) > RARE_NEWTONS:
         unit, place = "gf", SIZE
     elif si == "rad" and _size(table, index) > 2 * np.pi:
@@ -286,6 +276,25 @@ def _with_unit(table: Table, key: str, index: int, why: str) -> Guessed:
     elif si == "m" and _size(table, index) > 10.0:
         unit, place = "mm", SIZE
     return Guessed(key, header, index, unit, why, place)
+
+
+def _uncalibrated(key: str, header: str, unit: str) -> str:
+    """What to do about a column in a unit that is no force's."""
+    bare = split_unit(header, "N")[0] if header.endswith(")") else header
+    return (
+        f"'{header}' holds {RAW[unit.lower()]}, no force: calibrate the cell and say how it is converted, "
+        f"for example --columns '{key}={bare}*0.0098-1.2[N]'"
+    )
+
+
+def _whole(table: Table, index: int) -> bool:
+    """Whether a column holds whole numbers only."""
+    try:
+        values = table.column(index, most_absent=1.0)
+    except InputError:
+        return False
+    values = values[np.isfinite(values)]
+    return bool(values.size) and bool(np.all(values == np.round(values)))
 
 
 def _size(table: Table, index: int) -> float:

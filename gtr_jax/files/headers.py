@@ -11,10 +11,9 @@ import numpy as np
 
 from gtr_jax.errors import InputError, listed
 
-from .csv_text import is_data
 from .quantities import COLUMNS, NEEDED, column_of, of_tendon, plain_name, split_unit, with_tendon
 from .sheet import Table
-from .units import measures
+from .units import DIMENSIONS, measures
 
 
 def recognised(table: Table, quantity: str, tendon: str) -> tuple[int, str | None] | None:
@@ -47,7 +46,12 @@ def recognised(table: Table, quantity: str, tendon: str) -> tuple[int, str | Non
 
 
 def missing(
-    table: Table, absent: Sequence[str], wanted: Mapping[str, tuple[str, str]], tendons: Sequence[str]
+    table: Table,
+    absent: Sequence[str],
+    wanted: Mapping[str, tuple[str, str]],
+    tendons: Sequence[str],
+    *,
+    guessed: Mapping[str, str],
 ) -> InputError:
     """The error for quantities that are needed and have no column: what may be meant, and in which unit.
 
@@ -56,6 +60,7 @@ def missing(
         absent: their names.
         wanted: what may be read, as of `quantities_of`.
         tendons: names of several tendons.
+        guessed: what their columns may be by their numbers, as a mapping has it: "column 2[N]".
     """
     quantity, tendon = wanted[absent[0]]
     column = column_of(quantity)
@@ -74,17 +79,25 @@ def missing(
             f"{column.header}; several are named in the robot file, as [[tendons]], or in Python, "
             f"read_recording(..., tendons=({', '.join(map(repr, names))}))"
         )
-    if is_data(table.header):
-        return InputError(
-            f"{table.path}: the first row holds numbers; put the names of the columns above, "
-            "for example time_s,T_base_N,T_tip_N"
-        )
-    meant = {key: meant_column(table, *wanted[key], tendons) for key in absent}
+    meant: dict[str, int | None] = {}
+    for key in absent:
+        taken = [index for index in meant.values() if index is not None]
+        meant[key] = meant_column(table, *wanted[key], tendons, taken=taken)
     entries = []
     for key, index in meant.items():
         si = column_of(wanted[key][0]).unit
-        name, unit = ("NAME", si) if index is None else (table.header[index], unit_meant(table, index, si))
-        entries.append(f"{key}={name}[{unit}]")
+        named = f"NAME[{si}]" if index is None else f"{table.header[index]}[{unit_meant(table, index, si)}]"
+        entries.append(f"{key}={guessed.get(key, named) if index is None else named}")
+    if table.numbered:
+        # What is not guessed is an example: clocks come first.
+        places = iter(table.header[min(len(table.header) - 1, 1) if len(table.header) > len(absent) else 0 :])
+        entries = [e.replace("=NAME[", f"={next(places, 'NAME')}[") for e in entries]
+        entries += [f"{key}={text}" for key, text in guessed.items() if key not in absent]
+        return InputError(
+            f"{table.path}: has no header, so that its columns are numbered: {listed(names)}; put their "
+            f"names above, for example time_s,T_base_N,T_tip_N, or say which they are, for example "
+            f"--columns '{','.join(entries)}'"
+        )
     near = meant[absent[0]]
     return InputError(
         f"{place}; columns found: {listed(names)}"
@@ -103,6 +116,23 @@ _NO_FORCES = frozenset(
     "angle bend bending time clock temp temperature x y z pos position displacement disp stroke voltage volt "
     "v strain s ms m mm deg rad trial sample index".split()
 )
+# Readings of an amplifier that are no forces until they are calibrated.
+RAW = {
+    "counts": "raw counts",
+    "count": "raw counts",
+    "cnt": "raw counts",
+    "adc": "raw counts",
+    "raw": "raw counts",
+    "lsb": "raw counts",
+    "bits": "raw counts",
+    "v": "a voltage",
+    "mv": "a voltage",
+    "volt": "a voltage",
+    "volts": "a voltage",
+    "mv/v": "a ratio of voltages",
+}
+# A clock, whatever its name, never falls, and nine in ten of its steps are its median step to half of it.
+_EVEN, _MOSTLY, _STEPS = 0.5, 0.9, 10
 _ALIKE = 0.7  # of a misspelt header to one that is known
 # Words for units of tension, and the unit meant.
 _MEANT = {"g": "gf", "gr": "gf", "gram": "gf", "grams": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf"}
@@ -117,6 +147,60 @@ def words_of(header: str) -> list[str]:
 def force_meant(unit: str) -> str:
     """The unit of force that a unit of mass stands for; the unit itself if it is none."""
     return _MEANT.get(unit.lower(), unit)
+
+
+def is_clock(x: np.ndarray) -> bool:
+    """Whether numbers, (K,), are those of a clock or a counter, which may repeat its stamps: they never fall,
+    and rise by even steps.
+    """
+    steps = np.diff(x[np.isfinite(x)])
+    rises = steps[steps > 0]
+    if len(rises) < _STEPS or np.any(steps < 0):
+        return False
+    usual = float(np.median(rises))
+    return float(np.mean(np.abs(rises - usual) <= _EVEN * usual)) >= _MOSTLY
+
+
+def may_be_force(table: Table, index: int) -> bool:
+    """Whether nothing says that a column is another quantity, or in another unit than of a force."""
+    header = table.header[index]
+    words = set(words_of(header))
+    if words & {"index", "sample", "trial", "row", "unnamed"} or _names_another(header):
+        return False
+    if words & _NO_FORCES - {*RAW} and not words & FORCES:
+        return False
+    said = said_unit(table, index)
+    return said is None or said.lower() in RAW or measures(force_meant(said), "N")
+
+
+def _names_another(header: str) -> bool:
+    """Whether a header is that of a quantity but a tension, or of one of several tendons."""
+    own, dot, _ = header.partition(".")
+    for quantity, column in COLUMNS.items():
+        name = split_unit(own, column.unit)[0]
+        if plain_name(name) in column.spellings and name != "T":
+            return bool(dot) or quantity not in NEEDED
+    return False
+
+
+def said_unit(table: Table, index: int) -> str | None:
+    """The unit that a header, by brackets or its ending, or a row of units says; None if neither does."""
+    units = (split_unit(table.header[index], si)[1] for si in ("N", "m", "s", "rad"))
+    said = next((unit for unit in units if unit is not None), None) or table.unit(index)
+    return said.strip() if said else None
+
+
+def _is_another(table: Table, index: int, *, sided: bool) -> bool:
+    """Whether the unit of a column says that it is no force, or, unless its header names an end of the tendon
+    (`sided`), its numbers that it is a clock.
+    """
+    said = said_unit(table, index)
+    if said is not None and not measures(force_meant(said), "N"):
+        return any(measures(said, si) for si in DIMENSIONS if si != "N")
+    try:
+        return not sided and is_clock(table.column(index, most_absent=1.0))
+    except InputError:
+        return False
 
 
 def meant_column(
@@ -147,7 +231,7 @@ def meant_column(
         score -= 9.0 * len(_NO_FORCES.intersection(words)) * (quantity in NEEDED)
         alike = [difflib.SequenceMatcher(None, name, s).ratio() for s in column_of(quantity).spellings]
         score += 3.0 * max(alike) if max(alike) > _ALIKE else 0.0
-        if score > 0:
+        if score > 0 and not (quantity in NEEDED and _is_another(table, index, sided=score > 1)):
             scores[index] = score
     best = [index for index, score in scores.items() if score == max(scores.values())]
     return best[0] if len(best) == 1 else None

@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .cells import BLANKS, NUMERAL, is_numeral, is_stamp, since_1970, since_midnight
-from .csv_text import delimiter_of, is_data, laid_out
+from gtr_jax.errors import InputError
+
+from .cells import BLANKS, NUMERAL, is_numeral, is_stamp, past_midnight, stamp_reader
+from .csv_text import NUMBERLIKE, delimiter_of, is_data, laid_out
 from .sheet import Table
 
 if TYPE_CHECKING:
@@ -26,12 +28,13 @@ LARGE = 2_000_000  # characters from which a file is read so
 _HEAD = 400  # lines in which the header and the first rows are looked for
 _FIRST = 1000  # cells that are looked at before all of them
 _FOREIGN = re.compile(r"(?![0-9])\d")  # a digit, but of another script
-_CLOCK = r"^\d{1,2}:\d\d:\d\d(?:[.,]\d+)?$"
+_FRACTION = r"(:\d\d:\d\d)[.,](\d+)"  # of the seconds
 
 
 def read_large(path: Path, text: str, sha256: str) -> Table | None:
     """The table in the text of a large CSV file; None if it is not large, or is odd in any way: quotes or
-    comments among the rows, blank lines, rows of another length, digits of other scripts.
+    comments among the rows, blank lines, rows of another length or without a number, several tables, digits
+    of other scripts.
     """
     if len(text) < LARGE:
         return None
@@ -43,8 +46,11 @@ def read_large(path: Path, text: str, sha256: str) -> Table | None:
         if end == 0:
             return None
     delimiter = delimiter_of(text[:end])
-    header, units, rest = laid_out(path, text[:end])
-    if len(rest) < 2 or not is_data(rest[0][1]) or len(rest[0][1]) != len(header):
+    try:
+        header, units, rest, numbered, notes = laid_out(path, text[:end])
+    except InputError:
+        return None
+    if notes or len(rest) < 2 or not is_data(rest[0][1]) or len(rest[0][1]) != len(header):
         return None
     first = rest[0][0]
     begin = 0
@@ -62,8 +68,11 @@ def read_large(path: Path, text: str, sha256: str) -> Table | None:
     series = _split(data, delimiter)
     if len(series) != len(header) or (any(s.null_count() for s in series) and _blank_rows(series)):
         return None
+    if _rows_of_words(data, series):
+        return None
     columns = [ManyWritten(s) for s in series]
-    return Table(path, sha256, header, columns, np.arange(first, first + len(series[0])), units, plain)
+    numbers = np.arange(first, first + len(series[0]))
+    return Table(path, sha256, header, columns, numbers, units, plain, numbered=numbered)
 
 
 def _even(body: bytes, delimiter: str, width: int) -> bool:
@@ -97,6 +106,23 @@ def _blank_rows(series: list[pl.Series]) -> bool:
     for s in series[1:]:
         blank &= s.is_null()
     return bool(blank.any())
+
+
+def _rows_of_words(body: bytes, series: list[pl.Series]) -> bool:
+    """Whether in any row no cell begins as a number does: another table may begin there."""
+    import polars as pl
+
+    characters = np.frombuffer(body, dtype=np.uint8)
+    firsts = characters[np.append(0, np.flatnonzero(characters == ord("\n")) + 1)]
+    words = pl.Series((firsts < ord("0")) | (firsts > ord("9")))
+    for s in series:
+        if not words.any():
+            return False
+        number = s.filter(words).str.contains(NUMBERLIKE).fill_null(False).to_numpy()
+        left = words.to_numpy().copy()
+        left[left] = ~number
+        words = pl.Series(left)
+    return bool(words.any())
 
 
 class ManyWritten:
@@ -157,14 +183,15 @@ class ManyWritten:
         import polars as pl
 
         cells = self.series.fill_null("").str.strip_chars()
-        read = since_midnight if bool(cells.str.contains(_CLOCK).any()) else since_1970
-        whole = cells.str.replace(r"(:\d\d)[.,]\d+", "${1}")
-        decimals = cells.str.extract(r":\d\d[.,](\d+)").str.slice(0, 9).str.pad_end(9, "0")
-        known = whole.unique()
-        seconds = {w: None if set(w) & set(".,") else read(w) for w in known}
+        whole = cells.str.replace(_FRACTION, "${1}")
+        decimals = cells.str.extract(_FRACTION, 2).str.slice(0, 9).str.pad_end(9, "0")
+        known = whole.unique(maintain_order=True).to_list()
+        read = stamp_reader(known)
+        seconds = {w: None if re.search(_FRACTION, w) else read(w) for w in known}
         values = whole.replace_strict(seconds, return_dtype=pl.Int64)
         fraction = decimals.cast(pl.Int64, strict=False).fill_null(0)
-        return (values.fill_null(0) + fraction).to_numpy(), values.is_null().to_numpy()
+        bad = values.is_null().to_numpy()
+        return past_midnight((values.fill_null(0) + fraction).to_numpy(), bad, known), bad
 
     @functools.cached_property
     def _forms(self) -> list[_Form]:

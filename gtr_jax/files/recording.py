@@ -21,7 +21,7 @@ import numpy as np
 
 from gtr_jax.errors import InputError
 
-from .columns import Columns, mapped, read_columns
+from .columns import Columns, Source, mapped, read_columns
 from .guessing import Guess as Guess
 from .guessing import Guessed as Guessed
 from .guessing import guess as guess
@@ -140,10 +140,10 @@ def read_recording(
     Args:
         path: the file, or the table read from it; its header names the quantities and their units (COLUMNS),
             SI where none is given.
-        columns: columns under other names, as 'T_base=data_0[gf],T_tip=data_2[gf],time=Time[s]', or the path
-            of a mapping file, or either as read (see `columns`). It may also ask for what the last arguments
-            do; the quantities it leaves out are still looked for in the header. Columns of no use are
-            ignored.
+        columns: columns under other names, as 'T_base=data_0[gf],T_tip=data_2[gf],time=Time[s]', converted
+            as 'T_base=raw_0*0.00981-1.2[N]', or the path of a mapping file, or either as read (see
+            `columns`). It may also ask for what the last arguments do; the quantities it leaves out are still
+            looked for in the header. Columns of no use are ignored.
         need_tip: whether a file without a tip tension is refused.
         measured: whether one without a tip tension is a recording nonetheless, of the tip's pose, markers or
             displacements: then one is refused only that has none of these either, and where it has times,
@@ -173,11 +173,11 @@ def read_recording(
     said = None if columns is None else read_columns(columns, f"{table.path}: ")
     wanted = quantities_of(tendons, markers=markers, space=space)
     chosen = {} if said is None else mapped(table, said, wanted, tendons)
-    taken = {index for index, _ in chosen.values()}
+    taken = {source.index for source in chosen.values()}
     for key, (quantity, tendon) in wanted.items():
         found = None if key in chosen else recognised(table, quantity, tendon)
         if found and found[0] not in taken:
-            chosen[key] = found
+            chosen[key] = Source(*found)
     begun = {wanted[key][0] for key in chosen}
     compared = _compared(begun)
     needed = NEEDED if need_tip and not (measured and compared) else NEEDED[:1]
@@ -191,23 +191,27 @@ def read_recording(
     if set(QUATERNION) & begun:
         absent += [key for key in QUATERNION if key not in chosen]
     if absent:
-        fault = missing(table, absent, wanted, tendons)
+        guessed = guess(table, tendons).quantities
+        mapping = {key: g.source.replace(" [", "[") for key, g in guessed.items() if key not in chosen}
+        fault = missing(table, absent, wanted, tendons, guessed=mapping)
         if not measured or wanted[absent[0]][0] != "T_tip" or "T_tip" in begun:  # of some tendons, it has
             raise fault
         raise InputError(f"{fault}; or {OTHERWISE if 'T_base' in begun else POSED}")
-    notes = table.notes
+    notes = (*table.notes, "has no header: its columns are numbered") if table.numbered else table.notes
     if measured and "T_tip" not in begun:
         first = next(key for key, (quantity, _) in wanted.items() if quantity == "T_tip")
-        meant = meant_column(table, *wanted[first], tendons, taken={index for index, _ in chosen.values()})
+        meant = meant_column(table, *wanted[first], tendons, taken={own.index for own in chosen.values()})
         if meant is not None:
             notes = (*notes, unread(table, meant, first))
     whole = {}
     for key, (quantity, _) in wanted.items():
         if key in chosen:
-            index, unit = chosen[key]
+            index, unit, scale, offset = chosen[key]
             si = column_of(quantity).unit
             remedy = functools.partial(unit_remedy, table, key, index, si)
-            whole[key] = table.quantity(index, unit, si, remedy=remedy, most_absent=MOST_ABSENT)
+            whole[key] = table.quantity(
+                index, unit, si, remedy=remedy, most_absent=MOST_ABSENT, scale=scale, offset=offset
+            )
     units = {key: column_of(wanted[key][0]).unit for key in whole}
     glitches = (
         seeks_glitches(begun, measured=measured) and not keep_glitches and not (said and said.keep_glitches)
@@ -224,7 +228,7 @@ def read_recording(
     rows = np.asarray(table.numbers)[keep]
     for values in (*data.values(), rows):
         values.setflags(write=False)
-    headers = {key: table.header[index] for key, (index, _) in chosen.items()}
+    headers = {key: table.header[source.index] for key, source in chosen.items()}
     for name in tendons or ("",):
         own = [key for key, (_, tendon) in wanted.items() if key in data and tendon in ("", name)]
         signals = {wanted[key][0]: data[key] for key in own}
@@ -326,7 +330,8 @@ def _check_signals(
         if lowest < 0 and -lowest > max(highest, 0.1 * base_peak if quantity == "T_tip" else 0.0):
             raise InputError(
                 f"{path}: row {rows[row]}, column '{headers[quantity]}': {quantity} peaks at "
-                f"{lowest:.4g} N, but a tendon only pulls; reverse the sign of the column"
+                f"{lowest:.4g} N, but a tendon only pulls; reverse the sign of the column, as --columns "
+                f"'{quantity}={headers[quantity]}*-1[UNIT]' does, or map another"
             )
     if alone and not doubtful and "T_tip" in data:
         row = int(np.argmax(data["T_tip"]))

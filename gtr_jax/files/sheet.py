@@ -27,6 +27,7 @@ class Table:
         units: what a row of units below the header says of each column; "" where it says nothing.
         plain: whether no cell has a comma in it.
         notes: sentences on how the file was read.
+        numbered: whether the file names no column, so that the header counts them.
     """
 
     path: Path
@@ -37,6 +38,7 @@ class Table:
     units: list[str] = field(default_factory=list)
     plain: bool = False
     notes: tuple[str, ...] = ()
+    numbered: bool = False
 
     def unit(self, index: int) -> str | None:
         """What the row of units says of column `index`; None if it, or there, is none."""
@@ -112,11 +114,16 @@ class Table:
         return values
 
     def times(self, index: int) -> np.ndarray:
-        """Column `index`, time stamps, in seconds since the first of them: ISO 8601 or hours:minutes:seconds.
+        """Column `index`, time stamps, in seconds since the first of them: ISO 8601, other dates with a time,
+        or hours:minutes:seconds, which go on past midnight.
 
-        Raises InputError naming row and column of a cell that is none.
+        Raises InputError naming row and column of a cell that is none, or the column if its days and months
+        cannot be told apart.
         """
-        values, bad = self.columns[index].nanoseconds()
+        try:
+            values, bad = self.columns[index].nanoseconds()
+        except InputError as fault:
+            raise InputError(f"{self.path}: column '{self.header[index]}': {fault}") from None
         self._refuse(index, bad, "seconds or a time stamp such as 2026-01-31T14:05:00.25")
         return (values - values[0]) / float(SECOND)
 
@@ -128,15 +135,19 @@ class Table:
         *,
         remedy: Callable[[], str],
         most_absent: float = 0.0,
+        scale: float = 1.0,
+        offset: float = 0.0,
     ) -> np.ndarray:
-        """Column `index` converted from `unit` (None: what the row of units says, or SI) to the SI unit `si`,
-        read-only. Times may be time stamps. `remedy` says what to do about a unit that is not understood;
-        `most_absent` is as of `column`.
+        """Column `index`, times `scale` plus `offset`, converted from `unit` (None: what the row of units
+        says, or SI) to the SI unit `si`, read-only. Times may be time stamps. `remedy` says what to do about
+        a unit that is not understood; `most_absent` is as of `column`.
         """
         if si == "s" and not self.has_numbers(index):
             values = self.times(index)
         else:
             values, unit = self.column(index, most_absent), unit or self.unit(index)
+            if scale != 1.0 or offset:
+                values = values * scale + offset
             try:
                 values = values if unit in (None, si) else convert(values, unit, si)
             except InputError as fault:

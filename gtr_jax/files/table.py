@@ -8,15 +8,18 @@ from pathlib import Path
 
 from gtr_jax.errors import InputError
 
-from . import bags, matlab, parquet
+from . import bags, expanded, matlab, parquet, tdms, workbook
 from .csv_text import read_csv
 from .large_csv import read_large
+from .lines import read_lines
+from .lvm import is_lvm, read_lvm
 from .sheet import Table
 from .text import digest, read_bytes, text_of
 
 
 def read_table(path: str | os.PathLike[str]) -> Table:
-    """A table with named columns from a file: CSV, Parquet, MATLAB, or a bag of ROS, which may be a folder.
+    """A table with named columns from a file: CSV, lines of a serial monitor, LVM, TDMS, a workbook, Parquet,
+    MATLAB, or a bag of ROS, which may be a folder. All but bags may be compressed by gzip.
 
     What a file is, its first bytes or its name's ending tell.
 
@@ -29,16 +32,28 @@ def read_table(path: str | os.PathLike[str]) -> Table:
     data = read_bytes(path)
     sha256 = hashlib.sha256(data).hexdigest()
     ending = path.suffix.lower()
+    packed = data.startswith(expanded.GZIP)
+    if packed:
+        data = expanded.expanded_gzip(path, data)
+        ending = Path(path.stem).suffix.lower() if ending == ".gz" else ending
     if data.startswith(parquet.MAGIC) or ending in parquet.ENDINGS:
         return parquet.read_parquet(path, data, sha256)
     if data.startswith((matlab.MAGIC, matlab.MAGIC_HDF5)) or ending in matlab.ENDINGS:
         return matlab.read_matlab(path, data, sha256)
+    if data.startswith(tdms.MAGIC) or ending in tdms.ENDINGS:
+        return tdms.read_tdms(path, data, sha256)
+    if data.startswith(workbook.MAGICS):
+        return workbook.read_workbook(path, data, sha256)
     if data.startswith(bags.MAGICS) or ending in bags.ENDINGS:
+        if packed:
+            raise InputError(f"{path}: a compressed recording of ROS; expand it with gunzip")
         del data
         return bags.read_bag(path, sha256)
     text = text_of(path, data)
     del data
-    return read_large(path, text, sha256) or read_csv(path, text, sha256)
+    if is_lvm(text):
+        return read_lvm(path, text, sha256)
+    return read_lines(path, text, sha256) or read_large(path, text, sha256) or read_csv(path, text, sha256)
 
 
 def _of_folder(path: Path) -> Table:

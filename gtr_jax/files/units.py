@@ -106,6 +106,8 @@ def _factor(unit: str, si: str) -> float:
         hint = "; grams-force are written gf" if si == "N" and unit in ("g", "kg") else ""
         raise InputError(f"'{unit}' is not a unit of {dimension.noun}{hint}") from None
     except Exception:  # pint's tokenizer raises whatever its parts raise on malformed text
+        if unit.isalpha() and unit.istitle() and measures(unit.lower(), si):  # Newtons
+            return _factor(unit.lower(), si)
         raise InputError(f"unknown unit '{excerpt(unit)}'") from None
 
 

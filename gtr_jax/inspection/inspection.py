@@ -25,7 +25,7 @@ from .sampling import Sampling, sampling
 from .slip import HOLD, NAMES, PULLING, RELEASING, Phases, phases
 from .still import band_of, still, window
 from .stretches import Stretch, runs, stretches
-from .stuck import stuck
+from .stuck import counted_once, stuck
 from .turning import turns_of_long
 from .zero import unloaded, zero
 
@@ -114,18 +114,21 @@ def inspect(recording: Recording) -> Inspection:
     masked = _left_out(recording)
     ordered = time if time is not None and not clock.reversed and clock.rate_Hz is not None else None
     step = None if clock.rate_Hz is None else 1 / clock.rate_Hz
-    rough = from_differences(T_base), from_differences(T_tip)
-    ramp = _ramp(T_base, turns_of_long(T_base, _hysteresis(T_base, rough[0])))
-    quiet = [
-        still(T, band_of(T, sd), window(step, ramp)) for T, sd in zip((T_base, T_tip), rough, strict=True)
-    ]
-    noises = noise(T_base, quiet[0]), noise(T_tip, quiet[1])
+    rough, quiet = _at_rest(T_base, T_tip, step)
+    once = counted_once(T_base, T_tip, ordered)
+    own = (T_base[once], T_tip[once])
+    often = len(once) < len(T_base)  # rows that are logged again show no noise
+    own_step = step
+    if often and ordered is not None:
+        own_step = float(np.median(np.diff(ordered[once])[np.diff(ordered[once]) > 0]))
+    own_quiet = _at_rest(*own, own_step)[1] if often else quiet
+    noises = noise(own[0], own_quiet[0]), noise(own[1], own_quiet[1])
     turns = turns_of_long(T_base, _hysteresis(T_base, max(rough[0], noises[0].total_N)))
     still_both = _both(quiet, len(T_base))
     pulled = np.flatnonzero(T_base - T_base.min() > PULLED * np.ptp(T_base))
     ends = unloaded(T_base, T_tip, ordered, quiet=still_both, pulls=(int(pulled[0]), int(pulled[-1])))
     cells = tuple(
-        _cell(name, T, other, n, ends, ordered)
+        _cell(name, T, other, n, ends, ordered, once)
         for name, T, other, n in (
             ("T_base", T_base, T_tip, noises[0]),
             ("T_tip", T_tip, T_base, noises[1]),
@@ -226,6 +229,18 @@ def _left_out(recording: Recording) -> tuple[LeftOut, ...]:
     )
 
 
+def _at_rest(
+    T_base: np.ndarray, T_tip: np.ndarray, step: float | None
+) -> tuple[tuple[float, float], list[list[tuple[int, int]]]]:
+    """Noise of both cells by differences [N], and the stretches in which each stands still."""
+    rough = from_differences(T_base), from_differences(T_tip)
+    ramp = _ramp(T_base, turns_of_long(T_base, _hysteresis(T_base, rough[0])))
+    quiet = [
+        still(T, band_of(T, sd), window(step, ramp)) for T, sd in zip((T_base, T_tip), rough, strict=True)
+    ]
+    return rough, quiet
+
+
 def _hysteresis(T: np.ndarray, sd: float) -> float:
     return max(OF_NOISE * sd, OF_RANGE * float(np.ptp(T)))
 
@@ -273,9 +288,12 @@ def _cell(
     own: Noise,
     ends: tuple[Stretch | None, Stretch | None],
     time: np.ndarray | None,
+    once: np.ndarray,
 ) -> Cell:
     finest = resolution(T)
-    saturated, dead = stuck(T, other, white=own.white_N, step=finest, is_tip=name == "T_tip", time=time)
+    saturated, dead = stuck(
+        T, other, white=own.white_N, step=finest, is_tip=name == "T_tip", time=time, once=once
+    )
     return Cell(
         name=name,
         lowest_N=float(T.min()),

@@ -27,6 +27,7 @@ class Taken:
         quantity, header, unit: which, and in which unit; None of time stamps.
         why: why, as a sentence without its end.
         sure: whether the file or the user says so.
+        named: the header, with the factor and the offset by which its numbers are converted, if any.
     """
 
     quantity: str
@@ -34,14 +35,15 @@ class Taken:
     unit: str | None
     why: str
     sure: bool
+    named: str = ""
 
     @property
     def source(self) -> str:
         """The right side of a mapping: the header, with the unit in brackets where it must be said."""
-        si = COLUMNS[self.quantity].unit
+        si, named = COLUMNS[self.quantity].unit, self.named or self.header
         if self.unit is None or split_unit(self.header, si)[1] == self.unit:
-            return self.header
-        return f"{self.header} [{self.unit}]"
+            return named
+        return f"{named} [{self.unit}]"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,14 +82,17 @@ def mapping(table: Table, guessed: Guess, said: Columns | None) -> Mapping:
     taken = {
         quantity: Taken(
             quantity,
-            table.header[index],
-            unit or (COLUMNS[quantity].unit if table.has_numbers(index) else None),
+            table.header[source.index],
+            source.unit
+            or table.unit(source.index)
+            or (COLUMNS[quantity].unit if table.has_numbers(source.index) else None),
             "as --columns says",
             True,
+            source.named(table.header[source.index]),
         )
-        for quantity, (index, unit) in own.items()
+        for quantity, source in own.items()
     }
-    used = {index for index, _ in own.values()}
+    used = {source.index for source in own.values()}
     for quantity, g in guessed.quantities.items():
         # Where the user maps anything, only headers that name their quantity count beside it.
         if quantity not in taken and g.index not in used and (said is None or g.found == "header"):
