@@ -16,7 +16,7 @@ import pytest
 from command_line import run_gtr
 
 from gtr_jax.errors import InputError
-from gtr_jax.files import expanded
+from gtr_jax.files import expansion
 from gtr_jax.files.columns import read_columns
 from gtr_jax.files.guessing import guess
 from gtr_jax.files.recording import read_recording
@@ -334,10 +334,10 @@ def test_compressed_files(tmp_path):
 
 
 def test_compressed_files_of_endless_zeros(tmp_path, monkeypatch):
-    monkeypatch.setattr(expanded, "MOST_EXPANDED", 2**20)
+    monkeypatch.setattr(expansion, "LARGEST", 2**20)
     path = tmp_path / "r.csv.gz"
     path.write_bytes(gzip.compress(bytes(2**20 + 1)))
-    says = "expands to more than 1 MiB; export fewer rows, or log more slowly"
+    says = "expands to more than 1 MiB; export fewer columns, a shorter stretch, or fewer samples"
     assert refused(path) == says
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:

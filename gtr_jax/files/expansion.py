@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
+import gzip
+import io
 import os
+import zipfile
+import zlib
+from pathlib import Path
 
 from gtr_jax.errors import InputError
+
+from .text import LARGEST
+
+GZIP = b"\x1f\x8b"
+ZIP = b"PK\x03\x04"
 
 NUMBERS = 50_000_000  # of a table: eight cells at 1 kHz for more than an hour and a half
 MEMORY = 4 << 30  # bytes that a reader in a process of its own may take, besides what each core asks for
@@ -29,6 +39,40 @@ def check_bytes(size: int) -> None:
         raise InputError(
             f"expands to {size / 1e6:.4g} MB; at most {8 * NUMBERS / 1e6:.4g} MB are read, so {_REMEDY}"
         )
+
+
+def expanded_gzip(path: Path, data: bytes) -> bytes:
+    """The bytes that gzip compressed.
+
+    Raises InputError naming the file if it is damaged, or expands to more than a file may have.
+    """
+    try:
+        with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:
+            found = stream.read(LARGEST + 1)
+    except (OSError, EOFError, zlib.error) as fault:
+        raise InputError(f"{path}: not a whole gzip file ({fault}); compress it again") from None
+    if len(found) > LARGEST:
+        raise _too_large(path)
+    return found
+
+
+def members(path: Path, data: bytes) -> list[str]:
+    """Names of the files in a zip archive, which is not expanded.
+
+    Raises InputError naming the file if it is damaged, or its files expand to more than a file may have.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            infos = archive.infolist()
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as fault:
+        raise InputError(f"{path}: not a whole workbook or archive ({fault}); export it again") from None
+    if sum(info.file_size for info in infos) > LARGEST:
+        raise _too_large(path)
+    return [info.filename for info in infos]
+
+
+def _too_large(path: Path) -> InputError:
+    return InputError(f"{path}: expands to more than {LARGEST >> 20} MiB; {_REMEDY}")
 
 
 def too_much() -> InputError:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gtr_jax.errors import InputError
 
-from . import bags, expanded, matlab, parquet, tdms, workbook
+from . import bags, expansion, matlab, parquet, tdms, workbook
 from .csv_text import read_csv
 from .large_csv import read_large
 from .lines import read_lines
@@ -32,9 +32,9 @@ def read_table(path: str | os.PathLike[str]) -> Table:
     data = read_bytes(path)
     sha256 = hashlib.sha256(data).hexdigest()
     ending = path.suffix.lower()
-    packed = data.startswith(expanded.GZIP)
+    packed = data.startswith(expansion.GZIP)
     if packed:
-        data = expanded.expanded_gzip(path, data)
+        data = expansion.expanded_gzip(path, data)
         ending = Path(path.stem).suffix.lower() if ending == ".gz" else ending
     if data.startswith(parquet.MAGIC) or ending in parquet.ENDINGS:
         return parquet.read_parquet(path, data, sha256)

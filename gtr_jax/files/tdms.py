@@ -13,7 +13,7 @@ from gtr_jax.errors import InputError, listed
 
 from .apart import Unreadable, read_apart
 from .cells import SECOND, Numbers
-from .expanded import MOST_EXPANDED, little_memory
+from .expansion import check_numbers
 from .quantities import SPELLINGS, plain_name
 from .sheet import Table
 
@@ -41,14 +41,11 @@ def read_tdms(path: Path, data: bytes, sha256: str) -> Table:
     Raises InputError naming the file if it is damaged, holds more than a recording may, or no numbers.
     """
     try:
-        channels, most = read_apart(channels_of, data)
+        channels = read_apart(channels_of, data)
     except Unreadable as fault:
         raise InputError(f"{path}: not a whole TDMS file ({fault}); export it again") from None
-    if most > MOST_EXPANDED:
-        raise InputError(
-            f"{path}: holds more than {MOST_EXPANDED // 2**20} MiB of samples; export fewer, or log more "
-            "slowly"
-        )
+    except InputError as fault:
+        raise InputError(f"{path}: {fault}") from None
     found = [_Channel(*channel) for channel in channels]
     lengths = Counter(len(channel.values) for channel in found)
     if not lengths:
@@ -72,17 +69,18 @@ def read_tdms(path: Path, data: bytes, sha256: str) -> Table:
     )
 
 
-def channels_of(data: bytes) -> tuple[list[tuple[Any, ...]], int]:
-    """The channels of numbers and of stamps as `_Channel` has them, and the bytes that they take; none where
-    these are more than MOST_EXPANDED.
+def channels_of(data: bytes) -> list[tuple[Any, ...]]:
+    """The channels of numbers and of stamps as `_Channel` has them.
+
+    Raises InputError if they would have too many numbers.
     """
     from nptdms import TdmsFile
 
     found = []
-    with little_memory(), TdmsFile.open(io.BytesIO(data)) as file:
+    with TdmsFile.open(io.BytesIO(data)) as file:
         channels = [channel for group in file.groups() for channel in group.channels() if len(channel)]
-        most = sum(8 * len(channel) for channel in channels)
-        for channel in channels if most <= MOST_EXPANDED else ():
+        check_numbers(sum(map(len, channels)), f"has {len(channels)} channels of many samples")
+        for channel in channels:
             values = channel[:]
             if values.dtype.kind == "M":
                 stamps = values.astype("datetime64[ns]").astype(np.int64)
@@ -96,7 +94,7 @@ def channels_of(data: bytes) -> tuple[list[tuple[Any, ...]], int]:
             else:
                 continue
             found.append((channel.group_name, channel.name, values, unit.strip(), _clock(channel)))
-    return found, most
+    return found
 
 
 def _clock(channel: Any) -> _Clock | None:

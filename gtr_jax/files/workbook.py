@@ -11,7 +11,7 @@ from gtr_jax.errors import InputError
 
 from .apart import Unreadable, read_apart
 from .csv_text import Rows, layout_of, table_of
-from .expanded import ZIP, little_memory, members
+from .expansion import ZIP, members
 from .sheet import Table
 
 OLE = b"\xd0\xcf\x11\xe0"  # how .xls files begin
@@ -40,6 +40,8 @@ def read_workbook(path: Path, data: bytes, sha256: str) -> Table:
         raise InputError(
             f"{path}: not a whole workbook, or one of too many cells ({fault}); export the sheet as CSV"
         ) from None
+    except InputError as fault:
+        raise InputError(f"{path}: {fault}") from None
     found = []
     for name, first, cells in sheets:
         rows, comments = _parted(first, cells)
@@ -75,7 +77,7 @@ def sheets_of(data: bytes) -> list[tuple[str, int, _Cells]]:
     from python_calamine import CalamineWorkbook
 
     found = []
-    with little_memory(), CalamineWorkbook.from_filelike(io.BytesIO(data)) as book:
+    with CalamineWorkbook.from_filelike(io.BytesIO(data)) as book:
         for about in book.sheets_metadata:
             if "WorkSheet" not in str(about.typ):
                 continue
