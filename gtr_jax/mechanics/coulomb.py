@@ -1,7 +1,7 @@
 """Coulomb's law for several tendons that share a body in the plane, as it is approximated.
 
-Friction opposes the slip u: ln T falls by mu z |psi'| per length, where the mobilisation z follows the slip of
-a load step until friction is exhausted,
+Friction opposes the slip u: ln T falls by mu z |psi'| per length, where the mobilisation z follows the slip
+of a load step until friction is exhausted,
 
     z = clip(z_before + u/(PRESLIDING L), -1, 1),
 

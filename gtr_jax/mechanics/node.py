@@ -653,8 +653,8 @@ def prepared(case: Case, x) -> tuple[Equations, Carry, Row]:
 
 
 def grip_of(case: Case, xi: Float[Array, "N *tendons"]) -> tuple[Grip, tuple[Any, Any]]:
-    """How friction grips tendons that share their slip, in every interval, and the derivatives of its slip and
-    of what is mobilised by xi.
+    """How friction grips tendons that share their slip, in every interval, and the derivatives by xi of the
+    slip and of what is mobilised.
 
     Args:
         case: the load step.

@@ -160,8 +160,8 @@ class Structure:
 
     @functools.cached_property
     def seeks_slip(self) -> bool:
-        """Whether the displacement at the base is unknown: a law depends on the slip of this step. Tendons that
-        share their slip have another unknown, in each interval.
+        """Whether the displacement at the base is unknown: a law depends on the slip of this step. Tendons
+        that share their slip have another unknown, in each interval.
         """
         return (self.presliding or self.has("by_speed")) and not self.shares_slip
 

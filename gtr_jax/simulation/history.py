@@ -27,6 +27,7 @@ from ..robot.robot import Robot, sections
 from ..terms import OWN, known_on
 from ..terms.term import NO_SLIP, NO_TUG
 from .displacement import by_tension, displacement_drives, driven
+from .missed import trusted
 from .programs import at_nodes, known_to_act, structure_of
 from .sensing import Reading, cells_show, shown
 from .several import at_preload, load_step
@@ -229,7 +230,8 @@ def _solved(structure: Structure, robot: Robot, loads: Load, how: March):
 
 
 @eqx.filter_jit
-def _run(robot: Robot, loads: Load, how: March, structure: Structure) -> Simulation:
+def _run(robot: Robot, loads: Load, how: March, structure: Structure, drawn: Bool[Array, " K"]) -> Simulation:
+    """The run; `drawn` says which steps have the base tensions that were asked for."""
     if structure.plain_pair:
         done, moves = _pair(robot, loads, RootFinder(atol=how.atol))
     else:
@@ -241,6 +243,12 @@ def _run(robot: Robot, loads: Load, how: March, structure: Structure) -> Simulat
     preload = robot.per_tendon(lambda tendon: tendon.preload)
     stretch = jax.vmap(lambda eq: stretch_of(robot.tendons, s.mesh.s, eq.tension, eq.metric))(eq)
     direction, front = (fronts if moves.ndim == 2 else jax.vmap(fronts))(moves)
+    own = eq.result == optx.RESULTS.successful
+    good = trusted(own & drawn, loads.T_base, direction, front, s.mesh.s[-1])
+    failed = optx.RESULTS.nonlinear_max_steps_reached
+    result = jax.vmap(lambda good, own, told: optx.RESULTS.where(good | ~own, told, failed))(
+        good, own, eq.result
+    )
     return Simulation(
         T_base=loads.T_base,
         time=loads.time,
@@ -257,7 +265,7 @@ def _run(robot: Robot, loads: Load, how: March, structure: Structure) -> Simulat
         angle=eq.angle,
         external_moment=eq.external_moment,
         mobilisation=eq.mobilisation,
-        result=eq.result,
+        result=result,
         residual_norm=eq.residual_norm,
         iterations=eq.iterations,
         shape=eq.shape,
@@ -323,7 +331,8 @@ def simulate(
 
     Returns:
         One entry per step: true tensions, and in `reading` what the load cells show of them. A step that
-        does not converge is flagged in `result` and leaves the tendon's memory as it was.
+        does not converge is flagged in `result` and leaves the tendon's memory as it was; so are the steps
+        after it, until nothing is left of what was missed (`simulation.missed`).
 
     Raises:
         ValueError: T_base is not a history of at least one step, time or cycle not of its length, or there is
@@ -352,7 +361,7 @@ def simulate(
         at = int(np.argmax(back)) + 1
         raise ValueError(f"time: goes back at step {at + 1}; put the steps in the order of time")
     _refuse_unable(robot)
-    structure, met = structure_of(robot, with_terms), None
+    structure, met = structure_of(robot, with_terms), jnp.ones(steps, bool)
     if displacement_drives(robot, history, displacement):
         drawn = jnp.asarray(displacement, dtype=float)
         moved = [tendon.drive == "displacement" for tendon in robot.tendons]
@@ -361,12 +370,8 @@ def simulate(
         history, met = _tensions(robot, loads_of(history, clock, given["cycle"]), drawn, solver, structure)
     loads = loads_of(history, clock, given.get("cycle"))
     # One program serves every drive.
-    run = _run(by_tension(robot).for_any_terms(), padded(loads, steps), solver, structure)
-    run = _first(run, steps)
-    if met is not None:
-        failed = optx.RESULTS.nonlinear_max_steps_reached
-        result = jax.vmap(lambda ok, own: optx.RESULTS.where(ok, own, failed))(met, run.result)
-        run = dataclasses.replace(run, result=result)
+    loads, met = padded((loads, met), steps)
+    run = _first(_run(by_tension(robot).for_any_terms(), loads, solver, structure, met), steps)
     # Without the padding, which a cell that lags or reads ahead would see.
     return dataclasses.replace(run, reading=shown(robot, run.T_base, run.T_tip, run.time))
 

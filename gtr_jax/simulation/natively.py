@@ -27,6 +27,7 @@ from ..robot.parts import Tendon
 from ..robot.robot import Robot, sections
 from ..terms import OWN
 from .displacement import TOLERANCE, compliance, search
+from .missed import trusted
 from .programs import at_nodes
 from .slipping import front_of, large_tension, moves_of
 from .solution import drawn_out, loaded_of, stretch_of
@@ -300,6 +301,7 @@ class Ready(NamedTuple):
         preload: of its tendons [N], (*tendons,).
         large: a tension that counts as large in the history [N].
         place, turn: of the base in the world: position [m], (3,), and directors as columns, (3, 3).
+        length: of the body [m].
     """
 
     given: Float[Array, " n"]
@@ -307,6 +309,7 @@ class Ready(NamedTuple):
     large: Float[Array, ""]
     place: Float[Array, "3"]
     turn: Float[Array, "3 3"]
+    length: Float[Array, ""]
 
 
 def ready(
@@ -322,10 +325,12 @@ def ready(
         T_base = jnp.where(by_draw if robot.tendon_names else by_draw[0], asked, T_base)
     preload = given.robot.preload
     large = large_tension(T_base, preload)
-    return Ready(packed(given), preload, large, robot.base.position, robot.base.rotation)
+    length = given.robot.sections.mesh.s[-1]
+    return Ready(packed(given), preload, large, robot.base.position, robot.base.rotation, length)
 
 
 _ready = eqx.filter_jit(ready)
+_trusted = jax.jit(trusted)
 
 
 class Run(NamedTuple):
@@ -454,6 +459,9 @@ class Native:
         shape = (K, n) if structure.tendons else (K,)
         T_base, T_tip, displacement, direction, front = (e.reshape(shape) for e in np.split(each, 5, axis=1))
         met, error, marches, bent, moved = rest[:, :5].T
+        good = met != 0
+        if not good.all():
+            good = np.asarray(_trusted(good, T_base, direction, front, ready.length))
         away, body = np.cumsum(moved), self._body(rest[:, 5:], ready)
         return Brief(
             T_base=T_base,
@@ -461,7 +469,7 @@ class Native:
             displacement=displacement + (away[:, None] if structure.tendons else away),
             slip_direction=direction,
             slip_front=front,
-            converged=met != 0,
+            converged=good,
             residual_norm=error,
             iterations=marches.astype(int),
             bent=bent,
