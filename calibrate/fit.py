@@ -11,6 +11,7 @@ import numpy as np
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot
 from gtr_jax.files.driving import driven_by
 from gtr_jax.robot.parts import Tendon
+from gtr_jax.robot.stiffness import stiffness_of
 from gtr_jax.terms import known_on
 
 from . import readings
@@ -132,7 +133,8 @@ def fit(
         of_tendons = (
             f"mu.{name}" if name else "mu" for model in models for name in model.tendon_names or ("",)
         )
-        free = (*dict.fromkeys(of_tendons), *(() if rigid else ("E",)))
+        stiff = (name for model in models for name in stiffness_of(model))
+        free = (*dict.fromkeys(of_tendons), *dict.fromkeys(stiff))
         if rigid:
             warnings.append("E is not fitted: the backbone is rigid, so its stiffness has no effect.")
     for r, own in zip(of, recordings, strict=True):

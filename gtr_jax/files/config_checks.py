@@ -16,7 +16,14 @@ from gtr_jax.terms import Term, catalogue_of
 from gtr_jax.terms.term import NO_SLIP, NO_TUG
 
 from .law_section import LawSection
-from .sections import BackboneConfig, LoadsConfig, RectangleConfig, TendonConfig, TermConfig
+from .sections import (
+    BackboneConfig,
+    LoadsConfig,
+    RectangleConfig,
+    TendonConfig,
+    TermConfig,
+    stiffness_by_several,
+)
 
 # What floats can compute with: least length [m] and bending stiffness of a full section [N m^2].
 _LEAST_LENGTH, _LEAST_STIFFNESS = 1e-9, 1e-60
@@ -137,6 +144,7 @@ def check_backbone(backbone: BackboneConfig) -> None:
         if isinstance(strain, tuple):
             _check_knots(f"backbone.{key}", strain, length)
     _check_stiffness("backbone", backbone.bending_stiffness, backbone.torsional_stiffness, length)
+    _check_factor(backbone)
     _check_pieces(backbone)
     _check_bores(backbone)
     _check_section(backbone)
@@ -206,6 +214,19 @@ def _check_stiffness(table: str, bending: Any, torsion: Any, length: float) -> N
         f"{table}.torsional_stiffness",
         "needs a bending_stiffness beside it; add one, or leave both to youngs_modulus and poissons_ratio",
     )
+
+
+def _check_factor(backbone: BackboneConfig) -> None:
+    factor, key = backbone.stiffness_factor, "backbone.stiffness_factor"
+    if factor is None:
+        return
+    _require(not backbone.rigid, key, "has no effect on a backbone with rigid = true; remove it")
+    _require(
+        stiffness_by_several(backbone.model_dump(include={"bending_stiffness", "sections"})),
+        key,
+        "one number gives the stiffness of this body; change that number and leave stiffness_factor out",
+    )
+    _require(factor > 0, key, f"must be positive, is {factor:g}")
 
 
 def _check_pieces(backbone: BackboneConfig) -> None:

@@ -63,6 +63,10 @@ class Parameter:
         return self.log and self.name.partition(".")[0] not in ("mu", "density")
 
 
+# The numbers that say how stiff a whole body is: its modulus; the factor on several numbers; its bending
+# stiffness.
+STIFFNESS = ("E", "stiffness_factor", "EI", "EI_z", "EI_y")
+
 # Parameters of every robot that are not of a tendon.
 _COMMON = (
     Parameter("E", "backbone.youngs_modulus", "Pa", 0.0, None, log=True),
@@ -160,6 +164,8 @@ def _of_body(robot: Parts) -> Iterator[Parameter]:
             yield Parameter(f"bore_{k}_{word}", key, "m", 0.0, None, at=f"backbone.{field}.{k}")
     if body.stiffness is not None:
         yield from _of_stiffness(body.stiffness, "", "backbone", "backbone.stiffness", robot.space)
+    if body.stiffness_factor is not None:
+        yield Parameter("stiffness_factor", "backbone.stiffness_factor", "", 0.0, None, log=True)
     for k, piece in enumerate(body.pieces):
         name, key, at = f"section_{k}", f"backbone.sections.{k}", f"backbone.pieces.{k}"
         for field, word in (("start", "from"), ("end", "to")):
@@ -263,7 +269,9 @@ def parameter(robot: Parts, name: str) -> Parameter:
     if name in by_key:
         return by_key[name]
     if name in ("E", "backbone.youngs_modulus"):
-        raise InputError(f"parameter 'E': {_no_modulus(robot.backbone)}, so it has no effect; leave E out")
+        instead = [own for own in STIFFNESS if own in known]
+        remedy = "leave E out" if robot.backbone.rigid else f"name {instead[0]} instead"
+        raise InputError(f"parameter 'E': {_no_modulus(robot.backbone)}, so it has no effect; {remedy}")
     near = difflib.get_close_matches(name, [*known, *by_key], n=1)
     hint = f"did you mean '{near[0]}'? " if near else ""
     raise InputError(f"parameter '{name}' does not exist on this robot; {hint}known: {', '.join(known)}")
