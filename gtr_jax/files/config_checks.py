@@ -13,7 +13,8 @@ import numpy as np
 
 from gtr_jax.errors import InputError, excerpt
 from gtr_jax.terms import Term, catalogue_of
-from gtr_jax.terms.term import NO_SLIP, NO_TUG
+from gtr_jax.terms.term import NO_TUG
+from gtr_jax.terms.unmoved import NO_SLIP, unmoved
 
 from .law_section import LawSection
 from .sections import (
@@ -34,6 +35,8 @@ def _check_terms(
     terms: Sequence[TermConfig], backbone: BackboneConfig, tendons: Sequence[str], known: Mapping[str, Term]
 ) -> None:
     kinds, rigid, several = {term.id for term in terms}, backbone.rigid, len(tendons) > 1
+    values = {term.id: {q.name: getattr(term, q.name) for q in known[term.id].numbers} for term in terms}
+    still = unmoved(known, values, list(values), backbone.length) if rigid else []
     for term in terms:
         law, key = known[term.id], f"terms.{term.id}"
         bends = law.bend or law.loads or law.stop
@@ -48,8 +51,7 @@ def _check_terms(
         unfit = refused_for_section(backbone, law)
         _require(unfit is None, key, unfit or "")
         _require(not (rigid and bends), key, "has no effect on a backbone with rigid = true; remove it")
-        moved = not rigid or any(known[kind].strain for kind in kinds)
-        _require(law.mobilise is None or moved, key, NO_SLIP)
+        _require(term.id not in still, key, NO_SLIP)
         held = not several and not any(known[kind].mobilise for kind in kinds)
         _require(law.tugged is None or held, key, NO_TUG)
         _require(not (rigid and several and not law.of_cells), key, "is for one tendon where rigid = true")

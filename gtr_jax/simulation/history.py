@@ -17,6 +17,7 @@ from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from ..elsewhere import elsewhere
+from ..errors import InputError
 from ..mechanics import Load, March, Structure, metric_of, steps
 from ..mechanics.bodies import turning_of
 from ..mechanics.sections import State, either_of
@@ -25,9 +26,10 @@ from ..mechanics.several.slip import Kept
 from ..notebook import drawn_by
 from ..robot.robot import Robot, sections
 from ..terms import OWN, known_on
-from ..terms.term import NO_SLIP, NO_TUG
+from ..terms.term import NO_TUG
+from ..terms.unmoved import NO_SLIP
 from .displacement import by_tension, displacement_drives, driven
-from .programs import at_nodes, known_to_act, structure_of
+from .programs import at_nodes, known_to_act, structure_of, unmoved_in
 from .sensing import Reading, cells_show, shown
 from .several import at_preload, load_step
 from .slipping import front_of, large_tension, moves_by_friction, moves_of
@@ -328,8 +330,8 @@ def simulate(
     Raises:
         ValueError: T_base is not a history of at least one step, time or cycle not of its length, or there is
             no time for a term that needs it; time that goes back; no displacement of a tendon that it
-            drives, or a term that moves its other end; presliding in a rigid sheath with a tendon
-            that does not stretch, which never slips.
+            drives, or a term that moves its other end; a law of the slip (presliding, viscous friction)
+            in a rigid sheath with a tendon that does not stretch, which never slips.
     """
     history, names = jnp.asarray(T_base, dtype=float), robot.tendon_names
     if names and history.shape[1:] != (len(names),):
@@ -392,8 +394,8 @@ def _tensions(
 
 
 def _refuse_unable(robot: Robot) -> None:
-    """ValueError if friction would build up over a slip that cannot occur, or if an end is moved that no
-    sliding friction holds.
+    """ValueError if a law of the slip acts where none can occur, or if an end is moved that no sliding
+    friction holds.
     """
     by_slip = any(term.mobilise and known_on(term, robot.terms[term.id]) for term in robot.catalogue.values())
     for term in robot.catalogue.values():
@@ -401,11 +403,8 @@ def _refuse_unable(robot: Robot) -> None:
             raise ValueError(f"{term.id}: {NO_TUG}")
     if not robot.backbone.rigid:
         return
-    stretches = [known_on(term, robot.terms[term.id]) for term in robot.catalogue.values() if term.strain]
-    if all(on is False for on in stretches):
-        for term in robot.catalogue.values():
-            if term.mobilise is not None and known_on(term, robot.terms[term.id]):
-                raise ValueError(f"{term.id}: {NO_SLIP}")
+    for kind in unmoved_in(robot):
+        raise InputError(f"terms.{kind}: {NO_SLIP}")
     if robot.tendon_names and known_to_act(robot):
         raise ValueError("physics terms: a rigid sheath of several tendons takes those of the cells only")
 
