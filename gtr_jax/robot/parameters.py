@@ -12,10 +12,11 @@ from typing import Any, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import jax.tree_util as jtu
 import numpy as np
 from jax.core import Tracer
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from gtr_jax.errors import InputError, excerpt
 from gtr_jax.mechanics.structure import in_order
@@ -357,6 +358,33 @@ def with_values(robot: AnyRobot, values: Mapping[str, Float[Array, ""] | float])
             acting.append(term.id)
     acting += known_acting(robot.terms, robot.laws)
     return dataclasses.replace(robot, loaded=loaded, acting=in_order(acting, robot.laws))
+
+
+def bounded(
+    robot: Parts,
+) -> tuple[Float[Array, " b"], Float[np.ndarray, " b"], Float[np.ndarray, " b"], Bool[np.ndarray, " b"]]:
+    """The numbers of a robot that have bounds, which may be traced, (b,); the least and the most of each, and
+    whether it must lie above the least. Numbers of an absent physics term may be at their null.
+    """
+    leaves, tree = jtu.tree_flatten(robot)
+    sizes = [int(np.prod(np.shape(leaf))) for leaf in leaves]
+    first = np.cumsum([0, *sizes])[:-1]
+    places = jtu.tree_unflatten(
+        tree,
+        [at + np.arange(n).reshape(np.shape(leaf)) for at, n, leaf in zip(first, sizes, leaves, strict=True)],
+    )
+    entries = [p for p in parameters_of(robot).values() if p.lower is not None or p.upper is not None]
+    at = []
+    for entry in entries:
+        where, index = _locate(entry.at)
+        at.append(int(where(places) if index is None else where(places)[index]))
+    flat = jnp.concatenate([jnp.ravel(jnp.asarray(leaf)) for leaf in leaves])
+    return (
+        flat[np.asarray(at, int)],
+        np.array([-np.inf if p.lower is None else p.lower for p in entries]),
+        np.array([np.inf if p.upper is None else p.upper for p in entries]),
+        np.array([p.positive and p.term is None for p in entries]),
+    )
 
 
 def places_of(robot: Parts, names: Sequence[str]) -> Int[Array, " p"]:

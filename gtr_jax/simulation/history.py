@@ -25,10 +25,12 @@ from ..mechanics.several.rootfinder import RootFinder
 from ..mechanics.several.slip import Kept
 from ..notebook import drawn_by
 from ..robot.robot import Robot, sections
+from ..robot.validity import is_robot
 from ..terms import OWN, known_on
 from ..terms.term import NO_TUG
 from ..terms.unmoved import NO_SLIP
 from .displacement import by_tension, displacement_drives, driven
+from .outcome import unless_outside
 from .programs import at_nodes, known_to_act, structure_of, unmoved_in
 from .sensing import Reading, cells_show, shown
 from .several import at_preload, load_step
@@ -79,7 +81,7 @@ class Simulation(eqx.Module):
         curvature, angle: along the robot, (K, N); in space as of `Equilibrium`.
         external_moment: of the external loads, along the robot, (K, N); in space (K, N, 3).
         mobilisation: of friction, (K, tendons, N), as `Equilibrium.mobilisation`; None for one tendon.
-        result: optimistix result per step.
+        result: optimistix result per step, or `OUTSIDE_PHYSICS`.
         residual_norm, iterations: per step, (K,).
         shape: of a robot in space at each step; None in the plane.
     """
@@ -236,6 +238,7 @@ def _run(robot: Robot, loads: Load, how: March, structure: Structure) -> Simulat
         done, moves = _pair(robot, loads, RootFinder(atol=how.atol))
     else:
         done, moves = _solved(structure, robot, loads, how)
+    valid = is_robot(robot)
     # What is read off the states is computed for all steps at once, outside the loop.
     s = sections(robot)
     eq = jax.vmap(lambda done: describe(s, robot.base, done))(done)
@@ -259,7 +262,7 @@ def _run(robot: Robot, loads: Load, how: March, structure: Structure) -> Simulat
         angle=eq.angle,
         external_moment=eq.external_moment,
         mobilisation=eq.mobilisation,
-        result=eq.result,
+        result=unless_outside(eq.result, valid),
         residual_norm=eq.residual_norm,
         iterations=eq.iterations,
         shape=eq.shape,
@@ -325,7 +328,8 @@ def simulate(
 
     Returns:
         One entry per step: true tensions, and in `reading` what the load cells show of them. A step that
-        does not converge is flagged in `result` and leaves the tendon's memory as it was.
+        does not converge is flagged in `result` and leaves the tendon's memory as it was. Where the numbers
+        are of no robot, every `result` is `OUTSIDE_PHYSICS`.
 
     Raises:
         ValueError: T_base is not a history of at least one step, time or cycle not of its length, or there is

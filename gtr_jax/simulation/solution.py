@@ -91,7 +91,8 @@ class Equilibrium(eqx.Module):
         tendon_length: length of the channel, (*tendons,).
         mobilisation: of friction between each node and the one before it, +1 slipping towards the base, -1
             towards the tip, between where locked, (tendons, N); None for one tendon.
-        result: optimistix result; compare with `optimistix.RESULTS.successful`.
+        result: optimistix result; compare with `optimistix.RESULTS.successful`. `OUTSIDE_PHYSICS` where the
+            numbers are of no robot.
         residual_norm: dimensionless, see `problem.residual_norm`; ().
         iterations: marches taken, ().
         memory: what physics terms remember, for the next equilibrium; None if read off a simulation.
