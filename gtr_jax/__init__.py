@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from .simulation.outcome import OUTSIDE_PHYSICS
     from .simulation.phases import Switch, label_phases, release_switch
     from .simulation.sensing import Reading, true_base
-    from .simulation.solution import Equilibrium, Shape
+    from .simulation.solution import Equilibrium, Pose, Shape
     from .terms import register_term
 
 # The names of each file; a test checks this table against the imports above.
@@ -59,7 +59,7 @@ FILES = {
     "simulation.outcome": ("OUTSIDE_PHYSICS",),
     "simulation.phases": ("Switch", "label_phases", "release_switch"),
     "simulation.sensing": ("Reading", "true_base"),
-    "simulation.solution": ("Equilibrium", "Shape"),
+    "simulation.solution": ("Equilibrium", "Pose", "Shape"),
     "terms": ("register_term",),
 }
 _FILE_OF = {name: file for file, names in FILES.items() for name in names}
@@ -74,6 +74,7 @@ __all__ = [
     "Loads",
     "March",
     "Parameter",
+    "Pose",
     "Reading",
     "Recording",
     "Robot",

@@ -38,6 +38,7 @@ from .slipping import front_of, large_tension, moves_by_friction, moves_of
 from .solution import (
     Equilibrium,
     Loaded,
+    Pose,
     Shape,
     describe,
     drawn_out,
@@ -68,8 +69,8 @@ class Simulation(eqx.Module):
         time: since the first step [s], (K,); without given times one second per step.
         T_tip: true tension at the anchor, (K, *tendons).
         reading: T_base and T_tip as the load cells show them, (K, *tendons) each.
-        tip_pose: x, y, angle of the midline's tip, (K, 3); in space those of its projection on the plane of x
-            and y.
+        tip_pose: x [m], y [m], angle [rad] of the midline's tip in the plane, (K, 3); in space those of its
+            projection on the plane of x and y, which are no position: take `tip`.
         displacement: tendon drawn out at the base since the robot settled with slack tendons, (K, *tendons).
         slip_direction: +1 where the tendon at the base slips towards the base in the step, -1 towards the
             tip, 0 at rest, (K, *tendons).
@@ -105,6 +106,11 @@ class Simulation(eqx.Module):
     residual_norm: Float[Array, " K"]
     iterations: Int[Array, " K"]
     shape: Shape | None = None
+
+    @property
+    def tip(self) -> Pose:
+        """Where the tip is and how it is turned in each step, in the plane and in space."""
+        return Pose(self.tip_position, self.tip_rotation)
 
     @property
     def tip_position(self) -> Float[Array, "K 3"]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
 import jax
@@ -70,6 +70,18 @@ def tip_rotation(shape: Shape | None, pose: Float[Array, "*batch 3"]) -> Float[A
     return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+class Pose(NamedTuple):
+    """Where the tip is and how it is turned, in the world, of a robot in the plane or in space.
+
+    Attributes:
+        position: of the midline [m], (*batch, 3); z = 0 in the plane.
+        rotation: the directors as columns, (*batch, 3, 3): the tangent, and the axes y and z of the section.
+    """
+
+    position: Float[Array, "*batch 3"]
+    rotation: Float[Array, "*batch 3 3"]
+
+
 class Equilibrium(eqx.Module):
     """Solution of one equilibrium, SI units; N nodes from base to tip; panel ends appear twice. May carry
     batch axes in front. Quantities of a tendon have a tendon axis where the robot has several tendons.
@@ -121,8 +133,15 @@ class Equilibrium(eqx.Module):
     shape: Shape | None = None
 
     @property
+    def tip(self) -> Pose:
+        """Where the tip is and how it is turned, in the plane and in space."""
+        return Pose(self.tip_position, self.tip_rotation)
+
+    @property
     def tip_pose(self) -> Float[Array, "*batch 3"]:
-        """Midline tip: x [m], y [m], angle [rad]."""
+        """Midline tip of a robot in the plane: x [m], y [m], angle [rad]. In space these are of its
+        projection on the plane of x and y, and no position: take `tip`.
+        """
         return jnp.stack([self.x[..., -1], self.y[..., -1], self.angle[..., -1]], axis=-1)
 
     @property
