@@ -3,6 +3,7 @@ answer, and nothing takes one way of saying it for granted.
 """
 
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -70,15 +71,16 @@ def fitted(way, space):
     truth = config({"youngs_modulus": 0.8 * E, "sections": split}, space=space)
     own = {"resolution": 0.3}
     run = gtr.simulate(build_robot(truth, **own).with_values(mu=0.36), LOOP)
-    tip = dict(
-        zip(("tip_x", "tip_y", "tip_z") if space else ("tip_x", "tip_y"), run.tip_position.T, strict=False)
-    )
+    axes = ("tip_x", "tip_y", "tip_z") if space else ("tip_x", "tip_y")
+    tip: dict[str, Any] = {
+        name: np.asarray(values) for name, values in zip(axes, run.tip_position.T, strict=False)
+    }
     recording = gtr.Recording(
         T_base=LOOP,
         T_tip=np.asarray(run.T_tip),
         path=Path("rec.csv"),
         sha256="",
-        **{name: np.asarray(values) for name, values in tip.items()},
+        **tip,
     )
     fit = calibrate.fit(
         build_robot(config(body, space=space), **own), recording, noise_N=0.02, noise_base_N=0.0

@@ -114,8 +114,8 @@ def equilibrium(
 
     Returns:
         The solution. It never raises on non-convergence: check `result`, `converged` and `residual_norm`.
-        Where the numbers are of no robot (a negative modulus, a channel outside the body), `result` is
-        `OUTSIDE_PHYSICS`, under `jit` too.
+        Where it is solved for the numbers of no robot (a negative modulus, a channel outside the body),
+        `result` is `OUTSIDE_PHYSICS`, under `jit` too.
 
     Raises:
         ValueError: T_base has another shape, or the memory of several tendons is no equilibrium.

@@ -30,7 +30,7 @@ from ..terms import OWN, known_on
 from ..terms.term import NO_TUG
 from ..terms.unmoved import NO_SLIP
 from .displacement import by_tension, displacement_drives, driven
-from .outcome import unless_outside
+from .outcome import is_solved, unless_outside
 from .programs import at_nodes, known_to_act, structure_of, unmoved_in
 from .sensing import Reading, cells_show, shown
 from .several import at_preload, load_step
@@ -124,8 +124,13 @@ class Simulation(eqx.Module):
 
     @property
     def converged(self) -> Bool[Array, " K"]:
-        """True for each step that met the tolerance."""
+        """True for each step that met the tolerance, of a robot that can be."""
         return self.result == optx.RESULTS.successful
+
+    @property
+    def solved(self) -> Bool[Array, " K"]:
+        """The same of any numbers, also where `result` is `OUTSIDE_PHYSICS`."""
+        return is_solved(self.result)
 
     @property
     def slip_speed(self) -> Float[Array, "K *tendons N"]:
@@ -335,7 +340,7 @@ def simulate(
     Returns:
         One entry per step: true tensions, and in `reading` what the load cells show of them. A step that
         does not converge is flagged in `result` and leaves the tendon's memory as it was. Where the numbers
-        are of no robot, every `result` is `OUTSIDE_PHYSICS`.
+        are of no robot, the `result` of every other step is `OUTSIDE_PHYSICS`.
 
     Raises:
         ValueError: T_base is not a history of at least one step, time or cycle not of its length, or there is

@@ -15,8 +15,8 @@ from jaxtyping import Array, Bool
 
 _OUTSIDE = len(optx.RESULTS._name_to_item)  # behind the codes of optimistix
 MEANING = (
-    "A number of the robot is outside physics: a stiffness not above zero, friction below zero, a channel "
-    "outside the body, or another that a robot file would be refused for."
+    "The equations have a solution, but a number of the robot is outside physics: a stiffness not above "
+    "zero, friction below zero, a channel outside the body, or another for which a robot file is refused."
 )
 
 
@@ -45,5 +45,16 @@ OUTSIDE_PHYSICS = Outcome(np.array(_OUTSIDE, np.int32), optx.RESULTS)
 
 
 def unless_outside(result: Outcome, valid: Bool[Array, ""]) -> Any:
-    """The result, or results, of a solve; `OUTSIDE_PHYSICS` where the robot is not valid."""
-    return jtu.tree_map(lambda code, outside: jnp.where(valid, code, outside), result, OUTSIDE_PHYSICS)
+    """The result, or results, of a solve; `OUTSIDE_PHYSICS` where it succeeded and the robot is not valid."""
+
+    def unless(code, outside, successful):
+        return jnp.where(valid | (code != successful), code, outside)
+
+    return jtu.tree_map(unless, result, OUTSIDE_PHYSICS, outcome(optx.RESULTS.successful))
+
+
+def is_solved(result: Outcome) -> Bool[Array, "..."]:
+    """Whether the equations were solved, be it for numbers of no robot: what a search goes by that keeps to
+    the bounds of its numbers by itself.
+    """
+    return (result == optx.RESULTS.successful) | (result == OUTSIDE_PHYSICS)

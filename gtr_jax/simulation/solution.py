@@ -22,7 +22,7 @@ from ..mechanics.space import SPACE
 from ..robot.parts import Base, Tendon
 from ..terms import REGISTRY, called
 from ..terms.term import Values
-from .outcome import outcome
+from .outcome import is_solved, outcome
 
 if TYPE_CHECKING:
     import xarray
@@ -156,8 +156,13 @@ class Equilibrium(eqx.Module):
 
     @property
     def converged(self) -> Bool[Array, "*batch"]:
-        """True where the solver met its tolerance."""
+        """True where the solver met its tolerance, of a robot that can be."""
         return self.result == optx.RESULTS.successful
+
+    @property
+    def solved(self) -> Bool[Array, "*batch"]:
+        """The same of any numbers, also where `result` is `OUTSIDE_PHYSICS`."""
+        return is_solved(self.result)
 
     def to_xarray(self, robot: Robot | None = None) -> xarray.Dataset:
         """The equilibrium as a dataset with labels and units, along the tendons (tendon, s), the body (s);
