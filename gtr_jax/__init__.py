@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from .simulation.forces import ChannelForces, channel_forces
     from .simulation.history import Simulation, equilibrium_at, reading, simulate
     from .simulation.markers import marker_angles, marker_places
-    from .simulation.outcome import OUTSIDE_PHYSICS
     from .simulation.phases import Switch, label_phases, release_switch
     from .simulation.sensing import Reading, true_base
     from .simulation.solution import Equilibrium, Pose, Shape
@@ -56,7 +55,6 @@ FILES = {
     "simulation.forces": ("ChannelForces", "channel_forces"),
     "simulation.history": ("Simulation", "equilibrium_at", "reading", "simulate"),
     "simulation.markers": ("marker_angles", "marker_places"),
-    "simulation.outcome": ("OUTSIDE_PHYSICS",),
     "simulation.phases": ("Switch", "label_phases", "release_switch"),
     "simulation.sensing": ("Reading", "true_base"),
     "simulation.solution": ("Equilibrium", "Pose", "Shape"),
@@ -65,7 +63,6 @@ FILES = {
 _FILE_OF = {name: file for file, names in FILES.items() for name in names}
 
 __all__ = [
-    "OUTSIDE_PHYSICS",
     "Backbone",
     "ChannelForces",
     "Equilibrium",

@@ -115,7 +115,7 @@ def equilibrium(
     Returns:
         The solution. It never raises on non-convergence: check `result`, `converged` and `residual_norm`.
         Where it is solved for the numbers of no robot (a negative modulus, a channel outside the body),
-        `result` is `OUTSIDE_PHYSICS`, under `jit` too.
+        `result` is `outside_physics`, under `jit` too.
 
     Raises:
         ValueError: T_base has another shape, or the memory of several tendons is no equilibrium.

@@ -30,7 +30,7 @@ from ..terms import OWN, known_on
 from ..terms.term import NO_TUG
 from ..terms.unmoved import NO_SLIP
 from .displacement import by_tension, displacement_drives, driven
-from .outcome import is_solved, unless_outside
+from .outcome import OUTSIDE_PHYSICS, is_solved, unless_outside
 from .programs import at_nodes, known_to_act, structure_of, unmoved_in
 from .sensing import Reading, cells_show, shown
 from .several import at_preload, load_step
@@ -82,7 +82,7 @@ class Simulation(eqx.Module):
         curvature, angle: along the robot, (K, N); in space as of `Equilibrium`.
         external_moment: of the external loads, along the robot, (K, N); in space (K, N, 3).
         mobilisation: of friction, (K, tendons, N), as `Equilibrium.mobilisation`; None for one tendon.
-        result: optimistix result per step, or `OUTSIDE_PHYSICS`.
+        result: optimistix result per step, or `outside_physics`.
         residual_norm, iterations: per step, (K,).
         shape: of a robot in space at each step; None in the plane.
     """
@@ -128,8 +128,15 @@ class Simulation(eqx.Module):
         return self.result == optx.RESULTS.successful
 
     @property
+    def outside_physics(self) -> Bool[Array, " K"]:
+        """True where the equations were solved for numbers of no robot: a negative modulus, friction below
+        zero, a channel outside the body.
+        """
+        return self.result == OUTSIDE_PHYSICS
+
+    @property
     def solved(self) -> Bool[Array, " K"]:
-        """The same of any numbers, also where `result` is `OUTSIDE_PHYSICS`."""
+        """As `converged`, of any numbers."""
         return is_solved(self.result)
 
     @property
@@ -340,7 +347,7 @@ def simulate(
     Returns:
         One entry per step: true tensions, and in `reading` what the load cells show of them. A step that
         does not converge is flagged in `result` and leaves the tendon's memory as it was. Where the numbers
-        are of no robot, the `result` of every other step is `OUTSIDE_PHYSICS`.
+        are of no robot, the `result` of every other step is `outside_physics`.
 
     Raises:
         ValueError: T_base is not a history of at least one step, time or cycle not of its length, or there is

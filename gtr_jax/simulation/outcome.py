@@ -44,7 +44,7 @@ def outcome(result: optx.RESULTS) -> Any:
 OUTSIDE_PHYSICS = Outcome(np.array(_OUTSIDE, np.int32), optx.RESULTS)
 
 
-def unless_outside(result: Outcome, valid: Bool[Array, ""]) -> Any:
+def unless_outside(result: Any, valid: Bool[Array, ""]) -> Any:
     """The result, or results, of a solve; `OUTSIDE_PHYSICS` where it succeeded and the robot is not valid."""
 
     def unless(code, outside, successful):
@@ -53,7 +53,7 @@ def unless_outside(result: Outcome, valid: Bool[Array, ""]) -> Any:
     return jtu.tree_map(unless, result, OUTSIDE_PHYSICS, outcome(optx.RESULTS.successful))
 
 
-def is_solved(result: Outcome) -> Bool[Array, "..."]:
+def is_solved(result: Any) -> Any:
     """Whether the equations were solved, be it for numbers of no robot: what a search goes by that keeps to
     the bounds of its numbers by itself.
     """

@@ -22,7 +22,7 @@ from ..mechanics.space import SPACE
 from ..robot.parts import Base, Tendon
 from ..terms import REGISTRY, called
 from ..terms.term import Values
-from .outcome import is_solved, outcome
+from .outcome import OUTSIDE_PHYSICS, is_solved, outcome
 
 if TYPE_CHECKING:
     import xarray
@@ -103,8 +103,8 @@ class Equilibrium(eqx.Module):
         tendon_length: length of the channel, (*tendons,).
         mobilisation: of friction between each node and the one before it, +1 slipping towards the base, -1
             towards the tip, between where locked, (tendons, N); None for one tendon.
-        result: optimistix result; compare with `optimistix.RESULTS.successful`. `OUTSIDE_PHYSICS` where the
-            numbers are of no robot.
+        result: optimistix result; compare with `optimistix.RESULTS.successful`. `outside_physics` where
+            the numbers are of no robot.
         residual_norm: dimensionless, see `problem.residual_norm`; ().
         iterations: marches taken, ().
         memory: what physics terms remember, for the next equilibrium; None if read off a simulation.
@@ -160,8 +160,15 @@ class Equilibrium(eqx.Module):
         return self.result == optx.RESULTS.successful
 
     @property
+    def outside_physics(self) -> Bool[Array, "*batch"]:
+        """True where the equations were solved for numbers of no robot: a negative modulus, friction below
+        zero, a channel outside the body.
+        """
+        return self.result == OUTSIDE_PHYSICS
+
+    @property
     def solved(self) -> Bool[Array, "*batch"]:
-        """The same of any numbers, also where `result` is `OUTSIDE_PHYSICS`."""
+        """As `converged`, of any numbers."""
         return is_solved(self.result)
 
     def to_xarray(self, robot: Robot | None = None) -> xarray.Dataset:
