@@ -10,8 +10,12 @@ import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot
 from gtr_jax.files.driving import driven_by
+from gtr_jax.robot.parameters import with_values
 from gtr_jax.robot.parts import Tendon
+from gtr_jax.robot.stiffness import stiffness_of
+from gtr_jax.simulation.programs import unmoved_in
 from gtr_jax.terms import known_on
+from gtr_jax.terms.unmoved import NO_SLIP
 
 from . import readings
 from .answer import Answer
@@ -132,7 +136,8 @@ def fit(
         of_tendons = (
             f"mu.{name}" if name else "mu" for model in models for name in model.tendon_names or ("",)
         )
-        free = (*dict.fromkeys(of_tendons), *(() if rigid else ("E",)))
+        stiff = (name for model in models for name in stiffness_of(model))
+        free = (*dict.fromkeys(of_tendons), *dict.fromkeys(stiff))
         if rigid:
             warnings.append("E is not fitted: the backbone is rigid, so its stiffness has no effect.")
     for r, own in zip(of, recordings, strict=True):
@@ -150,8 +155,9 @@ def fit(
         for k, r in enumerate(of)
     ]
     parts = []
-    for name, model, r, rec in zip(names, prepared, of, recordings, strict=True):
+    for k, (name, model, r, rec) in enumerate(zip(names, prepared, of, recordings, strict=True)):
         _check_times(model, rec, wanted)
+        _check_moved(model, configs[r], [f for f in wanted if k in f.parts])
         model, config, more = driven_as_recorded(model, configs[r], rec)
         warnings += more
         part, more = part_of(
@@ -249,6 +255,16 @@ def _check_times(robot: Robot, recording: Recording, wanted: Sequence[Free]) -> 
                 f"{recording.path}: has no column time_s, which {term.id} needs; add the times, or leave "
                 f"{term.id} out"
             )
+
+
+def _check_moved(robot: Robot, config: RobotConfig | None, wanted: Sequence[Free]) -> None:
+    """Raise InputError if a law that acts, or a number of which is free, cannot act, because the tendon never
+    slips.
+    """
+    started = with_values(robot, {f.entry.name: f.initial for f in wanted})
+    for kind in unmoved_in(started):
+        where = "" if config is None else f"{config.source}: "
+        raise InputError(f"{where}terms.{kind}: {NO_SLIP}")
 
 
 def part_of(

@@ -139,7 +139,7 @@ class _Target(eqx.Module):
         steps, run = shown(self.at.robot_at(self.robot, u), self.history, self.channels)
         share = self.share[None]
         values = (1 - share) * steps[:, self.before] + share * steps[:, self.after]
-        ok = jnp.all(run.converged)
+        ok = jnp.all(run.solved)
         return jnp.where(ok, self.weigher(jnp.where(ok, values, self.recorded) - self.recorded), jnp.inf)
 
 

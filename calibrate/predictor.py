@@ -247,7 +247,7 @@ def _predict(
 
     def at_coordinates(u, more):
         values, run = shown(at.robot_at(robot, u), history.driven_by(more), channels)
-        return values, (run.converged, run.slip_front, run.slip_direction)
+        return values, (run.solved, run.slip_front, run.slip_direction)
 
     def along(direction):
         return jax.jvp(at_coordinates, (u, jnp.zeros(tendons)), (direction[:p], direction[p:]), has_aux=True)
@@ -267,7 +267,7 @@ def _show(
 ) -> tuple[Array, ...]:
     """As `_predict`, without derivatives, with what drives the tendons changed throughout."""
     values, run = shown(at.robot_at(robot, u), history.driven_by(more), channels)
-    return values, run.converged, run.slip_front, run.slip_direction
+    return values, run.solved, run.slip_front, run.slip_direction
 
 
 def _by_differences(

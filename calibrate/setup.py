@@ -7,13 +7,13 @@ import functools
 import itertools
 from collections.abc import Callable, Sequence
 
-import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax import InputError, Recording, Robot, RobotConfig
 from gtr_jax.files.quantities import PER_TENDON
-from gtr_jax.robot.clearance import place_in_section
+from gtr_jax.robot.parameters import parameter
 from gtr_jax.robot.parts import Tendon
+from gtr_jax.robot.stiffness import stiffness_of, strain_per_tension
 from gtr_jax.simulation.history import padded_length
 from gtr_jax.terms import REGISTRY, known_on
 
@@ -473,27 +473,19 @@ def recorded(recording: Recording, robot: Robot) -> tuple[np.ndarray, dict[str, 
 def check_tension(T_base: np.ndarray, robot: Robot, where: str, tendon: Tendon) -> None:
     """Refuse base tensions [N], (K,), that no such robot can take: a sign of a forgotten unit.
 
-    The strain of the outermost fibre is T R r/(E I), here without bores, which only soften the body.
+    What is compared is the strain of the outermost fibre, T R r/(E I) by `strain_per_tension`.
 
     Raises:
         InputError: naming the recording `where`, and the remedy.
     """
-    body = robot.backbone
-    if body.rigid:
-        return
-    s = jnp.linspace(0.0, body.length, 101)
-    offset = np.linalg.norm(place_in_section(tendon, np.asarray(s), float(body.length)), axis=-1)
-    if body.shape is None:
-        lever = np.mean(offset * np.asarray(body.radius(s)) ** -3.0) / (0.25 * np.pi)
-    else:
-        lever = np.mean(offset) * float(body.shape.reach() / body.shape.stiffnesses(body.poissons_ratio)[2])
     high = float(np.percentile(T_base, OFTEN))
-    strain = high * lever / float(body.youngs_modulus)
+    strain = high * strain_per_tension(robot, tendon)
     if strain > MOST_STRAIN:
+        key = parameter(robot, stiffness_of(robot)[0]).key
         raise InputError(
             f"{where}: T_base reaches {high:.4g} N, {strain / MOST_STRAIN:.2g} times the most that bends a "
             "robot of this stiffness; if it is in grams-force, say so, --columns "
-            "'T_base=NAME[gf],T_tip=NAME[gf]', else correct backbone.youngs_modulus"
+            f"'T_base=NAME[gf],T_tip=NAME[gf]', else correct {key}"
         )
 
 

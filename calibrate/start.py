@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gtr_jax.robot.parameters import STIFFNESS
+
 from .coordinates import Coordinates
 from .descent import Objective, descend
 from .parallel import in_parallel
@@ -19,7 +21,7 @@ from .setup import Setup
 
 # Friction coefficients tried: factors below 2 between neighbours, from a smooth sheath to full lock.
 MU_GRID = tuple(float(mu) for mu in np.geomspace(0.01, 2.0, 10))
-# Factors on the modulus of the robot file that are tried.
+# Factors on the stiffness of the robot file that are tried.
 E_FACTORS = (1.0, 0.4, 2.5)
 # Blocks of a thinned recording, with two samples each.
 BLOCKS = 60
@@ -54,24 +56,25 @@ def thin(T_base: np.ndarray, blocks: int = BLOCKS) -> np.ndarray:
 
 
 def candidates(setup: Setup) -> list[np.ndarray]:
-    """Values worth trying, SI: the robot file's, and a grid over mu and E where they have no prior. Where
-    recordings or tendons have values of their own, all are changed alike.
+    """Values worth trying, SI: the robot file's, and a grid over mu and the stiffness where they have no
+    prior. Where recordings or tendons have values of their own, or several numbers give the stiffness, all
+    are changed alike.
     """
     values = setup.initial
     searched = {
-        name: [
+        what: [
             i
             for i, f in enumerate(setup.free)
-            if f.entry.name.partition(".")[0] == name and setup.priors[i] is None
+            if f.entry.name.partition(".")[0] in names and setup.priors[i] is None
         ]
-        for name in ("mu", "E")
+        for what, names in (("mu", ("mu",)), ("stiffness", STIFFNESS))
     }
     tried = []
     for mu, factor in itertools.product(
-        [None, *MU_GRID] if searched["mu"] else [None], E_FACTORS if searched["E"] else (1.0,)
+        [None, *MU_GRID] if searched["mu"] else [None], E_FACTORS if searched["stiffness"] else (1.0,)
     ):
         guess = np.array(values)
-        guess[searched["E"]] *= factor
+        guess[searched["stiffness"]] *= factor
         if mu is not None:
             guess[searched["mu"]] = mu
         if np.all(guess[searched["mu"]] > 0):

@@ -80,13 +80,13 @@ def states_of(
     ok = jnp.asarray(True)
     if on_release:
         before = equilibrium(robot, largest)
-        ok = before.converged
+        ok = before.solved
     for at, memory in ((on_pull, None), (on_release, before)):
         if at:
 
             def one(T, memory=memory):
                 eq = equilibrium(robot, T, memory=memory)
-                return States(eq.s, eq.x, eq.y, eq.angle, T, eq.T_tip, eq.converged, eq.shape)
+                return States(eq.s, eq.x, eq.y, eq.angle, T, eq.T_tip, eq.solved, eq.shape)
 
             # Not vmap with terms: lanes of a search would wait for the slowest.
             over = jax.lax.map if terms_act(robot) else lambda fn, T: jax.vmap(fn)(T)

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from gtr_jax.files.config import RobotConfig
 from gtr_jax.robot.parameters import parameters_of, places_of
 from gtr_jax.robot.robot import Robot
+from gtr_jax.robot.stiffness import stiffness_of
 
 from . import limits as L
 from .checks import check_search, check_target
@@ -252,9 +253,8 @@ def _obstacles(target: TargetConfig, axes: int) -> Obstacles:
 
 
 def uncertain_in(robot: Robot) -> dict[str, int]:
-    """The friction coefficients of a robot, and its modulus where it has one, by name: which of the two
-    deviations of `Uncertainty` each has.
+    """The friction coefficients of a robot, and the numbers that say how stiff it is, by name: which of the
+    two deviations of `Uncertainty` each has.
     """
-    known = parameters_of(robot)
-    friction = [name for name in known if name.partition(".")[0] == "mu"]
-    return {**dict.fromkeys(friction, 0), **({"E": 1} if "E" in known else {})}
+    friction = [name for name in parameters_of(robot) if name.partition(".")[0] == "mu"]
+    return {**dict.fromkeys(friction, 0), **dict.fromkeys(stiffness_of(robot), 1)}

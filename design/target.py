@@ -222,7 +222,7 @@ class Robust(Section):
     """Standard deviation of the friction coefficient, relative; that of the robot's [uncertainty] unless
     given."""
     youngs_modulus: Ratio | None = None
-    """The same of the modulus."""
+    """The same of the modulus, or of the bending stiffness of a body that is given by it."""
     fit: StrictStr | None = None
     """fit.json with both deviations and their correlation, relative to the target file."""
     deviations: Ratio = 2.0

@@ -1,4 +1,6 @@
-"""How well friction coefficient and modulus are known, and the values with which a robust design is tried."""
+"""How well friction coefficient and stiffness are known, and the values with which a robust design is
+tried.
+"""
 
 from __future__ import annotations
 
@@ -11,16 +13,17 @@ import numpy as np
 from gtr_jax.errors import InputError
 from gtr_jax.files.config import RobotConfig
 from gtr_jax.files.text import read_text
+from gtr_jax.robot.parameters import STIFFNESS
 
 from .target import TargetConfig
 
-# Names in fit.json.
-NAMES = ("mu", "E")
+# Names in fit.json, of each the first that it has.
+NAMES = (("mu",), STIFFNESS)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """Standard deviations of friction coefficient and modulus, relative.
+    """Standard deviations of friction coefficient and stiffness, relative.
 
     Attributes:
         sd: of both, (2,); 0 where nothing is said.
@@ -66,10 +69,14 @@ class Uncertainty:
 
 
 def keys_of(config: RobotConfig) -> tuple[list[str], list[str]]:
-    """Keys in the robot file of its friction coefficients, which deviate together, and of its modulus."""
+    """Keys in the robot file of its friction coefficients, which deviate together, and of the numbers that
+    say how stiff the body is, which do too.
+    """
     names = config.tendon_names
     friction = [f"tendons.{name}.friction_coefficient" for name in names]
-    return friction or ["tendon.friction_coefficient"], ["backbone.youngs_modulus"]
+    said = ("backbone.youngs_modulus", "backbone.stiffness_factor", "backbone.bending_stiffness")
+    stiffness = [key for key in config.numbers() if key.startswith(said)]
+    return friction or ["tendon.friction_coefficient"], stiffness
 
 
 def uncertainty_of(config: RobotConfig, target: TargetConfig) -> Uncertainty:
@@ -120,12 +127,13 @@ def _of_fit(target: TargetConfig, path: Path) -> tuple[np.ndarray, float]:
         raise InputError(f"{where}: {path} did not converge; fit again")
     sd, rho = np.zeros(2), 0.0
     try:
-        for i, name in enumerate(NAMES):
-            if name in parameters and parameters[name]["sd"] is not None:
+        given = [next((name for name in known if name in names), "") for known in NAMES]
+        for i, name in enumerate(given):
+            if name and parameters[name]["sd"] is not None:
                 sd[i] = float(parameters[name]["sd"]) / float(parameters[name]["value"])
-        if all(name in names for name in NAMES):
+        if all(given):
             own, matrix = data["correlation"]["names"], data["correlation"]["matrix"]
-            rho = float(matrix[own.index("mu")][own.index("E")])
+            rho = float(matrix[own.index(given[0])][own.index(given[1])])
     except (KeyError, TypeError, ValueError, IndexError, ZeroDivisionError):
         raise InputError(f"{where}: {path} lacks value and sd of mu and E; fit them again") from None
     if not np.any(sd > 0):

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from .simulation.markers import marker_angles, marker_places
     from .simulation.phases import Switch, label_phases, release_switch
     from .simulation.sensing import Reading, true_base
-    from .simulation.solution import Equilibrium, Shape
+    from .simulation.solution import Equilibrium, Pose, Shape
     from .terms import register_term
 
 # The names of each file; a test checks this table against the imports above.
@@ -61,7 +61,7 @@ FILES = {
     "simulation.markers": ("marker_angles", "marker_places"),
     "simulation.phases": ("Switch", "label_phases", "release_switch"),
     "simulation.sensing": ("Reading", "true_base"),
-    "simulation.solution": ("Equilibrium", "Shape"),
+    "simulation.solution": ("Equilibrium", "Pose", "Shape"),
     "terms": ("register_term",),
 }
 _FILE_OF = {name: file for file, names in FILES.items() for name in names}
@@ -75,6 +75,7 @@ __all__ = [
     "Loads",
     "March",
     "Parameter",
+    "Pose",
     "Reading",
     "Recording",
     "Robot",

@@ -236,6 +236,28 @@ PRESLIDING = {"kind": "presliding", "length": "0.6 mm"}
 def test_a_tendon_that_does_not_stretch_cannot_slip_in_a_rigid_sheath(plain):
     with pytest.raises(InputError, match=r"terms\.presliding: no tendon slips in a rigid sheath"):
         of(plain, SEAL, PRESLIDING, backbone=RIGID)
+    of(plain, SEAL, PRESLIDING, {"kind": "tendon-stretch", "compliance": 1e-4}, backbone=RIGID)
+
+
+@pytest.mark.parametrize(
+    ("acts", "law", "size", "able"),
+    [
+        ("viscous", "size * v", "20 s/m", False),
+        ("friction", "1 + size * tanh(v / v0)", "0.2", False),
+        ("friction", "1 + size * exp(-v / v0)", "0.2", True),
+        ("drag", "size * tanh(v / v0)", "2 N/m", False),
+    ],
+)
+def test_a_law_of_a_speed_that_there_never_is_is_refused(plain, acts, law, size, able):
+    """In a rigid sheath, unless it says something of a tendon at rest too."""
+    known = {"v0": "1 mm/s"} if "v0" in law else {}
+    own = table(name="film", acts=acts, law=law, size=size, **known)
+    if able:
+        of(plain, own, backbone=RIGID)
+        return
+    with pytest.raises(InputError, match=r"terms\.film: no tendon slips in a rigid sheath"):
+        of(plain, own, backbone=RIGID)
+    of(plain, own)
 
 
 @pytest.mark.slow

@@ -17,8 +17,8 @@ from gtr_jax.files.config import parse_config
 from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.notches import remaining
 from gtr_jax.robot.overlap import impossible
+from gtr_jax.robot.validity import is_robot
 from gtr_jax.simulation.markers import marker_angles
-from gtr_jax.sweep.validity import is_robot
 
 OUTER, INNER, DEPTH = 0.81e-3, 0.70e-3, 1.4e-3
 HEIGHT, SPACING, FIRST = 0.8e-3, 1.2e-3, 1.2e-3

@@ -106,3 +106,30 @@ def test_the_stretch_of_the_axis_strains_the_wall_and_lets_it_fold_sooner(make_r
     found = impossible_in_space(body, s, strain=strain, position=places, T_base=pulls, stretch=stretch)
     assert (found.strain, found.strain_step) == (pytest.approx(1.04), 1)
     assert found.overlap_step == 1
+
+
+@pytest.mark.parametrize("space", [False, True])
+def test_a_sheath_that_is_wound_through_itself_is_said_to_be(make_robot, space):
+    """Its tensions hold nonetheless: they follow from how far it turns."""
+    for turns, through in ((3.0, True), (0.7, False)):
+        sheath = {"rigid": True, "natural_curvature": 2 * np.pi * turns / 0.25, "youngs_modulus": 0.0}
+        robot = make_robot(backbone=sheath, space=space)
+        s = jnp.linspace(0.0, 0.25, 101)
+        kappa = jnp.full((4, 101), 2 * np.pi * turns / 0.25)
+        angle, pulls = kappa * s[None], jnp.arange(4.0)
+        if space:
+            places = jnp.stack([jnp.sin(angle), 1 - jnp.cos(angle), 0 * angle], axis=-1) / kappa[..., None]
+            strain = jnp.stack([0 * kappa, 0 * kappa, kappa], axis=-1)
+            found = impossible_in_space(robot.backbone, s, strain=strain, position=places, T_base=pulls)
+        else:
+            found = impossible(robot.backbone, s, curvature=kappa, angle=angle, T_base=pulls)
+        assert found.overlaps is through and not found.means_nothing and found.strain == 0.0
+        assert any("tensions hold" in text for text in found.says) is through
+
+
+def test_a_simulation_of_a_wound_sheath_has_a_result(make_robot):
+    sheath = {"rigid": True, "natural_curvature": 6 * np.pi / 0.25, "youngs_modulus": 0.0}
+    answer = answer_simulation(make_robot(backbone=sheath), np.linspace(0.0, 10.0, 5))
+    data = facts(answer)
+    assert data["body"] == {"overlaps_itself": True, "overlap_step": 1, "largest_wall_strain": 0.0}
+    assert "at the base" in data["verdict"] and "passes through itself" in answer.warnings[0]

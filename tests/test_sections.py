@@ -9,7 +9,7 @@ import gtr_jax as gtr
 from gtr_jax.files.config import parse_config
 from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.shapes import Rectangle, Tube
-from gtr_jax.sweep.validity import is_robot
+from gtr_jax.robot.validity import is_robot
 
 LENGTH, RADIUS, ARM, E = 0.2, 8e-3, 6e-3, 60e9
 STRIP = {"kind": "rectangle", "height": 0.4e-3, "width": 10e-3}

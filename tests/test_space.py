@@ -291,3 +291,16 @@ def test_every_row_of_an_independent_simulator(make_robot, name):
     quaternion = np.stack([columns[f"tip_q{axis}"] for axis in "xyzw"], axis=1)
     turned = Rotation.from_quat(quaternion).inv() * Rotation.from_matrix(np.array(run.tip_rotation))
     assert np.max(turned.magnitude()) < 2e-3
+
+
+def test_the_tip_is_a_position_and_a_rotation_in_the_plane_and_in_space(make_robot):
+    for space in (False, True):
+        robot = make_robot(space=space)
+        eq, run = gtr.equilibrium(robot, 5.0), gtr.simulate(robot, [0.0, 5.0])
+        assert isinstance(eq.tip, gtr.Pose) and isinstance(run.tip, gtr.Pose)
+        assert eq.tip.position.shape == (3,) and eq.tip.rotation.shape == (3, 3)
+        assert run.tip.position.shape == (2, 3) and run.tip.rotation.shape == (2, 3, 3)
+        x, y, angle = map(float, eq.tip_pose)
+        assert eq.tip.position == pytest.approx([x, y, 0.0])
+        assert eq.tip.rotation[:, 0] == pytest.approx([np.cos(angle), np.sin(angle), 0.0])
+        assert run.tip.position[1] == pytest.approx(eq.tip.position)

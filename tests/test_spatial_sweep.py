@@ -9,9 +9,9 @@ from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from gtr_jax.errors import InputError
+from gtr_jax.robot.validity import is_robot
 from gtr_jax.sweep import load_sweep, open_sweep, sweep, task_of
 from gtr_jax.sweep.store import Store
-from gtr_jax.sweep.validity import is_robot
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 HELIX, THREE, PAIR = (

@@ -21,6 +21,7 @@ from command_line import run_gtr
 import gtr_jax as gtr
 from gtr_jax.cli.run_folder import RunFolder
 from gtr_jax.errors import InputError
+from gtr_jax.robot.validity import is_robot
 from gtr_jax.sweep import load_sweep, open_sweep, sweep, task_of
 from gtr_jax.sweep.lanes import Lanes
 from gtr_jax.sweep.plan import Plan, _chunk, draw
@@ -29,7 +30,6 @@ from gtr_jax.sweep.sensitivity import _on_grid, sensitivity_of
 from gtr_jax.sweep.store import Store
 from gtr_jax.sweep.summary import summary_of
 from gtr_jax.sweep.task import PLAIN, lanes_of
-from gtr_jax.sweep.validity import is_robot
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 ROBOT = """

@@ -10,10 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import calibrate
 import gtr_jax as gtr
 from benchmarks.terms import compared
 from gtr_jax.report.term_pages import page
 from gtr_jax.report.terms import description
+from gtr_jax.simulation.programs import unmoved_in
 from gtr_jax.terms import (
     REGISTRY,
     cell_hysteresis,
@@ -24,6 +26,7 @@ from gtr_jax.terms import (
     viscous_friction,
 )
 from gtr_jax.terms.term import Bent
+from gtr_jax.terms.unmoved import NO_SLIP
 from tests.conftest import SINE
 
 REFERENCE = Path(__file__).parent / "data" / "reference"
@@ -354,7 +357,8 @@ def test_a_tension_that_is_no_number_is_flagged(robot):
 def test_terms_that_cannot_act_are_refused(make_robot):
     sheath = {"rigid": True, "natural_curvature": 4.0}
     for terms, says in (
-        ([{"kind": "presliding", "length": 6e-4}], "add the term tendon-stretch"),
+        ([{"kind": "presliding", "length": 6e-4}], "presliding: .* add the term tendon-stretch"),
+        ([{"kind": "viscous-friction", "coefficient": 20.0}], "viscous-friction: .* add the term tendon-str"),
         ([{"kind": "stiffening", "coefficient": 0.01}], "no effect on a backbone with rigid"),
     ):
         with pytest.raises(gtr.InputError, match=says):
@@ -373,8 +377,21 @@ def test_terms_that_cannot_act_are_refused(make_robot):
         with pytest.raises(gtr.InputError, match=says):
             make_robot(routing=SINE, terms=[term])
     rigid = make_robot(routing=SINE, backbone=sheath)
-    with pytest.raises(ValueError, match="add the term tendon-stretch"):
-        gtr.simulate(rigid.with_values(**{"presliding.length": 6e-4}), LOOP)
+    slow = np.arange(float(len(LOOP)))
+    for name, value in (("presliding.length", 6e-4), ("viscous-friction.coefficient", 20.0)):
+        unable = rigid.with_values(**{name: value})
+        with pytest.raises(gtr.InputError, match=f"terms.{name.partition('.')[0]}: {NO_SLIP}"):
+            gtr.simulate(unable, LOOP, time=slow)
+        # The null of its size does nothing, and a tendon that stretches slips.
+        assert unmoved_in(rigid.with_values(**{name: 0.0})) == []
+        assert unmoved_in(unable.with_values(**{"tendon-stretch.compliance": 1e-4})) == []
+        # A fit of it is refused in the same words, free or not.
+        seen = gtr.Recording(T_base=LOOP, T_tip=LOOP, time=slow, path=Path("rec.csv"), sha256="")
+        for robot, free in ((unable, "mu"), (rigid, ("mu", name))):
+            with pytest.raises(gtr.InputError, match=f"terms.{name.partition('.')[0]}: {NO_SLIP}"):
+                calibrate.fit(robot, seen, free=free)
+    # Friction at rest is more than that of a fast slip.
+    assert unmoved_in(rigid.with_values(**{"stribeck-friction.ratio": 0.2})) == []
     run = gtr.simulate(rigid.with_values(**{"adhesion.drag": 1.0}), LOOP)
     assert set(gtr.label_phases(run).tolist()) >= {"pulling", "releasing"}
     with pytest.raises(ValueError, match="goes back at step 3"):

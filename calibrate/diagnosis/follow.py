@@ -8,9 +8,10 @@ import numpy as np
 
 from gtr_jax import Robot, RobotConfig
 from gtr_jax.robot.parameters import parameters_of
+from gtr_jax.robot.stiffness import stiffness_of
 
 from ..number import Number, number_at
-from .rig import friction_of, stiffness_of
+from .rig import friction_of
 
 
 class Follow(NamedTuple):

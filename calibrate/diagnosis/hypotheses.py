@@ -9,6 +9,8 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from gtr_jax import Robot
+from gtr_jax.robot.parameters import STIFFNESS, parameter
+from gtr_jax.robot.stiffness import largest_modulus, stiffness_of
 from gtr_jax.simulation.programs import every_for
 from gtr_jax.terms import REGISTRY, Term, known_on
 from gtr_jax.terms.term import Quantity
@@ -16,7 +18,7 @@ from gtr_jax.terms.term import Quantity
 from ..number import Number
 from ..setup import Part
 from .instruments import BOTH, Cells
-from .rig import STIFFNESS, acts_on_tendon, friction_of, stiffness_of
+from .rig import acts_on_tendon, friction_of
 
 # Half width of a range that holds 90 % of a normal distribution, in standard deviations.
 NINE_OF_TEN = 1.645
@@ -201,7 +203,7 @@ def catalogue(
             continue
         if term.id == "gravity-error" and not robot.loaded:
             continue
-        if term.softens and not float(robot.backbone.youngs_modulus) >= METAL:
+        if term.softens and (rigid or largest_modulus(robot.backbone) < METAL * (1 - 1e-9)):
             continue
         known = term.numbers if robot.space else term.quantities
         plain = {"": tuple(q.name for q in known)}
@@ -388,7 +390,7 @@ def base_numbers(robot: Robot, deviations: Mapping[str, float]) -> tuple[Number,
         mu = max(float(robot.value(name)), 0.02)
         found.append(Number(name=name, unit="", centre=mu, sd=deviations.get(name, ANY_MU), log=True))
     for name in stiffness_of(robot):
-        value, unit = float(robot.value(name)), "Pa" if name == "E" else "N m^2"
+        value, unit = float(robot.value(name)), parameter(robot, name).unit
         found.append(Number(name=name, unit=unit, centre=value, sd=deviations.get(name, ANY_E), log=True))
     return tuple(found)
 

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax import Robot, equilibrium
+from gtr_jax.robot.stiffness import stiffness_of
 from gtr_jax.terms import Law, Quantity
 from gtr_jax.terms.law import ACTS, VARIABLES
 
@@ -20,7 +21,7 @@ from ..predictor import Seen
 from .bench import Bench
 from .locate import cycles_of
 from .model import Point
-from .rig import friction_of, stiffness_of
+from .rig import friction_of
 
 # Variables in a word, for names.
 WORDS = {

@@ -12,6 +12,7 @@ import numpy as np
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot
 from gtr_jax.errors import excerpt, nearest_first
 from gtr_jax.robot.parameters import parameter
+from gtr_jax.robot.stiffness import stiffness_of
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import steps_natively
 from gtr_jax.simulation.programs import structure_with
@@ -36,7 +37,7 @@ from .model import Fitted
 from .models import Models
 from .refine import refine
 from .result import BAD_DATA, Diagnosis
-from .rig import Rig, friction_of, program_for, resolution_of, stiffness_of
+from .rig import Rig, friction_of, program_for, resolution_of
 from .samples import some_samples
 from .sanity import faults
 from .search import base_fit

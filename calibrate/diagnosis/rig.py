@@ -22,6 +22,7 @@ from jaxtyping import Array, Float
 from gtr_jax import Robot, true_base
 from gtr_jax.robot.parameters import parameters_of, places_of, with_values
 from gtr_jax.robot.robot import lay_out
+from gtr_jax.robot.stiffness import stiffness_of
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.markers import markers_on, shape_in_plane
 from gtr_jax.simulation.natively import Brief, Native, Ready, Run, Structure, ready, sources
@@ -52,9 +53,6 @@ AT_HAND, RUNS_AT_HAND = 256, 64
 # step before (Stribeck) takes one: its law is of the steps. And most steps that this makes of a recording,
 # for the time that it takes.
 STEPS_BY_SPEED, MOST_STEPS = 4, 600
-# Numbers that say how stiff a body is: its modulus, or else its bending stiffness.
-STIFFNESS = ("E", "EI", "EI_z", "EI_y")
-
 
 # Terms in each program that simulates a recording, from the fastest to the slowest program: a hypothesis uses
 # the first that has all its terms. Load steps a second in lanes: 200,000, 80,000, 40,000, 30,000 and 18,000;
@@ -468,11 +466,3 @@ def robot_names(robot: Robot) -> list[str]:
 def friction_of(robot: Robot) -> list[str]:
     """Names of the friction coefficients, one for each tendon."""
     return [f"mu.{name}" if name else "mu" for name in robot.tendon_names or ("",)]
-
-
-def stiffness_of(robot: Robot) -> list[str]:
-    """Names of the numbers that say how stiff the body is: its modulus, or else its bending stiffness; none
-    of a rigid one.
-    """
-    known = [] if robot.backbone.rigid else parameters_of(robot)
-    return ["E"] if "E" in known else [name for name in STIFFNESS[1:] if name in known]

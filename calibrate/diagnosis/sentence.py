@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gtr_jax.files.numbers import measured_quantity, quantity
+from gtr_jax.robot.parameters import STIFFNESS
 from gtr_jax.terms.law import VARIABLES
 
 from ..estimate import NORMAL_95
@@ -73,15 +74,15 @@ def interval_in_words(ends: tuple[float, float], unit: str) -> tuple[str, str]:
 
 
 def _unseen(d: Diagnosis) -> str:
-    """Between what mu and E are once models are averaged, where that is much wider than the one model says,
-    and which effect that may act unseen adds most to that.
+    """Between what mu and the stiffness are once models are averaged, where that is much wider than the one
+    model says, and which effect that may act unseen adds most to that.
     """
     if d.verdict == UNEXPLAINED:
         return ""
     wide = [
         (c, interval_in_words(c.averaged95, c.unit), interval_in_words((c.lower95, c.upper95), c.unit))
         for c in d.parameters
-        if c.name.partition(OWN)[0].partition(".")[0] in ("mu", "E") and c.widened > WIDER
+        if c.name.partition(OWN)[0].partition(".")[0] in ("mu", *STIFFNESS) and c.widened > WIDER
         if c.averaged95 is not None and c.lower95 is not None and c.upper95 is not None
     ]
     if not wide:

@@ -9,9 +9,10 @@ import numpy as np
 
 from gtr_jax import Robot, RobotConfig, build_robot
 from gtr_jax.robot.parameters import Parameter, parameter, parameters_of
+from gtr_jax.robot.stiffness import stiffness_of
 from gtr_jax.terms import known_acting
 
-from ..diagnosis.rig import friction_of, resolution_of, stiffness_of
+from ..diagnosis.rig import friction_of, resolution_of
 from ..number import UNIT_SCALE, Number
 
 # A number of which nothing is known counts as known to its own size; derivatives are taken over a change of

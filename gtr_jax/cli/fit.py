@@ -47,7 +47,8 @@ class Inputs(NamedTuple):
     "--free",
     metavar="NAMES",
     help="Parameters to fit, by short name or key in the robot file.  "
-    "[default: mu,E; mu alone if rigid; the mu of each of several tendons]",
+    "[default: mu and what gives the stiffness, E, EI or stiffness_factor; mu alone if rigid; the mu of each "
+    "of several tendons]",
 )
 @click.option(
     "--per-recording",

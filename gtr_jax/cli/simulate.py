@@ -154,7 +154,7 @@ def simulate(
         click.echo(f"warning: {text}", err=True)
     click.echo(said)
     click.echo(f"report: {output / 'report.html'}")
-    return 0 if answer.converged and not answer.impossible.overlaps else 1
+    return 0 if answer.converged and not answer.impossible.means_nothing else 1
 
 
 def pulls_of(

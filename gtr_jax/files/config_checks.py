@@ -13,10 +13,18 @@ import numpy as np
 
 from gtr_jax.errors import InputError, excerpt
 from gtr_jax.terms import Term, catalogue_of
-from gtr_jax.terms.term import NO_SLIP, NO_TUG
+from gtr_jax.terms.term import NO_TUG
+from gtr_jax.terms.unmoved import NO_SLIP, unmoved
 
 from .law_section import LawSection
-from .sections import BackboneConfig, LoadsConfig, RectangleConfig, TendonConfig, TermConfig
+from .sections import (
+    BackboneConfig,
+    LoadsConfig,
+    RectangleConfig,
+    TendonConfig,
+    TermConfig,
+    stiffness_by_several,
+)
 
 # What floats can compute with: least length [m] and bending stiffness of a full section [N m^2].
 _LEAST_LENGTH, _LEAST_STIFFNESS = 1e-9, 1e-60
@@ -27,6 +35,8 @@ def _check_terms(
     terms: Sequence[TermConfig], backbone: BackboneConfig, tendons: Sequence[str], known: Mapping[str, Term]
 ) -> None:
     kinds, rigid, several = {term.id for term in terms}, backbone.rigid, len(tendons) > 1
+    values = {term.id: {q.name: getattr(term, q.name) for q in known[term.id].numbers} for term in terms}
+    still = unmoved(known, values, list(values), backbone.length) if rigid else []
     for term in terms:
         law, key = known[term.id], f"terms.{term.id}"
         bends = law.bend or law.loads or law.stop
@@ -41,8 +51,7 @@ def _check_terms(
         unfit = refused_for_section(backbone, law)
         _require(unfit is None, key, unfit or "")
         _require(not (rigid and bends), key, "has no effect on a backbone with rigid = true; remove it")
-        moved = not rigid or any(known[kind].strain for kind in kinds)
-        _require(law.mobilise is None or moved, key, NO_SLIP)
+        _require(term.id not in still, key, NO_SLIP)
         held = not several and not any(known[kind].mobilise for kind in kinds)
         _require(law.tugged is None or held, key, NO_TUG)
         _require(not (rigid and several and not law.of_cells), key, "is for one tendon where rigid = true")
@@ -137,6 +146,7 @@ def check_backbone(backbone: BackboneConfig) -> None:
         if isinstance(strain, tuple):
             _check_knots(f"backbone.{key}", strain, length)
     _check_stiffness("backbone", backbone.bending_stiffness, backbone.torsional_stiffness, length)
+    _check_factor(backbone)
     _check_pieces(backbone)
     _check_bores(backbone)
     _check_section(backbone)
@@ -206,6 +216,19 @@ def _check_stiffness(table: str, bending: Any, torsion: Any, length: float) -> N
         f"{table}.torsional_stiffness",
         "needs a bending_stiffness beside it; add one, or leave both to youngs_modulus and poissons_ratio",
     )
+
+
+def _check_factor(backbone: BackboneConfig) -> None:
+    factor, key = backbone.stiffness_factor, "backbone.stiffness_factor"
+    if factor is None:
+        return
+    _require(not backbone.rigid, key, "has no effect on a backbone with rigid = true; remove it")
+    _require(
+        stiffness_by_several(backbone.model_dump(include={"bending_stiffness", "sections"})),
+        key,
+        "one number gives the stiffness of this body; change that number and leave stiffness_factor out",
+    )
+    _require(factor > 0, key, f"must be positive, is {factor:g}")
 
 
 def _check_pieces(backbone: BackboneConfig) -> None:

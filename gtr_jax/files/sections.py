@@ -262,6 +262,20 @@ SECTIONS = ("tube", "ring", "rectangle")
 SectionShape = Annotated[TubeConfig | RingConfig | RectangleConfig, Field(discriminator="kind")]
 
 
+def stiffness_by_several(body: Mapping[str, Any]) -> bool:
+    """Whether several numbers give the stiffness of a body, by rows or by sections with their own, so that
+    one factor on all of them is a number of its own; `body` is its table in the file.
+    """
+    rows = body.get("bending_stiffness")
+    if isinstance(rows, list | tuple) and any(isinstance(row, list | tuple) for row in rows):
+        return True
+    pieces = body.get("sections")
+    own = ("youngs_modulus", "bending_stiffness")
+    return isinstance(pieces, list | tuple) and any(
+        isinstance(piece, Mapping) and any(piece.get(key) is not None for key in own) for piece in pieces
+    )
+
+
 class BackboneConfig(Section):
     """The elastic body, or the sheath of fixed shape."""
 
@@ -292,6 +306,9 @@ class BackboneConfig(Section):
     torsional_stiffness: Torsion | None = None
     """GJ [N m^2], one number or [s, GJ] pairs from base to tip; absent: that of a round section,
     EI/(1 + poissons_ratio)."""
+    stiffness_factor: Ratio | None = None
+    """Factor on the stiffness of a body that several numbers give, by rows or by sections with their own; 1
+    unless given."""
     section: SectionShape | None = None
     """What carries the load, where that is not all of the body within outer_radius: a tube, or a strip."""
     sections: tuple[PieceConfig, ...] = ()
@@ -304,6 +321,14 @@ class BackboneConfig(Section):
     """EA [N] of a body that stretches, instead of modulus and section."""
     rigid: StrictBool = False
     """Whether the backbone keeps its natural shape (a sheath), so that only friction acts."""
+
+    @classmethod
+    def _resolved(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
+        """With the factor on a stiffness that several numbers give, as a number of its own."""
+        if stiffness_by_several(data) and not data.get("rigid"):
+            data.setdefault("stiffness_factor", 1.0)
+            data["stiffness_factor"] = 1.0 if data["stiffness_factor"] is None else data["stiffness_factor"]
+        return data
 
     @property
     def stretches(self) -> bool:

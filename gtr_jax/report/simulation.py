@@ -303,7 +303,7 @@ def verdict(answer: SimulationAnswer) -> str:
                 f"the first being step {first}; do not use the results from there on."
             )
         return f"{name}: the history converged, but T_base_switch or a drawn shape did not; do not use those."
-    if answer.impossible.overlaps:
+    if answer.impossible.means_nothing:
         return f"{name}: no result. {answer.impossible.says[0]}"
     if answer.several:
         ends = ", ".join(

@@ -85,6 +85,7 @@ class Backbone(eqx.Module):
         natural_curvature_y_s, natural_curvature_y: likewise about y, out of the plane; None: zero.
         natural_twist_s, natural_twist: likewise, twist about the axis; None: zero.
         stiffness: of the whole body, given instead of modulus and radius.
+        stiffness_factor: on every stiffness that a modulus, `stiffness` or `pieces` give; None: 1.
         pieces: of the body that differ; they do not overlap.
         notches: rows of notches, which do not overlap.
         extensible: whether forces along the body stretch it (static).
@@ -108,6 +109,7 @@ class Backbone(eqx.Module):
     natural_twist_s: Float[Array, " twists"] | None = None
     natural_twist: Float[Array, " twists"] | None = None
     stiffness: Stiffness | None = None
+    stiffness_factor: Float[Array, ""] | None = None
     pieces: tuple[Piece, ...] = ()
     notches: tuple[Notches, ...] = ()
     extensible: bool = eqx.field(static=True, default=False)
@@ -217,6 +219,8 @@ class Backbone(eqx.Module):
                 continue
             here = self._in_piece(i, within)
             found = [jnp.where(here, new, old) for new, old in zip(own, found, strict=True)]
+        if self.stiffness_factor is not None:
+            found = [self.stiffness_factor * value for value in found]
         cut = self.cut(s, within)
         if cut is None:
             return found
@@ -282,12 +286,12 @@ class Backbone(eqx.Module):
         return self._modulus(s, within) * self.area(s, within)
 
     def _modulus(self, s: Float[Array, " N"], within: Bool[Array, "stretches N"]) -> Float[Array, " N"]:
-        """E [Pa] at s."""
+        """E [Pa] at s, with the factor on it."""
         modulus = jnp.broadcast_to(self.youngs_modulus, s.shape)
         for i, piece in enumerate(self.pieces):
             if piece.youngs_modulus is not None:
                 modulus = jnp.where(self._in_piece(i, within), piece.youngs_modulus, modulus)
-        return modulus
+        return modulus if self.stiffness_factor is None else self.stiffness_factor * modulus
 
     def curvature_at_rest(self, s: Float[Array, " N"]) -> Float[Array, " N"]:
         """Natural curvature kappa_0 [1/m] at s, in the plane of the robot."""

@@ -169,6 +169,7 @@ def _backbone(body: BackboneConfig, in_space: bool) -> Backbone:
         poissons_ratio=_array(body.poissons_ratio),
         **(across if in_space else {}),
         stiffness=_stiffness(body.bending_stiffness, body.torsional_stiffness),
+        stiffness_factor=None if body.stiffness_factor is None else _array(body.stiffness_factor),
         pieces=tuple(map(_piece, body.sections)),
         notches=tuple(map(_notches, body.notches)),
         extensible=body.stretches,

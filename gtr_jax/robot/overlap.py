@@ -31,12 +31,14 @@ class Impossible:
         strain: largest strain of the wall, |kappa - kappa_0| r and of a body that stretches |e| more, in any
             step.
         strain_step: the step of that strain, from 0.
+        rigid: whether it is a sheath of fixed shape.
     """
 
     overlap_step: int | None
     overlap_T_base: float
     strain: float
     strain_step: int
+    rigid: bool = False
 
     @property
     def overlaps(self) -> bool:
@@ -44,10 +46,22 @@ class Impossible:
         return self.overlap_step is not None
 
     @property
+    def means_nothing(self) -> bool:
+        """Whether the simulation says nothing of any robot. The tensions in a sheath of fixed shape follow
+        from how far it turns, wherever it runs.
+        """
+        return self.overlaps and not self.rigid
+
+    @property
     def says(self) -> tuple[str, ...]:
         """What is wrong, as sentences."""
         said = []
-        if self.overlap_step is not None:
+        if self.overlaps and self.rigid:
+            said.append(
+                "The sheath passes through itself: no sheath takes this shape. The tensions hold for one "
+                "that turns as far and is led past itself; places do not."
+            )
+        elif self.overlap_step is not None:
             said.append(
                 f"The body passes through itself from step {self.overlap_step + 1} on (base tension "
                 f"{self.overlap_T_base:.3g} N), which the model does not hinder: no robot takes this shape; "
@@ -69,7 +83,7 @@ def impossible(
     angle: Float[Array, "K N"],
     T_base: Float[Array, "K *tendons"],
 ) -> Impossible:
-    """What no real body can do of a simulation; nothing for a rigid sheath.
+    """What no real body can do of a simulation. A rigid sheath is strained by nothing.
 
     Args:
         backbone: the body.
@@ -79,7 +93,7 @@ def impossible(
         T_base: base tension of every tendon [N], (K, *tendons).
     """
     if backbone.rigid:
-        return Impossible(None, 0.0, 0.0, 0)
+        curvature, angle, T_base = curvature[:1], angle[:1], T_base[:1]
     radius, rest = np.asarray(backbone.radius(s)), np.asarray(backbone.curvature_at_rest(s))
     fibre = radius
     if backbone.notches or backbone.shape is not None:
@@ -97,6 +111,8 @@ def impossible(
     some = able[:: -(-len(able) // LOOKED_AT)] if len(able) else able
     found = next((int(k) for k in some if crosses_itself(outline(nodes, phi[k], radius))), None)
     at = 0.0 if found is None else float(pull[found])
+    if backbone.rigid:
+        return Impossible(found, at, 0.0, 0, rigid=True)
     return Impossible(found, at, float(strain.max()), int(strain.argmax()))
 
 
@@ -109,9 +125,9 @@ def impossible_in_space(
     T_base: Float[Array, "K *tendons"],
     stretch: Float[Array, "K N"] | None = None,
 ) -> Impossible:
-    """What no real body can do of a simulation in space; nothing for a rigid sheath. The wall is strained by
-    bending and by the stretch of the axis, |kappa - kappa_0| r + |e|, and sheared by twist; the larger one is
-    told.
+    """What no real body can do of a simulation in space. The wall is strained by bending and by the stretch
+    of the axis, |kappa - kappa_0| r + |e|, and sheared by twist; the larger one is told. A rigid sheath is
+    strained by nothing.
 
     Args:
         backbone: the body.
@@ -122,7 +138,7 @@ def impossible_in_space(
         stretch: of the axis [-]; None of a body that does not stretch.
     """
     if backbone.rigid:
-        return Impossible(None, 0.0, 0.0, 0)
+        strain, position, T_base, stretch = strain[:1], position[:1], T_base[:1], None
     longer = 0.0 if stretch is None else np.asarray(stretch)
     radius, rest = np.asarray(backbone.radius(s)), np.asarray(backbone.strain_at_rest(s))[:, :3]
     u, p, nodes = np.asarray(strain), np.asarray(position), np.asarray(s)
@@ -141,6 +157,8 @@ def impossible_in_space(
     folded = (bent * radius >= 1.0 + longer).any(axis=1)
     found = next((int(k) for k in some if folded[k] or meets_itself(nodes, p[k], radius)), None)
     at = 0.0 if found is None else float(pull[found])
+    if backbone.rigid:
+        return Impossible(found, at, 0.0, 0, rigid=True)
     return Impossible(found, at, float(worst.max()), int(worst.argmax()))
 
 

@@ -12,10 +12,11 @@ from typing import Any, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import jax.tree_util as jtu
 import numpy as np
 from jax.core import Tracer
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from gtr_jax.errors import InputError, excerpt, listed
 from gtr_jax.mechanics.structure import in_order
@@ -63,6 +64,10 @@ class Parameter:
         """Whether its lower bound is excluded; friction and density are the exception: they may vanish."""
         return self.log and self.name.partition(".")[0] not in ("mu", "density")
 
+
+# The numbers that say how stiff a whole body is: its modulus; the factor on several numbers; its bending
+# stiffness.
+STIFFNESS = ("E", "stiffness_factor", "EI", "EI_z", "EI_y")
 
 # Parameters of every robot that are not of a tendon.
 _COMMON = (
@@ -161,6 +166,8 @@ def _of_body(robot: Parts) -> Iterator[Parameter]:
             yield Parameter(f"bore_{k}_{word}", key, "m", 0.0, None, at=f"backbone.{field}.{k}")
     if body.stiffness is not None:
         yield from _of_stiffness(body.stiffness, "", "backbone", "backbone.stiffness", robot.space)
+    if body.stiffness_factor is not None:
+        yield Parameter("stiffness_factor", "backbone.stiffness_factor", "", 0.0, None, log=True)
     for k, piece in enumerate(body.pieces):
         name, key, at = f"section_{k}", f"backbone.sections.{k}", f"backbone.pieces.{k}"
         for field, word in (("start", "from"), ("end", "to")):
@@ -264,7 +271,9 @@ def parameter(robot: Parts, name: str) -> Parameter:
     if name in by_key:
         return by_key[name]
     if name in ("E", "backbone.youngs_modulus"):
-        raise InputError(f"parameter 'E': {_no_modulus(robot.backbone)}, so it has no effect; leave E out")
+        instead = [own for own in STIFFNESS if own in known]
+        remedy = "leave E out" if robot.backbone.rigid else f"name {instead[0]} instead"
+        raise InputError(f"parameter 'E': {_no_modulus(robot.backbone)}, so it has no effect; {remedy}")
     near = difflib.get_close_matches(name, [*known, *by_key], n=NEAREST)
     hint = f"did you mean {' or '.join(map(repr, near))}?" if near else parameters_listed(robot)
     raise InputError(f"parameter '{excerpt(name)}' does not exist on this robot; {hint}")
@@ -356,6 +365,33 @@ def with_values(robot: AnyRobot, values: Mapping[str, Float[Array, ""] | float])
             acting.append(term.id)
     acting += known_acting(robot.terms, robot.laws)
     return dataclasses.replace(robot, loaded=loaded, acting=in_order(acting, robot.laws))
+
+
+def bounded(
+    robot: Parts,
+) -> tuple[Float[Array, " b"], Float[np.ndarray, " b"], Float[np.ndarray, " b"], Bool[np.ndarray, " b"]]:
+    """The numbers of a robot that have bounds, which may be traced, (b,); the least and the most of each, and
+    whether it must lie above the least. Numbers of an absent physics term may be at their null.
+    """
+    leaves, tree = jtu.tree_flatten(robot)
+    sizes = [int(np.prod(np.shape(leaf))) for leaf in leaves]
+    first = np.cumsum([0, *sizes])[:-1]
+    places = jtu.tree_unflatten(
+        tree,
+        [at + np.arange(n).reshape(np.shape(leaf)) for at, n, leaf in zip(first, sizes, leaves, strict=True)],
+    )
+    entries = [p for p in parameters_of(robot).values() if p.lower is not None or p.upper is not None]
+    at = []
+    for entry in entries:
+        where, index = _locate(entry.at)
+        at.append(int(where(places) if index is None else where(places)[index]))
+    flat = jnp.concatenate([jnp.ravel(jnp.asarray(leaf)) for leaf in leaves])
+    return (
+        flat[np.asarray(at, int)],
+        np.array([-np.inf if p.lower is None else p.lower for p in entries]),
+        np.array([np.inf if p.upper is None else p.upper for p in entries]),
+        np.array([p.positive and p.term is None for p in entries]),
+    )
 
 
 def places_of(robot: Parts, names: Sequence[str]) -> Int[Array, " p"]:

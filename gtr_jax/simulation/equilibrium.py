@@ -15,6 +15,8 @@ from ..mechanics.sections import node_first
 from ..mechanics.several.rootfinder import RootFinder
 from ..mechanics.several.slip import Kept
 from ..robot.robot import Robot, sections
+from ..robot.validity import is_robot
+from .outcome import unless_outside
 from .programs import at_nodes, structure_of
 from .several import at_preload, load_step
 from .solution import Equilibrium, describe, loaded_of
@@ -48,8 +50,23 @@ def solved(
     clock: Load | None = None,
 ) -> Equilibrium:
     """As `equilibrium`, with a structure that is decided; at a load step's time and pace, if given one."""
+    valid = is_robot(robot)
     if structure.plain_pair:
-        return _pair(robot, T_base, before, how, structure)
+        found = _pair(robot, T_base, before, how, structure)
+    else:
+        found = _one(robot, T_base, before, how, structure, clock)
+    return dataclasses.replace(found, result=unless_outside(found.result, valid))
+
+
+def _one(
+    robot: Robot,
+    T_base: Float[Array, "*tendons"],
+    before: Equilibrium | Float[Array, " N"] | None,
+    how: March,
+    structure: Structure,
+    clock: Load | None,
+) -> Equilibrium:
+    """One tendon, or with physics terms."""
     s = sections(robot)
     one = jnp.ones(())
 
@@ -97,6 +114,8 @@ def equilibrium(
 
     Returns:
         The solution. It never raises on non-convergence: check `result`, `converged` and `residual_norm`.
+        Where it is solved for the numbers of no robot (a negative modulus, a channel outside the body),
+        `result` is `outside_physics`, under `jit` too.
 
     Raises:
         ValueError: T_base has another shape, or the memory of several tendons is no equilibrium.

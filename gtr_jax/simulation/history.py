@@ -17,6 +17,7 @@ from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from ..elsewhere import elsewhere
+from ..errors import InputError
 from ..mechanics import Load, March, Structure, metric_of, steps
 from ..mechanics.bodies import turning_of
 from ..mechanics.sections import State, either_of
@@ -24,17 +25,21 @@ from ..mechanics.several.rootfinder import RootFinder
 from ..mechanics.several.slip import Kept
 from ..notebook import drawn_by
 from ..robot.robot import Robot, sections
+from ..robot.validity import is_robot
 from ..terms import OWN, known_on
-from ..terms.term import NO_SLIP, NO_TUG
+from ..terms.term import NO_TUG
+from ..terms.unmoved import NO_SLIP
 from .displacement import by_tension, displacement_drives, driven
 from .missed import trusted
-from .programs import at_nodes, known_to_act, structure_of
+from .outcome import OUTSIDE_PHYSICS, is_solved, unless_outside
+from .programs import at_nodes, known_to_act, structure_of, unmoved_in
 from .sensing import Reading, cells_show, shown
 from .several import at_preload, load_step
 from .slipping import front_of, large_tension, moves_by_friction, moves_of
 from .solution import (
     Equilibrium,
     Loaded,
+    Pose,
     Shape,
     describe,
     drawn_out,
@@ -65,8 +70,8 @@ class Simulation(eqx.Module):
         time: since the first step [s], (K,); without given times one second per step.
         T_tip: true tension at the anchor, (K, *tendons).
         reading: T_base and T_tip as the load cells show them, (K, *tendons) each.
-        tip_pose: x, y, angle of the midline's tip, (K, 3); in space those of its projection on the plane of x
-            and y.
+        tip_pose: x [m], y [m], angle [rad] of the midline's tip in the plane, (K, 3); in space those of its
+            projection on the plane of x and y, which are no position: take `tip`.
         displacement: tendon drawn out at the base since the robot settled with slack tendons, (K, *tendons).
         slip_direction: +1 where the tendon at the base slips towards the base in the step, -1 towards the
             tip, 0 at rest, (K, *tendons).
@@ -78,7 +83,7 @@ class Simulation(eqx.Module):
         curvature, angle: along the robot, (K, N); in space as of `Equilibrium`.
         external_moment: of the external loads, along the robot, (K, N); in space (K, N, 3).
         mobilisation: of friction, (K, tendons, N), as `Equilibrium.mobilisation`; None for one tendon.
-        result: optimistix result per step.
+        result: optimistix result per step, or `outside_physics`.
         residual_norm, iterations: per step, (K,).
         shape: of a robot in space at each step; None in the plane.
     """
@@ -104,6 +109,11 @@ class Simulation(eqx.Module):
     shape: Shape | None = None
 
     @property
+    def tip(self) -> Pose:
+        """Where the tip is and how it is turned in each step, in the plane and in space."""
+        return Pose(self.tip_position, self.tip_rotation)
+
+    @property
     def tip_position(self) -> Float[Array, "K 3"]:
         """Midline tip in the world [m], (K, 3); z = 0 in the plane."""
         return tip_position(self.shape, self.tip_pose)
@@ -115,8 +125,20 @@ class Simulation(eqx.Module):
 
     @property
     def converged(self) -> Bool[Array, " K"]:
-        """True for each step that met the tolerance."""
+        """True for each step that met the tolerance, of a robot that can be."""
         return self.result == optx.RESULTS.successful
+
+    @property
+    def outside_physics(self) -> Bool[Array, " K"]:
+        """True where the equations were solved for numbers of no robot: a negative modulus, friction below
+        zero, a channel outside the body.
+        """
+        return self.result == OUTSIDE_PHYSICS
+
+    @property
+    def solved(self) -> Bool[Array, " K"]:
+        """As `converged`, of any numbers."""
+        return is_solved(self.result)
 
     @property
     def slip_speed(self) -> Float[Array, "K *tendons N"]:
@@ -236,6 +258,7 @@ def _run(robot: Robot, loads: Load, how: March, structure: Structure, drawn: Boo
         done, moves = _pair(robot, loads, RootFinder(atol=how.atol))
     else:
         done, moves = _solved(structure, robot, loads, how)
+    valid = is_robot(robot)
     # What is read off the states is computed for all steps at once, outside the loop.
     s = sections(robot)
     eq = jax.vmap(lambda done: describe(s, robot.base, done))(done)
@@ -265,7 +288,7 @@ def _run(robot: Robot, loads: Load, how: March, structure: Structure, drawn: Boo
         angle=eq.angle,
         external_moment=eq.external_moment,
         mobilisation=eq.mobilisation,
-        result=result,
+        result=unless_outside(result, valid),
         residual_norm=eq.residual_norm,
         iterations=eq.iterations,
         shape=eq.shape,
@@ -332,13 +355,14 @@ def simulate(
     Returns:
         One entry per step: true tensions, and in `reading` what the load cells show of them. A step that
         does not converge is flagged in `result` and leaves the tendon's memory as it was; so are the steps
-        after it, until nothing is left of what was missed (`simulation.missed`).
+        after it, until nothing is left of what was missed (`simulation.missed`). Where the numbers are of no
+        robot, the `result` of every other step is `outside_physics`.
 
     Raises:
         ValueError: T_base is not a history of at least one step, time or cycle not of its length, or there is
             no time for a term that needs it; time that goes back; no displacement of a tendon that it
-            drives, or a term that moves its other end; presliding in a rigid sheath with a tendon
-            that does not stretch, which never slips.
+            drives, or a term that moves its other end; a law of the slip (presliding, viscous friction)
+            in a rigid sheath with a tendon that does not stretch, which never slips.
     """
     history, names = jnp.asarray(T_base, dtype=float), robot.tendon_names
     if names and history.shape[1:] != (len(names),):
@@ -397,8 +421,8 @@ def _tensions(
 
 
 def _refuse_unable(robot: Robot) -> None:
-    """ValueError if friction would build up over a slip that cannot occur, or if an end is moved that no
-    sliding friction holds.
+    """ValueError if a law of the slip acts where none can occur, or if an end is moved that no sliding
+    friction holds.
     """
     by_slip = any(term.mobilise and known_on(term, robot.terms[term.id]) for term in robot.catalogue.values())
     for term in robot.catalogue.values():
@@ -406,11 +430,8 @@ def _refuse_unable(robot: Robot) -> None:
             raise ValueError(f"{term.id}: {NO_TUG}")
     if not robot.backbone.rigid:
         return
-    stretches = [known_on(term, robot.terms[term.id]) for term in robot.catalogue.values() if term.strain]
-    if all(on is False for on in stretches):
-        for term in robot.catalogue.values():
-            if term.mobilise is not None and known_on(term, robot.terms[term.id]):
-                raise ValueError(f"{term.id}: {NO_SLIP}")
+    for kind in unmoved_in(robot):
+        raise InputError(f"terms.{kind}: {NO_SLIP}")
     if robot.tendon_names and known_to_act(robot):
         raise ValueError("physics terms: a rigid sheath of several tendons takes those of the cells only")
 

@@ -1,12 +1,23 @@
-"""The outcome of a solve in readable form: `print(equilibrium.result)` prints `successful`."""
+"""The outcome of a solve in readable form: `print(equilibrium.result)` prints `successful`. To the results of
+optimistix one is added, of a solve whose robot no robot can be.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
+import jax.numpy as jnp
+import jax.tree_util as jtu
 import numpy as np
 import optimistix as optx
 from equinox._enum import EnumerationItem
+from jaxtyping import Array, Bool
+
+_OUTSIDE = len(optx.RESULTS._name_to_item)  # behind the codes of optimistix
+MEANING = (
+    "The equations have a solution, but a number of the robot is outside physics: a stiffness not above "
+    "zero, friction below zero, a channel outside the body, or another for which a robot file is refused."
+)
 
 
 class Outcome(EnumerationItem):
@@ -16,14 +27,34 @@ class Outcome(EnumerationItem):
         if self.is_traced():
             return f"{self._enumeration.__qualname__}<traced>"
         names = {int(item._value): name for name, item in self._enumeration._name_to_item.items()}
+        names[_OUTSIDE] = "outside_physics"
         values, counts = np.unique(np.asarray(self._value), return_counts=True)
         if np.ndim(self._value):
             return ", ".join(f"{n} {names[int(v)]}" for v, n in zip(values, counts, strict=True))
         index = int(values[0])
-        meaning = self._enumeration._index_to_message[index]
+        meaning = MEANING if index == _OUTSIDE else self._enumeration._index_to_message[index]
         return f"{names[index]}: {meaning}" if meaning else names[index]
 
 
 def outcome(result: optx.RESULTS) -> Any:
     """The result as an `Outcome`, which prints its name."""
     return Outcome(result._value, result._enumeration)
+
+
+OUTSIDE_PHYSICS = Outcome(np.array(_OUTSIDE, np.int32), optx.RESULTS)
+
+
+def unless_outside(result: Any, valid: Bool[Array, ""]) -> Any:
+    """The result, or results, of a solve; `OUTSIDE_PHYSICS` where it succeeded and the robot is not valid."""
+
+    def unless(code, outside, successful):
+        return jnp.where(valid | (code != successful), code, outside)
+
+    return jtu.tree_map(unless, result, OUTSIDE_PHYSICS, outcome(optx.RESULTS.successful))
+
+
+def is_solved(result: Any) -> Any:
+    """Whether the equations were solved, be it for numbers of no robot: what a search goes by that keeps to
+    the bounds of its numbers by itself.
+    """
+    return (result == optx.RESULTS.successful) | (result == OUTSIDE_PHYSICS)

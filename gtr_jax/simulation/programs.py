@@ -16,6 +16,7 @@ from ..mechanics.structure import PRESLIDING, carried
 from ..robot.robot import Robot, tip_moment_of
 from ..terms import known_acting, known_on
 from ..terms.term import ONE_HELD
+from ..terms.unmoved import unmoved
 
 
 def structure_of(robot: Robot, with_terms: bool | Collection[str] | None) -> Structure:
@@ -102,6 +103,19 @@ def at_nodes(robot: Robot, s: Sections) -> mechanics.Robot:
         tip_moment=tip_moment_of(robot),
         terms=robot.terms,
     )
+
+
+def unmoved_in(robot: Robot) -> list[str]:
+    """Terms that are known to act on a rigid sheath and cannot, because its tendon does not slip; none where
+    the numbers of one that stretches the tendon are traced.
+    """
+    if not robot.backbone.rigid or isinstance(robot.backbone.length, Tracer):
+        return []
+    known = {term.id: known_on(term, robot.terms[term.id]) for term in robot.catalogue.values()}
+    if any(on is None and robot.catalogue[kind].strain for kind, on in known.items()):
+        return []
+    acting = [kind for kind, on in known.items() if on]
+    return unmoved(robot.catalogue, robot.terms, acting, float(robot.backbone.length))
 
 
 def known_to_act(robot: Robot) -> bool:

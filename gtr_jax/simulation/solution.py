@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
 import jax
@@ -22,7 +22,7 @@ from ..mechanics.space import SPACE
 from ..robot.parts import Base, Tendon
 from ..terms import REGISTRY, called
 from ..terms.term import Values
-from .outcome import outcome
+from .outcome import OUTSIDE_PHYSICS, is_solved, outcome
 
 if TYPE_CHECKING:
     import xarray
@@ -70,6 +70,18 @@ def tip_rotation(shape: Shape | None, pose: Float[Array, "*batch 3"]) -> Float[A
     return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+class Pose(NamedTuple):
+    """Where the tip is and how it is turned, in the world, of a robot in the plane or in space.
+
+    Attributes:
+        position: of the midline [m], (*batch, 3); z = 0 in the plane.
+        rotation: the directors as columns, (*batch, 3, 3): the tangent, and the axes y and z of the section.
+    """
+
+    position: Float[Array, "*batch 3"]
+    rotation: Float[Array, "*batch 3 3"]
+
+
 class Equilibrium(eqx.Module):
     """Solution of one equilibrium, SI units; N nodes from base to tip; panel ends appear twice. May carry
     batch axes in front. Quantities of a tendon have a tendon axis where the robot has several tendons.
@@ -91,7 +103,8 @@ class Equilibrium(eqx.Module):
         tendon_length: length of the channel, (*tendons,).
         mobilisation: of friction between each node and the one before it, +1 slipping towards the base, -1
             towards the tip, between where locked, (tendons, N); None for one tendon.
-        result: optimistix result; compare with `optimistix.RESULTS.successful`.
+        result: optimistix result; compare with `optimistix.RESULTS.successful`. `outside_physics` where
+            the numbers are of no robot.
         residual_norm: dimensionless, see `problem.residual_norm`; ().
         iterations: marches taken, ().
         memory: what physics terms remember, for the next equilibrium; None if read off a simulation.
@@ -120,8 +133,15 @@ class Equilibrium(eqx.Module):
     shape: Shape | None = None
 
     @property
+    def tip(self) -> Pose:
+        """Where the tip is and how it is turned, in the plane and in space."""
+        return Pose(self.tip_position, self.tip_rotation)
+
+    @property
     def tip_pose(self) -> Float[Array, "*batch 3"]:
-        """Midline tip: x [m], y [m], angle [rad]."""
+        """Midline tip of a robot in the plane: x [m], y [m], angle [rad]. In space these are of its
+        projection on the plane of x and y, and no position: take `tip`.
+        """
         return jnp.stack([self.x[..., -1], self.y[..., -1], self.angle[..., -1]], axis=-1)
 
     @property
@@ -136,8 +156,20 @@ class Equilibrium(eqx.Module):
 
     @property
     def converged(self) -> Bool[Array, "*batch"]:
-        """True where the solver met its tolerance."""
+        """True where the solver met its tolerance, of a robot that can be."""
         return self.result == optx.RESULTS.successful
+
+    @property
+    def outside_physics(self) -> Bool[Array, "*batch"]:
+        """True where the equations were solved for numbers of no robot: a negative modulus, friction below
+        zero, a channel outside the body.
+        """
+        return self.result == OUTSIDE_PHYSICS
+
+    @property
+    def solved(self) -> Bool[Array, "*batch"]:
+        """As `converged`, of any numbers."""
+        return is_solved(self.result)
 
     def to_xarray(self, robot: Robot | None = None) -> xarray.Dataset:
         """The equilibrium as a dataset with labels and units, along the tendons (tendon, s), the body (s);

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gtr_jax.robot.robot import Robot
+from gtr_jax.robot.validity import is_robot
 
 from ..mechanics import March
 from ..simulation.displacement import drawn_at_once
@@ -22,7 +23,6 @@ from ..simulation.history import simulate
 from .loadpath import drive_of, end_of
 from .switch import switch_tension
 from .task import LOADED, Task
-from .validity import is_robot
 from .values import along, at_rest
 
 CONVERGED, NOT_CONVERGED, NOT_FINITE, NO_ROBOT = 0, 1, 2, 3  # result codes in the store

@@ -21,7 +21,6 @@ STILL = 1e-13
 NO_TUG = "needs one tendon, and friction that does not build up over a slip; leave presliding out"
 ONE_HELD = "bends the stretch that friction holds, which in space is computed for one tendon; leave it out"
 UNMOVED = "moves an end of the tendon, which is computed beside drive by tension only; leave it out"
-NO_SLIP = "no tendon slips in a rigid sheath unless it stretches; add the term tendon-stretch"
 
 
 @dataclasses.dataclass(frozen=True)

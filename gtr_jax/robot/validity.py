@@ -1,5 +1,6 @@
-"""Whether numbers make a valid robot, checked inside the compiled program: a grid may contain invalid
-combinations, such as a wave that ends before it begins, which a check of its ends does not find.
+"""Whether numbers make a valid robot, checked inside the compiled program, where values are traced: those of
+a transformed function, or of a grid, which may contain invalid combinations, such as a wave that ends before
+it begins, which a check of its ends does not find.
 """
 
 from __future__ import annotations
@@ -7,22 +8,24 @@ from __future__ import annotations
 import itertools
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool
 
-from gtr_jax.robot.clearance import TOUCHING
-from gtr_jax.robot.parts import Tendon
-from gtr_jax.robot.robot import Layout, Robot, lay_out
-from gtr_jax.robot.routing import StraightSineStraight
-from gtr_jax.robot.shapes import Tube
+from .clearance import TOUCHING
+from .parameters import bounded
+from .parts import Tendon
+from .robot import Layout, Robot, lay_out
+from .routing import StraightSineStraight
+from .shapes import Tube
 
 
 def is_robot(robot: Robot) -> Bool[Array, ""]:
-    """Whether the channels lie inside the body, the bores and what carries the load too, and positions along
-    the body are in order.
+    """Whether every number is within its bounds (stiffnesses above zero, friction not below), the channels
+    lie inside the body, the bores and what carries the load too, and positions along the body are in order.
     """
     body, at = robot.backbone, lay_out(robot)
     radius = body.radius(at.mesh.s)
-    holds = [body.length > 0, jnp.all(body.outer_radius > 0), jnp.all(jnp.isfinite(radius))]
+    holds = [_within_bounds(robot), jnp.all(jnp.isfinite(radius))]
     for tendon, passed, beyond in zip(robot.tendons, at.passed, at.beyond, strict=True):
         if robot.space:
             place = tendon.routing.section_offset(at.mesh.s, passed, body.length).value
@@ -55,6 +58,14 @@ def is_robot(robot: Robot) -> Bool[Array, ""]:
             outer = body.radius(jnp.concatenate(row.ends))
             holds += [jnp.all(row.depth > outer), jnp.all(row.depth < 2 * outer), row.height > 0]
     return jnp.all(jnp.stack(holds))
+
+
+def _within_bounds(robot: Robot) -> Bool[Array, ""]:
+    """Whether the numbers that have bounds are within these, but for rounding."""
+    values, least, most, above = bounded(robot)
+    near = NEAR * np.where(np.isfinite(least), np.abs(least), 0.0), NEAR * np.abs(most)
+    inside = (values >= least - near[0]) & (values <= np.where(np.isfinite(most), most + near[1], np.inf))
+    return jnp.all(inside & ((values > least) | ~above))
 
 
 def _apart(start: Array, end: Array, length: Array) -> list[Bool[Array, ""]]:
