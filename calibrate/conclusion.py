@@ -24,7 +24,7 @@ from .predictor import Prediction
 from .readings import BaseTension
 from .result import FitResult, FittedChannel, FittedRecording
 from .setup import Part, Setup
-from .start import Start
+from .start import Beaten, Start
 from .tipless import DistanceWithoutTip, without_tip
 from .verdict import (
     SMALL,
@@ -209,7 +209,7 @@ def _trade_offs(setup: Setup, answer: Answer, known: Uncertainty) -> list[str]:
     return warnings
 
 
-def _failure(answer: Answer) -> str:
+def _failure(setup: Setup, answer: Answer, fewer: Beaten | None) -> str:
     """Why there is no answer; "" if there is."""
     if not all_converged(answer.predictions):
         failed, steps = (
@@ -219,6 +219,19 @@ def _failure(answer: Answer) -> str:
         return f"{failed} of {steps} load steps of the simulation did not converge"
     if not answer.descent.converged:
         return f"the optimiser did not finish ({answer.descent.result}); the values are where it stopped"
+    if fewer is not None:
+        names = zip(setup.names, fewer.held, strict=True)
+        held = " and ".join(name for name, kept in names if kept)
+        free = ",".join(f.name for f, kept in zip(setup.asked, fewer.held, strict=False) if not kept)
+        one = np.sum(fewer.held) == 1
+        rms = [j.residual[: len(j.noises)].ravel() for j in answer.judged]
+        left = float(np.sqrt(np.mean(np.concatenate(rms) ** 2))) if any(r.size for r in rms) else np.nan
+        much = f" ({fewer.rms:.3g} N rms instead of {left:.3g} N)" if np.isfinite(fewer.rms) else ""
+        return (
+            f"the descent ended in a bad place: with {held} as the robot file has {'it' if one else 'them'}, "
+            f"the others alone leave less{much}; fit --free {free} first, write what it finds into the robot "
+            f"file, and give {held} {'a value' if one else 'values'} there from which to start"
+        )
     return ""
 
 
@@ -310,9 +323,16 @@ def _not_compared(part: Part, prediction: Prediction | None) -> np.ndarray:
     return np.full(shape, np.nan) if prediction is None else prediction.T_tip.T.reshape(shape)
 
 
-def concluded(setup: Setup, answer: Answer, iterations: int, evaluations: int, start: Start) -> FitResult:
+def concluded(
+    setup: Setup,
+    answer: Answer,
+    iterations: int,
+    evaluations: int,
+    start: Start,
+    fewer: Beaten | None = None,
+) -> FitResult:
     """The result of a fit that reached an end, good or bad. `iterations` counts steps of the optimiser,
-    `evaluations` simulations of all recordings.
+    `evaluations` simulations of all recordings. An end that a model with `fewer` free numbers beats is none.
     """
     at, descent = answer.at[0], answer.descent
     known, n = answer.known(setup), len(setup.asked)
@@ -326,7 +346,7 @@ def concluded(setup: Setup, answer: Answer, iterations: int, evaluations: int, s
     found = estimates(numbers, values, setup.initial, every, notes, answer.sources(setup))
     warnings = [f"{free.name}: {note}." for free, note in zip(setup.free, notes, strict=True) if note]
     warnings += _unknown_axes(setup, answer, known) + _trade_offs(setup, answer, known)
-    failure, phases, apart = _failure(answer), NO_PHASES, NOT_APART
+    failure, phases, apart = _failure(setup, answer, fewer), NO_PHASES, NOT_APART
     if failure:
         found = [
             dataclasses.replace(e, sd=None, lower95=None, upper95=None, detectable=None, made_of={})
