@@ -18,7 +18,7 @@ from .answer import Answer, Judged, together
 from .channels import unit_of
 from .descent import all_converged
 from .estimate import MOSTLY_PRIOR, UNKNOWN, Estimate, Uncertainty, correlation, estimates, transform
-from .identifiability import MINOR, axes, remedy
+from .identifiability import MINOR, axes, remedy, singular
 from .number import is_log
 from .predictor import Prediction
 from .readings import BaseTension
@@ -148,9 +148,18 @@ def ignorance(setup: Setup, answer: Answer) -> str:
         way = _remedy(setup, answer, [setup.names.index(n) for n in each])
         return (
             f"the recording determines {names} only in combination; fix one of them, or state its "
-            "uncertainty under [uncertainty] in the robot file" + (f"; or measure more: {way}" if way else "")
+            "uncertainty under [uncertainty] in the robot file"
+            + (f"; or measure more: {way}" if way else _no_way(setup, answer))
         )
     return f"the recording does not determine {' or '.join(asked)}"
+
+
+def _no_way(setup: Setup, answer: Answer) -> str:
+    """What to add where none of the measurements that are simulated would tell parameters apart."""
+    pulled = [part for part in setup.parts if part.tips and len(part.pulled) == 1 and not part.others]
+    if not pulled or not singular(answer.information()):
+        return ""
+    return "; a larger pull would not tell them apart, because what the cells show depends on them alike"
 
 
 def _remedy(setup: Setup, answer: Answer, among: list[int]) -> str:

@@ -403,8 +403,9 @@ def _run(setup: Setup) -> FitResult:
     unknown = ignorance(setup, answer)
     if unknown:
         as_given = np.where(np.asarray(at[0].log), np.maximum(setup.initial, 1e-9), setup.initial)
-        said = answer.information_at(as_given)
-        return unanswered(setup, problem.predict(at[0].at(as_given)), unknown, evaluations, said)
+        there = problem.predict(at[0].at(as_given))
+        said = answer.information_at(as_given, there)
+        return unanswered(setup, there, unknown, evaluations, said)
     fewer, more = beaten(setup, problem, problem.cost(answer.descent.u, answer.predictions), found)
     result = concluded(setup, answer, iterations, evaluations + more, found, fewer)
     if not result.converged:

@@ -2,6 +2,7 @@
 
 import dataclasses
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -49,7 +50,7 @@ class Problem(Objective):
     recorded: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
     held: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3, bool))
 
-    def predict(self, u):
+    def predict(self, u) -> Any:
         return (Simulated(np.where(self.held, 0.0, u)),)
 
     def residuals(self, predictions):
@@ -84,7 +85,7 @@ def test_what_the_start_does_not_see_is_found_afterwards():
     class Hidden(Problem):
         """The first two act together until the third has come down from where it starts."""
 
-        def predict(self, u):
+        def predict(self, u) -> Any:
             return (SimpleNamespace(u=u, converged=True, failed=0),)
 
         def residuals(self, predictions):
@@ -104,7 +105,7 @@ def test_what_the_start_does_not_see_is_found_afterwards():
     assert found.converged and found.iterations > 3
 
 
-def setup_of(*names, priors=None):
+def setup_of(*names, priors=None) -> Any:
     """What the search for a start asks of a setup with these free numbers."""
     free = []
     for name in names:
@@ -165,9 +166,10 @@ def test_an_end_that_fewer_free_numbers_beat_is_none():
     assert start.beaten(setup, whole, at_stuck, begun._replace(nested=None)) == (None, 0)
     found, count = start.beaten(setup, whole, at_stuck, begun)
     assert found is not None and found.held.tolist() == [False, True, True] and count > 1
-    judged = SimpleNamespace(residual=np.full((1, 40), 0.871), noises=(0.02,))
-    ended = Descent(stuck, whole.predict(stuck), True, "converged", 3, 3, np.zeros(3, bool))
-    answer = SimpleNamespace(predictions=whole.predict(stuck), descent=ended, judged=(judged,))
+    judged: Any = SimpleNamespace(residual=np.full((1, 40), 0.871), noises=(0.02,))
+    at_end: Any = whole.predict(stuck)
+    ended = Descent(stuck, at_end, True, "converged", 3, 3, np.zeros(3, bool))
+    answer: Any = SimpleNamespace(predictions=at_end, descent=ended, judged=(judged,))
     assert _failure(setup, answer, None) == ""
     assert _failure(setup, answer, found._replace(rms=0.62)) == (
         "the descent ended in a bad place: with presliding.length and tendon-stretch.compliance as the robot "
