@@ -25,8 +25,8 @@ are at least. So a step, a ramp, a turning point however sharp, and a swing, eve
 6. No gap of the time stamps, GAP times the median interval, lies between its neighbours.
 
 Samples beside a glitch for which 1. to 4. hold together with it, seen from the sound samples around all of
-them, belong to it, however much smaller they are: up to MOST samples. Of excursions that share samples the one
-that stands out most is judged, and where that is no glitch the others.
+them, belong to it, however much smaller they are: up to MOST samples. Of excursions that share samples the
+one that stands out most is judged, and where that is no glitch the others.
 
 Beside a glitch of the other cell of the tendon, at the same samples, FELLOW of the limits in 1. is enough.
 
@@ -127,8 +127,8 @@ def _of_channel(
     arrays: Mapping[str, np.ndarray],
     stamps: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """First and last samples of a channel's glitches. Of excursions that share samples one is judged; where it
-    is none, the others are.
+    """First and last samples of a channel's glitches. Of excursions that share samples one is judged; where
+    it is none, the others are.
     """
     own = read[name]
     every = _without_gaps(*excursions(own), own, stamps)
@@ -154,8 +154,8 @@ def _wider(
     arrays: Mapping[str, np.ndarray],
     stamps: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Glitches with the samples beside them that are out of what the sound ones allow as well, though by less,
-    up to MOST samples; those that meet are one.
+    """Glitches with the samples beside them that are out of what the sound ones allow as well, though by
+    less, up to MOST samples; those that meet are one.
     """
     own = read[name]
     n = len(own.x)
