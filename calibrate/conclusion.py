@@ -40,6 +40,9 @@ from .verdict import (
 TRADE_OFF = 0.99
 # Distance from the prior's mean, in its standard deviations, beyond which the reader is warned.
 DRIFTED = 2.5
+# Share of the precision from which all that is known is said to be the prior's: the data then narrow the
+# interval by less than half a percent.
+NOTHING_TOLD = 0.99
 # 95 % quantile of the standard normal distribution.
 ONE_SIDED_95 = 1.6449
 # Friction whose upper limit is below this counts as too small to be seen.
@@ -115,14 +118,29 @@ def _notes(setup: Setup, known: Uncertainty, answer: Answer, values: np.ndarray)
         elif stopped[i]:
             note = "lies at its bound: the recording asks for no more, so it has no interval"
         elif not known.known[i]:
-            rest = "the prior's" if setup.priors[i] is not None else "arbitrary"
+            rest = "the robot file's" if setup.priors[i] is not None else "arbitrary"
             note = f"not determined by the recording, the value is {rest}"
         elif known.prior_share[i] > MOSTLY_PRIOR:
-            note = f"rests mostly on its prior ({100 * known.prior_share[i]:.0f} % of what is known)"
+            note = _told_by_the_file(setup, i, float(known.prior_share[i]))
         elif drifted:
             note = _drifted(drift[i])
         notes.append(note)
     return notes
+
+
+def _told_by_the_file(setup: Setup, i: int, share: float) -> str:
+    """The note on a number of which the robot file says more than the recordings do, this share of its
+    precision.
+    """
+    name, tell = setup.names[i], f"the recording{' tells' if len(setup.parts) == 1 else 's tell'}"
+    if share > NOTHING_TOLD:
+        return f"{tell} nothing about {name}: value and interval are those that the robot file states"
+    return f"{tell} little about {name}: its interval is mostly the uncertainty that the robot file states"
+
+
+def _said(name: str, note: str) -> str:
+    """A note as a sentence that names its number."""
+    return f"{note[0].upper()}{note[1:]}." if f"about {name}:" in note else f"{name}: {note}."
 
 
 def _drifted(by: float) -> str:
@@ -190,8 +208,10 @@ def _unknown_axes(setup: Setup, answer: Answer, known: Uncertainty) -> list[str]
             among = np.flatnonzero(large).tolist()
             way = _remedy(setup, answer, among)
             warnings.append(
-                "Nothing tells these changes from none: "
-                + axis.words(setup.names[:n], _steps(setup, answer)[:n])
+                "The simulation hardly changes if "
+                + axis.in_a_sentence(setup.names[:n], _steps(setup, answer)[:n])
+                + " at once, so that these values cannot be told from the recording"
+                + ("s" if len(setup.parts) > 1 else "")
                 + (f"; {way}." if way else ".")
             )
     return warnings
@@ -207,8 +227,8 @@ def _trade_offs(setup: Setup, answer: Answer, known: Uncertainty) -> list[str]:
         if abs(rho[i, j]) > TRADE_OFF:
             a, b = setup.names[i], setup.names[j]
             along = known.covariance[i, j] / known.covariance[i, i]
-            sense = "up" if along > 0 else "down"
-            little = f": {a} up by 1 % and {b} {sense} by {abs(along):.2g} % changes little"
+            sense = "larger" if along > 0 else "smaller"
+            little = f": with {a} 1 % larger and {b} {abs(along):.2g} % {sense} the simulation hardly changes"
             way = _remedy(setup, answer, [int(i), int(j)])
             warnings.append(
                 f"{a} and {b} trade off (correlation {rho[i, j]:+.3f})"
@@ -353,7 +373,7 @@ def concluded(
         covariance=answer.spread(setup), known=known.known | [f.carried for f in setup.free]
     )
     found = estimates(numbers, values, setup.initial, every, notes, answer.sources(setup))
-    warnings = [f"{free.name}: {note}." for free, note in zip(setup.free, notes, strict=True) if note]
+    warnings = [_said(free.name, note) for free, note in zip(setup.free, notes, strict=True) if note]
     warnings += _unknown_axes(setup, answer, known) + _trade_offs(setup, answer, known)
     failure, phases, apart = _failure(setup, answer, fewer), NO_PHASES, NOT_APART
     if failure:

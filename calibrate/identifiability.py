@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -46,12 +46,29 @@ class Axis:
 
     def words(self, names: Sequence[str], steps: Sequence[str]) -> str:
         """The combination, scaled to a change of 1 % of its largest part; `steps` holds the unit for each."""
-        part = self.direction / self.direction[np.argmax(np.abs(self.direction))]
         return ", ".join(
-            f"{names[i]} {'up' if part[i] > 0 else 'down'} by {abs(part[i]):.2g} {steps[i]}"
-            for i in np.argsort(-np.abs(part))
-            if abs(part[i]) >= MINOR
+            f"{name} {'up' if change > 0 else 'down'} by {abs(change):.2g} {step}"
+            for name, change, step in self._parts(names, steps)
         )
+
+    def in_a_sentence(self, names: Sequence[str], steps: Sequence[str]) -> str:
+        """The same as something done: "mu is raised by 1 % and E is lowered by 0.5 %"."""
+        return listed(
+            f"{name} is {'raised' if change > 0 else 'lowered'} by {abs(change):.2g} {step}"
+            for name, change, step in self._parts(names, steps)
+        )
+
+    def _parts(self, names: Sequence[str], steps: Sequence[str]) -> Iterator[tuple[str, float, str]]:
+        part = self.direction / self.direction[np.argmax(np.abs(self.direction))]
+        for i in map(int, np.argsort(-np.abs(part))):
+            if abs(part[i]) >= MINOR:
+                yield names[i], float(part[i]), steps[i]
+
+
+def listed(words: Iterable[str]) -> str:
+    """Words with commas between and "and" before the last."""
+    every = list(words)
+    return " and ".join([", ".join(every[:-1]), every[-1]] if every[1:] else every)
 
 
 def axes(information: np.ndarray) -> list[Axis]:
