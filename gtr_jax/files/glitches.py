@@ -137,12 +137,19 @@ def _of_channel(
         zero = (own.x[first] == 0.0) & (own.x[last] == 0.0) & own.noisy
         shared = _shared(name, first, last, read, arrays) & ~zero
         kept = _isolated(own, first, last, shared)
-        found, spans = set(zip(*kept, strict=True)), list(zip(*every, strict=True))
-        none = set(zip(first, last, strict=True)) - found
-        if not none or len(found) + len(none) == len(spans):
+        good = set(zip(*kept, strict=True))
+        none = set(zip(first, last, strict=True)) - good
+        inside = np.zeros(len(own.x) + 1, dtype=int)
+        for a, b in none:
+            inside[a + 1 : b + 2] = 1
+        inside = np.cumsum(inside)
+        # Those that only lie beside what is none stay out: they would take it for sound.
+        again = inside[every[1] + 1] > inside[every[0]]
+        spans = zip(*every, again.tolist(), strict=True)
+        left = [(a, b) for a, b, shares in spans if (a, b) in good or (shares and (a, b) not in none)]
+        if len(left) == len(good):
             break
-        left = np.asarray([span not in none for span in spans])
-        every = every[0][left], every[1][left]
+        every = np.asarray([a for a, _ in left]), np.asarray([b for _, b in left])
     return kept
 
 
