@@ -11,7 +11,7 @@ import numpy as np
 
 from .coordinates import Coordinates
 from .descent import Descent, Objective
-from .estimate import UNKNOWN, Uncertainty, shares_of_variance, uncertainty
+from .estimate import UNKNOWN, UNKNOWN_WITHOUT_SCALE, Uncertainty, shares_of_variance, uncertainty
 from .predictor import Prediction
 from .readings.noise import Noise, correlation_time
 from .setup import Part, Setup
@@ -32,9 +32,6 @@ TIP_CELL, OTHERS, BASE_CELL, DRAWN = (
     "noise of the base cell",
     "noise of the displacement that drives",
 )
-# A parameter that is zero in the robot file has no size to compare its error with: it counts as unknown if
-# its standard error reaches this many coordinate units (`number.UNIT_SCALE`).
-UNKNOWN_WITHOUT_SCALE = 10.0
 
 
 def together(noises: Sequence[Noise]) -> Noise:
@@ -168,13 +165,18 @@ class Answer:
         """Fisher information of data and priors in the coordinates, (p, p)."""
         return self.jacobian.T @ self.jacobian + np.diag(self.problem.precision**2)
 
-    def information_at(self, values: np.ndarray) -> np.ndarray:
+    def information_at(
+        self, values: np.ndarray, predictions: tuple[Prediction, ...] | None = None
+    ) -> np.ndarray:
         """The same about the numbers themselves, per product of their SI units, where they have some values,
-        (p,): (p, p).
+        (p,): (p, p). Where the simulations at these values are given, with the derivatives there: what cannot
+        be told apart is another combination in another place.
         """
         at = self.at[0]
         unit = np.where(np.asarray(at.log), values, np.asarray(at.scale))
-        return self.information() / np.outer(unit, unit)
+        slopes = self.jacobian if predictions is None else self.problem.jacobian(predictions)
+        known = slopes.T @ slopes + np.diag(self.problem.precision**2)
+        return known / np.outer(unit, unit)
 
     @staticmethod
     def of(setup: Setup, at: tuple[Coordinates, ...], problem: Objective, descent: Descent) -> Answer:

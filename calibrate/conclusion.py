@@ -18,13 +18,13 @@ from .answer import Answer, Judged, together
 from .channels import unit_of
 from .descent import all_converged
 from .estimate import MOSTLY_PRIOR, UNKNOWN, Estimate, Uncertainty, correlation, estimates, transform
-from .identifiability import MINOR, axes, remedy
+from .identifiability import MINOR, axes, remedy, singular
 from .number import is_log
 from .predictor import Prediction
 from .readings import BaseTension
 from .result import FitResult, FittedChannel, FittedRecording
 from .setup import Part, Setup
-from .start import Start
+from .start import Beaten, Start
 from .tipless import DistanceWithoutTip, without_tip
 from .verdict import (
     SMALL,
@@ -40,6 +40,9 @@ from .verdict import (
 TRADE_OFF = 0.99
 # Distance from the prior's mean, in its standard deviations, beyond which the reader is warned.
 DRIFTED = 2.5
+# Share of the precision from which all that is known is said to be the prior's: the data then narrow the
+# interval by less than half a percent.
+NOTHING_TOLD = 0.99
 # 95 % quantile of the standard normal distribution.
 ONE_SIDED_95 = 1.6449
 # Friction whose upper limit is below this counts as too small to be seen.
@@ -115,14 +118,29 @@ def _notes(setup: Setup, known: Uncertainty, answer: Answer, values: np.ndarray)
         elif stopped[i]:
             note = "lies at its bound: the recording asks for no more, so it has no interval"
         elif not known.known[i]:
-            rest = "the prior's" if setup.priors[i] is not None else "arbitrary"
+            rest = "the robot file's" if setup.priors[i] is not None else "arbitrary"
             note = f"not determined by the recording, the value is {rest}"
         elif known.prior_share[i] > MOSTLY_PRIOR:
-            note = f"rests mostly on its prior ({100 * known.prior_share[i]:.0f} % of what is known)"
+            note = _told_by_the_file(setup, i, float(known.prior_share[i]))
         elif drifted:
             note = _drifted(drift[i])
         notes.append(note)
     return notes
+
+
+def _told_by_the_file(setup: Setup, i: int, share: float) -> str:
+    """The note on a number of which the robot file says more than the recordings do, this share of its
+    precision.
+    """
+    name, tell = setup.names[i], f"the recording{' tells' if len(setup.parts) == 1 else 's tell'}"
+    if share > NOTHING_TOLD:
+        return f"{tell} nothing about {name}: value and interval are those that the robot file states"
+    return f"{tell} little about {name}: its interval is mostly the uncertainty that the robot file states"
+
+
+def _said(name: str, note: str) -> str:
+    """A note as a sentence that names its number."""
+    return f"{note[0].upper()}{note[1:]}." if f"about {name}:" in note else f"{name}: {note}."
 
 
 def _drifted(by: float) -> str:
@@ -148,9 +166,18 @@ def ignorance(setup: Setup, answer: Answer) -> str:
         way = _remedy(setup, answer, [setup.names.index(n) for n in each])
         return (
             f"the recording determines {names} only in combination; fix one of them, or state its "
-            "uncertainty under [uncertainty] in the robot file" + (f"; or measure more: {way}" if way else "")
+            "uncertainty under [uncertainty] in the robot file"
+            + (f"; or measure more: {way}" if way else _no_way(setup, answer))
         )
     return f"the recording does not determine {' or '.join(asked)}"
+
+
+def _no_way(setup: Setup, answer: Answer) -> str:
+    """What to add where none of the measurements that are simulated would tell parameters apart."""
+    pulled = [part for part in setup.parts if part.tips and len(part.pulled) == 1 and not part.others]
+    if not pulled or not singular(answer.information()):
+        return ""
+    return "; a larger pull would not tell them apart, because what the cells show depends on them alike"
 
 
 def _remedy(setup: Setup, answer: Answer, among: list[int]) -> str:
@@ -181,8 +208,10 @@ def _unknown_axes(setup: Setup, answer: Answer, known: Uncertainty) -> list[str]
             among = np.flatnonzero(large).tolist()
             way = _remedy(setup, answer, among)
             warnings.append(
-                "Nothing tells these changes from none: "
-                + axis.words(setup.names[:n], _steps(setup, answer)[:n])
+                "The simulation hardly changes if "
+                + axis.in_a_sentence(setup.names[:n], _steps(setup, answer)[:n])
+                + " at once, so that these values cannot be told from the recording"
+                + ("s" if len(setup.parts) > 1 else "")
                 + (f"; {way}." if way else ".")
             )
     return warnings
@@ -198,8 +227,8 @@ def _trade_offs(setup: Setup, answer: Answer, known: Uncertainty) -> list[str]:
         if abs(rho[i, j]) > TRADE_OFF:
             a, b = setup.names[i], setup.names[j]
             along = known.covariance[i, j] / known.covariance[i, i]
-            sense = "up" if along > 0 else "down"
-            little = f": {a} up by 1 % and {b} {sense} by {abs(along):.2g} % changes little"
+            sense = "larger" if along > 0 else "smaller"
+            little = f": with {a} 1 % larger and {b} {abs(along):.2g} % {sense} the simulation hardly changes"
             way = _remedy(setup, answer, [int(i), int(j)])
             warnings.append(
                 f"{a} and {b} trade off (correlation {rho[i, j]:+.3f})"
@@ -209,7 +238,7 @@ def _trade_offs(setup: Setup, answer: Answer, known: Uncertainty) -> list[str]:
     return warnings
 
 
-def _failure(answer: Answer) -> str:
+def _failure(setup: Setup, answer: Answer, fewer: Beaten | None) -> str:
     """Why there is no answer; "" if there is."""
     if not all_converged(answer.predictions):
         failed, steps = (
@@ -219,6 +248,19 @@ def _failure(answer: Answer) -> str:
         return f"{failed} of {steps} load steps of the simulation did not converge"
     if not answer.descent.converged:
         return f"the optimiser did not finish ({answer.descent.result}); the values are where it stopped"
+    if fewer is not None:
+        names = zip(setup.names, fewer.held, strict=True)
+        held = " and ".join(name for name, kept in names if kept)
+        free = ",".join(f.name for f, kept in zip(setup.asked, fewer.held, strict=False) if not kept)
+        one = np.sum(fewer.held) == 1
+        rms = [j.residual[: len(j.noises)].ravel() for j in answer.judged]
+        left = float(np.sqrt(np.mean(np.concatenate(rms) ** 2))) if any(r.size for r in rms) else np.nan
+        much = f" ({fewer.rms:.3g} N rms instead of {left:.3g} N)" if np.isfinite(fewer.rms) else ""
+        return (
+            f"the descent ended in a bad place: with {held} as the robot file has {'it' if one else 'them'}, "
+            f"the others alone leave less{much}; fit --free {free} first, write what it finds into the robot "
+            f"file, and give {held} {'a value' if one else 'values'} there from which to start"
+        )
     return ""
 
 
@@ -310,9 +352,16 @@ def _not_compared(part: Part, prediction: Prediction | None) -> np.ndarray:
     return np.full(shape, np.nan) if prediction is None else prediction.T_tip.T.reshape(shape)
 
 
-def concluded(setup: Setup, answer: Answer, iterations: int, evaluations: int, start: Start) -> FitResult:
+def concluded(
+    setup: Setup,
+    answer: Answer,
+    iterations: int,
+    evaluations: int,
+    start: Start,
+    fewer: Beaten | None = None,
+) -> FitResult:
     """The result of a fit that reached an end, good or bad. `iterations` counts steps of the optimiser,
-    `evaluations` simulations of all recordings.
+    `evaluations` simulations of all recordings. An end that a model with `fewer` free numbers beats is none.
     """
     at, descent = answer.at[0], answer.descent
     known, n = answer.known(setup), len(setup.asked)
@@ -324,9 +373,9 @@ def concluded(setup: Setup, answer: Answer, iterations: int, evaluations: int, s
         covariance=answer.spread(setup), known=known.known | [f.carried for f in setup.free]
     )
     found = estimates(numbers, values, setup.initial, every, notes, answer.sources(setup))
-    warnings = [f"{free.name}: {note}." for free, note in zip(setup.free, notes, strict=True) if note]
+    warnings = [_said(free.name, note) for free, note in zip(setup.free, notes, strict=True) if note]
     warnings += _unknown_axes(setup, answer, known) + _trade_offs(setup, answer, known)
-    failure, phases, apart = _failure(answer), NO_PHASES, NOT_APART
+    failure, phases, apart = _failure(setup, answer, fewer), NO_PHASES, NOT_APART
     if failure:
         found = [
             dataclasses.replace(e, sd=None, lower95=None, upper95=None, detectable=None, made_of={})

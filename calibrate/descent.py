@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 # The variables are chosen so that their Hessian is WHITE^2 at the start: the first damping, 1, hardly
 # shortens the step.
 WHITE = 10.0
-# Eigenvalues of the Hessian are raised to this share of the largest, so that directions of little effect stay
-# damped.
+# Eigenvalues of the Hessian below this share of the largest belong to no effect: a change of several numbers
+# that the data cannot see is not made, and a number without any effect is damped as if it had this share.
 DIMMEST = 1e-10
 # Steps of ATOL WHITE = 0.02 standard errors end the descent. Much less is not met reliably: where samples
 # change from locked to slipping, slopes jump.
@@ -122,15 +122,21 @@ class Descent:
     at_edge: np.ndarray
 
 
-def _whitening(jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Matrices from y to u and back, such that the Hessian in y is WHITE^2 along all directions that the data
-    constrain.
+def _whitening(jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """Matrices from y to u, (p, r), and back, such that the Hessian in y is WHITE^2 along all directions that
+    the data constrain; and how many directions are left out, p - r, because a change of several numbers
+    along them, of which each has an effect, has none: steps along them would be arbitrarily long.
     """
     size = np.linalg.norm(jacobian, axis=0)
     unit = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), 1.0)
     values, vectors = np.linalg.eigh((jacobian * unit).T @ (jacobian * unit))
-    seen = np.sqrt(np.maximum(values, DIMMEST * max(float(values[-1]), DIMMEST)))
-    return unit[:, None] * vectors * (WHITE / seen), (vectors * (seen / WHITE)).T / unit
+    dim = DIMMEST * max(float(values[-1]), DIMMEST)
+    heard = np.sum(np.where(size > 0, vectors.T, 0.0) ** 2, axis=1) > 0.5
+    kept = (values > dim) | ~heard
+    seen = np.sqrt(np.maximum(values[kept], dim))
+    vectors = vectors[:, kept]
+    into_u, into_y = unit[:, None] * vectors * (WHITE / seen), (vectors * (seen / WHITE)).T / unit
+    return into_u, into_y, int(np.sum(~kept))
 
 
 def _compressed(value: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -255,11 +261,14 @@ def descend(
             evaluations=evaluations,
             at_edge=np.zeros(len(start), bool),
         )
-    into_u, into_y = _whitening(objective.rows(start, first)[1][:, moving])
+    into_u, into_y, unseen = _whitening(objective.rows(start, first)[1][:, moving])
+    begin = np.arctanh(np.clip(start[moving] / reach, -NEAR_THE_EDGE, NEAR_THE_EDGE)) * reach
+    y = into_y @ begin
+    fixed = begin - into_u @ y if unseen else np.zeros(len(moving))
 
     def position(y: np.ndarray) -> np.ndarray:
         u = np.array(start)
-        u[moving] = reach * np.tanh(into_u @ y / reach)
+        u[moving] = reach * np.tanh((fixed + into_u @ y) / reach)
         return u
 
     def near(u: np.ndarray) -> np.ndarray:
@@ -269,7 +278,7 @@ def descend(
 
     def compressed(y: np.ndarray, found: tuple[Prediction, ...]) -> _Found:
         value, jacobian = objective.rows(position(y), found)
-        far = np.clip(into_u @ y / reach, -FAR, FAR)
+        far = np.clip((fixed + into_u @ y) / reach, -FAR, FAR)
         return _Found(found, *_compressed(value, (jacobian[:, moving] / np.cosh(far) ** 2) @ into_u))
 
     def evaluate(y: np.ndarray) -> _Found | None:
@@ -280,8 +289,6 @@ def descend(
         found = first if same else objective.predict(u)
         return compressed(y, found) if all_converged(found) else None
 
-    begin = np.clip(start[moving] / reach, -NEAR_THE_EDGE, NEAR_THE_EDGE)
-    y = into_y @ (np.arctanh(begin) * reach)
     watch = _Watch(
         start,
         first,
@@ -304,6 +311,24 @@ def descend(
             most=max_steps,
             ended=watch,
         )
+    left = max_steps - watch.steps
+    if unseen and left > 0 and all_converged(watch.predictions):
+        # Where it ended, the data may see what they did not see at the start.
+        *_, now = _whitening(objective.rows(watch.u, watch.predictions)[1][:, moving])
+        if now < unseen:
+            more = descend(
+                objective,
+                watch.u,
+                active=active,
+                known=watch.predictions,
+                max_steps=left,
+                progress=progress,
+            )
+            return dataclasses.replace(
+                more,
+                iterations=watch.steps + more.iterations,
+                evaluations=evaluations + more.evaluations,
+            )
     return Descent(
         u=watch.u,
         predictions=watch.predictions,

@@ -16,6 +16,9 @@ NORMAL_95 = 1.959963984540054
 DETECTED = NORMAL_95 + 1.6448536269514722
 # A relative standard deviation this large (a factor of e) from the data alone is no knowledge.
 UNKNOWN = 1.0
+# A parameter that is zero in the robot file has no size to compare its error with: it counts as unknown if
+# its standard error reaches this many coordinate units (`number.UNIT_SCALE`).
+UNKNOWN_WITHOUT_SCALE = 10.0
 # Eigenvalues of the scaled information below this count as zero; a coordinate with a larger component than
 # this in their directions is unknown.
 FLAT, INVOLVED = 1e-12, 1e-3

@@ -27,7 +27,7 @@ from .posterior import CHAINS, DRAWS, WARM_UP, require_sampler, sample
 from .profiles import profiles
 from .result import FitResult
 from .setup import STRETCH, Part, Setup, check_columns, check_noise, check_tension, fitted_to, recorded
-from .start import candidates, search
+from .start import beaten, candidates, search
 
 # Slopes of the tip tension below this share of the largest tension are rounding.
 NO_SLOPE = 1e-9
@@ -107,7 +107,8 @@ def fit(
         progress: called with a line of text at each stage.
 
     Returns:
-        The answer. It does not raise where there is none: `converged` is False and `verdict` says why.
+        The answer. It does not raise where there is none: `converged` is False and `verdict` says why. An end
+        that a model with fewer of the free numbers beats is no answer.
 
     Raises:
         InputError: unknown or unsuitable parameter, recording too short or with nothing to compare, noise
@@ -418,9 +419,11 @@ def _run(setup: Setup) -> FitResult:
     unknown = ignorance(setup, answer)
     if unknown:
         as_given = np.where(np.asarray(at[0].log), np.maximum(setup.initial, 1e-9), setup.initial)
-        said = answer.information_at(as_given)
-        return unanswered(setup, problem.predict(at[0].at(as_given)), unknown, evaluations, said)
-    result = concluded(setup, answer, iterations, evaluations, found)
+        there = problem.predict(at[0].at(as_given))
+        said = answer.information_at(as_given, there)
+        return unanswered(setup, there, unknown, evaluations, said)
+    fewer, more = beaten(setup, problem, problem.cost(answer.descent.u, answer.predictions), found)
+    result = concluded(setup, answer, iterations, evaluations + more, found, fewer)
     if not result.converged:
         return result
     if setup.sampled:

@@ -9,17 +9,14 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .coordinates import Coordinates
-from .estimate import FLAT
-from .predictor import History, padded_history, simulated
-from .setup import Part, Setup
+from .estimate import FLAT, UNKNOWN, UNKNOWN_WITHOUT_SCALE
+from .predictor import Predictor
+from .setup import SHARED, Part, Setup
 from .start import thin
 
 # Blocks of the thinned recording, and samples of each branch of the simulated pull.
@@ -49,12 +46,29 @@ class Axis:
 
     def words(self, names: Sequence[str], steps: Sequence[str]) -> str:
         """The combination, scaled to a change of 1 % of its largest part; `steps` holds the unit for each."""
-        part = self.direction / self.direction[np.argmax(np.abs(self.direction))]
         return ", ".join(
-            f"{names[i]} {'up' if part[i] > 0 else 'down'} by {abs(part[i]):.2g} {steps[i]}"
-            for i in np.argsort(-np.abs(part))
-            if abs(part[i]) >= MINOR
+            f"{name} {'up' if change > 0 else 'down'} by {abs(change):.2g} {step}"
+            for name, change, step in self._parts(names, steps)
         )
+
+    def in_a_sentence(self, names: Sequence[str], steps: Sequence[str]) -> str:
+        """The same as something done: "mu is raised by 1 % and E is lowered by 0.5 %"."""
+        return listed(
+            f"{name} is {'raised' if change > 0 else 'lowered'} by {abs(change):.2g} {step}"
+            for name, change, step in self._parts(names, steps)
+        )
+
+    def _parts(self, names: Sequence[str], steps: Sequence[str]) -> Iterator[tuple[str, float, str]]:
+        part = self.direction / self.direction[np.argmax(np.abs(self.direction))]
+        for i in map(int, np.argsort(-np.abs(part))):
+            if abs(part[i]) >= MINOR:
+                yield names[i], float(part[i]), steps[i]
+
+
+def listed(words: Iterable[str]) -> str:
+    """Words with commas between and "and" before the last."""
+    every = list(words)
+    return " and ".join([", ".join(every[:-1]), every[-1]] if every[1:] else every)
 
 
 def axes(information: np.ndarray) -> list[Axis]:
@@ -67,35 +81,32 @@ def axes(information: np.ndarray) -> list[Axis]:
     ]
 
 
-@eqx.filter_jit
-def _jacobians(robot, at: Coordinates, history: History, u):
-    def tip(u):
-        run = simulated(at.robot_at(robot, u), history)
-        return run.T_tip, run.tip_pose[:, 2]
-
-    return jax.jacfwd(tip)(u)
-
-
 def _measurements(
     part: Part, at: Coordinates, u: np.ndarray, sd: float | None, of: str
 ) -> Iterator[tuple[str, np.ndarray]]:
-    """Each measurement in words, with its Fisher information in the coordinates, (p, p); none for a robot of
-    several tendons, or of one that displacement drives.
+    """Each measurement in words, with its Fisher information in the coordinates, (p, p): of what the
+    instruments show, as in the recording. None for a robot of several tendons, or of one that displacement
+    drives.
     """
     if len(part.pulled) != 1 or part.others:
         return
 
-    def information(T_base, time, which, error):
-        steps = padded_history(T_base, time, None)
-        rows = np.asarray(_jacobians(part.robot, at, steps, jnp.asarray(u))[which])[: len(T_base)]
+    def information(T_base, time, channel, error):
+        channels = part.channels if channel in part.channels else (*part.channels, channel)
+        shown = Predictor(
+            part.robot, at, T_base, time, channels=channels, length=part.steps if part.steps <= SHARED else 0
+        )(u)
+        if shown is None or shown.failed:
+            return np.zeros((len(u), len(u)))
+        rows = shown.jacobian[channels.index(channel)]
         return rows.T @ rows / error**2
 
     few = thin(part.T_base.T_base, STEPS)
     history, time = part.T_base.T_base[few], None if part.time is None else part.time[few]
-    if "tip_angle" not in part.channels and not part.robot.space:
+    if "tip_angle" not in part.channels and not part.robot.space and not part.robot.backbone.rigid:
         yield (
             f"the angle of the tip{of}, recorded to 1° beside the {'tensions' if part.tips else 'rest'},",
-            information(history, time, 1, ANGLE_SD),
+            information(history, time, "tip_angle", ANGLE_SD),
         )
     if sd is None:
         error = TENSION_SD * float(np.max(history))
@@ -103,12 +114,12 @@ def _measurements(
             return
         yield (
             f"the tension at the tip{of}, recorded to {error:.2g} N,",
-            information(history, time, 0, error),
+            information(history, time, "T_tip", error),
         )
         return
     peak = HIGHER * float(np.max(history))
     loop = np.concatenate([np.linspace(0.0, peak, STEPS), np.linspace(peak, 0.0, STEPS)[1:]])
-    yield f"a pull{of} to {peak:.3g} N and back", information(loop, None, 0, sd)
+    yield f"a pull{of} to {peak:.3g} N and back", information(loop, None, "T_tip", sd)
 
 
 def remedy(
@@ -119,7 +130,8 @@ def remedy(
     sd: Sequence[float | None],
     among: list[int],
 ) -> str:
-    """The measurement that would tell some of the parameters apart, in a sentence; "" if none here would.
+    """The measurement that would tell some of the parameters apart, in a sentence; "" if none here would:
+    with it each of them has to be known, and clearly better than now.
 
     Args:
         setup, at: the fit and the coordinates of its recordings.
@@ -129,6 +141,8 @@ def remedy(
         among: the parameters in question.
     """
     before = _errors(information)
+    scaled = np.asarray(at[0].log) | (np.asarray(at[0].reference) != 0)
+    known = np.where(scaled, UNKNOWN, UNKNOWN_WITHOUT_SCALE)
     best, words = WORTHWHILE, ""
     several = len(setup.parts) > 1
     offers = itertools.chain(
@@ -139,7 +153,7 @@ def remedy(
     )
     for name, more in offers:
         after = _errors(information + more)
-        if not np.all(np.isfinite(after[among])):
+        if not np.all(after[among] < known[among]):
             continue
         gain = float(np.max(after[among] / np.minimum(before[among], 1e3)))
         if gain < best:
@@ -152,6 +166,13 @@ def remedy(
             )
             words = f"{name} would tell them apart ({each})"
     return words
+
+
+def singular(information: np.ndarray) -> bool:
+    """Whether the Fisher information, (p, p), leaves some combination open altogether: to rounding, nothing
+    that was recorded depends on it.
+    """
+    return not np.all(np.isfinite(_errors(information)))
 
 
 def _errors(information: np.ndarray) -> np.ndarray:

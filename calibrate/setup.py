@@ -363,14 +363,22 @@ class Setup:
     @functools.cached_property
     def _places(self) -> list[np.ndarray]:
         """Where the free numbers lie in each recording's robot, (p,) each."""
+        return self._places_without(np.zeros(len(self.free), bool))
+
+    def _places_without(self, held: np.ndarray) -> list[np.ndarray]:
+        """The same where some numbers, (p,) bool, are as if no robot had them."""
+        names = [f.entry.name for f in self.free]
         return [
-            places(part.robot, [f.entry.name for f in self.free], [k in f.parts for f in self.free])
+            places(part.robot, names, [k in f.parts and not h for f, h in zip(self.free, held, strict=True)])
             for k, part in enumerate(self.parts)
         ]
 
-    def coordinates(self, values: np.ndarray) -> tuple[Coordinates, ...]:
-        """Coordinates of each recording with their origin at some values (SI, (p,))."""
-        return tuple(coordinates(index, self.numbers(values)) for index in self._places)
+    def coordinates(self, values: np.ndarray, held: np.ndarray | None = None) -> tuple[Coordinates, ...]:
+        """Coordinates of each recording with their origin at some values (SI, (p,)). Numbers that are held,
+        (p,) bool, stay as the robot file has them, absent where it has none, whatever their coordinates.
+        """
+        index = self._places if held is None else self._places_without(held)
+        return tuple(coordinates(own, self.numbers(values)) for own in index)
 
     def values_of(self, part: int, values: np.ndarray) -> dict[str, float]:
         """Values of the free numbers of one recording's robot, SI, by short name."""

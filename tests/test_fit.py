@@ -135,7 +135,8 @@ def test_without_prior_only_the_ratio_is_known(make_config):
     assert known.converged
     assert known["mu"].sd == pytest.approx(0.1 * known["mu"].value, rel=0.05)
     assert any("trade off" in text for text in known.warnings)
-    assert known["E"].note.startswith("rests mostly on its prior")
+    told = "the recording tells nothing about E: value and interval are those that the robot file states"
+    assert known["E"].note == told and f"T{told[1:]}." in known.warnings
     assert known.correlation[0, 1] > 0.98
 
 

@@ -128,6 +128,39 @@ def test_the_good_sample_between_two_glitches_is_kept():
     assert found == [(80, 80), (82, 82), (100, 102), (104, 106)]
 
 
+@pytest.mark.parametrize(
+    "run",
+    [
+        *((13.9, 154.0), (154.0, 13.9), (7.5, -126.0), (-126.0, 7.5), (50.0, -60.0)),
+        *((3.0, 80.0, 200.0), (80.0, 3.0, 200.0), (150.0, 2.0, 150.0)),
+        *((2.0, 150.0, 3.0, 70.0), (1.5, 2.5, 90.0, 1.2)),
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("at", (200, 900))  # slack, and while releasing from 9 N
+@pytest.mark.parametrize("both", (False, True))
+def test_the_smaller_sample_beside_a_glitch_is_one_too(run, at, both):
+    rng = np.random.default_rng(at)
+    t = 0.01 * np.arange(2000)
+    T_base = np.interp(t, [0, 4, 8, 12, 16, 20], [0, 0, 12, 6, 10, 0])
+    cells = {"T_base": T_base, "T_tip": pulled(T_base)}
+    cells = {name: x + 0.01 * rng.standard_normal(2000) for name, x in cells.items()}
+    assert find_glitches(cells, t) == []
+    for name in ("T_base", "T_tip") if both else ("T_tip",):
+        cells[name][at : at + len(run)] += run
+    found = [(g.channel, g.first, g.last) for g in find_glitches(cells, t)]
+    assert found == [(name, at, at + len(run) - 1) for name in ("T_base", "T_tip")[not both :]]
+
+
+def test_a_glitch_takes_no_sound_sample_along():
+    # Beside steps, turning points, and snaps, whose samples lie where their own neighbours allow.
+    for levels in ([5.0, 5.0, 9.0, 9.0], [5.0, 7.0, 9.0, 7.0], [9.0, 5.0, 5.3, 5.6]):
+        T = np.interp(np.arange(200), [0, 98, 99, 101, 102, 200], [*levels[:2], *levels[1:3], *levels[2:]])
+        T = T + 0.01 * np.random.default_rng(0).standard_normal(200)
+        T[100] = 154.0
+        assert [(g.first, g.last) for g in find_glitches({"T": T}, None)] == [(100, 100)]
+
+
 def test_dropouts():
     rng = np.random.default_rng(0)
     x = 5 + np.sin(np.arange(6000) / 20) + 0.01 * rng.standard_normal(6000)

@@ -15,6 +15,7 @@ from gtr_jax import InputError, Recording, load_config, read_recording
 from gtr_jax.files.references import referenced
 from gtr_jax.files.text import read_text
 
+from ..channels import quantity_of
 from ..number import OWN
 from .model import OpenModel, known_beforehand, open_model
 
@@ -247,7 +248,8 @@ def _noise(answer: Mapping[str, Any], path: Path) -> dict[str, float]:
         for name, own in recording["channels"].items():
             rho = float(own.get("correlation", 0.0))
             grown = (1 + rho) / (1 - rho) if "correlation" in own else tau
-            sd = float(own["sd"] or 0.0) * float(np.sqrt(max(grown, 1.0)))
+            noise = recording.get("noise_N") if own["sd"] is None and quantity_of(name) == "T_tip" else None
+            sd = float(own["sd"] or noise or 0.0) * float(np.sqrt(max(grown, 1.0)))
             found[name] = max(found.get(name, 0.0), sd)
     return {name: sd for name, sd in found.items() if sd > 0}
 

@@ -24,6 +24,9 @@ from .model import OpenModel
 
 # Change of a coordinate to each side by which derivatives are taken: wide enough to cross kinks of friction.
 STEP = 0.5
+# The same for a check of what the wide one says: over a kink the readings seem to depend on combinations of
+# numbers on which they do not.
+FINE_STEP = 0.005
 # Rounds of a refit, the shares of a step that are tried, and the share of the cost that a round must gain for
 # another to follow.
 ROUNDS, SHARES, SETTLED = 6, (1.0, 0.4, 0.15), 0.02
@@ -107,13 +110,14 @@ class Trial:
         return seen.values[[self._rig.channels.index(name) for name in self.channels]]
 
 
-def outcome(trial: Trial, x: np.ndarray | None = None) -> Outcome | None:
+def outcome(trial: Trial, x: np.ndarray | None = None, width: float = STEP) -> Outcome | None:
     """What an experiment would show under a model, with derivatives by differences; None where load steps do
     not converge.
 
     Args:
         trial: the experiment under the model.
         x: coordinates of the model's numbers, (p,); at zero unless given.
+        width: change of a coordinate to each side by which derivatives are taken.
     """
     model = trial.model
     x = np.zeros(len(model.numbers)) if x is None else x
@@ -123,7 +127,7 @@ def outcome(trial: Trial, x: np.ndarray | None = None) -> Outcome | None:
     slopes = []
     for i, n in enumerate(model.numbers):
         ends = []
-        for step in (-STEP, STEP):
+        for step in (-width, width):
             moved = np.array(x)
             moved[i] = np.clip(x[i] + step, *n.bounds)
             there = start if moved[i] == x[i] else trial(model.at(moved))

@@ -9,6 +9,7 @@ import numpy as np
 from .differences import from_differences
 
 WIDEST, LONGEST = 3, 20  # samples of a glitch, and of a dropout to exactly 0
+MOST = 4  # samples of a glitch with the smaller deviations beside it
 NOISES, BENDS, SHARE = 6.0, 3.0, 0.006
 GAP = 5.0
 RARE = 0.01  # share of samples up to which dropouts of more than WIDEST samples are rare
@@ -82,14 +83,12 @@ def beyond(value: np.ndarray, ways: list[np.ndarray]) -> np.ndarray:
 
 
 def excursions(own: Channel) -> tuple[np.ndarray, np.ndarray]:
-    """First and last samples of what may be a glitch, (m,) each; none has a sample of another, or one that is
-    next to it.
-    """
+    """First and last samples of what may be a glitch, (m,) each; some may share samples, see `apart`."""
     found = [_of_width(own, width) for width in range(1, WIDEST + 1) if len(own.x) >= width + 2]
     if own.noisy:
         found.append(_at_zero(own))
     first, last = np.concatenate(found, axis=1) if found else np.zeros((2, 0), dtype=int)
-    return _apart(own.x, first, last)
+    return first, last
 
 
 def _of_width(own: Channel, width: int) -> np.ndarray:
@@ -128,7 +127,7 @@ def _at_zero(own: Channel) -> np.ndarray:
     return np.stack([a, b]) if np.sum(b - a + 1) <= max(RARE * n, LONGEST) else np.zeros((2, 0), dtype=int)
 
 
-def _apart(x: np.ndarray, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def apart(x: np.ndarray, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of excursions that share a sample, or of which one is the other's neighbour, those that return to the
     level that they left and, among these, stand out farther from the median of the samples around than their
     neighbours do.

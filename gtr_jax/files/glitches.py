@@ -24,6 +24,10 @@ are at least. So a step, a ramp, a turning point however sharp, and a swing, eve
    samples. So a channel that bursts all the time has none.
 6. No gap of the time stamps, GAP times the median interval, lies between its neighbours.
 
+Samples beside a glitch for which 1. to 4. hold together with it, seen from the sound samples around all of
+them, belong to it, however much smaller they are: up to MOST samples. Of excursions that share samples the
+one that stands out most is judged, and where that is no glitch the others.
+
 Beside a glitch of the other cell of the tendon, at the same samples, FELLOW of the limits in 1. is enough.
 
 A glitch down to exactly 0, or to a lowest value that the channel reaches more than once, is a *dropout*. In a
@@ -48,7 +52,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .differences import from_differences
-from .excursions import GAP, LONGEST, WIDEST, Channel, channel, chord, excursions, runs
+from .excursions import GAP, LONGEST, MOST, WIDEST, Channel, apart, beyond, channel, chord, excursions, runs
 from .outliers import outliers
 
 NEARBY, CROWDED = 50, 0.15
@@ -105,11 +109,8 @@ def _found(channels: Mapping[str, np.ndarray], time: np.ndarray | None) -> list[
     stamps = None if time is None else np.asarray(time, dtype=float)
     read = {name: channel(values, stamps) for name, values in arrays.items()}
     spans = {}
-    for name, own in read.items():
-        first, last = _without_gaps(*excursions(own), own, stamps)
-        zero = (own.x[first] == 0.0) & (own.x[last] == 0.0) & own.noisy
-        shared = _shared(name, first, last, read, arrays) & ~zero
-        spans[name] = _isolated(own, first, last, shared)
+    for name in read:
+        spans[name] = _wider(name, *_of_channel(name, read, arrays, stamps), read, arrays, stamps)
     found = [glitch for name, values in arrays.items() for glitch in _missing(name, values)]
     for name, own in read.items():
         found += _told(name, own, *spans[name])
@@ -118,6 +119,91 @@ def _found(channels: Mapping[str, np.ndarray], time: np.ndarray | None) -> list[
             found += _told(name, own, *_beside(own, *spans[name], read[fellow], *spans[fellow]))
     found += _of_the_supply(arrays, read, found)
     return sorted(found, key=lambda glitch: (glitch.first, glitch.channel))
+
+
+def _of_channel(
+    name: str,
+    read: Mapping[str, Channel],
+    arrays: Mapping[str, np.ndarray],
+    stamps: np.ndarray | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """First and last samples of a channel's glitches. Of excursions that share samples one is judged; where
+    it is none, the others are.
+    """
+    own = read[name]
+    every = _without_gaps(*excursions(own), own, stamps)
+    for _ in range(_ROUNDS):
+        first, last = apart(own.x, *every)
+        zero = (own.x[first] == 0.0) & (own.x[last] == 0.0) & own.noisy
+        shared = _shared(name, first, last, read, arrays) & ~zero
+        kept = _isolated(own, first, last, shared)
+        good = set(zip(*kept, strict=True))
+        none = set(zip(first, last, strict=True)) - good
+        inside = np.zeros(len(own.x) + 1, dtype=int)
+        for a, b in none:
+            inside[a + 1 : b + 2] = 1
+        inside = np.cumsum(inside)
+        # Those that only lie beside what is none stay out: they would take it for sound.
+        again = inside[every[1] + 1] > inside[every[0]]
+        spans = zip(*every, again.tolist(), strict=True)
+        left = [(a, b) for a, b, shares in spans if (a, b) in good or (shares and (a, b) not in none)]
+        if len(left) == len(good):
+            break
+        every = np.asarray([a for a, _ in left]), np.asarray([b for _, b in left])
+    return kept
+
+
+def _wider(
+    name: str,
+    first: np.ndarray,
+    last: np.ndarray,
+    read: Mapping[str, Channel],
+    arrays: Mapping[str, np.ndarray],
+    stamps: np.ndarray | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Glitches with the samples beside them that are out of what the sound ones allow as well, though by
+    less, up to MOST samples; those that meet are one.
+    """
+    own = read[name]
+    n = len(own.x)
+    for more in range(MOST - 1, 0, -1):
+        for before in range(more + 1):
+            a, b = first - before, last + more - before
+            fits = np.flatnonzero((a > 0) & (b < n - 1) & (b - a < MOST))
+            fits = fits[_leaves(own, a[fits], b[fits])]
+            if not fits.size:
+                continue
+            wider = _without_gaps(a[fits], b[fits], own, stamps)
+            shared = _shared(name, *wider, read, arrays)
+            starts, ends = (np.concatenate(both) for both in zip(wider, (first, last), strict=True))
+            shared = np.concatenate([shared, np.zeros(len(first), dtype=bool)])
+            holds = outliers(own, starts, ends, np.ones(len(starts), dtype=bool), shared)[: len(wider[0])]
+            found = dict(zip(wider[0][holds].tolist(), wider[1][holds].tolist(), strict=True))
+            for i in fits.tolist():
+                if found.get(int(a[i])) == b[i]:
+                    first[i], last[i] = a[i], b[i]
+    return _merged(first, last)
+
+
+def _leaves(own: Channel, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Whether all samples of runs are off both of their neighbours by more than the noise, (m,) bool."""
+    off = np.full(len(first), np.inf)
+    for offset in range(MOST):
+        x = own.x[np.minimum(first + offset, last)]
+        np.minimum(off, beyond(x, [own.x[first - 1], own.x[last + 1]]), out=off)
+    return off > own.limit
+
+
+def _merged(first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Runs of samples, in order, those that share samples or meet as one."""
+    starts, ends = [], []
+    for a, b in sorted(zip(first.tolist(), last.tolist(), strict=True)):
+        if ends and a <= ends[-1] + 1:
+            ends[-1] = max(ends[-1], b)
+        else:
+            starts.append(a)
+            ends.append(b)
+    return np.asarray(starts, dtype=int), np.asarray(ends, dtype=int)
 
 
 def _fellow(name: str) -> str:
@@ -240,7 +326,7 @@ def _shared(
         half = 0.5 * np.abs(y[first - 1] - y[last + 1])
         leaves = np.zeros(len(first), dtype=bool)
         truly = np.ones(len(first), dtype=bool)
-        for offset in range(WIDEST):
+        for offset in range(MOST):
             k = np.minimum(first + offset, last)
             off = y[k] - chord(y, first, last, k)
             leaves |= np.abs(off) - half > read[other].limit
@@ -269,7 +355,7 @@ def _rubbing(cone: _Cone, at: np.ndarray, first: np.ndarray, last: np.ndarray, n
     base, tip = cone.base[at], cone.tip[at]
     up = base[first] > base[first - 1]
     found = np.ones(len(first), dtype=bool)
-    for offset in range(WIDEST):
+    for offset in range(MOST):
         k = np.minimum(first + offset, last)
         low = np.where(up, cone.low, cone.middle) * base[k]
         high = np.where(up, cone.middle, cone.high) * base[k]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .differences import MAD_TO_SD, third_differences
-from .excursions import WIDEST, Channel, beyond
+from .excursions import MOST, WIDEST, Channel, beyond
 
 LOCAL, LOCALLY = 25, 5.0
 AROUND, JERKS = 10, 2.0
@@ -85,11 +85,12 @@ def _outside(own: Channel, first: np.ndarray, last: np.ndarray, left: Pair, righ
     """
     x = own.x
     off = np.full(len(first), np.inf)
-    for offset in range(WIDEST):
+    for offset in range(MOST):
         k = np.minimum(first + offset, last)
         np.minimum(off, beyond(x[k], _ways(own, k, left, right)), out=off)
     ends = np.minimum(beyond(x[first], _ways(own, first, left)), beyond(x[last], _ways(own, last, right)))
-    return np.where(last - first >= WIDEST, ends, off)
+    long = (last - first >= WIDEST) & (x[first] == 0.0) & (x[last] == 0.0)
+    return np.where(long, ends, off)
 
 
 def _returns(own: Channel, first: np.ndarray, last: np.ndarray, left: Pair, right: Pair) -> np.ndarray:
@@ -99,7 +100,7 @@ def _returns(own: Channel, first: np.ndarray, last: np.ndarray, left: Pair, righ
     x, even = own.x, own.clocks[0]
     ends = left[0], right[0]
     off = np.full(len(first), np.inf)
-    for offset in range(WIDEST):
+    for offset in range(MOST):
         k = np.minimum(first + offset, last)
         np.minimum(off, np.abs(x[k] - _line(x, even, ends, k)), out=off)
     missed = [np.abs(x[ends[1]] - x[ends[0]])]

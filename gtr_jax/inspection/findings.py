@@ -319,7 +319,8 @@ def _level(friction: Friction) -> Iterator[Finding]:
             yield Finding(
                 NOTE,
                 f"T_tip/T_base on the pull goes from {number(low, digits=2)} to {number(high, digits=2)} as "
-                "the tension rises; by Coulomb's law in a channel of fixed shape it stays.",
+                "the tension rises; with one coefficient of friction, in a channel whose shape does not "
+                "change, it would be the same at every tension.",
                 "Bending of the robot, a zero of a cell, or friction that depends on load does that; compare "
                 "with a simulation.",
             )
