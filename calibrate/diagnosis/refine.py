@@ -38,8 +38,7 @@ def refine(
             here, there = rough(values), exact(values)
             if here is None or there is None:
                 return None
-            right = there.values + exact.beyond_the_march(values)
-            found.append((right if kept is None else right[:, kept[k]]) - here.values)
+            found.append((there.values if kept is None else there.values[:, kept[k]]) - here.values)
         return found
 
     found = zip(wanted, in_lanes(correction, list(wanted.items())), strict=True)

@@ -33,7 +33,6 @@ from gtr_jax.terms import OWN, REGISTRY, Term, own_mark
 
 from ..number import values_in
 from ..predictor import History, Seen, padded_history
-from ..predictor import shown as simulated_as
 from ..setup import Part
 from .cache import SimulationCache
 from .instruments import instruments, shown
@@ -261,30 +260,6 @@ class Rig:
         said = [f"{name}={float(value).hex()}" for name, value in items]
         said += [float(shift).hex() for shift in more]
         return hashlib.blake2b("|".join(said).encode(), key=self.mark).digest()
-
-    def beyond_the_march(self, values: Mapping[str, float]) -> np.ndarray:
-        """What the base model of several tendons in one plane shows beyond the native programs, SI, (C, K):
-        these build friction up over a short slip that it does not need (docs/mechanics.md, "Several
-        tendons"). Zero for all other robots, and where it breaks down.
-
-        Args:
-            values: as of a call; those of physics terms do not count.
-        """
-        none = np.zeros((len(self.channels), self.part.samples))
-        if self.robot.space or not self.robot.tendon_names or self._acting:
-            return none
-        own = values_in(values, self.part.name)
-        plain = {name: value for name, value in own.items() if name.partition(".")[0] not in REGISTRY}
-        marched = self(plain)
-        if marched is None:
-            return none
-        part = self.part
-        history = padded_history(part.drive, part.time, part.trial)
-        rows, run = simulated_as(self.robot.with_values(**plain), history, self.channels)
-        K = part.samples
-        if not np.all(np.asarray(run.converged)[:K]):
-            return none
-        return np.asarray(rows)[:, :K] - marched.values
 
     def of(self, part: Part) -> Rig:
         """The same with another part of the same samples, of which others are compared; what was simulated is

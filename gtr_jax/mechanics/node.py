@@ -669,6 +669,7 @@ def grip_of(case: Case, xi: Float[Array, "N *tendons"]) -> tuple[Grip, tuple[Any
         return Grip(xi, slipped, z, memory.elements), by_xi
     values = case.terms[PRESLIDING]
     on = case.structure.acting or is_on(case.structure.catalogue[PRESLIDING], values)
+    assert memory.elements is not None
     least = SHORTEST * length
     values = values | {"length": jnp.where(values["length"] > least, values["length"], least)}
     elements = jnp.moveaxis(memory.elements, 1, 0)

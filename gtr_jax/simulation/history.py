@@ -31,7 +31,7 @@ from ..terms.term import NO_TUG
 from ..terms.unmoved import NO_SLIP
 from .displacement import by_tension, displacement_drives, driven
 from .missed import trusted
-from .outcome import OUTSIDE_PHYSICS, is_solved, unless_outside
+from .outcome import OUTSIDE_PHYSICS, is_solved, unless_missed, unless_outside
 from .programs import at_nodes, known_to_act, structure_of, unmoved_in
 from .sensing import Reading, cells_show, shown
 from .several import at_preload, load_step
@@ -266,12 +266,8 @@ def _run(robot: Robot, loads: Load, how: March, structure: Structure, drawn: Boo
     preload = robot.per_tendon(lambda tendon: tendon.preload)
     stretch = jax.vmap(lambda eq: stretch_of(robot.tendons, s.mesh.s, eq.tension, eq.metric))(eq)
     direction, front = (fronts if moves.ndim == 2 else jax.vmap(fronts))(moves)
-    own = eq.result == optx.RESULTS.successful
-    good = trusted(own & drawn, loads.T_base, direction, front, s.mesh.s[-1])
-    failed = optx.RESULTS.nonlinear_max_steps_reached
-    result = jax.vmap(lambda good, own, told: optx.RESULTS.where(good | ~own, told, failed))(
-        good, own, eq.result
-    )
+    met = (eq.result == optx.RESULTS.successful) & drawn
+    good = trusted(met, loads.T_base, direction, front, s.mesh.s[-1])
     return Simulation(
         T_base=loads.T_base,
         time=loads.time,
@@ -288,7 +284,7 @@ def _run(robot: Robot, loads: Load, how: March, structure: Structure, drawn: Boo
         angle=eq.angle,
         external_moment=eq.external_moment,
         mobilisation=eq.mobilisation,
-        result=unless_outside(result, valid),
+        result=unless_outside(unless_missed(eq.result, good), valid),
         residual_norm=eq.residual_norm,
         iterations=eq.iterations,
         shape=eq.shape,

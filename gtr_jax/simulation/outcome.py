@@ -46,11 +46,21 @@ OUTSIDE_PHYSICS = Outcome(np.array(_OUTSIDE, np.int32), optx.RESULTS)
 
 def unless_outside(result: Any, valid: Bool[Array, ""]) -> Any:
     """The result, or results, of a solve; `OUTSIDE_PHYSICS` where it succeeded and the robot is not valid."""
+    return _unless(valid, result, OUTSIDE_PHYSICS)
 
-    def unless(code, outside, successful):
-        return jnp.where(valid | (code != successful), code, outside)
 
-    return jtu.tree_map(unless, result, OUTSIDE_PHYSICS, outcome(optx.RESULTS.successful))
+def unless_missed(result: Any, good: Bool[Array, " K"]) -> Any:
+    """The results of K steps; not converged where a step succeeded and is not to be trusted."""
+    return _unless(good, result, outcome(optx.RESULTS.nonlinear_max_steps_reached))
+
+
+def _unless(holds: Bool[Array, "*K"], result: Any, other: Any) -> Any:
+    """A result; another where it is success and something does not hold."""
+
+    def unless(code, other, successful):
+        return jnp.where(holds | (code != successful), code, other)
+
+    return jtu.tree_map(unless, result, other, outcome(optx.RESULTS.successful))
 
 
 def is_solved(result: Any) -> Any:
