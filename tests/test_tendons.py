@@ -229,3 +229,92 @@ def test_small_cycles_settle_within_what_friction_can_hold():
         assert np.abs(np.diff(after))[-1] < 0.25 * np.abs(np.diff(after))[0]
         ends.append(after[-1])
     assert ends[0] == pytest.approx(ends[1], rel=0.01)
+
+
+def random_histories(count, steps=40, largest=18.0):
+    """Base tensions of two tendons [N], (count, steps, 2): ramps, both in antiphase, one held, one slack."""
+    rng = np.random.default_rng(5)
+    found = []
+    for kind in range(count):
+        corners = rng.uniform(0.0, largest, (6, 2))
+        corners[0] = 1.0
+        if kind % 4 == 1:
+            corners[:, 1] = largest - corners[:, 0]
+        if kind % 4 == 2:
+            corners[:, 0] = 3.0
+        if kind % 4 == 3:
+            corners[2:4, 1] = 0.0
+        at = np.linspace(0, len(corners) - 1, steps)
+        found.append(np.stack([np.interp(at, np.arange(len(corners)), c) for c in corners.T], axis=1))
+    return found
+
+
+@pytest.mark.parametrize("kind", ["tendon-stretch", pytest.param("presliding", marks=pytest.mark.slow)])
+def test_a_term_of_no_size_changes_nothing(pair, kind):
+    """The program with physics terms and that without solve one law; it was off by up to 1.3 N of 17."""
+    for history in random_histories(4):
+        plain, held = gtr.simulate(pair, history), gtr.simulate(pair, history, with_terms=(kind,))
+        assert bool(jnp.all(plain.converged)) and bool(jnp.all(held.converged))
+        np.testing.assert_allclose(held.T_tip, plain.T_tip, rtol=0, atol=1e-5)
+        np.testing.assert_allclose(held.tip_pose, plain.tip_pose, rtol=0, atol=1e-7)
+        np.testing.assert_allclose(held.displacement, plain.displacement, rtol=0, atol=1e-7)
+
+
+def test_a_short_presliding_is_none_and_a_long_one_is_not(pair):
+    (history,) = random_histories(1)
+    plain = gtr.simulate(pair, history)
+
+    def off(length):
+        robot = pair.with_values(**{"presliding.length": length})
+        run = gtr.simulate(robot, history, with_terms=("presliding",))
+        assert bool(jnp.all(run.converged))
+        return float(np.max(np.abs(run.T_tip - plain.T_tip)))
+
+    assert off(1e-12) < 0.03 < off(2e-3)
+
+
+@pytest.mark.slow
+def test_gradients_with_terms_agree_with_differences(pair):
+    """Forwards by every number, and backwards, through a history in which tendons stick and slip."""
+    terms = ("tendon-stretch", "presliding", "viscous-friction", "stiffening")
+    given = {
+        "mu.left": 0.3,
+        "E": E,
+        "presliding.length": 4e-4,
+        "tendon-stretch.compliance": 2e-4,
+        "viscous-friction.coefficient": 3.0,
+        "stiffening.coefficient": 1e-4,
+    }
+    history = np.array([[5, 5], [8, 5.3], [12, 5.5], [16, 6], [12, 7], [8, 9], [6, 11], [7, 10], [10, 9.0]])
+
+    @jax.jit
+    def shown(values):
+        robot = pair.with_values(**values)
+        run = gtr.simulate(robot, history, time=1.0 * np.arange(len(history)), with_terms=terms)
+        return jnp.concatenate([run.T_tip, run.tip_pose, run.displacement], axis=1)
+
+    slopes = jax.jit(jax.jacfwd(shown))(given)
+    for name, value in given.items():
+        step = 1e-4 * value
+        there, back = shown({**given, name: value + step}), shown({**given, name: value - step})
+        want = (there - back) / (2 * step)
+        size = np.max(np.abs(want), axis=0)
+        assert np.max(np.abs(slopes[name] - want) / size) < 1e-5, name
+    backwards = jax.jit(jax.grad(lambda mu: shown({**given, "mu.left": mu})[5, 0]))(given["mu.left"])
+    assert float(backwards) == pytest.approx(float(slopes["mu.left"][5, 0]), rel=1e-9)
+
+
+def test_native_code_gives_the_same_with_a_term(pair):
+    from gtr_jax.mechanics import March
+    from gtr_jax.simulation.history import loads_of
+    from gtr_jax.simulation.natively import steps_natively
+    from gtr_jax.simulation.programs import structure_of
+
+    history = random_histories(2)[1]
+    loads = loads_of(jnp.asarray(history), jnp.arange(len(history), dtype=float), None)
+    kinds = ("tendon-stretch",)
+    native = steps_natively(pair, structure_of(pair, kinds), loads, March(), None)
+    run = gtr.simulate(pair, history, with_terms=kinds)
+    assert native.converged.all()
+    np.testing.assert_allclose(native.T_tip, run.T_tip, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(native.displacement, run.displacement, rtol=0, atol=1e-12)
