@@ -26,6 +26,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import jax.tree_util as jtu
+import numpy as np
 from jaxtyping import Array, Float
 
 from .case import Case
@@ -115,12 +116,18 @@ def left_of(case: Case, marched: Passed) -> Float[Array, "N T"]:
     from the shape, over the length, (N, T); zero at the base.
     """
     equations, _, rows = prepared(case, closing_of(case, jnp.zeros(case.structure.unknowns)))
-
     nodes, length = marched.nodes, case.sections.mesh.s[-1]
-    more = jax.vmap(equations.gains)(rows, nodes.state.kappa, nodes.tension)
-    gone = more * _cells(case)[:, None]
-    own = _flipped(jnp.cumsum(_flipped(gone), axis=0)) + anchor_moved(case, marched.T_tip)[None] / length
-    return (rows.grip.slipped / length - own) * case.sections.mesh.interval.joined[:, None]
+    gone = jax.vmap(equations.gains)(rows, nodes.state.kappa, nodes.tension) * _cells(case)[:, None]
+    return _left(case, rows.grip.slipped, gone, anchor_moved(case, marched.T_tip) / length)
+
+
+def _left(case: Case, slipped, gone, anchor) -> Float[Array, "N T"]:
+    """As `left_of`, from the slip that xi states [m], (N, T), what each node adds to that of the intervals
+    ahead of it, (N, T), and the anchors' displacement, (T,), both over the length.
+    """
+    mesh = case.sections.mesh
+    own = _flipped(jnp.cumsum(_flipped(gone), axis=0)) + anchor[None]
+    return (slipped / mesh.s[-1] - own) * mesh.interval.joined[:, None]
 
 
 def march_gripped(
@@ -129,7 +136,6 @@ def march_gripped(
     flat: Float[Array, " g"],
     guess: Float[Array, " N"],
     use_guess,
-    newton: int = NEWTON_WITH_TERMS,
 ) -> Gripped:
     """One march from the base to the tip with xi given, and its linearisation.
 
@@ -139,7 +145,6 @@ def march_gripped(
         flat: what is unknown at the base besides, (g,).
         guess: curvature to start from [1/m], (N,).
         use_guess: whether to start from it.
-        newton: steps of Newton's method at each node.
     """
     length, size = case.sections.mesh.s[-1], flat.shape[0]
     cells = _cells(case)
@@ -149,16 +154,13 @@ def march_gripped(
         return (equations.stop, carry), (equations, rows)
 
     (_, carry), along, (equations, rows) = jax.linearize(start, flat, has_aux=True)
-    shape = carry
-    count = _flat(shape).size
+    leaves, tree = jtu.tree_flatten(carry)
+    ends = np.cumsum([0, *(leaf.size for leaf in leaves)])
+    count = int(ends[-1])
 
-    def unflat(values):
-        leaves, tree = jtu.tree_flatten(shape)
-        out, at = [], 0
-        for leaf in leaves:
-            out.append(values[at : at + leaf.size].reshape(leaf.shape))
-            at += leaf.size
-        return jtu.tree_unflatten(tree, out)
+    def unflat(rest):
+        parts = (rest[a:b].reshape(leaf.shape) for a, b, leaf in zip(ends, ends[1:], leaves, strict=False))
+        return jtu.tree_unflatten(tree, list(parts))
 
     moved = jax.vmap(along, out_axes=-1)(jnp.eye(size)) if size else None
     first = _flat_columns(moved[1], size) if moved is not None else jnp.zeros((count, 0))
@@ -166,44 +168,36 @@ def march_gripped(
 
     def node(carry, x):
         row, guess, cell, joined, (slipped_by, mobilised_by) = x
-        kappa = solved_at_node(equations, carry, row, guess, use_guess, newton)
+        kappa = solved_at_node(equations, carry, row, guess, use_guess, NEWTON_WITH_TERMS)
 
         def at(kappa, rest, xi, stop):
             """Near xi, given by its change."""
             now = eqx.tree_at(lambda e: e.stop, equations, stop, is_leaf=lambda x: x is None)
-            grip = row.grip
-            grip = grip._replace(
-                slipped=grip.slipped + slipped_by * xi, mobilised=grip.mobilised + mobilised_by * xi
+            grip = row.grip._replace(
+                slipped=row.grip.slipped + slipped_by * xi, mobilised=row.grip.mobilised + mobilised_by * xi
             )
             error, new = now(unflat(rest), row._replace(grip=grip), kappa)[:2]
             return error, _flat(new)
 
-        rest = _flat(carry)
-        xi = jnp.zeros_like(slipped_by)
-        if equations.stop is None:
-            (error, new), tangent = jax.linearize(lambda k, r, x: at(k, r, x, None), kappa, rest, xi)
-        else:
-            (error, new), tangent = jax.linearize(at, kappa, rest, xi, equations.stop)
-        given = (rest, xi) if equations.stop is None else (rest, xi, equations.stop)
-        still = [jnp.zeros_like(value) for value in given]
-        slope, by_kappa = tangent(jnp.ones_like(kappa), *still)
+        given = (_flat(carry), jnp.zeros_like(slipped_by), equations.stop)
+        (error, new), tangent = jax.linearize(at, kappa, *given)
+        rest, xi, stop = jtu.tree_map(jnp.zeros_like, given)
+        slope, by_kappa = tangent(jnp.ones_like(kappa), rest, xi, stop)
 
         def followed(*dots):
             error_dot, new_dot = tangent(jnp.zeros_like(kappa), *dots)
             return new_dot - error_dot / slope * by_kappa
 
-        onward = _columns(lambda d: followed(d, *still[1:]), rest.size)
-        by_grip = _columns(lambda d: followed(still[0], d, *still[2:]), xi.size) * joined
-        by_stop = None if len(given) < 3 else followed(still[0], still[1], jnp.ones_like(given[2]))
-        after = unflat(new)
+        onward = _columns(lambda d: followed(d, xi, stop), rest.size)
+        by_grip = _columns(lambda d: followed(rest, d, stop), xi.size) * joined
+        by_stop = None if stop is None else followed(rest, xi, jnp.ones_like(stop))
 
         def gone(rest):
             end = unflat(rest)
             return equations.gains(row, end.kappas[0], end.tension) * cell
 
         more, more_by = jax.linearize(gone, new)
-        out = (onward, by_grip, by_stop, _columns(more_by, rest.size), more, kappa, error)
-        return after, out
+        return unflat(new), (onward, by_grip, by_stop, _columns(more_by, count), more, kappa, error)
 
     begin = in_lanes_of((case.varied, by_xi, flat, guess), carry)
     rows_in = (rows, guess, cells, case.sections.mesh.interval.joined, by_xi)
@@ -216,18 +210,13 @@ def march_gripped(
         return residual, anchor_moved(case, T_tip) / length
 
     (at_tip, moved_tip), tangent = jax.linearize(tip, flat, _flat(end))
-    tip_columns, anchor = jax.vmap(lambda d: tangent(jnp.zeros_like(flat), d), out_axes=-1)(jnp.eye(count))
-    tip_by = (
-        jax.vmap(lambda d: tangent(d, jnp.zeros(count))[0], out_axes=-1)(jnp.eye(size))
-        if size
-        else jnp.zeros((0, 0))
-    )
-    own = jnp.flip(jnp.cumsum(jnp.flip(more, 0), axis=0), 0) + moved_tip[None]
-    left = (rows.grip.slipped / length - own) * case.sections.mesh.interval.joined[:, None]
+    by_rest, anchor = _columns(lambda d: tangent(jnp.zeros_like(flat), d), count)
+    by_flat = _columns(lambda d: tangent(d, jnp.zeros(count))[0], size) if size else jnp.zeros((0, 0))
+    left = _left(case, rows.grip.slipped, more, moved_tip)
     by_given = jnp.zeros((kappa.shape[0], count, size))
     if by_stop is not None and stop_by is not None:
         by_given = by_stop[:, :, None] * stop_by[None, None, :]
-    linear = Linear(onward, by_grip, by_given, first, gone, anchor, by_xi[0] / length, tip_columns, tip_by)
+    linear = Linear(onward, by_grip, by_given, first, gone, anchor, by_xi[0] / length, by_rest, by_flat)
     return Gripped(kappa, left, at_tip, largest(error) * length, linear)
 
 

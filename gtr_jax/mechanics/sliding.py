@@ -33,7 +33,7 @@ from .bodies import turning_of
 from .case import FOREVER, Case, Load, Memory, Sliding
 from .events import give_of_nodes, taut, turning_before
 from .mesh import following, shifted
-from .node import channel_rows, clip, friction, product, total
+from .node import channel_rows, clip, friction, product, rise_per_newton, total
 
 # Newton's iterations at most, largest step of ln T, and by how much the slip at which friction is whole
 # narrows in each until it is this share of the largest slip of the step before. It waits while ln T still
