@@ -20,12 +20,13 @@ def test_a_straight_body_has_the_channel_of_its_section(make_robot, tmp_path):
     np.testing.assert_allclose(curve["body_z_mm"], 8 * np.sin(phi), atol=1e-10)
 
 
-def test_a_curve_routing_reads_it(make_robot, tmp_path):
+def test_a_curve_routing_reads_it(make_robot, tmp_path, monkeypatch):
     robot = make_robot(routing=HELIX)
     gtr.write_recording(tmp_path / "channel.csv", channel_curve(robot, robot.tendon))
     text = (tmp_path / "channel.csv").read_text().splitlines()
     assert text[0] == "s_mm,y_mm,z_mm,body_x_mm,body_y_mm,body_z_mm"
     (tmp_path / "channel.csv").write_text("\n".join([text[0], *text[1:-1:10], text[-1]]))
+    monkeypatch.setenv("GTR_JAX_ROOT", str(tmp_path))
     again = make_robot(routing={"kind": "curve", "file": str(tmp_path / "channel.csv")})
     s = robot.backbone.length * np.linspace(0.05, 0.95, 40)
     kinks = np.zeros((0, 40), bool)

@@ -149,6 +149,14 @@ class Structure:
         return self.presliding or reads or self.seeks_slip or self.shares_slip
 
     @functools.cached_property
+    def remembers(self) -> bool:
+        """Whether a law remembers more than the tension that friction holds: the body's past, how friction
+        builds up, the time, the speed or what was drawn out.
+        """
+        ways = ("remembers", "elements", "timed", "creeps", "reads_speed", "reads_drawn", "by_speed")
+        return any(getattr(self.catalogue[kind], way) for kind in self.terms for way in ways)
+
+    @functools.cached_property
     def reads_drawn(self) -> bool:
         """Whether friction depends on how far the tendons are drawn out at the base."""
         return any(self.catalogue[kind].reads_drawn for kind in self.terms)

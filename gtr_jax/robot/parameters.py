@@ -68,6 +68,8 @@ class Parameter:
 # The numbers that say how stiff a whole body is: its modulus; the factor on several numbers; its bending
 # stiffness.
 STIFFNESS = ("E", "stiffness_factor", "EI", "EI_z", "EI_y")
+# Numbers that are infinite where a tendon does not stretch.
+ENDLESS = ("EA",)
 
 # Parameters of every robot that are not of a tendon.
 _COMMON = (
@@ -370,8 +372,9 @@ def with_values(robot: AnyRobot, values: Mapping[str, Float[Array, ""] | float])
 def bounded(
     robot: Parts,
 ) -> tuple[Float[Array, " b"], Float[np.ndarray, " b"], Float[np.ndarray, " b"], Bool[np.ndarray, " b"]]:
-    """The numbers of a robot that have bounds, which may be traced, (b,); the least and the most of each, and
-    whether it must lie above the least. Numbers of an absent physics term may be at their null.
+    """The numbers of a robot but those of `ENDLESS`, which may be traced, (b,); the least and the most of
+    each, infinite without such a bound, and whether it must lie above the least. Numbers of an absent physics
+    term may be at their null.
     """
     leaves, tree = jtu.tree_flatten(robot)
     sizes = [int(np.prod(np.shape(leaf))) for leaf in leaves]
@@ -380,7 +383,8 @@ def bounded(
         tree,
         [at + np.arange(n).reshape(np.shape(leaf)) for at, n, leaf in zip(first, sizes, leaves, strict=True)],
     )
-    entries = [p for p in parameters_of(robot).values() if p.lower is not None or p.upper is not None]
+    every = parameters_of(robot)
+    entries = [p for p in every.values() if p.name.partition(".")[0] not in ENDLESS]
     at = []
     for entry in entries:
         where, index = _locate(entry.at)

@@ -61,11 +61,11 @@ def is_robot(robot: Robot) -> Bool[Array, ""]:
 
 
 def _within_bounds(robot: Robot) -> Bool[Array, ""]:
-    """Whether the numbers that have bounds are within these, but for rounding."""
+    """Whether the numbers are finite and within their bounds, but for rounding."""
     values, least, most, above = bounded(robot)
     near = NEAR * np.where(np.isfinite(least), np.abs(least), 0.0), NEAR * np.abs(most)
     inside = (values >= least - near[0]) & (values <= np.where(np.isfinite(most), most + near[1], np.inf))
-    return jnp.all(inside & ((values > least) | ~above))
+    return jnp.all(jnp.isfinite(values) & inside & ((values > least) | ~above))
 
 
 def _apart(start: Array, end: Array, length: Array) -> list[Bool[Array, ""]]:

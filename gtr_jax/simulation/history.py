@@ -267,7 +267,7 @@ def _run(robot: Robot, loads: Load, how: March, structure: Structure, drawn: Boo
     stretch = jax.vmap(lambda eq: stretch_of(robot.tendons, s.mesh.s, eq.tension, eq.metric))(eq)
     direction, front = (fronts if moves.ndim == 2 else jax.vmap(fronts))(moves)
     met = (eq.result == optx.RESULTS.successful) & drawn
-    good = trusted(met, loads.T_base, direction, front, s.mesh.s[-1])
+    good = trusted(structure, met, loads.T_base, preload, (direction, front), s.mesh.s[-1])
     return Simulation(
         T_base=loads.T_base,
         time=loads.time,

@@ -330,7 +330,7 @@ def ready(
 
 
 _ready = eqx.filter_jit(ready)
-_trusted = jax.jit(trusted)
+_trusted = jax.jit(trusted, static_argnums=0)
 
 
 class Run(NamedTuple):
@@ -461,7 +461,8 @@ class Native:
         met, error, marches, bent, moved = rest[:, :5].T
         good = met != 0
         if not good.all():
-            good = np.asarray(_trusted(good, T_base, direction, front, ready.length))
+            slip = (direction, front)
+            good = np.asarray(_trusted(structure, good, T_base, ready.preload, slip, ready.length))
         away, body = np.cumsum(moved), self._body(rest[:, 5:], ready)
         return Brief(
             T_base=T_base,
