@@ -7,11 +7,10 @@ rows of units, no header at all, and several tables in one file. What may mean t
 from __future__ import annotations
 
 import csv
-import io
 import itertools
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +19,7 @@ import numpy as np
 from gtr_jax.errors import InputError, listed
 
 from .cells import NOTHING, Written, is_numeral, is_stamp
+from .expansion import check_cells
 from .quantities import SPELLINGS, plain_name, split_unit
 from .sheet import Table
 from .units import DIMENSIONS, measures
@@ -59,8 +59,9 @@ def read_csv(path: Path, text: str, sha256: str) -> Table:
     Columns without a header are numbered from "column 1". Of several tables in the file, the longest is read.
     A last row that ends before its line does is left out.
 
-    Raises InputError if it has a header only, or a row of another length.
+    Raises InputError if it has a header only, a row of another length, or more cells than are read so.
     """
+    check_cells(path, text, delimiter_of(text))
     return table_of(path, laid_out(path, text), sha256, cut=not text.endswith(("\n", "\r")))
 
 
@@ -299,7 +300,7 @@ def _rows(path: Path, text: str) -> tuple[Rows, Rows]:
     delimiter = delimiter_of(text)
     rows: Rows = []
     comments: Rows = []
-    reader = csv.reader(io.StringIO(text), delimiter=delimiter)
+    reader = csv.reader(_lines(text), delimiter=delimiter)
     try:
         for row in reader:
             if said and reader.line_num <= text[: said.end()].count("\n"):
@@ -313,6 +314,15 @@ def _rows(path: Path, text: str) -> tuple[Rows, Rows]:
     except csv.Error as fault:
         raise InputError(f"{path}: row {reader.line_num}: not CSV ({fault}); export it again") from None
     return rows, comments
+
+
+def _lines(text: str) -> Iterator[str]:
+    """The lines of a text with their ends, one by one, as a stream would copy all of it."""
+    at = 0
+    while at < len(text):
+        end = text.find("\n", at) + 1 or len(text)
+        yield text[at:end]
+        at = end
 
 
 def delimiter_of(text: str) -> str:
