@@ -37,8 +37,7 @@ def check_numbers(count: int, says: str) -> None:
 
 
 def check_cells(path: Path, text: str, delimiters: str) -> None:
-    """InputError naming the file if a text that is read cell by cell, as it is no plain table, would have more
-    than `CELLS` cells.
+    """InputError naming the file if a text that is read cell by cell would have more than `CELLS` cells.
 
     Args:
         path: of the file.
@@ -48,9 +47,9 @@ def check_cells(path: Path, text: str, delimiters: str) -> None:
     count = text.count("\n") + max(map(text.count, delimiters))
     if count > CELLS:
         raise InputError(
-            f"{path}: has about {count / 1e6:.3g} million cells; at most {CELLS / 1e6:.3g} million are read from "
-            "a text that is no plain table (one header, then rows of as many cells, without quotes, comments, "
-            f"blank lines or words), so export it as one, or {_REMEDY}"
+            f"{path}: has about {count / 1e6:.3g} million cells; at most {CELLS / 1e6:.3g} million are read "
+            "from a text that is no plain table (one header, then rows of as many cells, without quotes, "
+            f"comments, blank lines or words), so export it as one, or {_REMEDY}"
         )
 
 
