@@ -510,3 +510,18 @@ def test_a_file_of_several_tendons_is_not_guessed_to_be_of_one(tmp_path):
     path = written(tmp_path, text)
     assert guess(read_table(path)).missing == ("T_base", "T_tip")
     assert refused(path).startswith("no column T_base_N, but T_base_N.a, T_base_N.b of several tendons;")
+
+
+def test_a_steady_pull_is_no_clock(tmp_path):
+    """Forces that a machine raises evenly are forces by their names."""
+    rows = "".join(f"{0.5 * i:.2f},{0.2 * i:.3f}\n" for i in range(60))
+    for header in ("Load cell base,Load cell tip", "F1 [N],F2 [N]"):
+        found = guess(read_table(written(tmp_path, f"{header}\n{rows}", "r.csv"))).quantities
+        base, tip = header.split(",")
+        assert {key: own.header for key, own in found.items()} == {"T_base": base, "T_tip": tip}
+    timed = "n,Load cell base,Load cell tip\n" + "".join(
+        f"{i // 2},{a}\n" for i, a in enumerate(rows.splitlines())
+    )
+    found = guess(read_table(written(tmp_path, timed, "r.csv"))).quantities
+    assert [own.header for own in found.values()] == ["n", "Load cell base", "Load cell tip"]
+    assert "n_load" in refused(written(tmp_path, timed.replace("n,", "n_load,", 1), "r.csv"))

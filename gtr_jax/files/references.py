@@ -30,7 +30,8 @@ def referenced(name: str, folder: Path, where: str) -> Path:
     """The path of a file that another file names.
 
     A robot file may come from somebody else: what it names is looked for only beneath its own folder, or
-    beneath the folder that the variable `GTR_JAX_ROOT` states, wherever links lead. Not so a file that the user has chosen (`chosen_by_user`).
+    beneath the folder that the variable `GTR_JAX_ROOT` states, wherever links lead. A file
+    that the user has chosen (`chosen_by_user`) may lie anywhere.
 
     Args:
         name: relative to the folder.
