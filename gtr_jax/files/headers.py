@@ -11,7 +11,7 @@ import numpy as np
 
 from gtr_jax.errors import InputError, listed
 
-from .quantities import COLUMNS, NEEDED, column_of, of_tendon, plain_name, split_unit, with_tendon
+from .quantities import COLUMNS, NEEDED, PER_TENDON, column_of, of_tendon, plain_name, split_unit, with_tendon
 from .sheet import Table
 from .units import DIMENSIONS, measures
 
@@ -74,6 +74,13 @@ def missing(
     ended = [header for header in names if re.match(rf"{re.escape(column.header)}\.\w", header)]
     if not tendon and ended:
         names = [header.rpartition(".")[2] for header in ended]
+        heads = "|".join(re.escape(column_of(q).header) for q in PER_TENDON)
+        tendon_names = {h.rpartition(".")[2] for h in table.header if re.match(rf"({heads})\.\w", h)}
+        if len(tendon_names) == 1:
+            return InputError(
+                f"{place}, but '{ended[0]}'; a robot's one tendon carries no name: rename the column to "
+                f"{column.header}, and likewise others that end with .{names[0]}"
+            )
         return InputError(
             f"{place}, but {listed(ended)} of several tendons; for one tendon rename its column to "
             f"{column.header}; several are named in the robot file, as [[tendons]], or in Python, "
