@@ -121,7 +121,7 @@ class _Row(NamedTuple):
 
 class _Given(NamedTuple):
     """Numbers of a robot: at its nodes; its tendons where they may stretch by themselves or displacement
-    drives any, else none; and their typical compliance [m/N], (tendons,), where displacement drives any, else None.
+    drives any, else none; and their typical compliance [m/N], (tendons,), where it drives any, else None.
     """
 
     robot: mechanics.Robot
