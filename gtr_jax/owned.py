@@ -12,6 +12,7 @@ import tempfile
 from pathlib import Path
 
 OTHERS = stat.S_IWGRP | stat.S_IWOTH
+OVERFLOW = Path("/proc/sys/kernel/overflowuid")  # of whom the kernel has no number for, on Linux
 POSIX = os.name == "posix"
 
 
@@ -80,12 +81,24 @@ def _changed_by(place: Path, *, sealed: bool) -> str:
         sealed: whether it has to be the user's own; its mode is then of no matter, as it can be changed.
     """
     status = place.stat()
-    if status.st_uid != os.geteuid() and (sealed or status.st_uid != 0):
+    of_system = status.st_uid == 0 or (place == Path(place.anchor) and _is_unmapped_root(status))
+    if status.st_uid != os.geteuid() and (sealed or not of_system):
         return f"{place} belongs to {_user(status.st_uid)}"
     # In a sticky folder, as /tmp, nobody can replace what belongs to others.
     if sealed or status.st_mode & stat.S_ISVTX or not _open_to_others(status):
         return ""
     return f"others can write to {place}"
+
+
+def _is_unmapped_root(status: os.stat_result) -> bool:
+    """Whether the owner of / is one whom the kernel has no number for, as in a container of a user without
+    rights, and others cannot write to it: the system's administrator outside.
+    """
+    try:
+        overflow = int(OVERFLOW.read_text())
+    except (OSError, ValueError):
+        return False
+    return status.st_uid == overflow and not status.st_mode & OTHERS
 
 
 def _open_to_others(status: os.stat_result) -> bool:

@@ -46,6 +46,24 @@ def test_it_equals_drive_by_tension_when_given_its_displacements(pair_of, tendon
     np.testing.assert_allclose(found.tip_position, want.tip_position, atol=1e-10)
 
 
+def test_displacement_drives_in_the_plane_as_tension_does(make_config):
+    """A robot that was built in the plane may be driven by the displacement that a recording has."""
+    import dataclasses
+
+    pulled = gtr.build_robot(make_config())
+    tendons = tuple(dataclasses.replace(tendon, drive="displacement") for tendon in pulled.tendons)
+    drawn = dataclasses.replace(pulled, tendons=tendons)
+    in_space = gtr.build_robot(make_config(tendon={"drive": "displacement"}))
+    assert in_space.space and not drawn.space
+    np.testing.assert_allclose(
+        by_displacement.compliance(drawn), by_displacement.compliance(in_space), rtol=1e-12
+    )
+    want = gtr.simulate(pulled, HISTORY)
+    found = gtr.simulate(drawn, np.full_like(HISTORY, np.nan), displacement=want.displacement)
+    assert found.converged.all()
+    np.testing.assert_allclose(found.T_base, HISTORY, atol=1e-8)
+
+
 def test_a_tendon_that_stretches_is_drawn_out_farther_by_its_tension(pair_of):
     (stiff, _), (soft, _) = pair_of(), pair_of(axial_stiffness=3e3, free_length=0.4)
     one, other = (gtr.simulate(robot, jnp.array([0.0, 6.0])) for robot in (stiff, soft))

@@ -1,5 +1,6 @@
 """Files of other formats than CSV hold the same recording, and large CSV files are read as small ones."""
 
+import gzip
 import sys
 import zlib
 
@@ -211,6 +212,36 @@ def test_matlab_of_version_7_3(tmp_path, monkeypatch):
     )
 
 
+def test_matlab_of_numbers_in_other_files(tmp_path):
+    """A file may not have another one read, nor wait for one."""
+    h5py = pytest.importorskip("h5py")
+    other = tmp_path / "other.bin"
+    other.write_bytes(np.arange(50.0).tobytes())
+
+    def external(file):
+        file.create_dataset("a", shape=(1, 50), dtype="f8", external=[(str(other), 0, 400)])
+
+    def virtual(file):
+        layout = h5py.VirtualLayout(shape=(1, 50), dtype="f8")
+        layout[:] = h5py.VirtualSource(str(other), "run/time_s", shape=(1, 50))
+        file.create_virtual_dataset("a", layout)
+
+    def linked(file):
+        file["a"] = h5py.ExternalLink(str(other), "/run")
+
+    def soft(file):
+        file["a"] = h5py.SoftLink("/run/time_s")
+
+    lies = "'a' lies in another file; save it again into one"
+    link = "'a' is a link; save the file again without it"
+    for made, says in ((external, lies), (virtual, lies), (linked, lies), (soft, link)):
+        path = tmp_path / f"{made.__name__}.mat"
+        hdf5(path, DATA)
+        with h5py.File(path, "r+") as file:
+            made(file)
+        assert refused(path) == says
+
+
 def test_matlab_faults(tmp_path):
     from scipy.io import savemat
 
@@ -321,6 +352,33 @@ def test_a_small_file_of_very_many_numbers_is_not_expanded(kind, count, says, tm
     zeros(path, count, kind)
     assert path.stat().st_size < 2_000_000
     assert refused(path) == f"{says} export fewer columns, a shorter stretch, or fewer samples"
+
+
+def test_a_small_file_of_very_long_texts_is_not_expanded(tmp_path):
+    path = tmp_path / "r.parquet"
+    texts = pl.repeat("x" * 10_000, 50_000, eager=True)
+    pl.DataFrame({"T_base_N": pl.zeros(50_000, eager=True), "note": texts}).write_parquet(path)
+    assert path.stat().st_size < 2_000_000
+    assert refused(path).startswith("expands to 500 MB; at most 400 MB are read, so")
+
+
+def test_texts_of_very_many_cells_are_refused(tmp_path, monkeypatch):
+    """Such as are read cell by cell take a hundred times what they have on the disk, compressed ones more."""
+    path = tmp_path / "r.csv.gz"
+    path.write_bytes(gzip.compress(b"T_base_N,T_tip_N\n" + b"0,0\n" * 30_000_000, 1))
+    assert path.stat().st_size < 2_000_000
+    assert refused(path).startswith(
+        "expands to about 60 million cells; at most 50 million numbers are read, so"
+    )
+    monkeypatch.setattr(expansion, "CELLS", 60)
+    for name, text in (
+        ("r.csv", "T_base_N,T_tip_N\n" + "2,1\n" * 40),
+        ("r.txt", "base: 2 g, tip: 1 g\n" * 40),
+        ("r.lvm", "LabVIEW Measurement\t\n" + "2\t1\n" * 40),
+    ):
+        (tmp_path / name).write_text(text)
+        said = refused(tmp_path / name)
+        assert said.startswith("has about ") and "million cells; at most 6e-05 million are read from" in said
 
 
 def test_a_bag_of_very_many_numbers(tmp_path, monkeypatch):

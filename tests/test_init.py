@@ -87,6 +87,24 @@ def test_bodies_of_other_kinds(init):
     assert given.backbone.bending_stiffness == 2e-3 and given.tendon.drive == "displacement"
 
 
+def test_a_file_of_knots_is_read_wherever_the_user_has_it(tmp_path, capsys, monkeypatch):
+    """What is named on the command line no file names, so that it need not lie beside the robot file."""
+    monkeypatch.chdir(tmp_path)
+    for folder in ("robots", "elsewhere"):
+        (tmp_path / folder).mkdir()
+    knots = tmp_path / "elsewhere" / "knots.csv"
+    knots.write_text("s_mm,R_mm\n0,6\n125,3\n250,6\n")
+    robot = tmp_path / "robots" / "a.toml"
+    for file in (knots, "elsewhere/knots.csv", "../elsewhere/knots.csv"):
+        said = ["--tendons", "a,b", "--channel", f"table file={file}"]
+        outcome = run_gtr(capsys, "init", robot, "--yes", "--force", *said)
+        assert outcome.status == 0, outcome.err
+        assert [len(tendon.routing.knots) for tendon in gtr.load_config(robot).tendons] == [3, 3]
+    knots.unlink()
+    outcome = run_gtr(capsys, "init", robot, "--yes", "--force", "--channel", f"table file={knots}")
+    assert outcome.status != 0 and str(knots) in outcome.err
+
+
 @pytest.mark.parametrize("space", [False, True])
 def test_every_kind_of_channel_has_likely_values(init, tmp_path, space):
     assert {*kinds(space=False)} | {*kinds(space=True)} == {*ROUTINGS}

@@ -16,7 +16,7 @@ import pytest
 from command_line import run_gtr
 
 from gtr_jax.errors import InputError
-from gtr_jax.files import expansion
+from gtr_jax.files import expansion, large_csv
 from gtr_jax.files.columns import read_columns
 from gtr_jax.files.guessing import guess
 from gtr_jax.files.recording import read_recording
@@ -88,6 +88,52 @@ def test_what_is_said_of_loggers():
     cut = "row 213, the last, is incomplete and left out"
     assert notes("monitor.csv") == (cut, "has no header: its columns are numbered")
     assert notes("labelled.txt") == ("row 95, the last, is incomplete and left out",)
+
+
+MARKS = {
+    "OVL,OVL,OVL": (30, "time_s", "OVL"),
+    "Trial,two,begins": (30, "time_s", "Trial"),
+    "paused,by,Jo": (30, "time_s", "paused"),
+    "OVL,OVL,": (30, "time_s", "OVL"),
+}
+
+
+@pytest.mark.parametrize("large", [False, True], ids=["small", "large"])
+@pytest.mark.parametrize("row", MARKS)
+def test_a_row_of_words_inside_a_recording_is_refused(row, large, tmp_path, monkeypatch):
+    if large:
+        monkeypatch.setattr(large_csv, "LARGE", 0)
+        monkeypatch.setattr(large_csv, "_HEAD", 4)
+    lines = ["time_s,T_base_N,T_tip_N", *(f"{i},{i}.5,{i}.25" for i in range(60))]
+    for place, more in ((30, []), (30, [*lines[30:]]), (1, ["OVL,OVL,OVL"])):
+        if place == 1 and row != "OVL,OVL,OVL":
+            continue
+        text = "\n".join([*lines[:place], row, *more, *lines[place:]]) + "\n"
+        said = refused(written(tmp_path, text, "r.csv"))
+        assert said.startswith(
+            f"row {place + 1}, column '{MARKS[row][1]}': expected a number, found '{MARKS[row][2]}'"
+        ) or (row == "OVL,OVL," and said.startswith("row 31, column 'T"))
+
+
+@pytest.mark.parametrize("large", [False, True], ids=["small", "large"])
+def test_tables_of_as_many_columns_are_refused(large, tmp_path, monkeypatch):
+    """They may be parts of one recording; of another width they are not."""
+    if large:
+        monkeypatch.setattr(large_csv, "LARGE", 0)
+        monkeypatch.setattr(large_csv, "_HEAD", 4)
+    rows = "".join(f"{i},{i}.5,{i}.25\n" for i in range(30))
+    first = f"time_s,T_base_N,T_tip_N\n{rows}"
+    for header, of in (
+        ("time_s,T_base_N,T_tip_N", "with one header"),
+        ("Clock,Force_N,Other_N", "of 3 columns"),
+        ("one,two,three\ns,N,N", "of 3 columns"),
+    ):
+        said = refused(written(tmp_path, f"{first}{header}\n{rows}", "r.csv"))
+        assert said.startswith(f"holds 2 tables {of}, their first rows 2, "), said
+    wide = "one,two,three,four\n1,2,3,4\n"
+    assert read_recording(written(tmp_path, first + wide, "r.csv")).notes == (
+        "holds 2 tables: the longest, rows 2 to 31, is read",
+    )
 
 
 def test_a_logger_fits(tmp_path, capsys):
@@ -464,3 +510,18 @@ def test_a_file_of_several_tendons_is_not_guessed_to_be_of_one(tmp_path):
     path = written(tmp_path, text)
     assert guess(read_table(path)).missing == ("T_base", "T_tip")
     assert refused(path).startswith("no column T_base_N, but T_base_N.a, T_base_N.b of several tendons;")
+
+
+def test_a_steady_pull_is_no_clock(tmp_path):
+    """Forces that a machine raises evenly are forces by their names."""
+    rows = "".join(f"{0.5 * i:.2f},{0.2 * i:.3f}\n" for i in range(60))
+    for header in ("Load cell base,Load cell tip", "F1 [N],F2 [N]"):
+        found = guess(read_table(written(tmp_path, f"{header}\n{rows}", "r.csv"))).quantities
+        base, tip = header.split(",")
+        assert {key: own.header for key, own in found.items()} == {"T_base": base, "T_tip": tip}
+    timed = "n,Load cell base,Load cell tip\n" + "".join(
+        f"{i // 2},{a}\n" for i, a in enumerate(rows.splitlines())
+    )
+    found = guess(read_table(written(tmp_path, timed, "r.csv"))).quantities
+    assert [own.header for own in found.values()] == ["n", "Load cell base", "Load cell tip"]
+    assert "n_load" in refused(written(tmp_path, timed.replace("n,", "n_load,", 1), "r.csv"))

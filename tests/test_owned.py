@@ -49,6 +49,30 @@ def test_a_folder_of_the_user_is_closed_and_rid_of_what_others_could_write(tmp_p
     assert (folder / "mine").exists()
 
 
+def test_the_root_of_a_container_may_belong_to_a_user_without_number(tmp_path, monkeypatch):
+    """In a user namespace the administrator outside is the kernel's overflow user."""
+    real, seen = Path.stat, {"mode": 0o40755, "uid": NOBODY}
+
+    def stat_of(path, **options):
+        found = real(path, **options)
+        if path != Path("/"):
+            return found
+        return os.stat_result((seen["mode"], *found[1:4], seen["uid"], NOBODY, *found[6:]))
+
+    monkeypatch.setattr(Path, "stat", stat_of)
+    monkeypatch.setattr(owned, "OVERFLOW", tmp_path / "overflowuid")
+    owned.OVERFLOW.write_text(f"{NOBODY}\n")
+    assert own_folder(tmp_path / "cache").is_dir()
+    for mode, uid in ((0o40775, NOBODY), (0o40757, NOBODY), (0o40755, NOBODY - 1)):
+        seen.update(mode=mode, uid=uid)
+        with pytest.raises(NotOwn):
+            own_folder(tmp_path / "cache")
+    seen.update(mode=0o40755, uid=NOBODY)
+    owned.OVERFLOW.unlink()
+    with pytest.raises(NotOwn):
+        own_folder(tmp_path / "cache")
+
+
 def test_a_folder_that_others_could_exchange_is_refused(tmp_path):
     above = tmp_path / "shared"
     own_folder(above / "cache")

@@ -103,6 +103,26 @@ drag = "0.1 N/m"
     assert gtr.load_robot(tmp_path / "again.toml").tendon_names == ()
 
 
+def test_the_name_of_a_lone_tendon_is_refused_in_one_line(tmp_path):
+    """Its robot has one tendon without a name."""
+    from gtr_jax.cli.simulate import pulls_of
+
+    path = tmp_path / "r.csv"
+    path.write_text("T_base_N.left,T_tip_N.left\n1,1\n2,1\n3,2\n", encoding="utf-8")
+    with pytest.raises(gtr.InputError) as refused:
+        gtr.read_recording(path)
+    assert str(refused.value) == (
+        f"{path}: no column T_base_N, but 'T_base_N.left'; a robot's one tendon carries no name: rename the "
+        "column to T_base_N, and likewise others that end with .left"
+    )
+    text = PAIR.read_text(encoding="utf-8")
+    (tmp_path / "robot.toml").write_text(text[: text.rindex("[[tendons]]")], encoding="utf-8")
+    with pytest.warns(InputWarning, match="there is only one"):
+        config = gtr.load_config(tmp_path / "robot.toml")
+    with pytest.raises(gtr.InputError, match="the robot's one tendon carries no name; leave --tendon out"):
+        pulls_of(config, "left", None, None, None)
+
+
 def test_a_pull_to_nothing_is_the_rest_under_what_acts(tmp_path):
     """Loads, preloads and terms act on a robot that nobody pulls; on others --pull 0 is refused as before."""
     from gtr_jax.cli.simulate import pulls_of

@@ -219,7 +219,8 @@ def asked(
         InputError: an option that is no answer, or answers that do not make a robot.
     """
     from gtr_jax.files.config import parse_config
-    from gtr_jax.files.new_robot import DIRECTIONS, robot_data
+    from gtr_jax.files.new_robot import DIRECTIONS, FILE, robot_data
+    from gtr_jax.files.references import chosen_by_user
     from gtr_jax.robot.build import build_robot
     from gtr_jax.robot.robot import STANDARD_GRAVITY
 
@@ -257,7 +258,9 @@ def asked(
             space=bool(space),
             uncertainty=uncertainty,
         )
-        config = parse_config(data, source=str(path), folder=path.parent)
+        named = [path.parent / channel[FILE] for channel in (*found, own) if FILE in channel]
+        with chosen_by_user(named):
+            config = parse_config(data, source=str(path), folder=path.parent)
         build_robot(config)  # which sees whether the channel is inside the body
         return config
 
@@ -266,6 +269,10 @@ def asked(
         whose = f" of {tendons[number]}" if tendons else ""
         while True:
             channel = _channel(ask, own, body, bool(space), whose, (number, len(said)))
+            if FILE in channel and not (path.parent / channel[FILE]).exists():
+                # Beside the robot file, or else where the user is.
+                here = Path(channel[FILE])
+                channel[FILE] = str(here.resolve()) if here.exists() else channel[FILE]
             try:
                 config = whole(channel, number)
                 break

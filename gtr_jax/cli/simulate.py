@@ -169,7 +169,11 @@ def pulls_of(
 
     names = config.tendon_names
     if tendon is not None and tendon not in names:
-        remedy = did_you_mean(tendon, names) if names else "the robot has one tendon; leave --tendon out"
+        remedy = (
+            did_you_mean(tendon, names)
+            if names
+            else "the robot's one tendon carries no name; leave --tendon out"
+        )
         raise InputError(f"--tendon: no tendon '{tendon}'; {remedy}")
     if names and tendon is None:
         raise InputError(

@@ -7,11 +7,10 @@ rows of units, no header at all, and several tables in one file. What may mean t
 from __future__ import annotations
 
 import csv
-import io
 import itertools
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,10 +19,13 @@ import numpy as np
 from gtr_jax.errors import InputError, listed
 
 from .cells import NOTHING, Written, is_numeral, is_stamp
+from .expansion import check_cells
+from .quantities import SPELLINGS, plain_name, split_unit
 from .sheet import Table
 from .units import DIMENSIONS, measures
 
 _SAMPLED = 200  # rows by which the separator is told
+_NAMED = ("N", "m", "s", "rad")  # whose units a header may end with
 _SAID = re.compile(r'\s*"?sep=(.)"?;?,?[ \t]*\n', re.IGNORECASE)
 NUMBERLIKE = r"^\s*[+\-−]?[.,]?\d"  # how a number or a time stamp begins
 _NUMBERLIKE = re.compile(NUMBERLIKE)
@@ -57,8 +59,9 @@ def read_csv(path: Path, text: str, sha256: str) -> Table:
     Columns without a header are numbered from "column 1". Of several tables in the file, the longest is read.
     A last row that ends before its line does is left out.
 
-    Raises InputError if it has a header only, or a row of another length.
+    Raises InputError if it has a header only, a row of another length, or more cells than are read so.
     """
+    check_cells(path, text, delimiter_of(text))
     return table_of(path, laid_out(path, text), sha256, cut=not text.endswith(("\n", "\r")))
 
 
@@ -108,18 +111,27 @@ def layout_of(path: Path, rows: Rows, comments: Rows | None = None) -> Layout:
         rows: each with its number.
         comments: likewise, without their sign.
 
-    Raises InputError if two tables have the same header.
+    Raises InputError if another table has as many columns: it may be a part of the same recording, unless it
+    has one row under other names.
     """
     tables = [_layout(block, comments or []) for block in _blocks(rows)]
     longest = max(tables, key=lambda table: len(table.rest))
     if len(tables) == 1:
         return longest
-    alike = [table for table in tables if table.header == longest.header]
+    width = len(_trimmed(longest.header))
+    alike = [
+        table
+        for table in tables
+        if len(_trimmed(table.header)) == width
+        and (table is longest or table.header == longest.header or len(table.rest) > 1)
+    ]
     if len(alike) > 1:
+        one = all(table.header == longest.header for table in alike)
+        of = "with one header" if one else f"of {width} columns"
         begun = listed([str(table.rest[0][0]) for table in alike])
         raise InputError(
-            f"{path}: holds {len(alike)} tables with one header, their first rows {begun}; give each "
-            "recording a file of its own"
+            f"{path}: holds {len(alike)} tables {of}, their first rows {begun}; give each recording a file "
+            "of its own"
         )
     first, last = longest.rest[0][0], longest.rest[-1][0]
     return longest._replace(
@@ -152,7 +164,7 @@ def _layout(rows: Rows, comments: Rows) -> Layout:
     said = next((row for _, row in between if _are_units(row)), None)
     units = [] if said is None else [re.sub(r"^[\[(]|[\])]$", "", c.strip()).strip(" -–") for c in said]
     units = (units + [""] * len(header))[: len(header)] if said is not None else []
-    return Layout(header, units, [own for own in between if not _are_words(own[1])] + rows[data:])
+    return Layout(header, units, [own for own in between if not _describes(own[1])] + rows[data:])
 
 
 def numbered_columns(count: int) -> list[str]:
@@ -211,22 +223,65 @@ def _blocks(rows: Rows) -> list[Rows]:
     """The rows parted where, below rows of data, a header stands above others."""
     blocks: list[Rows] = []
     begin = words = 0
-    seen = False
+    first = next((i for i, (_, row) in enumerate(rows) if is_data(row)), len(rows))
+    headers = [_bare(row) for _, row in rows[:first]]
     for i, (_, row) in enumerate(rows):
         if _are_words(row):
             continue
-        if seen and words < i and is_data(row) and any(_heads(above, row) for _, above in rows[words:i]):
-            blocks.append(rows[begin:words])
-            begin = words
-        seen = seen or is_data(row)
+        if first < words < i and is_data(row):
+            below = itertools.takewhile(lambda own: not _are_words(own[1]), rows[i : i + _SAMPLED])
+            other = _width(rows[max(begin, words - _SAMPLED) : words]) != _width(below)
+            between = [row for _, row in rows[words:i]]
+            titled = rows[words][0] > rows[words - 1][0] + 1 and any(_filled(own) == 1 for own in between)
+            told = other or titled or any(map(_are_units, between))
+            if any(
+                _heads(names, row) and (told or _bare(names) in headers or _are_known(names))
+                for names in between
+            ):
+                blocks.append(rows[begin:words])
+                begin = words
         words = i + 1
     return [*blocks, rows[begin:]]
 
 
 def _heads(names: Sequence[str], row: Sequence[str]) -> bool:
-    """Whether a row of words is a header above a row of data."""
+    """Whether a row of words may be a header above a row of data: names that differ, not marks of an overload
+    in every cell.
+    """
     least = max(2, len(_trimmed(row)) - 1)
-    return _fits(names, row) and _filled(names) >= least and not _are_units(names)
+    return _fits(names, row) and _filled(names) >= least and not _are_units(names) and _differ(names)
+
+
+def _are_known(names: Iterable[str]) -> bool:
+    """Whether any name is that of a quantity, or ends with a unit."""
+    for name in map(str.strip, names):
+        for si in _NAMED:
+            own, unit = split_unit(name, si)
+            if SPELLINGS.get(plain_name(own), "trial") != "trial":  # "Trial" also begins a remark
+                return True
+            if unit is not None and any(measures(unit, known) for known in DIMENSIONS):
+                return True
+    return False
+
+
+def _describes(row: Sequence[str]) -> bool:
+    """Whether a row right below the header says more of the columns: units, or words that differ."""
+    return _are_words(row) and (_are_units(row) or (_filled(row) > 1 and _differ(row)))
+
+
+def _differ(row: Sequence[str]) -> bool:
+    """Whether no cell but empty ones is there twice."""
+    cells = [cell.lower() for cell in _bare(row) if cell]
+    return len({*cells}) == len(cells)
+
+
+def _bare(row: Sequence[str]) -> list[str]:
+    return [cell.strip() for cell in _trimmed(row)]
+
+
+def _width(rows: Iterable[tuple[int, list[str]]]) -> int:
+    """The most cells that a row of data among these has."""
+    return max((len(_trimmed(row)) for _, row in rows if is_data(row)), default=0)
 
 
 def _odd(header: list[str], row: list[str]) -> str:
@@ -245,7 +300,7 @@ def _rows(path: Path, text: str) -> tuple[Rows, Rows]:
     delimiter = delimiter_of(text)
     rows: Rows = []
     comments: Rows = []
-    reader = csv.reader(io.StringIO(text), delimiter=delimiter)
+    reader = csv.reader(_lines(text), delimiter=delimiter)
     try:
         for row in reader:
             if said and reader.line_num <= text[: said.end()].count("\n"):
@@ -259,6 +314,15 @@ def _rows(path: Path, text: str) -> tuple[Rows, Rows]:
     except csv.Error as fault:
         raise InputError(f"{path}: row {reader.line_num}: not CSV ({fault}); export it again") from None
     return rows, comments
+
+
+def _lines(text: str) -> Iterator[str]:
+    """The lines of a text with their ends, one by one, as a stream would copy all of it."""
+    at = 0
+    while at < len(text):
+        end = text.find("\n", at) + 1 or len(text)
+        yield text[at:end]
+        at = end
 
 
 def delimiter_of(text: str) -> str:

@@ -19,6 +19,9 @@ ZIP = b"PK\x03\x04"
 NUMBERS = 50_000_000  # of a table: eight cells at 1 kHz for more than an hour and a half
 MEMORY = 4 << 30  # bytes that a reader in a process of its own may take, besides what each core asks for
 EACH_CORE = 64 << 20
+CELLS = (
+    5_000_000  # of a text that is read cell by cell; 5 million rows of one take 1.8 GB, 0.7 GB in ten columns
+)
 _REMEDY = "export fewer columns, a shorter stretch, or fewer samples"
 
 
@@ -31,6 +34,34 @@ def check_numbers(count: int, says: str) -> None:
     """
     if count > NUMBERS:
         raise InputError(f"{says}; at most {NUMBERS // 1_000_000} million numbers are read, so {_REMEDY}")
+
+
+def check_cells(path: Path, text: str, delimiters: str) -> None:
+    """InputError naming the file if a text that is read cell by cell would have more than `CELLS` cells.
+
+    Args:
+        path: of the file.
+        text: of it.
+        delimiters: what may part its cells; the most frequent counts.
+    """
+    count = text.count("\n") + max(map(text.count, delimiters))
+    if count > CELLS:
+        raise InputError(
+            f"{path}: has about {count / 1e6:.3g} million cells; at most {CELLS / 1e6:.3g} million are read "
+            "from a text that is no plain table (one header, then rows of as many cells, without quotes, "
+            f"comments, blank lines or words), so export it as one, or {_REMEDY}"
+        )
+
+
+def check_separators(path: Path, data: bytes) -> None:
+    """InputError naming the file if an expanded text has more than `NUMBERS` line breaks, commas, semicolons
+    and tabs, about as many as cells.
+    """
+    count = sum(map(data.count, (b"\n", b",", b";", b"\t")))
+    try:
+        check_numbers(count, f"expands to about {count / 1e6:.3g} million cells")
+    except InputError as fault:
+        raise InputError(f"{path}: {fault}") from None
 
 
 def check_bytes(size: int) -> None:

@@ -23,6 +23,7 @@ from .headers import (
     may_be_force,
     meant_column,
     recognised,
+    says_force,
     words_of,
 )
 from .quantities import COLUMNS, NEEDED, quantities_of, split_unit
@@ -184,7 +185,11 @@ def _counts(table: Table, index: int) -> bool:
 
 def _clock(table: Table, numbers: Mapping[int, np.ndarray]) -> int | None:
     """The one column that only rises, or repeats its stamps, and is no number of the sample."""
-    rising = [i for i, x in numbers.items() if len(x) > 2 and (np.all(np.diff(x) > 0) or is_clock(x))]
+    rising = [
+        i
+        for i, x in numbers.items()
+        if len(x) > 2 and not says_force(table, i) and (np.all(np.diff(x) > 0) or is_clock(x))
+    ]
     counted = [i for i in rising if np.all(np.diff(numbers[i]) == 1)]
     fit = [i for i in rising if i not in counted] or [i for i in rising if _says(table, i, "s")]
     return fit[0] if len(fit) == 1 else None
@@ -202,7 +207,9 @@ def _ends(
     absent = [name for name in NEEDED if name not in found]
     if not absent:
         return {}
-    columns = {i: x for i, x in numbers.items() if may_be_force(table, i) and _pulls(x)}
+    columns = {
+        i: x for i, x in numbers.items() if may_be_force(table, i) and _pulls(x, said=says_force(table, i))
+    }
     for name in NEEDED:
         if name in found:
             x = table.column(found[name][0], most_absent=1.0)
@@ -220,10 +227,12 @@ def _ends(
     return {name: (index, SIZE) for name, index in (("T_base", base), ("T_tip", tip)) if name in absent}
 
 
-def _pulls(x: np.ndarray) -> bool:
-    """Whether numbers may be tensions: no clock, and above zero they reach farther than below."""
+def _pulls(x: np.ndarray, *, said: bool) -> bool:
+    """Whether numbers may be tensions: above zero they reach farther than below, and they are no clock,
+    unless their header has `said` that they are forces, which a steady pull raises as evenly.
+    """
     low, high = np.nanpercentile(x, [_TAILS[0], _TAILS[1]])
-    return not np.all(np.diff(x) > 0) and not is_clock(x) and bool(high > -low)
+    return (said or not (np.all(np.diff(x) > 0) or is_clock(x))) and bool(high > -low)
 
 
 def _placed(found: Mapping[str, tuple[int, str]], base: int, tip: int) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 
 from gtr_jax.errors import InputError, listed
 
-from .quantities import COLUMNS, NEEDED, column_of, of_tendon, plain_name, split_unit, with_tendon
+from .quantities import COLUMNS, NEEDED, PER_TENDON, column_of, of_tendon, plain_name, split_unit, with_tendon
 from .sheet import Table
 from .units import DIMENSIONS, measures
 
@@ -74,6 +74,13 @@ def missing(
     ended = [header for header in names if re.match(rf"{re.escape(column.header)}\.\w", header)]
     if not tendon and ended:
         names = [header.rpartition(".")[2] for header in ended]
+        heads = "|".join(re.escape(column_of(q).header) for q in PER_TENDON)
+        tendon_names = {h.rpartition(".")[2] for h in table.header if re.match(rf"({heads})\.\w", h)}
+        if len(tendon_names) == 1:
+            return InputError(
+                f"{place}, but '{ended[0]}'; a robot's one tendon carries no name: rename the column to "
+                f"{column.header}, and likewise others that end with .{names[0]}"
+            )
         return InputError(
             f"{place}, but {listed(ended)} of several tendons; for one tendon rename its column to "
             f"{column.header}; several are named in the robot file, as [[tendons]], or in Python, "
@@ -112,10 +119,12 @@ _SIDES = {
     "T_tip": ("tip", "dist", "distal", "end", "output"),
 }
 FORCES = frozenset("t f tension force load cell loadcell tendon cable n gf g kg newton".split())
+_SURE_FORCES = frozenset("tension force load cell loadcell newton".split())  # beyond doubt
 _NO_FORCES = frozenset(
     "angle bend bending time clock temp temperature x y z pos position displacement disp stroke voltage volt "
     "v strain s ms m mm deg rad trial sample index".split()
 )
+_COUNTERS = frozenset("n no nr num number step cycle row".split())  # n_load counts the loads
 # Readings of an amplifier that are no forces until they are calibrated.
 RAW = {
     "counts": "raw counts",
@@ -161,6 +170,15 @@ def is_clock(x: np.ndarray) -> bool:
     return float(np.mean(np.abs(rises - usual) <= _EVEN * usual)) >= _MOSTLY
 
 
+def says_force(table: Table, index: int) -> bool:
+    """Whether a column says that it is a force: by its unit, or by its name where it gives no other unit."""
+    said = said_unit(table, index)
+    if said is not None and said.lower() not in RAW:
+        return measures(force_meant(said), "N")
+    words = set(words_of(table.header[index]))
+    return bool(words & _SURE_FORCES) and not words & (_COUNTERS | _NO_FORCES - {*RAW})
+
+
 def may_be_force(table: Table, index: int) -> bool:
     """Whether nothing says that a column is another quantity, or in another unit than of a force."""
     header = table.header[index]
@@ -198,7 +216,7 @@ def _is_another(table: Table, index: int, *, sided: bool) -> bool:
     if said is not None and not measures(force_meant(said), "N"):
         return any(measures(said, si) for si in DIMENSIONS if si != "N")
     try:
-        return not sided and is_clock(table.column(index, most_absent=1.0))
+        return not (sided or says_force(table, index)) and is_clock(table.column(index, most_absent=1.0))
     except InputError:
         return False
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from gtr_jax.errors import InputError, excerpt, listed
 
 from .csv_text import Layout, Rows, delimiter_of, is_data, laid_out, numbered_columns, table_of
+from .expansion import check_cells
 from .quantities import SPELLINGS, plain_name
 from .sheet import Table
 
@@ -69,6 +70,7 @@ def read_lines(path: Path, text: str, sha256: str) -> Table | None:
     if not timed and named is None:
         return None
     text = text.replace("\r\n", "\n").replace("\r", "\n")
+    check_cells(path, text, "\t;,:=| ")
     log = _log(text, timed=timed)
     layout = _cells(path, log) if named is None else _named(log, *named)
     if layout is None:

@@ -12,6 +12,7 @@ import numpy as np
 from gtr_jax.errors import InputError, excerpt, listed
 
 from .cells import Numbers, number_in, tidy
+from .expansion import check_cells
 from .sheet import Table
 
 MAGIC = "LabVIEW Measurement"
@@ -53,6 +54,7 @@ def read_lvm(path: Path, text: str, sha256: str) -> Table:
     Raises InputError naming file, row and remedy if it holds no samples, a cell is no number, or its
     stretches do not fit together.
     """
+    check_cells(path, text, "\t;,")
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     file, at = _header(lines, 1)
     separator = _SEPARATORS.get((file.get("Separator") or ["Tab"])[0].strip(), "\t")

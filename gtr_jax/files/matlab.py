@@ -91,17 +91,34 @@ def _expanded(data: bytes) -> Iterator[int]:
 
 
 def vectors_of_hdf5(data: bytes) -> tuple[str, dict[str, np.ndarray]]:
-    """The same of a file of version 7.3."""
+    """The same of a file of version 7.3.
+
+    Raises InputError also if any of it lies in another file, which whoever made it may have chosen.
+    """
     import h5py
 
     numbers: int = 0
+    again = "save it again into one"
+
+    def item_of(group: Any, name: str) -> Any:
+        """What a group holds; links to it, and numbers in other files, are not followed."""
+        link = group.get(name, getlink=True)
+        if isinstance(link, h5py.ExternalLink):
+            raise InputError(f"'{excerpt(name)}' lies in another file; {again}")
+        if not isinstance(link, h5py.HardLink):
+            raise InputError(f"'{excerpt(name)}' is a link; save the file again without it")
+        item = group[name]
+        if isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
+            raise InputError(f"'{excerpt(name)}' lies in another file; {again}")
+        return item
 
     def contents(group: Any, depth: int = 0) -> dict[str, Any]:
         nonlocal numbers
         out = {}
-        for name, item in group.items():
+        for name in group:
             numbers += 1  # a group may hold itself
             check_numbers(numbers, "has too many entries")
+            item = item_of(group, name)
             if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiub":
                 numbers += item.size or 0
                 check_numbers(numbers, f"'{excerpt(name)}' has {item.size or 0:,} numbers")

@@ -12,7 +12,7 @@ from gtr_jax.errors import InputError
 
 from .apart import Unreadable, read_apart
 from .cells import Numbers
-from .expansion import check_numbers
+from .expansion import check_bytes, check_numbers
 from .large_csv import ManyWritten
 from .sheet import Table
 
@@ -45,7 +45,7 @@ def read_parquet(path: Path, data: bytes, sha256: str) -> Table:
 def columns_of(data: bytes) -> tuple[int, list[tuple[str, np.ndarray | pl.Series]]]:
     """The number of rows, and the columns of numbers, as float64, and of text, by name.
 
-    Raises InputError if they would be too many cells.
+    Raises InputError if they would be too many cells, or too long texts.
     """
     import polars as pl
 
@@ -53,6 +53,11 @@ def columns_of(data: bytes) -> tuple[int, list[tuple[str, np.ndarray | pl.Series
     wanted = [name for name, kind in kinds.items() if _read(kind)]
     rows = pl.scan_parquet(io.BytesIO(data)).select(pl.len()).collect().item()
     check_numbers(rows * len(wanted), f"has {rows:,} rows of {len(wanted)} columns")
+    texts = [
+        pl.col(name).str.len_bytes().cast(pl.UInt64).sum() for name in wanted if kinds[name] == pl.String
+    ]
+    if texts:
+        check_bytes(sum(pl.scan_parquet(io.BytesIO(data)).select(texts).collect().row(0)))
     frame = pl.read_parquet(io.BytesIO(data), columns=wanted)
     found: list[tuple[str, np.ndarray | pl.Series]] = []
     for series in frame.get_columns():

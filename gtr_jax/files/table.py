@@ -49,6 +49,8 @@ def read_table(path: str | os.PathLike[str]) -> Table:
             raise InputError(f"{path}: a compressed recording of ROS; expand it with gunzip")
         del data
         return bags.read_bag(path, sha256)
+    if packed:
+        expansion.check_separators(path, data)
     text = text_of(path, data)
     del data
     if is_lvm(text):

@@ -320,8 +320,11 @@ def _damped(tried, x, give, least) -> Search:
 def compliance(robot: Robot) -> Float[Array, " tendons"]:
     """About how far each tendon is drawn out per tension [m/N], (tendons,), by bending and by its stretch."""
     s = sections(robot)
-    arms = jnp.sum(s.R.value**2, axis=-1).reshape(len(robot.tendons), -1)
-    bends = jnp.max(arms * jnp.max(s.compliance[:, 1:3], axis=-1)[None, :], axis=-1) * robot.backbone.length
+    nodes = len(s.mesh.s)
+    # In space a body bends about two axes, and twists and stretches besides; in the plane it bends about one.
+    bending = jnp.max(s.compliance.reshape(nodes, -1)[:, slice(1, 3) if robot.space else slice(1)], axis=-1)
+    arms = jnp.sum(s.R.value.reshape(len(robot.tendons), nodes, -1) ** 2, axis=-1)
+    bends = jnp.max(arms * bending[None, :], axis=-1) * robot.backbone.length
     one = jnp.ones(2)
     ends = jnp.stack([jnp.zeros(()), robot.backbone.length])
     stretch = [stretch_of((_strung(t),), ends, one, one) for t in robot.tendons]

@@ -120,8 +120,8 @@ class _Row(NamedTuple):
 
 
 class _Given(NamedTuple):
-    """Numbers of a robot: at its nodes; its tendons where they may stretch by themselves, else none; and
-    their typical compliance [m/N], (tendons,), where displacement drives any, else None.
+    """Numbers of a robot: at its nodes; its tendons where they may stretch by themselves or displacement
+    drives any, else none; and their typical compliance [m/N], (tendons,), where it drives any, else None.
     """
 
     robot: mechanics.Robot
@@ -130,8 +130,9 @@ class _Given(NamedTuple):
 
 
 def _given(robot: Robot) -> _Given:
-    give = compliance(robot) if _drawn(robot.tendons) else None
-    return _Given(at_nodes(robot, sections(robot)), robot.tendons if robot.space else (), give)
+    drawn = _drawn(robot.tendons)
+    tendons = robot.tendons if robot.space or drawn else ()
+    return _Given(at_nodes(robot, sections(robot)), tendons, compliance(robot) if drawn else None)
 
 
 def _drawn(tendons: tuple[Tendon, ...]) -> bool:
