@@ -290,7 +290,8 @@ def test_command_writes_a_whole_run_folder(files, capsys):
     more = ["--unit", "in", *(["--step"] if stepped else [])]
     done = run_gtr(capsys, "design", files / "robot.toml", files / "target.toml", "-o", out, *more)
     assert done.status == 0, done.err
-    assert done.out.startswith("reached: bend: reached to ")
+    assert done.out.startswith("reached: bend: with the friction coefficient known to ")
+    assert "by the numbers of the file alone reached to " in done.out
     drawing = filemanagement.readfile(out / "channel.dxf")
     assert drawing.units == units.IN
     assert {"BODY", "CHANNEL", "WALL_LIMIT", "DIMENSIONS"} <= {e.dxf.layer for e in drawing.modelspace()}
