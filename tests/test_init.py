@@ -99,7 +99,7 @@ def test_a_file_of_knots_is_read_wherever_the_user_has_it(tmp_path, capsys, monk
         said = ["--tendons", "a,b", "--channel", f"table file={file}"]
         outcome = run_gtr(capsys, "init", robot, "--yes", "--force", *said)
         assert outcome.status == 0, outcome.err
-        assert [len(tendon.routing.knots) for tendon in gtr.load_config(robot).tendons] == [3, 3]
+        assert [len(t.routing.model_dump()["knots"]) for t in gtr.load_config(robot).tendons] == [3, 3]
     knots.unlink()
     outcome = run_gtr(capsys, "init", robot, "--yes", "--force", "--channel", f"table file={knots}")
     assert outcome.status != 0 and str(knots) in outcome.err
