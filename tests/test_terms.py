@@ -160,8 +160,10 @@ def test_sharp_reversals_with_short_presliding_converge(robot, elements):
 
 def test_what_does_not_converge_is_flagged(robot):
     run = gtr.simulate(robot.with_values(**{"presliding.length": 1e-7}), way(0, 24, 3, steps=3))
-    assert not bool(run.converged.all())
-    assert np.all(np.asarray(run.residual_norm)[~np.asarray(run.converged)] > 1e-9)
+    missed, flagged = np.asarray(run.residual_norm) > 1e-9, ~np.asarray(run.converged)
+    assert missed.any() and np.all(flagged[missed])
+    # Friction follows the slip, so that what was missed is never known to be forgotten.
+    np.testing.assert_array_equal(flagged, np.arange(len(missed)) >= np.argmax(missed))
 
 
 def test_viscoelastic_limits(robot):
