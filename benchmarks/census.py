@@ -33,6 +33,7 @@ import numpy as np
 
 import gtr_jax as gtr
 from gtr_jax.files.config import parse_config
+from gtr_jax.mechanics import March
 from gtr_jax.mechanics.channel import tangent_lead
 from gtr_jax.mechanics.mesh import increments
 from gtr_jax.robot.robot import Robot, sections
@@ -306,7 +307,8 @@ def examined(d: Drawn, robot: Robot, run: Simulation) -> Seen:
     left = [work[k : k + 2 * LEG].sum() - (U[k + 2 * LEG] - U[k]) for k in (LEG, 3 * LEG)]
     pull = max(np.abs(work[:LEG]).sum(), 1e-15)
     return Seen(
-        unsettled=int((~settled).sum()),
+        # Not those that are flagged because they follow one.
+        unsettled=int((~(np.asarray(run.residual_norm) <= March().atol)).sum()),
         finite=bool(np.all(finite | ~settled)),
         against=float(max(0.0, np.max(-way * np.diff(tip)))) / top,
         above=float(np.max((tip - T)[: LEG + 1])) / top,
