@@ -11,6 +11,7 @@ from pathlib import Path
 from gtr_jax.errors import InputError, excerpt
 
 VARIABLE = "GTR_JAX_ROOT"  # a folder from which files may be named too
+SHIPPED = Path(__file__).resolve().parents[1] / "examples"  # of this package, to which examples/ links
 LARGEST = 256 << 20  # bytes of a file that another one names
 
 _CHOSEN: contextvars.ContextVar[frozenset[Path]] = contextvars.ContextVar("chosen", default=frozenset())
@@ -45,7 +46,7 @@ def referenced(name: str, folder: Path, where: str) -> Path:
     path, stated = folder / name, os.environ.get(VARIABLE)
     try:
         resolved = path.resolve()
-        roots = [folder.resolve(), *([Path(stated).resolve()] if stated else [])]
+        roots = [folder.resolve(), SHIPPED, *([Path(stated).resolve()] if stated else [])]
         found = resolved.stat() if resolved.exists() else None
     except (OSError, ValueError, RuntimeError):  # a name with a null byte, a link to itself
         raise InputError(f"{place}'{excerpt(name)}' cannot be the name of a file; correct it") from None
