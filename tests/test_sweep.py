@@ -349,7 +349,8 @@ file = "h.csv"
         ("mu,E[mm]\n0.3,1\n", "not a unit of a pressure"),
         ("mu,mu\n0.3,0.3\n", "stands twice"),
         ("mu,nu\n0.3,0.3\n", "no parameter 'nu'"),
-        ("mu\nnan\n", "expected a number"),
+        ("mu\n0.3\nnan\n", "expected a number"),
+        ("mu\nnan\n", "holds no column of numbers"),
         ("pull,release\n10,2\n20,21\n", "history.release: must lie between"),
     ],
 )
