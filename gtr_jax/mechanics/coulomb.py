@@ -24,6 +24,9 @@ from .sections import Sections
 PRESLIDING = 2e-6
 STRETCH = 1e-4  # strain of a tendon at T_unit, about that of a steel wire
 SMALLEST_ARM = 1e-3  # of the length: least moment arm from which T_unit is computed
+EXACT = 1e-8 * PRESLIDING  # what is left of the slip over the length at which a search ends
+# Of every ROUND Newton steps the first WHOLE are full and the others SHORT of that, which breaks cycles.
+ROUND, WHOLE, SHORT = 30, 18, 0.4
 LEFT = 1.0 + 1e-9  # |xi| just beyond the limit of friction, where a step from stick to slip is cut
 
 

@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .bodies import chords_of
 from .case import Case, Grip
-from .coulomb import PRESLIDING, kept_near
+from .coulomb import EXACT, ROUND, SHORT, WHOLE, kept_near
 from .grip import left_of, march_gripped, solved_linear
 from .lanes import in_lanes_of
 from .march import Closing, Passed, march, march_differenced, march_plainly, passed
@@ -37,12 +37,7 @@ MOST_CLOSINGS = 60  # most searches of a step until the chords of guided tendons
 STRAIGHT = 1e-4  # h sqrt(T/EI) below which a tendon does not bend a segment
 LEAST_STIFF = 0.05  # least sin x/x with which a chord is corrected
 FINER = 4  # factor on the number of parts of a load step that could not be solved
-EXACT = (
-    1e-8 * PRESLIDING
-)  # slip left over the length at which the search for the grip of several tendons ends
-# Its most steps for a part of the load step; of every ROUND the first WHOLE are full and the others SHORT of
-# that, which breaks cycles.
-MOST_GRIPS, ROUND, WHOLE, SHORT = 64, 30, 18, 0.4
+MOST_GRIPS = 64  # most steps of the search for the grip of several tendons, for a part of the load step
 MOST_SLIDING = 4  # most parts in which a step is tried as foretold
 
 

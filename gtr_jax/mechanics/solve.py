@@ -199,15 +199,11 @@ def _gripped_jvp(case: Case, case_dot: Case, found: Found):
     (_, out), linear = jax.linearize(at, moving, *point)
     still = jtu.tree_map(jnp.zeros_like, point)
     (left, at_tip), _ = linear(case_dot, *still)
-    m = jax.lax.stop_gradient(march_gripped(*_at_grip(case, point[0]), point[1], found.kappa, True))
+    grip, by_xi = grip_of(case, found.grip.xi)
+    march = march_gripped(with_grip(case, grip), by_xi, found.unknowns, found.kappa, True)
+    m = jax.lax.stop_gradient(march)
     _, out_dot = linear(case_dot, *solved_linear(m.linear, left, at_tip))
     return _with_tangents(found, out, out_dot)
-
-
-def _at_grip(case: Case, xi: Float[Array, "N *tendons"]):
-    """The load step in which friction grips as at xi, and how that changes with xi."""
-    grip, by_xi = grip_of(case, xi)
-    return with_grip(case, grip), by_xi
 
 
 def _with_tangents(found: Found, out: tuple[Memory, State], out_dot: tuple[Memory, State]):

@@ -32,18 +32,27 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
 from .. import channel
-from ..coulomb import PRESLIDING, STRETCH, kept_near, mobilisation, slip_of_law, unit_tension
+from ..coulomb import (
+    EXACT,
+    PRESLIDING,
+    ROUND,
+    SHORT,
+    STRETCH,
+    WHOLE,
+    kept_near,
+    mobilisation,
+    slip_of_law,
+    unit_tension,
+)
 from ..mesh import Mesh, shifted
 from ..sections import State, at_tendons, largest
 from ..tangents import split_tangents
 from .adjoint import CausalAdjoint
 from .problem import Problem, residual, tension_of
 
-TOLERANCE, EXACT = 1e-3 * PRESLIDING, 1e-8 * PRESLIDING  # mismatch: solved; search ends
+TOLERANCE = 1e-3 * PRESLIDING  # mismatch at which it is solved
 MAX_STEPS = 64  # most Newton steps of one search
 MOST_PARTS = 64  # most parts of the change of base tension
-# Of every ROUND Newton steps the first WHOLE are full and the others SHORT of that, which breaks cycles.
-ROUND, WHOLE, SHORT = 30, 18, 0.4
 
 
 class Kept(eqx.Module):
