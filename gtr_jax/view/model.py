@@ -188,7 +188,7 @@ class Curves:
         displacement: drawn out at the base [m], (K, tendons).
         tip_angle: against the base tangent [rad], in space between the tangents, (K,).
         most: largest tension anywhere along the tendons [N].
-        failed: how many steps did not converge.
+        failed: how many steps did not converge; numbers outside physics are a fault of the robot instead.
     """
 
     robot: Robot
@@ -243,7 +243,7 @@ def simulated(setting: Setting, history: History) -> Curves:
         displacement=_columns(run.displacement),
         tip_angle=_tip_angle(run),
         most=float(np.nanmax(np.asarray(run.tension))),
-        failed=int(np.sum(~(np.asarray(run.converged) & (True if met is None else met)))),
+        failed=int(np.sum(~(np.asarray(run.solved) & (True if met is None else met)))),
     )
 
 
