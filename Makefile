@@ -23,7 +23,7 @@ demo: $(DEV) ## simulate, fit and diagnose the examples that ship with the packa
 	$(BIN)/gtr demo -o demo-out
 
 paper: $(DEV) ## reproduce the paper into paper-out/, and write its page of the docs again
-	$(BIN)/gtr paper -o paper-out
+	$(BIN)/python -m benchmarks.paper -o paper-out
 	mkdir -p docs/paper
 	cp paper-out/paper.md docs/
 	cp paper-out/paper/*.png docs/paper/

@@ -32,7 +32,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import gtr_jax as gtr
-from gtr_jax.files.config import parse_config
+from gtr_jax.config.config import parse_config
 from gtr_jax.mechanics import March
 from gtr_jax.mechanics.channel import tangent_lead
 from gtr_jax.mechanics.mesh import increments

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 import gtr_jax as gtr
-from gtr_jax.files.config import config_text, parse_config
+from gtr_jax.config.config import config_text, parse_config
 from gtr_jax.interpreters import surroundings
 
 from . import measure, systems
@@ -24,7 +24,7 @@ from .speed import SAMPLES, Metric
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
-COMMAND = "import sys; from gtr_jax.cli import main; sys.exit(main())"
+COMMAND = "import sys; from gtr_jax.app.cli import main; sys.exit(main())"
 MU, RATIO, NOISE_N, NOISE_BASE_N = 0.25, 0.9, 0.05, 0.02
 
 

@@ -33,8 +33,8 @@ from design.problem import DesignProblem, problem_of
 from design.search import ARRIVED, FEW_STEPS, SearchResult, find, without_goal
 from design.space import on_common_mesh
 from design.starts import put_in_order, starts
+from gtr_jax.config.config import RobotConfig, load_config, parse_config
 from gtr_jax.errors import InputError
-from gtr_jax.files.config import RobotConfig, load_config, parse_config
 
 from . import measure
 

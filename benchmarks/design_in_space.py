@@ -27,8 +27,8 @@ from design.pose import DIRECTION
 from design.problem import DesignProblem, problem_of
 from design.search import find
 from design.starts import put_in_order
+from gtr_jax.config.config import RobotConfig, load_config, parse_config
 from gtr_jax.errors import InputError
-from gtr_jax.files.config import RobotConfig, load_config, parse_config
 
 from . import measure
 

@@ -1,4 +1,4 @@
-"""Which spoilt readings the rule of `gtr_jax.files.glitches` finds, and what it masks wrongly:
+"""Which spoilt readings the rule of `gtr_jax.recordings.cleaning.glitches` finds, and what it masks wrongly:
 `python -m benchmarks.glitches` writes results/glitches.md; `... SEED COUNT` prints the same of others.
 
 Recordings are driven, disturbed and read as in the blind benchmark (`blind/hand.py`, `events.py`,
@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gtr_jax.files.glitches import find_glitches
+from gtr_jax.recordings.cleaning.glitches import find_glitches
 
 from .blind import events
 from .blind.hand import drive, log_uniform

@@ -24,7 +24,7 @@ from scipy import stats
 
 import calibrate
 import gtr_jax as gtr
-from gtr_jax.files.whole import write_whole
+from gtr_jax.atomic_write import write_whole
 from gtr_jax.interpreters import started_safely
 
 from .blind import answers, cases

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 
 import gtr_jax as gtr
+from gtr_jax.app.view.histories import History, pull_and_release, recorded, usual_pull
+from gtr_jax.app.view.model import Setting, simulated
+from gtr_jax.app.view.postures import drawing
 from gtr_jax.interpreters import python, surroundings
-from gtr_jax.view.histories import History, pull_and_release, recorded, usual_pull
-from gtr_jax.view.model import Setting, simulated
-from gtr_jax.view.postures import drawing
 
 from .browser import chromium, found
 from .speed import Metric

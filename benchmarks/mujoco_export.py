@@ -14,8 +14,8 @@ import numpy as np
 from scipy.optimize import root
 
 import gtr_jax as gtr
+from gtr_jax.config.config import RobotConfig, load_config, parse_config
 from gtr_jax.export.mjcf import mjcf, shares_left
-from gtr_jax.files.config import RobotConfig, load_config, parse_config
 
 from . import measure
 

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array
 
 import gtr_jax as gtr
-from calibrate.diagnosis.rig import programs_of
+from calibrate.inference.simulated_rig import programs_of
 from gtr_jax.kept import Kept
 from gtr_jax.mechanics import Structure
 from gtr_jax.simulation.history import loads_of

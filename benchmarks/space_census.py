@@ -29,7 +29,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import gtr_jax as gtr
-from gtr_jax.files.config import parse_config
+from gtr_jax.config.config import parse_config
 from gtr_jax.mechanics.mesh import increments
 from gtr_jax.robot.robot import Robot, sections
 

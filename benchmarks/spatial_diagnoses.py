@@ -19,8 +19,8 @@ import numpy as np
 
 import calibrate
 import gtr_jax as gtr
-from gtr_jax.files.config import parse_config
-from gtr_jax.files.whole import write_whole
+from gtr_jax.atomic_write import write_whole
+from gtr_jax.config.config import parse_config
 
 from .spatial_fits import DRAWN, FORCE, LENGTH, OUTER_RADIUS, PLACE
 from .spatial_machine import Arms

@@ -21,8 +21,8 @@ from scipy.spatial.transform import Rotation
 
 import calibrate
 import gtr_jax as gtr
-from gtr_jax.files.config import parse_config
-from gtr_jax.files.whole import write_whole
+from gtr_jax.atomic_write import write_whole
+from gtr_jax.config.config import parse_config
 
 from .spatial_machine import LINKS, Arms, Run, simulate
 

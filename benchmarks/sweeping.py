@@ -20,7 +20,7 @@ import numpy as np
 import tomli_w
 
 import gtr_jax as gtr
-from gtr_jax.files.config_file import read_toml
+from gtr_jax.config.toml_file import read_toml
 from gtr_jax.sweep import parse_sweep, task_of
 from gtr_jax.sweep import task as sweep_task
 from gtr_jax.sweep.lanes import Lanes

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gtr_jax import Robot, build_robot
-from gtr_jax.files.config import parse_config
+from gtr_jax.config.config import parse_config
 
 
 class System(NamedTuple):

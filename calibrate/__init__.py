@@ -2,10 +2,10 @@
 
 from typing import TYPE_CHECKING, Any
 
-from .estimate import Estimate, Profile
-from .fit import fit
-from .posterior_draws import Posterior
-from .result import FitResult, FittedChannel, FittedRecording
+from .fitting.fit import fit
+from .fitting.result import FitResult, FittedChannel, FittedRecording
+from .inference.estimate import Estimate, Profile
+from .inference.posterior_draws import Posterior
 
 if TYPE_CHECKING:
     from .diagnosis import Diagnosis, diagnose

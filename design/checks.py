@@ -13,9 +13,9 @@ from typing import NoReturn
 
 import numpy as np
 
+from gtr_jax.config.config import RobotConfig
 from gtr_jax.errors import InputError, did_you_mean
-from gtr_jax.files.config import RobotConfig
-from gtr_jax.files.units import to_si
+from gtr_jax.units import to_si
 
 from .checks_in_space import check_axes, check_pulls
 from .target import FAMILIES, Goal, PoseTarget, ShapeTarget, TargetConfig

@@ -10,8 +10,8 @@ from typing import NoReturn
 
 import numpy as np
 
+from gtr_jax.config.config import RobotConfig
 from gtr_jax.errors import did_you_mean
-from gtr_jax.files.config import RobotConfig
 
 from .target import TargetConfig
 from .tensions import pull_of

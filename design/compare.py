@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from gtr_jax.files.config import RobotConfig
+from gtr_jax.config.config import RobotConfig
 
 from .option import Option, judge
 from .problem import DesignProblem

@@ -9,8 +9,8 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 
+from gtr_jax.config.config import RobotConfig
 from gtr_jax.export.unloaded import Unloaded, unloaded
-from gtr_jax.files.config import RobotConfig
 from gtr_jax.robot.build import build_robot
 
 from .limits import stations_of

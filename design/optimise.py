@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from gtr_jax.config.config import RobotConfig, load_config
 from gtr_jax.errors import InputError
-from gtr_jax.files.config import RobotConfig, load_config
 
 from .binding import binding_of, relaxations
 from .compare import compare

@@ -10,8 +10,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.files.config import RobotConfig
-from gtr_jax.files.numbers import quantity
+from gtr_jax.config.config import RobotConfig
+from gtr_jax.numbers import quantity
 from gtr_jax.robot.robot import Robot
 
 from . import limits as L

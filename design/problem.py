@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gtr_jax.files.config import RobotConfig
+from gtr_jax.config.config import RobotConfig
 from gtr_jax.robot.parameters import parameters_of, places_of
 from gtr_jax.robot.robot import Robot
 from gtr_jax.robot.stiffness import stiffness_of

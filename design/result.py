@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gtr_jax.files.config import RobotConfig
-from gtr_jax.files.numbers import quantity
-from gtr_jax.files.plain import plain
+from gtr_jax.config.config import RobotConfig
 from gtr_jax.notebook import drawn_by
+from gtr_jax.numbers import quantity
+from gtr_jax.to_jsonable import plain
 
 from .compare import Comparison
 from .distinct import by_loss

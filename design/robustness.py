@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.files.numbers import number
+from gtr_jax.numbers import number
 
 from .model import states_of
 from .objective import at_draw

@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from gtr_jax.config.checks import outer_radius_at
+from gtr_jax.config.config import RobotConfig, parse_config
+from gtr_jax.config.routings import SPATIAL
+from gtr_jax.config.toml_file import place_of
 from gtr_jax.errors import InputError, did_you_mean
-from gtr_jax.files.config import RobotConfig, parse_config
-from gtr_jax.files.config_checks import outer_radius_at
-from gtr_jax.files.config_file import place_of
-from gtr_jax.files.routings import SPATIAL
-from gtr_jax.files.units import DIMENSIONS, convert, display_of, to_si
 from gtr_jax.robot.build import build_robot, choose_intervals
 from gtr_jax.robot.clearance import place_in_section
 from gtr_jax.robot.parameters import Parameter, parameter, parameters_of
 from gtr_jax.robot.robot import Robot
+from gtr_jax.units import DIMENSIONS, convert, display_of, to_si
 
 from .target import SPLINE, T_BASE, TargetConfig, is_tension
 from .tensions import Pull, pulls_of

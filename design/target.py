@@ -12,11 +12,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, StrictInt, StrictStr, Tag
 
-from gtr_jax.files.config_file import read_toml
-from gtr_jax.files.routings import SPATIAL
-from gtr_jax.files.section import Section
-from gtr_jax.files.sections import FileSection
-from gtr_jax.files.units import Unit
+from gtr_jax.config.routings import SPATIAL
+from gtr_jax.config.section import Section
+from gtr_jax.config.sections import FileSection
+from gtr_jax.config.toml_file import read_toml
+from gtr_jax.units import Unit
 
 Length = Annotated[float, Unit("m")]
 Angle = Annotated[float, Unit("rad")]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from gtr_jax.files.config import RobotConfig
+from gtr_jax.config.config import RobotConfig
 
 from .target import TargetConfig
 

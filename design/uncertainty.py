@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from gtr_jax.config.config import RobotConfig
 from gtr_jax.errors import InputError
-from gtr_jax.files.config import RobotConfig
-from gtr_jax.files.text import read_text
+from gtr_jax.recordings.formats.text import read_text
 from gtr_jax.robot.parameters import STIFFNESS
 
 from .target import TargetConfig

@@ -11,7 +11,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from gtr_jax.files.config import RobotConfig
+from gtr_jax.config.config import RobotConfig
 from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.channel_table import channel_curve
 

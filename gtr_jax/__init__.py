@@ -23,11 +23,11 @@ set_up()
 
 if TYPE_CHECKING:
     from .cache import enable_cache
+    from .config.config import RobotConfig, dump_config, load_config
     from .errors import InputError
-    from .files.config import RobotConfig, dump_config, load_config
-    from .files.recording import Recording, read_recording, write_recording
     from .inspection.inspection import Inspection, inspect
     from .mechanics.structure import March
+    from .recordings.recording import Recording, read_recording, write_recording
     from .robot.backbone import Backbone
     from .robot.build import build_robot, load_robot
     from .robot.parameters import Parameter, parameters_of
@@ -46,8 +46,8 @@ if TYPE_CHECKING:
 FILES = {
     "cache": ("enable_cache",),
     "errors": ("InputError",),
-    "files.config": ("RobotConfig", "dump_config", "load_config"),
-    "files.recording": ("Recording", "read_recording", "write_recording"),
+    "config.config": ("RobotConfig", "dump_config", "load_config"),
+    "recordings.recording": ("Recording", "read_recording", "write_recording"),
     "inspection.inspection": ("Inspection", "inspect"),
     "mechanics.structure": ("March",),
     "robot.backbone": ("Backbone",),

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import pytest
 
-from gtr_jax.cli import main
+from gtr_jax.app.cli import main
 
 
 class Outcome(NamedTuple):

@@ -12,7 +12,7 @@ import jax
 import pytest
 
 import gtr_jax
-from gtr_jax.files.config import parse_config
+from gtr_jax.config.config import parse_config
 
 # Nearly all of the time goes into compiling: without optimisation it takes half as long, and runs take twice.
 # A worker inherits them.

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gtr_jax.files.recording import Recording
+from gtr_jax.recordings.recording import Recording
 
 MU_THETA = 0.5
 

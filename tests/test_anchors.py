@@ -13,7 +13,7 @@ HISTORY = np.array([0.0, 2.0, 4.0, 6.0, 5.5, 4.0, 2.0])
 @pytest.fixture(scope="module")
 def runs():
     """A body whose tendon ends at 200 of 250 mm, and one that is 200 mm long."""
-    from gtr_jax.files.config import parse_config
+    from gtr_jax.config.config import parse_config
 
     found = []
     for length, turns, to in ((0.25, 1.0, 0.2), (0.2, 0.8, None)):

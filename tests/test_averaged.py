@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.stats import norm, truncnorm
 
-from calibrate.diagnosis import averaged as subject
-from calibrate.diagnosis.averaged import averaged
-from calibrate.diagnosis.hypotheses import Hypothesis
-from calibrate.diagnosis.marginal import Marginal
-from calibrate.diagnosis.model import Fitted, Point, model_of
-from calibrate.diagnosis.models import BELIEVED, HOW_MANY, Models
-from calibrate.number import Number
+from calibrate.diagnosis.evidence import averaged as subject
+from calibrate.diagnosis.evidence.averaged import averaged
+from calibrate.diagnosis.evidence.marginal import Marginal
+from calibrate.diagnosis.evidence.models import BELIEVED, HOW_MANY, Models
+from calibrate.diagnosis.hypotheses.hypotheses import Hypothesis
+from calibrate.diagnosis.hypotheses.model import Fitted, Point, model_of
+from calibrate.inference.number import Number
 
 MU = Number(name="mu", unit="", centre=0.2, sd=0.5, log=False)
 N_OF_OTHERS = 4

@@ -9,11 +9,18 @@ import pytest
 import calibrate
 import gtr_jax as gtr
 from benchmarks.coverage import Case, noisy, outcome, recorded
-from calibrate.coordinates import coordinates, places
-from calibrate.number import number_at
-from calibrate.predictor import Predictor
-from calibrate.readings import BaseTension, estimate_base, exact, sharpened, straighten, turning_points
-from calibrate.weighing import Weighing
+from calibrate.inference.coordinates import coordinates, places
+from calibrate.inference.number import number_at
+from calibrate.inference.predictor import Predictor
+from calibrate.inference.weighing import Weighing
+from gtr_jax.recordings.base_tension import (
+    BaseTension,
+    estimate_base,
+    exact,
+    sharpened,
+    straighten,
+    turning_points,
+)
 from gtr_jax.robot.parameters import parameter
 
 HOLDS = np.concatenate(

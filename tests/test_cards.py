@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 import gtr_jax as gtr
 from calibrate.report.cards import diagnosis_card, fit_card
 from design.report.design import design_table
-from gtr_jax.files.config import load_config
+from gtr_jax.config.config import load_config
 from gtr_jax.plots.straight import plot_straight
 from gtr_jax.report import object_cards
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibrate.verdict import CHANCE, by_chance
+from calibrate.fitting.verdict import CHANCE, by_chance
 
 
 @pytest.mark.parametrize(("degrees", "of_noise", "among"), [(40, 60, 1), (12, 20, 4), (300, 150, 7)])

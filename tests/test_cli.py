@@ -25,11 +25,11 @@ from command_line import RECORDED, RECORDING, run_gtr
 from jax.experimental.compilation_cache import compilation_cache
 
 import gtr_jax as gtr
+from gtr_jax.app.cli import cli
+from gtr_jax.app.cli.progress import Progress
 from gtr_jax.cache import cache_folder, enable_cache
-from gtr_jax.cli import cli
-from gtr_jax.cli.progress import Progress
+from gtr_jax.config.schema import json_schema
 from gtr_jax.examples import SIMULATED
-from gtr_jax.files.schema import json_schema
 
 SIMULATION_FILES = {
     *("loop.png", "shape.png", "tension.png", "report.html", "robot.toml", "run.json"),
@@ -61,7 +61,7 @@ def run(tmp_path, monkeypatch, capsys):
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory):
     """One run folder of `gtr simulate`, to look at."""
-    from gtr_jax.cli import main
+    from gtr_jax.app.cli import main
 
     folder = tmp_path_factory.mktemp("simulated") / "out"
     assert main(["simulate", str(SIMULATED), *LOOP, "-o", str(folder)]) == 0
@@ -71,7 +71,7 @@ def simulated(tmp_path_factory):
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory):
     """One run folder of `gtr fit`, on part of the shipped recording."""
-    from gtr_jax.cli import main
+    from gtr_jax.app.cli import main
 
     place = tmp_path_factory.mktemp("fitted")
     lines = RECORDING.read_text().splitlines(keepends=True)
@@ -189,7 +189,7 @@ def test_answer_goes_to_stdout(run):
 
 
 def test_rigid_sheath(run, tmp_path, make_config):
-    from gtr_jax.files.config import dump_config
+    from gtr_jax.config.config import dump_config
 
     sheath = {"length": 1.0, "outer_radius": 0.002, "natural_curvature": 11.7, "rigid": True}
     config = make_config(backbone=sheath, routing={"kind": "parallel", "offset": 0.0})
@@ -428,7 +428,7 @@ def test_an_interrupt_leaves_everything_as_it_was(when, run, tmp_path, monkeypat
 # A shell that starts the tests in the background has them ignore the signal.
 HEEDED = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
 # What the script `gtr` does.
-COMMAND = "import sys; sys.argv[0] = 'gtr'\nfrom gtr_jax.cli import main; raise SystemExit(main())"
+COMMAND = "import sys; sys.argv[0] = 'gtr'\nfrom gtr_jax.app.cli import main; raise SystemExit(main())"
 INTERRUPTED = (
     HEEDED
     + "from gtr_jax.interruption import interruption\ninterruption.install(); interruption.running = True\n"
@@ -670,7 +670,7 @@ def test_progress_is_silent_when_quick(stream):
 
 
 def test_progress_speaks_in_lines(monkeypatch):
-    monkeypatch.setattr("gtr_jax.cli.progress.PAUSE", 0.01)
+    monkeypatch.setattr("gtr_jax.app.cli.progress.PAUSE", 0.01)
     screen = io.StringIO()
     with Progress(screen, patience=0.01) as progress:
         time.sleep(0.05)

@@ -9,8 +9,9 @@ import pytest
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.diagnosis import decide, further
-from calibrate.diagnosis.locate import between_samples
+from calibrate.diagnosis.decision import decide
+from calibrate.diagnosis.likelihood.locate import between_samples
+from calibrate.diagnosis.search import forward_search as further
 
 # Recordings of the machine of the blind benchmark, of seeds that it does not score.
 DATA = Path(__file__).parent / "data/combined"

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gtr_jax.config.channel_check import check_channel
+from gtr_jax.config.config import dump_config, load_config, parse_config
+from gtr_jax.config.schema import json_schema
+from gtr_jax.config.sections import LoadsConfig
 from gtr_jax.errors import InputError, InputWarning
-from gtr_jax.files.channel_check import check_channel
-from gtr_jax.files.config import dump_config, load_config, parse_config
-from gtr_jax.files.schema import json_schema
-from gtr_jax.files.sections import LoadsConfig
-from gtr_jax.files.units import convert, parse_quantity, quantity_text, to_si
 from gtr_jax.terms import REGISTRY
+from gtr_jax.units import convert, parse_quantity, quantity_text, to_si
 
 SHARED_ROBOTS = sorted((Path(__file__).parents[2] / "shared/data").glob("**/robot.toml"))
 
@@ -513,7 +513,7 @@ def test_a_sheath_needs_no_modulus():
 def test_schema_in_the_docs_is_current():
     assert (
         json.loads(SCHEMA.read_text(encoding="utf-8")) == json_schema()
-    )  # renew: python -m gtr_jax.files.schema
+    )  # renew: python -m gtr_jax.config.schema
 
 
 def test_schema_admits_numbers_and_unit_strings():

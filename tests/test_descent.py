@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibrate import start
-from calibrate.conclusion import _failure
-from calibrate.descent import Descent, Objective, descend
+from calibrate.fitting import start
+from calibrate.fitting.summary import _failure
+from calibrate.inference.descent import Descent, Objective, descend
 from gtr_jax.robot.parameters import Parameter
 from gtr_jax.terms import REGISTRY
 

@@ -177,7 +177,7 @@ def test_what_is_within_a_tolerance_of_possible_is_not_refused(make_config):
 
 
 def test_robots_that_cannot_be_designed(make_config):
-    from gtr_jax.files.config import load_config, parse_config
+    from gtr_jax.config.config import load_config, parse_config
 
     with pytest.raises(InputError, match="give the tension of each"):
         problem_of(
@@ -224,7 +224,7 @@ def test_route_reads_back_and_drawings_are_at_scale(tmp_path, make_config):
     (tmp_path / "route.csv").write_text(route_csv(drawn))
     data = config.model_dump(mode="json", by_alias=True, exclude_none=True)
     data["routing"] = {"kind": "table", "file": "route.csv"}
-    from gtr_jax.files.config import parse_config
+    from gtr_jax.config.config import parse_config
 
     robot = gtr.build_robot(parse_config(data, folder=tmp_path))
     one, other = (gtr.equilibrium(r, 20.0).tip_pose for r in (robot, gtr.build_robot(config)))

@@ -17,7 +17,7 @@ from design.option import look_at, off_by
 from design.problem import problem_of
 from design.search import ARRIVED, find, losses
 from design.space import on_common_mesh
-from gtr_jax.files.units import quantity_text
+from gtr_jax.units import quantity_text
 from tests.conftest import CROSS, PARALLEL, SINE, WAVE
 
 LIMITS = {"wall_clearance": "1.5 mm", "min_channel_radius": "10 mm", "max_tension_loss": 0.8}

@@ -9,7 +9,7 @@ import pytest
 import calibrate
 import gtr_jax as gtr
 from gtr_jax.__main__ import main
-from gtr_jax.files.config import parse_config
+from gtr_jax.config.config import parse_config
 
 PULLS = np.concatenate([np.linspace(0.0, 2.5, 14), np.linspace(2.4, 0.2, 12)])
 NOISE = np.deg2rad(0.1)

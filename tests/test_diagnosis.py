@@ -15,11 +15,10 @@ from command_line import run_gtr
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.diagnosis import decide
-from calibrate.diagnosis.bench import Bench
-from calibrate.diagnosis.cache import SimulationCache
-from calibrate.diagnosis.experiment import propose
-from calibrate.diagnosis.hypotheses import (
+from calibrate.diagnosis.answer.sentence import sentence, sets_in_words
+from calibrate.diagnosis.decision import decide
+from calibrate.diagnosis.evidence.models import Models
+from calibrate.diagnosis.hypotheses.hypotheses import (
     EVENTS,
     Hypothesis,
     base_numbers,
@@ -27,22 +26,23 @@ from calibrate.diagnosis.hypotheses import (
     may_join,
     number_of,
 )
-from calibrate.diagnosis.load_histories import checks, further, menu
-from calibrate.diagnosis.locate import cycles_of, ratio_of_branches
-from calibrate.diagnosis.model import Fitted
-from calibrate.diagnosis.models import Models
-from calibrate.diagnosis.patterns import Pattern, pattern_in
+from calibrate.diagnosis.hypotheses.model import Fitted
+from calibrate.diagnosis.likelihood.likelihood import Bench
+from calibrate.diagnosis.likelihood.locate import cycles_of, ratio_of_branches
+from calibrate.diagnosis.outside.patterns import Pattern, pattern_in
 from calibrate.diagnosis.prepare import prepare
-from calibrate.diagnosis.rig import Rig, at_samples, between
-from calibrate.diagnosis.screen import screen
-from calibrate.diagnosis.sentence import sentence, sets_in_words
-from calibrate.diagnosis.ways_to_drive import turned, weighed, weight_to_hang
-from calibrate.fit import part_of
-from calibrate.number import Number
-from calibrate.readings import exact
-from calibrate.readings.noise import Noise, of_residual
-from calibrate.weighing import Weighing
-from gtr_jax.files.config import parse_config
+from calibrate.diagnosis.screening.screen import screen
+from calibrate.fitting.fit import part_of
+from calibrate.inference.number import Number
+from calibrate.inference.simulated_rig import Rig, at_samples, between
+from calibrate.inference.simulation_cache import SimulationCache
+from calibrate.inference.weighing import Weighing
+from calibrate.planning.experiment import propose
+from calibrate.planning.load_histories import checks, further, menu
+from calibrate.planning.ways_to_drive import turned, weighed, weight_to_hang
+from gtr_jax.config.config import parse_config
+from gtr_jax.recordings.base_tension import exact
+from gtr_jax.recordings.signals.noise import Noise, of_residual
 from gtr_jax.simulation.natively import Brief
 from gtr_jax.simulation.sensing import cells_show
 from gtr_jax.terms import REGISTRY
@@ -604,7 +604,7 @@ def test_friction_of_the_speed_takes_several_steps_for_each_sample(make_robot, m
     by_samples = gtr.simulate(robot.with_values(**values), T, time=clock)
     assert np.max(np.abs(want - by_samples.T_tip)) > 0.05
     # No more than so many in all.
-    monkeypatch.setattr("calibrate.diagnosis.rig.MOST_STEPS", 2 * len(T) - 1)
+    monkeypatch.setattr("calibrate.inference.simulated_rig.MOST_STEPS", 2 * len(T) - 1)
     seen = Rig(part, robot)(values)
     assert seen is not None
     np.testing.assert_allclose(seen.values[row], by_samples.T_tip, atol=1e-8)
@@ -625,7 +625,7 @@ def test_the_file_of_steps_is_left_where_no_answer_was_written(tmp_path, monkeyp
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("gtr_jax.cli.diagnose.write_answer", interrupt)
+    monkeypatch.setattr("gtr_jax.app.cli.diagnose.write_answer", interrupt)
     outcome = run_gtr(capsys, *given)
     assert outcome.status == 130 and "goes on from there" in outcome.err
     assert (tmp_path / ".out.steps").exists() and not out.exists()

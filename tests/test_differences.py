@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from calibrate.readings import noise as of_readings
-from gtr_jax.files.differences import MAD_TO_SD, from_differences, third_differences
 from gtr_jax.inspection.noise import noise
+from gtr_jax.recordings.signals import noise as of_readings
+from gtr_jax.recordings.signals.differences import MAD_TO_SD, from_differences, third_differences
 
 
 def test_third_differences_cancel_what_is_smooth():

@@ -12,11 +12,11 @@ from command_line import run_gtr
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.diagnosis.locate import locate, mu_by_stratum
+from calibrate.diagnosis.answer.robots import _labels
+from calibrate.diagnosis.likelihood.locate import locate, mu_by_stratum
 from calibrate.diagnosis.prepare import Prepared, prepare
-from calibrate.diagnosis.rig import Rig
-from calibrate.diagnosis.robots import _labels
-from calibrate.number import values_in
+from calibrate.inference.number import values_in
+from calibrate.inference.simulated_rig import Rig
 from gtr_jax.simulation.history import padded_length
 from gtr_jax.simulation.sensing import cells_show
 from gtr_jax.terms import REGISTRY

@@ -12,9 +12,12 @@ from test_averaged import Linear
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.diagnosis import discovery
-from calibrate.diagnosis.decide import DISCOVERED
-from calibrate.diagnosis.discovery import (
+from calibrate.diagnosis.answer.result import Diagnosis
+from calibrate.diagnosis.decision.decide import DISCOVERED
+from calibrate.diagnosis.evidence.models import Models
+from calibrate.diagnosis.hypotheses.hypotheses import base_numbers, is_friction, is_stiffness
+from calibrate.diagnosis.laws import discovery
+from calibrate.diagnosis.laws.discovery import (
     Candidate,
     Felt,
     _elsewhere,
@@ -28,9 +31,7 @@ from calibrate.diagnosis.discovery import (
     promising,
     with_laws,
 )
-from calibrate.diagnosis.heldout import _when_known, folds
-from calibrate.diagnosis.hypotheses import base_numbers, is_friction, is_stiffness
-from calibrate.diagnosis.law_forms import (
+from calibrate.diagnosis.laws.forms import (
     FORMS,
     coordinates,
     forms_for,
@@ -39,16 +40,15 @@ from calibrate.diagnosis.law_forms import (
     smooth_of,
     waves,
 )
-from calibrate.diagnosis.law_found import _curve, with_law
-from calibrate.diagnosis.law_places import Place, places
-from calibrate.diagnosis.models import Models
+from calibrate.diagnosis.laws.found import _curve, with_law
+from calibrate.diagnosis.laws.places import Place, places
+from calibrate.diagnosis.likelihood.held_out import _when_known, folds
 from calibrate.diagnosis.prepare import prepare
-from calibrate.diagnosis.result import Diagnosis
-from calibrate.diagnosis.rig import Rig
-from calibrate.fit import part_of
-from calibrate.number import Number
-from gtr_jax.files.config import config_text, parse_config
-from gtr_jax.files.law_section import LawSection
+from calibrate.fitting.fit import part_of
+from calibrate.inference.number import Number
+from calibrate.inference.simulated_rig import Rig
+from gtr_jax.config.config import config_text, parse_config
+from gtr_jax.config.law_section import LawSection
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import Native, _needed, ready
 from gtr_jax.simulation.programs import structure_with

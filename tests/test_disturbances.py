@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from rigs import pulled, ramps
 
-from calibrate.diagnosis.bench import without_zero
-from calibrate.diagnosis.decide import least_drop
-from calibrate.diagnosis.disturbances import FEW, behind_gaps, disturbances, within
-from calibrate.diagnosis.leave_out import ASKED, Stretch, without
-from calibrate.readings import estimate_base, straighten, with_slow_noise
-from calibrate.readings.slow import NONE, slow_noise
-from calibrate.setup import Part
-from calibrate.weighing import Weighing
+from calibrate.diagnosis.decision.decide import least_drop
+from calibrate.diagnosis.likelihood.likelihood import without_zero
+from calibrate.diagnosis.outside.disturbances import FEW, behind_gaps, disturbances, within
+from calibrate.diagnosis.outside.leave_out import ASKED, Stretch, without
+from calibrate.inference.setup import Part
+from calibrate.inference.weighing import Weighing
+from gtr_jax.recordings.base_tension import estimate_base, straighten, with_slow_noise
+from gtr_jax.recordings.base_tension.slow import NONE, slow_noise
 
 RATE = 50.0
 NOISE = 0.02

@@ -15,7 +15,7 @@ from test_readme import said
 
 from benchmarks import inclusions
 from gtr_jax import load_config
-from gtr_jax.cli import cli
+from gtr_jax.app.cli import cli
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -162,7 +162,7 @@ def test_thresholds_of_the_diagnosis_are_those_of_the_code():
     stated = THRESHOLD.findall(page)
     assert len(stated) > 30
     for module, name, place, value in stated:
-        package = "calibrate.readings" if module == "noise" else "calibrate.diagnosis"
+        package = "gtr_jax.recordings.base_tension" if module == "noise" else "calibrate.diagnosis"
         there = getattr(importlib.import_module(f"{package}.{module}"), name)
         there = there[int(place)] if place else there
         said = 1e-4 if value == "10⁻⁴" else float(value)

@@ -8,9 +8,9 @@ import pytest
 from command_line import run_gtr
 from ezdxf import filemanagement, units
 
+from gtr_jax.config.config import config_text, load_config, parse_config
 from gtr_jax.errors import InputError, InputWarning
 from gtr_jax.export.dxf import dxf
-from gtr_jax.files.config import config_text, load_config, parse_config
 from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.clearance import place_in_section
 from tests.conftest import PARALLEL, SINE

@@ -11,27 +11,20 @@ import pytest
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.diagnosis import decide, further
+from calibrate.diagnosis.decision import decide
 from calibrate.diagnosis.diagnose import _on_all
-from calibrate.diagnosis.episodes import (
-    ALONE,
-    RELAXES,
-    SLIPPING,
-    TOGETHER,
-    _kind,
-    _runs,
-    episodes,
-)
-from calibrate.diagnosis.heldout import _when_known
-from calibrate.diagnosis.hypotheses import EVENTS, Hypothesis
-from calibrate.diagnosis.leave_out import ASKED, Stretch, asked_for, from_outside, left_out, without
-from calibrate.diagnosis.models import Models
+from calibrate.diagnosis.evidence.models import Models
+from calibrate.diagnosis.hypotheses.hypotheses import EVENTS, Hypothesis
+from calibrate.diagnosis.likelihood.held_out import _when_known
+from calibrate.diagnosis.outside.episodes import ALONE, RELAXES, SLIPPING, TOGETHER, _kind, _runs, episodes
+from calibrate.diagnosis.outside.leave_out import ASKED, Stretch, asked_for, from_outside, left_out, without
 from calibrate.diagnosis.prepare import Prepared, prepare
-from calibrate.number import Number
-from calibrate.readings import exact
-from calibrate.setup import Part
+from calibrate.diagnosis.search import forward_search as further
+from calibrate.inference.number import Number
+from calibrate.inference.setup import Part
 from gtr_jax import InputError, Recording
-from gtr_jax.files.config import parse_config
+from gtr_jax.config.config import parse_config
+from gtr_jax.recordings.base_tension import exact
 
 K = 400
 ALL = np.ones(K, bool)

@@ -13,8 +13,8 @@ import gtr_jax as gtr
 from benchmarks.blind import machine
 from benchmarks.sliding import DT
 from benchmarks.sliding import sampled as history
+from gtr_jax.config.config import load_config, parse_config
 from gtr_jax.examples import CONCEALED_ROBOT
-from gtr_jax.files.config import load_config, parse_config
 from gtr_jax.mechanics import events
 from tests.test_blind import ARM
 

@@ -8,6 +8,7 @@ from command_line import run_gtr
 from ezdxf import filemanagement, units
 from ezdxf.enums import InsertUnits
 
+from gtr_jax.config.config import load_config
 from gtr_jax.errors import InputError
 from gtr_jax.export import lines
 from gtr_jax.export import step as step_file
@@ -16,7 +17,6 @@ from gtr_jax.export.spline import fitted
 from gtr_jax.export.step import occ, step
 from gtr_jax.export.unit import METRES
 from gtr_jax.export.unloaded import unloaded
-from gtr_jax.files.config import load_config
 from tests.conftest import PARALLEL, ROUTINGS, SINE
 
 HELIX = "examples/helix.toml"

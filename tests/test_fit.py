@@ -9,11 +9,11 @@ import pytest
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.coordinates import coordinates, places
-from calibrate.number import number_at
-from calibrate.predictor import Predictor
-from calibrate.readings import noise
-from calibrate.start import thin
+from calibrate.fitting.start import thin
+from calibrate.inference.coordinates import coordinates, places
+from calibrate.inference.number import number_at
+from calibrate.inference.predictor import Predictor
+from gtr_jax.recordings.signals import noise
 from gtr_jax.robot.parameters import parameter
 from tests.conftest import PARALLEL, SINE
 

@@ -13,12 +13,12 @@ from command_line import run_gtr
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.answer import TIP_CELL, Judged
-from calibrate.identifiability import _measurements
-from calibrate.readings import exact
-from calibrate.result import FittedChannel
-from calibrate.tipless import without_tip
-from gtr_jax.files.thinning import thinned
+from calibrate.fitting.identifiability import _measurements
+from calibrate.fitting.result import FittedChannel
+from calibrate.fitting.without_tip_tension import without_tip
+from calibrate.inference.answer import TIP_CELL, Judged
+from gtr_jax.recordings.base_tension import exact
+from gtr_jax.recordings.thinning import thinned
 from gtr_jax.simulation.markers import marker_places
 from tests.conftest import PARALLEL
 

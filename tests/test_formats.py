@@ -10,10 +10,10 @@ import pytest
 from test_recording import EXPORTED, EXPORTS
 
 from gtr_jax.errors import InputError
-from gtr_jax.files import expansion, large_csv
-from gtr_jax.files.apart import read_apart
-from gtr_jax.files.recording import read_recording
-from gtr_jax.files.table import read_table
+from gtr_jax.recordings.formats import expansion, large_csv
+from gtr_jax.recordings.formats.subprocess_reader import read_apart
+from gtr_jax.recordings.formats.table import read_table
+from gtr_jax.recordings.recording import read_recording
 
 T = np.linspace(0, 1, 50)
 DATA = {"time_s": T, "T_base_N": 10 * np.sin(3 * T) ** 2, "T_tip_N": 6 * np.sin(3 * T) ** 2}
@@ -382,7 +382,7 @@ def test_texts_of_very_many_cells_are_refused(tmp_path, monkeypatch):
 
 
 def test_a_bag_of_very_many_numbers(tmp_path, monkeypatch):
-    from gtr_jax.files import bags
+    from gtr_jax.recordings.formats import bags
 
     path = tmp_path / "run.bag"
     bag(path, "bag")

@@ -22,12 +22,12 @@ import pytest
 import tomli_w
 
 from design.target import load_target, target_text
+from gtr_jax.config.config import config_text, load_config
 from gtr_jax.errors import InputError
-from gtr_jax.files import large_csv
-from gtr_jax.files.columns import read_columns, write_columns
-from gtr_jax.files.config import config_text, load_config
-from gtr_jax.files.recording import read_recording
-from gtr_jax.files.table import read_table
+from gtr_jax.recordings.columns import read_columns, write_columns
+from gtr_jax.recordings.formats import large_csv
+from gtr_jax.recordings.formats.table import read_table
+from gtr_jax.recordings.recording import read_recording
 from gtr_jax.robot.build import load_robot
 from gtr_jax.sweep.axes import axes_of
 from gtr_jax.sweep.config import load_sweep, sweep_text

@@ -11,10 +11,10 @@ import pytest
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.diagnosis.hypotheses import base_numbers, catalogue
-from calibrate.setup import check_tension
+from calibrate.diagnosis.hypotheses.hypotheses import base_numbers, catalogue
+from calibrate.inference.setup import check_tension
+from gtr_jax.config.config import parse_config
 from gtr_jax.errors import InputError
-from gtr_jax.files.config import parse_config
 from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.parameters import parameter
 from gtr_jax.robot.stiffness import largest_modulus, stiffness_of, strain_per_tension

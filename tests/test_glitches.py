@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks import glitches as rigs
-from gtr_jax.files.excursions import LONGEST
-from gtr_jax.files.glitches import find_glitches
-from gtr_jax.files.recording import read_recording
+from gtr_jax.recordings.cleaning.excursions import LONGEST
+from gtr_jax.recordings.cleaning.glitches import find_glitches
+from gtr_jax.recordings.recording import read_recording
 
 ROOT = Path(__file__).parents[1]
 SHARED = ROOT.parent / "shared/data"

@@ -6,7 +6,7 @@ import pytest
 from scipy.optimize import brentq
 
 import gtr_jax as gtr
-from calibrate.free import free_of
+from calibrate.inference.free import free_of
 from gtr_jax.sweep import load_sweep, task_of
 from gtr_jax.terms import hyperelastic
 from gtr_jax.terms.term import Bent

@@ -8,10 +8,10 @@ import pytest
 
 import calibrate
 import gtr_jax as gtr
-from calibrate import identifiability
-from calibrate.identifiability import remedy, singular
+from calibrate.fitting import identifiability
+from calibrate.fitting.identifiability import remedy, singular
 from calibrate.planning import open_files, plan
-from gtr_jax.files.config import dump_config
+from gtr_jax.config.config import dump_config
 from tests.rigs import recording
 
 SHEATH: Any = {"length": 1.0, "outer_radius": 0.002, "natural_curvature": 2.0, "rigid": True}

@@ -6,9 +6,9 @@ import pytest
 from click.testing import CliRunner
 
 import gtr_jax as gtr
-from gtr_jax.cli import cli
-from gtr_jax.files.new_robot import asks, kinds
-from gtr_jax.files.routings import ROUTINGS
+from gtr_jax.app.cli import cli
+from gtr_jax.config.new_robot import asks, kinds
+from gtr_jax.config.routings import ROUTINGS
 from tests.command_line import run_gtr
 
 
@@ -223,7 +223,7 @@ def test_a_length_of_many_metres_is_pointed_out(init):
 def test_a_command_that_writes_a_file_does_not_speak_of_run_folders(command, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     if command[0] == "export":
-        monkeypatch.setattr("gtr_jax.files.config.load_config", interrupted)
+        monkeypatch.setattr("gtr_jax.config.config.load_config", interrupted)
     monkeypatch.setattr("click.termui.visible_prompt_func", interrupted)
     outcome = run_gtr(capsys, *command)
     assert outcome.status == 130

@@ -12,7 +12,6 @@ import pytest
 from command_line import run_gtr
 from rigs import CYCLE, REST, ramps, recorded
 
-from gtr_jax.files.recording import read_recording, write_recording
 from gtr_jax.inspection.cycles import PULL, RELEASED
 from gtr_jax.inspection.delay import LEAST_SD
 from gtr_jax.inspection.noise import NEARLY_ALL, PIECE
@@ -21,6 +20,7 @@ from gtr_jax.inspection.slip import OF_NOISE, SLIPS, STEP
 from gtr_jax.inspection.still import BAND, OF_RAMP, SAMPLES, SECONDS, SHARE
 from gtr_jax.inspection.stuck import CHANCE
 from gtr_jax.inspection.zero import NEAR
+from gtr_jax.recordings.recording import read_recording, write_recording
 
 ROOT = Path(__file__).parents[1]
 GF = 9.80665e-3
@@ -185,7 +185,7 @@ def test_bad_input_ends_in_one_line(capsys, tmp_path, text, message):
 
 def test_the_command_needs_no_jax(recording, tmp_path):
     code = (
-        "import sys; from gtr_jax.cli import main;"
+        "import sys; from gtr_jax.app.cli import main;"
         f"status = main(['inspect', {str(recording)!r}, '-o', {str(tmp_path / 'look')!r}]);"
         "print(status, sorted({'jax', 'equinox', 'scipy.signal', 'pandas'} & {*sys.modules}))"
     )

@@ -8,8 +8,6 @@ import pytest
 from rigs import CYCLE, MU_THETA, REST, pulled, ramps, recorded, recording
 
 from gtr_jax.errors import InputError
-from gtr_jax.files.differences import from_differences
-from gtr_jax.files.recording import read_recording, write_recording
 from gtr_jax.inspection.inspection import inspect
 from gtr_jax.inspection.mapping import Mapping
 from gtr_jax.inspection.noise import noise, resolution
@@ -18,8 +16,10 @@ from gtr_jax.inspection.report.inspection import inspection_report
 from gtr_jax.inspection.sampling import sampling
 from gtr_jax.inspection.slip import PULLING, RELEASING, TRANSITION
 from gtr_jax.inspection.still import still
-from gtr_jax.inspection.stretches import runs
-from gtr_jax.inspection.turning import MOST, extremes, turning_points, turns_of_long
+from gtr_jax.recordings.recording import read_recording, write_recording
+from gtr_jax.recordings.signals.differences import from_differences
+from gtr_jax.recordings.signals.stretches import runs
+from gtr_jax.recordings.signals.turning import MOST, extremes, turning_points, turns_of_long
 
 THREE = ramps(REST, *CYCLE, *CYCLE, *CYCLE)
 

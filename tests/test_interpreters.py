@@ -48,7 +48,7 @@ def test_a_table_is_read_by_no_code_of_its_folder(handed_over, beside):
     """Also by a process that has the current folder first on its path, as a notebook has."""
     script = handed_over.parent / "script.py"
     late = "sys.path.insert(0, '')" if beside else ""
-    script.write_text(f"import sys, struct, socket, random, gtr_jax.files.recording\n{late}\n{READ}\n")
+    script.write_text(f"import sys, struct, socket, random, gtr_jax.recordings.recording\n{late}\n{READ}\n")
     env = os.environ | {"PYTHONPATH": ROOT}
     done = subprocess.run([sys.executable, script], env=env, capture_output=True, text=True, timeout=120)
     assert done.stdout.startswith("6.3"), done.stderr
@@ -61,7 +61,7 @@ def test_the_command_runs_no_code_of_the_current_folder(handed_over, module):
     for name in ("gtr_jax", "calibrate"):  # which `python -m gtr_jax` itself would run
         (handed_over / f"{name}.py").unlink()
     script = handed_over.parent / "gtr"  # as pip writes it
-    script.write_text("import sys\nfrom gtr_jax.cli import main\nsys.exit(main())\n")
+    script.write_text("import sys\nfrom gtr_jax.app.cli import main\nsys.exit(main())\n")
     start, more = (["-m", "gtr_jax"], "") if module else ([script], os.pathsep)
     env = os.environ | {"PYTHONPATH": f"{ROOT}{more}"}
     done = subprocess.run(

@@ -12,14 +12,14 @@ import pytest
 import calibrate
 import gtr_jax as gtr
 from benchmarks import intervals
-from calibrate.diagnosis.bench import DISCRETE, noise_in
-from calibrate.diagnosis.rig import Rig
-from calibrate.estimate import shares_of_variance
-from calibrate.readings import exact
-from calibrate.readings.noise import Noise
-from calibrate.setup import Part
-from calibrate.weighing import Weighing
-from gtr_jax.files.config import parse_config
+from calibrate.diagnosis.likelihood.likelihood import DISCRETE, noise_in
+from calibrate.inference.estimate import shares_of_variance
+from calibrate.inference.setup import Part
+from calibrate.inference.simulated_rig import Rig
+from calibrate.inference.weighing import Weighing
+from gtr_jax.config.config import parse_config
+from gtr_jax.recordings.base_tension import exact
+from gtr_jax.recordings.signals.noise import Noise
 from tests.conftest import SINE
 
 RIG = Path(__file__).parents[1] / "examples/rig"

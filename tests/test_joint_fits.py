@@ -15,12 +15,12 @@ import pytest
 import calibrate
 import gtr_jax as gtr
 from benchmarks.coverage import RUNS
-from calibrate import readings
-from calibrate.estimate import uncertainty
-from calibrate.free import free_of
-from calibrate.identifiability import axes
-from calibrate.posterior import potential_of
-from gtr_jax.files.config import parse_config
+from calibrate.fitting.identifiability import axes
+from calibrate.inference.estimate import uncertainty
+from calibrate.inference.free import free_of
+from calibrate.inference.posterior import potential_of
+from gtr_jax.config.config import parse_config
+from gtr_jax.recordings import base_tension as readings
 
 PULLED = np.concatenate([np.linspace(0, 40, 41), np.linspace(40, 5, 36)[1:], np.linspace(5, 25, 11)[1:]])
 POSE = ("tip_x", "tip_y", "tip_angle", "displacement")
@@ -262,7 +262,7 @@ def test_the_sampler_sees_the_sum_of_squares_that_is_minimised(tdcm, monkeypatch
     rng = np.random.default_rng(3)
     noisy = dataclasses.replace(rec, T_base=history + rng.normal(0, 0.05, len(history)))
     seen = []
-    module = sys.modules["calibrate.fit"]  # calibrate.fit is the function
+    module = sys.modules["calibrate.fitting.fit"]
     monkeypatch.setattr(module, "sample", lambda setup, answer: seen.append((setup, answer)))
     fit = calibrate.fit(tdcm, noisy, free=("mu", "E"), sampled=True)
     assert "does not determine" not in fit.verdict
@@ -317,7 +317,7 @@ def test_the_posterior_agrees_with_the_errors(tdcm, pair):
 
 
 def test_an_interrupted_profile_loses_no_fit(tdcm, monkeypatch):
-    module, count = sys.modules["calibrate.profiles"], iter(range(100))
+    module, count = sys.modules["calibrate.fitting.profiles"], iter(range(100))
 
     def interrupted(answer, i, sd):
         if next(count):

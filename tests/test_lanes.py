@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gtr_jax.mechanics.lanes import in_lanes_of
+from gtr_jax.mechanics.loop_lanes import in_lanes_of
 
 
 def summed(x, *, tied):

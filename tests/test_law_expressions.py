@@ -12,10 +12,10 @@ from laws import numbers
 
 from gtr_jax.dimension import NONE, Dimension, dimension_of_unit
 from gtr_jax.errors import InputError
-from gtr_jax.files.units import parse_any
 from gtr_jax.terms.expression import FLOOR, dimension_of, evaluate
 from gtr_jax.terms.grammar import MOST_CHARACTERS, ExpressionError, names_in, parsed
 from gtr_jax.terms.law import ACTS, CELLS, VARIABLES, Law, check_law, is_odd, term_of_law
+from gtr_jax.units import parse_any
 
 X = {"x": 0.7, "y": -1.3, "a": 2.5}
 

@@ -10,10 +10,10 @@ from command_line import run_gtr
 from laws import table
 
 import gtr_jax as gtr
+from gtr_jax.config.config import config_text, dump_config, load_config, parse_config
+from gtr_jax.config.law_section import MOST_PARAMETERS, LawSection
+from gtr_jax.config.schema import json_schema
 from gtr_jax.errors import InputError
-from gtr_jax.files.config import config_text, dump_config, load_config, parse_config
-from gtr_jax.files.law_section import MOST_PARAMETERS, LawSection
-from gtr_jax.files.schema import json_schema
 from gtr_jax.robot.parameters import parameters_of
 from gtr_jax.sweep.axes import axes_of
 from gtr_jax.sweep.config import parse_sweep

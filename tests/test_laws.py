@@ -13,11 +13,11 @@ from laws import RESTATED, table
 import calibrate
 import gtr_jax as gtr
 from benchmarks.blind import machine
-from calibrate.diagnosis.hypotheses import catalogue
-from calibrate.diagnosis.rig import PROGRAMS, program_for
+from calibrate.diagnosis.hypotheses.hypotheses import catalogue
+from calibrate.inference.simulated_rig import PROGRAMS, program_for
+from gtr_jax.config.config import load_config, parse_config
+from gtr_jax.config.law_section import LawSection
 from gtr_jax.examples import CONCEALED_ROBOT
-from gtr_jax.files.config import load_config, parse_config
-from gtr_jax.files.law_section import LawSection
 from gtr_jax.simulation.history import loads_of, reading
 from gtr_jax.simulation.natively import steps_natively
 from gtr_jax.simulation.programs import structure_of, structure_with

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibrate.least_squares import BY_DIFFERENCES, WITH_DERIVATIVES, LinearModel, Rules, minimise
+from calibrate.inference.least_squares import BY_DIFFERENCES, WITH_DERIVATIVES, LinearModel, Rules, minimise
 
 BROYDEN = Rules(BY_DIFFERENCES, tries=6, longest=1.5, settled=1e-12, updated=True)
 PLAIN = Rules(WITH_DERIVATIVES)

@@ -79,7 +79,7 @@ def test_a_folder_moved_aside_gets_its_name_back(tmp_path, ended):
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from gtr_jax.cli.run_folder import RunFolder
+from gtr_jax.app.cli.run_folder import RunFolder
 from gtr_jax.leftovers import replaced_whole
 with RunFolder(Path("out"), {}, with_jax=False).write() as part, replaced_whole("file") as whole:
     (part / "report.html").write_text("half")
@@ -89,7 +89,7 @@ with RunFolder(Path("out"), {}, with_jax=False).write() as part, replaced_whole(
 
 
 def test_the_next_run_removes_what_a_killed_one_left(tmp_path, monkeypatch):
-    from gtr_jax.cli.run_folder import RunFolder
+    from gtr_jax.app.cli.run_folder import RunFolder
 
     subprocess.run([sys.executable, "-c", KILLED], cwd=tmp_path, timeout=120)
     assert len([*tmp_path.glob(".*.part")]) == 2

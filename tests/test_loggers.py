@@ -16,13 +16,13 @@ import pytest
 from command_line import run_gtr
 
 from gtr_jax.errors import InputError
-from gtr_jax.files import expansion, large_csv
-from gtr_jax.files.columns import read_columns
-from gtr_jax.files.guessing import guess
-from gtr_jax.files.recording import read_recording
-from gtr_jax.files.table import read_table
 from gtr_jax.inspection.inspection import inspect
 from gtr_jax.inspection.mapping import mapping as mapping_of
+from gtr_jax.recordings.columns import read_columns
+from gtr_jax.recordings.formats import expansion, large_csv
+from gtr_jax.recordings.formats.table import read_table
+from gtr_jax.recordings.guessing import guess
+from gtr_jax.recordings.recording import read_recording
 
 LOGGERS = Path(__file__).parent / "data" / "loggers"
 # Files of the sheath, the mapping that each needs, and its samples.

@@ -9,16 +9,20 @@ from test_episodes import SHEATH, K, bench_of, part
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.diagnosis.bench import Bench
-from calibrate.diagnosis.episodes import AFTER_GAP, episodes
-from calibrate.diagnosis.hypotheses import INSTRUMENT_NUMBERS, instrument_numbers, zero_drift
-from calibrate.diagnosis.leave_out import from_outside
-from calibrate.diagnosis.rig import Rig
-from calibrate.diagnosis.samples import MOST, corners, some_samples
-from calibrate.fit import part_of
-from calibrate.readings import exact
+from calibrate.diagnosis.hypotheses.hypotheses import (
+    INSTRUMENT_NUMBERS,
+    instrument_numbers,
+    zero_drift,
+)
+from calibrate.diagnosis.likelihood.likelihood import Bench
+from calibrate.diagnosis.outside.episodes import AFTER_GAP, episodes
+from calibrate.diagnosis.outside.leave_out import from_outside
+from calibrate.fitting.fit import part_of
+from calibrate.inference.samples import MOST, corners, some_samples
+from calibrate.inference.simulated_rig import Rig
 from gtr_jax import Recording
-from gtr_jax.files.config import parse_config
+from gtr_jax.config.config import parse_config
+from gtr_jax.recordings.base_tension import exact
 
 CONFIG = parse_config(SHEATH)
 

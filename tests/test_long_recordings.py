@@ -8,10 +8,10 @@ import pytest
 import calibrate
 import gtr_jax as gtr
 from benchmarks.coverage import Case, noisy, recorded
-from calibrate.coordinates import coordinates, places
-from calibrate.number import number_at
-from calibrate.predictor import Predictor
-from calibrate.readings import estimate_base, exact
+from calibrate.inference.coordinates import coordinates, places
+from calibrate.inference.number import number_at
+from calibrate.inference.predictor import Predictor
+from gtr_jax.recordings.base_tension import estimate_base, exact
 from gtr_jax.robot.parameters import parameter
 
 

@@ -9,11 +9,11 @@ from command_line import RECORDED, RECORDING, run_gtr
 from test_recording import GIRAFFE, GIRAFFE_COLUMNS, GOOD, fault, write
 
 from gtr_jax.errors import InputError
-from gtr_jax.files.columns import columns_text, read_columns, write_columns
-from gtr_jax.files.masking import Masked, masked_says
-from gtr_jax.files.recording import guess, read_recording
-from gtr_jax.files.table import read_table
-from gtr_jax.files.thinning import thinned, thinned_says
+from gtr_jax.recordings.cleaning.masking import Masked, masked_says
+from gtr_jax.recordings.columns import columns_text, read_columns, write_columns
+from gtr_jax.recordings.formats.table import read_table
+from gtr_jax.recordings.recording import guess, read_recording
+from gtr_jax.recordings.thinning import thinned, thinned_says
 
 K = 300
 TIME = 0.01 * np.arange(K)
@@ -330,7 +330,7 @@ def long(K):
 
 
 def test_thinned_recordings_keep_their_corners(tmp_path):
-    from gtr_jax.files.recording import Recording
+    from gtr_jax.recordings.recording import Recording
 
     K, most = 100_000, 2000
     corners, base, data = long(K)

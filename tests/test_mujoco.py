@@ -184,7 +184,7 @@ def test_what_is_left_out_is_said(make_config, capsys, tmp_path):
     config = make_config(routing=PARALLEL, terms=terms)
     assert left_out(config) == ["friction", "presliding"]
     assert left_out(config, friction_at=5.0)[0].startswith("friction's course")
-    from gtr_jax.files.config import dump_config
+    from gtr_jax.config.config import dump_config
 
     dump_config(config, tmp_path / "robot.toml")
     done = run_gtr(capsys, "export", tmp_path / "robot.toml", "-o", tmp_path / "robot.xml", "--links", "4")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import gtr_jax as gtr
-from calibrate.diagnosis.rig import EVERY, program_for
+from calibrate.inference.simulated_rig import EVERY, program_for
 from gtr_jax.mechanics import in_order
 from gtr_jax.native import program, values
 from gtr_jax.simulation.history import loads_of

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import gtr_jax as gtr
-from calibrate.diagnosis.lanes import in_lanes, simulated
+from calibrate.inference.side_by_side import in_lanes, simulated
 from gtr_jax.native import program
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import LANES, Native, Run, ready, steps_natively

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 import gtr_jax as gtr
-from calibrate.diagnosis.settled import settled
-from calibrate.number import Number
+from calibrate.diagnosis.answer.earlier import settled
+from calibrate.inference.number import Number
 from calibrate.planning import open_files, open_folder, plan
 from calibrate.planning.candidates import candidates
 from calibrate.planning.disturbed import corners, disturbances, whitening
 from calibrate.planning.model import OpenModel
 from calibrate.planning.outcome import Trial, Weighed
 from calibrate.planning.worth import apart, sd_after, separations, worth_of_narrowing
-from gtr_jax.cli.next import rig_files
-from gtr_jax.files.config import dump_config
+from gtr_jax.app.cli.next import rig_files
+from gtr_jax.config.config import dump_config
 from tests.command_line import RECORDED, RECORDING, run_gtr
 
 SHEATH = {
@@ -353,9 +353,9 @@ def test_an_interval_narrows_as_the_plan_says(sheath, tmp_path, capsys):
 def test_the_command_at_the_end_maps_each_recording_as_it_is(given, each, tmp_path):
     """The mapping of the recordings so far does not fit the columns that the new one is asked for."""
 
-    from gtr_jax.cli.next import again
-    from gtr_jax.files.quantities import QUATERNION, column_of
-    from gtr_jax.files.recording import read_recording
+    from gtr_jax.app.cli.next import again
+    from gtr_jax.recordings.formats.quantities import QUATERNION, column_of
+    from gtr_jax.recordings.recording import read_recording
 
     opened: Any = SimpleNamespace(
         command=f"gtr fit robot.toml one.csv two.csv {given} --free mu -o out --force",

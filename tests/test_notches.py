@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 import calibrate
 import gtr_jax as gtr
-from gtr_jax.files.config import parse_config
+from gtr_jax.config.config import parse_config
 from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.notches import remaining
 from gtr_jax.robot.overlap import impossible

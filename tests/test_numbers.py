@@ -9,7 +9,7 @@ import pytest
 import gtr_jax as gtr
 from calibrate.report.fit import detectable, interval
 from gtr_jax.examples import SIMULATED
-from gtr_jax.files.numbers import measured, measured_quantity, number, quantity
+from gtr_jax.numbers import measured, measured_quantity, number, quantity
 from gtr_jax.terms import REGISTRY
 
 

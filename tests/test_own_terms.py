@@ -122,7 +122,7 @@ def test_another_null_of_the_form_is_tried_as_well():
 
 
 def test_terms_are_registered_before_robot_files_are_read():
-    import gtr_jax.files.sections  # noqa: F401
+    import gtr_jax.config.sections  # noqa: F401
 
     with pytest.raises(InputError, match=r"robot files are read already.*right after 'import gtr_jax'"):
         register_term(BASE)
@@ -204,8 +204,8 @@ if factor:
     gtr.enable_cache()  # before or after terms are registered
     gtr.register_term(Term(id="my-drag", quantities=(size,), drag=lambda p, at: factor * p["size"], **words))
 
-from gtr_jax.files.config import load_config
-from gtr_jax.files.schema import json_schema
+from gtr_jax.config.config import load_config
+from gtr_jax.config.schema import json_schema
 from gtr_jax.robot.build import build_robot
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import steps_natively

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from test_averaged import Linear, effect
 
-from calibrate.diagnosis.pairs import SURPLUS, promising
-from calibrate.diagnosis.screen import Screened, Try, screen
-from calibrate.diagnosis.search import Start, raced
-from calibrate.number import Number
+from calibrate.diagnosis.screening.pairs import SURPLUS, promising
+from calibrate.diagnosis.screening.screen import Screened, Try, screen
+from calibrate.diagnosis.search.search import Start, raced
+from calibrate.inference.number import Number
 
 
 def linear(sizes, columns, seed=5):

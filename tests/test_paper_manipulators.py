@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import gtr_jax as gtr
-from gtr_jax.paper import histories, loads, manipulators
-from gtr_jax.paper.manipulators import NAMES, PUBLISHED, case_of, robot_of, stacked, template
+from benchmarks.paper import histories, loads, manipulators
+from benchmarks.paper.manipulators import NAMES, PUBLISHED, case_of, robot_of, stacked, template
 
 MU, E = 0.356, 1.06e6
 

@@ -1,4 +1,4 @@
-"""`gtr paper`: everything at once, and the page of the docs, whose numbers it must give again."""
+"""`make paper`: everything at once, and the page of the docs, whose numbers it must give again."""
 
 import json
 import re
@@ -7,7 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_line import run_gtr
+
+from benchmarks.paper.__main__ import paper
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs/paper.md"
@@ -30,10 +31,9 @@ def test_the_numbers_of_a_page_are_read_as_printed():
 
 
 @pytest.mark.slow
-def test_the_page_of_the_docs_is_what_the_command_writes(tmp_path, monkeypatch, capsys):
+def test_the_page_of_the_docs_is_what_the_command_writes(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    outcome = run_gtr(capsys, "paper", "-o", "out")
-    assert outcome.status == 0, outcome.err
+    assert paper.main(["-o", "out"], standalone_mode=False) == 0
     written, kept = ((f / "paper.md").read_text(encoding="utf-8") for f in (tmp_path / "out", ROOT / "docs"))
     assert NUMBER.sub("#", written) == NUMBER.sub("#", kept), "run `make paper` and commit docs/"
     for one, other in zip(NUMBER.findall(written), NUMBER.findall(kept), strict=True):

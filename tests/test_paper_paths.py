@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import gtr_jax as gtr
-from gtr_jax.paper import printed
-from gtr_jax.paper.paths import (
+from benchmarks.paper import printed
+from benchmarks.paper.paths import (
     HALF_DIGIT,
     PUBLISHED_LOSS,
     SEGMENTS,

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from calibrate import parallel
+from calibrate.inference import parallel
 
 
 def test_results_come_in_order_and_faults_come_through():

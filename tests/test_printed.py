@@ -110,7 +110,7 @@ def test_a_report_is_drawn_as_before_after_print():
 
 
 def test_figures_without_an_effect_are_refused():
-    from gtr_jax.cli.sweep import _check_figures
+    from gtr_jax.app.cli.sweep import _check_figures
 
     _check_figures((), False, {"--dry-run": True})
     with pytest.raises(InputError, match="--figures: has no effect with --no-plot"):
@@ -123,6 +123,6 @@ def test_every_command_that_draws_an_answer_writes_figures():
     import importlib
 
     for name in ("simulate", "fit", "diagnose", "sweep", "design"):
-        command = getattr(importlib.import_module(f"gtr_jax.cli.{name}"), name)
+        command = getattr(importlib.import_module(f"gtr_jax.app.cli.{name}"), name)
         (option,) = [p for p in command.params if "--figures" in p.opts]
         assert tuple(option.type.choices) == module.FORMATS, name

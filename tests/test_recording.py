@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gtr_jax.errors import InputError
-from gtr_jax.files.recording import LARGE, Recording, read_recording, write_recording
+from gtr_jax.recordings.recording import LARGE, Recording, read_recording, write_recording
 
 SHARED = Path(__file__).parents[2] / "shared/data"
 GIRAFFE = SHARED / "giraffe/loadcell_measurements.csv"

@@ -10,9 +10,10 @@ from command_line import RECORDED, RECORDING, run_gtr
 from calibrate.planning.opened import open_folder
 from design.target import parse_target
 from design.uncertainty import uncertainty_of
+from gtr_jax.config import references
+from gtr_jax.config.config import load_config
 from gtr_jax.errors import InputError
-from gtr_jax.files import references, text
-from gtr_jax.files.config import load_config
+from gtr_jax.recordings.formats import text
 from gtr_jax.sweep.config import parse_sweep
 from gtr_jax.sweep.loadpath import given_history
 from gtr_jax.sweep.task import inputs_of, task_of

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import gtr_jax as gtr
-from gtr_jax.files.config import parse_config
+from gtr_jax.config.config import parse_config
 from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.shapes import Rectangle, Tube
 from gtr_jax.robot.validity import is_robot

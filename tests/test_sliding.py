@@ -13,7 +13,7 @@ from benchmarks.blind import machine
 from benchmarks.sliding import DT, HISTORIES, in_parts, thread
 from benchmarks.sliding import sampled as history
 from benchmarks.terms import compared
-from gtr_jax.files.config import load_config, parse_config
+from gtr_jax.config.config import load_config, parse_config
 from tests.test_blind import ARM
 from tests.test_events import ours
 from tests.test_spatial_terms import PARALLEL, SOFT, TURN

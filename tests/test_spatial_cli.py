@@ -9,7 +9,7 @@ import pytest
 from command_line import run_gtr
 
 import gtr_jax as gtr
-from gtr_jax.files.driving import driven
+from gtr_jax.recordings.driving import driven
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 HELIX, THREE = EXAMPLES / "helix.toml", EXAMPLES / "three-tendons.toml"

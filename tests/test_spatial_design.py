@@ -23,8 +23,8 @@ from design.obstacles import Obstacles, gaps
 from design.optimise import optimise
 from design.problem import problem_of
 from design.unrolled import channel_csv, svg_unrolled, unroll
+from gtr_jax.config.config import load_config, parse_config
 from gtr_jax.errors import InputError
-from gtr_jax.files.config import load_config, parse_config
 from gtr_jax.robot.build import build_robot
 
 HELIX, THREE, PAIR = (f"examples/{name}.toml" for name in ("helix", "three-tendons", "antagonists"))

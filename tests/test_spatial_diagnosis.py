@@ -10,14 +10,14 @@ from command_line import run_gtr
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.channels import CHANNELS
-from calibrate.diagnosis.hypotheses import base_numbers, catalogue
-from calibrate.diagnosis.instruments import instruments, leading
-from calibrate.diagnosis.rig import Rig, program_for, programs_of
-from calibrate.diagnosis.samples import some_samples
-from calibrate.diagnosis.sanity import faults
-from calibrate.fit import part_of
-from calibrate.predictor import Seen, padded_history, shown
+from calibrate.diagnosis.hypotheses.hypotheses import base_numbers, catalogue
+from calibrate.diagnosis.outside.sanity import faults
+from calibrate.fitting.fit import part_of
+from calibrate.inference.channels import CHANNELS
+from calibrate.inference.instruments import instruments, leading
+from calibrate.inference.predictor import Seen, padded_history, shown
+from calibrate.inference.samples import some_samples
+from calibrate.inference.simulated_rig import Rig, program_for, programs_of
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import steps_natively
 from gtr_jax.simulation.programs import structure_with

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import gtr_jax as gtr
-from gtr_jax.files.config import config_text
+from gtr_jax.config.config import config_text
 from gtr_jax.robot.clearance import distances
 from gtr_jax.robot.robot import lay_out
 

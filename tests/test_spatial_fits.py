@@ -12,12 +12,13 @@ from scipy.spatial.transform import Rotation
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.channels import ROTATION, channels_in, orientation_of, turned_back, turned_by
-from calibrate.predictor import Prediction
-from calibrate.readings.base_tension import runs
-from calibrate.several import SeveralWeighing
-from calibrate.weighing import Weighing
-from gtr_jax.files.thinning import thinned
+from calibrate.inference.channels import ROTATION, channels_in, orientation_of, turned_back, turned_by
+from calibrate.inference.predictor import Prediction
+from calibrate.inference.several import SeveralWeighing
+from calibrate.inference.weighing import Weighing
+from gtr_jax.recordings.base_tension.base_tension import runs
+from gtr_jax.recordings.signals import noise
+from gtr_jax.recordings.thinning import thinned
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE, RECORDED = ROOT / "examples/helix.toml", ROOT / "examples/helix-recording.csv"
@@ -247,7 +248,7 @@ class TestOrientation:
             gtr.Recording(T_base=blank, path=Path("rec.csv"), sha256="", T_tip=blank, **columns)
         )
         assert found is not None
-        seen = [calibrate.readings.noise.from_differences(row) for row in found.turned.T]
+        seen = [noise.from_differences(row) for row in found.turned.T]
         np.testing.assert_allclose(seen, 2e-3, rtol=0.3)
 
 

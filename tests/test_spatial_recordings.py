@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import gtr_jax as gtr
-from gtr_jax.files.thinning import thinned
+from gtr_jax.recordings.thinning import thinned
 
 POSE = "T_base_N,T_tip_N,tip_x_m,tip_y_mm,tip_z_mm,tip_qx,tip_qy,tip_qz,tip_qw,m1_x_mm,m1_y_mm,m1_z_mm\n"
 ROWS = "0,0,0.25,0,0,0,0,0,1,130,0,25\n1,0.8,0.24,10,20,0.1,0.2,0.3,0.92736,129,1,26\n"

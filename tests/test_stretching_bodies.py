@@ -9,7 +9,7 @@ import pytest
 
 import gtr_jax as gtr
 from design.literal_in_space import solve_in_space
-from gtr_jax.files.config import parse_config
+from gtr_jax.config.config import parse_config
 from gtr_jax.report.profile import profile
 from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.channel_table import natural_shape

@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import brentq
 
 import gtr_jax as gtr
-from gtr_jax.files.config import parse_config
+from gtr_jax.config.config import parse_config
 from gtr_jax.robot.build import build_robot
 from gtr_jax.terms import superelastic
 from gtr_jax.terms.term import Bent

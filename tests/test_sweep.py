@@ -19,7 +19,7 @@ import pytest
 from command_line import run_gtr
 
 import gtr_jax as gtr
-from gtr_jax.cli.run_folder import RunFolder
+from gtr_jax.app.cli.run_folder import RunFolder
 from gtr_jax.errors import InputError
 from gtr_jax.robot.validity import is_robot
 from gtr_jax.sweep import load_sweep, open_sweep, sweep, task_of
@@ -641,7 +641,7 @@ LONG = LONG.replace(', "T_base_switch"', "")
 
 
 def _command(file, out, *more):
-    code = "import sys; from gtr_jax.cli import main; sys.exit(main())"
+    code = "import sys; from gtr_jax.app.cli import main; sys.exit(main())"
     return [sys.executable, "-c", code, "sweep", str(file), "-o", str(out), "--no-plot", *more]
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import gtr_jax as gtr
-from gtr_jax.files.config import parse_config
-from gtr_jax.files.headed import dataset_of
-from gtr_jax.files.recording import write_recording
-from gtr_jax.tables.simulation import simulation_columns
+from gtr_jax.config.config import parse_config
+from gtr_jax.recordings.headed import dataset_of
+from gtr_jax.recordings.recording import write_recording
+from gtr_jax.simulation.tables import simulation_columns
 
 PULL = np.array([0.0, 8.0, 4.0])
 KINKED = {"kind": "straight-sine-straight", "r1": -0.01, "r2": 0.01, "w1": 0.03, "w2": 0.1}

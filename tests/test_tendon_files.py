@@ -13,11 +13,12 @@ from command_line import run_gtr
 import calibrate
 import design
 import gtr_jax as gtr
+from benchmarks.paper.study import ROBOTS
+from gtr_jax.config.config import parse_config
 from gtr_jax.errors import InputWarning
-from gtr_jax.examples import PAPER, SIMULATED
-from gtr_jax.files.config import parse_config
+from gtr_jax.examples import SIMULATED
 
-PAIR = PAPER / "antagonists.toml"
+PAIR = ROBOTS / "antagonists.toml"
 LEFT = '[[tendons]]\nname = "left"'
 
 
@@ -105,7 +106,7 @@ drag = "0.1 N/m"
 
 def test_the_name_of_a_lone_tendon_is_refused_in_one_line(tmp_path):
     """Its robot has one tendon without a name."""
-    from gtr_jax.cli.simulate import pulls_of
+    from gtr_jax.app.cli.simulate import pulls_of
 
     path = tmp_path / "r.csv"
     path.write_text("T_base_N.left,T_tip_N.left\n1,1\n2,1\n3,2\n", encoding="utf-8")
@@ -125,8 +126,8 @@ def test_the_name_of_a_lone_tendon_is_refused_in_one_line(tmp_path):
 
 def test_a_pull_to_nothing_is_the_rest_under_what_acts(tmp_path):
     """Loads, preloads and terms act on a robot that nobody pulls; on others --pull 0 is refused as before."""
-    from gtr_jax.cli.simulate import pulls_of
-    from gtr_jax.files.amount import amount_of
+    from gtr_jax.app.cli.simulate import pulls_of
+    from gtr_jax.config.amount import amount_of
 
     acting = ('[loads]\ntip_force = ["0 N", "-0.1 N"]', '[loads]\ntip_force = ["0 N", "0 N", "0.1 N"]')
     for section in acting:

@@ -8,13 +8,13 @@ import pytest
 import calibrate
 import gtr_jax as gtr
 from calibrate.planning.model import _without_events
+from gtr_jax.app.view.knobs import knobs_of
+from gtr_jax.app.view.model import Setting
+from gtr_jax.config.config import config_text, parse_config
+from gtr_jax.config.toml_file import read_toml
 from gtr_jax.errors import InputError
-from gtr_jax.files.config import config_text, parse_config
-from gtr_jax.files.config_file import read_toml
 from gtr_jax.simulation.sensing import cells_show, true_base
 from gtr_jax.terms import REGISTRY
-from gtr_jax.view.knobs import knobs_of
-from gtr_jax.view.model import Setting
 
 T = np.stack([[0.0, 4, 8, 5, 2, 6], [1.0, 1, 2, 3, 3, 2]], axis=1)
 CLOCK = 0.5 * np.arange(len(T))

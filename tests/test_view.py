@@ -13,12 +13,9 @@ from command_line import RECORDED, RECORDING, run_gtr
 from conftest import SINE
 
 import gtr_jax as gtr
-from gtr_jax.files.recording import Recording, seeks_glitches
-from gtr_jax.robot.parameters import parameters_of
-from gtr_jax.simulation.markers import marker_places
-from gtr_jax.view import bodies, dials, figures
-from gtr_jax.view.compared import comparable, compared
-from gtr_jax.view.histories import (
+from gtr_jax.app.view import bodies, dials, figures
+from gtr_jax.app.view.compared import comparable, compared
+from gtr_jax.app.view.histories import (
     HELD,
     History,
     at_rest,
@@ -28,11 +25,14 @@ from gtr_jax.view.histories import (
     shortened,
     usual_pull,
 )
-from gtr_jax.view.knobs import knobs_of, rounded
-from gtr_jax.view.latest import Latest
-from gtr_jax.view.model import Setting, simulated
-from gtr_jax.view.postures import MIDLINES, drawing, midlines
-from gtr_jax.view.runs import free_name
+from gtr_jax.app.view.knobs import knobs_of, rounded
+from gtr_jax.app.view.latest_only_worker import Latest
+from gtr_jax.app.view.model import Setting, simulated
+from gtr_jax.app.view.postures import MIDLINES, drawing, midlines
+from gtr_jax.app.view.runs import free_name
+from gtr_jax.recordings.recording import Recording, seeks_glitches
+from gtr_jax.robot.parameters import parameters_of
+from gtr_jax.simulation.markers import marker_places
 
 HELIX = {"kind": "helix", "radius": "4 mm", "turns": 0.5, "start_angle": "30 deg"}
 

@@ -256,7 +256,7 @@ def narrow(tmp_path_factory):
 
 def expected(**values):
     """Largest tip tension of the robot through the recording, as the page pulls it."""
-    from gtr_jax.view.histories import recorded
+    from gtr_jax.app.view.histories import recorded
 
     robot = gtr.load_robot(RECORDED).with_values(**values)
     history = recorded(robot, gtr.read_recording(RECORDING))

@@ -10,10 +10,10 @@ from bokeh.document import Document
 from conftest import SINE
 
 import gtr_jax as gtr
-from gtr_jax.view import page as page_module
-from gtr_jax.view.heard import heard
-from gtr_jax.view.model import Setting
-from gtr_jax.view.page import Given, Page
+from gtr_jax.app.view import page as page_module
+from gtr_jax.app.view.model import Setting
+from gtr_jax.app.view.page import Given, Page
+from gtr_jax.app.view.thread_warnings import heard
 
 WAIT = 60.0  # seconds
 

@@ -16,9 +16,9 @@ from typing import Any
 
 import calibrate
 import gtr_jax as gtr
-from calibrate.diagnosis.cache import SimulationCache
 from calibrate.diagnosis.prepare import prepare
-from calibrate.parallel import use_threads
+from calibrate.inference.parallel import use_threads
+from calibrate.inference.simulation_cache import SimulationCache
 from gtr_jax.cache import enable_cache
 from gtr_jax.interpreters import started_safely
 

@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 
 import gtr_jax as gtr
-from calibrate.diagnosis.bench import Bench
-from calibrate.diagnosis.follow import dimensions_of
-from calibrate.diagnosis.hypotheses import base_numbers
-from calibrate.diagnosis.model import Fitted
+from calibrate.diagnosis.hypotheses.hypotheses import base_numbers
+from calibrate.diagnosis.hypotheses.model import Fitted
+from calibrate.diagnosis.likelihood.follow import dimensions_of
+from calibrate.diagnosis.likelihood.likelihood import Bench
 from calibrate.diagnosis.prepare import deviations_of, hypotheses_of
-from calibrate.diagnosis.rig import Rig
-from calibrate.diagnosis.screen import STARTS_EACH, screen
-from calibrate.diagnosis.search import refit_best
-from calibrate.fit import part_of
-from calibrate.readings.noise import Noise
+from calibrate.diagnosis.screening.screen import STARTS_EACH, screen
+from calibrate.diagnosis.search.search import refit_best
+from calibrate.fitting.fit import part_of
+from calibrate.inference.simulated_rig import Rig
+from gtr_jax.recordings.signals.noise import Noise
 
 from .effects import CATALOGUE
 

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 import gtr_jax as gtr
-from gtr_jax.files.config import parse_config
+from gtr_jax.config.config import parse_config
 
 from .. import measure
 from . import lanes

@@ -1,6 +1,6 @@
 """Which physics a model leaves out."""
 
+from .answer.result import Diagnosis
 from .diagnose import diagnose
-from .result import Diagnosis
 
 __all__ = ["Diagnosis", "diagnose"]

@@ -8,12 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
+from calibrate.inference.instruments import of_one, tendon_of_channel
+from calibrate.inference.side_by_side import in_lanes
+from calibrate.inference.simulated_rig import Rig
+from calibrate.inference.simulation_cache import SimulationCache
+from calibrate.planning.experiment import Experiment, propose
 from gtr_jax import Recording, Robot, RobotConfig
 
-from .averaged import averaged
-from .bench import Bench
-from .cache import SimulationCache
-from .decide import (
+from .answer.result import BAD_DATA, Diagnosis, Loop, Pull, Rival
+from .decision.decide import (
     DISCOVERED,
     PARTLY,
     UNEXPLAINED,
@@ -26,28 +29,25 @@ from .decide import (
     structured,
     with_unseen,
 )
-from .differ import still_differ
-from .discovery import Discovery, discover
-from .episodes import episodes
-from .experiment import Experiment, propose
-from .further import beaten, with_further
-from .heldout import held_out
-from .hypotheses import EVENTS, INSTRUMENT_NUMBERS, Hypothesis, of_single_tendons
-from .instruments import of_one, tendon_of_channel
-from .lanes import in_lanes
-from .leave_out import Stretch, asked_for, from_outside, left_out, where_still
-from .locate import cycles_in, locate, mu_by_stratum, phases_of, ratio_of_branches
-from .marginal import Marginal, jointly
-from .model import Fitted
-from .models import HOW_MANY, Models
-from .pairs import promising
+from .evidence.averaged import averaged
+from .evidence.marginal import Marginal, jointly
+from .evidence.models import HOW_MANY, Models
+from .evidence.refine import refine
+from .hypotheses.hypotheses import EVENTS, INSTRUMENT_NUMBERS, Hypothesis, of_single_tendons
+from .hypotheses.model import Fitted
+from .laws.discovery import Discovery, discover
+from .likelihood.held_out import held_out
+from .likelihood.likelihood import Bench
+from .likelihood.locate import cycles_in, locate, mu_by_stratum, phases_of, ratio_of_branches
+from .outside.episodes import episodes
+from .outside.leave_out import Stretch, asked_for, from_outside, left_out, where_still
 from .prepare import Prepared, names_of, prepare
-from .refine import refine
-from .result import BAD_DATA, Diagnosis, Loop, Pull, Rival
-from .rig import Rig
-from .screen import STARTS_EACH, Screened, firm_fit, merged, screen
-from .search import PAIRS, SHORTLIST, WORTH, combine, refit_best
-from .twins import SETTLED, settled_with_twins
+from .screening.pairs import promising
+from .screening.screen import STARTS_EACH, Screened, firm_fit, merged, screen
+from .search.differ import still_differ
+from .search.forward_search import beaten, with_further
+from .search.search import PAIRS, SHORTLIST, WORTH, combine, refit_best
+from .search.twins import SETTLED, settled_with_twins
 
 # Number of best models that are refitted to all samples, and that are corrected to a fine mesh before.
 FINAL, REFINED = 6, 3

@@ -9,38 +9,38 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from calibrate.fitting.fit import channels_of, driven_as_recorded, part_of
+from calibrate.inference.channels import CHANNELS, quantity_of
+from calibrate.inference.free import distinct
+from calibrate.inference.instruments import cells_of, explained_first, instruments
+from calibrate.inference.number import Number, values_in
+from calibrate.inference.predictor import padded_history
+from calibrate.inference.samples import some_samples
+from calibrate.inference.setup import Part, check_columns, check_noise, recorded
+from calibrate.inference.simulated_rig import Rig, friction_of, program_for, resolution_of
+from calibrate.inference.simulation_cache import SimulationCache
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot
 from gtr_jax.errors import excerpt, nearest_first
+from gtr_jax.recordings.base_tension import BEND, sharpened
 from gtr_jax.robot.parameters import parameter
 from gtr_jax.robot.stiffness import stiffness_of
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import steps_natively
 from gtr_jax.simulation.programs import structure_with
 
-from ..channels import CHANNELS, quantity_of
-from ..fit import channels_of, driven_as_recorded, part_of
-from ..free import distinct
-from ..number import Number, values_in
-from ..predictor import padded_history
-from ..readings import BEND, sharpened
-from ..setup import Part, check_columns, check_noise, recorded
-from .bench import HEAVY, SCANNED, Bench, change_by, passing
-from .cache import SimulationCache
-from .differ import MOST as MOST_DIFFER
-from .differ import Difference, differing, names_to_split
-from .disturbances import behind_gaps, disturbances, within
-from .follow import dimensions_of
-from .hypotheses import Hypothesis, base_numbers, catalogue, instrument_numbers
-from .instruments import cells_of, explained_first, instruments
-from .leave_out import Stretch, without
-from .model import Fitted
-from .models import Models
-from .refine import refine
-from .result import BAD_DATA, Diagnosis
-from .rig import Rig, friction_of, program_for, resolution_of
-from .samples import some_samples
-from .sanity import faults
-from .search import base_fit
+from .answer.result import BAD_DATA, Diagnosis
+from .evidence.models import Models
+from .evidence.refine import refine
+from .hypotheses.hypotheses import Hypothesis, base_numbers, catalogue, instrument_numbers
+from .hypotheses.model import Fitted
+from .likelihood.follow import dimensions_of
+from .likelihood.likelihood import HEAVY, SCANNED, Bench, change_by, passing
+from .outside.disturbances import behind_gaps, disturbances, within
+from .outside.leave_out import Stretch, without
+from .outside.sanity import faults
+from .search.differ import MOST as MOST_DIFFER
+from .search.differ import Difference, differing, names_to_split
+from .search.search import base_fit
 
 # Samples of each recording on which hypotheses are tried, and on which the best are refitted.
 FEW, MANY = 140, 2400

@@ -7,15 +7,15 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from calibrate.inference.channels import ORIENTATION, of_tendons, quantity_of, unit_of
 from gtr_jax import InputError
-from gtr_jax.files.quantities import marker_quantities
+from gtr_jax.recordings.formats.quantities import marker_quantities
 
-from ..channels import ORIENTATION, of_tendons, quantity_of, unit_of
-from ..diagnosis.experiment import ALL_REMOVED, POSE_NOISE, REMOVED
-from ..diagnosis.load_histories import checks, further, menu
-from ..diagnosis.ways_to_drive import Values, ways_to_drive
+from .experiment import ALL_REMOVED, POSE_NOISE, REMOVED
+from .load_histories import checks, further, menu
 from .model import OpenModel
 from .opened import READINGS, TENSION_SD, Opened
+from .ways_to_drive import Values, ways_to_drive
 
 # Standard deviation of a marker's place and of the angle of its section where none was recorded [m, rad].
 MARKER_NOISE = {"m": 3e-4, "rad": 5e-3}

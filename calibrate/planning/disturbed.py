@@ -8,8 +8,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..channels import of_tendons, quantity_of
-from ..setup import Part
+from calibrate.inference.channels import of_tendons, quantity_of
+from calibrate.inference.setup import Part
+
 from .candidates import Candidate
 
 # Change of slope, as a share of the steepest, that makes a corner of a load history.

@@ -7,13 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calibrate.inference.number import UNIT_SCALE, Number
+from calibrate.inference.simulated_rig import friction_of, resolution_of
 from gtr_jax import Robot, RobotConfig, build_robot
 from gtr_jax.robot.parameters import Parameter, parameter, parameters_of
 from gtr_jax.robot.stiffness import stiffness_of
 from gtr_jax.terms import known_acting
-
-from ..diagnosis.rig import friction_of, resolution_of
-from ..number import UNIT_SCALE, Number
 
 # A number of which nothing is known counts as known to its own size; derivatives are taken over a change of
 # at most this share of it.

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from calibrate.inference.channels import quantity_of
+from calibrate.inference.number import OWN
 from gtr_jax import InputError, Recording, load_config, read_recording
-from gtr_jax.files.references import referenced
-from gtr_jax.files.text import read_text
+from gtr_jax.config.references import referenced
+from gtr_jax.recordings.formats.text import read_text
 
-from ..channels import quantity_of
-from ..number import OWN
 from .model import OpenModel, known_beforehand, open_model
 
 DIAGNOSIS, FIT = "diagnosis.json", "fit.json"

@@ -10,17 +10,17 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from calibrate.inference.channels import of_tendons, quantity_of
+from calibrate.inference.setup import Part
+from calibrate.inference.simulated_rig import Rig
+from gtr_jax.recordings.base_tension import exact
 from gtr_jax.robot.parameters import with_values
 from gtr_jax.simulation.sensing import cells_show
 
-from ..channels import of_tendons, quantity_of
-from ..diagnosis.rig import Rig
-from ..diagnosis.ways_to_drive import Values
-from ..readings import exact
-from ..setup import Part
 from .candidates import Candidate
 from .disturbed import White, disturbances, whitening
 from .model import OpenModel
+from .ways_to_drive import Values
 
 # Change of a coordinate to each side by which derivatives are taken: wide enough to cross kinks of friction.
 STEP = 0.5

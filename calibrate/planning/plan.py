@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from calibrate.inference.parallel import in_parallel
 from gtr_jax import InputError
 from gtr_jax.errors import did_you_mean
-from gtr_jax.files.plain import plain
+from gtr_jax.to_jsonable import plain
 
-from ..parallel import in_parallel
 from .candidates import Candidate, candidates
 from .opened import Opened
 from .outcome import FINE_STEP, Outcome, Trial, outcome, refitted

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gtr_jax.files.numbers import quantity
+from gtr_jax.numbers import quantity
 
-from ..diagnosis.experiment import ALL_REMOVED
 from .candidates import Candidate, listed
+from .experiment import ALL_REMOVED
 from .opened import Opened
 from .worth import pairs
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..diagnosis.experiment import ENOUGH
+from .experiment import ENOUGH
 from .model import OpenModel
 from .outcome import Weighed
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from gtr_jax.files.numbers import measured_quantity, quantity
+from calibrate.diagnosis.answer.result import Diagnosis
+from calibrate.fitting.result import FitResult
+from gtr_jax.numbers import measured_quantity, quantity
 from gtr_jax.report.card import card
 from gtr_jax.report.object_cards import DOTS
 from gtr_jax.report.page import Figure, Report, Table
 
-from ..diagnosis.result import Diagnosis
-from ..result import FitResult
 from . import fit_figures as draw
 from .diagnosis import first_figure, numbers_table
 from .fit import interval

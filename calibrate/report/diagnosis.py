@@ -6,15 +6,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gtr_jax.files.numbers import measured, measured_quantity, number, quantity
+from calibrate.diagnosis.answer.result import Diagnosis, Loop
+from calibrate.diagnosis.answer.sentence import MAY_ACT, interval_in_words
+from calibrate.diagnosis.outside.leave_out import ASKED, STILL, LeftOut
+from calibrate.fitting.verdict import in_unit
+from calibrate.inference.channels import quantity_of
+from gtr_jax.numbers import measured, measured_quantity, number, quantity
+from gtr_jax.recordings.base_tension import turning_points
 from gtr_jax.report.page import Figure, Playback, Report, Table
 
-from ..channels import quantity_of
-from ..diagnosis.leave_out import ASKED, STILL, LeftOut
-from ..diagnosis.result import Diagnosis, Loop
-from ..diagnosis.sentence import MAY_ACT, interval_in_words
-from ..readings import turning_points
-from ..verdict import in_unit
 from . import diagnosis_figures as draw
 from .diagnosis_channels import channels_shown, named
 from .diagnosis_playback import diagnosis_playback

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..channels import quantity_of, words_of
-from ..diagnosis.result import Loop
+from calibrate.diagnosis.answer.result import Loop
+from calibrate.inference.channels import quantity_of, words_of
 
 # Channels shown of a recording without tip tension.
 MOST = 4

@@ -12,7 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from gtr_jax.files.numbers import display_unit
+from calibrate.diagnosis.laws.found import FoundLaw
+from calibrate.inference.channels import quantity_of, unit_of, words_of
+from gtr_jax.numbers import display_unit
 from gtr_jax.plots.style import (
     BLUE,
     GREEN,
@@ -30,8 +32,6 @@ from gtr_jax.plots.style import (
 )
 from gtr_jax.terms.law import VARIABLES
 
-from ..channels import quantity_of, unit_of, words_of
-from ..diagnosis.law_found import FoundLaw
 from .fit_figures import PULL, by_phase
 
 FOUND = "with what was missing"

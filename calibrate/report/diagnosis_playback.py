@@ -6,12 +6,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibrate.diagnosis.answer.result import Diagnosis, Loop, Pull
 from gtr_jax.plots.style import BLUE, GREY, ORANGE, PURPLE, VERMILLION
 from gtr_jax.report.page import Playback
 from gtr_jax.report.playback import Chart, Column, Line, Span, clock_of, playback
 from gtr_jax.robot.build import build_robot
 
-from ..diagnosis.result import Diagnosis, Loop, Pull
 from .diagnosis_channels import channels_shown
 from .diagnosis_channels import named as naming
 from .diagnosis_figures import TIP, axis_of

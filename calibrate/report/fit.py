@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gtr_jax.files.numbers import measured_quantity, number, quantity
-from gtr_jax.files.recording import Recording
-from gtr_jax.files.units import display_of
+from calibrate.fitting.result import FitResult, FittedRecording
+from gtr_jax.numbers import measured_quantity, number, quantity
+from gtr_jax.recordings.recording import Recording
 from gtr_jax.report.page import Figure, Report, Table
 from gtr_jax.terms import REGISTRY
+from gtr_jax.units import display_of
 
-from ..result import FitResult, FittedRecording
 from . import fit_figures as draw
 from .fit_playback import fit_playback
 from .recording_figures import recording_figures

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from calibrate.channels import ROTATION, unit_of
+from calibrate.inference.channels import ROTATION, unit_of
 from gtr_jax.plots.style import (
     BLUE,
     GREY,

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gtr_jax.files.recording import Recording
+from calibrate.fitting.result import FittedRecording
+from calibrate.inference.channels import channels_in, quantity_of, unit_of
 from gtr_jax.plots.style import GREY, INK
 from gtr_jax.plots.tendons import COLOURS
+from gtr_jax.recordings.recording import Recording
 from gtr_jax.report.page import Playback
 from gtr_jax.report.playback import Chart, Column, Line, clock_of, playback
 
-from ..channels import channels_in, quantity_of, unit_of
-from ..result import FittedRecording
 from .fit_figures import LABELS, SHOWN
 from .recording_figures import of_tendon
 from .recording_motion import Motion

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gtr_jax.files.numbers import display_unit, measured_quantity, number, quantity
-from gtr_jax.files.quantities import QUATERNION, column_of
+from calibrate.inference.channels import ORIENTATION, quantity_of, unit_of, words_of
+from gtr_jax.numbers import display_unit, measured_quantity, number, quantity
+from gtr_jax.recordings.formats.quantities import QUATERNION, column_of
 from gtr_jax.report.page import Figure, Report, Section, Table
 
-from ..channels import ORIENTATION, quantity_of, unit_of, words_of
 from ..planning.candidates import Candidate, listed
 from ..planning.disturbed import corners
 from ..planning.plan import Plan, Ranked

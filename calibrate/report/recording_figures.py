@@ -7,16 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from calibrate.fitting.result import FitResult, FittedRecording
+from calibrate.inference.channels import channels_in, quantity_of
 from gtr_jax import equilibrium
-from gtr_jax.files.numbers import measured_quantity, number
-from gtr_jax.files.recording import Recording
+from gtr_jax.numbers import measured_quantity, number
 from gtr_jax.plots.style import is_seen
+from gtr_jax.recordings.recording import Recording
 from gtr_jax.report.page import Figure
 from gtr_jax.report.spatial import shape_figure
 from gtr_jax.simulation.displacement import by_tension
 
-from ..channels import channels_in, quantity_of
-from ..result import FitResult, FittedRecording
 from . import fit_figures as draw
 from .recording_motion import Motion
 

@@ -6,11 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from calibrate.inference.predictor import padded_history, simulated
 from gtr_jax import Robot, Simulation
+from gtr_jax.recordings.base_tension import turning_points
 from gtr_jax.report.motion import body_of
-
-from ..predictor import padded_history, simulated
-from ..readings import turning_points
 
 BODIES, FEWEST = 200, 20  # steps at which the bodies of a page are shown: in all, and at least of each
 MOST = 2000  # samples that are simulated; beyond it only these and where the tension turns

@@ -6,8 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure as Drawn
 
-from gtr_jax.files.numbers import number, quantity
-from gtr_jax.files.units import display_of
+from gtr_jax.numbers import number, quantity
 from gtr_jax.plots.straight import plot_straight
 from gtr_jax.plots.tension import plot_tension
 from gtr_jax.report.card import card
@@ -18,6 +17,7 @@ from gtr_jax.robot.robot import Robot
 from gtr_jax.simulation.equilibrium import equilibrium
 from gtr_jax.simulation.history import Simulation, equilibrium_at
 from gtr_jax.simulation.phases import label_phases
+from gtr_jax.units import display_of
 
 from ..compare import Comparison
 from ..limits import LOSS

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
-from gtr_jax.files.numbers import number
+from gtr_jax.numbers import number
 from gtr_jax.plots.shape import curve_of, draw_body
 from gtr_jax.plots.style import (
     BLUE,

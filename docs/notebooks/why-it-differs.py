@@ -16,7 +16,7 @@ import numpy as np
 
 import calibrate
 import gtr_jax as gtr
-from gtr_jax.files.config import parse_config
+from gtr_jax.config.config import parse_config
 
 gtr.enable_cache()  # compiled programs are kept for the next session
 here = Path.cwd()  # somewhere in a checkout

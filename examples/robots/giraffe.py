@@ -16,10 +16,10 @@ from matplotlib.figure import Figure
 import calibrate
 import gtr_jax as gtr
 from calibrate import Diagnosis
-from calibrate.diagnosis.episodes import WORDS
-from calibrate.diagnosis.hypotheses import FARTHEST
-from calibrate.diagnosis.result import Change
-from gtr_jax.files.numbers import measured_quantity, quantity
+from calibrate.diagnosis.answer.result import Change
+from calibrate.diagnosis.hypotheses.hypotheses import FARTHEST
+from calibrate.diagnosis.outside.episodes import WORDS
+from gtr_jax.numbers import measured_quantity, quantity
 from gtr_jax.plots.shape import Posture, Pressed, plot_shape
 from gtr_jax.plots.style import BLUE, GREY, PALE, VERMILLION, styled
 

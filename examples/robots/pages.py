@@ -11,11 +11,11 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from calibrate.diagnosis.result import Change
-from calibrate.diagnosis.sentence import interval_in_words
-from calibrate.estimate import Estimate
-from gtr_jax.files.numbers import measured_quantity
-from gtr_jax.files.whole import write_whole
+from calibrate.diagnosis.answer.result import Change
+from calibrate.diagnosis.answer.sentence import interval_in_words
+from calibrate.inference.estimate import Estimate
+from gtr_jax.atomic_write import write_whole
+from gtr_jax.numbers import measured_quantity
 
 HERE = Path(__file__).parent
 DOCS = HERE.parents[1] / "docs" / "robots"

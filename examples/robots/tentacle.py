@@ -20,7 +20,7 @@ from scipy.interpolate import PchipInterpolator
 
 import calibrate
 import gtr_jax as gtr
-from gtr_jax.files.config import dump_config
+from gtr_jax.config.config import dump_config
 from gtr_jax.plots.straight import plot_straight
 from gtr_jax.plots.style import BLUE, GREY, INK, VERMILLION, styled
 from gtr_jax.plots.views import Posture, plot_views

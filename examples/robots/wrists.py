@@ -19,8 +19,8 @@ import numpy as np
 import calibrate
 import gtr_jax as gtr
 from calibrate import Diagnosis, FitResult
-from gtr_jax.files.config import dump_config
-from gtr_jax.files.numbers import measured_quantity
+from gtr_jax.config.config import dump_config
+from gtr_jax.numbers import measured_quantity
 from gtr_jax.robot.notches import remaining
 from gtr_jax.robot.robot import sections
 

@@ -12,7 +12,7 @@ from ezdxf import filemanagement
 from ezdxf.document import Drawing as Document
 from ezdxf.math import BSpline
 
-from gtr_jax.files.config import RobotConfig
+from gtr_jax.config.config import RobotConfig
 from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.shapes import Rectangle, Tube
 

@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from gtr_jax.config.config import RobotConfig
 from gtr_jax.errors import InputError
-from gtr_jax.files.config import RobotConfig
 from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.parts import Tendon
 from gtr_jax.robot.robot import Robot, loads_of

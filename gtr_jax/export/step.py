@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from gtr_jax.config.config import RobotConfig
 from gtr_jax.errors import InputError
-from gtr_jax.files.config import RobotConfig
 from gtr_jax.robot.build import build_robot
 from gtr_jax.robot.shapes import Rectangle, Tube
 

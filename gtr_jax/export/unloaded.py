@@ -13,7 +13,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.files.midline import Midline, midline
+from gtr_jax.config.midline import Midline, midline
 from gtr_jax.robot.clearance import place_in_section
 from gtr_jax.robot.parts import Parts, Tendon
 from gtr_jax.robot.robot import Robot

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .stretches import Stretch, stretches
-from .turning import turning_points
+from gtr_jax.recordings.signals.stretches import Stretch, stretches
+from gtr_jax.recordings.signals.turning import turning_points
 
 # A pull rises by this share of the range of the base tension; one that starts above this share was not
 # released fully before: an inner loop.

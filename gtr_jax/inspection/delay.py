@@ -7,7 +7,7 @@ import itertools
 
 import numpy as np
 
-from gtr_jax.files.numbers import number
+from gtr_jax.numbers import number
 
 # Longest delay that is looked for: so many steps of time, and at least so many seconds.
 STEPS, SECONDS = 6, 0.06

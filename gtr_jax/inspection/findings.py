@@ -8,7 +8,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from gtr_jax.errors import listed
-from gtr_jax.files.numbers import measured, number
+from gtr_jax.numbers import measured, number
+from gtr_jax.recordings.signals.stretches import Stretch
 
 from .cell import Cell
 from .cycles import Cycles
@@ -16,7 +17,6 @@ from .delay import Delay
 from .friction import Friction
 from .sampling import Sampling
 from .slip import PULLING, RELEASING, Phases
-from .stretches import Stretch
 
 PROBLEM, NOTE, FINE = "problem", "note", "fine"
 SEVERITIES = (PROBLEM, NOTE, FINE)

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from gtr_jax.files.differences import MAD_TO_SD
+from gtr_jax.recordings.signals.differences import MAD_TO_SD
 
 from .slip import PULLING, RELEASING, Phases
 

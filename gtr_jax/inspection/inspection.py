@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from gtr_jax.errors import InputError
-from gtr_jax.files.differences import from_differences
-from gtr_jax.files.numbers import number
-from gtr_jax.files.plain import plain
-from gtr_jax.files.recording import Recording
+from gtr_jax.numbers import number
+from gtr_jax.recordings.recording import Recording
+from gtr_jax.recordings.signals.differences import from_differences
+from gtr_jax.recordings.signals.stretches import Stretch, runs, stretches
+from gtr_jax.recordings.signals.turning import turns_of_long
+from gtr_jax.to_jsonable import plain
 
 from .cell import Cell
 from .cycles import Cycles, cycles, rates
@@ -24,9 +26,7 @@ from .noise import Noise, noise, resolution
 from .sampling import Sampling, sampling
 from .slip import HOLD, NAMES, PULLING, RELEASING, Phases, phases
 from .still import band_of, still, window
-from .stretches import Stretch, runs, stretches
 from .stuck import counted_once, stuck
-from .turning import turns_of_long
 from .zero import unloaded, zero
 
 FEWEST = 20

@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 
 from gtr_jax.errors import InputError, listed
-from gtr_jax.files.columns import Columns, mapped
-from gtr_jax.files.guessing import Guess, Guessed
-from gtr_jax.files.numbers import number
-from gtr_jax.files.quantities import COLUMNS, NEEDED, quantities_of, split_unit
-from gtr_jax.files.table import Table
-from gtr_jax.files.units import convert, measures
+from gtr_jax.numbers import number
+from gtr_jax.recordings.columns import Columns, mapped
+from gtr_jax.recordings.formats.quantities import COLUMNS, NEEDED, quantities_of, split_unit
+from gtr_jax.recordings.formats.table import Table
+from gtr_jax.recordings.guessing import Guess, Guessed
+from gtr_jax.units import convert, measures
 
 FORCES = ("N", "gf", "mN")
 """Units of force in which cells are read out."""

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gtr_jax.files.numbers import measured, number
-from gtr_jax.files.recording import Recording
+from gtr_jax.numbers import measured, number
+from gtr_jax.recordings.recording import Recording
+from gtr_jax.recordings.signals.stretches import Stretch, runs
 
 from .cell import Cell
 from .cycles import Cycles
@@ -16,7 +17,6 @@ from .delay import Delay
 from .findings import counted
 from .friction import FEWEST, Friction
 from .slip import TRANSITION, Phases
-from .stretches import Stretch, runs
 
 # Decades that rates must span, samples of a reversal (median), seconds of a hold, and cycles that repeat.
 DECADES, OF_REVERSAL, OF_HOLD, REPEATS = 1.0, 10, 2.0, 3

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gtr_jax.files.differences import MAD_TO_SD, from_differences, third_differences
+from gtr_jax.recordings.signals.differences import MAD_TO_SD, from_differences, third_differences
 
 # Samples to a piece of a still stretch, whose line is taken off, and the fewest of a piece that is used.
 PIECE, SHORTEST = 64, 16

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from .stretches import Stretch, stretches
+from gtr_jax.recordings.signals.stretches import Stretch, stretches
 
 GAP = 5.0
 """A step longer than so many median steps is a gap."""

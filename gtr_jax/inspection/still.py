@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from .stretches import runs
+from gtr_jax.recordings.signals.stretches import runs
 
 # A signal stands still where it keeps within a band for a time. The band is so many standard deviations of
 # the noise, which samples without a trend seldom leave, and at least this share of the range.

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from .stretches import Stretch, runs, stretches
+from gtr_jax.recordings.signals.stretches import Stretch, runs, stretches
 
 # Runs of equal readings so improbable in noise, over the whole recording, are no chance.
 CHANCE = 1e-4

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from .stretches import Stretch, stretches
+from gtr_jax.recordings.signals.stretches import Stretch, stretches
 
 NEAR = 0.03
 """A still stretch is unloaded if both cells show less than this share of their range above their least."""

@@ -31,7 +31,7 @@ from jaxtyping import Array, Float
 
 from .case import Case
 from .coulomb import STRETCH, unit_tension
-from .lanes import in_lanes_of
+from .loop_lanes import in_lanes_of
 from .march import NEWTON_WITH_TERMS, Passed, closed, closing_of, solved_at_node
 from .mesh import following
 from .node import Carry, prepared, rise_per_newton, total

@@ -17,7 +17,7 @@ from ..terms import Term
 from .bodies import directions_of, geometry_of, metric_of
 from .case import Case, Load, Memory, untouched
 from .events import after_loosening, after_tug
-from .lanes import in_lanes_of
+from .loop_lanes import in_lanes_of
 from .sections import Sections, State, either_of, node_first
 from .sliding import foretold
 from .solve import load_step

@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 
 from .bodies import geometry_of
 from .case import Case
-from .lanes import in_lanes_of
+from .loop_lanes import in_lanes_of
 from .node import Carry, Equations, Modes, Node, Row, clip, joined_state, prepared, pressing, total
 from .sections import either_of, largest
 from .structure import Structure

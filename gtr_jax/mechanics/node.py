@@ -43,7 +43,7 @@ from .coulomb import PRESLIDING as SHORTEST
 from .coulomb import STRETCH, mobilisation, slip_of_law, unit_tension
 from .geometry import Geometry
 from .guides import Strung, corner, direction_of, either, entering, offset_on
-from .lanes import in_lanes_of
+from .loop_lanes import in_lanes_of
 from .mesh import STENCIL, Interval
 from .offset import Offset, SpatialOffset
 from .sections import State, either_of, node_first

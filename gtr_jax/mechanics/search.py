@@ -20,7 +20,7 @@ from .bodies import chords_of
 from .case import Case, Grip
 from .coulomb import EXACT, ROUND, SHORT, WHOLE, kept_near
 from .grip import left_of, march_gripped, solved_linear
-from .lanes import in_lanes_of
+from .loop_lanes import in_lanes_of
 from .march import Closing, Passed, march, march_differenced, march_plainly, passed
 from .node import grip_of
 from .sections import either_of, largest

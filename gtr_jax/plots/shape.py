@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 from scipy.interpolate import CubicSpline
 
-from gtr_jax.files.numbers import number
+from gtr_jax.numbers import number
 
 from ..simulation.forces import ChannelForces
 from ..simulation.solution import Equilibrium

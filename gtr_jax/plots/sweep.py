@@ -13,9 +13,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from gtr_jax.files.numbers import number
-from gtr_jax.files.units import display_of
+from gtr_jax.numbers import number
 from gtr_jax.sweep.sensitivity import Index
+from gtr_jax.units import display_of
 
 from .style import BLUE, GREY, INK, ORANGE, PALE, WIDTH, column_width, figure, styled
 

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from gtr_jax.files.numbers import number
+from gtr_jax.numbers import number
 
 from ..simulation.history import Simulation
 from .style import INK, PHASE_COLOUR, figure, legend_above, phase_keys, styled

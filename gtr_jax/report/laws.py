@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from gtr_jax.config.config import RobotConfig
+from gtr_jax.config.law_section import SIZE, LawSection
 from gtr_jax.errors import InputError
-from gtr_jax.files.config import RobotConfig
-from gtr_jax.files.law_section import SIZE, LawSection
 from gtr_jax.plots.terms import Loops
 from gtr_jax.robot.build import build_robot
 from gtr_jax.terms.grammar import FUNCTIONS

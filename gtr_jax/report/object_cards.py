@@ -6,8 +6,9 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-from ..files.config import RobotConfig
-from ..files.numbers import number, quantity
+from gtr_jax.config.config import RobotConfig
+from gtr_jax.numbers import number, quantity
+
 from ..plots.loop import plot_loop
 from ..plots.straight import plot_straight
 from ..plots.tendons import plot_tendons

@@ -10,13 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from gtr_jax.files.numbers import number
-from gtr_jax.files.quantities import AXES
+from gtr_jax.numbers import number
 from gtr_jax.plots.loop import plot_loop
 from gtr_jax.plots.shape import Posture, Pressed, plot_shape
 from gtr_jax.plots.straight import notches_of
 from gtr_jax.plots.tendons import plot_tendons
 from gtr_jax.plots.tension import plot_tension
+from gtr_jax.recordings.formats.quantities import AXES
 from gtr_jax.robot.clearance import distances
 from gtr_jax.robot.overlap import Impossible, impossible, impossible_in_space
 from gtr_jax.robot.parameters import parameters_of

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gtr_jax.files.numbers import number
+from gtr_jax.numbers import number
 from gtr_jax.plots.movie import FRAMES, Loop, write_movie
 
 from .motion import moved

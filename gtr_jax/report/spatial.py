@@ -8,9 +8,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.files.numbers import number
-from gtr_jax.files.quantities import AXES, QUATERNION
+from gtr_jax.numbers import number
 from gtr_jax.plots.views import Posture, Strung, plot_views
+from gtr_jax.recordings.formats.quantities import AXES, QUATERNION
 from gtr_jax.robot.clearance import place_in_section
 from gtr_jax.robot.robot import Robot
 from gtr_jax.robot.rotation import quaternion_of

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gtr_jax.files.numbers import number, quantity
+from gtr_jax.numbers import number, quantity
 from gtr_jax.plots.sweep import plot_curves, plot_maps, plot_parallel, plot_sensitivity
 from gtr_jax.sweep.axes import Axis
 from gtr_jax.sweep.sensitivity import Index

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from gtr_jax.atomic_write import write_whole
 from gtr_jax.examples import SIMULATED
-from gtr_jax.files.whole import write_whole
 from gtr_jax.plots.terms import Loops, term_figure
 from gtr_jax.robot.build import load_robot
 from gtr_jax.robot.robot import Robot

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import textwrap
 
-from gtr_jax.files.units import display_of, quantity_text
 from gtr_jax.terms import REGISTRY, Quantity, Term
+from gtr_jax.units import display_of, quantity_text
 
 WIDTH = 100
 GROUPS = {

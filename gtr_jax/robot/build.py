@@ -11,10 +11,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.errors import InputError
-from gtr_jax.files.channel_check import check_channel
-from gtr_jax.files.config import RobotConfig, load_config
-from gtr_jax.files.sections import (
+from gtr_jax.config.channel_check import check_channel
+from gtr_jax.config.config import RobotConfig, load_config
+from gtr_jax.config.sections import (
     BackboneConfig,
     LoadsConfig,
     MarkerConfig,
@@ -24,6 +23,7 @@ from gtr_jax.files.sections import (
     SectionShape,
     TendonConfig,
 )
+from gtr_jax.errors import InputError
 from gtr_jax.mechanics.structure import in_order
 from gtr_jax.terms import known_acting
 

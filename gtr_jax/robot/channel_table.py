@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from gtr_jax.files.midline import followed
+from gtr_jax.config.midline import followed
 
 from .clearance import place_in_section
 from .parts import Parts, Tendon

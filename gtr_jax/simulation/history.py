@@ -165,13 +165,13 @@ class Simulation(eqx.Module):
         Raises:
             ValueError: it is traced by JAX, or a batch of simulations.
         """
-        return elsewhere("gtr_jax.tables.simulation:simulation_dataset")(self, robot)
+        return elsewhere("gtr_jax.simulation.tables:simulation_dataset")(self, robot)
 
     def to_pandas(self, robot: Robot | None = None) -> pandas.DataFrame:
         """A row for each step, with the columns of `simulation.csv`: SI, units in their names; arguments and
         errors as of `to_xarray`.
         """
-        return elsewhere("gtr_jax.tables.simulation:simulation_frame")(self, robot)
+        return elsewhere("gtr_jax.simulation.tables:simulation_frame")(self, robot)
 
     def of_tendon(self, index: int) -> Simulation:
         """This run for one of several tendons, without the tendon axis."""

@@ -175,7 +175,7 @@ class Equilibrium(eqx.Module):
         """The equilibrium as a dataset with labels and units, along the tendons (tendon, s), the body (s);
         as `Simulation.to_xarray`.
         """
-        return elsewhere("gtr_jax.tables.simulation:equilibrium_dataset")(self, robot)
+        return elsewhere("gtr_jax.simulation.tables:equilibrium_dataset")(self, robot)
 
     def of_tendon(self, index: int) -> Equilibrium:
         """This solution for one of several tendons, without the tendon axis."""

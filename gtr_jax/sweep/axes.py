@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Array
 
 from gtr_jax.errors import InputError, did_you_mean, listed
-from gtr_jax.files.units import to_si
 from gtr_jax.robot.parameters import Parameter, parameters_of
 from gtr_jax.robot.robot import Robot
+from gtr_jax.units import to_si
 
 from .config import SweepConfig
 

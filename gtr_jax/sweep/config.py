@@ -13,12 +13,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StrictInt, StrictStr
 
+from gtr_jax.config.amount import Amount, Pulled
+from gtr_jax.config.section import Section
+from gtr_jax.config.sections import FileSection
+from gtr_jax.config.toml_file import read_toml
 from gtr_jax.errors import InputError
-from gtr_jax.files.amount import Amount, Pulled
-from gtr_jax.files.config_file import read_toml
-from gtr_jax.files.section import Section
-from gtr_jax.files.sections import FileSection
-from gtr_jax.files.units import Unit
+from gtr_jax.units import Unit
 
 Pull = Annotated[Amount, Pulled()]
 Time = Annotated[float, Unit("s")]

@@ -11,15 +11,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from gtr_jax.config.amount import DISPLACEMENT, TENSION, unit_of
+from gtr_jax.config.config import RobotConfig
 from gtr_jax.errors import InputError, listed
-from gtr_jax.files.amount import DISPLACEMENT, TENSION, unit_of
-from gtr_jax.files.config import RobotConfig
-from gtr_jax.files.driving import Drive, driven
-from gtr_jax.files.recording import read_recording
-from gtr_jax.files.table import read_table
-from gtr_jax.files.units import to_si
+from gtr_jax.recordings.driving import Drive, driven
+from gtr_jax.recordings.formats.table import read_table
+from gtr_jax.recordings.recording import read_recording
 from gtr_jax.robot.robot import Robot
 from gtr_jax.terms import known_on
+from gtr_jax.units import to_si
 
 from .axes import Axis
 from .config import SweepConfig

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 
 from gtr_jax.errors import did_you_mean
-from gtr_jax.files.quantities import ANGLE, AXES, QUATERNION, column_of, marker_quantities
+from gtr_jax.recordings.formats.quantities import ANGLE, AXES, QUATERNION, column_of, marker_quantities
 from gtr_jax.robot.robot import Robot
 
 from .config import SweepConfig

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from gtr_jax.config.checks import refused_for_section
+from gtr_jax.config.config import RobotConfig, config_text, load_config
+from gtr_jax.config.space_checks import refused_in_space
 from gtr_jax.errors import InputError
-from gtr_jax.files.config import RobotConfig, config_text, load_config
-from gtr_jax.files.config_checks import refused_for_section
-from gtr_jax.files.quantities import split_unit
-from gtr_jax.files.space_checks import refused_in_space
-from gtr_jax.files.table import read_table
+from gtr_jax.recordings.formats.quantities import split_unit
+from gtr_jax.recordings.formats.table import read_table
 from gtr_jax.robot.build import build_robot, choose_intervals
 from gtr_jax.robot.robot import Robot
 from gtr_jax.terms import OWN, known_on, own_mark

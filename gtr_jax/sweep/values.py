@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import jax.tree_util as jtu
 from jaxtyping import Array
 
-from gtr_jax.files.quantities import AXES, QUATERNION
+from gtr_jax.recordings.formats.quantities import AXES, QUATERNION
 from gtr_jax.robot.robot import Robot, sections
 from gtr_jax.robot.rotation import quaternion_of
 

@@ -105,7 +105,7 @@ REGISTRY: dict[str, Term] = {
 # Names of those that users registered.
 OWN: set[str] = set()
 # The file whose classes hold a table for each term.
-_READERS = "gtr_jax.files.sections"
+_READERS = "gtr_jax.config.sections"
 # Whether terms are looked for that lie outside, on import: these may register themselves.
 _looking = True
 

@@ -14,9 +14,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from gtr_jax.files.differences import MAD_TO_SD, third_differences
-from gtr_jax.files.masking import Masked
-from gtr_jax.files.recording import Recording
 from gtr_jax.plots.style import (
     BLUE,
     GREEN,
@@ -33,11 +30,14 @@ from gtr_jax.plots.style import (
     phase_keys,
     styled,
 )
+from gtr_jax.recordings.cleaning.masking import Masked
+from gtr_jax.recordings.recording import Recording
+from gtr_jax.recordings.signals.differences import MAD_TO_SD, third_differences
+from gtr_jax.recordings.signals.turning import extremes
 
 from ..inspection import Inspection
 from ..sampling import GAP
 from ..slip import HOLD, PULLING, RELEASING, SLACK, TRANSITION
-from ..turning import extremes
 
 BLOCKS = 1500
 """Blocks that a long recording is cut into to be drawn, with both extremes of each: two to a pixel."""

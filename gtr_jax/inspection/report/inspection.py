@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from gtr_jax.errors import listed
-from gtr_jax.files.numbers import measured, number
-from gtr_jax.files.recording import Recording
+from gtr_jax.numbers import measured, number
+from gtr_jax.recordings.recording import Recording
 from gtr_jax.report.page import Figure, Report, Section, Table
 
 from ..cell import Cell

@@ -1,0 +1,1 @@
+"""The verdict, from stated quantities."""

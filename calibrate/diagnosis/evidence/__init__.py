@@ -1,0 +1,1 @@
+"""How probable each model is, and the numbers that hold over all of them."""

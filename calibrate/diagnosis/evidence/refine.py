@@ -1,0 +1,46 @@
+"""Errors due to the mesh and the few samples of a bench, and the correction of the bench for them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from calibrate.diagnosis.hypotheses.model import Fitted, model_of
+from calibrate.diagnosis.likelihood.likelihood import Bench
+from calibrate.inference.side_by_side import in_lanes
+from calibrate.inference.simulated_rig import Rig
+
+from .models import Models
+
+
+def refine(
+    bench: Bench,
+    models: Models,
+    wanted: Mapping[tuple[str, ...], Fitted],
+    fine: Sequence[Rig],
+    kept: Sequence[np.ndarray] | None = None,
+) -> Bench:
+    """The bench with corrections for its mesh and samples, computed for some models.
+
+    Args:
+        bench: to correct.
+        models: all models.
+        wanted: models to correct for: by names of hypotheses, a fit that has their values.
+        fine: all samples, on a fine mesh.
+        kept: indices of the samples on the bench; all unless given.
+    """
+
+    def correction(item):
+        names, f = item
+        values = model_of(bench.base, models.hypotheses(names)).values(models.coordinates(names, f))
+        found = []
+        for k, (rough, exact) in enumerate(zip(bench.rigs, fine, strict=True)):
+            here, there = rough(values), exact(values)
+            if here is None or there is None:
+                return None
+            found.append((there.values if kept is None else there.values[:, kept[k]]) - here.values)
+        return found
+
+    found = zip(wanted, in_lanes(correction, list(wanted.items())), strict=True)
+    return bench.corrected({names: more for names, more in found if more is not None})

@@ -1,0 +1,1 @@
+"""Laws that no catalogue holds: their forms, where they act, and what is found."""

@@ -1,0 +1,1 @@
+"""How well a model explains the recordings, and where it does not."""

@@ -1,0 +1,1 @@
+"""What comes from outside of the catalogue: episodes, disturbances, readings that stand."""

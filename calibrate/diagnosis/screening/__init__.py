@@ -1,0 +1,1 @@
+"""Hypotheses tried at finite sizes before any is refitted."""

@@ -1,0 +1,1 @@
+"""Refits: one effect, several, and what cannot be told apart."""

@@ -1,0 +1,1 @@
+"""From recordings to a posterior: observations, simulated readings, residuals weighed by noise, a descent."""

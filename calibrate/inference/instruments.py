@@ -1,0 +1,154 @@
+"""What a diagnosis compares: the channels that `gtr fit` compares, as a simulation shows them.
+
+A robot of one tendon in the plane has the five of `CHANNELS`, whether they are recorded or not, because the
+experiment that is proposed next may record them; any other robot has the tensions and displacements of each
+of its tendons and the place of its tip. Those of the tip's orientation and of markers are added where they
+are recorded.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gtr_jax import InputError, Robot
+from gtr_jax.simulation.markers import marker_rows
+from gtr_jax.simulation.natively import Brief
+
+from .channels import CHANNELS, ROTATION, Orientation, of_tendons, quantity_of, tendon_of, turned_by, unit_of
+from .setup import Part
+
+_turned_by = jax.jit(turned_by)
+
+
+def instruments(robot: Robot, recorded: Sequence[str]) -> tuple[str, ...]:
+    """Names of the channels that simulations of a recording hold, the tip tensions first.
+
+    Args:
+        robot: what was recorded.
+        recorded: channels that are compared.
+    """
+    drawn = [tendon.drive == "displacement" for tendon in robot.tendons]
+    if not (robot.space or robot.tendon_names):
+        every = CHANNELS
+    else:
+        pose = ("tip_x", "tip_y", "tip_z" if robot.space else "tip_angle")
+        ends = [
+            of_tendons("T_base" if by_draw else "displacement", robot)[i] for i, by_draw in enumerate(drawn)
+        ]
+        every = (*of_tendons("T_tip", robot), *pose, *ends)
+    return tuple(dict.fromkeys((*every, *recorded)))
+
+
+def shown(
+    robot: Robot,
+    run: Brief,
+    channels: Sequence[str],
+    *,
+    cells: tuple[np.ndarray, np.ndarray],
+    orientation: Orientation | None,
+    places: np.ndarray | None,
+) -> np.ndarray:
+    """What the instruments show of a simulation, SI, (C, K).
+
+    Args:
+        robot: what was simulated.
+        run: the simulation.
+        channels: names of what is wanted.
+        cells: what the cells at base and tip show [N], (K, *tendons) each.
+        orientation: of the tip as recorded, where it is compared.
+        places: of the markers [m] and angles of their sections [rad], (K, markers, 4), where they are.
+    """
+    rows: dict[str, np.ndarray] = {}
+    if run.shape is None:
+        rows |= dict(zip(("tip_x", "tip_y", "tip_angle"), run.tip_pose.T, strict=True))
+    else:
+        rows |= dict(zip(("tip_x", "tip_y", "tip_z"), run.shape.position[:, -1].T, strict=True))
+    if orientation is not None:
+        assert run.shape is not None
+        turned = np.asarray(_turned_by(jnp.asarray(run.shape.rotation[:, -1]), orientation))
+        rows |= dict(zip(ROTATION, turned.T, strict=True))
+    if places is not None:
+        rows |= marker_rows(robot, places)
+    ends = {"T_base": cells[0], "T_tip": cells[1], "displacement": run.displacement}
+
+    def row(name: str) -> np.ndarray:
+        if name in rows:
+            return rows[name]
+        values = ends[quantity_of(name)]
+        return values[:, tendon_of(name, robot)] if robot.tendon_names else values
+
+    return np.stack([row(name) for name in channels])
+
+
+def explained_first(parts: Sequence[Part]) -> list[Part]:
+    """Recordings with the channels first that a diagnosis explains: the tip tensions; where none was
+    recorded, those of the unit that most channels of all recordings have.
+
+    Raises:
+        InputError: a recording without tip tension has no channel of that unit.
+    """
+    if parts[0].tips:
+        return list(parts)
+    units = [unit_of(name) for part in parts for name in part.channels]
+    most, found = max(dict.fromkeys(units), key=units.count), []
+    for part in parts:
+        order = sorted(range(len(part.channels)), key=lambda c: unit_of(part.channels[c]) != most)
+        channels = tuple(part.channels[c] for c in order)
+        if unit_of(channels[0]) != most:
+            what = {"m": "place", "rad": "angle", "N": "tension"}[most]
+            raise InputError(
+                f"{part.path}: has no {what}, which the others have; diagnose it by itself, or add the column"
+            )
+        found.append(dataclasses.replace(part, channels=channels, recorded=part.recorded[order]))
+    return found
+
+
+class Cells(NamedTuple):
+    """Whether the tension at the tip, and at the base, is read by a cell in every recording."""
+
+    tip: bool = True
+    base: bool = True
+
+
+BOTH = Cells()
+
+
+def cells_of(parts: Sequence[Part]) -> Cells:
+    """Which cells recordings have."""
+    base = all(p.pulled or any(quantity_of(name) == "T_base" for name in p.channels) for p in parts)
+    return Cells(all(p.tips for p in parts), bool(base))
+
+
+def leading(part: Part) -> int:
+    """Number of the tendon that leads: what drives it changes most, as a share of its largest value, and
+    then, of several, by most.
+    """
+
+    def size(i: int) -> tuple[float, float]:
+        T = part.drives[i].T_base
+        return round(float(np.ptp(T)) / max(float(np.max(np.abs(T))), 1e-12), 2), float(np.ptp(T))
+
+    return max(range(len(part.drives)), key=lambda i: (*size(i), -i))
+
+
+def of_one(values: np.ndarray, tendon: int) -> np.ndarray:
+    """Values of one tendon, (K,), of such with or without a tendon axis, (K, *tendons)."""
+    return values if values.ndim == 1 else values[:, tendon]
+
+
+def tendon_of_channel(part: Part, channel: str) -> int:
+    """Number of the tendon by whose phases a channel is judged: its own, or that which leads."""
+    ends = channel.partition(".")[2] or len(part.drives) == 1
+    return tendon_of(channel, part.robot) if ends else leading(part)
+
+
+def words_for(part: Part, tendon: int) -> str:
+    """The name of one of several tendons, as words end with it: " of left"; "" of the only one."""
+    names = part.robot.tendon_names
+    return f" of {names[tendon]}" if names else ""

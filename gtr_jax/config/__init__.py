@@ -1,0 +1,1 @@
+"""Robot files: their schema, checked, read and written."""

@@ -1,1 +1,0 @@
-"""Text, units, tables, recordings and robot files: read, checked and written."""

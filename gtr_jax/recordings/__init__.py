@@ -1,0 +1,1 @@
+"""Recordings: read from tables or files, cleaned, and what signals show by themselves."""

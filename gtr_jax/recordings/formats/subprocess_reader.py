@@ -1,0 +1,103 @@
+"""Readers in a process of their own: of a damaged file, some libraries take the whole interpreter down, or
+write on stderr what they have to say.
+"""
+
+from __future__ import annotations
+
+import atexit
+import functools
+import importlib
+import os
+import pickle
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from typing import IO, Any
+
+from gtr_jax.errors import InputError, reason
+from gtr_jax.interpreters import python, surroundings
+
+from .expansion import confine, too_much
+
+_SERVE = "from gtr_jax.recordings.formats.subprocess_reader import serve; serve()"
+_lock = threading.Lock()
+
+
+class Unreadable(Exception):
+    """A reader failed, for the reason that this says."""
+
+
+def read_apart(reader: Callable[[Any], Any], data: Any) -> Any:
+    """What a reader, a function of a module, makes of the bytes of a file, or of its path, in a process
+    that lives on for the next file.
+
+    Raises Unreadable if the reader raises an error or takes its process down, and InputError, without the
+    place, if the reader does or needs more memory than `expansion` allows.
+    """
+    with _lock:
+        process = _process()
+        try:
+            assert process.stdin is not None and process.stdout is not None
+            _send(process.stdin, (reader.__module__, reader.__qualname__, data))
+            fault, answer = pickle.load(process.stdout)
+        except (EOFError, OSError, pickle.UnpicklingError):
+            _end()
+            raise Unreadable("it is damaged, or needs too much memory") from None
+        except BaseException:  # Ctrl-C: what it answers later is of no use to the next file
+            _end()
+            raise
+    if isinstance(answer, InputError):
+        raise answer
+    if fault:
+        raise Unreadable(fault)
+    return answer
+
+
+@functools.cache
+def _process() -> subprocess.Popen:
+    return subprocess.Popen(
+        python("-c", _SERVE),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env=surroundings(),
+    )
+
+
+def _end() -> None:
+    """End the process; the next file gets another."""
+    if _process.cache_info().currsize:
+        process = _process()
+        _process.cache_clear()
+        process.kill()
+        process.communicate()
+
+
+atexit.register(_end)
+
+
+def _send(stream: IO[bytes], message: Any) -> None:
+    pickle.dump(message, stream, protocol=5)
+    stream.flush()
+
+
+def serve() -> None:
+    """Read files for another process, until it closes the stream."""
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what libraries print is no answer
+    confine()
+    while True:
+        try:
+            module, name, data = pickle.load(sys.stdin.buffer)
+        except EOFError:
+            return
+        try:
+            message = ("", getattr(importlib.import_module(module), name)(data))
+        except InputError as fault:
+            message = ("", fault)
+        except MemoryError:
+            message = ("", too_much())
+        except BaseException as fault:  # a panic of Rust is no Exception
+            message = (reason(fault), None)
+        _send(answers, message)

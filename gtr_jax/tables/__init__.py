@@ -1,1 +1,0 @@
-"""Simulations as labelled datasets and tables, with units."""
