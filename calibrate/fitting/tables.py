@@ -14,8 +14,6 @@ from gtr_jax.recordings.headed import headed
 if TYPE_CHECKING:
     import pandas
 
-    from calibrate.inference.posterior_draws import Posterior
-
     from .result import FitResult, FittedRecording
 
 
@@ -70,15 +68,3 @@ def estimates_frame(fit: FitResult) -> pandas.DataFrame:
     index = pd.Index([e.name for e in (*fit.estimates, *fit.carried)], name="parameter")
     table = pd.DataFrame(rows, index=index, columns=[*names, "carried"])
     return table.astype({name: float for name in ("sd", "lower95", "upper95", "detectable")})
-
-
-def draws_columns(posterior: Posterior) -> dict[str, np.ndarray]:
-    """The draws of a posterior as columns, a row each, SI with the unit in the name."""
-    chains, each, _ = posterior.draws.shape
-    columns = {
-        "chain": np.repeat(np.arange(1, chains + 1), each),
-        "draw": np.tile(np.arange(1, each + 1), chains),
-    }
-    for i, (name, unit) in enumerate(zip(posterior.names, posterior.units, strict=True)):
-        columns[f"{name} [{unit}]" if unit else name] = posterior.draws[..., i].reshape(-1)
-    return columns

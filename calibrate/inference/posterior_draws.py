@@ -79,7 +79,6 @@ class Posterior:
 
     def to_pandas(self) -> pandas.DataFrame:
         """The draws, a row each, with the columns of `draws.csv`: SI, units in the names."""
-        from calibrate.fitting.tables import draws_columns
 
         return frame_of(draws_columns(self), "row")
 
@@ -141,3 +140,15 @@ class Posterior:
         with replaced_whole(path) as part:
             tree.to_netcdf(part, engine="h5netcdf")
         return Path(path)
+
+
+def draws_columns(posterior: Posterior) -> dict[str, np.ndarray]:
+    """The draws of a posterior as columns, a row each, SI with the unit in the name."""
+    chains, each, _ = posterior.draws.shape
+    columns = {
+        "chain": np.repeat(np.arange(1, chains + 1), each),
+        "draw": np.tile(np.arange(1, each + 1), chains),
+    }
+    for i, (name, unit) in enumerate(zip(posterior.names, posterior.units, strict=True)):
+        columns[f"{name} [{unit}]" if unit else name] = posterior.draws[..., i].reshape(-1)
+    return columns

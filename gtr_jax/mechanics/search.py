@@ -302,10 +302,10 @@ def _by_path(case: Case, how: March) -> Found:
     """Newton's method on the whole step; where it fails, on more and more parts, for one tendon first with
     damped steps, then with plain ones.
 
-    Neither is better everywhere. Of 155 tip forces on soft robots, like those of `tests/test_sweep.py`, plain
-    steps alone missed 3 and damped ones from four parts on 6, both in turn 2; of the two robots of
-    `tests/test_census.py` that do not converge, plain steps missed 24 steps and damped ones 12. Damped steps
-    without parts are not tried: beside a stop they went to a root far from the previous step.
+    Neither is better everywhere. Of 155 tip forces on soft robots, like those of `tests/sweep/test_sweep.py`,
+    plain steps alone missed 3 and damped ones from four parts on 6, both in turn 2; of the two robots of
+    `tests/mechanics/test_census.py` that do not converge, plain steps missed 24 steps and damped ones 12.
+    Damped steps without parts are not tried: beside a stop they went to a root far from the previous step.
     """
     what = case.structure
     sizes, lefts = scales(case)

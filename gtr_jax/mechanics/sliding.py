@@ -17,7 +17,8 @@ diagonals in y, while w narrows: with y alone, and friction either whole or none
 direction of u and, in the interval in which u changes it, where friction is neither whole nor the tension
 kept, how far it is mobilised. Where u begins, the kept tension gives way as the change of T grows: without a
 jump, so that a tendon driven by displacement has a base tension. How the body's stiffness
-changes as it bends, loads, and creep of the body do not count in c. Checked in `tests/test_sliding.py`.
+changes as it bends, loads, and creep of the body do not count in c. Checked in
+`tests/mechanics/test_sliding.py`.
 """
 
 from __future__ import annotations

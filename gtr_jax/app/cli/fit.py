@@ -252,7 +252,8 @@ def write_answer(
     """Write all that a fit leaves into a folder: of one recording fit.csv, of several fit-NAME.csv of each;
     robot.toml and fitted.toml likewise where there are several robots; draws.csv and draws.nc of a posterior.
     """
-    from calibrate.fitting.tables import draws_columns, fitted_columns
+    from calibrate.fitting.tables import fitted_columns
+    from calibrate.inference.posterior_draws import draws_columns
     from calibrate.report.fit import fit_report
     from gtr_jax.config.config import config_text, dump_config
     from gtr_jax.recordings.recording import write_recording
