@@ -16,7 +16,7 @@ import lineax as lx
 import optimistix as optx
 from jaxtyping import Array, Float, Int
 
-from gtr_jax import Equilibrium, March, Robot
+from gtr_jax import Equilibrium, Robot, SolverOptions
 from gtr_jax import equilibrium as gtr_equilibrium
 from gtr_jax.mechanics import channel, rest_state
 from gtr_jax.mechanics.mesh import increments, shifted
@@ -149,10 +149,10 @@ class Anderson(_RootFinder):
 
 
 def equilibrium(
-    robot: Robot, T_base: Float[Array, ""], solver: March | optx.AbstractRootFinder
+    robot: Robot, T_base: Float[Array, ""], solver: SolverOptions | optx.AbstractRootFinder
 ) -> Equilibrium:
     """`gtr_jax.equilibrium` of a robot of one tendon, by the march or by one of its rivals."""
-    if isinstance(solver, March):
+    if isinstance(solver, SolverOptions):
         return gtr_equilibrium(robot, T_base, solver=solver)
     s = sections(robot)
     slack = jnp.zeros_like(s.rest)
@@ -173,8 +173,8 @@ def equilibrium(
     return describe(s, robot.base, done)
 
 
-CANDIDATES: dict[str, March | optx.AbstractRootFinder] = {
-    "march": March(),
+CANDIDATES: dict[str, SolverOptions | optx.AbstractRootFinder] = {
+    "march": SolverOptions(),
     "structured Newton": StructuredNewton(),
     "Anderson": Anderson(),
     "Picard": Anderson(depth=0, damping=0.7),

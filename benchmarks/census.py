@@ -33,7 +33,7 @@ import numpy as np
 
 import gtr_jax as gtr
 from gtr_jax.config.config import parse_config
-from gtr_jax.mechanics import March
+from gtr_jax.mechanics import SolverOptions
 from gtr_jax.mechanics.channel import tangent_lead
 from gtr_jax.mechanics.mesh import increments
 from gtr_jax.robot.robot import Robot, sections
@@ -308,7 +308,7 @@ def examined(d: Drawn, robot: Robot, run: Simulation) -> Seen:
     pull = max(np.abs(work[:LEG]).sum(), 1e-15)
     return Seen(
         # Not those that are flagged because they follow one.
-        unsettled=int((~(np.asarray(run.residual_norm) <= March().atol)).sum()),
+        unsettled=int((~(np.asarray(run.residual_norm) <= SolverOptions().atol)).sum()),
         finite=bool(np.all(finite | ~settled)),
         against=float(max(0.0, np.max(-way * np.diff(tip)))) / top,
         above=float(np.max((tip - T)[: LEG + 1])) / top,

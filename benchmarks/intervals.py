@@ -24,7 +24,7 @@ from scipy import stats
 
 import calibrate
 import gtr_jax as gtr
-from gtr_jax.atomic_write import write_whole
+from gtr_jax.atomic_write import write_atomically
 from gtr_jax.interpreters import started_safely
 
 from .blind import answers, cases
@@ -132,7 +132,7 @@ def _one(job: Job) -> str:
         found = _answer(job)
     except Exception:  # the next case may go well; this one counts as failed
         found = {"verdict": "crashed", "says": traceback.format_exc()}
-    write_whole(job.target, json.dumps(found, indent=1) + "\n")
+    write_atomically(job.target, json.dumps(found, indent=1) + "\n")
     return f"{job.target.stem} {found['verdict']} {found.get('seconds', 0):.0f} s"
 
 

@@ -18,7 +18,7 @@ from jaxtyping import Array
 import gtr_jax as gtr
 from calibrate.inference.simulated_rig import programs_of
 from gtr_jax.kept import Kept
-from gtr_jax.mechanics import Structure
+from gtr_jax.mechanics import ProgramSpec
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import LANES, Brief, Native, Run, ready
 from gtr_jax.simulation.programs import structure_with
@@ -42,7 +42,7 @@ def history() -> tuple[np.ndarray, np.ndarray]:
     return np.interp(at, np.arange(len(corners)), corners), 0.1 * np.arange(STEPS)
 
 
-def by_native(native: Native, run: Run, structure: Structure, lanes: int) -> Brief:
+def by_native(native: Native, run: Run, structure: ProgramSpec, lanes: int) -> Brief:
     """A history by itself, or as many as there are lanes."""
     if lanes == 1:
         return native(run.ready, structure, run.loads)
@@ -80,7 +80,7 @@ def study() -> Iterator[str]:
         def traced(T: Array, kinds: tuple[str, ...] = kinds) -> Array:
             return gtr.simulate(robot, T, time=clock, with_terms=kinds or False).T_tip
 
-        def native_ms(lanes: int, structure: Structure = structure) -> float:
+        def native_ms(lanes: int, structure: ProgramSpec = structure) -> float:
             return measure.shortest(lambda: by_native(native, run, structure, lanes).T_tip) / lanes * 1e3
 
         by_jax = measure.timed(traced, jnp.asarray(T)).warm * 1e3

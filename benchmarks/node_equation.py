@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gtr_jax import March
+from gtr_jax import SolverOptions
 from gtr_jax.mechanics import channel
 from gtr_jax.mechanics.several import friction
 from gtr_jax.mechanics.several.problem import Problem
@@ -138,6 +138,6 @@ def node_equation(quick: bool = False) -> dict[str, Any]:
                 "lane_s": measure.shortest(many, batch, budget=0.1) / left.size,
                 "residual_median": float(np.median(left)),
                 "residual_worst": float(left.max()),
-                "share_done": float(np.mean(left <= March().atol)),
+                "share_done": float(np.mean(left <= SolverOptions().atol)),
             }
     return out

@@ -45,7 +45,7 @@ RULES = {
 
 def tip(robot: gtr.Robot, T_base, solver=None) -> tuple:
     """What is compared: tip tension, tip pose, and whether it converged."""
-    eq = equilibrium(robot, T_base, solver or gtr.March())
+    eq = equilibrium(robot, T_base, solver or gtr.SolverOptions())
     return eq.T_tip, eq.tip_pose, eq.converged
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 import calibrate
 import gtr_jax as gtr
-from gtr_jax.atomic_write import write_whole
+from gtr_jax.atomic_write import write_atomically
 from gtr_jax.config.config import parse_config
 
 from .spatial_fits import DRAWN, FORCE, LENGTH, OUTER_RADIUS, PLACE
@@ -200,7 +200,7 @@ def main(argv: list[str] | None = None) -> int:
         target = own / "answer.json"
         if not target.exists():
             found = answer(own, robot, effect, 1000 * args.seed + k)
-            write_whole(target, json.dumps(found, indent=1) + "\n")
+            write_atomically(target, json.dumps(found, indent=1) + "\n")
             print(f"{own.name}: {scored(found)}, {found['seconds']:.0f} s", file=sys.stderr, flush=True)
         answers.append(json.loads(target.read_text()))
     text = page(answers, args.seed)

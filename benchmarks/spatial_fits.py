@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 import calibrate
 import gtr_jax as gtr
-from gtr_jax.atomic_write import write_whole
+from gtr_jax.atomic_write import write_atomically
 from gtr_jax.config.config import parse_config
 
 from .spatial_machine import LINKS, Arms, Run, simulate
@@ -132,7 +132,7 @@ def make(folder: Path, runs: int, seed: int, links: int) -> None:
         gtr.write_recording(own / "recording.csv", read_by(run, T_base, k, rng))
         truth = {name: float(getattr(arms, name)[k]) for name in FREE}
         gtr.dump_config(parse_config(robot_file(arms, k, rng), source="robot.toml"), own / "robot.toml")
-        write_whole(own / "truth.json", json.dumps(truth, indent=1) + "\n")
+        write_atomically(own / "truth.json", json.dumps(truth, indent=1) + "\n")
 
 
 def answer(own: Path) -> dict[str, Any]:
@@ -194,7 +194,7 @@ def main(argv: list[str] | None = None) -> int:
     for own in sorted(args.output.glob("run-*"))[: args.runs]:
         target = own / "answer.json"
         if not target.exists():
-            write_whole(target, json.dumps(answer(own), indent=1) + "\n")
+            write_atomically(target, json.dumps(answer(own), indent=1) + "\n")
             print(f"{own.name} done", file=sys.stderr, flush=True)
         answers.append(json.loads(target.read_text()))
     text = page(answers, args.seed, args.links)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from gtr_jax.config.config import RobotConfig
 from gtr_jax.notebook import drawn_by
 from gtr_jax.numbers import quantity
-from gtr_jax.to_jsonable import plain
+from gtr_jax.to_jsonable import to_jsonable
 
 from .compare import Comparison
 from .distinct import by_loss
@@ -155,7 +155,7 @@ class Design:
         """The answer as plain values, SI, units in the keys."""
         v, search = self.verification, self.search
         names = self.problem.space.config.tendon_names
-        return plain(
+        return to_jsonable(
             {
                 "schema": 1,
                 "verdict": self.verdict,

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from .config.config import RobotConfig, dump_config, load_config
     from .errors import InputError
     from .inspection.inspection import Inspection, inspect
-    from .mechanics.structure import March
+    from .mechanics.program_spec import SolverOptions
     from .recordings.recording import Recording, read_recording, write_recording
     from .robot.backbone import Backbone
     from .robot.build import build_robot, load_robot
@@ -49,7 +49,7 @@ FILES = {
     "config.config": ("RobotConfig", "dump_config", "load_config"),
     "recordings.recording": ("Recording", "read_recording", "write_recording"),
     "inspection.inspection": ("Inspection", "inspect"),
-    "mechanics.structure": ("March",),
+    "mechanics.program_spec": ("SolverOptions",),
     "robot.backbone": ("Backbone",),
     "robot.build": ("build_robot", "load_robot"),
     "robot.parameters": ("Parameter", "parameters_of"),
@@ -73,7 +73,6 @@ __all__ = [
     "InputError",
     "Inspection",
     "Loads",
-    "March",
     "Parameter",
     "Pose",
     "Reading",
@@ -82,6 +81,7 @@ __all__ = [
     "RobotConfig",
     "Shape",
     "Simulation",
+    "SolverOptions",
     "Switch",
     "Tendon",
     "build_robot",

@@ -31,7 +31,7 @@ def beside(path: Path, ending: str = "part") -> Path:
 
 
 @contextlib.contextmanager
-def replaced_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
+def replaced_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
     """A temporary file beside a file, for the block to write; it then takes the file's name, unless the block
     raises: then the file stays as it was.
     """

@@ -12,7 +12,7 @@ import os
 import secrets
 from pathlib import Path
 
-from .leftovers import replaced_whole
+from .leftovers import replaced_atomically
 from .owned import is_own, private_place
 
 KEY = "key"  # name of the file
@@ -37,7 +37,7 @@ def write(path: Path, contents: bytes) -> None:
     own = key()
     if own is None:
         return
-    with contextlib.suppress(OSError), replaced_whole(path) as temporary:
+    with contextlib.suppress(OSError), replaced_atomically(path) as temporary:
         temporary.write_bytes(_seal(own, path, contents) + contents)
 
 

@@ -28,8 +28,8 @@ def _change(ready: Prepared, numbers, values: dict[str, float], fixed) -> np.nda
     """By how much white residuals change."""
     model = Model((), numbers, fixed)
     x = np.asarray([n.at(values[n.name]) for n in numbers])
-    seen = ready.bench.simulate(dict(ready.base.values) | model.values(x))
-    return None if seen is None else ready.bench.rows(seen) - ready.base.rows
+    seen = ready.likelihood.simulate(dict(ready.base.values) | model.values(x))
+    return None if seen is None else ready.likelihood.rows(seen) - ready.base.rows
 
 
 def score_test(ready: Prepared) -> dict[str, Any]:
@@ -73,7 +73,7 @@ def residual_match(ready: Prepared) -> dict[str, Any]:
 def features(ready: Prepared) -> list[float]:
     """Of the residuals of the base fit: by phase and tension, cycle and lag, of T_tip and of the pose."""
     found: list[float] = []
-    bench, base = ready.bench, ready.base
+    bench, base = ready.likelihood, ready.base
     part = bench.rigs[0].part
     white = bench.by_channel(base.rows)[0]
     T, phases, cycle = part.T_base.T_base, phases_of(bench, base, 0), cycles_of(part.T_base.T_base)
@@ -102,7 +102,7 @@ def features(ready: Prepared) -> list[float]:
 
 def of(ready: Prepared) -> dict[str, Any]:
     """The answers of all that need no training, and the features of the one that does."""
-    left = misfit(ready.bench, ready.base)
+    left = misfit(ready.likelihood, ready.base)
     return {
         "refit only": {"claims": bool(structured(left))},
         "score test": score_test(ready),

@@ -16,12 +16,12 @@ import gtr_jax as gtr
 from calibrate.diagnosis.hypotheses.hypotheses import base_numbers
 from calibrate.diagnosis.hypotheses.model import Fitted
 from calibrate.diagnosis.likelihood.follow import dimensions_of
-from calibrate.diagnosis.likelihood.likelihood import Bench
+from calibrate.diagnosis.likelihood.likelihood import Likelihood
 from calibrate.diagnosis.prepare import deviations_of, hypotheses_of
 from calibrate.diagnosis.screening.screen import STARTS_EACH, screen
 from calibrate.diagnosis.search.search import refit_best
 from calibrate.fitting.fit import part_of
-from calibrate.inference.simulated_rig import Rig
+from calibrate.inference.simulated_rig import SimulatedRig
 from gtr_jax.recordings.signals.noise import Noise
 
 from .effects import CATALOGUE
@@ -55,8 +55,8 @@ def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
     base = dataclasses.replace(part.T_base, T_base=np.asarray(key["T_base"]))
     part = dataclasses.replace(part, recorded=clean, T_base=base)
     dimensions = dimensions_of(config, robot)
-    rig = Rig(part, robot, [d.name for d in dimensions])
-    bench = Bench((rig,), base_numbers(robot, deviations_of(config, robot)), tuple(dimensions))
+    rig = SimulatedRig(part, robot, [d.name for d in dimensions])
+    bench = Likelihood((rig,), base_numbers(robot, deviations_of(config, robot)), tuple(dimensions))
     values = {n.name: key[n.name] for n in bench.base}
     true = rig(values)
     if true is None:
@@ -78,7 +78,7 @@ def left(folder: Path, key: dict[str, Any]) -> dict[str, float]:
     }
 
 
-def _least(bench: Bench, true: np.ndarray) -> Fitted | None:
+def _least(bench: Likelihood, true: np.ndarray) -> Fitted | None:
     """The base model refitted from the true numbers, and from other friction coefficients: where friction and
     modulus make up for an effect together, the true ones lie in another valley.
     """
@@ -94,7 +94,7 @@ def _noise(row: np.ndarray) -> Noise:
     return Noise(sd, float(np.clip(np.mean(row[1:] * row[:-1]) / max(sd**2, 1e-300), 0.0, 0.8)))
 
 
-def _parts(bench: Bench, base: Fitted, hidden: Sequence[str]) -> dict[str, float]:
+def _parts(bench: Likelihood, base: Fitted, hidden: Sequence[str]) -> dict[str, float]:
     """What the terms of the hidden effects leave together, and how much each is missed beside the others; see
     `left`. Each may be added last.
     """
@@ -119,7 +119,7 @@ def _parts(bench: Bench, base: Fitted, hidden: Sequence[str]) -> dict[str, float
     return {"own": float(np.sqrt(whole)), "least_part": float(np.sqrt(min(missed)))}
 
 
-def _rivalry(bench: Bench, base: Fitted, truth: str) -> dict[str, float]:
+def _rivalry(bench: Likelihood, base: Fitted, truth: str) -> dict[str, float]:
     """What the term that is hidden leaves, and the best of the others; see `left`."""
     hypotheses = hypotheses_of(bench.rigs[0].part.robot, base, [bench.rigs[0].part])
     screened = screen(bench, base, hypotheses)

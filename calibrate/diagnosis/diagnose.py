@@ -10,7 +10,7 @@ import numpy as np
 
 from calibrate.inference.instruments import of_one, tendon_of_channel
 from calibrate.inference.side_by_side import in_lanes
-from calibrate.inference.simulated_rig import Rig
+from calibrate.inference.simulated_rig import SimulatedRig
 from calibrate.inference.simulation_cache import SimulationCache
 from calibrate.planning.experiment import Experiment, propose
 from gtr_jax import Recording, Robot, RobotConfig
@@ -37,7 +37,7 @@ from .hypotheses.hypotheses import EVENTS, INSTRUMENT_NUMBERS, Hypothesis, of_si
 from .hypotheses.model import Fitted
 from .laws.discovery import Discovery, discover
 from .likelihood.held_out import held_out
-from .likelihood.likelihood import Bench
+from .likelihood.likelihood import Likelihood
 from .likelihood.locate import cycles_in, locate, mu_by_stratum, phases_of, ratio_of_branches
 from .outside.episodes import episodes
 from .outside.leave_out import Stretch, asked_for, from_outside, left_out, where_still
@@ -197,27 +197,27 @@ def _search(
     say: Callable[[str], None],
 ) -> Diagnosis | None:
     """The answer; None if the recordings no longer differ once the model has the effects that were found."""
-    bench, base, hypotheses = ready.bench, ready.base, ready.hypotheses
-    models = Models(bench, hypotheses)
+    likelihood, base, hypotheses = ready.likelihood, ready.base, ready.hypotheses
+    models = Models(likelihood, hypotheses)
     models.add([base])
     say(f"trying {len(hypotheses)} hypotheses")
-    screened = screen(bench, base, hypotheses)
-    if single := of_single_tendons(bench.rigs[0].robot, _on_tendons(bench, screened)):
+    screened = screen(likelihood, base, hypotheses)
+    if single := of_single_tendons(likelihood.rigs[0].robot, _on_tendons(likelihood, screened)):
         say("trying cells and the most promising on single tendons")
         models.of |= {h.name: h for h in single}
         hypotheses = [*hypotheses, *single]
-        screened = sorted([*screened, *screen(bench, base, single)], key=lambda s: -s.gain)
+        screened = sorted([*screened, *screen(likelihood, base, single)], key=lambda s: -s.gain)
     pairs = promising(base, screened, PAIRS)
-    firm = firm_fit(bench, base)
+    firm = firm_fit(likelihood, base)
     if firm is not None:
-        screened = merged(screened, screen(bench, firm, hypotheses, reference=base.cost))
+        screened = merged(screened, screen(likelihood, firm, hypotheses, reference=base.cost))
     short = [s for s in screened if s.gain > WORTH][:SHORTLIST]
     if short:
         say(f"refitting the {len(short)} most promising")
-        models.add(refit_best(bench, (), base, short, STARTS_EACH))
+        models.add(refit_best(likelihood, (), base, short, STARTS_EACH))
         # Errors of the coarse mesh and of the fewer samples would pass for a second effect.
         top = [f for f in models.ranked() if f.names][:REFINED]
-        models.bench = refine(bench, models, {f.names: f for f in top}, ready.exact, ready.kept)
+        models.likelihood = refine(likelihood, models, {f.names: f for f in top}, ready.exact, ready.kept)
         models.reweigh()
         combine(models, pairs, say)
     say("refitting the best to all samples, on a fine mesh")
@@ -240,7 +240,7 @@ def _search(
     decision = with_unseen(decision, whole, screened)
     chosen = decision.chosen
     if ready.differ and chosen.names and decision.verdict != UNEXPLAINED:
-        if not still_differ(whole.bench, chosen, whole.hypotheses(chosen.names), ready.differ):
+        if not still_differ(whole.likelihood, chosen, whole.hypotheses(chosen.names), ready.differ):
             return None
     say("refitting to part of the samples")
     return _answer(
@@ -248,11 +248,11 @@ def _search(
     )
 
 
-def _on_tendons(bench: Bench, screened: Sequence[Screened]) -> list[Hypothesis]:
+def _on_tendons(likelihood: Likelihood, screened: Sequence[Screened]) -> list[Hypothesis]:
     """The effects that are tried on single tendons: those of the cells, which cost little because the robot
     need not be simulated again, and the most promising others.
     """
-    known = bench.rigs[0].robot.catalogue
+    known = likelihood.rigs[0].robot.catalogue
     cells = [s.hypothesis for s in screened if known[s.hypothesis.kind].of_cells]
     others = [s for s in screened if not known[s.hypothesis.kind].of_cells and s.gain > WORTH]
     return [*cells, *(s.hypothesis for s in others[:OF_TENDONS])]
@@ -266,14 +266,14 @@ def _discovered(models: Models, decision: Decision, say: Callable[[str], None]) 
     these may only imitate it. Of a long recording, which lacks several things as a rule, it is looked for
     beside what explains a part alone.
     """
-    robot = models.bench.rigs[0].robot
+    robot = models.likelihood.rigs[0].robot
     stands = decision.pattern is not None and decision.pattern.stands
     if decision.verdict not in (UNEXPLAINED, PARTLY) or stands:
         return None
     if robot.space or robot.tendon_names or robot.tendon.drive != "tension":
         return None
     heads = [decision.chosen] if decision.verdict == PARTLY else []
-    if models.bench.heavy is None or not heads:
+    if models.likelihood.heavy is None or not heads:
         heads = [models.base, *heads]
     room = (head for head in heads if len(head.names) + 1 < len(HOW_MANY))
     return next((found for head in room if (found := discover(models, head, say)) is not None), None)
@@ -300,7 +300,7 @@ def _decided(
         best = with_further(whole, decision.chosen, say) if known is None else whole.stored(known)
         partly = decide_partly(whole, best, decision)
         decision = partly if structured(partly.left) else decide_combined(whole, best, decision)
-    if whole.bench.heavy is not None:
+    if whole.likelihood.heavy is not None:
         # Long recordings have cycles enough to tell by.
         decision = narrowed(whole, decision, beaten(whole, decision.chosen, decision.confusion))
     return whole, decision
@@ -313,20 +313,22 @@ def _outside(
     far off count less; None where that is nothing.
     """
     time = ready.parts[0].time
-    if models.bench.heavy is None or time is None:
+    if models.likelihood.heavy is None or time is None:
         return None
     samples = {part.name: part.samples for part in ready.parts}
     events = _events_of(chosen.values, float(time[0]))
-    return from_outside(episodes(models.bench, chosen), samples, known, events)
+    return from_outside(episodes(models.likelihood, chosen), samples, known, events)
 
 
-def _on_all(models: Models, rigs: list[Rig], fine: list[Rig], more: Sequence[Fitted] = ()) -> Models | None:
+def _on_all(
+    models: Models, rigs: list[SimulatedRig], fine: list[SimulatedRig], more: Sequence[Fitted] = ()
+) -> Models | None:
     """The most probable models, and the base model, refitted to all samples; None if that fails."""
-    few = models.bench
-    bench = Bench(
+    few = models.likelihood
+    likelihood = Likelihood(
         rigs=tuple(rigs), base=few.base, dimensions=few.dimensions, heavy=few.heavy, untried=few.untried
     )
-    whole = Models(bench, list(models.of.values()))
+    whole = Models(likelihood, list(models.of.values()))
     ranked = models.ranked()
     wanted: dict[tuple[str, ...], Fitted] = {(): models.base}
     for f in [*[f for f in ranked if f.names][:FINAL], *(f for f in more if f.names)]:
@@ -334,27 +336,27 @@ def _on_all(models: Models, rigs: list[Rig], fine: list[Rig], more: Sequence[Fit
         # Where few samples need two effects, all samples may need only one.
         for name in f.names:
             wanted[(name,)] = models.fits.get((name,), f)
-    bench = refine(bench, whole, wanted, fine)
+    likelihood = refine(likelihood, whole, wanted, fine)
     top = ranked[0]
-    seen = bench.simulate(top.values, top.names)
+    seen = likelihood.simulate(top.values, top.names)
     if seen is None:
         return None
-    bench = bench.weighed(top.values, seen)
-    if bench.dimensions:  # their effect must not pass for noise
-        first = bench.refit(whole.hypotheses(top.names), whole.coordinates(top.names, top), most=4)
+    likelihood = likelihood.weighed(top.values, seen)
+    if likelihood.dimensions:  # their effect must not pass for noise
+        first = likelihood.refit(whole.hypotheses(top.names), whole.coordinates(top.names, top), most=4)
         if first is not None:
-            bench = bench.weighed(first.values, first.seen)
-    whole.bench = bench
+            likelihood = likelihood.weighed(first.values, first.seen)
+    whole.likelihood = likelihood
 
     def refit(item):
         names, f = item
-        return bench.refit(whole.hypotheses(names), whole.coordinates(names, f), most=4)
+        return likelihood.refit(whole.hypotheses(names), whole.coordinates(names, f), most=4)
 
     whole.add([f for f in in_lanes(refit, list(wanted.items())) if f is not None])
     whole.mend()
     if () not in whole.fits:
         return None
-    return whole if whole.bench.heavy is None else _weighed_by_the_best(whole)
+    return whole if whole.likelihood.heavy is None else _weighed_by_the_best(whole)
 
 
 def _weighed_by_the_best(models: Models) -> Models:
@@ -362,17 +364,19 @@ def _weighed_by_the_best(models: Models) -> Models:
     tendon slips, and how the base cell's noise passes on to the tip, depends on the model: weighed by a
     rival, a true model may seem much worse than it is.
     """
-    bench = models.bench
+    likelihood = models.likelihood
 
-    def on_its_own(f: Fitted) -> tuple[float, Bench] | None:
-        own = dataclasses.replace(bench.weighed(f.values, f.seen, bench.noise), heavy=bench.heavy)
+    def on_its_own(f: Fitted) -> tuple[float, Likelihood] | None:
+        own = dataclasses.replace(
+            likelihood.weighed(f.values, f.seen, likelihood.noise), heavy=likelihood.heavy
+        )
         again = own.refit(models.hypotheses(f.names), f.x, most=4, exact=False)
         return None if again is None else (again.cost + own.log_determinant, own)
 
     top = models.ranked()[:FINAL]
     found = [t for t in in_lanes(on_its_own, top) if t is not None]
-    least, own = min(found, key=lambda t: t[0], default=(0.0, bench))
-    first = next(iter(found), (0.0, bench))
+    least, own = min(found, key=lambda t: t[0], default=(0.0, likelihood))
+    first = next(iter(found), (0.0, likelihood))
     if own is first[1] or least > first[0] - SETTLED:
         return models
     other = Models(own, list(models.of.values()))
@@ -384,15 +388,15 @@ def _weighed_by_the_best(models: Models) -> Models:
 
 def _as_the_file_says(models: Models) -> Models:
     """The base model without what instruments add, where that is fitted beside every hypothesis."""
-    numbers = tuple(n for n in models.bench.base if n.parameter not in INSTRUMENT_NUMBERS)
-    if numbers == models.bench.base:
+    numbers = tuple(n for n in models.likelihood.base if n.parameter not in INSTRUMENT_NUMBERS)
+    if numbers == models.likelihood.base:
         return models
-    bench = models.bench.with_base(numbers)
-    known = dict(zip((n.name for n in models.bench.base), models.base.x, strict=True))
-    fitted = bench.refit((), np.asarray([known[n.name] for n in numbers]))
+    likelihood = models.likelihood.with_base(numbers)
+    known = dict(zip((n.name for n in models.likelihood.base), models.base.x, strict=True))
+    fitted = likelihood.refit((), np.asarray([known[n.name] for n in numbers]))
     if fitted is None:
         return models
-    plain = Models(bench, ())
+    plain = Models(likelihood, ())
     plain.add([fitted])
     return plain
 
@@ -408,7 +412,7 @@ def _answer(
     experiment: bool | None,
     say: Callable[[str], None],
 ) -> Diagnosis:
-    bench, base, chosen = models.bench, models.base, decision.chosen
+    likelihood, base, chosen = models.likelihood, models.base, decision.chosen
     say("fitting all that is uncertain together")
     finer = sum(ready.exact[0].robot.intervals) / sum(ready.rough[0].robot.intervals)
     plain = _as_the_file_says(models)
@@ -427,16 +431,16 @@ def _answer(
     leaves = decision.verdict in (PARTLY, DISCOVERED, UNEXPLAINED)
     average = averaged(models, chosen, decision.probability, marginals, leaves=leaves)
     pieces = discovery is not None and discovery.pieces
-    scores = held_out(bench, [(models.hypotheses(f.names), f) for f in compared], pieces=pieces)
+    scores = held_out(likelihood, [(models.hypotheses(f.names), f) for f in compared], pieces=pieces)
     wanted = decision.verdict == "ambiguous" if experiment is None else experiment
     proposal: Experiment | None = None
     if wanted and chosen.names:
         say("looking for the experiment that would decide")
-        proposal = propose(models, decision, bench.rigs[0])
-    loops, left = [], [bench.residuals(m.fitted.seen) for m in (before, after)]
+        proposal = propose(models, decision, likelihood.rigs[0])
+    loops, left = [], [likelihood.residuals(m.fitted.seen) for m in (before, after)]
     for k, part in enumerate(ready.full):
         plain, shown = part.recorded + left[0][k], part.recorded + left[1][k]
-        phases = phases_of(bench, before.fitted, k)
+        phases = phases_of(likelihood, before.fitted, k)
 
         def pull(i: int, part=part, k=k, ends=(part.recorded, plain, shown), phases=phases) -> Pull:
             drive, tendon = part.drives[i], part.robot.tendons[i]
@@ -462,7 +466,7 @@ def _answer(
                 cycles=cycles_in(part),
                 counted=part.counted,
                 explained=part.explained,
-                noise=tuple(bench.noise[k]),
+                noise=tuple(likelihood.noise[k]),
                 of=tuple(tendon_of_channel(part, name) for name in part.channels),
                 pulls=tuple(pull(i) for i in range(len(part.drives))),
             )
@@ -473,7 +477,7 @@ def _answer(
             names=f.names,
             probability=probability[f.names],
             delta=float(np.sqrt(max(base.chi2 - f.chi2, 0.0))),
-            chi2_per_n=bench.mean_square(f),
+            chi2_per_n=likelihood.mean_square(f),
             values=dict(f.values),
             failed=f.failed,
             log_posterior=models.log_posterior(f),
@@ -489,9 +493,9 @@ def _answer(
         refitted=refitted,
         average=average,
         discovery=discovery,
-        where=locate(bench, before.fitted),
-        rest=locate(bench, after.fitted),
-        strata=mu_by_stratum(before.bench, before.fitted, before.covariance),
+        where=locate(likelihood, before.fitted),
+        rest=locate(likelihood, after.fitted),
+        strata=mu_by_stratum(before.likelihood, before.fitted, before.covariance),
         held=scores,
         loops=loops,
         rivals=rivals,
@@ -500,7 +504,7 @@ def _answer(
         config=ready.config,
         fine=ready.fine,
         differ=ready.differ,
-        episodes=episodes(bench, after.fitted),
+        episodes=episodes(likelihood, after.fitted),
         left_out=[
             out
             for part, residual in zip(ready.full, left[1], strict=True)

@@ -16,8 +16,8 @@ from calibrate.inference.instruments import cells_of, explained_first, instrumen
 from calibrate.inference.number import Number, values_in
 from calibrate.inference.predictor import padded_history
 from calibrate.inference.samples import some_samples
-from calibrate.inference.setup import Part, check_columns, check_noise, recorded
-from calibrate.inference.simulated_rig import Rig, friction_of, program_for, resolution_of
+from calibrate.inference.setup import Observation, check_columns, check_noise, recorded
+from calibrate.inference.simulated_rig import SimulatedRig, friction_of, program_for, resolution_of
 from calibrate.inference.simulation_cache import SimulationCache
 from gtr_jax import InputError, Recording, Robot, RobotConfig, build_robot
 from gtr_jax.errors import excerpt, nearest_first
@@ -34,7 +34,7 @@ from .evidence.refine import refine
 from .hypotheses.hypotheses import Hypothesis, base_numbers, catalogue, instrument_numbers
 from .hypotheses.model import Fitted
 from .likelihood.follow import dimensions_of
-from .likelihood.likelihood import HEAVY, SCANNED, Bench, change_by, passing
+from .likelihood.likelihood import HEAVY, SCANNED, Likelihood, change_by, passing
 from .outside.disturbances import behind_gaps, disturbances, within
 from .outside.leave_out import Stretch, without
 from .outside.sanity import faults
@@ -79,13 +79,13 @@ class Prepared:
 
     config: RobotConfig | None
     fine: Robot
-    parts: list[Part]
-    full: list[Part]
+    parts: list[Observation]
+    full: list[Observation]
     kept: list[np.ndarray]
     warnings: list[str]
-    bench: Bench
-    rough: list[Rig]
-    exact: list[Rig]
+    likelihood: Likelihood
+    rough: list[SimulatedRig]
+    exact: list[SimulatedRig]
     base: Fitted
     hypotheses: list[Hypothesis]
     differ: list[Difference] = dataclasses.field(default_factory=list)
@@ -94,7 +94,7 @@ class Prepared:
     def without(self, stretches: Mapping[str, Sequence[Stretch]]) -> Prepared:
         """The same with stretches of the recordings that are not compared in the final fits."""
 
-        def again(rigs: Sequence[Rig]) -> list[Rig]:
+        def again(rigs: Sequence[SimulatedRig]) -> list[SimulatedRig]:
             return [rig.of(without(rig.part, stretches.get(rig.part.name, ()))) for rig in rigs]
 
         rough, exact = again(self.rough), again(self.exact)
@@ -158,7 +158,7 @@ def prepare(
     if channels is None and not (fine.space or fine.tendon_names):
         channels = (*CHANNELS, *(marker.name for marker in fine.markers))
     names = names_of(recordings)
-    parts: list[Part] = []
+    parts: list[Observation] = []
     for name, r in zip(names, recordings, strict=True):
         part, more = part_of(name, fine, config, r, channels, noise_N=noise_N, noise_base_N=noise_base_N)
         parts.append(part)
@@ -179,7 +179,7 @@ def prepare(
     free = [*(d.name for d in dimensions), *(names_to_split(fine, dimensions) if several else [])]
 
     def fitted(
-        parts: list[Part],
+        parts: list[Observation],
         start: np.ndarray | None,
         numbers: tuple[Number, ...] = (*base_numbers(fine, deviations), *instruments),
         dimensions: Sequence[Number] = dimensions,
@@ -188,20 +188,20 @@ def prepare(
         full = [part if part.samples <= MANY else part.only(some_samples(part, MANY)) for part in parts]
         kept = [some_samples(part, FEW_OF_SEVERAL if several else FEW) for part in full]
         small = [p if len(k) == p.samples else p.only(k) for p, k in zip(full, kept, strict=True)]
-        rigs = [Rig(p, coarse, free, cache) for p in small]
-        bench = Bench(
+        rigs = [SimulatedRig(p, coarse, free, cache) for p in small]
+        likelihood = Likelihood(
             rigs=tuple(rigs), base=numbers, dimensions=tuple(dimensions), heavy=heavy, untried=untried
         )
-        rough = base_fit(bench, start)
+        rough = base_fit(likelihood, start)
         if rough is None:
             return None
-        bench, base = rough
-        exact = [Rig(p, finest, free, cache) for p in full]
-        found = base_fit(refine(bench, Models(bench, ()), {(): base}, exact, kept), base.x)
+        likelihood, base = rough
+        exact = [SimulatedRig(p, finest, free, cache) for p in full]
+        found = base_fit(refine(likelihood, Models(likelihood, ()), {(): base}, exact, kept), base.x)
         if found is None:
             return None
-        bench, base = found
-        return _Start(full=full, kept=kept, bench=bench, exact=exact, base=base)
+        likelihood, base = found
+        return _Start(full=full, kept=kept, likelihood=likelihood, exact=exact, base=base)
 
     say(f"fitting {' and '.join([*friction_of(fine), *stiffness_of(fine)])}")
     start = fitted(parts, None)
@@ -210,7 +210,7 @@ def prepare(
     while start is not None and may_differ and several and len(differ) < MOST_DIFFER:
         say("asking whether one number differs between the recordings")
         found_split = differing(
-            start.bench, start.base, fine, hypotheses_of(coarse, start.base, start.full, untried)
+            start.likelihood, start.base, fine, hypotheses_of(coarse, start.base, start.full, untried)
         )
         if found_split is None:
             break
@@ -234,13 +234,13 @@ def prepare(
         sharper = _sharpened(start, [recorded(r, fine)[0] for r in recordings])
         if sharper is not None:
             say("fitting again, the base tension's corners put where the tip tells")
-            again = fitted(sharper, start.base.x, start.bench.base, start.bench.dimensions)
+            again = fitted(sharper, start.base.x, start.likelihood.base, start.likelihood.dimensions)
             start = start if again is None else _better(start, again)
     if start is None:
         return Diagnosis.without_answer(
             BAD_DATA, ["the simulation fails at every start value tried"], parts, warnings, config
         )
-    full, kept, bench, exact, base = start
+    full, kept, likelihood, exact, base = start
     own = {n.parameter for n in base.numbers}
     hypotheses = [
         h
@@ -254,8 +254,8 @@ def prepare(
         full=full,
         kept=kept,
         warnings=warnings,
-        bench=bench,
-        rough=[Rig(p, coarse, free, cache) for p in full],
+        likelihood=likelihood,
+        rough=[SimulatedRig(p, coarse, free, cache) for p in full],
         exact=exact,
         base=base,
         hypotheses=hypotheses,
@@ -264,7 +264,7 @@ def prepare(
     )
 
 
-def _from_outside(part: Part, start: _Start) -> list[Stretch]:
+def _from_outside(part: Observation, start: _Start) -> list[Stretch]:
     """What of a long recording no model of its load history can know, by the base model fitted to it: where
     something from outside moves the tip, and behind gaps.
     """
@@ -281,7 +281,7 @@ def _from_outside(part: Part, start: _Start) -> list[Stretch]:
     return within(found, part.samples)
 
 
-def _long(parts: Sequence[Part]) -> bool:
+def _long(parts: Sequence[Observation]) -> bool:
     """Whether a recording is long enough to show what its instruments add, and what happens once; several
     recordings share no drift, and need not share a delay.
     """
@@ -298,10 +298,10 @@ class _Start(NamedTuple):
     base model fitted.
     """
 
-    full: list[Part]
+    full: list[Observation]
     kept: list[np.ndarray]
-    bench: Bench
-    exact: list[Rig]
+    likelihood: Likelihood
+    exact: list[SimulatedRig]
     base: Fitted
 
 
@@ -309,19 +309,21 @@ def _better(before: _Start, after: _Start) -> _Start:
     """The start with added corners of the base tension if these reduce the misfit enough at the same noise;
     else the start before.
     """
-    bench, values = after.bench, after.base.values
-    seen = bench.simulate(values)
+    likelihood, values = after.likelihood, after.base.values
+    seen = likelihood.simulate(values)
     if seen is None:
         return before
-    likewise = dataclasses.replace(bench.weighed(values, seen, before.bench.noise), heavy=before.bench.heavy)
+    likewise = dataclasses.replace(
+        likelihood.weighed(values, seen, before.likelihood.noise), heavy=before.likelihood.heavy
+    )
     squares = float(np.sum(likewise.rows(seen) ** 2))
-    sizes = [sum(rig.part.T_base.size for rig in s.bench.rigs) for s in (before, after)]
+    sizes = [sum(rig.part.T_base.size for rig in s.likelihood.rigs) for s in (before, after)]
     if before.base.chi2 - squares <= BEND * max(sizes[1] - sizes[0], 1):
         return before
-    return after._replace(bench=bench.weighed(values, seen, bench.noise))
+    return after._replace(likelihood=likelihood.weighed(values, seen, likelihood.noise))
 
 
-def _sharpened(start: _Start, readings: Sequence[np.ndarray]) -> list[Part] | None:
+def _sharpened(start: _Start, readings: Sequence[np.ndarray]) -> list[Observation] | None:
     """The recordings with corners of the base tension where all channels together put them: a noisy base
     cell alone misses small steps and turns that the tip follows. None where the cell determines it better.
 
@@ -331,7 +333,7 @@ def _sharpened(start: _Start, readings: Sequence[np.ndarray]) -> list[Part] | No
     """
     found, changed = [], False
     values = dict(start.base.values) | dict(start.base.dimensions)
-    for part, rig, noise, read in zip(start.full, start.exact, start.bench.noise, readings, strict=True):
+    for part, rig, noise, read in zip(start.full, start.exact, start.likelihood.noise, readings, strict=True):
         base, here = part.T_base, rig(values)
         found.append(part)
         if base.sd == 0 or here is None or part.samples != len(read) or part.others:
@@ -375,7 +377,7 @@ def _check_names(robot: Robot, untried: Sequence[str]) -> None:
 
 
 def hypotheses_of(
-    robot: Robot, base: Fitted, parts: Sequence[Part], untried: Sequence[str] = ()
+    robot: Robot, base: Fitted, parts: Sequence[Observation], untried: Sequence[str] = ()
 ) -> list[Hypothesis]:
     """What may be missing in these recordings, given a fit of the base model, but for terms left out."""
     axes = [f"tip_{axis}" for axis in ("xyz" if robot.space else "y")]
@@ -400,7 +402,7 @@ def hypotheses_of(
     )
 
 
-def _bend(robot: Robot, fitted: Fitted, part: Part) -> float:
+def _bend(robot: Robot, fitted: Fitted, part: Observation) -> float:
     """Largest curvature that the tendons give the body [1/m], by the base model."""
     values = values_in(fitted.values, part.name)
     own = {name: values[name] for name in (*friction_of(robot), *stiffness_of(robot)) if name in values}

@@ -15,7 +15,7 @@ from calibrate.inference.free import Free, carried_by, distinct, free_of
 from calibrate.inference.posterior import CHAINS, DRAWS, WARM_UP, require_sampler, sample
 from calibrate.inference.setup import (
     STRETCH,
-    Part,
+    Observation,
     Setup,
     check_columns,
     check_noise,
@@ -287,7 +287,7 @@ def part_of(
     noise_N: float | None = None,
     noise_base_N: float | None = None,
     robust: bool = False,
-) -> tuple[Part, list[str]]:
+) -> tuple[Observation, list[str]]:
     """Prepare a recording, with an estimate of its base tension; also return warnings for the reader.
 
     Args:
@@ -312,7 +312,7 @@ def part_of(
         drives.append(found)
         warnings += more
     orientation = orientation_of(recording) if ROTATION[0] in channels else None
-    part = Part(
+    part = Observation(
         name=name,
         path=str(recording.path),
         robot=robot,

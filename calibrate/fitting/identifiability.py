@@ -16,7 +16,7 @@ import numpy as np
 from calibrate.inference.coordinates import Coordinates
 from calibrate.inference.estimate import FLAT, UNKNOWN, UNKNOWN_WITHOUT_SCALE
 from calibrate.inference.predictor import Predictor
-from calibrate.inference.setup import SHARED, Part, Setup
+from calibrate.inference.setup import SHARED, Observation, Setup
 
 from .start import thin
 
@@ -83,7 +83,7 @@ def axes(information: np.ndarray) -> list[Axis]:
 
 
 def _measurements(
-    part: Part, at: Coordinates, u: np.ndarray, sd: float | None, of: str
+    part: Observation, at: Coordinates, u: np.ndarray, sd: float | None, of: str
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Each measurement in words, with its Fisher information in the coordinates, (p, p): of what the
     instruments show, as in the recording. None for a robot of several tendons, or of one that displacement

@@ -14,7 +14,7 @@ from gtr_jax import Recording, Robot, RobotConfig
 from gtr_jax.notebook import drawn_by
 from gtr_jax.recordings.headed import dataset_of, frame_of
 from gtr_jax.recordings.recording import SAMPLE
-from gtr_jax.to_jsonable import plain
+from gtr_jax.to_jsonable import to_jsonable
 
 if TYPE_CHECKING:
     import pandas
@@ -298,7 +298,7 @@ class FitResult:
                 **r.settings,
             }
 
-        return plain(
+        return to_jsonable(
             {
                 "verdict": self.verdict,
                 "converged": self.converged,

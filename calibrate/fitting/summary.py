@@ -22,7 +22,7 @@ from calibrate.inference.estimate import (
 )
 from calibrate.inference.number import is_log
 from calibrate.inference.predictor import Prediction
-from calibrate.inference.setup import Part, Setup
+from calibrate.inference.setup import Observation, Setup
 from gtr_jax import InputError, RobotConfig
 from gtr_jax.recordings.base_tension import BaseTension
 from gtr_jax.recordings.signals.differences import MAD_TO_SD
@@ -264,13 +264,13 @@ def _failure(setup: Setup, answer: Answer, fewer: Beaten | None) -> str:
     return ""
 
 
-def _pulled(part: Part) -> list[BaseTension]:
+def _pulled(part: Observation) -> list[BaseTension]:
     """What drives the tendons that tension drives."""
     each = zip(part.drives, part.robot.tendons, strict=True)
     return [drive for drive, tendon in each if tendon.drive == "tension"]
 
 
-def _by_phase(part: Part, residual: np.ndarray, phases: np.ndarray) -> dict[str, dict[str, float]]:
+def _by_phase(part: Observation, residual: np.ndarray, phases: np.ndarray) -> dict[str, dict[str, float]]:
     """As `by_phase`; of several tendons, each phase with the name of its tendon in front; empty without tip
     tensions.
     """
@@ -346,7 +346,7 @@ def _fitted(
     return fitted, warnings
 
 
-def _not_compared(part: Part, prediction: Prediction | None) -> np.ndarray:
+def _not_compared(part: Observation, prediction: Prediction | None) -> np.ndarray:
     """The simulated tip tensions of a recording that has none [N], (K, *tendons); NaN without simulation."""
     shape = part.drive.shape
     return np.full(shape, np.nan) if prediction is None else prediction.T_tip.T.reshape(shape)

@@ -8,7 +8,7 @@ import numpy as np
 
 from calibrate.inference.answer import Judged
 from calibrate.inference.channels import ORIENTATION, chosen_by, unit_of, words_of
-from calibrate.inference.setup import Part
+from calibrate.inference.setup import Observation
 from gtr_jax.recordings.signals.noise import FEWEST_SAMPLES
 
 from .result import FittedRecording
@@ -79,7 +79,7 @@ class DistanceWithoutTip(NamedTuple):
         return [f"the fitted model does not describe the recording: it is {off}"]
 
 
-def without_tip(part: Part, fitted: FittedRecording, judged: Judged) -> DistanceWithoutTip:
+def without_tip(part: Observation, fitted: FittedRecording, judged: Judged) -> DistanceWithoutTip:
     """The distance of a recording without tip tension from its fit."""
     groups: dict[str, list[int]] = {}
     for c, name in enumerate(part.channels):
@@ -96,7 +96,9 @@ def _whole(channel: str) -> str:
     return whole[0] if whole else channel
 
 
-def _compared(part: Part, fitted: FittedRecording, judged: Judged, whole: str, rows: list[int]) -> Compared:
+def _compared(
+    part: Observation, fitted: FittedRecording, judged: Judged, whole: str, rows: list[int]
+) -> Compared:
     names = [part.channels[c] for c in rows]
     rms = np.asarray([judged.rms_of(fitted.channels[name].residual) for name in names])
     noise = judged.least[rows]

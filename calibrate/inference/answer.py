@@ -15,7 +15,7 @@ from .coordinates import Coordinates
 from .descent import Descent, Objective
 from .estimate import UNKNOWN, UNKNOWN_WITHOUT_SCALE, Uncertainty, shares_of_variance, uncertainty
 from .predictor import Prediction
-from .setup import Part, Setup
+from .setup import Observation, Setup
 from .weighing import Weighing
 
 # Rounds, at most, of scaling the errors until chi-square per degree of freedom is 1.
@@ -48,7 +48,7 @@ def together(noises: Sequence[Noise]) -> Noise:
     )
 
 
-def by_source(rows: np.ndarray, parts: Sequence[Part]) -> dict[str, np.ndarray]:
+def by_source(rows: np.ndarray, parts: Sequence[Observation]) -> dict[str, np.ndarray]:
     """Split the weighed rows of all recordings, (D, ...), by the source of their noise. Each recording has C
     channels of K rows, the tip tensions that it has first, and then K rows of what drives each tendon.
     """
@@ -188,7 +188,7 @@ class Answer:
         return Answer(at=at, problem=weighed, descent=descent, judged=judged)
 
 
-def _judged(setup: Setup, part: Part, prediction: Prediction) -> Judged:
+def _judged(setup: Setup, part: Observation, prediction: Prediction) -> Judged:
     residual, noises = part.residual(prediction), part.noises(prediction)
     found = _levelled(setup, part, prediction, noises)
     kept = np.all(found.share >= HALF, axis=0)
@@ -223,7 +223,7 @@ class _Levelled(NamedTuple):
     share: np.ndarray
 
 
-def _levelled(setup: Setup, part: Part, prediction: Prediction, noises: Sequence[Noise]) -> _Levelled:
+def _levelled(setup: Setup, part: Observation, prediction: Prediction, noises: Sequence[Noise]) -> _Levelled:
     """Weigh the residual by the noise of each channel; where the noise does not explain it, by an error
     scaled up until it does.
     """

@@ -18,7 +18,7 @@ from .predictor import Prediction, Predictor, predict_all
 from .weighing import Weighing
 
 if TYPE_CHECKING:
-    from .setup import Part
+    from .setup import Observation
 
 # The variables are chosen so that their Hessian is WHITE^2 at the start: the first damping, 1, hardly
 # shortens the step.
@@ -55,7 +55,7 @@ class Objective:
     """
 
     predictors: tuple[Predictor, ...]
-    parts: tuple[Part, ...]
+    parts: tuple[Observation, ...]
     weighs: tuple[Weighing, ...]
     centre: np.ndarray
     precision: np.ndarray

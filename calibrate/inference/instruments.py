@@ -21,7 +21,7 @@ from gtr_jax.simulation.markers import marker_rows
 from gtr_jax.simulation.natively import Brief
 
 from .channels import CHANNELS, ROTATION, Orientation, of_tendons, quantity_of, tendon_of, turned_by, unit_of
-from .setup import Part
+from .setup import Observation
 
 _turned_by = jax.jit(turned_by)
 
@@ -86,7 +86,7 @@ def shown(
     return np.stack([row(name) for name in channels])
 
 
-def explained_first(parts: Sequence[Part]) -> list[Part]:
+def explained_first(parts: Sequence[Observation]) -> list[Observation]:
     """Recordings with the channels first that a diagnosis explains: the tip tensions; where none was
     recorded, those of the unit that most channels of all recordings have.
 
@@ -119,13 +119,13 @@ class Cells(NamedTuple):
 BOTH = Cells()
 
 
-def cells_of(parts: Sequence[Part]) -> Cells:
+def cells_of(parts: Sequence[Observation]) -> Cells:
     """Which cells recordings have."""
     base = all(p.pulled or any(quantity_of(name) == "T_base" for name in p.channels) for p in parts)
     return Cells(all(p.tips for p in parts), bool(base))
 
 
-def leading(part: Part) -> int:
+def leading(part: Observation) -> int:
     """Number of the tendon that leads: what drives it changes most, as a share of its largest value, and
     then, of several, by most.
     """
@@ -142,13 +142,13 @@ def of_one(values: np.ndarray, tendon: int) -> np.ndarray:
     return values if values.ndim == 1 else values[:, tendon]
 
 
-def tendon_of_channel(part: Part, channel: str) -> int:
+def tendon_of_channel(part: Observation, channel: str) -> int:
     """Number of the tendon by whose phases a channel is judged: its own, or that which leads."""
     ends = channel.partition(".")[2] or len(part.drives) == 1
     return tendon_of(channel, part.robot) if ends else leading(part)
 
 
-def words_for(part: Part, tendon: int) -> str:
+def words_for(part: Observation, tendon: int) -> str:
     """The name of one of several tendons, as words end with it: " of left"; "" of the only one."""
     names = part.robot.tendon_names
     return f" of {names[tendon]}" if names else ""

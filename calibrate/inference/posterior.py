@@ -21,7 +21,7 @@ from .answer import Answer
 from .coordinates import Coordinates
 from .posterior_draws import EXTRA, Posterior
 from .predictor import History, Predictor, shown
-from .setup import Part, Setup
+from .setup import Observation, Setup
 from .weighing import Weighing
 
 # Chains, steps of each to settle, and draws of each.
@@ -120,7 +120,7 @@ class _Target(eqx.Module):
     channels: tuple[str, ...] = eqx.field(static=True)
 
     @staticmethod
-    def of(part: Part, at: Coordinates, predict: Predictor, weigh: Weighing) -> _Target:
+    def of(part: Observation, at: Coordinates, predict: Predictor, weigh: Weighing) -> _Target:
         before, after, share = predict.interpolation
         return _Target(
             robot=part.robot,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gtr_jax import InputError
-from gtr_jax.atomic_write import replaced_whole
+from gtr_jax.atomic_write import replaced_atomically
 from gtr_jax.recordings.headed import frame_of
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ class Posterior:
         """
         require_netcdf(path)
         tree = self.to_xarray()
-        with replaced_whole(path) as part:
+        with replaced_atomically(path) as part:
             tree.to_netcdf(part, engine="h5netcdf")
         return Path(path)
 

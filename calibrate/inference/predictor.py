@@ -147,7 +147,7 @@ _cycles = eqx.filter_jit(cycles)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Seen:
+class SimulatedReadings:
     """What a simulation shows of a recording of K samples.
 
     Attributes:
@@ -187,21 +187,21 @@ class Seen:
         return np.concatenate([*(np.ravel(values) for values in each), [self.failed, tendons]])
 
     @staticmethod
-    def of(flat: np.ndarray, samples: int) -> Seen | None:
+    def of(flat: np.ndarray, samples: int) -> SimulatedReadings | None:
         """The inverse of `flat`; None for an empty array."""
         if not len(flat):
             return None
         failed, tendons = (int(number) for number in flat[-2:])
         rows, n = np.array(flat[:-2].reshape(-1, samples)), max(tendons, 1)
         slips, direction = rows[-2 * n : -n].T > 0, rows[-n:].T
-        return Seen(
+        return SimulatedReadings(
             values=rows[: -2 * n],
             failed=failed,
             slips=slips if tendons else slips[:, 0],
             direction=direction if tendons else direction[:, 0],
         )
 
-    def plus(self, channels: list[int], more: np.ndarray) -> Seen:
+    def plus(self, channels: list[int], more: np.ndarray) -> SimulatedReadings:
         """A copy with `more`, (channels, K), added to some channels."""
         values = np.array(self.values)
         values[channels] += more
@@ -209,7 +209,7 @@ class Seen:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Prediction(Seen):
+class Prediction(SimulatedReadings):
     """What a simulation shows, and its derivatives by p coordinates.
 
     Attributes:

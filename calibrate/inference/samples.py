@@ -10,7 +10,7 @@ import numpy as np
 
 from gtr_jax.recordings.base_tension import BaseTension
 
-from .setup import Part
+from .setup import Observation
 
 # Samples kept after each bend of the base tension, where speed-dependent friction changes fast.
 AFTER = (1, 2, 3, 5, 8, 12, 18)
@@ -24,7 +24,7 @@ MORE, AT_BASE, AT_TIP = 5, 0.5, 0.25
 MOST = 2400
 
 
-def some_samples(part: Part, most: int) -> np.ndarray:
+def some_samples(part: Observation, most: int) -> np.ndarray:
     """Indices of about `most` samples that represent a recording, increasing from first to last: the bends of
     its base tension, some after each, and others between, evenly in tension and in time. Where it bends too
     often for that, more of them, most at its corners.
@@ -52,7 +52,7 @@ def _turns(base: BaseTension) -> np.ndarray:
     return 1 + np.flatnonzero(np.diff(np.sign(np.diff(base.T_base))) != 0) if base.sd == 0 else base.knots
 
 
-def _of_several(part: Part, most: int) -> np.ndarray:
+def _of_several(part: Observation, most: int) -> np.ndarray:
     """As `some_samples`, of several tendons: the corners of what drives each, half of all, and others even
     along its way, each drive having as many.
     """

@@ -64,7 +64,7 @@ MOST_STRAIN, OFTEN = 2.0, 99.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Part:
+class Observation:
     """One recording of K samples as it is fitted.
 
     Attributes:
@@ -263,7 +263,7 @@ class Part:
         nodes = self.nodes()
         return padded_length(self.samples if nodes is None else len(nodes))
 
-    def only(self, samples: np.ndarray) -> Part:
+    def only(self, samples: np.ndarray) -> Observation:
         """Some of the samples."""
         base = self.T_base.only(samples)
         time, trial, left_out, since = (
@@ -297,7 +297,7 @@ class Setup:
         robust: whether outliers are to count less.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[Observation, ...]
     free: tuple[Free, ...]
     max_steps: int
     progress: Callable[[str], None]
@@ -385,7 +385,7 @@ class Setup:
         """Values of the free numbers of one recording's robot, SI, by short name."""
         return {f.entry.name: float(v) for f, v in zip(self.free, values, strict=True) if part in f.parts}
 
-    def objective(self, at: Sequence[Coordinates], parts: Sequence[Part] | None = None) -> Objective:
+    def objective(self, at: Sequence[Coordinates], parts: Sequence[Observation] | None = None) -> Objective:
         """The least squares problem: residuals of recordings, with one error for each channel, and priors.
 
         Args:
@@ -424,7 +424,7 @@ class Setup:
         )
 
 
-def check_noise(noise_N: float | None, parts: Sequence[Part]) -> None:
+def check_noise(noise_N: float | None, parts: Sequence[Observation]) -> None:
     """Refuse a noise of the cell at the tip where no recording has one."""
     if noise_N is not None and not any(part.tips for part in parts):
         raise InputError("noise_N: no recording has a tip tension, whose noise this is; leave out --noise")

@@ -11,12 +11,12 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 
-from gtr_jax.simulation.natively import LANES, Brief, Native, Run, Structure
+from gtr_jax.simulation.natively import LANES, Brief, Native, ProgramSpec, Run
 
 from .parallel import Item, Result, in_parallel, threads
 
 # What simulations that go side by side share: robot, program and number of steps.
-_Key = tuple[Native, Structure, int]
+_Key = tuple[Native, ProgramSpec, int]
 
 
 class _Asked:
@@ -40,7 +40,7 @@ class _Counter:
         self._waiting: list[_Asked] = []
         self._running: set[int] = set()
 
-    def __call__(self, native: Native, structure: Structure, runs: Sequence[Run]) -> list[Brief]:
+    def __call__(self, native: Native, structure: ProgramSpec, runs: Sequence[Run]) -> list[Brief]:
         """Simulate; arguments as of `Native.side_by_side`, but any number of runs of any length."""
         own = [_Asked((native, structure, len(run.loads.time)), run) for run in runs]
         try:
@@ -99,7 +99,7 @@ def _run(group: Sequence[_Asked]) -> None:
         asked.found = brief
 
 
-simulated: Callable[[Native, Structure, Sequence[Run]], list[Brief]] = _Counter()
+simulated: Callable[[Native, ProgramSpec, Sequence[Run]], list[Brief]] = _Counter()
 
 
 def in_lanes(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:

@@ -25,7 +25,7 @@ from gtr_jax.robot.robot import lay_out
 from gtr_jax.robot.stiffness import stiffness_of
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.markers import markers_on, shape_in_plane
-from gtr_jax.simulation.natively import Brief, Native, Ready, Run, Structure, ready, sources
+from gtr_jax.simulation.natively import Brief, Native, ProgramSpec, Ready, Run, ready, sources
 from gtr_jax.simulation.programs import every, every_for, structure_of, structure_with
 from gtr_jax.simulation.sensing import Reading, cells_differ, cells_show
 from gtr_jax.simulation.solution import Shape
@@ -33,8 +33,8 @@ from gtr_jax.terms import OWN, REGISTRY, Term, own_mark
 
 from .instruments import instruments, shown
 from .number import values_in
-from .predictor import History, Seen, padded_history
-from .setup import Part
+from .predictor import History, SimulatedReadings, padded_history
+from .setup import Observation
 from .side_by_side import simulated
 from .simulation_cache import SimulationCache
 
@@ -149,7 +149,7 @@ class _Asked(NamedTuple):
     flat: np.ndarray
     kinds: set[str]
     loads: Any
-    structure: Structure
+    structure: ProgramSpec
     run: Run
     key: tuple
     parts: int
@@ -177,7 +177,7 @@ class _Recent(Generic[Known]):
                 self._held.popitem(last=False)
 
 
-class Rig:
+class SimulatedRig:
     """One recording, and its robot on a coarse mesh.
 
     The native programs of `PROGRAMS` serve all hypotheses and recordings of a robot structure: where two of
@@ -196,7 +196,7 @@ class Rig:
     """
 
     def __init__(
-        self, part: Part, robot: Robot, more: Iterable[str] = (), cache: SimulationCache | None = None
+        self, part: Observation, robot: Robot, more: Iterable[str] = (), cache: SimulationCache | None = None
     ):
         self.part, self.robot, self.cache, self.more = part, robot, cache, tuple(more)
         self.channels = instruments(robot, part.channels)
@@ -214,11 +214,11 @@ class Rig:
         self._places: dict[str, Any] = dict(zip(names, places.tolist(), strict=True))
         for name in set(robot_names(robot)) - self._places.keys():  # of all tendons at once
             self._places[name] = [self._places[f"{name}.{tendon}"] for tendon in robot.tendon_names]
-        self._at_hand: _Recent[Seen | None] = _Recent(AT_HAND)
+        self._at_hand: _Recent[SimulatedReadings | None] = _Recent(AT_HAND)
         # What the cell at the tip adds changes what it shows, not what is simulated.
         self._runs: _Recent[Brief] = _Recent(RUNS_AT_HAND)
 
-    def __call__(self, values: Mapping[str, float], more: tuple[float, ...] = ()) -> Seen | None:
+    def __call__(self, values: Mapping[str, float], more: tuple[float, ...] = ()) -> SimulatedReadings | None:
         """The recording with some numbers of the robot changed; None where the simulation breaks down.
 
         Args:
@@ -228,10 +228,12 @@ class Rig:
         """
         return self.many([values], more)[0]
 
-    def many(self, many: Sequence[Mapping[str, float]], more: tuple[float, ...] = ()) -> list[Seen | None]:
+    def many(
+        self, many: Sequence[Mapping[str, float]], more: tuple[float, ...] = ()
+    ) -> list[SimulatedReadings | None]:
         """As calls, simulated side by side."""
         keys = [(tuple(sorted(values_in(values, self.part.name).items())), more) for values in many]
-        found: dict[Any, Seen | None] = {}
+        found: dict[Any, SimulatedReadings | None] = {}
         for key in keys:
             with contextlib.suppress(KeyError):
                 found[key] = self._known(key)
@@ -243,14 +245,16 @@ class Rig:
                 self.cache.put(self._said(key), np.zeros(0) if seen is None else seen.flat())
         return [found[key] for key in keys]
 
-    def _known(self, key: tuple[tuple[tuple[str, float], ...], tuple[float, ...]]) -> Seen | None:
+    def _known(
+        self, key: tuple[tuple[tuple[str, float], ...], tuple[float, ...]]
+    ) -> SimulatedReadings | None:
         """What was simulated before; KeyError if it was not."""
         with contextlib.suppress(KeyError):
             return self._at_hand.get(key)
         known = None if self.cache is None else self.cache.get(self._said(key))
         if known is None:
             raise KeyError
-        seen = Seen.of(known, self.part.samples)
+        seen = SimulatedReadings.of(known, self.part.samples)
         self._at_hand.put(key, seen)
         return seen
 
@@ -261,7 +265,7 @@ class Rig:
         said += [float(shift).hex() for shift in more]
         return hashlib.blake2b("|".join(said).encode(), key=self.mark).digest()
 
-    def of(self, part: Part) -> Rig:
+    def of(self, part: Observation) -> SimulatedRig:
         """The same with another part of the same samples, of which others are compared; what was simulated is
         known to both.
         """
@@ -293,7 +297,7 @@ class Rig:
         )
         return whole.digest()
 
-    def _simulated(self, keys: Sequence[tuple]) -> list[Seen | None]:
+    def _simulated(self, keys: Sequence[tuple]) -> list[SimulatedReadings | None]:
         """Values with their shifts, simulated side by side."""
         every = [self._asked(dict(items), more) for items, more in keys]
         runs: dict[tuple, Brief] = {}
@@ -331,7 +335,7 @@ class Rig:
         key = (own, structure, *driven)
         return _Asked(flat, asked, loads, structure, Run(ready, steps, drawn), key, parts)
 
-    def _seen(self, asked: _Asked, run: Brief) -> Seen | None:
+    def _seen(self, asked: _Asked, run: Brief) -> SimulatedReadings | None:
         """What the channels show of a simulation; None where it breaks down."""
         part, K, loads = self.part, self.part.samples, asked.loads
         T_base, T_tip = run.T_base, run.T_tip
@@ -350,7 +354,7 @@ class Rig:
         if not np.all(np.isfinite(values_shown)):
             return None
         whole = run.slip_front >= self._anchored
-        return Seen(values_shown, int(np.sum(~run.converged)), whole, run.slip_direction)
+        return SimulatedReadings(values_shown, int(np.sum(~run.converged)), whole, run.slip_direction)
 
     def _only_shown(self, name: str) -> bool:
         """Whether a number is one of a term that acts on what the load cells show and on nothing else."""

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from calibrate.inference.channels import of_tendons, quantity_of
-from calibrate.inference.setup import Part
+from calibrate.inference.setup import Observation
 
 from .candidates import Candidate
 
@@ -34,7 +34,7 @@ def corners(time: np.ndarray, drive: np.ndarray) -> np.ndarray:
 
 
 def disturbances(
-    candidate: Candidate, part: Part, channels: Sequence[str], rows: np.ndarray, noise: float
+    candidate: Candidate, part: Observation, channels: Sequence[str], rows: np.ndarray, noise: float
 ) -> np.ndarray:
     """Changes of the readings, one standard deviation of each disturbance, SI, (C, K, q).
 

@@ -17,8 +17,8 @@ from calibrate.diagnosis.hypotheses.model import Fitted
 from calibrate.inference.channels import Orientation, quantity_of
 from calibrate.inference.number import values_in
 from calibrate.inference.parallel import in_parallel
-from calibrate.inference.setup import Part
-from calibrate.inference.simulated_rig import Rig, valued
+from calibrate.inference.setup import Observation
+from calibrate.inference.simulated_rig import SimulatedRig, valued
 from gtr_jax.recordings.base_tension import BaseTension, exact
 from gtr_jax.simulation.sensing import cells_show
 
@@ -85,7 +85,7 @@ class _Option(NamedTuple):
         return [self.done] * bool(self.done) + ["more recorded"] * bool(self.added)
 
 
-def _driven(rig: Rig, load: np.ndarray, tendon: int) -> Part:
+def _driven(rig: SimulatedRig, load: np.ndarray, tendon: int) -> Observation:
     """The recording with one of its tendons driven along a history of shares of its largest drive, (K,), and
     the others at rest; without its readings.
     """
@@ -111,8 +111,8 @@ def _driven(rig: Rig, load: np.ndarray, tendon: int) -> Part:
     )
 
 
-def _options(models: Models, rig: Rig) -> list[_Option]:
-    part, noise = rig.part, models.bench.noise[0]
+def _options(models: Models, rig: SimulatedRig) -> list[_Option]:
+    part, noise = rig.part, models.likelihood.noise[0]
     clock = part.time
     # As many samples as the bench simulates: no other program is compiled.
     duration = 20.0 if clock is None else max(float(clock[-1] - clock[0]) / 6, 1.0)
@@ -138,7 +138,7 @@ def _options(models: Models, rig: Rig) -> list[_Option]:
             driven = dataclasses.replace(_driven(rig, load / most, tendon), time=time)
             if most != 1.0:
                 driven = dataclasses.replace(driven, T_base=exact(load))
-            other = Rig(driven, rig.robot, rig.more, rig.cache)
+            other = SimulatedRig(driven, rig.robot, rig.more, rig.cache)
             # Simulated once, whatever of it is recorded.
             seen = functools.cache(lambda values, other=other: other(dict(values)))
             for channels in dict.fromkeys((tuple(part.channels), every)):
@@ -218,7 +218,7 @@ def _separation(option: _Option, rivals: Sequence[Fitted]) -> float:
     return float(least)
 
 
-def propose(models: Models, decision: Decision, rig: Rig) -> Experiment | None:
+def propose(models: Models, decision: Decision, rig: SimulatedRig) -> Experiment | None:
     """Choose what to measure, and how, that separates the rivals most (T-optimality)."""
     rivals = [models.fits[tuple(sorted(names))] for names in decision.confusion[:MOST_RIVALS]]
     if len(rivals) < 2:

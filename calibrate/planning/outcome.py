@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from calibrate.inference.channels import of_tendons, quantity_of
-from calibrate.inference.setup import Part
-from calibrate.inference.simulated_rig import Rig
+from calibrate.inference.setup import Observation
+from calibrate.inference.simulated_rig import SimulatedRig
 from gtr_jax.recordings.base_tension import exact
 from gtr_jax.robot.parameters import with_values
 from gtr_jax.simulation.sensing import cells_show
@@ -88,7 +88,7 @@ class Trial:
         self.model, self.candidate, self.channels = model, candidate, tuple(channels)
         self._noise = noise
         self.part = _part(model, candidate, channels)
-        self._rig = Rig(self.part, model.robot, [n.name for n in model.numbers])
+        self._rig = SimulatedRig(self.part, model.robot, [n.name for n in model.numbers])
 
     def disturbed(self, rows: np.ndarray) -> np.ndarray:
         """Changes of readings, SI, (C, K), by what disturbs many at once, SI, (C, K, q)."""
@@ -184,13 +184,13 @@ def refitted(
     return float(np.sqrt(best)), here.rows
 
 
-def _part(model: OpenModel, candidate: Candidate, channels: Sequence[str]) -> Part:
+def _part(model: OpenModel, candidate: Candidate, channels: Sequence[str]) -> Observation:
     """The experiment as a recording without readings."""
     robot = model.robot
     drives = [exact(column) for column in candidate.drive.T]
     tips = of_tendons("T_tip", robot)
     read = (*tips, *(name for name in channels if quantity_of(name) != "T_tip"))
-    return Part(
+    return Observation(
         name="next",
         path="",
         robot=robot,

@@ -12,7 +12,7 @@ import numpy as np
 from calibrate.inference.parallel import in_parallel
 from gtr_jax import InputError
 from gtr_jax.errors import did_you_mean
-from gtr_jax.to_jsonable import plain
+from gtr_jax.to_jsonable import to_jsonable
 
 from .candidates import Candidate, candidates
 from .opened import Opened
@@ -125,7 +125,7 @@ class Plan:
                 "sd_after": None if self.opened.rivals else sds,
             }
 
-        return plain(
+        return to_jsonable(
             {
                 "verdict": self.verdict,
                 "says": self.says,

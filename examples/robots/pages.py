@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from calibrate.diagnosis.answer.result import Change
 from calibrate.diagnosis.answer.sentence import interval_in_words
 from calibrate.inference.estimate import Estimate
-from gtr_jax.atomic_write import write_whole
+from gtr_jax.atomic_write import write_atomically
 from gtr_jax.numbers import measured_quantity
 
 HERE = Path(__file__).parent
@@ -116,4 +116,4 @@ def _filled(marker: str, text: str) -> str:
 def write(name: str, text: str) -> None:
     """A page of the docs."""
     DOCS.mkdir(exist_ok=True)
-    write_whole(DOCS / f"{name}.md", wrapped(text))
+    write_atomically(DOCS / f"{name}.md", wrapped(text))

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, ModelWrapValidatorHandler, StrictBool, StrictStr, model_validator
 
-from gtr_jax.atomic_write import write_whole
+from gtr_jax.atomic_write import write_atomically
 from gtr_jax.errors import InputError, InputWarning, listed
 from gtr_jax.notebook import drawn_by
 from gtr_jax.terms import REGISTRY, Law, Term, catalogue_of, null_values
@@ -321,4 +321,4 @@ def config_text(config: RobotConfig) -> str:
 def dump_config(config: RobotConfig, path: str | os.PathLike[str], *, note: str = "") -> None:
     """Write a robot file, whole or not at all, with a note as comment at its top; see `config_text`."""
     comment = "".join(f"# {line}\n" for line in textwrap.wrap(note, NOTE_WIDTH, break_on_hyphens=False))
-    write_whole(path, comment + config_text(config))
+    write_atomically(path, comment + config_text(config))

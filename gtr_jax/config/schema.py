@@ -17,7 +17,7 @@ from typing import Any
 
 from pydantic.json_schema import GenerateJsonSchema
 
-from gtr_jax.atomic_write import write_whole
+from gtr_jax.atomic_write import write_atomically
 
 from .config import RobotConfig
 from .section import Section
@@ -85,7 +85,7 @@ def json_schema() -> dict[str, Any]:
 
 def write_schema(path: str | os.PathLike[str]) -> None:
     """Write the JSON Schema of the robot file."""
-    write_whole(path, json.dumps(json_schema(), indent=2) + "\n")
+    write_atomically(path, json.dumps(json_schema(), indent=2) + "\n")
 
 
 if __name__ == "__main__":

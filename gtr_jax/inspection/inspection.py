@@ -14,7 +14,7 @@ from gtr_jax.recordings.recording import Recording
 from gtr_jax.recordings.signals.differences import from_differences
 from gtr_jax.recordings.signals.stretches import Stretch, runs, stretches
 from gtr_jax.recordings.signals.turning import turns_of_long
-from gtr_jax.to_jsonable import plain
+from gtr_jax.to_jsonable import to_jsonable
 
 from .cell import Cell
 from .cycles import Cycles, cycles, rates
@@ -84,7 +84,7 @@ class Inspection:
         data["phases"] = {name: self.phases.share(phase) for phase, name in NAMES.items()}
         for end, cell in (("base", self.base), ("tip", self.tip)):
             data[end] |= {"drift_N": cell.drift_N, "drift_sd_N": cell.drift_sd_N}
-        return plain(data)
+        return to_jsonable(data)
 
 
 def _plain(value: Any) -> Any:

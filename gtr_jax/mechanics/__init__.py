@@ -8,9 +8,9 @@ differentiable, `history` goes through load steps.
 from .bodies import metric_of
 from .case import FOREVER, Load, Memory, complete, part_of, untouched
 from .history import (
-    Robot,
-    Settled,
+    NodalRobot,
     Step,
+    Unloaded,
     advance,
     begin,
     loads_before,
@@ -19,17 +19,17 @@ from .history import (
     steps,
 )
 from .mesh import increments
-from .structure import March, Structure, every, in_order
+from .program_spec import ProgramSpec, SolverOptions, every, in_order
 
 __all__ = [
     "FOREVER",
     "Load",
-    "March",
     "Memory",
-    "Robot",
-    "Settled",
+    "NodalRobot",
+    "ProgramSpec",
+    "SolverOptions",
     "Step",
-    "Structure",
+    "Unloaded",
     "advance",
     "begin",
     "complete",

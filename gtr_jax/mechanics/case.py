@@ -9,8 +9,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .program_spec import ProgramSpec, every
 from .sections import Sections, State
-from .structure import Structure, every
 
 FOREVER = 1e15  # s, a time after which all creep has ended
 FOLLOWED = (
@@ -95,7 +95,7 @@ class Memory(eqx.Module):
 
 
 class Sliding(NamedTuple):
-    """What is foretold of the slip in a load step (`sliding.foretold`).
+    """What is foretold of the slip in a load step (`sliding.predicted_slip`).
 
     Attributes:
         way: how far friction is mobilised by the slip past the interval ahead of each node, (N,): 1 wholly,
@@ -105,7 +105,7 @@ class Sliding(NamedTuple):
     """
 
     way: Float[Array, " N"]
-    sure: Float[Array, " N"]
+    confidence: Float[Array, " N"]
 
 
 class Grip(NamedTuple):
@@ -154,7 +154,7 @@ class Case(eqx.Module):
     sliding: Sliding | None
     grip: Grip | None
     against: Float[Array, ""]
-    structure: Structure = eqx.field(static=True)
+    structure: ProgramSpec = eqx.field(static=True)
 
     @property
     def varied(self) -> tuple[Array, ...]:
@@ -165,7 +165,7 @@ class Case(eqx.Module):
 
 
 def untouched(
-    structure: Structure, state: State, tension: Float[Array, "N *tendons"], carried: Float[Array, ""]
+    structure: ProgramSpec, state: State, tension: Float[Array, "N *tendons"], carried: Float[Array, ""]
 ) -> Memory:
     """The memory of a robot that was never pulled.
 
@@ -203,7 +203,9 @@ def untouched(
     )
 
 
-def complete(memory: Memory, structure: Structure, state: State, slip: Float[Array, "N *tendons"]) -> Memory:
+def complete(
+    memory: Memory, structure: ProgramSpec, state: State, slip: Float[Array, "N *tendons"]
+) -> Memory:
     """A memory extended by everything that a program of another structure may need.
 
     Args:
@@ -227,7 +229,7 @@ def complete(memory: Memory, structure: Structure, state: State, slip: Float[Arr
     )
 
 
-def part_of(memory: Memory, structure: Structure) -> Memory:
+def part_of(memory: Memory, structure: ProgramSpec) -> Memory:
     """The part of a complete memory that a program of a structure needs."""
     whole = _every(structure)
     displacement, moment, stop = _split(memory.unknowns, whole, jnp.zeros(0), jnp.zeros(()))
@@ -249,12 +251,12 @@ def part_of(memory: Memory, structure: Structure) -> Memory:
     )
 
 
-def _every(structure: Structure) -> Structure:
+def _every(structure: ProgramSpec) -> ProgramSpec:
     """The structure of all equations that its robot may need."""
     return dataclasses.replace(structure, terms=every(structure.laws), loaded=True, acting=False)
 
 
-def _unknowns(structure: Structure, displacement, moment, stop) -> Float[Array, " n"] | None:
+def _unknowns(structure: ProgramSpec, displacement, moment, stop) -> Float[Array, " n"] | None:
     """Displacements, moment and stop force as one vector, as far as they are unknown; None where none is."""
     parts = [displacement] * structure.seeks_slip + [moment.ravel()] * structure.bends
     parts += [stop[None]] * structure.has_stop
@@ -263,7 +265,7 @@ def _unknowns(structure: Structure, displacement, moment, stop) -> Float[Array, 
     return jnp.concatenate(parts) if parts else None
 
 
-def _split(unknowns: Float[Array, " n"] | None, structure: Structure, displacement, moment):
+def _split(unknowns: Float[Array, " n"] | None, structure: ProgramSpec, displacement, moment):
     """Displacements, moment and stop force from a vector of unknowns; the given ones where known."""
     if unknowns is None:
         return displacement, moment, jnp.zeros(())

@@ -18,13 +18,13 @@ from .bodies import directions_of, geometry_of, metric_of
 from .case import Case, Load, Memory, untouched
 from .events import after_loosening, after_tug
 from .loop_lanes import in_lanes_of
+from .program_spec import ProgramSpec, SolverOptions
 from .sections import Sections, State, either_of, node_first
-from .sliding import foretold
+from .sliding import predicted_slip
 from .solve import load_step
-from .structure import March, Structure
 
 
-class Robot(NamedTuple):
+class NodalRobot(NamedTuple):
     """What the mechanics needs to know of a robot.
 
     Attributes:
@@ -69,7 +69,7 @@ class Step(eqx.Module):
     marches: Int[Array, ""]
 
 
-class Settled(eqx.Module):
+class Unloaded(eqx.Module):
     """The robot before its first load.
 
     Attributes:
@@ -94,7 +94,7 @@ def rest_state(s: Sections) -> State:
     return State(s.rest, phi, jnp.zeros_like(metric_of(s, s.rest)), along)
 
 
-def _case(robot: Robot, structure: Structure, memory: Memory) -> Case:
+def _case(robot: NodalRobot, structure: ProgramSpec, memory: Memory) -> Case:
     one, slack = jnp.ones(()), jnp.zeros_like(robot.preload)
     return Case(
         sections=robot.sections,
@@ -112,7 +112,7 @@ def _case(robot: Robot, structure: Structure, memory: Memory) -> Case:
     )
 
 
-def _without_friction(robot: Robot, catalogue: Mapping[str, Term]) -> dict[str, dict[str, Array]]:
+def _without_friction(robot: NodalRobot, catalogue: Mapping[str, Term]) -> dict[str, dict[str, Array]]:
     """The numbers of the terms, with those terms that are friction set to null."""
     hooks = ("drag", "base_grip", "tip_grip", "by_speed")
 
@@ -128,7 +128,7 @@ def _without_friction(robot: Robot, catalogue: Mapping[str, Term]) -> dict[str, 
 Before = Callable[[State, Memory], Memory]
 
 
-def steps_before(structure: Structure) -> int:
+def steps_before(structure: ProgramSpec) -> int:
     """Number of load steps before the first load: the robot settles with slack tendons under its external
     loads, then the tendons are strung. Without terms stringing takes no step, because tendons remember their
     tension only; without external loads settling takes none either, because the settled shape is known.
@@ -136,14 +136,14 @@ def steps_before(structure: Structure) -> int:
     return 2 if structure.terms else int(structure.bends)
 
 
-def loads_before(structure: Structure, preload: Any) -> list[tuple[Any, bool, bool]]:
+def loads_before(structure: ProgramSpec, preload: Any) -> list[tuple[Any, bool, bool]]:
     """Base tension of each step of `steps_before`, whether the robot settles in it, and whether the tendons
     are strung.
     """
     return [(0.0 * preload, True, False), (preload, False, True)][: steps_before(structure)]
 
 
-def begin(robot: Robot, structure: Structure, before: Before | None = None) -> Settled:
+def begin(robot: NodalRobot, structure: ProgramSpec, before: Before | None = None) -> Unloaded:
     """The robot before the steps of `steps_before`.
 
     Args:
@@ -165,24 +165,24 @@ def begin(robot: Robot, structure: Structure, before: Before | None = None) -> S
         at_rest = dataclasses.replace(at_rest, kappa=kappa)
         memory = untouched(structure, at_rest, jnp.broadcast_to(strung_to, slack.shape), one)
         memory = memory if before is None else before(at_rest, memory)
-        return Settled(memory, node_first(metric_of(s, at_rest.kappa)), strung_to, at_rest.kappa)
+        return Unloaded(memory, node_first(metric_of(s, at_rest.kappa)), strung_to, at_rest.kappa)
     # Bending laws start from the natural shape; the moment of `at_rest` is a starting point of the search
     # only.
     memory = untouched(structure, jax.lax.stop_gradient(at_rest), slack, zero)
     memory = dataclasses.replace(memory, kappa=s.rest)
     straight = node_first(s.ended(jnp.moveaxis(jnp.ones_like(slack), 0, -1)))
-    return Settled(memory, straight, jnp.zeros_like(strung_to), s.rest)
+    return Unloaded(memory, straight, jnp.zeros_like(strung_to), s.rest)
 
 
 def advance(
-    robot: Robot,
-    structure: Structure,
-    how: March,
-    settled: Settled,
+    robot: NodalRobot,
+    structure: ProgramSpec,
+    how: SolverOptions,
+    settled: Unloaded,
     load: Load,
     at: tuple[Bool[Array, ""], Bool[Array, ""]],
     before: Before | None = None,
-) -> tuple[Settled, Step]:
+) -> tuple[Unloaded, Step]:
     """One load step.
 
     Args:
@@ -210,7 +210,7 @@ def advance(
     if structure.tugged:
         begun, moved = after_tug(now, load, begun)
     if structure.slides:
-        now = dataclasses.replace(now, sliding=foretold(now, load, begun))
+        now = dataclasses.replace(now, sliding=predicted_slip(now, load, begun))
     done = load_step(now, load, begun, how)
     met = (done.error <= how.atol) & jnp.all(jnp.isfinite(load.T_base)) & jnp.isfinite(load.dt + load.time)
     out = Step(
@@ -237,7 +237,7 @@ def advance(
         fresh = dataclasses.replace(fresh, bent=done.memory.bent, unknowns=found)
         if prefix == 1 and before is not None:
             fresh = before(done.state, fresh)
-        fresh = Settled(fresh, node_first(metric_of(s, done.state.kappa)), strung_to, done.state.kappa)
+        fresh = Unloaded(fresh, node_first(metric_of(s, done.state.kappa)), strung_to, done.state.kappa)
         after = either_of(settling, fresh, after)
     if prefix == 2:
         # The tendons are strung, and nothing has slipped.
@@ -248,7 +248,7 @@ def advance(
     return after, out
 
 
-def with_steps_before(robot: Robot, structure: Structure, loads: Load):
+def with_steps_before(robot: NodalRobot, structure: ProgramSpec, loads: Load):
     """Loads with those of `steps_before` ahead, and the two flags `at` of `advance` for each, (K,) bool."""
     first = loads_before(structure, robot.preload)
     if first:
@@ -261,8 +261,8 @@ def with_steps_before(robot: Robot, structure: Structure, loads: Load):
 
 
 def steps(
-    robot: Robot, structure: Structure, loads: Load, how: March, before: Before | None = None
-) -> tuple[Step, Memory, Settled]:
+    robot: NodalRobot, structure: ProgramSpec, loads: Load, how: SolverOptions, before: Before | None = None
+) -> tuple[Step, Memory, Unloaded]:
     """Solve load steps, one after another.
 
     The robot first settles with slack tendons, which are then strung to their preloads without friction. Both
@@ -282,7 +282,7 @@ def steps(
     """
     loads, flags = with_steps_before(robot, structure, loads)
 
-    def step(settled: Settled, x):
+    def step(settled: Unloaded, x):
         load, at = x
         return advance(robot, structure, how, settled, load, at, before)
 
@@ -294,13 +294,13 @@ def steps(
 
 
 def one_step(
-    robot: Robot, structure: Structure, load: Load, how: March, before: Before | None = None
-) -> tuple[Step, Memory, Settled]:
+    robot: NodalRobot, structure: ProgramSpec, load: Load, how: SolverOptions, before: Before | None = None
+) -> tuple[Step, Memory, Unloaded]:
     """As `steps`, for one load step and without the axis K."""
     loads, flags = with_steps_before(robot, structure, jtu.tree_map(lambda a: a[None], load))
     start = begin(robot, structure, before)
 
-    def step(settled: Settled, load: Load, at):
+    def step(settled: Unloaded, load: Load, at):
         return advance(robot, structure, how, settled, load, at, before)
 
     if not steps_before(structure):

@@ -21,8 +21,8 @@ from .bodies import geometry_of
 from .case import Case
 from .loop_lanes import in_lanes_of
 from .node import Carry, Equations, Modes, Node, Row, clip, joined_state, prepared, pressing, total
+from .program_spec import ProgramSpec
 from .sections import either_of, largest
-from .structure import Structure
 
 STEP = 1e-5  # of an unknown, relative to its scale, for differences
 NEWTON_PLAIN, NEWTON_WITH_TERMS = 2, 3  # steps per node; two reach rounding in the base model
@@ -145,7 +145,7 @@ def closed(case: Case, flat: Float[Array, " n"], end: Carry, modes: Modes):
     return Closing(slip, moment, stop, level).flat(), T_tip
 
 
-def _steps(what: Structure, closes: bool, plain: int) -> int:
+def _steps(what: ProgramSpec, closes: bool, plain: int) -> int:
     """Newton steps of a node."""
     if closes or (what.softens and what.acting):
         return NEWTON_BENT

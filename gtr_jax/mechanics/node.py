@@ -46,8 +46,8 @@ from .guides import Strung, corner, direction_of, either, entering, offset_on
 from .loop_lanes import in_lanes_of
 from .mesh import STENCIL, Interval
 from .offset import Offset, SpatialOffset
+from .program_spec import PRESLIDING, carried, mobilise
 from .sections import State, either_of, node_first
-from .structure import PRESLIDING, carried, mobilise
 from .vector import Vector, applied, columns_of
 
 FRICTION = ("friction", "by_pressure", "by_speed", "drag", "wrap")  # hooks that change an interval's friction
@@ -213,15 +213,17 @@ def _alike(values: list[Any]) -> list[Any]:
 
 def _as_told(told: Sliding, by_slip, kept, low, high):
     """The tension [N] that friction keeps, or to which slip takes it between its bounds."""
-    sure = jnp.where(by_slip, 0.0, told.sure)
+    confidence = jnp.where(by_slip, 0.0, told.confidence)
     start = clip(kept, low, high)
-    low, high = (jnp.where(sure > 0, bound, start) for bound in (low, high))
+    low, high = (jnp.where(confidence > 0, bound, start) for bound in (low, high))
     # Friction adds up in the logarithm of the tension.
     apart = jnp.log(jnp.where(low > 0, high, 1.0) / jnp.where(low > 0, low, 1.0))
     share = 0.5 * (1.0 - told.way)
     slips = jnp.where(low > 0, low * jnp.exp(share * apart), 0.0)
     slips = jnp.where(share <= 0, low, jnp.where(share >= 1, high, slips))
-    return jnp.where(sure <= 0, kept, jnp.where(sure < 1, start + sure * (slips - start), slips))
+    return jnp.where(
+        confidence <= 0, kept, jnp.where(confidence < 1, start + confidence * (slips - start), slips)
+    )
 
 
 class Equations(eqx.Module):
@@ -272,7 +274,11 @@ class Equations(eqx.Module):
             # tendon slips opposite to `sense` has to be approached from the other branch (`Case.against`),
             # unless the way it slips is foretold.
             fast = jnp.where(speed * sense >= -STILL, speed, -case.against * speed)
-            known = self.modes.by_slip if row.sliding is None else self.modes.by_slip | (row.sliding.sure > 0)
+            known = (
+                self.modes.by_slip
+                if row.sliding is None
+                else self.modes.by_slip | (row.sliding.confidence > 0)
+            )
             fast = jnp.where(known, speed, fast)
             held = held + total(case, "by_speed", fast)
         left = tension * jnp.exp(-held * wrap)
@@ -368,7 +374,7 @@ class Equations(eqx.Module):
             if what.terms:
                 grip = jnp.where(tension <= low, 1.0, jnp.where(tension >= high, -1.0, 0.0))
             if what.creeping:
-                slides = 0.0 if row.sliding is None else row.sliding.sure
+                slides = 0.0 if row.sliding is None else row.sliding.confidence
                 fresh = wrap - compact
                 stencil = jnp.where(grip == 0.0, row.stencil + slides * (fresh - row.stencil), fresh)
             if what.presliding:

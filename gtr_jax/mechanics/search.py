@@ -23,10 +23,10 @@ from .grip import left_of, march_gripped, solved_linear
 from .loop_lanes import in_lanes_of
 from .march import Closing, Passed, march, march_differenced, march_plainly, passed
 from .node import grip_of
+from .program_spec import SolverOptions
 from .sections import either_of, largest
 from .small_matrices import inverse as inverse_of
 from .small_matrices import times
-from .structure import March
 
 REACH = 4e-3  # of the length: largest change of the displacement at a time while it is not bracketed
 SHORTEST = 2.0**-12  # share of a Newton step below which a try is given up
@@ -41,7 +41,7 @@ MOST_GRIPS = 64  # most steps of the search for the grip of several tendons, for
 MOST_SLIDING = 4  # most parts in which a step is tried as foretold
 
 
-class Search(eqx.Module):
+class EquilibriumSearch(eqx.Module):
     """Where the search stands.
 
     Attributes:
@@ -95,7 +95,7 @@ def scales(case: Case) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     return Closing(*both, one).flat(), Closing(*both, slip).flat()
 
 
-def _bracketed(at: Search, left: Float[Array, " n"], inverse, by_unknowns) -> Search:
+def _bracketed(at: EquilibriumSearch, left: Float[Array, " n"], inverse, by_unknowns) -> EquilibriumSearch:
     """The next point for one tendon: a Newton step whose displacement is kept between values known to be too
     small and too large. The slip at the anchor rises with the displacement, but where friction builds up over
     a short slip its slope changes so much that Newton's method alone would not find the root.
@@ -127,7 +127,7 @@ def _bracketed(at: Search, left: Float[Array, " n"], inverse, by_unknowns) -> Se
     return _with(at, trial=at.trial + step, step=step, low=low, high=high)
 
 
-def _damped(at: Search, left: Float[Array, " n"], inverse) -> Search:
+def _damped(at: EquilibriumSearch, left: Float[Array, " n"], inverse) -> EquilibriumSearch:
     """The next point: a damped Newton step, shortened until the step that follows it is shorter (Deuflhard's
     natural monotonicity test).
     """
@@ -146,11 +146,11 @@ def _damped(at: Search, left: Float[Array, " n"], inverse) -> Search:
     )
 
 
-def _with(at: Search, **changed) -> Search:
+def _with(at: EquilibriumSearch, **changed) -> EquilibriumSearch:
     return eqx.tree_at(lambda a: [getattr(a, name) for name in changed], at, list(changed.values()))
 
 
-def _fresh(at: Search) -> Search:
+def _fresh(at: EquilibriumSearch) -> EquilibriumSearch:
     """The search before its first try at a part of the load step."""
     one = jnp.ones_like(at.error)
     return _with(
@@ -207,10 +207,10 @@ def with_sliding(case: Case, told: Bool[Array, ""] | None) -> Case:
     """The load step in which the tendon slips as foretold; as if nothing were foretold unless `told`."""
     if case.sliding is None or told is None:
         return case
-    return eqx.tree_at(lambda c: c.sliding.sure, case, jnp.where(told, case.sliding.sure, 0.0))
+    return eqx.tree_at(lambda c: c.sliding.confidence, case, jnp.where(told, case.sliding.confidence, 0.0))
 
 
-def search(case: Case, how: March) -> Found:
+def search(case: Case, how: SolverOptions) -> Found:
     """Solve a load step from the one before.
 
     Args:
@@ -220,7 +220,7 @@ def search(case: Case, how: March) -> Found:
     return _open(case, how) if case.sections.guides is None else _closed(case, how)
 
 
-def _open(case: Case, how: March) -> Found:
+def _open(case: Case, how: SolverOptions) -> Found:
     """As `search`, with the chords of guided tendons as they are."""
     if case.structure.shares_slip:
         return _by_grip(case, how)
@@ -229,7 +229,7 @@ def _open(case: Case, how: March) -> Found:
     return _at_once(case, how)
 
 
-def _closed(case: Case, how: March) -> Found:
+def _closed(case: Case, how: SolverOptions) -> Found:
     """As `search`, of guided tendons: until their chords are those of the shape that they were found with.
 
     A chord that starts steeper by da ends steeper by (1 - sin x/x) da, x = h sqrt(T/EI), as the beam that it
@@ -279,7 +279,7 @@ def _finite(error):
     return jnp.where(jnp.isnan(error), jnp.inf, error)
 
 
-def _at_once(case: Case, how: March) -> Found:
+def _at_once(case: Case, how: SolverOptions) -> Found:
     """The base model without external loads: one march solves it; further ones remove rounding."""
 
     def again(at):
@@ -298,7 +298,7 @@ def _at_once(case: Case, how: March) -> Found:
     return Found(jnp.zeros(0), passed.nodes.state.kappa, passed, _finite(passed.error), count)
 
 
-def _by_path(case: Case, how: March) -> Found:
+def _by_path(case: Case, how: SolverOptions) -> Found:
     """Newton's method on the whole step; where it fails, on more and more parts, for one tendon first with
     damped steps, then with plain ones.
 
@@ -314,7 +314,7 @@ def _by_path(case: Case, how: March) -> Found:
     one, zero = jnp.ones(()), jnp.asarray(0)
     known = case.memory.unknowns
     first = jnp.zeros(0) if known is None else known / sizes
-    begin = Search(
+    begin = EquilibriumSearch(
         trial=first,
         kappa=case.memory.kappa,
         error=jnp.inf * one,
@@ -331,14 +331,14 @@ def _by_path(case: Case, how: March) -> Found:
         part=zero,
         damped=jnp.asarray(bool(what.tendons)),
         solved=jnp.asarray(False),
-        told=jnp.asarray(False) if case.sliding is None else jnp.any(case.sliding.sure > 0),
+        told=jnp.asarray(False) if case.sliding is None else jnp.any(case.sliding.confidence > 0),
     )
 
-    def unfinished(at: Search):
+    def unfinished(at: EquilibriumSearch):
         within = at.parts.astype(float) <= 1.0 / how.smallest_stride
         return ~at.solved & (at.marches < MOST_MARCHES) & within
 
-    def improved(at: Search):
+    def improved(at: EquilibriumSearch):
         now = case_at(with_sliding(case, at.told), (at.part + 1) / at.parts)
         if what.unknowns:
             flat, use = at.trial * sizes, at.marches > 0
@@ -434,7 +434,7 @@ def with_grip(case: Case, grip: Grip | None) -> Case:
     return case if grip is None else dataclasses.replace(case, grip=grip)
 
 
-def _by_grip(case: Case, how: March) -> Found:
+def _by_grip(case: Case, how: SolverOptions) -> Found:
     """Newton's method for how friction grips several tendons, on the whole load step; where it fails, on more
     and more parts of it. They often go on well from a part that was not quite solved.
     """

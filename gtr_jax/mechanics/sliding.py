@@ -49,7 +49,7 @@ FAINT, CLEAR, SURE = 1e-4, 1e-5, 1e-4
 SETTLED, EXACT = 1e-5, 1e-12  # last step of ln T: above the first nothing is known, below the second it ends
 
 
-def foretold(case: Case, load: Load, memory: Memory) -> Sliding:
+def predicted_slip(case: Case, load: Load, memory: Memory) -> Sliding:
     """What is foretold of the slip of one tendon in a load step: nothing unless the base tension turns back
     while the tendon slips.
 
@@ -68,8 +68,8 @@ def foretold(case: Case, load: Load, memory: Memory) -> Sliding:
 
 
 def _told(case: Case, asked: Bool[Array, ""]) -> Sliding:
-    """As `foretold`, of a load step that asks for it: of several side by side (`jax.vmap`) some may not, and
-    nobody waits for them.
+    """As `predicted_slip`, of a load step that asks for it: of several side by side (`jax.vmap`) some may
+    not, and nobody waits for them.
     """
     start, improved, _ = _problem(jax.lax.stop_gradient(case))
     found = _root(improved, start, asked)
@@ -81,8 +81,10 @@ def _told(case: Case, asked: Bool[Array, ""]) -> Sliding:
     way = 1.0 - 2.0 * clip((y - low) / apart, 0.0, 1.0)
     way = jnp.where(slip > WHOLE * width, 1.0, jnp.where(slip < -WHOLE * width, -1.0, way))
     change = jnp.abs(jnp.expm1(y - jnp.log(taut(case.memory.tension))))
-    sure = jnp.maximum(_between(change, CLEAR, SURE), _between(jnp.abs(slip) / width, WHOLE, WHOLE * 10))
-    return Sliding(way, jnp.where(last < SETTLED, sure, 0.0))
+    confidence = jnp.maximum(
+        _between(change, CLEAR, SURE), _between(jnp.abs(slip) / width, WHOLE, WHOLE * 10)
+    )
+    return Sliding(way, jnp.where(last < SETTLED, confidence, 0.0))
 
 
 def _root(improved, start, asked):

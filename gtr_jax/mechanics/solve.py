@@ -22,11 +22,11 @@ from .grip import left_of, march_gripped, solved_linear
 from .march import Passed, described
 from .mesh import increments
 from .node import drawn_before, grip_of, total
+from .program_spec import SolverOptions
 from .search import Found, scales, search, with_grip, with_sliding, with_slopes
 from .sections import State, node_first
 from .small_matrices import inverse as inverse_of
 from .small_matrices import times
-from .structure import March
 from .tangents import split_tangents
 
 
@@ -215,7 +215,7 @@ def _with_tangents(found: Found, out: tuple[Memory, State], out_dot: tuple[Memor
     return solved, zeros._replace(memory=memory_dot, state=state_dot)
 
 
-def load_step(case: Case, load: Load, memory: Memory, how: March) -> Solved:
+def load_step(case: Case, load: Load, memory: Memory, how: SolverOptions) -> Solved:
     """Solve one load step; differentiable in everything, through any number of steps.
 
     Args:

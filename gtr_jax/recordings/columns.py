@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
-from gtr_jax.atomic_write import write_whole
+from gtr_jax.atomic_write import write_atomically
 from gtr_jax.config.toml_file import read_toml
 from gtr_jax.errors import InputError, did_you_mean, excerpt
 from gtr_jax.units import measures
@@ -189,7 +189,7 @@ def write_columns(
     note: str = "",
 ) -> None:
     """Write a mapping file that `--columns` takes, whole or not at all; arguments as of `columns_text`."""
-    write_whole(path, columns_text(columns, keep_glitches=keep_glitches, drop=drop, note=note))
+    write_atomically(path, columns_text(columns, keep_glitches=keep_glitches, drop=drop, note=note))
 
 
 def mapped(

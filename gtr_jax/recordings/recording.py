@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gtr_jax.atomic_write import write_whole
+from gtr_jax.atomic_write import write_atomically
 from gtr_jax.errors import InputError
 
 from .cleaning.masking import Masked, masks
@@ -370,7 +370,7 @@ def write_recording(
         columns = columns_of(recording)
     else:
         columns = headed(recording, tendons=tendons)
-    write_whole(path, _csv_text(columns))
+    write_atomically(path, _csv_text(columns))
 
 
 def _csv_text(columns: Mapping[str, np.ndarray]) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gtr_jax.atomic_write import write_whole
+from gtr_jax.atomic_write import write_atomically
 from gtr_jax.examples import SIMULATED
 from gtr_jax.plots.terms import Loops, term_figure
 from gtr_jax.robot.build import load_robot
@@ -144,8 +144,8 @@ def write_pages(folder: Path) -> None:
                 law = term.law.replace("|", "\\|")
                 index.append(f"| [{term.id}]({term.id}.md) | {term.says} | {law} |")
                 (folder / f"{term.id}.png").write_bytes(term_figure(term, loops_of(term), FAST))
-                write_whole(folder / f"{term.id}.md", page(term, heading=1))
-    write_whole(folder / "index.md", "\n".join(index) + "\n")
+                write_atomically(folder / f"{term.id}.md", page(term, heading=1))
+    write_atomically(folder / "index.md", "\n".join(index) + "\n")
 
 
 if __name__ == "__main__":

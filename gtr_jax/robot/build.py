@@ -24,7 +24,7 @@ from gtr_jax.config.sections import (
     TendonConfig,
 )
 from gtr_jax.errors import InputError
-from gtr_jax.mechanics.structure import in_order
+from gtr_jax.mechanics.program_spec import in_order
 from gtr_jax.terms import known_acting
 
 from . import routing, spatial_routing

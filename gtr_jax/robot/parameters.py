@@ -19,7 +19,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
 from gtr_jax.errors import InputError, excerpt, listed
-from gtr_jax.mechanics.structure import in_order
+from gtr_jax.mechanics.program_spec import in_order
 from gtr_jax.terms import Term, known_acting
 
 from .backbone import Backbone, Stiffness

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from ..mechanics import Load, March, Structure
+from ..mechanics import Load, ProgramSpec, SolverOptions
 from ..mechanics.small_matrices import inverse, times
 from ..robot.parts import Tendon
 from ..robot.robot import Robot, sections
@@ -49,7 +49,7 @@ class Driven(NamedTuple):
     trials: Int[Array, " K"]
 
 
-class Search(NamedTuple):
+class TensionSearch(NamedTuple):
     """A search for base tensions: the next trial, the best one, its miss and derivative, the damping, and how
     many were taken.
     """
@@ -100,8 +100,8 @@ def driven(
     robot: Robot,
     loads: Load,
     displacement: Float[Array, "K *tendons"],
-    how: March,
-    structure: Structure,
+    how: SolverOptions,
+    structure: ProgramSpec,
 ) -> Driven:
     """Base tensions along a history; differentiable in every number of the robot and in the history.
 
@@ -133,7 +133,7 @@ def drawn_at_once(
     robot: Robot,
     T_base: Float[Array, "*tendons"],
     displacement: Float[Array, "*tendons"],
-    how: March,
+    how: SolverOptions,
     *,
     sloped: bool = True,
 ) -> tuple[Float[Array, "*tendons"], Bool[Array, ""]]:
@@ -157,8 +157,8 @@ class Trying(NamedTuple):
 
     before: Equilibrium | None
     load: Load | None
-    how: March
-    structure: Structure
+    how: SolverOptions
+    structure: ProgramSpec
     give: Float[Array, " tendons"]
 
 
@@ -227,8 +227,8 @@ def _met(
 
 
 class Enclosed(NamedTuple):
-    """A search for the base tension of one tendon, as `Search`, with tensions that draw it out too little and
-    too far, how far the next trial may reach while there are not both, and what the last one missed.
+    """A search for the base tension of one tendon, as `TensionSearch`, with tensions that draw it out too
+    little and too far, how far the next trial may reach while there are not both, and what the last one missed.
     """
 
     trial: Float[Array, " 1"]
@@ -242,7 +242,7 @@ class Enclosed(NamedTuple):
     trials: Int[Array, ""]
 
 
-def search(tried, x, give, least) -> Search | Enclosed:
+def search(tried, x, give, least) -> TensionSearch | Enclosed:
     """Where displacements are met, or the nearest trial.
 
     Args:
@@ -292,16 +292,16 @@ def _enclosed(tried, x, give, least) -> Enclosed:
     return jax.lax.while_loop(going, once, start)
 
 
-def _damped(tried, x, give, least) -> Search:
+def _damped(tried, x, give, least) -> TensionSearch:
     """Newton's method for several tendons, damped as Levenberg and Marquardt do it: where friction holds a
     tendon its displacement hardly answers to its tension. Arguments as of `search`.
     """
 
-    def going(now: Search):
+    def going(now: TensionSearch):
         near = jnp.max(jnp.abs(now.miss)) <= least
         return ~near & (now.trials < MOST_TRIALS) & (now.damping < MOST)
 
-    def once(now: Search) -> Search:
+    def once(now: TensionSearch) -> TensionSearch:
         value, slope = tried(now.trial)
         nearer = jnp.linalg.norm(value / give) < jnp.linalg.norm(now.miss / give)
         eased = jnp.maximum(now.damping * EASIER, LEAST)
@@ -313,7 +313,7 @@ def _damped(tried, x, give, least) -> Search:
 
     # The first trial is nearer than none.
     far, slope = jnp.full_like(x, jnp.inf), jnp.diag(give)
-    start = Search(x, x, far, slope, jnp.asarray(FIRST / EASIER), jnp.asarray(0))
+    start = TensionSearch(x, x, far, slope, jnp.asarray(FIRST / EASIER), jnp.asarray(0))
     return jax.lax.while_loop(going, once, start)
 
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .. import mechanics
-from ..mechanics import Load, March, Structure, rest_state, untouched
+from ..mechanics import Load, ProgramSpec, SolverOptions, rest_state, untouched
 from ..mechanics.sections import node_first
 from ..mechanics.several.rootfinder import RootFinder
 from ..mechanics.several.slip import Kept
@@ -23,7 +23,7 @@ from .solution import Equilibrium, describe, loaded_of
 
 
 def _pair(
-    robot: Robot, T_base: Float[Array, " tendons"], before, how: March, structure: Structure
+    robot: Robot, T_base: Float[Array, " tendons"], before, how: SolverOptions, structure: ProgramSpec
 ) -> Equilibrium:
     """Several tendons without physics terms."""
     one = jnp.ones(())
@@ -45,8 +45,8 @@ def solved(
     robot: Robot,
     T_base: Float[Array, "*tendons"],
     before: Equilibrium | Float[Array, " N"] | None,
-    how: March,
-    structure: Structure,
+    how: SolverOptions,
+    structure: ProgramSpec,
     clock: Load | None = None,
 ) -> Equilibrium:
     """As `equilibrium`, with a structure that is decided; at a load step's time and pace, if given one."""
@@ -62,8 +62,8 @@ def _one(
     robot: Robot,
     T_base: Float[Array, "*tendons"],
     before: Equilibrium | Float[Array, " N"] | None,
-    how: March,
-    structure: Structure,
+    how: SolverOptions,
+    structure: ProgramSpec,
     clock: Load | None,
 ) -> Equilibrium:
     """One tendon, or with physics terms."""
@@ -93,7 +93,7 @@ def equilibrium(
     *,
     memory: Equilibrium | Float[Array, " N"] | None = None,
     with_terms: bool | Collection[str] | None = None,
-    solver: March = March(),  # noqa: B008
+    solver: SolverOptions = SolverOptions(),  # noqa: B008
 ) -> Equilibrium:
     """Equilibrium of the robot under a base tension.
 

@@ -18,7 +18,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from ..elsewhere import elsewhere
 from ..errors import InputError
-from ..mechanics import Load, March, Structure, metric_of, steps
+from ..mechanics import Load, ProgramSpec, SolverOptions, metric_of, steps
 from ..mechanics.bodies import turning_of
 from ..mechanics.sections import State, either_of
 from ..mechanics.several.rootfinder import RootFinder
@@ -237,7 +237,7 @@ def _pair(robot: Robot, loads: Load, solver: RootFinder):
     return done, jax.vmap(moves_by_friction)(gripped)
 
 
-def _solved(structure: Structure, robot: Robot, loads: Load, how: March):
+def _solved(structure: ProgramSpec, robot: Robot, loads: Load, how: SolverOptions):
     """Steps and directions of slip for one tendon, or with physics terms."""
     s = sections(robot)
     done, _, settled = steps(at_nodes(robot, s), structure, loads, how)
@@ -252,7 +252,9 @@ def _solved(structure: Structure, robot: Robot, loads: Load, how: March):
 
 
 @eqx.filter_jit
-def _run(robot: Robot, loads: Load, how: March, structure: Structure, drawn: Bool[Array, " K"]) -> Simulation:
+def _run(
+    robot: Robot, loads: Load, how: SolverOptions, structure: ProgramSpec, drawn: Bool[Array, " K"]
+) -> Simulation:
     """The run; `drawn` says which steps have the base tensions that were asked for."""
     if structure.plain_pair:
         done, moves = _pair(robot, loads, RootFinder(atol=how.atol))
@@ -325,7 +327,7 @@ def simulate(
     cycle: ArrayLike | Sequence[float] | None = None,
     displacement: ArrayLike | None = None,
     with_terms: bool | Collection[str] | None = None,
-    solver: March = March(),  # noqa: B008
+    solver: SolverOptions = SolverOptions(),  # noqa: B008
 ) -> Simulation:
     """Run a robot through a load history; any sequence of pulls, releases, re-pulls and holds.
 
@@ -397,7 +399,7 @@ def simulate(
 
 
 def _tensions(
-    robot: Robot, loads: Load, drawn: Float[Array, "K *tendons"], how: March, structure: Structure
+    robot: Robot, loads: Load, drawn: Float[Array, "K *tendons"], how: SolverOptions, structure: ProgramSpec
 ) -> tuple[Float[Array, "K *tendons"], Bool[Array, " K"]]:
     """Base tensions that draw the tendons out as far as wanted, and whether they do at each step.
 

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import jax.tree_util as jtu
 from jaxtyping import Array, Bool, Float
 
-from ..mechanics import Structure
+from ..mechanics import ProgramSpec
 
 STRAIGHT = 1e-9  # share by which a way may be longer than the straight one
 WHOLE = 1e-9  # share of the length by which the slip may fall short of it
@@ -45,7 +45,7 @@ class _Missed(NamedTuple):
 
 
 def trusted(
-    structure: Structure,
+    structure: ProgramSpec,
     met: Bool[Array, " K"],
     T_base: Float[Array, "K *tendons"],
     preload: Float[Array, "*tendons"],

@@ -19,7 +19,17 @@ from jaxtyping import Array, Bool, Float, Int
 from .. import mechanics
 from ..errors import InputError
 from ..kept import Kept
-from ..mechanics import FOREVER, Load, March, Settled, Step, Structure, advance, begin, loads_before
+from ..mechanics import (
+    FOREVER,
+    Load,
+    ProgramSpec,
+    SolverOptions,
+    Step,
+    Unloaded,
+    advance,
+    begin,
+    loads_before,
+)
 from ..mechanics.bodies import line_of, metric_of
 from ..native.program import Program, origin, packed, sources
 from ..native.values import Untranslatable
@@ -35,9 +45,9 @@ from .solution import drawn_out, loaded_of, stretch_of
 __all__ = [
     "Brief",
     "Native",
+    "ProgramSpec",
     "Ready",
     "Run",
-    "Structure",
     "base_tensions",
     "ready",
     "sources",
@@ -124,7 +134,7 @@ class _Given(NamedTuple):
     drives any, else none; and their typical compliance [m/N], (tendons,), where it drives any, else None.
     """
 
-    robot: mechanics.Robot
+    robot: mechanics.NodalRobot
     tendons: tuple[Tendon, ...]
     give: Float[Array, " tendons"] | None
 
@@ -146,7 +156,7 @@ class _Kind(NamedTuple):
     whole: bool
 
 
-def _left(given: _Given, structure: Structure, kind: _Kind, settled: Settled, step: Step, row: _Row):
+def _left(given: _Given, structure: ProgramSpec, kind: _Kind, settled: Unloaded, step: Step, row: _Row):
     """What a step leaves, as numbers."""
     robot = given.robot
     s = robot.sections
@@ -173,7 +183,7 @@ def _left(given: _Given, structure: Structure, kind: _Kind, settled: Settled, st
     return each, (step.met, step.error, step.marches, bent, moved), body
 
 
-def _driven(given: _Given, structure: Structure, how: March, settled: Settled, row: _Row, before):
+def _driven(given: _Given, structure: ProgramSpec, how: SolverOptions, settled: Unloaded, row: _Row, before):
     """One load step of tendons some of which displacement drives: the base tensions at which these are drawn
     out as far as they should be, and whether they are.
 
@@ -224,7 +234,7 @@ def _driven(given: _Given, structure: Structure, how: March, settled: Settled, r
 
 
 @functools.lru_cache(maxsize=256)
-def _program(structure: Structure, how: March, kind: _Kind, shapes: tuple, lanes: int) -> Program:
+def _program(structure: ProgramSpec, how: SolverOptions, kind: _Kind, shapes: tuple, lanes: int) -> Program:
     """The program for a structure and robots of some shape."""
     structure = dataclasses.replace(structure, skips=True)
     leaves, tree = shapes
@@ -271,7 +281,7 @@ def _beside_those_of_jax() -> Path | None:
 
 
 @functools.lru_cache(maxsize=256)
-def _needed(structure: Structure, shapes: tuple) -> tuple[Structure, tuple, np.ndarray | None]:
+def _needed(structure: ProgramSpec, shapes: tuple) -> tuple[ProgramSpec, tuple, np.ndarray | None]:
     """The structure with the laws that it has equations of, as `Law.equation`; the shapes of robots without
     the numbers of other laws, and of users' terms that it lacks; and where what is left stands among the
     packed numbers, None for all. So a program is one for all robots that differ in what it does not have.
@@ -371,9 +381,9 @@ class Native:
     def __call__(
         self,
         ready: Ready,
-        structure: Structure,
+        structure: ProgramSpec,
         loads: Load,
-        how: March = March(),  # noqa: B008
+        how: SolverOptions = SolverOptions(),  # noqa: B008
         drawn: Float[np.ndarray, "K *tendons"] | None = None,
     ) -> Brief:
         """Go through K load steps.
@@ -390,7 +400,12 @@ class Native:
         """
         return self._gone_through([Run(ready, loads, drawn)], structure, how, 1)[0]
 
-    def side_by_side(self, runs: Sequence[Run], structure: Structure, how: March = March()) -> list[Brief]:  # noqa: B008
+    def side_by_side(
+        self,
+        runs: Sequence[Run],
+        structure: ProgramSpec,
+        how: SolverOptions = SolverOptions(),  # noqa: B008
+    ) -> list[Brief]:
         """Go through several load histories of equally many steps in the lanes of the processor's vectors.
         What each gives depends on nothing of the others, to the last bit.
 
@@ -404,7 +419,9 @@ class Native:
         """
         return self._gone_through(runs, structure, how, LANES)
 
-    def _gone_through(self, runs: Sequence[Run], structure: Structure, how: March, lanes: int) -> list[Brief]:
+    def _gone_through(
+        self, runs: Sequence[Run], structure: ProgramSpec, how: SolverOptions, lanes: int
+    ) -> list[Brief]:
         if structure.plain_pair:
             raise ValueError("several tendons in one plane: give a structure that holds a term")
         structure, shapes, places = _needed(structure, self._shapes)
@@ -431,7 +448,7 @@ class Native:
     def _inputs(
         self,
         ready: Ready,
-        structure: Structure,
+        structure: ProgramSpec,
         loads: Load,
         drawn: Float[np.ndarray, "K *tendons"] | None,
         places: np.ndarray | None,
@@ -453,7 +470,7 @@ class Native:
         given = np.asarray(ready.given)
         return given if places is None else given[places], rows
 
-    def _brief(self, out: Float[np.ndarray, "P n"], ready: Ready, structure: Structure, K: int) -> Brief:
+    def _brief(self, out: Float[np.ndarray, "P n"], ready: Ready, structure: ProgramSpec, K: int) -> Brief:
         """What a program leaves of the last K of its steps."""
         n = self._tendons
         each, rest = np.split(out[len(out) - K :], [5 * n], axis=1)
@@ -501,9 +518,9 @@ class Native:
 
 def steps_natively(
     robot: Robot,
-    structure: Structure,
+    structure: ProgramSpec,
     loads: Load,
-    how: March = March(),  # noqa: B008
+    how: SolverOptions = SolverOptions(),  # noqa: B008
     drawn: Float[Array, "K *tendons"] | None = None,
 ) -> Brief:
     """As `Native`, for a robot whose numbers are known."""
@@ -512,7 +529,7 @@ def steps_natively(
 
 
 def base_tensions(
-    robot: Robot, structure: Structure, loads: Load, how: March, drawn: Float[Array, "K *tendons"]
+    robot: Robot, structure: ProgramSpec, loads: Load, how: SolverOptions, drawn: Float[Array, "K *tendons"]
 ) -> Float[np.ndarray, "K *tendons"] | None:
     """Base tensions [N], (K, *tendons), that draw tendons out as far as wanted; None where a step does not
     meet its tolerance, or native code has no such equations. Arguments as of `steps_natively`.

@@ -10,16 +10,16 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 from .. import mechanics
-from ..mechanics import Structure, every, in_order
+from ..mechanics import ProgramSpec, every, in_order
+from ..mechanics.program_spec import PRESLIDING, carried
 from ..mechanics.sections import Sections
-from ..mechanics.structure import PRESLIDING, carried
 from ..robot.robot import Robot, tip_moment_of
 from ..terms import known_acting, known_on
 from ..terms.term import ONE_HELD
 from ..terms.unmoved import unmoved
 
 
-def structure_of(robot: Robot, with_terms: bool | Collection[str] | None) -> Structure:
+def structure_of(robot: Robot, with_terms: bool | Collection[str] | None) -> ProgramSpec:
     """The equations that a robot needs.
 
     Args:
@@ -50,7 +50,7 @@ def _of_one_tendon(robot: Robot) -> list[str]:
     return carried(every(robot.laws), robot.catalogue) if robot.space and robot.tendon_names else []
 
 
-def structure_with(robot: Robot, terms: Collection[str]) -> Structure:
+def structure_with(robot: Robot, terms: Collection[str]) -> ProgramSpec:
     """The structure that has the equations of some terms, whether they act or not.
 
     Args:
@@ -64,7 +64,7 @@ def structure_with(robot: Robot, terms: Collection[str]) -> Structure:
         # Several tendons without terms have a solver of their own, which knows no notches. The others follow
         # the slip, by this term, whose numbers are those of none.
         given = (PRESLIDING,)
-    return Structure(
+    return ProgramSpec(
         given,
         len(robot.tendon_names),
         robot.loaded or loads or _tip_moment_acts(robot),
@@ -94,9 +94,9 @@ def refuse_in_space(robot: Robot, terms: Collection[str]) -> None:
             raise ValueError(f"{kind}: {ONE_HELD}")
 
 
-def at_nodes(robot: Robot, s: Sections) -> mechanics.Robot:
+def at_nodes(robot: Robot, s: Sections) -> mechanics.NodalRobot:
     """The robot as the mechanics takes it."""
-    return mechanics.Robot(
+    return mechanics.NodalRobot(
         sections=s,
         mu=robot.per_tendon(lambda tendon: tendon.friction_coefficient),
         preload=robot.per_tendon(lambda tendon: tendon.preload),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..mechanics import Step, Structure
+from ..mechanics import ProgramSpec, Step
 from ..mechanics.sections import Sections
 from .solution import Loaded
 
@@ -73,7 +73,7 @@ def front_of(s, sign):
     return sign[0], jnp.where(sign[0] == 0.0, 0.0, front)
 
 
-def moves_of(s: Sections, structure: Structure, rigid: bool, step: Step, done: Loaded, scale):
+def moves_of(s: Sections, structure: ProgramSpec, rigid: bool, step: Step, done: Loaded, scale):
     """Direction of slip along the tendons in a step, (*tendons, N): by tension in the base model, by slip
     with physics terms.
 

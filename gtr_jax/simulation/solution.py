@@ -13,7 +13,7 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
 from ..elsewhere import elsewhere
-from ..mechanics import Memory, Settled, Step, Structure, channel, metric_of
+from ..mechanics import Memory, ProgramSpec, Step, Unloaded, channel, metric_of
 from ..mechanics.bodies import line_of, offset_of
 from ..mechanics.mesh import cumulative, increments
 from ..mechanics.offset import SpatialOffset
@@ -305,7 +305,7 @@ class Loaded(eqx.Module):
         return self.result == optx.RESULTS.successful
 
 
-def loaded_of(s: Sections, structure: Structure, settled: Settled, done: Step) -> Loaded:
+def loaded_of(s: Sections, structure: ProgramSpec, settled: Unloaded, done: Step) -> Loaded:
     """A solved load step with nodes along the last axis; in the base model, slip is without stretch."""
 
     def nodes_last(values):

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from gtr_jax.robot.robot import Robot
 from gtr_jax.robot.validity import is_robot
 
-from ..mechanics import March
+from ..mechanics import SolverOptions
 from ..simulation.displacement import drawn_at_once
 from ..simulation.equilibrium import equilibrium
 from ..simulation.history import simulate
@@ -27,7 +27,7 @@ from .values import along, at_rest
 
 CONVERGED, NOT_CONVERGED, NOT_FINITE, NO_ROBOT = 0, 1, 2, 3  # result codes in the store
 # The whole load at once, or not at all: lanes that need it in shares would hold up the others of their batch.
-BRIEF = March(smallest_stride=0.4)
+BRIEF = SolverOptions(smallest_stride=0.4)
 
 
 class Lanes:
@@ -42,9 +42,9 @@ class Lanes:
         self._usual = _usual(task)
         self._brief = task.kind == LOADED
         self._lock = threading.Lock()
-        self._first = self._program(BRIEF if self._brief else March(), task.batch)
+        self._first = self._program(BRIEF if self._brief else SolverOptions(), task.batch)
 
-    def _program(self, solver: March, batch: int) -> Callable:
+    def _program(self, solver: SolverOptions, batch: int) -> Callable:
         """The compiled program for `batch` points."""
         task, (numbers, structure) = self.task, eqx.partition(self.task.robot, eqx.is_array)
 
@@ -61,7 +61,7 @@ class Lanes:
 
     @functools.cached_property
     def _thorough(self) -> Callable:
-        return self._program(March(), self.task.lanes)
+        return self._program(SolverOptions(), self.task.lanes)
 
     def solve(self, points: np.ndarray) -> dict[str, np.ndarray]:
         """Arrays of the store at some points, by name.

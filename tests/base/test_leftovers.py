@@ -8,7 +8,7 @@ import time
 import pytest
 
 from gtr_jax import leftovers
-from gtr_jax.leftovers import beside, clear, replaced_whole
+from gtr_jax.leftovers import beside, clear, replaced_atomically
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="processes cannot be asked for there")
 
@@ -100,7 +100,7 @@ def test_the_next_run_removes_what_a_killed_one_left(tmp_path, monkeypatch):
 
 
 def test_threads_do_not_write_to_the_same_temporary_file(tmp_path):
-    with replaced_whole(tmp_path / "file") as one, replaced_whole(tmp_path / "file") as other:
+    with replaced_atomically(tmp_path / "file") as one, replaced_atomically(tmp_path / "file") as other:
         assert one != other
         one.write_text("one")
         other.write_text("other")

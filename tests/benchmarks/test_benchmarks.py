@@ -22,7 +22,7 @@ RIVALS = [name for name in CANDIDATES if name != "march"]
 @pytest.mark.parametrize("name", RIVALS)
 def test_candidates_find_the_march_s_solution(system, name):
     robot = system.robot(0.5)
-    march = gtr.equilibrium(robot, system.T_base, solver=gtr.March(atol=1e-12))
+    march = gtr.equilibrium(robot, system.T_base, solver=gtr.SolverOptions(atol=1e-12))
     rival = equilibrium(robot, system.T_base, CANDIDATES[name])
     assert bool(rival.converged)
     assert float(rival.T_tip) == pytest.approx(float(march.T_tip), rel=1e-8)
@@ -35,7 +35,7 @@ def test_the_pass_that_is_timed_is_the_march():
     problem = node_equation.first_pull(robot, jnp.asarray(system.T_base))
     T_tip, left = node_equation.one_pass(problem, node_equation.RULES["fixed point, two secants"])
     assert float(left) < 1e-12
-    exact = gtr.equilibrium(robot, system.T_base, solver=gtr.March(atol=1e-12)).T_tip
+    exact = gtr.equilibrium(robot, system.T_base, solver=gtr.SolverOptions(atol=1e-12)).T_tip
     assert float(T_tip) == pytest.approx(float(exact), rel=1e-11)
 
 

@@ -24,7 +24,7 @@ LIMITS = {"wall_clearance": "1.5 mm", "min_channel_radius": "10 mm", "max_tensio
 SPLINE = {"kind": "spline", "knots": 5}
 BOUNDS = {"T_base": ["10 N", "50 N"], "E": ["0.8 MPa", "2 MPa"]}
 TOP = {"T_base_max": "30 N"}
-TIGHT = gtr.March(atol=1e-13)
+TIGHT = gtr.SolverOptions(atol=1e-13)
 
 
 def target(pose=None, **sections):

@@ -77,26 +77,26 @@ def problem(hidden, others=N_OF_OTHERS, true=(0.4, 1.0), seed=3, lower=0.0):
     columns |= {f"other-{k}.size": np.zeros(60) for k in range(others)}
     seen = true[0] * columns["mu"] + true[1] * columns["drag.size"] + rng.standard_normal(60)
     of = [effect("drag", lower), *(effect(f"other-{k}") for k in range(others))]
-    bench = Linear(seen, columns, effects=tuple(of))
-    models = Models(cast(Any, bench), of)
-    models.bench.mean_square = lambda f: 1.0  # type: ignore[method-assign]
-    models.bench.readings = 60  # type: ignore[misc]
-    models.add([cast(Fitted, bench.refit((), np.zeros(1)))])
+    likelihood = Linear(seen, columns, effects=tuple(of))
+    models = Models(cast(Any, likelihood), of)
+    models.likelihood.mean_square = lambda f: 1.0  # type: ignore[method-assign]
+    models.likelihood.readings = 60  # type: ignore[misc]
+    models.add([cast(Fitted, likelihood.refit((), np.zeros(1)))])
     fitted = models.base
-    marginal = Marginal(cast(Any, bench), fitted, np.linalg.inv(fitted.information()), ({},))
-    return bench, models, marginal
+    marginal = Marginal(cast(Any, likelihood), fitted, np.linalg.inv(fitted.information()), ({},))
+    return likelihood, models, marginal
 
 
-def on_a_grid(bench, lower):
+def on_a_grid(likelihood, lower):
     """Ends of the 95 % interval of mu, and odds of the effect, from sums over a grid."""
     a = np.linspace(max(lower / 2.0, -6.0), 6.0, 3001)
-    J, column = bench.columns["mu"], bench.columns["drag.size"]
+    J, column = likelihood.columns["mu"], likelihood.columns["drag.size"]
     precision = J @ J + 1
-    mean = (J @ (bench.seen[:, None] - column[:, None] * a)) / precision
-    left = column[:, None] * a + J[:, None] * mean - bench.seen[:, None]
+    mean = (J @ (likelihood.seen[:, None] - column[:, None] * a)) / precision
+    left = column[:, None] * a + J[:, None] * mean - likelihood.seen[:, None]
     log = -0.5 * (np.sum(left**2, axis=0) + mean**2)
-    plain = J @ bench.seen / precision
-    none = -0.5 * (np.sum((J * plain - bench.seen) ** 2) + plain**2)
+    plain = J @ likelihood.seen / precision
+    none = -0.5 * (np.sum((J * plain - likelihood.seen) ** 2) + plain**2)
     prior = norm.pdf(a) / (1 - norm.cdf(lower / 2.0))
     evidence = np.trapezoid(np.exp(log - none) * prior, a)
     weight = np.exp(log - none) * prior
@@ -122,9 +122,9 @@ def on_a_grid(bench, lower):
 
 @pytest.mark.parametrize(("hidden", "lower"), [(0.999, 0.0), (0.999, -np.inf), (0.5, 0.0), (0.95, -1.0)])
 def test_the_average_is_that_of_a_grid(hidden, lower):
-    bench, models, marginal = problem(hidden, lower=lower)
+    likelihood, models, marginal = problem(hidden, lower=lower)
     found = averaged(models, models.base, {(): 1.0}, {(): marginal})
-    ends, odds = on_a_grid(bench, lower)
+    ends, odds = on_a_grid(likelihood, lower)
     narrow = marginal.interval(0)
     np.testing.assert_allclose(found.ends["mu"], ends, atol=0.06 * (ends[1] - ends[0]))
     drag = next(h for h in found.hidden if h.name == "drag")
@@ -165,8 +165,8 @@ def test_the_interval_holds_whichever_effect_acts():
 
 
 def test_effects_that_change_nothing_leave_the_interval():
-    bench, models, marginal = problem(0.5, true=(0.4, 0.0))
-    bench.columns["drag.size"] = np.zeros(60)
+    likelihood, models, marginal = problem(0.5, true=(0.4, 0.0))
+    likelihood.columns["drag.size"] = np.zeros(60)
     found = averaged(models, models.base, {(): 1.0}, {(): marginal})
     np.testing.assert_allclose(found.ends["mu"], marginal.interval(0), rtol=0.02)
     assert {h.name for h in found.hidden} == set(models.of)
@@ -175,11 +175,11 @@ def test_effects_that_change_nothing_leave_the_interval():
 
 
 def test_beside_an_effect_the_odds_are_those_of_sets_of_two():
-    bench, models, _ = problem(0.5, true=(0.4, 0.5))
+    likelihood, models, _ = problem(0.5, true=(0.4, 0.5))
     own = models.hypotheses(["drag"])
-    models.add([cast(Fitted, bench.refit(own, np.zeros(2)))])
+    models.add([cast(Fitted, likelihood.refit(own, np.zeros(2)))])
     fitted = models.fits[("drag",)]
-    marginal = Marginal(cast(Any, bench), fitted, np.linalg.inv(fitted.information()), ({}, {}))
+    marginal = Marginal(cast(Any, likelihood), fitted, np.linalg.inv(fitted.information()), ({}, {}))
     found = averaged(models, fitted, {("drag",): 1.0}, {("drag",): marginal})
     # The other effects change nothing, so that their odds are those of the prior (`Models.log_prior`).
     n, one = len(models.of), dataclasses.replace(fitted, names=("drag", "other-0"))
@@ -225,13 +225,13 @@ def test_effects_without_a_size_have_no_null_to_be_hidden_at():
 
 
 def test_a_breakdown_leaves_the_effect_out():
-    bench, models, marginal = problem(0.5)
-    plain = bench.simulate
+    likelihood, models, marginal = problem(0.5)
+    plain = likelihood.simulate
 
     def fails(values, names=()):
         return None if "drag.size" in values else plain(values, names)
 
-    bench.simulate = fails  # type: ignore[method-assign]
+    likelihood.simulate = fails  # type: ignore[method-assign]
     found = averaged(models, models.base, {(): 1.0}, {(): marginal})
     assert "drag" not in {h.name for h in found.hidden}
 

@@ -30,7 +30,7 @@ def test_an_effect_that_the_cost_needs_is_kept_though_the_parts_held_out_miss_it
     head, start, without_b = fitted(100.0, "a", "b"), fitted(5000.0), fitted(needed, "a")
     fits = {("a",): without_b, ("b",): fitted(9000.0, "b")}
     models = SimpleNamespace(
-        bench=SimpleNamespace(scale_left=lambda f: 1.0, refit=lambda own, start, exact: fits[own]),
+        likelihood=SimpleNamespace(scale_left=lambda f: 1.0, refit=lambda own, start, exact: fits[own]),
         hypotheses=lambda names: names,
         coordinates=lambda names, f: np.zeros(0),
         add=lambda fits: None,
@@ -70,13 +70,13 @@ def test_all_effects_are_named_where_an_error_of_one_law_cannot_be_what_is_left(
         beside=lambda f: {("a", "b"): 1.0},
         stored=lambda f: f,
         fits={alone.names: alone} if alone.names[0] in exact else {},
-        bench=SimpleNamespace(scale_left=lambda f: 1.0),
+        likelihood=SimpleNamespace(scale_left=lambda f: 1.0),
         of={name: SimpleNamespace(kind=kind) for name, kind in kinds.items()},
     )
     before = SimpleNamespace(verdict="as-before", chosen=base)
     monkeypatch.setattr(decide, "decide", lambda m: before)
-    monkeypatch.setattr(decide, "between_samples", lambda bench, f: between)
-    monkeypatch.setattr(decide, "misfit", lambda bench, f: (0.1, 0.3))
+    monkeypatch.setattr(decide, "between_samples", lambda likelihood, f: between)
+    monkeypatch.setattr(decide, "misfit", lambda likelihood, f: (0.1, 0.3))
     monkeypatch.setattr(decide, "_told_apart", lambda *some: ([("a", "b")], True))
     nearest = decide.Decision(
         verdict="missing-physics",
@@ -106,26 +106,28 @@ def test_a_delay_may_leave_what_the_tension_turns_between_two_samples(time, name
         robot=SimpleNamespace(tendon_names=names),
     )
     rig = SimpleNamespace(part=part, where=(slice(None), slice(None)))
-    bench = SimpleNamespace(rigs=[rig], white=lambda rows: np.concatenate(rows).ravel(), tamed=lambda z: z)
+    likelihood = SimpleNamespace(
+        rigs=[rig], white=lambda rows: np.concatenate(rows).ravel(), robustify=lambda z: z
+    )
     delay = {"time-skew.delay": 0.5} if not names else {"time-skew.delay.right": 0.5}
     fitted = SimpleNamespace(values=delay, seen=[SimpleNamespace(values=np.stack([T, T]))])
     late = np.asarray(time, float) - 0.5
     beside = np.count_nonzero((late > 1) & (late < 3))
-    assert between_samples(cast(Any, bench), cast(Any, fitted)) == pytest.approx(beside * 0.5**2)
+    assert between_samples(cast(Any, likelihood), cast(Any, fitted)) == pytest.approx(beside * 0.5**2)
     fitted.values = {}
-    assert between_samples(cast(Any, bench), cast(Any, fitted)) == 0.0
+    assert between_samples(cast(Any, likelihood), cast(Any, fitted)) == 0.0
 
 
 def test_a_model_is_judged_again_once_a_much_better_fit_of_it_is_found(monkeypatch):
     judged: list[float] = []
 
-    def by_fold(bench, models, pieces):
+    def by_fold(likelihood, models, pieces):
         judged.extend(f.cost for _, f in models)
         return np.asarray([[[f.cost, 1, f.cost, 1]] * 4 for _, f in models])
 
     monkeypatch.setattr(further, "by_fold", by_fold)
-    bench = SimpleNamespace(heavy=None, scale_left=lambda f: 1.0)
-    unseen = further.Unseen(cast(Any, SimpleNamespace(bench=bench, hypotheses=lambda names: names)))
+    likelihood = SimpleNamespace(heavy=None, scale_left=lambda f: 1.0)
+    unseen = further.Unseen(cast(Any, SimpleNamespace(likelihood=likelihood, hypotheses=lambda names: names)))
     head = cast(Any, fitted(1000.0))
     for cost, pays in ((990.0, False), (985.0, False), (600.0, True), (598.0, True)):
         assert (unseen.best(head, [cast(Any, fitted(cost, "a"))]) is not None) is pays
@@ -150,7 +152,7 @@ def test_a_better_variant_stands_in_place_of_an_effect(monkeypatch, costs, sizes
     was, *others = (fitted(c, *n) for c, n in zip(costs, VARIANTS, strict=False))
     for f, size in zip((was, *others), sizes, strict=True):
         f.x = np.zeros(size)
-    models = SimpleNamespace(bench=SimpleNamespace(scale_left=lambda f: 1.0), stored=lambda f: f)
+    models = SimpleNamespace(likelihood=SimpleNamespace(scale_left=lambda f: 1.0), stored=lambda f: f)
     monkeypatch.setattr(further, "settled", lambda models, fits: fits)
     monkeypatch.setattr(further, "add_variants", lambda m, f, name: others if name == "a.tip" else [])
     unseen = SimpleNamespace(best=lambda f, fits: fits[0] if pays else None)

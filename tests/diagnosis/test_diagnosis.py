@@ -27,14 +27,14 @@ from calibrate.diagnosis.hypotheses.hypotheses import (
     number_of,
 )
 from calibrate.diagnosis.hypotheses.model import Fitted
-from calibrate.diagnosis.likelihood.likelihood import Bench
+from calibrate.diagnosis.likelihood.likelihood import Likelihood
 from calibrate.diagnosis.likelihood.locate import cycles_of, ratio_of_branches
 from calibrate.diagnosis.outside.patterns import Pattern, pattern_in
 from calibrate.diagnosis.prepare import prepare
 from calibrate.diagnosis.screening.screen import screen
 from calibrate.fitting.fit import part_of
 from calibrate.inference.number import Number
-from calibrate.inference.simulated_rig import Rig, at_samples, between
+from calibrate.inference.simulated_rig import SimulatedRig, at_samples, between
 from calibrate.inference.simulation_cache import SimulationCache
 from calibrate.inference.weighing import Weighing
 from calibrate.planning.experiment import propose
@@ -89,10 +89,10 @@ def models_of(squares):
         fits[names] = SimpleNamespace(
             names=names, cost=chi2, prior=0.0, chi2=chi2, rows=rows, volume=lambda v=volume: v
         )
-    bench: Any = SimpleNamespace(readings=500, heavy=None, mean_square=lambda f: f.chi2 / 500)
+    likelihood: Any = SimpleNamespace(readings=500, heavy=None, mean_square=lambda f: f.chi2 / 500)
     known = {name for names in squares for name in names} | {f"h{k}" for k in range(35)}
     hypotheses: Any = [SimpleNamespace(name=name, kind=name.partition(".")[0]) for name in sorted(known)]
-    models = Models(bench, hypotheses)
+    models = Models(likelihood, hypotheses)
     models.fits = fits
     return models
 
@@ -132,7 +132,7 @@ def test_a_regularity_is_no_noise():
         part.counted = np.ones(K, bool)
         part.drives, part.pulled = (SimpleNamespace(T_base=T),), [T]
         part.time, part.places = 0.5 * np.arange(K) if timed else None, np.arange(K)
-        bench = Bench(
+        likelihood = Likelihood(
             rigs=(cast(Any, SimpleNamespace(part=part, where=[0])),),
             base=(),
             noise=[[Noise(1.0, 0.0)]],
@@ -142,7 +142,7 @@ def test_a_regularity_is_no_noise():
         slope = np.concatenate([tip, np.zeros(K)])[:, None]
         seen = [SimpleNamespace(values=tip[None])]
         fitted = SimpleNamespace(rows=rows, jacobian=slope, x=np.zeros(1), seen=seen)
-        return pattern_in(bench, cast(Fitted, fitted))
+        return pattern_in(likelihood, cast(Fitted, fitted))
 
     by_tension = found(rng.normal(size=K) + 1.6 * np.sin(2 * np.pi * tip / period))
     assert by_tension is not None and by_tension.along in ("T_tip", "T_base")
@@ -194,8 +194,10 @@ def test_a_regularity_is_no_noise():
 def decision(monkeypatch, squares, left=None, pattern=None):
     """Of models of 500 readings, by what each leaves; structure by names, none unless given."""
     said = {(): (5.0, 50.0), **(left or {})}
-    monkeypatch.setattr(decide, "misfit", lambda bench, f: said.get(f.names, (0.0, 0.0)))
-    monkeypatch.setattr(decide, "pattern_in", lambda bench, f: pattern if f.names in (left or {}) else None)
+    monkeypatch.setattr(decide, "misfit", lambda likelihood, f: said.get(f.names, (0.0, 0.0)))
+    monkeypatch.setattr(
+        decide, "pattern_in", lambda likelihood, f: pattern if f.names in (left or {}) else None
+    )
     return decide.decide(models_of(squares))
 
 
@@ -446,7 +448,7 @@ def screened_by(simulates, failed):
         v = seen[0].v
         return rows - 10 * v["a.size"] * np.sin(3 * u / v["a.length"]) + np.log(v["mu"] / 0.3) * 10 * u
 
-    bench: Any = SimpleNamespace(simulate=simulate, rows=left, refit=lambda *a, **k: None)
+    likelihood: Any = SimpleNamespace(simulate=simulate, rows=left, refit=lambda *a, **k: None)
     fitted: Any = SimpleNamespace(
         cost=float(rows @ rows) + 1e3 * failed,
         rows=rows,
@@ -457,7 +459,7 @@ def screened_by(simulates, failed):
         names=(),
         failed=failed,
     )
-    found = screen(bench, fitted, [Hypothesis("a", "a", (size, length), starts)])[0]
+    found = screen(likelihood, fitted, [Hypothesis("a", "a", (size, length), starts)])[0]
     return [(length.value(s.x[2]), size.value(s.x[1])) for s in found.starts], found.gain, float(rows @ rows)
 
 
@@ -482,7 +484,7 @@ def test_a_rough_stretch_is_among_the_first():
     }
     ready = prepare(gtr.load_config(folder / "robot.toml"), dataclasses.replace(run, **noisy))
     assert not isinstance(ready, calibrate.Diagnosis)
-    screened = screen(ready.bench, ready.base, ready.hypotheses)
+    screened = screen(ready.likelihood, ready.base, ready.hypotheses)
     assert screened[0].hypothesis.name == "local-friction.stretch"
 
 
@@ -547,8 +549,10 @@ def test_an_interrupted_diagnosis_goes_on_where_it_stopped(tmp_path, monkeypatch
         calibrate.diagnose(config, recording, steps=steps, progress=interrupt)
     done, simulated = len(SimulationCache(steps)), []
     assert done > 20
-    real = Rig._simulated
-    monkeypatch.setattr(Rig, "_simulated", lambda rig, keys: simulated.extend(keys) or real(rig, keys))
+    real = SimulatedRig._simulated
+    monkeypatch.setattr(
+        SimulatedRig, "_simulated", lambda rig, keys: simulated.extend(keys) or real(rig, keys)
+    )
     again = calibrate.diagnose(config, recording, steps=steps)
     assert again.to_json() == whole.to_json()
     # What was done is not done again; and once all is, nothing is.
@@ -568,7 +572,7 @@ def test_a_simulation_does_not_depend_on_those_before_it(make_robot):
     plain = {"mu": 0.2, "E": float(robot.value("E"))}
     tried = [plain, *(plain | dict(h.few[0]) | dict(h.fixed) for h in hypotheses)]
     assert {"free-length", "tip-gain", "tip-load"} <= {h.name.partition(".")[0] for h in hypotheses}
-    before, after = Rig(part, robot), Rig(part, robot)
+    before, after = SimulatedRig(part, robot), SimulatedRig(part, robot)
     forth = [before(values) for values in tried]
     back = [after(values) for values in reversed(tried)][::-1]
     nothing = forth[0]
@@ -586,7 +590,7 @@ def test_friction_of_the_speed_takes_several_steps_for_each_sample(make_robot, m
     clock = np.cumsum(np.where(np.arange(len(T)) % 3 == 0, 0.8, 0.3))
     recording = gtr.Recording(path=Path("r.csv"), sha256="", time=clock, T_base=T, T_tip=0.8 * T)
     part, _ = part_of("r", robot, None, recording, ("T_tip",), noise_N=0.02, noise_base_N=0.02)
-    rig = Rig(part, robot)
+    rig = SimulatedRig(part, robot)
     row = rig.channels.index("T_tip")
     plain = {"mu": 0.3, "E": float(robot.value("E"))}
     k = np.arange(4 * len(T) - 3) / 4
@@ -605,7 +609,7 @@ def test_friction_of_the_speed_takes_several_steps_for_each_sample(make_robot, m
     assert np.max(np.abs(want - by_samples.T_tip)) > 0.05
     # No more than so many in all.
     monkeypatch.setattr("calibrate.inference.simulated_rig.MOST_STEPS", 2 * len(T) - 1)
-    seen = Rig(part, robot)(values)
+    seen = SimulatedRig(part, robot)(values)
     assert seen is not None
     np.testing.assert_allclose(seen.values[row], by_samples.T_tip, atol=1e-8)
 
@@ -799,10 +803,10 @@ def test_the_experiment_that_tells_rivals_apart(make_robot, rivals, known, best)
         return Fitted((name,), numbers, x, own, np.zeros(len(x)), told, 0.0, 0.0, (), 0, {})
 
     fits = {(name,): fitted(name, values) for name, values in rivals.items()}
-    bench = SimpleNamespace(noise=[[Noise(0.02, 0.0)]])
-    models = SimpleNamespace(fits=fits, bench=bench, ranked=lambda: list(fits.values()))
+    likelihood = SimpleNamespace(noise=[[Noise(0.02, 0.0)]])
+    models = SimpleNamespace(fits=fits, likelihood=likelihood, ranked=lambda: list(fits.values()))
     decision = SimpleNamespace(verdict="ambiguous", confusion=list(fits), chosen=next(iter(fits.values())))
-    found = propose(cast(Any, models), cast(Any, decision), Rig(part, robot))
+    found = propose(cast(Any, models), cast(Any, decision), SimulatedRig(part, robot))
     assert found is not None
     assert best in found.says and max(dict(found.menu).values()) > 6
     assert ("diagnosed.toml" in found.says) == ("rig turned" in found.says)

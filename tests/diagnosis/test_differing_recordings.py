@@ -16,7 +16,7 @@ from calibrate.diagnosis.answer.robots import _labels
 from calibrate.diagnosis.likelihood.locate import locate, mu_by_stratum
 from calibrate.diagnosis.prepare import Prepared, prepare
 from calibrate.inference.number import values_in
-from calibrate.inference.simulated_rig import Rig
+from calibrate.inference.simulated_rig import SimulatedRig
 from gtr_jax.simulation.history import padded_length
 from gtr_jax.simulation.sensing import cells_show
 from gtr_jax.terms import REGISTRY
@@ -83,19 +83,19 @@ def test_the_oiled_tendon_differs_in_friction():
     assert found.own["tuesday"] == pytest.approx(found.own["monday"], rel=0.01)
     assert found.or_numbers == [] and found.or_effects == [] and found.standard_errors > 20
     # With it differing the base model describes all three.
-    assert ready.bench.mean_square(ready.base) < 1.2
-    parts = mu_by_stratum(ready.bench, ready.base, np.eye(len(ready.base.x)))
+    assert ready.likelihood.mean_square(ready.base) < 1.2
+    parts = mu_by_stratum(ready.likelihood, ready.base, np.eye(len(ready.base.x)))
     for label, mu, *_ in parts:
         assert mu == pytest.approx(found.own[label.partition(",")[0]], rel=0.1), label
 
 
 def test_where_says_in_which_recording():
     ready = prepared(examples("monday", "oiled"), may_differ=False)
-    found = locate(ready.bench, ready.base)
+    found = locate(ready.likelihood, ready.base)
     assert found and {w.recording for w in found} == {"monday", "oiled"}
     assert all(w.says.startswith(f"{w.recording}: ") for w in found)
     alone = prepared(examples("tuesday"))
-    assert not any(w.says.startswith("tuesday") for w in locate(alone.bench, alone.base))
+    assert not any(w.says.startswith("tuesday") for w in locate(alone.likelihood, alone.base))
 
 
 @pytest.mark.parametrize(
@@ -134,7 +134,7 @@ def test_an_effect_of_the_rate_is_no_number_that_differs():
 @pytest.fixture
 def work(monkeypatch):
     """Samples simulated with physics terms, which is what a diagnosis spends its time on."""
-    done, real = [], Rig._simulated
+    done, real = [], SimulatedRig._simulated
 
     def counted(rig, keys):
         for items, _ in keys:
@@ -143,7 +143,7 @@ def work(monkeypatch):
                 done.append(padded_length(rig.part.samples) * sum(rig.robot.intervals))
         return real(rig, keys)
 
-    monkeypatch.setattr(Rig, "_simulated", counted)
+    monkeypatch.setattr(SimulatedRig, "_simulated", counted)
     return done
 
 

@@ -18,8 +18,8 @@ from calibrate.diagnosis.evidence.models import Models
 from calibrate.diagnosis.hypotheses.hypotheses import base_numbers, is_friction, is_stiffness
 from calibrate.diagnosis.laws import discovery
 from calibrate.diagnosis.laws.discovery import (
-    Candidate,
     Felt,
+    LawCandidate,
     _elsewhere,
     _nearest,
     _others,
@@ -46,7 +46,7 @@ from calibrate.diagnosis.likelihood.held_out import _when_known, folds
 from calibrate.diagnosis.prepare import prepare
 from calibrate.fitting.fit import part_of
 from calibrate.inference.number import Number
-from calibrate.inference.simulated_rig import Rig
+from calibrate.inference.simulated_rig import SimulatedRig
 from gtr_jax.config.config import config_text, parse_config
 from gtr_jax.config.law_section import LawSection
 from gtr_jax.simulation.history import loads_of
@@ -162,8 +162,8 @@ def planted(place, form, shapes, size, seed=2, rows=300):
     mu, tents = rng.standard_normal(rows), rng.standard_normal((rows, len(place.tents)))
     u = (place.tents - place.low) / place.span
     hidden = tents @ (size * form.value(u, *shapes))
-    bench = Linear(0.3 * mu + hidden + rng.standard_normal(rows), {"mu": mu})
-    head = bench.refit((), np.zeros(1))
+    likelihood = Linear(0.3 * mu + hidden + rng.standard_normal(rows), {"mu": mu})
+    head = likelihood.refit((), np.zeros(1))
     q, _ = np.linalg.qr(np.concatenate([head.jacobian, np.eye(1)]))
     across = np.concatenate([tents, np.zeros((1, tents.shape[1]))])
     across -= q @ (q.T @ across)
@@ -248,7 +248,7 @@ def test_other_places_go_on_by_what_a_brief_refit_makes_of_them(monkeypatch):
     costs = {"friction-of-place": 900.0, "friction-of-drawn": 40.0, "base-cell-of-tension": 70.0}
     asked, asked_of = [], []
 
-    def raced(bench, reference, items, most):
+    def raced(likelihood, reference, items, most):
         asked.extend(own[-1].name for (own, _) in items)
         return [
             SimpleNamespace(names=(name,), cost=cost)
@@ -258,11 +258,11 @@ def test_other_places_go_on_by_what_a_brief_refit_makes_of_them(monkeypatch):
         ]
 
     monkeypatch.setattr(discovery, "raced", raced)
-    monkeypatch.setattr(discovery, "_bench_with", lambda bench, laws: asked_of.extend(laws))
+    monkeypatch.setattr(discovery, "_bench_with", lambda likelihood, laws: asked_of.extend(laws))
     head = SimpleNamespace(
         names=(), cost=800.0, x=base.x, jacobian=base.jacobian, information=base.information
     )
-    models = SimpleNamespace(bench=None, hypotheses=lambda names: [])
+    models = SimpleNamespace(likelihood=None, hypotheses=lambda names: [])
     found = _others(cast(Any, models), cast(Any, head), _ranked(felt)[1:])
     assert len(asked_of) == len(set(asked)) == 3 and not any(
         name.startswith("friction-of-tension") for name in asked
@@ -284,12 +284,12 @@ def test_a_model_is_felt_where_its_numbers_are_others():
         found = [SimpleNamespace(x=x, failed=k) for k, x in enumerate(many)]
         return [None, *found[1:]] if len(found) > 3 else found
 
-    bench = SimpleNamespace(base=tuple(numbers), points=points)
-    (_, one), (x, two) = _elsewhere(cast(Any, bench), cast(Any, head), (), is_stiffness, (0.5, 0.7, 0.8))
+    likelihood = SimpleNamespace(base=tuple(numbers), points=points)
+    (_, one), (x, two) = _elsewhere(cast(Any, likelihood), cast(Any, head), (), is_stiffness, (0.5, 0.7, 0.8))
     assert [cast(Any, p).failed for p in (one, two)] == [0, 1]  # the third fails more often than the head
     assert x[0] == 0 and numbers[1].value(x[1]) == pytest.approx(1.4e6)
     assert x[2] == numbers[2].bounds[0]
-    assert len(_elsewhere(cast(Any, bench), cast(Any, head), (), is_friction, (0.5, 0.5, 1.0))) == 1
+    assert len(_elsewhere(cast(Any, likelihood), cast(Any, head), (), is_friction, (0.5, 0.5, 1.0))) == 1
     rigid = SimpleNamespace(base=(numbers[0],), points=points)
     assert (
         _elsewhere(
@@ -303,10 +303,10 @@ def test_viscous_friction_that_takes_more_than_there_is_is_refused():
     """Of several recordings with friction of their own the least counts."""
     place = next(p for p in PLACES if p.acts == "viscous")
     law, h = smooth_of(place)
-    tried = Candidate(place, None, 20.0, law, h, np.zeros(2 + len(h.numbers)))
+    tried = LawCandidate(place, None, 20.0, law, h, np.zeros(2 + len(h.numbers)))
     fault = SimpleNamespace(fault=None)
     robot = SimpleNamespace(catalogue={law.name: fault}, backbone=SimpleNamespace(length=0.25))
-    models = SimpleNamespace(bench=SimpleNamespace(rigs=[SimpleNamespace(robot=robot)]))
+    models = SimpleNamespace(likelihood=SimpleNamespace(rigs=[SimpleNamespace(robot=robot)]))
     own = tuple(Number(name=f"mu@{k}", unit="", centre=0.3, sd=0.5, log=True) for k in "ab")
     for least, refused in ((0.2, False), (0.1, True)):
         values = {"mu@a": 0.5, "mu@b": least, **h.fixed, **{n.name: 0.0 for n in h.numbers}}
@@ -367,14 +367,14 @@ def bench_of(config, recording):
     """A rig of a recording and the base model's numbers there."""
     robot = gtr.build_robot(config)
     part, _ = part_of("r", robot, config, recording, (), noise_N=None, noise_base_N=None)
-    return robot, Rig(part, robot), base_numbers(robot, {})
+    return robot, SimulatedRig(part, robot), base_numbers(robot, {})
 
 
 def beside_nothing(config, recording):
     """The law that is found beside the base model."""
     prepared = prepare(config, recording)
     assert not isinstance(prepared, Diagnosis)
-    models = Models(prepared.bench, prepared.hypotheses)
+    models = Models(prepared.likelihood, prepared.hypotheses)
     models.add([prepared.base])
     return discover(models, prepared.base, lambda line: None)
 
@@ -412,8 +412,8 @@ def test_places_cover_what_the_recording_does(make_config):
 
 def test_pieces_that_are_held_out_alternate():
     many = (20, 64, 160)
-    bench = SimpleNamespace(rigs=[SimpleNamespace(part=SimpleNamespace(samples=n)) for n in many])
-    found = folds(cast(Any, bench), pieces=True)
+    likelihood = SimpleNamespace(rigs=[SimpleNamespace(part=SimpleNamespace(samples=n)) for n in many])
+    found = folds(cast(Any, likelihood), pieces=True)
     assert len(found) == 4
     for k, n in enumerate(many):
         held = np.asarray([parts[k] for _, parts in found])
@@ -442,7 +442,7 @@ def test_a_wave_goes_on_from_the_starts_that_fit_best_as_they_are():
 
     def candidate(form, k):
         law, h = law_of(place, form)[0], hypothesis_of(place, form)
-        return Candidate(place, form, 20.0 - k, law, h, np.full(len(h.numbers), 0.01 * k))
+        return LawCandidate(place, form, 20.0 - k, law, h, np.full(len(h.numbers), 0.01 * k))
 
     many = [candidate(form, k) for k in range(20)]
     few = [candidate(other, k) for k in range(2)]
@@ -450,11 +450,11 @@ def test_a_wave_goes_on_from_the_starts_that_fit_best_as_they_are():
     def simulated(values, names):
         return [None if k == 3 else (SimpleNamespace(k=k, failed=int(k == 8)),) for k in range(len(values))]
 
-    bench = SimpleNamespace(
+    likelihood = SimpleNamespace(
         base=(), simulated=simulated, rows=lambda seen: np.asarray([abs(seen[0].k - 9.2)])
     )
     head = SimpleNamespace(names=(), failed=0)
-    kept = _nearest(cast(Any, bench), cast(Any, head), (), [*many, *few])
+    kept = _nearest(cast(Any, likelihood), cast(Any, head), (), [*many, *few])
     places_of = [id(c) for c in (*many, *few)]
     assert [places_of.index(id(c)) for c in kept] == [5, 6, 7, 9, 10, 11, 12, 13, 20, 21]
 
@@ -490,8 +490,8 @@ def test_a_smooth_law_that_was_fitted_gives_starts_of_short_ones(name):
     mu = Number(name="mu", unit="dimensionless", centre=0.3, sd=0.5, log=True)
     smooth = SimpleNamespace(x=np.concatenate([[0.1], of]), values=curve)
     head = SimpleNamespace(names=(), x=np.zeros(1))
-    models = SimpleNamespace(fits={(law.name,): smooth}, bench=SimpleNamespace(base=(mu,)))
-    tried = Candidate(place, None, 50.0, law, h, np.zeros(1 + len(of)))
+    models = SimpleNamespace(fits={(law.name,): smooth}, likelihood=SimpleNamespace(base=(mu,)))
+    tried = LawCandidate(place, None, 50.0, law, h, np.zeros(1 + len(of)))
     starts = distilled(cast(Any, models), cast(Any, head), [tried])
     start = next(c for c in starts if c.form is not None and c.form.name == name)
     numbers = start.hypothesis.numbers
@@ -568,7 +568,7 @@ def test_waves_of_a_cell_that_pass_for_noise_are_found(make_config):
     found = beside_nothing(config, recording)
     assert found is not None and not found.pieces and found.takes > 0.9
     assert (found.place.name, not found.form or found.form.name) == ("tip-cell-of-tension", "wave")
-    assert found.models.bench.noise[0][0].sd < 0.1
+    assert found.models.likelihood.noise[0][0].sd < 0.1
 
 
 @pytest.mark.slow

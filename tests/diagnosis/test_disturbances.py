@@ -13,7 +13,7 @@ from calibrate.diagnosis.decision.decide import least_drop
 from calibrate.diagnosis.likelihood.likelihood import without_zero
 from calibrate.diagnosis.outside.disturbances import FEW, behind_gaps, disturbances, within
 from calibrate.diagnosis.outside.leave_out import ASKED, Stretch, without
-from calibrate.inference.setup import Part
+from calibrate.inference.setup import Observation
 from calibrate.inference.weighing import Weighing
 from gtr_jax.recordings.base_tension import estimate_base, straighten, with_slow_noise
 from gtr_jax.recordings.base_tension.slow import NONE, slow_noise
@@ -45,12 +45,12 @@ def moved(T_base: np.ndarray, time: np.ndarray, events: Sequence[tuple[float, fl
     return np.asarray(found)
 
 
-def made(tip: np.ndarray, T_base: np.ndarray, time: np.ndarray, seed: int = 0) -> tuple[Part, Any]:
+def made(tip: np.ndarray, T_base: np.ndarray, time: np.ndarray, seed: int = 0) -> tuple[Observation, Any]:
     """A recording, and what a model without the events simulates of it."""
     rng = np.random.default_rng(seed)
     base = estimate_base(T_base + NOISE * rng.normal(size=len(time)), time)
     robot = SimpleNamespace(tendons=[SimpleNamespace(name="", drive="tension")])
-    part = Part(
+    part = Observation(
         name="rig",
         path="rig.csv",
         robot=cast("Any", robot),
@@ -242,7 +242,7 @@ def test_what_follows_a_gap_is_left_out_until_it_is_forgotten():
 def test_what_has_to_be_gained_grows_with_a_long_recording():
     part = SimpleNamespace(explained=1, counted=np.ones(3000, bool))
     long, short = (
-        SimpleNamespace(bench=SimpleNamespace(rigs=[SimpleNamespace(part=part)], heavy=heavy))
+        SimpleNamespace(likelihood=SimpleNamespace(rigs=[SimpleNamespace(part=part)], heavy=heavy))
         for heavy in (4.0, None)
     )
     assert least_drop(cast("Any", long)) == pytest.approx(90.0)

@@ -21,7 +21,7 @@ from calibrate.diagnosis.outside.leave_out import ASKED, Stretch, asked_for, fro
 from calibrate.diagnosis.prepare import Prepared, prepare
 from calibrate.diagnosis.search import forward_search as further
 from calibrate.inference.number import Number
-from calibrate.inference.setup import Part
+from calibrate.inference.setup import Observation
 from gtr_jax import InputError, Recording
 from gtr_jax.config.config import parse_config
 from gtr_jax.recordings.base_tension import exact
@@ -65,7 +65,7 @@ def test_what_an_episode_looks_like():
 def part(time=True, name="rig"):
     t = np.linspace(0.0, 39.9, K)
     T = 10 + 5 * np.sin(t / 3)
-    return Part(
+    return Observation(
         name=name,
         path="rig.csv",
         robot=cast(Any, SimpleNamespace(tendons=(TENDON,), tendon_names=())),
@@ -84,13 +84,13 @@ def bench_of(part, residual, slips=None):
     seen = SimpleNamespace(
         values=(part.T_tip + residual)[None], slips=np.zeros(part.samples, bool) if slips is None else slips
     )
-    bench = SimpleNamespace(
+    likelihood = SimpleNamespace(
         rigs=[SimpleNamespace(part=part)],
         residuals=lambda seen: [residual[None, :]],
         noise=[[SimpleNamespace(sd=0.05)]],
         weighs=[SimpleNamespace(passed=np.zeros((1, part.samples)))],
     )
-    return bench, SimpleNamespace(seen=[seen])
+    return likelihood, SimpleNamespace(seen=[seen])
 
 
 def test_episodes_say_when_and_how_much_and_end_where_the_tendon_slips_again():
@@ -175,7 +175,7 @@ def test_part_of_a_misfit(monkeypatch):
     fits = {("h1",): best, (): base}
     sure = {("h1",): 0.999, (): 0.001}
     models = SimpleNamespace(
-        bench=SimpleNamespace(scale_left=lambda f: 1.0, heavy=None),
+        likelihood=SimpleNamespace(scale_left=lambda f: 1.0, heavy=None),
         base=base,
         fits=fits,
         beside=lambda f: sure,
@@ -189,11 +189,11 @@ def test_part_of_a_misfit(monkeypatch):
         left=(9, 99),
         base_left=(10.0, 900.0),
     )
-    monkeypatch.setattr(decide, "pattern_in", lambda bench, f: None)
+    monkeypatch.setattr(decide, "pattern_in", lambda likelihood, f: None)
     monkeypatch.setattr(decide, "_told_apart", lambda *some: ([("h1",)], True))
 
     def verdict(left):
-        monkeypatch.setattr(decide, "misfit", lambda bench, f: left)
+        monkeypatch.setattr(decide, "misfit", lambda likelihood, f: left)
         return decide.decide_partly(models, best, nearest)  # type: ignore[arg-type]
 
     found = verdict((3.0, 80.0))
@@ -201,10 +201,10 @@ def test_part_of_a_misfit(monkeypatch):
     assert verdict((8.0, 800.0)).verdict == "unexplained"  # most of the structure stays
     # In a long recording, where every effect pays on unseen cycles, half of it in squares may stay.
     assert verdict((6.0, 500.0)).verdict == "unexplained"
-    models.bench.heavy = 4.0
+    models.likelihood.heavy = 4.0
     assert verdict((6.0, 500.0)).verdict == "partly-explained"
     assert verdict((8.0, 800.0)).verdict == "unexplained"
-    models.bench.heavy = None
+    models.likelihood.heavy = None
     sure[("h1",)], sure[()] = 0.5, 0.5
     assert verdict((3.0, 80.0)).verdict == "unexplained"
 
@@ -220,10 +220,12 @@ def test_an_effect_pays_on_unseen_samples_or_is_not_kept(monkeypatch):
     monkeypatch.setattr(
         further,
         "by_fold",
-        lambda bench, models, pieces: np.asarray([[[s, 1, s, 1] for s in by[f.names]] for _, f in models]),
+        lambda likelihood, models, pieces: np.asarray(
+            [[[s, 1, s, 1] for s in by[f.names]] for _, f in models]
+        ),
     )
-    bench = SimpleNamespace(heavy=None, scale_left=lambda f: 1.0)
-    models = SimpleNamespace(bench=bench, hypotheses=lambda names: [])
+    likelihood = SimpleNamespace(heavy=None, scale_left=lambda f: 1.0)
+    models = SimpleNamespace(likelihood=likelihood, hypotheses=lambda names: [])
     unseen = further.Unseen(models)  # type: ignore[arg-type]
     assert unseen.best(head, [good, little]) is good  # type: ignore[arg-type]
     assert unseen.best(head, [little]) is None  # type: ignore[arg-type]
@@ -326,8 +328,8 @@ def test_an_event_replaces_an_effect_that_goes_on_only_where_it_happened(tmp_pat
     recorded = Recording(T_base=T, path=tmp_path / "rig.csv", sha256="", T_tip=tip, time=time)
     ready = prepare(config, recorded, noise_base_N=0.0)
     assert isinstance(ready, Prepared)
-    models = Models(ready.bench, ready.hypotheses)
-    wear = ready.bench.refit(models.hypotheses(["wear"]), np.zeros(len(ready.bench.base) + 1))
+    models = Models(ready.likelihood, ready.hypotheses)
+    wear = ready.likelihood.refit(models.hypotheses(["wear"]), np.zeros(len(ready.likelihood.base) + 1))
     assert wear is not None
     models.add([ready.base, wear])
     whole = _on_all(models, ready.rough, ready.exact)

@@ -14,12 +14,12 @@ from calibrate.diagnosis.hypotheses.hypotheses import (
     instrument_numbers,
     zero_drift,
 )
-from calibrate.diagnosis.likelihood.likelihood import Bench
+from calibrate.diagnosis.likelihood.likelihood import Likelihood
 from calibrate.diagnosis.outside.episodes import AFTER_GAP, episodes
 from calibrate.diagnosis.outside.leave_out import from_outside
 from calibrate.fitting.fit import part_of
 from calibrate.inference.samples import MOST, corners, some_samples
-from calibrate.inference.simulated_rig import Rig
+from calibrate.inference.simulated_rig import SimulatedRig
 from gtr_jax import Recording
 from gtr_jax.config.config import parse_config
 from gtr_jax.recordings.base_tension import exact
@@ -61,13 +61,13 @@ def test_few_samples_give_nearly_what_all_give():
     robot = gtr.build_robot(CONFIG)
     whole, _ = part_of("hand", robot, CONFIG, recording, ("T_tip",), noise_N=None, noise_base_N=0.01)
     values = {"mu": 0.07, "time-skew.delay": 0.01}
-    all_of_it = Rig(whole, robot)(values)
+    all_of_it = SimulatedRig(whole, robot)(values)
     kept = some_samples(whole, 140)
     assert 300 < len(kept) <= 5 * 140 and kept[0] == 0 and kept[-1] == 3999
     assert len(some_samples(whole, 1200)) <= MOST
-    few = Rig(whole.only(kept), robot)(values)
+    few = SimulatedRig(whole.only(kept), robot)(values)
     evenly = np.unique(np.linspace(0, 3999, len(kept)).astype(int))
-    plain = Rig(whole.only(evenly), robot)(values)
+    plain = SimulatedRig(whole.only(evenly), robot)(values)
     assert all_of_it is not None and few is not None and plain is not None
     off = np.sqrt(np.mean((few.values[0] - all_of_it.values[0, kept]) ** 2))
     even = np.sqrt(np.mean((plain.values[0] - all_of_it.values[0, evenly]) ** 2))
@@ -76,12 +76,12 @@ def test_few_samples_give_nearly_what_all_give():
 
 def test_heavy_tails_count_far_readings_a_little_more():
     rows = np.asarray([-30.0, -1e-3, 0.0, 1e-3, 0.5, 4.0, 30.0])
-    assert Bench((), ()).tamed(rows) is rows
+    assert Likelihood((), ()).robustify(rows) is rows
     c = 4.0
-    tamed = Bench((), (), heavy=c).tamed(rows)
-    np.testing.assert_allclose(tamed**2, c**2 * np.log1p(rows**2 / c**2))
-    assert np.all(np.sign(tamed) == np.sign(rows)) and np.all(np.diff(tamed) > 0)
-    assert tamed[3] == pytest.approx(1e-3, rel=1e-6) and tamed[-1] < 9
+    robustify = Likelihood((), (), heavy=c).robustify(rows)
+    np.testing.assert_allclose(robustify**2, c**2 * np.log1p(rows**2 / c**2))
+    assert np.all(np.sign(robustify) == np.sign(rows)) and np.all(np.diff(robustify) > 0)
+    assert robustify[3] == pytest.approx(1e-3, rel=1e-6) and robustify[-1] < 9
 
 
 def test_an_episode_behind_a_gap_says_so_and_is_no_event():

@@ -19,8 +19,8 @@ def linear(sizes, columns, seed=5):
     mu = rng.standard_normal(len(next(iter(columns.values()))))
     named = {"mu": mu} | {f"{name}.size": column for name, column in columns.items()}
     seen = 0.3 * mu + sum(sizes[name] * column for name, column in columns.items())
-    bench = Linear(seen + rng.standard_normal(len(mu)), named)
-    base = bench.refit((), np.zeros(1))
+    likelihood = Linear(seen + rng.standard_normal(len(mu)), named)
+    base = likelihood.refit((), np.zeros(1))
     screened = []
     for name in columns:
         h = effect(name, -np.inf)
@@ -28,7 +28,7 @@ def linear(sizes, columns, seed=5):
             Try(np.asarray([x]), True, np.concatenate([x * columns[name], np.zeros(1)])) for x in (0.5, -0.5)
         ]
         screened.append(Screened(h, 0.0, [], np.inf, tries))
-    return bench, base, screened
+    return likelihood, base, screened
 
 
 def hiding(n=200, seed=1):
@@ -39,27 +39,27 @@ def hiding(n=200, seed=1):
 
 
 def test_effects_that_hide_each_other_are_found_together():
-    bench, base, screened = linear({"gain": 3.0, "stiff": 3.0, "drag": 0.0}, hiding())
-    columns = bench.columns
+    likelihood, base, screened = linear({"gain": 3.0, "stiff": 3.0, "drag": 0.0}, hiding())
+    columns = likelihood.columns
     alone = [
-        base.cost - bench.refit((h,), np.zeros(2)).cost
+        base.cost - likelihood.refit((h,), np.zeros(2)).cost
         for h in (screened[0].hypothesis, screened[1].hypothesis)
     ]
     found = promising(base, screened, 3)
     assert max(alone) < 20 and {h.name for h in found[0].hypotheses} == {"gain", "stiff"}
-    exact = bench.refit(found[0].hypotheses, np.zeros(3))
+    exact = likelihood.refit(found[0].hypotheses, np.zeros(3))
     # Sizes are tried up to twice what was simulated: that is as far as a slope is trusted.
     assert 0.2 * (base.cost - exact.cost) < found[0].gain <= base.cost - exact.cost + 1e-6
     at = dict(zip(["mu", *(h.numbers[0].name for h in found[0].hypotheses)], found[0].start, strict=True))
-    rows = sum((columns[k] * v for k, v in at.items()), -bench.seen)
+    rows = sum((columns[k] * v for k, v in at.items()), -likelihood.seen)
     reached = base.cost - float(rows @ rows + found[0].start @ found[0].start)
     assert reached == pytest.approx(found[0].gain, rel=1e-6)
 
 
 def test_a_pair_is_refitted_from_where_it_promises_most():
-    bench, base, screened = linear({"gain": 3.0, "stiff": 3.0, "drag": 0.0}, hiding())
+    likelihood, base, screened = linear({"gain": 3.0, "stiff": 3.0, "drag": 0.0}, hiding())
     pair = promising(base, screened, 1)[0]
-    fits = raced(cast(Any, bench), base, [(pair.hypotheses, Start(pair.start, {}))], 14)
+    fits = raced(cast(Any, likelihood), base, [(pair.hypotheses, Start(pair.start, {}))], 14)
     assert [set(f.names) for f in fits] == [{"gain", "stiff"}]
     assert fits[0].cost < base.cost - pair.gain + 1e-6
 
@@ -83,13 +83,13 @@ def test_two_of_a_kind_or_with_a_number_in_common_are_no_pair():
 
 
 def test_the_screen_keeps_what_it_simulated():
-    bench, base, screened = linear({"gain": 1.0, "stiff": 0.0, "drag": 0.0}, hiding())
+    likelihood, base, screened = linear({"gain": 1.0, "stiff": 0.0, "drag": 0.0}, hiding())
     h = dataclasses.replace(screened[0].hypothesis, starts=({"gain.size": 1.0}, {"gain.size": -1.0}))
-    bench.simulate = lambda values, names=(): [_Seen(values)]  # type: ignore[attr-defined]
-    bench.rows = lambda seen: rows_of(bench, seen[0].values)  # type: ignore[attr-defined]
-    found = screen(cast(Any, bench), base, [h], thorough=False)[0]
+    likelihood.simulate = lambda values, names=(): [_Seen(values)]  # type: ignore[attr-defined]
+    likelihood.rows = lambda seen: rows_of(likelihood, seen[0].values)  # type: ignore[attr-defined]
+    found = screen(cast(Any, likelihood), base, [h], thorough=False)[0]
     assert [float(t.x[0]) for t in found.tries] == [0.5, -0.5]
-    np.testing.assert_allclose(found.tries[0].moved[:-1], 0.5 * bench.columns["gain.size"], atol=1e-9)
+    np.testing.assert_allclose(found.tries[0].moved[:-1], 0.5 * likelihood.columns["gain.size"], atol=1e-9)
     assert found.tries[0].scales and found.tries[0].moved[-1] == 0.0
 
 
@@ -99,6 +99,9 @@ class _Seen:
     failed: int = 0
 
 
-def rows_of(bench, values):
-    numbers = {"mu": bench.base[0], "gain.size": effect("gain", -np.inf).numbers[0]}
-    return sum((bench.columns[k] * numbers[k].at(v) for k, v in values.items() if k in numbers), -bench.seen)
+def rows_of(likelihood, values):
+    numbers = {"mu": likelihood.base[0], "gain.size": effect("gain", -np.inf).numbers[0]}
+    return sum(
+        (likelihood.columns[k] * numbers[k].at(v) for k, v in values.items() if k in numbers),
+        -likelihood.seen,
+    )

@@ -15,9 +15,9 @@ from calibrate.diagnosis.outside.sanity import faults
 from calibrate.fitting.fit import part_of
 from calibrate.inference.channels import CHANNELS
 from calibrate.inference.instruments import instruments, leading
-from calibrate.inference.predictor import Seen, padded_history, shown
+from calibrate.inference.predictor import SimulatedReadings, padded_history, shown
 from calibrate.inference.samples import some_samples
-from calibrate.inference.simulated_rig import Rig, program_for, programs_of
+from calibrate.inference.simulated_rig import SimulatedRig, program_for, programs_of
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.natively import steps_natively
 from gtr_jax.simulation.programs import structure_with
@@ -89,7 +89,7 @@ def test_native_steps_in_space_are_the_traced_ones(make_robot, name):
         robot, T = make_robot(0.35, **three(**drive)), pulls(3)[:14]
     if name == "drawn":
         drawn = 1e-3 * np.stack([1 - np.cos(0.4 * np.arange(14) + k) for k in range(3)], axis=1)
-    how = gtr.March(atol=1e-11)
+    how = gtr.SolverOptions(atol=1e-11)
     traced = gtr.simulate(robot, T, displacement=drawn, solver=how)
     ways = T if drawn is None else drawn
     loads = loads_of(jnp.asarray(T), jnp.arange(14.0), None)
@@ -119,11 +119,11 @@ class TestRig:
         given = gtr.read_recording(path, space=True, markers=("m1",))
         part, _ = part_of("r", robot, config, given, None, noise_base_N=0.0)
         assert set(part.channels) == set(names) and run.converged.all()
-        rig = Rig(part, robot)
+        rig = SimulatedRig(part, robot)
         seen = rig({})
         assert seen is not None and rig.channels == names
         np.testing.assert_allclose(seen.values[rig.where], part.recorded, atol=1e-9)
-        again = Seen.of(seen.flat(), K)
+        again = SimulatedReadings.of(seen.flat(), K)
         assert again is not None and again.slips.shape == (K,)
         np.testing.assert_array_equal(again.values, seen.values)
 
@@ -131,13 +131,13 @@ class TestRig:
         config = make_config(**three())
         robot = gtr.build_robot(config, resolution=0.35)
         part, _ = part_of("r", robot, config, recording(robot, pulls(3), tmp_path / "r.csv"), None)
-        rig = Rig(part, robot)
+        rig = SimulatedRig(part, robot)
         seen = rig({"mu.b": 0.4, "crosstalk.share": 0.02})
         other = robot.with_values(**{"mu.b": 0.4, "crosstalk.share": 0.02})
         assert seen is not None and seen.slips.shape == seen.direction.shape == (K, 3)
         want = np.asarray(shown(other, padded_history(part.drive, CLOCK, None), rig.channels)[0])[:, :K]
         np.testing.assert_allclose(seen.values, want, rtol=1e-7, atol=1e-8)
-        again = Seen.of(seen.flat(), K)
+        again = SimulatedReadings.of(seen.flat(), K)
         assert again is not None
         np.testing.assert_array_equal(again.slips, seen.slips)
         shifted = rig({}, (0.0, 0.1, 0.0))
@@ -152,7 +152,7 @@ class TestRig:
         config = make_config(**pair())
         robot = gtr.build_robot(config, resolution=0.35)
         part, _ = part_of("r", robot, config, recording(robot, pulls(2), tmp_path / "r.csv"), None)
-        rig = Rig(part, robot)
+        rig = SimulatedRig(part, robot)
         seen = rig({})
         assert seen is not None and () not in programs_of(robot)
         want = np.asarray(shown(robot, padded_history(part.drive, CLOCK, None), rig.channels)[0])[:, :K]

@@ -14,8 +14,8 @@ import gtr_jax as gtr
 from benchmarks import intervals
 from calibrate.diagnosis.likelihood.likelihood import DISCRETE, noise_in
 from calibrate.inference.estimate import shares_of_variance
-from calibrate.inference.setup import Part
-from calibrate.inference.simulated_rig import Rig
+from calibrate.inference.setup import Observation
+from calibrate.inference.simulated_rig import SimulatedRig
 from calibrate.inference.weighing import Weighing
 from gtr_jax.config.config import parse_config
 from gtr_jax.recordings.base_tension import exact
@@ -106,7 +106,7 @@ def test_each_robots_file_keeps_what_is_left_uncertain_of_its_own():
 def test_a_stretch_that_is_free_is_not_taken_out_beside():
     rig = gtr.build_robot(parse_config(file_of({})))
     channels, recorded = ("T_tip", "displacement"), np.ones((2, len(HISTORY)))
-    part = Part("r", "r", rig, None, exact(HISTORY), channels, recorded, None, None, None)
+    part = Observation("r", "r", rig, None, exact(HISTORY), channels, recorded, None, None, None)
     assert part.stretch(0.6 * HISTORY).max() > 0
     assert not dataclasses.replace(part, stretches=True).stretch(0.6 * HISTORY).any()
     known = dataclasses.replace(part, robot=rig.with_values(**{"tendon-stretch.compliance": 1e-5}))
@@ -189,7 +189,7 @@ def test_noise_is_told_apart_from_what_the_mesh_leaves():
         tips=1,
         pulled=[T],
     )
-    (noise,) = noise_in(cast(Rig, SimpleNamespace(part=part)), np.zeros((1, 200)))
+    (noise,) = noise_in(cast(SimulatedRig, SimpleNamespace(part=part)), np.zeros((1, 200)))
     assert noise.mesh == pytest.approx(DISCRETE * 40)
     assert noise.sd == pytest.approx(np.hypot(noise.cell, noise.mesh)) and noise.cell < noise.sd
     assert Noise(0.5, 0.0, 0.3).cell == pytest.approx(0.4)

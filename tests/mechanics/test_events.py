@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from tests.test_blind import ARM
 
 import gtr_jax as gtr
 from benchmarks.blind import machine
@@ -17,6 +16,7 @@ from benchmarks.sliding import sampled as history
 from gtr_jax.config.config import load_config, parse_config
 from gtr_jax.examples import CONCEALED_ROBOT
 from gtr_jax.mechanics import events
+from tests.benchmarks.test_blind import ARM
 
 # One reversal, then a hold in which friction holds the tip; the other with an inner loop before the hold.
 HOLD = [(0, 0), (20, 40), (28, 20), (36, 20), (44, 6)]
@@ -294,7 +294,9 @@ def test_gradients_of_events(name):
 
     @jax.jit
     def total(numbers):
-        run = gtr.simulate(robot.with_values(**numbers), T_base, time=time, solver=gtr.March(atol=1e-12))
+        run = gtr.simulate(
+            robot.with_values(**numbers), T_base, time=time, solver=gtr.SolverOptions(atol=1e-12)
+        )
         return jnp.sum(mix * jnp.stack([run.T_tip, run.tip_pose[:, 2]], axis=1))
 
     gradient = jax.jit(jax.grad(total))(at)

@@ -27,7 +27,7 @@ HISTORY = np.concatenate(
     ]
 )
 SAMPLES = np.array([40, 99, 130, 159, 200, 219, 260, 299, 340, 399])
-TIGHT = gtr.March(atol=1e-13)
+TIGHT = gtr.SolverOptions(atol=1e-13)
 
 
 def compare(robot, names, step):

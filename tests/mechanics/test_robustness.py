@@ -86,7 +86,7 @@ def test_a_solve_that_fails_is_flagged_and_leaves_the_memory(make_robot):
 
 def test_too_few_steps_is_a_result_and_not_an_exception(make_robot):
     robot = make_robot(routing=SINE, loads={"tip_force": [0.0, 0.5]})
-    eq = gtr.equilibrium(robot, 20.0, solver=gtr.March(atol=0.0))
+    eq = gtr.equilibrium(robot, 20.0, solver=gtr.SolverOptions(atol=0.0))
     assert not bool(eq.converged) and eq.result != optx.RESULTS.successful
     assert np.isfinite(np.asarray(eq.tension)).all()
 

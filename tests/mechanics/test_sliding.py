@@ -7,9 +7,6 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
-from tests.test_blind import ARM
-from tests.test_events import ours
-from tests.test_spatial_terms import PARALLEL, SOFT, TURN
 
 import gtr_jax as gtr
 from benchmarks.blind import machine
@@ -17,6 +14,9 @@ from benchmarks.sliding import DT, HISTORIES, in_parts, thread
 from benchmarks.sliding import sampled as history
 from benchmarks.terms import compared
 from gtr_jax.config.config import load_config, parse_config
+from tests.benchmarks.test_blind import ARM
+from tests.mechanics.test_events import ours
+from tests.terms.test_spatial_terms import PARALLEL, SOFT, TURN
 
 REVERSAL, INNER = (HISTORIES[name] for name in ("one reversal, holds", "two inner loops"))
 # Coefficient [s/m], exponent, and the rms that is allowed of the tip tension [N], with four steps for each of

@@ -209,7 +209,7 @@ class TestDerivatives:
 
 def test_a_step_that_is_too_hard_says_so(spatial):
     robot = spatial(loads={"tip_force": [0.02, 0.05, -0.08]})
-    eq = gtr.equilibrium(robot, 5.0, solver=gtr.March(atol=1e-30))
+    eq = gtr.equilibrium(robot, 5.0, solver=gtr.SolverOptions(atol=1e-30))
     assert not eq.converged and np.isfinite(eq.residual_norm)
 
 

@@ -305,7 +305,7 @@ def test_gradients_with_terms_agree_with_differences(pair):
 
 
 def test_native_code_gives_the_same_with_a_term(pair):
-    from gtr_jax.mechanics import March
+    from gtr_jax.mechanics import SolverOptions
     from gtr_jax.simulation.history import loads_of
     from gtr_jax.simulation.natively import steps_natively
     from gtr_jax.simulation.programs import structure_of
@@ -313,7 +313,7 @@ def test_native_code_gives_the_same_with_a_term(pair):
     history = random_histories(2)[1]
     loads = loads_of(jnp.asarray(history), jnp.arange(len(history), dtype=float), None)
     kinds = ("tendon-stretch",)
-    native = steps_natively(pair, structure_of(pair, kinds), loads, March(), None)
+    native = steps_natively(pair, structure_of(pair, kinds), loads, SolverOptions(), None)
     run = gtr.simulate(pair, history, with_terms=kinds)
     assert native.converged.all()
     np.testing.assert_allclose(native.T_tip, run.T_tip, rtol=0, atol=1e-9)

@@ -38,7 +38,7 @@ def test_native_steps_are_the_traced_ones(make_robot, name):
     if name == "rubber and nitinol":
         terms |= {"superelastic.strain": 0.1}
     robot = make_robot(0.4, routing=SINE, loads=loads).with_values(**terms)
-    how = gtr.March(atol=1e-12)
+    how = gtr.SolverOptions(atol=1e-12)
     traced = gtr.simulate(robot, LOOP, time=CLOCK, solver=how)
     structure = structure_of(robot, None)
     assert structure is not None and structure.terms == in_order(SETS[name])
@@ -66,7 +66,7 @@ def test_a_program_of_many_terms_gives_what_each_gives_alone(make_robot, kind):
     numbers = {f"{kind}.{q.name}": float(q.typical) for q in REGISTRY[kind].quantities}
     robot = make_robot(0.4, routing=SINE)
     acting = robot.with_values(**numbers | {n: v for n, v in known.items() if n in numbers})
-    how = gtr.March(atol=1e-12)
+    how = gtr.SolverOptions(atol=1e-12)
     alone = gtr.simulate(acting, LOOP, time=CLOCK, solver=how)
     plain = gtr.simulate(robot, LOOP, time=CLOCK, solver=how)
     assert np.max(np.abs(alone.displacement - plain.displacement)) > 1e-5
@@ -83,10 +83,10 @@ def test_a_program_of_many_terms_gives_what_a_few_give_together(make_robot, plac
     acting = make_robot(0.4, routing=SINE).with_values(**numbers)
     loop = np.array([0.0, 8, 16, 24, 24, 24, 18, 9, 9, 14, 18, 18, 10, 2, 2, 12, 20])
     clock = 0.7 * np.arange(len(loop))
-    alone = gtr.simulate(acting, loop, time=clock, solver=gtr.March(atol=1e-12))
+    alone = gtr.simulate(acting, loop, time=clock, solver=gtr.SolverOptions(atol=1e-12))
     structure = structure_with(acting, program_for(acting, {name.partition(".")[0] for name in numbers}))
     loads = loads_of(jnp.asarray(loop), jnp.asarray(clock), None)
-    found = steps_natively(acting, structure, loads, gtr.March(atol=1e-12))
+    found = steps_natively(acting, structure, loads, gtr.SolverOptions(atol=1e-12))
     np.testing.assert_allclose(found.T_tip, alone.T_tip, atol=1e-6)
 
 
@@ -104,7 +104,7 @@ def test_native_steps_in_space_are_the_traced_ones(make_robot, extensible):
     body = {"poissons_ratio": 0.4, "extensible": extensible}
     robot = make_robot(0.3, backbone=body, tendons=tendons)
     T = np.stack([LOOP, 0.5 * LOOP[::-1]], axis=1)
-    how = gtr.March(atol=1e-12)
+    how = gtr.SolverOptions(atol=1e-12)
     traced = gtr.simulate(robot, T, time=CLOCK, solver=how)
     structure = structure_of(robot, None)
     assert structure is not None and np.all(traced.converged)

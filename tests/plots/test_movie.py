@@ -7,11 +7,11 @@ import shutil
 import numpy as np
 import pytest
 from PIL import Image, ImageSequence
-from tests.test_spatial_pictures import BODY, made_up
 
 from gtr_jax.errors import InputError
 from gtr_jax.plots import movie
 from gtr_jax.plots.movie import Loop, check_movie, write_movie
+from tests.plots.test_spatial_pictures import BODY, made_up
 
 SHARES = (0.0, 0.5, 1.0, 0.6)
 T_BASE = np.array([[0.0, 1.0], [20.0, 1.0], [45.0, 1.0], [22.0, 1.0]])

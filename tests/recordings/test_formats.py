@@ -11,7 +11,7 @@ from test_recording import EXPORTED, EXPORTS
 
 from gtr_jax.errors import InputError
 from gtr_jax.recordings.formats import expansion, large_csv
-from gtr_jax.recordings.formats.subprocess_reader import read_apart
+from gtr_jax.recordings.formats.subprocess_reader import read_in_subprocess
 from gtr_jax.recordings.formats.table import read_table
 from gtr_jax.recordings.recording import read_recording
 
@@ -394,8 +394,8 @@ def test_a_bag_of_very_many_numbers(tmp_path, monkeypatch):
 def test_a_reader_may_take_so_much_memory_only(monkeypatch):
     pytest.importorskip("resource")
     with pytest.raises(InputError, match="expands to more than 4 GiB; export fewer columns"):
-        read_apart(taken, 8 << 30)
-    assert read_apart(taken, 8) == 8
+        read_in_subprocess(taken, 8 << 30)
+    assert read_in_subprocess(taken, 8) == 8
 
 
 def taken(size):

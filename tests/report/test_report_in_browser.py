@@ -5,14 +5,14 @@ import time
 
 import numpy as np
 import pytest
-from tests.test_spatial_pictures import BODY
-from tests.test_spatial_pictures import made_up as bent
 
 from gtr_jax.plots.style import figure, styled
 from gtr_jax.report.page import Figure, Report, render
 from gtr_jax.report.scene import in_space
 from tests.browser import needs_chromium, opened
 from tests.histories import SETTINGS, made_up
+from tests.plots.test_spatial_pictures import BODY
+from tests.plots.test_spatial_pictures import made_up as bent
 
 pytestmark = needs_chromium
 K = 121

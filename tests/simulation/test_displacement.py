@@ -94,7 +94,9 @@ def test_a_trial_takes_one_equilibrium(pair_of, monkeypatch):
 
     monkeypatch.setattr(by_displacement, "solved", counted)
     jax.eval_shape(
-        lambda way: by_displacement.drawn_at_once(drawn, jnp.zeros(()), way, gtr.March(), sloped=False),
+        lambda way: by_displacement.drawn_at_once(
+            drawn, jnp.zeros(()), way, gtr.SolverOptions(), sloped=False
+        ),
         jnp.asarray(0.004),
     )
     assert len(taken) == 1

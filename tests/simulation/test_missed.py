@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 
 import gtr_jax as gtr
-from gtr_jax.mechanics import March, Structure
+from gtr_jax.mechanics import ProgramSpec, SolverOptions
 from gtr_jax.simulation.history import loads_of
 from gtr_jax.simulation.missed import trusted
 from gtr_jax.simulation.natively import steps_natively
 from gtr_jax.simulation.programs import structure_of
 
 L = 0.2
-ONE, TWO = Structure((), 0, False), Structure((), 2, False)
+ONE, TWO = ProgramSpec((), 0, False), ProgramSpec((), 2, False)
 
 
 def told(met, loads, whole, *, structure=ONE, preload=0.0):
@@ -60,7 +60,7 @@ def test_several_tendons_have_to_slip_beyond_it_all():
 
 
 @pytest.mark.parametrize(
-    "structure", [Structure(("tendon-stretch",), 2, False), Structure(("body-hysteresis",), 0, False)]
+    "structure", [ProgramSpec(("tendon-stretch",), 2, False), ProgramSpec(("body-hysteresis",), 0, False)]
 )
 def test_where_more_is_remembered_steps_stay_flagged(structure):
     loads = np.array([5.0, 9.0, 4.0, 10.0])
@@ -80,7 +80,7 @@ def test_a_simulation_flags_what_follows(make_robot, native):
     history = np.array([5.0, 1e5, 12.0, 9.0, 0.5, 0.2])
     if native:
         loads = loads_of(jnp.asarray(history), jnp.arange(6.0), None)
-        run = steps_natively(robot, structure_of(robot, None), loads, March(), None)
+        run = steps_natively(robot, structure_of(robot, None), loads, SolverOptions(), None)
     else:
         run = gtr.simulate(robot, history)
     assert [bool(x) for x in run.converged] == [True, False, False, False, True, True]

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from laws import RESTATED, table
-from tests.test_blind import ARM
 
 import calibrate
 import gtr_jax as gtr
@@ -26,6 +25,7 @@ from gtr_jax.simulation.sensing import cells_show, true_base
 from gtr_jax.terms import Quantity, catalogue_of, stiffening
 from gtr_jax.terms.law import Law, term_of_law
 from gtr_jax.terms.term import Bent, Clock
+from tests.benchmarks.test_blind import ARM
 
 SINE = {"kind": "straight-sine-straight", "r1": -0.01, "r2": 0.01, "w1": 0.03, "w2": 0.1}
 T_BASE = np.concatenate([np.linspace(0, 30, 8), np.linspace(30, 4, 8)[1:], np.linspace(4, 16, 5)[1:]])

@@ -5,12 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from laws import table
-from tests.test_law_expressions import law
 
 from gtr_jax.errors import InputError
 from gtr_jax.simulation.sensing import cells_show, true_base
 from gtr_jax.terms.expression import ExpressionError
 from gtr_jax.terms.law import check_law
+from tests.terms.test_law_expressions import law
 
 T_BASE = np.concatenate([np.linspace(0, 30, 16), np.linspace(30, 4, 16)[1:], np.linspace(4, 16, 9)[1:]])
 TIME = np.cumsum(np.random.default_rng(2).uniform(0.1, 0.3, len(T_BASE)))

@@ -64,7 +64,7 @@ def robot(make_robot):
 def test_null_is_the_base_model(make_robot, loads):
     robot = make_robot(routing=SINE, loads=loads)
     plain = gtr.simulate(robot, LOOP, with_terms=False)
-    null = gtr.simulate(robot, LOOP, with_terms=True, solver=gtr.March(atol=1e-12))
+    null = gtr.simulate(robot, LOOP, with_terms=True, solver=gtr.SolverOptions(atol=1e-12))
     for name in ("T_tip", "tip_pose", "tension", "curvature", "displacement", "slip"):
         np.testing.assert_allclose(getattr(null, name), getattr(plain, name), atol=1e-8, err_msg=name)
 
@@ -125,7 +125,7 @@ def test_the_independent_simulator(folder):
 
 
 def tips(robot, values, history=LOOP, time=CLOCK, atol=1e-12):
-    run = gtr.simulate(robot.with_values(**values), history, time=time, solver=gtr.March(atol=atol))
+    run = gtr.simulate(robot.with_values(**values), history, time=time, solver=gtr.SolverOptions(atol=atol))
     assert bool(run.converged.all())
     return np.asarray(run.T_tip)
 
@@ -425,7 +425,7 @@ def mixture():
 
     def total(values):
         case = robot.with_values(**values)
-        run = gtr.simulate(case, SHORT, time=TICKS, with_terms=True, solver=gtr.March(atol=1e-12))
+        run = gtr.simulate(case, SHORT, time=TICKS, with_terms=True, solver=gtr.SolverOptions(atol=1e-12))
         shown = gtr.reading(case, run)
         columns = [shown.T_tip[:, None], run.tip_pose, run.displacement[:, None]]
         return jnp.sum(jnp.asarray(mix) * jnp.concatenate(columns, axis=1)), jnp.all(run.converged)

@@ -31,7 +31,7 @@ from calibrate.diagnosis.screening.screen import SEEN, Screened
 from calibrate.diagnosis.search.differ import Difference
 from calibrate.inference.channels import unit_of
 from calibrate.inference.number import OWN
-from calibrate.inference.setup import Part
+from calibrate.inference.setup import Observation
 from calibrate.planning.experiment import Experiment
 from gtr_jax import Robot, RobotConfig
 from gtr_jax.notebook import drawn_by
@@ -39,7 +39,7 @@ from gtr_jax.recordings.headed import dataset_of, frame_of
 from gtr_jax.recordings.recording import SAMPLE
 from gtr_jax.recordings.signals.noise import Noise
 from gtr_jax.terms import Law, Term, catalogue_of
-from gtr_jax.to_jsonable import plain
+from gtr_jax.to_jsonable import to_jsonable
 
 from .earlier import Settled
 from .robots import RobotFile, kinds, robot_files
@@ -261,7 +261,7 @@ class Diagnosis:
     def without_answer(
         verdict: str,
         faults: list[str],
-        parts: Sequence[Part],
+        parts: Sequence[Observation],
         warnings: list[str],
         config: RobotConfig | None,
     ) -> Diagnosis:
@@ -314,7 +314,7 @@ class Diagnosis:
         loops: list[Loop],
         rivals: list[Rival],
         experiment: Experiment | None,
-        parts: Sequence[Part],
+        parts: Sequence[Observation],
         config: RobotConfig | None,
         fine: Robot,
         differ: Sequence[Difference],
@@ -361,8 +361,8 @@ class Diagnosis:
             unit=unit_of(loops[0].channels[0]),
             rms=(_rms(was - read), _rms(now - read)),
             held_out=held,
-            noise=models.bench.expected_rms(mesh=False),
-            expected=models.bench.expected_rms(),
+            noise=models.likelihood.expected_rms(mesh=False),
+            expected=models.likelihood.expected_rms(),
             left=decision.left,
             base_left=decision.base_left,
             pattern=decision.pattern,
@@ -378,13 +378,13 @@ class Diagnosis:
             warnings=[*warnings, *variants, *faults],
             settings={
                 "samples": sum(p.samples for p in parts),
-                "samples_simulated": sum(r.part.samples for r in models.bench.rigs),
-                "mesh_intervals": sum(models.bench.rigs[0].robot.intervals),
+                "samples_simulated": sum(r.part.samples for r in models.likelihood.rigs),
+                "mesh_intervals": sum(models.likelihood.rigs[0].robot.intervals),
                 "seen_standard_errors": SEEN,
                 "hypotheses": sorted(models.of),
-                "free_of_the_base_model": [n.name for n in models.bench.base],
+                "free_of_the_base_model": [n.name for n in models.likelihood.base],
                 "variance_scale": models.scale,
-                "heavy_tails": models.bench.heavy,
+                "heavy_tails": models.likelihood.heavy,
             },
             differ=[d.at(after.fitted.values) for d in differ],
             files=files,
@@ -392,7 +392,7 @@ class Diagnosis:
             left_out=left_out,
             hidden=average.hidden,
             discovered=None if discovery is None else found_law(discovery, after),
-            laws=models.bench.rigs[0].robot.laws,
+            laws=models.likelihood.rigs[0].robot.laws,
         )
         return dataclasses.replace(diagnosis, says=sentence(diagnosis, chosen.names))
 
@@ -542,7 +542,7 @@ class Diagnosis:
             "warnings": self.warnings,
             "settings": self.settings,
         }
-        return plain(answer)
+        return to_jsonable(answer)
 
 
 def _rms(x: np.ndarray) -> float:
@@ -571,7 +571,7 @@ def _changes(before: Marginal, after: Marginal, average: Averaged) -> list[Chang
         )
     free = {n.name for n in after.fitted.numbers}
     assumed = {k: v for k, v in after.fitted.values.items() if k not in free}
-    terms = after.bench.rigs[0].robot.catalogue
+    terms = after.likelihood.rigs[0].robot.catalogue
     units = {f"{t.id}.{q.name}": q.unit for t in terms.values() for q in t.numbers}
     return found + [
         Change(name=name, unit=units.get(name, ""), before=None, after=value, sd=None)

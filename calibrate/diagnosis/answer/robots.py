@@ -86,7 +86,7 @@ def robot_files(
     """
     if config is None or decision.verdict == UNEXPLAINED:
         return [], []
-    recordings = [rig.part.name for rig in after.bench.rigs] if differ else [""]
+    recordings = [rig.part.name for rig in after.likelihood.rigs] if differ else [""]
     sets = list(refitted)
     wanted = [("", after, recordings[0])]
     for label, model in zip(_labels(sets), refitted.values(), strict=True):

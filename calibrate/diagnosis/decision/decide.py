@@ -106,10 +106,10 @@ def decide(models: Models) -> Decision:
     """The verdict."""
     probability = models.probabilities()
     best, base = models.fits[tuple(sorted(next(iter(probability))))], models.base
-    base_left, left = misfit(models.bench, base), misfit(models.bench, best)
+    base_left, left = misfit(models.likelihood, base), misfit(models.likelihood, best)
     nothing = probability[()]
     if not best.names or 1 - nothing < CLAIMED or base.cost - best.cost < least_drop(models):
-        pattern = pattern_in(models.bench, base)
+        pattern = pattern_in(models.likelihood, base)
         verdict = UNEXPLAINED if structured(base_left) or pattern else ADEQUATE
         return Decision(
             verdict=verdict,
@@ -121,7 +121,7 @@ def decide(models: Models) -> Decision:
             pattern=pattern,
         )
     if most_stays(left, base_left):
-        pattern = pattern_in(models.bench, best)
+        pattern = pattern_in(models.likelihood, best)
         if pattern or structured(left, STAYS_Z, STAYS_SIZE):
             return Decision(
                 verdict=UNEXPLAINED,
@@ -145,9 +145,9 @@ def decide(models: Models) -> Decision:
 
 def least_drop(models: Models) -> float:
     """Drop of the sum of squares below which nothing is claimed."""
-    if models.bench.heavy is None:
+    if models.likelihood.heavy is None:
         return SEEN**2
-    parts = [rig.part for rig in models.bench.rigs]
+    parts = [rig.part for rig in models.likelihood.rigs]
     return max(SEEN**2, FOR_EACH * sum(part.explained * int(part.counted.sum()) for part in parts))
 
 
@@ -180,16 +180,16 @@ def decide_partly(models: Models, chosen: Fitted, nearest: Decision) -> Decision
         chosen: the model.
         nearest: what was decided before effects were added to it.
     """
-    left = misfit(models.bench, chosen)
-    pattern = pattern_in(models.bench, chosen)
-    probability = models.beside(chosen)
+    left = misfit(models.likelihood, chosen)
+    pattern = pattern_in(models.likelihood, chosen)
+    probability = models.probabilities_given_discrepancy(chosen)
     found = dataclasses.replace(
         nearest, chosen=chosen, left=left, probability=probability, pattern=pattern, confusion=[]
     )
-    most = most_stays(left, nearest.base_left, long=models.bench.heavy is not None)
+    most = most_stays(left, nearest.base_left, long=models.likelihood.heavy is not None)
     if not chosen.names or 1 - probability[()] < CLAIMED or most:
         return dataclasses.replace(found, verdict=UNEXPLAINED)
-    confusion, _ = _told_apart(models, chosen, probability, models.bench.scale_left(chosen))
+    confusion, _ = _told_apart(models, chosen, probability, models.likelihood.scale_left(chosen))
     return dataclasses.replace(found, verdict=PARTLY, confusion=confusion)
 
 
@@ -209,15 +209,15 @@ def decide_combined(models: Models, chosen: Fitted, nearest: Decision) -> Decisi
     fewer = len(alone.names) < len(chosen.names) and own <= more
     if within or not fewer:
         return decide(models)
-    probability = models.beside(chosen)
-    confusion, single = _told_apart(models, chosen, probability, models.bench.scale_left(chosen))
+    probability = models.probabilities_given_discrepancy(chosen)
+    confusion, single = _told_apart(models, chosen, probability, models.likelihood.scale_left(chosen))
     return dataclasses.replace(
         nearest,
         verdict=MISSING if single else AMBIGUOUS,
         chosen=chosen,
         confusion=confusion,
         probability=probability,
-        left=misfit(models.bench, chosen),
+        left=misfit(models.likelihood, chosen),
         pattern=None,
     )
 
@@ -227,7 +227,7 @@ def _of_inexact_laws(models: Models, fitted: Fitted) -> float:
     defined = [name for name in fitted.names if models.of[name].kind in DEFINED]
     part = models.fits.get(tuple(sorted(defined)), models.base)
     by_definition, by_laws = models.base.chi2 - part.chi2, max(part.chi2 - fitted.chi2, 0.0)
-    more = between_samples(models.bench, fitted) if "time-skew" in _kinds(models, fitted.names) else 0.0
+    more = between_samples(models.likelihood, fitted) if "time-skew" in _kinds(models, fitted.names) else 0.0
     return max(INEXACT) ** 2 * (by_laws + OF_DEFINED**2 * by_definition) + more
 
 
@@ -245,9 +245,9 @@ def decide_discovered(models: Models, discovery: Discovery, nearest: Decision) -
         verdict=DISCOVERED,
         chosen=shown,
         confusion=[shown.names, *discovery.possible] if discovery.possible else [],
-        probability=models.beside(shown),
-        left=misfit(models.bench, shown),
-        base_left=misfit(models.bench, models.base),
+        probability=models.probabilities_given_discrepancy(shown),
+        left=misfit(models.likelihood, shown),
+        base_left=misfit(models.likelihood, models.base),
         pattern=None,
     )
 

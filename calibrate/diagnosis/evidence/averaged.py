@@ -24,7 +24,7 @@ from scipy.special import log_ndtr, ndtr, ndtri
 
 from calibrate.diagnosis.hypotheses.hypotheses import EVENTS, Hypothesis, is_friction, may_join
 from calibrate.diagnosis.hypotheses.model import Fitted, Model, model_of
-from calibrate.diagnosis.likelihood.likelihood import Bench
+from calibrate.diagnosis.likelihood.likelihood import Likelihood
 from calibrate.inference.estimate import NORMAL_95
 from calibrate.inference.number import Number
 from calibrate.inference.parallel import in_parallel
@@ -164,8 +164,8 @@ def averaged(
             drawn = marginal.draws(DRAWS, rng)
             components.append(_Component(marginal.fitted.numbers, drawn, max(p, LEAST)))
     own = max(probability.get(chosen.names, 0.0), LEAST)
-    bench = models.bench
-    scale = bench.scale_left(chosen) if leaves or bench.heavy is not None else models.scale
+    likelihood = models.likelihood
+    scale = likelihood.scale_left(chosen) if leaves or likelihood.heavy is not None else models.scale
     others = [h for h in models.of.values() if tuple(sorted((*chosen.names, h.name))) not in known]
     besides = _no_likelier_than_refitted(_beside(models, chosen, shown, others, scale), chosen, probability)
     hidden = [(b, _hidden(shown, b, own * b.odds, rng)) for b in besides]
@@ -273,8 +273,8 @@ def _tried(
     """An effect beside the model: by its slope at a small size, and refitted if it may matter; None where the
     simulation breaks down.
     """
-    bench, p = models.bench, len(chosen.x)
-    model = model_of(bench.base, (*models.hypotheses(chosen.names), h))
+    likelihood, p = models.likelihood, len(chosen.x)
+    model = model_of(likelihood.base, (*models.hypotheses(chosen.names), h))
     low, high = (side[p:] for side in model.bounds)
     columns = []
     for i in range(len(h.numbers)):
@@ -282,13 +282,13 @@ def _tried(
         x = np.concatenate([chosen.x, np.zeros(len(h.numbers))])
         x[p + i] = step
         # With the mesh's correction of the model itself: the difference of two corrections is no effect.
-        seen = bench.simulate(model.values(x), chosen.names)
+        seen = likelihood.simulate(model.values(x), chosen.names)
         if seen is None or sum(s.failed for s in seen) > chosen.failed:
             return None
-        columns.append((bench.rows(seen) - chosen.rows) / step)
+        columns.append((likelihood.rows(seen) - chosen.rows) / step)
     jacobian = np.concatenate([chosen.jacobian, np.stack(columns, axis=1)], axis=1)
     start = np.concatenate([chosen.x, np.zeros(len(h.numbers))])
-    found = _gaussian(bench, chosen, h, prior, scale, (start, chosen.rows, jacobian), None)
+    found = _gaussian(likelihood, chosen, h, prior, scale, (start, chosen.rows, jacobian), None)
     sd = np.sqrt(np.diag(shown.covariance))
     reach = np.abs(found.moved) + NORMAL_95 * np.sqrt(
         np.einsum("iq,qr,ir->i", found.slope, found.spread, found.slope)
@@ -299,7 +299,7 @@ def _tried(
     follow = chosen.x - np.linalg.solve(
         chosen.information(scale), chosen.jacobian.T @ (jacobian[:, p:] @ size) / scale
     )
-    refit = bench.refit(
+    refit = likelihood.refit(
         (*models.hypotheses(chosen.names), h),
         np.concatenate([np.clip(follow, chosen.x - FAR, chosen.x + FAR), size]),
         known=dict(enumerate(jacobian.T)),
@@ -307,12 +307,12 @@ def _tried(
     )
     if refit is None or refit.cost > chosen.cost:
         # The slope promised what is not there: no gain counts.
-        return _gaussian(bench, chosen, h, prior, scale, (start, chosen.rows, jacobian), chosen.cost)
-    return _gaussian(bench, chosen, h, prior, scale, (refit.x, refit.rows, refit.jacobian), refit.cost)
+        return _gaussian(likelihood, chosen, h, prior, scale, (start, chosen.rows, jacobian), chosen.cost)
+    return _gaussian(likelihood, chosen, h, prior, scale, (refit.x, refit.rows, refit.jacobian), refit.cost)
 
 
 def _gaussian(
-    bench: Bench,
+    likelihood: Likelihood,
     chosen: Fitted,
     h: Hypothesis,
     prior: float,
@@ -351,13 +351,13 @@ def _gaussian(
     # Given the sizes, the other numbers are where the cost is least.
     slope = -np.linalg.solve(information[:p, :p], information[:p, p:])
     moved = x[:p] + step[:p] - chosen.x
-    if bench.follow is not None:
+    if likelihood.follow is not None:
         less = rows - chosen.rows + jacobian @ step
         ways = jacobian[:, p:] + jacobian[:, :p] @ slope
-        further = bench.follow.moved(less)
+        further = likelihood.follow.moved(less)
         moved = np.concatenate([moved, further])
-        slope = np.concatenate([slope, np.stack([bench.follow.moved(c) for c in ways.T], axis=1)])
-    slope, moved = _in_order(bench, chosen, slope, moved)
+        slope = np.concatenate([slope, np.stack([likelihood.follow.moved(c) for c in ways.T], axis=1)])
+    slope, moved = _in_order(likelihood, chosen, slope, moved)
     odds = min(prior * float(np.exp(min(BELIEVED * evidence, 50.0))), MOST_ODDS)
     return _Beside(h, odds, at, spread, moved, slope)
 
@@ -371,12 +371,12 @@ def _log_share(mean: np.ndarray, sd: np.ndarray, low: np.ndarray, high: np.ndarr
 
 
 def _in_order(
-    bench: Bench, chosen: Fitted, slope: np.ndarray, moved: np.ndarray
+    likelihood: Likelihood, chosen: Fitted, slope: np.ndarray, moved: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Rows for base numbers, effects and then dimensions, in the order of the jointly fitted model: base
     numbers, dimensions, effects.
     """
-    b, p = len(bench.base), len(chosen.x)
+    b, p = len(likelihood.base), len(chosen.x)
     order = [*range(b), *range(p, len(moved)), *range(b, p)]
     return slope[order], moved[order]
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from calibrate.diagnosis.hypotheses.hypotheses import Hypothesis
 from calibrate.diagnosis.hypotheses.model import Fitted, Model, model_of
-from calibrate.diagnosis.likelihood.likelihood import LARGEST_STEP, Bench
+from calibrate.diagnosis.likelihood.likelihood import LARGEST_STEP, Likelihood
 from calibrate.diagnosis.likelihood.locate import phases_of
 from calibrate.inference.answer import by_source
 from calibrate.inference.estimate import NORMAL_95, shares_of_variance
@@ -44,7 +44,7 @@ class Marginal:
         made_of: share of the variance of each coordinate by source, p of them.
     """
 
-    bench: Bench
+    likelihood: Likelihood
     fitted: Fitted
     covariance: np.ndarray
     made_of: tuple[Mapping[str, float], ...]
@@ -96,31 +96,37 @@ def jointly(models: Models, fitted: Fitted, finer: float) -> Marginal:
         The fit; as the search left it where no better one is found.
     """
     hypotheses = models.hypotheses(fitted.names)
-    bench = _freed(models.bench, fitted)
-    model = model_of(bench.base, hypotheses)
+    likelihood = _freed(models.likelihood, fitted)
+    model = model_of(likelihood.base, hypotheses)
     own = {n.name: x for n, x in zip(fitted.numbers, fitted.x, strict=True)}
     own |= {
-        d.name: (fitted.dimensions.get(d.name, d.centre) - d.centre) / d.sd for d in models.bench.dimensions
+        d.name: (fitted.dimensions.get(d.name, d.centre) - d.centre) / d.sd
+        for d in models.likelihood.dimensions
     }
     start = np.asarray([own[n.name] for n in model.numbers])
-    left = _as_left(models.bench, model, fitted, start)
-    found = _polished(bench, model, hypotheses, start)
+    left = _as_left(models.likelihood, model, fitted, start)
+    found = _polished(likelihood, model, hypotheses, start)
     if found is None or found.cost > WORSE * left.cost:
         # Dimensions that followed to first order may have gone too far.
-        centred = np.asarray([0.0 if n in models.bench.dimensions else own[n.name] for n in model.numbers])
-        again = _polished(bench, model, hypotheses, centred)
+        centred = np.asarray(
+            [0.0 if n in models.likelihood.dimensions else own[n.name] for n in model.numbers]
+        )
+        again = _polished(likelihood, model, hypotheses, centred)
         found = min((f for f in (found, again) if f is not None), key=lambda f: f.cost, default=left)
     if found.cost > WORSE * left.cost:
         found = left
-    weight = _as_they_show(bench, found)[:, None]
+    weight = _as_they_show(likelihood, found)[:, None]
     jacobian = weight * found.jacobian
     inverse = np.linalg.inv(jacobian.T @ jacobian + np.eye(len(found.x)))
     gain = inverse @ (weight * jacobian).T
     priors = dict(zip((n.name for n in found.numbers), np.eye(len(found.x)), strict=True))
-    labels, shares = shares_of_variance(by_source(jacobian, [rig.part for rig in bench.rigs]), priors)
+    labels, shares = shares_of_variance(by_source(jacobian, [rig.part for rig in likelihood.rigs]), priors)
     variances = [share * np.diag(inverse) for share in shares]
     covariance = inverse
-    for label, rows in ((LAW, _law(models, bench, found, fitted)), (MESH, _mesh(bench, found, finer))):
+    for label, rows in (
+        (LAW, _law(models, likelihood, found, fitted)),
+        (MESH, _mesh(likelihood, found, finer)),
+    ):
         moved = gain @ rows
         covariance = covariance + moved @ moved.T
         labels, variances = [*labels, label], [*variances, np.sum(moved**2, axis=1)]
@@ -129,41 +135,41 @@ def jointly(models: Models, fitted: Fitted, finer: float) -> Marginal:
         {label: float(v[i] / total[i]) for label, v in zip(labels, variances, strict=True) if v[i] > 0}
         for i in range(len(total))
     )
-    return Marginal(bench, found, covariance, made_of)
+    return Marginal(likelihood, found, covariance, made_of)
 
 
-def _freed(bench: Bench, fitted: Fitted) -> Bench:
+def _freed(likelihood: Likelihood, fitted: Fitted) -> Likelihood:
     """The same recordings with the uncertain dimensions among the base numbers, and with an uncertain stretch
     of the tendon in the displacement, unless stretch is among the effects.
     """
-    other = bench.with_dimensions_free()
+    other = likelihood.with_dimensions_free()
     if any(name.startswith(STRETCH) for name in fitted.names):
         return other
     weighs = [
         dataclasses.replace(weigh, stretch=rig.part.stretch(seen.values[: seen.tips]))
-        for weigh, rig, seen in zip(bench.weighs, bench.rigs, fitted.seen, strict=True)
+        for weigh, rig, seen in zip(likelihood.weighs, likelihood.rigs, fitted.seen, strict=True)
     ]
     return dataclasses.replace(other, weighs=weighs)
 
 
 def _polished(
-    bench: Bench, model: Model, hypotheses: Sequence[Hypothesis], start: np.ndarray
+    likelihood: Likelihood, model: Model, hypotheses: Sequence[Hypothesis], start: np.ndarray
 ) -> Fitted | None:
     """The model refitted, with derivatives recomputed by central differences and one last step with these."""
-    here = bench.at(model, start)
+    here = likelihood.at(model, start)
     if here is None:
         return None
-    found = bench.refit(
-        hypotheses, start, jacobian=_slopes(bench, model, start, here.rows), most=MOST, exact=False
+    found = likelihood.refit(
+        hypotheses, start, jacobian=_slopes(likelihood, model, start, here.rows), most=MOST, exact=False
     )
     if found is None:
         return None
-    jacobian = _slopes(bench, model, found.x, found.rows, central=True)
+    jacobian = _slopes(likelihood, model, found.x, found.rows, central=True)
     found = dataclasses.replace(found, jacobian=jacobian)
     low, high = (np.asarray([n.bounds[k] for n in model.numbers]) for k in (0, 1))
     step = -np.linalg.solve(found.information(), jacobian.T @ found.rows + found.x)
     x = np.clip(found.x + np.clip(step, -LARGEST_STEP, LARGEST_STEP), low, high)
-    there = bench.at(model, x)
+    there = likelihood.at(model, x)
     if there is None:
         return found
     squares, prior = float(np.sum(there.rows**2)), float(np.sum(x**2))
@@ -181,7 +187,7 @@ def _polished(
 
 
 def _slopes(
-    bench: Bench, model: Model, x: np.ndarray, rows: np.ndarray, *, central: bool = False
+    likelihood: Likelihood, model: Model, x: np.ndarray, rows: np.ndarray, *, central: bool = False
 ) -> np.ndarray:
     """Derivatives of the rows by the coordinates, (n, p): by differences, on both cores."""
 
@@ -191,7 +197,7 @@ def _slopes(
         for step in (HALF_STEP, -HALF_STEP):
             moved = np.array(x)
             moved[i] = np.clip(x[i] + step, low, high)
-            there = None if moved[i] == x[i] else bench.at(model, moved)
+            there = None if moved[i] == x[i] else likelihood.at(model, moved)
             if there is not None:
                 ends.append((moved[i], there.rows))
                 if not central:
@@ -205,14 +211,14 @@ def _slopes(
     return np.stack(in_parallel(column, list(range(len(x)))), axis=1)
 
 
-def _as_left(bench: Bench, model: Model, fitted: Fitted, x: np.ndarray) -> Fitted:
+def _as_left(likelihood: Likelihood, model: Model, fitted: Fitted, x: np.ndarray) -> Fitted:
     """The search's fit in the coordinates of the model with free dimensions, to first order."""
     rows, jacobian = fitted.rows, fitted.jacobian
     columns = {n.name: jacobian[:, i] for i, n in enumerate(fitted.numbers)}
-    if bench.follow is not None:
-        change = bench.follow.change
-        for k, d in enumerate(bench.dimensions):
-            columns[d.name] = bench.white([c[..., k] for c in change])
+    if likelihood.follow is not None:
+        change = likelihood.follow.change
+        for k, d in enumerate(likelihood.dimensions):
+            columns[d.name] = likelihood.white([c[..., k] for c in change])
     return dataclasses.replace(
         fitted,
         numbers=model.numbers,
@@ -224,13 +230,13 @@ def _as_left(bench: Bench, model: Model, fitted: Fitted, x: np.ndarray) -> Fitte
     )
 
 
-def _as_they_show(bench: Bench, fitted: Fitted) -> np.ndarray:
+def _as_they_show(likelihood: Likelihood, fitted: Fitted) -> np.ndarray:
     """Weights of the whitened rows, (n,), that give errors the size and correlation time of each channel's
     residual, as in `gtr fit`. The noise alone comes from neighbouring samples and misses a slow misfit.
     """
     found = []
-    for z, rig in zip(bench.by_channel(fitted.rows), bench.rigs, strict=True):
-        free = 1 - len(fitted.x) / max(bench.readings, len(fitted.x) + 1)
+    for z, rig in zip(likelihood.by_channel(fitted.rows), likelihood.rigs, strict=True):
+        free = 1 - len(fitted.x) / max(likelihood.readings, len(fitted.x) + 1)
         tau = [correlation_time(row) for row in z]
         for row, long in zip(z, tau, strict=True):
             large = max(1.0, float(np.mean(row**2)) / free)
@@ -244,7 +250,7 @@ def _as_they_show(bench: Bench, fitted: Fitted) -> np.ndarray:
     return np.concatenate(found)
 
 
-def _law(models: Models, bench: Bench, found: Fitted, fitted: Fitted) -> np.ndarray:
+def _law(models: Models, likelihood: Likelihood, found: Fitted, fitted: Fitted) -> np.ndarray:
     """Whitened rows of possible errors of the effects' laws, (n, ways): the effect while pulling and
     otherwise, at low and at high tension, each times the relative error that the evidence leaves
     (`models.INEXACT`).
@@ -252,31 +258,31 @@ def _law(models: Models, bench: Bench, found: Fitted, fitted: Fitted) -> np.ndar
     nothing = np.zeros((len(found.rows), 0))
     if not found.names:
         return nothing
-    without = {n.name: found.values[n.name] for n in bench.base}
-    plain = bench.simulate(without, found.names)
+    without = {n.name: found.values[n.name] for n in likelihood.base}
+    plain = likelihood.simulate(without, found.names)
     if plain is None:
         return nothing
     share = models.inexactness(fitted)
     masks = []
-    for k, rig in enumerate(bench.rigs):
+    for k, rig in enumerate(likelihood.rigs):
         lead = leading(rig.part)
-        T, pulling = rig.part.drives[lead].T_base, of_one(phases_of(bench, found, k), lead) == PULLING
+        T, pulling = rig.part.drives[lead].T_base, of_one(phases_of(likelihood, found, k), lead) == PULLING
         low = T < 0.5 * (float(T.max()) + float(T.min()))
         masks.append([pulling & low, pulling & ~low, ~pulling & low, ~pulling & ~low])
     effect = [
-        (s.values - p.values)[rig.where] for rig, s, p in zip(bench.rigs, found.seen, plain, strict=True)
+        (s.values - p.values)[rig.where] for rig, s, p in zip(likelihood.rigs, found.seen, plain, strict=True)
     ]
     ways = range(len(masks[0]))
     return share * np.stack(
-        [bench.white([e * m[w] for e, m in zip(effect, masks, strict=True)]) for w in ways], axis=1
+        [likelihood.white([e * m[w] for e, m in zip(effect, masks, strict=True)]) for w in ways], axis=1
     )
 
 
-def _mesh(bench: Bench, found: Fitted, finer: float) -> np.ndarray:
+def _mesh(likelihood: Likelihood, found: Fitted, finer: float) -> np.ndarray:
     """Whitened rows of the error left on the fine mesh, (n, 1), extrapolated from its correction: errors fall
     with the square of the interval.
     """
     left = 1 / (finer**2 - 1) if finer > 1 else 1.0
-    corrected = bench.correction(found.names)
-    rows = bench.white([c[rig.where] for rig, c in zip(bench.rigs, corrected, strict=True)])
+    corrected = likelihood.correction(found.names)
+    rows = likelihood.white([c[rig.where] for rig, c in zip(likelihood.rigs, corrected, strict=True)])
     return left * rows[:, None]

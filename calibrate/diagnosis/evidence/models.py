@@ -8,7 +8,7 @@ import numpy as np
 
 from calibrate.diagnosis.hypotheses.hypotheses import EVENTS, Hypothesis, may_join
 from calibrate.diagnosis.hypotheses.model import Fitted, model_of
-from calibrate.diagnosis.likelihood.likelihood import Bench
+from calibrate.diagnosis.likelihood.likelihood import Likelihood
 from calibrate.inference.parallel import in_parallel
 
 # Prior probability of no, one, two and three missing effects, and of four where three are not enough.
@@ -35,8 +35,8 @@ class Models:
         hypotheses: the catalogue.
     """
 
-    def __init__(self, bench: Bench, hypotheses: Sequence[Hypothesis]):
-        self.bench = bench
+    def __init__(self, likelihood: Likelihood, hypotheses: Sequence[Hypothesis]):
+        self.likelihood = likelihood
         self.of = {h.name: h for h in hypotheses}
         self.fits: dict[tuple[str, ...], Fitted] = {}
         # Computed from all fits, when first asked for.
@@ -63,7 +63,7 @@ class Models:
             parent = min(smaller, key=lambda g: g.cost)
             known = {n.name: v for n, v in zip(parent.numbers, parent.x, strict=True)}
             start = np.asarray([known.get(n.name, 0.0) for n in f.numbers])
-            return self.bench.refit(self.hypotheses(f.names), start)
+            return self.likelihood.refit(self.hypotheses(f.names), start)
 
         self.add([f for f in in_parallel(again, list(self.fits.values())) if f is not None])
 
@@ -80,7 +80,7 @@ class Models:
     def scale(self) -> float:
         """Variance of white residuals by which models are compared: that of the best fit, within limits."""
         if self._scale is None:
-            least = min(self.bench.mean_square(f) for f in self.fits.values())
+            least = min(self.likelihood.mean_square(f) for f in self.fits.values())
             self._scale = float(np.clip(least, 1.0, LARGEST_SCALE))
         return self._scale
 
@@ -95,7 +95,7 @@ class Models:
         """Log of the joint probability of the data and each relative error of the laws (`INEXACT`)."""
         squares = fitted.chi2 / self.scale
         explained = max(self.base.chi2 - fitted.chi2, 0.0) / self.scale
-        beyond = max(squares - self.bench.readings, 0.0) + WAYS
+        beyond = max(squares - self.likelihood.readings, 0.0) + WAYS
         each = []
         for share, weight in INEXACT.items():
             more = share**2 * explained / WAYS
@@ -127,7 +127,7 @@ class Models:
 
     def _plain_odds(self, fitted: Fitted) -> float:
         """Log odds against the base model if laws were exact and the residual of the best fit were noise."""
-        scale = max(1.0, min(self.bench.mean_square(f) for f in self.fits.values()))
+        scale = max(1.0, min(self.likelihood.mean_square(f) for f in self.fits.values()))
         gain = 0.5 * (self.base.cost - self.base.prior - fitted.cost + fitted.prior) / scale
         return (
             gain + fitted.volume() - self.base.volume() + self.log_prior(fitted) - self.log_prior(self.base)
@@ -148,18 +148,18 @@ class Models:
         the best fit leaves more than noise, slowly changing: there it counts as an error of unknown cause.
         """
         ranked = self.ranked()
-        if self.bench.heavy is not None:
-            return self.beside(min(ranked, key=lambda f: f.cost))
+        if self.likelihood.heavy is not None:
+            return self.probabilities_given_discrepancy(min(ranked, key=lambda f: f.cost))
         logs = np.asarray([self.log_posterior(f) for f in ranked])
         share = np.exp(logs - logs.max())
         return {f.names: float(p) for f, p in zip(ranked, share / share.sum(), strict=True)}
 
-    def beside(self, fitted: Fitted) -> dict[tuple[str, ...], float]:
+    def probabilities_given_discrepancy(self, fitted: Fitted) -> dict[tuple[str, ...], float]:
         """Probability of each model beside an error of unknown cause as large as what a fit leaves; the most
         probable first. Evidence against the noise alone would call one of two models certain though both
         leave many times the noise.
         """
-        scale = self.bench.scale_left(fitted)
+        scale = self.likelihood.scale_left(fitted)
         logs = {
             f.names: BELIEVED * (-0.5 * (f.cost - f.prior) / scale + f.volume(scale) + self.log_prior(f))
             for f in self.fits.values()
@@ -182,21 +182,21 @@ class Models:
     def coordinates(self, names: Sequence[str], fitted: Fitted) -> np.ndarray:
         """Coordinates of a model, taken from the fit of a model with the same effects and more."""
         known = {n.name: v for n, v in zip(fitted.numbers, fitted.x, strict=True)}
-        numbers = model_of(self.bench.base, self.hypotheses(names)).numbers
+        numbers = model_of(self.likelihood.base, self.hypotheses(names)).numbers
         return np.asarray([known[n.name] for n in numbers])
 
     def reweigh(self) -> None:
         """Estimate the noise again from the best model, and refit the models that matter."""
         ranked = self.ranked()
         top = ranked[0]
-        self.bench = self.bench.weighed(top.values, top.seen)
+        self.likelihood = self.likelihood.weighed(top.values, top.seen)
         kept = [
             f for f in ranked if not f.names or self.log_posterior(f) > self.log_posterior(top) - HOPELESS
         ]
         kept += [f for f in ranked if len(f.names) == 1 and f not in kept][: max(0, HEADS + 1 - len(kept))]
 
         def again(f):
-            return self.bench.refit(self.hypotheses(f.names), f.x, most=5)
+            return self.likelihood.refit(self.hypotheses(f.names), f.x, most=5)
 
         self.fits = {}
         self.add([f for f in in_parallel(again, kept) if f is not None])

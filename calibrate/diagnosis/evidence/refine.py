@@ -7,20 +7,20 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from calibrate.diagnosis.hypotheses.model import Fitted, model_of
-from calibrate.diagnosis.likelihood.likelihood import Bench
+from calibrate.diagnosis.likelihood.likelihood import Likelihood
 from calibrate.inference.side_by_side import in_lanes
-from calibrate.inference.simulated_rig import Rig
+from calibrate.inference.simulated_rig import SimulatedRig
 
 from .models import Models
 
 
 def refine(
-    bench: Bench,
+    likelihood: Likelihood,
     models: Models,
     wanted: Mapping[tuple[str, ...], Fitted],
-    fine: Sequence[Rig],
+    fine: Sequence[SimulatedRig],
     kept: Sequence[np.ndarray] | None = None,
-) -> Bench:
+) -> Likelihood:
     """The bench with corrections for its mesh and samples, computed for some models.
 
     Args:
@@ -33,9 +33,9 @@ def refine(
 
     def correction(item):
         names, f = item
-        values = model_of(bench.base, models.hypotheses(names)).values(models.coordinates(names, f))
+        values = model_of(likelihood.base, models.hypotheses(names)).values(models.coordinates(names, f))
         found = []
-        for k, (rough, exact) in enumerate(zip(bench.rigs, fine, strict=True)):
+        for k, (rough, exact) in enumerate(zip(likelihood.rigs, fine, strict=True)):
             here, there = rough(values), exact(values)
             if here is None or there is None:
                 return None
@@ -43,4 +43,4 @@ def refine(
         return found
 
     found = zip(wanted, in_lanes(correction, list(wanted.items())), strict=True)
-    return bench.corrected({names: more for names, more in found if more is not None})
+    return likelihood.corrected({names: more for names, more in found if more is not None})

@@ -10,7 +10,7 @@ import numpy as np
 
 from calibrate.inference.instruments import BOTH, Cells
 from calibrate.inference.number import Number
-from calibrate.inference.setup import Part
+from calibrate.inference.setup import Observation
 from calibrate.inference.simulated_rig import acts_on_tendon, friction_of
 from gtr_jax import Robot
 from gtr_jax.robot.parameters import STIFFNESS, parameter
@@ -394,7 +394,7 @@ def base_numbers(robot: Robot, deviations: Mapping[str, float]) -> tuple[Number,
     return tuple(found)
 
 
-def instrument_numbers(part: Part) -> tuple[Number, ...]:
+def instrument_numbers(part: Observation) -> tuple[Number, ...]:
     """What the instruments of a rig always add, little of it: a delay between the cells, and drifts of their
     zeros. Long recordings show it, and every hypothesis fits it beside mu and E: it is no effect that is
     missing, and must not pass for one.

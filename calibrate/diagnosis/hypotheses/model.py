@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calibrate.inference.number import Number
-from calibrate.inference.predictor import Seen
+from calibrate.inference.predictor import SimulatedReadings
 
 from .hypotheses import Hypothesis
 
@@ -46,7 +46,7 @@ class Point(NamedTuple):
     """A model at coordinates: values by name [SI], simulations, and white residuals (n,)."""
 
     values: Mapping[str, float]
-    seen: tuple[Seen, ...]
+    seen: tuple[SimulatedReadings, ...]
     rows: np.ndarray
 
     @property
@@ -86,7 +86,7 @@ class Fitted:
     jacobian: np.ndarray
     chi2: float
     prior: float
-    seen: tuple[Seen, ...]
+    seen: tuple[SimulatedReadings, ...]
     failed: int
     dimensions: Mapping[str, float]
 

@@ -15,7 +15,7 @@ from calibrate.diagnosis.decision.decide import structured
 from calibrate.diagnosis.evidence.models import Models
 from calibrate.diagnosis.hypotheses.hypotheses import Hypothesis, is_friction, is_stiffness
 from calibrate.diagnosis.hypotheses.model import Fitted, Point, model_of
-from calibrate.diagnosis.likelihood.likelihood import MOST_ITERATIONS, Bench
+from calibrate.diagnosis.likelihood.likelihood import MOST_ITERATIONS, Likelihood
 from calibrate.diagnosis.likelihood.locate import misfit
 from calibrate.diagnosis.screening.screen import FAR, SEEN, Start
 from calibrate.diagnosis.search.forward_search import Unseen
@@ -23,7 +23,7 @@ from calibrate.diagnosis.search.search import BEGIN, raced
 from calibrate.diagnosis.search.twins import settled
 from calibrate.inference.number import Number
 from calibrate.inference.side_by_side import in_lanes
-from calibrate.inference.simulated_rig import Rig
+from calibrate.inference.simulated_rig import SimulatedRig
 from gtr_jax import Robot
 from gtr_jax.terms import Law, null_values
 from gtr_jax.terms.expression import evaluate
@@ -105,7 +105,7 @@ class Felt(NamedTuple):
     lost: float = 0.0
 
 
-class Candidate(NamedTuple):
+class LawCandidate(NamedTuple):
     """A form at a place, or a smooth law (no form), with what it promises and where to fit it from."""
 
     place: Place
@@ -158,13 +158,13 @@ def with_laws(robot: Robot, laws: Sequence[Law]) -> Robot:
     return dataclasses.replace(robot, laws=(*robot.laws, *laws), terms={**robot.terms, **more})
 
 
-def _bench_with(bench: Bench, laws: Sequence[Law]) -> Bench:
+def _bench_with(likelihood: Likelihood, laws: Sequence[Law]) -> Likelihood:
     """The same recordings, of a robot that may have more laws."""
     rigs, known = [], {}
-    for rig in bench.rigs:
+    for rig in likelihood.rigs:
         robot = known.setdefault(id(rig.robot), with_laws(rig.robot, laws))
-        rigs.append(Rig(rig.part, robot, rig.more, rig.cache))
-    return dataclasses.replace(bench, rigs=tuple(rigs))
+        rigs.append(SimulatedRig(rig.part, robot, rig.more, rig.cache))
+    return dataclasses.replace(likelihood, rigs=tuple(rigs))
 
 
 def discover(models: Models, head: Fitted, progress: Callable[[str], None]) -> Discovery | None:
@@ -203,17 +203,17 @@ def _others(models: Models, head: Fitted, rest: Sequence[Ranked]) -> list[Ranked
     every = list(itertools.chain(*candidates))
     if not every:
         return []
-    bench = _bench_with(models.bench, [of[0].law for of in candidates])
+    likelihood = _bench_with(models.likelihood, [of[0].law for of in candidates])
     own = models.hypotheses(head.names)
     items = [((*own, c.hypothesis), Start(c.start, {})) for c in every]
-    costs = {f.names[-1]: f.cost for f in raced(bench, head, items, BEGIN)}
+    costs = {f.names[-1]: f.cost for f in raced(likelihood, head, items, BEGIN)}
     left = sorted((costs.get(of[0].law.name, np.inf), k) for k, of in enumerate(candidates))
     return [rest[k] for cost, k in left[:PLACES] if cost < head.cost - WORTH]
 
 
 def _fitted(
     models: Models, head: Fitted, ranked: Sequence[Ranked], progress: Callable[[str], None]
-) -> tuple[Models, list[Candidate]]:
+) -> tuple[Models, list[LawCandidate]]:
     """Fit the laws of some places, the best first, beside the head, and short forms that look like the smooth
     ones.
 
@@ -227,29 +227,29 @@ def _fitted(
     progress(f"fitting laws inside the simulator: {', '.join(names)}")
     wider = _with_candidates(models, candidates)
     own = models.hypotheses(head.names)
-    candidates = _nearest(wider.bench, head, own, candidates)
+    candidates = _nearest(wider.likelihood, head, own, candidates)
     fits = _raced(wider, head, own, candidates)
     more = distilled(wider, head, candidates)
     fits = list({f.names: wider.stored(f) for f in [*fits, *_raced(wider, head, own, more)]}.values())
     candidates += [c for c in more if c.law.name not in {other.law.name for other in candidates}]
     tried = {*models.of, *(c.law.name for c in candidates)}
     wider.of = {name: h for name, h in wider.of.items() if name in tried}
-    if wider.bench.heavy is not None:  # far from the data, rows that count less when far off show no way
+    if wider.likelihood.heavy is not None:  # far from the data, rows that count less when far off show no way
         settled(wider, fits)
     return wider, candidates
 
 
 def _raced(
-    wider: Models, head: Fitted, own: Sequence[Hypothesis], candidates: Sequence[Candidate]
+    wider: Models, head: Fitted, own: Sequence[Hypothesis], candidates: Sequence[LawCandidate]
 ) -> list[Fitted]:
     """Fits of candidates beside a model that do more than it, which join the models."""
     items = [((*own, c.hypothesis), Start(c.start, {})) for c in candidates]
-    fits = [f for f in raced(wider.bench, head, items, MOST_ITERATIONS) if f.cost < head.cost]
+    fits = [f for f in raced(wider.likelihood, head, items, MOST_ITERATIONS) if f.cost < head.cost]
     wider.add(fits)
     return fits
 
 
-def distilled(wider: Models, head: Fitted, candidates: Sequence[Candidate]) -> list[Candidate]:
+def distilled(wider: Models, head: Fitted, candidates: Sequence[LawCandidate]) -> list[LawCandidate]:
     """Short forms that look like a smooth law that was fitted, each from where that fit ended: to first order
     from the head, the start of a law that changes much is far from its end.
 
@@ -271,7 +271,7 @@ def distilled(wider: Models, head: Fitted, candidates: Sequence[Candidate]) -> l
             of_form = coordinates(c.place, form, size, shapes)
             start = np.concatenate([_levelled(wider, c.place, base, level), of_form])
             law, hypothesis = law_of(c.place, form)[0], hypothesis_of(c.place, form)
-            found.append(Candidate(c.place, form, c.score, law, hypothesis, start))
+            found.append(LawCandidate(c.place, form, c.score, law, hypothesis, start))
     return found
 
 
@@ -305,7 +305,7 @@ def _levelled(wider: Models, place: Place, base: np.ndarray, level: float) -> np
     """Coordinates of a model's numbers once its friction has taken the level of a law."""
     if place.acts != "friction":
         return base
-    return _scaled(wider.bench.base, base, is_friction, 1 + level)
+    return _scaled(wider.likelihood.base, base, is_friction, 1 + level)
 
 
 def _scaled(
@@ -320,17 +320,17 @@ def _scaled(
 
 
 def _nearest(
-    bench: Bench, head: Fitted, own: Sequence[Hypothesis], candidates: Sequence[Candidate]
-) -> list[Candidate]:
+    likelihood: Likelihood, head: Fitted, own: Sequence[Hypothesis], candidates: Sequence[LawCandidate]
+) -> list[LawCandidate]:
     """The candidates, of a law with many starts those that fit best as they are."""
     starts = Counter(c.law.name for c in candidates)
     many = [c for c in candidates if starts[c.law.name] > KEPT_STARTS]
-    values = [model_of(bench.base, [*own, c.hypothesis]).values(c.start) for c in many]
+    values = [model_of(likelihood.base, [*own, c.hypothesis]).values(c.start) for c in many]
     costs = [
         np.inf
         if seen is None or sum(s.failed for s in seen) > head.failed
-        else float(np.sum(bench.rows(seen) ** 2) + np.sum(c.start**2))
-        for c, seen in zip(many, bench.simulated(values, head.names), strict=True)
+        else float(np.sum(likelihood.rows(seen) ** 2) + np.sum(c.start**2))
+        for c, seen in zip(many, likelihood.simulated(values, head.names), strict=True)
     ]
     left = set[int]()
     for name in starts:
@@ -339,13 +339,13 @@ def _nearest(
     return [c for c in candidates if id(c) not in left]
 
 
-def _with_candidates(models: Models, candidates: Sequence[Candidate]) -> Models:
+def _with_candidates(models: Models, candidates: Sequence[LawCandidate]) -> Models:
     """The models on a bench that knows the laws, and those of the other forms at their places."""
     every = [(c.law, c.hypothesis) for c in candidates]
     for place in {c.place.name: c.place for c in candidates}.values():
         every += [(law_of(place, form)[0], hypothesis_of(place, form)) for form in forms_for(place)]
     laws, new = {law.name: law for law, _ in every}, {law.name: h for law, h in every}
-    wider = Models(_bench_with(models.bench, list(laws.values())), [*models.of.values(), *new.values()])
+    wider = Models(_bench_with(models.likelihood, list(laws.values())), [*models.of.values(), *new.values()])
     wider.add(list(models.fits.values()))
     return wider
 
@@ -354,16 +354,16 @@ def feel(models: Models, head: Fitted) -> list[Felt]:
     """How the readings respond to tents at every place; at some also where friction or the stiffness of the
     body is another than fits best without a law (`FELT_AT`).
     """
-    robot, here = models.bench.rigs[0].robot, Point(head.values, head.seen, head.rows)
-    spots = [(place, head.x, here) for place in places(robot, models.bench, here)]
+    robot, here = models.likelihood.rigs[0].robot, Point(head.values, head.seen, head.rows)
+    spots = [(place, head.x, here) for place in places(robot, models.likelihood, here)]
     tents = [place.tent() for place, *_ in spots]
     own = models.hypotheses(head.names)
     known = {(place.acts, place.of) for place, *_ in spots}
     for there, moves, factors in FELT_AT:
-        for x, point in _elsewhere(models.bench, head, own, moves, factors) if there in known else ():
-            found = places(robot, models.bench, point)
+        for x, point in _elsewhere(models.likelihood, head, own, moves, factors) if there in known else ():
+            found = places(robot, models.likelihood, point)
             spots += [(place, x, point) for place in found if (place.acts, place.of) == there]
-    bench = _bench_with(models.bench, tents)
+    likelihood = _bench_with(models.likelihood, tents)
 
     def change(job: tuple[int, float]) -> np.ndarray | None:
         place, x, point = spots[job[0]]
@@ -373,10 +373,10 @@ def feel(models: Models, head: Fitted) -> list[Felt]:
         fixed = {f"{name}.at": job[1], f"{name}.width": float(place.tents[1] - place.tents[0])}
         tent = Hypothesis(name, name, (), (), {**fixed, f"{name}.{SIZE}": step})
         # With the mesh's correction of the head: the difference of two corrections is no effect.
-        seen = bench.simulate(model_of(bench.base, [*own, tent]).values(x), head.names)
+        seen = likelihood.simulate(model_of(likelihood.base, [*own, tent]).values(x), head.names)
         if seen is None or sum(s.failed for s in seen) > head.failed:
             return None
-        return (bench.rows(seen) - point.rows) / step
+        return (likelihood.rows(seen) - point.rows) / step
 
     jobs = [(k, float(middle)) for k, (place, *_) in enumerate(spots) for middle in place.tents]
     changed = dict(zip(jobs, in_lanes(change, jobs), strict=True))
@@ -395,7 +395,7 @@ def feel(models: Models, head: Fitted) -> list[Felt]:
 
 
 def _elsewhere(
-    bench: Bench,
+    likelihood: Likelihood,
     head: Fitted,
     own: Sequence[Hypothesis],
     moves: Callable[[Number], bool],
@@ -404,13 +404,13 @@ def _elsewhere(
     """The head where some of its numbers are so many times what they are, within their bounds, and all else
     is as it was: coordinates, and what is simulated there.
     """
-    model = model_of(bench.base, own)
+    model = model_of(likelihood.base, own)
     many: list[np.ndarray] = []
     for factor in factors:
         x = _scaled(model.numbers, head.x, moves, factor)
         if not any(np.array_equal(x, other) for other in (head.x, *many)):
             many.append(x)
-    points = zip(many, bench.points(model, many), strict=True)
+    points = zip(many, likelihood.points(model, many), strict=True)
     return [(x, point) for x, point in points if point is not None and point.failed <= head.failed]
 
 
@@ -437,7 +437,7 @@ def _ranked(felt: Sequence[Felt]) -> list[Ranked]:
     return list(best.values())
 
 
-def promising(head: Fitted, ranked: Sequence[Ranked]) -> list[Candidate]:
+def promising(head: Fitted, ranked: Sequence[Ranked]) -> list[LawCandidate]:
     """The forms and smooth laws that promise most at some places, the best place first; those of a place
     together.
     """
@@ -462,13 +462,13 @@ def promising(head: Fitted, ranked: Sequence[Ranked]) -> list[Candidate]:
 
 def _formed(
     head: Fitted, information: np.ndarray, felt: Felt, entry: tuple[float, Form, float, tuple[float, ...]]
-) -> Candidate:
+) -> LawCandidate:
     """A form at a place, from its best fit to first order; the entry as of `_of_forms`."""
     (score, form, size, shapes), place = entry, felt.place
     u = (place.tents - place.low) / place.span
     own = coordinates(place, form, size, shapes)
     start = _followed(head, information, felt, felt.moved @ (size * form.value(u, *shapes)), own)
-    return Candidate(place, form, score, law_of(place, form)[0], hypothesis_of(place, form), start)
+    return LawCandidate(place, form, score, law_of(place, form)[0], hypothesis_of(place, form), start)
 
 
 def _is_transient(place: Place, form: Form) -> bool:
@@ -519,7 +519,7 @@ def _followed(
     return np.concatenate([felt.x + np.clip(follow, -FAR, FAR), own])
 
 
-def _smooth(head: Fitted, information: np.ndarray, felt: Felt) -> Candidate:
+def _smooth(head: Fitted, information: np.ndarray, felt: Felt) -> LawCandidate:
     """The smooth law at a place, from its best fit to first order."""
     place = felt.place
     law, h = smooth_of(place)
@@ -530,11 +530,11 @@ def _smooth(head: Fitted, information: np.ndarray, felt: Felt) -> Candidate:
     toward = basis.T @ felt.toward
     x = np.clip(np.linalg.solve(inside, toward), -LARGEST, LARGEST)
     start = _followed(head, information, felt, felt.moved @ (basis @ x), x)
-    return Candidate(place, None, float(toward @ x) - felt.lost, law, h, start)
+    return LawCandidate(place, None, float(toward @ x) - felt.lost, law, h, start)
 
 
 def _judged(
-    models: Models, head: Fitted, candidates: Sequence[Candidate], unseen: Unseen
+    models: Models, head: Fitted, candidates: Sequence[LawCandidate], unseen: Unseen
 ) -> Discovery | None:
     """The law that is told, if one predicts unseen samples well enough."""
     of = {c.law.name: c for c in candidates}
@@ -547,7 +547,7 @@ def _judged(
     if (
         found is None
         and not unseen.rows
-        and any(rig.part.explained < len(rig.part.channels) for rig in models.bench.rigs)
+        and any(rig.part.explained < len(rig.part.channels) for rig in models.likelihood.rigs)
     ):
         # A law of the body may show in the pose alone.
         found = _told(models, head, of, fits, unseen.shared(rows=True))
@@ -560,10 +560,10 @@ def _judged(
 
 
 def _told(
-    models: Models, head: Fitted, of: dict[str, Candidate], fits: Sequence[Fitted], unseen: Unseen
+    models: Models, head: Fitted, of: dict[str, LawCandidate], fits: Sequence[Fitted], unseen: Unseen
 ) -> Discovery | None:
     """The law that is told of some that were fitted, judged on unseen samples; in pieces a transient."""
-    probability = models.beside(min(fits, key=lambda f: f.cost))
+    probability = models.probabilities_given_discrepancy(min(fits, key=lambda f: f.cost))
     short = sorted((f for f in fits if of[f.names[-1]].form is not None), key=lambda f: -probability[f.names])
     smooth = {of[f.names[-1]].place.name: f for f in fits if of[f.names[-1]].form is None}
     # The short laws of each place that fit nearly alike are judged, and the smooth one beside them: what fits
@@ -574,7 +574,8 @@ def _told(
         if c.place.of != "t" or not unseen.pieces or c.transient:
             there = best.setdefault(c.place.name, [])
             if not there or (
-                len(there) < SHORT_EACH and f.cost < there[0].cost + WORSE * models.bench.scale_left(there[0])
+                len(there) < SHORT_EACH
+                and f.cost < there[0].cost + WORSE * models.likelihood.scale_left(there[0])
             ):
                 there.append(f)
     tried = [*itertools.chain(*best.values()), *smooth.values()]
@@ -592,7 +593,7 @@ def _told(
     shown = max(may_be_shown, key=lambda f: probability[f.names], default=None)
     if shown is None or any(unseen.best(other, [shown]) is None for other in rivals):
         return None
-    if unseen.rows and models.bench.heavy is None:  # by all rows: not at the cost of what is explained
+    if unseen.rows and models.likelihood.heavy is None:  # by all rows: not at the cost of what is explained
         folds = unseen.folds([head, shown])
         if np.sum(folds[1, :, 0]) > AS_WELL * np.sum(folds[0, :, 0]):
             return None
@@ -608,13 +609,13 @@ def _told(
     models = _weighed_by(models, shown, [head.names, *possible, *(f.names for f in nearest)])
     again = Unseen(models, pieces=unseen.pieces, rows=unseen.rows)
     takes = max(takes, _takes_of_noise(again, models.stored(head), models.stored(shown)))
-    stays = structured(misfit(models.bench, models.stored(shown)))
+    stays = structured(misfit(models.likelihood, models.stored(shown)))
     if takes < (NEARLY_ALL if told.transient or stays else TAKES) or (unseen.pieces and stays):
         return None
     return Discovery(
         models=models,
         fitted=models.stored(shown),
-        place=_covered(models.bench, told, models.stored(shown)),
+        place=_covered(models.likelihood, told, models.stored(shown)),
         law=told.law,
         form=told.form,
         laws={names[-1]: of[names[-1]].law for names in (shown.names, *possible)},
@@ -625,9 +626,9 @@ def _told(
     )
 
 
-def _refused(models: Models, candidate: Candidate, fitted: Fitted) -> str:
+def _refused(models: Models, candidate: LawCandidate, fitted: Fitted) -> str:
     """Why a robot cannot have a law with these numbers; "" if it can."""
-    robot, law = models.bench.rigs[0].robot, candidate.law
+    robot, law = models.likelihood.rigs[0].robot, candidate.law
     values = {q.name: fitted.values[f"{law.name}.{q.name}"] for q in law.numbers}
     if law.acts == "viscous":  # what it takes off friction must be there
         v = np.linspace(candidate.place.low, candidate.place.high, SEEN_AT)
@@ -638,28 +639,28 @@ def _refused(models: Models, candidate: Candidate, fitted: Fitted) -> str:
     return "" if fault is None else fault(values, float(robot.backbone.length))
 
 
-def _covered(bench: Bench, candidate: Candidate, fitted: Fitted) -> Place:
+def _covered(likelihood: Likelihood, candidate: LawCandidate, fitted: Fitted) -> Place:
     """The place of a law with the range that its fit covers: the tension at the tip's cell is simulated."""
     place = candidate.place
     if (place.acts, place.of) != ("tip_cell", "T"):
         return place
     without = dict(fitted.values) | {f"{candidate.law.name}.{SIZE}": 0.0}
-    seen = bench.simulate(without, fitted.names)
-    return place if seen is None else dataclasses.replace(place, high=largest_tip(bench, seen))
+    seen = likelihood.simulate(without, fitted.names)
+    return place if seen is None else dataclasses.replace(place, high=largest_tip(likelihood, seen))
 
 
 def _weighed_by(models: Models, shown: Fitted, others: Sequence[tuple[str, ...]]) -> Models:
     """The models with the noise taken from the one that is shown: a model that leaves structure takes some of
     it for noise. The base model, the one shown and some others are kept, refitted.
     """
-    bench = models.bench.weighed(shown.values, shown.seen)
-    again = Models(bench, list(models.of.values()))
+    likelihood = models.likelihood.weighed(shown.values, shown.seen)
+    again = Models(likelihood, list(models.of.values()))
     kept = {names: models.fits[tuple(sorted(names))] for names in ((), shown.names, *others)}
 
     def refit(item: tuple[tuple[str, ...], Fitted]) -> Fitted | None:
         names, f = item
         # With less noise, what was the end of a fit no longer is.
-        return bench.refit(models.hypotheses(names), f.x, most=MOST_ITERATIONS if f is shown else 5)
+        return likelihood.refit(models.hypotheses(names), f.x, most=MOST_ITERATIONS if f is shown else 5)
 
     again.add([f for f in in_lanes(refit, list(kept.items())) if f is not None])
     return again if {(), tuple(sorted(shown.names))} <= set(again.fits) else models

@@ -11,11 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from calibrate.diagnosis.hypotheses.model import Point
-from calibrate.diagnosis.likelihood.likelihood import Bench
+from calibrate.diagnosis.likelihood.likelihood import Likelihood
 from calibrate.diagnosis.likelihood.locate import cycles_of
 from calibrate.inference.channels import CHANNELS
 from calibrate.inference.number import OWN
-from calibrate.inference.predictor import Seen
+from calibrate.inference.predictor import SimulatedReadings
 from calibrate.inference.simulated_rig import friction_of
 from gtr_jax import Robot, equilibrium
 from gtr_jax.robot.stiffness import stiffness_of
@@ -158,7 +158,7 @@ class Place:
         )
 
 
-def places(robot: Robot, bench: Bench, at: Point) -> list[Place]:
+def places(robot: Robot, likelihood: Likelihood, at: Point) -> list[Place]:
     """The hooks and variables of which the recordings can tell something.
 
     Args:
@@ -168,7 +168,7 @@ def places(robot: Robot, bench: Bench, at: Point) -> list[Place]:
     """
     known = {*friction_of(robot), *stiffness_of(robot)}
     values = {name.partition(OWN)[0]: v for name, v in at.values.items() if name.partition(OWN)[0] in known}
-    top = max(float(rig.part.T_base.T_base.max()) for rig in bench.rigs)
+    top = max(float(rig.part.T_base.T_base.max()) for rig in likelihood.rigs)
     pulled = equilibrium(robot.with_values(**values), jnp.asarray(top))
     wrap, tension, s = (np.asarray(x) for x in (pulled.wrap, pulled.tension, pulled.s))
     there = np.diff(s) > 0
@@ -180,14 +180,14 @@ def places(robot: Robot, bench: Bench, at: Point) -> list[Place]:
         Place("friction", "s", 0.0, length, FRICTION, "dimensionless"),
         Place("base_cell", "T", 0.0, top, CELL * top, "N"),
     ]
-    at_tip = all(rig.part.tips for rig in bench.rigs)
+    at_tip = all(rig.part.tips for rig in likelihood.rigs)
     if at_tip:
         # A cell that reads too little ends below what is simulated.
-        recorded = max(float(rig.part.T_tip.max()) for rig in bench.rigs)
-        largest = max(recorded, largest_tip(bench, at.seen))
+        recorded = max(float(rig.part.T_tip.max()) for rig in likelihood.rigs)
+        largest = max(recorded, largest_tip(likelihood, at.seen))
         found.append(Place("tip_cell", "T", 0.0, largest, CELL * top, "N"))
     found.append(Place("drag", "s", 0.0, length, DRAG * top / length, "N/m"))
-    if any("displacement" in rig.part.channels for rig in bench.rigs):
+    if any("displacement" in rig.part.channels for rig in likelihood.rigs):
         found.append(Place("strain", "T", 0.0, top, STRAIN, "dimensionless"))
     if not robot.backbone.rigid:
         bend = float(np.max(np.abs(np.asarray(pulled.curvature))))
@@ -196,21 +196,21 @@ def places(robot: Robot, bench: Bench, at: Point) -> list[Place]:
     drawn = max(float(np.nanmax(seen.values[CHANNELS.index("displacement")])) for seen in at.seen)
     if drawn > 0:
         found.append(Place("friction", "d", 0.0, drawn, FRICTION, "dimensionless"))
-    times = [rig.part.time for rig in bench.rigs if rig.part.time is not None]
-    if len(times) == len(bench.rigs):
+    times = [rig.part.time for rig in likelihood.rigs if rig.part.time is not None]
+    if len(times) == len(likelihood.rigs):
         end = max(float(np.ptp(time)) for time in times)
         found.append(Place("friction", "t", 0.0, end, FRICTION, "dimensionless"))
         if at_tip:
             found.append(Place("tip_cell", "t", 0.0, end, CELL * top, "N"))
         every = float(np.median(np.concatenate([np.diff(time) for time in times])))
-        if every > 0 and at_tip and all(rig.part.samples <= RESPONDS for rig in bench.rigs):
+        if every > 0 and at_tip and all(rig.part.samples <= RESPONDS for rig in likelihood.rigs):
             longest = (LAGS - 1) * every
             found.append(Place("tip_response", "l", 0.0, longest, RESPONSE, "dimensionless"))
         fast = _fastest(times, at)
         if fast > 0:
             found.append(Place("friction", "v", 0.0, fast, FRICTION, "dimensionless"))
             found.append(Place("viscous", "v", 0.0, fast, VISCOUS, "dimensionless"))
-    turns = max(int(cycles_of(rig.part.T_base.T_base)[-1]) for rig in bench.rigs)
+    turns = max(int(cycles_of(rig.part.T_base.T_base)[-1]) for rig in likelihood.rigs)
     if turns >= 3:
         found.append(Place("friction", "n", 0.0, float(turns), FRICTION, "dimensionless"))
     there = {place.name: sum(law.name.startswith(place.name) for law in robot.laws) for place in found}
@@ -221,10 +221,11 @@ def places(robot: Robot, bench: Bench, at: Point) -> list[Place]:
     ]
 
 
-def largest_tip(bench: Bench, seen: Sequence[Seen]) -> float:
+def largest_tip(likelihood: Likelihood, seen: Sequence[SimulatedReadings]) -> float:
     """Largest tip tension that is simulated [N]."""
     return max(
-        float(np.max(s.values[rig.where][: rig.part.tips])) for s, rig in zip(seen, bench.rigs, strict=True)
+        float(np.max(s.values[rig.where][: rig.part.tips]))
+        for s, rig in zip(seen, likelihood.rigs, strict=True)
     )
 
 

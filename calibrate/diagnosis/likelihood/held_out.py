@@ -12,26 +12,26 @@ from calibrate.diagnosis.hypotheses.model import Fitted
 from calibrate.inference.number import OWN
 from calibrate.inference.side_by_side import in_lanes
 
-from .likelihood import Bench, without_zero
+from .likelihood import Likelihood, without_zero
 from .locate import cycles_in
 
 # Parts held out in turn, at most; and pieces of a recording that each of them takes where they alternate.
 FOLDS, PIECES = 4, 8
 
 
-def folds(bench: Bench, *, pieces: bool = False) -> list[tuple[str, list[np.ndarray]]]:
+def folds(likelihood: Likelihood, *, pieces: bool = False) -> list[tuple[str, list[np.ndarray]]]:
     """What is held out in turn: a name, and which samples of each recording, (K,) bool each.
 
     In pieces every fourth of about 32 short pieces of each recording, else whole recordings where there are
     three or more that have no number of their own, cycles where a recording has three or more, else stretches
     of the load history: low and high pull, early and late release.
     """
-    rigs = bench.rigs
+    rigs = likelihood.rigs
     if pieces:
         each = [max(1, round(r.part.samples / (PIECES * FOLDS))) for r in rigs]
         turns = [np.arange(r.part.samples) // n % FOLDS for r, n in zip(rigs, each, strict=True)]
         return [(f"piece {f + 1} of every {FOLDS}", [t == f for t in turns]) for f in range(FOLDS)]
-    if len(rigs) >= 3 and not any(OWN in n.name for n in bench.base):
+    if len(rigs) >= 3 and not any(OWN in n.name for n in likelihood.base):
         return [(rig.part.name, [np.full(r.part.samples, r is rig) for r in rigs]) for rig in rigs[:FOLDS]]
     cycles = [cycles_in(rig.part) for rig in rigs]
     most = max(int(c[-1]) for c in cycles)
@@ -61,7 +61,7 @@ def _when_known(hypotheses: Sequence[Hypothesis], fitted: Fitted) -> tuple[list[
 
 
 def by_fold(
-    bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]], *, pieces: bool = False
+    likelihood: Likelihood, models: Sequence[tuple[Sequence[Hypothesis], Fitted]], *, pieces: bool = False
 ) -> np.ndarray:
     """What each model leaves of each part when it is refitted to the others, (models, folds, 4): sum of
     squares (SI) and number of the samples of what is explained, sum of squares and number of all whitened
@@ -74,13 +74,13 @@ def by_fold(
     """
     parts = [
         (name, held)
-        for name, held in folds(bench, pieces=pieces)
-        if any(np.any(out & rig.part.counted) for out, rig in zip(held, bench.rigs, strict=True))
+        for name, held in folds(likelihood, pieces=pieces)
+        if any(np.any(out & rig.part.counted) for out, rig in zip(held, likelihood.rigs, strict=True))
     ]
     jobs = [(m, f) for m in range(len(models)) for f in range(len(parts))]
     known = [_when_known(hypotheses, fitted) for hypotheses, fitted in models]
     benches = [
-        bench.with_base(fitted.numbers[: len(fitted.numbers) - sum(len(h.numbers) for h in hypotheses)])
+        likelihood.with_base(fitted.numbers[: len(fitted.numbers) - sum(len(h.numbers) for h in hypotheses)])
         for hypotheses, fitted in models
     ]
 
@@ -91,9 +91,9 @@ def by_fold(
         squares, n, chi, rows = 0.0, 0, 0.0, 0
         if again is None:
             return squares, n, chi, rows
-        residuals = bench.residuals(again.seen)
-        white = bench.by_channel(bench.tamed(bench.white(residuals)))
-        for z, residual, held, rig in zip(white, residuals, parts[f][1], bench.rigs, strict=True):
+        residuals = likelihood.residuals(again.seen)
+        white = likelihood.by_channel(likelihood.robustify(likelihood.white(residuals)))
+        for z, residual, held, rig in zip(white, residuals, parts[f][1], likelihood.rigs, strict=True):
             out = held & rig.part.counted
             off = without_zero(rig.part, residual, rig.part.counted & ~held)
             told = off[: rig.part.explained, out]
@@ -105,7 +105,7 @@ def by_fold(
 
 
 def held_out(
-    bench: Bench, models: Sequence[tuple[Sequence[Hypothesis], Fitted]], *, pieces: bool = False
+    likelihood: Likelihood, models: Sequence[tuple[Sequence[Hypothesis], Fitted]], *, pieces: bool = False
 ) -> list[dict[str, float]]:
     """Score of each model on samples to which it was not fitted; arguments as of `by_fold`.
 
@@ -114,7 +114,7 @@ def held_out(
         "folds", how many there are; and "best_in", the number of folds in which the rms of this model was
         the lowest. A fold in which a refit fails does not count; NaN where none is left.
     """
-    found = by_fold(bench, models, pieces=pieces)
+    found = by_fold(likelihood, models, pieces=pieces)
     # Parts in which every model was refitted: all are judged on the same samples.
     found[:, np.any(found[..., 1] == 0, axis=0)] = 0.0
     counted = found[..., 1]

@@ -13,10 +13,10 @@ from calibrate.inference.channels import quantity_of
 from calibrate.inference.instruments import tendon_of_channel
 from calibrate.inference.least_squares import BY_DIFFERENCES, Rules, minimise
 from calibrate.inference.number import Number
-from calibrate.inference.predictor import Seen
-from calibrate.inference.setup import Part
+from calibrate.inference.predictor import SimulatedReadings
+from calibrate.inference.setup import Observation
 from calibrate.inference.several import SeveralWeighing
-from calibrate.inference.simulated_rig import Rig
+from calibrate.inference.simulated_rig import SimulatedRig
 from calibrate.inference.weighing import Weighing
 from gtr_jax.recordings.base_tension import exact
 from gtr_jax.recordings.signals.noise import (
@@ -45,7 +45,7 @@ HEAVY = 4.0
 DISCRETE = 1e-4
 
 
-def noise_in(rig: Rig, residual: np.ndarray) -> list[Noise]:
+def noise_in(rig: SimulatedRig, residual: np.ndarray) -> list[Noise]:
     """Noise of the channels of a recording, with the remaining discretisation error counted as noise."""
     part = rig.part
     least = np.maximum(part.smallest, [resolution(row) / np.sqrt(12) for row in part.recorded])
@@ -62,7 +62,7 @@ def noise_in(rig: Rig, residual: np.ndarray) -> list[Noise]:
     ]
 
 
-def without_zero(part: Part, residual: np.ndarray, inside: np.ndarray) -> np.ndarray:
+def without_zero(part: Observation, residual: np.ndarray, inside: np.ndarray) -> np.ndarray:
     """The residual of a recording, (C, K), less the mean of displacements, in each stretch of it: where they
     are counted from is not known.
 
@@ -82,7 +82,9 @@ def without_zero(part: Part, residual: np.ndarray, inside: np.ndarray) -> np.nda
     return residual - np.where(np.asarray(floating)[:, None], zero, 0.0)
 
 
-def passing(rig: Rig, seen: Seen, noise: list[Noise], values: Mapping[str, float]) -> Weighing:
+def passing(
+    rig: SimulatedRig, seen: SimulatedReadings, noise: list[Noise], values: Mapping[str, float]
+) -> Weighing:
     """The weighing of a recording's residuals, with the noise of what drives the tendons passed on to the
     channels.
     """
@@ -108,12 +110,12 @@ def passing(rig: Rig, seen: Seen, noise: list[Noise], values: Mapping[str, float
     return dataclasses.replace(plain, slope=slope, last=np.stack(last), sd_base=base.believed)
 
 
-def _slope(rig: Rig, values: Mapping[str, float], tendon: int) -> np.ndarray | None:
+def _slope(rig: SimulatedRig, values: Mapping[str, float], tendon: int) -> np.ndarray | None:
     """As `change_by`; None where what drives the tendon is exact."""
     return None if rig.part.drives[tendon].sd == 0 else change_by(rig, values, tendon)
 
 
-def change_by(rig: Rig, values: Mapping[str, float], tendon: int) -> np.ndarray | None:
+def change_by(rig: SimulatedRig, values: Mapping[str, float], tendon: int) -> np.ndarray | None:
     """Change of the channels per change of what drives a tendon, (C, K), by differences; None where the
     simulation breaks down.
     """
@@ -130,7 +132,7 @@ def change_by(rig: Rig, values: Mapping[str, float], tendon: int) -> np.ndarray 
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Bench:
+class Likelihood:
     """Recordings with whitened residuals.
 
     Attributes:
@@ -147,7 +149,7 @@ class Bench:
         untried: names of terms that are not tried.
     """
 
-    rigs: tuple[Rig, ...]
+    rigs: tuple[SimulatedRig, ...]
     base: tuple[Number, ...]
     dimensions: tuple[Number, ...] = ()
     noise: Sequence[list[Noise]] = ()
@@ -157,7 +159,9 @@ class Bench:
     heavy: float | None = None
     untried: Sequence[str] = ()
 
-    def simulate(self, values: Mapping[str, float], names: Sequence[str] = ()) -> tuple[Seen, ...] | None:
+    def simulate(
+        self, values: Mapping[str, float], names: Sequence[str] = ()
+    ) -> tuple[SimulatedReadings, ...] | None:
         """All recordings with some numbers changed; None where one breaks down.
 
         Args:
@@ -168,9 +172,9 @@ class Bench:
 
     def simulated(
         self, many: Sequence[Mapping[str, float]], names: Sequence[str] = ()
-    ) -> list[tuple[Seen, ...] | None]:
+    ) -> list[tuple[SimulatedReadings, ...] | None]:
         """As `simulate`, of several sets of numbers side by side."""
-        found: list[list[Seen] | None] = [[] for _ in many]
+        found: list[list[SimulatedReadings] | None] = [[] for _ in many]
         for rig, more in zip(self.rigs, self.correction(names), strict=True):
             going = [i for i, seen in enumerate(found) if seen is not None]
             for i, seen in zip(going, rig.many([many[i] for i in going]), strict=True):
@@ -192,12 +196,12 @@ class Bench:
         of = [known[(name,)] for name in key if (name,) in known]
         return [p + sum((c[k] - p for c in of), np.zeros_like(p)) for k, p in enumerate(plain)]
 
-    def corrected(self, more: Mapping[tuple[str, ...], list[np.ndarray]]) -> Bench:
+    def corrected(self, more: Mapping[tuple[str, ...], list[np.ndarray]]) -> Likelihood:
         """The same with further corrections, by names of the effects that act."""
         known = dict(self.corrections) | {tuple(sorted(names)): c for names, c in more.items()}
         return dataclasses.replace(self, corrections=known)
 
-    def residuals(self, seen: Sequence[Seen]) -> list[np.ndarray]:
+    def residuals(self, seen: Sequence[SimulatedReadings]) -> list[np.ndarray]:
         """Simulated minus recorded of each recording, (C, K), but for the unknown zero of displacements."""
         return [
             without_zero(rig.part, s.values[rig.where] - rig.part.recorded, rig.part.counted)
@@ -205,8 +209,11 @@ class Bench:
         ]
 
     def weighed(
-        self, values: Mapping[str, float], seen: Sequence[Seen], known: Sequence[list[Noise]] | None = None
-    ) -> Bench:
+        self,
+        values: Mapping[str, float],
+        seen: Sequence[SimulatedReadings],
+        known: Sequence[list[Noise]] | None = None,
+    ) -> Likelihood:
         """A copy with the noise, and how it passes from the base to the tip, taken from a fit.
 
         Args:
@@ -221,7 +228,7 @@ class Bench:
         other = dataclasses.replace(other, follow=other.answer_of_dimensions(values))
         return other if self.heavy is None else dataclasses.replace(other, heavy=other.far(seen))
 
-    def far(self, seen: Sequence[Seen]) -> float:
+    def far(self, seen: Sequence[SimulatedReadings]) -> float:
         """Where rows of a simulation are far off: `HEAVY` times what is usual among those of what is
         explained. A law that is missing is wrong by many standard deviations of the noise wherever it
         applies.
@@ -236,7 +243,9 @@ class Bench:
     def answer_of_dimensions(self, values: Mapping[str, float]) -> Follow | None:
         """How the dimensions change what is simulated at some values; None without dimensions."""
 
-        def change(rig: Rig, here: Seen | None, there: Seen | None) -> np.ndarray:
+        def change(
+            rig: SimulatedRig, here: SimulatedReadings | None, there: SimulatedReadings | None
+        ) -> np.ndarray:
             if here is None or there is None:
                 return np.zeros(rig.part.recorded.shape)
             return (there.values - here.values)[rig.where]
@@ -269,17 +278,17 @@ class Bench:
                 count += rig.part.samples
         return float(np.sqrt(total / count))
 
-    def rows(self, seen: Sequence[Seen]) -> np.ndarray:
+    def rows(self, seen: Sequence[SimulatedReadings]) -> np.ndarray:
         """Whitened residuals of all recordings in one array, with the uncertain dimensions free to follow,
         (n,).
         """
-        return self.tamed(self._free(seen))
+        return self.robustify(self._free(seen))
 
-    def _free(self, seen: Sequence[Seen]) -> np.ndarray:
+    def _free(self, seen: Sequence[SimulatedReadings]) -> np.ndarray:
         rows = self.white(self.residuals(seen))
-        return rows if self.follow is None else self.follow.freed(rows, self.tamed(rows))
+        return rows if self.follow is None else self.follow.freed(rows, self.robustify(rows))
 
-    def tamed(self, rows: np.ndarray) -> np.ndarray:
+    def robustify(self, rows: np.ndarray) -> np.ndarray:
         """White rows, (n,), so that their squares sum to what is minimised: with `heavy` tails c, the sum of
         c^2 ln(1 + r^2/c^2), which a Student distribution of the errors has (Barron 2019, eq. 12). Long
         recordings hold stretches in which something outside any model acts, and a few samples in steep
@@ -289,8 +298,8 @@ class Bench:
             return rows
         return np.sign(rows) * self.heavy * np.sqrt(np.log1p((rows / self.heavy) ** 2))
 
-    def untamed(self, rows: np.ndarray) -> np.ndarray:
-        """The inverse of `tamed`."""
+    def unrobustify(self, rows: np.ndarray) -> np.ndarray:
+        """The inverse of `robustify`."""
         if self.heavy is None:
             return rows
         return np.sign(rows) * self.heavy * np.sqrt(np.expm1((rows / self.heavy) ** 2))
@@ -445,7 +454,7 @@ class Bench:
             start += (C + len(rig.part.drives)) * K
         return found
 
-    def without(self, held: Sequence[np.ndarray]) -> Bench:
+    def without(self, held: Sequence[np.ndarray]) -> Likelihood:
         """The same with samples of each recording, (K,) bool each, left out of everything."""
         weighs = [weigh.only(~out) for weigh, out in zip(self.weighs, held, strict=True)]
         other = dataclasses.replace(self, weighs=weighs)
@@ -453,11 +462,11 @@ class Bench:
             return other
         return dataclasses.replace(other, follow=other.following(self.follow.change))
 
-    def with_base(self, base: Sequence[Number]) -> Bench:
+    def with_base(self, base: Sequence[Number]) -> Likelihood:
         """The same with other base numbers."""
         return dataclasses.replace(self, base=tuple(base))
 
-    def with_dimensions_free(self) -> Bench:
+    def with_dimensions_free(self) -> Likelihood:
         """The same recordings with the uncertain dimensions among the base numbers: following to first order
         is too rough for values and standard errors.
         """

@@ -13,11 +13,11 @@ from calibrate.diagnosis.hypotheses.model import Fitted
 from calibrate.inference.channels import quantity_of, unit_of
 from calibrate.inference.instruments import leading, of_one, tendon_of_channel
 from calibrate.inference.number import OWN
-from calibrate.inference.setup import Part
+from calibrate.inference.setup import Observation
 from gtr_jax.recordings.base_tension import turning_points
 from gtr_jax.simulation.phases import PULLING, RELEASING, TRANSITION, phases_of_slip
 
-from .likelihood import Bench
+from .likelihood import Likelihood
 
 PHASES = (PULLING, TRANSITION, RELEASING)
 # Samples that a part needs; significance, in standard errors, from which it is reported.
@@ -69,7 +69,7 @@ class Where:
         return given | {k: v for k, v in more.items() if v is not None}
 
 
-def phases_of(bench: Bench, fitted: Fitted, k: int) -> np.ndarray:
+def phases_of(likelihood: Likelihood, fitted: Fitted, k: int) -> np.ndarray:
     """Phase of each sample of recording k under a fit, (K, *tendons) of str."""
     seen = fitted.seen[k]
     if seen.slips.ndim == 1:
@@ -78,7 +78,7 @@ def phases_of(bench: Bench, fitted: Fitted, k: int) -> np.ndarray:
     return np.stack(list(each), axis=1)
 
 
-def cycles_in(part: Part) -> np.ndarray:
+def cycles_in(part: Observation) -> np.ndarray:
     """Number of the cycle of each sample of a recording, from 1, by the tendon that leads, (K,)."""
     return cycles_of(part.drives[leading(part)].T_base)
 
@@ -106,23 +106,23 @@ def _strata(T: np.ndarray, phases: np.ndarray, cycle: np.ndarray):
                 yield phase, c, (phases == phase) & (cycle == c)
 
 
-def locate(bench: Bench, fitted: Fitted) -> list[Where]:
+def locate(likelihood: Likelihood, fitted: Fitted) -> list[Where]:
     """The parts in which a fit and the recordings differ by more than noise, those with most of the misfit
     first.
     """
     found: list[tuple[Where, bool, float]] = []
-    for k, (rig, residual) in enumerate(zip(bench.rigs, bench.residuals(fitted.seen), strict=True)):
+    for k, (rig, residual) in enumerate(zip(likelihood.rigs, likelihood.residuals(fitted.seen), strict=True)):
         part = rig.part
-        phases, cycle = phases_of(bench, fitted, k), cycles_in(part)
+        phases, cycle = phases_of(likelihood, fitted, k), cycles_in(part)
         for c, (name, row) in enumerate(zip(part.channels, residual, strict=True)):
-            noise = bench.noise[k][c]
+            noise = likelihood.noise[k][c]
             tendon = tendon_of_channel(part, name)
             T, by_draw = part.drives[tendon].T_base, part.robot.tendons[tendon].drive == "displacement"
             off = row - row.mean() if quantity_of(name) == "displacement" else row
             # Samples per independent one; and variance with the base tension's noise, which passes on where
             # the tip slips.
             tau = (1 + noise.rho) / (1 - noise.rho)
-            variance = noise.sd**2 + bench.weighs[k].passed[c] ** 2
+            variance = noise.sd**2 + likelihood.weighs[k].passed[c] ** 2
             total = float(np.sum(np.maximum(off**2 - variance, 0.0)[part.counted]))
             for phase, number, stratum in _strata(T, of_one(phases, tendon), cycle):
                 inside = stratum & part.counted
@@ -151,7 +151,7 @@ def locate(bench: Bench, fitted: Fitted) -> list[Where]:
                     unit=unit_of(name),
                     z=float(z),
                     share=share,
-                    says=("" if len(bench.rigs) == 1 else f"{part.name}: ")
+                    says=("" if len(likelihood.rigs) == 1 else f"{part.name}: ")
                     + _words(
                         (name, unit_of(name)),
                         phase,
@@ -191,14 +191,16 @@ def _words(channel: tuple[str, str], phase, cycle, reach, mean, excess) -> str:
     )
 
 
-def misfit(bench: Bench, fitted: Fitted) -> tuple[float, float]:
+def misfit(likelihood: Likelihood, fitted: Fitted) -> tuple[float, float]:
     """How much structure a fit leaves: rms of the white residuals beyond noise, in standard deviations of it,
     and its significance in standard errors.
 
     The significance is that of sums over neighbouring samples, whose noise is independent after whitening.
     """
     energy, count, blocks, squares = 0.0, 0, 0, 0.0
-    for whole, rig in zip(bench.by_channel(bench.untamed(fitted.rows)), bench.rigs, strict=True):
+    for whole, rig in zip(
+        likelihood.by_channel(likelihood.unrobustify(fitted.rows)), likelihood.rigs, strict=True
+    ):
         z = whole[:, rig.part.counted]
         C, K = z.shape
         if not K:
@@ -214,12 +216,12 @@ def misfit(bench: Bench, fitted: Fitted) -> tuple[float, float]:
     return float(excess), float((squares - blocks + min(free, blocks // 2)) / np.sqrt(2 * blocks))
 
 
-def between_samples(bench: Bench, fitted: Fitted) -> float:
+def between_samples(likelihood: Likelihood, fitted: Fitted) -> float:
     """Sum of squares, in variances of the noise, that a delay of the tip's cell may leave because the tension
     between two samples is not known: it may turn there as much as it does from one interval to the next.
     """
     found = []
-    for rig, seen in zip(bench.rigs, fitted.seen, strict=True):
+    for rig, seen in zip(likelihood.rigs, fitted.seen, strict=True):
         part, shown = rig.part, seen.values[rig.where]
         off = np.zeros_like(shown)
         for row in range(part.tips):
@@ -232,7 +234,7 @@ def between_samples(bench: Bench, fitted: Fitted) -> float:
             if part.time is not None:
                 off[row] = _turning(part.time, shown[row], *ends)
         found.append(off)
-    return float(np.sum(bench.tamed(bench.white(found)) ** 2))
+    return float(np.sum(likelihood.robustify(likelihood.white(found)) ** 2))
 
 
 def _turning(time: np.ndarray, T: np.ndarray, delay: float, rate: float) -> np.ndarray:
@@ -271,7 +273,7 @@ def ratio_of_branches(T_base: np.ndarray, T_tip: np.ndarray, phases: np.ndarray,
     return np.asarray(at), np.asarray(D), np.asarray(S)
 
 
-def _rows_of(part: Part, tendon: int) -> list[int]:
+def _rows_of(part: Observation, tendon: int) -> list[int]:
     """Channels of a recording without tip tension that tell of the friction of a tendon: all but those of
     other tendons.
     """
@@ -284,7 +286,7 @@ def _rows_of(part: Part, tendon: int) -> list[int]:
 
 
 def mu_by_stratum(
-    bench: Bench, fitted: Fitted, covariance: np.ndarray
+    likelihood: Likelihood, fitted: Fitted, covariance: np.ndarray
 ) -> list[tuple[str, float, float, float]]:
     """Friction coefficient of the base model from parts of the samples, the rest as fitted.
 
@@ -299,11 +301,11 @@ def mu_by_stratum(
         together.
     """
     found, names = [], [n.name for n in fitted.numbers]
-    white, columns = bench.by_channel(fitted.rows), bench.by_channel(fitted.jacobian)
-    wide = max(1.0, bench.mean_square(fitted))
+    white, columns = likelihood.by_channel(fitted.rows), likelihood.by_channel(fitted.jacobian)
+    wide = max(1.0, likelihood.mean_square(fitted))
     friction = list(dict.fromkeys(n.parameter for n in fitted.numbers if is_friction(n)))
-    for k, rig in enumerate(bench.rigs):
-        phases, cycle = phases_of(bench, fitted, k), cycles_in(rig.part)
+    for k, rig in enumerate(likelihood.rigs):
+        phases, cycle = phases_of(likelihood, fitted, k), cycles_in(rig.part)
         for i, mu_name in enumerate(friction):
             own = f"{mu_name}{OWN}{rig.part.name}"
             at = names.index(own) if own in names else names.index(mu_name)
@@ -327,7 +329,7 @@ def mu_by_stratum(
                 x = fitted.x[at] - float(mu @ z[:, inside].ravel()) / power
                 lean = -(mu @ slopes[:, others]) / power
                 sd = float(np.sqrt(wide / power + lean @ covariance[np.ix_(others, others)] @ lean))
-                whose = f"{part.name}, " if len(bench.rigs) > 1 else ""
+                whose = f"{part.name}, " if len(likelihood.rigs) > 1 else ""
                 whose += f"{part.robot.tendon_names[i]}, " if len(friction) > 1 else ""
                 size = number.value(fitted.x[at]) * number.sd
                 found.append((whose + label, number.value(x), size * sd, size * float(np.sqrt(wide / power))))

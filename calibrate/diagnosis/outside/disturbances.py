@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import median_filter
 
-from calibrate.inference.predictor import Seen
-from calibrate.inference.setup import Part
+from calibrate.inference.predictor import SimulatedReadings
+from calibrate.inference.setup import Observation
 from gtr_jax.recordings.signals import differences
 from gtr_jax.recordings.signals.differences import MAD_TO_SD
 
@@ -54,7 +54,7 @@ MEETS, NEAR = 1.0, 2.0
 
 
 def disturbances(
-    part: Part, thinned: Part, seen: Seen, slope: np.ndarray, delay: float = 0.0
+    part: Observation, thinned: Observation, seen: SimulatedReadings, slope: np.ndarray, delay: float = 0.0
 ) -> list[Stretch]:
     """Stretches of a recording in which the tip tension moves as the base tension cannot move it, each up to
     where the tendon has forgotten it. A change that begins off the simulation and ends on it is none: the tip
@@ -89,7 +89,7 @@ def disturbances(
     return stretches
 
 
-def behind_gaps(part: Part, thinned: Part, seen: Seen) -> list[Stretch]:
+def behind_gaps(part: Observation, thinned: Observation, seen: SimulatedReadings) -> list[Stretch]:
     """Stretches behind gaps of a recording, each up to where the tendon has forgotten what it did in the gap;
     arguments as of `disturbances`. None where the base tension hardly moves or the tendon is slack.
     """
@@ -133,7 +133,7 @@ def _step(time: np.ndarray) -> float:
     return float(time[-1] - time[0]) / max(len(time) - 1, 1)
 
 
-def _misfit(thinned: Part, seen: Seen) -> tuple[np.ndarray, float]:
+def _misfit(thinned: Observation, seen: SimulatedReadings) -> tuple[np.ndarray, float]:
     """Simulated minus recorded tip tension [N], (K,), and its usual size."""
     off = seen.values[0] - thinned.recorded[0]
     return off, MAD_TO_SD * float(np.median(np.abs(off[thinned.counted])))
@@ -150,7 +150,7 @@ class _Sudden(NamedTuple):
     end: int
 
 
-def _sudden(part: Part, steepest: float, delay: float) -> list[_Sudden]:
+def _sudden(part: Observation, steepest: float, delay: float) -> list[_Sudden]:
     """Changes of the tip tension beyond what changes of the base tension with a slope explain."""
     time, T_base, K = np.asarray(part.time), part.T_base.T_base, part.samples
     tip = median_filter(part.recorded[0], MEDIAN, mode="nearest")
@@ -182,7 +182,7 @@ def _sudden(part: Part, steepest: float, delay: float) -> list[_Sudden]:
     return found
 
 
-def _met(thinned: Part, seen: Seen) -> np.ndarray:
+def _met(thinned: Observation, seen: SimulatedReadings) -> np.ndarray:
     """Places at which the simulation slips at the tip and meets the recording from the side on which friction
     holds it, increasing.
     """
@@ -191,14 +191,14 @@ def _met(thinned: Part, seen: Seen) -> np.ndarray:
     return thinned.places[(pulling & (off >= -MEETS * usual)) | (releasing & (off <= MEETS * usual))]
 
 
-def _forgotten(part: Part, met: np.ndarray, last: int) -> int:
+def _forgotten(part: Observation, met: np.ndarray, last: int) -> int:
     """Place of the first of those in `met` behind sample `last`; the end of the recording without one."""
     end = int(part.places[last])
     again = met[met > end]
     return max(int(again[0]) if again.size else int(part.places[-1]), end)
 
 
-def _moved(part: Part, change: _Sudden, until: int) -> Stretch:
+def _moved(part: Observation, change: _Sudden, until: int) -> Stretch:
     """A change and what follows it, up to a place."""
     time, T_base, T_tip = np.asarray(part.time), part.T_base.T_base, part.recorded[0]
     first, last = change.start, change.end

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from calibrate.diagnosis.hypotheses.model import Fitted
-from calibrate.diagnosis.likelihood.likelihood import Bench
+from calibrate.diagnosis.likelihood.likelihood import Likelihood
 from calibrate.inference.instruments import of_one, words_for
-from calibrate.inference.predictor import Seen
-from calibrate.inference.setup import Part
+from calibrate.inference.predictor import SimulatedReadings
+from calibrate.inference.setup import Observation
 from gtr_jax.recordings.signals.differences import MAD_TO_SD
 
 # A sample belongs to an episode beyond this many standard deviations of its noise, and beyond this many of
@@ -98,18 +98,23 @@ class Episode:
         return given | {k: v for k, v in more.items() if v is not None}
 
 
-def episodes(bench: Bench, fitted: Fitted) -> list[Episode]:
+def episodes(likelihood: Likelihood, fitted: Fitted) -> list[Episode]:
     """Episodes of the misfit of T_tip that a fit leaves, those with most of it first."""
     found = []
-    for k, (rig, residual) in enumerate(zip(bench.rigs, bench.residuals(fitted.seen), strict=True)):
+    for k, (rig, residual) in enumerate(zip(likelihood.rigs, likelihood.residuals(fitted.seen), strict=True)):
         part, rows = rig.part, residual[: rig.part.tips]
-        sds = np.asarray([noise.sd for noise in bench.noise[k][: part.tips]])[:, None]
-        variances = sds**2 + bench.weighs[k].passed[: part.tips] ** 2
+        sds = np.asarray([noise.sd for noise in likelihood.noise[k][: part.tips]])[:, None]
+        variances = sds**2 + likelihood.weighs[k].passed[: part.tips] ** 2
         excess = np.where(part.counted, np.maximum(rows**2 - variances, 0.0), 0.0)
         total = max(float(excess.sum()), 1e-300)
         own = [
             _episode(
-                part, i, (a, b), fitted.seen[k], share, whose=f"{part.name}, " if len(bench.rigs) > 1 else ""
+                part,
+                i,
+                (a, b),
+                fitted.seen[k],
+                share,
+                whose=f"{part.name}, " if len(likelihood.rigs) > 1 else "",
             )
             for i in range(part.tips)
             for a, b in _runs(rows[i], np.sqrt(variances[i]), part.counted)
@@ -140,7 +145,13 @@ def _ends(values: np.ndarray) -> tuple[float, float, float, float]:
 
 
 def _episode(
-    part: Part, tendon: int, ends: tuple[int, int], seen: Seen, share: float, *, whose: str
+    part: Observation,
+    tendon: int,
+    ends: tuple[int, int],
+    seen: SimulatedReadings,
+    share: float,
+    *,
+    whose: str,
 ) -> Episode:
     a, b = ends
     inside, time = slice(a, b + 1), part.time
@@ -192,7 +203,7 @@ def _episode(
     )
 
 
-def _behind_gap(part: Part, a: int) -> bool:
+def _behind_gap(part: Observation, a: int) -> bool:
     """Whether a sample follows a gap in the recording by a few samples."""
     if part.time is None:
         return False

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibrate.diagnosis.hypotheses.hypotheses import Hypothesis, number_of
-from calibrate.diagnosis.likelihood.likelihood import Bench
+from calibrate.diagnosis.likelihood.likelihood import Likelihood
 from calibrate.inference.instruments import leading
 from gtr_jax.terms import REGISTRY
 
@@ -23,7 +23,9 @@ FEWEST = 400
 SHARE, EDGE, SHORTEST = 0.6, 0.05, 0.1
 
 
-def event_hypotheses(bench: Bench, found: Sequence[Episode], taken: Sequence[str]) -> list[Hypothesis]:
+def event_hypotheses(
+    likelihood: Likelihood, found: Sequence[Episode], taken: Sequence[str]
+) -> list[Hypothesis]:
     """A lasting change of friction at some time, and shaking during the episodes in which friction should
     hold the tip. None for several recordings, which do not share their events, and none for short ones.
 
@@ -32,8 +34,8 @@ def event_hypotheses(bench: Bench, found: Sequence[Episode], taken: Sequence[str
         found: episodes of the misfit.
         taken: terms that the model has already.
     """
-    part, taken = bench.rigs[0].part, [*taken, *bench.untried]
-    if len(bench.rigs) != 1 or part.time is None or part.samples < FEWEST:
+    part, taken = likelihood.rigs[0].part, [*taken, *likelihood.untried]
+    if len(likelihood.rigs) != 1 or part.time is None or part.samples < FEWEST:
         return []
     # The terms count time from the first sample.
     begun = float(part.time[0])

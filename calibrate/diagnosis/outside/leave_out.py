@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from calibrate.inference.channels import unit_of
-from calibrate.inference.setup import Part
+from calibrate.inference.setup import Observation
 from gtr_jax import InputError, Recording
 
 from .episodes import AFTER_GAP, ALONE, RELAXES, TOGETHER, Episode, when
@@ -178,7 +178,7 @@ def joined(stretches: Sequence[Stretch]) -> list[Stretch]:
     return found
 
 
-def without(part: Part, stretches: Sequence[Stretch]) -> Part:
+def without(part: Observation, stretches: Sequence[Stretch]) -> Observation:
     """A recording with stretches that are not compared. Behind one in which something outside acts, which may
     have moved an end of the tendon, displacements are counted from another place.
 
@@ -197,7 +197,7 @@ def without(part: Part, stretches: Sequence[Stretch]) -> Part:
     return dataclasses.replace(part, left_out=out, since=since)
 
 
-def left_out(part: Part, stretches: Sequence[Stretch], residual: np.ndarray) -> list[LeftOut]:
+def left_out(part: Observation, stretches: Sequence[Stretch], residual: np.ndarray) -> list[LeftOut]:
     """What was left out of a recording as it was simulated.
 
     Args:

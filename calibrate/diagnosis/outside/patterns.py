@@ -17,10 +17,10 @@ import numpy as np
 from scipy.special import fdtrc, ndtr, ndtri
 
 from calibrate.diagnosis.hypotheses.model import Fitted
-from calibrate.diagnosis.likelihood.likelihood import Bench, noise_in
+from calibrate.diagnosis.likelihood.likelihood import Likelihood, noise_in
 from calibrate.inference.channels import quantity_of, words_of
 from calibrate.inference.instruments import tendon_of_channel, words_for
-from calibrate.inference.setup import Part
+from calibrate.inference.setup import Observation
 from gtr_jax.recordings.signals.differences import MAD_TO_SD
 from gtr_jax.recordings.signals.noise import correlation_time, resolution
 
@@ -125,16 +125,16 @@ class Pattern(NamedTuple):
         return f"what is left of {self.of} swings with {self.along}, {period}"
 
 
-def pattern_in(bench: Bench, fitted: Fitted) -> Pattern | None:
+def pattern_in(likelihood: Likelihood, fitted: Fitted) -> Pattern | None:
     """The regularity in the residual of what is explained that is least probable by chance, or None. Readings
     that stand still are told where they hold more of the residual than it explains: their chance is that of
     the nearest of them alone.
     """
     found: list[Pattern] = []
-    for k, (rig, residual) in enumerate(zip(bench.rigs, bench.residuals(fitted.seen), strict=True)):
+    for k, (rig, residual) in enumerate(zip(likelihood.rigs, likelihood.residuals(fitted.seen), strict=True)):
         for c in range(rig.part.explained):
-            found += _standing(bench, k, c, residual * rig.part.counted)
-            found += _regular(bench, fitted, k, c)
+            found += _standing(likelihood, k, c, residual * rig.part.counted)
+            found += _regular(likelihood, fitted, k, c)
     least = min(found, key=lambda pattern: pattern.chance, default=None)
     still = max((p for p in found if p.stands), key=lambda pattern: pattern.share, default=None)
     if least is None or still is None:
@@ -143,7 +143,7 @@ def pattern_in(bench: Bench, fitted: Fitted) -> Pattern | None:
     return still if elsewhere or still.share > least.share else least
 
 
-def _of(part: Part, c: int) -> str:
+def _of(part: Observation, c: int) -> str:
     """A channel in words, a tip tension as T_tip."""
     name = part.channels[c]
     if quantity_of(name) == "T_tip":
@@ -151,17 +151,17 @@ def _of(part: Part, c: int) -> str:
     return words_of(name)
 
 
-def _regular(bench: Bench, fitted: Fitted, k: int, c: int) -> list[Pattern]:
+def _regular(likelihood: Likelihood, fitted: Fitted, k: int, c: int) -> list[Pattern]:
     """Regularities in the residual of channel c of recording k."""
-    found, rig = [], bench.rigs[k]
+    found, rig = [], likelihood.rigs[k]
     part = rig.part
-    beside = _Beside(bench, fitted, k, c)
+    beside = _Beside(likelihood, fitted, k, c)
     if beside.rms < LEAST:
         return []
     tendon = tendon_of_channel(part, part.channels[c])
     tip, read, drive = fitted.seen[k].values[rig.where[c]], part.recorded[c], part.drives[tendon].T_base
     way = _way(drive)
-    groups = [[Candidate(SAMPLE, _lagged(tip))]]
+    groups = [[PatternCandidate(SAMPLE, _lagged(tip))]]
     tensions = [("T_tip", tip)] if c < part.tips else []
     if part.robot.tendons[tendon].drive == "tension":
         tensions.append(("T_base", drive))
@@ -175,7 +175,7 @@ def _regular(bench: Bench, fitted: Fitted, k: int, c: int) -> list[Pattern]:
             chance = min(1.0, chance * len(group))
             if np.isfinite(one.at_N):
                 share = _share(one.changes, read - tip)
-            if chance < CHANCE / len(bench.rigs) / part.explained and share > SHARE:
+            if chance < CHANCE / len(likelihood.rigs) / part.explained and share > SHARE:
                 found.append(
                     Pattern(
                         recording=part.name,
@@ -191,7 +191,7 @@ def _regular(bench: Bench, fitted: Fitted, k: int, c: int) -> list[Pattern]:
     return found
 
 
-class Candidate(NamedTuple):
+class PatternCandidate(NamedTuple):
     """A pattern to look for: along what; changes of the channel, SI, (m, K); and the rest as in `Pattern`."""
 
     along: str
@@ -210,11 +210,11 @@ class _Beside:
         tau: samples per independent one.
     """
 
-    def __init__(self, bench: Bench, fitted: Fitted, k: int, c: int):
-        self.bench, self.k, self.c, self.numbers = bench, k, c, len(fitted.x)
-        part = bench.rigs[k].part
+    def __init__(self, likelihood: Likelihood, fitted: Fitted, k: int, c: int):
+        self.likelihood, self.k, self.c, self.numbers = likelihood, k, c, len(fitted.x)
+        part = likelihood.rigs[k].part
         tendon = tendon_of_channel(part, part.channels[c])
-        sizes = [(len(rig.part.channels), len(rig.part.drives), rig.part.samples) for rig in bench.rigs]
+        sizes = [(len(rig.part.channels), len(rig.part.drives), rig.part.samples) for rig in likelihood.rigs]
         start = sum((C + n) * K for C, n, K in sizes[:k])
         C, n, self.K = sizes[k]
         self.own, tip = slice(start, start + (C + n) * self.K), c * self.K + np.arange(self.K)
@@ -231,15 +231,15 @@ class _Beside:
         self.total = float(np.sum(self.left[both] ** 2))
         # In a long recording slow noise, and what a hold has in common with the peak before it, pass for a
         # bump: samples count by how independent they are.
-        self.tau = 1.0 if bench.heavy is None else correlation_time(self.left[tip])
+        self.tau = 1.0 if likelihood.heavy is None else correlation_time(self.left[tip])
 
     def _white(self, changes: np.ndarray) -> np.ndarray:
         """Changes of the channel, SI, (m, K), as whitened rows, with those of the numbers below, (n, m)."""
-        residual = np.zeros((*self.bench.rigs[self.k].part.recorded.shape, len(changes)))
+        residual = np.zeros((*self.likelihood.rigs[self.k].part.recorded.shape, len(changes)))
         residual[self.c] = changes.T
-        white = self.bench.white_of(self.k, residual)
-        if self.bench.follow is not None:
-            follow = self.bench.follow
+        white = self.likelihood.white_of(self.k, residual)
+        if self.likelihood.follow is not None:
+            follow = self.likelihood.follow
             white = follow._replace(left=follow.left[self.own]).freed(white, white)
         return np.concatenate([white, np.zeros((self.numbers, len(changes)))])
 
@@ -278,7 +278,7 @@ class _Beside:
         return chance, min(explained / self.total, 1.0)
 
 
-def _standing(bench: Bench, k: int, c: int, residual: np.ndarray) -> list[Pattern]:
+def _standing(likelihood: Likelihood, k: int, c: int, residual: np.ndarray) -> list[Pattern]:
     """Stretches in which the readings of a channel stand still, far from a model that moves: one
     pattern of them all, or none.
 
@@ -287,15 +287,15 @@ def _standing(bench: Bench, k: int, c: int, residual: np.ndarray) -> list[Patter
         k, c: which of them, and which of its channels.
         residual: of it, simulated minus recorded, (C, K).
     """
-    part = bench.rigs[k].part
+    part = likelihood.rigs[k].part
     tendon = tendon_of_channel(part, part.channels[c])
     read, T_base, K = part.recorded[c], part.drives[tendon].T_base, part.samples
     tip = read + residual[c]
     by_draw = part.robot.tendons[tendon].drive == "displacement"
     # Readings that stand still inflate the noise if it is estimated from another fit.
-    sd = min(bench.noise[k][c].sd, noise_in(bench.rigs[k], residual)[c].sd)
-    left = residual[c] / np.hypot(sd, bench.weighs[k].passed[c])
-    beyond = float(-ndtri(0.5 * CHANCE / len(bench.rigs) / K))
+    sd = min(likelihood.noise[k][c].sd, noise_in(likelihood.rigs[k], residual)[c].sd)
+    left = residual[c] / np.hypot(sd, likelihood.weighs[k].passed[c])
+    beyond = float(-ndtri(0.5 * CHANCE / len(likelihood.rigs) / K))
     off, still = np.abs(left) > beyond, STILL_SD * sd + resolution(read)
     # Lone spikes do not count.
     counted = ~off | np.append(off[1:], False) | np.append(False, off[:-1])
@@ -320,7 +320,7 @@ def _standing(bench: Bench, k: int, c: int, residual: np.ndarray) -> list[Patter
     if share < SHARE:
         return []
     least = float(np.min(np.abs(left[far])))
-    chance = float(min(1.0, 2 * K * len(bench.rigs) * ndtr(-least)))
+    chance = float(min(1.0, 2 * K * len(likelihood.rigs) * ndtr(-least)))
     return [Pattern(part.name, TIME, chance, share, stands=tuple(stands), of=_of(part, c))]
 
 
@@ -379,7 +379,7 @@ def _lagged(tip: np.ndarray) -> np.ndarray:
     return np.stack([np.concatenate([np.zeros(lag), change[: len(change) - lag]]) for lag in range(LAGS)])
 
 
-def _waves(name: str, along: np.ndarray, step: float) -> list[Candidate]:
+def _waves(name: str, along: np.ndarray, step: float) -> list[PatternCandidate]:
     """Waves over a tension that its samples, and readings with this resolution `step` [N], can show."""
     span, K = float(np.ptp(along)), len(along)
     if span <= 0:
@@ -390,10 +390,10 @@ def _waves(name: str, along: np.ndarray, step: float) -> list[Candidate]:
     number = np.arange(FEWEST_WAVES, most, STEP)
     angles = 2 * np.pi * number[:, None] * u
     waves = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    return [Candidate(name, wave, float(span / n)) for n, wave in zip(number, waves, strict=True)]
+    return [PatternCandidate(name, wave, float(span / n)) for n, wave in zip(number, waves, strict=True)]
 
 
-def _bumps(name: str, along: np.ndarray, way: np.ndarray) -> list[Candidate]:
+def _bumps(name: str, along: np.ndarray, way: np.ndarray) -> list[PatternCandidate]:
     """Bumps over a tension, while pulling and releasing, where there are enough samples to show them."""
     low, span = float(along.min()), float(np.ptp(along))
     if span <= 0:
@@ -405,6 +405,6 @@ def _bumps(name: str, along: np.ndarray, way: np.ndarray) -> list[Candidate]:
             if np.sum(bump > 0.5) >= TOP:
                 changes = np.stack([bump, way * bump])
                 found.append(
-                    Candidate(name, changes, at_N=low + float(at) * span, width_N=2.35 * width * span)
+                    PatternCandidate(name, changes, at_N=low + float(at) * span, width_N=2.35 * width * span)
                 )
     return found

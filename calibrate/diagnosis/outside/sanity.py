@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibrate.inference.instruments import leading, words_for
-from calibrate.inference.setup import Part
+from calibrate.inference.setup import Observation
 
 # Samples that a diagnosis needs.
 FEWEST = 20
@@ -29,12 +29,12 @@ def _held_back(T: np.ndarray, share: float) -> np.ndarray:
     return np.asarray(found)
 
 
-def fewest_of(part: Part) -> int:
+def fewest_of(part: Observation) -> int:
     """Samples of a recording that a diagnosis needs."""
     return FEWEST if part.tips else max(FEWEST_WITHOUT_TIP, -(-FEWEST // part.explained))
 
 
-def faults(part: Part) -> list[str]:
+def faults(part: Observation) -> list[str]:
     """Why a recording cannot be diagnosed; empty if it can. Of several tendons those that move count."""
     where, found = part.path, []
     fewest = fewest_of(part)
@@ -59,7 +59,7 @@ def faults(part: Part) -> list[str]:
     return found if cells else [*found, *late]
 
 
-def _of_tendon(part: Part, i: int, late: list[str]) -> list[str]:
+def _of_tendon(part: Observation, i: int, late: list[str]) -> list[str]:
     """What is wrong with the tensions of one tendon; `late` comes before what concerns its tip alone."""
     T, tip, whose = part.drives[i].T_base, part.recorded[i], words_for(part, i)
     where, found = part.path, []

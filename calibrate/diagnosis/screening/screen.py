@@ -10,7 +10,7 @@ import numpy as np
 
 from calibrate.diagnosis.hypotheses.hypotheses import Hypothesis
 from calibrate.diagnosis.hypotheses.model import FAILED, Fitted, Model
-from calibrate.diagnosis.likelihood.likelihood import Bench
+from calibrate.diagnosis.likelihood.likelihood import Likelihood
 from calibrate.inference.side_by_side import in_lanes
 
 # Starts that are refitted, by how many numbers a hypothesis has: each shape may have an optimum of its own.
@@ -95,13 +95,15 @@ SHARES = (0.05, 2.0)
 FURTHER = 12
 
 
-def firm_fit(bench: Bench, base: Fitted) -> Fitted | None:
+def firm_fit(likelihood: Likelihood, base: Fitted) -> Fitted | None:
     """The base model fitted with its priors as heavy as the data, if the data have drawn it far off: the
     residual there may resemble the missing effect much more. None if it is not far off.
     """
     if base.prior < FAR_OFF:
         return None
-    return bench.refit((), np.clip(base.x, -FAR, FAR), firm=max(bench.mean_square(base), base.prior))
+    return likelihood.refit(
+        (), np.clip(base.x, -FAR, FAR), firm=max(likelihood.mean_square(base), base.prior)
+    )
 
 
 def merged(one: Sequence[Screened], other: Sequence[Screened]) -> list[Screened]:
@@ -123,7 +125,7 @@ def merged(one: Sequence[Screened], other: Sequence[Screened]) -> list[Screened]
 
 
 def screen(
-    bench: Bench,
+    likelihood: Likelihood,
     fitted: Fitted,
     hypotheses: Sequence[Hypothesis],
     *,
@@ -155,10 +157,10 @@ def screen(
 
     def simulated(numbers, x, fixed):
         values = dict(fitted.values) | Model((), numbers, fixed).values(x)
-        seen = bench.simulate(values, fitted.names)
+        seen = likelihood.simulate(values, fitted.names)
         if seen is None or sum(s.failed for s in seen) > fitted.failed:
             return None
-        return bench.rows(seen), sum(s.failed for s in seen)
+        return likelihood.rows(seen), sum(s.failed for s in seen)
 
     def cost(rows, x, failed):
         return float(np.sum(rows**2) + np.sum(x**2) + FAILED * failed)
@@ -215,7 +217,7 @@ def screen(
         shape = {m.name: tried.named[m.name] for m in h.numbers[len(free) :]}
         own = dataclasses.replace(h, numbers=free, fixed={**h.fixed, **shape})
         x = np.concatenate([fitted.x, [m.at(tried.named[m.name]) for m in free]])
-        found = bench.refit((*(head or ()), own), x, known=known, exact=False, most=QUICK)
+        found = likelihood.refit((*(head or ()), own), x, known=known, exact=False, most=QUICK)
         if found is None:
             return None
         at = np.asarray([m.at(shape[m.name]) for m in h.numbers[len(free) :]])

@@ -19,7 +19,7 @@ from scipy.special import chdtrc, chdtri
 from calibrate.diagnosis.evidence.models import BELIEVED, HOW_MANY, LARGEST_SCALE, Models
 from calibrate.diagnosis.hypotheses.hypotheses import Hypothesis, number_of
 from calibrate.diagnosis.hypotheses.model import Fitted, model_of
-from calibrate.diagnosis.likelihood.likelihood import Bench
+from calibrate.diagnosis.likelihood.likelihood import Likelihood
 from calibrate.diagnosis.screening.screen import SEEN, screen
 from calibrate.inference.instruments import cells_of
 from calibrate.inference.number import OWN, Number, number_at, values_in
@@ -94,7 +94,7 @@ class _Tried(NamedTuple):
 
     number: Number
     shared: Fitted
-    each: Bench
+    each: Likelihood
     own: Fitted
 
 
@@ -108,22 +108,24 @@ def names_to_split(robot: Robot, dimensions: Sequence[Number]) -> list[str]:
     return [name for name in preloads(robot) if name not in {d.name for d in dimensions}]
 
 
-def candidates(bench: Bench, robot: Robot) -> list[Number]:
+def candidates(likelihood: Likelihood, robot: Robot) -> list[Number]:
     """The numbers that may differ between recordings: those of the base model, with the uncertain dimensions,
     the preload and the zeros of the cells.
     """
-    found = [n for n in bench.base if OWN not in n.name]
-    taken = {n.parameter for n in bench.base}
+    found = [n for n in likelihood.base if OWN not in n.name]
+    taken = {n.parameter for n in likelihood.base}
     for name in preloads(robot):
         if name in taken:
             continue
-        tensions = [T for rig in bench.rigs for T in rig.part.pulled or rig.part.recorded[: rig.part.tips]]
+        tensions = [
+            T for rig in likelihood.rigs for T in rig.part.pulled or rig.part.recorded[: rig.part.tips]
+        ]
         largest = max((float(np.max(T)) for T in tensions), default=0.0)
         if largest == 0:  # nothing says how large the tensions are
             continue
         preload = number_at(parameter(robot, name), float(robot.value(name)), sd=PRELOAD_SHARE * largest)
         found.append(dataclasses.replace(preload, size=True))
-    cells = cells_of([rig.part for rig in bench.rigs])
+    cells = cells_of([rig.part for rig in likelihood.rigs])
     for kind, read in zip(ZEROS, (cells.tip, cells.base), strict=True):
         if not read:
             continue
@@ -139,50 +141,53 @@ def split(number: Number, recordings: Sequence[str]) -> list[Number]:
     return [number.of(name) for name in recordings]
 
 
-def _base_with(bench: Bench, number: Number, *, each: bool) -> tuple[Number, ...]:
+def _base_with(likelihood: Likelihood, number: Number, *, each: bool) -> tuple[Number, ...]:
     """The base numbers with a number among them, once, or once for each recording."""
-    own = split(number, [rig.part.name for rig in bench.rigs]) if each else [number]
-    names = [n.name for n in bench.base]
+    own = split(number, [rig.part.name for rig in likelihood.rigs]) if each else [number]
+    names = [n.name for n in likelihood.base]
     if number.name not in names:
-        return (*bench.base, *own)
+        return (*likelihood.base, *own)
     at = names.index(number.name)
-    return (*bench.base[:at], *own, *bench.base[at + 1 :])
+    return (*likelihood.base[:at], *own, *likelihood.base[at + 1 :])
 
 
-def _by_itself(bench: Bench, k: int, shared: np.ndarray) -> tuple[Bench, Fitted] | None:
+def _by_itself(likelihood: Likelihood, k: int, shared: np.ndarray) -> tuple[Likelihood, Fitted] | None:
     """One of the recordings, and the base model fitted to it with noise of its own; None where that fails."""
     alone = dataclasses.replace(
-        bench,
-        rigs=(bench.rigs[k],),
-        noise=[bench.noise[k]],
-        weighs=[bench.weighs[k]],
-        corrections={(): [bench.correction(())[k]]},
+        likelihood,
+        rigs=(likelihood.rigs[k],),
+        noise=[likelihood.noise[k]],
+        weighs=[likelihood.weighs[k]],
+        corrections={(): [likelihood.correction(())[k]]},
     )
     fits = [base_fit(alone, start) for start in (shared, np.zeros(len(shared)))]
     found = [fit for fit in fits if fit is not None]
     return min(found, key=lambda one: one[0].mean_square(one[1]), default=None)
 
 
-def _together(bench: Bench, alone: Sequence[tuple[Bench, Fitted]]) -> Bench:
+def _together(likelihood: Likelihood, alone: Sequence[tuple[Likelihood, Fitted]]) -> Likelihood:
     """The bench with the noise that each recording shows by itself: in a joint fit, a wrong shared value
     passes for noise.
     """
     return dataclasses.replace(
-        bench, noise=[own.noise[0] for own, _ in alone], weighs=[own.weighs[0] for own, _ in alone]
+        likelihood, noise=[own.noise[0] for own, _ in alone], weighs=[own.weighs[0] for own, _ in alone]
     )
 
 
-def _refitted(bench: Bench, starts: Sequence[np.ndarray]) -> Fitted | None:
+def _refitted(likelihood: Likelihood, starts: Sequence[np.ndarray]) -> Fitted | None:
     """The base model of a bench, refitted from the best of some starts, because a descent may stop at a kink
     of friction.
     """
-    fits = [bench.refit((), start, exact=False) for start in starts]
+    fits = [likelihood.refit((), start, exact=False) for start in starts]
     best = min((f for f in fits if f is not None), key=lambda f: f.cost, default=None)
-    return best and bench.refit((), best.x)
+    return best and likelihood.refit((), best.x)
 
 
 def _starts(
-    bench: Bench, base: tuple[Number, ...], fitted: Fitted, alone: Sequence[tuple[Bench, Fitted]]
+    likelihood: Likelihood,
+    base: tuple[Number, ...],
+    fitted: Fitted,
+    alone: Sequence[tuple[Likelihood, Fitted]],
 ) -> list[np.ndarray]:
     """Starting coordinates of the base numbers: as fitted to all recordings, and as fitted to each by itself,
     with the mean for shared numbers.
@@ -190,7 +195,7 @@ def _starts(
     together = fitted.values
     apart = {
         rig.part.name: values_in(f.values, rig.part.name)
-        for rig, (_, f) in zip(bench.rigs, alone, strict=True)
+        for rig, (_, f) in zip(likelihood.rigs, alone, strict=True)
     }
 
     def mean(n: Number) -> float:
@@ -208,13 +213,13 @@ def _starts(
 
 
 def _tried(
-    bench: Bench, fitted: Fitted, alone: Sequence[tuple[Bench, Fitted]], number: Number
+    likelihood: Likelihood, fitted: Fitted, alone: Sequence[tuple[Likelihood, Fitted]], number: Number
 ) -> _Tried | None:
     """Fit a number with one shared value, and with one value for each recording; None where that fails."""
 
-    def split_fit(start: Fitted, *, each: bool) -> tuple[Bench, Fitted | None]:
-        base = _base_with(bench, number, each=each)
-        own = bench.with_base(base)
+    def split_fit(start: Fitted, *, each: bool) -> tuple[Likelihood, Fitted | None]:
+        base = _base_with(likelihood, number, each=each)
+        own = likelihood.with_base(base)
         return own, _refitted(own, _starts(own, base, start, alone))
 
     _, shared = split_fit(fitted, each=False)
@@ -235,7 +240,9 @@ def least_drop(recordings: int) -> float:
     return float(chdtri(recordings - 1, chdtrc(1, SEEN**2)))
 
 
-def differing(bench: Bench, base: Fitted, robot: Robot, hypotheses: Sequence[Hypothesis]) -> Split | None:
+def differing(
+    likelihood: Likelihood, base: Fitted, robot: Robot, hypotheses: Sequence[Hypothesis]
+) -> Split | None:
     """The number by which recordings differ most probably; None where they agree, or where an effect that all
     have in common explains them much better.
 
@@ -244,10 +251,10 @@ def differing(bench: Bench, base: Fitted, robot: Robot, hypotheses: Sequence[Hyp
         robot: with the values of its file.
         hypotheses: effects that may be the cause as well.
     """
-    K = len(bench.rigs)
+    K = len(likelihood.rigs)
     if K < 2:
         return None
-    free = bench.with_dimensions_free()
+    free = likelihood.with_dimensions_free()
     values = dict(base.values) | dict(base.dimensions)
     x = np.asarray([np.clip(n.at(values[n.name]), *n.bounds) for n in free.base])
     apart = in_parallel(lambda k: _by_itself(free, k, x), list(range(K)))
@@ -274,20 +281,20 @@ def differing(bench: Bench, base: Fitted, robot: Robot, hypotheses: Sequence[Hyp
     behind = [_log_evidence(best.own, scale) - _log_evidence(t.own, scale) for t in tried]
     others = [t.number.name for t, less in zip(tried, behind, strict=True) if BELIEVED * less < ODDS][1:]
     difference = _difference(best, float(np.sqrt(drop)), others)
-    if not _driven_alike(bench, difference.groups):
+    if not _driven_alike(likelihood, difference.groups):
         odds = _effects_instead(free, again, best.own, len(numbers), hypotheses)
         if any(log > ODDS for log in odds.values()):
             return None
         effects = [name for name, log in odds.items() if log > -ODDS]
         difference = dataclasses.replace(difference, or_effects=effects)
-    numbers = _base_with(bench, best.number, each=True)
+    numbers = _base_with(likelihood, best.number, each=True)
     start = np.asarray([np.clip(n.at(best.own.values[n.name]), *n.bounds) for n in numbers])
-    dimensions = tuple(d for d in bench.dimensions if d.name != best.number.name)
+    dimensions = tuple(d for d in likelihood.dimensions if d.name != best.number.name)
     return Split(base=numbers, dimensions=dimensions, start=start, difference=difference)
 
 
 def still_differ(
-    bench: Bench, fitted: Fitted, hypotheses: Sequence[Hypothesis], differ: Sequence[Difference]
+    likelihood: Likelihood, fitted: Fitted, hypotheses: Sequence[Hypothesis], differ: Sequence[Difference]
 ) -> bool:
     """Whether recordings still differ in some numbers once the model has the effects that were found.
 
@@ -297,23 +304,23 @@ def still_differ(
         differ: the numbers.
     """
     base: dict[str, Number] = {}
-    for n in bench.base:
+    for n in likelihood.base:
         base.setdefault(n.parameter, dataclasses.replace(n, name=n.parameter))
-    one = bench.with_base(tuple(base.values()))
+    one = likelihood.with_base(tuple(base.values()))
     numbers = model_of(one.base, hypotheses).numbers
     values = dict(fitted.values) | {d.name: float(np.mean(list(d.own.values()))) for d in differ}
     shared = one.refit(hypotheses, np.asarray([n.at(values[n.name]) for n in numbers]), exact=False)
     if shared is None:
         return True
-    drop = (shared.cost - fitted.cost) / bench.scale_left(fitted)
-    return drop > least_drop(len(bench.rigs))
+    drop = (shared.cost - fitted.cost) / likelihood.scale_left(fitted)
+    return drop > least_drop(len(likelihood.rigs))
 
 
-def _driven_alike(bench: Bench, groups: Sequence[Sequence[str]]) -> bool:
+def _driven_alike(likelihood: Likelihood, groups: Sequence[Sequence[str]]) -> bool:
     """Whether two recordings that differ were driven alike: then no effect that they have in common makes
     them differ.
     """
-    part_of = {rig.part.name: rig.part for rig in bench.rigs}
+    part_of = {rig.part.name: rig.part for rig in likelihood.rigs}
     for one, other in itertools.combinations(groups, 2):
         for a, b in itertools.product((part_of[k] for k in one), (part_of[k] for k in other)):
             if (a.time is None) != (b.time is None):
@@ -333,19 +340,19 @@ def _driven_alike(bench: Bench, groups: Sequence[Sequence[str]]) -> bool:
 
 
 def _effects_instead(
-    bench: Bench, base: Fitted, own: Fitted, numbers: int, hypotheses: Sequence[Hypothesis]
+    likelihood: Likelihood, base: Fitted, own: Fitted, numbers: int, hypotheses: Sequence[Hypothesis]
 ) -> dict[str, float]:
     """Log odds of the effects that best explain the recordings with one value of every number, against one of
     `numbers` numbers having a value of its own in each recording.
     """
-    models = Models(bench, hypotheses)
+    models = Models(likelihood, hypotheses)
     models.add([base])
     screened = [
         s
-        for s in screen(bench, base, hypotheses, thorough=False)
+        for s in screen(likelihood, base, hypotheses, thorough=False)
         if s.gain > PROMISING * (base.cost - own.cost)
     ]
-    models.add(refit_best(bench, (), base, screened[:INSTEAD], ONE_EACH, ITERATIONS))
+    models.add(refit_best(likelihood, (), base, screened[:INSTEAD], ONE_EACH, ITERATIONS))
     differs = models.log_likelihood(own) + own.volume() + float(np.log(HOW_MANY[1] / numbers))
     return {
         " + ".join(f.names): BELIEVED

@@ -68,13 +68,13 @@ def with_further(models: Models, start: Fitted, progress: Callable[[str], None])
     while len(head.names) + 1 < len(HOW_MANY):
         progress(f"adding to {' + '.join(head.names) or 'the base model'} what pays on unseen samples")
         best, fits = _one_more(models, unseen, head)
-        if best is None and structured(misfit(models.bench, head), STAYS_Z, STAYS_SIZE):
+        if best is None and structured(misfit(models.likelihood, head), STAYS_Z, STAYS_SIZE):
             progress("nothing does: trying every start of every effect")
             best, fits = _one_more(models, unseen, head, thorough=True)
         if best is None:
             break
         new = _new(best, head)
-        near = NEAR * models.bench.scale_left(best)
+        near = NEAR * models.likelihood.scale_left(best)
         instead[new] = tuple(_new(f, head) for f in fits if f is not best and f.cost - best.cost < near)
         head, replaced = _best_variants(models, unseen, best)
         for variant, old in replaced.items():
@@ -85,7 +85,7 @@ def with_further(models: Models, start: Fitted, progress: Callable[[str], None])
         instead[name] = instead.get(name, ()) + others
     swaps = [*swapped(models, head, instead), *_exchanged(models, head)]
     rivals = [models.stored(f) for f in settled(models, [head, *parts, *swaps])]
-    probability = models.beside(models.stored(head))
+    probability = models.probabilities_given_discrepancy(models.stored(head))
     return max(rivals, key=lambda f: probability[f.names])
 
 
@@ -112,7 +112,7 @@ def beaten(models: Models, best: Fitted, others: Sequence[tuple[str, ...]]) -> l
 
 def _alike(models: Models, start: Fitted) -> dict[str, tuple[str, ...]]:
     """For each effect of a model, those with which it would be about as good instead."""
-    near = NEAR * models.bench.scale_left(start)
+    near = NEAR * models.likelihood.scale_left(start)
     found: dict[str, tuple[str, ...]] = dict.fromkeys(start.names, ())
     for f in models.fits.values():
         other, own = set(f.names) - set(start.names), set(start.names) - set(f.names)
@@ -127,7 +127,7 @@ def _exchanged(models: Models, head: Fitted) -> list[Fitted]:
     """
     if len(head.names) < 2:
         return []
-    near, found = NEAR * models.bench.scale_left(head), list[Fitted]()
+    near, found = NEAR * models.likelihood.scale_left(head), list[Fitted]()
     for name in head.names:
         parent = without(models, head, name)
         if parent is None:
@@ -135,9 +135,9 @@ def _exchanged(models: Models, head: Fitted) -> list[Fitted]:
         others = [h for h in models.addable(parent) if h.name not in head.names]
         least = PROMISES * (parent.cost - head.cost)
         own = models.hypotheses(parent.names)
-        tried = screen(models.bench, parent, others, head=own, thorough=False)
+        tried = screen(models.likelihood, parent, others, head=own, thorough=False)
         wanted = [s for s in tried if s.gain > least]
-        fits = refit_best(models.bench, own, parent, wanted[:EXCHANGED], ONE_EACH, ITERATIONS)
+        fits = refit_best(models.likelihood, own, parent, wanted[:EXCHANGED], ONE_EACH, ITERATIONS)
         found += [f for f in fits if f.cost < head.cost + near]
     return found
 
@@ -151,7 +151,7 @@ def _best_variants(models: Models, unseen: Unseen, head: Fitted) -> tuple[Fitted
         fits = sorted((models.stored(f) for f in add_variants(models, head, name)), key=lambda f: f.cost)
 
         def pays(f: Fitted, head=head) -> bool:
-            if f.cost >= head.cost - NEAR * models.bench.scale_left(f):
+            if f.cost >= head.cost - NEAR * models.likelihood.scale_left(f):
                 return False
             return len(f.x) <= len(head.x) or unseen.best(head, [f]) is not None
 
@@ -174,23 +174,23 @@ def _with_event_instead(models: Models, head: Fitted) -> Fitted:
     for names in ([n for n in head.names if n != name] for name in head.names):
         known = models.fits.get(tuple(sorted(names)))
         start = models.coordinates(names, head) if known is None else known.x
-        parent = models.bench.refit(models.hypotheses(names), start, exact=False)
+        parent = models.likelihood.refit(models.hypotheses(names), start, exact=False)
         if parent is None:
             continue
         models.add([parent])
         parent = models.stored(parent)
-        fits = _refitted(models, parent, screen(models.bench, parent, _events(models, parent)))
+        fits = _refitted(models, parent, screen(models.likelihood, parent, _events(models, parent)))
         models.add(fits)
         event = _event(models, parent, fits)
-        if event is not None and event.cost < best.cost - NEAR * models.bench.scale_left(event):
+        if event is not None and event.cost < best.cost - NEAR * models.likelihood.scale_left(event):
             best = event
     return best if best is head else settled(models, [best])[0]
 
 
 def _events(models: Models, head: Fitted) -> list[Hypothesis]:
     """Events that may be what a model lacks, known to the models from now on."""
-    found = episodes(models.bench, head)
-    events = event_hypotheses(models.bench, found, [models.of[n].kind for n in head.names])
+    found = episodes(models.likelihood, head)
+    events = event_hypotheses(models.likelihood, found, [models.of[n].kind for n in head.names])
     models.of |= {h.name: h for h in events}
     return events
 
@@ -199,9 +199,9 @@ def _refitted_beside(models: Models, head: Fitted, thorough: bool) -> list[Fitte
     """The most promising further effects, refitted beside those of a model, the best first; thoroughly from
     all their starts, else from few.
     """
-    bench, own = models.bench, models.hypotheses(head.names)
-    lasting = screen(bench, head, models.addable(head), head=own, thorough=thorough)
-    tried = [*lasting, *screen(bench, head, _events(models, head))]
+    likelihood, own = models.likelihood, models.hypotheses(head.names)
+    lasting = screen(likelihood, head, models.addable(head), head=own, thorough=thorough)
+    tried = [*lasting, *screen(likelihood, head, _events(models, head))]
     return _refitted(models, head, tried, STARTS_EACH if thorough else ONE_EACH)
 
 
@@ -215,10 +215,10 @@ def _refitted(
     wanted = [s for s in best if s.gain > SECOND_WORTH][:TRIED]
     own = models.hypotheses(head.names)
     lasting = [s for s in wanted if s.hypothesis.kind not in EVENTS]
-    fits = refit_best(models.bench, own, head, lasting, starts, ITERATIONS)
+    fits = refit_best(models.likelihood, own, head, lasting, starts, ITERATIONS)
     # When an event happens is found from several starts: the cost has a minimum beside each.
     at_once = [s for s in wanted if s.hypothesis.kind in EVENTS]
-    fits += refit_best(models.bench, own, head, at_once, EVENT_STARTS, ITERATIONS)
+    fits += refit_best(models.likelihood, own, head, at_once, EVENT_STARTS, ITERATIONS)
     # A fit with more effects must not be worse than its parent: that is where it is null.
     return sorted((f for f in fits if f.cost < head.cost), key=lambda f: f.cost)
 
@@ -228,7 +228,7 @@ def _event(models: Models, head: Fitted, fits: Sequence[Fitted]) -> Fitted | Non
     best = next(iter(fits), None)
     if best is None or models.of[_new(best, head)].kind not in EVENTS:
         return None
-    sure = head.cost - best.cost > SURE * models.bench.scale_left(best)
+    sure = head.cost - best.cost > SURE * models.likelihood.scale_left(best)
     return best if sure and best.chi2 < (1 - PAYS) * head.chi2 else None
 
 
@@ -244,7 +244,7 @@ class Unseen:
 
     def __init__(self, models: Models, *, pieces: bool = False, rows: bool = False):
         self.models, self.pieces = models, pieces
-        self.rows = rows or models.bench.heavy is not None
+        self.rows = rows or models.likelihood.heavy is not None
         # Of each model, the cost of the fit that was judged, and what it leaves of each part.
         self._known: dict[tuple[str, ...], tuple[float, np.ndarray]] = {}
 
@@ -261,7 +261,7 @@ class Unseen:
         new = [f for f in fits if not self._judged(f)]
         if new:
             own = [(self.models.hypotheses(f.names), f) for f in new]
-            found = by_fold(self.models.bench, own, pieces=self.pieces)
+            found = by_fold(self.models.likelihood, own, pieces=self.pieces)
             self._known |= {f.names: (f.cost, each) for f, each in zip(new, found, strict=True)}
         return np.stack([self._known[f.names][1] for f in fits])
 
@@ -271,7 +271,7 @@ class Unseen:
         """
         if f.names not in self._known:
             return False
-        return f.cost > self._known[f.names][0] - NEAR * self.models.bench.scale_left(f)
+        return f.cost > self._known[f.names][0] - NEAR * self.models.likelihood.scale_left(f)
 
     def squares(self, fits: Sequence[Fitted]) -> np.ndarray:
         """Sum of squares, of what is explained (SI) or of the rows, of each model on each part, (models,
@@ -307,11 +307,11 @@ def _without_idle(models: Models, unseen: Unseen, head: Fitted, start: Fitted) -
     """The model without effects that no longer pay beside the others."""
     while len(head.names) > max(len(start.names), 1):
         smaller = [tuple(n for n in head.names if n != name) for name in head.names]
-        needed = head.cost + SURE * models.bench.scale_left(head)
+        needed = head.cost + SURE * models.likelihood.scale_left(head)
 
         def refit(names, head=head):
             own = models.hypotheses(names)
-            return models.bench.refit(own, models.coordinates(names, head), exact=False)
+            return models.likelihood.refit(own, models.coordinates(names, head), exact=False)
 
         fits = [f for f in in_lanes(refit, smaller) if f is not None]
         models.add(fits)

@@ -11,7 +11,7 @@ import numpy as np
 from calibrate.diagnosis.evidence.models import HEADS, HOPELESS, Models
 from calibrate.diagnosis.hypotheses.hypotheses import EVENTS, Hypothesis, is_friction
 from calibrate.diagnosis.hypotheses.model import Fitted, model_of
-from calibrate.diagnosis.likelihood.likelihood import MOST_ITERATIONS, Bench
+from calibrate.diagnosis.likelihood.likelihood import MOST_ITERATIONS, Likelihood
 from calibrate.diagnosis.likelihood.locate import misfit
 from calibrate.diagnosis.screening.pairs import Pair
 from calibrate.diagnosis.screening.screen import STARTS_EACH, Screened, Start, screen
@@ -52,11 +52,11 @@ CLOSE, ASTRAY = 12.0, 4.0
 BEAM = 2
 
 
-def base_fit(bench: Bench, start: np.ndarray | None = None) -> tuple[Bench, Fitted] | None:
+def base_fit(likelihood: Likelihood, start: np.ndarray | None = None) -> tuple[Likelihood, Fitted] | None:
     """Weigh the bench and fit the base model, in turn, from the best of several starts unless one is given;
     None where that fails.
     """
-    model = model_of(bench.base, ())
+    model = model_of(likelihood.base, ())
     numbers = model.numbers
     at = np.zeros(len(numbers)) if start is None else start
     if start is None:
@@ -64,31 +64,31 @@ def base_fit(bench: Bench, start: np.ndarray | None = None) -> tuple[Bench, Fitt
         starts += [np.asarray([n.at(mu) if is_friction(n) else 0.0 for n in numbers]) for mu in MU_STARTS]
 
         def rough(start):
-            seen = bench.simulate(model.values(start))
+            seen = likelihood.simulate(model.values(start))
             if seen is None:
                 return np.inf
-            left = zip(bench.residuals(seen), bench.rigs, strict=True)
+            left = zip(likelihood.residuals(seen), likelihood.rigs, strict=True)
             return float(np.sum([np.sum(r[: rig.part.explained] ** 2) for r, rig in left]))
 
         costs = in_lanes(rough, starts)
         if not np.isfinite(min(costs)):
             return None
         at = starts[int(np.argmin(costs))]
-    seen = bench.simulate(model.values(at))
+    seen = likelihood.simulate(model.values(at))
     if seen is None:
         return None
     found = None
     for _ in range(3):
-        bench = bench.weighed(model.values(at), seen)
-        fitted = bench.refit((), bench.scanned(model, at))
+        likelihood = likelihood.weighed(model.values(at), seen)
+        fitted = likelihood.refit((), likelihood.scanned(model, at))
         if fitted is None:
             return None
-        at, seen, found = fitted.x, fitted.seen, (bench, fitted)
+        at, seen, found = fitted.x, fitted.seen, (likelihood, fitted)
     return found
 
 
 def refit_best(
-    bench: Bench,
+    likelihood: Likelihood,
     head: Sequence[Hypothesis],
     fitted: Fitted,
     screened: Sequence[Screened],
@@ -110,11 +110,14 @@ def refit_best(
         for s in screened
         for start in s.starts[: starts[min(len(s.hypothesis.numbers), max(starts))]]
     ]
-    return raced(bench, fitted, items, most)
+    return raced(likelihood, fitted, items, most)
 
 
 def raced(
-    bench: Bench, reference: Fitted, items: Sequence[tuple[tuple[Hypothesis, ...], Start]], most: int
+    likelihood: Likelihood,
+    reference: Fitted,
+    items: Sequence[tuple[tuple[Hypothesis, ...], Start]],
+    most: int,
 ) -> list[Fitted]:
     """Refit models, each from its starts: a few iterations from each, and on from the best of them unless it
     lags the best of all.
@@ -128,7 +131,7 @@ def raced(
 
     def begin(item):
         own, start = item
-        return bench.refit(own, start.x, known=start.known, exact=False, most=BEGIN)
+        return likelihood.refit(own, start.x, known=start.known, exact=False, most=BEGIN)
 
     best: dict[tuple[str, ...], tuple[tuple[Hypothesis, ...], Fitted]] = {}
     for (own, _), f in zip(items, in_lanes(begin, items), strict=True):
@@ -146,7 +149,7 @@ def raced(
             own, f = item
             if f.cost >= near:
                 return own, f
-            again = bench.refit(own, f.x, jacobian=f.jacobian, exact=False, most=more)
+            again = likelihood.refit(own, f.x, jacobian=f.jacobian, exact=False, most=more)
             return own, again or f
 
         found = in_lanes(go_on, found)
@@ -157,9 +160,9 @@ def add_to(models: Models, head: Fitted, progress: Callable[[str], None], effort
     """Refit the most promising further effects beside those of a model."""
     progress(f"adding to {' + '.join(head.names)}")
     own = models.hypotheses(head.names)
-    screened = screen(models.bench, head, models.addable(head), head=own, thorough=effort is THOROUGH)
+    screened = screen(models.likelihood, head, models.addable(head), head=own, thorough=effort is THOROUGH)
     wanted = [s for s in screened if s.gain > SECOND_WORTH][: effort.most]
-    models.add(refit_best(models.bench, own, head, wanted, effort.starts, effort.iterations))
+    models.add(refit_best(models.likelihood, own, head, wanted, effort.starts, effort.iterations))
 
 
 def add_variants(models: Models, head: Fitted, name: str) -> list[Fitted]:
@@ -174,15 +177,15 @@ def add_variants(models: Models, head: Fitted, name: str) -> list[Fitted]:
         return []
     variants = [h for h in models.addable(parent) if h.name in alike]
     own = models.hypotheses(parent.names)
-    tried = [s for s in screen(models.bench, parent, variants, head=own) if s.gain > 0]
-    fits = refit_best(models.bench, own, parent, tried, STARTS_EACH)
+    tried = [s for s in screen(models.likelihood, parent, variants, head=own) if s.gain > 0]
+    fits = refit_best(models.likelihood, own, parent, tried, STARTS_EACH)
     # From where the model is, too, if the variant has numbers of the effect in whose place it stands.
     known = {n.name: v for n, v in zip(head.numbers, head.x, strict=True)}
     for h in variants:
-        numbers = model_of(models.bench.base, (*own, h)).numbers
+        numbers = model_of(models.likelihood.base, (*own, h)).numbers
         if any(n.name in known for n in h.numbers):
             start = np.asarray([known.get(n.name, 0.0) for n in numbers])
-            again = models.bench.refit((*own, h), start)
+            again = models.likelihood.refit((*own, h), start)
             fits += [] if again is None else [again]
     fits = [f for f in fits if f.cost < parent.cost]
     models.add(fits)
@@ -193,7 +196,7 @@ def without(models: Models, head: Fitted, name: str) -> Fitted | None:
     """A model without one of its effects, refitted once; None where that fails."""
     names = tuple(n for n in head.names if n != name)
     if tuple(sorted(names)) not in models.fits:
-        less = models.bench.refit(models.hypotheses(names), models.coordinates(names, head))
+        less = models.likelihood.refit(models.hypotheses(names), models.coordinates(names, head))
         models.add([] if less is None else [less])
     return models.fits.get(tuple(sorted(names)))
 
@@ -205,7 +208,7 @@ def add_pairs(models: Models, pairs: Sequence[Pair], progress: Callable[[str], N
     if wanted:
         progress(f"trying {len(wanted)} pairs that promise more together")
         items = [(pair.hypotheses, Start(pair.start, {})) for pair in wanted]
-        models.add(raced(models.bench, models.base, items, MOST_ITERATIONS))
+        models.add(raced(models.likelihood, models.base, items, MOST_ITERATIONS))
 
 
 def combine(models: Models, pairs: Sequence[Pair], progress: Callable[[str], None]) -> None:
@@ -222,7 +225,7 @@ def combine(models: Models, pairs: Sequence[Pair], progress: Callable[[str], Non
         return
     # A third effect may do half of what two others do together: where one effect is not enough, others are
     # added to more than the best.
-    size, significance = misfit(models.bench, singles[0])
+    size, significance = misfit(models.likelihood, singles[0])
     astray = significance > ASTRAY and size > 0.2
     least = models.log_posterior(singles[0]) - CLOSE
     heads = singles[:HEADS] if astray else [f for f in singles[:2] if models.log_posterior(f) > least]
@@ -261,6 +264,6 @@ def _part(models: Models, names: tuple[str, ...], whole: Fitted) -> Fitted | Non
     """
     if tuple(sorted(names)) != tuple(sorted(whole.names)):
         start = models.coordinates(names, whole)
-        found = models.bench.refit(models.hypotheses(names), start, exact=len(names) == 1)
+        found = models.likelihood.refit(models.hypotheses(names), start, exact=len(names) == 1)
         models.add([] if found is None else [found])
     return models.fits.get(tuple(sorted(names)))

@@ -31,11 +31,11 @@ def twins_of(models: Models, fitted: Fitted) -> dict[str, tuple[str, ...]]:
         models: all that were refitted.
         fitted: the model.
     """
-    bench, others = models.bench, models.addable(fitted)
+    likelihood, others = models.likelihood, models.addable(fitted)
     columns = in_lanes(lambda h: _change(models, fitted, h), others)
     own = fitted.jacobian
     found: dict[str, tuple[str, ...]] = dict.fromkeys(fitted.names, ())
-    base = len(bench.base)
+    base = len(likelihood.base)
     for h, column in zip(others, columns, strict=True):
         size = 0.0 if column is None else float(np.linalg.norm(column))
         if column is None or size < 1e-9:
@@ -55,7 +55,7 @@ def twins_of(models: Models, fitted: Fitted) -> dict[str, tuple[str, ...]]:
 
 def _change(models: Models, fitted: Fitted, h: Hypothesis) -> np.ndarray | None:
     """Change of the rows by a small size of an effect added to a model, its other numbers as it starts."""
-    model = model_of(models.bench.base, [*models.hypotheses(fitted.names), h])
+    model = model_of(models.likelihood.base, [*models.hypotheses(fitted.names), h])
     first, *shapes = h.numbers
     if not first.size:
         return None
@@ -63,7 +63,7 @@ def _change(models: Models, fitted: Fitted, h: Hypothesis) -> np.ndarray | None:
     more = [SMALL if first.bounds[1] >= SMALL else -SMALL, *(n.at(start[n.name]) for n in shapes)]
     order = [*fitted.numbers, *h.numbers]
     x = dict(zip((n.name for n in order), [*fitted.x, *more], strict=True))
-    there = models.bench.at(model, np.asarray([x[n.name] for n in model.numbers]))
+    there = models.likelihood.at(model, np.asarray([x[n.name] for n in model.numbers]))
     return None if there is None else there.rows - fitted.rows
 
 
@@ -85,8 +85,8 @@ def settled(models: Models, fits: Sequence[Fitted]) -> list[Fitted]:
     def settle(f: Fitted) -> Fitted:
         own = models.hypotheses(f.names)
         for _ in range(MOST_ROUNDS):
-            start = models.bench.scanned(model_of(models.bench.base, own), f.x)
-            again = models.bench.refit(own, start)
+            start = models.likelihood.scanned(model_of(models.likelihood.base, own), f.x)
+            again = models.likelihood.refit(own, start)
             if again is None or again.cost > f.cost - SETTLED:
                 break
             f = again
@@ -104,7 +104,7 @@ def swapped(models: Models, head: Fitted, instead: Mapping[str, tuple[str, ...]]
     def refit(item):
         name, other = item
         names = tuple(other if n == name else n for n in head.names)
-        model = model_of(models.bench.base, models.hypotheses(names))
+        model = model_of(models.likelihood.base, models.hypotheses(names))
         alone = next((f for f in models.fits.values() if other in f.names), None)
         own = {} if alone is None else {n.name: v for n, v in zip(alone.numbers, alone.x, strict=True)}
         first = next(i for i, n in enumerate(model.numbers) if n == models.of[other].numbers[0])
@@ -115,9 +115,9 @@ def swapped(models: Models, head: Fitted, instead: Mapping[str, tuple[str, ...]]
         starts[1][first], starts[2][first] = size, -size
         told = _in_its_place(models, head, name, models.of[other])
         starts += [] if told is None else [np.asarray([told.get(n.name, 0.0) for n in model.numbers])]
-        costs = models.bench.squares(model, [np.clip(x, *model.bounds) for x in starts])
+        costs = models.likelihood.squares(model, [np.clip(x, *model.bounds) for x in starts])
         start = starts[int(np.argmin(costs))]
-        return models.bench.refit(models.hypotheses(names), start, exact=False)
+        return models.likelihood.refit(models.hypotheses(names), start, exact=False)
 
     items = [
         (name, other)

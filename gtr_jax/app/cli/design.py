@@ -121,7 +121,7 @@ def write_answer(
     """Write all that a design leaves into a folder; drawings for CAD in a unit, as STEP too if `step`."""
     from design.report.design import design_report
     from design.target import target_text
-    from gtr_jax.atomic_write import write_whole
+    from gtr_jax.atomic_write import write_atomically
     from gtr_jax.config.config import config_text, dump_config
     from gtr_jax.recordings.formats.text import read_text
 
@@ -130,10 +130,10 @@ def write_answer(
     target = answer.problem.target
     if target.robust.fit is not None:
         fit, _ = read_text(target.beside(target.robust.fit, "robust.fit"))
-        write_whole(folder / "fit.json", fit)  # beside the target file, as it says
+        write_atomically(folder / "fit.json", fit)  # beside the target file, as it says
         target = target.model_copy(update={"robust": target.robust.model_copy(update={"fit": "fit.json"})})
     dump_config(config, folder / "robot.toml")
-    write_whole(folder / "target.toml", target_text(target))
+    write_atomically(folder / "target.toml", target_text(target))
     dump_config(answer.config, folder / "designed.toml")
     _draw(folder, answer.config, target, unit=unit, step=step)
     write_json(folder / "design.json", {**answer.to_json(), "settings": settings})
@@ -146,7 +146,7 @@ def _draw(folder: Path, config: RobotConfig, target: TargetConfig, *, unit: str,
     """
     from design.drawing import draw, route_csv, svg
     from design.unrolled import channel_csv, svg_unrolled, unroll
-    from gtr_jax.atomic_write import write_whole
+    from gtr_jax.atomic_write import write_atomically
     from gtr_jax.export.dxf import dxf
 
     limits = target.limits
@@ -159,17 +159,17 @@ def _draw(folder: Path, config: RobotConfig, target: TargetConfig, *, unit: str,
     if step:
         from gtr_jax.export.step import step as written
 
-        write_whole(folder / "designed.step", written(config, unit=unit))
+        write_atomically(folder / "designed.step", written(config, unit=unit))
     if not (config.in_space or config.tendons):
         drawn = draw(config, channel_diameter=limits.channel_diameter)
-        write_whole(folder / "route.csv", route_csv(drawn))
-        write_whole(folder / "channel.svg", svg(drawn, f"{target.name}: channel at 1:1, mm"))
-        write_whole(folder / "channel.dxf", sheet)
+        write_atomically(folder / "route.csv", route_csv(drawn))
+        write_atomically(folder / "channel.svg", svg(drawn, f"{target.name}: channel at 1:1, mm"))
+        write_atomically(folder / "channel.dxf", sheet)
         return
     channels = unroll(config)
     for channel in channels:
         name = f"channel-{channel.name}.csv" if channel.name else "channel.csv"
-        write_whole(folder / name, channel_csv(channel))
+        write_atomically(folder / name, channel_csv(channel))
     title = f"{target.name}: the body unrolled at 1:1, mm"
-    write_whole(folder / "unrolled.svg", svg_unrolled(config, channels, title))
-    write_whole(folder / "channels.dxf", sheet)
+    write_atomically(folder / "unrolled.svg", svg_unrolled(config, channels, title))
+    write_atomically(folder / "channels.dxf", sheet)

@@ -61,7 +61,7 @@ def export(robot: Path, kind: str | None, output: Path, force: bool, **given: An
 
     What MuJoCo cannot hold of the robot is said.
     """
-    from gtr_jax.atomic_write import write_whole
+    from gtr_jax.atomic_write import write_atomically
     from gtr_jax.config.config import load_config
 
     interruption.says = f"interrupted: {output} was not written"
@@ -80,7 +80,7 @@ def export(robot: Path, kind: str | None, output: Path, force: bool, **given: An
     with _named(robot):
         text = _text(kind, config, options)
         with interruption.writing(output):
-            write_whole(output, text)
+            write_atomically(output, text)
     click.echo(f"{kind}: {output}")
     if kind == MJCF:
         from gtr_jax.export.mjcf import left_out

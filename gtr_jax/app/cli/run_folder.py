@@ -22,7 +22,7 @@ from gtr_jax.errors import InputError, listed
 from gtr_jax.interruption import interruption
 from gtr_jax.leftovers import beside, clear
 from gtr_jax.recordings.formats.text import digest
-from gtr_jax.to_jsonable import plain
+from gtr_jax.to_jsonable import to_jsonable
 
 from .options import HELD, own_terms
 
@@ -265,7 +265,7 @@ def versions(with_jax: bool = True) -> dict[str, str]:
 def write_json(path: Path, data: Any) -> None:
     """Write JSON; a number that is not finite becomes null, which JSON can hold."""
     path.write_text(
-        json.dumps(plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
+        json.dumps(to_jsonable(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
     )
 
 

@@ -218,7 +218,7 @@ def _finish(
     progress: Any,
 ) -> int:
     """Write all that a sweep leaves, beside it everything that its file names."""
-    from gtr_jax.atomic_write import write_whole
+    from gtr_jax.atomic_write import write_atomically
     from gtr_jax.config.config import config_text, dump_config
     from gtr_jax.report.sweep import sweep_report
     from gtr_jax.sweep.config import sweep_text
@@ -241,7 +241,7 @@ def _finish(
         for role, path in inputs_of(task.file).items():
             if role != "robot":
                 shutil.copyfile(path, part / f"{role}.csv")
-        write_whole(part / "sweep.toml", sweep_text(named_beside(task.file)))
+        write_atomically(part / "sweep.toml", sweep_text(named_beside(task.file)))
         write_json(part / "sweep.json", {**answer.to_json(), "settings": settings})
         write_report(part, report, settings, config_text(task.config), figures=figures)
     click.echo(answer.says)

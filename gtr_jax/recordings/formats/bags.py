@@ -20,7 +20,7 @@ from .cells import SECOND, Numbers
 from .expansion import check_numbers
 from .headers import FORCES, words_of
 from .sheet import Table
-from .subprocess_reader import Unreadable, read_apart
+from .subprocess_reader import Unreadable, read_in_subprocess
 
 ENDINGS = (".bag", ".mcap", ".db3")
 MAGICS = (b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\x00")
@@ -46,7 +46,7 @@ def read_bag(path: Path, sha256: str) -> Table:
             f"{path}: a recording of ROS; pip install 'gtr-jax[ros]', or export its topics as CSV"
         )
     try:
-        topics = read_apart(topics_of, str(path.absolute()))
+        topics = read_in_subprocess(topics_of, str(path.absolute()))
     except Unreadable as fault:
         raise InputError(f"{path}: not a whole recording of ROS ({fault}); reindex it") from None
     except InputError as fault:

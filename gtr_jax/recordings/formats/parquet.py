@@ -14,7 +14,7 @@ from .cells import Numbers
 from .expansion import check_bytes, check_numbers
 from .large_csv import ManyWritten
 from .sheet import Table
-from .subprocess_reader import Unreadable, read_apart
+from .subprocess_reader import Unreadable, read_in_subprocess
 
 if TYPE_CHECKING:
     import polars as pl
@@ -30,7 +30,7 @@ def read_parquet(path: Path, data: bytes, sha256: str) -> Table:
     Raises InputError naming the file if it is damaged, or holds no rows or no such columns.
     """
     try:
-        rows, found = read_apart(columns_of, data)
+        rows, found = read_in_subprocess(columns_of, data)
     except Unreadable as fault:
         raise InputError(f"{path}: not a whole Parquet file ({fault}); export it again") from None
     except InputError as fault:

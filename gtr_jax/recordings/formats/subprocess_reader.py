@@ -28,7 +28,7 @@ class Unreadable(Exception):
     """A reader failed, for the reason that this says."""
 
 
-def read_apart(reader: Callable[[Any], Any], data: Any) -> Any:
+def read_in_subprocess(reader: Callable[[Any], Any], data: Any) -> Any:
     """What a reader, a function of a module, makes of the bytes of a file, or of its path, in a process
     that lives on for the next file.
 

@@ -15,7 +15,7 @@ from .cells import SECOND, Numbers
 from .expansion import check_numbers
 from .quantities import SPELLINGS, plain_name
 from .sheet import Table
-from .subprocess_reader import Unreadable, read_apart
+from .subprocess_reader import Unreadable, read_in_subprocess
 
 MAGIC, ENDINGS = b"TDSm", (".tdms",)
 _WORDS = ("unit_string", "NI_UnitDescription")
@@ -41,7 +41,7 @@ def read_tdms(path: Path, data: bytes, sha256: str) -> Table:
     Raises InputError naming the file if it is damaged, holds more than a recording may, or no numbers.
     """
     try:
-        channels = read_apart(channels_of, data)
+        channels = read_in_subprocess(channels_of, data)
     except Unreadable as fault:
         raise InputError(f"{path}: not a whole TDMS file ({fault}); export it again") from None
     except InputError as fault:

@@ -12,7 +12,7 @@ from gtr_jax.errors import InputError
 from .csv_text import Rows, layout_of, table_of
 from .expansion import ZIP, members
 from .sheet import Table
-from .subprocess_reader import Unreadable, read_apart
+from .subprocess_reader import Unreadable, read_in_subprocess
 
 OLE = b"\xd0\xcf\x11\xe0"  # how .xls files begin
 MAGICS = (ZIP, OLE)
@@ -35,7 +35,7 @@ def read_workbook(path: Path, data: bytes, sha256: str) -> Table:
         if not any(name.startswith(_OF_EXCEL) or name == _OF_LIBREOFFICE for name in names):
             raise InputError(f"{path}: an archive and no workbook; unpack it and name the file in it")
     try:
-        sheets = read_apart(sheets_of, data)
+        sheets = read_in_subprocess(sheets_of, data)
     except Unreadable as fault:
         raise InputError(
             f"{path}: not a whole workbook, or one of too many cells ({fault}); export the sheet as CSV"

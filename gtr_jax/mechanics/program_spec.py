@@ -16,7 +16,7 @@ from ..terms import REGISTRY, Law, Term, catalogue_of
 
 
 @dataclasses.dataclass(frozen=True)
-class March:
+class SolverOptions:
     """When the search for an equilibrium stops.
 
     Attributes:
@@ -31,7 +31,7 @@ class March:
 
 
 @dataclasses.dataclass(frozen=True)
-class Structure:
+class ProgramSpec:
     """The static part of a load step. One compiled program serves all numerical values; another structure
     needs another program.
 
