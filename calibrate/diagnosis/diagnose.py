@@ -45,7 +45,7 @@ from .prepare import Prepared, names_of, prepare
 from .screening.pairs import promising
 from .screening.screen import STARTS_EACH, Screened, firm_fit, merged, screen
 from .search.differ import still_differ
-from .search.forward_search import beaten, with_further
+from .search.forward_search import beaten, forward_search
 from .search.search import PAIRS, SHORTLIST, WORTH, combine, refit_best
 from .search.twins import SETTLED, settled_with_twins
 
@@ -297,7 +297,7 @@ def _decided(
     settled_with_twins(whole, top)
     decision = decide(whole)
     if structured(decision.left) and decision.pattern is None:
-        best = with_further(whole, decision.chosen, say) if known is None else whole.stored(known)
+        best = forward_search(whole, decision.chosen, say) if known is None else whole.stored(known)
         partly = decide_partly(whole, best, decision)
         decision = partly if structured(partly.left) else decide_combined(whole, best, decision)
     if whole.likelihood.heavy is not None:

@@ -36,7 +36,7 @@ from gtr_jax.terms.unmoved import NO_SLIP
 from .profiles import profiles
 from .result import FitResult
 from .start import beaten, candidates, search
-from .summary import concluded, ignorance, unanswered
+from .summary import ignorance, summarise, unanswered
 
 # Slopes of the tip tension below this share of the largest tension are rounding.
 NO_SLOPE = 1e-9
@@ -167,7 +167,7 @@ def fit(
     parts = []
     for k, (name, model, r, rec) in enumerate(zip(names, prepared, of, recordings, strict=True)):
         _check_times(model, rec, wanted)
-        _check_moved(model, configs[r], [f for f in wanted if k in f.parts])
+        _check_laws_can_act(model, configs[r], [f for f in wanted if k in f.parts])
         model, config, more = driven_as_recorded(model, configs[r], rec)
         warnings += more
         part, more = part_of(
@@ -267,7 +267,7 @@ def _check_times(robot: Robot, recording: Recording, wanted: Sequence[Free]) -> 
             )
 
 
-def _check_moved(robot: Robot, config: RobotConfig | None, wanted: Sequence[Free]) -> None:
+def _check_laws_can_act(robot: Robot, config: RobotConfig | None, wanted: Sequence[Free]) -> None:
     """Raise InputError if a law that acts, or a number of which is free, cannot act, because the tendon never
     slips.
     """
@@ -432,7 +432,7 @@ def _run(setup: Setup) -> FitResult:
         said = answer.information_at(as_given, there)
         return unanswered(setup, there, unknown, evaluations, said)
     fewer, more = beaten(setup, problem, problem.cost(answer.descent.u, answer.predictions), found)
-    result = concluded(setup, answer, iterations, evaluations + more, found, fewer)
+    result = summarise(setup, answer, iterations, evaluations + more, found, fewer)
     if not result.converged:
         return result
     if setup.sampled:

@@ -32,7 +32,7 @@ from gtr_jax.simulation.phases import REST
 from .identifiability import MINOR, axes, remedy, singular
 from .result import FitResult, FittedChannel, FittedRecording
 from .start import Beaten, Start
-from .subset_fits import NO_PHASES, NOT_APART, by_recording, mu_by_phase
+from .subset_fits import NO_PHASES, NOT_BY_RECORDING, by_recording, mu_by_phase
 from .verdict import SMALL, Distance, by_phase, disagreement_of_phases, most_of_noise, values_apart, verdict
 from .without_tip_tension import DistanceWithoutTip, without_tip
 
@@ -352,7 +352,7 @@ def _not_compared(part: Observation, prediction: Prediction | None) -> np.ndarra
     return np.full(shape, np.nan) if prediction is None else prediction.T_tip.T.reshape(shape)
 
 
-def concluded(
+def summarise(
     setup: Setup,
     answer: Answer,
     iterations: int,
@@ -375,7 +375,7 @@ def concluded(
     found = estimates(numbers, values, setup.initial, every, notes, answer.sources(setup))
     warnings = [_said(free.name, note) for free, note in zip(setup.free, notes, strict=True) if note]
     warnings += _unknown_axes(setup, answer, known) + _trade_offs(setup, answer, known)
-    failure, phases, apart = _failure(setup, answer, fewer), NO_PHASES, NOT_APART
+    failure, phases, apart = _failure(setup, answer, fewer), NO_PHASES, NOT_BY_RECORDING
     if failure:
         found = [
             dataclasses.replace(e, sd=None, lower95=None, upper95=None, detectable=None, made_of={})

@@ -38,7 +38,7 @@ from calibrate.inference.simulated_rig import SimulatedRig, at_samples, between
 from calibrate.inference.simulation_cache import SimulationCache
 from calibrate.inference.weighing import Weighing
 from calibrate.planning.experiment import propose
-from calibrate.planning.load_histories import checks, further, menu
+from calibrate.planning.load_histories import checks, menu, more_histories
 from calibrate.planning.ways_to_drive import turned, weighed, weight_to_hang
 from gtr_jax.config.config import parse_config
 from gtr_jax.recordings.base_tension import exact
@@ -344,7 +344,7 @@ def test_cycles_and_branches():
 
 
 def test_the_menu_is_driveable():
-    for name, (time, T) in (menu(20.0, 80, 15.0) | further(20.0, 80, 15.0)).items():
+    for name, (time, T) in (menu(20.0, 80, 15.0) | more_histories(20.0, 80, 15.0)).items():
         assert len(time) == len(T) == 80 and np.all(np.diff(time) > 0), name
         assert T.min() >= 0 and T.max() <= 20.0 + 1e-9
 

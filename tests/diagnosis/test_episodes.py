@@ -19,7 +19,7 @@ from calibrate.diagnosis.likelihood.held_out import _when_known
 from calibrate.diagnosis.outside.episodes import ALONE, RELAXES, SLIPPING, TOGETHER, _kind, _runs, episodes
 from calibrate.diagnosis.outside.leave_out import ASKED, Stretch, asked_for, from_outside, left_out, without
 from calibrate.diagnosis.prepare import Prepared, prepare
-from calibrate.diagnosis.search import forward_search as further
+from calibrate.diagnosis.search import forward_search
 from calibrate.inference.number import Number
 from calibrate.inference.setup import Observation
 from gtr_jax import InputError, Recording
@@ -218,7 +218,7 @@ def test_an_effect_pays_on_unseen_samples_or_is_not_kept(monkeypatch):
         ("c",): [0.0, 4.1, 4.1, 4.1],
     }
     monkeypatch.setattr(
-        further,
+        forward_search,
         "by_fold",
         lambda likelihood, models, pieces: np.asarray(
             [[[s, 1, s, 1] for s in by[f.names]] for _, f in models]
@@ -226,7 +226,7 @@ def test_an_effect_pays_on_unseen_samples_or_is_not_kept(monkeypatch):
     )
     likelihood = SimpleNamespace(heavy=None, scale_left=lambda f: 1.0)
     models = SimpleNamespace(likelihood=likelihood, hypotheses=lambda names: [])
-    unseen = further.Unseen(models)  # type: ignore[arg-type]
+    unseen = forward_search.Unseen(models)  # type: ignore[arg-type]
     assert unseen.best(head, [good, little]) is good  # type: ignore[arg-type]
     assert unseen.best(head, [little]) is None  # type: ignore[arg-type]
     assert unseen.best(head, [uneven]) is None and unseen.best(head, []) is None  # type: ignore[arg-type]
@@ -334,7 +334,7 @@ def test_an_event_replaces_an_effect_that_goes_on_only_where_it_happened(tmp_pat
     models.add([ready.base, wear])
     whole = _on_all(models, ready.rough, ready.exact)
     assert whole is not None
-    found = further._with_event_instead(whole, whole.fits["wear",])
+    found = forward_search._with_event_instead(whole, whole.fits["wear",])
     assert found.names == (kind,)
     if kind == "sheath-moved":
         assert found.values["sheath-moved.time"] == pytest.approx(31.0, abs=0.5)

@@ -75,7 +75,7 @@ def earlier_set(folder: Path) -> list[tuple[tuple[str, ...], float]]:
     return [(own, _share(own, rivals)) for own in sets]
 
 
-def settled(folder: str, earlier: Sequence[tuple[tuple[str, ...], float]], answer: Diagnosis) -> Settled:
+def settle(folder: str, earlier: Sequence[tuple[tuple[str, ...], float]], answer: Diagnosis) -> Settled:
     """What a new diagnosis says of the rivals of an earlier one.
 
     Args:

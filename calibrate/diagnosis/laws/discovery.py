@@ -44,7 +44,7 @@ from .forms import (
     usual_size,
     waves,
 )
-from .places import Place, largest_tip, places
+from .places import LawPlace, largest_tip, places
 
 # Hooks and variables that are felt besides where a number of the model is so many times what fits best: a
 # cell that shows too little makes friction too large, a body that stiffens makes E too large, and to first
@@ -96,7 +96,7 @@ class Felt(NamedTuple):
             followed, to first order.
     """
 
-    place: Place
+    place: LawPlace
     gram: np.ndarray
     toward: np.ndarray
     moved: np.ndarray
@@ -108,7 +108,7 @@ class Felt(NamedTuple):
 class LawCandidate(NamedTuple):
     """A form at a place, or a smooth law (no form), with what it promises and where to fit it from."""
 
-    place: Place
+    place: LawPlace
     form: Form | None
     score: float
     law: Law
@@ -141,12 +141,12 @@ class Discovery:
 
     models: Models
     fitted: Fitted
-    place: Place
+    place: LawPlace
     law: Law
     form: Form | None
     laws: dict[str, Law]
     possible: list[tuple[str, ...]]
-    possible_places: list[Place]
+    possible_places: list[LawPlace]
     takes: float
     pieces: bool
 
@@ -275,7 +275,7 @@ def distilled(wider: Models, head: Fitted, candidates: Sequence[LawCandidate]) -
     return found
 
 
-def _short_forms(place: Place, u: np.ndarray, g: np.ndarray):
+def _short_forms(place: LawPlace, u: np.ndarray, g: np.ndarray):
     """What is left of a curve g(u) by each form that looks like it, the form, and its level, size and shapes
     as in a grid; the nearest first. A constant that the curve has beside the form is its level.
     """
@@ -301,7 +301,7 @@ def _short_forms(place: Place, u: np.ndarray, g: np.ndarray):
     return sorted(found, key=lambda entry: entry[0])
 
 
-def _levelled(wider: Models, place: Place, base: np.ndarray, level: float) -> np.ndarray:
+def _levelled(wider: Models, place: LawPlace, base: np.ndarray, level: float) -> np.ndarray:
     """Coordinates of a model's numbers once its friction has taken the level of a law."""
     if place.acts != "friction":
         return base
@@ -471,7 +471,7 @@ def _formed(
     return LawCandidate(place, form, score, law_of(place, form)[0], hypothesis_of(place, form), start)
 
 
-def _is_transient(place: Place, form: Form) -> bool:
+def _is_transient(place: LawPlace, form: Form) -> bool:
     """Whether a form there tells of what happens once, at some time."""
     return place.of == "t" and form.name in TRANSIENT
 
@@ -639,7 +639,7 @@ def _refused(models: Models, candidate: LawCandidate, fitted: Fitted) -> str:
     return "" if fault is None else fault(values, float(robot.backbone.length))
 
 
-def _covered(likelihood: Likelihood, candidate: LawCandidate, fitted: Fitted) -> Place:
+def _covered(likelihood: Likelihood, candidate: LawCandidate, fitted: Fitted) -> LawPlace:
     """The place of a law with the range that its fit covers: the tension at the tip's cell is simulated."""
     place = candidate.place
     if (place.acts, place.of) != ("tip_cell", "T"):

@@ -46,7 +46,7 @@ NEAR = 8.0
 EXCHANGED, PROMISES = 4, 0.15
 
 
-def with_further(models: Models, start: Fitted, progress: Callable[[str], None]) -> Fitted:
+def forward_search(models: Models, start: Fitted, progress: Callable[[str], None]) -> Fitted:
     """Add effects to a model while they pay on unseen samples, first the most promising, from all their
     starts if none does; choose the variant of each effect again beside the others; take out those that then
     do not pay; and refit the models in which an effect is replaced by one that did nearly as well. All refits

@@ -22,7 +22,7 @@ from gtr_jax.interruption import INTERRUPTED, NOTHING_WRITTEN, interruption
 
 from . import demo, design, diagnose, export, fit, init, inspect, next, schema, simulate, sweep, terms, view
 from .options import with_terms_option
-from .streams import heard
+from .streams import withstand_closed_streams
 
 ANSWERED, NOT_CONVERGED, BAD_INPUT = 0, 1, 2
 
@@ -83,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     _quieten()
     if arguments is None:
-        heard()
+        withstand_closed_streams()
         interruption.install()
         interruption.running = True
     with warnings.catch_warnings():

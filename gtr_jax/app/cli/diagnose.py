@@ -83,7 +83,7 @@ def diagnose(
     the plane and have several tendons, driven by tension or by displacement. Recordings without T_tip_N are
     explained by what they have most of: places (of the tip, markers, displacements) or angles.
     """
-    from calibrate.diagnosis.answer.earlier import earlier_set, settled
+    from calibrate.diagnosis.answer.earlier import earlier_set, settle
     from gtr_jax.cache import enable_cache
     from gtr_jax.config.config import load_config
     from gtr_jax.recordings.cleaning.masking import times_of
@@ -129,7 +129,7 @@ def diagnose(
             progress=progress,
         )
         if earlier is not None:
-            answer = dataclasses.replace(answer, settles=settled(str(settles), earlier, answer))
+            answer = dataclasses.replace(answer, settles=settle(str(settles), earlier, answer))
         progress("drawing")
         with folder.write() as part:
             settings = folder.settings() | left_out(recordings)
