@@ -208,7 +208,7 @@ def prepare(
     differ: list[Difference] = []
     found_outside, as_asked = list[Stretch](), parts[0]
     while start is not None and may_differ and several and len(differ) < MOST_DIFFER:
-        say("asking whether one number differs between the recordings")
+        say("testing whether one number differs between the recordings")
         found_split = differing(
             start.likelihood, start.base, fine, hypotheses_of(coarse, start.base, start.full, untried)
         )
@@ -223,7 +223,7 @@ def prepare(
         more = [] if start is None else _from_outside(as_asked, start)
         if start is None or not more:
             break
-        say("leaving out where the tip moves as the base cannot move it, and behind gaps")
+        say("leaving out where the tip moves as the base cannot move it, and after gaps")
         without_them = [without(as_asked, [*out[as_asked.name], *more])]
         again = fitted(without_them, start.base.x)
         if again is None:
@@ -233,7 +233,7 @@ def prepare(
     if start is not None:
         sharper = _sharpened(start, [recorded(r, fine)[0] for r in recordings])
         if sharper is not None:
-            say("fitting again, the base tension's corners put where the tip tells")
+            say("fitting again, with the corners of the base tension placed by the tip")
             again = fitted(sharper, start.base.x, start.likelihood.base, start.likelihood.dimensions)
             start = start if again is None else _better(start, again)
     if start is None:

@@ -244,7 +244,7 @@ def channels_of(
             continue
         known = dict.fromkeys(one for robot in robots for one in known_to(robot))
         if name not in known:
-            raise InputError(f"channel '{name}' is none of {', '.join(known)}")
+            raise InputError(f"channels: must be one of {', '.join(known)}; got '{name}'")
         raise InputError(f"channel '{name}': no recording has it; leave it out")
     return wanted
 
@@ -455,7 +455,7 @@ def _sampled(setup: Setup, answer: Answer, result: FitResult) -> FitResult:
     try:
         found = sample(setup, answer)
     except KeyboardInterrupt:
-        warning = "Interrupted while sampling the posterior: the fit is whole without it."
+        warning = "Interrupted while sampling the posterior: the fit is complete without it."
     else:
         if found is None:
             warning = "The posterior is not sampled: the recordings do not determine every parameter."

@@ -91,7 +91,7 @@ def _fitted_config(
             }
         )
     except InputError as fault:
-        return None, [f"The fitted values do not make a robot file: {fault}."]
+        return None, [f"The fitted values cannot be written as a robot file: {fault}."]
     return found, []
 
 
@@ -257,9 +257,10 @@ def _failure(setup: Setup, answer: Answer, fewer: Beaten | None) -> str:
         left = float(np.sqrt(np.mean(np.concatenate(rms) ** 2))) if any(r.size for r in rms) else np.nan
         much = f" ({fewer.rms:.3g} N rms instead of {left:.3g} N)" if np.isfinite(fewer.rms) else ""
         return (
-            f"the descent ended in a bad place: with {held} as the robot file has {'it' if one else 'them'}, "
-            f"the others alone leave less{much}; fit --free {free} first, write what it finds into the robot "
-            f"file, and give {held} {'a value' if one else 'values'} there from which to start"
+            f"the search ended at a poor optimum: with {held} as in the robot file, a fit of the others "
+            "alone "
+            f"leaves less{much}; fit --free {free} first, write what it finds into the robot file, and give "
+            f"{held} {'a start value' if one else 'start values'} there"
         )
     return ""
 
@@ -387,7 +388,9 @@ def summarise(
         apart = by_recording(setup, answer)
     disagreement = disagreement_of_phases(phases.estimates, phases.apart)
     if disagreement:
-        warnings.append(disagreement[0].upper() + disagreement[1:] + ": more apart than their errors.")
+        warnings.append(
+            disagreement[0].upper() + disagreement[1:] + ": farther apart than their errors allow."
+        )
     clauses = [disagreement] if disagreement else []
     if apart.blamed:
         clauses.append(

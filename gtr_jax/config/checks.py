@@ -238,7 +238,7 @@ def _check_pieces(backbone: BackboneConfig) -> None:
         _require(
             any(value is not None for value in own),
             key,
-            "differs in nothing; give outer_radius, youngs_modulus or bending_stiffness",
+            "changes nothing; give outer_radius, youngs_modulus or bending_stiffness",
         )
         for radius in piece.outer_radius or ():
             _check_length(radius, f"{key}.outer_radius")
@@ -273,7 +273,7 @@ def _check_stretches(table: str, stretches: Sequence[Any], length: float) -> Non
         _require(
             start >= end - _NEAR * length,
             f"backbone.{table}[{j}]",
-            f"starts at {mm(start)}, before {table}[{i}] ends at {mm(end)}; part the two",
+            f"starts at {mm(start)}, before {table}[{i}] ends at {mm(end)}; separate the two",
         )
 
 

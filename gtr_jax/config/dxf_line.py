@@ -68,7 +68,7 @@ def read_line(path: Path, *, layer: str | None = None, unit: str | None = None) 
         raise InputError(f"{path}: no line on a layer '{layer}'; layers with lines: {listed(layers)}")
     place = f"{path}: layer {layer}"
     if not all(np.all(np.isfinite(points)) for points, _ in own):
-        raise InputError(f"{place}: a coordinate of its lines is no finite number; draw the line anew")
+        raise InputError(f"{place}: a coordinate of its lines is not a finite number; draw the line again")
     measured = all(straight for _, straight in own)
     points = _chained(
         place, [scale * (points if measured or not straight else _dense(points)) for points, straight in own]
@@ -83,7 +83,9 @@ def _document(path: Path) -> Any:
     try:
         return filemanagement.readfile(path)
     except Exception as fault:  # a damaged drawing breaks ezdxf in many ways
-        raise InputError(f"{path}: not a whole DXF drawing ({reason(fault)}); save it again as DXF") from None
+        raise InputError(
+            f"{path}: not a complete DXF drawing ({reason(fault)}); save it again as DXF"
+        ) from None
 
 
 def _metres(path: Path, document: Any, unit: str | None) -> float:

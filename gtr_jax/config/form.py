@@ -141,7 +141,7 @@ def check_strings(data: Mapping[str, Any]) -> None:
                 "and no digit first"
             )
         if name is not None and name in names[:i]:
-            raise InputError(f"tendons[{i}].name: '{name}' stands twice; give each tendon its own name")
+            raise InputError(f"tendons[{i}].name: '{name}' is given twice; give each tendon its own name")
 
 
 def _unknown_term(kind: object, known: Iterable[str]) -> str:
@@ -150,7 +150,7 @@ def _unknown_term(kind: object, known: Iterable[str]) -> str:
 
 
 def check_terms(data: Mapping[str, Any], known: Iterable[str]) -> None:
-    """Refuse terms that are no tables, have no kind or an unknown one, or stand twice.
+    """Refuse terms that are no tables, have no kind or an unknown one, or are given twice.
 
     Args:
         data: the robot file.
@@ -172,8 +172,8 @@ def check_terms(data: Mapping[str, Any], known: Iterable[str]) -> None:
         tendon = term.get("tendon") if isinstance(term, Mapping) else getattr(term, "tendon", None)
         before = seen.setdefault(str(name), [])
         if tendon in before or (before and (tendon is None or None in before or kind == LAW)):
-            key, remedy = ("name", "give each law its own name") if kind == LAW else ("kind", "keep one")
+            key, remedy = ("name", "give each law its own name") if kind == LAW else ("kind", "remove one")
             if kind != LAW and (tendon is not None or None not in before):
                 remedy = f"{remedy}, or give each a tendon of its own"
-            raise InputError(f"terms[{i}].{key}: '{excerpt(name)}' stands twice; {remedy}")
+            raise InputError(f"terms[{i}].{key}: '{excerpt(name)}' is given twice; {remedy}")
         before.append(tendon)

@@ -204,7 +204,7 @@ def mapped(
         tendons: names of several tendons.
 
     Raises InputError naming the table, the mapping and the entry: an unknown quantity or column, or one that
-    stands twice.
+    is given twice.
     """
     place = f"{table.path}: {columns.place}"
     chosen: dict[str, Source] = {}
@@ -222,11 +222,11 @@ def mapped(
         if quantity not in wanted:
             raise InputError(f"{place}: unknown quantity '{name}'; {did_you_mean(name, wanted)}")
         if quantity in chosen:
-            raise InputError(f"{place}: {quantity} is mapped twice; keep one")
+            raise InputError(f"{place}: {quantity} is mapped twice; remove one")
         source = _source(table, text, column_of(wanted[quantity][0]).unit, place, quantity)
         header = table.header[source.index]
         if table.header.count(header) > 1:
-            raise InputError(f"{place}: column '{header}' stands twice in the header; rename one")
+            raise InputError(f"{place}: column '{header}' is in the header twice; rename one")
         other = next((q for q, own in chosen.items() if own.index == source.index), None)
         if other is not None:
             raise InputError(

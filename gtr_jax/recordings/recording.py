@@ -294,7 +294,7 @@ def _unit_quaternion(path: Path, rows: np.ndarray, data: Mapping[str, np.ndarray
     if off[worst] > QUATERNION_ERROR:
         raise InputError(
             f"{path}: row {rows[worst]}, columns {', '.join(QUATERNION)}: a quaternion of length "
-            f"{size[worst]:.4g} is no rotation; its length has to be 1"
+            f"{size[worst]:.4g} is not a rotation; its length must be 1"
         )
     return {name: data[name] / size for name in QUATERNION}
 

@@ -177,7 +177,7 @@ def test_robots_that_disagree_about_what_they_share(refused, tmp_path):
 
 
 def test_unknown_channel(refused):
-    assert "'angle' is none of" in refused("fit", RECORDED, RECORDING, "--channels", "angle")
+    assert "got 'angle'" in refused("fit", RECORDED, RECORDING, "--channels", "angle")
 
 
 def test_unknown_parameter(refused):

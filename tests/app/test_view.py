@@ -428,7 +428,7 @@ def test_without_bokeh_the_command_says_what_to_install(capsys, monkeypatch):
     ("arguments", "says"),
     [
         (["--drop", "1:2"], "--drop: has no effect without a recording; leave it out"),
-        (["--port", "70000"], "--port: 70000 is no port; leave it out for a free one"),
+        (["--port", "70000"], "--port: 70000 is not a port; leave it out for a free one"),
     ],
 )
 def test_options_that_cannot_be_are_refused(capsys, tmp_path, arguments, says):

@@ -317,7 +317,7 @@ FAULTS = {
     "rotated": (
         '"90 deg", "0',
         '"390 deg", "0',
-        "base.rotation: a rotation vector of 390 deg is no rotation",
+        "base.rotation: a rotation vector of 390 deg is more than a full turn",
     ),
     "rotation of four": ('"0 deg"]', '"0 deg", "0 deg"]', "base.rotation: too many values"),
     "two vectors": (

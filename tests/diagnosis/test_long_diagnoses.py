@@ -91,7 +91,7 @@ def test_an_episode_behind_a_gap_says_so_and_is_no_event():
     time = plain.time + np.where(np.arange(K) >= 100, 7.0, 0.0)
     gapped = dataclasses.replace(plain, time=time)
     (found,) = episodes(*bench_of(gapped, row))  # type: ignore[arg-type]
-    assert found.kind == AFTER_GAP and "behind a gap" in found.says
+    assert found.kind == AFTER_GAP and "after a gap" in found.says
     (other,) = episodes(*bench_of(plain, row))  # type: ignore[arg-type]
     assert other.kind != AFTER_GAP
     stretches = from_outside([found], {"rig": 10 * K}, {"rig": []})

@@ -197,7 +197,7 @@ def test_a_rig_that_is_changed_has_robot_files_that_say_so(make_config, tmp_path
     [
         (["."], "holds neither diagnosis.json nor fit.json"),
         ([".", "robot.toml"], "is a folder; give one run folder, or robot files"),
-        (["robot.toml"], "--max-tension: robot files do not tell how far the rig may pull"),
+        (["robot.toml"], "--max-tension: robot files do not say how far the rig may pull"),
         (["robot.toml", "--max-tension", "0"], "--max-tension: must be above 0"),
         (
             ["robot.toml", "--max-tension", "20N", "--for", "muu"],

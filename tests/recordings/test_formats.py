@@ -150,7 +150,7 @@ def test_parquet_faults(tmp_path):
     path = tmp_path / "recording.parquet"
     pl.DataFrame(DATA).write_parquet(path)
     path.write_bytes(path.read_bytes()[:-300])
-    assert refused(path).startswith("not a whole Parquet file (")
+    assert refused(path).startswith("not a complete Parquet file (")
     pl.DataFrame({"a": []}).write_parquet(path)
     assert refused(path).startswith("holds no rows of numbers")
     gaps = pl.DataFrame(DATA).with_columns(
@@ -250,7 +250,7 @@ def test_matlab_faults(tmp_path):
     assert refused(path).startswith("holds no vectors of numbers")
     savemat(path, DATA)
     path.write_bytes(path.read_bytes()[:700])
-    assert refused(path).startswith("not a whole MATLAB file (")
+    assert refused(path).startswith("not a complete MATLAB file (")
     savemat(path, {name.rstrip("_N"): values for name, values in DATA.items()} | {"T_tip": T[:9]})
     assert refused(path).startswith("no column T_tip_N; columns found:")
 
@@ -309,7 +309,7 @@ def test_ros_faults(tmp_path, monkeypatch):
     assert "no column T_base_N; columns found: time, /cells.force.x" in refused(path)
     broken = tmp_path / "broken.mcap"
     broken.write_bytes(b"\x89MCAP0\r\n" + bytes(100))
-    assert refused(broken).startswith("not a whole recording of ROS (")
+    assert refused(broken).startswith("not a complete recording of ROS (")
     assert refused(tmp_path).startswith("a folder, and no bag of ROS 2")
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     assert refused(path) == "a recording of ROS; pip install 'gtr-jax[ros]', or export its topics as CSV"

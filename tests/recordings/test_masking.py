@@ -111,7 +111,7 @@ def test_too_many_empty_cells(tmp_path):
 
 
 DROPS = {
-    "12.5-13": "no stretch FROM:TO; write for example '12.5 s:13 s'",
+    "12.5-13": "is not a stretch FROM:TO; write for example '12.5 s:13 s'",
     "": "no stretch FROM:TO",
     "1:2:3": "no stretch FROM:TO",
     "2:1": "ends before it begins",

@@ -280,7 +280,7 @@ FAULTS = {
     "parted by blanks": (
         GOOD.replace(",", " "),
         None,
-        "blanks part its numbers; part the cells with commas, semicolons or tabs",
+        "blanks separate its numbers; separate the cells with commas, semicolons or tabs",
     ),
     "no header": (
         "0,0,0\n1,10,6\n",
@@ -292,7 +292,7 @@ FAULTS = {
     "workbook": (
         b"PK\x03\x04\x14\x00",
         None,
-        "not a whole workbook or archive (File is not a zip file); export it again",
+        "not a complete workbook or archive (File is not a zip file); export it again",
     ),
     "stroke between digits": (
         GOOD.replace("1,10", "1,1_0"),
@@ -397,11 +397,15 @@ FAULTS = {
         "T_base=T_bas_N[gf]",
         "--columns: no column 'T_bas_N' for T_base; did you mean 'T_base_N'?",
     ),
-    "mapping twice": (GOOD, "T_base=T_base_N,T_base=T_tip_N", "--columns: T_base is mapped twice; keep one"),
+    "mapping twice": (
+        GOOD,
+        "T_base=T_base_N,T_base=T_tip_N",
+        "--columns: T_base is mapped twice; remove one",
+    ),
     "mapping doubled": (
         "a,a\n1,1\n",
         "T_base=a",
-        "--columns: column 'a' stands twice in the header; rename one",
+        "--columns: column 'a' is in the header twice; rename one",
     ),
 }
 

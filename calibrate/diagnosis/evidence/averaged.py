@@ -1,6 +1,6 @@
 """Intervals that know what could be missing: numbers averaged over models.
 
-An interval under one model says nothing of effects that the recordings cannot show. Such an effect may be
+An interval under one model says nothing about effects that the recordings cannot show. Such an effect may be
 as large as its prior allows, and mu and E then differ from those of the model by what hides it. So the
 distribution of each number is averaged (Hoeting et al. 1999): over the model that is shown, its rivals and
 the base model, each with its probability, and over each other effect beside the model that is shown, with
@@ -152,7 +152,7 @@ def averaged(
         marginals: the model that is shown, its rivals and the base model with all that is uncertain fitted
             jointly, by names of the effects.
         leaves: whether the model that is shown leaves structure beyond the noise, which then counts as an
-            error of unknown cause: an effect that nibbles at it must not gain odds.
+            error of unknown cause: an effect that removes little of it must not gain odds.
     """
     rng = np.random.default_rng(0)
     shown = marginals[chosen.names]

@@ -179,7 +179,7 @@ def discover(models: Models, head: Fitted, progress: Callable[[str], None]) -> D
         head: the model that leaves structure.
         progress: called with a line at each stage.
     """
-    progress("asking where a law that no catalogue holds would act")
+    progress("looking for where a law outside the catalogue would act")
     ranked = _ranked(feel(models, head))
     wider, candidates = _fitted(models, head, ranked[:PLACES], progress)
     unseen = Unseen(wider)
@@ -634,7 +634,7 @@ def _refused(models: Models, candidate: LawCandidate, fitted: Fitted) -> str:
         v = np.linspace(candidate.place.low, candidate.place.high, SEEN_AT)
         least = min(fitted.values[n.name] for n in fitted.numbers if is_friction(n))
         if np.min(evaluate(law.tree, {**values, "v": v}, np)) < -least:
-            return "friction would push the tendon on"
+            return "friction would push the tendon forward"
     fault = robot.catalogue[law.name].fault
     return "" if fault is None else fault(values, float(robot.backbone.length))
 

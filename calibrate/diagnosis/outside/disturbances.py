@@ -111,7 +111,7 @@ def behind_gaps(part: Observation, thinned: Observation, seen: SimulatedReadings
             continue
         if part.counted[k + 1]:
             last = _forgotten(part, met, k + 1)
-            why = f"behind a gap of {steps[k]:.2g} s in the recording, in which the load is not known"
+            why = f"after a gap of {steps[k]:.2g} s in the recording, in which the load is not known"
             found.append(Stretch(int(part.places[k + 1]), last, why))
     return found
 

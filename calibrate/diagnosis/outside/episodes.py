@@ -44,8 +44,8 @@ AFTER_GAP, ALONE, RELAXES, TOGETHER, SLIPPING, MIXED = (
     "mixed",
 )
 WORDS = {
-    AFTER_GAP: "it begins behind a gap in the recording, in which the load is not known",
-    ALONE: "the tip moves while the base stands and friction should hold it: was the tip end moved?",
+    AFTER_GAP: "it begins after a gap in the recording, in which the load is not known",
+    ALONE: "the tip moves while the base stands still and friction should hold it: was the tip end moved?",
     RELAXES: "both tensions relax towards each other while friction should hold them: was the sheath shaken?",
     TOGETHER: "the tip follows the base while friction should hold it",
     SLIPPING: "the loss differs while the tendon slips",

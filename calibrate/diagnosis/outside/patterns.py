@@ -73,9 +73,8 @@ class Stand(NamedTuple):
         """In words."""
         when = [] if self.time_s is None else ["{:.10g} to {:.10g} s".format(*self.time_s)]
         at = [] if self.T_base_N is None else ["{:.3g} to {:.3g} N at the base".format(*self.T_base_N)]
-        return (
-            f"{self.readings} on end ({', '.join([*when, *at])})" if when or at else f"{self.readings} on end"
-        )
+        many = f"{self.readings} consecutive readings"
+        return f"{many} ({', '.join([*when, *at])})" if when or at else many
 
 
 class Pattern(NamedTuple):
@@ -108,8 +107,8 @@ class Pattern(NamedTuple):
         """In words."""
         if self.along == SAMPLE:
             return (
-                f"what is left of {self.of} follows the changes of the last samples, as a cell does that "
-                "rings"
+                f"what is left of {self.of} follows the changes of the last samples, as the reading of a "
+                "ringing cell does"
             )
         if self.along == TIME:
             at = ", ".join(stand.says for stand in self.stands[:TOLD])

@@ -97,7 +97,7 @@ def _load_target(path: Path) -> TargetConfig:
     from design import load_target
 
     if path.suffix.lower() == ".csv":
-        raise InputError(f"{path}: is no target file; write a TARGET.toml with [[pose]]")
+        raise InputError(f"{path}: is not a target file; write a TARGET.toml with [[pose]]")
     return load_target(path)
 
 

@@ -115,7 +115,7 @@ def diagnose(
     enable_cache()
     with folder.alone(), kept(), Progress() as progress:
         if folder.steps.exists():
-            click.echo("going on from where an earlier run of this command stopped", err=True)
+            click.echo("resuming the interrupted run", err=True)
         answer = solve(
             config,
             recordings,
@@ -139,7 +139,7 @@ def diagnose(
         click.echo(line)
     click.echo(f"report: {output / 'report.html'}")
     if experiment and answer.experiment is None:
-        click.echo("next: nothing is left to be told apart")
+        click.echo("next: no rivals remain")
     return 0 if answer.converged and answer.verdict != "bad-data" else 1
 
 

@@ -86,9 +86,7 @@ def export(robot: Path, kind: str | None, output: Path, force: bool, **given: An
         from gtr_jax.export.mjcf import left_out
 
         if out := left_out(config, friction_at=options.get("friction_at")):
-            click.echo(
-                f"left out, which MuJoCo cannot hold or this export does not give it: {', '.join(out)}"
-            )
+            click.echo(f"left out, because MuJoCo or this export does not support it: {', '.join(out)}")
     return 0
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gtr_jax.errors import InputError, did_you_mean
+from gtr_jax.errors import InputError, nearest
 from gtr_jax.interruption import interruption
 
 if TYPE_CHECKING:
@@ -115,7 +115,9 @@ def _amount(unit: str, *, above: bool = True, signed: bool = False) -> Callable[
 def _one_of(names: Sequence[str]) -> Callable[[str], str]:
     def check(text: str) -> str:
         if text.strip() not in names:
-            raise InputError(f"'{text}' is none of {', '.join(names)}; {did_you_mean(text, names)}")
+            near = nearest(text, names)
+            hint = f"; did you mean '{near}'?" if near else ""
+            raise InputError(f"must be one of {', '.join(names)}; got '{text}'{hint}")
         return text.strip()
 
     return check

@@ -94,7 +94,10 @@ def sweep(
         store.create()
         left = store.left()
         if left and len(left) < task.plan.blocks:
-            click.echo(f"going on: {task.plan.blocks - len(left)} blocks are there already", err=True)
+            click.echo(
+                f"resuming the interrupted run: {task.plan.blocks - len(left)} blocks are there already",
+                err=True,
+            )
         done = _compute(task, store, how.own(left), sweep, how, progress)
         for block, fault in done.lost[:3]:
             click.echo(f"error: block {block} was not computed: {fault}", err=True)

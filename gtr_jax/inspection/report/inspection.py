@@ -82,7 +82,7 @@ def inspection_report(
 def _columns(mapping: Mapping) -> Table:
     """Which column was taken for what."""
     rows = [(t.quantity, t.header, t.unit or "time stamps", t.why) for t in mapping.taken]
-    note = f"Of no use: {listed(mapping.unused)}." if mapping.unused else ""
+    note = f"Unused: {listed(mapping.unused)}." if mapping.unused else ""
     return Table("Columns", ("quantity", "column", "unit", "why"), rows, note=note)
 
 

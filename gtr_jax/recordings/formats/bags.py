@@ -48,7 +48,7 @@ def read_bag(path: Path, sha256: str) -> Table:
     try:
         topics = read_in_subprocess(topics_of, str(path.absolute()))
     except Unreadable as fault:
-        raise InputError(f"{path}: not a whole recording of ROS ({fault}); reindex it") from None
+        raise InputError(f"{path}: not a complete recording of ROS ({fault}); reindex it") from None
     except InputError as fault:
         raise InputError(f"{path}: {fault}") from None
     if not topics:

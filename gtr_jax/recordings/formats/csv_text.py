@@ -91,7 +91,9 @@ def table_of(path: Path, layout: Layout, sha256: str, *, cut: bool = False) -> T
         numbers.append(number)
     blanks = [row[0].split() for row in cells[:1] if len(header) == 1 and not is_numeral(row[0])]
     if any(len(parts) > 1 and all(map(is_numeral, parts)) for parts in blanks):
-        raise InputError(f"{path}: blanks part its numbers; part the cells with commas, semicolons or tabs")
+        raise InputError(
+            f"{path}: blanks separate its numbers; separate the cells with commas, semicolons or tabs"
+        )
     if not cells:
         raise InputError(f"{path}: has a header but no rows; at least one row of numbers is needed")
     columns = [Written(column) for column in zip(*cells, strict=True)]
@@ -289,7 +291,7 @@ def _odd(header: list[str], row: list[str]) -> str:
     if len(row) == 2 * len(header) and all(map(is_numeral, row)):
         return "if these are decimal commas, export with semicolons between the cells, or with decimal points"
     if len(header) == 1:
-        return "put one header row above the numbers, and part its cells as those of the numbers"
+        return "put one header row above the numbers, and separate its cells as those of the numbers"
     return "complete or delete the row"
 
 

@@ -81,7 +81,7 @@ def expanded_gzip(path: Path, data: bytes) -> bytes:
         with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:
             found = stream.read(LARGEST + 1)
     except (OSError, EOFError, zlib.error) as fault:
-        raise InputError(f"{path}: not a whole gzip file ({fault}); compress it again") from None
+        raise InputError(f"{path}: not a complete gzip file ({fault}); compress it again") from None
     if len(found) > LARGEST:
         raise _too_large(path)
     return found
@@ -96,7 +96,7 @@ def members(path: Path, data: bytes) -> list[str]:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             infos = archive.infolist()
     except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as fault:
-        raise InputError(f"{path}: not a whole workbook or archive ({fault}); export it again") from None
+        raise InputError(f"{path}: not a complete workbook or archive ({fault}); export it again") from None
     if sum(info.file_size for info in infos) > LARGEST:
         raise _too_large(path)
     return [info.filename for info in infos]

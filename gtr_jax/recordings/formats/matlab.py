@@ -47,7 +47,7 @@ def read_matlab(path: Path, data: bytes, sha256: str) -> Table:
     try:
         common, found = read_in_subprocess(vectors_of_hdf5 if hdf5 else vectors_of_mat, data)
     except Unreadable as fault:
-        raise InputError(f"{path}: not a whole MATLAB file ({fault}); save it again") from None
+        raise InputError(f"{path}: not a complete MATLAB file ({fault}); save it again") from None
     except InputError as fault:
         raise InputError(f"{path}: {fault}") from None
     lengths = Counter(len(values) for values in found.values() if len(values) > 1)

@@ -32,7 +32,7 @@ def read_parquet(path: Path, data: bytes, sha256: str) -> Table:
     try:
         rows, found = read_in_subprocess(columns_of, data)
     except Unreadable as fault:
-        raise InputError(f"{path}: not a whole Parquet file ({fault}); export it again") from None
+        raise InputError(f"{path}: not a complete Parquet file ({fault}); export it again") from None
     except InputError as fault:
         raise InputError(f"{path}: {fault}") from None
     if not found or not rows:

@@ -20,7 +20,7 @@ from .sheet import Table
 _HEAD = 200_000  # characters in which the first lines are looked for
 _SAMPLED = 200  # lines by which such a file is told
 MOST_ODD = 0.05
-"""Share of the lines that may be no readings: a monitor shows whatever a device says."""
+"""Share of the lines that may not be readings: a monitor shows whatever a device says."""
 _LISTED = 6
 _LONGEST = 500  # characters of a line whose numbers are named
 _DATE = r"(?:(?:\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[-/.]\d\d?[-/.]\d{4})[T ])?"
@@ -91,7 +91,9 @@ def read_lines(path: Path, text: str, sha256: str) -> Table | None:
     notes = list(layout.notes)
     if odd:
         lines = (
-            "1 line that is no reading is" if len(odd) == 1 else f"{len(odd)} lines that are no readings are"
+            "1 line that is not a reading is"
+            if len(odd) == 1
+            else f"{len(odd)} lines that are not readings are"
         )
         notes.append(f"{lines} left out: {listed(map(str, odd), _LISTED)}")
     if cut:

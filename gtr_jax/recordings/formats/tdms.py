@@ -43,7 +43,7 @@ def read_tdms(path: Path, data: bytes, sha256: str) -> Table:
     try:
         channels = read_in_subprocess(channels_of, data)
     except Unreadable as fault:
-        raise InputError(f"{path}: not a whole TDMS file ({fault}); export it again") from None
+        raise InputError(f"{path}: not a complete TDMS file ({fault}); export it again") from None
     except InputError as fault:
         raise InputError(f"{path}: {fault}") from None
     found = [_Channel(*channel) for channel in channels]

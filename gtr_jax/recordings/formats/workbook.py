@@ -38,7 +38,7 @@ def read_workbook(path: Path, data: bytes, sha256: str) -> Table:
         sheets = read_in_subprocess(sheets_of, data)
     except Unreadable as fault:
         raise InputError(
-            f"{path}: not a whole workbook, or one of too many cells ({fault}); export the sheet as CSV"
+            f"{path}: not a complete workbook, or one of too many cells ({fault}); export the sheet as CSV"
         ) from None
     except InputError as fault:
         raise InputError(f"{path}: {fault}") from None
