@@ -126,7 +126,7 @@ def rows() -> list[str]:
     ]
     with mock.patch.object(history, "predicted_slip", _unpredicted):
         held = [simulated(*law, time, T_base, 4)[0] for _, law, time, T_base in _histories()]
-    # Programs traced without foresight are forgotten.
+    # Programs traced without the prediction are forgotten.
     jax.clear_caches()
     eqx.clear_caches()
     for (name, law, time, T_base), without in zip(_histories(), held, strict=True):

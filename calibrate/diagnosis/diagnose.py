@@ -360,8 +360,8 @@ def _on_all(
 
 
 def _weighed_by_the_best(models: Models) -> Models:
-    """The models on the bench as weighed by the one of them that fits best as weighed by itself. Where the
-    tendon slips, and how the base cell's noise passes on to the tip, depends on the model: weighed by a
+    """The models with the likelihood as weighed by the one of them that fits best as weighed by itself. Where
+    the tendon slips, and how the base cell's noise passes on to the tip, depends on the model: weighed by a
     rival, a true model may seem much worse than it is.
     """
     likelihood = models.likelihood

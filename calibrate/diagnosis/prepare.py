@@ -1,4 +1,4 @@
-"""What a diagnosis starts from: recordings on the bench, the base model fitted, and what may be missing."""
+"""What a diagnosis starts from: the recordings' likelihood, the base model fitted, and what may be missing."""
 
 from __future__ import annotations
 
@@ -67,9 +67,9 @@ class Prepared:
         config: the robot file, or None.
         fine: the robot on its own mesh.
         parts, full: the recordings, and those samples of them that are used.
-        kept: indices of the samples on the bench.
+        kept: indices of the samples in the likelihood.
         warnings: what the reader must know.
-        bench: few samples on a coarse mesh.
+        likelihood: few samples on a coarse mesh.
         rough, exact: all samples on the coarse mesh, and on a fine one.
         base: fit of the base model.
         hypotheses: what may be missing.
@@ -184,7 +184,7 @@ def prepare(
         numbers: tuple[Number, ...] = (*base_numbers(fine, deviations), *instruments),
         dimensions: Sequence[Number] = dimensions,
     ) -> _Start | None:
-        """Recordings on the bench, and the base model fitted to them; None if that fails."""
+        """The likelihood of the recordings, and the base model fitted to them; None if that fails."""
         full = [part if part.samples <= MANY else part.only(some_samples(part, MANY)) for part in parts]
         kept = [some_samples(part, FEW_OF_SEVERAL if several else FEW) for part in full]
         small = [p if len(k) == p.samples else p.only(k) for p, k in zip(full, kept, strict=True)]
@@ -294,7 +294,7 @@ def names_of(recordings: Sequence[Recording]) -> list[str]:
 
 
 class _Start(NamedTuple):
-    """Recordings on the bench: all their samples, those on the bench, the bench, all on a fine mesh, and the
+    """The recordings: all their samples, those in the likelihood, the likelihood, all on a fine mesh, and the
     base model fitted.
     """
 

@@ -114,7 +114,7 @@ def _driven(rig: SimulatedRig, load: np.ndarray, tendon: int) -> Observation:
 def _options(models: Models, rig: SimulatedRig) -> list[_Option]:
     part, noise = rig.part, models.likelihood.noise[0]
     clock = part.time
-    # As many samples as the bench simulates: no other program is compiled.
+    # As many samples as the likelihood simulates: no other program is compiled.
     duration = 20.0 if clock is None else max(float(clock[-1] - clock[0]) / 6, 1.0)
     n = len(part.drives)
     largest = max((float(np.max(T)) for T in part.pulled or part.recorded[: part.tips]), default=1.0)

@@ -104,7 +104,7 @@ SLACK = [
         ({"pose": [POSE], "limits": {"wall_clearance": "14 mm"}}, ["wall_clearance", "no channel fits"]),
         ({"pose": [POSE], "limits": {"max_tension_loss": 1.5}}, ["max_tension_loss", "share between"]),
         ({"pose": [POSE], "limits": {"wall_clearence": 0}}, ["did you mean 'wall_clearance'"]),
-        ({"pose": [POSE], "search": {"routing": ["r3"]}}, ["search", "'r3' is not a number", "did you mean 'r"]),
+        ({"pose": [POSE], "search": {"routing": ["r3"]}}, ["'r3' is not a number", "did you mean 'r"]),
         ({"pose": [POSE], "search": {"kind": "splines"}}, ["search.kind", "did you mean 'spline'"]),
         ({"pose": [POSE], "search": {"free": ["E"]}}, ["search.bounds.E", "missing"]),
         ({"pose": [POSE], "search": {"free": ["T_base"]}}, ["search.bounds.T_base", "missing"]),

@@ -328,7 +328,7 @@ def _gaussian(
     posterior and of the prior within the bounds, taken size by size.
 
     Args:
-        bench, chosen: the recordings, and the model.
+        likelihood, chosen: the recordings, and the model.
         h: the effect.
         prior: odds of the effect before anything is seen.
         scale: variance of the white residuals.

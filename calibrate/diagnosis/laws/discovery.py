@@ -49,7 +49,7 @@ from .places import LawPlace, largest_tip, places
 # Hooks and variables that are felt besides where a number of the model is so many times what fits best: a
 # cell that shows too little makes friction too large, a body that stiffens makes E too large, and to first
 # order from there the right law promises little.
-FELT_AT = (
+PROBED_AT = (
     (("tip_cell", "T"), is_friction, (0.35, 0.5, 0.65, 0.8, 1.25, 1.6)),
     (("bending", "k"), is_stiffness, (0.5, 0.7, 1.4)),
 )
@@ -340,7 +340,7 @@ def _nearest(
 
 
 def _with_candidates(models: Models, candidates: Sequence[LawCandidate]) -> Models:
-    """The models on a bench that knows the laws, and those of the other forms at their places."""
+    """The models with a likelihood that knows the laws, and those of the other forms at their places."""
     every = [(c.law, c.hypothesis) for c in candidates]
     for place in {c.place.name: c.place for c in candidates}.values():
         every += [(law_of(place, form)[0], hypothesis_of(place, form)) for form in forms_for(place)]
@@ -352,14 +352,14 @@ def _with_candidates(models: Models, candidates: Sequence[LawCandidate]) -> Mode
 
 def feel(models: Models, head: Fitted) -> list[Felt]:
     """How the readings respond to tents at every place; at some also where friction or the stiffness of the
-    body is another than fits best without a law (`FELT_AT`).
+    body is another than fits best without a law (`PROBED_AT`).
     """
     robot, here = models.likelihood.rigs[0].robot, Point(head.values, head.seen, head.rows)
     spots = [(place, head.x, here) for place in places(robot, models.likelihood, here)]
     tents = [place.tent() for place, *_ in spots]
     own = models.hypotheses(head.names)
     known = {(place.acts, place.of) for place, *_ in spots}
-    for there, moves, factors in FELT_AT:
+    for there, moves, factors in PROBED_AT:
         for x, point in _elsewhere(models.likelihood, head, own, moves, factors) if there in known else ():
             found = places(robot, models.likelihood, point)
             spots += [(place, x, point) for place in found if (place.acts, place.of) == there]

@@ -162,8 +162,8 @@ def places(robot: Robot, likelihood: Likelihood, at: Point) -> list[LawPlace]:
     """The hooks and variables of which the recordings can tell something.
 
     Args:
-        robot: on the bench's mesh, with the values of its file.
-        bench: the recordings.
+        robot: on the likelihood's mesh, with the values of its file.
+        likelihood: the recordings.
         at: a model of them, from which the ranges are taken.
     """
     known = {*friction_of(robot), *stiffness_of(robot)}

@@ -57,8 +57,8 @@ def disturbances(
     part: Observation, thinned: Observation, seen: SimulatedReadings, slope: np.ndarray, delay: float = 0.0
 ) -> list[Stretch]:
     """Stretches of a recording in which the tip tension moves as the base tension cannot move it, each up to
-    where the tendon has forgotten it. A change that begins off the simulation and ends on it is none: the tip
-    caught up, as it does when static friction breaks.
+    where the tendon has forgotten it. A change that begins away from the simulation and ends on it is not
+    counted: the tip caught up, as it does when static friction breaks.
 
     Args:
         part: the recording, with time, of one tendon that tension drives.

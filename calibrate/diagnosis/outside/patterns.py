@@ -46,7 +46,7 @@ WIDTHS, TOP = (0.015, 0.03, 0.06), 4
 # number of stretches that are named. Of four readings in a row on one side of the base model, the nearest was
 # at most 2.3 standard deviations off in 86 sound recordings of the blind benchmark, bad repeats among them,
 # and 5.5 to 94 where readings stand still (noise of the base fit).
-ON_END, STILL_SD, LESS, TOLD = 4, 6.0, 0.5, 4
+CONSECUTIVE, STILL_SD, LESS, TOLD = 4, 6.0, 0.5, 4
 # Readings beside them that are this near to them, in standard deviations of the noise, stand still with them,
 # up to where the model is one off: friction holds a tip at its peak, and there they are right.
 AS_STILL = 3.0
@@ -282,7 +282,7 @@ def _standing(likelihood: Likelihood, k: int, c: int, residual: np.ndarray) -> l
     pattern of them all, or none.
 
     Args:
-        bench: the recordings.
+        likelihood: the recordings.
         k, c: which of them, and which of its channels.
         residual: of it, simulated minus recorded, (C, K).
     """
@@ -301,7 +301,7 @@ def _standing(likelihood: Likelihood, k: int, c: int, residual: np.ndarray) -> l
     far, stands, done = np.zeros(K, bool), [], 0
     for start, end in _flat(read, still):
         inside = start + np.flatnonzero(off[start:end])
-        if len(inside) < ON_END or inside[0] < done:
+        if len(inside) < CONSECUTIVE or inside[0] < done:
             continue
         first, after = int(inside[0]), int(inside[-1]) + 1
         run = slice(max(first - 1, 0), after)

@@ -1,4 +1,4 @@
-"""Lines that a serial monitor, a terminal or a sketch wrote: cells behind the time at which a line came,
+"""Lines that a serial monitor, a terminal or a sketch wrote: cells after the time at which a line came,
 `14:05:00.000 -> 4.1,0.7`, or numbers behind their names, `base: 4.1 g  tip: 0.7 g`.
 """
 
