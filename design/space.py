@@ -158,7 +158,7 @@ def build_space(config: RobotConfig, target: TargetConfig, *, resolution: float)
         resolution: factor on the mesh of the search.
 
     Raises:
-        InputError: a name that is no number of the robot, or bounds that are missing, unknown or crossed.
+        InputError: a name that is not a number of the robot, or bounds that are missing, unknown or crossed.
     """
     robot = build_robot(config)
     tensions = pulls_of(config, target)

@@ -1,4 +1,4 @@
-"""What a diagnosis starts from: the recordings' likelihood, the base model fitted, and what may be missing."""
+"""What a diagnosis starts from: the likelihood, the base model fitted to it, and what may be missing."""
 
 from __future__ import annotations
 

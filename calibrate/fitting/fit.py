@@ -117,7 +117,7 @@ def fit(
 
     Returns:
         The answer. It does not raise where there is none: `converged` is False and `verdict` says why. An end
-        that a model with fewer of the free numbers beats is no answer.
+        that a model with fewer of the free numbers beats is not an answer.
 
     Raises:
         InputError: unknown or unsuitable parameter, recording too short or with nothing to compare, noise
@@ -235,7 +235,7 @@ def channels_of(
     are given.
 
     Raises:
-        InputError: a name that is no channel, or that no recording has.
+        InputError: a name that is not a channel, or that no recording has.
     """
     wanted = _listed(channels)
     have = names_of(recordings, robots)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 # Distance [standard errors] above which two models are told apart, and share of its present width to which an
 # interval must narrow for an experiment to be worth the work.
 TELLS, NARROWS = 3.0, 0.8
-# A standard deviation above this share of a number's value is no knowledge of it.
+# A standard deviation above this share of a number's value is not knowledge of it.
 UNKNOWN, NOT_KNOWN = 0.7, "unknown"
 
 

@@ -42,7 +42,7 @@ def read_line(path: Path, *, layer: str | None = None, unit: str | None = None) 
 
     Raises:
         InputError: no DXF, no unit or two, no such layer, no line on it, several that do not join, or a
-            coordinate that is no finite number.
+            coordinate that is not a finite number.
     """
     document = _document(path)
     scale = _metres(path, document, unit)
@@ -118,7 +118,7 @@ def _entities(container: Any, layer: str | None = None, depth: int = 0) -> Itera
 
 def _sampled(entity: Any) -> tuple[np.ndarray, bool] | None:
     """Places along an entity in the unit of the drawing, (N, 3), and whether it is straight between them;
-    None of one that is no line.
+    None of one that is not a line.
     """
     kind = entity.dxftype()
     if kind == "LINE":

@@ -29,7 +29,7 @@ _SAYS = {
 
 
 def check_keys(section: type[BaseModel], data: Any) -> None:
-    """Refuse a section that is no table, has a key it does not know, or lacks one it needs."""
+    """Refuse a section that is not a table, has a key it does not know, or lacks one it needs."""
     if not isinstance(data, Mapping):
         raise InputError(f"expected a table of keys and values, found {_found(data)}")
     keys = {field.alias or name: field for name, field in section.model_fields.items()}
@@ -150,7 +150,7 @@ def _unknown_term(kind: object, known: Iterable[str]) -> str:
 
 
 def check_terms(data: Mapping[str, Any], known: Iterable[str]) -> None:
-    """Refuse terms that are no tables, have no kind or an unknown one, or are given twice.
+    """Refuse terms that are not tables, have no kind or an unknown one, or are given twice.
 
     Args:
         data: the robot file.

@@ -165,9 +165,9 @@ def read_recording(
     long as these are no more than MOST_ABSENT of a column.
 
     Raises InputError naming file, row, column and remedy: see `read_table`; missing or doubtful columns,
-    unknown units, cells that are no number, stretches that cannot be read or hold no sample, and, in what is
-    left: time going backwards, tensions of reversed sign, and a tip tension that peaks more than SWAP_FACTOR
-    above the base's. Small negative readings are noise and kept.
+    unknown units, cells that are not a number, stretches that cannot be read or hold no sample, and, in what
+    is left: time going backwards, tensions of reversed sign, and a tip tension that peaks more than
+    SWAP_FACTOR above the base's. Small negative readings are noise and kept.
     """
     table = path if isinstance(path, Table) else read_table(path)
     said = None if columns is None else read_columns(columns, f"{table.path}: ")
@@ -285,7 +285,7 @@ def _by_quantity(data: Mapping[str, np.ndarray], tendons: Sequence[str]) -> dict
 
 
 def _unit_quaternion(path: Path, rows: np.ndarray, data: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The columns of the tip's orientation, scaled to length one; InputError if they are no rotation."""
+    """The columns of the tip's orientation, scaled to length one; InputError if they are not a rotation."""
     if QUATERNION[0] not in data:
         return {}
     size = np.linalg.norm([data[name] for name in QUATERNION], axis=0)

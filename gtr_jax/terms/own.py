@@ -141,7 +141,7 @@ def check_term(term: Any, known: Mapping[str, Term], where: str) -> None:
         where: it comes from, for messages.
 
     Raises:
-        InputError: it is no term, its name or a number's is taken or none, a unit is unknown, it has no
+        InputError: it is not a term, its name or a number's is taken or none, a unit is unknown, it has no
             hook or one that is not open, a hook cannot be compiled, has an effect at the null values, or
             reads what the term does not declare.
     """
@@ -281,7 +281,7 @@ def terms_in(path: Path) -> list[Any]:
     """The terms that a Python file calls TERM or TERMS; none where it registers them itself.
 
     Raises:
-        InputError: it is no file, fails, or holds none.
+        InputError: it is not a file, fails, or holds none.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file; name a Python file that holds a TERM")

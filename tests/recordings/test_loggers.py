@@ -479,7 +479,7 @@ def test_rows_that_are_logged_several_times_are_no_stuck_cell(stamped):
     assert abs(stretch.where.first - begin) < 10 and abs(stretch.where.last - end) < 10
 
 
-# What is no tension
+# What is not a tension
 
 
 def test_clocks_and_displacements_are_no_tensions(tmp_path):

@@ -74,7 +74,7 @@ def test_glitches_that_are_kept(tmp_path):
     base, tip = spoilt()
     path = recorded(tmp_path, base, np.where(tip > 100, 20.0, tip))
     recording = read_recording(path, keep_glitches=True)
-    assert [m.rows for m in recording.masked] == [(152, 152)]  # what is no number cannot be kept
+    assert [m.rows for m in recording.masked] == [(152, 152)]  # what is not a number cannot be kept
     assert recording.T_base.max() > 30
     mapping = tmp_path / "columns.toml"
     write_columns(mapping, {"T_base": "T_base_N"}, keep_glitches=True)

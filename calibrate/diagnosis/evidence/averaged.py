@@ -281,7 +281,7 @@ def _tried(
         step = TRIED if high[i] >= TRIED else -TRIED
         x = np.concatenate([chosen.x, np.zeros(len(h.numbers))])
         x[p + i] = step
-        # With the mesh's correction of the model itself: the difference of two corrections is no effect.
+        # With the mesh's correction of the model itself: the difference of two corrections is not an effect.
         seen = likelihood.simulate(model.values(x), chosen.names)
         if seen is None or sum(s.failed for s in seen) > chosen.failed:
             return None

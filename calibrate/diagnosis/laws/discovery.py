@@ -280,7 +280,7 @@ def _short_forms(place: LawPlace, u: np.ndarray, g: np.ndarray):
     as in a grid; the nearest first. A constant that the curve has beside the form is its level.
     """
     found = []
-    # What does not change with the variable is no part of these laws.
+    # What does not change with the variable is not a part of these laws.
     centred = place.acts not in ALONE
     for form in forms_for(place):
         best, most = None, LARGEST * usual_size(place, form)
@@ -372,7 +372,7 @@ def feel(models: Models, head: Fitted) -> list[Felt]:
         name, step = place.tent().name, FELT * place.size
         fixed = {f"{name}.at": job[1], f"{name}.width": float(place.tents[1] - place.tents[0])}
         tent = Hypothesis(name, name, (), (), {**fixed, f"{name}.{SIZE}": step})
-        # With the mesh's correction of the head: the difference of two corrections is no effect.
+        # With the mesh's correction of the head: the difference of two corrections is not an effect.
         seen = likelihood.simulate(model_of(likelihood.base, [*own, tent]).values(x), head.names)
         if seen is None or sum(s.failed for s in seen) > head.failed:
             return None

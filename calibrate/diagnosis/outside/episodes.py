@@ -167,7 +167,7 @@ def _episode(
     around = slice(max(a - 1, 0), b + 1)
     by_draw = part.robot.tendons[tendon].drive == "displacement"
     kind = _kind(drive[around], read[around], held)
-    if by_draw and kind == RELAXES:  # what drives it is no tension
+    if by_draw and kind == RELAXES:  # what drives it is not a tension
         kind = ALONE
     if held > 1 - HELD and _behind_gap(part, a):
         kind = AFTER_GAP

@@ -61,7 +61,7 @@ class Answers:
 
 
 def _unit_of(default: str) -> str:
-    """The unit of an answer that is offered; "" if it has none, or is no quantity."""
+    """The unit of an answer that is offered; "" if it has none, or is not a quantity."""
     return default.partition(" ")[2] if _is_bare(default.partition(" ")[0], zero=True) else ""
 
 
@@ -218,7 +218,7 @@ def asked(
     """The robot that the answers describe, checked as a file is.
 
     Raises:
-        InputError: an option that is no answer, or answers that do not make a robot.
+        InputError: an option that is not an answer, or answers that do not make a robot.
     """
     from gtr_jax.config.config import parse_config
     from gtr_jax.config.new_robot import DIRECTIONS, FILE, robot_data

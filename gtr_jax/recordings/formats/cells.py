@@ -139,7 +139,7 @@ class Numbers:
         return bool(np.isfinite(self.values).any())
 
     def has_times(self) -> bool:
-        """Numbers are no time stamps."""
+        """Numbers are not time stamps."""
         return False
 
     def samples(self) -> tuple[Iterable[str], bool]:

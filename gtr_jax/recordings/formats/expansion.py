@@ -48,7 +48,7 @@ def check_cells(path: Path, text: str, delimiters: str) -> None:
     if count > CELLS:
         raise InputError(
             f"{path}: has about {count / 1e6:.3g} million cells; at most {CELLS / 1e6:.3g} million are read "
-            "from a text that is no plain table (one header, then rows of as many cells, without quotes, "
+            "from a text that is not a plain table (one header, then rows of as many cells, without quotes, "
             f"comments, blank lines or words), so export it as one, or {_REMEDY}"
         )
 

@@ -51,7 +51,7 @@ def read_lvm(path: Path, text: str, sha256: str) -> Table:
     Channels without samples, and those with a clock that is not that of the first, are left out. Several
     stretches of samples of the same channels follow one another as their dates say.
 
-    Raises InputError naming file, row and remedy if it holds no samples, a cell is no number, or its
+    Raises InputError naming file, row and remedy if it holds no samples, a cell is not a number, or its
     stretches do not fit together.
     """
     check_cells(path, text, "\t;,")
@@ -179,7 +179,7 @@ def _numbers(
 
 
 def _column(path: Path, segment: _Segment, place: int, mark: str) -> np.ndarray:
-    """The numbers of a column, (K,), NaN where a cell is empty; InputError where it is no number."""
+    """The numbers of a column, (K,), NaN where a cell is empty; InputError where it is not a number."""
     cells = [row[place] if place < len(row) else "" for _, row in segment.rows]
     values = np.array([number_in(cell, mark) for cell in cells])
     bad = [i for i in np.flatnonzero(np.isnan(values)) if tidy(cells[i]).lower() not in ("", "nan")]

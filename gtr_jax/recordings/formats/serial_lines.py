@@ -58,7 +58,7 @@ def read_lines(path: Path, text: str, sha256: str) -> Table | None:
     """The table of lines that carry the time at which they came, or the names of their numbers; None if most
     of the first lines of a text do neither.
 
-    The time becomes the column `time`. Lines that are no readings are left out, and said.
+    The time becomes the column `time`. Lines that are not readings are left out and reported.
 
     Raises InputError if they are more than MOST_ODD of all.
     """

@@ -85,7 +85,7 @@ def _send(stream: IO[bytes], message: Any) -> None:
 def serve() -> None:
     """Read files for another process, until it closes the stream."""
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what libraries print is no answer
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what libraries print is not an answer
     confine()
     while True:
         try:
@@ -98,6 +98,6 @@ def serve() -> None:
             message = ("", fault)
         except MemoryError:
             message = ("", too_much())
-        except BaseException as fault:  # a panic of Rust is no Exception
+        except BaseException as fault:  # a panic of Rust is not an Exception
             message = (reason(fault), None)
         _send(answers, message)

@@ -25,7 +25,7 @@ def opened(path: str | os.PathLike[str], *, limited: bool = True) -> IO[bytes]:
         path: the file.
         limited: whether one of more than `LARGEST` bytes is refused.
 
-    Raises InputError if it is absent, cannot be read, or is no regular file: a pipe or a device may never
+    Raises InputError if it is absent, cannot be read, or is not a regular file: a pipe or a device may never
     end.
     """
     try:
@@ -129,7 +129,7 @@ def text_of(path: Path, data: bytes) -> str:
 
 
 def _decoded(data: bytes) -> str:
-    """Text of bytes; with a control character in it if they are no text."""
+    """Text of bytes; with a control character in it if they are not text."""
     odd, even = data[1:200:2], data[0:200:2]
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         encodings = ("utf-16",)
