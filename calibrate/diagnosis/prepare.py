@@ -266,7 +266,7 @@ def prepare(
 
 def _from_outside(part: Observation, start: _Start) -> list[Stretch]:
     """What of a long recording no model of its load history can know, by the base model fitted to it: where
-    something from outside moves the tip, and behind gaps.
+    something from outside moves the tip, and after gaps.
     """
     rig, robot, thinned = start.exact[0], part.robot, start.full[0]
     if part.tips != 1 or part.others or robot.tendons[0].drive != "tension":
@@ -369,7 +369,7 @@ def deviations_of(config: RobotConfig | None, robot: Robot) -> dict[str, float]:
 
 
 def _check_names(robot: Robot, untried: Sequence[str]) -> None:
-    """InputError if a name among the terms that are not tried is none of a term."""
+    """InputError if a name among the terms that are not tried belongs to no term."""
     for name in untried:
         if name not in robot.catalogue:
             near = ", ".join(nearest_first(excerpt(name), robot.catalogue)[:NEAREST])

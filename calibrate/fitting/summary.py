@@ -362,7 +362,8 @@ def summarise(
     fewer: Beaten | None = None,
 ) -> FitResult:
     """The result of a fit that reached an end, good or bad. `iterations` counts steps of the optimiser,
-    `evaluations` simulations of all recordings. An end that a model with `fewer` free numbers beats is none.
+    `evaluations` simulations of all recordings. An end that a model with `fewer` free numbers beats is not
+    counted as one.
     """
     at, descent = answer.at[0], answer.descent
     known, n = answer.known(setup), len(setup.asked)

@@ -67,7 +67,7 @@ class Profile:
 
     Attributes:
         values: of the parameter, increasing, (n,).
-        rise: of the sum of squares, in variances, over its least, the other parameters fitted anew, (n,).
+        rise: of the sum of squares, in variances, over its least, the other parameters fitted again, (n,).
         parabola: the same if it were the parabola of the standard error, (n,).
         lower95, upper95: where the rise passes 3.84; None where it does not within four standard errors.
     """

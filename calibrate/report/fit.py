@@ -58,7 +58,7 @@ def _profile_figure(fit: FitResult) -> list[Figure]:
         Figure(
             "profiles",
             draw.plot_profiles(curves),
-            "Rise of the sum of squares as one parameter is held and the others are fitted anew. Where it "
+            "Rise of the sum of squares as one parameter is held and the others are fitted again. Where it "
             "leaves the parabola of the standard error, trust the profile.",
         )
     ]

@@ -36,7 +36,7 @@ from .formats.sheet import Table
 _NUMBER = r"[+\-−]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _TERM = rf"(?:\s*(?P<{{0}}>[+\-−])\s*(?P<{{1}}>{_NUMBER}))"
 _UNIT = r"(?:\s*\[(?P<{0}>[^\[\]]*)\])?"
-# raw*0.00981[N]-1.2, (raw-84213)/420.5[gf]: the unit is that of the result, before or behind the last term.
+# raw*0.00981[N]-1.2, (raw-84213)/420.5[gf]: the unit is that of the result, before or after the last term.
 _CONVERTED = re.compile(
     rf"(?:\((?P<inner>.+?){_TERM.format('tare_sign', 'tare')}\s*\)|(?P<plain>.+?))"
     rf"\s*(?P<by>[*/])\s*(?P<factor>{_NUMBER}){_UNIT.format('unit')}"

@@ -155,7 +155,7 @@ class Simulation(eqx.Module):
         (step, tendon, s), the body (step, s); without the dimension `tendon` where there is one.
 
         `T_base` and `T_tip` are what the load cells show, as in `simulation.csv` and in sweeps, `T_base_true`
-        and `T_tip_true` the true tensions. Where two nodes are at one place, before and behind a kink, the
+        and `T_tip_true` the true tensions. Where two nodes are at one place, before and after a kink, the
         label of the latter is the next larger number.
 
         Args:

@@ -117,7 +117,7 @@ class LawCandidate(NamedTuple):
 
     @property
     def transient(self) -> bool:
-        """Whether it tells of what happens once, at some time."""
+        """Whether it describes what happens once, at some time."""
         return self.form is not None and _is_transient(self.place, self.form)
 
 
@@ -136,7 +136,7 @@ class Discovery:
             where these act.
         takes: share of the misfit beyond the noise that it takes on unseen samples.
         pieces: whether the unseen samples are short pieces that alternate with those fitted; as of
-            `heldout.folds`.
+            `held_out.folds`.
     """
 
     models: Models
@@ -472,7 +472,7 @@ def _formed(
 
 
 def _is_transient(place: LawPlace, form: Form) -> bool:
-    """Whether a form there tells of what happens once, at some time."""
+    """Whether a form there describes what happens once, at some time."""
     return place.of == "t" and form.name in TRANSIENT
 
 

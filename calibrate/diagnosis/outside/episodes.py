@@ -1,5 +1,5 @@
-"""Where in time a simulation and a recording part: episodes, each with what both cells did and what the model
-thought.
+"""Where in time a simulation and a recording differ: episodes, each with what both cells did and what the
+model thought.
 
 The map by phase and tension (`locate`) shows laws that are wrong wherever they apply. What happens once, a
 knock on the sheath, a tip end that is moved, a burst of stick-slip, shows in time.
@@ -55,7 +55,7 @@ WORDS = {
 
 @dataclasses.dataclass(frozen=True)
 class Episode:
-    """A stretch of time in which T_tip and its simulation part.
+    """A stretch of time in which T_tip and its simulation differ.
 
     Attributes:
         recording: its name.

@@ -126,8 +126,8 @@ class Pattern(NamedTuple):
 
 def pattern_in(likelihood: Likelihood, fitted: Fitted) -> Pattern | None:
     """The regularity in the residual of what is explained that is least probable by chance, or None. Readings
-    that stand still are told where they hold more of the residual than it explains: their chance is that of
-    the nearest of them alone.
+    that stand still are reported where they hold more of the residual than it explains: their chance is that
+    of the nearest of them alone.
     """
     found: list[Pattern] = []
     for k, (rig, residual) in enumerate(zip(likelihood.rigs, likelihood.residuals(fitted.seen), strict=True)):

@@ -168,7 +168,7 @@ def _new(fitted: Fitted, head: Fitted) -> str:
 
 def _with_event_instead(models: Models, head: Fitted) -> Fitted:
     """The model with one of its effects replaced by an event, where that is sure and fits better: the search
-    for combinations knows no events, and a change at one time then passes for one that goes on.
+    for combinations knows no events, and a change at one time then passes for a lasting one.
     """
     best = head
     for names in ([n for n in head.names if n != name] for name in head.names):
@@ -238,7 +238,7 @@ class Unseen:
 
     Args:
         models: all that were refitted.
-        pieces: as of `heldout.folds`.
+        pieces: as of `held_out.folds`.
         rows: whether all rows judge in any case.
     """
 

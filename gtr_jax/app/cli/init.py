@@ -39,7 +39,7 @@ class Answers:
             option: that gives it, without dashes.
             says: the question.
             default: answer that is offered.
-            check: makes a value of the text; InputError where it is none, and the question is put again.
+            check: makes a value of the text; InputError where that fails, and the question is asked again.
             own: an answer that was given otherwise than as an option of its own.
         """
         name, unit = option.replace("-", "_"), _unit_of(default)

@@ -194,7 +194,7 @@ resolution_option = click.option(
 
 
 def check_noise(noise: float | None, noise_base: float | None) -> None:
-    """Refuse standard deviations that are none."""
+    """Refuse standard deviations that are not valid."""
     for name, value in (("--noise", noise), ("--noise-base", noise_base)):
         if value is not None and (value < 0 or (value == 0 and name == "--noise")):
             least = "positive" if name == "--noise" else "positive, or 0 for an exact one"

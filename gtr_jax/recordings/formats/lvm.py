@@ -87,7 +87,7 @@ def read_lvm(path: Path, text: str, sha256: str) -> Table:
 
 
 def _header(lines: list[str], at: int, separator: str = "\t") -> tuple[dict[str, list[str]], int]:
-    """The keys of a header with their values, and the line behind it."""
+    """The keys of a header with their values, and the line after it."""
     said: dict[str, list[str]] = {}
     special = False
     for i in range(at, len(lines)):

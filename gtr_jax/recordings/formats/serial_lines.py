@@ -1,5 +1,5 @@
 """Lines that a serial monitor, a terminal or a sketch wrote: cells after the time at which a line came,
-`14:05:00.000 -> 4.1,0.7`, or numbers behind their names, `base: 4.1 g  tip: 0.7 g`.
+`14:05:00.000 -> 4.1,0.7`, or numbers after their names, `base: 4.1 g  tip: 0.7 g`.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class _Log(NamedTuple):
 
     Attributes:
         stamps: the time of each line, by its number; none where the lines carry no times.
-        lines: what they say behind it, by number.
+        lines: what they say after it, by number.
         odd: numbers of lines without a time among others that have one.
     """
 
