@@ -223,7 +223,7 @@ def prepare(
         more = [] if start is None else _from_outside(as_asked, start)
         if start is None or not more:
             break
-        say("leaving out where the tip moves as the base cannot move it, and after gaps")
+        say("leaving out where the tip moves in a way that the base cannot have caused, and after gaps")
         without_them = [without(as_asked, [*out[as_asked.name], *more])]
         again = fitted(without_them, start.base.x)
         if again is None:

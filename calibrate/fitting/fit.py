@@ -356,8 +356,8 @@ def _estimated(
     if noise_base_N is None and base.sd == 0 and readings.is_noisy(pulled):
         remedy = "; give its noise with --noise-base" if tension else ""
         warnings.append(
-            f"{recording.path}: {what} jumps about so that noise cannot be told from changes: it "
-            f"is taken as exact, which biases friction if it is noisy{remedy}."
+            f"{recording.path}: {what} jumps about so much that noise cannot be distinguished from "
+            f"changes: it is taken as exact, which biases friction if it is noisy{remedy}."
         )
     if noise_base_N:
         seen = readings.estimate_base(pulled, recording.time, tip=T_tip).sd

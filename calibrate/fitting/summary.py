@@ -210,7 +210,7 @@ def _unknown_axes(setup: Setup, answer: Answer, known: Uncertainty) -> list[str]
             warnings.append(
                 "The simulation hardly changes if "
                 + axis.in_a_sentence(setup.names[:n], _steps(setup, answer)[:n])
-                + " at once, so that these values cannot be told from the recording"
+                + " at once, so that the recording does not determine these values"
                 + ("s" if len(setup.parts) > 1 else "")
                 + (f"; {way}." if way else ".")
             )

@@ -144,7 +144,7 @@ def _left_out(d: Diagnosis) -> str:
     if outside:
         size = float(np.sqrt(np.average([e.size**2 for e in outside], weights=[e.samples for e in outside])))
         words += (
-            " Left out of the fit, because the tip moves there as the base cannot have moved it: "
+            " Left out of the fit, because the tip moves there in a way that the base cannot have caused: "
             f"{', '.join(map(which, outside))}; simulated and recorded T_tip differ by {size:.2g} N rms "
             "there."
         )

@@ -213,7 +213,7 @@ def _starts(path: Path, segments: list[_Segment]) -> list[float]:
             found.append(datetime.strptime(f"{date} {time}", "%Y/%m/%d %H:%M:%S" + ".%f" * ("." in time)))
         except ValueError:
             raise InputError(
-                f"{path}: row {segment.rows[0][0]}: a further stretch of samples, of which no date and time "
-                f"say when it begins; {_EXPORT}"
+                f"{path}: row {segment.rows[0][0]}: no date and time say when this further stretch of "
+                f"samples begins; {_EXPORT}"
             ) from None
     return [(moment - found[0]).total_seconds() for moment in found]
