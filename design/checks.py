@@ -242,7 +242,7 @@ def _check_tensions(target: TargetConfig, robot: RobotConfig, refuse) -> None:
             if branch == "pulling" and floor > T_base:
                 refuse(
                     "limits.min_T_tip",
-                    f"a target pulls with {T_base:g} N, of which {floor:g} N cannot reach the tip; lower it",
+                    f"{floor:g} N cannot reach the tip where a target pulls with {T_base:g} N; lower it",
                 )
 
 

@@ -341,7 +341,7 @@ FAULTS = {
     "piece of nothing": (
         'outer_radius = ["11 mm", "10.5 mm"]\nyoungs_modulus = "2 MPa"',
         "",
-        "backbone.sections[0]: differs in nothing",
+        "backbone.sections[0]: changes nothing",
     ),
     "marker outside": ('"129.1 mm"', '"329.1 mm"', "markers[0].at: 329.1 mm lies outside the backbone"),
     "marker twice": (

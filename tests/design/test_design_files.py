@@ -59,7 +59,7 @@ SLACK = [
     ({"pose": [POSE], "search": {"kind": "crossing-sine", "n_sine": [1000]}}, ["search.n_sine", "100"]),
     (
         {"pose": [POSE], "search": {"routing": ["r1"], "free": ["T_base"], "bounds": {"T_base": [0, 9]}}},
-        ["T_base", "no range"],
+        ["T_base", "not a range"],
     ),
     ({"goal": {"kind": "bend", "T_base": 9.0, "direction": 1.0}}, ["goal.direction", "no effect"]),
     ({"goal": {"kind": "bend", "T_base": 9.0}, "search": {"routing": ["T_base"]}}, ["cannot be free"]),
@@ -100,7 +100,7 @@ SLACK = [
         ({"pose": [{**POSE, "T_base": "-1 N"}]}, ["T_base", "pulls nothing"]),
         ({}, ["nothing is asked for"]),
         ({"pose": [POSE], "limits": {"max_T_base": "10 N"}}, ["limits.max_T_base", "change one of the two"]),
-        ({"pose": [POSE], "limits": {"min_T_tip": "30 N"}}, ["limits.min_T_tip", "cannot arrive"]),
+        ({"pose": [POSE], "limits": {"min_T_tip": "30 N"}}, ["limits.min_T_tip", "cannot reach the tip"]),
         ({"pose": [POSE], "limits": {"wall_clearance": "14 mm"}}, ["wall_clearance", "no channel fits"]),
         ({"pose": [POSE], "limits": {"max_tension_loss": 1.5}}, ["max_tension_loss", "share between"]),
         ({"pose": [POSE], "limits": {"wall_clearence": 0}}, ["did you mean 'wall_clearance'"]),

@@ -636,7 +636,7 @@ def test_the_file_of_steps_is_left_where_no_answer_was_written(tmp_path, monkeyp
     assert (tmp_path / ".out.steps").exists() and not out.exists()
     monkeypatch.undo()
     outcome = run_gtr(capsys, *given)
-    assert outcome.status == 0 and "where an earlier run" in outcome.err
+    assert outcome.status == 0 and "resuming the interrupted run" in outcome.err
     assert not (tmp_path / ".out.steps").exists() and (out / "report.html").exists()
 
 
