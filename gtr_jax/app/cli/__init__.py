@@ -50,7 +50,7 @@ class Commands(click.Group):
 @click.version_option(package_name="gtr-jax", prog_name="gtr", message="%(prog)s %(version)s")
 def cli() -> None:
     """Simulate tendon-driven continuum manipulators with tendon friction, fit them to recordings,
-    tell which physics a recording asks for that the model leaves out, design their routing, sweep their
+    find which physics in a recording the model leaves out, design their routing, sweep their
     parameters, and write them for CAD and MuJoCo.
     """
 

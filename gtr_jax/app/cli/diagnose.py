@@ -78,7 +78,7 @@ def diagnose(
     output: Path,
     force: bool,
 ) -> int:
-    """Tell which physics a robot's model leaves out of its recordings: where they differ, what is missing,
+    """Find which physics in a robot's recordings its model leaves out: where they differ, what is missing,
     whether a fit with it is better on samples it has not seen, and what to measure next. The robot may leave
     the plane and have several tendons, driven by tension or by displacement. Recordings without T_tip_N are
     explained by what they have most of: places (of the tip, markers, displacements) or angles.

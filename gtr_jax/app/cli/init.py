@@ -189,8 +189,8 @@ def init(
     path: Path, space: bool | None, channels: Sequence[str], silent: bool, force: bool, **given: str | None
 ) -> int:
     """Write ROBOT.toml from a few questions: body, channel, tendons. Every answer may be given as an option;
-    quantities carry their unit (250mm). Each answer is checked at once; a number that is typed in without a
-    unit has the one of the default beside it.
+    quantities carry their unit (250mm). Each answer is checked at once; a number typed in without a unit
+    takes that of the default shown.
     """
     from gtr_jax.config.config import dump_config
     from gtr_jax.config.plausible import implausible

@@ -68,11 +68,11 @@ def next_(
     output: Path,
     force: bool,
 ) -> int:
-    """Tell which experiment tells most about what is still open, and write its load history for the rig.
+    """Find the experiment that tells most about what is still open, and write its load history for the rig.
 
     FOLDER is the run folder of a diagnosis or of a fit. Where a diagnosis leaves rivals, experiments are
-    simulated under each of them, and the one that holds them apart best is chosen; else the one that narrows
-    the intervals most. Several robot files are rivals; a single one is planned for from what it says.
+    simulated under each of them, and the one that tells them apart best is chosen; else the one that narrows
+    the intervals most. Several robot files are rivals; a single one is planned for from its own numbers.
     """
     from gtr_jax.cache import enable_cache
 

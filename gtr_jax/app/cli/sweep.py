@@ -61,8 +61,8 @@ def sweep(
 ) -> int:
     """Compute every point of SWEEP.toml and store what it asks for in OUT/sweep.zarr.
 
-    The store opens as an xarray dataset: gtr_jax.sweep.open_sweep("OUT"). A sweep that was interrupted goes
-    on where it stopped when the same command runs again.
+    The store opens as an xarray dataset: gtr_jax.sweep.open_sweep("OUT"). A sweep that was interrupted
+    resumes where it stopped when the same command runs again.
     """
     from gtr_jax.cache import enable_cache
     from gtr_jax.sweep import load_sweep, task_of
