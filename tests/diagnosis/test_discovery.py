@@ -258,7 +258,7 @@ def test_other_places_go_on_by_what_a_brief_refit_makes_of_them(monkeypatch):
         ]
 
     monkeypatch.setattr(discovery, "raced", raced)
-    monkeypatch.setattr(discovery, "_bench_with", lambda likelihood, laws: asked_of.extend(laws))
+    monkeypatch.setattr(discovery, "_likelihood_with", lambda likelihood, laws: asked_of.extend(laws))
     head = SimpleNamespace(
         names=(), cost=800.0, x=base.x, jacobian=base.jacobian, information=base.information
     )
@@ -363,7 +363,7 @@ def _shown(run, noise, draw):
     return np.asarray(run.tip_pose)[:, :2].T + draw.normal(0, noise, (2, len(run.tip_pose)))
 
 
-def bench_of(config, recording):
+def likelihood_of(config, recording):
     """A rig of a recording and the base model's numbers there."""
     robot = gtr.build_robot(config)
     part, _ = part_of("r", robot, config, recording, (), noise_N=None, noise_base_N=None)
@@ -381,7 +381,7 @@ def beside_nothing(config, recording):
 
 def test_places_cover_what_the_recording_does(make_config):
     config = make_config(routing=SINE)
-    robot, rig, _ = bench_of(config, recorded(config))
+    robot, rig, _ = likelihood_of(config, recorded(config))
     values = {"mu": float(robot.value("mu")), "E": float(robot.value("E"))}
     seen = rig(values)
     assert seen is not None

@@ -79,8 +79,8 @@ def part(time=True, name="rig"):
     )
 
 
-def bench_of(part, residual, slips=None):
-    """A bench of one recording whose simulation is off by a residual, (K,)."""
+def likelihood_of(part, residual, slips=None):
+    """The likelihood of one recording whose simulation is off by a residual, (K,)."""
     seen = SimpleNamespace(
         values=(part.T_tip + residual)[None], slips=np.zeros(part.samples, bool) if slips is None else slips
     )
@@ -98,15 +98,15 @@ def test_episodes_say_when_and_how_much_and_end_where_the_tendon_slips_again():
     row[100:120], row[200:210] = 0.8, -0.5
     slips = np.zeros(K, bool)
     slips[150] = True
-    first, second = episodes(*bench_of(part(), row, slips))  # type: ignore[arg-type]
+    first, second = episodes(*likelihood_of(part(), row, slips))  # type: ignore[arg-type]
     assert (first.first, first.last, first.until, second.first, second.until) == (100, 119, 149, 200, K - 1)
     assert first.start_s == pytest.approx(10.0) and first.mean_N == pytest.approx(0.8)
     assert first.share > second.share and "too high by 0.8 N" in first.says and "10 to 11.9 s" in first.says
     # Of a recording that is simulated at some of its samples, places are those of the recording.
     some = part().only(np.arange(0, K, 2))
-    (thin, *_) = episodes(*bench_of(some, row[::2]))  # type: ignore[arg-type]
+    (thin, *_) = episodes(*likelihood_of(some, row[::2]))  # type: ignore[arg-type]
     assert (thin.first, thin.last) == (100, 118)
-    (plain, *_) = episodes(*bench_of(part(time=False), row))  # type: ignore[arg-type]
+    (plain, *_) = episodes(*likelihood_of(part(time=False), row))  # type: ignore[arg-type]
     assert plain.start_s is None and "samples 101 to 120" in plain.says
 
 
@@ -137,10 +137,10 @@ def test_stretches_that_a_user_leaves_out():
 def test_episodes_from_outside_are_left_out_unless_they_are_too_many():
     row = np.zeros(K)
     row[100:120] = 0.8
-    found = episodes(*bench_of(part(), row))  # type: ignore[arg-type]
+    found = episodes(*likelihood_of(part(), row))  # type: ignore[arg-type]
     slips = np.zeros(K, bool)
     slips[125:] = True
-    forgotten = episodes(*bench_of(part(), row, slips))  # type: ignore[arg-type]
+    forgotten = episodes(*likelihood_of(part(), row, slips))  # type: ignore[arg-type]
     assert from_outside(found, {"rig": K}, {"rig": []}) is None  # held to the end: most of the recording
     assert from_outside(forgotten, {"rig": K}, {"rig": []}, [(11.0, 11.3)]) is None  # an event's time is off
     assert without(part(), [Stretch(0, K - 21, ASKED)]).counted.sum() == 20
@@ -148,7 +148,7 @@ def test_episodes_from_outside_are_left_out_unless_they_are_too_many():
         without(part(), [Stretch(0, K - 20, ASKED)])
     stretches = from_outside(forgotten, {"rig": K}, {"rig": [Stretch(0, 3, ASKED)]})
     assert stretches is not None and [(s.first, s.last) for s in stretches["rig"]] == [(0, 3), (100, 124)]
-    while_slipping = episodes(*bench_of(part(), row, np.ones(K, bool)))  # type: ignore[arg-type]
+    while_slipping = episodes(*likelihood_of(part(), row, np.ones(K, bool)))  # type: ignore[arg-type]
     assert from_outside(while_slipping, {"rig": K}, {"rig": []}) is None
 
 

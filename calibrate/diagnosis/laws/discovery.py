@@ -158,7 +158,7 @@ def with_laws(robot: Robot, laws: Sequence[Law]) -> Robot:
     return dataclasses.replace(robot, laws=(*robot.laws, *laws), terms={**robot.terms, **more})
 
 
-def _bench_with(likelihood: Likelihood, laws: Sequence[Law]) -> Likelihood:
+def _likelihood_with(likelihood: Likelihood, laws: Sequence[Law]) -> Likelihood:
     """The same recordings, of a robot that may have more laws."""
     rigs, known = [], {}
     for rig in likelihood.rigs:
@@ -203,7 +203,7 @@ def _others(models: Models, head: Fitted, rest: Sequence[Ranked]) -> list[Ranked
     every = list(itertools.chain(*candidates))
     if not every:
         return []
-    likelihood = _bench_with(models.likelihood, [of[0].law for of in candidates])
+    likelihood = _likelihood_with(models.likelihood, [of[0].law for of in candidates])
     own = models.hypotheses(head.names)
     items = [((*own, c.hypothesis), Start(c.start, {})) for c in every]
     costs = {f.names[-1]: f.cost for f in raced(likelihood, head, items, BEGIN)}
@@ -345,7 +345,9 @@ def _with_candidates(models: Models, candidates: Sequence[LawCandidate]) -> Mode
     for place in {c.place.name: c.place for c in candidates}.values():
         every += [(law_of(place, form)[0], hypothesis_of(place, form)) for form in forms_for(place)]
     laws, new = {law.name: law for law, _ in every}, {law.name: h for law, h in every}
-    wider = Models(_bench_with(models.likelihood, list(laws.values())), [*models.of.values(), *new.values()])
+    wider = Models(
+        _likelihood_with(models.likelihood, list(laws.values())), [*models.of.values(), *new.values()]
+    )
     wider.add(list(models.fits.values()))
     return wider
 
@@ -363,7 +365,7 @@ def feel(models: Models, head: Fitted) -> list[Felt]:
         for x, point in _elsewhere(models.likelihood, head, own, moves, factors) if there in known else ():
             found = places(robot, models.likelihood, point)
             spots += [(place, x, point) for place in found if (place.acts, place.of) == there]
-    likelihood = _bench_with(models.likelihood, tents)
+    likelihood = _likelihood_with(models.likelihood, tents)
 
     def change(job: tuple[int, float]) -> np.ndarray | None:
         place, x, point = spots[job[0]]
