@@ -67,7 +67,7 @@ def test_all_effects_are_named_where_an_error_of_one_law_cannot_be_what_is_left(
     kinds = {"a": "a", "a.tip": "a", "b": "b", "c": "c"} | exact
     models = SimpleNamespace(
         base=base,
-        beside=lambda f: {("a", "b"): 1.0},
+        probabilities_given_discrepancy=lambda f: {("a", "b"): 1.0},
         stored=lambda f: f,
         fits={alone.names: alone} if alone.names[0] in exact else {},
         likelihood=SimpleNamespace(scale_left=lambda f: 1.0),

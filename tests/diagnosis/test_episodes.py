@@ -178,7 +178,7 @@ def test_part_of_a_misfit(monkeypatch):
         likelihood=SimpleNamespace(scale_left=lambda f: 1.0, heavy=None),
         base=base,
         fits=fits,
-        beside=lambda f: sure,
+        probabilities_given_discrepancy=lambda f: sure,
         of={},
     )
     nearest = decide.Decision(
