@@ -140,7 +140,7 @@ def _tidy(out: Path) -> None:
     import xarray
 
     for store in out.rglob("*.zarr"):
-        with xarray.open_zarr(store, consolidated=None) as data:
+        with xarray.open_zarr(store, consolidated=False) as data:
             for name in [*data.data_vars, *data.coords]:
                 values = np.asarray(data[name].values)
                 np.save(
