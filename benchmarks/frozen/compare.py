@@ -19,7 +19,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 CLOSE = 1e-9  # relative: what the order of a sum over threads may do
-IGNORED = {"started", "seconds", "versions", "command", "path", "sha256"}
+IGNORED = {"started", "seconds", "compiling_seconds", "versions", "command", "path", "sha256"}
 READ = {".json", ".toml", ".csv", ".txt", ".npy", ".xml", ".dxf", ".step"}
 DRAWINGS = {".xml", ".dxf", ".step"}  # a line more or less is another drawing
 OF_THE_TOOL = {"case.json"}
