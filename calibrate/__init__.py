@@ -2,6 +2,8 @@
 
 from typing import TYPE_CHECKING, Any
 
+from gtr_jax.notebook import cards_come_with
+
 from .fitting.fit import fit
 from .fitting.result import FitResult, FittedChannel, FittedRecording
 from .inference.estimate import Estimate, Profile
@@ -21,6 +23,13 @@ __all__ = [
     "diagnose",
     "fit",
 ]
+
+
+def _import_cards() -> None:
+    from .report import cards  # noqa: F401
+
+
+cards_come_with(_import_cards)
 
 
 def __getattr__(name: str) -> Any:

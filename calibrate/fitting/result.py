@@ -11,7 +11,7 @@ from calibrate.inference.channels import of_tendons
 from calibrate.inference.estimate import Estimate, Profile
 from calibrate.inference.posterior_draws import Posterior
 from gtr_jax import Recording, Robot, RobotConfig
-from gtr_jax.notebook import drawn_by
+from gtr_jax.notebook import as_card
 from gtr_jax.recordings.headed import dataset_of, frame_of
 from gtr_jax.recordings.recording import SAMPLE
 from gtr_jax.to_jsonable import to_jsonable
@@ -265,7 +265,7 @@ class FitResult:
             return None
         return {"names": self.settings["free"] + self.settings["carried"], "matrix": self.information}
 
-    _repr_html_ = drawn_by("calibrate.report.cards:fit_card")
+    _repr_html_ = as_card
 
     def to_pandas(self) -> pandas.DataFrame:
         """The estimates, a row for each number by its name: key, value, sd, ends of the 95 % interval, value

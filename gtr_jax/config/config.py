@@ -18,7 +18,7 @@ from pydantic import ConfigDict, Field, ModelWrapValidatorHandler, StrictBool, S
 
 from gtr_jax.atomic_write import write_atomically
 from gtr_jax.errors import InputError, InputWarning, listed
-from gtr_jax.notebook import drawn_by
+from gtr_jax.notebook import as_card
 from gtr_jax.terms import REGISTRY, Law, Term, catalogue_of, null_values
 from gtr_jax.units import DIMENSIONS, parse_quantity, to_si
 
@@ -229,7 +229,7 @@ class RobotConfig(FileSection):
         said = tuple(f"terms.{law.name}.{table}." for law in self.laws for table in ("usual", "bounds"))
         return {k: v for k, v in dotted(data) if isinstance(v, float) and not k.startswith(said)}
 
-    _repr_html_ = drawn_by("gtr_jax.report.object_cards:config_card")
+    _repr_html_ = as_card
 
     def with_values(self, values: Mapping[str, Any]) -> RobotConfig:
         """A copy with some values changed, checked like a file.

@@ -27,8 +27,9 @@ from ..simulation.displacement import by_tension
 from ..simulation.equilibrium import equilibrium
 from ..simulation.forces import channel_forces
 from ..simulation.history import Simulation, equilibrium_at, simulate
-from ..simulation.phases import RELEASING, TRANSITION, Switch, label_phases, release_switch
+from ..simulation.phases import RELEASING, TRANSITION, label_phases
 from ..simulation.programs import terms_act
+from ..simulation.release import Switch, release_switch
 from ..simulation.sensing import cells_differ
 from ..simulation.solution import Equilibrium
 from . import spatial

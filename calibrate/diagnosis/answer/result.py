@@ -34,7 +34,7 @@ from calibrate.inference.number import OWN
 from calibrate.inference.setup import Observation
 from calibrate.planning.experiment import Experiment
 from gtr_jax import Robot, RobotConfig
-from gtr_jax.notebook import drawn_by
+from gtr_jax.notebook import as_card
 from gtr_jax.recordings.headed import dataset_of, frame_of
 from gtr_jax.recordings.recording import SAMPLE
 from gtr_jax.recordings.signals.noise import Noise
@@ -420,7 +420,7 @@ class Diagnosis:
         of = {c.name: c for c in self.parameters}
         return {k: of[f"{difference.name}{OWN}{k}"] for k in difference.own}
 
-    _repr_html_ = drawn_by("calibrate.report.cards:diagnosis_card")
+    _repr_html_ = as_card
 
     def to_pandas(self) -> pandas.DataFrame:
         """The numbers before and after, a row for each by its name: SI, with sd, the 95 % interval under the

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 import threading
 from collections.abc import Sequence
@@ -197,7 +196,7 @@ def solve(
 
     check_noise(noise, noise_base)
     # What draws the answer is imported meanwhile: half a second in which the fit needs no interpreter.
-    threading.Thread(target=importlib.import_module, args=("calibrate.report",), daemon=True).start()
+    threading.Thread(target=_import_report, daemon=True).start()
     with interruption.patient():  # which leaves the fit without its profiles
         return calibrate.fit(
             robots,
@@ -208,6 +207,10 @@ def solve(
             progress=progress,
             **options,
         )
+
+
+def _import_report() -> None:
+    import calibrate.report  # noqa: F401
 
 
 def summary(result: FitResult) -> list[str]:
