@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Any
 from gtr_jax.notebook import cards_come_with
 
 from .fitting.fit import fit
-from .fitting.result import FitResult, FittedChannel, FittedRecording
+from .fitting.fitted import FittedChannel, FittedRecording
+from .fitting.result import FitResult
 from .inference.estimate import Estimate, Profile
 from .inference.posterior_draws import Posterior
 

@@ -149,7 +149,7 @@ class Design:
         units in the names, the largest error in units of its tolerance, the share of the tension that is
         lost, and whether targets and limits are kept.
         """
-        return options_frame(self)
+        return options_frame(self.options, self.problem.space)
 
     def to_json(self) -> dict[str, Any]:
         """The answer as plain values, SI, units in the keys."""

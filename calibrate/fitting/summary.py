@@ -29,8 +29,9 @@ from gtr_jax.recordings.signals.differences import MAD_TO_SD
 from gtr_jax.robot.parameters import with_values
 from gtr_jax.simulation.phases import REST
 
+from .fitted import FittedChannel, FittedRecording
 from .identifiability import MINOR, axes, remedy, singular
-from .result import FitResult, FittedChannel, FittedRecording
+from .result import FitResult
 from .start import Beaten, Start
 from .subset_fits import NO_PHASES, NOT_APART, by_recording, mu_by_phase
 from .verdict import SMALL, Distance, by_phase, disagreement_of_phases, most_of_noise, values_apart, verdict
