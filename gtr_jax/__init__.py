@@ -2,8 +2,8 @@
 
 Importing this package switches JAX to 64-bit floats, which friction memory and implicit gradients need, and
 makes XLA compile the loop of the march as one kernel (see `gtr_jax.runtime`). Import it before computing
-anything with JAX. The package itself imports nothing heavy; each name below is imported from its file when it
-is first used.
+anything with JAX; afterwards it warns, and is slower. The package itself imports nothing heavy; each name
+below is imported from its file when it is first used.
 """
 
 from .interpreters import leave_the_current_folder

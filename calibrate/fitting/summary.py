@@ -10,7 +10,6 @@ import numpy as np
 
 from calibrate.inference.answer import Answer, Judged, together
 from calibrate.inference.channels import unit_of
-from calibrate.inference.descent import all_converged
 from calibrate.inference.estimate import (
     MOSTLY_PRIOR,
     UNKNOWN,
@@ -21,6 +20,7 @@ from calibrate.inference.estimate import (
     transform,
 )
 from calibrate.inference.number import is_log
+from calibrate.inference.objective import all_converged
 from calibrate.inference.predictor import Prediction
 from calibrate.inference.setup import Observation, Setup
 from gtr_jax import InputError, RobotConfig

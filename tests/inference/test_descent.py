@@ -9,7 +9,8 @@ import pytest
 
 from calibrate.fitting import start
 from calibrate.fitting.summary import _failure
-from calibrate.inference.descent import Descent, Objective, descend
+from calibrate.inference.descent import Descent, descend
+from calibrate.inference.objective import Objective
 from gtr_jax.robot.parameters import Parameter
 from gtr_jax.terms import REGISTRY
 
