@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from gtr_jax.numbers import number
 from gtr_jax.plots.loop import plot_loop
@@ -18,27 +15,20 @@ from gtr_jax.plots.tendons import plot_tendons
 from gtr_jax.plots.tension import plot_tension
 from gtr_jax.recordings.formats.quantities import AXES
 from gtr_jax.robot.clearance import distances
-from gtr_jax.robot.overlap import Impossible, impossible, impossible_in_space
-from gtr_jax.robot.parameters import parameters_of
-from gtr_jax.robot.robot import Robot
 
-from ..mechanics import FOREVER
-from ..simulation.displacement import by_tension
-from ..simulation.equilibrium import equilibrium
 from ..simulation.forces import channel_forces
-from ..simulation.history import Simulation, equilibrium_at, simulate
-from ..simulation.phases import RELEASING, TRANSITION, Switch, label_phases, release_switch
-from ..simulation.programs import terms_act
+from ..simulation.phases import RELEASING, TRANSITION
 from ..simulation.sensing import cells_differ
 from ..simulation.solution import Equilibrium
 from . import spatial
 from .page import Figure, Report, Table
+from .simulation_answer import SimulationAnswer
 from .simulation_playback import simulation_playback
 
-LONG = 2000  # steps of a history beyond which a run of it costs more than to compile an equilibrium
 APART = 2e-3  # of the length, by which two shapes must differ for both to be drawn
 
 
+<<<<<<< HEAD
 @dataclass(frozen=True)
 class SimulationAnswer:
     """Everything that the outputs of `gtr simulate` are made of.
@@ -182,6 +172,8 @@ def _switch(robot: Robot, T_base_max: Array) -> Switch:
     return Switch(jnp.zeros(()), jnp.zeros(()), jnp.asarray(True))  # a tendon that stays slack
 
 
+=======
+>>>>>>> house
 def tension_loss(answer: SimulationAnswer) -> float | None:
     """Share of the largest base tension that does not reach the tip; None if the tendon was never pulled."""
     top = answer.top
