@@ -10,7 +10,7 @@ import pytest
 from test_recording import EXPORTED, EXPORTS
 
 from gtr_jax.errors import InputError
-from gtr_jax.recordings.formats import expansion, large_csv
+from gtr_jax.recordings.formats import csv_text, expansion, many_cells
 from gtr_jax.recordings.formats.subprocess_reader import read_in_subprocess
 from gtr_jax.recordings.formats.table import read_table
 from gtr_jax.recordings.recording import read_recording
@@ -41,9 +41,9 @@ def refused(path, columns=None):
 @pytest.fixture
 def large(monkeypatch):
     """Every CSV file counts as large."""
-    monkeypatch.setattr(large_csv, "LARGE", 0)
-    monkeypatch.setattr(large_csv, "_HEAD", 4)
-    monkeypatch.setattr(large_csv, "_FIRST", 1)
+    monkeypatch.setattr(csv_text, "LARGE", 0)
+    monkeypatch.setattr(csv_text, "_HEAD", 4)
+    monkeypatch.setattr(many_cells, "_FIRST", 1)
 
 
 def as_text(table):
@@ -102,7 +102,7 @@ def test_large_files_are_read_as_small_ones(name, tmp_path, large, monkeypatch):
     text = (EXPORTS | ODD)[name]
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     found = as_text(read_table(path))
-    monkeypatch.setattr(large_csv, "LARGE", 10**9)
+    monkeypatch.setattr(csv_text, "LARGE", 10**9)
     assert found == as_text(read_table(path))
 
 
@@ -110,7 +110,7 @@ def test_large_files_are_read_as_small_ones(name, tmp_path, large, monkeypatch):
 def test_large_files_are_not_left_to_the_small_way(text, tmp_path, large):
     path = tmp_path / "recording.csv"
     path.write_text(text.removesuffix("# done\n"))
-    assert isinstance(read_table(path).columns[0], large_csv.ManyWritten)
+    assert isinstance(read_table(path).columns[0], many_cells.ManyWritten)
 
 
 @pytest.mark.parametrize("row", ["1,2", "1,2,3,4", "1,2,x"])
@@ -118,7 +118,7 @@ def test_large_files_are_refused_as_small_ones(row, tmp_path, large, monkeypatch
     path = tmp_path / "recording.csv"
     path.write_text(EXPORTED + row + "\n")
     found = refused(path)
-    monkeypatch.setattr(large_csv, "LARGE", 10**9)
+    monkeypatch.setattr(csv_text, "LARGE", 10**9)
     assert found == refused(path) and found.startswith("row 5")
 
 

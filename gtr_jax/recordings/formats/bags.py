@@ -16,11 +16,12 @@ import numpy as np
 
 from gtr_jax.errors import InputError, listed
 
-from .cells import SECOND, Numbers
+from .cells import Numbers
 from .expansion import check_numbers
 from .headers import FORCES, words_of
 from .sheet import Table
 from .subprocess_reader import Unreadable, read_in_subprocess
+from .time_stamps import SECOND
 
 ENDINGS = (".bag", ".mcap", ".db3")
 MAGICS = (b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\x00")

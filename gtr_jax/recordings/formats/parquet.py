@@ -12,7 +12,7 @@ from gtr_jax.errors import InputError
 
 from .cells import Numbers
 from .expansion import check_bytes, check_numbers
-from .large_csv import ManyWritten
+from .many_cells import ManyWritten
 from .sheet import Table
 from .subprocess_reader import Unreadable, read_in_subprocess
 

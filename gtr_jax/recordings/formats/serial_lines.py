@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 from gtr_jax.errors import InputError, excerpt, listed
 
-from .csv_text import Layout, Rows, delimiter_of, is_data, laid_out, numbered_columns, table_of
+from .csv_layout import Layout, Rows, is_data, numbered_columns
+from .csv_text import delimiter_of, laid_out, table_of
 from .expansion import check_cells
 from .quantities import SPELLINGS, plain_name
 from .sheet import Table

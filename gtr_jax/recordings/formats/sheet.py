@@ -12,7 +12,8 @@ import numpy as np
 from gtr_jax.errors import InputError, excerpt
 from gtr_jax.units import convert
 
-from .cells import ABSENT, SECOND, Cells, mark_of
+from .cells import ABSENT, Cells, mark_of
+from .time_stamps import SECOND
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,12 @@ import numpy as np
 
 from gtr_jax.errors import InputError, listed
 
-from .cells import SECOND, Numbers
+from .cells import Numbers
 from .expansion import check_numbers
 from .quantities import SPELLINGS, plain_name
 from .sheet import Table
 from .subprocess_reader import Unreadable, read_in_subprocess
+from .time_stamps import SECOND
 
 MAGIC, ENDINGS = b"TDSm", (".tdms",)
 _WORDS = ("unit_string", "NI_UnitDescription")

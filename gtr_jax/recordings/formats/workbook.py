@@ -9,7 +9,8 @@ from typing import Any
 
 from gtr_jax.errors import InputError
 
-from .csv_text import Rows, layout_of, table_of
+from .csv_layout import Rows, layout_of
+from .csv_text import table_of
 from .expansion import ZIP, members
 from .sheet import Table
 from .subprocess_reader import Unreadable, read_in_subprocess
