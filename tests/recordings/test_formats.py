@@ -3,6 +3,7 @@
 import gzip
 import sys
 import zlib
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -393,9 +394,10 @@ def test_a_bag_of_very_many_numbers(tmp_path, monkeypatch):
 
 def test_a_reader_may_take_so_much_memory_only(monkeypatch):
     pytest.importorskip("resource")
-    with pytest.raises(InputError, match="expands to more than 4 GiB; export fewer columns"):
-        read_in_subprocess(taken, 8 << 30)
-    assert read_in_subprocess(taken, 8) == 8
+    said = {"path": Path("big.mat"), "intact": "a whole file", "remedy": "save it again"}
+    with pytest.raises(InputError, match=r"^big\.mat: expands to more than 4 GiB; export fewer"):
+        read_in_subprocess(taken, 8 << 30, **said)
+    assert read_in_subprocess(taken, 8, **said) == 8
 
 
 def taken(size):

@@ -20,7 +20,7 @@ from .cells import Numbers
 from .expansion import check_numbers
 from .headers import FORCES, words_of
 from .sheet import Table
-from .subprocess_reader import Unreadable, read_in_subprocess
+from .subprocess_reader import read_in_subprocess
 from .time_stamps import SECOND
 
 ENDINGS = (".bag", ".mcap", ".db3")
@@ -46,12 +46,9 @@ def read_bag(path: Path, sha256: str) -> Table:
         raise InputError(
             f"{path}: a recording of ROS; pip install 'gtr-jax[ros]', or export its topics as CSV"
         )
-    try:
-        topics = read_in_subprocess(topics_of, str(path.absolute()))
-    except Unreadable as fault:
-        raise InputError(f"{path}: not a whole recording of ROS ({fault}); reindex it") from None
-    except InputError as fault:
-        raise InputError(f"{path}: {fault}") from None
+    topics = read_in_subprocess(
+        topics_of, str(path.absolute()), path=path, intact="a whole recording of ROS", remedy="reindex it"
+    )
     if not topics:
         raise InputError(
             f"{path}: no topic of this recording holds numbers that can be read; export it as CSV"

@@ -14,7 +14,7 @@ from .cells import Numbers
 from .expansion import check_bytes, check_numbers
 from .many_cells import ManyWritten
 from .sheet import Table
-from .subprocess_reader import Unreadable, read_in_subprocess
+from .subprocess_reader import read_in_subprocess
 
 if TYPE_CHECKING:
     import polars as pl
@@ -29,12 +29,9 @@ def read_parquet(path: Path, data: bytes, sha256: str) -> Table:
 
     Raises InputError naming the file if it is damaged, or holds no rows or no such columns.
     """
-    try:
-        rows, found = read_in_subprocess(columns_of, data)
-    except Unreadable as fault:
-        raise InputError(f"{path}: not a whole Parquet file ({fault}); export it again") from None
-    except InputError as fault:
-        raise InputError(f"{path}: {fault}") from None
+    rows, found = read_in_subprocess(
+        columns_of, data, path=path, intact="a whole Parquet file", remedy="export it again"
+    )
     if not found or not rows:
         raise InputError(f"{path}: holds no rows of numbers; at least one column and one row are needed")
     header = [name.strip() for name, _ in found]

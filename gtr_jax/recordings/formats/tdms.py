@@ -15,7 +15,7 @@ from .cells import Numbers
 from .expansion import check_numbers
 from .quantities import SPELLINGS, plain_name
 from .sheet import Table
-from .subprocess_reader import Unreadable, read_in_subprocess
+from .subprocess_reader import read_in_subprocess
 from .time_stamps import SECOND
 
 MAGIC, ENDINGS = b"TDSm", (".tdms",)
@@ -41,12 +41,9 @@ def read_tdms(path: Path, data: bytes, sha256: str) -> Table:
 
     Raises InputError naming the file if it is damaged, holds more than a recording may, or no numbers.
     """
-    try:
-        channels = read_in_subprocess(channels_of, data)
-    except Unreadable as fault:
-        raise InputError(f"{path}: not a whole TDMS file ({fault}); export it again") from None
-    except InputError as fault:
-        raise InputError(f"{path}: {fault}") from None
+    channels = read_in_subprocess(
+        channels_of, data, path=path, intact="a whole TDMS file", remedy="export it again"
+    )
     found = [_Channel(*channel) for channel in channels]
     lengths = Counter(len(channel.values) for channel in found)
     if not lengths:

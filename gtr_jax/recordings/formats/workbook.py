@@ -13,7 +13,7 @@ from .csv_layout import Rows, layout_of
 from .csv_text import table_of
 from .expansion import ZIP, members
 from .sheet import Table
-from .subprocess_reader import Unreadable, read_in_subprocess
+from .subprocess_reader import read_in_subprocess
 
 OLE = b"\xd0\xcf\x11\xe0"  # how .xls files begin
 MAGICS = (ZIP, OLE)
@@ -35,14 +35,13 @@ def read_workbook(path: Path, data: bytes, sha256: str) -> Table:
         names = members(path, data)
         if not any(name.startswith(_OF_EXCEL) or name == _OF_LIBREOFFICE for name in names):
             raise InputError(f"{path}: an archive and no workbook; unpack it and name the file in it")
-    try:
-        sheets = read_in_subprocess(sheets_of, data)
-    except Unreadable as fault:
-        raise InputError(
-            f"{path}: not a whole workbook, or one of too many cells ({fault}); export the sheet as CSV"
-        ) from None
-    except InputError as fault:
-        raise InputError(f"{path}: {fault}") from None
+    sheets = read_in_subprocess(
+        sheets_of,
+        data,
+        path=path,
+        intact="a whole workbook, or one of too many cells",
+        remedy="export the sheet as CSV",
+    )
     found = []
     for name, first, cells in sheets:
         rows, comments = _parted(first, cells)
