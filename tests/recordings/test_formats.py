@@ -111,7 +111,7 @@ def test_large_files_are_read_as_small_ones(name, tmp_path, large, monkeypatch):
 def test_large_files_are_not_left_to_the_small_way(text, tmp_path, large):
     path = tmp_path / "recording.csv"
     path.write_text(text.removesuffix("# done\n"))
-    assert isinstance(read_table(path).columns[0], many_cells.ManyWritten)
+    assert isinstance(read_table(path).columns[0], many_cells.ManyTextCells)
 
 
 @pytest.mark.parametrize("row", ["1,2", "1,2,3,4", "1,2,x"])

@@ -399,7 +399,7 @@ def read_both_ways(number: int, folder: Path, monkeypatch) -> None:
             try:
                 table = read_table(path)
                 said.append(as_text(table))
-                read_large += isinstance(table.columns[0], many_cells.ManyWritten)
+                read_large += isinstance(table.columns[0], many_cells.ManyTextCells)
             except InputError as fault:
                 said.append(str(fault))
         assert said[0] == said[1], (seed, path.read_bytes())

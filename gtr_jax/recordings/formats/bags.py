@@ -16,7 +16,7 @@ import numpy as np
 
 from gtr_jax.errors import InputError, listed
 
-from .cells import Numbers
+from .cells import NumberCells
 from .expansion import check_numbers
 from .headers import FORCES, words_of
 from .sheet import Table
@@ -55,12 +55,12 @@ def read_bag(path: Path, sha256: str) -> Table:
         )
     first = max(topics, key=lambda name: (_speaks(name, topics[name]), len(topics[name].stamps)))
     stamps = topics[first].stamps
-    header, columns = ["time"], [Numbers((stamps - stamps[0]) / SECOND)]
+    header, columns = ["time"], [NumberCells((stamps - stamps[0]) / SECOND)]
     for name, topic in topics.items():
         last = np.searchsorted(topic.stamps, stamps, side="right") - 1
         for field, values in topic.fields.items():
             header.append(f"{name}.{field}")
-            columns.append(Numbers(values if name == first else np.where(last < 0, np.nan, values[last])))
+            columns.append(NumberCells(values if name == first else np.where(last < 0, np.nan, values[last])))
     others = [name for name in topics if name != first]
     joined = f"; {listed(others)} joined by the last value received" if others else ""
     notes = (f"the rows are the messages of {first}{joined}",)

@@ -44,7 +44,7 @@ class Cells(Protocol):
         """A cell of each form that occurs, and whether most cells are numbers."""
         ...
 
-    def plainly(self) -> np.ndarray | None:
+    def plain_numbers(self) -> np.ndarray | None:
         """The numbers, (K,), as they are where no cell has a decimal comma or a thousands separator, NaN
         where a cell is empty; None if a cell cannot be read so.
         """
@@ -62,7 +62,7 @@ class Cells(Protocol):
         ...
 
 
-class Written:
+class TextCells:
     """Cells of a text file."""
 
     def __init__(self, cells: Sequence[str]) -> None:
@@ -85,7 +85,7 @@ class Written:
         cells = [cell for raw in self.cells if (cell := tidy(raw))]
         return cells, sum(map(is_numeral, cells)) > len(cells) / 2
 
-    def plainly(self) -> np.ndarray | None:
+    def plain_numbers(self) -> np.ndarray | None:
         """The numbers as Python reads them, (K,); None if a cell is none."""
         if any("," in cell or "_" in cell for cell in self.cells):
             return None
@@ -107,7 +107,7 @@ class Written:
         return past_midnight(np.array([value or 0 for value in found], dtype=np.int64), bad, cells), bad
 
 
-class Numbers:
+class NumberCells:
     """Cells of a file that holds numbers."""
 
     def __init__(self, values: np.ndarray) -> None:
@@ -129,7 +129,7 @@ class Numbers:
         """Nothing: numbers have no decimal marks."""
         return (), False
 
-    def plainly(self) -> np.ndarray | None:
+    def plain_numbers(self) -> np.ndarray | None:
         """The numbers, (K,), the caller's own."""
         return self.values.copy()
 

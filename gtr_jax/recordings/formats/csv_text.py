@@ -19,10 +19,10 @@ import numpy as np
 
 from gtr_jax.errors import InputError
 
-from .cells import Written, is_numeral
+from .cells import TextCells, is_numeral
 from .csv_layout import Layout, Rows, is_data, layout_of
 from .expansion import check_cells
-from .many_cells import ManyWritten
+from .many_cells import ManyTextCells
 from .rows_alike import split_alike
 from .sheet import Table
 
@@ -48,7 +48,7 @@ def read_csv(path: Path, text: str, sha256: str) -> Table:
     if table is not None:
         return table
     check_cells(path, text, delimiter_of(text))
-    return table_of(path, laid_out(path, text), sha256, cut=cut)
+    return table_of(path, layout_of_text(path, text), sha256, cut=cut)
 
 
 def _of_alike_rows(path: Path, text: str, sha256: str) -> Table | None:
@@ -59,7 +59,7 @@ def _of_alike_rows(path: Path, text: str, sha256: str) -> Table | None:
     if end == 0:
         return None
     try:
-        header, units, rest, numbered, notes = laid_out(path, text[:end])
+        header, units, rest, numbered, notes = layout_of_text(path, text[:end])
     except InputError:
         return None
     if notes or len(rest) < 2 or not is_data(rest[0][1]) or len(rest[0][1]) != len(header):
@@ -71,7 +71,9 @@ def _of_alike_rows(path: Path, text: str, sha256: str) -> Table | None:
         return None
     numbers = np.arange(first, first + len(columns[0]))
     plain = delimiter == "," or text.find(",", begin) < 0
-    return Table(path, sha256, header, [*map(ManyWritten, columns)], numbers, units, plain, numbered=numbered)
+    return Table(
+        path, sha256, header, [*map(ManyTextCells, columns)], numbers, units, plain, numbered=numbered
+    )
 
 
 def _after_lines(text: str, count: int) -> int:
@@ -113,11 +115,11 @@ def table_of(path: Path, layout: Layout, sha256: str, *, cut: bool = False) -> T
         raise InputError(f"{path}: blanks part its numbers; part the cells with commas, semicolons or tabs")
     if not cells:
         raise InputError(f"{path}: has a header but no rows; at least one row of numbers is needed")
-    columns = [Written(column) for column in zip(*cells, strict=True)]
+    columns = [TextCells(column) for column in zip(*cells, strict=True)]
     return Table(path, sha256, header, columns, np.array(numbers), units, plain, notes, numbered)
 
 
-def laid_out(path: Path, text: str) -> Layout:
+def layout_of_text(path: Path, text: str) -> Layout:
     """How the rows of a text lie, whose lines end with "\\n"."""
     return layout_of(path, *_rows(path, text))
 

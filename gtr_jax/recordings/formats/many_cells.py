@@ -23,7 +23,7 @@ _FIRST = 1000  # cells that are looked at before all of them
 _FRACTION = r"(:\d\d:\d\d)[.,](\d+)"  # of the seconds
 
 
-class ManyWritten:
+class ManyTextCells:
     """Very many cells of a text file, as `cells.Cells`."""
 
     def __init__(self, series: pl.Series) -> None:
@@ -51,7 +51,7 @@ class ManyWritten:
         numerals = sum(form.number for form in forms if is_numeral(form.cell))
         return [form.cell for form in forms], numerals > sum(form.number for form in forms) / 2
 
-    def plainly(self) -> np.ndarray | None:
+    def plain_numbers(self) -> np.ndarray | None:
         """The numbers as polars reads them, (K,), NaN where a cell is empty; None if a cell is none."""
         import polars as pl
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from gtr_jax.errors import InputError, excerpt
 
-from .cells import Numbers
+from .cells import NumberCells
 from .expansion import check_bytes, check_numbers
 from .sheet import Table
 from .subprocess_reader import read_in_subprocess
@@ -54,7 +54,7 @@ def read_matlab(path: Path, data: bytes, sha256: str) -> Table:
     most = max(lengths, key=lambda length: (lengths[length], length))
     columns = {name: values for name, values in found.items() if len(values) == most}
     names = [name.strip().removeprefix(common) for name in columns]
-    cells = [Numbers(values) for values in columns.values()]
+    cells = [NumberCells(values) for values in columns.values()]
     return Table(path, sha256, names, cells, np.arange(1, most + 1), plain=True)
 
 

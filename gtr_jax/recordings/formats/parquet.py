@@ -10,9 +10,9 @@ import numpy as np
 
 from gtr_jax.errors import InputError
 
-from .cells import Numbers
+from .cells import NumberCells
 from .expansion import check_bytes, check_numbers
-from .many_cells import ManyWritten
+from .many_cells import ManyTextCells
 from .sheet import Table
 from .subprocess_reader import read_in_subprocess
 
@@ -35,7 +35,9 @@ def read_parquet(path: Path, data: bytes, sha256: str) -> Table:
     if not found or not rows:
         raise InputError(f"{path}: holds no rows of numbers; at least one column and one row are needed")
     header = [name.strip() for name, _ in found]
-    columns = [Numbers(cells) if isinstance(cells, np.ndarray) else ManyWritten(cells) for _, cells in found]
+    columns = [
+        NumberCells(cells) if isinstance(cells, np.ndarray) else ManyTextCells(cells) for _, cells in found
+    ]
     return Table(path, sha256, header, columns, np.arange(1, rows + 1), plain=True)
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from gtr_jax.errors import InputError, excerpt, listed
 
 from .csv_layout import Layout, Rows, is_data, numbered_columns
-from .csv_text import delimiter_of, laid_out, table_of
+from .csv_text import delimiter_of, layout_of_text, table_of
 from .expansion import check_cells
 from .quantities import SPELLINGS, plain_name
 from .sheet import Table
@@ -175,7 +175,7 @@ def _cells(path: Path, log: _Log) -> Layout | None:
     text = [""] * max(log.lines)
     for number, line in log.lines.items():
         text[number - 1] = re.sub(r"\s+", "\t", line.strip()) if blank else line
-    return _timed(laid_out(path, "\n".join(text)), log)
+    return _timed(layout_of_text(path, "\n".join(text)), log)
 
 
 def _timed(layout: Layout, log: _Log) -> Layout:

@@ -100,7 +100,7 @@ class Table:
         Raises InputError naming row and column of another cell that is no number.
         """
         cells = self.columns[index]
-        values = cells.plainly() if self.plain or self.decimal != "," else None
+        values = cells.plain_numbers() if self.plain or self.decimal != "," else None
         if values is None:
             values = cells.numbers(self.decimal)
         bad = ~np.isfinite(values)

@@ -19,7 +19,7 @@ from typing import IO, Any
 from gtr_jax.errors import InputError, reason
 from gtr_jax.interpreters import python, surroundings
 
-from .expansion import confine, too_much
+from .expansion import limit_memory, too_much_memory
 
 _SERVE = "from gtr_jax.recordings.formats.subprocess_reader import serve; serve()"
 _lock = threading.Lock()
@@ -108,7 +108,7 @@ def serve() -> None:
     """Read files for another process, until it closes the stream."""
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what libraries print is no answer
-    confine()
+    limit_memory()
     while True:
         try:
             module, name, data = pickle.load(sys.stdin.buffer)
@@ -119,7 +119,7 @@ def serve() -> None:
         except InputError as fault:
             message = ("", fault)
         except MemoryError:
-            message = ("", too_much())
+            message = ("", too_much_memory())
         except BaseException as fault:  # a panic of Rust is no Exception
             message = (reason(fault), None)
         _send(answers, message)

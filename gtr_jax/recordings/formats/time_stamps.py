@@ -1,5 +1,8 @@
 """Time stamps of text: ISO 8601, another date with a time, or hours:minutes:seconds, which may pass
 midnight.
+
+Not read by pandas: importing it takes as long as tens of thousands of stamps do here
+(benchmarks/results/reading.md), it dates a time of day today, and what is a stamp would still be told here.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from gtr_jax.errors import InputError
 
 from .csv_layout import Rows, layout_of
 from .csv_text import table_of
-from .expansion import ZIP, members
+from .expansion import ZIP, archive_members
 from .sheet import Table
 from .subprocess_reader import read_in_subprocess
 
@@ -32,7 +32,7 @@ def read_workbook(path: Path, data: bytes, sha256: str) -> Table:
     takes more memory than a recording should.
     """
     if data.startswith(ZIP):
-        names = members(path, data)
+        names = archive_members(path, data)
         if not any(name.startswith(_OF_EXCEL) or name == _OF_LIBREOFFICE for name in names):
             raise InputError(f"{path}: an archive and no workbook; unpack it and name the file in it")
     sheets = read_in_subprocess(
