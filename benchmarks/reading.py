@@ -1,6 +1,6 @@
 """`python -m benchmarks.reading [--write]`: CSV files of many rows, split all at once and row by row.
 
-Five columns; time and most memory of a process of its own for each. Both ways give the same table, as
+Five columns; the time of a process of its own for each. Both ways give the same table, as
 `tests/recordings` shows.
 """
 
@@ -21,23 +21,23 @@ from .measure import command
 HEAD = (
     "# CSV files of many rows, split all at once and row by row",
     "",
-    "Written by `python -m benchmarks.reading --write`; processor time and the most memory of a process for",
-    "each. Row by row, more than 5 million cells are refused.",
+    "Written by `python -m benchmarks.reading --write`; processor time of a process for each.",
+    "Row by row, more than 5 million cells are refused.",
     "",
-    "| file | rows | at once | | row by row | | ratio of times |",
-    "|---|---|---|---|---|---|---|",
+    "| file | rows | at once | row by row | ratio |",
+    "|---|---|---|---|---|",
 )
 FEW, MANY, SEED = 100_000, 1_000_000, 26112902
 NAMES = ("time_s", "T_base_N", "T_tip_N", "tip_x_m", "tip_y_m")
 READ = """
-import resource, sys, time
+import sys, time
 from gtr_jax.recordings.formats import csv_text
 from gtr_jax.recordings.recording import read_recording
 if sys.argv[2] == "row by row":
     csv_text.LARGE = 10**12
 begun = time.process_time()
 read_recording(sys.argv[1])
-print(time.process_time() - begun, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+print(time.process_time() - begun)
 """
 
 
@@ -85,13 +85,13 @@ def table() -> Iterator[str]:
         for rows in (FEW, MANY):
             for name, text in texts(rows):
                 path.write_text(text, encoding="utf-8")
-                fast, small = printed(READ, str(path), "at once")
-                line = f"| {name} | {rows:,} | {fast:.2f} s | {small / 1024:.0f} MiB |"
+                (fast,) = printed(READ, str(path), "at once")
+                line = f"| {name} | {rows:,} | {fast:.2f} s |"
                 if rows == FEW:
-                    slow, large = printed(READ, str(path), "row by row")
-                    line += f" {slow:.2f} s | {large / 1024:.0f} MiB | {slow / fast:.1f} |"
+                    (slow,) = printed(READ, str(path), "row by row")
+                    line += f" {slow:.2f} s | {slow / fast:.1f} |"
                 else:
-                    line += " refused | | |"
+                    line += " refused | |"
                 yield line
     own, imported, theirs = printed(STAMPS)
     yield ""
