@@ -73,6 +73,9 @@ def one_line(error: ValidationError, kinds: Mapping[str, Collection[str]]) -> st
         says = f"missing key 'kind'; one of {', '.join(kinds.get(str(fault['loc'][-1]), ()))}"
     elif fault["type"] == "literal_error":
         says = f"expected {context['expected']}, found {_found(fault['input'])}"
+    elif 0 in (context.get("gt"), context.get("ge")):
+        bound = "must be positive" if "gt" in context else "cannot be negative"
+        says = f"{bound}, is {excerpt(fault['input'])}"
     else:
         says = f"{_SAYS.get(fault['type'], fault['msg'])}, found {_found(fault['input'])}"
     more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""

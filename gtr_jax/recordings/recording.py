@@ -7,9 +7,7 @@ with the row number that an editor shows. What a file may look like is in `table
 
 from __future__ import annotations
 
-import csv
 import functools
-import io
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence, Set
@@ -24,8 +22,8 @@ from gtr_jax.errors import InputError
 
 from .cleaning.masking import Masked, masks
 from .columns import Columns, Source, mapped, read_columns
+from .formats.csv_writing import csv_of
 from .formats.headers import meant_column, missing, recognised, unit_remedy, unread
-from .formats.large_csv import large_text
 from .formats.quantities import (
     COLUMNS,
     DRIVES,
@@ -56,8 +54,6 @@ OTHERWISE = "record the pose of the tip (tip_x_m, ...), markers of the robot fil
 """What a recording may be compared by in place of a tip tension: where displacement drives, and else."""
 SAMPLE = "sample"
 """Dimension of recordings as tables and datasets."""
-LARGE = 50_000
-"""Rows from which on polars writes a recording."""
 MOST_ABSENT = 0.05
 """Share of the cells of a column that may be without a number; their rows are left out."""
 
@@ -370,17 +366,4 @@ def write_recording(
         columns = columns_of(recording)
     else:
         columns = headed(recording, tendons=tendons)
-    write_atomically(path, _csv_text(columns))
-
-
-def _csv_text(columns: Mapping[str, np.ndarray]) -> str:
-    """Columns, (K,) each, as CSV; of very many numbers by polars, which takes a tenth of the time."""
-    if next((len(values) for values in columns.values()), 0) >= LARGE:
-        text = large_text(columns)
-        if text is not None:
-            return text
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
-    return stream.getvalue()
+    write_atomically(path, csv_of(columns))

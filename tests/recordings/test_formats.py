@@ -3,6 +3,7 @@
 import gzip
 import sys
 import zlib
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -10,7 +11,7 @@ import pytest
 from test_recording import EXPORTED, EXPORTS
 
 from gtr_jax.errors import InputError
-from gtr_jax.recordings.formats import expansion, large_csv
+from gtr_jax.recordings.formats import csv_text, expansion, many_cells
 from gtr_jax.recordings.formats.subprocess_reader import read_in_subprocess
 from gtr_jax.recordings.formats.table import read_table
 from gtr_jax.recordings.recording import read_recording
@@ -41,9 +42,9 @@ def refused(path, columns=None):
 @pytest.fixture
 def large(monkeypatch):
     """Every CSV file counts as large."""
-    monkeypatch.setattr(large_csv, "LARGE", 0)
-    monkeypatch.setattr(large_csv, "_HEAD", 4)
-    monkeypatch.setattr(large_csv, "_FIRST", 1)
+    monkeypatch.setattr(csv_text, "LARGE", 0)
+    monkeypatch.setattr(csv_text, "_HEAD", 4)
+    monkeypatch.setattr(many_cells, "_FIRST", 1)
 
 
 def as_text(table):
@@ -102,7 +103,7 @@ def test_large_files_are_read_as_small_ones(name, tmp_path, large, monkeypatch):
     text = (EXPORTS | ODD)[name]
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     found = as_text(read_table(path))
-    monkeypatch.setattr(large_csv, "LARGE", 10**9)
+    monkeypatch.setattr(csv_text, "LARGE", 10**9)
     assert found == as_text(read_table(path))
 
 
@@ -110,7 +111,7 @@ def test_large_files_are_read_as_small_ones(name, tmp_path, large, monkeypatch):
 def test_large_files_are_not_left_to_the_small_way(text, tmp_path, large):
     path = tmp_path / "recording.csv"
     path.write_text(text.removesuffix("# done\n"))
-    assert isinstance(read_table(path).columns[0], large_csv.ManyWritten)
+    assert isinstance(read_table(path).columns[0], many_cells.ManyTextCells)
 
 
 @pytest.mark.parametrize("row", ["1,2", "1,2,3,4", "1,2,x"])
@@ -118,7 +119,7 @@ def test_large_files_are_refused_as_small_ones(row, tmp_path, large, monkeypatch
     path = tmp_path / "recording.csv"
     path.write_text(EXPORTED + row + "\n")
     found = refused(path)
-    monkeypatch.setattr(large_csv, "LARGE", 10**9)
+    monkeypatch.setattr(csv_text, "LARGE", 10**9)
     assert found == refused(path) and found.startswith("row 5")
 
 
@@ -393,9 +394,10 @@ def test_a_bag_of_very_many_numbers(tmp_path, monkeypatch):
 
 def test_a_reader_may_take_so_much_memory_only(monkeypatch):
     pytest.importorskip("resource")
-    with pytest.raises(InputError, match="expands to more than 4 GiB; export fewer columns"):
-        read_in_subprocess(taken, 8 << 30)
-    assert read_in_subprocess(taken, 8) == 8
+    said = {"path": Path("big.mat"), "intact": "a whole file", "remedy": "save it again"}
+    with pytest.raises(InputError, match=r"^big\.mat: expands to more than 4 GiB; export fewer"):
+        read_in_subprocess(taken, 8 << 30, **said)
+    assert read_in_subprocess(taken, 8, **said) == 8
 
 
 def taken(size):

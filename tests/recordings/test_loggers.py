@@ -19,7 +19,7 @@ from gtr_jax.errors import InputError
 from gtr_jax.inspection.inspection import inspect
 from gtr_jax.inspection.mapping import mapping as mapping_of
 from gtr_jax.recordings.columns import read_columns
-from gtr_jax.recordings.formats import expansion, large_csv
+from gtr_jax.recordings.formats import csv_text, expansion
 from gtr_jax.recordings.formats.table import read_table
 from gtr_jax.recordings.guessing import guess
 from gtr_jax.recordings.recording import read_recording
@@ -102,8 +102,8 @@ MARKS = {
 @pytest.mark.parametrize("row", MARKS)
 def test_a_row_of_words_inside_a_recording_is_refused(row, large, tmp_path, monkeypatch):
     if large:
-        monkeypatch.setattr(large_csv, "LARGE", 0)
-        monkeypatch.setattr(large_csv, "_HEAD", 4)
+        monkeypatch.setattr(csv_text, "LARGE", 0)
+        monkeypatch.setattr(csv_text, "_HEAD", 4)
     lines = ["time_s,T_base_N,T_tip_N", *(f"{i},{i}.5,{i}.25" for i in range(60))]
     for place, more in ((30, []), (30, [*lines[30:]]), (1, ["OVL,OVL,OVL"])):
         if place == 1 and row != "OVL,OVL,OVL":
@@ -119,8 +119,8 @@ def test_a_row_of_words_inside_a_recording_is_refused(row, large, tmp_path, monk
 def test_tables_of_as_many_columns_are_refused(large, tmp_path, monkeypatch):
     """They may be parts of one recording; of another width they are not."""
     if large:
-        monkeypatch.setattr(large_csv, "LARGE", 0)
-        monkeypatch.setattr(large_csv, "_HEAD", 4)
+        monkeypatch.setattr(csv_text, "LARGE", 0)
+        monkeypatch.setattr(csv_text, "_HEAD", 4)
     rows = "".join(f"{i},{i}.5,{i}.25\n" for i in range(30))
     first = f"time_s,T_base_N,T_tip_N\n{rows}"
     for header, of in (

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from gtr_jax.errors import InputError
-from gtr_jax.recordings.recording import LARGE, Recording, read_recording, write_recording
+from gtr_jax.recordings.formats.csv_writing import MANY
+from gtr_jax.recordings.recording import Recording, read_recording, write_recording
 
 SHARED = Path(__file__).parents[3] / "shared/data"
 GIRAFFE = SHARED / "giraffe/loadcell_measurements.csv"
@@ -443,7 +444,7 @@ def test_written_recordings_read_back_exactly(tmp_path):
 
 def test_very_long_recordings_are_written_as_short_ones_are(tmp_path):
     rng = np.random.default_rng(0)
-    T_base = np.concatenate([10.0 ** rng.uniform(-9, 9, LARGE), [0.0, 1e22, 5e-324, 123456789.0]])
+    T_base = np.concatenate([10.0 ** rng.uniform(-9, 9, MANY), [0.0, 1e22, 5e-324, 123456789.0]])
     given = {"time": np.arange(float(len(T_base))), "T_base": T_base, "T_tip": 0.5 * T_base}
     write_recording(tmp_path / "a.csv", given)
     lines = (tmp_path / "a.csv").read_text().splitlines()

@@ -88,12 +88,12 @@ def held_stdin(ending: str, context: click.Context | None = None) -> Path:
     Raises:
         InputError: it is read already, nothing comes from it, or too much does.
     """
-    from gtr_jax.recordings.formats.text import whole
+    from gtr_jax.recordings.formats.text import read_all
 
     context = context or click.get_current_context()
     if HELD in context.meta:
         raise InputError("-: standard input can be read once; give the other file by its name")
-    data = whole(sys.stdin.buffer, "-")
+    data = read_all(sys.stdin.buffer, "-")
     if not data.strip():
         raise InputError(
             f"-: nothing comes from standard input; send it a file, as in 'gtr ... < file{ending}'"

@@ -87,7 +87,7 @@ def expanded_gzip(path: Path, data: bytes) -> bytes:
     return found
 
 
-def members(path: Path, data: bytes) -> list[str]:
+def archive_members(path: Path, data: bytes) -> list[str]:
     """Names of the files in a zip archive, which is not expanded.
 
     Raises InputError naming the file if it is damaged, or its files expand to more than a file may have.
@@ -106,12 +106,12 @@ def _too_large(path: Path) -> InputError:
     return InputError(f"{path}: expands to more than {LARGEST >> 20} MiB; {_REMEDY}")
 
 
-def too_much() -> InputError:
+def too_much_memory() -> InputError:
     """The error of a file that would not say how much it becomes."""
     return InputError(f"expands to more than {MEMORY >> 30} GiB; {_REMEDY}")
 
 
-def confine() -> None:
+def limit_memory() -> None:
     """Keep this process from taking more memory than that, and from writing larger files, where the system
     can.
     """

@@ -11,7 +11,7 @@ import numpy as np
 
 from gtr_jax.errors import InputError, excerpt, listed
 
-from .cells import Numbers, number_in, tidy
+from .cells import NumberCells, number_in, tidy
 from .expansion import check_cells
 from .sheet import Table
 
@@ -78,7 +78,7 @@ def read_lvm(path: Path, text: str, sha256: str) -> Table:
         path,
         sha256,
         ["time", *names],
-        [Numbers(values) for values in columns],
+        [NumberCells(values) for values in columns],
         np.concatenate([stretch.numbers for stretch in stretches]),
         ["s", *(stretches[0].units[name] for name in names)],
         plain=True,

@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 from gtr_jax.errors import InputError, excerpt, listed
 
-from .csv_text import Layout, Rows, delimiter_of, is_data, laid_out, numbered_columns, table_of
+from .csv_layout import Layout, Rows, is_data, numbered_columns
+from .csv_text import delimiter_of, layout_of_text, table_of
 from .expansion import check_cells
 from .quantities import SPELLINGS, plain_name
 from .sheet import Table
@@ -176,7 +177,7 @@ def _cells(path: Path, log: _Log) -> Layout | None:
     text = [""] * max(log.lines)
     for number, line in log.lines.items():
         text[number - 1] = re.sub(r"\s+", "\t", line.strip()) if blank else line
-    return _timed(laid_out(path, "\n".join(text)), log)
+    return _timed(layout_of_text(path, "\n".join(text)), log)
 
 
 def _timed(layout: Layout, log: _Log) -> Layout:

@@ -12,7 +12,8 @@ import numpy as np
 from gtr_jax.errors import InputError, excerpt
 from gtr_jax.units import convert
 
-from .cells import ABSENT, SECOND, Cells, mark_of
+from .cells import ABSENT, Cells, mark_of
+from .time_stamps import SECOND
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ class Table:
         Raises InputError naming row and column of another cell that is not a number.
         """
         cells = self.columns[index]
-        values = cells.plainly() if self.plain or self.decimal != "," else None
+        values = cells.plain_numbers() if self.plain or self.decimal != "," else None
         if values is None:
             values = cells.numbers(self.decimal)
         bad = ~np.isfinite(values)
