@@ -14,8 +14,8 @@ from gtr_jax.recordings.signals.noise import Noise, correlation_time
 from .coordinates import Coordinates
 from .descent import Descent, Objective
 from .estimate import UNKNOWN, UNKNOWN_WITHOUT_SCALE, Uncertainty, shares_of_variance, uncertainty
-from .predictor import Prediction
 from .setup import Observation, Setup
+from .simulated_readings import Prediction
 from .weighing import Weighing
 
 # Rounds, at most, of scaling the errors until chi-square per degree of freedom is 1.
@@ -233,7 +233,7 @@ def _levelled(setup: Setup, part: Observation, prediction: Prediction, noises: S
     share = np.ones_like(residual)
 
     def weighed(sd: np.ndarray) -> tuple[Weighing, np.ndarray]:
-        weigh = part.weighing(prediction, sd)
+        weigh = part.weighing(prediction.slips, prediction.slopes, sd, part.stretch(prediction.T_tip))
         return weigh, part.pooled_squares(_squares(setup, weigh, residual, share, n) / degrees)
 
     weigh, chi2 = weighed(least)

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, TypeGuard
 import numpy as np
 
 from .least_squares import WITH_DERIVATIVES, Rules, Step, minimise
-from .predictor import Prediction, Predictor, predict_all
+from .predictor import Predictor
+from .simulated_readings import Prediction, simulate_all
 from .weighing import Weighing
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ class Objective:
 
     def predict(self, u: np.ndarray) -> tuple[Prediction, ...] | None:
         """The recordings at coordinates u, (p,); None where the simulator breaks down."""
-        return predict_all(self.predictors, u)
+        return simulate_all(self.predictors, [u])[0]
 
     def residuals(self, predictions: tuple[Prediction, ...]) -> np.ndarray:
         """Weighed residuals of all recordings, (D,)."""

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 import calibrate
 import gtr_jax as gtr
 from calibrate.inference.channels import ROTATION, channels_in, orientation_of, turned_back, turned_by
-from calibrate.inference.predictor import Prediction
 from calibrate.inference.several import SeveralWeighing
+from calibrate.inference.simulated_readings import Prediction
 from calibrate.inference.weighing import Weighing
 from gtr_jax.recordings.base_tension.base_tension import runs
 from gtr_jax.recordings.signals import noise
@@ -176,7 +176,7 @@ def weighing_of_two(K=9, sds=(0.1, 0.2), seed=0):
     weigh = SeveralWeighing.of_all(
         drives,
         prediction.slips,
-        prediction.slope,
+        prediction.slopes,
         ("T_tip.a", "T_tip.b", "tip_x"),
         sd,
         np.zeros((3, K)),
