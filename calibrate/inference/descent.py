@@ -81,18 +81,20 @@ class Objective:
             [weigh(prediction.jacobian) for weigh, prediction in zip(self.weighs, predictions, strict=True)]
         )
 
+    def prior(self, u: np.ndarray) -> np.ndarray:
+        """Residuals of the priors, (p,), at u."""
+        return (u - self.centre) * self.precision
+
     def rows(self, u: np.ndarray, predictions: tuple[Prediction, ...]) -> tuple[np.ndarray, np.ndarray]:
         """Residuals of data and priors, (D+p,), and their Jacobian, (D+p, p), at u."""
-        prior = (u - self.centre) * self.precision
         data, slopes = self.residuals(predictions), self.jacobian(predictions)
-        return np.concatenate([data, prior]), np.concatenate([slopes, np.diag(self.precision)])
+        return np.concatenate([data, self.prior(u)]), np.concatenate([slopes, np.diag(self.precision)])
 
     def cost(self, u: np.ndarray, predictions: tuple[Prediction, ...] | None) -> float:
         """Sum of squares; infinite where a simulation failed."""
         if not all_converged(predictions):
             return np.inf
-        prior = (u - self.centre) * self.precision
-        return float(np.sum(self.residuals(predictions) ** 2) + np.sum(prior**2))
+        return float(np.sum(self.residuals(predictions) ** 2) + np.sum(self.prior(u) ** 2))
 
 
 def all_converged(predictions: tuple[Prediction, ...] | None) -> TypeGuard[tuple[Prediction, ...]]:
