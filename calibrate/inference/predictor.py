@@ -217,7 +217,6 @@ class Predictor:
         whole = np.asarray(front) >= length * (1 - 1e-12)
         T_tip, C = values[self._tips], len(self.channels)
         values, slopes = values[:C], slopes[:C]
-        slope = slopes[..., len(u) :]
         return Prediction(
             values=values,
             T_tip=T_tip,
@@ -225,7 +224,7 @@ class Predictor:
             slips=whole[self._next],
             direction=np.asarray(direction)[self._next],
             jacobian=slopes[..., : len(u)],
-            slope=slope if self.robot.tendon_names else slope[..., 0],
+            slopes=tuple(np.moveaxis(slopes[..., len(u) :], -1, 0)),
         )
 
     def _anchored(self, tendon: Tendon) -> Float[Array, ""]:

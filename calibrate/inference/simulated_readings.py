@@ -87,20 +87,14 @@ class Prediction(SimulatedReadings):
     Attributes:
         T_tip: simulated tension at the tip of each tendon [N], (tendons, K), among the values or not.
         jacobian: derivatives of the values by u, (C, K, p).
-        slope: derivative of the values with respect to a uniform shift of the base tension, per newton, (C,
-            K); of several tendons, one for each, (C, K, tendons); of a tendon that displacement drives, with
-            respect to that, per metre. While friction holds the tip, that of T_tip is the one at the sample
-            where it slipped last.
+        slopes: for each tendon, derivative of the values with respect to a uniform shift of its base
+            tension, per newton, (C, K); of a tendon that displacement drives, with respect to that, per
+            metre. While friction holds the tip, that of T_tip is the one at the sample where it slipped last.
     """
 
     T_tip: np.ndarray
     jacobian: np.ndarray
-    slope: np.ndarray
-
-    @property
-    def slopes(self) -> list[np.ndarray]:
-        """The slope by what drives each tendon, (C, K) each."""
-        return [self.slope] if self.slope.ndim == 2 else list(np.moveaxis(self.slope, -1, 0))
+    slopes: tuple[np.ndarray, ...]
 
 
 Point = TypeVar("Point", contravariant=True)
