@@ -26,7 +26,6 @@ from .decision.decide import (
     decide_discovered,
     decide_partly,
     narrowed,
-    structured,
     with_unseen,
 )
 from .evidence.averaged import averaged
@@ -39,6 +38,7 @@ from .laws.discovery import Discovery, discover
 from .likelihood.held_out import held_out
 from .likelihood.likelihood import Likelihood
 from .likelihood.locate import cycles_in, locate, mu_by_stratum, phases_of, ratio_of_branches
+from .likelihood.structure import structured
 from .outside.episodes import episodes
 from .outside.leave_out import Stretch, asked_for, from_outside, left_out, where_still
 from .prepare import Prepared, names_of, prepare

@@ -13,9 +13,9 @@ from calibrate.diagnosis.decision.decide import (
     DISCOVERED,
     PARTLY,
     UNEXPLAINED,
-    structured,
 )
 from calibrate.diagnosis.laws.found import HOOKS
+from calibrate.diagnosis.likelihood.structure import structured
 from calibrate.diagnosis.outside.leave_out import ASKED, STILL, LeftOut, moves
 from calibrate.diagnosis.search.differ import Difference
 from calibrate.fitting.verdict import in_unit

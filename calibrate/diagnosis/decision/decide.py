@@ -12,6 +12,7 @@ from scipy.special import ndtr
 from calibrate.diagnosis.evidence.models import HOW_MANY, INEXACT, Models
 from calibrate.diagnosis.hypotheses.model import Fitted
 from calibrate.diagnosis.likelihood.locate import between_samples, misfit
+from calibrate.diagnosis.likelihood.structure import STAYS_SIZE, STAYS_Z, most_stays, structured
 from calibrate.diagnosis.outside.patterns import Pattern, pattern_in
 from calibrate.diagnosis.screening.screen import SEEN, Screened
 
@@ -28,17 +29,6 @@ ALONE, TOGETHER, LEAST = 0.8, 0.98, 0.03
 MOST = 5
 # Models whose predictions differ by less than this many standard errors count as one for these data.
 ALIKE = 2.5
-# Structure left by the base model counts above this significance and this size in standard deviations of the
-# noise.
-LEFT_Z, LEFT_SIZE = 6.0, 0.35
-# Size above which structure counts even if neighbouring samples are not correlated. One repeat in four with
-# three times the noise has a size of 1.4; one of 206 sound recordings reached 1.47.
-VAST = 2.5
-# Structure left by the best effect counts above this significance, size and share of the size that the base
-# model leaves; the second share holds where the size exceeds `MUCH`.
-STAYS_Z, STAYS_SIZE, STAYS_SHARE, MUCH = 2.2, 0.3, (0.55, 0.42), 1.35
-# In a long recording, where every effect pays on unseen cycles, half of what is left in squares may stay.
-HALF_STAYS = 0.71
 # Some of several effects may be all there is if they explain this share of what all explain: laws are not
 # exact.
 NEARLY_ALL = 0.95
@@ -252,13 +242,6 @@ def decide_discovered(models: Models, discovery: Discovery, nearest: Decision) -
     )
 
 
-def most_stays(left: tuple[float, float], base_left: tuple[float, float], *, long: bool = False) -> bool:
-    """Whether a model leaves so large a share of the structure that the base model leaves that its effects
-    are not what is missing; in a long recording, not a part of it.
-    """
-    return left[0] > (HALF_STAYS if long else STAYS_SHARE[left[0] > MUCH]) * base_left[0]
-
-
 def _told_apart(
     models: Models, best: Fitted, probability: dict[tuple[str, ...], float], scale: float = 1.0
 ) -> tuple[list[tuple[str, ...]], bool]:
@@ -303,8 +286,3 @@ def _nearly(fitted: Fitted, best: Fitted, base: Fitted) -> bool:
     if not fitted.names or not set(fitted.names) < set(best.names):
         return False
     return base.chi2 - fitted.chi2 > NEARLY_ALL * (base.chi2 - best.chi2)
-
-
-def structured(left: tuple[float, float], z: float = LEFT_Z, size: float = LEFT_SIZE) -> bool:
-    """Whether the structure left is more than noise, by size and significance or by size alone."""
-    return (left[1] > z and left[0] > size) or left[0] > VAST

@@ -11,12 +11,12 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from calibrate.diagnosis.decision.decide import structured
 from calibrate.diagnosis.evidence.models import Models
 from calibrate.diagnosis.hypotheses.hypotheses import Hypothesis, is_friction, is_stiffness
 from calibrate.diagnosis.hypotheses.model import Fitted, Point, model_of
 from calibrate.diagnosis.likelihood.likelihood import MOST_ITERATIONS, Likelihood
 from calibrate.diagnosis.likelihood.locate import misfit
+from calibrate.diagnosis.likelihood.structure import structured
 from calibrate.diagnosis.screening.screen import FAR, SEEN, Start
 from calibrate.diagnosis.search.forward_search import Unseen
 from calibrate.diagnosis.search.search import BEGIN, raced
@@ -136,7 +136,7 @@ class Discovery:
             where these act.
         takes: share of the misfit beyond the noise that it takes on unseen samples.
         pieces: whether the unseen samples are short pieces that alternate with those fitted; as of
-            `heldout.folds`.
+            `held_out.folds`.
     """
 
     models: Models

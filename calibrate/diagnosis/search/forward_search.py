@@ -13,12 +13,12 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from calibrate.diagnosis.decision.decide import STAYS_SIZE, STAYS_Z, structured
 from calibrate.diagnosis.evidence.models import HOW_MANY, Models
 from calibrate.diagnosis.hypotheses.hypotheses import EVENTS, Hypothesis
 from calibrate.diagnosis.hypotheses.model import Fitted
 from calibrate.diagnosis.likelihood.held_out import by_fold
 from calibrate.diagnosis.likelihood.locate import misfit
+from calibrate.diagnosis.likelihood.structure import STAYS_SIZE, STAYS_Z, structured
 from calibrate.diagnosis.outside.episodes import episodes
 from calibrate.diagnosis.outside.events import event_hypotheses
 from calibrate.diagnosis.screening.screen import STARTS_EACH, Screened, screen
@@ -238,7 +238,7 @@ class Unseen:
 
     Args:
         models: all that were refitted.
-        pieces: as of `heldout.folds`.
+        pieces: as of `held_out.folds`.
         rows: whether all rows judge in any case.
     """
 
