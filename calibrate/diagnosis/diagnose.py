@@ -17,17 +17,14 @@ from gtr_jax import Recording, Robot, RobotConfig
 
 from .answer.result import BAD_DATA, Diagnosis, Loop, Pull, Rival
 from .decision.decide import (
-    DISCOVERED,
-    PARTLY,
-    UNEXPLAINED,
     Decision,
     decide,
-    decide_combined,
     decide_discovered,
-    decide_partly,
+    decide_extended,
     narrowed,
     with_unseen,
 )
+from .decision.verdict import AMBIGUOUS, DISCOVERED, PARTLY, UNEXPLAINED
 from .evidence.averaged import averaged
 from .evidence.marginal import Marginal, jointly
 from .evidence.models import HOW_MANY, Models
@@ -236,7 +233,7 @@ def _search(
             ready, leave_out, (whole, decision) = less, outside, again
     discovery = _discovered(whole, decision, say)
     if discovery is not None:
-        whole, decision = discovery.models, decide_discovered(discovery.models, discovery, decision)
+        whole, decision = discovery.models, decide_discovered(discovery.models, discovery)
     decision = with_unseen(decision, whole, screened)
     chosen = decision.chosen
     if ready.differ and chosen.names and decision.verdict != UNEXPLAINED:
@@ -298,8 +295,7 @@ def _decided(
     decision = decide(whole)
     if structured(decision.left) and decision.pattern is None:
         best = with_further(whole, decision.chosen, say) if known is None else whole.stored(known)
-        partly = decide_partly(whole, best, decision)
-        decision = partly if structured(partly.left) else decide_combined(whole, best, decision)
+        decision = decide_extended(whole, best, decision)
     if whole.likelihood.heavy is not None:
         # Long recordings have cycles enough to tell by.
         decision = narrowed(whole, decision, beaten(whole, decision.chosen, decision.confusion))
@@ -432,7 +428,7 @@ def _answer(
     average = averaged(models, chosen, decision.probability, marginals, leaves=leaves)
     pieces = discovery is not None and discovery.pieces
     scores = held_out(likelihood, [(models.hypotheses(f.names), f) for f in compared], pieces=pieces)
-    wanted = decision.verdict == "ambiguous" if experiment is None else experiment
+    wanted = decision.verdict == AMBIGUOUS if experiment is None else experiment
     proposal: Experiment | None = None
     if wanted and chosen.names:
         say("looking for the experiment that would decide")

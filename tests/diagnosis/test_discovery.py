@@ -13,7 +13,7 @@ from test_averaged import Linear
 import calibrate
 import gtr_jax as gtr
 from calibrate.diagnosis.answer.result import Diagnosis
-from calibrate.diagnosis.decision.decide import DISCOVERED
+from calibrate.diagnosis.decision.verdict import DISCOVERED
 from calibrate.diagnosis.evidence.models import Models
 from calibrate.diagnosis.hypotheses.hypotheses import base_numbers, is_friction, is_stiffness
 from calibrate.diagnosis.laws import discovery

@@ -8,15 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibrate.diagnosis.decision.decide import (
-    ADEQUATE,
-    AMBIGUOUS,
-    DISCOVERED,
-    MISSING,
-    PARTLY,
-    UNEXPLAINED,
-    Decision,
-)
+from calibrate.diagnosis.decision.decide import Decision
+from calibrate.diagnosis.decision.verdict import AMBIGUOUS, DISCOVERED, MISSING, PARTLY, verdict
 from calibrate.diagnosis.evidence.averaged import Averaged, Hidden
 from calibrate.diagnosis.evidence.marginal import Marginal
 from calibrate.diagnosis.evidence.models import Models
@@ -43,7 +36,7 @@ from gtr_jax.to_jsonable import to_jsonable
 
 from .earlier import Settled
 from .robots import RobotFile, kinds, robot_files
-from .sentence import DIFFER, sentence
+from .sentence import sentence
 from .tables import changes_frame, loop_columns
 
 if TYPE_CHECKING:
@@ -330,24 +323,21 @@ class Diagnosis:
             )
             for each in zip(*((loop.before, loop.after, loop.recorded) for loop in loops), strict=True)
         )
-        verdict = DIFFER if differ and decision.verdict == ADEQUATE else decision.verdict
-        if any(stretch.outside for stretch in left_out):
-            # What acts from outside is missing as well.
-            never = {MISSING: PARTLY, AMBIGUOUS: PARTLY, ADEQUATE: UNEXPLAINED, DIFFER: UNEXPLAINED}
-            verdict = never.get(verdict, verdict)
-        named = kinds(chosen.names) if verdict in (MISSING, AMBIGUOUS, PARTLY, DISCOVERED) else []
+        outside = any(stretch.outside for stretch in left_out)
+        told = verdict(dataclasses.replace(decision.quantities, differ=bool(differ), outside=outside)).name
+        named = kinds(chosen.names) if told in (MISSING, AMBIGUOUS, PARTLY, DISCOVERED) else []
         confusion = list(map(list, dict.fromkeys(tuple(kinds(names)) for names in decision.confusion)))
-        alone = verdict == MISSING or (verdict == PARTLY and len(confusion) == 1)
-        alone = alone or (verdict == DISCOVERED and not confusion)
+        alone = told == MISSING or (told == PARTLY and len(confusion) == 1)
+        alone = alone or (told == DISCOVERED and not confusion)
         laws = {} if discovery is None else discovery.laws
         fine = with_laws(fine, list(laws.values()))
         variants = []
         if alone and len(decision.confusion) > len(confusion):
-            told = " or ".join(" + ".join(names) for names in decision.confusion)
-            variants = [f"Which of these it is, where or in which form, is not told: {told}."]
+            which = " or ".join(" + ".join(names) for names in decision.confusion)
+            variants = [f"Which of these it is, where or in which form, is not told: {which}."]
         files, faults = robot_files(decision, after, refitted, differ, config, fine, laws)
         diagnosis = Diagnosis(
-            verdict=verdict,
+            verdict=told,
             says="",
             named=named if alone else [],
             confusion_set=([named] if named else []) if alone else confusion,

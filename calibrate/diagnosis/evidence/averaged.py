@@ -41,7 +41,7 @@ TRIED, SHAPES = 0.3, 4
 # of a large one. Iterations of that refit, and how far it starts from null.
 COUNTS, MOVES, MOST, FAR = 1e-3, 0.25, 5, 1.5
 # Largest odds of an effect beside the model that is shown: with more it would have been claimed
-# (`decide.CLAIMED`).
+# (`verdict.CLAIMED`).
 MOST_ODDS = 32.0
 # Models less probable than this are left out of the average, and so is what an effect of no more than this
 # share does where it is the likeliest.

@@ -22,8 +22,11 @@ def structured(left: tuple[float, float], z: float = LEFT_Z, size: float = LEFT_
     return (left[1] > z and left[0] > size) or left[0] > VAST
 
 
-def most_stays(left: tuple[float, float], base_left: tuple[float, float], *, long: bool = False) -> bool:
-    """Whether a model leaves so large a share of the structure that the base model leaves that its effects
-    are not what is missing; in a long recording, not a part of it.
+def may_stay(left: tuple[float, float]) -> float:
+    """Share of the size of what the base model leaves from which on a model's effects are not what is
+    missing.
+
+    Args:
+        left: what the model leaves.
     """
-    return left[0] > (HALF_STAYS if long else STAYS_SHARE[left[0] > MUCH]) * base_left[0]
+    return STAYS_SHARE[left[0] > MUCH]
